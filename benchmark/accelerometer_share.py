@@ -12,9 +12,9 @@ import os
 from pathlib import Path
 import sys
 
-from forcecal_ros.calibration.model import Calibration
-from forcecal_ros.geometry import Array
-from forcecal_ros.identify.delay import estimate_delay, with_delay
+from forcecal_ros.calibrate.delay import estimate_delay, with_delay
+from forcecal_ros.core.calibration import Calibration
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.observe import ContactEstimate, replay
 from forcecal_ros.observe.share import with_share
 import numpy as np

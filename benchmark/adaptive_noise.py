@@ -14,9 +14,9 @@ import os
 from pathlib import Path
 import sys
 
-from forcecal_ros.identify.delay import estimate_delay, with_delay
+from forcecal_ros.calibrate.delay import estimate_delay, with_delay
+from forcecal_ros.core.streams import Stream
 from forcecal_ros.observe import design, ObserverSettings, replay, Status
-from forcecal_ros.recording.streams import Stream
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 

@@ -31,16 +31,16 @@ import time
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.diagnose.by_commands import diagnose
 from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair
 from forcecal_ros.diagnose.by_simulator import diagnose_rerun
 from forcecal_ros.diagnose.by_tracked import diagnose_tracked, is_tracked
 from forcecal_ros.diagnose.inputs.alignment import shifted
-from forcecal_ros.geometry import rotation_from_vector
 from forcecal_ros.rig_fit.fit import fit_rig
-from forcecal_ros.simulators.mujoco import load_mujoco
-from forcecal_ros.simulators.rig.file import dump_rig, load_rig
-from forcecal_ros.simulators.third_party import third_party
+from forcecal_ros.sim.mujoco import load_mujoco
+from forcecal_ros.sim.rig.file import dump_rig, load_rig
+from forcecal_ros.sim.third_party import third_party
 from mujoco_arm import (
     Arm,
     ArmSimulator,

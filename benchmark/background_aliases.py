@@ -28,8 +28,8 @@ import background_cases as cases
 from background_energy import additions, Ground
 from background_kinds import KINDS
 from background_sizes import LATE
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.effects import EFFECTS
-from forcecal_ros.geometry import Array
 
 SMALL = 0.2
 """Step of a parameter, in its typical size."""

@@ -25,11 +25,11 @@ from background_kinds import KINDS
 import background_kuka
 from background_motion import trajectory
 from background_sizes import LATE, shape_of, sized, Sizes
+from forcecal_ros.core.geometry import Array, rotation_from_vector
+from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream
 from forcecal_ros.effects import applicable, apply_signal_effects, EFFECTS, with_effects
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.geometry import Array, rotation_from_vector
-from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
-from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.sim.rig.file import load_rig
 import numpy as np
 
 BACKGROUND = (30.0, 1e6)

@@ -8,7 +8,7 @@ who adds them scales them to an energy.
 from collections.abc import Callable
 from typing import NamedTuple
 
-from forcecal_ros.geometry import Array, rotation_vector
+from forcecal_ros.core.geometry import Array, rotation_vector
 import numpy as np
 from scipy.signal import lfilter
 

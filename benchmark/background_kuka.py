@@ -12,14 +12,14 @@ import os
 from pathlib import Path
 
 from background_kinds import Motion
-from forcecal_ros.calibration.model import Calibration
+from forcecal_ros.calibrate.pipeline import identify
+from forcecal_ros.calibrate.settings import IdentificationSettings
+from forcecal_ros.core.calibration import Calibration
+from forcecal_ros.core.geometry import Array, rotation_from_vector, rotation_vector
+from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream
 from forcecal_ros.effects import apply_signal_effects, with_effects
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.geometry import Array, rotation_from_vector, rotation_vector
-from forcecal_ros.identify.pipeline import identify
-from forcecal_ros.identify.settings import IdentificationSettings
-from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
-from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.sim.rig.file import load_rig
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation, RotationSpline

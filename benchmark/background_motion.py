@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from forcecal_ros.geometry import Array, rotation_about, rotation_from_vector
-from forcecal_ros.recording.streams import Phase, PoseStream
+from forcecal_ros.core.geometry import Array, rotation_about, rotation_from_vector
+from forcecal_ros.core.streams import Phase, PoseStream
 import numpy as np
 
 

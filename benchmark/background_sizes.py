@@ -3,9 +3,9 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from forcecal_ros.core.streams import Recording
 from forcecal_ros.effects import EFFECTS, Quantity
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.recording.streams import Recording
 import numpy as np
 
 CERTAIN = 3.5

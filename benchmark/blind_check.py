@@ -28,8 +28,8 @@ os.environ['PYTHONPATH'] = os.pathsep.join(
 
 from blind import compare, report, score, seal
 import blind_tool
-from forcecal_ros.errors import ForcecalError
-from forcecal_ros.parallel import each
+from forcecal_ros.cli.parallel import each
+from forcecal_ros.core.errors import ForcecalError
 from tqdm import tqdm
 
 OPENINGS = ROOT / 'benchmark' / 'blind'

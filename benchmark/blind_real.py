@@ -30,12 +30,12 @@ import time
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from forcecal_ros.calibration.file import load
-from forcecal_ros.cli import main as forcecal
+from forcecal_ros.cli.main import main as forcecal
 from forcecal_ros.diagnose.by_motion import diagnose_motion
-from forcecal_ros.recording.bags import read_recording
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rigid_tool import rigid_tool_of_calibration
+from forcecal_ros.io.bags import read_recording
+from forcecal_ros.io.calibration_file import load
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rigid_tool import rigid_tool_of_calibration
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation, RotationSpline, Slerp

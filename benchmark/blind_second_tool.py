@@ -20,16 +20,16 @@ from blind.second.arm import JOINTS, PERIOD
 from blind.sensors import Recorded
 import blind_real
 from blind_tool import to_recording
+from forcecal_ros.core.streams import JointStream, PoseStream, Recording, Stream
 from forcecal_ros.diagnose.by_commands import diagnose
 from forcecal_ros.diagnose.by_motion import diagnose_motion
 from forcecal_ros.diagnose.by_simulator import diagnose_rerun
 from forcecal_ros.diagnose.inputs.channels import units
 from forcecal_ros.diagnose.say.result import to_document
-from forcecal_ros.recording.streams import JointStream, PoseStream, Recording, Stream
-from forcecal_ros.simulators.mujoco import load_mujoco
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rigid_tool import rigid_tool_of_calibration
-from forcecal_ros.simulators.third_party import third_party
+from forcecal_ros.sim.mujoco import load_mujoco
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rigid_tool import rigid_tool_of_calibration
+from forcecal_ros.sim.third_party import third_party
 import numpy as np
 
 PLACES = 3

@@ -15,12 +15,12 @@ if str(ROOT) not in sys.path:
 from blind.casefile import load_case
 from blind.seal import write_json
 from blind.sensors import Recorded
+from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream
 from forcecal_ros.diagnose.by_commands import diagnose
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.say.result import to_document
-from forcecal_ros.recording.bags import write_recording
-from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
-from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.io.bags import write_recording
+from forcecal_ros.sim.rig.file import load_rig
 import numpy as np
 
 START_NS = 1_760_000_000_000_000_000
@@ -51,7 +51,7 @@ def ask_with_bags(pair):
         for bag, recorded in zip(bags, pair):
             write_recording(bag, to_recording(recorded))
         done = subprocess.run(
-            [sys.executable, '-m', 'forcecal_ros.cli', 'diagnose', str(bags[0]), '--heldout',
+            [sys.executable, '-m', 'forcecal_ros.cli.main', 'diagnose', str(bags[0]), '--heldout',
              str(bags[1]), '-o', str(Path(folder) / 'out')], cwd=ROOT, capture_output=True,
             text=True, check=False)
         path = Path(folder) / 'out' / 'diagnosis.json'

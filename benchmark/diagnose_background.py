@@ -59,8 +59,8 @@ def answer(case: dict[str, Any], first: Any, second: Any, compared: Any) -> Any:
     """Diagnose by commands where they are known, else by the measured motion."""
     from forcecal_ros.diagnose.by_commands import diagnose
     from forcecal_ros.diagnose.by_motion import diagnose_motion
-    from forcecal_ros.simulators.rig.file import load_rig
-    from forcecal_ros.simulators.rigid_tool import rigid_tool_of_calibration, rigid_tool_of_rig
+    from forcecal_ros.sim.rig.file import load_rig
+    from forcecal_ros.sim.rigid_tool import rigid_tool_of_calibration, rigid_tool_of_rig
 
     if case['base'] == 'kuka':
         body = rigid_tool_of_calibration(compared, load_rig('rigid_tool.yaml'))

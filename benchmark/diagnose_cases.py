@@ -5,16 +5,16 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
+from forcecal_ros.core.geometry import Array, rotation_about, rotation_from_vector
+from forcecal_ros.core.streams import Phase, PoseStream, Recording
 from forcecal_ros.diagnose.inputs.dataset import Dataset, prepare
 from forcecal_ros.diagnose.model.linearised import LinearisedModel, noise_level
 from forcecal_ros.diagnose.plan.recording import motion_for
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.effects.nuisances import apply_all, nuisances, prior_std
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.geometry import Array, rotation_about, rotation_from_vector
-from forcecal_ros.recording.streams import Phase, PoseStream, Recording
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rig.offline import simulate
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.offline import simulate
 import numpy as np
 
 NOISE = 1.5

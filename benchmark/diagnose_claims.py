@@ -17,16 +17,16 @@ import sys
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from forcecal_ros.cli.parallel import each
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.streams import PoseStream, Recording
 from forcecal_ros.diagnose.by_commands import diagnose
 from forcecal_ros.diagnose.inputs.channels import STREAM_SLICES
 from forcecal_ros.diagnose.inputs.dataset import prepare
 from forcecal_ros.diagnose.model.linearised import linearised_model
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.geometry import Array
-from forcecal_ros.parallel import each
-from forcecal_ros.recording.streams import PoseStream, Recording
-from forcecal_ros.simulators.rig.file import dump_rig, load_rig
-from forcecal_ros.simulators.rig.offline import simulate
+from forcecal_ros.sim.rig.file import dump_rig, load_rig
+from forcecal_ros.sim.rig.offline import simulate
 import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import binomtest

@@ -14,7 +14,7 @@ import time
 from typing import Any
 
 from forcecal_ros.diagnose.by_commands import diagnose
-from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.sim.rig.file import load_rig
 
 sys.path.insert(0, str(Path(__file__).parent))
 

@@ -14,12 +14,12 @@ import sys
 import time
 from typing import Any
 
+from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from forcecal_ros.diagnose.by_commands import diagnose
 from forcecal_ros.effects import with_effects
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.recording.streams import PoseStream, Recording, Stream
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rig.offline import simulate
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.offline import simulate
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))

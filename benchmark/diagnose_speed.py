@@ -17,16 +17,16 @@ from pathlib import Path
 import sys
 import time
 
+from forcecal_ros.core.geometry import rotation_from_vector
+from forcecal_ros.core.streams import PoseStream, Recording
 from forcecal_ros.diagnose.by_commands import diagnose
 from forcecal_ros.diagnose.model import hypotheses
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.geometry import rotation_from_vector
-from forcecal_ros.recording.streams import PoseStream, Recording
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rig.offline import simulate
-from forcecal_ros.simulators.rig.replay import Replay
-from forcecal_ros.simulators.signals import Signals
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.replay import Replay
+from forcecal_ros.sim.signals import Signals
 from matplotlib.figure import Figure
 import numpy as np
 from timing import head, row

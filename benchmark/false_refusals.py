@@ -28,11 +28,11 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / 'test' / 'helpers')]
 
-from forcecal_ros.errors import ForcecalError
-from forcecal_ros.identify.pipeline import identify
-from forcecal_ros.identify.settings import IdentificationSettings
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rig.truth import true_calibration
+from forcecal_ros.calibrate.pipeline import identify
+from forcecal_ros.calibrate.settings import IdentificationSettings
+from forcecal_ros.core.errors import ForcecalError
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.truth import true_calibration
 from late_computer import run
 import numpy as np
 
@@ -107,7 +107,7 @@ def offline(seeds, jobs):
 def demo(seed, domain, folder):
     """Run one demo; returns its status and, where it did not end well, its last line."""
     done = subprocess.run(
-        [sys.executable, '-m', 'forcecal_ros.cli', 'demo', '--out', f'{folder}/{seed}',
+        [sys.executable, '-m', 'forcecal_ros.cli.main', 'demo', '--out', f'{folder}/{seed}',
          '--seed', str(seed)],
         cwd=ROOT, env=os.environ | {'ROS_DOMAIN_ID': str(domain)}, capture_output=True,
         text=True, check=False)

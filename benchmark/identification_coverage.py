@@ -31,14 +31,14 @@ sys.path[:0] = [str(Path(__file__).parent),
                 str(Path(__file__).resolve().parents[1] / 'test' / 'helpers')]
 
 from calibration_runs import run
-from forcecal_ros.calibration.model import Calibration
+from forcecal_ros.calibrate.pipeline import identify
+from forcecal_ros.calibrate.settings import IdentificationSettings
+from forcecal_ros.core.calibration import Calibration
+from forcecal_ros.core.geometry import Array, rotation_from_vector
+from forcecal_ros.core.streams import Recording, Stream
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.geometry import Array, rotation_from_vector
-from forcecal_ros.identify.pipeline import identify
-from forcecal_ros.identify.settings import IdentificationSettings
-from forcecal_ros.recording.streams import Recording, Stream
 from forcecal_ros.report.rows import table
-from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.sim.rig.file import load_rig
 import numpy as np
 from resumable import Case, resumed
 from scipy.stats import binom, t

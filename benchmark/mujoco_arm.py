@@ -7,9 +7,9 @@ gripper does to the arm, so its sign is turned; all sensors show the state befor
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
-from forcecal_ros.geometry import matrix_from_quaternion, quaternion_from_matrix
-from forcecal_ros.recording.streams import JointStream, PoseStream, Recording, Stream
-from forcecal_ros.simulators.protocol import Inputs, Parameter
+from forcecal_ros.core.geometry import matrix_from_quaternion, quaternion_from_matrix
+from forcecal_ros.core.streams import JointStream, PoseStream, Recording, Stream
+from forcecal_ros.sim.protocol import Inputs, Parameter
 import mujoco
 import numpy as np
 

@@ -16,7 +16,7 @@ import time
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'helpers'))
 
-from forcecal_ros.calibration.file import save
+from forcecal_ros.io.calibration_file import save
 from forcecal_ros.nodes.runtime import OUTPUT, SENSOR
 from forcecal_ros.nodes.wire import Reader, Writer
 from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
@@ -146,7 +146,7 @@ def case(node, executor: str, kilohertz: int, poll_rate: float, calibration: str
     nodes = {
         'bare': ([__file__, '--bare', executor], {}),
         'observer': (['-m', 'forcecal_ros.nodes.observer'],
-                     {'calibration.file': calibration, 'optidrive.joint': "''",
+                     {'io.calibration_file': calibration, 'optidrive.joint': "''",
                       'executor': executor, 'poll_rate': poll_rate})}
     found = {name: [] for name in nodes}
     for _ in range(rounds):

@@ -11,11 +11,11 @@ import os
 from pathlib import Path
 import sys
 
-from forcecal_ros.calibration.model import Calibration
+from forcecal_ros.core.calibration import Calibration
+from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from forcecal_ros.observe import design, ObserverSettings, replay
-from forcecal_ros.recording.streams import PoseStream, Recording, Stream
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rig.simulator import Simulator
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.simulator import Simulator
 import numpy as np
 from scipy.signal import butter, sosfiltfilt, welch
 
@@ -100,7 +100,7 @@ def real_arm() -> None:
     if not (folder / 'kuka_lbr_med').is_dir():
         row('real arm', 'recording absent', '')
         return
-    from forcecal_ros.identify.delay import estimate_delay, with_delay
+    from forcecal_ros.calibrate.delay import estimate_delay, with_delay
     from forcecal_ros.observe.share import with_share
     from kuka import kuka_recording, static_calibration
     folder /= 'kuka_lbr_med'

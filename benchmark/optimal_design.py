@@ -15,17 +15,17 @@ import os
 for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
     os.environ.setdefault(_name, '1')
 
-from forcecal_ros.geometry import Array
-from forcecal_ros.identify.pipeline import identify
+from forcecal_ros.calibrate.pipeline import identify
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.optimal_design import criterion_of, design_calibration, Planner, Robot
 from forcecal_ros.motion.plan import calibration_plan, prepare, Timing
 from forcecal_ros.motion.poses import nominal_poses, orientation, step_goal
 from forcecal_ros.motion.preview import preview
 from forcecal_ros.motion.profiles import Pace, Pose
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rig.offline import simulate
-from forcecal_ros.simulators.rig.truth import expected_sensors
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.truth import expected_sensors
 import numpy as np
 
 SETTLE = 0.5

@@ -12,7 +12,7 @@ import os
 from pathlib import Path
 import sys
 
-from forcecal_ros.identify.delay import estimate_delay, with_delay
+from forcecal_ros.calibrate.delay import estimate_delay, with_delay
 from forcecal_ros.observe.payload.replay import follow
 from forcecal_ros.observe.payload.step import TRACKING
 import numpy as np

@@ -17,8 +17,8 @@ import sys
 import tempfile
 import time
 
-from forcecal_ros.recording.bags import read_recording, write_recording
-from forcecal_ros.recording.bags.signals import FIELDS
+from forcecal_ros.io.bags import read_recording, write_recording
+from forcecal_ros.io.bags.signals import FIELDS
 import numpy as np
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionMode, Reader

@@ -14,11 +14,11 @@ import sys
 import tempfile
 import time
 
-from forcecal_ros.calibration.file import load, save
+from forcecal_ros.core.streams import Stream
+from forcecal_ros.io.bags import read_recording, write_recording, write_signals
+from forcecal_ros.io.calibration_file import load, save
 from forcecal_ros.observe import design, replay
 from forcecal_ros.observe.playback import run
-from forcecal_ros.recording.bags import read_recording, write_recording, write_signals
-from forcecal_ros.recording.streams import Stream
 import numpy as np
 from timing import best, head, row
 
@@ -39,7 +39,7 @@ def made(folder: Path, seconds: float) -> Path:
 def command(folder: Path) -> tuple[float, float]:
     """Return processor time and time on the wall of one run of the command [s]."""
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-    subprocess.run([sys.executable, '-m', 'forcecal_ros.cli', 'estimate', folder / 'bag',
+    subprocess.run([sys.executable, '-m', 'forcecal_ros.cli.main', 'estimate', folder / 'bag',
                     '--calibration', folder / 'calibration.yaml', '-o', folder / 'out'],
                    check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
                    env={**os.environ, 'OPENBLAS_NUM_THREADS': '1'})

@@ -8,14 +8,14 @@ noise, ten times. The true frequency response, up to 40 Hz, is measured on the n
 
 import argparse
 
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.streams import PoseStream, Recording
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.geometry import Array
 from forcecal_ros.impedance.design import design
 from forcecal_ros.impedance.plant.file import save_plant
 from forcecal_ros.impedance.plant.fit import excitation_commands, identify_plant
-from forcecal_ros.recording.streams import PoseStream, Recording
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rig.offline import simulate
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.offline import simulate
 import numpy as np
 
 SECONDS = 30.0

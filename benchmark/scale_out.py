@@ -21,11 +21,11 @@ import tempfile
 import time
 from typing import Any
 
-from forcecal_ros.calibration.file import save
-from forcecal_ros.cli import parsed
-from forcecal_ros.commands.estimate import answer
-from forcecal_ros.parallel import each
-from forcecal_ros.recording.bags import read_recording, write_recording
+from forcecal_ros.cli.estimate import answer
+from forcecal_ros.cli.main import parsed
+from forcecal_ros.cli.parallel import each
+from forcecal_ros.io.bags import read_recording, write_recording
+from forcecal_ros.io.calibration_file import save
 import numpy as np
 from timing import head, row
 

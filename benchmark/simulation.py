@@ -16,11 +16,11 @@ import time
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'helpers'))
 
-from forcecal_ros.geometry import rotation_from_vector
-from forcecal_ros.recording.streams import PoseStream
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rig.offline import simulate
-from forcecal_ros.simulators.rig.simulator import warm_up
+from forcecal_ros.core.geometry import rotation_from_vector
+from forcecal_ros.core.streams import PoseStream
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.simulator import warm_up
 import numpy as np
 from processes import own_domain, process, processor_time
 from timing import best, head, row
@@ -48,7 +48,7 @@ def offline() -> None:
 
 def first_run() -> None:
     """Run in an empty cache of machine code, then in a filled one."""
-    program = ('import time\nfrom forcecal_ros.simulators.rig.simulator import warm_up\n'
+    program = ('import time\nfrom forcecal_ros.sim.rig.simulator import warm_up\n'
                'start = time.perf_counter(); warm_up(); print(time.perf_counter() - start)')
     with tempfile.TemporaryDirectory() as cache:
         for name in ('first run of an installation, which says so', 'any later one'):

@@ -17,8 +17,8 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / 'test' / 'helpers')]
 
-from forcecal_ros.errors import ForcecalError
-from forcecal_ros.identify.pipeline import identify
+from forcecal_ros.calibrate.pipeline import identify
+from forcecal_ros.core.errors import ForcecalError
 from static_sets import static_set
 
 RATES = (0.0, 100.0, 500.0)

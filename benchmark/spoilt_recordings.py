@@ -27,8 +27,8 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / 'test' / 'helpers')]
 
-from forcecal_ros.cli import main as forcecal
-from forcecal_ros.recording.bags import read_recording
+from forcecal_ros.cli.main import main as forcecal
+from forcecal_ros.io.bags import read_recording
 import numpy as np
 from rosbags.highlevel import AnyReader
 from wrong_recordings import BIAS, COM, log, MASS, RATE, RECEIVED, work, write, WRONG

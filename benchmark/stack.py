@@ -20,18 +20,18 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / 'test' / 'helpers')]
 
-from forcecal_ros.calibration.model import Calibration
-from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array, quaternion_from_matrix
+from forcecal_ros.core.calibration import Calibration
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array, quaternion_from_matrix
+from forcecal_ros.core.streams import PoseStream, Recording
+from forcecal_ros.io.transforms import TF
+from forcecal_ros.io.urdf import Description
 from forcecal_ros.nodes.wire import JointsReader, Reader, Writer
 from forcecal_ros.observe import design, noise_levels
 from forcecal_ros.observe.joint_pose import JointPose
 from forcecal_ros.observe.live import LiveObserver
 from forcecal_ros.observe.playback import events
 from forcecal_ros.observe.transforms import TransformPose
-from forcecal_ros.recording.streams import PoseStream, Recording
-from forcecal_ros.recording.transforms import TF
-from forcecal_ros.recording.urdf import Description
 from geometry_msgs.msg import PoseStamped
 import numpy as np
 from observing import calibration, lossy, observed, push, record, Swing

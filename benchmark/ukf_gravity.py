@@ -129,7 +129,7 @@ def plot_over_noise(worst, file):
 
 def on_real_arm():
     """Print what each filter leaves of free motion, where the truth is zero."""
-    from forcecal_ros.identify.delay import estimate_delay, with_delay
+    from forcecal_ros.calibrate.delay import estimate_delay, with_delay
     from kuka import kuka_recording, slow, static_calibration, with_noise_at_rest
     folder = Path(os.environ.get('FORCECAL_DATA') or ROOT.parent / 'shared' / 'data')
     folder /= 'kuka_lbr_med'

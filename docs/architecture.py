@@ -15,34 +15,33 @@ PACKAGE = 'forcecal_ros'
 SOURCE = Path(__file__).resolve().parents[1] / PACKAGE
 PICTURE = Path(__file__).with_suffix('.svg')
 
-TOOLS = ('atomic_files', 'errors', 'extras', 'geometry', 'jit', 'parallel', 'places', 'quantity',
-         'safe_yaml', 'schema')
-"""Small tools beside the rooms, each used wherever it is needed."""
+TOOLS = ('core',)
+"""What every package imports."""
 
-WITHIN = ('recording.bags',)
+WITHIN = ('io.bags',)
 """Parts of a room that are shown apart from it."""
 
-PART_OF = {'cli': 'commands', 'entry': 'commands'}
-"""Modules beside the rooms that belong to one: ``cli`` and ``entry`` load others by name."""
+PART_OF = {'entry': 'cli'}
+"""Modules next to the packages that belong to one: ``entry`` loads others by name."""
 
 HOLDS = {
-    'calibration': 'what was identified:\nmodel, file, exports',
-    'commands': 'the command line:\none module a command',
+    'calibrate': 'tool, sensors and noise\n[Gamez2005]',
+    'checks': 'what a recording\ncan have wrong',
+    'cli': 'the command line:\none module a command',
     'diagnose': 'where and why simulation\nand recording differ',
     'effects': 'ways in which a rig\ndiffers from its model',
     'fleet': 'many robots over time:\nwhat drifted first',
-    'identify': 'tool, sensors and noise\n[Gamez2005]',
     'impedance': 'plant and law\n[Gamez2005] V',
     'insitu': 'six-axis matrix\n[Traversaro2014]',
+    'io': 'CSV, URDF, calibration\nfile, exports',
+    'io.bags': 'the only readers\nof bags',
     'motion': 'plans, limits, monitor,\nsequence',
     'nodes': 'ROS 2: thin, the only\nusers of rclpy',
     'observe': 'contact wrench: one\nstep, many filters',
-    'recording': 'streams, topics,\nchecks, noise',
-    'recording.bags': 'the only readers\nof bags',
     'report': 'tables, pictures,\nHTML pages',
     'reproduce': "the papers' own\nexperiments",
-    'rig_fit': "a rig of somebody's\nrobot",
-    'simulators': 'the rig; shares no\nphysics with identify',
+    'rig_fit': "a rig of a\nuser's robot",
+    'sim': 'the rig; shares no\nphysics with calibrate',
 }
 """What each room is for, in the words of the picture."""
 

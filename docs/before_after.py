@@ -6,10 +6,10 @@
 from pathlib import Path
 import sys
 
-from forcecal_ros.calibration.file import load
+from forcecal_ros.core.streams import Stream
+from forcecal_ros.io.bags import read_recording
+from forcecal_ros.io.calibration_file import load
 from forcecal_ros.observe import replay
-from forcecal_ros.recording.bags import read_recording
-from forcecal_ros.recording.streams import Stream
 from forcecal_ros.report.calibration import forces
 from forcecal_ros.report.page import png
 from forcecal_ros.report.panels import drawn

@@ -14,7 +14,7 @@ INTERRUPTED = 130
 
 def forcecal() -> int:
     """Run a command line."""
-    return int(loaded('cli', INTERRUPTED)())
+    return int(loaded('cli.main', INTERRUPTED)())
 
 
 def gap() -> int:
@@ -46,7 +46,7 @@ def _node(name: str) -> int:
     try:
         return int(loaded(f'nodes.{name}', 0)())
     except ModuleNotFoundError as error:
-        from forcecal_ros.extras import missing
+        from forcecal_ros.core.extras import missing
 
         if not (why := missing(error)):
             raise

@@ -42,7 +42,7 @@ def test_whatever_ends_a_command_is_told_in_one_line_and_leaves_nothing(tmp_path
     os.mkfifo(tmp_path / 'list')
     with subprocess.Popen(
             # in the background a shell lets its commands ignore SIGINT
-            ['env', '--default-signal', sys.executable, '-m', 'forcecal_ros.cli', 'calibrate',
+            ['env', '--default-signal', sys.executable, '-m', 'forcecal_ros.cli.main', 'calibrate',
              '@list', '-o', 'out'], cwd=tmp_path,
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as command:
         with (tmp_path / 'list').open('w'):  # once it is read, the command is at work
@@ -55,8 +55,8 @@ def test_whatever_ends_a_command_is_told_in_one_line_and_leaves_nothing(tmp_path
 def test_results_that_a_signal_interrupts_leave_no_scratch(tmp_path):
     script = """if True:
         import os, signal, sys
-        from forcecal_ros import cli
-        from forcecal_ros.atomic_files import new_directory
+        from forcecal_ros.cli import main as cli
+        from forcecal_ros.core.atomic_files import new_directory
         def run(args):
             with new_directory('out') as scratch:
                 scratch.mkdir()
@@ -73,8 +73,10 @@ def test_results_that_a_signal_interrupts_leave_no_scratch(tmp_path):
     ('entry.sim()', 'numba'), ("cli.main(['node', 'gap'])", 'numba'),
     ("cli.main(['calibrate', '.'])", 'rosbags')])
 def test_what_apt_does_not_have_is_named_in_one_line(call, package):
-    code = ('import sys; from forcecal_ros import cli, entry; from forcecal_ros.extras import '
-            f'BESIDE_APT; sys.modules.update(dict.fromkeys(BESIDE_APT)); sys.exit({call})')
+    code = ('import sys; from forcecal_ros import entry; '
+            'from forcecal_ros.cli import main as cli; '
+            'from forcecal_ros.core.extras import BESIDE_APT; '
+            f'sys.modules.update(dict.fromkeys(BESIDE_APT)); sys.exit({call})')
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True,
                           check=False)
     (line,) = done.stderr.splitlines()

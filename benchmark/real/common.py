@@ -10,7 +10,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT)]
 
-from forcecal_ros.cli import main as forcecal
+from forcecal_ros.cli.main import main as forcecal
 import numpy as np
 
 G = 9.81

@@ -107,7 +107,7 @@ def kuka_lbr_med(data, case, folder):
     if refused:
         yield 'free motion', f'refused: {refused}', ''
         return
-    from forcecal_ros.recording.bags import read_recording
+    from forcecal_ros.io.bags import read_recording
     rms = []
     for bag, topics in (('contact', {'wrench': '/observer/contact_wrench'}), ('baseline', {})):
         recording = read_recording(folder / bag, topics)

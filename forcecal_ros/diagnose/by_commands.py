@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.streams import Recording
 from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
 from forcecal_ros.diagnose.inputs.dataset import (
     held_apart,
@@ -14,8 +16,6 @@ from forcecal_ros.diagnose.inputs.requirements import require_axes_of, require_s
 from forcecal_ros.diagnose.inputs.stamps import corrected
 from forcecal_ros.diagnose.say.result import Diagnosis
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.errors import DataError
-from forcecal_ros.recording.streams import Recording
 
 NO_WALL = ('phases that touch something are left out, as the rig has no wall within reach; write '
            'where it is into the rig to have them compared')

@@ -2,7 +2,9 @@
 
 from dataclasses import replace
 
-from forcecal_ros.calibration.model import Calibration
+from forcecal_ros.core.calibration import Calibration
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.streams import Recording
 from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
 from forcecal_ros.diagnose.inputs.accelerometer import as_specific_force
 from forcecal_ros.diagnose.inputs.motion_dataset import held_out, moves, prepare_motion, SHORTEST
@@ -15,9 +17,7 @@ from forcecal_ros.diagnose.inputs.stamps import evened
 from forcecal_ros.diagnose.judge.named_effects import AT_BOUND
 from forcecal_ros.diagnose.say.result import Diagnosis, NO_MOTION
 from forcecal_ros.effects.signals import FORCES
-from forcecal_ros.errors import DataError
-from forcecal_ros.recording.streams import Recording
-from forcecal_ros.simulators.rigid_tool import RigidTool
+from forcecal_ros.sim.rigid_tool import RigidTool
 
 DELAY = 'accelerometer.delay'
 """The nuisance that says how far the accelerometer is behind the wrench."""

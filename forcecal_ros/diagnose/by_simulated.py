@@ -4,6 +4,9 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+from forcecal_ros.checks.entry import computed
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.streams import Recording
 from forcecal_ros.diagnose.by_motion import in_unit, recalibration_notes
 from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
 from forcecal_ros.diagnose.inputs.accelerometer import as_compared, imus_compared
@@ -17,12 +20,9 @@ from forcecal_ros.diagnose.localise.tracking import Tracking, tracking
 from forcecal_ros.diagnose.say.result import Diagnosis, NO_MOTION
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.effects.signals import FORCES
-from forcecal_ros.errors import DataError
-from forcecal_ros.recording.checks.entry import computed
-from forcecal_ros.recording.streams import Recording
-from forcecal_ros.simulators.measured_motion import RecordedSimulation
-from forcecal_ros.simulators.poses import in_base_of
-from forcecal_ros.simulators.signals import BLOCK
+from forcecal_ros.sim.measured_motion import RecordedSimulation
+from forcecal_ros.sim.poses import in_base_of
+from forcecal_ros.sim.signals import BLOCK
 import numpy as np
 
 STIFF = 0.1

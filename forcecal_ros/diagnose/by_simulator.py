@@ -4,6 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.streams import Recording
 from forcecal_ros.diagnose.by_motion import in_unit
 from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
 from forcecal_ros.diagnose.imitations import judged_beside, tried
@@ -36,17 +39,14 @@ from forcecal_ros.diagnose.refit import Bent, bent, refitted, widened
 from forcecal_ros.diagnose.say.result import Diagnosis, NO_MOTION
 from forcecal_ros.diagnose.say.verdict import FIRST
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array
-from forcecal_ros.recording.streams import Recording
-from forcecal_ros.simulators.protocol import Inputs
-from forcecal_ros.simulators.rerun import Rerun
-from forcecal_ros.simulators.rigid_tool import beyond
-from forcecal_ros.simulators.run_limit import refuse_too_many, runs_short
-from forcecal_ros.simulators.runs import Numbers, refuse_unsteady, Runs
-from forcecal_ros.simulators.signals import BLOCK
-from forcecal_ros.simulators.simulated_robot import simulated_robot, SimulatedRobot
-from forcecal_ros.simulators.third_party import ThirdParty
+from forcecal_ros.sim.protocol import Inputs
+from forcecal_ros.sim.rerun import Rerun
+from forcecal_ros.sim.rigid_tool import beyond
+from forcecal_ros.sim.run_limit import refuse_too_many, runs_short
+from forcecal_ros.sim.runs import Numbers, refuse_unsteady, Runs
+from forcecal_ros.sim.signals import BLOCK
+from forcecal_ros.sim.simulated_robot import simulated_robot, SimulatedRobot
+from forcecal_ros.sim.third_party import ThirdParty
 import numpy as np
 from numpy.typing import NDArray
 

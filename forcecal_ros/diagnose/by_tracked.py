@@ -9,6 +9,8 @@ far the two are apart, against what the rig states.
 from collections.abc import Iterator
 from dataclasses import fields, replace
 
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.streams import PoseStream, Recording
 from forcecal_ros.diagnose.by_motion import diagnose_motion
 from forcecal_ros.diagnose.engine import Outcome
 from forcecal_ros.diagnose.inputs.accelerometer import mounted
@@ -19,12 +21,10 @@ from forcecal_ros.diagnose.inputs.stamps import evened
 from forcecal_ros.diagnose.localise.tracking import Difference, Tracking, tracking
 from forcecal_ros.diagnose.say.result import Diagnosis
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.errors import DataError
-from forcecal_ros.recording.streams import PoseStream, Recording
-from forcecal_ros.simulators.poses import merged
-from forcecal_ros.simulators.rig.replay import Replay
-from forcecal_ros.simulators.rigid_tool import rigid_tool_of_rig
-from forcecal_ros.simulators.signals import RATE
+from forcecal_ros.sim.poses import merged
+from forcecal_ros.sim.rig.replay import Replay
+from forcecal_ros.sim.rigid_tool import rigid_tool_of_rig
+from forcecal_ros.sim.signals import RATE
 import numpy as np
 
 LATER = 3.0

@@ -5,18 +5,18 @@ from dataclasses import replace
 import time
 from typing import Any, NamedTuple
 
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.quantity import size
+from forcecal_ros.core.streams import Recording
 from forcecal_ros.diagnose.by_simulator import inputs_of
 from forcecal_ros.diagnose.inputs.measured_joints import not_simulated
 from forcecal_ros.diagnose.inputs.motion_dataset import span
 from forcecal_ros.diagnose.inputs.simulated_tool import simulated_tool, TURN
 from forcecal_ros.diagnose.inputs.stamps import evened
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.geometry import Array
-from forcecal_ros.quantity import size
-from forcecal_ros.recording.streams import Recording
-from forcecal_ros.simulators.run_limit import MOST
-from forcecal_ros.simulators.runs import refuse_unsteady, Runs
-from forcecal_ros.simulators.third_party import STREAMS, ThirdParty
+from forcecal_ros.sim.run_limit import MOST
+from forcecal_ros.sim.runs import refuse_unsteady, Runs
+from forcecal_ros.sim.third_party import STREAMS, ThirdParty
 import numpy as np
 
 

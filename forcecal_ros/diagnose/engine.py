@@ -7,6 +7,10 @@ The ways in (``by_*``) differ in the simulation that they bring, and go on alike
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.noise.autoregression import at_standstill
+from forcecal_ros.core.streams import Recording
 from forcecal_ros.diagnose.inputs.accelerometer import in_volts
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.inputs.dataset import Dataset
@@ -53,10 +57,6 @@ from forcecal_ros.diagnose.search.selection import select, Selection
 from forcecal_ros.diagnose.search.tolerances import narrowed
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array
-from forcecal_ros.recording.noise.autoregression import at_standstill
-from forcecal_ros.recording.streams import Recording
 import numpy as np
 
 WITHOUT_MEAN = ('wrench_quantisation', 'dropouts')

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.engine import Outcome
 from forcecal_ros.diagnose.inputs.dataset import Dataset
 from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
@@ -17,12 +18,11 @@ from forcecal_ros.diagnose.judge.probabilities import UNKNOWN
 from forcecal_ros.diagnose.model.jacobian import combined
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.say.verdict import percent
-from forcecal_ros.geometry import Array
-from forcecal_ros.simulators.protocol import Imitation
-from forcecal_ros.simulators.rerun import Rerun
-from forcecal_ros.simulators.runs import Numbers
-from forcecal_ros.simulators.simulated_robot import SimulatedRobot
-from forcecal_ros.simulators.third_party import ThirdParty
+from forcecal_ros.sim.protocol import Imitation
+from forcecal_ros.sim.rerun import Rerun
+from forcecal_ros.sim.runs import Numbers
+from forcecal_ros.sim.simulated_robot import SimulatedRobot
+from forcecal_ros.sim.third_party import ThirdParty
 import numpy as np
 
 APART = 0.05

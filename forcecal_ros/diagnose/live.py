@@ -4,17 +4,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.streams import Recording
 from forcecal_ros.diagnose.inputs.accelerometer import with_volts
 from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
 from forcecal_ros.diagnose.model.evidence import fit, Gram, Prior
 from forcecal_ros.effects.nuisances import Nuisance, nuisances, prior_std
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array
-from forcecal_ros.recording.streams import Recording
-from forcecal_ros.simulators.rig.simulator import checked_commands, Samples, Simulator
-from forcecal_ros.simulators.signals import BLOCK, RATE, Signals
+from forcecal_ros.sim.rig.simulator import checked_commands, Samples, Simulator
+from forcecal_ros.sim.signals import BLOCK, RATE, Signals
 import numpy as np
 from numpy.typing import NDArray
 

@@ -7,8 +7,8 @@ from forcecal_ros.diagnose.engine import Outcome
 from forcecal_ros.diagnose.judge.named_effects import AT_BOUND
 from forcecal_ros.diagnose.say.verdict import FURTHER
 from forcecal_ros.effects.nuisances import LIMIT
-from forcecal_ros.simulators.simulated_robot import STEP
-from forcecal_ros.simulators.third_party import ThirdParty
+from forcecal_ros.sim.simulated_robot import STEP
+from forcecal_ros.sim.third_party import ThirdParty
 
 CERTAIN = 3.0
 """Standard errors from which a recalibrated parameter is told: once in 400 by chance."""

@@ -2,7 +2,7 @@
 
 :mod:`~forcecal_ros.effects.library` lists them; here is what they do. :mod:`numbers` changes the
 rig's numbers, :mod:`signals` and :mod:`stamps` what the sensors say and when. What acts within the
-robot's motion and the tool's slide stands beside those in :mod:`forcecal_ros.simulators.rig`.
+robot's motion and the tool's slide stands beside those in :mod:`forcecal_ros.sim.rig`.
 """
 
 from forcecal_ros.effects.apply import applicable, apply_signal_effects, with_effects

@@ -2,11 +2,11 @@
 
 from dataclasses import replace
 
+from forcecal_ros.core.streams import Recording, Stream
 from forcecal_ros.effects.chosen import chosen_effects, named_effects, Values
 from forcecal_ros.effects.library import Effect, SLIDE_ONLY
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.effects.signals import AccelerometerEffects, WrenchEffects
-from forcecal_ros.recording.streams import Recording, Stream
 import numpy as np
 
 
@@ -60,7 +60,7 @@ def apply_signal_effects(recording: Recording, rig: Rig) -> Recording:
     Returns
     -------
     Recording
-        What :func:`~forcecal_ros.simulators.rig.offline.simulate` gives for this rig, where the
+        What :func:`~forcecal_ros.sim.rig.offline.simulate` gives for this rig, where the
         recording is that of the rig without these effects and without noise.
     """
     wrench, volts = recording.wrench, recording.accelerometer

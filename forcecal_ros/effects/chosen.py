@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
+from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.schema import instead, Row
 from forcecal_ros.effects.library import Effect, EFFECTS
-from forcecal_ros.errors import ConfigError
-from forcecal_ros.schema import instead, Row
 
 Chosen = tuple[tuple[str, tuple[float, ...]], ...]
 """Name of an effect and the values of its parameters, for each effect that a rig has."""

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable, Sequence
 
-from forcecal_ros.geometry import Array
-from forcecal_ros.jit import compiled
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.jit import compiled
 import numpy as np
 from scipy.linalg import expm
 

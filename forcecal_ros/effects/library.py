@@ -2,7 +2,7 @@
 
 A row says what an effect's parameters are, in which range they make sense and at which values it
 does nothing. What it does is in :mod:`forcecal_ros.effects` and, where it enters the
-integration, in :mod:`forcecal_ros.simulators.rig.tool`.
+integration, in :mod:`forcecal_ros.sim.rig.tool`.
 """
 
 from collections.abc import Mapping

@@ -4,8 +4,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.effects.rig import Rig, Tool
-from forcecal_ros.geometry import Array
 import numpy as np
 
 LIMIT = 3.0

@@ -3,9 +3,9 @@
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
+from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.effects.chosen import named_effects
 from forcecal_ros.effects.rig import Optidrive, Rig, Tool, Wall
-from forcecal_ros.geometry import rotation_from_vector
 import numpy as np
 
 Named = Mapping[str, float]

@@ -1,6 +1,6 @@
 """The rig as data: every number of the simulated robot, tool, environment and sensors.
 
-The rows are those of the rig file, see :mod:`forcecal_ros.simulators.rig.file`. To change a
+The rows are those of the rig file, see :mod:`forcecal_ros.sim.rig.file`. To change a
 number, ``dataclasses.replace`` the section and the rig; arrays are taken and kept as tuples, so
 that rigs compare and hash.
 """
@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import math
 from typing import Annotated, Any
 
+from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.geometry import Array, matrix_from_quaternion
+from forcecal_ros.core.schema import Matrix3, Row, Section, Vector3, Vector4, Vector6
 from forcecal_ros.effects.chosen import Chosen, chosen_effects
 from forcecal_ros.effects.library import SLIDE_ONLY
-from forcecal_ros.errors import ConfigError
-from forcecal_ros.geometry import Array, matrix_from_quaternion
-from forcecal_ros.schema import Matrix3, Row, Section, Vector3, Vector4, Vector6
 import numpy as np
 
 _RATE_TOLERANCE = 1e-6

@@ -7,11 +7,11 @@ as a recorded one does. The tables say in which order they compose.
 
 from collections.abc import Callable, Mapping
 
+from forcecal_ros.core.geometry import Array, rotation_from_vector
 from forcecal_ros.effects.chosen import named_effects
 from forcecal_ros.effects.filters import Delay, Filter, Hysteresis, Operator
 from forcecal_ros.effects.library import EFFECTS
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.geometry import Array, rotation_from_vector
 import numpy as np
 from numpy.typing import NDArray
 

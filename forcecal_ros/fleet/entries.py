@@ -7,9 +7,9 @@ import os
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from forcecal_ros.calibration.file import load
-from forcecal_ros.calibration.model import Calibration
-from forcecal_ros.errors import DataError
+from forcecal_ros.core.calibration import Calibration
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.io.calibration_file import load
 from forcecal_ros.report.rows import table
 
 CALIBRATION, DIAGNOSIS, BAG = 'calibration', 'diagnosis', 'bag'

@@ -8,10 +8,10 @@ from math import floor, isfinite, log10
 import shlex
 from typing import Any
 
+from forcecal_ros.core.quantity import quantity
 from forcecal_ros.fleet.control import LEAST
 from forcecal_ros.fleet.entries import BAG, DIAGNOSIS, Entry, Number
 from forcecal_ros.fleet.history import Robot, Series
-from forcecal_ros.quantity import quantity
 from forcecal_ros.report.page import render_page
 from forcecal_ros.report.rows import HALF
 from forcecal_ros.report.words import Fact

@@ -10,8 +10,8 @@ Steady force and reference are exact by the choice of c and l_r.
 
 from typing import NamedTuple
 
-from forcecal_ros.errors import ConfigError
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.impedance.law import Law
 from forcecal_ros.impedance.plant.model import Plant
 from forcecal_ros.impedance.plant.process import Process, process, Wall

@@ -3,7 +3,7 @@
 from math import isfinite
 from typing import NamedTuple, Protocol
 
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.impedance.program import Reference
 import numpy as np
 

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, NamedTuple
 
-from forcecal_ros.errors import ConfigError
+from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.schema import Row
 from forcecal_ros.motion.profiles import quintic
-from forcecal_ros.schema import Row
 import numpy as np
 
 FREE = ('free', 'retract')

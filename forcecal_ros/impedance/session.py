@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
-from forcecal_ros.errors import ConfigError, MotionError
+from forcecal_ros.core.errors import ConfigError, MotionError
+from forcecal_ros.core.schema import Row
 from forcecal_ros.impedance.law import Controller, Measurement
 from forcecal_ros.impedance.program import LineMotion, Program, Reference, to_rest, Withdrawal
-from forcecal_ros.schema import Row
 
 WITHDRAWING = 0.25
 """Duration of each slow withdrawal after a stop, while the tool still presses [s]."""

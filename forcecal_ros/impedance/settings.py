@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from forcecal_ros.schema import Row, Section
+from forcecal_ros.core.schema import Row, Section
 
 
 @dataclass(frozen=True)

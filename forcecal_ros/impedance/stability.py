@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.impedance.law import Law
 from forcecal_ros.impedance.plant.process import Process
 import numpy as np

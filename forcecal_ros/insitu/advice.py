@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.insitu.departure import Cause
 from forcecal_ros.insitu.offset_moves import affine
 from forcecal_ros.insitu.result import DataSetResult, SensorResult

@@ -3,15 +3,15 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array
+from forcecal_ros.checks import limits
+from forcecal_ros.checks.clipping import Extreme
+from forcecal_ros.checks.repeats import refuse_stuck
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.noise.white import difference_gain
+from forcecal_ros.core.streams import Stream
 from forcecal_ros.insitu.prepare import Prepared
 from forcecal_ros.insitu.tally import joined, merged, Tally, tally_of, TINY, usual_power
-from forcecal_ros.recording.checks import limits
-from forcecal_ros.recording.checks.clipping import Extreme
-from forcecal_ros.recording.checks.repeats import refuse_stuck
-from forcecal_ros.recording.noise.white import difference_gain
-from forcecal_ros.recording.streams import Stream
 import numpy as np
 from numpy.typing import NDArray
 

@@ -3,9 +3,9 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from forcecal_ros.calibration.model import Estimate
-from forcecal_ros.errors import DataError, UnobservableError
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.calibration import Estimate
+from forcecal_ros.core.errors import DataError, UnobservableError
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.insitu.advice import affine_misfit, bent, misfits_of, offsets_of, warnings_of
 from forcecal_ros.insitu.departure import causes, hidden_covariance
 from forcecal_ros.insitu.excitation import excitation

@@ -13,12 +13,12 @@ slopes, the same in all data sets and however long these are, so that no residua
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.jit import compiled
+from forcecal_ros.core.noise.autocovariance import noise_of_residuals
 from forcecal_ros.insitu.blocks import Blocks, Mask
 from forcecal_ros.insitu.moments import Moments
 from forcecal_ros.insitu.tally import TINY
-from forcecal_ros.jit import compiled
-from forcecal_ros.recording.noise.autocovariance import noise_of_residuals
 import numpy as np
 from scipy.special import chdtrc, fdtrc
 

@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from forcecal_ros.errors import DataError, UnobservableError
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.errors import DataError, UnobservableError
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.noise.autocovariance import noise_of_residuals
 from forcecal_ros.insitu.blocks import Blocks, Mask
 from forcecal_ros.insitu.moments import Moments
-from forcecal_ros.recording.noise.autocovariance import noise_of_residuals
 import numpy as np
 from scipy.special import chdtrc
 

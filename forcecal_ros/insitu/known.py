@@ -9,9 +9,9 @@ left out, one after the other: they hold what a sensor that is not linear does b
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from forcecal_ros.calibration.model import Estimate
-from forcecal_ros.errors import UnobservableError
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.calibration import Estimate
+from forcecal_ros.core.errors import UnobservableError
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.insitu.matrix import estimate_load, Load, LoadEstimate, total_map
 from forcecal_ros.insitu.motion import STATIC
 from forcecal_ros.insitu.rank import RankReport

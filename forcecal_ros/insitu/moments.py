@@ -3,11 +3,11 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
-from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.jit import compiled_in_any_order
 from forcecal_ros.insitu.prepare import Prepared
 from forcecal_ros.insitu.smoothing import smooth
-from forcecal_ros.jit import compiled_in_any_order
 import numpy as np
 
 TRUNCATE = 1e-10

@@ -9,7 +9,7 @@ from it, a constant is almost in the span of twelve regressors when a limb swing
 
 from functools import cache
 
-from forcecal_ros.geometry import Array, skew
+from forcecal_ros.core.geometry import Array, skew
 import numpy as np
 from numpy.typing import ArrayLike
 

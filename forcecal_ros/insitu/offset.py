@@ -8,8 +8,8 @@ on the measured gravity, not the fit of a quadric to the cloud.
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from forcecal_ros.errors import UnobservableError
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.errors import UnobservableError
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.insitu.moments import Moments
 import numpy as np
 

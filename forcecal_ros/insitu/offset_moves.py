@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.insitu.blocks import Blocks, Mask
 from forcecal_ros.insitu.tally import TINY
 import numpy as np

@@ -4,10 +4,10 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.jit import compiled
 from forcecal_ros.insitu.motion import moving_regressors
-from forcecal_ros.jit import compiled
 import numpy as np
 from scipy import signal
 

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from forcecal_ros.calibration.model import Estimate
-from forcecal_ros.errors import UnobservableError
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.calibration import Estimate
+from forcecal_ros.core.errors import UnobservableError
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.insitu import matrix as eq
 from forcecal_ros.insitu.matrix import estimate_load, Load, LoadEstimate, MatrixFit
 from forcecal_ros.insitu.moments import Moments

@@ -9,8 +9,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
-from forcecal_ros.errors import UnobservableError
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.errors import UnobservableError
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.insitu.matrix import Load, system, total_map
 from forcecal_ros.insitu.motion import load_parameters, STATIC
 import numpy as np

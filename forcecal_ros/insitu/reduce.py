@@ -4,8 +4,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
-from forcecal_ros.errors import DataError, ForcecalError
-from forcecal_ros.geometry import Array, STANDARD_GRAVITY
+from forcecal_ros.checks.repeats import REMEDY
+from forcecal_ros.core.errors import DataError, ForcecalError
+from forcecal_ros.core.geometry import Array, STANDARD_GRAVITY
 from forcecal_ros.insitu.blocks import Blocks, Mask, to_blocks
 from forcecal_ros.insitu.departure import causes, Departure, departure
 from forcecal_ros.insitu.excitation import Norm, norm
@@ -21,7 +22,6 @@ from forcecal_ros.insitu.screen import (
     whole,
 )
 from forcecal_ros.insitu.smoothing import PAPER_ORDER, PAPER_WINDOW, window_samples
-from forcecal_ros.recording.checks.repeats import REMEDY
 import numpy as np
 
 AGREEING = 3

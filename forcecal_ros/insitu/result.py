@@ -3,9 +3,10 @@
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from forcecal_ros.calibration.model import Calibration, Estimate
-from forcecal_ros.errors import UnobservableError
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.calibration import Calibration, Estimate
+from forcecal_ros.core.errors import UnobservableError
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.schema import plain
 from forcecal_ros.insitu.departure import Cause, Causes, Departure
 from forcecal_ros.insitu.excitation import Excitation, Norm
 from forcecal_ros.insitu.matrix import Load, LoadEstimate
@@ -14,7 +15,6 @@ from forcecal_ros.insitu.rank import RankReport
 from forcecal_ros.insitu.reduce import Options
 from forcecal_ros.insitu.screen import Cut
 from forcecal_ros.insitu.stated import Contradiction
-from forcecal_ros.schema import plain
 import numpy as np
 
 

@@ -7,8 +7,8 @@ rest. Contact, a joint that moves and clipping leave that; they are found block 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.insitu.blocks import Blocks, Mask
 import numpy as np
 

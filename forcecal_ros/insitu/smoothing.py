@@ -3,9 +3,9 @@
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from forcecal_ros.errors import ConfigError
-from forcecal_ros.geometry import Array
-from forcecal_ros.jit import compiled_in_any_order
+from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.jit import compiled_in_any_order
 import numpy as np
 from scipy import signal
 

@@ -5,15 +5,25 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, get_origin
 
-from forcecal_ros.geometry import Array, STANDARD_GRAVITY
+from forcecal_ros.core.geometry import Array, STANDARD_GRAVITY
+from forcecal_ros.core.schema import (
+    load,
+    Matrix3,
+    Mismatch,
+    path,
+    read,
+    Row,
+    Section,
+    TEXT,
+    Vector3,
+)
 from forcecal_ros.insitu.matrix import Load
 from forcecal_ros.insitu.prepare import Mounting
 from forcecal_ros.insitu.reduce import Options
 from forcecal_ros.insitu.smoothing import PAPER_ORDER, PAPER_WINDOW
-from forcecal_ros.recording.csv_import.specification import Written
-from forcecal_ros.recording.csv_import.table import Column
-from forcecal_ros.recording.csv_import.units import contradiction, NANOSECONDS, UNITS
-from forcecal_ros.schema import load, Matrix3, Mismatch, path, read, Row, Section, TEXT, Vector3
+from forcecal_ros.io.csv_import.specification import Written
+from forcecal_ros.io.csv_import.table import Column
+from forcecal_ros.io.csv_import.units import contradiction, NANOSECONDS, UNITS
 import numpy as np
 
 FORMAT = 'forcecal-insitu/1'

@@ -11,7 +11,7 @@ from functools import cached_property
 from itertools import combinations, permutations, product
 from typing import NamedTuple
 
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.insitu import matrix as eq
 from forcecal_ros.insitu.matrix import Load
 from forcecal_ros.insitu.motion import load_parameters, STATIC

@@ -2,13 +2,13 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array
+from forcecal_ros.checks import limits
+from forcecal_ros.checks.clocks import refuse_apart
+from forcecal_ros.checks.values import Unreadable
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.insitu.prepare import Chunk
 from forcecal_ros.insitu.spec import Spec
-from forcecal_ros.recording.checks import limits
-from forcecal_ros.recording.checks.clocks import refuse_apart
-from forcecal_ros.recording.checks.values import Unreadable
 import numpy as np
 
 

@@ -6,14 +6,14 @@ from itertools import chain, islice
 from pathlib import Path
 from typing import NamedTuple, TextIO
 
-from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array
+from forcecal_ros.checks import limits
+from forcecal_ros.checks.values import Unreadable
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.insitu.prepare import Chunk
 from forcecal_ros.insitu.spec import DEFAULT_RATE, Spec
-from forcecal_ros.recording.checks import limits
-from forcecal_ros.recording.checks.values import Unreadable
-from forcecal_ros.recording.csv_import.doubts import doubtful_rate
-from forcecal_ros.recording.csv_import.table import (
+from forcecal_ros.io.csv_import.doubts import doubtful_rate
+from forcecal_ros.io.csv_import.table import (
     Column,
     Dialect,
     not_a_number,

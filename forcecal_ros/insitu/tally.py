@@ -2,9 +2,9 @@
 
 from typing import Any, NamedTuple
 
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.jit import compiled_for_numbers
 from forcecal_ros.insitu.prepare import Prepared
-from forcecal_ros.jit import compiled_for_numbers
 import numpy as np
 from numpy.typing import NDArray
 

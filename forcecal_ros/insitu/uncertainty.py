@@ -10,15 +10,15 @@ are the regressors as the filter leaves them: motion about as fast as its window
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
-from forcecal_ros.geometry import Array
-from forcecal_ros.insitu.blocks import Blocks, Mask
-from forcecal_ros.insitu.moments import Moments
-from forcecal_ros.insitu.smoothing import gathered, smooth
-from forcecal_ros.recording.noise.autocovariance import (
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.noise.autocovariance import (
     andrews_lags,
     Autocovariance,
     noise_of_residuals,
 )
+from forcecal_ros.insitu.blocks import Blocks, Mask
+from forcecal_ros.insitu.moments import Moments
+from forcecal_ros.insitu.smoothing import gathered, smooth
 import numpy as np
 from numpy.typing import NDArray
 

@@ -5,8 +5,8 @@ from itertools import islice, pairwise
 from math import asin, inf, sqrt
 from typing import TypeAlias
 
-from forcecal_ros.geometry import Array
-from forcecal_ros.recording.checks import limits
+from forcecal_ros.checks import limits
+from forcecal_ros.core.geometry import Array
 import numpy as np
 
 Timed: TypeAlias = tuple[float, tuple[float, ...]]

@@ -14,9 +14,9 @@ pose and step are left out: the first are small, and the second tells the tool's
 
 from typing import NamedTuple
 
-from forcecal_ros.calibration.model import Calibration, Estimate
-from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array, rotation_from_vector, skew, STANDARD_GRAVITY
+from forcecal_ros.core.calibration import Calibration, Estimate
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array, rotation_from_vector, skew, STANDARD_GRAVITY
 from forcecal_ros.motion.profiles import Move, quintic
 import numpy as np
 

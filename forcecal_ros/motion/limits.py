@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from forcecal_ros.errors import ConfigError, MotionError
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.errors import ConfigError, MotionError
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.schema import Row
 from forcecal_ros.motion.profiles import (
     JointMove,
     Move,
@@ -13,7 +14,6 @@ from forcecal_ros.motion.profiles import (
     PEAK_STOP,
     PEAK_STOP_JERK,
 )
-from forcecal_ros.schema import Row
 import numpy as np
 
 MARGIN = 0.967

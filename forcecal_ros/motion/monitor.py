@@ -9,8 +9,10 @@ from dataclasses import dataclass
 from math import inf, isfinite, sqrt
 from typing import Annotated, NamedTuple
 
-from forcecal_ros.errors import DataError, MotionError
-from forcecal_ros.geometry import Array
+from forcecal_ros.checks.limits import ABSURD, VISIBLE_TRAVEL, VISIBLE_TURN
+from forcecal_ros.core.errors import DataError, MotionError
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.schema import Row
 from forcecal_ros.motion.channel import (
     angle_between,
     Channel,
@@ -19,8 +21,6 @@ from forcecal_ros.motion.channel import (
     transform_point,
 )
 from forcecal_ros.motion.limits import Limits
-from forcecal_ros.recording.checks.limits import ABSURD, VISIBLE_TRAVEL, VISIBLE_TURN
-from forcecal_ros.schema import Row
 import numpy as np
 
 LONGEST_TICK = 0.01

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
-from forcecal_ros.errors import MotionError
-from forcecal_ros.geometry import Array, rotation_from_vector
+from forcecal_ros.core.errors import MotionError
+from forcecal_ros.core.geometry import Array, rotation_from_vector
 from forcecal_ros.motion.information import at_rest, in_motion, Information, nothing, Sensors
 from forcecal_ros.motion.limits import check_move, Limits, pace_within, share_allowed
 from forcecal_ros.motion.plan import Timing

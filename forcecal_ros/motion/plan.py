@@ -4,8 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
-from forcecal_ros.errors import MotionError
-from forcecal_ros.geometry import Array, STANDARD_GRAVITY
+from forcecal_ros.core.errors import MotionError
+from forcecal_ros.core.geometry import Array, STANDARD_GRAVITY
+from forcecal_ros.core.schema import Row
 from forcecal_ros.motion.limits import check_joint_move, check_move, check_workspace, Limits
 from forcecal_ros.motion.profiles import (
     JointMove,
@@ -15,7 +16,6 @@ from forcecal_ros.motion.profiles import (
     shortest_duration,
     shortest_joint_duration,
 )
-from forcecal_ros.schema import Row
 import numpy as np
 
 Goal = Pose | Array

@@ -3,14 +3,14 @@
 from collections.abc import Mapping
 from typing import Any
 
+from forcecal_ros.core.quantity import size, sizes
+from forcecal_ros.core.schema import parameters_of
+from forcecal_ros.core.schema.file import yaml_value
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.optimal_design import Design, GROUPS, Robot
 from forcecal_ros.motion.plan import Timing
 from forcecal_ros.motion.poses import flatten_poses, POSE_LENGTH
 from forcecal_ros.motion.profiles import Pace, Pose
-from forcecal_ros.quantity import size, sizes
-from forcecal_ros.schema import parameters_of
-from forcecal_ros.schema.file import yaml_value
 
 
 def sequencer_parameters(sequence: str, poses: Mapping[str, Pose], timing: Timing, pace: Pace,

@@ -3,16 +3,16 @@
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from forcecal_ros.errors import ConfigError, DataError
-from forcecal_ros.geometry import (
+from forcecal_ros.core.errors import ConfigError, DataError
+from forcecal_ros.core.geometry import (
     Array,
     matrix_from_quaternion,
     quaternion_from_matrix,
     rotation_about,
     rotation_from_vector,
 )
+from forcecal_ros.core.streams import Recording
 from forcecal_ros.motion.profiles import Pose
-from forcecal_ros.recording.streams import Recording
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from forcecal_ros.errors import MotionError
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.errors import MotionError
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.streams import Phase, PoseStream
 from forcecal_ros.motion.plan import expected_duration, PlannedSegment
 from forcecal_ros.motion.profiles import JointMove, Move, PEAK_SPEED, Pose
-from forcecal_ros.recording.streams import Phase, PoseStream
 import numpy as np
 
 SPACING = 0.02

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, NamedTuple
 
-from forcecal_ros.errors import MotionError
-from forcecal_ros.geometry import Array, rotation_from_vector, rotation_vector
-from forcecal_ros.schema import Row
+from forcecal_ros.core.errors import MotionError
+from forcecal_ros.core.geometry import Array, rotation_from_vector, rotation_vector
+from forcecal_ros.core.schema import Row
 import numpy as np
 
 PEAK_SPEED = 15 / 8

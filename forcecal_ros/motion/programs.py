@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from forcecal_ros.geometry import rotation_from_vector
+from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.motion.plan import (
     calibration_plan,
     contact_plan,

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from forcecal_ros.errors import MotionError
+from forcecal_ros.core.errors import MotionError
 from forcecal_ros.motion.monitor import Stillness
 from forcecal_ros.motion.plan import expected_duration, Goal, PlannedSegment
 from forcecal_ros.motion.profiles import (

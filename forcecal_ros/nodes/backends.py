@@ -5,8 +5,8 @@ from collections import deque
 from typing import Any, Generic, TypeVar
 
 from builtin_interfaces.msg import Duration
-from forcecal_ros.errors import ConfigError, DataError, MotionError
-from forcecal_ros.geometry import Array, matrix_from_quaternion, quaternion_of
+from forcecal_ros.core.errors import ConfigError, DataError, MotionError
+from forcecal_ros.core.geometry import Array, matrix_from_quaternion, quaternion_of
 from forcecal_ros.motion.plan import Goal
 from forcecal_ros.motion.profiles import JointSetpoint, Pose, Setpoint, twist_towards
 from forcecal_ros.nodes.inbox import Inbox

@@ -3,17 +3,17 @@
 from math import isfinite, nan
 from typing import Any, NamedTuple
 
-from forcecal_ros.calibration.file import dump
-from forcecal_ros.calibration.model import Calibration
-from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.calibration import Calibration
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.quantity import quantity, size
+from forcecal_ros.io.calibration_file import dump
 from forcecal_ros.nodes.runtime import LATCHED
 from forcecal_ros.observe.gains import Accuracy
 from forcecal_ros.observe.live import LiveObserver
 from forcecal_ros.observe.payload.model import payload_model, PayloadSettings
 from forcecal_ros.observe.payload.step import FROZEN, NOT_EXCITED, ToolEstimate, TRACKING
 from forcecal_ros.observe.payload.tracker import Tracker
-from forcecal_ros.quantity import quantity, size
 from geometry_msgs.msg import Inertia, InertiaStamped
 import numpy as np
 from rclpy.lifecycle import LifecycleNode

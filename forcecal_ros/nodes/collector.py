@@ -3,15 +3,15 @@
 from threading import Thread
 from typing import TypeAlias
 
-from forcecal_ros.calibration.model import Calibration
-from forcecal_ros.calibration.sensor_matrix import with_matrix_of
-from forcecal_ros.errors import DataError, ForcecalError
-from forcecal_ros.geometry import Array, matrix_from_quaternion
-from forcecal_ros.identify.pipeline import identify
-from forcecal_ros.identify.settings import IdentificationSettings
+from forcecal_ros.calibrate.pipeline import identify
+from forcecal_ros.calibrate.settings import IdentificationSettings
+from forcecal_ros.core.calibration import Calibration
+from forcecal_ros.core.errors import DataError, ForcecalError
+from forcecal_ros.core.geometry import Array, matrix_from_quaternion
+from forcecal_ros.core.schema import Vector7
+from forcecal_ros.core.sensor_matrix import with_matrix_of
+from forcecal_ros.core.streams import Phase, PoseStream, Recording, STILL, Stream
 from forcecal_ros.observe.gains import with_kalman_gains
-from forcecal_ros.recording.streams import Phase, PoseStream, Recording, STILL, Stream
-from forcecal_ros.schema import Vector7
 import numpy as np
 
 CHANNELS = ('wrench', 'accelerometer', 'pose', 'target', 'optidrive')

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
 
+from forcecal_ros.core.schema import Parameter, parameter_file
 from forcecal_ros.nodes import gap, impedance_settings, observer_settings, sequencer_settings, sim
-from forcecal_ros.schema import Parameter, parameter_file
-from forcecal_ros.simulators.rig.file import rewritten
+from forcecal_ros.sim.rig.file import rewritten
 
 TABLES: Mapping[str, tuple[tuple[Parameter, ...], str]] = {
     'gap': (gap.PARAMETERS, 'Parameters of the gap node, at their defaults.'),

@@ -8,7 +8,7 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from forcecal_ros.errors import DataError, MotionError
+from forcecal_ros.core.errors import DataError, MotionError
 from forcecal_ros.nodes.processes import own_domain, Processes
 from forcecal_ros.nodes.recorder import Recorder
 from forcecal_ros.nodes.runtime import Interrupt, LATCHED, OUTPUT, SIGNAL_CHECK, starting

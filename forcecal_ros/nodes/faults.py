@@ -3,11 +3,11 @@
 from collections.abc import Callable
 from typing import Any
 
-from forcecal_ros.errors import ConfigError
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.schema import Parameter
 from forcecal_ros.nodes.parameters import refuse_changes
-from forcecal_ros.schema import Parameter
-from forcecal_ros.simulators.rig.faults import (
+from forcecal_ros.sim.rig.faults import (
     CLOCK_FAULTS,
     CLOCK_JUMP,
     FAULTS,
@@ -16,7 +16,7 @@ from forcecal_ros.simulators.rig.faults import (
     SensorFault,
     SENSORS,
 )
-from forcecal_ros.simulators.rig.simulator import Samples
+from forcecal_ros.sim.rig.simulator import Samples
 from rclpy.node import Node
 
 PREFIX = 'fault.'

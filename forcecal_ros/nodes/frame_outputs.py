@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from forcecal_ros.errors import ConfigError
+from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.nodes.pose_source import transform_type
 from forcecal_ros.nodes.runtime import OUTPUT
 from forcecal_ros.nodes.wire import Writer

@@ -6,8 +6,9 @@ from struct import error as StructError
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from forcecal_ros.core.errors import ConfigError, ForcecalError
+from forcecal_ros.core.schema import Parameter
 from forcecal_ros.diagnose.live import Judgement, LiveGap
-from forcecal_ros.errors import ConfigError, ForcecalError
 from forcecal_ros.nodes.collector import Collector
 from forcecal_ros.nodes.inbox import Inbox
 from forcecal_ros.nodes.parameters import declare
@@ -21,9 +22,8 @@ from forcecal_ros.nodes.reporting import diagnostic_array, Waiting
 from forcecal_ros.nodes.runtime import EXECUTOR, OUTPUT, run, SECOND, STEADY
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
 from forcecal_ros.nodes.wire import JointReader, Reader
-from forcecal_ros.schema import Parameter
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rig.simulator import warm_up
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.simulator import warm_up
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from rclpy.node import Node
 from sensor_msgs.msg import JointState

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.impedance.design import stable_law
 from forcecal_ros.impedance.law import Measurement, Regulator
 from forcecal_ros.impedance.plant.file import load_plant

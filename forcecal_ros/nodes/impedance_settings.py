@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from forcecal_ros.core.schema import Parameter, parameters_of, section_of
 from forcecal_ros.impedance.program import Task
 from forcecal_ros.impedance.session import Bounds
 from forcecal_ros.impedance.settings import DesignSettings, Wanted
@@ -10,7 +11,6 @@ from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import WatchSettings
 from forcecal_ros.nodes.pose_source import POSE_PARAMETERS
 from forcecal_ros.nodes.runtime import EXECUTOR
-from forcecal_ros.schema import Parameter, parameters_of, section_of
 
 _LIMITS, _WANTED = Limits(), Wanted()
 _DESIGN = DesignSettings()

@@ -13,7 +13,7 @@ import json
 import secrets
 from threading import Event, Semaphore, Thread
 
-from forcecal_ros.errors import ConfigError
+from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.nodes.live_view import LiveView
 
 HERE = '127.0.0.1'

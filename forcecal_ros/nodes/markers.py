@@ -2,7 +2,7 @@
 
 from math import sqrt
 
-from forcecal_ros.geometry import Array, quaternion_from_matrix
+from forcecal_ros.core.geometry import Array, quaternion_from_matrix
 from forcecal_ros.nodes.runtime import OUTPUT
 from forcecal_ros.observe.frames import contact_point
 from forcecal_ros.observe.sample import Wrench

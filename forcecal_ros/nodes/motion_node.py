@@ -7,7 +7,8 @@ from time import sleep
 from typing import Any, Generic, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray
-from forcecal_ros.errors import DataError, MotionError
+from forcecal_ros.core.errors import DataError, MotionError
+from forcecal_ros.core.schema import Parameter
 from forcecal_ros.motion.sequence import Command
 from forcecal_ros.motion.stream import next_in_phase, StreamClock
 from forcecal_ros.nodes.backends import Backend
@@ -18,7 +19,6 @@ from forcecal_ros.nodes.parameters import declare
 from forcecal_ros.nodes.reporting import diagnostic_array
 from forcecal_ros.nodes.runtime import answering, OUTPUT, SECOND, STEADY
 from forcecal_ros.nodes.sensors import Sensors
-from forcecal_ros.schema import Parameter
 import numpy as np
 from rclpy.node import Node
 from rclpy.time import Time

@@ -4,8 +4,9 @@ from collections.abc import Mapping
 from math import inf
 from typing import Any
 
-from forcecal_ros.calibration.model import Calibration
-from forcecal_ros.errors import ConfigError
+from forcecal_ros.core.calibration import Calibration
+from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.schema import Parameter
 from forcecal_ros.nodes.calibration_topics import TRACKED
 from forcecal_ros.nodes.pose_source import POSE_PARAMETERS, SENSOR_FROM_POSE
 from forcecal_ros.nodes.runtime import EXECUTOR
@@ -19,7 +20,6 @@ from forcecal_ros.observe.settings import (
     ObserverSettings,
     OFFSETS,
 )
-from forcecal_ros.schema import Parameter
 
 _DEFAULT = ObserverSettings()
 
@@ -34,7 +34,7 @@ PARAMETERS = (
     EXECUTOR,
     Parameter('autostart', True, 'Configure and activate at start; false: leave it to a '
               'lifecycle manager'),
-    _live('calibration.file', '', 'calibration.yaml to load when configured; empty: wait for '
+    _live('io.calibration_file', '', 'calibration.yaml to load when configured; empty: wait for '
           'sequencer/calibration'),
     _live('calibration.max_age', 0.0, 'A file whose recording is older is refused; 0: whatever '
           'its age', 'd', 0.0, 36500.0),
@@ -42,7 +42,7 @@ PARAMETERS = (
               'publishes while running'),
     Parameter('tools', '', 'Folder of calibrations of one sensor with one tool each, NAME.yaml'),
     _live('tool', '', 'Which of these is on the sensor, by its NAME; set while running, it is '
-          'faded in, and the bias of the sensor stays as it is; empty: as calibration.file or '
+          'faded in, and the bias of the sensor stays as it is; empty: as io.calibration_file or '
           'sequencer/calibration says; tracked: mass and centre of mass as observer/tool says, or '
           'with payload.track as this node finds'),
     Parameter('payload.track', False, 'Follow mass and centre of mass of what hangs on the sensor '

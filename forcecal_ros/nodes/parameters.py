@@ -4,8 +4,8 @@ from collections.abc import Callable, Iterable
 from difflib import get_close_matches
 from typing import Any
 
-from forcecal_ros.errors import ConfigError, ForcecalError
-from forcecal_ros.schema import Parameter
+from forcecal_ros.core.errors import ConfigError, ForcecalError
+from forcecal_ros.core.schema import Parameter
 from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,

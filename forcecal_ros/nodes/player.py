@@ -4,12 +4,12 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 import time
 
-from forcecal_ros.errors import MotionError
+from forcecal_ros.core.errors import MotionError
+from forcecal_ros.core.topics import ROLES, Topic
+from forcecal_ros.io.bags import Raw
 from forcecal_ros.nodes.recorder import message_class
 from forcecal_ros.nodes.runtime import SECOND
 from forcecal_ros.nodes.temporary_node import TemporaryNode
-from forcecal_ros.recording.bags import Raw
-from forcecal_ros.recording.topics import ROLES, Topic
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy

@@ -5,7 +5,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from forcecal_ros.safe_yaml import load_yaml
+from forcecal_ros.core.safe_yaml import load_yaml
 
 ROBOTS = ('broadcaster', 'franka', 'kuka_fri', 'ur')
 CONTROLLERS = ('admittance_controller', 'cartesian_controllers', 'joint_trajectory_controller',

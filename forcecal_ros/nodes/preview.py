@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from forcecal_ros.errors import MotionError
-from forcecal_ros.geometry import quaternion_from_matrix, rotation_vector
+from forcecal_ros.core.errors import MotionError
+from forcecal_ros.core.geometry import quaternion_from_matrix, rotation_vector
 from forcecal_ros.motion.monitor import POSITIONING_ERROR
 from forcecal_ros.motion.plan import Goal, PlannedSegment
 from forcecal_ros.motion.preview import path_of

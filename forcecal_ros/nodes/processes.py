@@ -12,7 +12,7 @@ import tempfile
 from types import TracebackType
 from typing import IO
 
-from forcecal_ros.errors import DataError
+from forcecal_ros.core.errors import DataError
 
 PATIENCE = 5.0
 """Time from SIGINT to SIGKILL [s], ten times what a node takes to come to rest."""

@@ -7,9 +7,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from forcecal_ros.core.topics import ROLES
+from forcecal_ros.io.bags import BagWriter
 from forcecal_ros.nodes.runtime import LATCHED
-from forcecal_ros.recording.bags import BagWriter
-from forcecal_ros.recording.topics import ROLES
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
@@ -31,7 +31,7 @@ class Recorder:
     Parameters
     ----------
     roles : iterable of str
-        Of :data:`forcecal_ros.recording.topics.ROLES`.
+        Of :data:`forcecal_ros.core.topics.ROLES`.
 
     Attributes
     ----------

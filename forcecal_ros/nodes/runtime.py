@@ -11,8 +11,8 @@ import tempfile
 from types import FrameType
 from typing import Any, Protocol, runtime_checkable
 
-from forcecal_ros.errors import ConfigError, ForcecalError
-from forcecal_ros.schema import Parameter
+from forcecal_ros.core.errors import ConfigError, ForcecalError
+from forcecal_ros.core.schema import Parameter
 from lifecycle_msgs.srv import ChangeState
 import rclpy
 from rclpy.clock import Clock, ClockType

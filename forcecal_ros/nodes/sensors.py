@@ -5,7 +5,7 @@ from functools import partial
 from struct import error as StructError
 from typing import Any, NamedTuple, TypeAlias
 
-from forcecal_ros.geometry import matrix_from_quaternion
+from forcecal_ros.core.geometry import matrix_from_quaternion
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import Monitor, WatchSettings
 from forcecal_ros.motion.profiles import Pose

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from pathlib import Path as FilePath
 
-from forcecal_ros.calibration.file import load, save
-from forcecal_ros.calibration.model import Calibration
-from forcecal_ros.calibration.sensor_matrix import corrected, required_sensor_matrix, SensorMatrix
-from forcecal_ros.errors import ConfigError, DataError, ForcecalError
+from forcecal_ros.core.calibration import Calibration
+from forcecal_ros.core.errors import ConfigError, DataError, ForcecalError
+from forcecal_ros.core.sensor_matrix import corrected, required_sensor_matrix, SensorMatrix
+from forcecal_ros.io.calibration_file import load, save
 from forcecal_ros.motion.channel import KEPT
 from forcecal_ros.motion.monitor import Stillness
 from forcecal_ros.motion.plan import check_wrench, Goal, PlannedSegment, prepare, repeat_plan

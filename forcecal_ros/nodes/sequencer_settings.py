@@ -5,15 +5,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from forcecal_ros.errors import ConfigError
-from forcecal_ros.geometry import Array, STANDARD_GRAVITY
-from forcecal_ros.identify.settings import (
+from forcecal_ros.calibrate.settings import (
     COMPLIANCES,
     COUPLINGS,
     DESIGNS,
     IdentificationSettings,
     MODES,
 )
+from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.geometry import Array, STANDARD_GRAVITY
+from forcecal_ros.core.safe_yaml import LARGEST, load_yaml
+from forcecal_ros.core.schema import Parameter, parameters_of, section_of
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import WatchSettings
 from forcecal_ros.motion.plan import Goal, Timing
@@ -31,8 +33,6 @@ from forcecal_ros.motion.sequence import StreamSettings
 from forcecal_ros.nodes.pose_source import POSE_PARAMETERS
 from forcecal_ros.nodes.runtime import EXECUTOR
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
-from forcecal_ros.safe_yaml import LARGEST, load_yaml
-from forcecal_ros.schema import Parameter, parameters_of, section_of
 import numpy as np
 
 LATENCY = 0.05

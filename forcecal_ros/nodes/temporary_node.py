@@ -5,7 +5,7 @@ from contextlib import contextmanager
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from forcecal_ros.errors import DataError
+from forcecal_ros.core.errors import DataError
 from forcecal_ros.nodes.reporting import LEVELS
 from forcecal_ros.nodes.runtime import Interrupt, OUTPUT, starting
 import rclpy

@@ -15,7 +15,7 @@ stamps only. They hold as long as no message is overtaken by more than ``skew``:
 from math import inf, nan
 from typing import Any, NamedTuple
 
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.geometry import Array
 
 SAME = 1e-7
 """Stamps closer than this are one instant; a float holds them better than clocks do [s]."""

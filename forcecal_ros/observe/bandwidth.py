@@ -4,9 +4,9 @@ from dataclasses import replace
 from math import inf, log, tau
 from typing import NamedTuple
 
-from forcecal_ros.calibration.model import Calibration, Noise
-from forcecal_ros.errors import ConfigError
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.calibration import Calibration, Noise
+from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.observe.inertial import Load
 from forcecal_ros.observe.riccati import stationary_filter, StationaryFilter
 from forcecal_ros.observe.settings import BANDWIDTH_LIMITS, CONTACT_WALK, ObserverSettings

@@ -6,10 +6,12 @@ of them, so nothing is waited for.
 
 from math import inf
 
-from forcecal_ros import jit
-from forcecal_ros.calibration.sensor_matrix import all_corrected
-from forcecal_ros.geometry import Array, quaternion_from_matrix
-from forcecal_ros.jit import compiled_with_all_it_calls
+from forcecal_ros.checks.limits import ABSURD
+from forcecal_ros.core import jit
+from forcecal_ros.core.geometry import Array, quaternion_from_matrix
+from forcecal_ros.core.jit import compiled_with_all_it_calls
+from forcecal_ros.core.sensor_matrix import all_corrected
+from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from forcecal_ros.observe.align import displacement_at, force_at, SAME, usable_from
 from forcecal_ros.observe.contact import filtered
 from forcecal_ros.observe.design import Model
@@ -27,8 +29,6 @@ from forcecal_ros.observe.sample import (
 )
 from forcecal_ros.observe.tracking import ZERO
 from forcecal_ros.observe.unload import Tool, unload, Unloaded
-from forcecal_ros.recording.checks.limits import ABSURD
-from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 import numpy as np
 from numpy.typing import NDArray
 

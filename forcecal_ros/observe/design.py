@@ -3,10 +3,10 @@
 from math import exp, inf, sqrt, tau
 from typing import Any, NamedTuple
 
-from forcecal_ros.calibration.model import Accelerometer, Calibration
-from forcecal_ros.calibration.sensor_matrix import sensor_matrix, SensorMatrix
-from forcecal_ros.errors import ConfigError
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.calibration import Accelerometer, Calibration
+from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.sensor_matrix import sensor_matrix, SensorMatrix
 from forcecal_ros.observe.bandwidth import (
     as_calibrated,
     contact_bandwidth,

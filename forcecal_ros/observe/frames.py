@@ -6,8 +6,8 @@ from math import hypot
 import re
 from typing import NamedTuple
 
-from forcecal_ros.errors import ConfigError
-from forcecal_ros.geometry import Array, skew
+from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.geometry import Array, skew
 from forcecal_ros.observe.sample import Wrench
 from forcecal_ros.observe.tracking import Quaternion, rotate, rotate_back, Vector
 import numpy as np

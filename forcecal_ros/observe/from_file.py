@@ -9,13 +9,13 @@ a pause is follows from the stream itself: a log at 10 Hz pauses no more than on
 from collections.abc import Iterator
 from dataclasses import replace
 
-from forcecal_ros.calibration.model import Calibration, Estimate, Noise
-from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.calibration import Calibration, Estimate, Noise
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.noise.white import white_covariance
+from forcecal_ros.core.streams import PoseStream, Recording, Stream
+from forcecal_ros.core.topics import require
 from forcecal_ros.observe.design import Model, with_reach
-from forcecal_ros.recording.noise.white import white_covariance
-from forcecal_ros.recording.streams import PoseStream, Recording, Stream
-from forcecal_ros.recording.topics import require
 import numpy as np
 
 GAP_PERIODS = 4.0

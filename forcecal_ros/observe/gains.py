@@ -4,8 +4,8 @@ from dataclasses import replace
 from math import exp, inf, log, pi, tau
 from typing import Any, NamedTuple
 
-from forcecal_ros.calibration.model import Calibration, Estimate
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.calibration import Calibration, Estimate
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.observe.bandwidth import as_calibrated
 from forcecal_ros.observe.design import design, Model
 from forcecal_ros.observe.filters.covariances import load_maps, noise_of_reading

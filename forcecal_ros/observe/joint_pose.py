@@ -5,13 +5,13 @@ from collections.abc import Sequence
 from math import cos, isfinite, sin
 from typing import NamedTuple
 
-from forcecal_ros.errors import DataError
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.schema import Vector7
+from forcecal_ros.io.transforms import route
+from forcecal_ros.io.urdf import Description, Joint
 from forcecal_ros.observe.frames import Placement
 from forcecal_ros.observe.tracking import product, Quaternion, rotate, Vector, ZERO
 from forcecal_ros.observe.transforms import CLOCK_WENT_BACK, HERE, KEPT, StampedPose
-from forcecal_ros.recording.transforms import route
-from forcecal_ros.recording.urdf import Description, Joint
-from forcecal_ros.schema import Vector7
 
 
 class Step(NamedTuple):

@@ -3,7 +3,8 @@
 from math import nan, tau
 from typing import NamedTuple
 
-from forcecal_ros.geometry import Array, quaternion_of
+from forcecal_ros.core.axes import level_from_base, pose_from_wire
+from forcecal_ros.core.geometry import Array, quaternion_of
 from forcecal_ros.observe.bandwidth import NoiseLevels
 from forcecal_ros.observe.design import Model, with_tool
 from forcecal_ros.observe.filters.memory import KALMAN, Memory
@@ -28,7 +29,6 @@ from forcecal_ros.observe.tare import (
     without_learned_bias,
 )
 from forcecal_ros.observe.tracking import product, Quaternion, rotate
-from forcecal_ros.recording.axes import level_from_base, pose_from_wire
 import numpy as np
 
 Values = tuple[float, ...]

@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from math import dist, hypot, isfinite
 
-from forcecal_ros.calibration.model import Calibration
-from forcecal_ros.errors import ConfigError, DataError
-from forcecal_ros.geometry import matrix_from_quaternion
+from forcecal_ros.core.calibration import Calibration
+from forcecal_ros.core.errors import ConfigError, DataError
+from forcecal_ros.core.geometry import matrix_from_quaternion
+from forcecal_ros.core.schema import Vector7
+from forcecal_ros.core.streams import PoseStream, Recording
 from forcecal_ros.observe.frames import Placement, POSE_LENGTH
 from forcecal_ros.observe.tracking import product, rotate
-from forcecal_ros.recording.streams import PoseStream, Recording
-from forcecal_ros.schema import Vector7
 import numpy as np
 
 ITSELF: Vector7 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)

@@ -6,9 +6,12 @@ from heapq import merge
 from operator import itemgetter
 from typing import Any
 
-from forcecal_ros.calibration.model import Accelerometer, Calibration
-from forcecal_ros.errors import ConfigError, DataError, UnobservableError
-from forcecal_ros.geometry import Array, quaternion_from_matrix
+from forcecal_ros.core.axes import in_axes_of_pose, levelled
+from forcecal_ros.core.calibration import Accelerometer, Calibration
+from forcecal_ros.core.errors import ConfigError, DataError, UnobservableError
+from forcecal_ros.core.geometry import Array, quaternion_from_matrix
+from forcecal_ros.core.streams import Recording, Stream
+from forcecal_ros.core.topics import naming, require
 from forcecal_ros.observe.design import design, Model
 from forcecal_ros.observe.from_file import interpolated, is_slow, never_late, within_gaps
 from forcecal_ros.observe.pose_free.model import Imu, pose_free_model
@@ -31,9 +34,6 @@ from forcecal_ros.observe.step import (
     Result,
     State,
 )
-from forcecal_ros.recording.axes import in_axes_of_pose, levelled
-from forcecal_ros.recording.streams import Recording, Stream
-from forcecal_ros.recording.topics import naming, require
 import numpy as np
 
 Event = tuple[float, str, Any]

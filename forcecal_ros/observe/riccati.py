@@ -2,8 +2,8 @@
 
 from typing import NamedTuple
 
-from forcecal_ros.errors import UnobservableError
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.errors import UnobservableError
+from forcecal_ros.core.geometry import Array
 import numpy as np
 from scipy.linalg import solve_discrete_are
 

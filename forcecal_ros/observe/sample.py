@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.observe.status import INVALID
 import numpy as np
 from numpy.typing import NDArray

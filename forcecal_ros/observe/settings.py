@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
-from forcecal_ros.schema import Row, Section
+from forcecal_ros.core.schema import Row, Section
 
 MODES = ('kalman', 'newton')
 """Filters that a calibration may name as its own."""

@@ -2,12 +2,12 @@
 
 from dataclasses import replace
 
-from forcecal_ros.calibration.model import Calibration, Estimate
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.calibration import Calibration, Estimate
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.streams import Recording
 from forcecal_ros.observe.playback import replay
 from forcecal_ros.observe.settings import ObserverSettings
 from forcecal_ros.observe.weighing import JUDGED, SLOWEST
-from forcecal_ros.recording.streams import Recording
 import numpy as np
 from scipy.signal import lfilter
 

@@ -2,7 +2,7 @@
 
 The way of a wrench:
 
-    sensor matrix     raw channels to a wrench in ft_sensor        calibration.sensor_matrix
+    sensor matrix     raw channels to a wrench in ft_sensor        core.sensor_matrix
     align             what each stream says at its stamp           align, specific_force
     motion            orientation, place, offset by the poses      motion, tracking
     weight, inertia   bias and load of the tool off                unload, inertial
@@ -21,7 +21,8 @@ one period of the accelerometer.
 from math import inf, sqrt
 from typing import NamedTuple
 
-from forcecal_ros.calibration.sensor_matrix import corrected
+from forcecal_ros.checks.limits import ABSURD
+from forcecal_ros.core.sensor_matrix import corrected
 from forcecal_ros.observe.align import (
     bounded,
     Channel,
@@ -45,7 +46,6 @@ from forcecal_ros.observe.motion import MotionEstimate, next_sample, NOTHING_BEF
 from forcecal_ros.observe.sample import ContactSample, Wrench
 from forcecal_ros.observe.tracking import Quaternion, Vector
 from forcecal_ros.observe.unload import Tool, unload
-from forcecal_ros.recording.checks.limits import ABSURD
 
 CLOCK_JUMP = 1.0
 """Stamps that go back by more than this, twice, are a new clock; one is a bad stamp. Longer than

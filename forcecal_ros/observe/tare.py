@@ -4,8 +4,8 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array, matrix_from_quaternion, rotation_vector
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array, matrix_from_quaternion, rotation_vector
 from forcecal_ros.observe.bandwidth import NoiseLevels
 from forcecal_ros.observe.design import Model
 from forcecal_ros.observe.filters.bias_filter import Belief

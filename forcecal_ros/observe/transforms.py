@@ -4,10 +4,9 @@ from collections import deque
 from math import isfinite, sqrt
 from typing import Any, NamedTuple
 
-from forcecal_ros.errors import DataError
-from forcecal_ros.observe.frames import Placement
-from forcecal_ros.observe.tracking import product, rotate, Vector, ZERO
-from forcecal_ros.recording.transforms import (
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.schema import Vector7
+from forcecal_ros.io.transforms import (
     FIELDS,
     Layout,
     Route,
@@ -16,7 +15,8 @@ from forcecal_ros.recording.transforms import (
     TransformReader,
     transforms_of,
 )
-from forcecal_ros.schema import Vector7
+from forcecal_ros.observe.frames import Placement
+from forcecal_ros.observe.tracking import product, rotate, Vector, ZERO
 
 KEPT = 1000
 """Transforms that are kept of each frame, to interpolate between: one second at 1 kHz. One that is

@@ -3,6 +3,7 @@
 from math import exp, inf
 from typing import NamedTuple
 
+from forcecal_ros.checks.limits import ABSURD
 from forcecal_ros.observe import status as st
 from forcecal_ros.observe.align import Reading
 from forcecal_ros.observe.design import Model
@@ -12,7 +13,6 @@ from forcecal_ros.observe.sample import NO_WRENCH, Wrench
 from forcecal_ros.observe.status import saturated
 from forcecal_ros.observe.tracking import turned, Vector, ZERO
 from forcecal_ros.observe.weighing import weigh, Weighing
-from forcecal_ros.recording.checks.limits import ABSURD
 
 _ABSURD_SQUARED = ABSURD * ABSURD
 

@@ -3,11 +3,11 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from forcecal_ros.calibration.model import Calibration, Estimate
-from forcecal_ros.geometry import Array
-from forcecal_ros.quantity import quantity, rounded, size, sizes
-from forcecal_ros.recording.axes import in_axes_of_pose, levelled
-from forcecal_ros.recording.streams import FREE, Recording, STILL, Stream
+from forcecal_ros.core.axes import in_axes_of_pose, levelled
+from forcecal_ros.core.calibration import Calibration, Estimate
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.quantity import quantity, rounded, size, sizes
+from forcecal_ros.core.streams import FREE, Recording, STILL, Stream
 from forcecal_ros.report import figures
 from forcecal_ros.report.page import Picture, picture, render_page
 from forcecal_ros.report.panels import Line, Panel, Shown

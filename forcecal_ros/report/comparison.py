@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from math import hypot, isfinite, nan
 from typing import Any, TYPE_CHECKING
 
-from forcecal_ros.calibration.model import Calibration, Estimate
+from forcecal_ros.core.calibration import Calibration, Estimate
+from forcecal_ros.core.schema import plain
 from forcecal_ros.report.rows import (
     aligned,
     AXES,
@@ -19,7 +20,6 @@ from forcecal_ros.report.rows import (
     value,
     WRENCH_AXES,
 )
-from forcecal_ros.schema import plain
 
 if TYPE_CHECKING:
     from forcecal_ros.diagnose.say.result import Diagnosis

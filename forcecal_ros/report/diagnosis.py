@@ -2,13 +2,13 @@
 
 from collections.abc import Iterator
 
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.quantity import beside, rounded, with_error
 from forcecal_ros.diagnose.inputs.channels import CHANNELS, STAGES
 from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, instants, Parameter
 from forcecal_ros.diagnose.localise.time_frequency import BANDS, RATE
 from forcecal_ros.diagnose.say.result import Diagnosis
 from forcecal_ros.diagnose.say.verdict import percent
-from forcecal_ros.geometry import Array
-from forcecal_ros.quantity import beside, rounded, with_error
 from forcecal_ros.report.diagnosis_view import FAINT, SEEN, View
 from forcecal_ros.report.diagnosis_words import explained, facts, headline, NAMED
 from forcecal_ros.report.effect_words import phrase

@@ -2,15 +2,15 @@
 
 from dataclasses import dataclass
 
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.noise.autoregression import fit_autoregression
+from forcecal_ros.core.streams import Phase
 from forcecal_ros.diagnose.engine import Outcome
 from forcecal_ros.diagnose.inputs.channels import Blocks, CHANNELS, units
 from forcecal_ros.diagnose.localise.time_frequency import time_frequency_bins, TimeFrequencyBin
 from forcecal_ros.diagnose.say.result import Diagnosis
-from forcecal_ros.geometry import Array
-from forcecal_ros.recording.noise.autoregression import fit_autoregression
-from forcecal_ros.recording.streams import Phase
 from forcecal_ros.report.panels import joined
-from forcecal_ros.simulators.signals import JOINTS, Signals
+from forcecal_ros.sim.signals import JOINTS, Signals
 import numpy as np
 from numpy.typing import NDArray
 

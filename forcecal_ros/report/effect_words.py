@@ -2,9 +2,9 @@
 
 from typing import NamedTuple
 
+from forcecal_ros.core.quantity import quantity
 from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, NamedEffect, Parameter
 from forcecal_ros.effects.library import EFFECTS, Quantity
-from forcecal_ros.quantity import quantity
 
 ALL = '{all}'
 """Stands for every number of an effect that is beyond chance, with its name."""

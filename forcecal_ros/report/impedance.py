@@ -9,10 +9,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from forcecal_ros.calibration.model import Calibration
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.calibration import Calibration
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.streams import Stream
 from forcecal_ros.observe import ContactEstimate, ObserverSettings, replay
-from forcecal_ros.recording.streams import Stream
 from forcecal_ros.report.figures import (
     axes_grid,
     ESTIMATED,

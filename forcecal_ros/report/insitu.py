@@ -3,11 +3,11 @@
 from collections.abc import Iterator, Mapping, Sequence
 import shlex
 
-from forcecal_ros.calibration.model import Estimate
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.calibration import Estimate
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.quantity import pair, rounded
 from forcecal_ros.insitu import SensorResult
 from forcecal_ros.insitu.result import DataSetResult
-from forcecal_ros.quantity import pair, rounded
 from forcecal_ros.report.insitu_figures import force_clouds, singular_values, subspace_clouds
 from forcecal_ros.report.page import picture, png, render_page
 from forcecal_ros.report.rows import aligned

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.insitu import SensorResult
 from forcecal_ros.insitu.offset import principal_directions, Subspace, to_coordinates
 from forcecal_ros.insitu.result import DataSetResult

@@ -4,8 +4,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from forcecal_ros.geometry import Array
-from forcecal_ros.recording.streams import Phase, TOUCHING
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.streams import Phase, TOUCHING
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np

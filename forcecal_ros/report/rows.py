@@ -3,9 +3,9 @@
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from forcecal_ros.calibration.model import Calibration, Estimate
-from forcecal_ros.geometry import Array
-from forcecal_ros.quantity import decimals_of, rounded, scaled
+from forcecal_ros.core.calibration import Calibration, Estimate
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.quantity import decimals_of, rounded, scaled
 import numpy as np
 
 HALF = 1.96

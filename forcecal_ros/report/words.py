@@ -5,7 +5,7 @@ from datetime import datetime, timezone
 import shlex
 from typing import NamedTuple
 
-from forcecal_ros.recording.streams import Recording
+from forcecal_ros.core.streams import Recording
 
 
 class Step(NamedTuple):

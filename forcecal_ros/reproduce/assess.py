@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from math import isnan
 from typing import NamedTuple
 
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.impedance.program import Program
 from forcecal_ros.reproduce.closed_loop import ClosedLoopRun
 import numpy as np

@@ -4,10 +4,11 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Protocol
 
-from forcecal_ros.calibration.model import Calibration
+from forcecal_ros.core.calibration import Calibration
+from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.geometry import quaternion_from_matrix
+from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.errors import ConfigError
-from forcecal_ros.geometry import quaternion_from_matrix
 from forcecal_ros.impedance.law import Controller, Measurement
 from forcecal_ros.impedance.program import Program
 from forcecal_ros.observe import (
@@ -19,9 +20,8 @@ from forcecal_ros.observe import (
     on_wrench,
     State,
 )
-from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
 from forcecal_ros.reproduce.error_analysis import with_printed_gain
-from forcecal_ros.simulators.rig.simulator import Samples, Simulator
+from forcecal_ros.sim.rig.simulator import Samples, Simulator
 import numpy as np
 
 SOURCES = ('true', 'raw', 'static', 'printed', 'newton', 'kalman')

@@ -1,18 +1,18 @@
 """
 What [Gamez2005] prints and no calibration is made of: error analysis, and observer gains.
 
-The other equations, by which a calibration is judged, are in ``identify.error_analysis``.
+The other equations, by which a calibration is judged, are in ``calibrate.error_analysis``.
 """
 
 from dataclasses import replace
 from math import sqrt
 from typing import NamedTuple
 
-from forcecal_ros.calibration.model import Calibration
-from forcecal_ros.errors import ConfigError
-from forcecal_ros.geometry import Array
-from forcecal_ros.identify.error_analysis import x_of
-from forcecal_ros.identify.gain import error_dynamics, observer_model
+from forcecal_ros.calibrate.error_analysis import x_of
+from forcecal_ros.calibrate.gain import error_dynamics, observer_model
+from forcecal_ros.core.calibration import Calibration
+from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.geometry import Array
 import numpy as np
 
 

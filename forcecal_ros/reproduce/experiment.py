@@ -5,10 +5,11 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
-from forcecal_ros.calibration.model import Calibration
+from forcecal_ros.calibrate.pipeline import identify
+from forcecal_ros.calibrate.settings import IdentificationSettings
+from forcecal_ros.core.calibration import Calibration
+from forcecal_ros.core.streams import Phase, PoseStream
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.identify.pipeline import identify
-from forcecal_ros.identify.settings import IdentificationSettings
 from forcecal_ros.impedance.law import Law, Regulator
 from forcecal_ros.impedance.program import Program, Stage, Task
 from forcecal_ros.motion.limits import Limits
@@ -16,10 +17,9 @@ from forcecal_ros.motion.plan import calibration_plan, prepare, Timing
 from forcecal_ros.motion.poses import nominal_poses, step_goal
 from forcecal_ros.motion.profiles import Move, Pace, Pose
 from forcecal_ros.observe.gains import with_kalman_gains
-from forcecal_ros.recording.streams import Phase, PoseStream
 from forcecal_ros.reproduce.assess import assess, exceptions, Figures
 from forcecal_ros.reproduce.closed_loop import ClosedLoopRun, feedback_of, run_closed_loop, SOURCES
-from forcecal_ros.simulators.rig.offline import simulate
+from forcecal_ros.sim.rig.offline import simulate
 import numpy as np
 
 OSCILLATION = Program(tuple(

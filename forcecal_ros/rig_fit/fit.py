@@ -4,14 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from forcecal_ros.calibrate.settings import IdentificationSettings
+from forcecal_ros.core.axes import DOWN
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array, quaternion_of
+from forcecal_ros.core.streams import Recording
+from forcecal_ros.core.topics import naming
 from forcecal_ros.diagnose.inputs.stamps import evened
 from forcecal_ros.effects.rig import Axis, Rig, Unexplained
-from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array, quaternion_of
-from forcecal_ros.identify.settings import IdentificationSettings
-from forcecal_ros.recording.axes import DOWN
-from forcecal_ros.recording.streams import Recording
-from forcecal_ros.recording.topics import naming
 from forcecal_ros.rig_fit.grid import fit_and_judge, Followed
 from forcecal_ros.rig_fit.rotation import fit_rotation, RotationFit, turned_apart
 from forcecal_ros.rig_fit.tool import (

@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array, quaternion_from_matrix
+from forcecal_ros.core.streams import phase_spans, Recording, TOUCHING
 from forcecal_ros.diagnose.inputs.command_timing import shift_of
-from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array, quaternion_from_matrix
-from forcecal_ros.recording.streams import phase_spans, Recording, TOUCHING
-from forcecal_ros.simulators.poses import pose_at
-from forcecal_ros.simulators.rig.offline import held_commands
+from forcecal_ros.sim.poses import pose_at
+from forcecal_ros.sim.rig.offline import held_commands
 import numpy as np
 from numpy.typing import NDArray
 

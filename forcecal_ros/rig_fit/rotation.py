@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+from forcecal_ros.core.geometry import Array, rotation_vector
+from forcecal_ros.core.schema import Matrix3
 from forcecal_ros.effects.rig import Rig, Servo
-from forcecal_ros.geometry import Array, rotation_vector
 from forcecal_ros.rig_fit.grid import Followed
 from forcecal_ros.rig_fit.translation import at_ends, COARSE, MOST_DELAY
-from forcecal_ros.schema import Matrix3
 import numpy as np
 from scipy.optimize import least_squares, OptimizeResult
 

@@ -4,8 +4,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from forcecal_ros.calibration.model import Accelerometer as CalibratedAccelerometer
-from forcecal_ros.calibration.model import Calibration, Estimate
+from forcecal_ros.calibrate.pipeline import identify
+from forcecal_ros.calibrate.settings import IdentificationSettings
+from forcecal_ros.core.calibration import Accelerometer as CalibratedAccelerometer
+from forcecal_ros.core.calibration import Calibration, Estimate
+from forcecal_ros.core.errors import DataError, UnobservableError
+from forcecal_ros.core.geometry import Array, rotation_vector
+from forcecal_ros.core.streams import PoseStream, Recording
 from forcecal_ros.diagnose.inputs.accelerometer import from_gravity, GAIN, OFFSET, TURNED
 from forcecal_ros.diagnose.inputs.motion_dataset import span
 from forcecal_ros.diagnose.inputs.simulated_tool import DRAWN, LIGHTEST, tool_along, with_moments
@@ -17,13 +22,8 @@ from forcecal_ros.effects.rig import (
     Optidrive,
     Rig,
 )
-from forcecal_ros.errors import DataError, UnobservableError
-from forcecal_ros.geometry import Array, rotation_vector
-from forcecal_ros.identify.pipeline import identify
-from forcecal_ros.identify.settings import IdentificationSettings
-from forcecal_ros.recording.streams import PoseStream, Recording
-from forcecal_ros.simulators.low_pass import slowed
-from forcecal_ros.simulators.rigid_tool import CarriedTool, GYRATION
+from forcecal_ros.sim.low_pass import slowed
+from forcecal_ros.sim.rigid_tool import CarriedTool, GYRATION
 import numpy as np
 
 MOST_TURNED = 0.02

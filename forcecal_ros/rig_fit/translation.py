@@ -10,15 +10,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.schema import Vector6
 from forcecal_ros.effects.rig import Axis, Directions, Rig
-from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array
 from forcecal_ros.impedance.plant.output_error import delayed, OutputError, with_covariance
 from forcecal_ros.impedance.plant.robot_fit import Candidate, judged
 from forcecal_ros.rig_fit.grid import Followed
-from forcecal_ros.schema import Vector6
-from forcecal_ros.simulators.rig.plant import Plant
-from forcecal_ros.simulators.rig.robot import Motion
+from forcecal_ros.sim.rig.plant import Plant
+from forcecal_ros.sim.rig.robot import Motion
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.signal import lfilter

@@ -3,14 +3,14 @@
 from dataclasses import replace
 import json
 
+from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.diagnose.by_commands import diagnose
 from forcecal_ros.diagnose.inputs.channels import CHANNELS as DIAGNOSED
 from forcecal_ros.diagnose.say.result import to_document
 from forcecal_ros.effects import with_effects
-from forcecal_ros.recording.streams import PoseStream
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rig.offline import simulate
-from forcecal_ros.simulators.rig.replay import Replay
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.replay import Replay
 import numpy as np
 import pytest
 from rig_recordings import FREE, motion, PERIOD

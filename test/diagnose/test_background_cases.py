@@ -4,7 +4,7 @@ from background_cases import make, plan
 from background_energy import NOISE
 import background_kinds
 from forcecal_ros.effects import EFFECTS
-from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.sim.rig.file import load_rig
 import numpy as np
 import pytest
 

@@ -2,6 +2,9 @@
 
 from dataclasses import replace
 
+from forcecal_ros.checks.clipping import quantisation
+from forcecal_ros.checks.clocks import clocks, dropouts, skew_between
+from forcecal_ros.core.streams import CHANNELS, PoseStream, Recording, Stream
 from forcecal_ros.diagnose.by_commands import diagnose
 from forcecal_ros.diagnose.inputs.channels import CHANNELS as DIAGNOSED
 from forcecal_ros.diagnose.inputs.stamps import Corrected
@@ -11,12 +14,9 @@ from forcecal_ros.diagnose.localise import time_frequency
 from forcecal_ros.diagnose.model.evidence import fit, Gram, Prior
 from forcecal_ros.diagnose.say.result import to_document
 from forcecal_ros.effects import with_effects
-from forcecal_ros.recording.bags import read_recording
-from forcecal_ros.recording.checks.clipping import quantisation
-from forcecal_ros.recording.checks.clocks import clocks, dropouts, skew_between
-from forcecal_ros.recording.streams import CHANNELS, PoseStream, Recording, Stream
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rig.offline import simulate
+from forcecal_ros.io.bags import read_recording
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.offline import simulate
 import numpy as np
 import pytest
 from rig_recordings import FREE, free_part, motion, own_recording, PERIOD

@@ -4,15 +4,15 @@ from dataclasses import replace
 import json
 from pathlib import Path
 
-from forcecal_ros.calibration.file import load
-from forcecal_ros.cli import main
+from forcecal_ros.cli.main import main
+from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from forcecal_ros.diagnose.by_motion import diagnose_motion
 from forcecal_ros.effects import with_effects
-from forcecal_ros.recording.bags import read_recording
-from forcecal_ros.recording.streams import PoseStream, Recording, Stream
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rig.offline import simulate
-from forcecal_ros.simulators.rigid_tool import (
+from forcecal_ros.io.bags import read_recording
+from forcecal_ros.io.calibration_file import load
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rigid_tool import (
     rigid_tool_of_calibration,
     rigid_tool_of_rig,
     UNKNOWN_DELAY,

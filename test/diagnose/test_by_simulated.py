@@ -5,7 +5,9 @@ import json
 from pathlib import Path
 import re
 
-from forcecal_ros.cli import main
+from forcecal_ros.cli.main import main
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import rotation_about
 from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair, UNTESTED
 from forcecal_ros.diagnose.inputs.accelerometer import imus_compared
 from forcecal_ros.diagnose.inputs.alignment import aligned, shifted
@@ -14,11 +16,9 @@ from forcecal_ros.diagnose.inputs.motion_dataset import prepare_simulated
 from forcecal_ros.diagnose.inputs.simulated_tool import simulated_tool
 from forcecal_ros.diagnose.localise.tracking import tracking
 from forcecal_ros.effects import EFFECTS, with_effects
-from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import rotation_about
-from forcecal_ros.recording.bags import write_recording
-from forcecal_ros.simulators.poses import in_base_of, merged
-from forcecal_ros.simulators.rig.offline import simulate
+from forcecal_ros.io.bags import write_recording
+from forcecal_ros.sim.poses import in_base_of, merged
+from forcecal_ros.sim.rig.offline import simulate
 import numpy as np
 from own_arm import commands, GRIPPER, LATE, real, RIG, simulated, TOLERANCES, with_imu
 import pytest

@@ -8,7 +8,10 @@ import re
 from types import SimpleNamespace
 from typing import Any
 
-from forcecal_ros.cli import main
+from forcecal_ros.cli.main import main
+from forcecal_ros.core.errors import ConfigError, DataError
+from forcecal_ros.core.geometry import rotation_from_vector
+from forcecal_ros.core.streams import JointStream, Recording, Stream
 from forcecal_ros.diagnose import by_simulator
 from forcecal_ros.diagnose.by_simulator import diagnose_rerun
 from forcecal_ros.diagnose.inputs.measured_joints import (
@@ -23,15 +26,12 @@ from forcecal_ros.diagnose.model.jacobian import nuisance_column
 from forcecal_ros.diagnose.model.linearised import linearised_model
 from forcecal_ros.diagnose.search.tolerances import narrowed
 from forcecal_ros.effects import EFFECTS
-from forcecal_ros.errors import ConfigError, DataError
-from forcecal_ros.geometry import rotation_from_vector
-from forcecal_ros.recording.bags import read_recording, write_recording
-from forcecal_ros.recording.streams import JointStream, Recording, Stream
-from forcecal_ros.simulators.protocol import Inputs, Parameter
-from forcecal_ros.simulators.run_limit import refuse_too_many, runs_short
-from forcecal_ros.simulators.runs import Runs
-from forcecal_ros.simulators.simulated_robot import addable, library_of, SimulatedRobot
-from forcecal_ros.simulators.third_party import load_simulator, third_party
+from forcecal_ros.io.bags import read_recording, write_recording
+from forcecal_ros.sim.protocol import Inputs, Parameter
+from forcecal_ros.sim.run_limit import refuse_too_many, runs_short
+from forcecal_ros.sim.runs import Runs
+from forcecal_ros.sim.simulated_robot import addable, library_of, SimulatedRobot
+from forcecal_ros.sim.third_party import load_simulator, third_party
 import numpy as np
 from own_arm import commands, SECONDS, TOLERANCES
 import pytest
@@ -294,7 +294,7 @@ def test_answers_that_are_none_are_refused_in_one_line(answer, why):
 
 
 @pytest.mark.parametrize('listed, why', [
-    ([('mass', 1.0)], 'expected forcecal_ros.simulators.protocol.Parameter'),
+    ([('mass', 1.0)], 'expected forcecal_ros.sim.protocol.Parameter'),
     ([Parameter('mass', 1.0, 0.0)], 'sigma 0.0, expected how well it is known'),
     ([Parameter('mass', 1.0, 0.1, 'kg', 2.0)], 'nominal 1.0 is not within 2.0 to inf'),
     ([Parameter('mass', 1.0, 0.1, stage='arm')], "stage 'arm', expected one of robot"),

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from forcecal_ros.core.streams import PoseStream, Stream
 from forcecal_ros.diagnose.by_commands import diagnose
 from forcecal_ros.diagnose.inputs.accelerometer import in_volts
 from forcecal_ros.diagnose.inputs.dataset import prepare, split
@@ -12,10 +13,9 @@ from forcecal_ros.diagnose.model.linearised import Diverged, linearised_model
 from forcecal_ros.diagnose.search.acceptance import refined_or_rejected
 from forcecal_ros.diagnose.search.model_comparison import ModelComparison
 from forcecal_ros.effects import EFFECTS, with_effects
-from forcecal_ros.recording.streams import PoseStream, Stream
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rig.offline import simulate
-from forcecal_ros.simulators.rig.replay import Replay
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.replay import Replay
 import numpy as np
 import pytest
 from rig_recordings import FREE, MOTION, motion, own_recording, PERIOD

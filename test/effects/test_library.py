@@ -4,6 +4,8 @@ from dataclasses import replace
 from itertools import cycle
 
 from effects_runs import changed, clean, having, nominal, pressing, RIG, RIGID, typical
+from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.streams import Stream
 from forcecal_ros.effects import (
     applicable,
     apply_signal_effects,
@@ -12,12 +14,10 @@ from forcecal_ros.effects import (
     physical_rig,
     with_effects,
 )
-from forcecal_ros.errors import ConfigError
-from forcecal_ros.recording.streams import Stream
-from forcecal_ros.simulators.rig.file import dump_rig, load_rig
-from forcecal_ros.simulators.rig.offline import simulate
-from forcecal_ros.simulators.rig.plant import enough_steps
-from forcecal_ros.simulators.rig.simulator import checked_commands, Samples, SIGNALS, Simulator
+from forcecal_ros.sim.rig.file import dump_rig, load_rig
+from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.plant import enough_steps
+from forcecal_ros.sim.rig.simulator import checked_commands, Samples, SIGNALS, Simulator
 import numpy as np
 import pytest
 import yaml

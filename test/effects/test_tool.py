@@ -12,11 +12,11 @@ from effects_runs import (
     RIG,
     RIGID,
 )
+from forcecal_ros.core.geometry import rotation_about, rotation_vector
+from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.effects import with_effects
-from forcecal_ros.geometry import rotation_about, rotation_vector
-from forcecal_ros.recording.streams import PoseStream
-from forcecal_ros.simulators.rig.plant import Plant, same_motion
-from forcecal_ros.simulators.rig.simulator import checked_commands
+from forcecal_ros.sim.rig.plant import Plant, same_motion
+from forcecal_ros.sim.rig.simulator import checked_commands
 import numpy as np
 import pytest
 

@@ -6,13 +6,13 @@ from datetime import datetime, timedelta, timezone
 import json
 import os
 
-from forcecal_ros.calibration.file import dump
-from forcecal_ros.calibration.model import Estimate
-from forcecal_ros.cli import main
+from forcecal_ros.cli.main import main
+from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.diagnose.judge.gap import Gap
 from forcecal_ros.diagnose.say.result import Diagnosis, to_document
 from forcecal_ros.fleet.page import COLUMNS
-from forcecal_ros.recording.bags import read_recording, write_recording
+from forcecal_ros.io.bags import read_recording, write_recording
+from forcecal_ros.io.calibration_file import dump
 import numpy as np
 import pytest
 from whole_calibration import whole_calibration

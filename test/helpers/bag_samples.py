@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
+from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream
 import numpy as np
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores

@@ -2,14 +2,14 @@
 
 from dataclasses import replace
 
+from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.plan import calibration_plan, prepare, Timing
 from forcecal_ros.motion.poses import nominal_poses, step_goal
 from forcecal_ros.motion.profiles import Pace, Pose
-from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rig.offline import simulate
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.offline import simulate
 import numpy as np
 
 SETTLE = 1.0

@@ -1,6 +1,6 @@
 """Other sides of the wire: what drivers say, and what controllers make of commands."""
 
-from forcecal_ros.geometry import (
+from forcecal_ros.core.geometry import (
     matrix_from_quaternion,
     quaternion_from_matrix,
     rotation_from_vector,

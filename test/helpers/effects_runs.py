@@ -1,10 +1,10 @@
 """A short excitation of the rig, and what it gives with effects and without."""
 
+from forcecal_ros.core.geometry import rotation_from_vector
+from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.effects import EFFECTS, with_effects
-from forcecal_ros.geometry import rotation_from_vector
-from forcecal_ros.recording.streams import PoseStream
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rig.offline import simulate
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.offline import simulate
 import numpy as np
 
 RIG, RIGID = load_rig(), load_rig('rigid_tool.yaml')

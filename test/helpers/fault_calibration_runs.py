@@ -6,13 +6,13 @@ from functools import partial
 from typing import NamedTuple
 
 from calibration_runs import run, shifted
+from forcecal_ros.calibrate.pipeline import identify
+from forcecal_ros.calibrate.settings import IdentificationSettings, Thresholds
+from forcecal_ros.core.errors import ForcecalError
+from forcecal_ros.core.geometry import rotation_from_vector, STANDARD_GRAVITY
+from forcecal_ros.core.streams import Recording
 from forcecal_ros.effects.chosen import chosen_effects
-from forcecal_ros.errors import ForcecalError
-from forcecal_ros.geometry import rotation_from_vector, STANDARD_GRAVITY
-from forcecal_ros.identify.pipeline import identify
-from forcecal_ros.identify.settings import IdentificationSettings, Thresholds
-from forcecal_ros.recording.streams import Recording
-from forcecal_ros.simulators.rig.faults import in_recording, OFFSETS
+from forcecal_ros.sim.rig.faults import in_recording, OFFSETS
 from identification_coverage import draw, errors
 import numpy as np
 

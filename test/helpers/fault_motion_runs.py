@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 import signal
 
-from forcecal_ros.geometry import rotation_about
+from forcecal_ros.core.geometry import rotation_about
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import WatchSettings
 from forcecal_ros.motion.poses import flatten_poses, nominal_poses

@@ -6,8 +6,8 @@ wire: environment on tool, so m g at rest.
 
 from typing import NamedTuple
 
-from forcecal_ros.calibration.model import Accelerometer, Calibration, Estimate, Noise
-from forcecal_ros.recording.streams import PoseStream, Recording, Stream
+from forcecal_ros.core.calibration import Accelerometer, Calibration, Estimate, Noise
+from forcecal_ros.core.streams import PoseStream, Recording, Stream
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation

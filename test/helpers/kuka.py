@@ -2,10 +2,10 @@
 
 from dataclasses import replace
 
-from forcecal_ros.calibration.model import Estimate, Noise
-from forcecal_ros.identify.pipeline import identify
-from forcecal_ros.identify.settings import IdentificationSettings
-from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
+from forcecal_ros.calibrate.pipeline import identify
+from forcecal_ros.calibrate.settings import IdentificationSettings
+from forcecal_ros.core.calibration import Estimate, Noise
+from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 

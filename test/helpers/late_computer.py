@@ -8,8 +8,9 @@ are kept waiting as they are where others compete for the processor.
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
-from forcecal_ros.errors import ForcecalError
-from forcecal_ros.geometry import matrix_from_quaternion, quaternion_of
+from forcecal_ros.core.errors import ForcecalError
+from forcecal_ros.core.geometry import matrix_from_quaternion, quaternion_of
+from forcecal_ros.core.streams import Recording
 from forcecal_ros.motion.monitor import Monitor
 from forcecal_ros.motion.plan import check_wrench, prepare
 from forcecal_ros.motion.profiles import Pose
@@ -20,10 +21,9 @@ from forcecal_ros.nodes.collector import Collector
 from forcecal_ros.nodes.demo import FOR_SIMULATION
 from forcecal_ros.nodes.guard import Guard
 from forcecal_ros.nodes.sequencer_settings import PARAMETERS, settings_of
-from forcecal_ros.recording.streams import Recording
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rig.schedule import CommandSchedule
-from forcecal_ros.simulators.rig.simulator import Simulator
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.schedule import CommandSchedule
+from forcecal_ros.sim.rig.simulator import Simulator
 import numpy as np
 
 TICK = 4_000_000

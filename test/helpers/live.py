@@ -6,7 +6,7 @@ import tempfile
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
-from forcecal_ros.geometry import quaternion_from_matrix
+from forcecal_ros.core.geometry import quaternion_from_matrix
 from forcecal_ros.motion.poses import nominal_poses
 from forcecal_ros.nodes.runtime import LATCHED, OUTPUT
 from forcecal_ros.nodes.wire import Reader, Writer

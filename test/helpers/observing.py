@@ -6,7 +6,7 @@ in it; and the calibration that fits it.
 
 from dataclasses import dataclass, replace
 
-from forcecal_ros.calibration.model import (
+from forcecal_ros.core.calibration import (
     Accelerometer,
     Calibration,
     Estimate,
@@ -14,9 +14,9 @@ from forcecal_ros.calibration.model import (
     ObserverGain,
     Tool,
 )
+from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from forcecal_ros.observe.live import LiveObserver
 from forcecal_ros.observe.playback import events
-from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 import numpy as np
 from scipy.spatial.transform import Rotation
 

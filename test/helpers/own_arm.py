@@ -2,11 +2,11 @@
 
 from dataclasses import replace
 
+from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from forcecal_ros.diagnose.inputs.alignment import shifted
 from forcecal_ros.effects import with_effects
-from forcecal_ros.recording.streams import PoseStream, Recording, Stream
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rig.offline import simulate
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.offline import simulate
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline

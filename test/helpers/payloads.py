@@ -6,9 +6,9 @@ wrench that does not follow from that.
 
 from dataclasses import replace
 
-from forcecal_ros.recording.streams import PoseStream, Stream
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rig.offline import simulate
+from forcecal_ros.core.streams import PoseStream, Stream
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.offline import simulate
 import gravity_arm as arm
 import numpy as np
 from rig_recordings import motion, PERIOD

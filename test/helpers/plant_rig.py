@@ -1,9 +1,9 @@
 """The nominal rig shaken along x of ft_sensor, and what it truly answers."""
 
+from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.impedance.plant.fit import excitation_commands
-from forcecal_ros.recording.streams import PoseStream
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rig.offline import simulate
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.offline import simulate
 import numpy as np
 
 RIG = load_rig()

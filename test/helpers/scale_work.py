@@ -5,7 +5,7 @@ from pathlib import Path
 import signal
 import time
 
-from forcecal_ros.errors import DataError
+from forcecal_ros.core.errors import DataError
 
 
 def square(number):

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from forcecal_ros.recording.streams import PoseStream, Stream
+from forcecal_ros.core.streams import PoseStream, Stream
 import gravity_arm as arm
 import numpy as np
 

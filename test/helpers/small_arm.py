@@ -1,6 +1,6 @@
 """An arm of three joints in MuJoCo, and commands for it."""
 
-from forcecal_ros.recording.streams import JointStream
+from forcecal_ros.core.streams import JointStream
 import numpy as np
 
 GRAVITY = 9.80665

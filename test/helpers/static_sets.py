@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
+from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream
 import numpy as np
 from scipy.spatial.transform import Rotation
 

@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
-from forcecal_ros.calibration.model import Estimate
+from forcecal_ros.core.calibration import Estimate
+from forcecal_ros.core.streams import Stream
 from forcecal_ros.observe.settings import CONTACT_WALK
-from forcecal_ros.recording.streams import Stream
 import numpy as np
 from observing import calibration, GAIN, OFFSET, record, Swing, VOLTS_NOISE
 

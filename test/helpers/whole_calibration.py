@@ -2,7 +2,7 @@
 
 import math
 
-from forcecal_ros.calibration.model import (
+from forcecal_ros.core.calibration import (
     Accelerometer,
     Calibration,
     Estimate,

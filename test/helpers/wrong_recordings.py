@@ -4,16 +4,16 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-from forcecal_ros.geometry import (
+from forcecal_ros.core.geometry import (
     matrix_from_quaternion,
     quaternion_from_matrix,
     rotation_from_vector,
     rotation_vector,
 )
-from forcecal_ros.recording.bags.signals import encode, FIELDS, Messages
-from forcecal_ros.recording.bags.write import BagWriter
-from forcecal_ros.recording.streams import PoseStream, Recording, Stream
-from forcecal_ros.recording.topics import POSE, WRENCH
+from forcecal_ros.core.streams import PoseStream, Recording, Stream
+from forcecal_ros.core.topics import POSE, WRENCH
+from forcecal_ros.io.bags.signals import encode, FIELDS, Messages
+from forcecal_ros.io.bags.write import BagWriter
 import numpy as np
 from rosbags.typesys import get_typestore, Stores
 from scipy.signal import butter, lfilter, sosfilt

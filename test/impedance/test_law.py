@@ -3,8 +3,8 @@
 from dataclasses import replace
 from math import inf, nan
 
-from forcecal_ros.calibration.model import Estimate
-from forcecal_ros.errors import ConfigError
+from forcecal_ros.core.calibration import Estimate
+from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.impedance.design import design, relation
 from forcecal_ros.impedance.law import at_rest, COASTING, LATE, Measurement, OK, step
 from forcecal_ros.impedance.plant.file import load_plant
@@ -12,8 +12,8 @@ from forcecal_ros.impedance.plant.model import Plant, Robot, Slide
 from forcecal_ros.impedance.plant.process import process, Wall
 from forcecal_ros.impedance.settings import DesignSettings, Wanted
 from forcecal_ros.impedance.stability import loop
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rig.simulator import Simulator
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.simulator import Simulator
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp

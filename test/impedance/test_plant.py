@@ -6,15 +6,15 @@ from importlib.resources import files
 from io import StringIO
 import json
 
-from forcecal_ros.calibration.model import Estimate
-from forcecal_ros.cli import main
-from forcecal_ros.errors import ConfigError, DataError
+from forcecal_ros.cli.main import main
+from forcecal_ros.core.calibration import Estimate
+from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.impedance.plant.file import load_plant
 from forcecal_ros.impedance.plant.fit import identify_plant, identify_slide, Signal
 from forcecal_ros.impedance.plant.model import Plant, Robot, Slide, state_space
 from forcecal_ros.impedance.plant.output_error import fit_output_error
 from forcecal_ros.impedance.plant.robot_fit import identify_robot
-from forcecal_ros.recording.bags import write_recording
+from forcecal_ros.io.bags import write_recording
 import numpy as np
 from plant_rig import record, RIG, shaken, true_response
 import pytest

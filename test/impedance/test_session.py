@@ -1,6 +1,6 @@
 """A contact task within its limits and its way out, with a force of the test's making."""
 
-from forcecal_ros.errors import ConfigError, MotionError
+from forcecal_ros.core.errors import ConfigError, MotionError
 from forcecal_ros.impedance.law import Measurement
 from forcecal_ros.impedance.program import LineMotion, Program, Stage, Task, to_rest
 from forcecal_ros.impedance.session import Bounds, Session

@@ -1,6 +1,6 @@
 """[Traversaro2014] equation by equation, against forms written out anew and other physics."""
 
-from forcecal_ros.geometry import skew
+from forcecal_ros.core.geometry import skew
 from forcecal_ros.insitu import matrix as eq
 from forcecal_ros.insitu.blocks import to_blocks
 from forcecal_ros.insitu.matrix import Load

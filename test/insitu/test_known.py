@@ -3,7 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
-from forcecal_ros.errors import ConfigError, DataError, UnobservableError
+from forcecal_ros.core.errors import ConfigError, DataError, UnobservableError
 from forcecal_ros.insitu import calibrate, Chunk, DataSet, Load, load_spec, Mounting, Options
 import numpy as np
 import pytest

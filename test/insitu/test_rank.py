@@ -1,6 +1,6 @@
 """Which added masses determine the matrix, and what is said where they do not."""
 
-from forcecal_ros.errors import UnobservableError
+from forcecal_ros.core.errors import UnobservableError
 from forcecal_ros.insitu.matrix import Load
 from forcecal_ros.insitu.motion import MOVING
 from forcecal_ros.insitu.rank import require, structural_rank

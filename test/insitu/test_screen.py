@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from forcecal_ros.errors import DataError, UnobservableError
+from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.insitu import Chunk, DataSet
 from forcecal_ros.insitu.blocks import to_blocks
 from forcecal_ros.insitu.departure import causes, departure

@@ -1,6 +1,6 @@
 """The filter of the six-axis calibration, and the standard errors of what it has filtered."""
 
-from forcecal_ros.errors import ConfigError
+from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.insitu import Mounting, Options
 from forcecal_ros.insitu.smoothing import gathered, projection, smooth, window_samples
 import insitu_leg

@@ -4,7 +4,7 @@ from dataclasses import replace
 from functools import partial
 import re
 
-from forcecal_ros.errors import ConfigError, DataError, ForcecalError, UnobservableError
+from forcecal_ros.core.errors import ConfigError, DataError, ForcecalError, UnobservableError
 from forcecal_ros.insitu import calibrate, Chunk, DataSet, Load, load_spec, Mounting, Options
 import numpy as np
 import pytest

@@ -3,10 +3,10 @@
 from dataclasses import replace
 
 from calibration_runs import run
-from forcecal_ros.calibration.file import dump, parse
-from forcecal_ros.cli import main
-from forcecal_ros.errors import DataError, MotionError
-from forcecal_ros.identify.pipeline import identify
+from forcecal_ros.calibrate.pipeline import identify
+from forcecal_ros.cli.main import main
+from forcecal_ros.core.errors import DataError, MotionError
+from forcecal_ros.io.calibration_file import dump, parse
 from forcecal_ros.motion.information import at_rest, in_motion, sensors_of
 from forcecal_ros.motion.limits import Limits, pace_within
 from forcecal_ros.motion.optimal_design import (
@@ -21,8 +21,8 @@ from forcecal_ros.motion.plan import calibration_plan, prepare, Timing
 from forcecal_ros.motion.poses import nominal_poses, reach_of, step_goal
 from forcecal_ros.motion.profiles import Move
 from forcecal_ros.nodes.sequencer_settings import PARAMETERS, settings_of
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rig.truth import expected_sensors
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.truth import expected_sensors
 import numpy as np
 import pytest
 import yaml

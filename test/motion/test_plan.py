@@ -5,12 +5,12 @@ from dataclasses import replace
 import io
 import json
 
-from forcecal_ros.cli import main
+from forcecal_ros.cli.main import main
+from forcecal_ros.core.errors import MotionError
 from forcecal_ros.diagnose.by_commands import diagnose
 from forcecal_ros.diagnose.plan.recording import poses_of, SETTLE
 from forcecal_ros.diagnose.plan.text import wider_box
 from forcecal_ros.effects import EFFECTS, with_effects
-from forcecal_ros.errors import MotionError
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.plan import calibration_plan, prepare, Timing
 from forcecal_ros.motion.poses import nominal_poses, step_goal
@@ -18,8 +18,8 @@ from forcecal_ros.motion.preview import in_words, outline, path_of, preview
 from forcecal_ros.motion.profiles import JointMove, Pace
 from forcecal_ros.motion.programs import diagnosis_plan
 from forcecal_ros.nodes.sequencer_settings import PARAMETERS, settings_of
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rig.offline import simulate
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.offline import simulate
 import numpy as np
 import pytest
 import yaml

@@ -1,7 +1,7 @@
 """Motion: the quintic, the stop that keeps to its path, limits that refuse with the number."""
 
-from forcecal_ros.errors import ConfigError, MotionError
-from forcecal_ros.geometry import (
+from forcecal_ros.core.errors import ConfigError, MotionError
+from forcecal_ros.core.geometry import (
     quaternion_from_matrix,
     quaternion_of,
     rotation_from_vector,

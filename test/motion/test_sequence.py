@@ -3,8 +3,12 @@
 from copy import copy
 from itertools import pairwise
 
-from forcecal_ros.errors import DataError, MotionError
-from forcecal_ros.geometry import quaternion_from_matrix, rotation_from_vector, rotation_vector
+from forcecal_ros.core.errors import DataError, MotionError
+from forcecal_ros.core.geometry import (
+    quaternion_from_matrix,
+    rotation_from_vector,
+    rotation_vector,
+)
 from forcecal_ros.motion.channel import angle_between
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import Monitor, Stillness, WatchSettings

@@ -1,7 +1,7 @@
 """The other sides of the motion back ends, played as those controllers ask for it."""
 
 from drivers import Servo
-from forcecal_ros.geometry import (
+from forcecal_ros.core.geometry import (
     rotation_from_vector,
 )
 from forcecal_ros.motion.limits import Limits

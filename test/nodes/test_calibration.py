@@ -3,7 +3,7 @@
 import signal
 
 from diagnostic_msgs.msg import DiagnosticArray
-from forcecal_ros.calibration.file import load, parse
+from forcecal_ros.io.calibration_file import load, parse
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.nodes.runtime import OUTPUT
 from forcecal_ros.nodes.wire import Writer

@@ -8,12 +8,12 @@ import sys
 from typing import Any
 from xml.etree import ElementTree
 
-from forcecal_ros.calibration.file import load
-from forcecal_ros.commands.demo import read_contact
+from forcecal_ros.cli.demo import read_contact
+from forcecal_ros.io.bags import read_recording
+from forcecal_ros.io.calibration_file import load
 from forcecal_ros.observe import replay
-from forcecal_ros.recording.bags import read_recording
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rig.truth import true_calibration
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.truth import true_calibration
 import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
@@ -32,7 +32,7 @@ WITHIN = {
 def demo(tmp_path_factory):
     out = tmp_path_factory.mktemp('demo')
     ended = subprocess.run(
-        [sys.executable, '-m', 'forcecal_ros.cli', 'demo', '--out', str(out), '--json'],
+        [sys.executable, '-m', 'forcecal_ros.cli.main', 'demo', '--out', str(out), '--json'],
         capture_output=True, text=True, timeout=500, check=False)
     assert ended.returncode == 0, ended.stderr
     return out, json.loads(ended.stdout)

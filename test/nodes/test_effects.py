@@ -2,7 +2,7 @@
 
 from effects_runs import clean, resting, RIG
 from forcecal_ros.effects import with_effects
-from forcecal_ros.simulators.rig.file import dump_rig
+from forcecal_ros.sim.rig.file import dump_rig
 from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
 from live import Live
 import numpy as np

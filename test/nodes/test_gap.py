@@ -3,7 +3,7 @@
 from diagnostic_msgs.msg import DiagnosticStatus
 from fault_motion_runs import quick_poses
 from forcecal_ros.effects import with_effects
-from forcecal_ros.simulators.rig.file import dump_rig, load_rig
+from forcecal_ros.sim.rig.file import dump_rig, load_rig
 from live import Live, ON_RIG_TIME, RIG_TIME
 import pytest
 

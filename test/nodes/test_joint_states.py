@@ -5,14 +5,14 @@ import subprocess
 import sys
 
 from drivers import gantry, joints_at, NAMES, states
-from forcecal_ros.calibration.file import save
-from forcecal_ros.errors import ConfigError
+from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.io.calibration_file import save
+from forcecal_ros.io.urdf import Description
 from forcecal_ros.nodes.parameters import declare
 from forcecal_ros.nodes.pose_source import POSE_PARAMETERS, pose_source
 from forcecal_ros.nodes.runtime import OUTPUT
 from forcecal_ros.nodes.wire import JointsReader
 from forcecal_ros.observe.joint_pose import JointPose
-from forcecal_ros.recording.urdf import Description
 from lifecycle_msgs.srv import GetState
 from live import Live, Robot
 import numpy as np

@@ -4,7 +4,7 @@ import ast
 import importlib.util
 from pathlib import Path
 
-from forcecal_ros.commands.node import NODES
+from forcecal_ros.cli.node import NODES
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -39,7 +39,7 @@ def test_every_node_is_an_executable_with_a_parameter_file(path):
 
 
 def test_every_remapped_topic_is_one_that_nodes_ask_for():
-    from forcecal_ros.recording.topics import ROLES
+    from forcecal_ros.core.topics import ROLES
     commands = {'joint_trajectory', 'delta_twist_cmds', 'joint_states'}
     known = {role.topic for role in ROLES.values()} | commands
     table = next(node.value for node in ast.parse(SHARED.read_text()).body

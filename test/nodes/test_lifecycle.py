@@ -1,6 +1,6 @@
 """The observer as a managed node: every transition from every state, over its services."""
 
-from forcecal_ros.calibration.file import save
+from forcecal_ros.io.calibration_file import save
 from forcecal_ros.nodes.observer import Observer
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
@@ -96,7 +96,7 @@ def managed(kind, executor, tmp_path):
     save(calibration(), tmp_path / 'calibration.yaml')
     rclpy.init(args=['--ros-args', '-p', 'autostart:=false', '-p', 'publish.innovation:=true',
                      '-p', 'publish.frames:=[base]',
-                     '-p', f'calibration.file:={tmp_path / "calibration.yaml"}'])
+                     '-p', f'io.calibration_file:={tmp_path / "calibration.yaml"}'])
     try:
         observer = kind()
         manager = Manager(observer, executor())

@@ -8,7 +8,7 @@ import subprocess
 import sys
 
 from browser import browser, CHROMIUM
-from forcecal_ros.cli import main
+from forcecal_ros.cli.main import main
 from live import PATIENCE
 import pytest
 

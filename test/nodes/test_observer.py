@@ -3,10 +3,11 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
-from forcecal_ros.calibration.file import dump, save
-from forcecal_ros.calibration.model import Accelerometer, Calibration, Estimate, Noise, Tool
-from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import rotation_from_vector
+from forcecal_ros.core.calibration import Accelerometer, Calibration, Estimate, Noise, Tool
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import rotation_from_vector
+from forcecal_ros.core.streams import PoseStream
+from forcecal_ros.io.calibration_file import dump, save
 from forcecal_ros.motion.poses import nominal_poses
 from forcecal_ros.motion.profiles import Move, Pose
 from forcecal_ros.nodes.observer import Observer
@@ -14,9 +15,8 @@ from forcecal_ros.nodes.runtime import LATCHED
 from forcecal_ros.observe import ContactSample, ObserverSettings, replay
 from forcecal_ros.observe.status import INVALID
 from forcecal_ros.observe.tare import refuse_motion
-from forcecal_ros.recording.streams import PoseStream
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rig.offline import simulate
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.offline import simulate
 from geometry_msgs.msg import WrenchStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState

@@ -1,7 +1,7 @@
 """The observer and what hangs on the sensor: tracked, told by others, and taken off."""
 
-from forcecal_ros.calibration.file import save
-from forcecal_ros.errors import DataError
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.io.calibration_file import save
 from forcecal_ros.nodes.calibration_topics import read_tool
 from forcecal_ros.nodes.runtime import OUTPUT
 from forcecal_ros.observe.payload.replay import follow

@@ -7,7 +7,7 @@ from pathlib import Path
 import re
 import time
 
-from forcecal_ros.cli import main
+from forcecal_ros.cli.main import main
 from forcecal_ros.nodes import sim
 from live import Live
 import pytest

@@ -8,10 +8,10 @@ import subprocess
 import sys
 
 from bag_samples import START_NS
-from forcecal_ros.cli import main
-from forcecal_ros.recording.bags import write_signals
-from forcecal_ros.recording.streams import PoseStream, Stream
-from forcecal_ros.recording.topics import Topic
+from forcecal_ros.cli.main import main
+from forcecal_ros.core.streams import PoseStream, Stream
+from forcecal_ros.core.topics import Topic
+from forcecal_ros.io.bags import write_signals
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from live import Live
 import numpy as np
@@ -75,7 +75,7 @@ class Robot(Live):
     def play(self, bag, *options, **where):
         """Start forcecal play."""
         return subprocess.Popen(
-            [sys.executable, '-m', 'forcecal_ros.cli', 'play', str(bag),
+            [sys.executable, '-m', 'forcecal_ros.cli.main', 'play', str(bag),
              *([] if '--delay' in options else ['--delay', DISCOVERY]),
              *options],
             **{'stdin': subprocess.DEVNULL, 'stdout': subprocess.PIPE,

@@ -5,8 +5,8 @@ from itertools import pairwise
 from pathlib import Path
 
 from drivers import FrameTransforms, gantry, joints_at, Servo, states
-from forcecal_ros.calibration.file import save
-from forcecal_ros.errors import ConfigError
+from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.io.calibration_file import save
 from forcecal_ros.nodes.config import TABLES
 from forcecal_ros.nodes.impedance_settings import settings_of as impedance_settings
 from forcecal_ros.nodes.observer_settings import settings_of as observer_settings

@@ -1,7 +1,7 @@
 """A planned calibration, one pose of it disturbed and measured again, through the real nodes."""
 
-from forcecal_ros.calibration.file import parse
-from forcecal_ros.cli import main
+from forcecal_ros.cli.main import main
+from forcecal_ros.io.calibration_file import parse
 from forcecal_ros.nodes.runtime import OUTPUT
 from forcecal_ros.nodes.wire import Writer
 from geometry_msgs.msg import WrenchStamped

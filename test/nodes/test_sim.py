@@ -5,16 +5,16 @@ from pathlib import Path
 import signal
 
 from diagnostic_msgs.msg import DiagnosticArray
-from forcecal_ros.geometry import quaternion_from_matrix
+from forcecal_ros.core.geometry import quaternion_from_matrix
+from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.motion.poses import nominal_poses, step_goal
 from forcecal_ros.motion.profiles import Move, Pose
 from forcecal_ros.nodes import sim
 from forcecal_ros.nodes.runtime import OUTPUT
 from forcecal_ros.nodes.sequencer import Sequencer
 from forcecal_ros.nodes.wire import JointReader, Writer
-from forcecal_ros.recording.streams import PoseStream
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rig.offline import simulate
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.offline import simulate
 from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
 from live import Live, RIG_TIME
 import numpy as np
@@ -215,7 +215,7 @@ def test_a_rig_that_publishes_the_clock_waits_for_nobodys(ros_domain):
     ('sim', ['-p', 'rig:=/nowhere.yaml'], '/nowhere.yaml'),
     ('sequencer', ['-p', 'sequence:=dance'], "sequence is 'dance', expected one of calibrate"),
     ('sequencer', ['-p', 'limits.speed:=2.0'], 'limits.acceleration'),
-    ('observer', ['-p', 'calibration.file:=/nowhere.yaml'], '/nowhere.yaml'),
+    ('observer', ['-p', 'io.calibration_file:=/nowhere.yaml'], '/nowhere.yaml'),
     ('observer', ['-p', 'calibration:=cal.yaml'],
      'unknown parameter calibration; did you mean calibration.file?'),
     ('gap', ['-p', 'zigzag:=3'], 'unknown parameter zigzag; config/gap.yaml lists all'),

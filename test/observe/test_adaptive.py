@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from forcecal_ros.core.streams import Stream
 from forcecal_ros.observe import ObserverSettings, replay, Status
 from forcecal_ros.observe.design import design
 from forcecal_ros.observe.filters.noise_level import (
@@ -13,7 +14,6 @@ from forcecal_ros.observe.filters.noise_level import (
 )
 from forcecal_ros.observe.live import LiveObserver
 from forcecal_ros.observe.playback import events
-from forcecal_ros.recording.streams import Stream
 import numpy as np
 from observing import calibration, GAIN, MASS, push, record, Swing, VOLTS_NOISE
 import pytest

@@ -2,11 +2,11 @@
 
 from dataclasses import replace
 
-from forcecal_ros.calibration.model import Estimate
+from forcecal_ros.core.calibration import Estimate
+from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from forcecal_ros.observe import design, ObserverSettings
 from forcecal_ros.observe.batch import estimates, in_order
 from forcecal_ros.observe.playback import run
-from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 import numpy as np
 from observing import calibration, push, record, Swing
 import pytest

@@ -2,7 +2,8 @@
 
 from dataclasses import replace
 
-from forcecal_ros.errors import ConfigError, DataError
+from forcecal_ros.core.errors import ConfigError, DataError
+from forcecal_ros.core.streams import Stream
 from forcecal_ros.observe import design, FilterSettings, ObserverSettings
 from forcecal_ros.observe.filters.bias_filter import begin, learn
 from forcecal_ros.observe.filters.bias_model import observability_rank
@@ -10,7 +11,6 @@ from forcecal_ros.observe.filters.covariances import gain_of, load_noise, paper_
 from forcecal_ros.observe.from_file import white_noise, with_noise
 from forcecal_ros.observe.inertial import tool_wrench
 from forcecal_ros.observe.unload import Unloaded
-from forcecal_ros.recording.streams import Stream
 import gravity_arm as arm
 import numpy as np
 import pytest

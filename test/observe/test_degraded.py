@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
+from forcecal_ros.core.streams import PoseStream, Stream
 from forcecal_ros.observe import describe, level, ObserverSettings, replay, Status
-from forcecal_ros.recording.streams import PoseStream, Stream
 import numpy as np
 from observing import calibration, G, MASS, push, record, Swing
 import pytest

@@ -4,8 +4,9 @@ from dataclasses import replace
 from math import isfinite
 import pickle
 
-from forcecal_ros.errors import ForcecalError
-from forcecal_ros.identify.gain import observer_model, riccati_gain
+from forcecal_ros.calibrate.gain import observer_model, riccati_gain
+from forcecal_ros.checks.limits import ABSURD
+from forcecal_ros.core.errors import ForcecalError
 from forcecal_ros.observe import (
     describe,
     on_accelerometer,
@@ -18,7 +19,6 @@ from forcecal_ros.observe.design import design
 from forcecal_ros.observe.playback import answers, run
 from forcecal_ros.observe.riccati import stationary_filter
 from forcecal_ros.observe.status import BAD_WRENCH, INVALID, NO_GRAVITY
-from forcecal_ros.recording.checks.limits import ABSURD
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 import numpy as np

@@ -1,6 +1,6 @@
 """The contact wrench in other frames, by numbers worked out by hand, and where a force acts."""
 
-from forcecal_ros.errors import ConfigError
+from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.observe.frames import contact_point, Frames
 import numpy as np
 import pytest

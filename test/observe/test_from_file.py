@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
+from forcecal_ros.core.streams import PoseStream, Stream
 from forcecal_ros.observe import ObserverSettings, replay, Status
 from forcecal_ros.observe.from_file import gap_limit, interpolated, within_gaps
-from forcecal_ros.recording.streams import PoseStream, Stream
 import gravity_arm as arm
 import numpy as np
 import pytest

@@ -3,10 +3,11 @@
 from dataclasses import replace
 
 from calibration_runs import run
-from forcecal_ros.calibration.file import from_document, to_document
-from forcecal_ros.calibration.model import Calibration, Estimate
-from forcecal_ros.errors import ConfigError, DataError
-from forcecal_ros.identify.pipeline import identify
+from forcecal_ros.calibrate.pipeline import identify
+from forcecal_ros.core.calibration import Calibration, Estimate
+from forcecal_ros.core.errors import ConfigError, DataError
+from forcecal_ros.core.streams import PoseStream
+from forcecal_ros.io.calibration_file import from_document, to_document
 from forcecal_ros.observe import replay
 from forcecal_ros.observe.gains import with_kalman_gains
 from forcecal_ros.observe.mounting import (
@@ -18,7 +19,6 @@ from forcecal_ros.observe.mounting import (
     taken_as_calibrated,
     taken_to_sensor,
 )
-from forcecal_ros.recording.streams import PoseStream
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation

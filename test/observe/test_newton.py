@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from forcecal_ros.errors import ConfigError
+from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.observe import ObserverSettings, replay
 from forcecal_ros.observe.filters.memory import NewtonState
 from forcecal_ros.observe.filters.newton import newton_step

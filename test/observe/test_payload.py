@@ -4,10 +4,11 @@ from dataclasses import replace
 import json
 from typing import Any
 
-from forcecal_ros.calibration.file import save
-from forcecal_ros.cli import main
-from forcecal_ros.errors import UnobservableError
-from forcecal_ros.identify.delay import estimate_delay, with_delay
+from forcecal_ros.calibrate.delay import estimate_delay, with_delay
+from forcecal_ros.cli.main import main
+from forcecal_ros.core.errors import UnobservableError
+from forcecal_ros.io.bags import write_recording
+from forcecal_ros.io.calibration_file import save
 from forcecal_ros.observe import design
 from forcecal_ros.observe.filters import gaussian, ukf
 from forcecal_ros.observe.filters.gaussian import Gaussian
@@ -33,7 +34,6 @@ from forcecal_ros.observe.payload.step import (
 )
 from forcecal_ros.observe.payload.tracker import Tracker
 from forcecal_ros.observe.playback import events
-from forcecal_ros.recording.bags import write_recording
 import gravity_arm as arm
 from kuka import kuka_recording, static_calibration
 import numpy as np

@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-from forcecal_ros.calibration.model import Estimate
-from forcecal_ros.errors import ConfigError
+from forcecal_ros.core.calibration import Estimate
+from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.observe import Imu, ObserverSettings, Status
 from forcecal_ros.observe.filters.gaussian import Gaussian
 from forcecal_ros.observe.filters.ukf import transform

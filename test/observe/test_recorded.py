@@ -1,9 +1,9 @@
 """A real arm, its sensors 6 ms apart: free motion, where the truth is zero, and contact."""
 
-from forcecal_ros.identify.delay import estimate_delay, with_delay
+from forcecal_ros.calibrate.delay import estimate_delay, with_delay
+from forcecal_ros.core.streams import Recording
 from forcecal_ros.observe import replay, Status
 from forcecal_ros.observe.share import with_share
-from forcecal_ros.recording.streams import Recording
 from kuka import kuka_recording, slow, static_calibration
 import numpy as np
 import pytest

@@ -2,13 +2,13 @@
 
 from dataclasses import replace
 
-from forcecal_ros.errors import ConfigError
+from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.streams import PoseStream, Recording, Stream
+from forcecal_ros.io.bags import read_recording
 from forcecal_ros.observe import noise_levels, ObserverSettings, replay
 from forcecal_ros.observe.bandwidth import contact_bandwidth
-from forcecal_ros.recording.bags import read_recording
-from forcecal_ros.recording.streams import PoseStream, Recording, Stream
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rig.simulator import Simulator
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.simulator import Simulator
 import numpy as np
 from observing import calibration, push, record, Swing, TIP
 import pytest

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from forcecal_ros.errors import UnobservableError
+from forcecal_ros.core.errors import UnobservableError
 from forcecal_ros.observe import design, ObserverSettings, replay, Status
 from forcecal_ros.observe.align import SILENT
 from forcecal_ros.observe.motion import MotionEstimate

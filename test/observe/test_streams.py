@@ -3,18 +3,10 @@
 from dataclasses import replace
 from math import inf, nan
 
-from forcecal_ros.observe import (
-    design,
-    finish,
-    level,
-    ObserverSettings,
-    replay,
-    State,
-    Status,
-)
+from forcecal_ros.core.streams import PoseStream, Recording, Stream
+from forcecal_ros.observe import design, finish, level, ObserverSettings, replay, State, Status
 from forcecal_ros.observe.playback import events, on_event
 from forcecal_ros.observe.settings import FILTERS
-from forcecal_ros.recording.streams import PoseStream, Recording, Stream
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
@@ -214,7 +206,7 @@ def test_without_a_wrench_nothing_piles_up():
 
 
 def test_replay_refuses_what_it_cannot_use():
-    from forcecal_ros.errors import DataError
+    from forcecal_ros.core.errors import DataError
     with pytest.raises(DataError, match='no messages of wrench'):
         replay(Recording(), calibration())
     with pytest.raises(DataError, match='m/s'):

@@ -1,7 +1,7 @@
 """Taring takes the tool's weight off first, and is refused when the tool moves or touches."""
 
-from forcecal_ros.calibration.model import Estimate
-from forcecal_ros.errors import DataError
+from forcecal_ros.core.calibration import Estimate
+from forcecal_ros.core.errors import DataError
 from forcecal_ros.observe import design, noise_levels, Status, tare, with_bias
 from forcecal_ros.observe.playback import run
 import numpy as np

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from forcecal_ros.errors import DataError
+from forcecal_ros.core.errors import DataError
 from forcecal_ros.observe import design, noise_levels
 from forcecal_ros.observe.tare import FEWEST, PAUSE, Window
 import numpy as np

@@ -2,12 +2,12 @@
 
 from dataclasses import replace
 
-from forcecal_ros.geometry import matrix_from_quaternion, rotation_from_vector
+from forcecal_ros.core.axes import level_from_base, levelled
+from forcecal_ros.core.geometry import matrix_from_quaternion, rotation_from_vector
 from forcecal_ros.observe import design, ObserverSettings, replay
 from forcecal_ros.observe.live import LiveObserver
 from forcecal_ros.observe.playback import events
 from forcecal_ros.observe.tracking import product
-from forcecal_ros.recording.axes import level_from_base, levelled
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np

@@ -2,11 +2,11 @@
 
 from dataclasses import replace
 
-from forcecal_ros.calibration.model import Estimate
-from forcecal_ros.errors import ConfigError, DataError, UnobservableError
+from forcecal_ros.core.calibration import Estimate
+from forcecal_ros.core.errors import ConfigError, DataError, UnobservableError
+from forcecal_ros.core.streams import Stream
 from forcecal_ros.observe import FilterSettings, Imu, ObserverSettings, replay
 from forcecal_ros.observe.playback import axes_of
-from forcecal_ros.recording.streams import Stream
 import gravity_arm as arm
 import numpy as np
 import pytest

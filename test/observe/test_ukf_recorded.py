@@ -1,6 +1,6 @@
 """Gravity compensation on a real arm in free motion, where the truth is zero."""
 
-from forcecal_ros.identify.delay import estimate_delay, with_delay
+from forcecal_ros.calibrate.delay import estimate_delay, with_delay
 from forcecal_ros.observe import FilterSettings, ObserverSettings, replay
 from forcecal_ros.observe.from_file import with_noise
 from kuka import kuka_recording, slow, static_calibration

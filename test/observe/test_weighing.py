@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from forcecal_ros.calibration.file import dump, parse
+from forcecal_ros.io.calibration_file import dump, parse
 from forcecal_ros.observe import design, replay
 from forcecal_ros.observe.share import with_share
 from forcecal_ros.observe.weighing import weigh, Weighing

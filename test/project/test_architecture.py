@@ -11,20 +11,18 @@ ROS = re.compile(
     r'\w+_msgs|rcl\w*|std_srvs|builtin_interfaces|ament_\w+|launch\w*|rosidl\w*|ros\w*2\w*|tf2\w*')
 
 NUMERICS = (
-    ('errors',),
-    ('atomic_files', 'extras', 'geometry', 'jit', 'places', 'quantity', 'safe_yaml'),
-    ('schema',),
-    ('recording',),
-    ('calibration',),
-    ('effects', 'identify', 'insitu', 'motion', 'observe', 'simulators'),
+    ('core',),
+    ('checks',),
+    ('io',),
+    ('effects', 'calibrate', 'insitu', 'motion', 'observe', 'sim'),
     ('diagnose', 'impedance'),
     ('reproduce', 'rig_fit'),
 )
 LAYERS = (
     *NUMERICS,
-    ('recording.bags', 'parallel', 'report'),
+    ('io.bags', 'report'),
     ('fleet', 'nodes'),
-    ('commands',),
+    ('cli',),
 )
 """From the ground up: a module may import from its own line and from those above it."""
 
@@ -100,7 +98,7 @@ def test_imports_make_no_circle(grain):
 
 
 @pytest.mark.parametrize('one, other', [
-    ('simulators', 'identify'), ('identify', 'simulators'), ('identify', 'effects')])
+    ('sim', 'calibrate'), ('calibrate', 'sim'), ('calibrate', 'effects')])
 def test_simulator_and_identification_share_no_physics(one, other):
     assert _of([one])
     wrong = {(name, loaded) for name in _of([one]) for loaded in _loaded_by(name)
@@ -131,7 +129,7 @@ def test_numerics_neither_log_nor_print():
 
 
 def test_only_bags_knows_rosbags():
-    assert {room(name) for name in PATHS if 'rosbags' in _foreign(name)} == {'recording.bags'}
+    assert {room(name) for name in PATHS if 'rosbags' in _foreign(name)} == {'io.bags'}
 
 
 def test_only_nodes_and_messages_know_ros():

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 
-from forcecal_ros.commands.node import NODES
+from forcecal_ros.cli.node import NODES
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -5,10 +5,10 @@ from importlib import import_module
 from pathlib import Path
 import re
 
-from forcecal_ros.cli import build_parser
-from forcecal_ros.commands import COMMANDS
+from forcecal_ros.cli import COMMANDS
+from forcecal_ros.cli.main import build_parser
 from forcecal_ros.effects.library import EFFECTS
-from forcecal_ros.recording.bags import write_recording
+from forcecal_ros.io.bags import write_recording
 import pytest
 from rig_recordings import FREE, own_recording
 

@@ -78,12 +78,12 @@ def test_a_row_names_a_function_that_says_so_and_a_test_that_calls_it(
 
 
 def test_a_name_in_a_comment_or_another_module_of_its_name_is_no_call():
-    source = 'from forcecal_ros.identify.tool import mass_from_tilt\n'
-    wanted = from_package('forcecal_ros.identify.tool', 'mass_from_tilt')
+    source = 'from forcecal_ros.calibrate.tool import mass_from_tilt\n'
+    wanted = from_package('forcecal_ros.calibrate.tool', 'mass_from_tilt')
     assert not any(one is wanted for one in called(source + '# mass_from_tilt(1, 2, 3)'))
     assert wanted not in called('def mass_from_tilt(): pass\nmass_from_tilt()')
     assert wanted in called(source + 'mass_from_tilt(1, 2, 3)')
-    assert wanted in called('from forcecal_ros.identify import tool as m\nm.mass_from_tilt()')
+    assert wanted in called('from forcecal_ros.calibrate import tool as m\nm.mass_from_tilt()')
 
 
 def test_every_equation_named_in_a_docstring_stands_in_the_table(docstrings):

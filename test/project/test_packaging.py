@@ -12,8 +12,8 @@ from xml.etree import ElementTree
 import zipfile
 
 from forcecal_ros import entry
-from forcecal_ros.commands.node import NODES
-from forcecal_ros.extras import BESIDE_APT
+from forcecal_ros.cli.node import NODES
+from forcecal_ros.core.extras import BESIDE_APT
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -100,7 +100,7 @@ def test_rosdep_is_asked_for_every_import_that_apt_has_and_for_nothing_of_pip():
 
 @pytest.mark.parametrize('node', ['sequencer', 'observer', 'impedance'])
 def test_a_node_on_a_robot_wants_nothing_that_apt_does_not_have(node):
-    loads = ['forcecal_ros.identify.pipeline', f'forcecal_ros.nodes.{node}']
+    loads = ['forcecal_ros.calibrate.pipeline', f'forcecal_ros.nodes.{node}']
     code = f'import sys; sys.modules.update(dict.fromkeys({BESIDE_APT}))'
     _run(sys.executable, '-c', '\n'.join([code, *(f'import {name}' for name in loads)]))
 

@@ -3,11 +3,11 @@
 import ast
 from pathlib import Path
 
-from forcecal_ros.cli import main
-from forcecal_ros.errors import ConfigError
+from forcecal_ros.cli.main import main
+from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream
 from forcecal_ros.insitu import load_spec
-from forcecal_ros.recording.bags import write_recording
-from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
+from forcecal_ros.io.bags import write_recording
 import numpy as np
 import pytest
 

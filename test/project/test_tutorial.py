@@ -42,7 +42,7 @@ def test_the_page_has_commands_and_promises():
 def test_every_command_answers_what_the_page_says(tmp_path):
     for line, promised in steps():
         done = subprocess.run(
-            [sys.executable, '-m', 'forcecal_ros.cli', *shlex.split(line, comments=True)[1:]],
+            [sys.executable, '-m', 'forcecal_ros.cli.main', *shlex.split(line, comments=True)[1:]],
             cwd=tmp_path, capture_output=True, text=True, timeout=900, check=False)
         assert done.returncode == 0, f'{line}\n{done.stderr}'
         assert done.stdout.startswith(promised), f'{line}\n{done.stdout}'

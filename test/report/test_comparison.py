@@ -3,15 +3,15 @@
 from dataclasses import replace
 import json
 
-from forcecal_ros.calibration.file import save
-from forcecal_ros.calibration.model import Estimate
-from forcecal_ros.cli import main
+from forcecal_ros.cli.main import main
+from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.diagnose.inputs.channels import units
 from forcecal_ros.diagnose.judge.gap import Gap
 from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
 from forcecal_ros.diagnose.localise.localisation import Location
 from forcecal_ros.diagnose.say.result import Diagnosis, load
 from forcecal_ros.diagnose.say.result import to_document as diagnosis_document
+from forcecal_ros.io.calibration_file import save
 from forcecal_ros.report.comparison import as_text, compare, to_document
 import numpy as np
 import pytest

@@ -1,7 +1,7 @@
 """A page as a browser shows it: it zooms, says values, toggles lines, and fits a phone."""
 
 from browser import browser, CHROMIUM
-from forcecal_ros.recording.streams import Phase
+from forcecal_ros.core.streams import Phase
 from forcecal_ros.report.page import picture, render_page
 from forcecal_ros.report.panels import Line, Panel, Shown
 from forcecal_ros.report.words import Fact

@@ -3,8 +3,8 @@
 from dataclasses import replace
 import re
 
-from forcecal_ros.calibration.model import Calibration, Estimate
-from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
+from forcecal_ros.core.calibration import Calibration, Estimate
+from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream
 from forcecal_ros.report.calibration import in_words, render
 from forcecal_ros.report.impedance import _cells
 from forcecal_ros.report.rows import as_text, Row, table

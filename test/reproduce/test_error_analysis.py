@@ -1,7 +1,7 @@
 """The equations of the error analysis that no calibration is judged by."""
 
-from forcecal_ros.identify.paper import step_gain
-from forcecal_ros.identify.poses import orientation_h, orientation_v
+from forcecal_ros.calibrate.paper import step_gain
+from forcecal_ros.calibrate.poses import orientation_h, orientation_v
 from forcecal_ros.reproduce.error_analysis import gain_error, mass_from_weight
 import numpy as np
 import pytest

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from forcecal_ros.errors import ConfigError
+from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.impedance.design import design
 from forcecal_ros.impedance.law import Regulator
 from forcecal_ros.impedance.plant.file import load_plant
@@ -18,9 +18,9 @@ from forcecal_ros.reproduce.assess import (
 from forcecal_ros.reproduce.closed_loop import feedback_of, run_closed_loop
 from forcecal_ros.reproduce.error_analysis import error_poles, with_printed_gain
 from forcecal_ros.reproduce.experiment import rehearse
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rig.simulator import Simulator
-from forcecal_ros.simulators.rig.truth import true_calibration
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.simulator import Simulator
+from forcecal_ros.sim.rig.truth import true_calibration
 import numpy as np
 import pytest
 

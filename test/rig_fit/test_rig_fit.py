@@ -3,23 +3,23 @@
 from dataclasses import replace
 from functools import cache
 
-from forcecal_ros.cli import main
+from forcecal_ros.calibrate.settings import IdentificationSettings
+from forcecal_ros.cli.main import main
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import rotation_from_vector
+from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from forcecal_ros.diagnose.by_tracked import is_tracked
 from forcecal_ros.diagnose.inputs.alignment import shifted
 from forcecal_ros.effects.rig import Axis, Unexplained
-from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import rotation_from_vector
-from forcecal_ros.identify.settings import IdentificationSettings
-from forcecal_ros.recording.bags import write_recording
-from forcecal_ros.recording.streams import PoseStream, Recording, Stream
+from forcecal_ros.io.bags import write_recording
 from forcecal_ros.rig_fit.fit import fit_rig
 from forcecal_ros.rig_fit.grid import Followed
 from forcecal_ros.rig_fit.rotation import LIMITS
 from forcecal_ros.rig_fit.tool import command_period, fit_tool, noise_of
 from forcecal_ros.rig_fit.translation import at_ends
-from forcecal_ros.simulators.rig.file import dump_rig, load_rig
-from forcecal_ros.simulators.rig.offline import simulate
-from forcecal_ros.simulators.rig.plant import Plant
+from forcecal_ros.sim.rig.file import dump_rig, load_rig
+from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.plant import Plant
 import numpy as np
 from own_arm import simulated, TOLERANCES
 import pytest

@@ -3,12 +3,12 @@
 from dataclasses import replace
 from typing import TypeVar
 
-from forcecal_ros.calibration.model import Accelerometer
+from forcecal_ros.core.calibration import Accelerometer
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from forcecal_ros.effects.rig import AccelerometerModel, Rig
-from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array
-from forcecal_ros.recording.streams import PoseStream, Recording, Stream
-from forcecal_ros.simulators.rigid_tool import RigidTool
+from forcecal_ros.sim.rigid_tool import RigidTool
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 

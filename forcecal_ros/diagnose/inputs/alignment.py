@@ -3,10 +3,10 @@
 from dataclasses import fields, replace
 from typing import Any, NamedTuple
 
-from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array, rotation_vector
-from forcecal_ros.recording.streams import Phase, PoseStream, Recording, Stream
-from forcecal_ros.simulators.signals import BLOCK
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array, rotation_vector
+from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream
+from forcecal_ros.sim.signals import BLOCK
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import NamedTuple, Protocol
 
-from forcecal_ros.geometry import Array
-from forcecal_ros.simulators.signals import JOINTS
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.sim.signals import JOINTS
 import numpy as np
 from numpy.typing import NDArray
 

@@ -2,12 +2,12 @@
 
 from dataclasses import replace
 
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array, rotation_vector
+from forcecal_ros.core.streams import PoseStream, Recording
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array, rotation_vector
-from forcecal_ros.recording.streams import PoseStream, Recording
-from forcecal_ros.simulators.rig.replay import Replay
-from forcecal_ros.simulators.signals import RATE
+from forcecal_ros.sim.rig.replay import Replay
+from forcecal_ros.sim.signals import RATE
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline

@@ -4,17 +4,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.streams import Phase, Recording, TOUCHING
 from forcecal_ros.diagnose.inputs.accelerometer import in_volts, mounted
 from forcecal_ros.diagnose.inputs.command_timing import refuse_sparse_commands, start_of
 from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
 from forcecal_ros.effects import Effect, EFFECTS
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.effects.signals import FORCES
-from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array
-from forcecal_ros.recording.streams import Phase, Recording, TOUCHING
-from forcecal_ros.simulators.rig.replay import Replay
-from forcecal_ros.simulators.signals import BLOCK, Signals, Simulation
+from forcecal_ros.sim.rig.replay import Replay
+from forcecal_ros.sim.signals import BLOCK, Signals, Simulation
 import numpy as np
 from numpy.typing import NDArray
 

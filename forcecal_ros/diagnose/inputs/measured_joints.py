@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from forcecal_ros.recording.streams import JointStream, Recording
+from forcecal_ros.core.streams import JointStream, Recording
 import numpy as np
 
 

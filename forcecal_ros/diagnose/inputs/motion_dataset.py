@@ -3,6 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.noise.autoregression import FEWEST
+from forcecal_ros.core.streams import Recording, Stream, TOUCHING
 from forcecal_ros.diagnose.inputs.accelerometer import in_volts
 from forcecal_ros.diagnose.inputs.dataset import Dataset, held_apart, made_up, STILL
 from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
@@ -12,12 +15,9 @@ from forcecal_ros.diagnose.inputs.simulated_tool import (
     SimulatedTool,
 )
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.errors import DataError
-from forcecal_ros.recording.noise.autoregression import FEWEST
-from forcecal_ros.recording.streams import Recording, Stream, TOUCHING
-from forcecal_ros.simulators.measured_motion import MeasuredMotion, RecordedSimulation
-from forcecal_ros.simulators.rigid_tool import beyond, RigidTool
-from forcecal_ros.simulators.signals import BLOCK, block_means, Signals
+from forcecal_ros.sim.measured_motion import MeasuredMotion, RecordedSimulation
+from forcecal_ros.sim.rigid_tool import beyond, RigidTool
+from forcecal_ros.sim.signals import BLOCK, block_means, Signals
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, uniform_filter1d

@@ -4,12 +4,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
+from forcecal_ros.checks.at_rest import refuse_other_axes
+from forcecal_ros.checks.clocks import pauses, SENSORS
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.streams import PoseStream, Recording, Stream
+from forcecal_ros.core.topics import ROLES
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.errors import DataError
-from forcecal_ros.recording.checks.at_rest import refuse_other_axes
-from forcecal_ros.recording.checks.clocks import pauses, SENSORS
-from forcecal_ros.recording.streams import PoseStream, Recording, Stream
-from forcecal_ros.recording.topics import ROLES
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 

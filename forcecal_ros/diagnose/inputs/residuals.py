@@ -3,10 +3,10 @@
 from typing import NamedTuple
 from weakref import ref
 
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.streams import Recording
 from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
-from forcecal_ros.geometry import Array
-from forcecal_ros.recording.streams import Recording
-from forcecal_ros.simulators.signals import BLOCK, padded, RATE, Signals
+from forcecal_ros.sim.signals import BLOCK, padded, RATE, Signals
 import numpy as np
 from numpy.typing import NDArray
 

@@ -3,24 +3,24 @@
 from dataclasses import replace
 from typing import NamedTuple
 
-from forcecal_ros.diagnose.inputs.accelerometer import with_imu
-from forcecal_ros.effects.nuisances import possible, rows_of
-from forcecal_ros.effects.rig import NominalTolerances, Rig, Tool
-from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array, skew
-from forcecal_ros.identify.moving_tool import inertia_regressor, symmetric
-from forcecal_ros.recording.checks.at_rest import (
+from forcecal_ros.calibrate.moving_tool import inertia_regressor, symmetric
+from forcecal_ros.checks.at_rest import (
     beside_simulated,
     is_elsewhere,
     refuse_other_axes,
     refuse_other_forces,
     untouched_at_rest,
 )
-from forcecal_ros.recording.checks.frame_faults import as_in_base, refuse_other_frame, Stated
-from forcecal_ros.recording.checks.frames import judge
-from forcecal_ros.recording.streams import phase_spans, Recording, TOUCHING
-from forcecal_ros.simulators.rigid_tool import CarriedTool, GYRATION, rigid_tool_of_rig, RigidTool
-from forcecal_ros.simulators.signals import BLOCK, block_means, RATE
+from forcecal_ros.checks.frame_faults import as_in_base, refuse_other_frame, Stated
+from forcecal_ros.checks.frames import judge
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array, skew
+from forcecal_ros.core.streams import phase_spans, Recording, TOUCHING
+from forcecal_ros.diagnose.inputs.accelerometer import with_imu
+from forcecal_ros.effects.nuisances import possible, rows_of
+from forcecal_ros.effects.rig import NominalTolerances, Rig, Tool
+from forcecal_ros.sim.rigid_tool import CarriedTool, GYRATION, rigid_tool_of_rig, RigidTool
+from forcecal_ros.sim.signals import BLOCK, block_means, RATE
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares

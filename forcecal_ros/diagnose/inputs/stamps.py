@@ -3,14 +3,14 @@
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+from forcecal_ros.checks.clocks import Clock, clocks, dropouts, SENSORS, skew_between
+from forcecal_ros.checks.entry import checked
+from forcecal_ros.checks.inertia import shown_in_metres
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.stamps import with_even_stamps
+from forcecal_ros.core.streams import Recording
 from forcecal_ros.diagnose.inputs.requirements import bridged, require_overlap
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.errors import DataError
-from forcecal_ros.recording.checks.clocks import Clock, clocks, dropouts, SENSORS, skew_between
-from forcecal_ros.recording.checks.entry import checked
-from forcecal_ros.recording.checks.inertia import shown_in_metres
-from forcecal_ros.recording.stamps import with_even_stamps
-from forcecal_ros.recording.streams import Recording
 
 
 class Corrected(NamedTuple):

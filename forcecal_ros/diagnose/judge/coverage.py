@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.noise.autoregression import FEWEST
+from forcecal_ros.core.streams import Recording
 from forcecal_ros.diagnose.inputs.channels import STREAM_SLICES
 from forcecal_ros.diagnose.model.hypotheses import Hypothesis
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
-from forcecal_ros.errors import DataError
-from forcecal_ros.recording.noise.autoregression import FEWEST
-from forcecal_ros.recording.streams import Recording
 import numpy as np
 
 VISIBLE = 25.0

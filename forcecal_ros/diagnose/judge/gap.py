@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.inputs.dataset import Dataset
 from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
@@ -11,7 +12,6 @@ from forcecal_ros.diagnose.judge.residual_summary import predictions, ResidualSu
 from forcecal_ros.diagnose.localise.time_frequency import STRONG, TimeFrequencyBin
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.search.selection import Selection
-from forcecal_ros.geometry import Array
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.inputs.channels import STREAM_SLICES
 from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
 from forcecal_ros.diagnose.judge.gap import Gap, measured_gap
@@ -29,7 +30,6 @@ from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.search.acceptance import least_evidence
 from forcecal_ros.diagnose.search.onset_selection import Found
 from forcecal_ros.diagnose.search.selection import nearest, Selection
-from forcecal_ros.geometry import Array
 
 CHECKED = 0.99
 """Probability of an effect of stamps or values: they are found at many sigmas or not at all."""

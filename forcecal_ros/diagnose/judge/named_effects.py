@@ -3,6 +3,9 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from forcecal_ros.checks import limits
+from forcecal_ros.checks.clipping import clipping, quantisation
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.inputs.stamps import Corrected
 from forcecal_ros.diagnose.model.gates import BIAS, nuisances_of, physical
@@ -13,9 +16,6 @@ from forcecal_ros.diagnose.search.fitted import Accepted
 from forcecal_ros.diagnose.search.onsets import Instant
 from forcecal_ros.effects import EFFECTS, Quantity
 from forcecal_ros.effects.rig import AccelerometerModel
-from forcecal_ros.geometry import Array
-from forcecal_ros.recording.checks import limits
-from forcecal_ros.recording.checks.clipping import clipping, quantisation
 import numpy as np
 
 STEP, STEP_BESIDE = 0.95, 0.6

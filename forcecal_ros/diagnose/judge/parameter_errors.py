@@ -3,14 +3,14 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.noise.pieces import pieces
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.model.hypotheses import EffectJacobian
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.model.own_size import Predicted, predicted, spread
 from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY
 from forcecal_ros.diagnose.search.model_comparison import ModelComparison
-from forcecal_ros.geometry import Array
-from forcecal_ros.recording.noise.pieces import pieces
 import numpy as np
 
 

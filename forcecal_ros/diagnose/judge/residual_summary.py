@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.localise import time_frequency
 from forcecal_ros.diagnose.localise.predictability import (
@@ -27,8 +28,7 @@ from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY
 from forcecal_ros.diagnose.search.acceptance import held_out_likelihood_ratio, of_slow_noise
 from forcecal_ros.diagnose.search.model_comparison import FLAWED, ModelComparison
-from forcecal_ros.geometry import Array
-from forcecal_ros.simulators.signals import SMALL
+from forcecal_ros.sim.signals import SMALL
 import numpy as np
 
 WANDERING = 0.03

@@ -20,6 +20,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
+from forcecal_ros.core.geometry import Array, rotation_from_vector, skew
 from forcecal_ros.diagnose.judge.named_effects import Parameter
 from forcecal_ros.diagnose.model.evidence import fit
 from forcecal_ros.diagnose.model.gates import nuisances_of
@@ -28,7 +29,6 @@ from forcecal_ros.diagnose.model.linearised import Diverged, LinearisedModel
 from forcecal_ros.diagnose.search.acceptance import FORM, HOTTEST, LEAST_BEYOND
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.effects.signals import FORCES
-from forcecal_ros.geometry import Array, rotation_from_vector, skew
 import numpy as np
 
 Numbers = Mapping[str, Mapping[str, Parameter]]

@@ -3,11 +3,11 @@
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.noise.autoregression import Autoregression
 from forcecal_ros.diagnose.inputs.channels import Blocks, CHANNELS
 from forcecal_ros.diagnose.localise.time_frequency import BANDS, RATE
 from forcecal_ros.diagnose.model.jacobian import Column
-from forcecal_ros.geometry import Array
-from forcecal_ros.recording.noise.autoregression import Autoregression
 import numpy as np
 from scipy.special import ndtr
 

@@ -3,12 +3,12 @@
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.inputs.dataset import Dataset
 from forcecal_ros.diagnose.model.compact import Compact, stacked
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
-from forcecal_ros.geometry import Array
-from forcecal_ros.simulators.signals import block_means, Signals
+from forcecal_ros.sim.signals import block_means, Signals
 import numpy as np
 
 PREDICTABLE = 5.5

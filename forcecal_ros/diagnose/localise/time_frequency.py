@@ -2,9 +2,9 @@
 
 from typing import NamedTuple
 
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.noise.autoregression import Autoregression
 from forcecal_ros.diagnose.inputs.channels import Blocks, CHANNELS, STREAM_SLICES
-from forcecal_ros.geometry import Array
-from forcecal_ros.recording.noise.autoregression import Autoregression
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr

@@ -3,10 +3,10 @@
 from dataclasses import replace
 from typing import NamedTuple
 
-from forcecal_ros.geometry import Array, rotation_vector
-from forcecal_ros.recording.streams import PoseStream
-from forcecal_ros.simulators.poses import pose_at
-from forcecal_ros.simulators.signals import BLOCK
+from forcecal_ros.core.geometry import Array, rotation_vector
+from forcecal_ros.core.streams import PoseStream
+from forcecal_ros.sim.poses import pose_at
+from forcecal_ros.sim.signals import BLOCK
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 

@@ -4,9 +4,9 @@ from collections.abc import Iterator, Sequence
 from itertools import chain, combinations_with_replacement
 from typing import NamedTuple
 
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.model.compact import Compact
-from forcecal_ros.geometry import Array
-from forcecal_ros.simulators.signals import BLOCK, block_means, RATE, Signals
+from forcecal_ros.sim.signals import BLOCK, block_means, RATE, Signals
 import numpy as np
 
 BUMPS = 7

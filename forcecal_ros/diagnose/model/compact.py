@@ -3,8 +3,8 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from forcecal_ros.geometry import Array
-from forcecal_ros.recording.noise.pieces import pieces
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.noise.pieces import pieces
 import numpy as np
 from numpy.typing import NDArray
 

@@ -12,14 +12,14 @@ from itertools import pairwise
 from typing import NamedTuple
 from weakref import ref
 
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.noise.autoregression import Autoregression
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.model.basis import Basis
 from forcecal_ros.diagnose.model.compact import Compact, stacked
 from forcecal_ros.diagnose.model.jacobian import Column
 from forcecal_ros.diagnose.model.products import ChannelSums, Modes, Products, Sums
 from forcecal_ros.diagnose.model.scales import FREE
-from forcecal_ros.geometry import Array
-from forcecal_ros.recording.noise.autoregression import Autoregression
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, LinAlgError

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.geometry import Array
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri

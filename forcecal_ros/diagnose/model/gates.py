@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
 from forcecal_ros.diagnose.model.compact import Compact
@@ -10,7 +11,6 @@ from forcecal_ros.diagnose.model.jacobian import Column
 from forcecal_ros.effects import Effect, Quantity
 from forcecal_ros.effects.nuisances import Nuisance
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.geometry import Array
 import numpy as np
 
 BIAS = Effect('wrench_bias_step', 'wrench_sensor', (

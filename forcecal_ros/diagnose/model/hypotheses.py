@@ -4,12 +4,12 @@ from collections.abc import Sequence
 from itertools import product
 from typing import NamedTuple
 
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.model.gates import BIAS, Gate, gated, nuisances_of, physical
 from forcecal_ros.diagnose.model.jacobian import Column, column
 from forcecal_ros.diagnose.model.linearised import Diverged, LinearisedModel
 from forcecal_ros.diagnose.model.saturation import CLIPPING, limit_starts
 from forcecal_ros.effects import Effect
-from forcecal_ros.geometry import Array
 import numpy as np
 from numpy.typing import NDArray
 

@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.inputs.dataset import Dataset
 from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.effects.nuisances import Nuisance
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.geometry import Array
-from forcecal_ros.simulators.signals import Signals
+from forcecal_ros.sim.signals import Signals
 import numpy as np
 
 NOTHING = 1e-7

@@ -3,6 +3,9 @@
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from forcecal_ros.core.errors import ForcecalError
+from forcecal_ros.core.geometry import Array, rotation_vector
+from forcecal_ros.core.noise.autoregression import Autoregression, fit_autoregression, white
 from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.inputs.dataset import Dataset, possible_effects
 from forcecal_ros.diagnose.model.basis import Basis, basis
@@ -16,10 +19,7 @@ from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY, Scales
 from forcecal_ros.effects import Effect, EFFECTS, with_effects
 from forcecal_ros.effects.nuisances import apply_all, Nuisance, prior_std, ROBOT
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.errors import ForcecalError
-from forcecal_ros.geometry import Array, rotation_vector
-from forcecal_ros.recording.noise.autoregression import Autoregression, fit_autoregression, white
-from forcecal_ros.simulators.signals import block_means, JOINTS, Signals
+from forcecal_ros.sim.signals import block_means, JOINTS, Signals
 import numpy as np
 
 EFFECT = 1.0 / 3.0 ** 2

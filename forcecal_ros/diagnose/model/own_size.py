@@ -9,13 +9,13 @@ effect's own shape: then part of it goes into the effect's numbers, and out of w
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.noise.pieces import pieces
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.inputs.dataset import Dataset
 from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.model.products import Products
 from forcecal_ros.diagnose.model.scales import Scales, STREAM
-from forcecal_ros.geometry import Array
-from forcecal_ros.recording.noise.pieces import pieces
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve

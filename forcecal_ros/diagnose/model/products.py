@@ -3,12 +3,12 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple, Protocol
 
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.inputs.channels import STREAM_SLICES
 from forcecal_ros.diagnose.model.basis import Basis
 from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.model.evidence import Gram
 from forcecal_ros.diagnose.model.scales import FREE, SCALES, Scales, STREAM
-from forcecal_ros.geometry import Array
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, solve_triangular

@@ -1,8 +1,8 @@
 """Where a channel seems to stop although the simulation goes on."""
 
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
-from forcecal_ros.geometry import Array
 import numpy as np
 
 CLIPPING = {'wrench_saturation': tuple(c.name for c in CHANNELS if c.stream == 'wrench'),

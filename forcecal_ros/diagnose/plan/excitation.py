@@ -3,16 +3,16 @@
 from dataclasses import replace
 from typing import NamedTuple
 
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.quantity import scaled
+from forcecal_ros.core.streams import Phase, PoseStream
 from forcecal_ros.diagnose.inputs.dataset import prepare, split
 from forcecal_ros.diagnose.model.hypotheses import hypotheses, Hypothesis
 from forcecal_ros.diagnose.model.linearised import linearised_model, LinearisedModel
 from forcecal_ros.effects import applicable, EFFECTS
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.geometry import Array
-from forcecal_ros.quantity import scaled
-from forcecal_ros.recording.streams import Phase, PoseStream
-from forcecal_ros.simulators.rig.offline import simulate
-from forcecal_ros.simulators.signals import UNSEEN
+from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.signals import UNSEEN
 import numpy as np
 from numpy.typing import NDArray
 

@@ -4,18 +4,18 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+from forcecal_ros.core.errors import DataError, MotionError
+from forcecal_ros.core.geometry import rotation_about
+from forcecal_ros.core.streams import Phase, PoseStream
 from forcecal_ros.diagnose.plan.excitation import CLEAR, Excitation, excitation
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.errors import DataError, MotionError
-from forcecal_ros.geometry import rotation_about
 from forcecal_ros.motion.limits import check_move, Limits, pace_within, share_allowed
 from forcecal_ros.motion.plan import prepare, Segment, Timing
 from forcecal_ros.motion.poses import nominal_poses, orientation, step_goal
 from forcecal_ros.motion.preview import preview
 from forcecal_ros.motion.profiles import Move, Pace, Pose, shortest_duration
 from forcecal_ros.motion.programs import diagnosis_plan
-from forcecal_ros.recording.streams import Phase, PoseStream
 import numpy as np
 
 PRESS = 0.006

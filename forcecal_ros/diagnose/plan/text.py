@@ -3,12 +3,12 @@
 import math
 from typing import Any
 
+from forcecal_ros.core.quantity import rounded
 from forcecal_ros.diagnose.plan.excitation import Alias, CONFOUNDED, Shown, VISIBLE
 from forcecal_ros.diagnose.plan.recording import Planned
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.plan_file import sequencer_parameters
-from forcecal_ros.quantity import rounded
 
 CONTACT = 'it shows in contact only: add --contact'
 HEAD = ('effect', 'at a size of', 'std. errors', 'shows', 'weakest')

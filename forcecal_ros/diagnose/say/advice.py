@@ -2,14 +2,14 @@
 
 from collections.abc import Sequence
 
+from forcecal_ros.core.errors import ForcecalError
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.streams import Recording
 from forcecal_ros.diagnose.plan.recording import motion_for
 from forcecal_ros.diagnose.say.result import Diagnosis
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.errors import ForcecalError
-from forcecal_ros.geometry import Array
-from forcecal_ros.recording.streams import Recording
-from forcecal_ros.simulators.rig.offline import simulate
+from forcecal_ros.sim.rig.offline import simulate
 import numpy as np
 
 STREAMS = ('wrench', 'accelerometer', 'optidrive')

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from forcecal_ros.calibration.model import Calibration, Estimate
+from forcecal_ros.core.calibration import Calibration, Estimate
 from forcecal_ros.diagnose.judge.named_effects import Checks, parameters_of
 from forcecal_ros.diagnose.model.gates import BIAS
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
@@ -10,7 +10,7 @@ from forcecal_ros.diagnose.search.selection import Selection
 from forcecal_ros.effects import named_effects, physical_rig, with_effects
 from forcecal_ros.effects.nuisances import apply_all
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.simulators.rigid_tool import RigidTool
+from forcecal_ros.sim.rigid_tool import RigidTool
 import numpy as np
 
 

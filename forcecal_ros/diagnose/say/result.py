@@ -6,11 +6,11 @@ import json
 from pathlib import Path
 from typing import Any
 
+from forcecal_ros.core.errors import DataError
 from forcecal_ros.diagnose.judge.gap import Gap
 from forcecal_ros.diagnose.judge.named_effects import instants, NamedEffect, Parameter
 from forcecal_ros.diagnose.judge.ties import Tie
 from forcecal_ros.diagnose.localise.localisation import Location
-from forcecal_ros.errors import DataError
 
 FORMAT = 'forcecal-diagnosis/1'
 

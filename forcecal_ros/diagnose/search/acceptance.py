@@ -2,14 +2,14 @@
 
 from collections.abc import Callable, Iterator, Sequence
 
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.noise.autoregression import unpredicted
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.model.hypotheses import Hypothesis
 from forcecal_ros.diagnose.model.linearised import Diverged, LinearisedModel
 from forcecal_ros.diagnose.search.fitted import HypothesisFit
 from forcecal_ros.diagnose.search.model_comparison import ModelComparison
 from forcecal_ros.diagnose.search.odds import prior_log_odds
-from forcecal_ros.geometry import Array
-from forcecal_ros.recording.noise.autoregression import unpredicted
 import numpy as np
 from numpy.typing import NDArray
 

@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.noise.steps import steps
 from forcecal_ros.diagnose.inputs.channels import STREAM_SLICES
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.search.instants import interval
 from forcecal_ros.effects.nuisances import Nuisance
-from forcecal_ros.geometry import Array
-from forcecal_ros.recording.noise.steps import steps
-from forcecal_ros.simulators.signals import BLOCK
+from forcecal_ros.sim.signals import BLOCK
 import numpy as np
 
 TOGETHER = 0.02

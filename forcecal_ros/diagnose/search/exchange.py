@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.model.hypotheses import for_a_part, Hypothesis
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.search.acceptance import (
@@ -25,7 +26,6 @@ from forcecal_ros.diagnose.search.joint_fit import (
 )
 from forcecal_ros.diagnose.search.model_comparison import ModelComparison
 from forcecal_ros.diagnose.search.odds import prior_log_odds
-from forcecal_ros.geometry import Array
 import numpy as np
 
 NEAR = 3.0

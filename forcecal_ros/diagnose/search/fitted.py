@@ -2,9 +2,9 @@
 
 from typing import NamedTuple
 
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.model.evidence import Score
 from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY, Scales
-from forcecal_ros.geometry import Array
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr

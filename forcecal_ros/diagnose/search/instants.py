@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.model.compact import stacked
 from forcecal_ros.diagnose.model.evidence import Prior
 from forcecal_ros.diagnose.model.jacobian import Column
 from forcecal_ros.diagnose.model.linearised import EFFECT, LinearisedModel
-from forcecal_ros.geometry import Array
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.model.hypotheses import (
     bounds_of,
     effect_jacobian,
@@ -14,7 +15,6 @@ from forcecal_ros.diagnose.model.linearised import Diverged, LinearisedModel
 from forcecal_ros.diagnose.search.acceptance import holds_beside_long_memory
 from forcecal_ros.diagnose.search.fitted import Accepted
 from forcecal_ros.diagnose.search.model_comparison import Explained, ModelComparison
-from forcecal_ros.geometry import Array
 import numpy as np
 
 ROUNDS = 3

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from functools import cached_property
 from typing import NamedTuple
 
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.inputs.channels import STREAM_SLICES
 from forcecal_ros.diagnose.model.evidence import Fit, fit, Gram, Prior, score
 from forcecal_ros.diagnose.model.hypotheses import (
@@ -23,7 +24,6 @@ from forcecal_ros.diagnose.model.products import ascended, Products
 from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY, SCALES, Scales
 from forcecal_ros.diagnose.search.fitted import HypothesisFit
 from forcecal_ros.effects import Effect
-from forcecal_ros.geometry import Array
 import numpy as np
 from numpy.typing import NDArray
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
 
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.model.gates import Gate
 from forcecal_ros.diagnose.model.hypotheses import (
@@ -18,8 +19,7 @@ from forcecal_ros.diagnose.model.linearised import Diverged, LinearisedModel
 from forcecal_ros.diagnose.search.fitted import Accepted
 from forcecal_ros.diagnose.search.instants import Instants, interval
 from forcecal_ros.diagnose.search.joint_fit import JointFit
-from forcecal_ros.geometry import Array
-from forcecal_ros.simulators.signals import BLOCK
+from forcecal_ros.sim.signals import BLOCK
 import numpy as np
 from numpy.typing import NDArray
 

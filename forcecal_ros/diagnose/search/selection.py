@@ -5,6 +5,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple
 
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.inputs.channels import STREAM_SLICES
 from forcecal_ros.diagnose.model.hypotheses import EffectJacobian, Hypothesis
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
@@ -31,7 +32,6 @@ from forcecal_ros.diagnose.search.joint_fit import (
 from forcecal_ros.diagnose.search.model_comparison import ModelComparison
 from forcecal_ros.diagnose.search.odds import log_odds
 from forcecal_ros.effects.nuisances import LIMIT, ROBOT
-from forcecal_ros.geometry import Array
 import numpy as np
 
 MOST_EFFECTS = 4

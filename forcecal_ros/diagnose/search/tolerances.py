@@ -12,12 +12,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.model.evidence import Fit, fit, Gram, Prior
 from forcecal_ros.diagnose.model.hypotheses import Hypothesis
 from forcecal_ros.diagnose.model.linearised import LinearisedModel, RELEASED
 from forcecal_ros.diagnose.search.acceptance import LEAST_GAIN
 from forcecal_ros.effects.nuisances import LIMIT
-from forcecal_ros.geometry import Array
 import numpy as np
 from numpy.typing import NDArray
 

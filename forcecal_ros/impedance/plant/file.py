@@ -4,9 +4,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from forcecal_ros.atomic_files import write_text
+from forcecal_ros.core.atomic_files import write_text
+from forcecal_ros.core.schema import load, plain
 from forcecal_ros.impedance.plant.model import Plant, state_space
-from forcecal_ros.schema import load, plain
 import yaml
 
 if TYPE_CHECKING:  # a node that reads a plant does not load how one is identified

@@ -12,13 +12,13 @@ nothing noisy is differentiated. The force, whose noise is the smallest, is the 
 
 from typing import NamedTuple
 
-from forcecal_ros.calibration.model import Estimate
-from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array, rotation_vector
+from forcecal_ros.core.calibration import Estimate
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array, rotation_vector
+from forcecal_ros.core.streams import PoseStream, Recording
 from forcecal_ros.impedance.plant.model import Plant, Slide
 from forcecal_ros.impedance.plant.robot_fit import identify_robot, RobotFit
 from forcecal_ros.motion.profiles import quintic
-from forcecal_ros.recording.streams import PoseStream, Recording
 import numpy as np
 
 WINDOW = 0.1

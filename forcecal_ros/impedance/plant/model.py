@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
-from forcecal_ros.calibration.model import Entry, Estimate
-from forcecal_ros.errors import ConfigError
-from forcecal_ros.geometry import Array
-from forcecal_ros.schema import Row, Section
+from forcecal_ros.core.calibration import Entry, Estimate
+from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.schema import Row, Section
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import logm

@@ -2,8 +2,8 @@
 
 from typing import Any, NamedTuple
 
-from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array
 import numpy as np
 from scipy.signal import lfilter
 

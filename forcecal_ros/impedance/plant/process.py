@@ -8,7 +8,7 @@ period.
 
 from typing import NamedTuple
 
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.impedance.plant.model import Plant, Robot, Slide
 import numpy as np
 from scipy.linalg import expm

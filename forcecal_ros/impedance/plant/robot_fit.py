@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from forcecal_ros.calibration.model import Estimate
-from forcecal_ros.errors import DataError
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.calibration import Estimate
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.impedance.plant.model import Robot
 from forcecal_ros.impedance.plant.output_error import fit_output_error, OutputError
 import numpy as np

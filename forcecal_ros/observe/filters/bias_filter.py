@@ -15,7 +15,7 @@ how little the two can be told apart.
 from math import nan
 from typing import Any, NamedTuple
 
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.observe.filters import gaussian, ukf
 from forcecal_ros.observe.filters.bias_model import BiasModel, measurement, start, transition
 from forcecal_ros.observe.filters.contact_test import assess, Contact, free_hypothesis, opened

@@ -3,8 +3,8 @@
 from math import exp, inf
 from typing import NamedTuple
 
-from forcecal_ros.calibration.model import Calibration
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.calibration import Calibration
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.observe.filters.covariances import (
     Covariances,
     measured_covariances,

@@ -9,7 +9,7 @@ of weight and inertia (``floor``) to the noise; they do not average out.
 from math import exp
 from typing import NamedTuple
 
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.observe.filters.bias_model import ContactModel
 from forcecal_ros.observe.filters.gaussian import Expected, Gaussian, mahalanobis
 import numpy as np

@@ -20,9 +20,9 @@ Where [Ukf2025] leaves a choice open, this is ours:
 from math import exp, log
 from typing import NamedTuple
 
-from forcecal_ros.calibration.model import Calibration, Noise
-from forcecal_ros.errors import ConfigError
-from forcecal_ros.geometry import Array, skew
+from forcecal_ros.core.calibration import Calibration, Noise
+from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.geometry import Array, skew
 import numpy as np
 
 PAPER_PERIOD = 0.001

@@ -19,7 +19,7 @@ and the differences come from :attr:`Function.difference`, which never subtracts
 
 from math import sqrt
 
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.observe.filters.gaussian import cholesky, condition, Expected, Function, Gaussian
 from forcecal_ros.observe.settings import PAPER_SCALING, Scaling
 import numpy as np

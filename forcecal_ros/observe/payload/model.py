@@ -19,13 +19,13 @@ from dataclasses import dataclass
 from math import exp, hypot
 from typing import Annotated, NamedTuple
 
-from forcecal_ros.calibration.model import Calibration
-from forcecal_ros.errors import ConfigError
-from forcecal_ros.geometry import Array, skew
+from forcecal_ros.core.calibration import Calibration
+from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.geometry import Array, skew
+from forcecal_ros.core.schema import Row, Section
 from forcecal_ros.observe.filters.bias_model import ContactModel
 from forcecal_ros.observe.filters.covariances import noise_of_reading
 from forcecal_ros.observe.filters.gaussian import Function, Gaussian, linear
-from forcecal_ros.schema import Row, Section
 import numpy as np
 from scipy.special import chdtri
 

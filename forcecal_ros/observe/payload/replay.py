@@ -3,8 +3,10 @@
 from math import inf
 from typing import NamedTuple
 
-from forcecal_ros.calibration.model import Calibration
-from forcecal_ros.errors import UnobservableError
+from forcecal_ros.core.calibration import Calibration
+from forcecal_ros.core.errors import UnobservableError
+from forcecal_ros.core.streams import Recording
+from forcecal_ros.core.topics import naming
 from forcecal_ros.observe.design import design
 from forcecal_ros.observe.from_file import never_late
 from forcecal_ros.observe.live import LiveObserver
@@ -14,8 +16,6 @@ from forcecal_ros.observe.payload.tracker import Tracker
 from forcecal_ros.observe.playback import as_calibrated, collected, events
 from forcecal_ros.observe.sample import ContactEstimate, ContactSample
 from forcecal_ros.observe.settings import ObserverSettings
-from forcecal_ros.recording.streams import Recording
-from forcecal_ros.recording.topics import naming
 
 FADE = 0.5
 """Over which another tool is faded in, as ``takeover.duration`` of the node [s]."""

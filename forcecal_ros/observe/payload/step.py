@@ -15,7 +15,7 @@ taken over then.
 from math import exp, nan, sqrt
 from typing import NamedTuple
 
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.observe.filters import ukf
 from forcecal_ros.observe.filters.contact_test import assess, Contact, free_hypothesis
 from forcecal_ros.observe.filters.gaussian import (

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from math import nan
 
-from forcecal_ros.geometry import Array
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.observe import status as st
 from forcecal_ros.observe.design import Model
 from forcecal_ros.observe.motion import carried, gravity_in_sensor, MotionEstimate

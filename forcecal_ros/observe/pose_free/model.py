@@ -13,9 +13,9 @@ of the direction ends up 5 deg off, twenty times what it claims.)
 from math import cos, exp, sin, sqrt
 from typing import NamedTuple
 
-from forcecal_ros.calibration.model import Calibration
-from forcecal_ros.errors import ConfigError
-from forcecal_ros.geometry import Array, skew
+from forcecal_ros.core.calibration import Calibration
+from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.geometry import Array, skew
 from forcecal_ros.observe.design import design
 from forcecal_ros.observe.filters.bias_model import BiasModel, relaxation
 from forcecal_ros.observe.filters.gaussian import Function, Gaussian, linear

@@ -3,7 +3,8 @@
 from math import nan, sqrt
 from typing import NamedTuple
 
-from forcecal_ros.geometry import Array
+from forcecal_ros.checks.limits import ABSURD
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.observe.filters.bias_filter import (
     expect,
     learned_of,
@@ -43,7 +44,6 @@ from forcecal_ros.observe.status import (
     NO_GYRO,
     RESTARTED,
 )
-from forcecal_ros.recording.checks.limits import ABSURD
 import numpy as np
 from numpy.typing import ArrayLike
 

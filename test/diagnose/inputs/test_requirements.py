@@ -3,18 +3,18 @@
 from dataclasses import replace
 import warnings
 
+from forcecal_ros.checks.clocks import clocks, dropouts, silences, skew_between
+from forcecal_ros.checks.entry import checked
+from forcecal_ros.core.geometry import rotation_about
+from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from forcecal_ros.diagnose.by_commands import diagnose
 from forcecal_ros.diagnose.by_motion import diagnose_motion
 from forcecal_ros.diagnose.inputs.requirements import bridged, missing_streams
 from forcecal_ros.diagnose.inputs.stamps import Corrected
 from forcecal_ros.diagnose.judge.named_effects import from_checks
-from forcecal_ros.geometry import rotation_about
-from forcecal_ros.recording.bags import read_recording
-from forcecal_ros.recording.checks.clocks import clocks, dropouts, silences, skew_between
-from forcecal_ros.recording.checks.entry import checked
-from forcecal_ros.recording.streams import PoseStream, Recording, Stream
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rigid_tool import rigid_tool_of_rig
+from forcecal_ros.io.bags import read_recording
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rigid_tool import rigid_tool_of_rig
 import numpy as np
 import pytest
 

@@ -18,7 +18,7 @@ from forcecal_ros.diagnose.say.result import Diagnosis, load, to_document
 from forcecal_ros.diagnose.say.verdict import verdict
 from forcecal_ros.diagnose.search.fitted import Accepted
 from forcecal_ros.effects import EFFECTS
-from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.sim.rig.file import load_rig
 import numpy as np
 import pytest
 

@@ -3,7 +3,7 @@
 from forcecal_ros.diagnose.judge.residual_summary import _other_lines
 from forcecal_ros.diagnose.localise.time_frequency import Line
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
-from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.sim.rig.file import load_rig
 
 
 def test_a_line_beside_that_of_an_explained_vibration_is_its_own():

@@ -7,6 +7,8 @@ A lag of less than a sample is a delay or a low-pass, whichever the driver's sam
 from dataclasses import replace
 from types import SimpleNamespace
 
+from forcecal_ros.core.geometry import skew
+from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.diagnose.inputs.motion_dataset import held_out, prepare_motion
 from forcecal_ros.diagnose.judge.named_effects import Parameter
 from forcecal_ros.diagnose.judge.probabilities import probabilities, Slot
@@ -17,11 +19,9 @@ from forcecal_ros.diagnose.say.advice import advice
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.effects.filters import Delay, Filter
 from forcecal_ros.effects.signals import FORCES
-from forcecal_ros.geometry import skew
-from forcecal_ros.recording.streams import PoseStream
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rig.offline import simulate
-from forcecal_ros.simulators.rigid_tool import rigid_tool_of_rig
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rigid_tool import rigid_tool_of_rig
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

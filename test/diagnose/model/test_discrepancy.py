@@ -2,15 +2,15 @@
 
 import tracemalloc
 
+from forcecal_ros.core.noise.autoregression import Autoregression, ORDER
+from forcecal_ros.core.noise.pieces import AT_ONCE
 from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.model.basis import Basis, basis
 from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.model.discrepancy import Discrepancy
 from forcecal_ros.diagnose.model.evidence import fit, Prior
 from forcecal_ros.diagnose.model.scales import SCALES
-from forcecal_ros.recording.noise.autoregression import Autoregression, ORDER
-from forcecal_ros.recording.noise.pieces import AT_ONCE
-from forcecal_ros.simulators.signals import Signals
+from forcecal_ros.sim.signals import Signals
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal

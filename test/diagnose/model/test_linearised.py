@@ -3,7 +3,7 @@
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.effects.nuisances import LIMIT, NAMELESS, nuisances, prior_std
-from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.sim.rig.file import load_rig
 import numpy as np
 import pytest
 

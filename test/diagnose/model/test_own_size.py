@@ -2,13 +2,13 @@
 
 from types import SimpleNamespace
 
+from forcecal_ros.core.noise.autoregression import Autoregression, ORDER
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.model.basis import Basis
 from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.model.discrepancy import Discrepancy
 from forcecal_ros.diagnose.model.evidence import fit, Prior
 from forcecal_ros.diagnose.model.own_size import predicted, spread
-from forcecal_ros.recording.noise.autoregression import Autoregression, ORDER
 import numpy as np
 import pytest
 

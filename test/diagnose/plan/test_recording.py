@@ -14,7 +14,7 @@ from forcecal_ros.diagnose.plan.text import as_text, cannot, to_parameters
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.plan import Timing
-from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.sim.rig.file import load_rig
 import numpy as np
 import pytest
 

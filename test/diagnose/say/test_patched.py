@@ -5,13 +5,13 @@ import json
 import re
 
 from bag_samples import START_NS
-from forcecal_ros.cli import main
+from forcecal_ros.cli.main import main
+from forcecal_ros.core.streams import PoseStream, Recording
 from forcecal_ros.diagnose.inputs.dataset import prepare, split
 from forcecal_ros.effects import with_effects
-from forcecal_ros.recording.bags import read_recording, write_recording
-from forcecal_ros.recording.streams import PoseStream, Recording
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rig.offline import simulate
+from forcecal_ros.io.bags import read_recording, write_recording
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.offline import simulate
 import numpy as np
 import pytest
 from rig_recordings import FREE, motion, PERIOD

@@ -2,10 +2,10 @@
 
 from types import SimpleNamespace
 
+from forcecal_ros.core.noise.autoregression import fit_autoregression
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.judge.residual_summary import WITHOUT_NAME
 from forcecal_ros.diagnose.search.acceptance import least_evidence, of_slow_noise
-from forcecal_ros.recording.noise.autoregression import fit_autoregression
 import numpy as np
 import pytest
 from scipy.signal import lfilter, zpk2tf

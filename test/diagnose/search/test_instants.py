@@ -1,12 +1,12 @@
 """Fits at all instants at once are those of one instant after the other."""
 
+from forcecal_ros.core.noise.autoregression import white
 from forcecal_ros.diagnose.inputs.dataset import prepare, split
 from forcecal_ros.diagnose.model.evidence import fit, Prior
 from forcecal_ros.diagnose.model.gates import Gate, gated
 from forcecal_ros.diagnose.model.linearised import EFFECT, linearised_model
 from forcecal_ros.diagnose.search.instants import Instants
-from forcecal_ros.recording.noise.autoregression import white
-from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.sim.rig.file import load_rig
 import numpy as np
 import pytest
 from rig_recordings import FREE, own_recording

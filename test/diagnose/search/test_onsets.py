@@ -4,6 +4,7 @@ from dataclasses import replace
 import json
 from types import SimpleNamespace
 
+from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.diagnose.by_commands import diagnose
 from forcecal_ros.diagnose.inputs.channels import CHANNELS
 from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
@@ -11,9 +12,8 @@ from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.say.result import Diagnosis, load, to_document
 from forcecal_ros.diagnose.search.onsets import _to_a_sample
 from forcecal_ros.effects import with_effects
-from forcecal_ros.recording.streams import PoseStream
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rig.offline import simulate
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.offline import simulate
 import numpy as np
 import pytest
 from rig_recordings import FREE, motion, PERIOD

@@ -8,7 +8,7 @@ from forcecal_ros.diagnose.search.acceptance import weights
 from forcecal_ros.diagnose.search.exchange import _acts, _near, _stands_at_bound
 from forcecal_ros.diagnose.search.fitted import Accepted, HypothesisFit
 from forcecal_ros.diagnose.search.selection import _missing
-from forcecal_ros.simulators.rig.file import load_rig
+from forcecal_ros.sim.rig.file import load_rig
 import numpy as np
 
 

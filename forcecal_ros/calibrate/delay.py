@@ -1,0 +1,180 @@
+"""
+Delays: between the sensors from free motion, and of the pose behind the wrench.
+
+A calibration from a recording with free motion knows its delay already, with everything else
+(:mod:`forcecal_ros.calibrate.accelerometer`); this is for the others.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from forcecal_ros.core.calibration import Calibration, Estimate
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.kinematics import PoseKinematics, rate_of_change, smoothed
+from forcecal_ros.core.noise.autocovariance import noise_of_windows
+from forcecal_ros.core.streams import Recording, Stream
+from forcecal_ros.core.time_grid import Averager, block_length, TimeGrid
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+_PARTS = 12
+"""Parts of the motion that are left out in turn for the standard error."""
+
+_STEP = 1e-3
+"""Between the delays that are tried before the best one is refined [s]."""
+
+_LARGEST = 0.02
+"""Greatest delay looked for, either way; real pairs of sensors were 6 to 9 ms apart [s]."""
+
+_SHORTEST = 0.02
+"""Length of the blocks that are averaged, longer where a sensor is slow [s]."""
+
+
+def estimate_delay(recording: Recording, calibration: Calibration) -> Estimate:
+    """
+    Find the delay that makes force and acceleration of a free motion agree, u = m (a - g).
+
+    Both are averaged over the same blocks, the accelerometer's shifted by the delay; what is
+    constant in the residual, a bias that moved, does not count. The lever arm between
+    accelerometer and centre of mass is taken to be zero, which shifts the delay of pure rotation.
+
+    Parameters
+    ----------
+    recording : Recording
+        With wrench and accelerometer, of motion in which nothing touches the tool.
+    calibration : Calibration
+        Mass, biases and accelerometer are used.
+
+    Returns
+    -------
+    Estimate
+        How much later than the wrench the accelerometer shows the same instant [s]; its standard
+        error by leaving out parts of the motion in turn.
+
+    Raises
+    ------
+    DataError
+        A sensor is missing, the recording is too short, or its motion does not tell.
+    """
+    wrench, accelerometer = recording.wrench, recording.accelerometer
+    if wrench is None or accelerometer is None or calibration.accelerometer is None:
+        raise DataError('the delay wants wrench and accelerometer, recorded and calibrated')
+    known = calibration.accelerometer
+    f = np.linalg.solve(known.matrix, (accelerometer.values - known.offset.value).T).T
+    force, pull = wrench, Stream(accelerometer.t, f)
+    length = block_length(_SHORTEST, 1 / wrench.rate, 1 / accelerometer.rate)
+    first = max(force.t[0], pull.t[0] + _LARGEST) if len(force) else 0.0
+    last = min(force.t[-1], pull.t[-1] - _LARGEST) if len(force) else 0.0
+    starts = np.arange(first, last - length, length / 2)
+    if len(starts) < 4 * _PARTS:
+        raise DataError(f'{len(starts)} blocks of {1e3 * length:.0f} ms of free motion do not '
+                        f'tell the delay; at least {4 * _PARTS} are wanted')
+    F = Averager(force.t, force.values[:, :3]).means(starts, length)
+    averager, mass = Averager(pull.t, f), float(calibration.mass)
+
+    def residual(delay: float) -> Array:
+        r = F + mass * averager.means(starts + delay, length)
+        return np.asarray(r - np.nanmean(r, axis=0))
+
+    grid = np.arange(-_LARGEST, _LARGEST + _STEP / 2, _STEP)
+    costs = np.array([np.nansum(residual(d) ** 2, axis=1) for d in grid])
+    best = _minimum(residual, grid, costs, np.ones(len(starts), dtype=bool))
+    parts = np.arange(len(starts)) * _PARTS // len(starts)
+    left_out = np.array([_minimum(residual, grid, costs, parts != i) for i in range(_PARTS)])
+    variance = (_PARTS - 1) / _PARTS * np.sum((left_out - left_out.mean()) ** 2)
+    moved = float(np.nansum((F - np.nanmean(F, axis=0)) ** 2))
+    explained = 1 - float(np.nansum(residual(best) ** 2)) / moved
+    if explained < 0.5 or abs(best) > _LARGEST - _STEP or variance > (_LARGEST / 10) ** 2:
+        raise DataError(
+            f'the motion does not tell the delay: {1e3 * best:.1f} +- {1e3 * variance ** 0.5:.1f} '
+            f'ms, the acceleration explains {100 * explained:.0f} % of the force; move faster, '
+            f'free of contact; delays beyond {1e3 * _LARGEST:.0f} ms are not looked for')
+    return Estimate(best, np.sqrt(variance), 's')
+
+
+def with_delay(calibration: Calibration, delay: Estimate) -> Calibration:
+    """
+    Return the calibration with another delay of its accelerometer.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        With an accelerometer.
+    delay : Estimate
+        [s]
+    """
+    if calibration.accelerometer is None:
+        raise DataError('the calibration holds no accelerometer whose delay could be set')
+    return replace(calibration, accelerometer=replace(calibration.accelerometer, delay=delay))
+
+
+def _minimum(residual: Callable[[float], Array], grid: Array, costs: Array, use: Array) -> float:
+    """Return the delay with the least squared residual over some of the blocks."""
+    around = grid[int(np.argmin(costs[:, use].sum(axis=1)))]
+    found = minimize_scalar(lambda d: float(np.nansum(residual(d)[use] ** 2)),
+                            bounds=(around - _STEP, around + _STEP), method='bounded',
+                            options={'xatol': 1e-7})
+    return float(found.x)
+
+
+def pose_delay(kinematics: PoseKinematics, force: Array, slide: Array, grid: TimeGrid,
+               mass: float, bias: Array, com: Array, gravity: float, largest: float
+               ) -> tuple[float, float] | None:
+    """
+    Find how much later than the wrench the pose shows the same instant.
+
+    The weight turns through the sensor's axes while the robot rotates, and the force shows it:
+    F - b + m (R^T (a_S - g) + ...) has to stay at its noise. Along y and z only, where the
+    tool's slide adds next to nothing.
+
+    Parameters
+    ----------
+    force : ndarray, shape (n, 3)
+        Block means on the wire [N].
+    slide : ndarray, shape (n,)
+        Displacement of the tool along x [m].
+    bias, com : ndarray, shape (3,)
+        Of the force [N]; centre of mass [m].
+    largest : float
+        Delays are looked for up to this [s].
+
+    Returns
+    -------
+    delay, std : float, float, or None
+        [s]; None where the robot did not turn, or its position is not known.
+    """
+    slip = np.zeros_like(force)
+    slip[:, 0] = rate_of_change(slide[:, None], grid.length)[:, 0]
+    lever = com + slide[:, None] * np.array([1.0, 0.0, 0.0])
+
+    def misfit(delay: float) -> Array:
+        turn, a = kinematics.angular(delay), kinematics.acceleration(delay)
+        assert a is not None
+        a = smoothed(a)
+        a[:, 2] += gravity
+        f = (np.einsum('nji,nj->ni', turn.R_base_sensor, a)
+             + np.einsum('nij,nj->ni', turn.lever, lever) + 2 * np.cross(turn.omega, slip))
+        return np.asarray(force - bias + mass * f)[:, 1:]
+
+    if kinematics.acceleration() is None:
+        return None
+    turn = kinematics.angular()
+    down = -gravity * turn.R_base_sensor[:, 2]
+    slope = smoothed(mass * np.cross(turn.omega, down))[:, 1:]
+    use = grid.free & np.isfinite(force).all(1) & np.isfinite(slip).all(1)
+    slope[~use] = 0
+    delay, size = 0.0, 1e-3
+    for _ in range(6):
+        low, middle, high = (float(np.nansum(slope * misfit(delay + e))) for e in (-size, 0, size))
+        rate = (high - low) / (2 * size)
+        if abs(rate) < 1e-12:
+            return None
+        move = -middle / rate
+        delay = float(np.clip(delay + move, -largest, largest))
+        if abs(move) < 1e-7:
+            break
+    residual = misfit(delay)
+    noise = noise_of_windows([residual[grid.still == i] for i in range(grid.still.max() + 1)])
+    std = float(np.sqrt(noise.covariance_of_sum(slope[:, :, None])[0, 0]) / abs(rate))
+    return (delay, std) if std < largest / 10 else None

@@ -1,0 +1,358 @@
+"""What speaks against estimates: one check a function, each finding names what it spoils.
+
+The fits assume one rigid tool that nothing touches, sensors that stay as they are, and clocks
+that agree. What they leave over is to be noise, at every instant and over every stretch; where
+it is not, an estimate may be off by many of its standard errors.
+
+No recording of one motion shows a wrong gain of all force axes alike, a wrong magnitude of
+gravity, or a force that never changes: they look like another mass and another bias.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from forcecal_ros.calibrate.means import DRIFT, drift, restless
+from forcecal_ros.calibrate.moving_tool import inertia_regressor, unexplained_torque
+from forcecal_ros.calibrate.rejection import pose_errors, rejected, what_changed
+from forcecal_ros.calibrate.residuals import (
+    FARTHEST,
+    farthest,
+    largest_deviation,
+    Residuals,
+    scatters,
+)
+from forcecal_ros.calibrate.result import Stages
+from forcecal_ros.calibrate.settings import IdentificationSettings
+from forcecal_ros.core.geometry import Array, rotation_vector
+from forcecal_ros.core.noise.autocovariance import noise_of_windows
+from forcecal_ros.core.streams import CHANNELS, Recording
+import numpy as np
+from scipy.special import chdtrc
+
+STANDSTILL = ('mass', 'com', 'wrench_bias')
+"""Keys of calibration.yaml that are estimated from the static poses."""
+
+ACCELEROMETER = ('accelerometer',)
+"""The key that is estimated from the accelerometer."""
+
+MOTION = ('inertia', 'accelerometer', 'tool')
+"""Keys that are estimated from motion."""
+
+ALL = (*STANDSTILL, *MOTION)
+"""All keys that a finding can call into question."""
+
+_RESTLESS = 5.0
+"""So many times as much as in the others a signal moves in a pose where something changed; in
+sound runs 2.2 times at most, behind a high-pass that settles, where jumps hid 10 and more."""
+
+_MISSING = 0.005
+"""Share of missing blocks that an AC-coupled accelerometer's model bears."""
+
+_COARSE = 2.5
+"""Blocks this many times as long as asked for are too long for that model."""
+
+_SMALL = 1e-4
+"""Residuals below this share of the tool's weight or of gravity are not worth a warning."""
+
+_ASTRAY = 3e-3
+"""Commanded and measured orientation may differ by this much from pose to pose [rad]."""
+
+_TURNS_SLOWLY = 0.01
+"""Angular speed below which inertia does not show [rad/s]."""
+
+_RESOLVED = 5
+"""Blocks that a derivative of the pose reaches over: where commands were held back for a moment
+the turning is abrupter than it can show, within fewer."""
+
+
+class Finding(NamedTuple):
+    """
+    One sentence, and the keys of the estimates that it calls into question.
+
+    Attributes
+    ----------
+    suspect : tuple of str
+        None where it is only a weak one, whose standard error says so already.
+    """
+
+    text: str
+    suspect: tuple[str, ...] = ()
+
+    @property
+    def line(self) -> str:
+        """The sentence with the estimates that it spoils."""
+        return f'{self.text}; suspect: {", ".join(self.suspect)}' if self.suspect else self.text
+
+
+def findings(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
+    """Make every check of this module."""
+    yield from slightly_turned(stages)
+    yield from poses_disagree(stages, settings)
+    yield from samples_disagree(stages, settings)
+    yield from torque_departs(stages, settings)
+    yield from accelerometer_disagrees(stages, settings)
+    yield from accelerometer_departs(stages, settings)
+    yield from gaps_behind_highpass(stages, settings)
+    yield from ringing_departs(stages)
+    yield from delays_too_long(stages, settings)
+    yield from pose_astray(stages.recording, stages)
+    yield from clips_or_drifts(stages, settings)
+    yield from moves_in_one_pose(stages, settings)
+
+
+def slightly_turned(stages: Stages) -> Iterator[Finding]:
+    """Name a turn of the sensor or a tilt of the base that forces at rest show for certain."""
+    if stages.slight_misfit:
+        yield Finding(stages.slight_misfit, STANDSTILL)
+
+
+def poses_disagree(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
+    """Compare the static poses' readings with one rigid tool."""
+    tool, statics = stages.tool, stages.statics
+    if not tool.probability < settings.thresholds.probability or statics.covariance is None:
+        return
+    weight = tool.mass * settings.gravity
+    small = _SMALL * weight * np.array([1.0] * 3 + [float(np.linalg.norm(tool.com))] * 3)
+    sigma = np.sqrt(np.diagonal(statics.covariance, axis1=1, axis2=2))
+    if not (np.abs(tool.residuals) > small).any():
+        return
+    errors = pose_errors(statics, tool)
+    i = rejected(errors, settings.thresholds.probability)
+    offs = tool.residuals if i is None else np.array([one.shift for one in errors])
+    i = int(np.argmax(np.abs(offs / sigma).max(axis=1))) if i is None else i
+    j = int(np.argmax(np.abs(offs[i]) / sigma[i]))
+    remedy = what_changed(statics, np.array([pose.start for pose in stages.poses])) or (
+        'measure it again with nothing that touches or pulls at the tool; if it is off again, '
+        'tighten the mount')
+    yield Finding(
+        f'the static poses do not fit one tool (chi-square {tool.chi_square:.3g} for '
+        f'{tool.degrees} degrees of freedom): pose {i + 1} is off by '
+        f'{offs[i, j]:+.3g} {"N" if j < 3 else "N m"} in {CHANNELS["wrench"][j]}; '
+        f'{remedy}. The standard errors are widened by it', ALL)
+
+
+def samples_disagree(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
+    """Judge what poses of one sample each leave over, whose noise nothing else shows."""
+    tool, statics = stages.tool, stages.statics
+    if statics.covariance is not None:
+        return
+    remedy = ('take the cable off the tool and measure again, each pose once it is still; if that '
+              'changes nothing, tighten the mount')
+    if found := [f'{CHANNELS["wrench"][j]} by {rms:.2g} {"N" if j < 3 else "N m"} RMS, '
+                 f'{share:.0%} of what the weight makes of it'
+                 for j, rms, share in scatters(tool.residuals, statics.wrench, tool.com)]:
+        yield Finding(f'the static poses do not fit one tool: they scatter in {", ".join(found)}; '
+                      f'{remedy}. Record several samples a pose', ALL)
+    one = farthest(tool.residuals)
+    if one is not None and one.probability < FARTHEST:
+        yield Finding(f'the static poses do not fit one tool: pose {one.pose + 1} is off by '
+                      f'{one.size:+.3g} {"N" if one.channel < 3 else "N m"} in '
+                      f'{CHANNELS["wrench"][one.channel]}, more than the others allow; {remedy}',
+                      ALL)
+
+
+def torque_residuals(stages: Stages) -> Residuals | None:
+    """Torques that neither force nor turning explains, where free or still; None: unknown."""
+    if stages.motion is None:
+        return None
+    gridded, slide, angular = stages.motion
+    tool, grid = stages.tool, gridded.grid
+    theta = np.concatenate([[tool.mass], tool.force_bias, tool.com, tool.torque_bias])
+    values = unexplained_torque(gridded.wrench, slide, theta)
+    use = (grid.free | (grid.still >= 0)) & np.isfinite(values).all(axis=1)
+    use &= np.isfinite(angular.alpha).all(axis=1)
+    if stages.inertia is None:
+        use &= np.linalg.norm(angular.omega, axis=1) < _TURNS_SLOWLY
+    else:
+        values = values + inertia_regressor(angular.omega, angular.alpha) @ stages.inertia.elements
+    noise = noise_of_windows([values[grid.still == i] for i in range(grid.still.max() + 1)])
+    moment = 0.0 if stages.inertia is None else np.linalg.norm(
+        inertia_regressor(np.zeros((3, 3)), np.eye(3)) @ stages.inertia.elements, axis=1).max()
+    sigma = np.broadcast_to(np.sqrt(np.diag(noise.covariance)), values.shape)
+    off = np.hypot(moment * gridded.alpha_error[:, None],
+                   _torque_error(gridded.wrench, slide, theta, tool.covariance))
+    return Residuals(grid.starts + grid.length / 2, values, sigma, noise.inflation, use, off)
+
+
+def _torque_error(wrench: Array, slide: Array, theta: Array, covariance: Array) -> Array:
+    """Return the standard error (n, 3) of what a tool explains of the torque [N m]."""
+    size = np.sqrt(np.diag(covariance))
+    columns = [unexplained_torque(wrench, slide, theta + step)
+               - unexplained_torque(wrench, slide, theta) for step in np.diag(size)]
+    scaled = covariance / np.outer(np.maximum(size, 1e-300), np.maximum(size, 1e-300))
+    variance = np.einsum('ink,jnk,ij->nk', columns, columns, scaled)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+
+def torque_departs(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
+    """Look for torques in motion and at rest that one tool does not explain."""
+    residuals = torque_residuals(stages)
+    if residuals is None or stages.motion is None:
+        return
+    turns = np.linalg.norm(stages.motion.angular.omega, axis=1) > _TURNS_SLOWLY
+    by_motion = stages.tool.condition > settings.thresholds.condition
+    small = _SMALL * stages.tool.mass * settings.gravity * np.linalg.norm(stages.tool.com)
+    said = False
+    for where, part, shortest, suspect in (
+            ('at rest', ~turns, 1, ALL),
+            ('in motion', turns, _RESOLVED, ALL if by_motion else MOTION),
+            ('on the whole', np.ones_like(turns), _RESOLVED, ALL)):
+        found = largest_deviation(residuals._replace(use=residuals.use & part), shortest)
+        if found.is_chance or abs(found.size) <= small or (
+                said and where == 'on the whole'):
+            continue
+        said = True
+        yield Finding(
+            f'torque.{"xyz"[found.channel]} is off by {found.size:+.2g} N m '
+            f'({found.sigmas:.0f} standard errors) {where} about {found.time:.2f} s; look '
+            'what touches or pulls at the tool then, and record it again without; if it is off '
+            'again, compare the stamps of pose and wrench', suspect)
+
+
+def accelerometer_disagrees(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
+    """Compare the accelerometer with gravity in the static poses."""
+    fit = stages.accelerometer
+    if fit is None or not np.isfinite(fit.chi_square):
+        return
+    probability = float(chdtrc(max(fit.degrees, 1), fit.chi_square))
+    if probability < settings.thresholds.probability and fit.misfit > _small_volts(
+            fit.matrix, settings):
+        yield Finding(
+            f'the accelerometer does not follow gravity in the static poses (chi-square '
+            f'{fit.chi_square:.3g} for {fit.degrees} readings, up to {fit.misfit:.2g} '
+            f'{stages.recording.accelerometer_unit}); {_mend_accelerometer(stages, settings)}',
+            ACCELEROMETER)
+
+
+def _mend_accelerometer(stages: Stages, settings: IdentificationSettings) -> str:
+    """Say what to do about an accelerometer that is off: one that drifts at rest is coupled so."""
+    stream = stages.recording.accelerometer
+    if stream is not None and settings.coupling != 'ac':
+        sigmas, *_ = drift(stream, [(pose.start, pose.end) for pose in stages.poses])
+        if sigmas > DRIFT:
+            return 'it drifts while the robot stands: calibrate with --coupling ac'
+    return 'tighten its mount, and record again'
+
+
+def _small_volts(matrix: Array, settings: IdentificationSettings) -> float:
+    return float(_SMALL * settings.gravity * np.abs(np.linalg.det(matrix))**(1 / 3))
+
+
+def accelerometer_departs(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
+    """Look for readings of the accelerometer that the force does not explain."""
+    fit = stages.accelerometer
+    if fit is None or fit.residuals is None or stages.motion is None:
+        return
+    lever = np.linalg.norm(np.nan_to_num(fit.position))
+    off = np.abs(fit.matrix).max(axis=1) * lever * stages.motion.gridded.alpha_error[:, None]
+    found = largest_deviation(fit.residuals._replace(
+        model_error=np.broadcast_to(off, fit.residuals.values.shape)))
+    if not found.is_chance and abs(found.size) > _small_volts(fit.matrix, settings):
+        grid = stages.motion.gridded.grid
+        yield Finding(
+            f'accelerometer {"xyz"[found.channel]} is off by {found.size:+.2g} '
+            f'{stages.recording.accelerometer_unit} ({found.sigmas:.0f} standard errors) about '
+            f'{grid.starts[0] + found.time:.2f} s; look what touches the tool then. Nothing: '
+            f'{_mend_accelerometer(stages, settings)}', MOTION)
+
+
+def gaps_behind_highpass(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
+    """Look for pauses that a high-pass, which remembers all that was, does not see through."""
+    if settings.coupling != 'ac' or stages.accelerometer is None or stages.motion is None:
+        return
+    gridded = stages.motion.gridded
+    missing = gridded.untouched & ~np.isfinite(gridded.wrench).all(axis=1)
+    wanted = int((gridded.untouched | (gridded.grid.still >= 0)).sum())
+    share = int(missing.sum()) / max(1, wanted)
+    if share > _MISSING:
+        yield Finding(f'wrench pauses for {share:.1%} of the motion, which an AC-coupled '
+                      'accelerometer remembers; record it without gaps', ACCELEROMETER)
+    elif gridded.grid.length > _COARSE * settings.block:
+        yield Finding(f'a sensor is so slow that readings are averaged over '
+                      f'{gridded.grid.length:.2g} s, too long for an AC-coupled accelerometer; '
+                      'record it faster', ACCELEROMETER)
+
+
+def ringing_departs(stages: Stages) -> Iterator[Finding]:
+    """Compare the ringing with that of a spring and a damper."""
+    if stages.ring is None:
+        return
+    found = largest_deviation(stages.ring.residuals)
+    if not found.is_chance:
+        yield Finding(
+            f'the tool does not ring like a spring and a damper ({found.sigmas:.0f} standard '
+            'errors); record it again with nothing that touches the tool, the robot at rest; if '
+            'it is the same, the slide has friction or a stop', ('tool',))
+
+
+def delays_too_long(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
+    """Look for delays beyond what is plausible."""
+    limit = settings.largest_delay
+    ring, fit = stages.ring, stages.accelerometer
+    for name, delay, suspect in (
+            ('pose', stages.pose_delay[0] if stages.pose_delay else 0.0, ALL),
+            ('accelerometer', fit.delay if fit and np.isfinite(fit.delay) else 0.0, MOTION),
+            ('optidrive', ring.slide_delay if ring else 0.0, MOTION)):
+        if abs(delay) >= 0.95 * limit:
+            yield Finding(f'{name}: {1e3 * delay:.1f} ms behind the wrench is not plausible '
+                          f'(largest_delay {1e3 * limit:.0f} ms); set the clocks right', suspect)
+
+
+def pose_astray(recording: Recording, stages: Stages) -> Iterator[Finding]:
+    """Compare how the robot was told to turn from pose to pose with how it is said to have."""
+    target = recording.target
+    if target is None or len(target) < 2:
+        return
+    index = [np.searchsorted(target.t, p.start, side='right') - 1 for p in stages.poses]
+    if min(index) < 0:
+        return
+    apart = [target.R_base_sensor[i].T @ p.R_base_sensor for i, p in zip(index, stages.poses)]
+    turns = [float(np.linalg.norm(rotation_vector(apart[0].T @ R))) for R in apart]
+    worst = int(np.argmax(turns))
+    if turns[worst] > _ASTRAY:
+        yield Finding(
+            f'current_pose and target_frame disagree by {np.degrees(turns[worst]):.2g} deg more '
+            f'in pose {worst + 1} than in pose 1; look at the encoders, and whether both are the '
+            'same frame', ALL)
+
+
+def clips_or_drifts(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
+    """Look for readings that drift at rest or stay at an extreme."""
+    recording = stages.recording
+    for name, stream, suspect in (('wrench', recording.wrench, ALL),
+                                  ('accelerometer', recording.accelerometer, ACCELEROMETER)):
+        if stream is None:
+            continue
+        channels = CHANNELS[name]
+        found = [str(x) for x in stages.stops if x.channel in channels]
+        if found:
+            yield Finding(f'{", ".join(found)}; raise the range of the {name}',
+                          suspect)
+        if name == 'accelerometer' and settings.coupling == 'ac':
+            continue
+        sigmas, pose, channel = drift(stream, [(p.start, p.end) for p in stages.poses])
+        if sigmas > DRIFT:
+            remedy = ('an AC-coupled accelerometer (accelerometer.coupling: ac)'
+                    if name == 'accelerometer' else 'a sensor that warms up, and record again')
+            yield Finding(
+                f'{channels[channel]} drifts by {sigmas:.0f} standard errors while the '
+                f'robot stands in pose {pose + 1}; look for {remedy}', suspect)
+
+
+def moves_in_one_pose(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
+    """Look for signals that move in one static pose, where their noise hides a jump."""
+    recording, fit, tool = stages.recording, stages.accelerometer, stages.tool
+    weight = _SMALL * tool.mass * settings.gravity
+    small = {'wrench': np.repeat([weight, weight * float(np.linalg.norm(tool.com))], 3),
+             'accelerometer': np.full(3, _small_volts(fit.matrix, settings) if fit else 0.0),
+             'optidrive': np.array([settings.thresholds.com])}
+    for name, stream, suspect in (('wrench', recording.wrench, ALL),
+                                  ('accelerometer', recording.accelerometer, MOTION),
+                                  ('optidrive', recording.optidrive, ALL)):
+        found = None if stream is None else restless(
+            stream, [(p.start, p.end) for p in stages.poses])
+        if found and found.times > _RESTLESS and found.size > small[name][found.channel]:
+            yield Finding(
+                f'{CHANNELS[name][found.channel]} moves {found.times:.0f} times as much in pose '
+                f'{found.window + 1} as in the others while the robot stands; something touched '
+                'or changed it there: measure that pose again', suspect)

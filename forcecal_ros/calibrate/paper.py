@@ -1,0 +1,193 @@
+"""The plain procedure of the paper on the same recording, to stand beside the joint estimates."""
+
+from typing import NamedTuple
+
+from forcecal_ros.calibrate.means import window_mean
+from forcecal_ros.calibrate.poses import StaticPose
+from forcecal_ros.calibrate.tool import mass_from_tilt
+from forcecal_ros.core.errors import UnobservableError
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.streams import Recording
+import numpy as np
+
+_VERTICAL = 0.3
+_HORIZONTAL = 0.05
+
+
+class Plain(NamedTuple):
+    """
+    What the paper's equations give; NaN where the recording does not hold what they need.
+
+    Attributes
+    ----------
+    mass, mass_theta : float
+        Eq. 16 as printed and with the share of the weight that x really carries [kg].
+    offset : float
+        Eq. 15, of the axis that shows x [V].
+    gain, gain_corrected, gain_aligned : float
+        Eq. 17 as printed; with the noise of the regressor taken out (errors in variables); with
+        the delay between the sensors taken out as well [V/(m/s^2)].
+    operations : float
+        Eq. 20.
+    """
+
+    mass: float
+    mass_theta: float
+    offset: float
+    gain: float
+    gain_corrected: float
+    gain_aligned: float
+    operations: float
+
+
+class Alignment(NamedTuple):
+    """Accelerometer axis that shows x, delay [s], noise variance of its samples [V^2]."""
+
+    axis: int
+    delay: float
+    variance: float
+
+
+def plain_procedure(recording: Recording, poses: list[StaticPose], gravity: float, theta: float,
+                    step: tuple[float, float] | None, alignment: Alignment | None) -> Plain:
+    """
+    Carry out steps 1 to 8 of the procedure as printed, [Gamez2005] Eq. 11 to Eq. 17, Eq. 20.
+
+    Parameters
+    ----------
+    gravity : float
+        [m/s^2]
+    theta : float
+        [rad]
+    step : tuple of float or None
+        Start and end of the step [s].
+    alignment : Alignment or None
+        None without accelerometer.
+    """
+    nan = float('nan')
+    upright = [abs(p.R_base_sensor[2, 0]) for p in poses]
+    h, v = int(np.argmax(upright)), _level_pose(recording, poses, step)
+    if upright[h] < _VERTICAL or upright[v] > _HORIZONTAL:
+        return Plain(nan, nan, nan, nan, nan, nan, nan)
+    assert recording.wrench is not None
+    u_h, u_v = (-float(window_mean(recording.wrench, poses[i].start, poses[i].end)[0])
+                for i in (h, v))
+    mass = mass_from_tilt(u_h, u_v, gravity)
+    share = float(np.arccos(min(1.0, upright[h])))
+    mass_theta = mass_from_tilt(u_h, u_v, gravity, theta or share)
+    offset, gains = nan, (nan, nan, nan)
+    accelerometer = recording.accelerometer
+    if alignment is not None and accelerometer is not None:
+        at_v = accelerometer.between(poses[v].start, poses[v].end).values
+        if len(at_v):
+            offset = float(plain_offset(at_v)[alignment.axis])
+        if step is not None:
+            gains = _gains(recording, step, alignment, offset, u_v, mass)
+    operations = nan
+    if step is not None:
+        operations = operation_count((poses[h].start, poses[h].end, poses[v].start, poses[v].end,
+                                      poses[v].end + step[1] - step[0]), recording.wrench.rate)
+    return Plain(mass, mass_theta, offset, *gains, operations)
+
+
+def _level_pose(recording: Recording, poses: list[StaticPose],
+                step: tuple[float, float] | None) -> int:
+    """Choose the v pose: x horizontal, and where there is a step, oriented as there."""
+    upright = np.array([abs(p.R_base_sensor[2, 0]) for p in poses])
+    level = upright < max(_HORIZONTAL, upright.min() + 1e-6)
+    away = upright.copy()
+    if step is not None and recording.pose is not None:
+        there = recording.pose.between(*step).R_base_sensor
+        if len(there):
+            away = np.array([np.linalg.norm(p.R_base_sensor - there[0]) for p in poses])
+    return int(np.argmin(np.where(level, away, np.inf)))
+
+
+def _gains(recording: Recording, step: tuple[float, float], alignment: Alignment,
+           offset: float, u_v: float, mass: float) -> tuple[float, float, float]:
+    """Eq. 17 plain, corrected for noise, and aligned in time as well."""
+    assert recording.accelerometer is not None and recording.wrench is not None
+    cut = recording.accelerometer.between(*step)
+    shown = cut.values[:, alignment.axis] - offset
+
+    wrench = recording.wrench
+
+    def Y(delay: float) -> Array:
+        return np.asarray((-wrench.at(cut.t - delay)[:, 0] - u_v) / mass)
+
+    try:
+        return (step_gain(shown, Y(0.0)), step_gain(shown, Y(0.0), alignment.variance),
+                step_gain(shown, Y(alignment.delay), alignment.variance))
+    except UnobservableError:
+        return float('nan'), float('nan'), float('nan')
+
+
+def operation_count(times: tuple[float, float, float, float, float], rate: float) -> float:
+    """
+    Arithmetic operations of the plain procedure, [Gamez2005] Eq. 20.
+
+    Parameters
+    ----------
+    times : tuple of float
+        t0 to t4: pose 1 from t0 to t1, pose 3 from t2 to t3, the step until t4 [s].
+    rate : float
+        Samples per second.
+    """
+    t0, t1, t2, t3, t4 = times
+    return ((t1 - t0) + 2 * (t3 - t2) + (t4 - t3)) * rate
+
+
+def plain_offset(volts_v: Array) -> Array:
+    """
+    Offset as the mean reading in the v pose, [Gamez2005] Eq. 15.
+
+    Holds for an axis that is horizontal there, and for a sensor that shows DC: one with a
+    high-pass of 16 s still remembers the gravity of the pose before.
+
+    Parameters
+    ----------
+    volts_v : ndarray, shape (n, k)
+        [V]
+
+    Returns
+    -------
+    ndarray, shape (k,)
+    """
+    return np.asarray(volts_v.mean(axis=0))
+
+
+def step_gain(theta: Array, Y: Array, theta_variance: float = 0.0) -> float:
+    """
+    Gain from a step, Kgain = 1 / ((theta^T theta)^-1 theta^T Y), [Gamez2005] Eq. 17.
+
+    The regressor theta is the noisy one: its noise inflates theta^T theta, which pulls the slope
+    towards zero and the gain up. With ``theta_variance`` that is taken off (errors in variables).
+    A delay between the sensors does more harm: it turns theta^T Y down by the cosine of the
+    phase it makes at the frequency of the ringing.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (n,)
+        Volts less offset [V].
+    Y : ndarray, shape (n,)
+        (u - u^v) / m [m/s^2]: neither the sensor's bias nor a tare enters.
+    theta_variance : float
+        Of the noise of theta, 0 for Eq. 17 as printed [V^2].
+
+    Returns
+    -------
+    float
+        [V/(m/s^2)]
+
+    Raises
+    ------
+    UnobservableError
+        The step does not stand out of the noise.
+    """
+    energy = float(theta @ theta) - theta_variance * len(theta)
+    product = float(theta @ Y)
+    if not len(theta) or energy <= 0 or abs(product) < 1e-12:
+        raise UnobservableError(
+            f"the step does not stand out of the accelerometer's noise ({len(theta)} samples, "
+            f'energy {energy:.3g} V^2); make it faster')
+    return energy / product

@@ -1,0 +1,278 @@
+"""What the user should know about a calibration: how far to trust it and what to look at.
+
+"If the error is larger than a threshold defined previously, something in the setup, programs or
+system are not in the right order" [Gamez2005]: here each such sentence says which estimate, by
+how much, and where to look.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from forcecal_ros.calibrate.axes import Axes, in_words
+from forcecal_ros.calibrate.error_analysis import (
+    acceleration_error,
+    force_error,
+    gravity_leak,
+    mass_error,
+    offset_error,
+)
+from forcecal_ros.calibrate.findings import ALL, Finding, findings, MOTION
+from forcecal_ros.calibrate.moving_tool import ELEMENTS
+from forcecal_ros.calibrate.paper import Alignment, Plain, plain_procedure
+from forcecal_ros.calibrate.poses import orientation_h, orientation_v, StaticPose
+from forcecal_ros.calibrate.rejection import pose_errors, rejected
+from forcecal_ros.calibrate.result import Stages
+from forcecal_ros.calibrate.settings import IdentificationSettings
+from forcecal_ros.checks.units import doubt_of_force_unit, doubt_of_torque_unit
+from forcecal_ros.core.calibration import Calibration
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.streams import phase_spans
+import numpy as np
+
+_ASTRAY = 0.005
+"""How far the share of gravity along x may be off the paper's: a quarter of what is reported."""
+
+_CHANCE = 4.0
+"""Differences by fewer standard errors are chance."""
+
+_PEAK = 10.0
+"""Acceleration at which Eq. 26 and 27 are evaluated [m/s^2]."""
+
+
+def quality_of(stages: Stages, calibration: Calibration, settings: IdentificationSettings
+               ) -> dict[str, Any]:
+    """
+    Judge a calibration.
+
+    Parameters
+    ----------
+    stages : Stages
+        What it was made of.
+
+    Returns
+    -------
+    dict
+        ``warnings``, ``questions`` (sentences), ``suspect`` (keys of estimates that warnings call
+        into question), ``notes``, ``poses``, ``condition``, ``chi_square``,
+        ``rejection`` (the rejection test, pose by pose), ``paper`` (the plain equations beside
+        the joint estimates), ``errors`` (Eq. 23, 24, 26, 27), ...
+    """
+    tool = stages.tool
+    plain = _plain(stages, calibration, settings)
+    found = [*findings(stages, settings),
+             *_disagreement(plain, stages, calibration, settings)]
+    quality: dict[str, Any] = {
+        'warnings': [*_weak(calibration, settings), *(finding.line for finding in found)],
+        'suspect': [key for key in ALL if any(key in finding.suspect for finding in found)],
+        'questions': [one for one in (
+            doubt_of_force_unit(tool.mass),
+            doubt_of_torque_unit(float(np.linalg.norm(tool.com)))) if one],
+        'notes': [*stages.recording.notes, *_notes(stages, calibration, plain)],
+        'poses': [{'start': round(p.start, 3), 'gravity': g, 'residual': r} for p, g, r in
+                  zip(stages.poses, stages.statics.gravity, tool.residuals)],
+        'residual_rms': np.sqrt((tool.residuals**2).mean(axis=0)),
+        'condition': tool.condition,
+        'gravity_spread': tool.spread,
+        'chi_square': {'value': tool.chi_square, 'degrees': tool.degrees,
+                       'probability': tool.probability},
+        'rejection': _rejection(stages, settings),
+        'paper': plain._asdict(),
+        'errors': _errors(stages, calibration, settings, plain),
+    }
+    if stages.removed:
+        quality['removed_samples'] = stages.removed
+    if stages.pose_delay is not None:
+        quality['pose_delay'], quality['pose_delay_std'] = stages.pose_delay
+    if stages.ring is not None:
+        quality['optidrive_delay'] = stages.ring.slide_delay
+    if stages.sag is not None:
+        quality['optidrive_zero'] = stages.sag.zero
+    if stages.inertia is not None:
+        quality['inertia_std'] = stages.inertia.std
+    return quality
+
+
+def _rejection(stages: Stages, settings: IdentificationSettings) -> dict[str, Any]:
+    """Return how far each pose lies from what the others predict, and which to repeat if any."""
+    errors = pose_errors(stages.statics, stages.tool)
+    worst = rejected(errors, settings.thresholds.probability)
+    return {'threshold': settings.thresholds.probability,
+            'pose': None if worst is None else worst + 1,
+            'poses': [{'off': one.shift, 'mass_eq23': one.mass, 'probability': one.probability}
+                      for one in errors]}
+
+
+def _axis_of_x(calibration: Calibration) -> int:
+    """Which accelerometer axis shows x of ft_sensor."""
+    assert calibration.accelerometer is not None
+    return int(np.argmax(np.abs(calibration.accelerometer.map.value[:, 0])))
+
+
+def _plain(stages: Stages, calibration: Calibration, settings: IdentificationSettings) -> Plain:
+    alignment = None
+    accelerometer, fit = calibration.accelerometer, stages.accelerometer
+    if accelerometer is not None and fit is not None:
+        axis = _axis_of_x(calibration)
+        variance = 0.0
+        if calibration.noise is not None and calibration.noise.specific_force is not None:
+            M = accelerometer.matrix
+            variance = float((M @ calibration.noise.specific_force.value @ M.T)[axis, axis])
+        alignment = Alignment(axis, float(accelerometer.delay), variance)
+    steps = phase_spans(stages.recording.phases, ('step',))
+    return plain_procedure(stages.recording, stages.poses, settings.gravity, settings.theta,
+                           steps[0] if steps else None, alignment)
+
+
+def _weak(c: Calibration, settings: IdentificationSettings) -> Iterator[str]:
+    """Estimates whose standard error passes its threshold."""
+    limit = settings.thresholds
+    add = 'measure in more poses'
+    rows: list[tuple[str, float, float, str, str]] = [
+        ('mass', _relative(c.mass), limit.mass, '', add),
+        ('centre of mass', float(c.com.std.max()), limit.com, ' m',
+         'add poses that turn gravity about'),
+        ('force bias', float(c.wrench_bias.std[:3].max()), limit.force_bias, ' N', add),
+        ('torque bias', float(c.wrench_bias.std[3:].max()), limit.torque_bias, ' N m', add)]
+    if c.accelerometer:
+        a = c.accelerometer
+        rows += [('accelerometer gain', _relative(a.gain), limit.gain, '',
+                  'add poses with gravity along the weak axis'),
+                 ('accelerometer offset', float((a.offset.std / np.abs(a.gain.value)).max()),
+                  limit.offset, ' m/s^2', 'add poses with gravity in opposite directions')]
+        if np.isfinite(a.delay.std):
+            rows.append(('accelerometer delay', float(a.delay.std), limit.delay, ' s',
+                         'make a faster step'))
+    if c.tool:
+        rows += [('tool stiffness', _relative(c.tool.stiffness), limit.stiffness, '',
+                  'make a larger step'),
+                 ('tool damping', _relative(c.tool.damping), limit.damping, '',
+                  'make a larger step and let it ring out')]
+    for name, std, threshold, unit, remedy in rows:
+        if not std <= threshold:
+            yield (f'{name}: {"relative " * (not unit)}standard error {std:.2g}{unit} is above '
+                   f'the threshold {threshold:.2g}{unit}; {remedy}')
+
+
+def _relative(estimate: Any) -> float:
+    return float((estimate.std / np.abs(estimate.value)).max())
+
+
+def _as_printed(stages: Stages, settings: IdentificationSettings) -> bool:
+    """Whether two poses are those of Eq. 9 and Eq. 12, which alone Eq. 16 is about."""
+    along_x = np.abs([pose.R_base_sensor[2, 0] for pose in stages.poses])
+    return bool(abs(along_x.max() - abs(np.cos(settings.theta))) < _ASTRAY
+                and along_x.min() < _ASTRAY)
+
+
+def _plain_error(stages: Stages, settings: IdentificationSettings) -> float:
+    """Return the standard error of the mass by Eq. 16, of two means of one channel [kg]."""
+    covariance = stages.statics.covariance
+    variance = (float((stages.tool.residuals[:, 0]**2).mean()) if covariance is None
+                else float(covariance[:, 0, 0].max()))
+    return float(np.sqrt(2 * variance) / settings.gravity)
+
+
+def _disagreement(plain: Plain, stages: Stages, c: Calibration, settings: IdentificationSettings
+                  ) -> Iterator[Finding]:
+    """Compare the paper's estimates with the joint ones."""
+    limit = settings.thresholds.agreement
+    off = plain.mass_theta / float(c.mass) - 1
+    chance = _CHANCE * _plain_error(stages, settings) / float(c.mass)
+    if abs(off) > limit + chance and _as_printed(stages, settings):
+        yield Finding(
+            f'mass: Eq. 16 gives {plain.mass_theta:.4g} kg, all poses together '
+            f"{float(c.mass):.4g} kg ({off:+.1%}); look at the poses' orientation, gravity, "
+            'and a sensor that was tared between two poses', ALL)
+    if c.accelerometer:
+        gain = float(c.accelerometer.gain.value[_axis_of_x(c)])
+        off = abs(plain.gain_aligned) / abs(gain) - 1
+        if abs(off) > limit and c.accelerometer.coupling == 'dc':
+            yield Finding(
+                f'accelerometer gain: the step alone gives {plain.gain_aligned:.4g}, gravity '
+                f'and motion together {gain:.4g} ({off:+.1%}); look at the mount of the '
+                'accelerometer, contact during the step, and the coupling', MOTION)
+
+
+def _notes(stages: Stages, c: Calibration, plain: Plain) -> Iterator[str]:
+    """Say what was found that is neither good nor bad."""
+    if c.accelerometer:
+        a = c.accelerometer
+        yield from in_words(Axes(a.gain.value, a.map.value, a.gain.std, a.map.std))
+        off = plain.gain / plain.gain_aligned - 1
+        if np.isfinite(off):
+            yield (f'the gain by [Gamez2005] Eq. 17 as printed is {plain.gain:.5g}; with the '
+                   f'delay of {1e3 * float(a.delay):.2f} ms and the noise of its regressor taken '
+                   f'out it is {plain.gain_aligned:.5g} ({off:+.2%} between them)')
+        if a.position is None:
+            yield ("the accelerometer's place is not identified and taken to be the centre of "
+                   'mass; rotate faster')
+    if c.inertia is None:
+        yield f'inertia not identified: {_without_inertia(stages)}'
+    if c.observer is None:
+        yield ('observer.K not designed: the static poses do not show the noise of position and '
+               'accelerometer')
+    if c.tool is None:
+        yield 'tool stiffness and damping not identified: nothing rang after a step'
+
+
+def _without_inertia(stages: Stages) -> str:
+    """Say why no inertia was found, and the remedy."""
+    remedy = 'rotate about all three axes between the poses'
+    if stages.inertia is not None:
+        i = int(np.argmax(np.abs(stages.inertia.weakest)))
+        return f'the motion hardly shows J_{ELEMENTS[i]}; {remedy}'
+    pose, wrench = stages.recording.pose, stages.recording.wrench
+    if pose is None or wrench is None or not _between(stages.poses, pose.t):
+        return f'no rotation was recorded; {remedy}'
+    rate = 1.0 / max(float(np.median(np.diff(one.t))) for one in (pose, wrench))
+    length = float(np.median([one.end - one.start for one in stages.poses]))
+    return (f'readings at {rate:.3g} Hz in poses of {length:.2g} s do not show noise and how the '
+            'turning between them accelerates; record faster, or hold each pose longer')
+
+
+def _between(poses: Sequence[StaticPose], t: Array) -> bool:
+    """Whether there are several samples for each of the moves between static poses."""
+    still = np.any([(t >= one.start) & (t < one.end) for one in poses], axis=0)
+    return int((~still).sum()) > 2 * len(poses)
+
+
+def _errors(stages: Stages, c: Calibration, settings: IdentificationSettings, plain: Plain
+            ) -> dict[str, float]:
+    """
+    Errors of the plain procedure by [Gamez2005] Eq. 23 and 24, and of the result by Eq. 26, 27.
+
+    The first two compare the measured orientations with those of Eq. 9 and 12; the last two take
+    the standard errors for e_m, e_v and e_g at an acceleration of 10 m/s^2.
+    """
+    errors: dict[str, float] = {}
+    R = [p.R_base_sensor for p in stages.poses]
+    h = R[int(np.argmax([abs(r[2, 0]) for r in R]))]
+    v = R[int(np.argmin([abs(r[2, 0]) for r in R]))]
+    mass = float(c.mass)
+    if np.isfinite(plain.mass):
+        weight = mass * settings.gravity * np.array([0.0, 0.0, -1.0])
+        errors['mass_eq23'] = mass_error(
+            h, orientation_h(settings.theta), v, orientation_v(settings.theta), weight, weight,
+            settings.gravity)
+    if c.accelerometer is None:
+        return errors
+    a, axis = c.accelerometer, _axis_of_x(c)
+    gain, offset = float(a.gain.value[axis]), float(a.offset.value[axis])
+    row: Array = a.map.value[axis] * np.sign(a.map.value[axis, 0])
+    tilt = _turn_x_to(row)
+    if np.isfinite(plain.offset):
+        errors['offset_eq24'] = offset_error(v, v @ tilt, offset * v[:, 0])
+        errors['offset_gravity_leak'] = gravity_leak(v @ tilt, gain, settings.gravity)
+    e_a = acceleration_error(offset + gain * _PEAK, offset, gain, float(a.offset.std[axis]),
+                             float(a.gain.std[axis]))
+    errors['acceleration_eq27'] = e_a
+    errors['force_eq26'] = force_error(mass, float(c.mass.std), v, v, _PEAK * v[:, 0],
+                                       e_a * v[:, 0])
+    return errors
+
+
+def _turn_x_to(direction: Array) -> Array:
+    """Rotation that takes x to a unit vector near it."""
+    y = np.cross([0.0, 0.0, 1.0], direction)
+    y /= np.linalg.norm(y)
+    return np.column_stack([direction, y, np.cross(direction, y)])

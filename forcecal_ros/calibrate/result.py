@@ -1,0 +1,192 @@
+"""From what the stages found to the calibration that leaves the identification."""
+
+from dataclasses import dataclass
+
+from forcecal_ros.calibrate.accelerometer import AccelerometerFit
+from forcecal_ros.calibrate.accelerometer_model import without_fading
+from forcecal_ros.calibrate.axes import split_matrix
+from forcecal_ros.calibrate.covariance import (
+    measurement_covariance,
+    process_covariance,
+    slow_density,
+    stream_covariance,
+)
+from forcecal_ros.calibrate.estimating import jacobian
+from forcecal_ros.calibrate.gain import observer_model, pole_gain, riccati_gain, with_unit_k23
+from forcecal_ros.calibrate.means import ToolMotion
+from forcecal_ros.calibrate.moving_tool import InertiaFit
+from forcecal_ros.calibrate.poses import StaticPose
+from forcecal_ros.calibrate.ringing import RingFit
+from forcecal_ros.calibrate.settings import IdentificationSettings
+from forcecal_ros.calibrate.static_readings import Statics
+from forcecal_ros.calibrate.statics import Sag
+from forcecal_ros.calibrate.tool import ToolFit
+from forcecal_ros.checks.clipping import Clipping
+from forcecal_ros.core.calibration import (
+    Accelerometer,
+    Estimate,
+    Noise,
+    ObserverGain,
+    Tool,
+)
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.streams import Recording, Stream
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Stages:
+    """
+    What each stage found.
+
+    Attributes
+    ----------
+    recording : Recording
+        Cleaned.
+    removed : mapping
+        Samples left out of each stream.
+    poses, statics, tool, sag, ring, accelerometer, inertia
+        See the modules of the same names; None where the recording did not hold what they need.
+    pose_delay : tuple of float or None
+        How much later than the wrench the pose shows the same instant, and its error [s].
+    motion : ToolMotion or None
+        None where the poses were single samples.
+    slight_misfit : str
+        What the forces at rest say of a small turn of the sensor or tilt of the base.
+    stops : tuple of Clipping
+        Where channels stop at a limit.
+    """
+
+    recording: Recording
+    removed: dict[str, int]
+    poses: list[StaticPose]
+    statics: Statics
+    tool: ToolFit
+    sag: Sag | None
+    ring: RingFit | None
+    accelerometer: AccelerometerFit | None
+    inertia: InertiaFit | None
+    pose_delay: tuple[float, float] | None
+    motion: ToolMotion | None
+    slight_misfit: str = ''
+    stops: tuple[Clipping, ...] = ()
+
+
+def tool_of(stages: Stages) -> Tool | None:
+    """Stiffness and damping, the mass' uncertainty included; None for a rigid tool."""
+    ring = stages.ring
+    if ring is None:
+        return None
+    relative = stages.tool.covariance[0, 0] / stages.tool.mass**2
+    k_std, d_std = (float(np.sqrt(ring.covariance[i, i] + value**2 * relative))
+                    for i, value in enumerate((ring.stiffness, ring.damping)))
+    return Tool(Estimate(ring.stiffness, k_std, 'N/m'), Estimate(ring.damping, d_std, 'N s/m'))
+
+
+def inertia_of(stages: Stages, settings: IdentificationSettings) -> Estimate | None:
+    """Inertia where every element of it is known well enough, else None."""
+    fit = stages.inertia
+    if fit is None:
+        return None
+    size = float(np.trace(fit.matrix)) / 3
+    if size <= 0 or fit.std.max() > settings.thresholds.inertia * size:
+        return None
+    return Estimate(fit.matrix, fit.std, 'kg m^2')
+
+
+def accelerometer_of(stages: Stages, settings: IdentificationSettings) -> Accelerometer | None:
+    """Accelerometer as the calibration has it."""
+    fit = stages.accelerometer
+    if fit is None:
+        return None
+    unit = stages.recording.accelerometer_unit
+    scaled = unit != 'V'
+    std = np.sqrt(np.diag(fit.covariance))
+    axes = split_matrix(fit.matrix, fit.covariance[3:12, 3:12], scaled)
+    known = np.isfinite(fit.delay)
+    place = None
+    if settings.accelerometer_position is not None:
+        place = Estimate(settings.accelerometer_position, 0.0, 'm')
+    elif np.isfinite(fit.position).all() and std[14:].max() <= settings.thresholds.position:
+        place = Estimate(fit.position, std[14:], 'm')
+    cutoff = None
+    if settings.coupling == 'ac':
+        cutoff = Estimate(fit.cutoff, 0.0 if settings.cutoff else std[13], 'Hz')
+    return Accelerometer(
+        offset=Estimate(fit.offset, std[:3], unit),
+        gain=Estimate(axes.gain, axes.gain_std, '1' if scaled else 'V/(m/s^2)'),
+        map=Estimate(axes.map, axes.map_std, '1'),
+        delay=Estimate(fit.delay if known else 0.0, std[12] if known else np.nan, 's'),
+        coupling=settings.coupling, cutoff=cutoff, position=place)
+
+
+def specific_force(stages: Stages, coupling: str) -> Stream | None:
+    """
+    Return the accelerometer's readings as specific force in ft_sensor [m/s^2].
+
+    Where it is AC-coupled, the decay of its reading at standstill is no noise, and is taken off.
+    """
+    fit, stream = stages.accelerometer, stages.recording.accelerometer
+    if fit is None or stream is None:
+        return None
+    force = Stream(stream.t, np.linalg.solve(fit.matrix, (stream.values - fit.offset).T).T)
+    if coupling == 'ac':
+        return without_fading(force, stages.poses, fit.cutoff)
+    return force
+
+
+def noise_of(stages: Stages, coupling: str) -> Noise | None:
+    """Carry out step 9: covariances at standstill; None where they could not be measured."""
+    recording, force = stages.recording, specific_force(stages, coupling)
+    if recording.wrench is None or recording.pose is None or force is None:
+        return None
+    wrench = stream_covariance(recording.wrench, stages.poses)
+    specific = stream_covariance(force, stages.poses)
+    measured = measurement_covariance(stages.poses, recording.pose, recording.optidrive, force)
+    if wrench is None or specific is None or measured is None:
+        return None
+    mass, variance = stages.tool.mass, float(wrench.value[0, 0])
+    densities = [slow_density(stream, stages.poses) for stream in (recording.wrench, force)]
+    Q = process_covariance(variance, wrench.rate, mass)
+    relative = wrench.std[0, 0] / variance
+    return Noise(
+        Estimate(Q, Q * relative, '(m, m/s)^2 s'),
+        Estimate(measured.density, measured.density_std, '(m, m/s, m/s^2)^2 s'),
+        Estimate(wrench.value, wrench.std, '(N, N m)^2'),
+        Estimate(specific.value, specific.std, '(m/s^2)^2'),
+        wrench.rate, specific.rate,
+        *(None if density is None else Estimate(density, np.nan, unit) for density, unit in zip(
+            densities, ('(N, N m)^2 s', '(m/s^2)^2 s'))))
+
+
+def observer_of(noise: Noise, mass: float, settings: IdentificationSettings) -> ObserverGain:
+    """
+    Design the paper's gain with k23 = 1, steps 10 and 11.
+
+    Raises
+    ------
+    UnobservableError
+        R is singular.
+    """
+    model = observer_model(mass)
+
+    upper = np.triu_indices(3)
+
+    def gain(p: Array) -> Array:
+        Q, R = np.diag([0.0, p[0]]), np.zeros((3, 3))
+        R[upper] = p[1:]
+        R.T[upper] = p[1:]
+        return with_unit_k23(riccati_gain(model.A, model.C, Q, R)).ravel()
+
+    if settings.observer_design == 'poles':
+        K = with_unit_k23(pole_gain(model.A, model.C, settings.observer_poles))
+        std = np.zeros_like(K)
+    else:
+        p = np.concatenate([[noise.Q.value[1, 1]], noise.R.value[upper]])
+        errors = np.concatenate([[noise.Q.std[1, 1]], noise.R.std[upper]])
+        K = gain(p).reshape(2, 3)
+        sensitivity = jacobian(gain, p, 0.01 * errors)
+        std = np.sqrt(sensitivity**2 @ errors**2).reshape(2, 3)
+    return ObserverGain(
+        K=Estimate(K, std, '1'), A=Estimate(model.A, 0.0, '1'), C=Estimate(model.C, 0.0, '1'),
+        dt=1 / noise.wrench_rate, mode=settings.observer_mode)

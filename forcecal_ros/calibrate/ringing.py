@@ -1,0 +1,305 @@
+"""Stiffness and damping of the tool from the ringing after a step.
+
+Once the robot stands again nothing drives the tool, and displacement and force along x are
+exponentially damped oscillations of one and the same motion:
+
+    s = s_end + exp(-lam t) (p cos(w t) + q sin(w t)),    lam = d / 2m,  lam^2 + w^2 = k / m
+    F_x = F_end + k (s - s_end) + d ds/dt
+
+Both sensors are noisy, neither is a regressor: the motion itself is what is fitted, so noise
+does not pull the estimate towards zero as it does in a regression of F_x on s and ds/dt. Decay
+and frequency do not depend on how far the two sensors are apart in time, which in that
+regression is all but one with the damping (k times the delay).
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from forcecal_ros.calibrate.creep import Creep, fit_creep, follow, STANDS
+from forcecal_ros.calibrate.residuals import Residuals
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.noise.white import white_covariance
+from forcecal_ros.core.streams import PoseStream, Stream
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+from scipy.optimize import least_squares
+
+_SERVO = 0.06
+"""By how much the robot's servos still settle once its pose does not change any more [s]."""
+
+_STILL = 1e-4
+"""A robot that moves by less within 20 ms has stopped [m]."""
+
+_STARTS_BEFORE = 0.1
+"""By how much a robot leaves before its pose shows it [s].
+
+The force feels the acceleration at once, the pose has to move by _STILL first: up to 0.09 s on the
+rig where its commands come late.
+"""
+
+_LONGEST = 2.0
+"""Ringing is fitted over this long at most [s]."""
+
+_SHORTEST = 0.15
+"""Stretches that are shorter do not tell a decay [s]."""
+
+_SIGNIFICANT = 8.0
+"""Ringing of a smaller strength does not stand out of the noise."""
+
+_PRECISE = 0.3
+"""Stiffness and damping with a larger relative error are not worth giving."""
+
+_APPROACH = 0.05
+"""Share of the last of an approach by which it may depart from an exponential, as no noise does: a
+force of 0.2 mN, 2 % of that of 13 um, on the rig without noise."""
+
+_DELAY = 0.001
+"""Unit of the delay within the fit [s]."""
+
+
+class Ring(NamedTuple):
+    """
+    Readings along x while the tool rings.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+        Of the wrench, from the start of the ringing [s].
+    force : ndarray, shape (n,)
+        On the wire [N].
+    slide_t, slide : ndarray, shape (m,)
+        Displacement [s], [m]; empty without an Optidrive.
+    creep : Creep
+        What the robot still moves along x.
+    """
+
+    t: Array
+    force: Array
+    slide_t: Array
+    slide: Array
+    creep: Creep = STANDS
+
+
+class RingFit(NamedTuple):
+    """
+    Result of the ringing.
+
+    Attributes
+    ----------
+    stiffness, damping : float
+        [N/m], [N s/m]
+    slide_delay : float
+        How much later than the wrench the Optidrive shows the same instant [s].
+    covariance : ndarray, shape (3, 3)
+        Of these three, the mass' uncertainty left out.
+    strength : float
+        Root of the strongest ringing's energy over the density of the force's noise.
+    residuals : Residuals
+        Of the samples, in standard deviations; times in samples.
+    """
+
+    stiffness: float
+    damping: float
+    slide_delay: float
+    covariance: Array
+    strength: float
+    residuals: Residuals
+
+
+def rings(windows: list[tuple[float, float]], wrench: Stream, optidrive: Stream | None,
+          pose: PoseStream | None, target: PoseStream | None) -> list[Ring]:
+    """
+    Cut out the stretches in which the tool rings and the robot stands.
+
+    Parameters
+    ----------
+    windows : list of tuple of float
+        Start and end of the phases ``step`` [s].
+    pose, target : PoseStream or None
+        The measured pose says when the robot has arrived, the commanded one where there is no
+        position.
+    """
+    out = []
+    for begin, end in windows:
+        for start, stop in _stands(begin, end, pose, target):
+            stop = min(stop, start + _LONGEST)
+            if stop - start < _SHORTEST:
+                continue
+            cut = wrench.between(start, stop)
+            slide = optidrive.between(start, stop) if optidrive else None
+            if len(cut) < 20:
+                continue
+            out.append(Ring(
+                cut.t - start, cut.values[:, 0],
+                slide.t - start if slide else np.empty(0),
+                slide.values[:, 0] if slide else np.empty(0),
+                STANDS if pose is None else fit_creep(pose.between(start, stop))))
+    return out
+
+
+def _stands(begin: float, end: float, pose: PoseStream | None, target: PoseStream | None
+            ) -> list[tuple[float, float]]:
+    """Stretches within a window in which the robot has stopped moving."""
+    stream = pose if pose is not None and pose.has_position else target
+    if stream is None or not stream.has_position:
+        return [(begin + 0.3, end)]
+    cut = stream.between(begin - 0.1, end)
+    if len(cut) < 10:
+        return []
+    step = max(1, round(float(0.02 / np.median(np.diff(cut.t)))))
+    place = uniform_filter1d(cut.position, step, axis=0, mode='nearest')
+    moving = (np.linalg.norm(place[step:] - place[:-step], axis=1) > _STILL).astype(int)
+    edges = np.diff(np.concatenate([[1], moving, [1]]))
+    stop, go = np.flatnonzero(edges == -1), np.flatnonzero(edges == 1)
+    t = np.append(cut.t, end)
+    spans = []
+    for i, j in zip(stop.tolist(), go.tolist()):
+        arrived = float(t[min(i + step, len(t) - 1)]) + _SERVO
+        spans.append((arrived, float(t[j]) - _STARTS_BEFORE if j < len(moving) else end))
+    return [(a, b) for a, b in spans if a > begin]
+
+
+def stiffness_and_damping(
+        ringing: list[Ring], mass: float, force_density: float, slide_density: float,
+        stiffness: tuple[float, float] | None = None) -> RingFit | None:
+    """
+    Fit all stretches of ringing at once, [Gamez2005] Eq. 29.
+
+    Parameters
+    ----------
+    mass : float
+        [kg]
+    force_density, slide_density : float
+        Noise variance times its correlation time: variance of a mean times its duration
+        [N^2 s], [m^2 s].
+    stiffness : tuple of float, optional
+        What the static sag says, with its variance [N/m].
+
+    Returns
+    -------
+    RingFit or None
+        None where the ringing does not stand out of the noise: a rigid tool, or no step.
+    """
+    if not ringing:
+        return None
+    residuals, start = _problem(ringing, mass, force_density, slide_density, stiffness)
+    # from where the linear part of the problem fits best
+    guesses = [np.concatenate([[np.log(k), np.log(2 * z * np.sqrt(k * mass))], start])
+               for k in ([stiffness[0]] if stiffness else np.geomspace(500, 5e5, 31))
+               for z in (0.05, 0.2, 0.5)]
+    best = min(guesses, key=lambda p: float((residuals(p)**2).sum()))
+    fit = least_squares(residuals, best, x_scale='jac', method='trf', max_nfev=60)
+    strength = _strength(ringing, mass, fit.x, force_density)
+    if strength < _SIGNIFICANT or not fit.success:
+        return None
+    k, d = np.exp(fit.x[:2])
+    inverse = np.linalg.pinv(fit.jac.T @ fit.jac)
+    full = inverse
+    for i, ring in enumerate(ringing):
+        creep = ring.creep._replace(way=ring.creep.way + ring.creep.std)
+        moved = [*ringing[:i], ring._replace(creep=creep), *ringing[i + 1:]]
+        other, _ = _problem(moved, mass, force_density, slide_density, stiffness)
+        shift = inverse @ fit.jac.T @ (other(fit.x) - fit.fun)
+        full = full + np.outer(shift, shift)
+    if np.diag(full)[:2].max() > _PRECISE**2:
+        return None
+    scale = np.array([k, d, _DELAY])
+    covariance = np.zeros((3, 3))
+    size = 3 if len(fit.x) == 3 else 2
+    covariance[:size, :size] = full * np.outer(scale[:size], scale[:size])
+    delay = float(fit.x[2] * _DELAY) if size == 3 else 0.0
+    n = len(fit.fun)
+    larger = [ring._replace(creep=ring.creep._replace(way=ring.creep.way * (1.0 + _APPROACH)))
+              for ring in ringing]
+    other, _ = _problem(larger, mass, force_density, slide_density, stiffness)
+    sigma = _scatter(fit.fun, [m for ring in ringing for m in (len(ring.t), len(ring.slide))])
+    standardised = Residuals(np.arange(n, dtype=float), fit.fun[:, None], sigma[:, None],
+                             np.ones(1), np.ones(n, dtype=bool),
+                             np.abs(other(fit.x) - fit.fun)[:, None])
+    return RingFit(float(k), float(d), delay, covariance, strength, standardised)
+
+
+def _scatter(residuals: Array, lengths: list[int]) -> Array:
+    """
+    Noise of the residuals of each sensor and stretch, from neighbours; at least what was assumed.
+
+    A few seconds at rest tell the density of a noise to a factor of two only. Where neighbours
+    scatter by more than was assumed it is the noise that was taken for too small, not the ringing
+    that departs from a spring's.
+    """
+    sigma = np.ones(len(residuals))
+    ends = np.cumsum(lengths)
+    for begin, end in zip(ends - lengths, ends):
+        part = residuals[begin:end]
+        if len(part) > 2:
+            sigma[begin:end] = max(1.0, float(np.sqrt(white_covariance(part[:, None], 1)[0, 0])))
+    return sigma
+
+
+def _basis(t: Array, k: float, d: float, mass: float) -> tuple[Array, Array]:
+    """Displacement and force of the two free motions, shapes (n, 2)."""
+    lam = d / (2 * mass)
+    square = k / mass - lam**2
+    w = np.sqrt(complex(square))
+    if abs(w) < 1e-3:
+        w = complex(1e-3)
+    decay = np.exp(-lam * t)
+    c, s = decay * np.cos(w * t).real, decay * (np.sin(w * t) / w).real
+    motion = np.stack([c, s], axis=1)
+    rate = np.stack([-lam * c - square * s, c - lam * s], axis=1)
+    return motion, k * motion + d * rate
+
+
+def _columns(ring: Ring, p: Array, mass: float, force: float, slide: float) -> tuple[Array, Array]:
+    """Weighted linear problem of one stretch in [p, q, F_end, s_end] and its right-hand side."""
+    k, d = np.exp(p[:2])
+    n, m = len(ring.t), len(ring.slide)
+    rows = np.zeros((n + m, 4 if m else 3))
+    rows[:n, :2] = _basis(ring.t, k, d, mass)[1]
+    rows[:n, 2] = 1
+    weight = np.full(n + m, np.sqrt(_period(ring.t) / force))
+    slide_t = ring.slide_t - (p[2] * _DELAY if m else 0.0)
+    right = np.concatenate([ring.force - follow(ring.creep, ring.t, k, d, mass)[1],
+                            ring.slide - follow(ring.creep, slide_t, k, d, mass)[0]])
+    if m:
+        rows[n:, :2] = _basis(slide_t, k, d, mass)[0]
+        rows[n:, 3] = 1
+        weight[n:] = np.sqrt(_period(ring.slide_t) / slide)
+    return rows * weight[:, None], right * weight
+
+
+def _period(t: Array) -> float:
+    return float((t[-1] - t[0]) / (len(t) - 1))
+
+
+def _problem(ringing: list[Ring], mass: float, force: float, slide: float,
+             stiffness: tuple[float, float] | None) -> tuple[Callable[[Array], Array], Array]:
+    """Residuals in the nonlinear unknowns alone, the linear ones projected out."""
+    with_slide = all(len(r.slide) for r in ringing)
+    if not with_slide:
+        ringing = [r._replace(slide_t=np.empty(0), slide=np.empty(0)) for r in ringing]
+
+    def residuals(p: Array) -> Array:
+        out = []
+        for ring in ringing:
+            rows, right = _columns(ring, p, mass, force, slide)
+            q, _ = np.linalg.qr(rows)
+            out.append(right - q @ (q.T @ right))
+        if stiffness is not None:
+            out.append(np.array([(np.exp(p[0]) - stiffness[0]) / np.sqrt(stiffness[1])]))
+        return np.concatenate(out)
+
+    return residuals, np.zeros(1 if with_slide else 0)
+
+
+def _strength(ringing: list[Ring], mass: float, p: Array, force: float) -> float:
+    k, d = np.exp(p[:2])
+    best = 0.0
+    for ring in ringing:
+        basis = _basis(ring.t, k, d, mass)[1]
+        rows = np.column_stack([basis, np.ones(len(ring.t))])
+        coefficients = np.linalg.lstsq(rows, ring.force, rcond=None)[0]
+        swing = basis @ coefficients[:2]
+        energy = float((swing**2).sum()) * _period(ring.t) / force
+        best = max(best, energy**0.5)
+    return best

@@ -1,0 +1,100 @@
+"""What a user may say about the identification; every default is stated with its reason."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Annotated
+
+from forcecal_ros.core.geometry import STANDARD_GRAVITY
+from forcecal_ros.core.schema import Row, Section, Vector3
+
+COUPLINGS = ('dc', 'ac')
+COMPLIANCES = ('auto', 'yes', 'no')
+DESIGNS = ('kalman', 'poles')
+MODES = ('kalman', 'newton')
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """
+    Where an estimate is called into question; each names one line of ``quality.warnings``.
+
+    Attributes
+    ----------
+    mass, gain, stiffness, damping, inertia : float
+        Largest relative standard error. Above that of ``inertia`` it counts as not identified.
+    com, position : float
+        Largest standard error [m]. Above that of ``position`` the accelerometer's place counts
+        as not identified.
+    force_bias, torque_bias : float
+        Largest standard error [N], [N m].
+    offset : float
+        Largest standard error, as a specific force [m/s^2].
+    delay : float
+        Largest standard error [s].
+    condition : float
+        Largest condition number of the poses, gravity directions scaled to unit spread.
+    probability : float
+        A chi-square of residuals less probable than this is reported: of 600 sound recordings
+        the least probable had 2e-4.
+    agreement : float
+        Largest relative difference between the paper's estimate and the joint one.
+    """
+
+    mass: float = 0.001
+    gain: float = 0.002
+    stiffness: float = 0.01
+    damping: float = 0.05
+    inertia: float = 0.2
+    com: float = 2e-4
+    position: float = 0.005
+    force_bias: float = 0.05
+    torque_bias: float = 0.005
+    offset: float = 0.02
+    delay: float = 2e-4
+    condition: float = 100.0
+    probability: float = 1e-5
+    agreement: float = 0.02
+
+
+@dataclass(frozen=True)
+class IdentificationSettings(Section, name=''):
+    """Choices of the identification."""
+
+    gravity: Annotated[float, Row(
+        'Magnitude at the robot', 'm/s^2', above=0.0)] = STANDARD_GRAVITY
+    gravity_direction: Annotated[Vector3 | None, Row(
+        'In base, of any length; None: along -z')] = None
+    sensor_rotation: Annotated[Vector3 | None, Row(
+        "Rotation vector of the wrench's axes, seen from the frame of the pose; None: the same",
+        'rad')] = None
+    theta: Annotated[float, Row(
+        "The paper's angle in Eq. 9 and 12; only the plain Eq. 16 uses it", 'rad')] = 0.0
+    coupling: Annotated[str, Row(
+        'Of the accelerometer; ac: with a first-order high-pass', words=COUPLINGS)] = 'dc'
+    cutoff: Annotated[float | None, Row(
+        'Corner of that high-pass where it is known; None: estimated', 'Hz', above=0.0)] = None
+    accelerometer_position: Annotated[Vector3 | None, Row(
+        'In ft_sensor at zero displacement, where known; None: estimated', 'm')] = None
+    tool_compliance: Annotated[str, Row(
+        'Whether the tool slides along x of ft_sensor; auto looks for an Optidrive that moves or '
+        'for ringing after the step', words=COMPLIANCES)] = 'auto'
+    wrench_sign: Annotated[int, Row(
+        'What the readings were multiplied by when they were read', words=(1, -1))] = 1
+    largest_delay: Annotated[float, Row(
+        'Delays between sensors are looked for up to this', 's', above=0.0)] = 0.02
+    block: Annotated[float, Row(
+        "Readings are averaged over blocks of this length: well below the tool's period, well "
+        "above the sensors'; longer where a sensor is too slow for it", 's', above=0.0)] = 0.02
+    observer_mode: Annotated[str, Row('Who publishes the contact wrench', words=MODES)] = 'kalman'
+    observer_design: Annotated[str, Row(
+        "Of the paper's gain: kalman is Eq. 18, 19", words=DESIGNS)] = 'kalman'
+    observer_poles: Annotated[tuple[float, float], Row(
+        "Of the observer's error where poles places them", '1/s', below=0.0)] = (-30.0, -40.0)
+    thresholds: Thresholds = Thresholds()
+    source: Annotated[Mapping[str, object], Row("Copied into the calibration's source")
+                      ] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.gravity_direction is not None and not any(self.gravity_direction):
+            raise self.wrong('gravity_direction', 'a direction, not three zeros')

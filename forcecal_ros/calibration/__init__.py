@@ -1,1 +1,0 @@
-"""What an identification leaves: the calibration as data and as a file."""

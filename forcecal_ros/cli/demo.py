@@ -1,0 +1,161 @@
+"""``forcecal demo``: the main job against the simulated rig, live over ROS 2."""
+
+import argparse
+from pathlib import Path
+import sys
+from typing import Any, TYPE_CHECKING
+
+from forcecal_ros.cli.argument_types import whole
+from forcecal_ros.cli.common import (
+    add_json,
+    CLEAR,
+    needs_ros,
+    new_parser,
+    print_json,
+    say,
+    say_if_compiling,
+    warn,
+)
+from forcecal_ros.cli.outputs import add_output, RESULTS, write_results
+from forcecal_ros.cli.progress import add_quiet
+
+if TYPE_CHECKING:
+    from forcecal_ros.core.calibration import Calibration
+    from forcecal_ros.core.streams import Recording, Stream
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the command."""
+    parser = new_parser(
+        subparsers, 'demo',
+        example='forcecal demo --accelerometer acc2 --out my_demo')
+    parser.add_argument('--accelerometer', choices=('acc1', 'acc2'), default='acc1',
+                        help='acc1: DC response, acc2: AC-coupled')
+    add_output(parser, '-o', '--output', '--out', kind=RESULTS, metavar='DIR',
+               default='forcecal_demo',
+               help='folder for calibration.yaml, the recording and report.html; earlier '
+                    'ones are kept as NAME~')
+    parser.add_argument('--seed', type=whole, default=1, help='of the sensor noise')
+    add_quiet(parser)
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry it out."""
+    with needs_ros():
+        from forcecal_ros.nodes.demo import run_demo
+    from forcecal_ros.core.atomic_files import make_folder
+    from forcecal_ros.core.quantity import size
+    from forcecal_ros.core.streams import Stream
+    from forcecal_ros.io.bags import read_recording
+    from forcecal_ros.io.calibration_file import dump, parse, to_document
+    from forcecal_ros.observe import batch, replay
+    from forcecal_ros.report.calibration import render
+    from forcecal_ros.report.rows import as_text, table
+    from forcecal_ros.report.words import estimated_by
+    from forcecal_ros.sim.rig import simulator
+    from forcecal_ros.sim.rig.file import load_rig
+    from forcecal_ros.sim.rig.truth import true_calibration
+
+    out = Path(args.output)
+    say_if_compiling(simulator.waits_for_compiler() or batch.waits_for_compiler(),
+                     'simulator and observer')
+    make_folder(out)
+    result = run_demo(args.accelerometer, out, args.seed, _Progress(args.quiet))
+    calibration = parse(result.calibration, 'sequencer/calibration')
+    truth = true_calibration(load_rig(), args.accelerometer)
+    recording = read_recording(out / 'bag')
+    published = read_contact(out / 'bag', recording.start_ns)
+    replayed = replay(recording, calibration)
+    again = Stream(replayed.t, replayed.contact, calibration.sensor_frame)
+    write_results(out, {'calibration.yaml': dump(calibration),
+                        'report.html': render(
+                            recording, calibration, again, truth,
+                            estimated_by(f'{out}/bag', f'{out}/calibration.yaml'))})
+    step = step_figures(recording, calibration, again)
+    touch = contact_figures(recording, published)
+    if args.json:
+        print_json({**to_document(calibration), 'demo': {
+            'motion_to_gains': {'value': result.duration, 'std': None, 'unit': 's'},
+            'step': step, 'contact': touch}})
+        return 0
+    for warning in calibration.quality.get('warnings', ()):
+        warn(warning)
+    say(as_text(table(calibration, truth)))
+    say(f'\nfrom the first command to the gains: {result.duration:.1f} s')
+    sensor, observer, true, published_force = (size(float(x), 'N', 4) for x in (
+        step['sensor'], step['observer'], touch['truth'], touch['observer']))
+    say(f'step, no contact: sensor {sensor} RMS along x without bias, observer {observer} '
+        f'({step["reduction"]:.1f} dB less)')
+    say(f'contact: true force {true} along x, published {published_force}')
+    say(f'written to {out}: calibration.yaml, bag, report.html')
+    return 0
+
+
+def read_contact(bag: Path, start_ns: int) -> 'Stream':
+    """Read what the observer published, on the clock of the recording."""
+    from forcecal_ros.core.streams import Stream
+    from forcecal_ros.io.bags import read_columns
+
+    columns = read_columns(bag, '/observer/contact_wrench', [
+        f'wrench.{part}.{axis}' for part in ('force', 'torque') for axis in 'xyz'])
+    shift = (columns.start_ns - start_ns) * 1e-9
+    return Stream(columns.t + shift, columns.values, columns.frame)
+
+
+def step_figures(recording: 'Recording', calibration: 'Calibration', contact: 'Stream'
+                 ) -> dict[str, float | str]:
+    """
+    Compare sensor and observer along x while the tool rings after the step, without contact.
+
+    Returns
+    -------
+    dict
+        ``sensor`` without bias and ``observer`` over the recording, RMS [N]; ``reduction`` [dB].
+    """
+    from forcecal_ros.observe import replay
+    import numpy as np
+
+    estimate = replay(recording, calibration)
+    step = next(phase for phase in recording.phases if phase.name == 'step')
+    during = (estimate.t >= step.start) & (estimate.t < step.end)
+    assert recording.wrench is not None
+    sensor = recording.wrench.at(estimate.t[during])[:, 0] - calibration.wrench_bias.value[0]
+    before, after = (float(np.sqrt(np.mean(x ** 2)))
+                     for x in (sensor, estimate.contact[during, 0]))
+    return {'sensor': before, 'observer': after, 'unit': 'N',
+            'reduction': float(20 * np.log10(before / after))}
+
+
+def contact_figures(recording: 'Recording', contact: 'Stream') -> dict[str, float | str]:
+    """
+    Compare the published contact force with the true one along x, while the tool touches.
+
+    Returns
+    -------
+    dict
+        ``truth`` and ``observer``, means over phase ``contact`` [N].
+    """
+    assert recording.contact_truth is not None
+    hold = next(phase for phase in recording.phases if phase.name == 'contact')
+    truth, observer = (float(stream.between(hold.start, hold.end).values[:, 0].mean())
+                       for stream in (recording.contact_truth, contact))
+    return {'truth': truth, 'observer': observer, 'unit': 'N'}
+
+
+class _Progress:
+    """One changing line on a terminal, one line a phase elsewhere."""
+
+    def __init__(self, quiet: bool) -> None:
+        self._last, self._quiet = '', quiet
+        self._terminal = sys.stderr.isatty()
+
+    def __call__(self, phase: str, seconds: float) -> None:
+        if self._quiet:
+            return
+        if self._terminal:
+            print(f'{CLEAR}{seconds:5.1f} s  {phase}', end='', file=sys.stderr, flush=True)
+        elif phase != self._last:
+            print(f'{seconds:5.1f} s  {phase}', file=sys.stderr, flush=True)
+        self._last = phase

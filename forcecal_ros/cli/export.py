@@ -1,0 +1,79 @@
+"""``forcecal export``: a calibration for other packages."""
+
+import argparse
+from typing import Any
+
+from forcecal_ros.cli.argument_types import frame, node, real
+from forcecal_ros.cli.common import new_parser, say
+from forcecal_ros.cli.outputs import add_output, FILE, stdout_is_taken
+from forcecal_ros.core.errors import UsageError
+
+LOOKED_AT = {'--node': ('broadcaster', 'gravity_filter', 'admittance'),
+             '--base-frame': ('gravity_filter', 'admittance'), '--sensor-in-flange': ('ur',)}
+"""Option -> consumers that it says something about."""
+
+BASE = 'base_link'
+FLANGE = ('X', 'Y', 'Z', 'QX', 'QY', 'QZ', 'QW')
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the command."""
+    parser = new_parser(
+        subparsers, 'export',
+        example='forcecal export calibration.yaml --for broadcaster -o broadcaster.yaml')
+    parser.add_argument('calibration', metavar='CALIBRATION', help='calibration.yaml')
+    parser.add_argument('--for', dest='consumer', required=True, choices=(
+        'broadcaster', 'gravity_filter', 'admittance', 'ur', 'kth', 'ft_tools'),
+        help='force_torque_sensor_broadcaster, GravityCompensation of control_filters, '
+             'admittance_controller, payload of a Universal Robot, force_torque_tools of KTH, '
+             'ft_tools_ros2')
+    parser.add_argument('--node', metavar='NAME', type=node,
+                        help='node that takes the parameters (default: the usual name)')
+    parser.add_argument('--base-frame', metavar='FRAME', type=frame, default=BASE,
+                        help='frame whose z points up')
+    parser.add_argument('--sensor-in-flange', metavar=FLANGE, nargs=7, type=real,
+                        help='ur: pose of the sensor in the flange (default: they are one) [m]')
+    add_output(parser, '-o', '--output', kind=FILE, metavar='FILE',
+               help='file to write (default: print); an earlier one is kept as FILE~')
+    parser.set_defaults(run=run, inputs=('calibration',))
+
+
+def refuse_unused(args: argparse.Namespace) -> None:
+    """
+    Refuse what the consumer would not look at.
+
+    Raises
+    ------
+    UsageError
+        An option says nothing about this consumer, or a quaternion is none.
+    """
+    given = {'--node': args.node, '--base-frame': args.base_frame != BASE,
+             '--sensor-in-flange': args.sensor_in_flange}
+    for option, consumers in LOOKED_AT.items():
+        if given[option] and args.consumer not in consumers:
+            raise UsageError(f'{option} says nothing about {args.consumer}, only about '
+                             f'{", ".join(consumers)}; leave it out')
+    if args.sensor_in_flange and not any(args.sensor_in_flange[3:]):
+        raise UsageError('--sensor-in-flange: a quaternion of zeros is no rotation; give x y z '
+                         '[m] and qx qy qz qw, 0 0 0 1 where the axes are the same')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry it out."""
+    from forcecal_ros.core.atomic_files import write_text
+    from forcecal_ros.core.geometry import matrix_from_quaternion
+    from forcecal_ros.io.calibration_file import load
+    from forcecal_ros.io.exports import export, Place
+    import numpy as np
+
+    refuse_unused(args)
+    place = np.array(args.sensor_in_flange or (0, 0, 0, 0, 0, 0, 1))
+    text = export(load(args.calibration), args.consumer, Place(
+        args.node or '', args.base_frame, matrix_from_quaternion(place[3:]), place[:3]))
+    if args.output:
+        write_text(args.output, text)
+        if not stdout_is_taken(args):
+            say(f'written to {args.output}')
+    else:
+        print(text, end='')
+    return 0

@@ -1,0 +1,126 @@
+"""``forcecal insitu``: offset and matrix of six-axis sensors from an accelerometer."""
+
+import argparse
+from collections.abc import Iterator
+import os
+from pathlib import Path
+import re
+from typing import Any, TYPE_CHECKING
+
+from forcecal_ros.cli.common import add_json, new_parser, print_json, say, warn
+from forcecal_ros.cli.outputs import add_output, RESULTS, write_results
+from forcecal_ros.cli.progress import add_quiet, bar, tell
+
+if TYPE_CHECKING:
+    from forcecal_ros.insitu.prepare import Chunk, Source
+    from forcecal_ros.insitu.result import SensorResult
+    from forcecal_ros.insitu.spec import Spec
+
+TABLES = ('.csv', '.txt', '.tsv', '.npy')
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the command."""
+    parser = new_parser(
+        subparsers, 'insitu',
+        example='forcecal insitu leg.yaml -o leg_calibration')
+    parser.add_argument('specification', metavar='SPEC.yaml',
+                        help='data sets, sensors and accelerometer; forcecal sample insitu '
+                             'writes one to go by')
+    add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR', required=True,
+               help='folder for insitu.json, calibration.yaml, pictures and report.html; '
+                    'earlier results are kept as NAME~')
+    add_quiet(parser)
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry it out."""
+    # small matrices are slower on several threads than on one
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+    from dataclasses import replace
+    import json
+
+    from forcecal_ros.insitu import calibrate, DataSet, load_spec, to_calibration, to_document
+    from forcecal_ros.io.calibration_file import dump
+    from forcecal_ros.report.insitu import pictures, render, text
+
+    spec = load_spec(args.specification)
+    results: list[SensorResult] = []
+    for name, sensor in spec.sensors.items():
+        data_sets = [DataSet(d.name, _source(args, spec, name, Path(d.file)), d.load(name, sensor),
+                             d.train, d.window) for d in spec.data_sets]
+        results.append(calibrate(
+            name, data_sets, sensor.mounting, replace(spec.options, raw_unit=sensor.unit),
+            sensor.manufacturer_matrix))
+    folder = Path(args.output)
+    document = to_document(tuple(results))
+    drawn = {result.name: pictures(result) for result in results}
+    named = {r.name: f'{"" if len(results) == 1 else f"{r.name}/"}calibration.yaml'
+             for r in results}
+    files: dict[str, str | bytes] = {
+        'insitu.json': json.dumps(document, indent=2, allow_nan=False),
+        'report.html': render(tuple(results), drawn, str(spec.path),
+                              {name: str(folder / file) for name, file in named.items()}),
+        **{f'{name}_{title}.png': png for name, images in drawn.items()
+           for title, png in images.items()}}
+    for (name, sensor), result in zip(spec.sensors.items(), results):
+        if result.matrix is not None:
+            files[named[name]] = dump(to_calibration(result, sensor.frame, str(spec.path)))
+    write_results(folder, files, earlier(folder))
+    if args.json:
+        print_json(document)
+        return 0
+    for result in results:
+        for warning in result.warnings:
+            warn(f'{result.name}: {warning}')
+        say(text(result))
+    say(f'{folder}: report.html, insitu.json'
+        + (', calibration.yaml' if spec.options.matrix else ''))
+    return 0
+
+
+def earlier(folder: Path) -> list[str]:
+    """Return what the run before, whose sensors its insitu.json names, may have written."""
+    import json
+
+    try:
+        named = json.loads((folder / 'insitu.json').read_bytes())['sensors']
+        sensors = [name for name in named if re.fullmatch(r'[\w-]+', name)]
+    except (OSError, ValueError, KeyError, TypeError):
+        sensors = []
+    return ['calibration.yaml', *(f'{sensor}{rest}' for sensor in sensors for rest in (
+        '_forces.png', '_subspace.png', '_singular_values.png', '/calibration.yaml'))]
+
+
+def _source(args: argparse.Namespace, spec: 'Spec', name: str, path: Path) -> 'Source':
+    """Return what reads one data set for one sensor: a table, or else a recording."""
+    from forcecal_ros.insitu.streams import join, readable_chunks, topics_of
+    from forcecal_ros.insitu.tables import TableSource
+    from forcecal_ros.io.bags import read_chunks
+
+    sensor = spec.sensors[name]
+    table = TableSource(spec, path, sensor.columns) if path.suffix in TABLES else None
+
+    told: list[str] = []
+
+    def read() -> Iterator['Chunk']:
+        if not told:
+            told.append(f'{name}: reading {path.name}')
+            tell(args, told[-1])
+        if table:
+            chunks = table()
+        else:
+            topics = topics_of(spec, name)
+            chunks = join(readable_chunks(read_chunks(path, topics), topics), spec, name)
+        with bar(args, desc=f'{name}: {path.name}', unit=' samples') as done:
+            for chunk in chunks:
+                done.update(len(chunk.t))
+                yield chunk
+        if table and len(told) == 1:
+            told.extend(['', *table.notes])
+            for note in table.notes:
+                warn(note)
+
+    return read

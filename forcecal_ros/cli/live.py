@@ -1,0 +1,130 @@
+"""``forcecal live``: a page that shows what running nodes measure, estimate and do."""
+
+import argparse
+from typing import Any
+
+from forcecal_ros.cli.argument_types import port, topic_name
+from forcecal_ros.cli.common import needs_ros, new_parser, say, say_if_compiling, warn
+from forcecal_ros.cli.service import add_namespace
+from forcecal_ros.core.errors import UsageError
+
+LOOK = 3.0
+"""Time in which a robot that is there is found [s]: some ten times what discovery takes."""
+
+LATENCY = 0.1
+"""Time that commands have to arrive in [s], so that a busy computer makes no gap of them."""
+
+PERIOD = 0.05
+"""Between two looks for a signal, and for nodes that have ended [s]."""
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the command."""
+    parser = new_parser(subparsers, 'live', example='forcecal live')
+    parser.add_argument('--robot', action='store_true',
+                        help='show the robot, and wait where it says nothing yet (default: where '
+                             'none is heard, a simulated rig is started, with all that it needs)')
+    parser.add_argument('--sim', action='store_true',
+                        help='start a simulated rig anyhow, apart from any robot')
+    parser.add_argument('--rig', metavar='RIG.yaml',
+                        help='rig to simulate; the gap is its difference from the nominal one')
+    add_namespace(parser)
+    parser.add_argument('--wrench', metavar='TOPIC', type=topic_name, default='wrench',
+                        help="WrenchStamped of the robot's sensor")
+    parser.add_argument('--port', type=port, default=8642,
+                        help='port of this machine to serve the page on; 0: any that is free')
+    parser.set_defaults(run=run, inputs=('rig',))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry it out."""
+    if args.robot and (args.sim or args.rig):
+        raise UsageError('--robot simulates nothing, --sim and --rig do; leave either out')
+    with needs_ros():
+        from forcecal_ros.nodes.live_page import LivePage
+    from forcecal_ros.sim.rig.file import load_rig
+
+    if args.rig:
+        load_rig(args.rig)
+    with LivePage(args.port) as page:
+        try:
+            if args.sim or args.rig or not (args.robot or _wrench_is_published(args)):
+                return _simulated(args, page)
+            return _robot(args, page)
+        except KeyboardInterrupt:  # before all is up
+            return 0
+
+
+def _wrench_is_published(args: argparse.Namespace) -> bool:
+    """Tell whether anybody publishes a wrench."""
+    import time
+
+    from forcecal_ros.nodes.temporary_node import temporary_node
+
+    place = args.namespace.strip('/')
+    with temporary_node('live') as ros:
+        name = args.wrench if args.wrench.startswith('/') else f'/{place}/{args.wrench}'
+        end = time.monotonic() + LOOK
+        while time.monotonic() < end and not ros.interrupted:
+            if ros.node.count_publishers(name.replace('//', '/')):
+                return True
+            ros.spin(PERIOD)
+        if ros.interrupted:
+            raise KeyboardInterrupt
+    return False
+
+
+def _robot(args: argparse.Namespace, page: Any) -> int:
+    """Show what is there; nothing is started."""
+    from forcecal_ros.nodes.live_view import LiveView
+    from forcecal_ros.nodes.temporary_node import temporary_node
+
+    with temporary_node('live') as ros:
+        view = LiveView(ros.node, args.namespace, args.wrench, simulated=False)
+        return _show(page, ros, view, f'the robot in namespace /{args.namespace.strip("/")}, '
+                     'which this page cannot move', lambda: None)
+
+
+def _simulated(args: argparse.Namespace, page: Any) -> int:
+    """Start the simulated rig and the nodes about it, and show them."""
+    import os
+
+    from forcecal_ros.nodes.demo import FOR_SIMULATION, ON_TIME
+    from forcecal_ros.nodes.live_view import LiveView
+    from forcecal_ros.nodes.processes import own_domain, Processes
+    from forcecal_ros.nodes.temporary_node import temporary_node
+    from forcecal_ros.observe import batch
+    from forcecal_ros.sim.rig import simulator
+
+    say_if_compiling(simulator.waits_for_compiler() or batch.waits_for_compiler(),
+                     'simulator and observer')
+    rig = {'rig': os.path.realpath(args.rig)} if args.rig else {}
+    clock = {'use_sim_time': True}
+    with own_domain() as environment, temporary_node('live') as ros, \
+            Processes(environment) as nodes:
+        nodes.start('sim', {**rig, **ON_TIME, 'latency': LATENCY})
+        nodes.start('observer', {**clock, 'publish.inertial_wrench': True})
+        nodes.start('sequencer', dict(FOR_SIMULATION))
+        nodes.start('gap', clock)
+        view = LiveView(ros.node, '', 'wrench', simulated=True)
+        return _show(page, ros, view, f'a simulated rig, {args.rig or "nominal"}, that moves '
+                     'when a button below is pressed', nodes.check)
+
+
+def _show(page: Any, ros: Any, view: Any, robot: str, check: Any) -> int:
+    """Serve until a signal."""
+    from forcecal_ros.nodes.live_view import SEQUENCES
+    from forcecal_ros.report.page import render_page
+
+    text = render_page('live.html.j2', 'Live', robot=robot, nonce=page.nonce,
+                       token=page.token if view.simulated else '', sequences=SEQUENCES)
+    try:
+        with page.showing(view, text):
+            say(f'{page.address} shows {robot}; Ctrl-C ends it')
+            while not ros.interrupted:
+                check()
+                ros.spin(PERIOD)
+    finally:
+        view.close()
+    warn('ended' + ', and all that was started with it' * view.simulated)
+    return 0

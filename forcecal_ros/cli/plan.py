@@ -1,0 +1,247 @@
+"""``forcecal plan``: a sequence for the sequencer, for a diagnosis or for a calibration."""
+
+import argparse
+import shlex
+from typing import Any, NamedTuple, TYPE_CHECKING
+
+from forcecal_ros.cli.argument_types import positive, real
+from forcecal_ros.cli.common import (
+    add_json,
+    add_sensor_pose,
+    add_topics,
+    from_arguments,
+    new_parser,
+    one_of,
+    or_nearest,
+    print_json,
+    read_poses_of_sensor,
+    say,
+    say_if_compiling,
+)
+from forcecal_ros.cli.outputs import add_output, FILE, stdout_is_taken
+from forcecal_ros.cli.progress import add_quiet, stages
+from forcecal_ros.core.errors import UsageError
+
+if TYPE_CHECKING:
+    from forcecal_ros.effects.rig import Rig
+    from forcecal_ros.motion.limits import Limits
+    from forcecal_ros.motion.plan import Timing
+    from forcecal_ros.motion.profiles import Pace, Pose
+
+CRITERIA = ('D', 'mass', 'com', 'force-bias', 'torque-bias', 'offset', 'gain')
+
+LARGEST_TILT = 170.0
+"""Of --tilt [deg]: a move back from farther has no clear direction."""
+
+LONGEST = 3600.0
+"""Of --time [s]: biases drift within an hour by more than any plan would promise."""
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the command."""
+    parser = new_parser(
+        subparsers, 'plan',
+        example='forcecal plan --rig rig.yaml --effects wrench_delay tool_mass -o plan.yaml\n'
+                '  forcecal plan --for calibration --calibration calibration.yaml -o plan.yaml\n'
+                '  ros2 run forcecal_ros sequencer --ros-args --params-file plan.yaml')
+    parser.add_argument('--for', dest='purpose', choices=('diagnosis', 'calibration'),
+                        default='diagnosis', help='what the recording is for')
+    parser.add_argument('--rig', metavar='RIG.yaml',
+                        help='rig to plan for: a file, or rig.yaml and rigid_tool.yaml of this '
+                             'package (default: rig.yaml)')
+    parser.add_argument('--recording', metavar='BAG',
+                        help='recording of the robot: it starts where that one starts, and stays '
+                             'in the box that sensor and tip stayed in there')
+    add_topics(parser)
+    add_sensor_pose(parser)
+    parser.add_argument('--home', metavar=('X', 'Y', 'Z', 'QX', 'QY', 'QZ', 'QW'), nargs=7,
+                        type=real, help="pose of ft_sensor in base that it starts from [m] "
+                                        "(default: the recording's, or the rig's)")
+    parser.add_argument('--set', metavar='NAME=VALUE', action='append', default=[], type=_setting,
+                        help='a parameter of the sequencer, e.g. limits.speed=0.1 or '
+                             'limits.workspace_min=0.2,-0.5,0.1; of limits, pace or timing; may '
+                             'be repeated')
+    parser.add_argument('--effects', metavar='NAME', nargs='+', type=_effect,
+                        help='diagnosis: effects that it is to show (default: all)')
+    parser.add_argument('--contact', action='store_true',
+                        help="diagnosis: touch the rig's wall as well; its effects show in no "
+                             'other way')
+    parser.add_argument('--calibration', metavar='CALIBRATION.yaml',
+                        help='calibration: mass and noise of tool and sensors from an earlier one '
+                             "(default: the rig's)")
+    parser.add_argument('--criterion', choices=CRITERIA,
+                        help='calibration: D-optimal, or c-optimal for one parameter (default: D)')
+    parser.add_argument('--time', metavar='S', type=positive,
+                        help='calibration: time that the sequence may take (default: 16 s)')
+    parser.add_argument('--tilt', metavar='DEG', type=positive,
+                        help='calibration: largest rotation of a pose from home (default: '
+                             '100 deg)')
+    add_output(parser, '-o', '--output', kind=FILE, metavar='PLAN.yaml',
+               help='parameters for the sequencer to write, - for standard output')
+    add_quiet(parser)
+    add_json(parser)
+    parser.set_defaults(run=run, inputs=('rig', 'recording', 'calibration'))
+
+
+def _effect(name: str) -> str:
+    from forcecal_ros.effects import EFFECTS
+
+    if name not in EFFECTS:
+        raise argparse.ArgumentTypeError(
+            f'{name} is no effect{or_nearest(name, EFFECTS) or one_of(EFFECTS)}')
+    return name
+
+
+def _setting(text: str) -> tuple[str, Any]:
+    """Read NAME=VALUE by the sequencer's parameters."""
+    from forcecal_ros.core.errors import ConfigError
+    from forcecal_ros.core.schema import parameters_of
+    from forcecal_ros.motion.limits import Limits
+    from forcecal_ros.motion.plan import Timing
+    from forcecal_ros.motion.profiles import Pace
+
+    table = {p.name: p for name, section in (
+        ('limits', Limits()), ('pace', Pace()), ('timing', Timing()))
+        for p in parameters_of(name, section)}
+    name, _, value = text.partition('=')
+    if name not in table:
+        raise argparse.ArgumentTypeError(
+            f'{name} is no parameter of limits, pace or timing{or_nearest(name, table)}')
+    parameter = table[name]
+    listed = isinstance(parameter.default, list)
+    try:
+        numbers = [float(one) for one in value.split(',')]
+        if len(numbers) != (len(parameter.default) if listed else 1):
+            raise ValueError
+        if listed:
+            return name, numbers
+        return name, parameter.row.take(type(parameter.default), numbers[0], name)
+    except ConfigError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+    except ValueError:
+        wanted = f'{len(parameter.default)} numbers with commas' if listed else 'a number'
+        raise argparse.ArgumentTypeError(f'{text}: expected {wanted} after =') from None
+
+
+class Setup(NamedTuple):
+    """The robot as the arguments state it."""
+
+    rig: 'Rig'
+    home: 'Pose'
+    limits: 'Limits'
+    pace: 'Pace'
+    timing: 'Timing'
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry it out."""
+    _check(args)
+    return _calibration(args) if args.purpose == 'calibration' else _diagnosis(args)
+
+
+def _check(args: argparse.Namespace) -> None:
+    """Refuse options of the other purpose."""
+    other = (('effects', 'contact') if args.purpose == 'calibration'
+             else ('calibration', 'criterion', 'time', 'tilt'))
+    for name in other:
+        if getattr(args, name):
+            raise UsageError(f'--{name} is not for --for {args.purpose}; leave it out')
+    if args.tilt and args.tilt > LARGEST_TILT:
+        raise UsageError(f'--tilt {args.tilt:g}: at most {LARGEST_TILT:g} deg')
+    if args.time and args.time > LONGEST:
+        raise UsageError(f'--time {args.time:g}: at most {LONGEST:g} s')
+    for name in {name for name, _ in args.set}:
+        values = [value for one, value in args.set if one == name]
+        if any(value != values[0] for value in values):
+            raise UsageError(f'--set {name}: {values[0]} and {values[1]} are given; give one')
+
+
+def _setup(args: argparse.Namespace) -> Setup:
+    """Take home and limits from the rig, the recording and the options, the later the stronger."""
+    from dataclasses import replace
+
+    from forcecal_ros.core.geometry import quaternion_from_matrix
+    from forcecal_ros.core.schema import section_of
+    from forcecal_ros.effects.rig import Home
+    from forcecal_ros.motion.limits import Limits
+    from forcecal_ros.motion.plan import Timing
+    from forcecal_ros.motion.poses import reach_of, read_poses
+    from forcecal_ros.motion.profiles import Pace, Pose
+    from forcecal_ros.sim.rig.file import load_rig
+    import numpy as np
+
+    rig, given = load_rig(args.rig), dict(args.set)
+    values: dict[str, Any] = {'limits.tip': list(rig.tool.tip), **given}
+    home = Pose(np.array(rig.home.position), rig.home.R_base_sensor)
+    if args.recording:
+        reach = reach_of(read_poses_of_sensor(args, args.recording),
+                         np.array(values['limits.tip']))
+        values = {'limits.workspace_min': reach.lower.tolist(),
+                  'limits.workspace_max': reach.upper.tolist(), **values}
+        home = reach.home
+    with from_arguments():
+        if args.home:
+            home = read_poses(['--home'], args.home)['--home']
+        limits = section_of(Limits, values, 'limits')
+    x, y, z, w = quaternion_from_matrix(home.R_base_sensor).tolist()
+    place = Home(tuple(home.position.tolist()), (x, y, z, w))
+    return Setup(replace(rig, home=place), home, limits,
+                 Pace()._replace(**{key.partition('.')[2]: value for key, value in given.items()
+                                    if key.startswith('pace.')}),
+                 section_of(Timing, values, 'timing'))
+
+
+def _diagnosis(args: argparse.Namespace) -> int:
+    from forcecal_ros.core.atomic_files import write_text
+    from forcecal_ros.diagnose.plan.recording import plan_for
+    from forcecal_ros.diagnose.plan.text import as_text, to_document, to_parameters
+    from forcecal_ros.sim.rig.simulator import waits_for_compiler
+
+    if theirs := [key for key, _ in args.set if not key.startswith('limits.')]:
+        raise UsageError(f'--set {theirs[0]} is chosen by a plan for diagnosis; set limits')
+    setup = _setup(args)
+    say_if_compiling(waits_for_compiler(), 'the simulator')
+    with stages(args) as stage:
+        stage('simulating the sequence with every effect')
+        planned = plan_for(setup.rig, contact=args.contact, effects=args.effects or (),
+                           limits=setup.limits)
+    if args.output:
+        write_text(args.output, to_parameters(planned))
+    t = planned.motion.target.t
+    _say(args, to_document(planned), as_text(planned), float(t[-1] - t[0]))
+    return 0
+
+
+def _calibration(args: argparse.Namespace) -> int:
+    import math
+
+    from forcecal_ros.core.atomic_files import write_text
+    from forcecal_ros.io.calibration_file import load
+    from forcecal_ros.motion.information import sensors_of
+    from forcecal_ros.motion.optimal_design import criterion_of, design_calibration, Robot
+    from forcecal_ros.motion.plan_file import as_text, to_document, to_parameters
+    from forcecal_ros.sim.rig.truth import expected_sensors
+
+    setup = _setup(args)
+    sensors = (sensors_of(load(args.calibration)) if args.calibration
+               else expected_sensors(setup.rig))
+    robot = Robot(setup.home, setup.limits, setup.pace, math.radians(args.tilt or 100.0))
+    with stages(args) as stage:
+        stage('exchanging poses')
+        design = design_calibration(robot, sensors, args.time or 16.0,
+                                    criterion_of(args.criterion or 'D'), setup.timing)
+    if args.output:
+        write_text(args.output, to_parameters(design, robot))
+    _say(args, to_document(design), as_text(design), design.duration)
+    return 0
+
+
+def _say(args: argparse.Namespace, document: dict[str, Any], text: str, duration: float) -> None:
+    if args.json:
+        print_json(document)
+    elif not stdout_is_taken(args):
+        say(text)
+        say(f'the sequence takes about {duration:.0f} s')
+        if args.output:
+            say(f'written to {args.output}\nnext: ros2 run forcecal_ros sequencer --ros-args '
+                f'--params-file {shlex.quote(args.output)}')

@@ -1,0 +1,181 @@
+"""``forcecal play``: a recording published again, without what might move a robot."""
+
+import argparse
+from collections.abc import Iterable, Sequence
+import sys
+from typing import Any, TYPE_CHECKING
+
+from forcecal_ros.cli.argument_types import namespace, not_negative, positive, topic_name
+from forcecal_ros.cli.common import (
+    add_json,
+    needs_ros,
+    new_parser,
+    or_nearest,
+    print_json,
+    say,
+    warn,
+)
+from forcecal_ros.cli.progress import add_quiet, bar
+
+if TYPE_CHECKING:
+    from forcecal_ros.core.topics import Topic
+    from forcecal_ros.nodes.player import Player
+
+ACKNOWLEDGE = 2.0
+"""How long the end waits for slow listeners [s]."""
+
+DISCOVERY = 3.5
+"""Listeners of commands are looked for so long: DDS takes 3 s at worst to tell of them [s]."""
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the command."""
+    parser = new_parser(
+        subparsers, 'play',
+        example='forcecal play my_bag --rate 0.5')
+    parser.add_argument('bag', metavar='BAG', help='rosbag2 folder or file (mcap, sqlite3)')
+    parser.add_argument('--rate', metavar='X', type=positive, default=1.0,
+                        help='recorded seconds in each second of playing')
+    parser.add_argument('--clock', metavar='HZ', type=not_negative, default=250.0,
+                        help='how often /clock tells the recorded time; 0: not at all')
+    parser.add_argument('--delay', metavar='S', type=not_negative, default=1.0,
+                        help='wait before the first message, for listeners to find the topics')
+    parser.add_argument('--start', metavar='S', type=not_negative, default=0.0,
+                        help='leave out the beginning')
+    parser.add_argument('--only', metavar='TOPIC', action='append', type=topic_name, default=[],
+                        help='publish this topic, and of the others only those named likewise')
+    parser.add_argument('--prefix', metavar='NAMESPACE', type=namespace, default='',
+                        help='publish below a namespace, e.g. /recorded')
+    parser.add_argument('--with-outputs', action='store_true',
+                        help="publish what this package's own nodes said as well, beside those "
+                             'that run now: observer/..., sequencer/..., impedance/..., '
+                             'diagnostics')
+    parser.add_argument('--with-commands', action='store_true',
+                        help='publish everything, also target_frame and other commands, which A '
+                             'ROBOT THAT LISTENS WILL FOLLOW AT ONCE, without any start; refused '
+                             'while somebody listens')
+    parser.add_argument('--yes', action='store_true',
+                        help='publish commands even though somebody listens')
+    add_quiet(parser)
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry it out."""
+    with needs_ros():
+        from forcecal_ros.nodes.player import Player
+        from forcecal_ros.nodes.temporary_node import temporary_node
+    from itertools import chain, dropwhile
+    import time
+
+    from forcecal_ros.core.errors import DataError
+    from forcecal_ros.io.bags import read_messages, read_topics
+
+    topics = read_topics(args.bag)
+    refuse_missing(topics, args)
+    named, left_out = chosen(topics, args)
+    prefix = f'/{args.prefix.strip("/")}' if args.prefix.strip('/') else ''
+    messages = read_messages(args.bag, named.__contains__)
+    first = next(messages, None)
+    if first is None:
+        raise DataError(f'{args.bag}: no messages to publish'
+                        + (f' besides {_named(left_out)}' if left_out else ''))
+    begin = first.log_ns + int(args.start * 1e9)
+    commands = [topic for topic in named if topic.is_command]
+    with temporary_node('play') as ros:
+        player = Player(ros, args.rate, args.clock, lambda name: f'{prefix}{name}')
+        player.offer(named)
+        time.sleep(max(args.delay, DISCOVERY) if commands else args.delay)
+        if not args.yes and not _consented(player, commands):
+            player.unreceived = set(commands)
+        with bar(args, unit=' s') as done:
+            player.play(dropwhile(lambda one: one.log_ns < begin, chain([first], messages)),
+                        lambda seconds: done.update(round(seconds, 1) - done.n))
+        player.finish(ACKNOWLEDGE)
+        if args.start and not player.counts and not ros.interrupted:
+            raise DataError(f'{args.bag}: nothing to publish from {args.start:g} s on; give an '
+                            'earlier --start')
+    if left_out:
+        warn(f'not published: {_named(left_out)}')
+    for msgtype in sorted(player.unknown):
+        warn(f'not published: messages of type {msgtype}, whose package is not installed')
+    if args.json:
+        print_json({'bag': args.bag, 'messages': dict(player.counts)})
+    else:
+        say(', '.join(f'{count} {name}' for name, count in sorted(player.counts.items()))
+            or 'nothing was published')
+    return 0
+
+
+def refuse_missing(topics: Iterable['Topic'], args: argparse.Namespace) -> None:
+    """
+    Refuse names that are not in the recording.
+
+    Raises
+    ------
+    DataError
+        With the nearest name.
+    """
+    from forcecal_ros.core.errors import DataError
+
+    names = sorted(topic.name for topic in topics)
+    for name in (f'/{one.lstrip("/")}' for one in args.only):
+        if name not in names:
+            raise DataError(f'--only: {name} is not in {args.bag}{or_nearest(name, names)}; there '
+                            f'are {", ".join(names)}')
+
+
+def chosen(topics: Iterable['Topic'], args: argparse.Namespace
+           ) -> tuple[list['Topic'], list['Topic']]:
+    """Return the topics of a recording to publish, and those that would have to be asked for."""
+    only = {f'/{name.lstrip("/")}' for name in args.only}
+    published: list[Topic] = []
+    left_out: list[Topic] = []
+    for topic in topics:
+        if (only and topic.name not in only) or (
+                not only and topic.name == '/clock' and args.clock):
+            continue
+        asked = args.with_commands or (not topic.is_command and (
+            args.with_outputs or bool(only) or not topic.is_output))
+        (published if asked else left_out).append(topic)
+    return published, left_out
+
+
+def _named(left_out: Sequence['Topic']) -> str:
+    """Say what was left out, and how to ask for it."""
+    commands = sorted(topic.name for topic in left_out if topic.is_command)
+    outputs = sorted(topic.name for topic in left_out if not topic.is_command)
+    return '; '.join(f'{", ".join(names)} ({why})' for names, why in (
+        (commands, 'commands that a robot follows: --with-commands'),
+        (outputs, 'outputs of nodes that may be running: --with-outputs')) if names)
+
+
+def _consented(player: 'Player', commands: Sequence['Topic']) -> bool:
+    """
+    Ask whether those who listen on command topics may hear commands.
+
+    Returns
+    -------
+    bool
+        False where nobody listens, so that there was nothing to ask.
+
+    Raises
+    ------
+    MotionError
+        The answer is no, or there is no terminal to ask on.
+    """
+    from forcecal_ros.core.errors import MotionError
+
+    listeners = player.listeners(commands)
+    if not listeners:
+        return False
+    who = ', '.join(f'{topic} ({", ".join(nodes)})' for topic, nodes in listeners.items())
+    if sys.stdin.isatty() and sys.stderr.isatty():
+        print(f'forcecal: somebody listens on {who} and may move at once. Publish? [y/N] ',
+              end='', file=sys.stderr, flush=True)
+        if sys.stdin.readline().strip().lower() in ('y', 'yes'):
+            return True
+        raise MotionError('nothing was published')
+    raise MotionError(f'somebody listens on {who} and may move at once; give --yes where that is '
+                      'meant')

@@ -1,0 +1,76 @@
+"""``forcecal record``: live topics to a recording."""
+
+import argparse
+from contextlib import suppress
+from typing import Any
+
+from forcecal_ros.cli.argument_types import positive, topic_name
+from forcecal_ros.cli.common import add_json, needs_ros, new_parser, print_json, say, warn
+from forcecal_ros.cli.outputs import add_output, RECORDING
+from forcecal_ros.cli.progress import add_quiet, bar
+from forcecal_ros.core.errors import UsageError
+
+PERIOD = 0.2
+"""Between two searches for new topics [s]."""
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the command."""
+    parser = new_parser(
+        subparsers, 'record',
+        example='forcecal record -o my_bag --duration 60 /joint_states')
+    parser.add_argument('topics', metavar='TOPIC', nargs='*', type=topic_name,
+                        help="recorded besides this package's own, which are taken in any "
+                             'namespace')
+    add_output(parser, '-o', '--output', kind=RECORDING, metavar='BAG', required=True,
+               help='recording to write; an earlier one is kept as BAG~')
+    parser.add_argument('--all', action='store_true', help='record every topic there is')
+    parser.add_argument('--only', action='store_true', help='record the named topics alone')
+    parser.add_argument('--duration', metavar='S', type=positive, help='stop after this time')
+    parser.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap',
+                        help='how the recording is stored')
+    parser.add_argument('--no-compression', action='store_true',
+                        help='mcap without Zstandard inside')
+    add_quiet(parser)
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry it out."""
+    if args.only and (args.all or not args.topics):
+        raise UsageError('--only wants TOPICs and no --all: it records the named topics alone')
+    import time
+
+    with needs_ros():
+        from forcecal_ros.nodes.recorder import of_this_package, StreamRecorder
+        from forcecal_ros.nodes.temporary_node import temporary_node
+    from forcecal_ros.core.errors import DataError
+    from forcecal_ros.io.bags import BagWriter
+
+    names = {f'/{name.lstrip("/")}' for name in args.topics}
+    with (temporary_node('record') as ros,
+          BagWriter(args.output, args.storage, not args.no_compression) as writer,
+          bar(args, unit=' messages') as done):
+        recorder = StreamRecorder(ros.node, writer, lambda name, msgtype: (
+            args.all or name in names or (not args.only and of_this_package(name, msgtype))))
+        end = time.monotonic() + args.duration if args.duration is not None else None
+        with suppress(KeyboardInterrupt):  # what is recorded counts, whatever ends it
+            while not ros.interrupted and (end is None or time.monotonic() < end):
+                recorder.subscribe_to_new_topics()
+                ros.spin(PERIOD if end is None else max(min(PERIOD, end - time.monotonic()),
+                                                        0.001))
+                done.update(recorder.counts.total() - done.n)
+        if not recorder.counts:
+            raise DataError('nothing was heard on any topic of interest; set ROS_DOMAIN_ID '
+                            'to that of the robot (others are named as TOPIC)')
+    for msgtype in sorted(recorder.unknown):
+        warn(f'not recorded: messages of type {msgtype}, whose package is not installed')
+    for name in recorder.missing(names):
+        warn(f'{name}: nothing was heard')
+    if args.json:
+        print_json({'output': args.output, 'messages': dict(recorder.counts)})
+    else:
+        say(f'{args.output}: ' + ', '.join(
+            f'{count} {name}' for name, count in sorted(recorder.counts.items())))
+    return 0

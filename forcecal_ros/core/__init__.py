@@ -1,0 +1,1 @@
+"""Geometry, streams, noise and files: what every other package imports."""

@@ -1,0 +1,88 @@
+"""YAML documents, read so that no small file takes unbounded time or memory."""
+
+import re
+from typing import Any
+
+from forcecal_ros.core.errors import ConfigError
+import yaml
+
+LARGEST = 1 << 18
+_DEEPEST = 32
+_LONGEST_NUMBER = 1000
+
+
+class _Loader(yaml.SafeLoader):
+    """Safe loader without aliases, deep nests, endless numbers and keys that come twice."""
+
+    _depth = 0
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError('aliases (*name) are not allowed')
+        self._depth += 1
+        if self._depth > _DEEPEST:
+            raise yaml.YAMLError(f'nested more than {_DEEPEST} deep')
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
+
+    def construct_yaml_int(self, node: Any) -> int:
+        if len(node.value) > _LONGEST_NUMBER:
+            raise yaml.YAMLError(f'a number of {len(node.value)} digits')
+        return int(super().construct_yaml_int(node))
+
+    def construct_yaml_float(self, node: Any) -> float:
+        if len(node.value) > _LONGEST_NUMBER:
+            raise yaml.YAMLError(f'a number of {len(node.value)} digits')
+        return float(super().construct_yaml_float(node))
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        mapping = super().construct_mapping(node, deep=deep)
+        if len(mapping) != len(node.value):
+            raise yaml.YAMLError(f'a key comes twice {node.start_mark}')
+        return mapping
+
+
+# YAML 1.2, in which 2e-5 is a number; PyYAML asks for a point and a sign
+_Loader.add_implicit_resolver('tag:yaml.org,2002:float', re.compile(
+    r'[-+]?(\.\d+|\d+(\.\d*)?)[eE][-+]?\d+$', re.ASCII), list('-+.0123456789'))
+_Loader.add_constructor('tag:yaml.org,2002:int', _Loader.construct_yaml_int)
+_Loader.add_constructor('tag:yaml.org,2002:float', _Loader.construct_yaml_float)
+
+
+def load_yaml(text: str | bytes, name: str, largest: int = LARGEST) -> Any:
+    """
+    Read one YAML document of plain values.
+
+    Parameters
+    ----------
+    name : str
+        File or topic, for messages.
+    largest : int
+        Most that is read [characters].
+
+    Returns
+    -------
+    object
+        dict, list, str, number, ... or None for an empty document.
+
+    Raises
+    ------
+    ConfigError
+        It is too large, nested too deep, has aliases, tags or a key twice, or is no YAML.
+    """
+    if len(text) > largest:
+        raise ConfigError(f'{name}: larger than {largest} bytes')
+    try:
+        return yaml.load(text, Loader=_Loader)  # noqa: S506 - a stricter SafeLoader
+    except (yaml.YAMLError, ValueError, OverflowError, RecursionError, TypeError) as error:
+        raise ConfigError(f'{name}: not YAML of plain values: {_in_one_line(error)}') from error
+
+
+def _in_one_line(error: Exception) -> str:
+    """Say in one line what is wrong and where, without the text itself."""
+    reason = str(error)
+    if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark:
+        mark = error.problem_mark
+        reason = f'{error.problem} in line {mark.line + 1}, column {mark.column + 1}'
+    return ' '.join(reason.split())[:200]

@@ -1,0 +1,134 @@
+"""Parameters of nodes as a table, and the parameter file that is made of it."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from math import inf, isfinite
+from textwrap import wrap
+from typing import Any, NamedTuple, TypeVar
+
+from forcecal_ros.core.schema.file import yaml_value
+from forcecal_ros.core.schema.row import Row
+from forcecal_ros.core.schema.sections import columns
+import numpy as np
+
+T = TypeVar('T')
+
+_WIDTH = 99
+_DIGITS = 12
+"""After the point, in files: what is beyond is rounding of a quaternion."""
+
+_FLOATS = 'ROS takes a number for a float only when it is written with a point.'
+
+
+class Parameter(NamedTuple):
+    """
+    One row of a node's table of parameters.
+
+    Attributes
+    ----------
+    name : str
+    default : bool, int, float, str or list of them
+        Its type is the parameter's.
+    description : str
+    unit : str
+    low, high : float or None
+        Range of a number; None: unbounded.
+    choices : tuple of str
+        All words allowed; empty: any.
+    live : bool
+        Whether it may be set while the node runs.
+    per_line : int
+        Numbers in a line of the file; 0: all of them.
+    """
+
+    name: str
+    default: Any
+    description: str
+    unit: str = ''
+    low: float | None = None
+    high: float | None = None
+    choices: tuple[str, ...] = ()
+    live: bool = False
+    per_line: int = 0
+
+    @property
+    def text(self) -> str:
+        """What it means, with its unit and its words."""
+        text = f'{self.description} [{self.unit}]' if self.unit else self.description
+        words = ' | '.join(word or "''" for word in self.choices)
+        return f'{text} ({words})' if words else text
+
+    @property
+    def row(self) -> Row:
+        """Its row: unit, range and words."""
+        return Row(self.description, self.unit, -inf if self.low is None else self.low,
+                   inf if self.high is None else self.high, words=self.choices)
+
+
+def parameters_of(prefix: str, section: Any, *names: str, live: bool = True
+                  ) -> tuple[Parameter, ...]:
+    """
+    Return the rows of a section, or some of them, as parameters below a prefix.
+
+    The defaults are the section's own values; ``live`` is that of all of them.
+    """
+    return tuple(
+        Parameter(f'{prefix}.{column.name}', _plain(getattr(section, column.name)),
+                  column.row.meaning, column.row.unit, _end(column.row.low),
+                  _end(column.row.high), column.row.words, live)
+        for column in columns(type(section)) if not names or column.name in names)
+
+
+def section_of(kind: type[T], value: Mapping[str, Any], prefix: str) -> T:
+    """Make a section of the parameters below a prefix, by name; others keep their default."""
+    keys = {column.name: f'{prefix}.{column.name}' for column in columns(kind)}
+    return kind(**{name: value[key] for name, key in keys.items() if key in value})
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray) else value
+
+
+def _end(bound: float) -> float | None:
+    return bound if isfinite(bound) else None
+
+
+def parameter_file(node: str, table: Iterable[Parameter], heading: str) -> str:
+    """
+    Return the text of a node's parameter file, every parameter at its default with its meaning.
+
+    ``heading`` is its first comment. Names without a dot come first, then the groups.
+    """
+    groups: dict[str, list[tuple[str, Parameter]]] = {'': []}
+    for parameter in table:
+        group, dot, name = parameter.name.partition('.')
+        groups.setdefault(group if dot else '', []).append((name or group, parameter))
+    lines = [*_comment(heading, ''), *_comment(_FLOATS, ''), f'/**/{node}:', '  ros__parameters:']
+    for group, rows in groups.items():
+        lines += [f'    {group}:'] if group else []
+        for name, parameter in rows:
+            lines += _lines(name, parameter, '      ' if group else '    ')
+    return '\n'.join(lines) + '\n'
+
+
+def _lines(name: str, parameter: Parameter, indent: str) -> Iterator[str]:
+    range_ = parameter.row.range()
+    yield from _comment(parameter.text + (f' ({range_})' if range_ else ''), indent)
+    value = _rounded(parameter.default)
+    if not parameter.per_line:
+        yield f'{indent}{name}: {yaml_value(value)}'
+        return
+    yield f'{indent}{name}: ['
+    for start in range(0, len(value), parameter.per_line):
+        row = yaml_value(value[start:start + parameter.per_line])[1:-1]
+        yield f'{indent}  {row}{"," if start + parameter.per_line < len(value) else "]"}'
+
+
+def _comment(text: str, indent: str) -> list[str]:
+    return wrap(text, _WIDTH, initial_indent=f'{indent}# ', subsequent_indent=f'{indent}# ',
+                break_long_words=False, break_on_hyphens=False)
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_rounded(one) for one in value]
+    return round(value, _DIGITS) + 0.0 if isinstance(value, float) else value

@@ -1,0 +1,275 @@
+"""Recorded or live signals as arrays: what bags and topics become before anything is computed.
+
+Time comes first: streams are sorted by header stamp and counted in seconds from
+``Recording.start_ns``, so that a float keeps well below a microsecond over days.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.schema import Vector7
+import numpy as np
+from numpy.typing import NDArray
+
+Rows = slice | NDArray[np.bool_] | NDArray[np.intp]
+"""Which samples."""
+
+PHASES = (
+    'idle', 'settle', 'move', 'measure', 'step', 'sweep', 'reverse', 'approach', 'contact',
+    'retract', 'done', 'aborted',
+)
+"""The words a sequencer says; see ``sequencer/phase``."""
+
+FREE = ('move', 'settle', 'step', 'sweep', 'reverse')
+"""Phases in which nothing touches the tool while the robot moves, or may."""
+
+TOUCHING = ('approach', 'contact', 'retract')
+"""Phases in which the tool touches something, or may."""
+
+STILL = ('measure',)
+"""Phases in which nothing touches the tool while the robot stands."""
+
+_POSE = (*(f'pose.{axis}' for axis in 'xyz'), *9 * ('pose.orientation',))
+
+CHANNELS = {
+    'wrench': (*(f'force.{axis}' for axis in 'xyz'), *(f'torque.{axis}' for axis in 'xyz')),
+    'accelerometer': tuple(f'accel.{axis}' for axis in 'xyz'),
+    'optidrive': ('optidrive',),
+    'angular_velocity': tuple(f'angular_velocity.{axis}' for axis in 'xyz'),
+    'pose': _POSE,
+    'target': tuple(name.replace('pose', 'target') for name in _POSE),
+}
+"""Names of each stream's columns, of a pose's position and rotation matrix."""
+
+
+def _frozen(values: object) -> Array:
+    """Return the values so that nobody can change them: a copy, unless that is so already."""
+    array = (np.asarray if _is_frozen(values) else np.array)(values, dtype=float)
+    array.setflags(write=False)
+    return array
+
+
+def _is_frozen(values: object) -> bool:
+    while isinstance(values, np.ndarray) and not values.flags.writeable:
+        values = values.base
+    return values is None
+
+
+@dataclass(frozen=True)
+class Stream:
+    """
+    One signal over time.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+        Header stamps, strictly increasing [s] since the recording's start.
+    values : ndarray, shape (n, k)
+        One row a sample; unit and frame as the owner says.
+    frame : str
+        frame_id of the messages.
+    """
+
+    t: Array
+    values: Array
+    frame: str = ''
+
+    def __post_init__(self) -> None:
+        t, values = _frozen(self.t), _frozen(self.values)
+        if t.ndim != 1 or values.ndim != 2 or len(t) != len(values):
+            raise ValueError(f'expected t (n,) and values (n, k), got {t.shape}, {values.shape}')
+        object.__setattr__(self, 't', t)
+        object.__setattr__(self, 'values', values)
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def rate(self) -> float:
+        """Median rate of the samples [Hz]."""
+        return float(1.0 / np.median(np.diff(self.t))) if len(self.t) > 1 else float('nan')
+
+    def between(self, start: float, end: float) -> 'Stream':
+        """Return the samples with ``start <= t < end`` [s]."""
+        i, j = np.searchsorted(self.t, [start, end])
+        return self.rows(slice(i, j))
+
+    def rows(self, kept: Rows) -> 'Stream':
+        """Return some of the samples."""
+        return replace(self, t=self.t[kept], values=self.values[kept])
+
+    def at(self, t: Array) -> Array:
+        """
+        Return the values at other times, linearly interpolated, held beyond the ends.
+
+        Parameters
+        ----------
+        t : ndarray, shape (m,)
+            [s]
+
+        Returns
+        -------
+        ndarray, shape (m, k)
+        """
+        if not len(self.t):
+            raise DataError('cannot interpolate an empty stream')
+        return np.stack([np.interp(t, self.t, column) for column in self.values.T], axis=1)
+
+
+@dataclass(frozen=True)
+class JointStream(Stream):
+    """
+    Positions of joints over time [rad] or [m].
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the columns; empty where nobody said them.
+    """
+
+    names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class PoseStream:
+    """
+    The sensor's pose in base over time, measured or commanded.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+        Header stamps, strictly increasing [s] since the recording's start.
+    position : ndarray, shape (n, 3)
+        Origin of ft_sensor in base [m]; NaN where only the orientation is known.
+    R_base_sensor : ndarray, shape (n, 3, 3)
+        Maps sensor coordinates to base coordinates.
+    frame : str
+        frame_id of the messages.
+    of : str
+        The frame whose pose it is, where the recording says so; a PoseStamped does not.
+    """
+
+    t: Array
+    position: Array
+    R_base_sensor: Array
+    frame: str = 'base'
+    of: str = ''
+
+    def __post_init__(self) -> None:
+        t, p, R = _frozen(self.t), _frozen(self.position), _frozen(self.R_base_sensor)
+        n = len(t)
+        if t.ndim != 1 or p.shape != (n, 3) or R.shape != (n, 3, 3):
+            raise ValueError(
+                f'expected t (n,), position (n, 3), R_base_sensor (n, 3, 3), '
+                f'got {t.shape}, {p.shape}, {R.shape}')
+        object.__setattr__(self, 't', t)
+        object.__setattr__(self, 'position', p)
+        object.__setattr__(self, 'R_base_sensor', R)
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def has_position(self) -> bool:
+        """Whether every position is known, not the orientation alone."""
+        return len(self.t) > 0 and bool(np.isfinite(self.position).all())
+
+    def between(self, start: float, end: float) -> 'PoseStream':
+        """Return the samples with ``start <= t < end`` [s]."""
+        i, j = np.searchsorted(self.t, [start, end])
+        return self.rows(slice(i, j))
+
+    def rows(self, kept: Rows) -> 'PoseStream':
+        """Return some of the samples."""
+        return replace(self, t=self.t[kept], position=self.position[kept],
+                       R_base_sensor=self.R_base_sensor[kept])
+
+
+@dataclass(frozen=True)
+class Phase:
+    """One phase of the sequence: ``name`` from ``start`` up to ``end`` [s]."""
+
+    name: str
+    start: float
+    end: float
+
+
+@dataclass(frozen=True)
+class Recording:
+    """
+    Everything one recording holds, whatever it came from.
+
+    Attributes
+    ----------
+    wrench : Stream or None
+        (n, 6) force [N] and torque [N m] in ft_sensor, as on the wire: environment on tool,
+        bias included.
+    accelerometer : Stream or None
+        (n, 3) in ``accelerometer_unit``: volts of each axis, or specific force (REP-145).
+    accelerometer_unit : str
+        ``V`` or ``m/s^2``.
+    pose, target : PoseStream or None
+        Measured and commanded pose of ft_sensor.
+    optidrive : Stream or None
+        (n, 1) displacement of a compliant tool along x of ft_sensor [m].
+    contact_truth : Stream or None
+        (n, 6) true contact wrench, which only a simulator knows.
+    angular_velocity : Stream or None
+        (n, 3) of an IMU's gyro, in its frame [rad/s].
+    joint_commands : JointStream or None
+        What a controller of joints was told.
+    joints : JointStream or None
+        Measured, of the joints that are commanded where these are named.
+    phases : tuple of Phase
+        In order, without gaps or overlaps; empty where none was recorded.
+    start_ns : int
+        Stamp that t = 0 stands for [ns since the epoch].
+    source : str
+        Where it came from, for messages to the user.
+    notes : tuple of str
+        What reading had to leave out or mend, one plain sentence each.
+    candidates : mapping of str to tuple of str
+        Role without a topic -> topics of the recording whose type fits it and that nothing uses.
+    sensor_from_pose : tuple of 7 float or None
+        By which the poses were taken from another frame to ft_sensor: x y z [m] qx qy qz qw of
+        ft_sensor in that frame.
+    """
+
+    wrench: Stream | None = None
+    accelerometer: Stream | None = None
+    accelerometer_unit: str = 'V'
+    pose: PoseStream | None = None
+    target: PoseStream | None = None
+    optidrive: Stream | None = None
+    contact_truth: Stream | None = None
+    angular_velocity: Stream | None = None
+    joint_commands: JointStream | None = None
+    joints: JointStream | None = None
+    phases: tuple[Phase, ...] = ()
+    start_ns: int = 0
+    source: str = ''
+    notes: tuple[str, ...] = field(default=())
+    candidates: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    sensor_from_pose: Vector7 | None = None
+
+
+def phase_spans(phases: tuple[Phase, ...], names: tuple[str, ...]) -> list[tuple[float, float]]:
+    """
+    Join consecutive phases of some names.
+
+    Returns
+    -------
+    list of tuple of float
+        Start and end of each stretch [s].
+    """
+    spans: list[tuple[float, float]] = []
+    for phase in phases:
+        if phase.name not in names:
+            continue
+        if spans and abs(spans[-1][1] - phase.start) < 1e-6:
+            spans[-1] = (spans[-1][0], phase.end)
+        else:
+            spans.append((phase.start, phase.end))
+    return spans

@@ -1,0 +1,1 @@
+"""Bags, CSV, URDF and calibration files: read and written here."""

@@ -1,0 +1,216 @@
+"""MCAP files, record by record: whole ones, and what can be read of damaged ones."""
+
+from collections.abc import Iterator
+from pathlib import Path
+import struct
+import sys
+from typing import Any, BinaryIO
+import zlib
+
+from forcecal_ros.core.topics import Topic
+from forcecal_ros.io.bags.batch import at_offsets, Batch, Notes
+import lz4.frame
+import numpy as np
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
+
+MAGIC = b'\x89MCAP0\r\n'
+"""First and last bytes of an MCAP file."""
+
+_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _CHUNK_INDEX, _DATA_END, _LAST = 3, 4, 5, 6, 8, 15, 15
+"""Opcodes of the records that are read, and the highest there is."""
+
+_FOOTER_SIZE = 9 + 20 + 8
+"""Bytes of the footer record: opcode and length, content, magic."""
+
+_LARGEST = 1 << 28
+"""Bytes that a record or an unpacked chunk may have: a length beyond it is damage."""
+
+_BLOCK = 1 << 22
+"""Bytes of messages outside chunks that are gathered before they are handed on, about."""
+
+
+class McapFile:
+    """
+    The messages of one file.
+
+    Attributes
+    ----------
+    topics : dict of int to Topic
+        By channel id.
+    """
+
+    def __init__(self, path: Path, notes: Notes) -> None:
+        self._path = path
+        self._notes = notes
+        self._size = path.stat().st_size
+        self._schemas: dict[int, tuple[str, str]] = {}
+        self._chunks: list[int] = []
+        self.topics: dict[int, Topic] = {}
+        with path.open('rb') as file:
+            self._read_summary(file)
+        if not self.topics:
+            for _ in self._scan(set()):
+                pass
+
+    def batches(self, topics: set[Topic]) -> Iterator[Batch]:
+        """Yield the messages of some topics, some thousands at a time, in the file's order."""
+        return self._scan({channel for channel, topic in self.topics.items() if topic in topics})
+
+    def _read_summary(self, file: BinaryIO) -> None:
+        """Learn channels and chunks from the end of the file, where it is intact."""
+        if self._size < len(MAGIC) + _FOOTER_SIZE:
+            return
+        file.seek(-_FOOTER_SIZE, 2)
+        footer = file.read()
+        start = int.from_bytes(footer[9:17], 'little')
+        if not footer.endswith(MAGIC) or not len(MAGIC) <= start < self._size:
+            self._notes.add(f'{self._path.name} has no index: it was not closed properly, '
+                            'what it holds was read record by record')
+            return
+        file.seek(start)
+        summary = file.read(_LARGEST)
+        for opcode, position, size in _records(summary)[1]:
+            content = summary[position:position + size]
+            self._learn(opcode, content)
+            if opcode == _CHUNK_INDEX and size >= 24:
+                self._chunks.append(int.from_bytes(content[16:24], 'little'))
+        self._chunks.sort()
+
+    def _learn(self, opcode: int, content: bytes) -> None:
+        """Take in a schema or a channel; a damaged one is as good as none."""
+        try:
+            if opcode == _SCHEMA:
+                (number,) = struct.unpack_from('<H', content)
+                name, position = _string(content, 2)
+                encoding, position = _string(content, position)
+                definition = _string(content, position)[0] if encoding == 'ros2msg' else ''
+                self._schemas[number] = name, definition
+            elif opcode == _CHANNEL:
+                number, schema = struct.unpack_from('<HH', content)
+                name, position = _string(content, 4)
+                if _string(content, position)[0] == 'cdr' and number not in self.topics:
+                    self.topics[number] = Topic(name, *self._schemas.get(schema, ('unknown', '')))
+        except (struct.error, UnicodeDecodeError):
+            return
+
+    def _scan(self, channels: set[int]) -> Iterator[Batch]:
+        with self._path.open('rb') as file:
+            position = len(MAGIC)
+            loose: list[bytes] = []
+            while position < self._size:
+                file.seek(position)
+                head = file.read(9)
+                opcode = head[0]
+                size = int.from_bytes(head[1:], 'little')
+                end = position + 9 + size
+                if len(head) < 9 or not 0 < opcode <= _LAST or end > self._size:
+                    if opcode == _CHUNK and len(head) == 9:
+                        yield from self._chunk(file.read(_LARGEST), position, channels)
+                    position = self._resume(position)
+                elif opcode == _CHUNK:
+                    yield from self._chunk(file.read(min(size, _LARGEST)), position, channels)
+                    position = end
+                elif opcode == _DATA_END:
+                    break
+                else:
+                    if opcode == _MESSAGE:
+                        loose.append(head + file.read(min(size, _LARGEST)))
+                    elif opcode in (_SCHEMA, _CHANNEL):
+                        self._learn(opcode, file.read(min(size, _LARGEST)))
+                    position = end
+                if len(loose) * 128 > _BLOCK:
+                    yield from self._messages(b''.join(loose), channels)
+                    loose = []
+            yield from self._messages(b''.join(loose), channels)
+
+    def _resume(self, position: int) -> int:
+        """Return where to go on after a record that makes no sense."""
+        later = [chunk for chunk in self._chunks if position < chunk < self._size]
+        goal = later[0] if later else self._size
+        self._notes.add(f'{self._path.name} is damaged or cut off at byte {position}: '
+                        f'{goal - position} bytes were passed over')
+        return goal
+
+    def _chunk(self, content: bytes, position: int, channels: set[int]) -> Iterator[Batch]:
+        try:
+            buffer = _unpack(content)
+        except (struct.error, UnicodeDecodeError, ValueError, RuntimeError, EOFError,
+                MemoryError, zstd.ZstdError) as error:
+            self._notes.add(f'{self._path.name}: the chunk at byte {position} is damaged '
+                            f'({error}) and was left out')
+            return
+        yield from self._messages(buffer, channels)
+
+    def _messages(self, buffer: bytes, channels: set[int]) -> Iterator[Batch]:
+        starts, others, end = _records(buffer)
+        for opcode, position, size in others:
+            if opcode in (_SCHEMA, _CHANNEL):
+                self._learn(opcode, buffer[position:position + size])
+        if end < len(buffer):
+            self._notes.add(f'{self._path.name}: a chunk ends within a message')
+        for channel in channels & starts.keys():
+            start = np.array(starts[channel])
+            yield Batch(
+                self.topics[channel], buffer, start + 31,
+                at_offsets(buffer, start + 1, '<i8') - 22, at_offsets(buffer, start + 15, '<i8'))
+
+
+def _records(buffer: bytes) -> tuple[dict[int, list[int]], list[tuple[int, int, int]], int]:
+    """Find the records: starts of messages by channel, (opcode, content, size) of others, end."""
+    messages: dict[int, list[int]] = {}
+    others = []
+    position, size = 0, len(buffer)
+    unpack = struct.Struct('<BQH').unpack_from
+    while position + 11 <= size:
+        opcode, length, channel = unpack(buffer, position)
+        end = position + 9 + length
+        if end > size:
+            break
+        if opcode != _MESSAGE:
+            others.append((opcode, position + 9, length))
+        elif length < 22:
+            break
+        elif channel in messages:
+            messages[channel].append(position)
+        else:
+            messages[channel] = [position]
+        position = end
+    return messages, others, position
+
+
+def _string(content: bytes, position: int) -> tuple[str, int]:
+    (size,) = struct.unpack_from('<I', content, position)
+    end = position + 4 + size
+    if end > len(content):
+        raise struct.error('string longer than its record')
+    return content[position + 4:end].decode(), end
+
+
+def _unpack(content: bytes) -> bytes:
+    """Decompress a chunk and check it; of one that was cut off, return what is there."""
+    _, _, size, checksum = struct.unpack_from('<QQQI', content)
+    compression, position = _string(content, 28)
+    (packed,) = struct.unpack_from('<Q', content, position)
+    data = content[position + 8:position + 8 + packed]
+    if size > _LARGEST:
+        raise ValueError(f'{size} bytes claimed')
+    if compression:
+        data = _decompressor(compression).decompress(data, size)
+    if len(content) >= position + 8 + packed:
+        if len(data) != size:
+            raise ValueError(f'{len(data)} bytes instead of {size}')
+        if checksum and zlib.crc32(data) != checksum:
+            raise ValueError('checksum does not match')
+    return data
+
+
+def _decompressor(compression: str) -> Any:
+    if compression == 'zstd':
+        return zstd.ZstdDecompressor()
+    if compression == 'lz4':
+        return lz4.frame.LZ4FrameDecompressor()
+    raise ValueError(f'unknown compression {compression!r}')

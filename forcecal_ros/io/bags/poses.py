@@ -1,0 +1,250 @@
+"""Poses where none were recorded: out of /tf and /tf_static, or of joint states and a URDF."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from struct import error as StructError
+
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.topics import STRING, Topic
+from forcecal_ros.io.bags.cdr import Decoder
+from forcecal_ros.io.bags.collect import Collector, Series
+from forcecal_ros.io.bags.storage import Bag
+from forcecal_ros.io.transforms import (
+    frames_of,
+    Placement,
+    pose_along,
+    route,
+    TF,
+    Transform,
+    TransformReader,
+    way_up,
+)
+from forcecal_ros.io.urdf import Description, Joint
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+FROM_TF = 'tf:'
+"""``tf:BASE:SENSOR`` in place of a topic's name."""
+
+FARTHEST_TURN = 4.0 * np.pi
+"""Joints between limits turn by less: those of arms by one turn either way, 6.3 rad."""
+
+
+@dataclass
+class _Link:
+    """Where a frame is in its parent, message by message."""
+
+    parent: str
+    stamps: list[int] = field(default_factory=list)
+    numbers: list[tuple[float, ...]] = field(default_factory=list)
+
+
+def pose_series(bag: Bag, named: str, wrench_frame: str) -> tuple[Series, str] | None:
+    """
+    Return the pose of the sensor's frame in the base, out of a recording's transforms.
+
+    Parameters
+    ----------
+    named : str
+        ``tf:BASE:SENSOR``; empty: the frame of the wrench in the root of its tree.
+    wrench_frame : str
+
+    Returns
+    -------
+    Series and str, or None
+        Position and quaternion x y z w, stamped as the busiest transform between the two, and the
+        frame whose pose that is; None where nothing was named and there are no transforms that
+        move.
+
+    Raises
+    ------
+    DataError
+        What was named is no pair of frames of one tree.
+    """
+    links = _links(bag)
+    parents = {frame: link.parent for frame, link in links.items()}
+    if not named:
+        if wrench_frame not in links:
+            if links:
+                bag.notes.add(f'/tf holds no frame {wrench_frame!r}, that of the wrench; for the '
+                              'pose give --topic pose=tf:BASE:SENSOR, of '
+                              f'{", ".join(sorted(frames_of(parents)))}')
+            return None
+        base, sensor = way_up(parents, wrench_frame)[-1], wrench_frame
+        name = 'pose'
+    else:
+        base, _, sensor = named.partition(FROM_TF)[2].partition(':')
+        name = named
+    way = route(parents, base, sensor, name)
+    moving = [links[f] for f in (*way.up, *way.down) if len(links[f].stamps) > 1]
+    if not moving:
+        if named:
+            raise DataError(f'{named}: nothing moves between {base} and {sensor}; name the frame '
+                            'of the sensor and that of the base')
+        return None
+    busiest = max(moving, key=lambda link: len(link.stamps))
+    stamps = np.unique(busiest.stamps)
+    first = max(min(link.stamps) for link in moving)
+    last = min(max(link.stamps) for link in moving)
+    stamps = stamps[(stamps >= first) & (stamps <= last)]
+    bag.notes.add(f'pose: of {sensor} in {base}, from /tf')
+    values = pose_along(way, lambda frame: _at(links[frame], stamps), len(stamps))
+    return Series(stamps, values, base), sensor
+
+
+def _links(bag: Bag) -> dict[str, _Link]:
+    read, links = TransformReader(), dict[str, _Link]()
+    for batch in bag.batches({topic for topic in bag.topics if topic.type == TF}):
+        for start, length in zip(batch.start.tolist(), batch.length.tolist()):
+            try:
+                found = read(bytes(batch.buffer[start:start + length]))
+            except (StructError, IndexError):
+                bag.notes.add('/tf: messages that cannot be read were left out')
+                continue
+            for one in found:
+                _take(one, links, bag)
+    return links
+
+
+def _take(one: Transform, links: dict[str, _Link], bag: Bag) -> None:
+    if not np.isfinite(one.numbers).all() or not any(one.numbers[3:]):
+        bag.notes.add(f'/tf: {one.child} without a number was left out')
+        return
+    link = links.setdefault(one.child, _Link(one.parent))
+    link.parent = one.parent
+    link.stamps.append(one.stamp_ns)
+    link.numbers.append(one.numbers)
+
+
+def _at(link: _Link, stamps: Array) -> Placement:
+    times, index = np.unique(link.stamps, return_index=True)
+    numbers = np.array(link.numbers)[index]
+    if len(times) == 1:
+        numbers = np.repeat(numbers, len(stamps), axis=0)
+        return Rotation.from_quat(numbers[:, 3:]), numbers[:, :3]
+    t, at = (times - times[0]) * 1e-9, np.clip((stamps - times[0]) * 1e-9, 0.0, None)
+    at = np.minimum(at, t[-1])
+    place = np.stack([np.interp(at, t, column) for column in numbers[:, :3].T], axis=1)
+    return Slerp(t, Rotation.from_quat(numbers[:, 3:]))(at), place
+
+
+FROM_URDF = 'urdf:'
+"""``urdf:FILE:BASE:LINK`` in place of a topic's name; FILE may be a topic of the recording."""
+
+
+def pose_of_joints(bag: Bag, named: str, joint_states: Topic | None) -> tuple[Series, str]:
+    """
+    Return the pose of a link in another, out of joint states.
+
+    Parameters
+    ----------
+    named : str
+        ``urdf:FILE:BASE:LINK``.
+    joint_states : Topic or None
+
+    Returns
+    -------
+    Series and str
+        Position and quaternion x y z w, stamped as the busiest of the joints between the two, and
+        the link whose pose that is.
+
+    Raises
+    ------
+    DataError
+        Description, links or joints are not there.
+    """
+    parts = named.removeprefix(FROM_URDF).rsplit(':', 2)
+    if len(parts) < 3 or not all(parts):
+        raise DataError(f'{named}: expected urdf:FILE:BASE:LINK, e.g. '
+                        'urdf:robot.urdf:base_link:tool0')
+    source, base, link = parts
+    description = Description(_description(bag, source), source)
+    way = route(description.parents, base, link, named, source)
+    joints = {frame: description.joint(frame) for frame in (*way.up, *way.down)}
+    if joint_states is None:
+        raise DataError(f'{named}: there are no joint states in the recording; record '
+                        '/joint_states')
+    drivers = {joint.driver for joint in joints.values()} - {''}
+    if not drivers:
+        raise DataError(f'{named}: no joint moves between {base} and {link}; name the frame of '
+                        'the sensor and that of the base')
+    reported = _reported_joints(bag, joint_states, drivers, named)
+    busiest = max(reported.values(), key=lambda one: len(one.stamp_ns)).stamp_ns
+    stamps = busiest[(busiest >= max(one.stamp_ns[0] for one in reported.values()))
+                     & (busiest <= min(one.stamp_ns[-1] for one in reported.values()))]
+    start = int(busiest[0])
+    positions = {joint: np.interp((stamps - start) / 1e9, one.seconds(start), one.values[:, 0])
+                 for joint, one in reported.items()}
+    refuse_degrees(joints.values(), positions, joint_states.name)
+    bag.notes.add(f'pose: of {link} in {base}, from {joint_states.name} and {source}')
+    poses = pose_along(way, lambda frame: joints[frame].placement(positions, len(stamps)),
+                       len(stamps))
+    return Series(stamps, poses, base), link
+
+
+def _description(bag: Bag, source: str) -> bytes:
+    """Return the URDF of a file, or of a topic that holds it."""
+    topic = next((topic for topic in bag.topics if topic.type == STRING
+                  and topic.name.lstrip('/') == source.lstrip('/')), None)
+    if topic is not None:
+        urdf = _series(bag, topic, {'data': Collector(bag, topic, ['data'], text=True)})['data']
+        if urdf is not None:
+            return str(urdf.values[-1, 0]).encode()
+    try:
+        return Path(source).read_bytes()
+    except OSError as error:
+        raise DataError(f'{source}: cannot be read ({error.strerror}), and is no topic of the '
+                        'recording; name a URDF') from error
+
+
+def refuse_degrees(joints: Iterable[Joint], positions: Mapping[str, Array], topic: str) -> None:
+    """
+    Refuse joints that turn between limits and stand where none of them reaches.
+
+    Parameters
+    ----------
+    positions : mapping of str to ndarray, shape (n,)
+        By joint [rad].
+    topic : str
+        For messages.
+
+    Raises
+    ------
+    DataError
+        Names the joint and its position.
+    """
+    for joint in joints:
+        farthest = float(np.abs(positions[joint.driver]).max()) if joint.driver else 0.0
+        if joint.limited and farthest > FARTHEST_TURN:
+            raise DataError(
+                f'{topic}: joint {joint.driver} stands at {farthest:.3g} rad, where no joint with '
+                'limits reaches: positions are in degrees; publish radians')
+
+
+def _reported_joints(bag: Bag, topic: Topic, drivers: set[str], named: str) -> dict[str, Series]:
+    """Return what joints were said to be at, in whatever messages and order."""
+    series = _series(bag, topic, {
+        joint: Collector(bag, topic, [f'position[{joint}]']) for joint in sorted(drivers)})
+    reported = {joint: one for joint, one in series.items() if one is not None}
+    if missing := sorted(drivers - set(reported)):
+        raise DataError(f'{named}: {topic.name} holds no joint {", ".join(missing)}; joints are '
+                        f'{", ".join(sorted(_names(bag, topic))) or "none"}')
+    if short := sorted(joint for joint, one in reported.items() if len(one.stamp_ns) < 2):
+        raise DataError(f'{named}: {topic.name} tells {", ".join(short)} less than twice')
+    return reported
+
+
+def _series(bag: Bag, topic: Topic, collectors: Mapping[str, Collector]
+            ) -> dict[str, Series | None]:
+    for batch in bag.batches({topic}):
+        for collector in collectors.values():
+            collector.add(batch)
+    return {name: collector.series(bag.notes) for name, collector in collectors.items()}
+
+
+def _names(bag: Bag, topic: Topic) -> set[str]:
+    decoder = Decoder(bag.typestore(), topic.type)
+    return {text for batch in bag.batches({topic}) for group in decoder.groups(batch)
+            for path, text in group.layout.text.items() if path.startswith('name[')}

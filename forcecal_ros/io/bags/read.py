@@ -1,0 +1,232 @@
+"""Recordings to arrays."""
+
+from collections.abc import Callable, Mapping
+from itertools import groupby, pairwise
+from pathlib import Path
+from typing import Any
+
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array, matrix_from_quaternion
+from forcecal_ros.core.streams import JointStream, Phase, PoseStream, Recording, Stream
+from forcecal_ros.core.topics import candidates, find_topics, IMU, JOINT_STATE, Topic, VECTOR3
+from forcecal_ros.io.bags.batch import Notes
+from forcecal_ros.io.bags.collect import Collector, frozen, Series
+from forcecal_ros.io.bags.poses import FROM_TF, pose_of_joints, pose_series
+from forcecal_ros.io.bags.poses import FROM_URDF as URDF
+from forcecal_ros.io.bags.signals import FIELDS, JOINT_NAMES, JOINTS
+from forcecal_ros.io.bags.storage import Bag
+from forcecal_ros.io.transforms import TF
+import numpy as np
+
+_STREAMS = ('wrench', 'accelerometer', 'imu', 'accel', 'pose', 'target', 'optidrive',
+            'contact_truth', 'joint_commands')
+_DAY = 86400.0
+
+
+def read_recording(
+        path: Path | str, topics: Mapping[str, str] | None = None, wrench_sign: int = 1, *,
+        joints: bool = False) -> Recording:
+    """
+    Read a rosbag2 recording: a folder or one file, SQLite or MCAP, compressed or not.
+
+    Times are header stamps (times of recording where those are zero), increasing; messages
+    with repeated or jumping stamps are left out and counted in ``notes``. Numbers are as they
+    came, NaN and infinite ones included: :mod:`forcecal_ros.checks` judges them. What is
+    not recorded is None, a topic without a message is an empty stream.
+
+    Parameters
+    ----------
+    topics : mapping of str to str, optional
+        Role to topic name where it is not the usual one of
+        :data:`forcecal_ros.core.topics.ROLES`. ``tf:BASE:SENSOR`` as ``pose`` takes it from
+        /tf and /tf_static, where it is also looked for if there is no other pose, of the wrench's
+        frame in the root of its tree. ``urdf:FILE:BASE:LINK`` takes it from joint states and a
+        URDF, which may be a topic of the recording.
+    wrench_sign : int
+        -1 for a driver that reports the wrench of the tool on its environment.
+    joints : bool
+        Whether to read the measured positions of joints, too.
+
+    Raises
+    ------
+    DataError
+        There is no recording, nothing in it can be read, or a topic is missing, of the wrong
+        type or one of several that would do.
+    ConfigError
+        A role does not exist.
+    """
+    named = dict(topics or {})
+    chain = named.pop('pose') if named.get('pose', '').startswith((FROM_TF, URDF)) else ''
+    with Bag(path) as bag:
+        # two arms' joint states are ambiguous only to who wants them
+        wanted = ('joint_states',) if joints or chain.startswith(URDF) else ()
+        found, mismatches = find_topics(bag.topics, named, (*_STREAMS, 'phase', *wanted))
+        joint_states = found.get('joint_states') if joints else found.pop('joint_states', None)
+        for mismatch in mismatches:
+            bag.notes.add(mismatch)
+        _choose_accelerometer(found, named, bag.notes)
+        if chain:
+            found.pop('pose', None)
+        series = _read_series(bag, found)
+        pose_of = ''
+        if chain.startswith(URDF):
+            found['pose'] = Topic(chain, JOINT_STATE)
+            series[found['pose']], pose_of = pose_of_joints(bag, chain, joint_states)
+        elif 'pose' not in found:
+            pose_of = _pose_of_transforms(bag, chain, found, series)
+        return _recording(bag, found, series, wrench_sign, pose_of)
+
+
+def _pose_of_transforms(bag: Bag, chain: str, found: dict[str, Topic],
+                        series: dict[Topic, Series]) -> str:
+    """Find a pose in /tf, of frames named or of the wrench's; return the frame that it is of."""
+    wrench = series.get(found['wrench']) if 'wrench' in found else None
+    if not chain and (wrench is None or not wrench.frame):
+        return ''
+    answer = pose_series(bag, chain, wrench.frame if wrench else '')
+    if answer is None:
+        return ''
+    found['pose'] = Topic('/tf', TF)
+    series[found['pose']], pose_of = answer
+    return pose_of
+
+
+def _choose_accelerometer(
+        found: dict[str, Topic], given: Mapping[str, str], notes: Notes) -> None:
+    """Let one topic be the accelerometer; an IMU keeps its gyro besides."""
+    sources = [role for role in ('accelerometer', 'imu', 'accel') if role in found]
+    sources.sort(key=lambda role: role not in given)
+    if not sources:
+        return
+    chosen = found[sources[0]]
+    if len(sources) > 1:
+        ignored = ', '.join(found[role].name for role in sources[1:])
+        notes.add(f'the accelerometer is {chosen.name}, not {ignored}')
+    found['accelerometer'] = chosen
+    found.pop('accel', None)
+    if chosen.type == IMU:
+        found['imu'] = chosen
+
+
+def _read_series(bag: Bag, found: Mapping[str, Topic]) -> dict[Topic, Series]:
+    measured = _measured_joints(bag, found)
+    collectors = {
+        topic: Collector(bag, topic, [f'position[{name}]' for name in measured])
+        if role == 'joint_states'
+        else Collector(bag, topic, ['status[0].message'], text=True) if role == 'phase'
+        else Collector(bag, topic, (JOINTS[topic.type],)) if role == 'joint_commands'
+        else Collector(bag, topic, FIELDS[topic.type]) for role, topic in found.items()}
+    for batch in bag.batches(set(collectors)):
+        collectors[batch.topic].add(batch)
+    series = {topic: collector.series(bag.notes, unreadable=True) or _nothing(topic)
+              for topic, collector in collectors.items()}
+    return _of_one_clock(series, bag.notes)
+
+
+def _nothing(topic: Topic) -> Series:
+    """Return what a topic without messages holds."""
+    return Series(np.empty(0, np.int64), np.empty((0, len(FIELDS.get(topic.type, ('text',))))), '')
+
+
+def _of_one_clock(series: dict[Topic, Series], notes: Notes) -> dict[Topic, Series]:
+    """Leave out topics stamped by another clock than most messages."""
+    longest = max((one.stamp_ns for one in series.values()), key=len, default=np.empty(0))
+    kept = {}
+    for topic, one in series.items():
+        if not len(one.stamp_ns):
+            kept[topic] = one
+            continue
+        apart = max(one.stamp_ns[0] - longest[-1], longest[0] - one.stamp_ns[-1]) / 1e9
+        if apart < _DAY:
+            kept[topic] = one
+        else:
+            notes.add(f'{topic.name} is stamped {apart / _DAY:.0f} days from the other topics, '
+                      'by another clock: left out')
+    return kept
+
+
+def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Series],
+               wrench_sign: int, pose_of: str) -> Recording:
+    heard = [one.stamp_ns for one in series.values() if len(one.stamp_ns)]
+    if not heard:
+        names = ', '.join(sorted(topic.name for topic in bag.topics))
+        what = f'it holds {names}; name the topics with --topic role=NAME' if names else (
+            'it holds no topics; record again')
+        raise DataError(f'{bag.path}: nothing to read; {what}'
+                        + ''.join(f'; {note}' for note in bag.notes))
+    start_ns = int(min(stamps[0] for stamps in heard))
+    end = float(max(stamps[-1] for stamps in heard) - start_ns) / 1e9
+
+    def stream(role: str, columns: slice = slice(None), scale: int = 1) -> Stream | None:
+        one = series.get(found[role]) if role in found else None
+        if one is None:
+            return None
+        values = one.values[:, columns]
+        if scale != 1:
+            values = frozen(values * scale)
+        return Stream(one.seconds(start_ns), values, one.frame)
+
+    def poses(role: str, of: str = '') -> PoseStream | None:
+        one = series.get(found[role]) if role in found else None
+        if one is None:
+            return None
+        return PoseStream(one.seconds(start_ns), one.values[:, :3],
+                          frozen(_rotations(one.values[:, 3:])), one.frame, of)
+
+    def joints(role: str, names: Callable[[], tuple[str, ...]]) -> JointStream | None:
+        one = stream(role)
+        return None if one is None else JointStream(one.t, one.values, one.frame, names())
+
+    in_volts = 'accelerometer' not in found or found['accelerometer'].type == VECTOR3
+    return Recording(
+        wrench=stream('wrench', scale=wrench_sign),
+        accelerometer=stream('accelerometer', slice(3)),
+        accelerometer_unit='V' if in_volts else 'm/s^2',
+        pose=poses('pose', pose_of), target=poses('target'), optidrive=stream('optidrive'),
+        contact_truth=stream('contact_truth'), angular_velocity=stream('imu', slice(3, 6)),
+        joint_commands=joints('joint_commands',
+                              lambda: _joint_names(bag, found['joint_commands'])),
+        joints=joints('joint_states', lambda: _measured_joints(bag, found)),
+        phases=_phases(series.get(found['phase']) if 'phase' in found else None, start_ns, end),
+        start_ns=start_ns, source=str(bag.path), notes=tuple(bag.notes),
+        candidates=candidates(bag.topics, found, _STREAMS))
+
+
+def _rotations(quaternions: Array) -> Array:
+    """Return the rotation matrices of xyzw quaternions, NaN where there are none."""
+    known = np.isfinite(quaternions).all(axis=1)
+    if known.all():
+        return matrix_from_quaternion(quaternions)
+    R = np.full((len(quaternions), 3, 3), np.nan)
+    R[known] = matrix_from_quaternion(quaternions[known])
+    return R
+
+
+def _joint_names(bag: Bag, topic: Topic) -> tuple[str, ...]:
+    """Return the names that the first message gives to its joints."""
+    if topic.type not in JOINT_NAMES:
+        return ()
+    for batch in bag.batches({topic}):
+        start, length = batch.start[0], batch.length[0]
+        message: Any = bag.typestore().deserialize_cdr(
+            batch.buffer[start:start + length], topic.type)
+        return tuple(getattr(message, JOINT_NAMES[topic.type]))
+    return ()
+
+
+def _measured_joints(bag: Bag, found: Mapping[str, Topic]) -> tuple[str, ...]:
+    """Return the joints to be read of joint_states: as commanded, else as first listed."""
+    if 'joint_states' not in found:
+        return ()
+    names = _joint_names(bag, found['joint_commands']) if 'joint_commands' in found else ()
+    return names or _joint_names(bag, found['joint_states'])
+
+
+def _phases(series: Series | None, start_ns: int, end: float) -> tuple[Phase, ...]:
+    """Turn changes, with or without repeats, into spans up to the next change or the end."""
+    if series is None:
+        return ()
+    said = zip(series.seconds(start_ns).tolist(), series.values[:, 0].tolist())
+    changes = [next(same) for _, same in groupby(said, key=lambda one: one[1])]
+    return tuple(Phase(name, start, stop)
+                 for (start, name), (stop, _) in pairwise([*changes, (end, '')]))

@@ -1,0 +1,176 @@
+"""Find the files of a recording, whatever holds it, and hand out their messages."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+import sys
+import tempfile
+from types import TracebackType
+
+from forcecal_ros.core.errors import ConfigError, DataError
+from forcecal_ros.core.safe_yaml import load_yaml
+from forcecal_ros.core.topics import Topic
+from forcecal_ros.io.bags.batch import Batch, Notes
+from forcecal_ros.io.bags.mcap import MAGIC, McapFile
+from forcecal_ros.io.bags.sqlite import SqliteFile
+import numpy as np
+from rosbags.typesys import get_types_from_msg, get_typestore, Stores, TypesysError
+from rosbags.typesys.store import Typestore
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
+
+_SQLITE_MAGIC = b'SQLite format 3\0'
+_ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
+
+_LARGEST_METADATA = 1 << 20
+"""Bytes of metadata.yaml beyond which it is not read: those of real recordings are kilobytes."""
+
+_LARGEST_BATCH = 1 << 28
+"""Bytes that the compressed messages of a batch may unpack to; more is a decompression bomb."""
+
+
+class Bag:
+    """
+    A recording opened for reading; use it as a context.
+
+    Attributes
+    ----------
+    notes : Notes
+        What had to be left out or mended so far.
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+        self.notes = Notes()
+        self.topics: tuple[Topic, ...] = ()
+        self._files: list[McapFile | SqliteFile] = []
+        self._stack = ExitStack()
+
+    def __enter__(self) -> 'Bag':
+        problems = []
+        for file in self._find_files():
+            try:
+                self._files.append(self._open(file))
+            except DataError as error:
+                problems.append(str(error))
+        if not self._files:
+            self._stack.close()
+            raise DataError(problems[0] if problems else f'{self.path}: no recording in here '
+                            '(*.mcap, *.db3); give the folder of a rosbag2 recording')
+        for problem in problems:
+            self.notes.add(problem)
+        self.topics = tuple(dict.fromkeys(
+            topic for file in self._files for topic in file.topics.values()))
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        self._stack.close()
+
+    def batches(self, topics: set[Topic]) -> Iterator[Batch]:
+        """Yield the messages of some topics, some thousands at a time, file after file."""
+        for file in self._files:
+            for batch in file.batches(topics):
+                yield self._decompressed(batch)
+
+    def typestore(self) -> Typestore:
+        """Return the types of ROS 2 Jazzy, and those only this recording defines."""
+        store = get_typestore(Stores.ROS2_JAZZY)
+        for topic in self.topics:
+            if topic.type in store.fielddefs or not topic.definition:
+                continue
+            try:
+                found = get_types_from_msg(topic.definition, topic.type)
+                store.register({name: fields for name, fields in found.items()
+                                if name not in store.fielddefs})
+            except (TypesysError, ValueError, KeyError, RecursionError):
+                self.notes.add(f'{topic.name}: the definition of {topic.type} is damaged')
+        return store
+
+    def _find_files(self) -> list[Path]:
+        if not self.path.exists():
+            raise DataError(f'{self.path} does not exist; give a rosbag2 folder or file')
+        if self.path.is_file():
+            return [self.path]
+        files = sorted(file for file in self.path.iterdir() if file.is_file() and (
+            {'.mcap', '.db3'} & set(file.suffixes[-2:])))
+        promised = self._metadata()
+        missing = sorted(promised - {file.name for file in files})
+        if missing:
+            self.notes.add(f'files are missing: {", ".join(missing)}')
+        return files
+
+    def _metadata(self) -> set[str]:
+        """Return the names of the files that metadata.yaml lists."""
+        path = self.path / 'metadata.yaml'
+        try:
+            with path.open('rb') as file:
+                document = load_yaml(file.read(_LARGEST_METADATA + 1), str(path),
+                                     _LARGEST_METADATA)
+            listed = document['rosbag2_bagfile_information']['relative_file_paths']
+            return {Path(name).name for name in listed}
+        except FileNotFoundError:
+            self.notes.add('metadata.yaml is missing; all files in the folder were read')
+        except (ConfigError, TypeError, KeyError):
+            self.notes.add('metadata.yaml is damaged; all files in the folder were read')
+        return set()
+
+    def _open(self, path: Path) -> McapFile | SqliteFile:
+        magic = _beginning(path)
+        if magic.startswith(_ZSTD_MAGIC):
+            path = self._unpacked(path)
+            magic = _beginning(path)
+        if magic.startswith(MAGIC):
+            return McapFile(path, self.notes)
+        if magic == _SQLITE_MAGIC:
+            file = SqliteFile(path, self.notes)
+            self._stack.callback(file.close)
+            return file
+        if not magic:
+            raise DataError(f'{path} is empty: nothing was recorded')
+        if magic.startswith(b'#ROSBAG'):
+            raise DataError(f'{path} is a ROS 1 bag; turn it into a ROS 2 bag with '
+                            '`rosbags-convert`')
+        raise DataError(f'{path} is not a recording (neither MCAP nor SQLite), or its beginning '
+                        'is damaged; give a rosbag2 folder or file')
+
+    def _unpacked(self, path: Path) -> Path:
+        """Unpack a compressed file into a folder that goes when the bag is closed."""
+        folder = self._stack.enter_context(tempfile.TemporaryDirectory())
+        target = Path(folder) / path.stem
+        try:
+            with zstd.open(path, 'rb') as source, target.open('wb') as out:
+                while block := source.read(1 << 20):
+                    out.write(block)
+        except (zstd.ZstdError, EOFError) as error:
+            self.notes.add(f'{path.name} is damaged or cut off ({error}): what came before was '
+                           'read')
+        return target
+
+    def _decompressed(self, batch: Batch) -> Batch:
+        """Unpack messages that were compressed one by one."""
+        if not len(batch.start) or batch.buffer[batch.start[0]:batch.start[0] + 4] != _ZSTD_MAGIC:
+            return batch
+        messages = []
+        room = _LARGEST_BATCH
+        for start, length in zip(batch.start, batch.length):
+            message = b''
+            try:
+                if room:
+                    message = zstd.ZstdDecompressor().decompress(
+                        batch.buffer[start:start + length], room)
+            except zstd.ZstdError:
+                pass
+            messages.append(message)
+            room -= len(message)
+        length = np.array([len(message) for message in messages])
+        return batch._replace(buffer=b''.join(messages), start=np.cumsum(length) - length,
+                              length=length)
+
+
+def _beginning(path: Path) -> bytes:
+    with path.open('rb') as file:
+        return file.read(16)

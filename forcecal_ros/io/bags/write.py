@@ -1,0 +1,248 @@
+"""Arrays to recordings."""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, ExitStack
+from importlib.metadata import version
+from pathlib import Path
+import sqlite3
+from struct import Struct
+from types import TracebackType
+
+from forcecal_ros.core.atomic_files import new_directory
+from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.streams import Recording, Stream
+from forcecal_ros.io.bags.signals import Messages, messages_of, Signal
+import numpy as np
+from rosbags.interfaces import (
+    Connection,
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.rosbag2.errors import WriterError
+from rosbags.rosbag2.storage_mcap import McapWriter
+from rosbags.typesys import get_typestore, Stores
+
+STORAGES = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
+"""Storage formats of rosbag2 by the names that `ros2 bag` has for them."""
+
+_KNOWN = '0.11.'
+"""Versions of rosbags whose chunks in memory :func:`_append` adds to."""
+
+_HEAD = Struct('<BQHIQQ')
+"""Of a message in MCAP: opcode, length, channel, sequence, when logged and when published."""
+
+_CHUNK = 2**20
+"""Size from which rosbags closes a chunk [bytes]."""
+
+_FOREVER = QosTime(9223372036, 854775807)
+"""How rosbag2 writes an unlimited duration: 2^63 - 1 ns."""
+
+
+def _quality(latched: bool) -> Qos:
+    return Qos(
+        QosHistory.KEEP_LAST, 1 if latched else 10, QosReliability.RELIABLE,
+        QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
+        _FOREVER, _FOREVER, QosLiveliness.AUTOMATIC, _FOREVER, False)
+
+
+class BagWriter:
+    """
+    A recording being written; use it as a context.
+
+    It takes its place once the context ends without error, and what was there before is kept as
+    ``path~``; after an error no part of it remains.
+
+    Parameters
+    ----------
+    path : Path or str
+        Folder of the recording.
+    storage : str
+        ``mcap`` or ``sqlite3``.
+    compressed : bool
+        By Zstandard, inside the file; mcap only.
+    """
+
+    def __init__(self, path: Path | str, storage: str = 'mcap', compressed: bool = False) -> None:
+        if storage not in STORAGES:
+            raise ConfigError(f'storage {storage!r} is not known; use {" or ".join(STORAGES)}')
+        self.path = Path(path)
+        self._storage = STORAGES[storage]
+        self._compressed = compressed and storage == 'mcap'
+        self._connections: dict[str, Connection] = {}
+        self._stack = ExitStack()
+        self._writer: Writer
+
+    def __enter__(self) -> 'BagWriter':
+        with ExitStack() as stack, self._blamed():
+            folder = stack.enter_context(new_directory(self.path))
+            self._writer = Writer(folder, version=9, storage_plugin=self._storage)
+            if self._compressed:
+                self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+            stack.enter_context(self._writer)
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        with self._blamed():
+            self._stack.__exit__(kind, error, trace)
+
+    def write_raw(self, topic: str, msgtype: str, log_ns: int, data: bytes, *,
+                  latched: bool = False) -> None:
+        """
+        Write one serialised message.
+
+        Parameters
+        ----------
+        topic : str
+            A missing leading slash is added.
+        msgtype : str
+            As ``geometry_msgs/msg/WrenchStamped``.
+        log_ns : int
+            When it was received [ns since the epoch].
+        data : bytes
+            CDR with its encapsulation, as rclpy hands out with ``raw=True``.
+        latched : bool
+            Recorded as TRANSIENT_LOCAL; the first message of a topic decides.
+        """
+        with self._blamed():
+            self._writer.write(self._connection(topic, msgtype, latched), log_ns, data)
+
+    def _connection(self, topic: str, msgtype: str, latched: bool) -> Connection:
+        name = '/' + topic.lstrip('/')
+        connection = self._connections.get(name)
+        if connection is None:
+            store = get_typestore(Stores.ROS2_JAZZY)
+            if msgtype not in store.fielddefs:
+                raise ConfigError(f'{name}: type {msgtype} is not one of ROS 2 Jazzy')
+            connection = self._writer.add_connection(
+                name, msgtype, typestore=store, offered_qos_profiles=[_quality(latched)])
+            self._connections[name] = connection
+        elif connection.msgtype != msgtype:
+            raise ConfigError(f'{name}: both {connection.msgtype} and {msgtype}')
+        return connection
+
+    def write(self, messages: Sequence[Messages]) -> None:
+        """Write messages of several topics, merged by stamp."""
+        with self._blamed():
+            connections = [self._connection(one.topic, one.msgtype, one.latched)
+                           for one in messages]
+            stamps = [one.stamp_ns for one in messages]
+            source = np.repeat(np.arange(len(messages)), [len(one) for one in stamps])
+            merged = np.concatenate(stamps) if stamps else np.empty(0, int)
+            order = np.argsort(merged, kind='stable')
+            rows = [iter(one.rows) for one in messages]
+            merged_rows = ((connections[i], stamp, next(rows[i]).data)
+                           for i, stamp in zip(source[order].tolist(), merged[order].tolist()))
+            storage = self._writer.storage
+            if isinstance(storage, McapWriter) and version('rosbags').startswith(_KNOWN):
+                _append(self._writer, storage, merged_rows)
+            else:
+                for one in merged_rows:
+                    self._writer.write(*one)
+
+    @contextmanager
+    def _blamed(self) -> Iterator[None]:
+        """Say in one line which recording could not be written, and why."""
+        try:
+            yield
+        except (OSError, sqlite3.Error, WriterError) as error:
+            raise ConfigError(f'{self.path}: cannot be written ({error}); choose a folder of '
+                              'your own with enough space') from error
+
+
+def _append(writer: Writer, storage: McapWriter,
+            messages: Iterable[tuple[Connection, int, memoryview]]) -> None:
+    """
+    Do for messages what ``writer.write`` does for each, to the byte.
+
+    It composes each of a dozen parts, which takes longer than all else of a recording.
+    """
+    chunk, at = storage.chunk, storage.chunk.bio.tell()
+    earliest, latest, counts = writer.min_timestamp, writer.max_timestamp, Counter[int]()
+    for connection, stamp, data in messages:
+        earliest, latest = min(earliest, stamp), max(latest, stamp)
+        chunk.message_start_time = min(chunk.message_start_time, stamp)
+        chunk.message_end_time = max(chunk.message_end_time, stamp)
+        counts[connection.id] += 1
+        chunk.msgs[connection.id].append((stamp, at))
+        length = len(data)
+        chunk.bio.write(_HEAD.pack(5, length + 22, connection.id, 0, stamp, stamp))
+        chunk.bio.write(data)
+        at += _HEAD.size + length
+        if at > _CHUNK:
+            storage.close_chunk()
+            chunk, at = storage.chunk, 0
+    writer.min_timestamp = storage.message_start_time = earliest
+    writer.max_timestamp = storage.message_end_time = latest
+    for channel, count in counts.items():
+        writer.counts[channel] += count
+        storage.channel_stats[channel] += count
+
+
+def write_signals(
+        path: Path | str, signals: Mapping[str, Signal | None], start_ns: int,
+        storage: str = 'mcap', topics: Mapping[str, str] | None = None) -> None:
+    """
+    Write signals as a recording; what was there before is kept as ``path~``.
+
+    Parameters
+    ----------
+    path : Path or str
+        Folder of the recording.
+    signals : mapping of str to Stream, PoseStream, phases, text or None
+        By role, see :data:`forcecal_ros.core.topics.ROLES`; None is passed over. Times
+        count from ``start_ns``.
+    start_ns : int
+        [ns since the epoch]
+    storage : str
+        ``mcap`` or ``sqlite3``.
+    topics : mapping of str to str, optional
+        Role to topic name where it is not the usual one.
+
+    Raises
+    ------
+    ConfigError
+        The place cannot be written to.
+    """
+    names = topics or {}
+    with BagWriter(path, storage) as bag:
+        bag.write([messages_of(role, signal, start_ns, names.get(role))
+                   for role, signal in signals.items() if signal is not None])
+
+
+def write_recording(path: Path | str, recording: Recording, storage: str = 'mcap') -> None:
+    """
+    Write all that a recording holds, so that reading it again gives the same.
+
+    Parameters
+    ----------
+    path : Path or str
+        Folder of the recording.
+    storage : str
+        ``mcap`` or ``sqlite3``.
+
+    Raises
+    ------
+    ConfigError
+        The place cannot be written to.
+    """
+    force, rates = recording.accelerometer, recording.angular_velocity
+    signals: dict[str, Signal | None] = {
+        role: getattr(recording, role)
+        for role in ('wrench', 'pose', 'target', 'optidrive', 'contact_truth', 'joint_commands')}
+    if force is not None and recording.accelerometer_unit == 'V':
+        signals['accelerometer'] = force
+    elif force is not None and rates is not None and np.array_equal(force.t, rates.t):
+        signals['imu'] = Stream(force.t, np.hstack([force.values, rates.values]), force.frame)
+    elif force is not None:
+        signals['accel'] = force
+    signals['joint_states'] = recording.joints
+    signals['phase'] = recording.phases or None
+    write_signals(path, signals, recording.start_ns, storage)

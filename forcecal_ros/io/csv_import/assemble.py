@@ -1,0 +1,298 @@
+"""Tables to signals on one time base."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby, pairwise
+from pathlib import Path
+
+from forcecal_ros.checks.orientations import read_from_w
+from forcecal_ros.core.errors import ConfigError, DataError
+from forcecal_ros.core.geometry import Array, matrix_from_quaternion
+from forcecal_ros.core.streams import (
+    JointStream,
+    Phase,
+    PHASES,
+    PoseStream,
+    Stream,
+)
+from forcecal_ros.io.csv_import import doubts
+from forcecal_ros.io.csv_import.specification import (
+    ANGLES,
+    Joints,
+    ORIENTATIONS,
+    Signal,
+    Specification,
+    TableSpecification,
+)
+from forcecal_ros.io.csv_import.table import Table
+from forcecal_ros.io.csv_import.times import nanoseconds
+from forcecal_ros.io.csv_import.units import UNITS
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+_SECOND = 10**9
+_DAY = 86400 * _SECOND
+_NOT_A_ROTATION = 1e-2
+"""A matrix or quaternion that is further from orthogonal or from norm 1 is no rotation."""
+_TOO_FAR = 4 * np.pi
+"""Two turns [rad], more than the wrist of a robot makes: unwrapped angles may pass one."""
+
+
+@dataclass(frozen=True)
+class Imported:
+    """
+    Signals of all tables.
+
+    Attributes
+    ----------
+    signals : mapping of str to Stream, PoseStream or phases
+        By role; times count from ``start_ns``.
+    topics : mapping of str to str
+        By role, where it is not the usual one.
+    start_ns : int
+        [ns since the epoch]
+    shift : int
+        How much later all times are than in the tables [s]: a recording begins after zero.
+    notes : tuple of str
+        What the user should look at.
+    """
+
+    signals: Mapping[str, Stream | PoseStream | tuple[Phase, ...]]
+    topics: Mapping[str, str]
+    start_ns: int
+    shift: int
+    notes: tuple[str, ...] = ()
+
+
+def assemble(specification: Specification) -> Imported:
+    """
+    Read all tables and put their signals on one time base.
+
+    Raises
+    ------
+    DataError
+        A file, column or cell is not what the specification says; file and line are named.
+    ConfigError
+        A table gives no signal, or two give the same.
+    """
+    tables = [(one, _table(one)) for one in specification.tables]
+    stamps = [_stamps(one, table) for one, table in tables]
+    _check_time_base(specification, stamps)
+    start = int(min(times[0] for times in stamps))
+    signals: dict[str, Stream | PoseStream | tuple[Phase, ...]] = {}
+    topics: dict[str, str] = {}
+    notes: list[str] = []
+    for (one, table), times in zip(tables, stamps):
+        t = (times - start) / 1e9
+        found: dict[str, Stream | PoseStream | tuple[Phase, ...]] = {
+            role: _signal(*_having(table, t, signal), signal)
+            for role, signal in one.signals.given.items()}
+        if one.phases:
+            found['phase'] = _phases(one, table, t)
+        if not found:
+            raise ConfigError(f'{specification.path}: {one.file} has neither signals nor phases; '
+                              'say which columns are which signals')
+        if repeated := sorted(found.keys() & signals.keys()):
+            raise ConfigError(f'{specification.path}: {", ".join(repeated)} in more than one '
+                              'table; import them into recordings of their own')
+        signals.update(found)
+        notes.extend(_notes(one, table, t, found))
+        topics.update({role: signal.topic for role, signal in one.signals.given.items()
+                       if signal.topic is not None})
+    _refuse_other_readings(tables, signals)
+    shift = max(0, 1 - start // _SECOND)
+    return Imported(signals, topics, start + shift * _SECOND, shift, tuple(notes))
+
+
+def _table(specification: TableSpecification) -> Table:
+    """Read a table, less rows whose stamp and signals are those of the row before."""
+    table = Table(Path(specification.file), specification.dialect,
+                  timed=specification.time is not None)
+    time, phases = specification.time, specification.phases
+    if time is None:
+        return table
+    names = [time.column, *([time.nanoseconds] if time.nanoseconds else []),
+             *([phases.column] if phases and phases.column else []),
+             *(name for signal in specification.signals.given.values()
+               for part in signal.parts.values() for name in part.columns)]
+    return table.renewed(names)
+
+
+def _notes(specification: TableSpecification, table: Table, t: Array,
+           signals: Mapping[str, Stream | PoseStream | tuple[Phase, ...]]) -> Iterator[str]:
+    yield from doubts.skipped_lines(table)
+    yield from doubts.left_out(table)
+    if specification.time is not None:
+        yield from doubts.doubtful_rate(
+            len(t), float(t[-1] - t[0]),
+            f'{table.path}, column {specification.time.column!r}', specification.time.unit)
+    for role, signal in signals.items():
+        if isinstance(signal, tuple):
+            continue
+        given = specification.signals.given[role]
+        part, _ = _having(table, t, given)
+        if len(part) < len(table):
+            yield f'{table.path}: {len(part)} of {len(table)} rows have cells of {role}'
+        if isinstance(signal, Stream):
+            yield from doubts.missing(part, role, signal.values)
+        elif specification.time is not None and (name := _orientation(given)) in ANGLES:
+            doubts.refuse_degrees_and_radians(
+                part, signal.t, name, part.numbers(given.parts[name].columns),
+                given.parts[name].unit, signal.R_base_sensor)
+
+
+def _refuse_other_readings(tables: Sequence[tuple[TableSpecification, Table]],
+                           signals: Mapping[str, Stream | PoseStream | tuple[Phase, ...]]) -> None:
+    wrench, pose = signals.get('wrench'), signals.get('pose')
+    if not (isinstance(wrench, Stream) and isinstance(pose, PoseStream)):
+        return
+    table, signal = next((table, one.signals.pose) for one, table in tables if one.signals.pose)
+    table, _ = _having(table, np.zeros(len(table)), signal)
+    name = _orientation(signal)
+    doubts.refuse_other_reading(wrench, pose, _other_readings(table, signal, name),
+                                f'{table.path}: {name}')
+
+
+def _other_readings(table: Table, signal: Signal, name: str) -> Mapping[str, Array]:
+    """R_base_sensor as it would be with the other unit, or the other order."""
+    if name in ANGLES:
+        return _other_angles(name, _part(table, signal, name), signal.parts[name].unit)
+    R = _rotations(table, signal)
+    if name == 'quaternion_xyzw':
+        return {'its columns are in the order w, x, y, z': read_from_w(R),
+                'it is that of base in the sensor: turn the signs of x, y, z':
+                    R.transpose(0, 2, 1)}
+    return {"rows are columns (R_base_sensor, R_sensor_base are each other's transpose)":
+            R.transpose(0, 2, 1)}
+
+
+def _other_angles(name: str, angles: Array, stated: str) -> Mapping[str, Array]:
+    """Orientations by angles [rad] that are in the other unit, about other axes or turned."""
+    unit = 'deg' if stated == 'rad' else 'rad'
+    size = UNITS['angle'][unit] / UNITS['angle'][stated]
+    others = {f'its unit is {unit}': _turn(name, size * angles),
+              'it is that of base in the sensor, whose transpose is wanted':
+                  _turn(name, angles).transpose(0, 2, 1)}
+    if name != 'rotation_vector':
+        others['its columns are in the order yaw, pitch, roll'] = _turn(name, angles[:, ::-1])
+    others['its angles are about the moving axes z, y, z, to be written as quaternions'] = (
+        np.asarray(Rotation.from_euler('ZYZ', angles).as_matrix()))
+    return others | {f'it is {other}': _turn(other, angles) for other in ANGLES if other != name}
+
+
+def _orientation(signal: Signal) -> str:
+    return next(name for name in ORIENTATIONS if name in signal.parts)
+
+
+def _turn(name: str, angles: Array) -> Array:
+    turn = (Rotation.from_rotvec(angles) if name == 'rotation_vector'
+            else Rotation.from_euler('xyz' if name == 'rpy' else 'XYZ', angles))
+    return np.asarray(turn.as_matrix())
+
+
+def _stamps(specification: TableSpecification, table: Table) -> NDArray[np.int64]:
+    time, rate, start = specification.time, specification.rate, specification.start or 0.0
+    if time is not None:
+        return nanoseconds(table, time.column, time.unit, time.nanoseconds)
+    assert rate is not None
+    rows = np.arange(len(table)) / rate + start
+    stamps = np.rint(rows * 1e9).astype(np.int64)
+    if (np.diff(stamps) <= 0).any():
+        raise DataError(f'{table.path}: rows at {rate:g} Hz from {start:g} s on cannot be told '
+                        'apart in nanoseconds')
+    return stamps
+
+
+def _check_time_base(specification: Specification, stamps: Sequence[NDArray[np.int64]]) -> None:
+    order = sorted(range(len(stamps)), key=lambda i: int(stamps[i][0]))
+    for one, other in pairwise(order):
+        gap = int(stamps[other][0]) - max(int(stamps[i][-1]) for i in order[:order.index(other)])
+        if gap > _DAY:
+            raise DataError(
+                f'{specification.tables[other].file} begins {gap / _DAY:.0f} days after '
+                f'{specification.tables[one].file} ends: not one recording, or a wrong unit of '
+                'time')
+
+
+def _having(table: Table, t: Array, signal: Signal) -> tuple[Table, Array]:
+    """Return the rows that hold anything of a signal, and their times."""
+    part, rows = table.having([name for one in signal.parts.values() for name in one.columns])
+    return part, t[rows]
+
+
+def _part(table: Table, signal: Signal, name: str) -> Array:
+    part = signal.parts[name]
+    return np.asarray(table.numbers(part.columns) * np.array(part.factors))
+
+
+def _signal(table: Table, t: Array, signal: Signal) -> Stream | PoseStream:
+    if not signal.parts.keys() & set(ORIENTATIONS):
+        values = np.concatenate([_part(table, signal, name) for name in signal.parts], axis=1)
+        if isinstance(signal, Joints):
+            return JointStream(t, values, '', signal.names)
+        return Stream(t, values, signal.frame)
+    position = (_part(table, signal, 'position') if 'position' in signal.parts
+                else np.full((len(t), 3), np.nan))
+    return PoseStream(t, position, _rotations(table, signal), signal.frame)
+
+
+def _rotations(table: Table, signal: Signal) -> Array:
+    name = _orientation(signal)
+    values = _part(table, signal, name)
+    if name in ANGLES:
+        _refuse(table, ~np.isfinite(values).all(axis=1), 'no angles')
+        _refuse(table, (np.abs(values) > _TOO_FAR).any(axis=1),
+                f'more than two turns ({np.abs(values).max():.4g} rad); is {name} in degrees '
+                '(unit: deg)?')
+        return _turn(name, values)
+    if name == 'quaternion_xyzw':
+        wrong = ~(np.abs(np.linalg.norm(values, axis=1) - 1.0) < _NOT_A_ROTATION)
+        _refuse(table, wrong, 'no quaternion of norm 1')
+        return matrix_from_quaternion(values)
+    R = values.reshape(-1, 3, 3)
+    deviation = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+    _refuse(table, ~(deviation < _NOT_A_ROTATION), 'no rotation matrix, row by row')
+    _refuse(table, np.linalg.det(R) < 0, 'a reflection (determinant -1); its axes are left-handed')
+    R = np.asarray(Rotation.from_matrix(np.array(R)).as_matrix())
+    return R.transpose(0, 2, 1) if name == 'R_sensor_base' else R
+
+
+def _refuse(table: Table, wrong: NDArray[np.bool_], what: str) -> None:
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise DataError(f'{table.path} line {table.line(row)}: the orientation is {what} '
+                        f'({int(wrong.sum())} such rows)')
+
+
+def _phases(specification: TableSpecification, table: Table, t: Array) -> tuple[Phase, ...]:
+    words = specification.phases
+    assert words is not None
+    step = float(t[-1] - t[-2]) if len(t) > 1 else 1.0 / (specification.rate or 1.0)
+    if words.column is not None:
+        return _spoken(table, words.column, t, float(t[-1]) + step)
+    if words.whole is not None:
+        end = float(t[-1]) + step
+        return (Phase(words.whole, float(t[0]), end), Phase('done', end, end))
+    assert words.each_row is not None and words.between is not None
+    middles = [*((t[1:] + t[:-1]) / 2).tolist(), float(t[-1]) + step / 2]
+    phases = []
+    for start, middle, following in zip(t.tolist(), middles, [*t[1:].tolist(), None]):
+        phases.append(Phase(words.each_row, start, middle))
+        phases.append(Phase('done', middle, middle) if following is None
+                      else Phase(words.between, middle, following))
+    return tuple(phases)
+
+
+def _spoken(table: Table, column: str, t: Array, end: float) -> tuple[Phase, ...]:
+    """Phases from a column that holds their words."""
+    said = [cell.strip() for cell in table.cells(column)]
+    for row, word in enumerate(said):
+        if word not in PHASES:
+            raise DataError(f'{table.path} line {table.line(row)}: {word[:40]!r} in column '
+                            f'{column!r} is no phase; use {", ".join(PHASES)}')
+    changes = [next(same) for _, same in groupby(zip(t.tolist(), said), key=lambda one: one[1])]
+    if changes[-1][1] != 'done':
+        changes.append((end, 'done'))
+    return tuple(Phase(word, start, stop)
+                 for (start, word), (stop, _) in pairwise([*changes, (end, '')]))

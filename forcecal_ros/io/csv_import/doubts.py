@@ -1,0 +1,127 @@
+"""What a specification may say wrongly though every cell is a number: units, orders, lines."""
+
+from collections.abc import Iterator, Mapping
+
+from forcecal_ros.checks.limits import FEW, SPOILT
+from forcecal_ros.checks.orientations import other_reading
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.streams import PoseStream, Stream
+from forcecal_ros.io.csv_import.table import is_number, Table
+import numpy as np
+
+SLOW, MANY = 2.5, 1000
+"""So many rows at no more than so many a second [Hz] are questioned: a log of 0.4 to 2.5 kHz whose
+milliseconds are taken for seconds looks like that."""
+
+FASTEST = 50_000.0
+"""No force sensor sends more rows a second [Hz]."""
+
+TURNS = 6.0
+"""No robot turns a sensor so fast on average [rad/s]; degrees that are taken for radians do."""
+
+HALF_TURN = (3.0, 3.1417)
+"""Angles that jump between the ends of this range with changed sign, and never exceed it, are in
+radians."""
+
+MOST = 2000
+"""Rows that are looked at."""
+
+
+def doubtful_rate(rows: int, span: float, what: str, unit: str) -> Iterator[str]:
+    """Question a rate that no sensor has; ``span`` from the first row to the last [s]."""
+    if rows >= MANY and rows <= SLOW * span:
+        yield (f'{what}: {rows} rows over {span / 3600:.2g} h, {rows / span:.3g} a second; if '
+               f'that is too slow, time is not in {unit}: state the unit that it is in')
+    if rows >= MANY and rows > FASTEST * span:
+        yield (f'{what}: {rows} rows in {span:.3g} s, more than any sensor sends; if time is '
+               f'not in {unit}, state the unit that it is in')
+
+
+def skipped_lines(table: Table) -> Iterator[str]:
+    """Say how many lines the key skip left out, and whether they hold numbers."""
+    numbers = [line for line, cells in table.skipped if all(map(is_number, cells))]
+    if table.skipped:
+        yield (f'{table.path}: skip leaves out {len(table.skipped)} '
+               f'line{"s" * (len(table.skipped) > 1)}'
+               + (f'; line {numbers[0]} holds numbers, not names or units: is skip too large?'
+                  if numbers else ''))
+
+
+def left_out(table: Table) -> Iterator[str]:
+    """Say which rows are no rows of their own."""
+    if table.repeated:
+        yield (f'{table.path}: {table.repeated} rows repeat the row before to the last character '
+               'and are left out')
+    if table.held:
+        yield (f'{table.path}: {table.held} rows repeat stamp and cells of the row before: '
+               'messages that had not been renewed are left out')
+    if table.cut:
+        yield f'{table.path} line {table.cut}: the last line is cut short and left out'
+
+
+def missing(table: Table, role: str, values: Array) -> Iterator[str]:
+    """
+    Say how many rows have cells that are not finite.
+
+    Raises
+    ------
+    DataError
+        More than later commands would leave out.
+    """
+    bad = ~np.isfinite(values).all(axis=1)
+    if not bad.any():
+        return
+    where = (f'{table.path}: {int(bad.sum())} of {len(bad)} rows of {role} are not finite, first '
+             f'in line {table.line(int(np.argmax(bad)))}')
+    if bad.all() or bad.sum() > max(FEW, SPOILT * len(bad)):
+        raise DataError(f'{where}; take out what is no reading')
+    yield f'{where}; they are left out where the recording is used'
+
+
+def refuse_degrees_and_radians(table: Table, t: Array, name: str, angles: Array, unit: str,
+                               R: Array) -> None:
+    """Refuse angles [as written] that are in the other unit, by their speed or their jumps."""
+    if unit == 'rad' and len(t) >= 50:
+        cosine = (np.einsum('nij,nij->n', R[1:], R[:-1]) - 1) / 2
+        rate = float(np.arccos(np.clip(cosine, -1, 1)).sum() / (t[-1] - t[0]))
+        if rate > TURNS:
+            raise DataError(
+                f'{table.path}: by {name} in rad the sensor turns by {rate:.3g} rad/s on average, '
+                f'faster than any robot; is {name} in degrees (unit: deg), or time in another '
+                'unit?')
+    low, high = HALF_TURN
+    vector = name == 'rotation_vector'
+    size = np.linalg.norm(angles, axis=1, keepdims=True) if vector else np.abs(angles)
+    turned = ((angles[1:] * angles[:-1]).sum(axis=1, keepdims=True) < 0 if vector else
+              angles[1:] * angles[:-1] < 0)
+    jumps = turned & (size[1:] > low) & (size[:-1] > low)
+    if unit == 'deg' and size.max() <= high and jumps.any():
+        row = int(np.argmax(jumps.any(axis=1))) + 1
+        raise DataError(f'{table.path} line {table.line(row)}: {name} jumps from one end of +-pi '
+                        'to the other and never exceeds it; is it in radians (unit: rad)?')
+
+
+def refuse_other_reading(wrench: Stream, pose: PoseStream, others: Mapping[str, Array],
+                         key: str) -> None:
+    """
+    Refuse an orientation by which force does not turn as a weight, but by another reading does.
+
+    Parameters
+    ----------
+    others : mapping of str to ndarray, shape (n, 3, 3)
+        R_base_sensor by other readings, and how these are said.
+    key : str
+        What the specification calls it.
+    """
+    inside = np.flatnonzero((pose.t >= wrench.t[0]) & (pose.t <= wrench.t[-1]))
+    inside = inside[::max(1, len(inside) // MOST)]
+    force = np.stack([np.interp(pose.t[inside], wrench.t, column)
+                      for column in wrench.values[:, :3].T], axis=1)
+    good = np.isfinite(force).all(axis=1)
+    inside, force = inside[good], force[good]
+    if len(inside) < 10 or not np.ptp(force, axis=0).any():
+        return
+    if words := other_reading(force, pose.R_base_sensor[inside],
+                              {name: R[inside] for name, R in others.items()}):
+        raise DataError(f'{key}: {words}; state what it is')

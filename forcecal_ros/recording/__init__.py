@@ -1,1 +1,0 @@
-"""Recordings: signals over time, and the files they come from."""

@@ -1,0 +1,237 @@
+"""A rigid tool behind the measured motion: what its sensors should say, noise-free."""
+
+from dataclasses import replace
+
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.streams import Recording
+from forcecal_ros.effects import AccelerometerEffects, EFFECTS, physical_rig
+from forcecal_ros.effects.nuisances import (
+    LEAST,
+    NAMELESS,
+    Nuisance,
+    of_sensors,
+    scaled,
+    shifted,
+    with_inertia,
+)
+from forcecal_ros.effects.rig import Rig
+from forcecal_ros.effects.signals import INVERTIBLE
+from forcecal_ros.sim.low_pass import MOST, slow
+from forcecal_ros.sim.poses import merged
+from forcecal_ros.sim.rigid_tool import (
+    CABLE,
+    CarriedTool,
+    only,
+    RigidTool,
+    SMOOTH,
+    UNKNOWN_DELAY,
+)
+from forcecal_ros.sim.signals import BLOCK, block_means, RATE, Signals
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
+
+EXACT = 0.2
+"""
+RMS in that of the noise, up to which a motion is known: a filtered acceleration lacks its edges.
+
+Simulated rigid tools had a residual of 0.05 to 0.11 in one channel or other.
+"""
+
+SHOWN = frozenset({
+    'wrench_delay', 'wrench_lowpass', 'wrench_bias_drift', 'wrench_gain', 'wrench_crosstalk',
+    'wrench_hysteresis', 'wrench_saturation', 'accel_delay', *INVERTIBLE,
+    'tool_mass', 'tool_com', 'base_tilt', CABLE})
+"""Effects that a measured motion can show: none of what the robot makes of its commands."""
+
+
+class MeasuredMotion:
+    """
+    One recorded motion, along which a tool is carried as often as needed.
+
+    Inputs are noisy, and their noise is in the residual. Were it also in what a change of the rig
+    makes of the signals, an effect of smooth signals would be preferred for that alone. So a
+    change is taken along the motion as far as it is clear of noise, and added to the nominal
+    signals.
+
+    Parameters
+    ----------
+    recording : Recording
+        With measured pose; the accelerometer in volts of the rigid tool's model.
+    start : float
+        When block 0 begins [s].
+    accelerometer : str
+        ``acc1`` or ``acc2``.
+    rigid_tool : RigidTool
+        The nominal one.
+    """
+
+    band, exact, starts_white, usual_tolerances, library = MOST, EXACT, True, False, EFFECTS
+
+    def __init__(self, recording: Recording, start: float, n_blocks: int, accelerometer: str,
+                 rigid_tool: RigidTool) -> None:
+        self.start, self.n_blocks, self.accelerometer = start, n_blocks, accelerometer
+        given = recording, start, n_blocks, accelerometer
+        self._full, self._clear = CarriedTool(*given), CarriedTool(*given, clear=True)
+        self._unclear = self._full.wire(rigid_tool) - self._clear.wire(rigid_tool)
+
+    def can_show(self, effect: str, rig: Rig) -> bool:
+        """Say whether an effect can show: a delay that nobody knows is estimated along instead."""
+        if effect == 'accel_delay' and isinstance(rig, RigidTool):
+            return rig.spreads.accel_behind < UNKNOWN_DELAY
+        return effect in SHOWN
+
+    def nuisances(self, rig: Rig, streams: tuple[str, ...]) -> tuple[Nuisance, ...]:
+        """List what tool and sensors may differ in from what is known."""
+        found = [Nuisance('tool.mass', 'mass', scaled('tool', 'mass'), least=LEAST),
+                 *(Nuisance(f'tool.com.{a}', 'com', shifted('tool', 'com', i))
+                   for i, a in enumerate('xyz'))]
+        own = np.diag(rig.tool.inertia)
+        found += [Nuisance(f'tool.inertia.{a}', 'own_inertia', with_inertia(i), least=-own[i],
+                           limit=NAMELESS)
+                  for i, a in enumerate('xyz')]
+        if self._clear.accelerated:
+            assert isinstance(rig, RigidTool)
+            unknown = rig.spreads.accel_behind >= UNKNOWN_DELAY
+            found.append(Nuisance('accelerometer.delay', 'accel_behind', _behind,
+                                  least=-rig.accel_behind if unknown else -np.inf))
+        # what the accelerometer has of its own is in the motion, too, and so in the wrench
+        found += [n._replace(acts_on='rig') if n.acts_on == 'volts' else n
+                  for n in of_sensors(self.accelerometer, streams)]
+        return tuple(n for n in found if getattr(rig.spreads, n.key) > 0.0)
+
+    def tangent(self, rig: Rig) -> None:
+        """Say that its signals are straight about no point."""
+
+    def signals(self, rig: Rig) -> Signals:
+        """
+        Carry a tool along.
+
+        Parameters
+        ----------
+        rig : Rig
+            A rigid tool.
+
+        Returns
+        -------
+        Signals
+            The accelerometer's are those of rest.
+        """
+        rigid_tool, full = physical_rig(rig), self._full
+        wire = self._clear.wire(rig) + self._unclear
+        model = rigid_tool.accelerometer.model(self.accelerometer)
+        on_volts = AccelerometerEffects(replace(rigid_tool,
+                                                effects=only(rigid_tool.effects, INVERTIBLE)),
+                                        self.accelerometer, 1.0 / RATE)
+        volts = on_volts.before_noise(full.weight(rigid_tool) * model.gain + model.offset)
+        n = len(full.t)
+        return Signals(self.start, wire, volts, full.slide, full.position, full.R_base_sensor,
+                       full.velocity, full.acceleration, full.omega, full.alpha, np.zeros(n),
+                       np.zeros((n, 6)), full.specific_force(rig))
+
+    def smooth(self, signals: Signals) -> Signals:
+        """Return signals without the noise of pose and accelerometer, which is in them all."""
+        start, *parts = signals[:-1]  # no joints
+        smooth = [slow(part.reshape(len(part), -1), RATE, SMOOTH).reshape(part.shape)
+                  for part in parts]
+        return Signals(start, *smooth)
+
+
+def _behind(rig: Rig, x: float) -> Rig:
+    assert isinstance(rig, RigidTool)
+    return replace(rig, accel_behind=rig.accel_behind + x)
+
+
+class RecordedSimulation(MeasuredMotion):
+    """
+    One recorded motion, along which a simulator's tool is carried as often as needed.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of the robot: its pose.
+    simulated : Recording
+        Of the simulator, on the robot's clock: wrench and pose, and specific force where it has.
+    start : float
+        When block 0 begins [s].
+    accelerometer : str
+        ``acc1`` or ``acc2``.
+    rigid_tool : RigidTool
+        The simulator's tool, as its wrench and motion tell it.
+
+    Attributes
+    ----------
+    touching : ndarray of bool, shape (n_blocks,)
+        Where the simulated tool touches something.
+    """
+
+    def __init__(self, recording: Recording, simulated: Recording, start: float, n_blocks: int,
+                 accelerometer: str, rigid_tool: RigidTool) -> None:
+        measured, made = recording.pose, simulated.pose
+        assert measured is not None
+        assert made is not None
+        accel, simulated = simulated.accelerometer, replace(simulated, accelerometer=None)
+        super().__init__(replace(recording, pose=merged(measured, made), accelerometer=None),
+                         start, n_blocks, accelerometer, rigid_tool)
+        own = CarriedTool(simulated, start, n_blocks, accelerometer)
+        self._full.beyond = own.recorded_wrench(simulated) - own.wire(rigid_tool)
+        self._clear.beyond = self._full.beyond
+        self.touching = touches(block_means(self._full.beyond))
+        self._accel = (None if accel is None
+                       else self._carried_over(accel.at(own.t), own, rigid_tool))
+
+    def _carried_over(self, accel: Array, own: CarriedTool, rigid_tool: RigidTool) -> Array:
+        """Take what is felt without weight, where the Imu is, to the robot's motion, (n, 3)."""
+        f = own.specific_force_of_origin(rigid_tool)
+        place = np.linalg.lstsq(own.lever.reshape(-1, 3), (accel - f).ravel(), rcond=1e-6)[0]
+        there = self._full.specific_force_of_origin(rigid_tool) + self._full.lever @ place
+        return np.asarray(accel - f - own.lever @ place + there - self._full.weight(rigid_tool))
+
+    def signals(self, rig: Rig) -> Signals:
+        """Carry a tool along, and the simulator's Imu."""
+        found = super().signals(rig)
+        if self._accel is None:
+            return found
+        rigid_tool = physical_rig(rig)
+        model = rigid_tool.accelerometer.model(self.accelerometer)
+        on_volts = AccelerometerEffects(rig, self.accelerometer, 1.0 / RATE)
+        accel = np.asarray(self._accel + self._full.weight(rigid_tool))
+        return found._replace(volts=on_volts.after_noise(on_volts.before_noise(
+            accel * model.gain + model.offset)))
+
+
+FORCE = 1.0
+"""From which a force beyond a rigid tool's is contact, at least [N]: six times a UR's noise."""
+
+OUT = 8.0
+"""And in the median deviation of what is beyond: a simulator's noise hardly ever shows that."""
+
+AROUND = 0.2
+"""Left out before and after [s]: a robot 10 mm/s fast and 1 mm off touches 0.1 s earlier."""
+
+MOST_IN_CONTACT = 0.5
+"""Part of a recording that may be left out; what is more is no contact but another wrench."""
+
+
+def touches(beyond: Array) -> NDArray[np.bool_]:
+    """
+    Tell blocks in which a simulated tool touches something, and what is near them.
+
+    Parameters
+    ----------
+    beyond : ndarray, shape (n, 6)
+        Block means of the simulated wrench beyond a rigid tool's.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    force = np.linalg.norm(beyond[:, :3] - np.median(beyond[:, :3], axis=0), axis=1)
+    limit = max(FORCE, OUT * 1.4826 * float(np.median(np.abs(force - np.median(force)))))
+    near = around(force > limit)
+    return near if near.mean() <= MOST_IN_CONTACT else np.zeros(len(force), dtype=bool)
+
+
+def around(blocks: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Add what is near some blocks."""
+    return np.asarray(maximum_filter1d(blocks.astype(np.int8), 2 * round(AROUND / BLOCK) + 1) > 0)

@@ -1,0 +1,90 @@
+"""The rig file: YAML in, a checked :class:`~forcecal_ros.effects.rig.Rig` out, and back."""
+
+from collections.abc import Iterator
+from importlib.resources import files
+from itertools import takewhile
+from pathlib import Path
+
+from forcecal_ros.core.schema import columns, load, Section, yaml_value
+from forcecal_ros.effects.chosen import Chosen, chosen_effects, named_effects
+from forcecal_ros.effects.library import EFFECTS
+from forcecal_ros.effects.rig import Rig
+
+_COLUMN = 44
+"""Where the comments of numbers begin."""
+
+_GROUP_COLUMN = 25
+"""Where the comments of groups begin."""
+
+_EXAMPLE: Chosen = chosen_effects({'wrench_delay': {'delay': 0.004}})
+"""What a file without effects shows as a comment."""
+
+
+def load_rig(path: Path | str | None = None) -> Rig:
+    """
+    Read and check a rig file.
+
+    Parameters
+    ----------
+    path : Path or str, optional
+        The nominal rig of this package where none is given. A bare name of a file that is not
+        there is looked for among the rigs of this package (``rig.yaml``, ``rigid_tool.yaml``).
+
+    Raises
+    ------
+    ConfigError
+        The file is missing or no YAML; a key is missing, unknown, or its value is wrong.
+    """
+    name = 'rig.yaml' if path is None else str(path)
+    packaged = files('forcecal_ros') / 'config' / name
+    take_packaged = path is None or (
+        Path(name).name == name and not Path(name).exists() and packaged.is_file())
+    return load(Rig, packaged if take_packaged else Path(name), name=name,
+                remedy='compare with config/rig.yaml, the nominal rig')
+
+
+def dump_rig(rig: Rig, heading: str = '') -> str:
+    """
+    Return the text of a rig file, each number with its unit as comment.
+
+    ``heading`` is comment for its beginning; :func:`load_rig` reads an equal rig back.
+    """
+    return '\n'.join([heading, *_lines(rig, '')]).lstrip() + '\n'
+
+
+def rewritten(path: Path) -> str:
+    """Return a rig file under its own heading, with what the rows say now as comments."""
+    heading = ''.join(takewhile(lambda line: line.startswith('#'),
+                                path.read_text().splitlines(keepends=True)))
+    return dump_rig(load_rig(path), heading)
+
+
+def _lines(section: Section, indent: str) -> Iterator[str]:
+    for column in columns(type(section)):
+        value, row, start = getattr(section, column.name), column.row, indent + column.key
+        if column.name == 'effects':
+            yield from _effect_lines(value)
+        elif value is None and row.omit:
+            continue
+        elif column.holds_sections:
+            note = row.meaning or column.kind.__doc__.split('\n')[0].rstrip('.')
+            yield from [] if indent else ['']
+            yield f'{start}:{" null" * (value is None)}'.ljust(_GROUP_COLUMN) + f' # {note}'
+            yield from [] if value is None else _lines(value, indent + '  ')
+        else:
+            note = ', '.join(filter(None, (row.unit, row.meaning)))
+            yield from [] if indent else ['']
+            yield f'{start}: {yaml_value(value)}'.ljust(_COLUMN) + f' # {note}'
+
+
+def _effect_lines(chosen: Chosen) -> Iterator[str]:
+    comment = '' if chosen else '# '
+    yield ''
+    yield f'{comment}effects:'.ljust(_GROUP_COLUMN) + (
+        ' # in what the rig differs from the above; docs/effects.md lists them')
+    for name, values in named_effects(chosen or _EXAMPLE).items():
+        effect = EFFECTS[name]
+        yield f'{comment}  {name}:'.ljust(_GROUP_COLUMN) + f' # {effect.stage}'
+        for q in effect.parameters:
+            yield f'{comment}    {q.name}: {yaml_value(values[q.name])}'.ljust(_COLUMN) + \
+                f' # {q.unit}'

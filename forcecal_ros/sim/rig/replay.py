@@ -1,0 +1,140 @@
+"""The recorded commands through the rig, noise-free, kinematics shared between variants."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from fractions import Fraction
+from math import inf, lcm
+from typing import Generic, TypeVar
+
+from forcecal_ros.core.streams import PoseStream
+from forcecal_ros.effects import AccelerometerEffects, applicable, EFFECTS, WrenchEffects
+from forcecal_ros.effects.nuisances import Nuisance, nuisances
+from forcecal_ros.effects.rig import Rig
+from forcecal_ros.sim.measured_motion import EXACT
+from forcecal_ros.sim.rig.offline import held_commands
+from forcecal_ros.sim.rig.plant import common_samples, enough_steps, Plant, same_motion
+from forcecal_ros.sim.rig.robot import Motion
+from forcecal_ros.sim.rig.simulator import checked_commands
+from forcecal_ros.sim.signals import BLOCK, RATE, Signals, SMALL, UNSEEN
+import numpy as np
+
+T = TypeVar('T')
+
+COARSER = 2
+"""Fewer integration steps than a simulator takes; right to 1e-4 N on the nominal rig."""
+
+
+class Replay:
+    """
+    One stream of commands, simulated as often as needed.
+
+    Parameters
+    ----------
+    rig : Rig
+        Gives the period of the commands.
+    start : float
+        When period 0 begins [s].
+    end : float
+        How far to go [s].
+    accelerometer : str
+        ``acc1`` or ``acc2``.
+    """
+
+    band, exact, starts_white, usual_tolerances, library = inf, SMALL, False, False, EFFECTS
+
+    def __init__(self, rig: Rig, target: PoseStream, start: float, end: float,
+                 accelerometer: str) -> None:
+        period = rig.robot.period
+        if rig.robot.unexplained is not None:  # fitted to recordings, as inexact as their motion
+            self.exact = EXACT
+        self.start, self.accelerometer = start, accelerometer
+        self.n_blocks = max(1, int(np.floor((end - start) / BLOCK + 1e-6)))
+        # the last block may end within a period
+        self.n_periods = max(1, int(np.ceil(self.n_blocks * BLOCK / period - 1e-6)))
+        starts = np.asarray(start + period * np.arange(self.n_periods), dtype=np.float64)
+        held = held_commands(target.t, starts, period / 2.0)
+        positions, xyzw = checked_commands(target.position, target.R_base_sensor)
+        self._positions, self._xyzw = positions[held], xyzw[held]
+        self._motion: _Last[tuple[Motion, Motion]] = _Last()
+        self._signals: _Last[Signals] = _Last()
+
+    def nuisances(self, rig: Rig, streams: tuple[str, ...]) -> tuple[Nuisance, ...]:
+        """List the nuisance parameters, as far as the streams at hand can show it."""
+        return nuisances(rig, self.accelerometer, streams)
+
+    def smooth(self, signals: Signals) -> Signals:
+        """Return signals as a discrepancy may follow them: these have no noise."""
+        return signals
+
+    def can_show(self, effect: str, rig: Rig) -> bool:
+        """Say whether an effect could be there and be seen."""
+        return effect not in UNSEEN and applicable(EFFECTS[effect], rig, self.accelerometer)
+
+    def tangent(self, rig: Rig) -> None:
+        """Say that its signals are straight about no point."""
+
+    def signals(self, rig: Rig) -> Signals:
+        """Simulate the rig."""
+        physics = self._physics(rig)
+        model, sensor = rig.accelerometer.model(self.accelerometer), rig.wrench_sensor
+        effects = tuple(one for one in rig.effects if one[0] not in UNSEEN)
+        seen = rig if effects == rig.effects else replace(rig, effects=effects)
+        wrench, volts = physics.wrench * sensor.gain, physics.specific_force * model.gain
+        wrench += sensor.bias
+        volts += model.offset
+        if seen.effects:
+            on_wrench = WrenchEffects(seen, 1.0 / RATE)
+            on_volts = AccelerometerEffects(seen, self.accelerometer, 1.0 / RATE)
+            wrench = on_wrench.after_noise(on_wrench.before_noise(wrench))
+            volts = on_volts.after_noise(on_volts.before_noise(volts))
+        return physics._replace(wrench=wrench, volts=volts)
+
+    def _physics(self, rig: Rig) -> Signals:
+        """Simulate without what the sensors add, which many effects act on alone."""
+        own = tuple(one for one in rig.effects if EFFECTS[one[0]].where == 'rig')
+        key = (rig.robot, rig.servo, rig.tool, rig.optidrive, rig.wall, rig.gravity,
+               rig.accelerometer.position, rig.accelerometer.model(self.accelerometer).highpass,
+               own)
+        return self._signals.of(key, lambda: self._simulated(rig))
+
+    def _simulated(self, rig: Rig) -> Signals:
+        # a whole number of steps between the samples replayed, too
+        replayed = Fraction(RATE * rig.robot.period).limit_denominator(1000).numerator
+        common = lcm(common_samples(rig), replayed)
+        steps = common * -(-enough_steps(rig) // (COARSER * common))
+        plant = Plant(rig, self.accelerometer, steps)
+        plant.rest(self._positions[0], self._xyzw[0])
+        every = round(steps / (RATE * rig.robot.period))
+        motion, m = self._moved(plant, (same_motion(rig), steps), 2 * every)
+        slide, response = plant.respond(motion)
+        ends = slice(every - 1, None, every)
+        n = len(m.position)
+        specific_force = response.specific_force[ends][:n]
+        return Signals(self.start, response.wrench[ends][:n], specific_force,
+                       slide.slide[every::every][:n], m.position, m.R_base_sensor, m.velocity,
+                       m.acceleration, m.omega, m.alpha, slide.speed[every::every][:n],
+                       response.contact[ends][:n], specific_force)
+
+    def _moved(self, plant: Plant, key: object, nodes: int) -> tuple[Motion, Motion]:
+        """Move the robot, unless it has moved just so before: at all nodes, and at samples."""
+        def move() -> tuple[Motion, Motion]:
+            motion = plant.move(self._positions, self._xyzw)
+            n = self.n_blocks * round(BLOCK * RATE)
+            return motion, Motion(*(part[nodes::nodes][:n] for part in motion))
+
+        return self._motion.of(key, move)
+
+
+class _Last(Generic[T]):
+    """The last of what takes long to compute and much memory to keep."""
+
+    def __init__(self) -> None:
+        self._key: object = None
+        self._value: T | None = None
+
+    def of(self, key: object, compute: Callable[[], T]) -> T:
+        """Return what is computed by a key, or was the last time."""
+        if self._value is None or self._key != key:
+            self._value = None  # makes room
+            self._key, self._value = key, compute()
+        return self._value

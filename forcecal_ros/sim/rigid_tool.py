@@ -1,0 +1,300 @@
+"""A rigid tool and its sensors: what is known of both, and the wrench along a motion."""
+
+from dataclasses import dataclass, fields, replace
+from typing import Annotated
+
+from forcecal_ros.core.calibration import Calibration, Estimate
+from forcecal_ros.core.geometry import Array, rotation_vector, skew
+from forcecal_ros.core.schema import Row
+from forcecal_ros.core.streams import PoseStream, Recording
+from forcecal_ros.effects import named_effects, physical_rig, WrenchEffects
+from forcecal_ros.effects.chosen import Chosen
+from forcecal_ros.effects.nuisances import possible, rows_of
+from forcecal_ros.effects.rig import AccelerometerModel, NominalTolerances, Rig, Tool
+from forcecal_ros.effects.signals import specific_force_of
+from forcecal_ros.sim.low_pass import clear_band, MOST, slow, slowed
+from forcecal_ros.sim.signals import BLOCK, block_means, RATE, Signals, UNSEEN
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, RotationSpline
+
+UNKNOWN_DELAY = 0.01
+"""Delay between two sensors that no calibration tells, 1 sigma [s]; three are a slow driver."""
+
+GYRATION = 0.05
+"""Radius of gyration of a tool whose inertia is not known, 1 sigma: a gripper's [m]."""
+
+
+@dataclass(frozen=True)
+class RigidToolSpreads(NominalTolerances):
+    """Nominal tolerances, and those of what a calibration may not know."""
+
+    accel_behind: Annotated[float, Row('of accel_behind', 's', 0.0)] = 0.0
+    own_inertia: Annotated[float, Row('absolute', 'kg m^2', 0.0)] = 0.0
+
+
+@dataclass(frozen=True)
+class RigidTool(Rig):
+    """A rig of which only tool and sensors count, and whose sensors' stamps may be apart."""
+
+    spreads: Annotated[RigidToolSpreads, Row('')]
+    accel_behind: Annotated[float, Row(
+        'how much later than the wrench the accelerometer shows the same instant', 's')] = 0.0
+
+    @property
+    def accelerometer_unit(self) -> str:
+        """Of its accelerometer's readings: ``m/s^2`` where they need no gain."""
+        return 'm/s^2' if set(self.accelerometer.model().gain) == {1.0} else 'V'
+
+
+def rigid_tool_of_rig(rig: Rig) -> RigidTool:
+    """Take tool and sensors of a rig; its sensors have one clock."""
+    own = {f.name: getattr(rig, f.name) for f in fields(Rig)}
+    tolerances = {f.name: getattr(rig.spreads, f.name) for f in fields(NominalTolerances)}
+    return RigidTool(**{**own, 'spreads': RigidToolSpreads(**tolerances)})
+
+
+def rigid_tool_of_calibration(calibration: Calibration, rig: Rig) -> RigidTool:
+    """
+    Take tool and sensors as they were calibrated.
+
+    Parameters
+    ----------
+    rig : Rig
+        Gives the tolerances: a sensor's zero drifts also after it was calibrated.
+
+    Returns
+    -------
+    RigidTool
+        Its accelerometer speaks m/s^2 along the axes of ft_sensor.
+    """
+    c, a, tool = calibration, calibration.accelerometer, rig.tool
+    inertia = np.zeros((3, 3)) if c.inertia is None else c.inertia.value
+    changed: Tool = replace(tool, mass=float(c.mass), com=_three(c.com.value),
+                            inertia=rows_of(possible(inertia)))
+    rigid_tool = rigid_tool_of_rig(replace(rig, effects=(), optidrive=None))
+    place = changed.com if a is None or a.position is None else _three(a.position.value)
+    scale = AccelerometerModel((1.0, 1.0, 1.0), (0.0, 0.0, 0.0), 0.0)
+    return replace(rigid_tool, tool=changed, gravity=(0.0, 0.0, -c.gravity),
+                   spreads=_tolerances(c, rigid_tool.spreads),
+                   wrench_sensor=replace(rig.wrench_sensor, gain=(1.0,) * 6,
+                                         bias=tuple(c.wrench_bias.value.tolist())),
+                   accelerometer=replace(rig.accelerometer, mounted='acc1', acc1=scale,
+                                         position=place),
+                   accel_behind=0.0 if a is None else float(a.delay))
+
+
+def _tolerances(c: Calibration, usual: RigidToolSpreads) -> RigidToolSpreads:
+    """Add what the calibration does not know to what changes from day to day."""
+    mass, a = float(c.mass), c.accelerometer
+    bias = _known(c.wrench_bias)
+    late = np.inf if a is None else float(a.delay.std)
+    offset = 0.0 if a is None else float(np.abs(
+        np.linalg.solve(a.matrix, np.nan_to_num(a.offset.std))).max())
+    gyration = mass * GYRATION ** 2
+    return replace(
+        usual, mass=float(np.hypot(usual.mass, _known(c.mass).max() / mass)),
+        com=float(np.hypot(usual.com, _known(c.com).max())),
+        force_bias=float(np.hypot(usual.force_bias, bias[:3].max())),
+        torque_bias=float(np.hypot(usual.torque_bias, bias[3:].max())),
+        accelerometer_offset=float(np.hypot(usual.accelerometer_offset, offset)),
+        accel_behind=late if np.isfinite(late) else UNKNOWN_DELAY,
+        own_inertia=gyration if c.inertia is None else min(gyration, _known(c.inertia).max()))
+
+
+def _known(estimate: Estimate) -> Array:
+    return np.nan_to_num(np.atleast_1d(estimate.std))
+
+
+def _three(values: Array) -> tuple[float, float, float]:
+    x, y, z = values.tolist()
+    return x, y, z
+
+
+SMOOTH = 3.0
+"""Frequency up to which a discrepancy follows the motion [Hz]: noise is mostly faster."""
+
+KEPT = 12
+"""Delays for which the accelerometer's readings are kept."""
+
+CABLE = 'cable_force'
+
+HYSTERESIS = frozenset({'wrench_hysteresis'})
+
+
+class CarriedTool:
+    """
+    One recorded motion, along which tools are carried.
+
+    Accelerations are those of the accelerometer or, without one, of the measured position;
+    without either, only weight is expected.
+
+    Parameters
+    ----------
+    recording : Recording
+        With measured pose; the accelerometer in volts of the rig's model.
+    start : float
+        When block 0 begins [s].
+    accelerometer : str
+        ``acc1`` or ``acc2``.
+    clear : bool
+        Whether to leave out of each input what is not clear of its noise.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+        Instants of all the others [s].
+    R_base_sensor : ndarray, shape (n, 3, 3)
+    position, velocity, acceleration : ndarray, shape (n, 3)
+        Of S in base [m], [m/s], [m/s^2]; zero where no position was measured.
+    omega, alpha : ndarray, shape (n, 3)
+        In S [rad/s], [rad/s^2].
+    lever : ndarray, shape (n, 3, 3)
+        Times a point's place in S, its acceleration beyond the origin's.
+    slide : ndarray, shape (n,)
+        Of the tool along x [m].
+    beyond : ndarray, shape (n, 6)
+        What the wrench holds besides a rigid tool's.
+    """
+
+    def __init__(self, recording: Recording, start: float, n_blocks: int, accelerometer: str,
+                 *, clear: bool = False) -> None:
+        pose = recording.pose
+        assert pose is not None
+        count = 1.0 + np.arange(n_blocks * round(BLOCK * RATE))
+        self.t: Array = np.asarray(start + count / RATE, dtype=np.float64)
+        self.accelerometer, self._clear = accelerometer, clear
+        self._turn(pose)
+        self._travel(pose)
+        stream, self.slide = recording.optidrive, np.zeros(len(self.t))
+        if stream is not None and len(stream) > 1:
+            self.slide = stream.at(self.t)[:, 0]
+        volts = recording.accelerometer
+        self._volts = None if volts is None else slowed(volts, self._band(volts.t, volts.values))
+        self._late: dict[float, Array] = {}
+        self.beyond = np.zeros((len(self.t), 6))
+
+    def _band(self, t: Array, rows: Array) -> float:
+        """Return up to where an input counts [Hz]."""
+        if not self._clear:
+            return MOST
+        rate = (len(t) - 1) / (t[-1] - t[0])
+        even = t[0] + np.arange(len(t)) / rate
+        return clear_band(np.stack([np.interp(even, t, x) for x in rows.T], axis=1), rate)
+
+    def _turn(self, pose: PoseStream) -> None:
+        spline = RotationSpline(pose.t, Rotation.from_matrix(np.array(pose.R_base_sensor)))
+        self.R_base_sensor: Array = spline(np.clip(self.t, pose.t[0], pose.t[-1])).as_matrix()
+        R = self.R_base_sensor
+        turns = rotation_vector(np.swapaxes(R[:-1], 1, 2) @ R[1:]) * RATE
+        band = self._band(pose.t, pose.R_base_sensor.reshape(-1, 9))
+        self.omega = slow(np.concatenate([turns[:1], turns]), RATE, band)
+        self.alpha = _rate_of(self.omega)
+        W = skew(self.omega)
+        self.lever = skew(self.alpha) + W @ W
+
+    def _travel(self, pose: PoseStream) -> None:
+        self._placed = pose.has_position
+        self.position = self.velocity = self.acceleration = np.zeros((len(self.t), 3))
+        if self._placed:
+            at = np.clip(self.t, pose.t[0], pose.t[-1])
+            self.position = CubicSpline(pose.t, pose.position)(at)
+            self.velocity = slow(_rate_of(self.position), RATE,
+                                 self._band(pose.t, pose.position))
+            self.acceleration = _rate_of(self.velocity)
+
+    @property
+    def accelerated(self) -> bool:
+        """Whether an accelerometer says how it moves."""
+        return self._volts is not None
+
+    def wire(self, rig: Rig) -> Array:
+        """Return the wrench that its sensor says, with all of a rig's effects, shape (n, 6)."""
+        rigid_tool = physical_rig(rig)
+        wrench = self._wrench(rigid_tool, self.specific_force(rig))
+        out = np.asarray(wrench * rigid_tool.wrench_sensor.gain + rigid_tool.wrench_sensor.bias
+                         + self.beyond)
+        effects = tuple(one for one in rigid_tool.effects if one[0] not in UNSEEN)
+        return self._through(rigid_tool, effects, out) if effects else out
+
+    def weight(self, rigid_tool: Rig) -> Array:
+        """Return the specific force of rest in S, shape (n, 3)."""
+        return np.asarray(-np.array(rigid_tool.gravity) @ self.R_base_sensor)
+
+    def specific_force(self, rig: Rig) -> Array:
+        """Return the specific force at the centre of mass, in S, shape (n, 3)."""
+        rigid_tool = physical_rig(rig)
+        com, named = np.array(rigid_tool.tool.com), named_effects(rig.effects)
+        if self._volts is None:
+            if not self._placed:
+                return self.weight(rigid_tool)
+            along = np.einsum('nij,ni->nj', self.R_base_sensor, self.acceleration)
+            return np.asarray(self.weight(rigid_tool) + along + self.lever @ com)
+        behind = getattr(rig, 'accel_behind', 0.0) + named.get('accel_delay', {}).get('delay', 0.0)
+        f = specific_force_of(rigid_tool, self.accelerometer, self._readings(behind))
+        return np.asarray(f + self.lever @ (com - rigid_tool.accelerometer.position))
+
+    def specific_force_of_origin(self, rig: Rig) -> Array:
+        """Return the specific force in the origin of S, shape (n, 3)."""
+        tool: Tool = replace(rig.tool, com=(0.0, 0.0, 0.0))
+        return self.specific_force(replace(rig, tool=tool, effects=()))
+
+    def recorded_wrench(self, recording: Recording) -> Array:
+        """Return a recorded wrench at the same instants, shape (n, 6)."""
+        return _wrench_at(self.t, recording)
+
+    def _readings(self, behind: float) -> Array:
+        if behind not in self._late:
+            if len(self._late) >= KEPT:
+                self._late.pop(next(iter(self._late)))
+            assert self._volts is not None
+            at = np.clip(self.t + behind, self._volts.x[0], self._volts.x[-1])
+            self._late[behind] = self._volts(at)
+        return self._late[behind]
+
+    def _wrench(self, rigid_tool: Rig, f: Array) -> Array:
+        """Return the wrench of the tool's weight, inertia and cable in S, shape (n, 6)."""
+        tool = rigid_tool.tool
+        inertia = np.array(tool.inertia)
+        arm = np.array(tool.com) + self.slide[:, np.newaxis] * [1.0, 0.0, 0.0]
+        spin = self.alpha @ inertia + np.cross(self.omega, self.omega @ inertia)
+        out = np.hstack([-tool.mass * f, -tool.mass * np.cross(arm, f) - spin])
+        cable = named_effects(rigid_tool.effects).get(CABLE)
+        if cable:
+            point = np.array([cable[f'point_{x}'] for x in 'xyz'])
+            place = self.position + self.R_base_sensor @ point
+            pull = np.array([cable[x] for x in 'xyz']) - cable['stiffness'] * (place - place[0])
+            own = np.einsum('nij,ni->nj', self.R_base_sensor, pull)
+            out += np.hstack([own, np.cross(point, own)])
+        return out
+
+    def _through(self, rigid_tool: Rig, effects: Chosen, wire: Array) -> Array:
+        """Let the wrench sensor's effects act; noise of the inputs is no reversal of a load."""
+        lag = replace(rigid_tool, effects=only(effects, HYSTERESIS))
+        if lag.effects:
+            steady = slow(wire, RATE, SMOOTH)
+            wire = wire + WrenchEffects(lag, 1.0 / RATE).before_noise(steady) - steady
+        others = tuple(one for one in effects if one not in lag.effects)
+        on_wrench = WrenchEffects(replace(rigid_tool, effects=others), 1.0 / RATE)
+        return np.asarray(on_wrench.after_noise(on_wrench.before_noise(wire)))
+
+
+def beyond(recording: Recording, signals: Signals) -> Array:
+    """Return what a recorded wrench has beyond a simulated, in block means, (blocks, 6)."""
+    t: Array = signals.start + (1.0 + np.arange(len(signals.wrench), dtype=np.float64)) / RATE
+    return block_means(_wrench_at(t, recording) - signals.wrench)
+
+
+def _wrench_at(t: Array, recording: Recording) -> Array:
+    assert recording.wrench is not None
+    spline = slowed(recording.wrench)
+    return np.asarray(spline(np.clip(t, spline.x[0], spline.x[-1])))
+
+
+def only(effects: Chosen, names: frozenset[str]) -> Chosen:
+    """Keep some effects."""
+    return tuple(one for one in effects if one[0] in names)
+
+
+def _rate_of(rows: Array) -> Array:
+    return np.asarray(np.gradient(rows, 1.0 / RATE, axis=0))

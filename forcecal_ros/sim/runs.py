@@ -1,0 +1,262 @@
+"""
+Somebody's simulator under one recording's commands, run with as few sets of numbers as will do.
+
+Running it is dear. So its streams are taken to be linear in the parameters about the nearest
+point where all of them were tried, one after the other; where it was run itself, its own answer
+counts.
+"""
+
+from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.geometry import Array, rotation_from_vector, rotation_vector
+from forcecal_ros.core.streams import PoseStream, Recording, Stream
+from forcecal_ros.sim.poses import in_base_of
+from forcecal_ros.sim.protocol import Inputs
+from forcecal_ros.sim.third_party import ThirdParty
+import numpy as np
+
+STEP = 1.0
+"""Step by which a parameter is moved to see what it does, in its sigma."""
+
+QUARTER = 1.5
+"""What a quarter of a step changes in what half of it does, of an error of first order."""
+
+NOTICED = (0.15, 0.006, 1e-4)
+"""
+Noise of a usual wrist sensor [N], [N m], and of poses and joints [m], [rad]: where half the step
+changes less, what is no straight line in that, a twentieth of an implicit integrator's, is none.
+"""
+
+Numbers = tuple[float, ...]
+
+
+class _Change(NamedTuple):
+    """What one sigma of a parameter does: to wrench, position, turn, accelerometer, joints."""
+
+    wrench: Array
+    position: Array
+    turn: Array
+    accelerometer: Array | None
+    joints: Array | None = None
+
+
+class Runs:
+    """
+    A simulator under one recording's commands.
+
+    Parameters
+    ----------
+    measured : PoseStream
+        Of the robot, on the inputs' clock: in its base.
+
+    Attributes
+    ----------
+    count : int
+        How often it was run.
+    """
+
+    def __init__(self, simulator: ThirdParty, inputs: Inputs, measured: PoseStream) -> None:
+        self.simulator, self.count = simulator, 0
+        self._inputs, self._measured = inputs, measured
+        self._exact: dict[Numbers, Recording] = {}
+        self._changes: dict[Numbers, list[_Change]] = {}
+        self._halved: dict[Numbers, Recording] = {}
+        self._finer: dict[Numbers, _Change] = {}
+        self._finest: dict[Numbers, _Change] = {}
+
+    def exact(self, numbers: Numbers) -> Recording:
+        """Run the simulator, unless it was run so before."""
+        if numbers not in self._exact:
+            self._exact[numbers] = self._counted(self.simulator.run(self._inputs, numbers))
+        return self._exact[numbers]
+
+    def _counted(self, made: Recording) -> Recording:
+        """Count a run, and bring its poses into the robot's base."""
+        self.count += 1
+        assert made.pose is not None
+        return replace(made, pose=in_base_of(self._measured, made.pose))
+
+    def repeats(self) -> bool:
+        """Run the simulator once more with its own numbers; say whether it does the same."""
+        numbers = self.simulator.nominal
+        first = self._exact.pop(numbers)
+        again = self.exact(numbers)
+        return all(np.array_equal(a, b) for a, b in zip(_arrays(first), _arrays(again)))
+
+    def try_all(self, numbers: Numbers) -> None:
+        """See what each parameter does at a point: one run for each, and one for the point."""
+        here, changes = self.exact(numbers), []
+        for i, p in enumerate(self.simulator.parameters):
+            step = STEP * p.sigma
+            if numbers[i] + step > p.high:
+                step = -step
+            change = self._changed(here, numbers, i, step)
+            if _is_nothing(change) and numbers[i] - step > p.low:  # a limit acts where it is lower
+                change = self._changed(here, numbers, i, -step)
+            changes.append(change)
+        self._changes[numbers] = changes
+        if self.simulator.has_finer:
+            finer = _change(*_of_one_length(here, self.halved(numbers)), 1.0)
+            self._finer[numbers] = finer
+            if self.simulator.has_finest and _is_coarse(finer):
+                self._finest[numbers] = self._bend(here, numbers, finer)
+
+    @property
+    def is_coarse(self) -> bool:
+        """Whether its step makes so much that this is no straight line either."""
+        return bool(self._finest)
+
+    def _bend(self, here: Recording, numbers: Numbers, finer: _Change) -> _Change:
+        """Run it with a quarter of its step; say what that does beyond 1.5 times half of it."""
+        made = self._counted(self.simulator.run_finest(self._inputs, numbers))
+        return _beyond(_change(*_of_one_length(here, made), 1.0), finer, QUARTER)
+
+    def halved(self, numbers: Numbers) -> Recording:
+        """Run it with half its step of integration, unless that was done before."""
+        if numbers not in self._halved:
+            self._halved[numbers] = self._counted(self.simulator.run_finer(self._inputs, numbers))
+        return self._halved[numbers]
+
+    def changes(self, numbers: Numbers) -> Sequence['_Change']:
+        """Return what one sigma of each parameter does at a point that was tried."""
+        return self._changes[numbers]
+
+    def _changed(self, here: Recording, numbers: Numbers, i: int, step: float) -> _Change:
+        """Run it with another value of a parameter, and say what one sigma of that does."""
+        moved = (*numbers[:i], numbers[i] + step, *numbers[i + 1:])
+        return _change(here, self._passing(moved), self.simulator.parameters[i].sigma / step)
+
+    def _passing(self, numbers: Numbers) -> Recording:
+        made = self.exact(numbers)
+        del self._exact[numbers]
+        return made
+
+    def otherwise(self, numbers: Numbers, beside: Mapping[str, float]) -> 'Runs':
+        """Run the simulator with something beside its parameters; what is near stays as it is."""
+        made = self._counted(self.simulator.run(self._inputs, numbers, beside))
+        other = copy(self)
+        other.keep(numbers, made)
+        return other
+
+    def keep(self, numbers: Numbers, made: Recording) -> None:
+        """Take this for what it says there."""
+        self._exact = {**self._exact, numbers: made}
+
+    def at(self, numbers: Numbers) -> Recording:
+        """Return what it says with other parameters, as far as that is linear in them."""
+        if numbers in self._exact or not self._changes:
+            return self.exact(numbers)
+        near = self.near(numbers)
+        away = (np.array(numbers) - near) / self._sigma
+        return _moved(self._exact[near], self._changes[near], away)
+
+    def integrated(self, numbers: Numbers, finer: float, finest: float = 0.0) -> Recording:
+        """Return what it says if its step made so many times what half and a quarter of it do."""
+        made = self.at(numbers)
+        if not self._finer or not (finer or finest):
+            return made
+        near = self.near(numbers)
+        known = [self._finer[near], *([self._finest[near]] if near in self._finest else [])]
+        return _moved(made, known, np.array([finer, finest])[:len(known)])
+
+    @property
+    def _sigma(self) -> Array:
+        return np.array([p.sigma for p in self.simulator.parameters])
+
+    def near(self, numbers: Numbers) -> Numbers:
+        """Return the nearest point at which all parameters were tried."""
+        return min(self._changes, key=lambda one: float(
+            np.linalg.norm((np.array(numbers) - one) / self._sigma)))
+
+
+def _arrays(made: Recording) -> list[Array]:
+    assert made.wrench is not None
+    assert made.pose is not None
+    others = [one.values for one in (made.accelerometer, made.joints) if one is not None]
+    return [made.wrench.values, made.pose.position, made.pose.R_base_sensor, *others]
+
+
+def _of_one_length(here: Recording, finer: Recording) -> tuple[Recording, Recording]:
+    """Let the last row stand for one that a finer run lacks, whose last step may end earlier."""
+    def padded_as(one: Any, like: Any) -> Any:
+        rows = np.minimum(np.arange(len(like)), len(one) - 1)
+        return replace(one.rows(rows), t=like.t)
+
+    return here, replace(finer, **{
+        name: padded_as(getattr(finer, name), getattr(here, name))
+        for name in ('wrench', 'pose', 'accelerometer', 'joints')
+        if getattr(finer, name) is not None})
+
+
+def _change(here: Recording, there: Recording, scale: float) -> _Change:
+    one, other = here.pose, there.pose
+    assert one is not None
+    assert other is not None
+    turn = rotation_vector(np.swapaxes(one.R_base_sensor, 1, 2) @ other.R_base_sensor)
+    wrench = _less(there.wrench, here.wrench, scale)
+    assert wrench is not None
+    return _Change(wrench, scale * (other.position - one.position), scale * turn,
+                   _less(there.accelerometer, here.accelerometer, scale),
+                   _less(there.joints, here.joints, scale))
+
+
+def _beyond(change: _Change, line: _Change, times: float) -> _Change:
+    """Return what one changes beyond so many times what another does."""
+    def less(one: Array | None, other: Array | None) -> Array | None:
+        return None if one is None or other is None else one - times * other
+
+    return _Change(change.wrench - times * line.wrench, change.position - times * line.position,
+                   change.turn - times * line.turn,
+                   less(change.accelerometer, line.accelerometer),
+                   less(change.joints, line.joints))
+
+
+def _is_coarse(finer: _Change) -> bool:
+    """Say whether half the step changes more than the noise of usual sensors."""
+    force, torque = finer.wrench[:, :3], finer.wrench[:, 3:]
+    sizes = [(force, 0), (torque, 1), (finer.position, 2), (finer.turn, 2)]
+    if finer.joints is not None:
+        sizes.append((finer.joints, 2))
+    return any(np.sqrt(np.mean(rows ** 2, axis=0)).max() > NOTICED[i] for rows, i in sizes)
+
+
+def _is_nothing(change: _Change) -> bool:
+    return not any(rows is not None and rows.any() for rows in change)
+
+
+def _less(one: Stream | None, other: Stream | None, scale: float) -> Array | None:
+    if one is None or other is None:
+        return None
+    return np.asarray(scale * (one.values - other.values))
+
+
+def _moved(base: Recording, changes: Sequence[_Change], away: Array) -> Recording:
+    wrench, pose, accel, joints = base.wrench, base.pose, base.accelerometer, base.joints
+    assert wrench is not None
+    assert pose is not None
+    turn = sum((x * c.turn for c, x in zip(changes, away)), np.zeros_like(pose.position))
+    position = sum((x * c.position for c, x in zip(changes, away)), np.array(pose.position))
+    values = sum((x * c.wrench for c, x in zip(changes, away)), np.array(wrench.values))
+    if accel is not None:
+        accel = replace(accel, values=sum(
+            (x * c.accelerometer for c, x in zip(changes, away) if c.accelerometer is not None),
+            np.array(accel.values)))
+    if joints is not None:
+        joints = replace(joints, values=sum(
+            (x * c.joints for c, x in zip(changes, away) if c.joints is not None),
+            np.array(joints.values)))
+    return replace(base, wrench=replace(wrench, values=values), accelerometer=accel, joints=joints,
+                   pose=replace(pose, position=position,
+                                R_base_sensor=pose.R_base_sensor @ rotation_from_vector(turn)))
+
+
+def refuse_unsteady(runs: Runs) -> None:
+    """Refuse a simulator that does something else the second time."""
+    if not runs.repeats():
+        raise ConfigError(f'{runs.simulator.name}: the same commands and parameters gave another '
+                          'answer the second time; seed its noise, and begin '
+                          'each run from the same state')

@@ -1,0 +1,133 @@
+"""What is asked of any simulation: the signals that noise-free sensors would give."""
+
+from collections.abc import Hashable, Mapping
+from typing import NamedTuple, Protocol
+
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.effects import Effect
+from forcecal_ros.effects.nuisances import Nuisance
+from forcecal_ros.effects.rig import Rig
+import numpy as np
+
+RATE = 1000.0
+"""Rate of the simulated signals [Hz]."""
+
+SMALL = 0.05
+"""RMS of a difference, in noise RMS, that is no gap."""
+
+UNSEEN = ('wrench_quantisation', 'clock_skew', 'dropouts')
+"""Effects that show in values and stamps, not in the mean of a signal."""
+
+BLOCK = 0.004
+"""Length of the blocks over whose means measured and simulated are compared [s]."""
+
+JOINTS = 8
+"""Joints whose positions can be compared: an arm of seven, and the rail that it stands on."""
+
+
+class Signals(NamedTuple):
+    """
+    What noise-free sensors would say; sample i is the state at ``start + (i + 1) / RATE``.
+
+    Attributes
+    ----------
+    start : float
+        [s]
+    wrench : ndarray, shape (n, 6)
+        As on the wire [N], [N m].
+    volts : ndarray, shape (n, 3)
+    optidrive : ndarray, shape (n,)
+        [m]
+    position : ndarray, shape (n, 3)
+        Of S in base [m].
+    R_base_sensor : ndarray, shape (n, 3, 3)
+    velocity, acceleration : ndarray, shape (n, 3)
+        Of S in base [m/s], [m/s^2].
+    omega, alpha : ndarray, shape (n, 3)
+        In S [rad/s], [rad/s^2].
+    speed : ndarray, shape (n,)
+        Of the slide [m/s].
+    contact : ndarray, shape (n, 6)
+        Environment on tool, in S [N], [N m].
+    specific_force : ndarray, shape (n, 3)
+        [m/s^2]
+    joints : ndarray, shape (n, JOINTS) or None
+        Positions, 0 of those that there are not [rad] or [m].
+    """
+
+    start: float
+    wrench: Array
+    volts: Array
+    optidrive: Array
+    position: Array
+    R_base_sensor: Array
+    velocity: Array
+    acceleration: Array
+    omega: Array
+    alpha: Array
+    speed: Array
+    contact: Array
+    specific_force: Array
+    joints: Array | None = None
+
+
+def padded(joints: Array) -> Array:
+    """Return a column for each joint that there may be, 0 where there is none."""
+    return np.pad(joints, ((0, 0), (0, JOINTS - joints.shape[1])))
+
+
+def block_means(values: Array) -> Array:
+    """Average replayed signals over blocks, shape (n, k) to (blocks, k)."""
+    return np.asarray(values.reshape(-1, round(BLOCK * RATE), values.shape[1]).mean(axis=1))
+
+
+class Simulation(Protocol):
+    """
+    One recording's inputs, simulated as often as needed.
+
+    Attributes
+    ----------
+    start : float
+        When block 0 begins [s].
+    accelerometer : str
+        ``acc1`` or ``acc2``.
+    band : float
+        Up to which frequency it is meant to hold [Hz].
+    exact : float
+        RMS in that of the noise of a channel, up to which it is meant to be right.
+    starts_white : bool
+        Whether noise is first taken for white: where a recording is all motion, nothing shows
+        the noise by itself.
+    usual_tolerances : bool
+        Whether tolerances are usual ones, as of somebody's simulator, and not those of a file.
+    library : mapping of str to Effect
+        What a recording may have beside what is simulated.
+    """
+
+    start: float
+    n_blocks: int
+    accelerometer: str
+    band: float
+    exact: float
+    starts_white: bool
+    usual_tolerances: bool
+    library: Mapping[str, Effect]
+
+    def signals(self, rig: Rig) -> Signals:
+        """Simulate a rig, with its effects."""
+
+    def tangent(self, rig: Rig) -> Hashable:
+        """
+        Say about which point signals are straight in the nuisances.
+
+        What these change is then the same as long as that point is; None where they are not.
+        """
+
+    def smooth(self, signals: Signals) -> Signals:
+        """Return signals without the noise of measured inputs, as a discrepancy may follow."""
+
+    def nuisances(self, rig: Rig, streams: tuple[str, ...]) -> tuple[Nuisance, ...]:
+        """List the nuisance parameters, as far as the streams at hand can show it."""
+
+    def can_show(self, effect: str, rig: Rig) -> bool:
+        """Say whether an effect could be there and be seen."""

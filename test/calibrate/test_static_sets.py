@@ -1,0 +1,104 @@
+"""Sets of static poses: sound ones raise no alarm, and what nature forbids is no result."""
+
+from dataclasses import replace
+
+from forcecal_ros.calibrate.pipeline import identify
+from forcecal_ros.calibrate.settings import IdentificationSettings
+from forcecal_ros.core.errors import DataError, UnobservableError
+from forcecal_ros.core.streams import Stream
+from kuka import GRAVITY, static_recording
+import numpy as np
+import pytest
+from static_sets import static_set
+
+SETS = 60
+
+
+def with_wrench(recording, change):
+    values = np.array(recording.wrench.values)
+    return replace(recording, wrench=Stream(recording.wrench.t, change(values)))
+
+
+def alarms(recording):
+    return [line for line in identify(recording).quality['warnings'] if 'suspect' in line]
+
+
+def test_one_in_twenty_sound_sets_of_single_samples_is_called_into_question_at_most():
+    found = {seed: lines for seed in range(SETS) if (lines := alarms(static_set(seed)[0]))}
+    assert len(found) <= SETS // 20, found
+
+
+@pytest.mark.parametrize('seed', [1005, 1019])
+def test_an_accelerometer_that_never_moves_has_a_map_and_no_delay(seed):
+    # a delay that nothing tells was sought all the same, and kept the fit from settling
+    found = identify(static_set(seed, 100.0)[0]).accelerometer
+    assert np.isnan(found.delay.std)
+    assert (np.abs(found.offset.value) < 4.0 * found.offset.std).all()
+
+
+def test_masses_of_single_samples_are_within_their_standard_errors():
+    z = [(float(found.mass) - tool.mass) / float(found.mass.std)
+         for recording, tool in map(static_set, range(SETS)) for found in [identify(recording)]]
+    assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1.0, abs=0.35)
+
+
+def test_the_rms_of_the_residuals_is_that_of_the_noise():
+    found = identify(static_set(3)[0])
+    residual = np.array([pose['residual'] for pose in found.quality['poses']])
+    np.testing.assert_allclose(found.quality['residual_rms'],
+                               np.sqrt((residual**2).mean(axis=0)))
+
+
+def test_a_pull_in_one_pose_of_single_samples_is_named(kuka_data):
+    def pull(values):
+        values[6, 0] += 1.0
+        return values
+    found = identify(with_wrench(static_recording(kuka_data), pull),
+                     IdentificationSettings(gravity=GRAVITY))
+    assert any('do not fit one tool: pose 7 is off by +0.8' in line
+               for line in found.quality['warnings'])
+
+
+def test_single_samples_that_scatter_do_not_fit_one_tool(kuka_data):
+    def scatter(values):
+        return values + np.random.default_rng(1).standard_normal(values.shape) * [2, 2, 2, 0, 0, 0]
+    found = identify(with_wrench(static_recording(kuka_data), scatter),
+                     IdentificationSettings(gravity=GRAVITY))
+    assert any('do not fit one tool: they scatter in force.x' in line
+               for line in found.quality['warnings'])
+
+
+def test_real_poses_of_one_sample_each_raise_no_alarm(kuka_data):
+    found = identify(static_recording(kuka_data), IdentificationSettings(gravity=GRAVITY))
+    assert not [line for line in found.quality['warnings'] if 'suspect' in line]
+
+
+@pytest.mark.parametrize('factor', [100.0, 1000.0])
+def test_torques_in_another_unit_are_refused_by_their_centre_of_mass(kuka_data, factor):
+    with pytest.raises(DataError, match='centre of mass comes out .* unit of the torques'):
+        identify(with_wrench(static_recording(kuka_data),
+                             lambda values: values * np.repeat([1.0, factor], 3)),
+                 IdentificationSettings(gravity=GRAVITY))
+
+
+def test_an_imu_in_g_is_refused(kuka_data):
+    recording = static_recording(kuka_data)
+    stream = recording.accelerometer
+    with pytest.raises(DataError, match='it is in g; multiply by 9.80665'):
+        identify(replace(recording, accelerometer=Stream(stream.t, stream.values / 9.80665)),
+                 IdentificationSettings(gravity=GRAVITY))
+
+
+def test_a_wrench_in_kgf_is_questioned(kuka_data):
+    found = identify(with_wrench(static_recording(kuka_data), lambda v: v / 9.80665),
+                     IdentificationSettings(gravity=GRAVITY))
+    assert any('0.932 kg, the wrench is in kgf' in line for line in found.quality['questions'])
+
+
+def test_one_pose_is_refused_for_being_one():
+    recording, _ = static_set(0, 10.0)
+    end = recording.phases[1].end
+    one = replace(recording, wrench=recording.wrench.between(0.0, end), accelerometer=None,
+                  pose=recording.pose.rows(recording.pose.t < end), phases=recording.phases[:2])
+    with pytest.raises(UnobservableError, match='1 static pose with gravity along one direction'):
+        identify(one)

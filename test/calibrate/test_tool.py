@@ -1,0 +1,252 @@
+"""Tool from static poses, its spring and damper from ringing, its inertia from turning."""
+
+from functools import cache
+
+from forcecal_ros.calibrate.axes import in_words, split_matrix
+from forcecal_ros.calibrate.creep import Creep, follow
+from forcecal_ros.calibrate.moving_tool import inertia_regressor
+from forcecal_ros.calibrate.ringing import Ring, stiffness_and_damping
+from forcecal_ros.calibrate.static_readings import gravity_spread, Statics
+from forcecal_ros.calibrate.statics import stiffness_from_sag
+from forcecal_ros.calibrate.tool import identify_tool, weigh
+from forcecal_ros.core.errors import DataError, UnobservableError
+from forcecal_ros.core.geometry import rotation_from_vector
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+MASS, COM, K, D = 13.0, np.array([0.03, -0.01, 0.14]), 5000.0, 130.0
+FORCE_BIAS, TORQUE_BIAS = np.array([4.0, -3.0, 8.0]), np.array([0.3, -0.2, 0.1])
+G = 9.80665
+X = np.array([1.0, 0.0, 0.0])
+THREE = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [-0.866, -0.483, 0.129]])
+FOUR = np.vstack([THREE, [0.2, 0.8, 0.5]])
+
+
+def statics_of(directions, noise=0.0, seed=0, slide=True, sigma=(5e-3, 4e-4)):
+    g = G * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    s = MASS * g[:, 0] / K if slide else np.zeros(len(g))
+    force = MASS * g + FORCE_BIAS
+    torque = np.cross(COM + s[:, None] * X, MASS * g) + TORQUE_BIAS
+    std = np.repeat(sigma, 3)
+    rng = np.random.default_rng(seed)
+    wrench = np.hstack([force, torque]) + noise * std * rng.standard_normal((len(g), 6))
+    return Statics(g, wrench, np.tile(np.diag(std**2), (len(g), 1, 1)), s, np.zeros(len(g)))
+
+
+def test_three_poses_give_the_tool_exactly():
+    fit = identify_tool(statics_of(THREE))
+    assert fit.mass == pytest.approx(MASS, rel=1e-12)
+    np.testing.assert_allclose(fit.com, COM, atol=1e-12)
+    np.testing.assert_allclose(fit.force_bias, FORCE_BIAS, atol=1e-10)
+    np.testing.assert_allclose(fit.torque_bias, TORQUE_BIAS, atol=1e-10)
+
+
+def test_leaving_the_sag_out_moves_the_centre_of_mass_by_millimetres():
+    statics = statics_of(FOUR)
+    rigid = identify_tool(statics._replace(slide=np.zeros(4)))
+    assert np.abs(rigid.com - COM).max() > 0.003
+    assert MASS * G * np.sin(np.pi / 4) / K == pytest.approx(0.018, abs=3e-4)
+
+
+def test_an_unobserved_sag_is_solved_for_jointly():
+    fit = identify_tool(statics_of(FOUR)._replace(slide=None))
+    np.testing.assert_allclose(fit.com, COM, atol=1e-10)
+
+
+def test_a_known_stiffness_stands_in_for_the_sag():
+    statics = statics_of(THREE)._replace(slide=None, sag=(MASS**2 / K, 1e-12))
+    np.testing.assert_allclose(identify_tool(statics).com, COM, atol=1e-9)
+
+
+def test_errors_of_the_tool_hold():
+    off = []
+    for seed in range(300):
+        fit = identify_tool(statics_of(FOUR, 1.0, seed))
+        found = np.concatenate([[fit.mass], fit.force_bias, fit.com, fit.torque_bias])
+        true = np.concatenate([[MASS], FORCE_BIAS, COM, TORQUE_BIAS])
+        off.append((found - true) / np.sqrt(np.diag(fit.covariance)))
+    spread = np.sqrt((np.array(off)**2).mean(axis=0))
+    assert (np.abs(spread - 1) < 4 / np.sqrt(2 * 300)).all()
+
+
+def test_chi_square_of_a_good_fit_is_that_of_its_degrees_of_freedom():
+    fits = [identify_tool(statics_of(FOUR, 1.0, seed)) for seed in range(200)]
+    assert fits[0].degrees == 24 - 10
+    mean = np.mean([fit.chi_square for fit in fits])
+    assert mean == pytest.approx(14, abs=4 * np.sqrt(2 * 14 / 200))
+    assert np.mean([fit.probability for fit in fits]) == pytest.approx(0.5, abs=0.1)
+
+
+@pytest.mark.parametrize('channel, pull, wider, same', [
+    (1, 1.0, slice(0, 4), slice(7, 10)), (4, 0.1, slice(4, 10), slice(0, 4))])
+def test_a_pose_that_disagrees_widens_the_errors_of_what_it_tells(channel, pull, wider, same):
+    statics = statics_of(FOUR, 1.0)._replace(slide=np.zeros(4))
+    statics = statics._replace(wrench=statics.wrench - statics_of(FOUR).wrench
+                               + statics_of(FOUR, slide=False).wrench)
+    wrench = statics.wrench.copy()
+    wrench[1, channel] += pull
+    wide, narrow = identify_tool(statics._replace(wrench=wrench)), identify_tool(statics)
+    ratio = np.sqrt(np.diag(wide.covariance) / np.diag(narrow.covariance))
+    assert wide.probability < 1e-6
+    assert (ratio[wider] > 20.0).all()
+    np.testing.assert_allclose(ratio[same], 1.0, rtol=0.05)
+
+
+@pytest.mark.parametrize('directions, axis', [([[0, 0, 1], [1, 0, 0]], 'x'),
+                                              ([[0, 0, 1], [0, 1, 0]], 'y')])
+def test_poses_along_one_line_name_the_axis_to_tilt_about(directions, axis):
+    with pytest.raises(UnobservableError, match=f'tilted about {axis} of ft_sensor'):
+        identify_tool(statics_of(np.array(directions, dtype=float)))
+
+
+def test_one_direction_does_not_weigh():
+    with pytest.raises(UnobservableError, match='mass and bias cannot be told apart'):
+        weigh(statics_of(np.array([[0.0, 0.0, 1.0]] * 3)))
+
+
+def test_a_turned_wrench_is_refused():
+    statics = statics_of(THREE)
+    with pytest.raises(DataError, match='the wrench has the opposite sign'):
+        identify_tool(statics._replace(wrench=-statics.wrench))
+
+
+def test_forces_alone_weigh_as_all_six_do():
+    statics = statics_of(FOUR, 1.0, 3)
+    weight, tool = weigh(statics), identify_tool(statics)
+    assert weight.mass == pytest.approx(tool.mass, abs=3 * np.sqrt(weight.covariance[0, 0]))
+    np.testing.assert_allclose(np.sqrt(np.diag(weight.covariance)),
+                               np.sqrt(np.diag(tool.covariance)[:4]), rtol=0.05)
+
+
+def test_spread_of_the_six_directions_is_even():
+    spread, _ = gravity_spread(np.vstack([np.eye(3), -np.eye(3)]) * G)
+    np.testing.assert_allclose(spread, np.sqrt(1 / 3))
+
+
+def test_the_static_sag_gives_the_stiffness_whatever_the_optidrives_zero():
+    statics = statics_of(THREE)
+    sag = stiffness_from_sag(statics._replace(slide=statics.slide + 0.002), MASS)
+    assert sag.stiffness == pytest.approx(K, rel=1e-9) and sag.zero == pytest.approx(0.002)
+
+
+@cache
+def let_go(k, d, n):
+    """Time, displacement and velocity of a tool let go at 5 mm."""
+    t = np.arange(n) * 1e-3
+    return t, solve_ivp(lambda _, y: [y[1], -(k * y[0] + d * y[1]) / MASS], (0, t[-1]),
+                        [0.005, 0.02], t_eval=t, rtol=1e-10, atol=1e-13).y
+
+
+def ringing(k=K, d=D, delay=0.0, noise=1.0, seed=0, n=700, creep=Creep(0.0, 0.0)):
+    """Force and late displacement of a tool let go at 5 mm; noise of 0.25 N and 20 um."""
+    t, end = let_go(k, d, n)
+    slide, force = follow(creep, t, k, d, MASS)
+    rng = np.random.default_rng(seed)
+    return Ring(t, 4.0 + k * end[0] + d * end[1] + force + noise * 0.25 * rng.standard_normal(n),
+                t + delay, end[0] + slide + noise * 2e-5 * rng.standard_normal(n))
+
+
+def fit_ring(*rings, stiffness=None):
+    return stiffness_and_damping(list(rings), MASS, 0.25**2 * 1e-3, 2e-5**2 * 1e-3, stiffness)
+
+
+@pytest.mark.parametrize('k, d', [(5000, 130), (20000, 60), (3000, 600)])
+def test_stiffness_and_damping_are_those_of_the_ringing(k, d):
+    fit = fit_ring(ringing(k, d, noise=0))
+    assert fit.stiffness == pytest.approx(k, rel=1e-6)
+    assert fit.damping == pytest.approx(d, rel=1e-6)
+
+
+def test_a_late_optidrive_is_found_and_does_not_enter_the_damping():
+    late = ringing(delay=0.008, noise=0)
+    fit = fit_ring(late)
+    assert fit.slide_delay == pytest.approx(0.008, abs=1e-7)
+    assert fit.damping == pytest.approx(D, rel=1e-6)
+    # the regression of force on displacement and its rate is off by stiffness times delay
+    s = np.interp(late.t, late.slide_t, late.slide)
+    rows = np.column_stack([s, np.gradient(s, late.t), np.ones(len(s))])
+    naive = np.linalg.lstsq(rows[20:], late.force[20:])[0][1]
+    assert abs(naive - D) > 0.5 * K * 0.008
+
+
+def test_the_force_alone_will_do():
+    fit = fit_ring(ringing()._replace(slide_t=np.empty(0), slide=np.empty(0)))
+    assert fit.stiffness == pytest.approx(K, abs=4.5 * np.sqrt(fit.covariance[0, 0]))
+    assert fit.damping == pytest.approx(D, abs=4.5 * np.sqrt(fit.covariance[1, 1]))
+
+
+def test_errors_of_the_ringing_hold():
+    true = np.array([K, D, 0.003])
+    off = []
+    for seed in range(60):
+        fit = fit_ring(ringing(delay=0.003, seed=seed), stiffness=(K, 1.0))
+        off.append((np.array(fit[:3]) - true) / np.sqrt(np.diag(fit.covariance)))
+    assert (np.sqrt((np.array(off)[:, 1:]**2).mean(axis=0)) < 1 + 4 / np.sqrt(120)).all()
+    assert (np.sqrt((np.array(off)[:, 1:]**2).mean(axis=0)) > 1 - 4 / np.sqrt(120)).all()
+
+
+def test_what_the_robot_still_moves_is_taken_out():
+    creep = Creep(2e-5, 0.0)
+    moved = ringing(noise=0, creep=creep)
+    assert abs(fit_ring(moved).damping - D) > 0.02
+    assert fit_ring(moved._replace(creep=creep)).damping == pytest.approx(D, rel=1e-6)
+
+
+def test_the_tool_follows_the_creep_as_its_equation_says():
+    creep, t = Creep(1e-4, 0.0), np.arange(0, 1, 1e-4)
+    s, force = follow(creep, t, K, D, MASS)
+    v, x = np.gradient(s, t), creep.way * np.exp(-8 * t)
+    np.testing.assert_allclose(force, K * s + D * v, atol=2e-4 * np.abs(force).max())
+    left = MASS * (np.gradient(v, t) + np.gradient(np.gradient(x, t), t)) + force
+    np.testing.assert_allclose(left[2:-2], 0, atol=2e-2 * np.abs(force).max())
+
+
+def test_noise_does_not_ring():
+    rng = np.random.default_rng(4)
+    t = np.arange(700) * 1e-3
+    assert fit_ring(Ring(t, 0.25 * rng.standard_normal(700), np.empty(0), np.empty(0))) is None
+
+
+VECTOR = st.lists(st.floats(-5, 5), min_size=3, max_size=3).map(np.array)
+
+
+@given(VECTOR, VECTOR, st.lists(st.floats(-1, 1), min_size=6, max_size=6))
+def test_the_regressor_of_the_inertia_is_eulers_equation(omega, alpha, e):
+    J = np.array([[e[0], e[3], e[4]], [e[3], e[1], e[5]], [e[4], e[5], e[2]]])
+    np.testing.assert_allclose(
+        inertia_regressor(omega[None], alpha[None])[0] @ np.array(e),
+        J @ alpha + np.cross(omega, J @ omega), atol=1e-9)
+
+
+@given(VECTOR, st.sampled_from([-0.3, 0.25]))
+def test_gain_and_map_multiply_to_the_matrix_and_the_map_is_right_handed(turn, gain):
+    matrix = gain * rotation_from_vector(turn)
+    axes = split_matrix(matrix, np.zeros((9, 9)), scaled=False)
+    np.testing.assert_allclose(axes.gain[:, None] * axes.map, matrix, atol=1e-12)
+    np.testing.assert_allclose(axes.gain, gain)
+    assert np.linalg.det(axes.map) > 0
+
+
+def test_a_scaled_left_handed_sensor_is_said_to_be_one():
+    axes = split_matrix(np.diag([1.0, -1.0, 1.0]), np.eye(9) * 1e-8, scaled=True)
+    assert (axes.gain > 0).all()
+    assert any('left-handed with positive gains' in line for line in in_words(axes))
+    assert any('y of the accelerometer points along -y' in line for line in in_words(axes))
+
+
+def test_errors_of_the_map_hold_along_and_across_its_axes():
+    rng = np.random.default_rng(7)
+    sigma, off = 1e-3, []
+    for _ in range(400):
+        matrix = 0.3 * np.eye(3) + sigma * rng.standard_normal((3, 3))
+        axes = split_matrix(matrix, sigma**2 * np.eye(9), scaled=False)
+        off.append(np.concatenate([(axes.gain - 0.3) / axes.gain_std,
+                                   ((axes.map - np.eye(3)) / axes.map_std).ravel()]))
+    spread = np.sqrt((np.array(off)**2).mean(axis=0))
+    along = [3, 7, 11]
+    assert (np.abs(np.delete(spread, along) - 1) < 4 / np.sqrt(2 * 400)).all()
+    # of second order there, and rather too wide than too narrow
+    assert (spread[along] > 0.5).all() and (spread[along] < 1.1).all()

@@ -1,0 +1,130 @@
+"""Times in another unit, and places and angles, are told by how fast readings and arm are."""
+
+from dataclasses import replace
+
+from forcecal_ros.checks.entry import checked
+from forcecal_ros.checks.pace import refuse_degrees_a_second, refuse_other_pace
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import rotation_from_vector, rotation_vector
+from forcecal_ros.core.streams import PoseStream, Recording, Stream
+from kuka import static_recording
+import numpy as np
+import pytest
+from static_sets import static_set
+from wrong_recordings import log, path, recording_of, work
+
+LOGS = {'poses': recording_of(log(1)), 'work': recording_of(work(2)),
+        'at 10 Hz': recording_of(work(3, rate=10.0))}
+
+
+def paced(recording, factor, names=('wrench', 'pose')):
+    return replace(recording, **{name: replace(stream, t=factor * stream.t) for name in names
+                                 if (stream := getattr(recording, name)) is not None})
+
+
+def turned(recording, vectors):
+    pose = recording.pose
+    return replace(recording, pose=replace(pose, R_base_sensor=rotation_from_vector(vectors)))
+
+
+@pytest.mark.parametrize('name', LOGS)
+@pytest.mark.parametrize('factor', [0.1, 1.0, 4.0])
+def test_sound_logs_and_slower_and_faster_ones_are_left_alone(name, factor):
+    if name == 'at 10 Hz' and factor > 1.0:
+        factor = 2.0
+    refuse_other_pace(paced(LOGS[name], factor))
+
+
+@pytest.mark.parametrize('seed', range(5))
+@pytest.mark.parametrize('rate', [0.0, 100.0])
+def test_sets_of_poses_are_left_alone_however_far_they_are_apart(seed, rate):
+    refuse_other_pace(paced(static_set(seed, rate)[0], 1.0, ('wrench', 'pose')))
+    poses = static_set(seed)[0]
+    often = replace(poses, pose=PoseStream(
+        60.0 * np.arange(240.0), np.full((240, 3), np.nan),
+        np.resize(poses.pose.R_base_sensor, (240, 3, 3))))
+    refuse_other_pace(often)
+
+
+@pytest.mark.parametrize('name', LOGS)
+def test_readings_that_come_in_bursts_are_left_alone(name):
+    recording = LOGS[name]
+    late = {which: replace(stream, t=stream.t[np.minimum(
+        (np.arange(len(stream)) // 10 + 1) * 10, len(stream)) - 1] + 2e-6 * (
+            np.arange(len(stream)) % 10)) for which in ('wrench', 'pose')
+        if (stream := getattr(recording, which)) is not None}
+    refuse_other_pace(replace(recording, **late))
+
+
+def test_real_poses_are_left_alone(kuka_data):
+    refuse_other_pace(static_recording(kuka_data))
+
+
+@pytest.mark.parametrize('name', LOGS)
+@pytest.mark.parametrize('factor', [1e3, 1e6])
+def test_milliseconds_and_less_that_are_taken_for_seconds_are_refused(name, factor):
+    with pytest.raises(DataError, match='time is in ms or us and taken for s.* state its unit'):
+        checked(paced(LOGS[name], factor))
+
+
+def test_numbers_of_rows_that_are_taken_for_seconds_are_refused():
+    with pytest.raises(DataError, match='or counts rows; .*rate: where rows are evenly apart'):
+        checked(paced(LOGS['poses'], 200.0))
+
+
+@pytest.mark.parametrize('name', LOGS)
+@pytest.mark.parametrize('factor', [1e-3, 1e-6])
+def test_seconds_that_are_taken_for_less_are_refused(name, factor):
+    with pytest.raises(DataError, match='time is in (another unit \\()?s .*taken for ms'):
+        checked(paced(LOGS[name], factor))
+
+
+@pytest.mark.parametrize('names', [('wrench',), ('pose',)])
+def test_one_stream_in_milliseconds_is_refused(names):
+    with pytest.raises(DataError, match=rf'^{names[0]}: .* time is in ms in one and in s in the'):
+        checked(paced(LOGS['work'], 1e3, names))
+
+
+def test_places_in_millimetres_are_told_by_their_speed():
+    recording = LOGS['work']
+    pose = recording.pose
+    with pytest.raises(DataError, match='pose: its position moves .* it is in mm; multiply by'):
+        checked(replace(recording, pose=replace(pose, position=1e3 * pose.position)))
+
+
+def test_degrees_that_are_taken_for_radians_are_refused():
+    recording = LOGS['work']
+    vectors = np.degrees(rotation_vector(recording.pose.R_base_sensor))
+    with pytest.raises(DataError, match='pose: it turns .* its angles are in degrees'):
+        checked(turned(recording, vectors))
+
+
+def with_gyro(seed, factor):
+    one = work(seed)
+    way = path(np.random.default_rng(seed), 16, 0.8, 1.8)
+    motion = way.at(one.t)
+    rng = np.random.default_rng(seed)
+    gravity = -9.81 * motion.R[:, 2]
+    felt = np.einsum('nji,nj->ni', motion.R, motion.acceleration) - gravity
+    return replace(
+        recording_of(one), angular_velocity=Stream(
+            one.t, factor * (motion.omega + 0.01 * rng.standard_normal((len(one.t), 3)))),
+        accelerometer=Stream(one.t, felt + 0.05 * rng.standard_normal(felt.shape)),
+        accelerometer_unit='m/s^2')
+
+
+@pytest.mark.parametrize('seed', [2, 302])
+def test_a_gyro_in_degrees_a_second_is_told_by_the_pose_and_by_gravity(seed):
+    sound, other = with_gyro(seed, 1.0), with_gyro(seed, 57.29578)
+    for without in ({}, {'pose': None}):
+        refuse_degrees_a_second(replace(sound, **without))
+        with pytest.raises(DataError, match='^angular_velocity: .* it is in deg/s; multiply by'):
+            refuse_degrees_a_second(replace(other, **without))
+    resting = replace(other, pose=None, accelerometer=replace(
+        other.accelerometer, values=np.ones_like(other.accelerometer.values)))
+    refuse_degrees_a_second(resting)
+
+
+def test_a_stream_of_its_own_has_no_pace_to_compare():
+    t = np.arange(1000.0)
+    refuse_other_pace(Recording(wrench=Stream(t, np.ones((1000, 6)))))

@@ -1,0 +1,57 @@
+"""An accelerometer at rest tells its unit; a light tool is asked whether its newtons are any."""
+
+from forcecal_ros.checks.units import (
+    doubt_of_force_unit,
+    refuse_on_another_link,
+    refuse_other_unit,
+)
+from forcecal_ros.core.errors import DataError
+import numpy as np
+import pytest
+
+G = 9.81
+
+
+def at_rest(scale, offset=0.0, gain=1.0, seed=0):
+    directions = np.random.default_rng(seed).standard_normal((6, 3))
+    return scale * (gain * G * directions / np.linalg.norm(directions, axis=1)[:, None] + offset)
+
+
+@pytest.mark.parametrize('offset, gain', [(0.0, 1.0), (0.5, 1.1), (-0.5, 0.9)])
+def test_gravity_in_its_unit_is_left_alone(offset, gain):
+    for seed in range(50):
+        refuse_other_unit(at_rest(1.0, offset, gain, seed), G)
+
+
+@pytest.mark.parametrize('scale, said', [
+    (1 / 9.80665, 'it is in g; multiply by 9.80665 '),
+    (1e3 / 9.80665, 'it is in mg; multiply by 0.00980665 .*unit: mg'),
+    (1e3, r'it is in mm/s\^2; multiply by 0.001 '), (0.01, 'the driver takes gravity off'),
+    (3.0, 'its gain is another; divide by ')])
+@pytest.mark.parametrize('offset, gain', [(0.0, 1.0), (0.3, 1.05)])
+def test_another_unit_is_named_with_what_to_multiply_by(scale, said, offset, gain):
+    with pytest.raises(DataError, match=rf'\|f\| at rest is .*{said}'):
+        refuse_other_unit(at_rest(scale, offset, gain), G)
+
+
+def test_no_gravity_is_the_drivers_doing_unless_it_decays():
+    with pytest.raises(DataError, match='takes gravity off; let it publish specific force') as no:
+        refuse_other_unit(at_rest(0.01), G)
+    assert '--coupling' not in str(no.value)
+    with pytest.raises(DataError, match='AC-coupled; state --coupling ac$'):
+        refuse_other_unit(at_rest(0.01), G, decays=True)
+
+
+def test_a_tool_of_a_kilogram_in_kgf_is_questioned():
+    assert 'weigh the tool and give --tool-mass' in doubt_of_force_unit(0.932 / 9.80665)
+    assert 'if it weighs 0.932 kg, the wrench is in kgf' in doubt_of_force_unit(0.932 / 9.80665)
+    assert 'if 0.932 kg, in lbf' in doubt_of_force_unit(0.932 / 4.4482)
+    assert not doubt_of_force_unit(0.932)
+
+
+def test_an_accelerometer_that_does_not_turn_with_the_pose_is_on_another_link():
+    gravity = at_rest(1.0)
+    refuse_on_another_link(-0.9 * gravity[:, [1, 0, 2]] + 0.5, gravity)
+    refuse_on_another_link(np.tile([0.0, 0.0, G], (6, 1)), np.tile([0.0, 0.0, -G], (6, 1)))
+    with pytest.raises(DataError, match='does not sit on the tool; name'):
+        refuse_on_another_link(0.01 * gravity + [0.0, 0.0, G], gravity)

@@ -1,0 +1,80 @@
+"""What spoils a log and shows in motion alone is told, and sound logs are not."""
+
+from forcecal_ros.calibrate.pipeline import identify
+from forcecal_ros.checks.inertia import (
+    inertia_shown,
+    motion_notes,
+    other_point,
+    other_time,
+)
+from forcecal_ros.checks.interpolated import interpolated
+import numpy as np
+import pytest
+from wrong_recordings import COM, log, recording_of, resampled, work, WRONG
+
+STD = np.full(3, 1e-3)
+
+
+def spoilt(wrong, seed):
+    return recording_of(WRONG[wrong].make(work(seed), np.random.default_rng(seed)))
+
+
+@pytest.mark.parametrize('seed', range(40, 46))
+def test_a_log_that_was_stamped_anew_at_half_speed_is_told(seed):
+    said = other_time(spoilt('played at half speed, stamped anew', seed))
+    assert 0.5 < float(said.split('some ')[1].split()[0]) < 0.6
+
+
+@pytest.mark.parametrize('wrong', [
+    'nothing', 'wrench 80 ms late', 'wrench behind a low-pass of 10 Hz', '30 % lost in bursts',
+    'stamped on arrival, in bursts of 10', 'pose repeats at 10 Hz', 'poses of two digits'])
+def test_other_logs_show_no_other_speed_and_no_other_point(wrong):
+    for seed in range(50, 54):
+        recording = spoilt(wrong, seed)
+        assert other_time(recording) == '' and other_point(recording, COM, STD) == ''
+
+
+@pytest.mark.parametrize('seed', range(80, 84))
+def test_a_wrench_that_a_driver_smooths_a_little_is_told_by_its_delay(seed):
+    said, = motion_notes(spoilt('wrench behind a low-pass of 10 Hz', seed))
+    assert 14 <= float(said.split('weight turn ')[1].split()[0]) <= 17
+    assert motion_notes(spoilt('nothing', seed)) == ()
+
+
+@pytest.mark.parametrize('seed', range(60, 64))
+def test_inertia_shows_where_the_mass_is_beside_contacts(seed):
+    found = inertia_shown(spoilt('nothing', seed))
+    assert 0.9 < found.times < 1.1
+    np.testing.assert_allclose(found.com, COM, atol=0.01)
+
+
+def test_torques_about_another_point_are_told_while_calibrating():
+    wrong = WRONG['torque about the tool centre'].make(log(70), None)
+    quality = identify(recording_of(wrong)).quality
+    note, = (line for lines in quality.values() if isinstance(lines, list)
+             for line in lines if 'inertia in motion' in str(line))
+    place = note.split('about a point (')[1].split(')')[0]
+    np.testing.assert_allclose([float(x) for x in place.split()], [0.0, 0.0, 0.15], atol=0.01)
+    stated = note.split('--sensor-from-pose ')[1].split(',')[0].split()
+    np.testing.assert_allclose([float(x) for x in stated], [0.0, 0.0, 0.15, 0, 0, 0, 1], atol=0.01)
+    sound = identify(recording_of(log(70))).quality
+    assert 'inertia in motion' not in str(sound)
+
+
+@pytest.mark.parametrize('rate', [1.0, 2.0, 5.0])
+def test_poses_interpolated_from_few_are_told_with_their_rate(rate):
+    said = interpolated(recording_of(resampled(work(71), rate)).pose)
+    assert abs(float(said.split('between ')[1].split()[0]) - rate) < 0.05 * rate
+
+
+def test_poses_as_they_were_recorded_or_coarse_are_not_called_interpolated():
+    for wrong in ('nothing', 'pose repeats at 10 Hz', 'poses of two digits',
+                  'every message twice', '30 % lost in bursts'):
+        assert interpolated(spoilt(wrong, 72).pose) == ''
+
+
+def test_a_slow_log_is_not_said_to_hold_no_rotation():
+    one = log(3, poses=8, rate=10.0)
+    notes = identify(recording_of(one.of_pose(np.arange(0, len(one.pose_t), 12)))).quality['notes']
+    said, = (note for note in notes if 'inertia' in note)
+    assert 'readings at 10 Hz in poses of' in said and 'record faster' in said

@@ -1,0 +1,199 @@
+"""Logs that drivers, loggers and clocks spoil: a right answer, or the true cause."""
+
+from dataclasses import replace
+from functools import cache
+import re
+
+from forcecal_ros.calibrate.agreement import refuse_disagreeing
+from forcecal_ros.calibrate.pipeline import identify
+from forcecal_ros.checks.entry import checked
+from forcecal_ros.checks.header_stamps import usable_stamps
+from forcecal_ros.checks.units import doubt_of_force_unit, refuse_other_mass
+from forcecal_ros.cli.common import with_reading_of
+from forcecal_ros.cli.contact import other_frame
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.stamps import with_even_bursts
+from forcecal_ros.io.bags import read_recording
+import numpy as np
+import pytest
+from static_sets import static_set
+from wrong_recordings import COM, log, MASS, recording_of, work, write, WRONG
+
+SHORT = {'hold': 2.0, 'move': 1.2, 'rate': 100.0}
+"""Of the recordings here."""
+
+
+@cache
+def known():
+    return identify(recording_of(log(1, **SHORT)))
+
+
+def poses(wrong, seed=1):
+    return recording_of(WRONG[wrong].make(log(seed, **SHORT), np.random.default_rng(5)))
+
+
+def at_work(wrong, seed=2):
+    return recording_of(WRONG[wrong].make(
+        work(seed, poses=10, rate=100.0), np.random.default_rng(5)))
+
+
+@pytest.mark.parametrize('wrong, said', [
+    ('quaternions w first', 'its quaternions are in the order w, x, y, z'),
+    ('pose of base in the sensor', 'it is that of base in the sensor'),
+    ('force and torque exchanged', 'force and torque are exchanged'),
+    ('wrench of another arm', 'wrench and pose are not of the same robot')])
+def test_calibrate_names_what_is_wrong_with_orientations_and_channels(wrong, said):
+    with pytest.raises(DataError, match=said):
+        identify(poses(wrong))
+
+
+def test_torques_in_base_beside_forces_in_the_sensor_are_refused():
+    with pytest.raises(DataError, match='its torques are expressed in base'):
+        identify(poses('torque in base, force not'))
+    with pytest.raises(DataError, match='its torques are expressed in base'):
+        refuse_disagreeing(checked(at_work('torque in base, force not')).recording, known())
+
+
+@pytest.mark.parametrize('wrong, said', [
+    ('quaternions w first', 'its quaternions are in the order w, x, y, z'),
+    ('pose of base in the sensor', 'it is that of base in the sensor'),
+    ('force and torque exchanged', 'force and torque are exchanged')])
+def test_estimate_refuses_the_same_by_its_calibration(wrong, said):
+    with pytest.raises(DataError, match=said):
+        refuse_disagreeing(at_work(wrong), known())
+
+
+def test_torques_about_another_point_are_told_by_the_calibration():
+    assert refuse_disagreeing(at_work('nothing'), known()) == ()
+    note, = refuse_disagreeing(at_work('torque about the tool centre'), known())
+    assert 'torques put the centre of mass at (0.005 -0.012 -0.09' in note
+
+
+@pytest.mark.parametrize('wrong, said', [
+    ('pose repeats at 10 Hz', 'pose: each reading is sent 12 times: it comes at 10.4 Hz'),
+    ('wrench of 10 Hz published at 200', 'wrench: each reading is sent 10 times: it comes at 10 '),
+    ('2 % zero packets', r'wrench: \d+ messages are zero in all channels'),
+    ('dead band of 2 N', r'force\.\w is never between 0 and 2: a dead band'),
+    ('30 % lost in bursts', r'wrench: \d\d% of its messages are missing'),
+    ('poses of two digits', 'pose: its position comes in steps of 10 mm'),
+    ('wrench behind a low-pass of 0.5 Hz', 'wrench follows gravity as behind a low-pass of 0.5'),
+    ('wrench averaged over 1 s', 'wrench follows gravity as averaged over 1 s'),
+    ('wrench 80 ms late', 'wrench shows gravity turn 80 ms late')])
+def test_what_spoils_readings_is_noted_once(wrong, said):
+    notes = checked(at_work(wrong)).recording.notes
+    assert len([note for note in notes if re.search(said, note)]) >= 1
+
+
+@pytest.mark.parametrize('seed', range(10))
+def test_sound_logs_are_not_remarked_upon(seed):
+    for one in (log(seed, **SHORT), work(seed, poses=10, rate=100.0), work(
+            seed, poses=10, rate=20.0)):
+        assert checked(recording_of(one)).recording.notes == ()
+    assert refuse_disagreeing(recording_of(work(seed, poses=10, rate=100.0)), known()) == ()
+
+
+def test_lost_packets_do_not_lighten_the_tool():
+    found = identify(poses('2 % zero packets'))
+    assert abs(float(found.mass) - MASS) < 5 * float(found.mass.std) + 1e-3
+    assert np.abs(found.com.value - COM).max() < 1e-3
+
+
+def test_poses_that_are_repeated_are_thinned_to_those_that_came():
+    thin = checked(at_work('pose repeats at 10 Hz')).recording
+    sound = at_work('nothing').pose
+    assert len(thin.pose) < 0.12 * len(sound)
+    np.testing.assert_allclose(thin.pose.position, sound.position[np.searchsorted(
+        sound.t, thin.pose.t)], atol=2e-4)
+
+
+def test_a_recording_that_begins_at_stamp_zero_keeps_its_first_message(tmp_path):
+    one = WRONG['begins at stamp 0'].make(log(1, poses=3, **SHORT), None)
+    recording = read_recording(write(one, tmp_path / 'bag'))
+    assert len(recording.wrench) == len(one.t) and recording.start_ns == 0
+    assert recording.notes == ()
+
+
+@pytest.mark.parametrize('wrong, said', [
+    ('stamps of whole seconds', '99% of the messages bear the stamp of the one before'),
+    ('microseconds in nanosec', 'nanosec of its stamps holds microseconds')])
+def test_stamps_that_are_cut_off_give_way_to_the_times_of_recording(tmp_path, wrong, said):
+    one = WRONG[wrong].make(log(1, poses=4, **SHORT), None)
+    recording = read_recording(write(one, tmp_path / 'bag'))
+    assert len(recording.wrench) == len(one.t) and len(recording.pose) == len(one.pose_t)
+    np.testing.assert_allclose(np.diff(recording.wrench.t), np.diff(one.t), atol=1e-6)
+    assert sum(said in note or 'messages bear' in note for note in recording.notes) == 2
+
+
+@pytest.mark.parametrize('wrong, said', [
+    ('stamps of single precision, of the epoch', 'stamps are cut off'),
+    ('milliseconds as seconds', 'they hold milliseconds where seconds belong'),
+    ('another arm on the same topic', 'two drivers publish on one topic'),
+    ('another arm of another frame_id', 'two drivers publish on one topic')])
+def test_stamps_of_no_clock_and_two_senders_are_refused(tmp_path, wrong, said):
+    one = WRONG[wrong].make(log(1, **SHORT), None)
+    with pytest.raises(DataError, match=said):
+        read_recording(write(one, tmp_path / 'bag'))
+
+
+def test_stamps_that_a_clock_says_stay_as_they_are():
+    rng = np.random.default_rng(0)
+    t = 1_700_000_000 * 10**9 + 10**7 * np.arange(3000)
+    values = np.cumsum(rng.standard_normal((3000, 6)), axis=0)
+    for stamps, log_ns, rows in (
+            (t, t + 10**6, values), (t, t, np.round(values)), (t, 2 * t, values),
+            (t // 10**9 * 10**9 + 10**9 * np.arange(3000), t, values),
+            (np.repeat(t[::2], 2), t, np.repeat(values[::2], 2, axis=0)),
+            (1000 * t, 10**5 * t, values), (t, t, rng.standard_normal((3000, 6)))):
+        found = usable_stamps('/wrench', stamps, log_ns, rows)
+        assert found.note == '' and found.stamps is stamps
+
+
+def test_a_tool_as_heavy_as_counts_make_it_is_questioned_and_a_scale_decides():
+    assert 'counts of a converter' in doubt_of_force_unit(1300.0)
+    assert doubt_of_force_unit(90.0) == ''
+    refuse_other_mass(1.31, 0.002, 1.3)
+    for found, said in ((1.3 / 9.80665, 'its forces are in kgf'), (0.9, 'takes a load off')):
+        with pytest.raises(DataError, match=said):
+            refuse_other_mass(found, 0.002, 1.3)
+
+
+def test_messages_that_come_in_bursts_are_put_back_where_they_were_measured():
+    one = at_work('stamped on arrival, in bursts of 10')
+    even = with_even_bursts(one)
+    assert 'stamps of wrench come in bursts' in even.notes[0] and len(even.notes) == 1
+    sound = at_work('nothing')
+    late = even.wrench.t - sound.wrench.t
+    assert np.abs(late - late.mean()).max() < 0.01 < np.ptp(one.wrench.t - sound.wrench.t)
+    assert with_even_bursts(sound) is sound
+
+
+def test_a_wrench_of_another_frame_than_calibrated_is_noted():
+    one = at_work('nothing')
+    assert other_frame(one, known()) == ()
+    renamed = replace(one, wrench=replace(one.wrench, frame='/left_tool0'))
+    note, = other_frame(renamed, known())
+    assert "its frame_id is 'left_tool0', the calibration is of 'ft_sensor'" in note
+    assert other_frame(replace(one, wrench=replace(one.wrench, frame='')), known()) == ()
+    of_others = replace(known(), source={'of': 'force_torque_tools'})
+    assert other_frame(renamed, of_others) == ()
+
+
+def test_a_refusal_says_that_messages_named_two_frames():
+    notes = ("/wrench: frame_id is 'a' in 9 messages, but 'b' in 9", 'something else')
+    with pytest.raises(DataError, match="not of one robot; /wrench: frame_id is 'a' in 9"):
+        with with_reading_of(replace(poses('nothing'), notes=notes)):
+            raise DataError('not of one robot')
+
+
+def test_counts_that_wrap_are_refused_and_poses_that_were_joined_are_not():
+    with pytest.raises(DataError, match='its counts wrap around'):
+        checked(at_work('a channel of 16 bits wraps'))
+    for seed in range(5):
+        checked(static_set(seed, 100.0)[0])
+
+
+def test_counts_beyond_all_readings_are_named_as_such():
+    one = poses('nothing')
+    counts = replace(one, wrench=replace(one.wrench, values=1e8 * one.wrench.values + 1e9))
+    with pytest.raises(DataError, match='counts of a converter'):
+        checked(counts)

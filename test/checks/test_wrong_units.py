@@ -1,0 +1,118 @@
+"""Units that inertia tells, and kinds of wrong logs that other seeds had hidden."""
+
+from dataclasses import replace
+
+from forcecal_ros.checks.at_rest import refuse_other_lever
+from forcecal_ros.checks.clipping import clipped
+from forcecal_ros.checks.entry import checked
+from forcecal_ros.checks.header_stamps import usable_stamps
+from forcecal_ros.checks.inertia import other_point, shown_in_metres
+from forcecal_ros.checks.slowness import lag_note
+from forcecal_ros.checks.units import force_unit_of, lever_units_of
+from forcecal_ros.core.errors import DataError
+import numpy as np
+import pytest
+from wrong_recordings import COM, log, RECEIVED, recording_of, work, WRONG
+
+STD = np.full(3, 1e-4)
+
+
+def spoilt(name, one):
+    return recording_of(WRONG[name].make(one, np.random.default_rng(5)))
+
+
+@pytest.mark.parametrize('make', [log, work])
+@pytest.mark.parametrize('factor, said', [
+    (100.0, 'it is in cm; multiply by 0.01 '), (1.0 / 0.0254, 'it is in inches'),
+    (1e-3, 'they are in m and taken for mm')])
+def test_positions_in_another_length_are_told_by_inertia(make, factor, said):
+    recording = recording_of(make(1))
+    shown_in_metres(recording)
+    other = replace(recording.pose, position=factor * recording.pose.position)
+    with pytest.raises(DataError, match=f'^pose: .*{said}'):
+        shown_in_metres(replace(recording, pose=other))
+
+
+@pytest.mark.parametrize('name', [
+    'weight taken off by the driver', 'poses of two digits', 'played at half speed, stamped anew'])
+def test_inertia_that_is_off_for_another_reason_is_no_other_length(name):
+    for seed in (2, 302):
+        shown_in_metres(spoilt(name, work(seed)))
+
+
+@pytest.mark.parametrize('factor, said', [
+    (1e3, 'torques are in N mm'), (1e2, 'torques are in N cm'), (8.8507, 'torques are in lbf in'),
+    (1e-3, 'torques are in kN m'), (9.80665, 'forces are in kgf .* and its torques in N m'),
+    (4.4482, 'forces are in lbf'), (1e-3, 'forces are in mN')])
+def test_levers_in_another_unit_are_told_by_inertia(factor, said):
+    recording = recording_of(log(1))
+    assert not other_point(recording, COM, STD)
+    with pytest.raises(DataError, match=said):
+        other_point(recording, factor * COM, STD)
+
+
+def test_torques_about_another_point_are_in_no_other_unit():
+    assert 'torques are about a point' in other_point(
+        recording_of(log(1)), COM - [0.0, 0.0, 0.15], STD)
+    assert not lever_units_of(COM - [0.0, 0.0, 0.15], COM, forces=True)
+    assert not lever_units_of(COM, COM, forces=True)
+    assert not lever_units_of(np.zeros(3), COM, forces=True)
+
+
+def test_levers_are_compared_with_those_of_a_calibration():
+    weight = 12.7 * np.random.default_rng(0).standard_normal((20, 3))
+    refuse_other_lever(weight, np.cross(COM, weight), COM)
+    with pytest.raises(DataError, match='its torques are in N cm .multiply by 0.01.'):
+        refuse_other_lever(weight, 100.0 * np.cross(COM, weight), COM)
+
+
+def test_kilonewtons_are_a_unit_of_force():
+    assert force_unit_of(1.3e-3, 1.3) == ('kN', 1e3)
+
+
+@pytest.mark.parametrize('seed', [5, 29, 101, 137])
+def test_counts_that_wrap_beside_noise_or_once_are_refused(seed):
+    with pytest.raises(DataError, match='counts wrap around'):
+        checked(spoilt('a channel of 16 bits wraps', log(seed)))
+
+
+@pytest.mark.parametrize('seed', [5, 101])
+def test_spikes_and_a_tare_do_not_wrap(seed):
+    one = log(seed)
+    rng, wrench = np.random.default_rng(seed), one.wrench.copy()
+    for i in range(500, len(wrench) - 500, 997):
+        wrench[i:i + 3, 2] = 80.0 * rng.choice([-1, 1])
+    checked(recording_of(replace(one, wrench=wrench)))
+    tared = one.wrench - np.where(one.t[:, None] > 30.0, one.wrench[6000], 0.0)
+    checked(recording_of(replace(one, wrench=tared)))
+
+
+def test_zeros_of_a_dead_band_are_no_limit_and_do_not_stick():
+    for seed, rate in ((101, 200.0), (301, 500.0)):
+        recording = checked(spoilt('dead band of 2 N', log(seed, rate=rate))).recording
+        assert any('dead band' in note for note in recording.notes)
+        assert not [stop for stop in clipped(recording) if stop.limit == 0.0]
+
+
+@pytest.mark.parametrize('rate', [50.0, 200.0])
+def test_rounded_stamps_give_way_to_times_of_recording_of_any_clock(rate):
+    one = WRONG['stamps of single precision, since boot'].make(work(402, rate=rate), None)
+    stamps, note = usable_stamps('wrench', one.stamp, RECEIVED(one.t), one.wrench)
+    assert 'stamps come in steps of 7.81 ms' in note
+    assert np.ptp(np.diff(stamps)) < 1000
+    assert abs(np.median(stamps - 65_536.0e9 - 1e9 * one.t)) < 4e6
+
+
+def test_regular_stamps_are_no_rounded_ones():
+    t = np.arange(0, 60 * 10**9, 7_812_500)
+    kept = np.random.default_rng(1).random(len(t)) > 0.1
+    values = np.random.default_rng(2).standard_normal((kept.sum(), 6))
+    stamps, note = usable_stamps('wrench', t[kept], t[kept] + 10**6, values)
+    assert not note
+    assert (stamps == t[kept]).all()
+
+
+def test_a_mean_over_one_second_is_told_at_any_seed():
+    for seed in (302, 702):
+        recording = spoilt('wrench averaged over 1 s', work(seed))
+        assert 'as averaged over 1 s' in lag_note(recording.wrench, recording.pose)

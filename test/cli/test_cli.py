@@ -1,0 +1,288 @@
+"""The command line as its user meets it: results on stdout, one line of complaint, statuses."""
+
+from dataclasses import replace
+import json
+import os
+from pathlib import Path
+import re
+import resource
+import shlex
+import statistics
+import subprocess
+import sys
+
+from bag_samples import split_bag
+import forcecal_ros
+from forcecal_ros.cli import COMMANDS
+from forcecal_ros.cli.main import build_parser, main
+from forcecal_ros.core.calibration import Estimate
+from forcecal_ros.core.streams import Stream
+from forcecal_ros.core.topics import ROLES
+from forcecal_ros.io.bags import read_recording, write_recording
+from forcecal_ros.io.calibration_file import load, save
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin
+
+PACKAGE = Path(forcecal_ros.__file__).parent
+
+
+def run(capsys, *arguments):
+    """Return status, stdout and stderr of one command."""
+    try:
+        status = main([str(a) for a in arguments])
+    except SystemExit as stop:
+        status = stop.code
+    out, err = capsys.readouterr()
+    return status, out, err
+
+
+@pytest.fixture(scope='module')
+def sample(rig_run):
+    return rig_run / 'bag'
+
+
+def calibrated(bag, folder):
+    path = folder / 'calibration.yaml'
+    assert main(['calibrate', str(bag), '-o', str(path)]) == 0
+    return path
+
+
+@pytest.fixture(scope='module')
+def calibration(sample, tmp_path_factory):
+    return calibrated(sample, tmp_path_factory.mktemp('calibration'))
+
+
+@pytest.fixture(scope='module')
+def other_calibration(other_rig, tmp_path_factory):
+    return calibrated(other_rig / 'bag', tmp_path_factory.mktemp('calibration'))
+
+
+def test_calibrate_identifies_a_rig_simulated_by_other_code(other_calibration):
+    c = load(other_calibration)
+    for estimate, truth in (
+            (c.mass, 13.0), (c.com, [0.03, -0.01, 0.14]),
+            (c.wrench_bias, [4, -3, 8, 0.3, -0.2, 0.1]), (c.accelerometer.offset, 5.0938),
+            (c.accelerometer.gain, -0.2937), (c.tool.stiffness, 5000), (c.tool.damping, 130)):
+        assert (np.abs(estimate.value - truth) < 4 * estimate.std).all()
+
+
+def test_json_is_what_the_file_says(capsys, sample, tmp_path):
+    path = tmp_path / 'c.yaml'
+    status, out, _ = run(capsys, 'calibrate', sample, '-o', path, '--json')
+    assert status == 0
+    document = json.loads(out)
+    assert document['mass']['value'] == float(load(path).mass)
+    assert document['format'] == 'forcecal-calibration/1'
+    assert np.shape(document['observer']['K']['value']) == (2, 3)
+    assert document['observer']['K']['value'][1][2] == 1
+
+
+def test_calibrate_writes_a_report_with_its_pictures(capsys, sample, tmp_path):
+    page = tmp_path / 'report.html'
+    assert run(capsys, 'calibrate', sample, '-o', tmp_path / 'c.yaml', '--report', page)[0] == 0
+    assert page.read_text().count('<img') == 6
+
+
+@pytest.mark.parametrize('mode', ['kalman', 'newton'])
+def test_estimate_finds_the_contact_of_the_other_code(
+        capsys, other_rig, other_calibration, tmp_path, mode):
+    out = tmp_path / 'contact'
+    clean = np.load(other_rig / 'clean.npz')
+    status, said, _ = run(capsys, 'estimate', other_rig / 'bag', '--calibration',
+                          other_calibration, '-o', out, '--mode', mode, '--json')
+    assert status == 0 and json.loads(said)['samples'] == len(clean['t'])
+    recording = read_recording(out, {'wrench': '/observer/contact_wrench'})
+    contact = recording.wrench.values[:, 0]
+    truth = clean['contact_force'][:, 0]
+    held = (clean['t'] > 11.6) & (clean['t'] < 12.3)  # the robot stands and presses
+    assert abs(contact[held].mean() - truth[held].mean()) < 0.1
+    step = (clean['t'] > 7.4) & (clean['t'] < 8.9)
+    assert np.sqrt(np.mean((contact - truth)[step] ** 2)) < 0.6
+    assert np.sqrt(np.mean((contact - truth)[clean['t'] < 9] ** 2)) < 1.5
+
+
+def test_simulate_answers_recorded_commands_like_the_other_code(
+        capsys, other_rig, tmp_path):
+    out = tmp_path / 'simulated'
+    status, said, _ = run(capsys, 'simulate', '--commands', other_rig / 'bag', '-o', out,
+                          '--noise-free')
+    assert status == 0 and '21400 wrench' in said
+    clean = np.load(other_rig / 'clean.npz')
+    difference = read_recording(out).wrench.values[:len(clean['t'])] - clean['wrench']
+    assert np.sqrt((difference[:, :3] ** 2).mean()) < 0.005
+    assert np.sqrt((difference[:, 3:] ** 2).mean()) < 0.001
+
+
+def test_raw_channels_are_calibrated_and_observed_through_their_matrix(
+        capsys, sample, calibration, tmp_path):
+    matrix = np.eye(6) + 0.1 * np.random.default_rng(2).standard_normal((6, 6))
+    offset = np.arange(6.0)
+    recording = read_recording(sample)
+    wire = recording.wrench
+    write_recording(tmp_path / 'raw', replace(recording, wrench=Stream(
+        wire.t, wire.values @ np.linalg.inv(matrix).T + offset, wire.frame)))
+    save(replace(load(calibration), matrix=Estimate(matrix, 0.0, 'N, N m per count'),
+                 matrix_offset=Estimate(offset, 0.0, 'count')), tmp_path / 'six.yaml')
+    assert run(capsys, 'calibrate', tmp_path / 'raw', '--matrix', tmp_path / 'six.yaml',
+               '-o', tmp_path / 'c.yaml')[0] == 0
+    found, direct = load(tmp_path / 'c.yaml'), load(calibration)
+    assert float(found.mass) == pytest.approx(float(direct.mass), rel=1e-6)
+    np.testing.assert_allclose(found.matrix.value, matrix)
+    outs = []
+    for bag, c in ((tmp_path / 'raw', tmp_path / 'c.yaml'), (sample, calibration)):
+        assert run(capsys, 'estimate', bag, '--calibration', c, '-o', tmp_path / 'o')[0] == 0
+        outs.append(read_recording(tmp_path / 'o', {'wrench': '/observer/contact_wrench'}))
+    np.testing.assert_allclose(outs[0].wrench.values, outs[1].wrench.values, atol=1e-4)
+
+
+@pytest.mark.parametrize('storage', [
+    pytest.param(StoragePlugin.SQLITE3, marks=pytest.mark.long), StoragePlugin.MCAP],
+    ids=lambda storage: storage.name)
+def test_a_recording_in_several_files_says_the_same(
+        capsys, sample, calibration, tmp_path, storage):
+    split = split_bag(sample, tmp_path / 'split', storage)
+    assert len(list(split.glob('split_*.*'))) == 3
+    status, said, _ = run(capsys, 'calibrate', split, '-o', tmp_path / 'c.yaml', '--json')
+    again, whole = json.loads(said), load(calibration)
+    assert status == 0
+    for name in ('mass', 'com', 'wrench_bias'):
+        np.testing.assert_array_equal(again[name]['value'], getattr(whole, name).value)
+    status, said, _ = run(capsys, 'estimate', split, '--calibration', calibration,
+                          '-o', tmp_path / 'o', '--json')
+    assert status == 0 and json.loads(said)['samples'] == 21400
+
+
+def test_a_terminal_that_lacks_a_letter_shows_another(calibration, tmp_path):
+    done = subprocess.run(
+        [sys.executable, '-m', 'forcecal_ros.cli.main', 'export', calibration, '--for', 'ur',
+         '-o', tmp_path / 'Länge.yaml'], env={**os.environ, 'PYTHONIOENCODING': 'ascii'},
+        capture_output=True, check=False)
+    assert done.returncode == 0 and not done.stderr
+    assert done.stdout.endswith(b'L?nge.yaml\n') and (tmp_path / 'Länge.yaml').exists()
+
+
+def test_a_full_device_is_told_from_a_wrong_path(calibration):
+    with open('/dev/full', 'w') as full:  # noqa: PTH123 - a device
+        done = subprocess.run(
+            [sys.executable, '-m', 'forcecal_ros.cli.main', 'export', calibration, '--for', 'ur'],
+            stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr == 'forcecal: No space left on device; free some space\n'
+
+
+def test_what_was_there_is_kept(capsys, sample, tmp_path):
+    out = tmp_path / 'simulated'
+    out.mkdir()
+    (out / 'precious').write_text('data')
+    assert run(capsys, 'simulate', '--commands', sample, '-o', out)[0] == 0
+    assert (tmp_path / 'simulated~' / 'precious').read_text() == 'data'
+
+
+@pytest.mark.parametrize('arguments', [
+    ('calibrate', '/nowhere'),
+    ('calibrate', '{sample}', '--topic', 'wrench=/no/such/topic'),
+    ('estimate', '{sample}', '--calibration', '/nowhere.yaml', '-o', '{tmp}/out'),
+    ('estimate', '{sample}', '--calibration', '{sample}/metadata.yaml', '-o', '{tmp}/out'),
+    ('simulate', '--commands', '{sample}', '--rig', '/nowhere.yaml', '-o', '{tmp}/out'),
+    ('simulate', '--commands', '{empty}', '-o', '{tmp}/out'),
+])
+def test_what_cannot_be_answered_is_one_line_and_status_1(capsys, sample, tmp_path, arguments):
+    (tmp_path / 'empty').mkdir()
+    filled = [a.format(sample=sample, tmp=tmp_path, empty=tmp_path / 'empty') for a in arguments]
+    status, out, err = run(capsys, *filled)
+    assert status == 1 and out == ''
+    assert err.startswith('forcecal: ') and err.count('\n') == 1
+    assert not (tmp_path / 'out').exists()
+
+
+@pytest.mark.parametrize('arguments, said', [
+    (('dance',), 'forcecal: dance is no command; forcecal --help'),
+    (('calibrat', 'bag'), 'calibrat is no command (did you mean calibrate?)'),
+    (('identify_robot',), '(did you mean identify-robot?)'),
+    (('calibrate',), 'forcecal calibrate: the following arguments are required: BAG'),
+    (('estimate', 'bag'), 'required: --calibration, -o'),
+    (('calibrate', 'bag', '--gravty', '9.8'), ('--gravty is no argument here (did you mean '
+                                               '--gravity?); forcecal calibrate --help')),
+    (('gravity', 'bag', '-o', 'x', '--rise_time=0.1'), '(did you mean --rise-time?)'),
+    (('play', 'bag', 'another'), 'another is no argument here;'),
+    (('calibrate', 'bag', '--topic', 'wrnch=/wrench'), 'wrnch is no role (did you mean wrench?)'),
+    (('gravity', 'bag', '-o', 'x', '--filter', 'uk'), "invalid choice: 'uk'"),
+    (('sim', 'bag'), 'sim is no command (did you mean simulate?)'),
+    (('plan', '--effects', 'magic', '-o', 'p'), 'magic is no effect; take one of wrench_delay,'),
+    (('--verbose', 'calibrate', 'bag'), '--verbose is no argument here; forcecal --help'),
+])
+def test_wrong_usage_is_status_2_and_one_line_with_the_nearest_name(capsys, arguments, said):
+    status, out, err = run(capsys, *arguments)
+    assert status == 2 and out == ''
+    assert said in err and err.count('\n') == 1 and err.endswith(' --help tells more\n')
+
+
+@pytest.mark.parametrize('arguments, said', [
+    (('calibrate', 'a', 'b', '-o', '{tmp}/c.yaml'), (2, 'would be a folder; name one, as resu')),
+    (('compare', '{tmp}/spec.yaml', '{tmp}/spec.yaml'),
+     (1, 'is no calibration (its format is forcecal-insitu/1, expected forcecal-calibration/1)')),
+    (('simulate', '--commands', '{sample}', '--rig', '{tmp}/spec.yaml', '-o', '{tmp}/s'),
+     (1, "is a file of format 'forcecal-insitu/1', which is not what is read here; compare"))])
+def test_a_file_of_another_kind_is_called_what_it_is(capsys, sample, tmp_path, arguments, said):
+    (tmp_path / 'spec.yaml').write_text('format: forcecal-insitu/1\n')
+    status, out, err = run(capsys, *(a.format(tmp=tmp_path, sample=sample) for a in arguments))
+    assert (status, out) == (said[0], '') and said[1] in err and err.count('\n') == 1
+    assert [*tmp_path.iterdir()] == [tmp_path / 'spec.yaml']
+
+
+def test_a_default_is_shown_once_with_its_unit(capsys):
+    for command in COMMANDS:
+        _, out, _ = run(capsys, command, '--help')
+        assert '(default: )' not in out and not re.search(r'default: [\d.]+\.0\b', out), command
+    said = ' '.join(run(capsys, 'start', '--help')[1].split())
+    assert 'for its answer (default: 10 s)' in said
+
+
+def test_no_command_at_all_shows_the_help_as_wrong_usage(capsys):
+    status, out, err = run(capsys)
+    assert status == 2 and out == '' and err.startswith('usage: forcecal')
+    assert all(f' {command} ' in err or f' {command}\n' in err for command in COMMANDS)
+
+
+@pytest.mark.parametrize('command', COMMANDS)
+def test_help_shows_an_example(capsys, command):
+    status, out, _ = run(capsys, command, '--help')
+    assert status == 0 and f'example:\n  forcecal {command}' in out
+    for example in re.findall(r'^  forcecal (.*)$', out.partition('example:')[2], re.MULTILINE):
+        build_parser(command).parse_args(shlex.split(example, comments=True))
+
+
+def test_advice_names_options_and_roles_that_there_are():
+    of_others = {'--ros-args', '--params-file', '--show-args', '--system-site-packages'}
+    options = {'--version', *of_others}.union(*(
+        build_parser(command).commands[command].options for command in COMMANDS))
+    for file in PACKAGE.rglob('*.py'):
+        text = file.read_text()
+        assert {*re.findall(r'(?<![\w-])--[a-z][\w-]*', text)} <= options, file
+        assert {*re.findall(r'--topic (\w+)=', text)} <= {*ROLES, 'role'}, file
+
+
+def test_a_command_loads_neither_ros_nor_a_compiler_before_it_needs_them():
+    loaded = subprocess.run(
+        [sys.executable, '-c', ('import sys; from forcecal_ros.cli.main import build_parser\n'
+                                'build_parser("calibrate"); print(*sys.modules)')],
+        capture_output=True, text=True, check=True)
+    assert not {'numba', 'rclpy', 'control', 'matplotlib'} & set(loaded.stdout.split())
+
+
+def processor_time(*arguments):
+    """Return the processor time of one Python, its start included [s]."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run([sys.executable, *arguments], capture_output=True, check=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+@pytest.mark.parametrize('arguments', [['--help'], ['calibrate', '--help'], ['calibrat']])
+def test_help_comes_in_a_few_times_what_python_needs_to_start(arguments):
+    code = ('from forcecal_ros.cli.main import main\n'
+            f'try: main({arguments})\nexcept SystemExit: pass')
+    # one after the other, so that whoever else is busy slows both; numpy alone would be another 3
+    ratios = [processor_time('-c', code) / processor_time('-c', 'pass') for _ in range(7)]
+    assert statistics.median(ratios) < 3.0

@@ -1,0 +1,224 @@
+"""Every command over damaged recordings: an answer, or one line and status 1; no traceback."""
+
+from dataclasses import replace
+from typing import Any
+
+from bag_samples import copy_bag, START_NS, STORE, wrench_message, write_messages
+from calibration_runs import run
+from forcecal_ros.cli.main import main
+from forcecal_ros.core.streams import Phase, Stream
+from forcecal_ros.io.bags import write_recording, write_signals
+from forcecal_ros.motion.plan import Timing
+from hypothesis import given, HealthCheck, settings
+from hypothesis import strategies as st
+from insitu_leg import Leg, PROTOCOL, record
+import numpy as np
+import pytest
+from rosbags.rosbag2 import CompressionMode, Reader, StoragePlugin
+import yaml
+
+MCAP, SQLITE3 = StoragePlugin.MCAP, StoragePlugin.SQLITE3
+KINDS = {'mcap': (MCAP, CompressionMode.NONE), 'chunks': (MCAP, CompressionMode.STORAGE),
+         'sqlite3': (SQLITE3, CompressionMode.NONE)}
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp('damage')
+
+
+@pytest.fixture(scope='module')
+def recording():
+    return run(seed=3, timing=Timing(measure=0.4, ring=0.3), settle=0.8)
+
+
+@pytest.fixture(scope='module')
+def source(folder, recording):
+    write_recording(folder / 'source', recording)
+    assert main(['calibrate', str(folder / 'source'), '-o', str(folder / 'c.yaml')]) == 0
+    return folder / 'source'
+
+
+@pytest.fixture(scope='module')
+def files(folder, source):
+    intact = {}
+    for name, (storage, mode) in KINDS.items():
+        path = copy_bag(source, folder / name, storage, mode)
+        intact[name] = next(file for file in path.iterdir() if file.suffix != '.yaml')
+    return intact
+
+
+def commands(folder, bag):
+    return (['calibrate', bag, '-o', folder / 'out.yaml'],
+            ['calibrate', bag, '-o', folder / 'out.yaml', '--coupling', 'ac'],
+            ['estimate', bag, '--calibration', folder / 'c.yaml', '-o', folder / 'estimated'],
+            ['gravity', bag, '--filter', 'static', '-o', folder / 'compensated'],
+            ['simulate', '--commands', bag, '-o', folder / 'simulated'],
+            ['identify-robot', bag, '-o', folder / 'plant.yaml'])
+
+
+def answers_or_one_line(capsys, arguments):
+    """Run one command; return its status and what it complained of."""
+    status = main([str(argument) for argument in arguments])
+    _, said = capsys.readouterr()
+    assert status in (0, 1), said
+    if status == 1:
+        assert said.startswith('forcecal: ') and len(said.strip().splitlines()) == 1, said
+    return status, said
+
+
+@pytest.mark.parametrize('kind', KINDS)
+@settings(max_examples=4, suppress_health_check=list(HealthCheck))
+@given(data=st.data())
+def test_files_cut_short_or_with_flipped_bits(capsys, folder, files, kind, data):
+    content = bytearray(files[kind].read_bytes())
+    if data.draw(st.booleans()):
+        content = content[:data.draw(st.integers(0, len(content) - 1))]
+    for bit in data.draw(st.lists(st.integers(0, max(0, 8 * len(content) - 1)), max_size=6)):
+        if content:
+            content[bit // 8] ^= 1 << bit % 8
+    path = folder / f'bad{files[kind].suffix}'
+    path.write_bytes(content)
+    answers_or_one_line(capsys, data.draw(st.sampled_from(commands(folder, path))))
+
+
+@pytest.fixture(scope='module')
+def leg(folder):
+    """Return a leg's log as a table and as a recording, each with who reads it."""
+    log = record(PROTOCOL[0], Leg(duration=20.0), 1)
+    names = ['t', *'abcdef', 'ax', 'ay', 'az']
+    np.savetxt(folder / 'leg.csv', np.column_stack([log.t, log.raw, log.accel]), delimiter=',',
+               header=','.join(names), comments='', fmt='%.6g')
+    write_signals(folder / 'leg', {'wrench': Stream(log.t, log.raw, 'leg'), 'imu': Stream(
+        log.t, np.hstack([log.accel, log.gyro]), 'imu')}, START_NS, 'mcap')
+    return {'csv': (folder / 'leg.csv').read_bytes(),
+            'mcap': next((folder / 'leg').glob('*.mcap')).read_bytes()}
+
+
+def readers(folder, kind):
+    """Return the commands that read a damaged table or recording of the leg."""
+    time = {'column': 't', 'unit': 's'}
+    six: dict[str, Any] = {'csv': {'columns': [*'abcdef']}, 'mcap': {'topic': 'wrench'}}[kind]
+    felt = {'csv': {'columns': ['ax', 'ay', 'az']}, 'mcap': {'topic': 'imu/data_raw'}}[kind]
+    insitu = {'format': 'forcecal-insitu/1', 'estimate': 'offset', 'accelerometer': felt,
+              'sensors': {'leg': {**six, 'unit': 'counts'}},
+              'data_sets': [{'file': f'hurt.{kind}'}], **({'time': time} if kind == 'csv' else {})}
+    table = {'file': 'hurt.csv', 'time': time, 'signals': {'wrench': {
+        'frame': 'leg', 'force': {'columns': [*'abc'], 'unit': 'N'},
+        'torque': {'columns': [*'def'], 'unit': 'N m'}}}}
+    for name, content in (('insitu', insitu),
+                          ('import', {'format': 'forcecal-import/1', 'tables': [table]})):
+        (folder / f'{name}.yaml').write_text(yaml.safe_dump(content))
+    return [('insitu', folder / 'insitu.yaml', '-o', folder / 'insitu', '--quiet'),
+            *([('import', folder / 'import.yaml', '-o', folder / 'imported')]
+              if kind == 'csv' else [])]
+
+
+@pytest.mark.parametrize('kind', ['csv', 'mcap'])
+@settings(max_examples=8, suppress_health_check=list(HealthCheck))
+@given(data=st.data())
+def test_logs_of_a_leg_cut_short_or_garbled(capsys, folder, leg, kind, data):
+    content = bytearray(leg[kind])
+    for _ in range(data.draw(st.integers(0, 3))):
+        at = data.draw(st.integers(0, len(content)))
+        content[at:at + data.draw(st.integers(0, 200))] = data.draw(st.binary(max_size=40))
+    content = content[:data.draw(st.integers(0, len(content)) | st.just(len(content)))]
+    (folder / f'hurt.{kind}').write_bytes(content)
+    for arguments in readers(folder, kind):
+        answers_or_one_line(capsys, arguments)
+
+
+@pytest.mark.parametrize('kind', ['csv', 'mcap'])
+def test_logs_of_a_leg_that_are_whole_are_answered(capsys, folder, leg, kind):
+    (folder / f'hurt.{kind}').write_bytes(leg[kind])
+    for arguments in readers(folder, kind):
+        status, said = answers_or_one_line(capsys, arguments)
+        assert status == 0, said
+
+
+def thinned(stream, keep):
+    return replace(stream, t=stream.t[keep], values=stream.values[keep])
+
+
+def absurd(values):
+    values = np.array(values)
+    values[::50] = np.resize([np.nan, np.inf, -np.inf, 1e308, 1e12], values[::50].shape)
+    return values
+
+
+BROKEN = {
+    'no wrench': lambda r: replace(r, wrench=None),
+    'no pose': lambda r: replace(r, pose=None),
+    'no commands': lambda r: replace(r, target=None),
+    'one wrench': lambda r: replace(r, wrench=thinned(r.wrench, slice(1))),
+    'two of the accelerometer': lambda r: replace(
+        r, accelerometer=thinned(r.accelerometer, slice(2))),
+    'accelerometer at 5 Hz': lambda r: replace(
+        r, accelerometer=thinned(r.accelerometer, slice(None, None, 200))),
+    'half the recording': lambda r: replace(r, wrench=thinned(r.wrench, slice(4000))),
+    'absurd wrenches': lambda r: replace(r, wrench=Stream(r.wrench.t, absurd(r.wrench.values))),
+    'absurd slides': lambda r: replace(
+        r, optidrive=Stream(r.optidrive.t, absurd(r.optidrive.values))),
+    'absurd volts': lambda r: replace(
+        r, accelerometer=Stream(r.accelerometer.t, absurd(r.accelerometer.values))),
+    'nothing moves': lambda r: replace(r, wrench=Stream(r.wrench.t, 0 * r.wrench.values + 1)),
+    'clocks hours apart': lambda r: replace(r, wrench=replace(r.wrench, t=r.wrench.t + 1e4)),
+    'phases of no length': lambda r: replace(r, phases=tuple(
+        Phase(p.name, 1e-3 * p.start, 1e-3 * p.end) for p in r.phases)),
+    'no phases': lambda r: replace(r, phases=()),
+    'only contact': lambda r: replace(r, phases=(Phase('contact', 0.0, 9.0),)),
+}
+
+
+MORE = {'two of the accelerometer', 'half the recording', 'absurd slides', 'absurd volts',
+        'phases of no length', 'only contact'}
+"""As one of the others, of another stream or a little less."""
+
+
+@pytest.mark.parametrize('name', [
+    pytest.param(name, marks=pytest.mark.long) if name in MORE else name for name in BROKEN])
+def test_recordings_that_lack_or_twist_something(capsys, folder, source, recording, name):
+    bag = folder / 'broken'
+    write_recording(bag, BROKEN[name](recording))
+    for arguments in commands(folder, bag)[:3]:
+        answers_or_one_line(capsys, arguments)
+
+
+@pytest.mark.parametrize('name, against', [
+    ('one wrench', 'model'), ('nothing moves', 'model'), ('one wrench', 'calibration'),
+    pytest.param('half the recording', 'calibration', marks=pytest.mark.long)])
+def test_diagnosis_answers_or_says_what_is_invalid(
+        capsys, folder, source, recording, name, against):
+    bag = folder / 'broken'
+    write_recording(bag, BROKEN[name](recording))
+    known = [] if against == 'model' else ['--calibration', str(folder / 'c.yaml')]
+    status = main(['diagnose', str(bag), '-o', str(folder / 'diagnosis'), *known])
+    out, err = capsys.readouterr()
+    assert all(line.startswith('forcecal: ') for line in err.splitlines()), err
+    assert status in (0, 1) and out.startswith('invalid_data: ') is (status == 1)
+
+
+def test_messages_out_of_order_with_stamps_that_come_twice(capsys, folder, source):
+    with Reader(source) as reader:
+        messages = [(connection.topic, log_ns, STORE.deserialize_cdr(data, connection.msgtype))
+                    for connection, log_ns, data in reader.messages()]
+    rng = np.random.default_rng(0)
+    order = np.argsort(np.arange(len(messages)) + rng.uniform(0, 30, len(messages)))
+    twice = [messages[i] for i in np.sort(np.r_[order, order[::40]])]
+    write_messages(folder / 'shuffled', [messages[i] for i in order])
+    write_messages(folder / 'twice', twice)
+    for bag in ('shuffled', 'twice'):
+        status, said = answers_or_one_line(capsys, commands(folder, folder / bag)[0])
+        assert status == 0, said
+
+
+def test_no_messages_and_two_types_on_one_topic(capsys, folder, source):
+    write_messages(folder / 'empty', [])
+    message = wrench_message(START_NS, range(6))
+    text = STORE.types['std_msgs/msg/String']('x')
+    write_messages(folder / 'mixed', [('/wrench', START_NS, message), ('/wrench', START_NS, text)])
+    for arguments in commands(folder, folder / 'empty'):
+        assert answers_or_one_line(capsys, arguments)[0] == 1
+    for arguments in commands(folder, folder / 'mixed'):
+        status, said = answers_or_one_line(capsys, arguments)
+        assert status == 1 or 'std_msgs/msg/String' in said

@@ -1,0 +1,159 @@
+"""The variance of means and of weighted sums over coloured noise."""
+
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.noise.autocovariance import (
+    andrews_lags,
+    last_correlated_lag,
+    noise_of_residuals,
+    noise_of_windows,
+)
+import numpy as np
+import pytest
+
+
+def ar1(rng, rho, n, k=1):
+    noise = rng.standard_normal((n, k))
+    for i in range(1, n):
+        noise[i] = rho * noise[i - 1] + np.sqrt(1 - rho**2) * noise[i]
+    return noise
+
+
+@pytest.mark.parametrize('rho', [-0.4, 0.0, 0.3, 0.6])
+def test_the_variance_of_a_mean_is_found_for_coloured_noise(rho):
+    rng = np.random.default_rng(8)
+    found = [noise_of_windows([ar1(rng, rho, 100) for _ in range(3)]).long_run[0, 0]
+             for _ in range(100)]
+    true = (1 + rho) / (1 - rho)
+    # a tenth falls short where correlation fades into what 300 blocks can show
+    assert np.mean(found) == pytest.approx(true, rel=0.12, abs=4 * np.std(found) / 10)
+
+
+def test_white_noise_is_taken_for_white():
+    rng = np.random.default_rng(12)
+    kept = [len(noise_of_windows([rng.standard_normal((100, 3)) for _ in range(3)]).lags)
+            for _ in range(60)]
+    assert np.mean(np.array(kept) == 1) > 0.8
+
+
+def test_noise_common_to_two_channels_is_seen():
+    rng = np.random.default_rng(9)
+    L = np.array([[1.0, 0.0], [0.8, 0.6]])
+    found = noise_of_windows([rng.standard_normal((2000, 2)) @ L.T])
+    np.testing.assert_allclose(found.covariance, L @ L.T, atol=0.15)
+
+
+def test_the_variance_of_a_weighted_sum_holds_for_coloured_noise():
+    rng = np.random.default_rng(10)
+    noise = noise_of_windows([ar1(rng, 0.5, 20000)])
+    rows = np.sin(np.arange(300) / 40.0)[:, None, None]
+    sums = [float(rows[:, 0, 0] @ ar1(rng, 0.5, 300)[:, 0]) for _ in range(400)]
+    # taper and estimate: 15 %; spread of a variance over 400 draws: 7 %
+    assert noise.covariance_of_sum(rows)[0, 0] == pytest.approx(np.var(sums), rel=0.35)
+
+
+def test_too_short_a_standstill_is_refused():
+    with pytest.raises(DataError, match='hold each pose'):
+        noise_of_windows([np.zeros((4, 1))])
+
+
+def newey_west(scores, lags):
+    """Write the estimate of Newey and West as they print it, term by term."""
+    total = scores.T @ scores
+    for lag in range(1, lags + 1):
+        for t in range(lag, len(scores)):
+            part = np.outer(scores[t], scores[t - lag])
+            total = total + (1 - lag / (lags + 1)) * (part + part.T)
+    return total
+
+
+def test_the_long_run_covariance_of_residuals_is_that_of_newey_and_west():
+    e = ar1(np.random.default_rng(13), 0.7, 200, 2)
+    np.testing.assert_allclose(200 * noise_of_residuals(e, 6).long_run, newey_west(e, 6),
+                               rtol=1e-12)
+
+
+def test_a_bartlett_sum_is_never_negative():
+    e = ar1(np.random.default_rng(14), -0.9, 300, 3)
+    assert np.linalg.eigvalsh(noise_of_residuals(e, 5).long_run).min() > 0
+
+
+def test_a_regressor_common_to_all_channels_gives_the_same_covariance_either_way():
+    rng = np.random.default_rng(15)
+    x, noise = rng.standard_normal((150, 2)), noise_of_residuals(ar1(rng, 0.5, 400, 3), 7)
+    rows = np.stack([np.kron(one, np.eye(3)) for one in x])
+    np.testing.assert_allclose(noise.covariance_of_products(x), noise.covariance_of_sum(rows),
+                               rtol=1e-9, atol=1e-9)
+
+
+def test_mapped_noise_is_that_of_the_mapped_signal():
+    rng = np.random.default_rng(16)
+    e, matrix = ar1(rng, 0.6, 500, 3), rng.standard_normal((2, 3))
+    np.testing.assert_allclose(noise_of_residuals(e, 9).mapped(matrix).long_run,
+                               noise_of_residuals(e @ matrix.T, 9).long_run, rtol=1e-9)
+
+
+def test_lags_grow_with_persistence_and_stay_within_the_series():
+    rng = np.random.default_rng(17)
+    few, many = (andrews_lags(ar1(rng, rho, 2000), 2000) for rho in (0.1, 0.9))
+    assert few < many <= 500
+    assert andrews_lags(np.ones((40, 1)), 40) == 10
+
+
+@pytest.mark.parametrize('last', [0, 3])
+def test_the_last_correlated_lag_of_a_moving_average_is_its_order(last):
+    lags = np.zeros((25, 1, 1))
+    lags[:last + 1, 0, 0] = np.linspace(1.0, 0.5, last + 1)
+    # one more is kept where anything is: what fades goes on below what can be told from nothing
+    assert last_correlated_lag(lags, 300) == (last + 1 if last else 0)
+
+
+@pytest.mark.parametrize('channels', [1, 3, 6])
+def test_white_noise_of_many_channels_seldom_seems_correlated(channels):
+    rng = np.random.default_rng(5)
+    found = [noise_of_windows([rng.normal(size=(50, channels)) for _ in range(3)])
+             for _ in range(300)]
+    assert sum(len(one.weights) > 0 for one in found) <= 12  # 1 % each, binomial 99.9 %: 10
+    halved = [np.linalg.eigvalsh(one.long_run).min() < 0.5 for one in found]
+    assert sum(halved) <= 12
+
+
+def test_white_noise_of_short_windows_is_seldom_taken_for_correlated():
+    rng = np.random.default_rng(0)
+    taken = sum(len(noise_of_windows(list(rng.standard_normal((12, 19, 6)))).weights) > 0
+                for _ in range(200))
+    assert taken <= 0.05 * 200
+
+
+def test_a_mean_of_white_noise_is_never_known_better_than_white_noise_tells():
+    rng = np.random.default_rng(21)
+    chi_square = []
+    for _ in range(300):
+        windows = [rng.standard_normal((50, 3)) for _ in range(3)]
+        noise = noise_of_windows(windows)
+        least = np.linalg.eigvalsh(noise.at_least_white - noise.covariance).min()
+        assert least > -1e-9
+        precision = np.linalg.inv(noise.at_least_white)
+        chi_square += [50 * w.mean(axis=0) @ precision @ w.mean(axis=0) for w in windows]
+    # three plus what 147 degrees of freedom add, and three standard errors; of 900 the largest
+    assert np.mean(chi_square) < 3.08 + 3 * 0.08 and np.max(chi_square) < 22
+
+
+def test_correlation_that_is_there_counts_whole():
+    noise = noise_of_windows([ar1(np.random.default_rng(5), 0.7, 3000, 2)])
+    np.testing.assert_allclose(noise.at_least_white, noise.long_run, rtol=1e-9, atol=1e-9)
+
+
+def test_a_channel_without_noise_is_no_obstacle():
+    values = np.random.default_rng(6).standard_normal((200, 2)) * [1.0, 0.0]
+    assert np.isfinite(noise_of_windows([values]).at_least_white).all()
+
+
+def test_what_is_no_noise_is_taken_off_and_no_noise_with_it():
+    rng, t = np.random.default_rng(7), np.arange(40)
+    shape = np.exp(-0.1 * t)[:, None] * np.column_stack([np.cos(0.4 * t), np.sin(0.4 * t)])
+    windows = [[rng.standard_normal((40, 2)) + shape @ rng.normal(0, 3, (2, 2)) for _ in range(4)]
+               for _ in range(60)]
+    found = np.array([np.diag(noise_of_windows(w, [shape] * 4).long_run) for w in windows])
+    assert found.mean() == pytest.approx(1.0, abs=0.05)
+    taken = np.array([np.diag(noise_of_windows(w).long_run) for w in windows])
+    assert taken.mean() > 2.0

@@ -1,0 +1,266 @@
+"""Damaged recordings: what is left is read and said, or one line says why not. Nothing else."""
+
+import struct
+
+from bag_samples import (
+    assert_same_recording,
+    copy_bag,
+    small_recording,
+    START_NS,
+    STORE,
+    wrench_message,
+    write_messages,
+)
+from forcecal_ros.checks.header_stamps import increasing
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.io.bags import read_recording, write_recording
+from hypothesis import given, HealthCheck, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
+
+MCAP, SQLITE3 = StoragePlugin.MCAP, StoragePlugin.SQLITE3
+KINDS = [(MCAP, CompressionMode.NONE), (MCAP, CompressionMode.STORAGE),
+         (MCAP, CompressionMode.FILE), (SQLITE3, CompressionMode.NONE),
+         (SQLITE3, CompressionMode.MESSAGE)]
+CHUNK, MESSAGE_INDEX, CHUNK_INDEX = 6, 7, 8
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp('damage')
+
+
+@pytest.fixture(scope='module')
+def files(folder):
+    """One intact file of each kind."""
+    write_recording(folder / 'source', small_recording(40))
+    intact = {}
+    for storage, mode in KINDS:
+        path = copy_bag(folder / 'source', folder / f'{storage.name}{mode.name}', storage, mode)
+        intact[storage, mode] = next(file for file in path.iterdir() if file.suffix != '.yaml')
+    return intact
+
+
+def read_or_one_line(path):
+    """Return the recording, or None after one clear line."""
+    try:
+        recording = read_recording(path)
+    except DataError as error:
+        assert '\n' not in str(error)
+        return None
+    for stream in (recording.wrench, recording.accelerometer, recording.pose):
+        if stream is not None:
+            assert (np.diff(stream.t) > 0).all()
+    return recording
+
+
+@pytest.mark.parametrize('kind', KINDS, ids=str)
+@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+@given(data=st.data())
+def test_truncated_file_gives_a_part_or_one_line(folder, files, kind, data):
+    whole = files[kind].read_bytes()
+    path = folder / f'cut{files[kind].suffix}'
+    path.write_bytes(whole[:data.draw(st.integers(0, len(whole) - 1))])
+    recording = read_or_one_line(path)
+    if recording is not None and recording.wrench is not None:
+        n = len(recording.wrench)
+        assert n <= 40
+        np.testing.assert_array_equal(recording.wrench.values,
+                                      small_recording(40).wrench.values[:n])
+
+
+@pytest.mark.parametrize('kind', KINDS, ids=str)
+@settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
+@given(data=st.data())
+def test_flipped_bits_never_escape_as_a_traceback(folder, files, kind, data):
+    content = bytearray(files[kind].read_bytes())
+    for bit in data.draw(st.lists(st.integers(0, 8 * len(content) - 1), min_size=1, max_size=8)):
+        content[bit // 8] ^= 1 << bit % 8
+    path = folder / f'flipped{files[kind].suffix}'
+    path.write_bytes(content)
+    read_or_one_line(path)
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
+@given(content=st.binary(max_size=300), magic=st.sampled_from(
+    [b'', b'\x89MCAP0\r\n', b'SQLite format 3\0', b'\x28\xb5\x2f\xfd', b'#ROSBAG V2.0\n']))
+def test_noise_is_no_recording(folder, content, magic):
+    path = folder / 'noise.mcap'
+    path.write_bytes(magic + content)
+    assert read_or_one_line(path) is None
+
+
+def records(content):
+    """Return (opcode, start, end) of the records at the top of an MCAP file."""
+    position, found = 8, []
+    while position < len(content) - 8:
+        opcode, size = struct.unpack_from('<BQ', content, position)
+        found.append((opcode, position, position + 9 + size))
+        position += 9 + size
+    return found
+
+
+@pytest.fixture(scope='module')
+def chunks(folder):
+    """Return a file of several chunks, and where each begins and ends."""
+    path = write_messages(folder / 'chunks', [
+        ('/wrench', START_NS + i * 10**6, wrench_message(START_NS + i * 10**6, np.full(6, i)))
+        for i in range(24000)]) / 'chunks.mcap'
+    places = [(start, end) for opcode, start, end in records(path.read_bytes()) if opcode == CHUNK]
+    assert len(places) >= 3
+    return path, places
+
+
+def test_file_without_index_is_read_whole(folder, chunks):
+    path, places = chunks
+    unclosed = folder / 'unclosed.mcap'
+    unclosed.write_bytes(path.read_bytes()[:places[-1][1]])
+    recording = read_recording(unclosed)
+    assert len(recording.wrench) == 24000
+    assert any('has no index' in note for note in recording.notes)
+
+
+def test_unchunked_file_is_read_whole(folder, chunks):
+    path, places = chunks
+    content = path.read_bytes()
+    loose = content[:8] + b'\x01' + struct.pack('<Q', 8) + bytes(8)
+    for start, end in places:
+        loose += content[start + 9 + 40:end]
+    (folder / 'loose.mcap').write_bytes(loose)
+    recording = read_recording(folder / 'loose.mcap')
+    np.testing.assert_array_equal(recording.wrench.values[:, 0], np.arange(24000))
+
+
+@pytest.mark.parametrize('at', [0, 1, 2, 3, 8])
+def test_damaged_length_of_a_chunk_costs_nothing(folder, chunks, at):
+    path, places = chunks
+    content = bytearray(path.read_bytes())
+    content[places[1][0] + 1 + at % 8] ^= 0xff
+    (folder / 'length.mcap').write_bytes(content)
+    recording = read_recording(folder / 'length.mcap')
+    assert len(recording.wrench) == 24000
+
+
+def test_damaged_record_costs_its_chunk_only(folder, chunks):
+    path, places = chunks
+    content = bytearray(path.read_bytes())
+    start, end = places[1]
+    content[start] = 0xff
+    (folder / 'framing.mcap').write_bytes(content)
+    recording = read_recording(folder / 'framing.mcap')
+    lost = 24000 - len(recording.wrench)
+    share = (end - start) / sum(stop - begin for begin, stop in places)
+    assert 0 < lost < 24000 * share * 1.5
+    assert any('damaged or cut off at byte' in note for note in recording.notes)
+
+
+def test_last_chunk_of_a_cut_file_gives_what_it_holds(folder, chunks):
+    path, places = chunks
+    start, end = places[-1]
+    (folder / 'half.mcap').write_bytes(path.read_bytes()[:(start + end) // 2])
+    (folder / 'without.mcap').write_bytes(path.read_bytes()[:start])
+    half, without = (len(read_recording(folder / f'{name}.mcap').wrench)
+                     for name in ('half', 'without'))
+    assert half - without == pytest.approx((24000 - without) / 2, abs=2)
+
+
+def test_chunk_that_claims_to_be_huge_is_left_out(folder, chunks):
+    path, places = chunks
+    content = bytearray(path.read_bytes())
+    start = places[1][0]
+    content[start + 25:start + 33] = struct.pack('<Q', 1 << 60)
+    (folder / 'bomb.mcap').write_bytes(content)
+    recording = read_recording(folder / 'bomb.mcap')
+    assert 0 < len(recording.wrench) < 24000
+    assert any('is damaged (1152921504606846976 bytes claimed)' in note
+               for note in recording.notes)
+
+
+def test_sqlite_is_read_from_both_sides_of_the_damage(folder):
+    path = write_messages(folder / 'pages', [
+        ('/wrench', START_NS + i * 10**6, wrench_message(START_NS + i * 10**6, np.full(6, i)))
+        for i in range(5000)], SQLITE3) / 'pages.db3'
+    content = bytearray(path.read_bytes())
+    middle = content.index(struct.pack('<d', 2500.0) * 6) // 4096 * 4096
+    content[middle:middle + 4096] = b'\xff' * 4096
+    (folder / 'hole.db3').write_bytes(content)
+    recording = read_recording(folder / 'hole.db3')
+    rows = recording.wrench.values[:, 0]
+    assert 4900 < len(rows) < 5000
+    assert (rows[0], rows[-1]) == (0, 4999)
+    assert any('damaged or cut off' in note for note in recording.notes)
+
+
+def test_missing_and_damaged_metadata_is_said(tmp_path):
+    write_recording(tmp_path / 'bag', small_recording())
+    metadata = tmp_path / 'bag' / 'metadata.yaml'
+    metadata.write_text('rosbag2_bagfile_information: [' + '[' * 5000)
+    recording = read_recording(tmp_path / 'bag')
+    assert_same_recording(recording, small_recording())
+    assert any('metadata.yaml is damaged' in note for note in recording.notes)
+    metadata.unlink()
+    recording = read_recording(tmp_path / 'bag')
+    assert_same_recording(recording, small_recording())
+    assert any('metadata.yaml is missing' in note for note in recording.notes)
+
+
+def test_missing_part_is_said(tmp_path):
+    write_recording(tmp_path / 'bag', small_recording())
+    metadata = tmp_path / 'bag' / 'metadata.yaml'
+    metadata.write_text(metadata.read_text().replace(
+        'relative_file_paths:\n', 'relative_file_paths:\n  - bag_1.mcap\n'))
+    assert any('bag_1.mcap' in note for note in read_recording(tmp_path / 'bag').notes)
+
+
+@pytest.mark.parametrize('storage', [MCAP, SQLITE3])
+def test_recording_without_messages_says_so(tmp_path, storage):
+    write_messages(tmp_path / 'bag', [], storage)
+    with pytest.raises(DataError, match='nothing to read; it holds no topics'):
+        read_recording(tmp_path / 'bag')
+
+
+@pytest.mark.parametrize('make, message', [
+    (lambda path: None, 'does not exist'),
+    (lambda path: path.mkdir(), 'no recording in here'),
+    (lambda path: path.write_bytes(b''), 'is empty'),
+    (lambda path: path.write_bytes(b'#ROSBAG V2.0\n'), 'ROS 1 bag.*rosbags-convert'),
+    (lambda path: path.write_bytes(b'\x7fELF'), 'not a recording'),
+], ids=['absent', 'empty folder', 'empty file', 'ros1', 'other'])
+def test_what_is_no_recording_is_one_line(tmp_path, make, message):
+    path = tmp_path / 'bag'
+    make(path)
+    with pytest.raises(DataError, match=message):
+        read_recording(path)
+
+
+def test_messages_that_are_too_short_are_counted(tmp_path):
+    message = wrench_message(START_NS, np.zeros(6))
+    text = STORE.types['std_msgs/msg/String']('x' * 30)
+    path = write_messages(tmp_path / 'bag', [
+        ('/wrench', START_NS, message), ('/other', START_NS, text)]) / 'bag.mcap'
+    content = path.read_bytes()
+    path.write_bytes(content.replace(b'std_msgs/msg/String', b'std_msgs/msg/Strin_')
+                     .replace(b'ft_sensor\0', b'ft_sensor' + b'\xff'))
+    assert read_or_one_line(path) is not None
+    broken = content.replace(struct.pack('<I', 10) + b'ft_sensor\0',
+                             struct.pack('<I', 9999) + b'ft_sensor\0')
+    path.write_bytes(broken)
+    with pytest.raises(DataError, match='/wrench: 1 messages made no sense'):
+        read_recording(path)
+
+
+@given(st.lists(st.integers(0, 3 * 86400 * 10**9), min_size=0, max_size=60))
+def test_stamps_kept_increase_and_all_others_are_counted(stamps):
+    stamps = np.array(stamps, dtype=np.int64)
+    order = increasing(stamps)
+    assert (np.diff(stamps[order.kept]) > 0).all()
+    assert len(order.kept) + order.jumped + order.repeated == len(stamps)
+
+
+@given(st.lists(st.integers(0, 10**9 - 1), min_size=1, max_size=60, unique=True))
+def test_small_disorder_is_sorted_without_loss(stamps):
+    order = increasing(np.array(stamps))
+    assert order.jumped == order.repeated == 0
+    np.testing.assert_array_equal(np.array(stamps)[order.kept], sorted(stamps))

@@ -1,0 +1,626 @@
+"""A model in MuJoCo as a simulator: what is found in it, and what it says."""
+
+from dataclasses import replace
+from importlib.resources import files
+import json
+from pathlib import Path
+import re
+
+from forcecal_ros.cli.main import main
+from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.geometry import matrix_from_quaternion, rotation_from_vector
+from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair
+from forcecal_ros.diagnose.by_simulator import diagnose_rerun, inputs_of
+from forcecal_ros.diagnose.inputs.motion_dataset import span
+from forcecal_ros.diagnose.inputs.simulated_tool import refuse_other_wrench, simulated_tool
+from forcecal_ros.io.bags import write_recording
+from forcecal_ros.sim.mujoco import load_mujoco
+from forcecal_ros.sim.protocol import Inputs
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.runs import Runs
+from forcecal_ros.sim.samples import recorded
+from forcecal_ros.sim.simulated_robot import BEND, library_of, nuisances_of, STEP
+from forcecal_ros.sim.third_party import third_party, with_priors
+import numpy as np
+import pytest
+from small_arm import GRAVITY, mjcf, NAMES, nominal, told, TOOL
+
+pytest.importorskip('mujoco')
+
+
+@pytest.fixture
+def model(tmp_path):
+    def written(**changes):
+        (tmp_path / 'arm.xml').write_text(mjcf(**changes))
+        return str(tmp_path / 'arm.xml')
+    return written
+
+
+def test_at_rest_the_wrench_is_the_weight_in_the_frame_of_the_site(model):
+    robot = load_mujoco(model())
+    inputs = Inputs(0.0, 1.0, joints=told(1.0, 0.0))
+    streams = robot.simulate(inputs, {**nominal(robot), 'body_mass[gripper]': 2.0})
+    (t, wrench), (_, pose) = streams['wrench'], streams['pose']
+    R = matrix_from_quaternion(pose[-1, 3:])
+    weight = -2.0 * GRAVITY * R[2]
+    np.testing.assert_allclose(wrench[-1, :3], weight, atol=0.05)
+    np.testing.assert_allclose(wrench[-1, 3:], np.cross([0.01, 0.0, 0.05], weight), atol=0.005)
+    np.testing.assert_allclose(pose[-1, :3], [0.7, 0.0, 0.2], atol=0.02)  # in the base
+    assert t[1] - t[0] == pytest.approx(0.002)
+
+
+def test_its_numbers_are_parameters_by_their_own_names(model):
+    robot = load_mujoco(model())
+    found = {p.name: p for p in robot.parameters()}
+    assert found['body_mass[gripper]'].nominal == 1.5
+    assert found['body_mass[gripper]'].stands_for == ('tool_mass',)
+    assert found['dof_frictionloss[lift]'].nominal == 0.5
+    assert found['kp[pan]'].nominal == 4000.0
+    assert found['kv[twist]'].nominal == 150.0
+    assert len(found) == 4 + 3 * 3 + 2
+    assert robot.notes == ()
+
+
+@pytest.mark.parametrize('name, value', [
+    ('dof_frictionloss[lift]', 3.0), ('kp[lift]', 2000.0), ('kv[lift]', 500.0),
+    ('body_ipos[gripper].z', 0.08), ('tilt.y', 0.1)])
+def test_each_number_acts_and_leaves_nothing_behind(model, name, value):
+    robot = load_mujoco(model())
+    inputs = Inputs(0.0, 3.0, joints=told(3.0))
+    before = robot.simulate(inputs, nominal(robot))
+    changed = robot.simulate(inputs, {**nominal(robot), name: value})
+    again = robot.simulate(inputs, nominal(robot))
+    assert np.abs(changed['wrench'][1] - before['wrench'][1]).max() > 0.01
+    for stream in ('wrench', 'pose'):
+        np.testing.assert_array_equal(again[stream][1], before[stream][1])
+
+
+@pytest.mark.parametrize('tool', [TOOL, (
+    '<body name="gripper" pos="0.1 0 0" quat="0 0.6 0 0.8"><geom type="box" size="0.03 0.04 0.06" '
+    'pos="0.01 0 0.05" density="1500"/><site name="ft"/></body>')])
+def test_a_patched_model_does_what_it_did_with_the_numbers(model, tmp_path, tool):
+    robot = load_mujoco(model(tool=tool))
+    inputs = Inputs(0.0, 3.0, joints=told(3.0))
+    values = nominal(robot) | {
+        'body_mass[gripper]': 1.7, 'body_ipos[gripper].z': 0.07, 'dof_frictionloss[lift]': 2.0,
+        'kp[pan]': 3000.0, 'kv[twist]': 200.0, 'tilt.x': 0.01}
+    expected = robot.simulate(inputs, values)
+    robot.simulate(inputs, {**values, 'tilt.y': 0.2})  # of which nothing may stay
+    (tmp_path / 'patched.xml').write_text(robot.patched(values))
+    own = load_mujoco(str(tmp_path / 'patched.xml'))
+    found = nominal(own)
+    assert found['body_mass[gripper]'] == pytest.approx(1.7)
+    assert found['dof_frictionloss[lift]'] == 2.0
+    found = own.simulate(inputs, found)
+    for stream in ('wrench', 'pose'):
+        np.testing.assert_allclose(found[stream][1], expected[stream][1], atol=2e-3)
+
+
+def test_a_joint_is_driven_by_its_position_and_not_by_its_velocity_or_torque(tmp_path):
+    path = tmp_path / 'arm.xml'
+    beside = '<velocity joint="pan" kv="0.1"/><motor joint="lift"/></actuator>'
+    inputs, made = Inputs(0.0, 3.0, joints=told(3.0), measured_joints=NAMES), []
+    for end in ('</actuator>', beside):
+        path.write_text(mjcf().replace('</actuator>', end))
+        robot = load_mujoco(str(path))
+        made.append(robot.simulate(inputs, nominal(robot))['joints'][1])
+    # the velocity's actuator, told nothing, drags by 0.1 N m s beside 150
+    np.testing.assert_allclose(made[1], made[0], atol=1e-3)
+
+
+HELD = {
+    'position': '<position joint="{}" kp="4000" kv="150"/>',
+    'geared': '<position joint="{}" kp="1000" kv="37.5" gear="2"/>',
+    'scaled': '<general joint="{}" gainprm="40" biastype="affine" biasprm="0 -4000 -150"/>',
+    'intvelocity': '<intvelocity joint="{}" kp="4000" kv="150"/>',
+    'velocity': '<velocity joint="{}" kv="100"/>',
+    'torque': '<motor joint="{}" gear="10"/>'}
+"""Actuators of a joint, told positions: all as stiff, but for that of velocity."""
+
+GAINS = '<custom>{}</custom>'
+
+
+def driven_by(kind):
+    """Return the arm with other actuators, and their controller's gains where they want one."""
+    text = mjcf().replace('armature="0.4" frictionloss="0.5"', 'armature="0.4"')
+    for name in NAMES:
+        text = text.replace(f'<position joint="{name}" kp="4000" kv="150"/>',
+                            HELD[kind].format(name))
+    gains = {'velocity': (('p', 40.0),), 'torque': (('p', 4000.0), ('d', 150.0))}.get(kind, ())
+    numerics = ''.join(f'<numeric name="{letter}[{name}]" data="{gain}"/>'
+                       for letter, gain in gains for name in NAMES)
+    return text.replace('</mujoco>', GAINS.format(numerics) + '</mujoco>')
+
+
+def followed(path, kind, inputs):
+    """Return stamps and places of the joints of an arm with such actuators."""
+    path.write_text(driven_by(kind))
+    robot = load_mujoco(str(path))
+    return robot.simulate(inputs, nominal(robot))['joints']
+
+
+@pytest.mark.parametrize('kind', ['geared', 'scaled', 'intvelocity'])
+def test_actuators_that_hold_a_position_in_other_numbers_do_the_same(tmp_path, kind):
+    inputs = Inputs(0.0, 6.0, joints=told(6.0), measured_joints=NAMES)
+    (_, plain), (_, other) = (followed(tmp_path / 'arm.xml', one, inputs)
+                              for one in ('position', kind))
+    assert np.ptp(plain, axis=0).min() > 0.4
+    np.testing.assert_allclose(other, plain, atol=1e-9)
+
+
+@pytest.mark.parametrize('kind', ['velocity', 'torque'])
+def test_actuators_of_velocity_and_torque_follow_by_their_controllers_gains(tmp_path, kind):
+    inputs = Inputs(0.0, 6.0, joints=told(6.0), measured_joints=NAMES)
+    t, joints = followed(tmp_path / 'arm.xml', kind, inputs)
+    commanded = np.stack([np.interp(t, inputs.joints.t, q) for q in inputs.joints.values.T])
+    # weight and inertia, 20 N m at most, by the gains: 20 / 4000, and 20 / 100 / 40 rad
+    np.testing.assert_allclose(joints.T, commanded, atol=0.006)
+
+
+@pytest.mark.parametrize('kind, changed', [
+    ('geared', {'kp[lift]': 300.0}), ('scaled', {'kp[lift]': 2000.0, 'kv[pan]': 300.0}),
+    ('intvelocity', {'kp[lift]': 2000.0}), ('velocity', {'p[lift]': 10.0, 'kv[pan]': 150.0}),
+    ('torque', {'p[lift]': 2000.0, 'd[pan]': 300.0})])
+def test_numbers_of_every_kind_of_actuator_act_and_are_patched(tmp_path, kind, changed):
+    path = tmp_path / 'arm.xml'
+    path.write_text(driven_by(kind))
+    robot, inputs = load_mujoco(str(path)), Inputs(0.0, 3.0, joints=told(3.0))
+    values = nominal(robot) | changed
+    assert set(changed) <= set(nominal(robot))
+    before, after = (robot.simulate(inputs, one)['pose'][1] for one in (nominal(robot), values))
+    assert np.abs(after - before).max() > 1e-4
+    path.write_text(robot.patched(values))
+    own = load_mujoco(str(path))
+    assert nominal(own) == pytest.approx(values)
+    np.testing.assert_allclose(own.simulate(inputs, nominal(own))['pose'][1], after, atol=1e-5)
+
+
+def test_an_actuator_that_wants_a_controller_says_which_gains_to_state(tmp_path):
+    path = tmp_path / 'arm.xml'
+    for kind, said in (('velocity', r'joint pan has one of velocity.+<numeric name="p\[pan\]"'),
+                       ('torque', r'joint pan has one of torque.+name="p\[pan\]".+"d\[pan\]"')):
+        path.write_text(re.sub('<custom>.+</custom>', '', driven_by(kind)))
+        with pytest.raises(ConfigError, match=said):
+            load_mujoco(str(path))
+    path.write_text(mjcf().replace('<position joint="lift" kp="4000" kv="150"/>',
+                                   '<motor joint="lift"/>'))
+    robot = load_mujoco(str(path))
+    with pytest.raises(ConfigError, match='joint lift is commanded, but joint lift has one of '
+                                          'torque; put the gains'):
+        robot.simulate(Inputs(0.0, 3.0, joints=told(3.0)), nominal(robot))
+
+
+def test_what_mujoco_would_clip_or_begin_anew_in_silence_is_refused(tmp_path):
+    path, inputs = tmp_path / 'arm.xml', Inputs(0.0, 6.0, joints=told(6.0))
+    path.write_text(mjcf().replace('joint="twist"', 'joint="twist" ctrlrange="-0.5 0.5"'))
+    robot = load_mujoco(str(path))
+    with pytest.raises(ConfigError, match='joint twist is commanded from -.+ctrlrange of its'):
+        robot.simulate(inputs, nominal(robot))
+    path.write_text(mjcf().replace('kp="4000"', 'kp="4e7"'))
+    robot = load_mujoco(str(path))
+    with pytest.raises(ConfigError, match='unstable .* MuJoCo says "Nan, Inf or huge'):
+        robot.simulate(inputs, nominal(robot))
+
+
+def test_an_unstable_simulation_is_told_the_time_step_with_which_it_runs(tmp_path):
+    path, inputs = tmp_path / 'arm.xml', Inputs(0.0, 3.0, joints=told(3.0))
+    path.write_text(mjcf().replace('kp="4000"', 'kp="4e6"'))
+    robot = load_mujoco(str(path))
+    with pytest.raises(ConfigError, match='with timestep .* it runs: take that') as caught:
+        robot.simulate(inputs, nominal(robot))
+    assert robot.model.opt.timestep == 0.002
+    step = re.search('with timestep (.+) for 0.002', str(caught.value)).group(1)
+    path.write_text(path.read_text().replace('timestep="0.002"', f'timestep="{step}"'))
+    robot = load_mujoco(str(path))
+    assert robot.simulate(inputs, nominal(robot))
+    path.write_text(mjcf().replace('kp="4000"', 'kp="4e12"'))
+    robot = load_mujoco(str(path))
+    with pytest.raises(ConfigError, match='nor does it run with timestep 0.000125'):
+        robot.simulate(inputs, nominal(robot))
+
+
+def test_what_mujoco_warns_of_is_not_written_where_the_user_is(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'arm.xml').write_text(mjcf().replace('kp="4000"', 'kp="4e7"'))
+    with pytest.raises(ConfigError, match='unstable'):
+        robot = load_mujoco('arm.xml')
+        robot.simulate(Inputs(0.0, 3.0, joints=told(3.0)), nominal(robot))
+    assert [path.name for path in tmp_path.iterdir()] == ['arm.xml']
+
+
+def test_a_second_arm_on_a_base_of_its_own_has_no_numbers(tmp_path):
+    other = ('<body name="other" pos="5 0 0"><joint name="other" axis="0 1 0"/>'
+             '<geom size="0.1"/></body>')
+    (tmp_path / 'arms.xml').write_text(mjcf().replace(
+        '</worldbody><actuator>', f'{other}</worldbody><actuator><position joint="other"/>'))
+    (tmp_path / 'arm.xml').write_text(mjcf())
+    two, one = (load_mujoco(str(tmp_path / name)) for name in ('arms.xml', 'arm.xml'))
+    assert [p.name for p in two.parameters()] == [p.name for p in one.parameters()]
+    inputs = Inputs(0.0, 3.0, joints=told(3.0))
+    wrench = two.simulate(inputs, nominal(two))['wrench'][1]
+    np.testing.assert_allclose(wrench, one.simulate(inputs, nominal(one))['wrench'][1], atol=1e-6)
+
+
+def test_joints_that_do_not_move_the_tool_are_not_compared(tmp_path):
+    path = tmp_path / 'arm.xml'
+    other = '<body name="head"><joint name="neck"/><geom size="0.1" contype="0"/></body>'
+    path.write_text(mjcf().replace('<body name="link0"', other + '<body name="link0"'))
+    robot = load_mujoco(str(path))
+    streams = robot.simulate(Inputs(0.0, 3.0, joints=told(3.0),
+                                    measured_joints=('neck', *NAMES)), nominal(robot))
+    joints = streams['joints'][1]
+    assert np.isnan(joints[:, 0]).all()
+    assert np.isfinite(joints[:, 1:]).all()
+
+
+def test_where_an_actuator_has_no_kv_the_joint_s_damping_may_be_off(tmp_path):
+    path = tmp_path / 'damped.xml'
+    path.write_text(mjcf().replace(' kv="150"', '').replace('armature', 'damping="150" armature'))
+    robot, inputs = load_mujoco(str(path)), Inputs(0.0, 3.0, joints=told(3.0))
+    values = nominal(robot)
+    assert values['dof_damping[lift]'] == 150.0 and not any('kv[' in name for name in values)
+    stiffer = values | {'dof_damping[lift]': 250.0}
+    before, after = (robot.simulate(inputs, given)['pose'][1] for given in (values, stiffer))
+    assert np.abs(after - before).max() > 1e-3
+    path.write_text(robot.patched(stiffer))
+    own = load_mujoco(str(path))
+    assert nominal(own) == pytest.approx(stiffer)
+    np.testing.assert_allclose(own.simulate(inputs, nominal(own))['pose'][1], after, atol=1e-6)
+
+
+def test_an_accelerometer_reads_along_the_axes_of_the_wrench(model):
+    turned = TOOL.replace('<site name="ft"/>', '<site name="ft" quat="0.8 0.6 0 0"/>'
+                          '<site name="imu" pos="0.02 0 0" quat="0.6 0 0 0.8"/>')
+    robot = load_mujoco(model(tool=turned), imu='imu')
+    streams = robot.simulate(Inputs(0.0, 1.0, joints=told(1.0, 0.0)), nominal(robot))
+    f, wrench = streams['accelerometer'][1][-1], streams['wrench'][1][-1]
+    np.testing.assert_allclose(f, -wrench[:3] / 1.5, atol=0.05)
+    assert np.linalg.norm(f) == pytest.approx(GRAVITY, abs=0.02)
+    with pytest.raises(ConfigError, match=r'--imu wrist: .+ has no such site; it has ft'):
+        load_mujoco(model(), imu='wrist')
+    on_base = turned.replace('</body>', '</body><site name="rail"/>')
+    with pytest.raises(ConfigError, match='--imu rail: the site is on body link2, expected one on '
+                                          'gripper'):
+        load_mujoco(model(tool=on_base), imu='rail')
+
+
+def test_joints_are_said_in_the_order_asked_for_and_show_what_acts_in_them(model):
+    robot = load_mujoco(model())
+    inputs = Inputs(0.0, 3.0, joints=told(3.0), measured_joints=('lift', 'finger', 'pan'))
+    sound, rubbed = (robot.simulate(inputs, {**nominal(robot), 'dof_frictionloss[lift]': value})
+                     for value in (0.5, 5.0))
+    t, joints = sound['joints']
+    assert np.isnan(joints[:, 1]).all()
+    commanded = np.stack([np.interp(t, inputs.joints.t, q) for q in inputs.joints.values.T])
+    np.testing.assert_allclose(joints[:, [2, 0]].T, commanded[:2], atol=0.05)
+    moved = np.abs(rubbed['joints'][1] - joints).max(axis=0)
+    assert moved[0] > 5 * moved[2] > 0.0
+
+
+GRIPPER = TOOL.replace('</body>', (
+    '<body name="finger"><joint name="finger" type="slide" axis="0 1 0" damping="5"/>'
+    '<inertial pos="0 0 0" mass="0.02" diaginertia="1e-6 1e-6 1e-6"/></body></body>'))
+SPLIT = ('<tendon><fixed name="split"><joint joint="finger" coef="1"/></fixed></tendon>'
+         '<actuator><general tendon="split" gainprm="50" biastype="affine" biasprm="0 -50"/>'
+         '</actuator><keyframe><key qpos="0.4 -0.3 0.2 0.03" ctrl="0.4 -0.3 0.2 0.03"/></keyframe>'
+         '</mujoco>')
+
+
+def test_a_gripper_that_nobody_commands_holds_and_takes_no_joint_for_its_own(tmp_path):
+    path = tmp_path / 'arm.xml'
+    path.write_text(mjcf(tool=GRIPPER).replace('</mujoco>', SPLIT))
+    robot = load_mujoco(str(path))
+    commands = told(4.0)
+    pan = replace(commands, values=commands.values[:, :1], names=NAMES[:1])
+    inputs = Inputs(0.0, 4.0, joints=pan, measured_joints=(*NAMES, 'finger'))
+    t, joints = robot.simulate(inputs, nominal(robot))['joints']
+    followed = np.interp(t, pan.t, pan.values[:, 0])
+    assert np.abs(joints[:, 0] - followed).max() < 0.1 < np.ptp(followed)
+    # the tool's weight bends the two by a hundredth
+    np.testing.assert_allclose(joints[:, 1:], np.broadcast_to([-0.3, 0.2, 0.03], (len(t), 3)),
+                               atol=0.02)
+
+
+def test_a_file_says_how_well_numbers_are_known(model, tmp_path):
+    robot, path = third_party('arm', load_mujoco(model())), tmp_path / 'priors.yaml'
+    path.write_text('body_mass[gripper]: 0.2\nkp[pan]: 50\n')
+    known = {p.name: p.sigma for p in with_priors(robot, str(path)).parameters}
+    assert known['body_mass[gripper]'] == 0.2
+    assert known['kp[pan]'] == 50.0
+    assert known['kp[lift]'] == {p.name: p.sigma for p in robot.parameters}['kp[lift]']
+    for text, why in (('kp[pen]: 1', r'no parameter kp\[pen\]; did you mean kp\[pan\]'),
+                      ('kp[pan]: 0', r'kp\[pan\]: got 0, expected how well it is known'),
+                      ('kp[pan]: .nan', r'kp\[pan\]: got nan, expected'),
+                      ('kp[pan]', 'expected lines of NAME: SIGMA, got str')):
+        path.write_text(text)
+        with pytest.raises(ConfigError, match=why):
+            with_priors(robot, str(path))
+
+
+def test_an_implicit_integrator_is_told_to_over_read(model):
+    note, = load_mujoco(model(integrator='implicitfast')).notes
+    assert 'over-read accelerations, up to 1.' in note
+
+
+ON_LINK = '<site name="ft"/>'
+
+
+@pytest.mark.parametrize('changes, why', [
+    ({'tool': ON_LINK}, 'site ft is on link2, which joint twist moves'),
+    ({'sensor': ''}, '0 sites have a force sensor; say which with --ft-site, one of ft'),
+    ({'actuator': 'motor'}, 'no actuator that a joint can be told positions by; joint pan has'),
+    ({'tool': TOOL + '</body></body></body><site name="rail"/><body><body><body>',
+      'sensor': '<force site="rail"/>'}, 'site rail is on base, which no joint moves'),
+    ({'tool': '<body><site name="ft"/></body>'}, 'body tool below site ft weighs nothing'),
+    ({'integrator': 'nothing'}, 'MuJoCo says')])
+def test_a_model_that_will_not_do_is_refused_in_one_line(model, changes, why):
+    with pytest.raises(ConfigError, match=why) as refused:
+        load_mujoco(model(**changes))
+    assert '\n' not in str(refused.value)
+
+
+def test_a_site_that_is_not_there_is_refused(model):
+    with pytest.raises(ConfigError, match=r'--ft-site wrist: .+ has no such site; it has ft'):
+        load_mujoco(model(), 'wrist')
+
+
+@pytest.mark.parametrize('joints, why', [
+    (None, 'the recording holds no commands of any'),
+    (replace(told(3.0), names=('pan', 'lift', 'elbow')), 'joint elbow is commanded, but'),
+    (replace(told(3.0), names=(), values=told(3.0).values[:, :2]), 'of 2 joints without names')])
+def test_commands_of_other_joints_are_refused(model, joints, why):
+    robot = load_mujoco(model())
+    with pytest.raises(ConfigError, match=why):
+        robot.simulate(Inputs(0.0, 3.0, joints=joints), nominal(robot))
+
+
+def measured(path, seconds, changed):
+    """Return what an arm with other numbers has, with noise."""
+    robot = third_party('robot', load_mujoco(path))
+    joints, rng = told(seconds), np.random.default_rng(2)
+    values = [changed.get(p.name, p.nominal) for p in robot.parameters]
+    beside = {name: value for name, value in changed.items()
+              if name not in {p.name for p in robot.parameters}}
+    made = robot.run(Inputs(0.0, float(joints.t[-1]), joints=joints), values, beside)
+    noisy = made.wrench.values + rng.normal(size=made.wrench.values.shape) * np.repeat(
+        [0.1, 0.005], 3)
+    place = made.pose.position + 1e-4 * rng.normal(size=made.pose.position.shape)
+    turned = rotation_from_vector(2e-4 * rng.normal(size=place.shape))
+    return replace(made, joint_commands=joints, start_ns=10**18,
+                   wrench=replace(made.wrench, values=noisy),
+                   pose=replace(made.pose, position=place,
+                                R_base_sensor=made.pose.R_base_sensor @ turned))
+
+
+def test_a_model_is_tried_from_the_command_line(model, tmp_path, capsys):
+    path = model()
+    write_recording(tmp_path / 'real', measured(path, 6.0, {}))
+    assert main(['check-simulator', str(tmp_path / 'real'), '--mujoco', path]) == 0
+    said = capsys.readouterr().out
+    assert f'{path}: keeps to the protocol and does the same again' in said
+    assert 'body_mass[gripper]  0.1' in said
+    assert main(['check-simulator', str(tmp_path / 'real')]) == 2
+    for option in ('--ft-site', '--imu', '--priors'):
+        assert main(['check-simulator', str(tmp_path / 'real'), option, 'ft']) == 2
+
+
+def test_measured_joints_are_tried_too(model, tmp_path, capsys):
+    path, joints = model(), told(6.0)
+    write_recording(tmp_path / 'real', replace(measured(path, 6.0, {}), joints=joints))
+    place = ['--sensor-from-pose', *'0 0 0 0 0 0 1'.split()]
+    assert main(['check-simulator', str(tmp_path / 'real'), '--mujoco', path, *place]) == 0
+    said = capsys.readouterr().out
+    assert 'simulates wrench, pose, joints' in said
+    again = f'forcecal diagnose {tmp_path / "real"} --mujoco {path} {" ".join(place)} -o why'
+    assert f'next: {again}' in said
+    assert main(['check-simulator', str(tmp_path / 'real'), '--mujoco', path, '--json']) == 0
+    document = json.loads(capsys.readouterr().out)
+    rubs, = (one for one in document['sensitivity'] if one['name'] == 'dof_frictionloss[lift]')
+    # a tenth of 0.5 N m and 0.1 N m, of 4000 N m/rad
+    assert rubs['joints'] == pytest.approx(0.15 / 4e3, rel=0.5)
+
+
+@pytest.mark.long
+def test_friction_of_a_joint_is_named_with_its_number(model, tmp_path, capsys):
+    path = model()
+    write_recording(tmp_path / 'real', measured(path, 12.0, {'dof_frictionloss[lift]': 2.5}))
+    assert main(['diagnose', str(tmp_path / 'real'), '--mujoco', path,
+                 '-o', str(tmp_path / 'why')]) == 0
+    document = json.loads((tmp_path / 'why' / 'diagnosis.json').read_text())
+    changed, = document['parameters']
+    assert changed['name'] == 'dof_frictionloss[lift]'
+    assert changed['after'] == pytest.approx(2.5, abs=0.1)
+    assert document['recomputed'] > 0.9
+    assert 'change dof_frictionloss[lift] 0.5 -> 2.5' in capsys.readouterr().out
+    own = {p.name: p.nominal
+           for p in load_mujoco(str(tmp_path / 'why' / document['model'])).parameters()}
+    assert own['dof_frictionloss[lift]'] == pytest.approx(changed['after'])
+
+
+def test_what_a_finer_integration_changes_is_told_by_half_the_step(model):
+    path = model().replace('arm.xml', 'hard.xml')
+    # damping beside a light joint: the joint follows by a time constant of a step or so
+    hard = mjcf().replace(' kv="150"', '').replace('frictionloss="0.5"', 'damping="60"')
+    Path(path).write_text(hard)
+    robot, joints = load_mujoco(path), told(4.0)
+    inputs = Inputs(0.0, 4.0, joints=joints, measured_joints=NAMES)
+    here, half = (run(inputs, nominal(robot)) for run in (robot.simulate, robot.simulate_finer))
+    assert robot.model.opt.timestep == 0.002
+    robot.model.opt.timestep = 0.0005
+    fine = robot.simulate(inputs, nominal(robot))
+    for name in ('wrench', 'joints'):
+        n = min(len(one[name][0]) for one in (here, half, fine))
+        np.testing.assert_allclose(half[name][0][:n], here[name][0][:n], atol=1e-12)
+        makes, all_of_it = (one[name][1][:n] - here[name][1][:n] for one in (half, fine))
+        # an error of first order: 1 - 1/4 of it against 1 - 1/2
+        left = all_of_it - 1.5 * makes
+        assert np.linalg.norm(left) < 0.03 * np.linalg.norm(all_of_it) > 0.0, name
+
+
+def test_a_step_of_integration_is_a_nuisance_and_no_effect(model):
+    robot = load_mujoco(model())
+    simulator, inputs = third_party('arm', robot), Inputs(0.0, 4.0, joints=told(4.0))
+    runs = Runs(simulator, inputs, simulator.run(inputs, simulator.nominal).pose)
+    runs.try_all(simulator.nominal)
+    assert runs.count == len(simulator.parameters) + 2
+    here = runs.exact(simulator.nominal)
+    moved = runs.integrated(simulator.nominal, 1.0)
+    half = simulator.run_finer(inputs, simulator.nominal)
+    n = len(half.wrench)
+    np.testing.assert_allclose(moved.wrench.values[:n], half.wrench.values, atol=1e-9)
+    assert runs.integrated(simulator.nominal, 0.0) is here
+    assert STEP in {one.name for one in nuisances_of(simulator.parameters, finer=True)}
+    assert STEP not in library_of(simulator.parameters)
+    assert STEP not in {one.name for one in nuisances_of(simulator.parameters)}
+
+
+def test_what_is_no_straight_line_in_a_coarse_step_is_told_by_a_quarter_of_it(model):
+    path, inputs = model(), Inputs(0.0, 4.0, joints=told(4.0), measured_joints=NAMES)
+    # light joints damped hard, as published models have them
+    Path(path).write_text(mjcf(integrator='implicitfast').replace('armature="0.4"',
+                                                                  'armature="0.01"'))
+    robot = load_mujoco(path)
+    arm = third_party('arm', robot)
+    arm = replace(arm, parameters=arm.parameters[:1])
+    runs = Runs(arm, inputs, arm.run(inputs, arm.nominal).pose)
+    runs.try_all(arm.nominal)
+    assert runs.is_coarse
+    assert BEND in {one.name for one in nuisances_of(arm.parameters, finer=True, finest=True)}
+    quarter = arm.run_finest(inputs, arm.nominal)
+    n = len(quarter.wrench)
+    line, both = (runs.integrated(arm.nominal, 1.5, x).wrench.values[:n] for x in (0.0, 1.0))
+    np.testing.assert_allclose(both, quarter.wrench.values, atol=1e-9)
+    assert np.abs(line - quarter.wrench.values)[:, 3:].max() > 0.006  # the noise of a torque
+
+
+@pytest.mark.long
+def test_a_payload_is_named_and_no_other_effect_whatever_the_steps_of_model_and_robot(model):
+    path = model(integrator='Euler')
+    Path(path).write_text(mjcf().replace(' kv="150"', '').replace('frictionloss="0.5"',
+                                                                 'damping="60"'))
+    robot, rng = load_mujoco(path), np.random.default_rng(3)
+    simulator, joints = third_party('arm', robot), told(20.0)
+    rig = load_rig()
+    found = {}
+    for name, weigh in (('none', 1.0), ('payload', 1.08)):
+        robot.model.opt.timestep = 0.0005
+        made = simulator.run(Inputs(0.0, 20.0, joints=joints), [
+            p.nominal * (weigh if p.name == 'body_mass[gripper]' else 1.0)
+            for p in simulator.parameters])
+        robot.model.opt.timestep = 0.002
+        noise = rng.normal(size=(len(made.wrench), 6)) * np.repeat([0.15, 0.006], 3)
+        place, turn = 1e-4 * rng.normal(size=(2, len(made.pose), 3))
+        recording = replace(
+            made, joint_commands=joints,
+            wrench=replace(made.wrench, values=made.wrench.values + noise),
+            pose=replace(made.pose, position=made.pose.position + place,
+                         R_base_sensor=made.pose.R_base_sensor @ rotation_from_vector(turn)))
+        found[name] = diagnose_rerun(recording, None, simulator, rig)
+    assert found['none'].outcome.diagnosis.verdict == 'no_gap'
+    changed, = found['payload'].changed
+    assert changed.name == 'body_mass[gripper]'
+    assert changed.after == pytest.approx(1.62, abs=4.0 * changed.std)
+
+
+@pytest.fixture(scope='module')
+def sample():
+    """Return the arm that `forcecal sample rigid_arm` makes, and a recording of it."""
+    source = files('forcecal_ros') / 'config' / 'examples' / 'rigid_arm.xml'
+    arm = third_party('rigid_arm.xml', load_mujoco(str(source)))
+    return arm, recorded(arm, {}, seed=4)
+
+
+def turned_wrench(by):
+    R = rotation_from_vector(np.radians(by))
+    return lambda w, pose: np.hstack([w[:, :3] @ R, w[:, 3:] @ R])
+
+
+def in_base(w, pose):
+    return np.hstack([np.einsum('nij,nj->ni', pose, part) for part in (w[:, :3], w[:, 3:])])
+
+
+FAULTS = [
+    (lambda w, pose: w / 9.80665, 'its forces are in kgf'),
+    (lambda w, pose: w / ([9.80665] * 3 + [1.0] * 3), 'its forces are in kgf'),
+    (lambda w, pose: -w, 'it has the opposite sign'),
+    (lambda w, pose: w * ([1.0] * 3 + [-1.0] * 3), 'torque'),
+    (lambda w, pose: w[:, [1, 0, 2, 4, 3, 5]], 'mirrored'),
+    (turned_wrench([0.0, 0.0, 90.0]), 'turned'),
+    (turned_wrench([0.0, 0.0, 45.0]), 'turned'),
+    (in_base, 'base')]
+
+
+def spoilt(real, fault):
+    at = np.clip(np.searchsorted(real.pose.t, real.wrench.t), 0, len(real.pose) - 1)
+    values = fault(real.wrench.values, real.pose.R_base_sensor[at])
+    return replace(real, wrench=replace(real.wrench, values=values))
+
+
+@pytest.mark.parametrize('fault, said', FAULTS)
+def test_frame_axes_sign_and_units_of_the_robots_wrench_are_asked_before_effects(
+        sample, fault, said):
+    arm, real = sample
+    wrong = spoilt(real, fault)
+    found = diagnose_rerun(wrong, None, arm, load_rig('rigid_tool.yaml')).outcome.diagnosis
+    assert found.verdict == 'invalid_data'
+    assert said in found.reason
+    assert 'at rest' not in found.reason
+
+
+@pytest.mark.parametrize('fault, said',
+                         [*FAULTS, (turned_wrench([0.0, 0.0, 20.0]), 'turned')])
+def test_of_two_recordings_they_are_asked_in_the_same_way(sample, fault, said):
+    arm, real = sample
+    made = arm.run(inputs_of(real), arm.nominal)
+    found = diagnose_simulated(Pair(spoilt(real, fault), made), None, load_rig('rigid_tool.yaml'))
+    assert found.outcome.diagnosis.verdict == 'invalid_data'
+    assert said in found.outcome.diagnosis.reason
+    assert 'at rest' not in found.outcome.diagnosis.reason
+
+
+@pytest.mark.parametrize('factors, change', [
+    ({}, lambda w: w), ({'body_mass[gripper]': 1.4}, lambda w: w),
+    ({'kp[lift]': 0.5, 'kp[wrist_1]': 2.0}, lambda w: w),
+    ({}, lambda w: w * [1.15, 1.0, 0.85, 1.0, 1.0, 1.0]),
+    ({}, lambda w: np.roll(w, 12, axis=0)),
+    ({}, lambda w: w + 0.06 * np.outer(w[:, 2], np.eye(6)[0]))])
+def test_effects_of_any_usual_size_are_no_other_frame(sample, factors, change):
+    arm, _ = sample
+    rig = load_rig('rigid_tool.yaml')
+    for seed in (5, 6):
+        real = recorded(arm, factors, seed)
+        real = replace(real, wrench=replace(real.wrench, values=change(real.wrench.values)))
+        made = arm.run(inputs_of(real), arm.nominal)
+        refuse_other_wrench(real, simulated_tool(made, *span(real), rig), made)
+
+
+def test_a_drive_with_play_leaves_its_joint_until_the_command_has_crossed_it(model):
+    robot, inputs = load_mujoco(model()), Inputs(0.0, 6.0, joints=told(6.0), measured_joints=NAMES)
+    plain = robot.simulate(inputs, nominal(robot))['joints'][1]
+    behind = robot.simulate(inputs, {**nominal(robot), 'backlash[lift]': 0.02})['joints'][1]
+    lag = np.abs(behind - plain)
+    np.testing.assert_allclose(lag[:, 1].max(), 0.02, rtol=0.1)
+    assert lag[:, [0, 2]].max() < 1e-3
+    again = robot.simulate(inputs, nominal(robot))['joints'][1]
+    np.testing.assert_array_equal(again, plain)
+
+
+def test_more_friction_looks_like_play_and_nothing_else_does(model):
+    robot = load_mujoco(model())
+    found = robot.imitation('dof_frictionloss[lift]', 8.0)
+    assert (found.name, found.value, found.unit) == ('backlash[lift]', 8.0 / 4000.0, 'rad')
+    assert robot.imitation('dof_frictionloss[lift]', -0.3) is None
+    assert robot.imitation('kp[lift]', 8.0) is None
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('name, value', [
+    ('backlash[lift]', 1e-3), ('dof_frictionloss[lift]', 4.5)])
+def test_play_is_not_called_friction_nor_friction_play(model, name, value):
+    arm = third_party('arm', load_mujoco(model()))
+    real = measured(model(), 16.0, {name: value})
+    found = diagnose_rerun(real, None, arm, load_rig('rigid_tool.yaml'))
+    effect, = found.outcome.diagnosis.effects
+    assert effect.name == name
+    assert effect.parameters['value'].value == pytest.approx(value, rel=0.1)
+    assert [one.name for one in found.changed] == [name] * (name != 'backlash[lift]')

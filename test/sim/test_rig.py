@@ -1,0 +1,151 @@
+"""Claims about rig files: what is read is checked, and what is dumped reads back."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.sim.rig.file import dump_rig, load_rig, rewritten
+import numpy as np
+import pytest
+import yaml
+
+CONFIG = Path(__file__).resolve().parents[2] / 'config'
+RIGS = ('rig.yaml', 'rigid_tool.yaml')
+
+
+@pytest.fixture
+def document():
+    return yaml.safe_load((CONFIG / 'rig.yaml').read_text())
+
+
+def load(tmp_path, document):
+    path = tmp_path / 'changed.yaml'
+    path.write_text(yaml.safe_dump(document))
+    return load_rig(path)
+
+
+@pytest.mark.parametrize('name', RIGS)
+def test_dumped_rig_reads_back_equal(name, tmp_path):
+    rig = load_rig(CONFIG / name)
+    (tmp_path / 'dumped.yaml').write_text(dump_rig(rig))
+    assert load_rig(tmp_path / 'dumped.yaml') == rig
+
+
+def test_dump_states_the_unit_of_every_number():
+    lines = dump_rig(load_rig()).splitlines()
+    assert all(' # ' in line for line in lines if line)
+    assert any('mass: 13.0' in line and '# kg' in line for line in lines)
+
+
+@pytest.mark.parametrize('name', RIGS)
+def test_the_files_are_those_written_from_their_rows(name):
+    assert (CONFIG / name).read_text() == rewritten(CONFIG / name)
+
+
+def test_no_path_means_the_nominal_rig():
+    assert load_rig() == load_rig(CONFIG / 'rig.yaml')
+
+
+def test_bare_name_finds_a_rig_of_the_package(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert load_rig('rigid_tool.yaml') == load_rig(CONFIG / 'rigid_tool.yaml')
+
+
+def test_rigid_tool_differs_from_nominal_by_the_optidrive_only():
+    nominal, rigid = load_rig(), load_rig('rigid_tool.yaml')
+    assert rigid.optidrive is None
+    assert replace(rigid, optidrive=nominal.optidrive) == nominal
+
+
+@pytest.mark.parametrize('path, value, expected', [
+    ('tool.mass', 'heavy', 'expected a number above 0 [kg]'),
+    ('tool.mass', True, 'expected a number above 0 [kg]'),
+    ('tool.mass', None, 'expected a number above 0 [kg]'),
+    ('tool.mass', [13.0], 'expected a number above 0 [kg]'),
+    ('tool.mass', float('nan'), 'a finite number above 0 [kg]'),
+    ('tool.mass', float('inf'), 'a finite number above 0 [kg]'),
+    ('tool.mass', 0.0, 'a number above 0 [kg]'),
+    ('tool.mass', -13.0, 'a number above 0 [kg]'),
+    ('tool.mass', 10 ** 400, 'expected a number above 0 [kg]'),
+    ('tool.com', [0.0, 0.1], 'a list of 3 numbers [m]'),
+    ('tool.com', 0.1, 'a list of 3 numbers [m]'),
+    ('tool.inertia', [0.12, 0.15, 0.06], '3 rows of 3 numbers'),
+    ('tool.inertia', [[1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], '3 rows of 3 numbers'),
+    ('tool.inertia', [[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], 'symmetric'),
+    ('tool.inertia', [[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]], 'negative'),
+    ('optidrive.damping', -1.0, 'at least 0'),
+    ('optidrive.noise', '20 um', "noise is '20 um', expected a number of at least 0 [m]"),
+    ('optidrive', {}, 'missing key stiffness, damping, rate, noise'),
+    ('optidrive', 'none', 'expected the keys stiffness'),
+    ('accelerometer.mounted', 'acc3', 'one of acc1, acc2'),
+    ('accelerometer.acc2.gain', [1.0, 0.0, 1.0], 'accelerometer.acc2.gain'),
+    ('accelerometer.acc2.highpass', 'slow', 'accelerometer.acc2.highpass'),
+    ('wrench_sensor.rate', 300.0, 'whole multiple of 250 Hz'),
+    ('pose_sensor.rate', 50.0, 'whole multiple of 250 Hz'),
+    ('robot.feedback', [1.0494, 0.0775, 0.0006], 'unstable'),
+    ('robot.feedforward', [1.2348, 1.5084, 0.3011], 'static gain'),
+    ('home.orientation_xyzw', [1.0, 1.0, 0.0, 0.0], 'norm 1.4142'),
+    ('gravity', -9.81, 'a list of 3 numbers'),
+    ('tool', 13.0, 'expected the keys mass'),
+])
+def test_wrong_value_is_refused_in_one_line_with_the_key(
+        path, value, expected, tmp_path, document):
+    *groups, key = path.split('.')
+    group = document
+    for name in groups:
+        group = group[name]
+    group[key] = value
+    with pytest.raises(ConfigError) as error:
+        load(tmp_path, document)
+    message = str(error.value)
+    assert expected in message
+    assert path.split('.')[0] in message
+    assert 'changed.yaml' in message
+    assert '\n' not in message
+
+
+def _groups(document):
+    yield document
+    for value in document.values():
+        if isinstance(value, dict):
+            yield from _groups(value)
+
+
+def test_every_key_is_needed_and_no_other_is_known(tmp_path, document):
+    for group in _groups(document):
+        for key in list(group):
+            value = group.pop(key)
+            with pytest.raises(ConfigError, match=f'missing key {key};'):
+                load(tmp_path, document)
+            group[key] = value
+        group['colour'] = 'red'
+        with pytest.raises(ConfigError, match='unknown key colour;'):
+            load(tmp_path, document)
+        del group['colour']
+
+
+@pytest.mark.parametrize('text', [
+    'tool: [1', '', 'just words', '- 1', '!!python/object:os.system {}'])
+def test_text_that_is_no_rig_is_refused(text, tmp_path):
+    path = tmp_path / 'text.yaml'
+    path.write_text(text)
+    with pytest.raises(ConfigError, match='text.yaml') as error:
+        load_rig(path)
+    assert '\n' not in str(error.value)
+
+
+def test_file_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(ConfigError, match='absent.yaml: cannot be read'):
+        load_rig(tmp_path / 'absent.yaml')
+
+
+def test_replaced_values_are_checked_and_arrays_taken():
+    tool = load_rig().tool
+    assert replace(tool, com=np.array([0.1, 0.2, 0.3])).com == (0.1, 0.2, 0.3)
+    with pytest.raises(ConfigError, match='tool.mass'):
+        replace(tool, mass=float('nan'))
+
+
+def test_integers_are_numbers(tmp_path, document):
+    document['tool']['mass'] = 13
+    assert load(tmp_path, document) == load_rig()

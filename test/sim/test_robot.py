@@ -1,0 +1,193 @@
+"""Claims about the robot: [Gamez2005] Eq. 28, the servo behind it, and the turning of S."""
+
+from dataclasses import replace
+
+from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.geometry import rotation_from_vector, rotation_vector, skew
+from forcecal_ros.effects import with_effects
+from forcecal_ros.effects.rig import Robot
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.parameters import kernel_parameters
+from forcecal_ros.sim.rig.plant import AT_ONCE, Plant
+from forcecal_ros.sim.rig.robot import Motion, move, robot_at_rest, TINY
+import numpy as np
+import pytest
+from scipy.signal import lfilter, lsim, TransferFunction
+from scipy.spatial.transform import Rotation
+
+RIG = load_rig()
+PERIOD = RIG.robot.period
+UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
+
+
+def moved(positions, rotations=None, steps=4, rig=RIG):
+    """Motion along commands, from rest at the first one."""
+    xyzw = (np.tile(UPRIGHT, (len(positions), 1)) if rotations is None
+            else Rotation.from_matrix(rotations).as_quat())
+    motion = Motion.empty(2 * steps * len(positions) + 1)
+    move(kernel_parameters(rig)[()], robot_at_rest(positions[0], xyzw[0])[0],
+         np.array(positions), xyzw, steps, motion)
+    return motion
+
+
+def smooth(n, seed, size):
+    """Random smooth curves that start at rest at 0, shape (n, 3)."""
+    white = np.random.default_rng(seed).standard_normal((n, 3))
+    white[:20] = 0.0
+    curve = white
+    for _ in range(4):
+        curve = lfilter([0.1], [1.0, -0.9], curve, axis=0)
+    return size * curve / np.abs(curve).max()
+
+
+def test_coefficients_are_those_that_the_paper_prints():
+    assert RIG.robot == Robot(0.004, (1.0494, -0.0775, 0.0006), (1.2348, -1.5084, 0.3011))
+
+
+def test_a_robot_that_is_unstable_or_rests_elsewhere_is_refused():
+    with pytest.raises(ConfigError, match='unstable, a pole of magnitude 1.1000'):
+        Robot(0.004, (1.1, 0.0, 0.0), (-0.1, 0.0, 0.0))
+    with pytest.raises(ConfigError, match='static gain 1.2'):
+        Robot(0.004, (0.5, 0.0, 0.0), (0.6, 0.0, 0.0))
+
+
+def test_static_gain_of_eq_28_is_one():
+    assert sum(RIG.robot.feedforward) == pytest.approx(1.0 - sum(RIG.robot.feedback), abs=1e-12)
+
+
+def test_poles_of_eq_28_at_4_ms_are_the_eigenvalues_of_eq_30():
+    poles = np.roots([1.0, *(-c for c in RIG.robot.feedback)])
+    A = np.array([[49.5509, -55.8283, 0.394953], [658.2543, -641.2211, -4.813578],
+                  [-8022.6303, 9077.2025, -1262.97499]])
+    eigenvalues = np.sort(np.log(poles.astype(complex)).real / PERIOD)
+    assert eigenvalues == pytest.approx([-1183.9, -663.1, -7.575], rel=1e-4)
+    assert eigenvalues == pytest.approx(np.sort(np.linalg.eigvals(A).real), rel=1e-3)
+
+
+def test_raw_jump_comes_a_period_late_and_overshoots_by_23_percent():
+    stiff = replace(RIG, servo=replace(RIG.servo, position_bandwidth=1e6))
+    jump = np.zeros((2000, 3))
+    jump[5:, 1] = 1.0
+    ends = moved(jump, rig=stiff).position[::8, 1]
+    assert ends[:6] == pytest.approx(np.zeros(6), abs=1e-12)
+    assert ends[7] == pytest.approx(1.2348, abs=2e-3)  # servo lag: 3 slope / w
+    assert ends[-1] == pytest.approx(1.0, abs=1e-9)
+
+
+def test_position_is_eq_28_interpolated_and_lagged_by_three_equal_poles():
+    commands = smooth(400, seed=1, size=0.05)
+    b, a = [0.0, *RIG.robot.feedforward], [1.0, *(-c for c in RIG.robot.feedback)]
+    outputs = lfilter(b, a, commands, axis=0)
+    w, h = RIG.servo.position_bandwidth, PERIOD / 8
+    t = h * np.arange(8 * len(outputs) + 1)
+    ends = PERIOD * np.arange(len(outputs) + 1)  # period k goes from output k-1 to output k
+    servo = TransferFunction([w ** 3], [1.0, 3.0 * w, 3.0 * w ** 2, w ** 3])
+    motion = moved(commands)
+    for axis in range(3):
+        goal = np.interp(t, ends, np.append(0.0, outputs[:, axis]))
+        expected = lsim(servo, goal, t)[1]
+        assert motion.position[:, axis] == pytest.approx(expected, abs=1e-10)
+
+
+def test_velocity_and_acceleration_are_derivatives_of_position():
+    commands, steps = smooth(100, seed=2, size=0.05), 32
+    motion, h = moved(commands, steps=steps), PERIOD / 64
+    for rate, value in ((motion.velocity, motion.position),
+                        (motion.acceleration, motion.velocity)):
+        slope = (value[2:] - value[:-2]) / (2.0 * h)
+        curvature = np.abs(np.diff(rate, 2, axis=0)).max()  # h^2 times the third derivative
+        assert np.abs(rate[1:-1] - slope).max() < curvature < 0.01 * np.abs(rate).max()
+
+
+def test_steps_inside_a_period_do_not_move_the_position():
+    commands = smooth(200, seed=3, size=0.05)
+    coarse, fine = moved(commands, steps=1), moved(commands, steps=64)
+    assert coarse.position == pytest.approx(fine.position[::64], abs=1e-13)
+    assert coarse.acceleration == pytest.approx(fine.acceleration[::64], abs=1e-8)
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_turn_about_one_axis_is_a_critically_damped_second_order_lag(seed):
+    rng = np.random.default_rng(seed)
+    axis = rng.standard_normal(3)
+    axis /= np.linalg.norm(axis)
+    start = Rotation.random(random_state=seed).as_matrix()
+    angles = smooth(300, seed=seed, size=2.0)[:, 0]
+    motion = moved(np.zeros((300, 3)), start @ rotation_from_vector(np.outer(angles, axis)))
+    w, t = RIG.servo.orientation_bandwidth, PERIOD / 8 * np.arange(2401)
+    goal = np.interp(t, PERIOD * np.arange(301), np.append(0.0, angles))  # command k acts at 4k ms
+    expected = lsim(TransferFunction([w ** 2], [1.0, 2.0 * w, w ** 2]), goal, t)[1]
+    turned = rotation_vector(np.swapaxes(motion.R_base_sensor, 1, 2) @ (
+        start @ rotation_from_vector(np.outer(expected, axis))))
+    assert np.abs(turned).max() < 1e-7  # [rad]
+
+
+def test_orientation_stays_a_rotation_and_omega_is_its_rate():
+    vectors = smooth(200, seed=7, size=1.5)
+    motion = moved(np.zeros((200, 3)), rotation_from_vector(vectors), steps=32)
+    R, h = motion.R_base_sensor, PERIOD / 64
+    assert np.swapaxes(R, 1, 2) @ R == pytest.approx(np.tile(np.eye(3), (len(R), 1, 1)), abs=1e-12)
+    assert np.linalg.det(R) == pytest.approx(1.0)
+    rate = (R[2:] - R[:-2]) / (2.0 * h)
+    spin = np.swapaxes(R[1:-1], 1, 2) @ rate
+    assert spin == pytest.approx(skew(motion.omega[1:-1]), abs=1e-3)  # [rad/s]
+    slope = (motion.omega[2:] - motion.omega[:-2]) / (2.0 * h)
+    assert slope == pytest.approx(motion.alpha[1:-1], abs=0.05 * np.abs(motion.alpha).max())
+    assert np.mean(np.square(slope - motion.alpha[1:-1])) < 1e-4 * np.mean(motion.alpha ** 2)
+
+
+def test_turn_by_more_than_half_a_turn_takes_the_short_way():
+    angle = np.radians(170.0)
+    rotations = rotation_from_vector(np.outer(
+        np.concatenate([np.full(5, -angle), np.full(500, angle)]), [0.0, 0.0, 1.0]))
+    motion = moved(np.zeros((505, 3)), rotations)
+    heading = np.unwrap(np.arctan2(motion.R_base_sensor[:, 1, 0], motion.R_base_sensor[:, 0, 0]))
+    assert heading[-1] - heading[0] == pytest.approx(-np.radians(20.0), abs=1e-9)
+
+
+def test_orientation_converges_with_the_fourth_power_of_the_step():
+    rotations = rotation_from_vector(smooth(200, seed=9, size=1.5))
+    finest = moved(np.zeros((200, 3)), rotations, steps=32).R_base_sensor[::64]
+    errors = [np.abs(moved(np.zeros((200, 3)), rotations, steps=n).R_base_sensor[::2 * n]
+                     - finest).max() for n in (1, 2, 4)]
+    assert errors[0] / errors[1] == pytest.approx(16.0, rel=0.2)
+    assert errors[1] / errors[2] == pytest.approx(16.0, rel=0.2)
+
+
+def test_at_rest_nothing_moves():
+    rotations = np.tile(Rotation.random(random_state=3).as_matrix(), (50, 1, 1))
+    motion = moved(np.tile([1.0, 2.0, 3.0], (50, 1)), rotations)
+    assert motion.position == pytest.approx(np.tile([1.0, 2.0, 3.0], (401, 1)), abs=1e-12)
+    assert motion.R_base_sensor == pytest.approx(np.tile(rotations[0], (401, 1, 1)), abs=1e-12)
+    assert np.abs(motion.acceleration).max() < 1e-6  # [m/s^2], rounding times w^2
+    assert np.abs(motion.omega).max() < 1e-12
+
+
+def test_a_long_motion_is_that_of_its_parts_whatever_the_robot_has():
+    n = AT_ONCE + 500
+    rig = with_effects(RIG, {'robot_delay': {'delay': 0.003},
+                             'robot_resonance': {'gain': 0.2, 'frequency': 20.0, 'damping': 0.1}})
+    positions = 0.1 * np.sin(np.arange(n)[:, np.newaxis] * [0.01, 0.02, 0.03])
+    xyzw = Rotation.from_rotvec(positions).as_quat()
+    whole, parts = Plant(rig), Plant(rig)
+    for plant in (whole, parts):
+        plant.rest(positions[0], xyzw[0])
+    motion = whole.move(positions, xyzw)
+    first, second = (parts.move(positions[part], xyzw[part])
+                     for part in (slice(0, 700), slice(700, n)))
+    for name, one, a, b in zip(motion._fields, motion, first, second):
+        assert np.abs(one - np.concatenate([a, b[1:]])).max() < 1e-9 * np.abs(one).max(), name
+
+
+def test_a_robot_at_rest_leaves_no_number_too_small_to_compute_with():
+    positions = 0.01 * np.minimum(np.arange(2500) * PERIOD, 0.1)[:, np.newaxis] * np.ones(3)
+    turned = Rotation.from_rotvec(3.0 * positions)
+    plant = Plant(RIG)
+    plant.rest(positions[0], turned[0].as_quat())
+    motion = plant.move(positions, turned.as_quat())
+    for name, values in motion._asdict().items():
+        size = np.abs(values[values != 0.0])
+        assert size.min() > TINY, name
+    # 9.9 s of rest at 300 rad/s would leave exp(-2970), and at 60 rad/s exp(-594)
+    assert not motion.velocity[-1].any()
+    assert np.abs(motion.velocity).max() > 5e-3
