@@ -8,7 +8,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.core.errors import MotionError
 from forcecal_ros.core.geometry import matrix_from_quaternion, quaternion_of
-from forcecal_ros.core.schema import Parameter
+from forcecal_ros.core.parameters import Parameter
 from forcecal_ros.nodes.faults import Faults
 from forcecal_ros.nodes.faults import PARAMETERS as FAULT_PARAMETERS
 from forcecal_ros.nodes.inbox import Inbox

@@ -48,6 +48,11 @@ def in_a_line(error: BaseException) -> str:
     return ' '.join(str(error).split())[:120] or type(error).__name__
 
 
+def printable(name: str) -> str:
+    """Return the name of a topic or type without what would break a line of text."""
+    return name if name.isprintable() else repr(name)[1:-1]
+
+
 class Batch(NamedTuple):
     """
     Messages of one topic.
@@ -165,12 +170,13 @@ class McapFile:
                 name, position = _string(content, 2)
                 encoding, position = _string(content, position)
                 definition = _string(content, position)[0] if encoding == 'ros2msg' else ''
-                self._schemas[number] = name, definition
+                self._schemas[number] = printable(name), definition
             elif opcode == _CHANNEL:
                 number, schema = struct.unpack_from('<HH', content)
                 name, position = _string(content, 4)
                 if _string(content, position)[0] == 'cdr' and number not in self.topics:
-                    self.topics[number] = Topic(name, *self._schemas.get(schema, ('unknown', '')))
+                    self.topics[number] = Topic(
+                        printable(name), *self._schemas.get(schema, ('unknown', '')))
         except DAMAGE:
             return
 
@@ -339,7 +345,7 @@ class SqliteFile:
             definitions = {}
         rows = self._database.execute(
             "SELECT id, name, type FROM topics WHERE serialization_format = 'cdr'")
-        return {number: Topic(name, kind, definitions.get(kind, ''))
+        return {number: Topic(printable(name), printable(kind), definitions.get(kind, ''))
                 for number, name, kind in rows}
 
     def close(self) -> None:
