@@ -220,7 +220,7 @@ def _calibration(args: argparse.Namespace) -> int:
     from forcecal_ros.motion.information import sensors_of
     from forcecal_ros.motion.optimal_design import criterion_of, design_calibration, Robot
     from forcecal_ros.motion.plan_file import as_text, to_document, to_parameters
-    from forcecal_ros.sim.rig.truth import expected_sensors
+    from forcecal_ros.sim.rig.file import expected_sensors
 
     setup = _setup(args)
     sensors = (sensors_of(load(args.calibration)) if args.calibration
