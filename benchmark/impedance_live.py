@@ -13,7 +13,7 @@ import tempfile
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
-from forcecal_ros.impedance.program import Task
+from forcecal_ros.impedance.session import Task
 from forcecal_ros.io.calibration_file import save
 from forcecal_ros.nodes.processes import own_domain, Processes
 from forcecal_ros.nodes.runtime import OUTPUT

@@ -9,7 +9,7 @@ from forcecal_ros.cli.each_recording import run as run_each
 from forcecal_ros.cli.outputs import add_output, FILE
 
 if TYPE_CHECKING:
-    from forcecal_ros.impedance.plant.fit import PlantFit
+    from forcecal_ros.impedance.plant_fit import PlantFit
 
 
 def add_parser(subparsers: Any) -> None:
@@ -32,8 +32,8 @@ def run(args: argparse.Namespace) -> int:
 
 def answer(args: argparse.Namespace) -> Answer:
     """Identify from one recording."""
-    from forcecal_ros.impedance.plant.file import save_plant, to_document
-    from forcecal_ros.impedance.plant.fit import identify_plant
+    from forcecal_ros.impedance.plant import save_plant, to_document
+    from forcecal_ros.impedance.plant_fit import identify_plant
 
     recording = read_checked(args, args.bag, ['target', 'pose', 'wrench', 'optidrive'])
     fit = identify_plant(recording)

@@ -57,9 +57,8 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    from forcecal_ros.impedance.design import design
-    from forcecal_ros.impedance.plant.file import load_plant
-    from forcecal_ros.impedance.settings import DesignSettings, Wanted
+    from forcecal_ros.impedance.design import design, DesignSettings, Wanted
+    from forcecal_ros.impedance.plant import load_plant
     from forcecal_ros.report.impedance import pictures, render, text
     from forcecal_ros.reproduce.experiment import conduct
     from forcecal_ros.sim.rig.file import load_rig

@@ -218,8 +218,14 @@ def _calibration(args: argparse.Namespace) -> int:
     from forcecal_ros.core.atomic_files import write_text
     from forcecal_ros.io.calibration_file import load
     from forcecal_ros.motion.information import sensors_of
-    from forcecal_ros.motion.optimal_design import criterion_of, design_calibration, Robot
-    from forcecal_ros.motion.plan_file import as_text, to_document, to_parameters
+    from forcecal_ros.motion.optimal_design import (
+        as_text,
+        criterion_of,
+        design_calibration,
+        Robot,
+        to_document,
+        to_parameters,
+    )
     from forcecal_ros.sim.rig.file import expected_sensors
 
     setup = _setup(args)

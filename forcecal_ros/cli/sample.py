@@ -122,7 +122,7 @@ def _shaken(args: argparse.Namespace) -> int:
 
     from forcecal_ros.core.atomic_files import make_folder
     from forcecal_ros.core.streams import PoseStream
-    from forcecal_ros.impedance.plant.fit import excitation_commands
+    from forcecal_ros.impedance.plant_fit import excitation_commands
     from forcecal_ros.io.bags import write_recording
     from forcecal_ros.sim.rig.file import load_rig
     from forcecal_ros.sim.rig.simulator import simulate, waits_for_compiler

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.impedance.design import stable_law
 from forcecal_ros.impedance.law import Measurement, Regulator
-from forcecal_ros.impedance.plant.file import load_plant
+from forcecal_ros.impedance.plant import load_plant
 from forcecal_ros.impedance.session import Session
 from forcecal_ros.motion.limits import check_workspace
 from forcecal_ros.motion.profiles import Pose, Setpoint

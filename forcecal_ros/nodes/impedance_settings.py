@@ -4,9 +4,8 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from forcecal_ros.core.parameters import Parameter, parameters_of, section_of
-from forcecal_ros.impedance.program import Task
-from forcecal_ros.impedance.session import Bounds
-from forcecal_ros.impedance.settings import DesignSettings, Wanted
+from forcecal_ros.impedance.design import DesignSettings, Wanted
+from forcecal_ros.impedance.session import Bounds, Task
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import WatchSettings
 from forcecal_ros.nodes.pose_source import POSE_PARAMETERS

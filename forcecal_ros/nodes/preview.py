@@ -6,8 +6,7 @@ from typing import Any, NamedTuple
 from forcecal_ros.core.errors import MotionError
 from forcecal_ros.core.geometry import quaternion_from_matrix, rotation_vector
 from forcecal_ros.motion.monitor import POSITIONING_ERROR
-from forcecal_ros.motion.plan import Goal, PlannedSegment
-from forcecal_ros.motion.preview import path_of
+from forcecal_ros.motion.plan import Goal, path_of, PlannedSegment
 from forcecal_ros.motion.profiles import Pose
 from geometry_msgs.msg import Point, PoseStamped, Quaternion
 from geometry_msgs.msg import Pose as PoseMessage

@@ -7,11 +7,18 @@ from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import ConfigError, DataError, ForcecalError
 from forcecal_ros.core.sensor_matrix import corrected, required_sensor_matrix, SensorMatrix
 from forcecal_ros.io.calibration_file import load, save
-from forcecal_ros.motion.channel import KEPT
-from forcecal_ros.motion.monitor import Stillness
-from forcecal_ros.motion.plan import check_wrench, Goal, PlannedSegment, prepare, repeat_plan
-from forcecal_ros.motion.preview import in_words, outline, path_of
-from forcecal_ros.motion.programs import SEQUENCES
+from forcecal_ros.motion.monitor import KEPT, Stillness
+from forcecal_ros.motion.plan import (
+    check_wrench,
+    Goal,
+    in_words,
+    outline,
+    path_of,
+    PlannedSegment,
+    prepare,
+    repeat_plan,
+    SEQUENCES,
+)
 from forcecal_ros.motion.sequence import Command, MotionSequence
 from forcecal_ros.nodes.backends import backend_of
 from forcecal_ros.nodes.calibration_topics import (

@@ -18,7 +18,7 @@ from forcecal_ros.core.parameters import Parameter, parameters_of, section_of
 from forcecal_ros.core.safe_yaml import LARGEST, load_yaml
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import WatchSettings
-from forcecal_ros.motion.plan import Goal, Timing
+from forcecal_ros.motion.plan import Goal, SEQUENCES, Timing
 from forcecal_ros.motion.poses import (
     anchor,
     flatten_poses,
@@ -28,7 +28,6 @@ from forcecal_ros.motion.poses import (
     step_goal,
 )
 from forcecal_ros.motion.profiles import Pace, Pose
-from forcecal_ros.motion.programs import SEQUENCES
 from forcecal_ros.motion.sequence import StreamSettings
 from forcecal_ros.nodes.pose_source import POSE_PARAMETERS
 from forcecal_ros.nodes.runtime import EXECUTOR

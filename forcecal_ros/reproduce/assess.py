@@ -5,7 +5,7 @@ from math import isnan
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.impedance.program import Program
+from forcecal_ros.impedance.session import Program
 from forcecal_ros.reproduce.closed_loop import ClosedLoopRun
 import numpy as np
 from numpy.typing import NDArray

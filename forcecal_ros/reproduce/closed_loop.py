@@ -10,7 +10,7 @@ from forcecal_ros.core.geometry import quaternion_from_matrix
 from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.impedance.law import Controller, Measurement
-from forcecal_ros.impedance.program import Program
+from forcecal_ros.impedance.session import Program
 from forcecal_ros.observe import (
     design,
     ObserverSettings,

@@ -11,7 +11,7 @@ from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.streams import Phase, PoseStream
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.impedance.law import Law, Regulator
-from forcecal_ros.impedance.program import Program, Stage, Task
+from forcecal_ros.impedance.session import Program, Stage, Task
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.plan import calibration_plan, prepare, Timing
 from forcecal_ros.motion.poses import nominal_poses, step_goal

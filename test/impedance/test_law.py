@@ -5,13 +5,9 @@ from math import inf, nan
 
 from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.core.errors import ConfigError
-from forcecal_ros.impedance.design import design, relation
+from forcecal_ros.impedance.design import design, DesignSettings, loop, relation, Wanted
 from forcecal_ros.impedance.law import at_rest, COASTING, LATE, Measurement, OK, step
-from forcecal_ros.impedance.plant.file import load_plant
-from forcecal_ros.impedance.plant.model import Plant, Robot, Slide
-from forcecal_ros.impedance.plant.process import process, Wall
-from forcecal_ros.impedance.settings import DesignSettings, Wanted
-from forcecal_ros.impedance.stability import loop
+from forcecal_ros.impedance.plant import load_plant, Plant, process, Robot, Slide, Wall
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import Simulator
 import numpy as np

@@ -9,11 +9,14 @@ import json
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.core.errors import ConfigError, DataError
-from forcecal_ros.impedance.plant.file import load_plant
-from forcecal_ros.impedance.plant.fit import identify_plant, identify_slide, Signal
-from forcecal_ros.impedance.plant.model import Plant, Robot, Slide, state_space
-from forcecal_ros.impedance.plant.output_error import fit_output_error
-from forcecal_ros.impedance.plant.robot_fit import identify_robot
+from forcecal_ros.impedance.plant import load_plant, Plant, Robot, Slide, state_space
+from forcecal_ros.impedance.plant_fit import (
+    fit_output_error,
+    identify_plant,
+    identify_robot,
+    identify_slide,
+    Signal,
+)
 from forcecal_ros.io.bags import write_recording
 import numpy as np
 from plant_rig import record, RIG, shaken, true_response

@@ -5,8 +5,8 @@ from dataclasses import replace
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.impedance.design import design
 from forcecal_ros.impedance.law import Regulator
-from forcecal_ros.impedance.plant.file import load_plant
-from forcecal_ros.impedance.program import Program, Stage, Task
+from forcecal_ros.impedance.plant import load_plant
+from forcecal_ros.impedance.session import Program, Stage, Task
 from forcecal_ros.observe import ObserverSettings, replay
 from forcecal_ros.reproduce.assess import (
     assess,
