@@ -15,7 +15,7 @@ import time
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.impedance.session import Task
 from forcecal_ros.io.calibration_file import save
-from forcecal_ros.nodes.processes import own_domain, Processes
+from forcecal_ros.nodes.client import own_domain, Processes
 from forcecal_ros.nodes.runtime import OUTPUT
 from forcecal_ros.nodes.wire import Reader
 from forcecal_ros.reproduce.experiment import rehearse

@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
     if args.robot and (args.sim or args.rig):
         raise UsageError('--robot simulates nothing, --sim and --rig do; leave either out')
     with needs_ros():
-        from forcecal_ros.nodes.live_page import LivePage
+        from forcecal_ros.nodes.live import LivePage
     from forcecal_ros.sim.rig.file import load_rig
 
     if args.rig:
@@ -59,7 +59,7 @@ def _wrench_is_published(args: argparse.Namespace) -> bool:
     """Tell whether anybody publishes a wrench."""
     import time
 
-    from forcecal_ros.nodes.temporary_node import temporary_node
+    from forcecal_ros.nodes.client import temporary_node
 
     place = args.namespace.strip('/')
     with temporary_node('live') as ros:
@@ -76,8 +76,8 @@ def _wrench_is_published(args: argparse.Namespace) -> bool:
 
 def _robot(args: argparse.Namespace, page: Any) -> int:
     """Show what is there; nothing is started."""
-    from forcecal_ros.nodes.live_view import LiveView
-    from forcecal_ros.nodes.temporary_node import temporary_node
+    from forcecal_ros.nodes.client import temporary_node
+    from forcecal_ros.nodes.live import LiveView
 
     with temporary_node('live') as ros:
         view = LiveView(ros.node, args.namespace, args.wrench, simulated=False)
@@ -89,10 +89,9 @@ def _simulated(args: argparse.Namespace, page: Any) -> int:
     """Start the simulated rig and the nodes about it, and show them."""
     import os
 
+    from forcecal_ros.nodes.client import own_domain, Processes, temporary_node
     from forcecal_ros.nodes.demo import FOR_SIMULATION, ON_TIME
-    from forcecal_ros.nodes.live_view import LiveView
-    from forcecal_ros.nodes.processes import own_domain, Processes
-    from forcecal_ros.nodes.temporary_node import temporary_node
+    from forcecal_ros.nodes.live import LiveView
     from forcecal_ros.observe import batch
     from forcecal_ros.sim.rig import simulator
 
@@ -113,7 +112,7 @@ def _simulated(args: argparse.Namespace, page: Any) -> int:
 
 def _show(page: Any, ros: Any, view: Any, robot: str, check: Any) -> int:
     """Serve until a signal."""
-    from forcecal_ros.nodes.live_view import SEQUENCES
+    from forcecal_ros.nodes.live import SEQUENCES
     from forcecal_ros.report.page import render_page
 
     text = render_page('live.html.j2', 'Live', robot=robot, nonce=page.nonce,

@@ -19,7 +19,7 @@ from forcecal_ros.cli.progress import add_quiet, bar
 
 if TYPE_CHECKING:
     from forcecal_ros.core.topics import Topic
-    from forcecal_ros.nodes.player import Player
+    from forcecal_ros.nodes.bags import Player
 
 ACKNOWLEDGE = 2.0
 """How long the end waits for slow listeners [s]."""
@@ -64,8 +64,8 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     with needs_ros():
-        from forcecal_ros.nodes.player import Player
-        from forcecal_ros.nodes.temporary_node import temporary_node
+        from forcecal_ros.nodes.bags import Player
+        from forcecal_ros.nodes.client import temporary_node
     from itertools import chain, dropwhile
     import time
 

@@ -43,8 +43,8 @@ def run(args: argparse.Namespace) -> int:
     import time
 
     with needs_ros():
-        from forcecal_ros.nodes.recorder import of_this_package, StreamRecorder
-        from forcecal_ros.nodes.temporary_node import temporary_node
+        from forcecal_ros.nodes.bags import of_this_package, StreamRecorder
+        from forcecal_ros.nodes.client import temporary_node
     from forcecal_ros.core.errors import DataError
     from forcecal_ros.io.bags import BagWriter
 

@@ -34,7 +34,7 @@ def add_namespace(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     with needs_ros():
-        from forcecal_ros.nodes.temporary_node import ask, temporary_node
+        from forcecal_ros.nodes.client import ask, temporary_node
     from forcecal_ros.core.errors import DataError
 
     path = f'{args.namespace.strip("/")}/{args.service.format(getattr(args, "node", ""))}'

@@ -21,7 +21,7 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     with needs_ros():
-        from forcecal_ros.nodes.temporary_node import node_statuses, temporary_node, WORDS
+        from forcecal_ros.nodes.client import node_statuses, temporary_node, WORDS
     from forcecal_ros.core.errors import DataError
 
     namespace = args.namespace.strip('/')

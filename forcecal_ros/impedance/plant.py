@@ -1,4 +1,10 @@
-"""Models of robot and tool along x of ft_sensor, with standard errors and in state space."""
+"""Robot and tool along x of ft_sensor: their models, ``plant.yaml``, and the process with a wall.
+
+The continuous form of [Gamez2005] Eq. 30 holds at the sample times only: between them its robot
+swings at several m/s, and the tool with it. So the robot stays a difference equation, and the
+slide, driven by a position that goes linearly from sample to sample, is solved exactly over a
+period.
+"""
 
 from dataclasses import dataclass
 from importlib.resources import files

@@ -456,7 +456,8 @@ def identify_slide(force: Signal, slide: Signal, position: Signal) -> SlideFit:
     starts = np.arange(begin, end - WINDOW, SPACING * WINDOW)
     if len(starts) < MIN_WINDOWS:
         raise DataError(f'{max(0.0, end - begin):.1f} s of force, displacement and pose in common '
-                        f'do not tell the slide; record {MIN_WINDOWS * SPACING * WINDOW:.0f} s or more')
+                        f'do not tell the slide; record '
+                        f'{MIN_WINDOWS * SPACING * WINDOW:.0f} s or more')
     f, df, _ = _weighted(force, starts)
     s, ds, dds = _weighted(slide, starts)
     one = np.ones(len(starts))

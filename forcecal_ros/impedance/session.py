@@ -1,4 +1,4 @@
-"""A contact task from start to done or aborted: the law within its limits, and the way out."""
+"""A contact task along one line: its reference, the law within its bounds, and the way out."""
 
 from dataclasses import dataclass
 from functools import cached_property

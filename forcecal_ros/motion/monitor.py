@@ -1,7 +1,7 @@
 """Monitoring of the sensors while the robot moves: alive, finite, within limits, still.
 
-Times of arrival are the caller's, on a steady clock; header stamps only tell how old a sample is
-and how long a window lasts.
+Times of arrival are the caller's, on a steady clock; header stamps only give the age of a sample
+and the length of a window.
 """
 
 from collections import deque

@@ -1,4 +1,4 @@
-"""Plans as data: which poses, how long, and the phase word of each segment."""
+"""Plans as data: the sequences by name, chained and checked, sampled and summed up."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
-"""The sequencer's state machine: periods of the command stream in, commands and phase out.
+"""The sequencer's state machine and its clock: periods in, commands and phase out.
 
-It knows neither clocks nor messages. Whoever owns the stream calls :meth:`MotionSequence.step`
-once a period and sends what comes back; a late call stretches the motion and never makes the robot
+It knows neither clocks nor messages. The owner of the stream calls :meth:`MotionSequence.step`
+once a period and sends what it returns; a late call stretches the motion and never makes the robot
 jump.
 """
 

@@ -9,11 +9,10 @@ from forcecal_ros.core.errors import ConfigError, DataError, MotionError
 from forcecal_ros.core.geometry import Array, matrix_from_quaternion, quaternion_of
 from forcecal_ros.motion.plan import Goal
 from forcecal_ros.motion.profiles import JointSetpoint, Pose, Setpoint, twist_towards
-from forcecal_ros.nodes.inbox import Inbox
-from forcecal_ros.nodes.pose_source import mounting_parameter
+from forcecal_ros.nodes.inputs import mounting_parameter
 from forcecal_ros.nodes.runtime import OUTPUT, SENSOR
-from forcecal_ros.nodes.sensors import Sensors
-from forcecal_ros.nodes.wire import Writer
+from forcecal_ros.nodes.supervision import Sensors
+from forcecal_ros.nodes.wire import Inbox, Writer
 from forcecal_ros.observe.mounting import from_the_sensor
 from geometry_msgs.msg import PoseStamped, TwistStamped
 import numpy as np

@@ -9,8 +9,8 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.core.errors import DataError, MotionError
-from forcecal_ros.nodes.processes import own_domain, Processes
-from forcecal_ros.nodes.recorder import Recorder
+from forcecal_ros.nodes.bags import Recorder
+from forcecal_ros.nodes.client import own_domain, Processes
 from forcecal_ros.nodes.runtime import Interrupt, LATCHED, OUTPUT, SIGNAL_CHECK, starting
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import SetParameters

@@ -10,18 +10,24 @@ from forcecal_ros.core.errors import ConfigError, ForcecalError
 from forcecal_ros.core.parameters import Parameter
 from forcecal_ros.diagnose.live import Judgement, LiveGap
 from forcecal_ros.nodes.collector import Collector
-from forcecal_ros.nodes.inbox import Inbox
-from forcecal_ros.nodes.parameters import declare
-from forcecal_ros.nodes.pose_source import (
+from forcecal_ros.nodes.inputs import (
+    ACCELEROMETERS,
     at_sensor,
     mounting_parameter,
     POSE_PARAMETERS,
     pose_source,
 )
-from forcecal_ros.nodes.reporting import diagnostic_array, Waiting
-from forcecal_ros.nodes.runtime import EXECUTOR, OUTPUT, run, SECOND, STEADY
-from forcecal_ros.nodes.sensors import ACCELEROMETERS
-from forcecal_ros.nodes.wire import JointReader, Reader
+from forcecal_ros.nodes.parameters import declare
+from forcecal_ros.nodes.runtime import (
+    diagnostic_array,
+    EXECUTOR,
+    OUTPUT,
+    run,
+    SECOND,
+    STEADY,
+    Waiting,
+)
+from forcecal_ros.nodes.wire import Inbox, JointReader, Reader
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import warm_up
 from geometry_msgs.msg import PoseStamped, WrenchStamped

@@ -9,23 +9,36 @@ from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import ConfigError, DataError, ForcecalError
 from forcecal_ros.io.calibration_file import DAY, load, parse, refuse_old
-from forcecal_ros.nodes.calibration_topics import accuracy_message, ToolOnSensor, TRACKED
-from forcecal_ros.nodes.frame_outputs import FrameOutputs, SensorTransform
-from forcecal_ros.nodes.inbox import Inbox
-from forcecal_ros.nodes.markers import ContactMarkers
+from forcecal_ros.nodes.inputs import ACCELEROMETERS, mounting_parameter, pose_source, PoseSource
+from forcecal_ros.nodes.messages import accuracy_message
+from forcecal_ros.nodes.observer_outputs import (
+    ContactMarkers,
+    FrameOutputs,
+    health,
+    LastMessage,
+    SensorTransform,
+    ToolOnSensor,
+)
 from forcecal_ros.nodes.observer_settings import (
     accelerometer_for,
     file_of,
     PARAMETERS,
     payload_settings_of,
     settings_of,
+    TRACKED,
 )
 from forcecal_ros.nodes.parameters import declare
-from forcecal_ros.nodes.pose_source import mounting_parameter, pose_source, PoseSource
-from forcecal_ros.nodes.reporting import diagnostic_array, health, LastMessage, Waiting
-from forcecal_ros.nodes.runtime import answering, LATCHED, ManagedNode, OUTPUT, run, STEADY
-from forcecal_ros.nodes.sensors import ACCELEROMETERS
-from forcecal_ros.nodes.wire import frame_of, JointReader, Reader, Writer
+from forcecal_ros.nodes.runtime import (
+    answering,
+    diagnostic_array,
+    LATCHED,
+    ManagedNode,
+    OUTPUT,
+    run,
+    STEADY,
+    Waiting,
+)
+from forcecal_ros.nodes.wire import frame_of, Inbox, JointReader, Reader, Writer
 from forcecal_ros.observe import ContactSample, design, noise_levels, ObserverSettings
 from forcecal_ros.observe.frames import Frames, Placement
 from forcecal_ros.observe.gains import accuracy

@@ -7,10 +7,8 @@ from typing import Any
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.parameters import Parameter
-from forcecal_ros.nodes.calibration_topics import TRACKED
-from forcecal_ros.nodes.pose_source import POSE_PARAMETERS, SENSOR_FROM_POSE
+from forcecal_ros.nodes.inputs import ACCELEROMETERS, POSE_PARAMETERS, SENSOR_FROM_POSE
 from forcecal_ros.nodes.runtime import EXECUTOR
-from forcecal_ros.nodes.sensors import ACCELEROMETERS
 from forcecal_ros.observe.payload.model import PayloadSettings
 from forcecal_ros.observe.settings import (
     BANDWIDTH_LIMITS,
@@ -20,6 +18,9 @@ from forcecal_ros.observe.settings import (
     ObserverSettings,
     OFFSETS,
 )
+
+TRACKED = 'tracked'
+"""Value of the parameter ``tool``: the tool is what this topic, or the node's own tracker says."""
 
 _DEFAULT = ObserverSettings()
 

@@ -1,6 +1,6 @@
-"""The life of a node: start, spin, transitions, services, stop on a signal, errors as one line."""
+"""The life of a node: start, spin, transitions, services, diagnostics, stop on a signal."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 import gc
 import os
@@ -11,6 +11,7 @@ import tempfile
 from types import FrameType
 from typing import Any, Protocol, runtime_checkable
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from forcecal_ros.core.errors import ConfigError, ForcecalError
 from forcecal_ros.core.parameters import Parameter
 from lifecycle_msgs.srv import ChangeState
@@ -25,6 +26,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
+from rclpy.time import Time
 from rclpy.utilities import remove_ros_args
 from std_srvs.srv import Trigger
 
@@ -292,3 +294,56 @@ def answering(act: Callable[[], str], refused: Callable[[str], None] | None = No
         return response
 
     return on_request
+
+
+LEVELS = {'ok': DiagnosticStatus.OK, 'warn': DiagnosticStatus.WARN,
+          'error': DiagnosticStatus.ERROR, 'stale': DiagnosticStatus.STALE}
+
+NO_NAMESPACE = 'robot'
+"""Hardware of a node without a namespace; in one, the namespace is the robot's name."""
+
+
+def diagnostic_array(node: Node, part: str, level: str, message: str,
+                     values: Mapping[str, object], stamp: Time | None = None) -> DiagnosticArray:
+    """
+    Build a DiagnosticArray of one status.
+
+    Parameters
+    ----------
+    part : str
+        Of the node, for the name of the status; empty for all of it.
+    level : str
+        ``ok``, ``warn``, ``error`` or ``stale``.
+    values : mapping
+        Published as text; floats with four significant digits.
+    stamp : Time, optional
+        By default now.
+    """
+    name = node.get_fully_qualified_name().lstrip('/') + (f': {part}' if part else '')
+    status = DiagnosticStatus(
+        level=LEVELS[level], name=name, message=message,
+        hardware_id=node.get_namespace().strip('/') or NO_NAMESPACE,
+        values=[KeyValue(key=key, value=f'{value:.4g}' if isinstance(value, float)
+                         else str(value)) for key, value in values.items()])
+    array = DiagnosticArray(status=[status])
+    array.header.stamp = (stamp or node.get_clock().now()).to_msg()
+    return array
+
+
+class Waiting:
+    """Logs what a node waits for, once, when it has waited from one call to the next."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._before = self._said = ''
+
+    def of(self, what: str) -> None:
+        """Note what is waited for now; empty: nothing."""
+        if what and what == self._before != self._said:
+            self._node.get_logger().info(f'waiting for {what}')
+            self._said = what
+        self._before = what
+        if not what:
+            self._said = ''
+
+

@@ -29,9 +29,8 @@ from forcecal_ros.motion.poses import (
 )
 from forcecal_ros.motion.profiles import Pace, Pose
 from forcecal_ros.motion.sequence import StreamSettings
-from forcecal_ros.nodes.pose_source import POSE_PARAMETERS
+from forcecal_ros.nodes.inputs import ACCELEROMETERS, POSE_PARAMETERS
 from forcecal_ros.nodes.runtime import EXECUTOR
-from forcecal_ros.nodes.sensors import ACCELEROMETERS
 import numpy as np
 
 LATENCY = 0.05

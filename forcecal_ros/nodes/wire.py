@@ -1,14 +1,19 @@
-"""Serialised messages of the fast topics, read and written without message objects.
+"""Serialised messages of the fast topics, and subscriptions that are polled.
 
 At 1 kHz and four topics the message objects cost more than all that is computed from them. Every
 type here is a header and then doubles, so that all offsets follow from the length of frame_id.
+
+An executor wakes up for every message. Polling every few milliseconds halves the load (3250
+messages per second: 9 % of a core against 20 %), and a node that was late takes all messages
+before it decides anything.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from struct import error as StructError
 from struct import pack, Struct, unpack_from
 from typing import Any, NamedTuple
 
+from forcecal_ros.nodes.runtime import SENSOR
 from geometry_msgs.msg import (
     AccelStamped,
     PoseStamped,
@@ -16,6 +21,10 @@ from geometry_msgs.msg import (
     Vector3Stamped,
     WrenchStamped,
 )
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+from rclpy.type_support import check_is_valid_msg_type
 from sensor_msgs.msg import Imu, JointState
 
 DOUBLES: dict[type, int] = {
@@ -248,3 +257,85 @@ class JointWriter:
         """Write one message of header stamp [ns] and position [rad] or [m]."""
         return self._pack(b'\0\1\0\0', stamp_ns // 1_000_000_000, stamp_ns % 1_000_000_000,
                           self._head, position, 0, 0)
+
+
+MOST = 500
+"""Messages of one topic taken in one go at most, 2.5 times the queue of a sensor topic, so that no
+flood starves the node."""
+
+
+class PolledSubscription:
+    """
+    A subscription outside any executor, which would wake up for every message.
+
+    Attributes
+    ----------
+    topic_name : str
+        Resolved.
+    """
+
+    def __init__(self, node: Node, message_type: Any, topic: str, take: Callable[[bytes], None]
+                 ) -> None:
+        check_is_valid_msg_type(message_type)  # which also imports its C part
+        self._message_type, self._take = message_type, take
+        self.topic_name = node.resolve_topic_name(topic)
+        with node.handle:
+            self._handle = rclpy_implementation.Subscription(
+                node.handle, message_type, topic, SENSOR.get_c_qos_profile())
+
+    def drain(self) -> None:
+        """Take the messages that have arrived."""
+        with self._handle:
+            for _ in range(MOST):
+                message = self._handle.take_message(self._message_type, True)
+                if message is None:
+                    break
+                self._take(message[0])
+
+    def destroy(self) -> None:
+        """End the subscription."""
+        self._handle.destroy_when_not_in_use()
+
+
+class Inbox:
+    """
+    Subscriptions that :meth:`drain` takes messages from, instead of the executor.
+
+    Parameters
+    ----------
+    polled : bool
+        False: leave the subscriptions to the executor, which wakes up for every message.
+    """
+
+    def __init__(self, node: Node, polled: bool = True) -> None:
+        self._node = node
+        self._wanted = polled
+        self._polled: list[PolledSubscription] = []
+
+    def subscribe(self, message_type: Any, topic: str, take: Callable[[bytes], None]
+                  ) -> Subscription | PolledSubscription:
+        """Subscribe with the QoS of a sensor; ``take`` gets the serialised messages."""
+        if not self._wanted:
+            return self._node.create_subscription(message_type, topic, take, SENSOR, raw=True)
+        polled = PolledSubscription(self._node, message_type, topic, take)
+        self._polled.append(polled)
+        return polled
+
+    def drain(self) -> None:
+        """Take the messages that have arrived, topic by topic in the order of subscription."""
+        for polled in self._polled:
+            polled.drain()
+
+    def unsubscribe(self, subscription: Subscription | PolledSubscription) -> None:
+        """End one subscription."""
+        if isinstance(subscription, PolledSubscription):
+            self._polled = [one for one in self._polled if one is not subscription]
+            subscription.destroy()
+        else:
+            self._node.destroy_subscription(subscription)
+
+    def close(self) -> None:
+        """End all polled subscriptions, which the node does not know of."""
+        for polled in self._polled:
+            polled.destroy()
+        self._polled = []

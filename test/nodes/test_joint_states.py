@@ -8,8 +8,8 @@ from drivers import gantry, joints_at, NAMES, states
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.io.calibration_file import save
 from forcecal_ros.io.urdf import Description
+from forcecal_ros.nodes.inputs import POSE_PARAMETERS, pose_source
 from forcecal_ros.nodes.parameters import declare
-from forcecal_ros.nodes.pose_source import POSE_PARAMETERS, pose_source
 from forcecal_ros.nodes.runtime import OUTPUT
 from forcecal_ros.nodes.wire import JointsReader
 from forcecal_ros.observe.joint_pose import JointPose

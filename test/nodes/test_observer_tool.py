@@ -2,7 +2,7 @@
 
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.io.calibration_file import save
-from forcecal_ros.nodes.calibration_topics import read_tool
+from forcecal_ros.nodes.messages import read_tool
 from forcecal_ros.nodes.runtime import OUTPUT
 from forcecal_ros.observe.payload.replay import follow
 from geometry_msgs.msg import InertiaStamped

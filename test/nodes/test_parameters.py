@@ -18,7 +18,7 @@ from rclpy.node import NodeNameNonExistentError
 from std_msgs.msg import String
 
 TABLES = {'sim': 'sim', 'sequencer': 'sequencer_settings', 'observer': 'observer_settings',
-          'gap': 'gap', 'impedance': 'impedance_settings'}
+          'gap': 'gap', 'impedance': 'impedance'}
 NOT_OURS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 PAGE = Path(__file__).parents[2] / 'docs/robot.md'
 NUMBERS = (ParameterType.PARAMETER_INTEGER, ParameterType.PARAMETER_DOUBLE)

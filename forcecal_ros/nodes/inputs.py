@@ -1,4 +1,4 @@
-"""Where ft_sensor is: by a topic, /tf or joint states, of itself or of what it is fixed to."""
+"""Topics that nodes read: accelerometers, and the pose of ft_sensor by a topic, /tf or joints."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -14,11 +14,11 @@ from forcecal_ros.observe.frames import Placement
 from forcecal_ros.observe.joint_pose import JointPose
 from forcecal_ros.observe.mounting import at_the_sensor, mounting_of
 from forcecal_ros.observe.transforms import TransformPose
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import AccelStamped, PoseStamped, Vector3Stamped
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Imu, JointState
 
 SENSOR_FROM_POSE = Parameter(
     'sensor.from_pose', [0.0], 'x y z [m] qx qy qz qw of ft_sensor in the frame whose pose is '
@@ -181,3 +181,40 @@ def at_sensor(read: Read, mounting: Placement | None) -> Read:
         return Sample(sample.stamp_ns, at_the_sensor(mounting, sample.values))
 
     return of_sensor
+
+
+ACCELEROMETERS: dict[str, tuple[str, Any, str]] = {
+    'raw': ('accelerometer/raw', Vector3Stamped, 'V'),
+    'imu': ('imu/data_raw', Imu, 'm/s^2'),
+    'accel': ('accel', AccelStamped, 'm/s^2'),
+}
+"""Topic, type and unit of each choice of ``accelerometer.source``."""
+
+
+class Input(NamedTuple):
+    """
+    One topic.
+
+    Attributes
+    ----------
+    watched : bool
+        Whether its silence and its readings may end a motion.
+    name : str
+        What messages call it; empty: its topic.
+    frame_of : callable
+        Returns the frame of its readings, of a serialised message.
+    """
+
+    channel: str
+    topic: str
+    message_type: Any
+    read: Callable[[bytes], Sample | None]
+    watched: bool = True
+    name: str = ''
+    frame_of: Callable[[bytes], str] = frame_of
+
+    @classmethod
+    def of_pose(cls, source: PoseSource) -> 'Input':
+        """Return the topic of the pose."""
+        return cls('pose', source.topic, source.message_type, source.read, name=source.name,
+                   frame_of=source.frame_of)

@@ -1,82 +1,137 @@
-"""Calibration and tool on topics: how they are published, and taken over."""
+"""Outputs of the observer: contact wrench in other frames, markers, tool, /tf, diagnostics."""
 
-from math import isfinite, nan
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from forcecal_ros.core.calibration import Calibration
-from forcecal_ros.core.errors import DataError
-from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.core.quantity import quantity, size
-from forcecal_ros.io.calibration_file import dump
-from forcecal_ros.nodes.runtime import LATCHED
-from forcecal_ros.observe.gains import Accuracy
+from forcecal_ros.nodes.inputs import transform_type
+from forcecal_ros.nodes.messages import (
+    contact_markers,
+    fill_inertia,
+    read_tool,
+    TOPIC,
+    transform_of,
+)
+from forcecal_ros.nodes.observer_settings import TRACKED
+from forcecal_ros.nodes.runtime import LATCHED, OUTPUT
+from forcecal_ros.nodes.wire import Writer
+from forcecal_ros.observe.frames import Frames
 from forcecal_ros.observe.live import LiveObserver
 from forcecal_ros.observe.payload.model import payload_model, PayloadSettings
 from forcecal_ros.observe.payload.step import FROZEN, NOT_EXCITED, ToolEstimate, TRACKING
 from forcecal_ros.observe.payload.tracker import Tracker
-from geometry_msgs.msg import Inertia, InertiaStamped
+from forcecal_ros.observe.sample import Wrench
+from forcecal_ros.observe.status import describe, level
+from geometry_msgs.msg import (
+    InertiaStamped,
+    WrenchStamped,
+)
 import numpy as np
 from rclpy.lifecycle import LifecycleNode
+from rclpy.node import Node
 from rclpy.time import Time
-from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
+from visualization_msgs.msg import MarkerArray
 
-TOPIC = '~/tool'
-"""Where a tool is told."""
 
-TRACKED = 'tracked'
-"""Value of the parameter ``tool``: the tool is what this topic, or the node's own tracker says."""
+class FrameOutputs:
+    """One publisher a frame."""
 
-PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-"""Elements of an inertia in the order of the message's fields."""
+    def __init__(self, node: LifecycleNode, frames: Frames) -> None:
+        self._node, self._frames = node, frames
+        self._out = {name: (node.create_lifecycle_publisher(
+            WrenchStamped, f'~/contact_wrench/{name}', OUTPUT), Writer(WrenchStamped, name))
+            for name in frames.names}
+
+    def on_pose(self, t: float, pose: tuple[float, ...], frame: str) -> None:
+        """Note a measured pose and its frame_id."""
+        base = self._frames.base
+        if base and frame in ('', base):
+            self._frames.note(t, pose)
+        elif base:
+            self._node.get_logger().warning(
+                f'publish.frames: nobody says where {base!r} is, for current_pose is in '
+                f'{frame!r}; give its pose in publish.frame_poses',
+                once=True)
+
+    def publish(self, stamp_ns: int, t: float, wrench: Wrench, timeout: float) -> None:
+        """Publish a wrench, of a pose within ``timeout`` [s] where it goes by poses."""
+        if not self._out:
+            return
+        for name, values in self._frames.of(t, wrench, timeout).items():
+            publisher, write = self._out[name]
+            publisher.publish(write(stamp_ns, values))
+
+    def forget(self) -> None:
+        """Forget all poses."""
+        self._frames.forget()
+
+    def destroy(self) -> None:
+        """End the publishers."""
+        for publisher, _ in self._out.values():
+            self._node.destroy_lifecycle_publisher(publisher)
+        self._out = {}
+
+
+TRANSFORM_PERIOD = 20_000_000
+"""Least time between two transforms: RViz draws 30 frames a second [ns]."""
+
+
+class SensorTransform:
+    """
+    Publishes where ft_sensor is.
+
+    Raises
+    ------
+    ConfigError
+        tf2_msgs is missing, or the poses come from /tf, which knows the sensor then.
+    """
+
+    def __init__(self, node: Node, topic: str) -> None:
+        if topic == '/tf':
+            raise ConfigError('publish.transform: poses are taken from /tf already (pose.base, '
+                              'pose.frame); leave it false')
+        self._type: Any = transform_type('publish.transform says where ft_sensor is on /tf')
+        self._node, self._last = node, 0
+        self._out = node.create_publisher(self._type, '/tf', OUTPUT)
+
+    def publish(self, stamp_ns: int, pose: tuple[float, ...], parent: str, child: str) -> None:
+        """Say a pose, unless the last one was said just now or its position is not known."""
+        if 0 <= stamp_ns - self._last < TRANSFORM_PERIOD or not parent or pose[0] != pose[0]:
+            return
+        self._last = stamp_ns
+        self._out.publish(self._type(transforms=[transform_of(stamp_ns, pose, parent, child)]))
+
+    def destroy(self) -> None:
+        """End the publisher."""
+        self._node.destroy_publisher(self._out)
+
+
+class ContactMarkers:
+    """``observer/markers``: the contact force now and then, where anybody looks."""
+
+    def __init__(self, node: LifecycleNode, rate: float) -> None:
+        self._node, self._period, self._next = node, 1e9 / rate, 0
+        self._out = node.create_lifecycle_publisher(MarkerArray, '~/markers', OUTPUT)
+        self.covariance = np.full((6, 6), np.nan)
+
+    def publish(self, stamp_ns: int, wrench: Wrench, frame: str) -> None:
+        """Draw a wrench, unless the last one was drawn just now."""
+        if 0 <= self._next - stamp_ns <= self._period or not self._out.get_subscription_count():
+            return
+        self._next = stamp_ns + round(self._period)
+        self._out.publish(contact_markers(
+            np.array(wrench), self.covariance, frame, Time(nanoseconds=stamp_ns)))
+
+    def destroy(self) -> None:
+        """End the publisher."""
+        self._node.destroy_lifecycle_publisher(self._out)
+
 
 SURE = 3.0
 """Standard errors by which a tracked mass differs from the one in use before it is called
 another."""
-
-
-class ToolInUse(NamedTuple):
-    """Mass [kg], centre of mass [m] and inertia about it [kg m^2]; None: as calibrated."""
-
-    mass: float
-    com: Array
-    inertia: Array | None = None
-
-
-def fill_inertia(inertia: Inertia, mass: float, com: Array, J: Array | None) -> None:
-    """Write a tool into a message; an inertia that is not known is NaN."""
-    inertia.m = float(mass)
-    inertia.com.x, inertia.com.y, inertia.com.z = np.asarray(com).tolist()
-    for i, j in PAIRS:
-        setattr(inertia, f'i{"xyz"[i]}{"xyz"[j]}', nan if J is None else float(J[i, j]))
-
-
-def read_tool(message: InertiaStamped, frame: str) -> ToolInUse:
-    """
-    Read what hangs on the sensor, tool and payload together.
-
-    An inertia with a NaN in it, or zero throughout, is not known.
-
-    Raises
-    ------
-    DataError
-        It is given in another frame than the sensor's, or is no tool.
-    """
-    inertia, named = message.inertia, message.header.frame_id
-    if named not in ('', frame):
-        raise DataError(f'{TOPIC} is given in {named!r}, expected {frame!r}; not taken')
-    com = np.array([inertia.com.x, inertia.com.y, inertia.com.z])
-    if not (isfinite(inertia.m) and inertia.m > 0 and np.isfinite(com).all()):
-        raise DataError(f'{TOPIC}: mass {inertia.m} kg at {com.tolist()} m is no tool, expected '
-                        'the finite mass above 0 of all that hangs on the sensor; not taken')
-    J = np.empty((3, 3))
-    for i, j in PAIRS:
-        J[i, j] = J[j, i] = getattr(inertia, f'i{"xyz"[i]}{"xyz"[j]}')
-    if np.isnan(J).any() or not J.any():
-        return ToolInUse(inertia.m, com)
-    if not np.isfinite(J).all() or np.linalg.eigvalsh(J)[0] < 0:
-        raise DataError(f'{TOPIC}: the inertia is none, {J.tolist()}; leave it NaN where it is '
-                        'not known; not taken')
-    return ToolInUse(inertia.m, com, J)
 
 
 class ToolOnSensor:
@@ -202,37 +257,41 @@ def tool_warning(found: ToolEstimate, in_use: float) -> str:
     return ''
 
 
-def calibration_message(calibration: Calibration) -> String:
-    """Return the text of ``calibration.yaml`` as a message."""
-    return String(data=dump(calibration))
+class LastMessage(NamedTuple):
+    """When a topic was received last [ns], and the frame_id of its first message."""
+
+    steady_ns: int
+    frame: str
 
 
-def gain_message(calibration: Calibration) -> Float64MultiArray:
-    """Return the paper's K: rows are the states x and dx/dt, columns the outputs."""
-    assert calibration.observer is not None
-    K = calibration.observer.K.value
-    message = Float64MultiArray(data=K.ravel().tolist())
-    message.layout.dim = [
-        MultiArrayDimension(label='state x, dx/dt', size=2, stride=6),
-        MultiArrayDimension(label='output x, dx/dt, d2x/dt2', size=3, stride=3)]
-    return message
+def health(active: bool, calibrated: str | None, received: Mapping[str, LastMessage],
+           silent: Sequence[str], status: int, more: Sequence[str] = ()) -> tuple[str, str]:
+    """
+    Return level and message for /diagnostics.
 
-
-def accuracy_message(found: Accuracy | None) -> Float64MultiArray:
-    """Return the covariance of the contact wrench's error, NaN where it is not known."""
-    covariance = np.full((6, 6), nan) if found is None else found.covariance
-    message = Float64MultiArray(data=covariance.ravel().tolist())
-    message.layout.dim = [
-        MultiArrayDimension(label='force x, y, z [N], torque x, y, z [N m]', size=6, stride=n)
-        for n in (36, 6)]
-    return message
-
-
-def inertia_message(calibration: Calibration, stamp: Time) -> InertiaStamped:
-    """Return mass, centre of mass and inertia about it, NaN where that is not identified."""
-    message = InertiaStamped()
-    message.header.stamp = stamp.to_msg()
-    message.header.frame_id = calibration.sensor_frame
-    fill_inertia(message.inertia, float(calibration.mass), calibration.com.value,
-                 None if calibration.inertia is None else calibration.inertia.value)
-    return message
+    Parameters
+    ----------
+    calibrated : str or None
+        Sensor frame of the calibration in use; None without one.
+    received, silent : dict, sequence of str
+        The last message by topic; the topics that have fallen silent.
+    status : int
+        All bits of :class:`forcecal_ros.observe.Status` since the last report.
+    more : sequence of str
+        Further warnings.
+    """
+    if not active:
+        return 'stale', 'not active'
+    if calibrated is None:
+        return 'warn', 'waiting for a calibration'
+    if 'wrench' in silent or 'wrench' not in received:
+        return 'error', 'wrench: nothing received'
+    warnings = [*(f'{topic}: nothing received' for topic in silent), *more]
+    frame = received['wrench'].frame
+    if frame and frame != calibrated:
+        warnings.append(f'wrench is of {frame!r}, the calibration of {calibrated!r}: is it '
+                        'the same sensor?')
+    grade = level(status)
+    if warnings and grade == 'ok':
+        grade = 'warn'
+    return grade, '; '.join((*warnings, *describe(status))) or 'estimating'

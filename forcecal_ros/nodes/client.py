@@ -1,6 +1,6 @@
-"""Nodes as child processes, started and stopped together, heard on this machine alone."""
+"""Running nodes from a command: child processes, a temporary node, services and states."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.resources import files
 import os
@@ -9,10 +9,20 @@ import signal
 import subprocess
 import sys
 import tempfile
+import time
 from types import TracebackType
 from typing import IO
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from forcecal_ros.core.errors import DataError
+from forcecal_ros.nodes.runtime import Interrupt, LEVELS, OUTPUT, starting
+import rclpy
+from rclpy.executors import Executor
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+from std_srvs.srv import Trigger
 
 PATIENCE = 5.0
 """Time from SIGINT to SIGKILL [s], ten times what a node takes to come to rest."""
@@ -129,3 +139,107 @@ def own_domain() -> Iterator[dict[str, str]]:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
+
+
+class TemporaryNode:
+    """A node with its executor."""
+
+    def __init__(self, node: Node, executor: Executor, interrupt: Interrupt) -> None:
+        self.node = node
+        self._executor = executor
+        self._interrupt = interrupt
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether a signal asks to end."""
+        return self._interrupt.count > 0 or not rclpy.ok()
+
+    def spin(self, seconds: float) -> None:
+        """Handle what arrives within some time [s]."""
+        self._executor.spin_until_future_complete(Future(), timeout_sec=seconds)
+
+
+@contextmanager
+def temporary_node(name: str) -> Iterator[TemporaryNode]:
+    """Run a node within this context, in the domain of the environment."""
+    interrupt = Interrupt()
+    try:
+        with starting('forcecal'):
+            rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+            node = rclpy.create_node(name)
+        executor = EventsExecutor()
+        executor.add_node(node)
+        interrupt.running = True
+        try:
+            yield TemporaryNode(node, executor, interrupt)
+        finally:
+            executor.shutdown()
+            node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+        interrupt.restore()
+
+
+NODES = ('sequencer', 'observer', 'sim', 'gap', 'impedance')
+"""Names of this package's nodes, in the order of a report."""
+
+SETTLED = 0.3
+"""From where the service is known here until this client is known there, without which its answer
+is lost: three times what Fast DDS waits by itself [s]."""
+
+SPIN = 0.02
+"""Delay of an answer that nobody notices [s]."""
+
+WORDS = {level: word for word, level in LEVELS.items()}
+
+
+def ask(ros: TemporaryNode, service: str, patience: float) -> Trigger.Response:
+    """
+    Call a Trigger service.
+
+    Parameters
+    ----------
+    service : str
+        With its namespace.
+    patience : float
+        For the service to be there, and for its answer [s].
+
+    Raises
+    ------
+    DataError
+        The service is not there, or does not answer.
+    """
+    client = ros.node.create_client(Trigger, service)
+    if not _until(ros, client.service_is_ready, patience):
+        raise DataError(f'{service} is not there after {patience:g} s; start its node with '
+                        'the same ROS_DOMAIN_ID and --namespace')
+    ros.spin(SETTLED)
+    answer = client.call_async(Trigger.Request())
+    if not _until(ros, answer.done, patience):
+        raise DataError(f'{service} has not answered within {patience:g} s, and may have done '
+                        'what it was asked to; forcecal status tells')
+    response: Trigger.Response = answer.result()
+    return response
+
+
+def node_statuses(ros: TemporaryNode, seconds: float) -> dict[str, DiagnosticStatus]:
+    """Listen to /diagnostics; return the last status of each node of this package, by its name."""
+    found: dict[str, DiagnosticStatus] = {}
+
+    def take(message: DiagnosticArray) -> None:
+        found.update({status.name: status for status in message.status
+                      if status.name.rpartition('/')[2] in NODES})
+
+    ros.node.create_subscription(DiagnosticArray, '/diagnostics', take, OUTPUT)
+    _until(ros, lambda: False, seconds)
+    return dict(sorted(found.items(), key=lambda item: (
+        item[0].rpartition('/')[0], NODES.index(item[0].rpartition('/')[2]))))
+
+
+def _until(ros: TemporaryNode, condition: Callable[[], bool], patience: float) -> bool:
+    end = time.monotonic() + patience
+    while not condition() and time.monotonic() < end:
+        if ros.interrupted:
+            raise KeyboardInterrupt
+        ros.spin(SPIN)
+    return condition()
