@@ -201,7 +201,7 @@ def calibrated(recording: 'Recording', args: argparse.Namespace) -> 'Calibration
 def write_report(args: argparse.Namespace, recording: 'Recording', calibration: 'Calibration'
                  ) -> None:
     """Write the HTML report, with the observer run over the same recording."""
-    from forcecal_ros.core.atomic_files import write_text
+    from forcecal_ros.core.files import write_text
     from forcecal_ros.core.streams import Stream
     from forcecal_ros.observe import replay
     from forcecal_ros.report.calibration import render

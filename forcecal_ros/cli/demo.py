@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     with needs_ros():
         from forcecal_ros.nodes.demo import run_demo
-    from forcecal_ros.core.atomic_files import make_folder
+    from forcecal_ros.core.files import make_folder
     from forcecal_ros.core.quantity import size
     from forcecal_ros.core.streams import Stream
     from forcecal_ros.io.bags import read_recording

@@ -18,7 +18,7 @@ from forcecal_ros.cli.outputs import (
 )
 from forcecal_ros.cli.progress import add_quiet, bar
 from forcecal_ros.core.errors import ConfigError, DataError, UsageError
-from forcecal_ros.core.places import blamed
+from forcecal_ros.core.files import blamed
 
 
 class Answer(NamedTuple):
@@ -143,7 +143,7 @@ def _make_room(place: str, output: Output, bags: Sequence[str]) -> None:
 
 def _set_aside(task: argparse.Namespace) -> None:
     """Rename what an earlier run found in a recording that has no answer now."""
-    from forcecal_ros.core.atomic_files import set_aside
+    from forcecal_ros.core.files import set_aside
 
     for one in task.outputs:
         place = getattr(task, one.name)

@@ -60,7 +60,7 @@ def refuse_unused(args: argparse.Namespace) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    from forcecal_ros.core.atomic_files import write_text
+    from forcecal_ros.core.files import write_text
     from forcecal_ros.core.geometry import matrix_from_quaternion
     from forcecal_ros.io.calibration_file import load
     from forcecal_ros.io.exports import export, Place

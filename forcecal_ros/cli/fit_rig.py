@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     from forcecal_ros.calibrate.settings import IdentificationSettings
     from forcecal_ros.checks.entry import checked
-    from forcecal_ros.core.atomic_files import write_text
+    from forcecal_ros.core.files import write_text
     from forcecal_ros.core.geometry import STANDARD_GRAVITY
     from forcecal_ros.core.streams import TOUCHING
     from forcecal_ros.rig_fit.fit import document, fit_rig

@@ -18,7 +18,7 @@ from forcecal_ros.cli import COMMANDS, GROUPS
 from forcecal_ros.cli.common import or_nearest
 from forcecal_ros.cli.outputs import check_outputs
 from forcecal_ros.core.errors import ForcecalError, UsageError
-from forcecal_ros.core.places import remedy
+from forcecal_ros.core.files import remedy
 
 EPILOG = """\
 forcecal COMMAND --help tells the options of a command, with an example.

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from forcecal_ros.core.errors import ConfigError, UsageError
-from forcecal_ros.core.places import descriptor_of, refuse_file, refuse_folder, STANDARD_OUTPUT
+from forcecal_ros.core.files import descriptor_of, refuse_file, refuse_folder, STANDARD_OUTPUT
 
 FILE, RESULTS, RECORDING = 'file', 'results', 'recording'
 """A file may be standard output; a folder of results is written into, a recording replaced."""
@@ -166,7 +166,7 @@ def write_results(folder: Path | str, files: Mapping[str, str | bytes],
         Patterns of all that runs of the command may write; of these a file that is no part of
         ``files`` is renamed to NAME~, since it would contradict them.
     """
-    from forcecal_ros.core.atomic_files import make_folder, set_aside, write_bytes
+    from forcecal_ros.core.files import make_folder, set_aside, write_bytes
 
     folder = Path(folder)
     make_folder(folder)

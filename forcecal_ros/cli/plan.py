@@ -192,7 +192,7 @@ def _setup(args: argparse.Namespace) -> Setup:
 
 
 def _diagnosis(args: argparse.Namespace) -> int:
-    from forcecal_ros.core.atomic_files import write_text
+    from forcecal_ros.core.files import write_text
     from forcecal_ros.diagnose.plan.recording import plan_for
     from forcecal_ros.diagnose.plan.text import as_text, to_document, to_parameters
     from forcecal_ros.sim.rig.simulator import waits_for_compiler
@@ -215,7 +215,7 @@ def _diagnosis(args: argparse.Namespace) -> int:
 def _calibration(args: argparse.Namespace) -> int:
     import math
 
-    from forcecal_ros.core.atomic_files import write_text
+    from forcecal_ros.core.files import write_text
     from forcecal_ros.io.calibration_file import load
     from forcecal_ros.motion.information import sensors_of
     from forcecal_ros.motion.optimal_design import criterion_of, design_calibration, Robot

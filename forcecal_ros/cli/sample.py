@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
 def _rig(args: argparse.Namespace) -> int:
     from dataclasses import replace
 
-    from forcecal_ros.core.atomic_files import make_folder
+    from forcecal_ros.core.files import make_folder
     from forcecal_ros.diagnose.plan.recording import motion_for
     from forcecal_ros.effects import with_effects
     from forcecal_ros.io.bags import write_recording
@@ -69,7 +69,7 @@ def _rigid_arm(args: argparse.Namespace) -> int:
     from dataclasses import replace
     from importlib.resources import files
 
-    from forcecal_ros.core.atomic_files import make_folder, write_text
+    from forcecal_ros.core.files import make_folder, write_text
     from forcecal_ros.io.bags import write_recording
     from forcecal_ros.sim.mujoco import load_mujoco
     from forcecal_ros.sim.samples import HEAVIER, recorded
@@ -121,7 +121,7 @@ def _insitu(args: argparse.Namespace) -> int:
 def _shaken(args: argparse.Namespace) -> int:
     from dataclasses import replace
 
-    from forcecal_ros.core.atomic_files import make_folder
+    from forcecal_ros.core.files import make_folder
     from forcecal_ros.core.streams import PoseStream
     from forcecal_ros.impedance.plant.fit import excitation_commands
     from forcecal_ros.io.bags import write_recording
