@@ -49,7 +49,7 @@ def write_bytes(path: Path | str, data: bytes) -> None:
         if stream:
             sys.stdout.flush()
             opened = os.open(path, os.O_WRONLY | os.O_NOCTTY) if number is None else number
-            with open(opened, 'wb', closefd=number is None) as file:  # noqa: PTH123 - a number
+            with open(opened, 'wb', closefd=number is None) as file:
                 file.write(data)
             return
         with _scratch_beside(target) as scratch:
