@@ -351,7 +351,7 @@ def _tools_stream(followed: 'Followed', calibration: 'Calibration') -> 'Stream':
 
 def status_changes(estimate: 'ContactEstimate') -> list[Any]:
     """Return the status whenever it differs from that of the wrench before."""
-    from forcecal_ros.io.bags.signals import Diagnostic
+    from forcecal_ros.io.bags.messages import Diagnostic
     from forcecal_ros.observe.status import describe, level
     import numpy as np
 
