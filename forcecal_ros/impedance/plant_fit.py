@@ -14,9 +14,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from forcecal_ros.core.atomic_files import write_text
 from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.files import write_text
 from forcecal_ros.core.geometry import Array, rotation_vector
 from forcecal_ros.core.schema import plain
 from forcecal_ros.core.streams import PoseStream, Recording

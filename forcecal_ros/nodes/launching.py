@@ -1,11 +1,8 @@
-"""Launch files: arguments, topics, presets of robots and controllers, and nodes."""
+"""Launch files: arguments, topics and nodes that they share."""
 
-from collections.abc import Mapping, Sequence
-from importlib.resources import files
-from pathlib import Path
-from typing import Any
+from collections.abc import Sequence
 
-from forcecal_ros.core.safe_yaml import load_yaml
+from forcecal_ros.nodes.presets import CONTROLLERS, preset_file, ROBOTS, topic_of
 from launch import LaunchContext, LaunchDescriptionEntity
 from launch.actions import DeclareLaunchArgument
 from launch.conditions import IfCondition
@@ -13,36 +10,6 @@ from launch.substitution import Substitution
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
-
-ROBOTS = ('broadcaster', 'franka', 'kuka_fri', 'ur')
-CONTROLLERS = ('admittance_controller', 'cartesian_controllers', 'joint_trajectory_controller',
-               'moveit_servo')
-
-
-def preset_file(name: str) -> Path:
-    """Return the parameter file of a preset, which nodes take as it is."""
-    return Path(str(files('forcecal_ros') / 'config' / 'presets' / f'{name}.yaml'))
-
-
-def read_preset(name: str) -> Mapping[str, dict[str, Any]]:
-    """Return parameters by node; besides ``topics``, names of topics by launch argument."""
-    document = load_yaml(preset_file(name).read_text(), name)
-    return {node.removeprefix('/**/'): parameters['ros__parameters']
-            for node, parameters in document.items()}
-
-
-def topic_of(argument: str, usual: str, robot: str, controller: str) -> str:
-    """
-    Return the name of a topic by its launch argument, as presets say.
-
-    The controller counts before the robot, except for joints: a robot that names their topics has
-    its controllers in a namespace of its own.
-    """
-    for name in (robot, controller) if argument.startswith('joint_') else (controller, robot):
-        if name and argument in (topics := read_preset(name)['topics']):
-            return str(topics[argument])
-    return usual
-
 
 PACKAGE = 'forcecal_ros'
 TOPICS = {
