@@ -2,13 +2,13 @@
 
 import signal
 
+from calibration_runs import rehearse
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.impedance.session import Bounds
 from forcecal_ros.io.calibration_file import save
 from forcecal_ros.motion.monitor import LATE_PATIENCE
 from forcecal_ros.nodes.impedance import WATCH as WATCH_DEFAULT
 from forcecal_ros.nodes.runtime import OUTPUT
-from forcecal_ros.reproduce.experiment import rehearse
 from forcecal_ros.sim.rig.file import load_rig
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from live import Live, ON_RIG_TIME, RIG_TIME

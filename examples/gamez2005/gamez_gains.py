@@ -1,8 +1,4 @@
-"""
-What [Gamez2005] prints and no calibration is made of: error analysis, and observer gains.
-
-The other equations, by which a calibration is judged, are in ``calibrate.error_analysis``.
-"""
+"""What [Gamez2005] prints and no calibration is made of: error analysis, and observer gains."""
 
 from dataclasses import replace
 from math import sqrt

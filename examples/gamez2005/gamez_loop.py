@@ -20,8 +20,8 @@ from forcecal_ros.observe import (
     on_wrench,
     State,
 )
-from forcecal_ros.reproduce.error_analysis import with_printed_gain
 from forcecal_ros.sim.rig.simulator import Samples, Simulator
+from gamez_gains import with_printed_gain
 import numpy as np
 
 SOURCES = ('true', 'raw', 'static', 'printed', 'newton', 'kalman')

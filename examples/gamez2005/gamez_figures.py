@@ -1,5 +1,5 @@
 """
-The contact experiment as tables for a terminal, pictures, and one HTML page.
+The contact experiment as tables for a terminal, and pictures.
 
 Signs are the paper's: u = F + m a is the force of the robot on the tool, F that of the tool on
 its environment, both the opposite of the wire's.
@@ -21,12 +21,11 @@ from forcecal_ros.report.figures import (
     specific_force,
     TRUE,
 )
-from forcecal_ros.report.page import Fact, picture, png, render_page
+from forcecal_ros.report.page import png
 from forcecal_ros.report.rows import aligned
-from forcecal_ros.reproduce.assess import Figures
-from forcecal_ros.reproduce.closed_loop import ClosedLoopRun
-from forcecal_ros.reproduce.error_analysis import continuous, error_poles, PRINTED
-from forcecal_ros.reproduce.experiment import Experiment
+from gamez_assess import Figures
+from gamez_gains import continuous, error_poles, PRINTED
+from gamez_loop import ClosedLoopRun
 from matplotlib.figure import Figure
 from scipy import signal
 
@@ -43,6 +42,34 @@ RUNAWAY = 1e6
 """A force beyond this is of a loop that has run away, whatever its number [N]: no arm bears it."""
 
 
+class Row(NamedTuple):
+    """One line of the table."""
+
+    accelerometer: str
+    feedback: str
+    figures: Figures
+
+
+class Experiment(NamedTuple):
+    """
+    Runs and figures of the experiment.
+
+    Attributes
+    ----------
+    calibrations : mapping of str to Calibration
+        Identified from a simulated sequence, by accelerometer.
+    runs : mapping of (str, str) to ClosedLoopRun
+        By accelerometer and feedback.
+    oscillations : mapping of str to ClosedLoopRun
+        In free space with feedback ``kalman``, by accelerometer.
+    """
+
+    calibrations: Mapping[str, Calibration]
+    runs: Mapping[tuple[str, str], ClosedLoopRun]
+    oscillations: Mapping[str, ClosedLoopRun]
+    rows: tuple[Row, ...]
+
+
 class Table(NamedTuple):
     """One table with what has to be said below it."""
 
@@ -52,17 +79,12 @@ class Table(NamedTuple):
     notes: list[str]
 
 
-NEXT = Fact('Next', 'Identify how your own robot follows commands, for a law that fits it:',
-            'forcecal fit-rig shaken_bag --for impedance -o plant.yaml')
-
-
 def tables(experiment: Experiment) -> Iterator[Table]:
     """Yield every table."""
     for name in experiment.calibrations:
         rows = [[FEEDBACKS[row.feedback], *_cells(row.figures)]
                 for row in experiment.rows if row.accelerometer == name]
-        yield Table(f'{PAPER[name]}: force fed back along x', HEAD, rows,
-                    list(experiment.notes[name]))
+        yield Table(f'{PAPER[name]}: force fed back along x', HEAD, rows, [])
     yield _gains(experiment)
 
 
@@ -117,40 +139,6 @@ GAIN_NOTES = [
      'sensors, which the paper does not print. Ours is faster because the simulated pose is '
      'precise: 20 µm.'),
 ]
-
-WORDS = {
-    '5': ('Figure 5: sensor and observer',
-          ('Free movement, contact transition, constrained movement. The sensor shows the tool’s '
-           'inertia as force; the observer shows contact alone.')),
-    '6': ('Figure 6: spectra of u - m a and of the observer',
-          ('The gain of newton has k23 = 1, which passes the noise of u - m a; the Kalman '
-           'observer cuts it off.')),
-    '7': ('Figure 7: sensor, observer, acceleration, compensation',
-          'The compensation is the inertial force that the observer takes off the sensor’s.'),
-    '8': ('Figure 8: an oscillation in free space',
-          'The same axis on both sides: a controller would take the residual for contact.'),
-}
-
-
-def render(experiment: Experiment, images: Mapping[str, bytes], origin: str) -> str:
-    """
-    Return the report as HTML, one file without network.
-
-    Parameters
-    ----------
-    images : mapping of str to bytes
-        Of :func:`pictures`.
-    origin : str
-        What it was made from.
-    """
-    figures = []
-    for name, image in images.items():
-        _, number, accelerometer = name.removesuffix('.png').split('_')
-        title, words = WORDS[number]
-        figures.append(picture(f'{title} ({PAPER[accelerometer]})', words, image))
-    return render_page('impedance.html.j2', 'Contact experiment', origin=origin,
-                       headlines=list(conclusions(experiment)), steps=[NEXT],
-                       tables=list(tables(experiment)), figures=figures)
 
 
 def _cells(f: Figures) -> list[str]:

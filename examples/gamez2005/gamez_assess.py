@@ -1,12 +1,10 @@
 """Figures by which a closed-loop run is judged."""
 
-from collections.abc import Iterator, Mapping
-from math import isnan
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.impedance.session import Program
-from forcecal_ros.reproduce.closed_loop import ClosedLoopRun
+from gamez_loop import ClosedLoopRun
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,20 +16,6 @@ SETTLED = 0.05
 
 SETTLED_FLOOR = 1.0
 """... or within this force of it, where that is more: the share of a light touch is noise [N]."""
-
-EVEN = 0.05
-"""Two feedbacks are reported as equal in a figure that differs by less than this share."""
-
-COMPARED = {
-    'phantom_rms': 'Phantom force in free motion, RMS [N]',
-    'phantom_peak': 'Phantom force in free motion, peak [N]',
-    'strayed': 'Strayed in free motion [m]',
-    'peak': 'Peak at contact [N]',
-    'bounces': 'Bounces',
-    'settling': 'Settling [s]',
-    'force_error': 'Force error in contact [N]',
-}
-"""Fields of :class:`Figures` in which less is better, with their names in the report."""
 
 
 class Figures(NamedTuple):
@@ -92,55 +76,6 @@ def rms(values: Array) -> float:
     """Return the root mean square; infinite for what has run away."""
     with np.errstate(over='ignore'):
         return float(np.sqrt(np.mean(np.square(values))))
-
-
-UNSEEN = {'strayed': 20e-6}
-"""Figures below these count as alike: noise of the nominal rig's poses [m]."""
-
-
-def exceptions(figures: Mapping[str, Figures]) -> Iterator[str]:
-    """
-    Say where the Kalman observer is not the best feedback, one sentence a figure.
-
-    ``figures`` goes by feedback, ``true`` among them.
-    """
-    kalman, ideal = figures['kalman'], figures['true']
-    even = []
-    others = {name: one for name, one in figures.items() if name not in ('kalman', 'true')}
-    for field, words in COMPARED.items():
-        observed, best = getattr(kalman, field), min(others, key=lambda name: _rank(
-            getattr(others[name], field)))
-        rival = getattr(others[best], field)
-        if observed < UNSEEN.get(field, 0.0):
-            continue
-        if _rank(observed) <= (1.0 + EVEN) * _rank(rival):
-            if _rank(observed) >= (1.0 - EVEN) * _rank(rival):
-                even.append(words)
-            continue
-        perfect = getattr(ideal, field)
-        yield (f'{words}: kalman {observed:.3g}, {best} {rival:.3g}; with the true force '
-               f'{perfect:.3g}. ' + _why(perfect, rival, others[best], ideal))
-    if even:
-        yield (f'Kalman is within {100.0 * EVEN:g} % of the best of the others in: '
-               f'{", ".join(word.partition(" [")[0].lower() for word in even)}. There the tool on '
-               'its spring decides, and what the law does with position and displacement, more '
-               'than the force.')
-
-
-def _rank(value: float) -> float:
-    """Return a figure for comparison: what never settles (NaN) comes last."""
-    return float('inf') if isnan(value) else value
-
-
-def _why(perfect: float, rival: float, other: Figures, ideal: Figures) -> str:
-    if other.contact_force < (1.0 - EVEN) * ideal.contact_force:
-        return (f'That one presses with {other.contact_force:.1f} N in the place of '
-                f'{ideal.contact_force:.1f} N: its bias counts as contact.')
-    if _rank(perfect) > (1.0 + EVEN) * _rank(rival):
-        return ('The true force fares no better: it is the law that gains from a sensor which '
-                'reads the spring between robot and tool, damped as it is, and not the contact.')
-    return ('The observer answers later than the sensor, by its filter: that costs while the '
-            'force changes.')
 
 
 def losses(touching: NDArray[np.bool_]) -> int:
