@@ -8,6 +8,7 @@ from forcecal_ros.core.errors import MotionError
 from forcecal_ros.core.geometry import Array, rotation_from_vector, STANDARD_GRAVITY
 from forcecal_ros.core.schema import Row
 from forcecal_ros.core.streams import Phase, PoseStream
+from forcecal_ros.motion.continuous import fit_multi_sine, MultiSine
 from forcecal_ros.motion.limits import check_joint_move, check_move, check_workspace, Limits
 from forcecal_ros.motion.profiles import (
     JointMove,
@@ -50,7 +51,7 @@ class PlannedSegment(NamedTuple):
     """A segment with its move from where the one before ended, or its hold there."""
 
     segment: Segment
-    move: Move | JointMove | None
+    move: Move | MultiSine | JointMove | None
     goal: Goal
 
     @property
@@ -192,6 +193,28 @@ def prepare(plan: Sequence[Segment], start: Goal, pace: Pace, limits: Limits
     return tuple(planned)
 
 
+def continuous_plan(start: Goal, timing: Timing, pace: Pace, limits: Limits
+                    ) -> tuple[PlannedSegment, ...]:
+    """
+    Plan a calibration from continuous motion about where the robot stands, checked.
+
+    It is measured at rest before and after it, which gives the noise of the sensors.
+
+    Raises
+    ------
+    MotionError
+        The start is outside the workspace, or leaves too little room; or joints are commanded.
+    """
+    if not isinstance(start, Pose):
+        raise MotionError('motion.sequence continuous moves about a pose, and joint vectors are '
+                          'commanded; set motion.backend to target_frame or delta_twist_cmds')
+    check_workspace(start.position[None], limits, 'the robot stands where the sensor')
+    rest = [PlannedSegment(Segment('settle', 'here'), None, start),
+            PlannedSegment(Segment('measure', 'here', duration=timing.measure), None, start)]
+    shake = Segment('sweep', 'in all axes', start)
+    return (*rest, PlannedSegment(shake, fit_multi_sine(start, pace, limits), start), *rest)
+
+
 def check_wrench(plan: Sequence[PlannedSegment], wrench: Array, limits: Limits) -> None:
     """
     Refuse a plan whose inertial forces would exceed the limits of the measured wrench.
@@ -217,7 +240,7 @@ def check_wrench(plan: Sequence[PlannedSegment], wrench: Array, limits: Limits) 
                               f'{limit:g} {unit}; see that nothing touches the tool, then '
                               'raise the limit')
     for part in plan:
-        if not isinstance(part.move, Move):
+        if part.move is None or isinstance(part.move, JointMove):
             continue
         lever = float(np.linalg.norm(limits.tip))
         inertial = force / STANDARD_GRAVITY * part.move.peak_acceleration_at(lever)
@@ -420,7 +443,7 @@ def preview(plan: Sequence[PlannedSegment], rate: float, settle: float
             raise MotionError('only plans of poses can be previewed; list poses, not joints')
         n = max(1, round((settle if part.duration is None else part.duration) * rate))
         for k in range(n):
-            pose = (part.move.at((k + 1) / rate).pose if isinstance(part.move, Move)
+            pose = (part.move.at((k + 1) / rate).pose if isinstance(part.move, (Move, MultiSine))
                     else part.goal)
             positions.append(pose.position)
             rotations.append(pose.R_base_sensor)
@@ -477,15 +500,16 @@ def outline(plan: Sequence[PlannedSegment], tip: Array) -> Outline:
         The tool's foremost point in ft_sensor [m].
     """
     moves = [part.move for part in plan if part.move is not None]
-    straight = [move for move in moves if isinstance(move, Move)]
+    paths = [move for move in moves if isinstance(move, (Move, MultiSine))]
+    speeds = [move.peak_speeds for move in paths]
     joints = [move for move in moves if isinstance(move, JointMove)]
     positions, rotations = path_of(plan)
     return Outline(
         len(moves), sum(part.duration is None for part in plan),
         expected_duration(plan, settle=0.0),
-        sum(move.distance for move in straight), sum(move.angle for move in straight),
-        max((PEAK_SPEED * move.distance / move.duration for move in straight), default=0.0),
-        max((PEAK_SPEED * move.angle / move.duration for move in straight), default=0.0),
+        sum(move.distance for move in paths), sum(move.angle for move in paths),
+        max((speed for speed, _ in speeds), default=0.0),
+        max((turning for _, turning in speeds), default=0.0),
         max((PEAK_SPEED * float(np.abs(move.displacement).max()) / move.duration
              for move in joints), default=0.0),
         _box(positions), _box(positions + rotations @ tip))
@@ -498,7 +522,7 @@ def _box(points: Array) -> Box | None:
 def path_of(plan: Sequence[PlannedSegment]) -> tuple[Array, Array]:
     """Return poses of ft_sensor along all moves, (n, 3) [m] and (n, 3, 3); none of joints."""
     found = [part.move.poses(max(2, round(part.move.duration / SPACING)))
-             for part in plan if isinstance(part.move, Move)]
+             for part in plan if isinstance(part.move, (Move, MultiSine))]
     if not found:
         return np.empty((0, 3)), np.empty((0, 3, 3))
     positions, rotations = zip(*found)

@@ -183,7 +183,7 @@ class Gap(Node):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node; returns the exit status."""
-    return run('gap', Gap, arguments)
+    return run('gap', Gap, arguments, PARAMETERS)
 
 
 if __name__ == '__main__':

@@ -217,7 +217,7 @@ class Impedance(MotionNode[ImpedanceSettings]):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node; returns the exit status."""
-    return run('impedance', Impedance, arguments)
+    return run('impedance', Impedance, arguments, PARAMETERS)
 
 
 if __name__ == '__main__':

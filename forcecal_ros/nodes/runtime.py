@@ -8,12 +8,14 @@ from pathlib import Path
 import signal
 import sys
 import tempfile
+from textwrap import fill
 from types import FrameType
 from typing import Any, Protocol, runtime_checkable
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from forcecal_ros.core.errors import ConfigError, ForcecalError
 from forcecal_ros.core.parameters import Parameter
+from forcecal_ros.core.schema import yaml_value
 from lifecycle_msgs.srv import ChangeState
 import rclpy
 from rclpy.clock import Clock, ClockType
@@ -120,7 +122,8 @@ class Interrupt:
             sys.exit(1)
 
 
-def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
+def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | None = None,
+        table: Sequence[Parameter] = ()) -> int:
     """
     Run a node until a signal.
 
@@ -130,11 +133,14 @@ def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | Non
         For messages before there is a node.
     arguments : sequence of str, optional
         Command line, by default ``sys.argv``.
+    table : sequence of Parameter
+        Those that ``--help`` lists.
 
     Returns
     -------
     int
-        Exit status: 0 after a signal, 1 after an error that the user can mend, 2 for wrong usage.
+        Exit status: 0 after a signal or help, 1 after an error that the user can fix, 2 for wrong
+        usage.
     """
     arguments = list(sys.argv if arguments is None else arguments)
     try:
@@ -142,6 +148,9 @@ def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | Non
     except RCLError as error:
         print(f'{name}: {" ".join(str(error).split())}', file=sys.stderr)
         return 2
+    if extra and extra[0] in ('-h', '--help'):
+        print(usage(name, table))
+        return 0
     if extra:
         print(f'{name}: unknown argument {extra[0]}; parameters go behind --ros-args, as '
               '-p name:=value or --params-file FILE', file=sys.stderr)
@@ -173,6 +182,17 @@ def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | Non
         rclpy.try_shutdown()
         interrupt.restore()
     return 0
+
+
+def usage(name: str, table: Sequence[Parameter]) -> str:
+    """Return the help of a node: how it is called, and its parameters with their defaults."""
+    call = (f'usage: {name} [--ros-args [-p NAME:=VALUE] [--params-file FILE] '
+            '[-r TOPIC:=TOPIC] [-r __ns:=/NAME]]')
+    return '\n'.join([
+        call, '', 'parameters:',
+        *(f'  {row.name} (default {yaml_value(row.default)})\n'
+          + fill(row.text, 95, initial_indent=' ' * 8, subsequent_indent=' ' * 8)
+          for row in table)])
 
 
 @contextmanager

@@ -12,6 +12,7 @@ from forcecal_ros.io.calibration_file import load, save
 from forcecal_ros.motion.monitor import KEPT, POSITIONING_ERROR, Stillness
 from forcecal_ros.motion.plan import (
     check_wrench,
+    continuous_plan,
     Goal,
     in_words,
     outline,
@@ -203,11 +204,13 @@ class Sequencer(MotionNode[SequencerSettings]):
         if self.get_parameter('motion.require_preview').value:
             self._preview.refuse_other(self._values(), settings.poses, start)
         parts = self._plan(start)
-        self.get_logger().info(f'{settings.sequence} starts, with poses '
-                               f'{", ".join(settings.poses)}')
+        how = ('in continuous motion' if settings.continuous
+               else f'with poses {", ".join(settings.poses)}')
+        self.get_logger().info(f'{settings.sequence} starts, {how}')
         self._collector.clear()
         self._collector.frames.update(self._sensors.frames)
-        self._measured, self._repeats = list(settings.poses), settings.repeats
+        self._measured = list(settings.poses)
+        self._repeats = 0 if settings.continuous else settings.repeats
         self._sequence.settings = settings.stream
         self._sequence.start(parts, start, 'identification' if SEQUENCES[
             settings.sequence].identifies else '')
@@ -216,9 +219,12 @@ class Sequencer(MotionNode[SequencerSettings]):
     def _plan(self, start: Goal) -> tuple[PlannedSegment, ...]:
         """Plan from where the robot stands, checked against all limits."""
         settings = self._settings
-        goals, away = settings.goals(start)
-        plan = SEQUENCES[settings.sequence].plan(goals, away, settings.timing)
-        parts = prepare(plan, start, settings.pace, settings.limits)
+        if settings.continuous:
+            parts = continuous_plan(start, settings.timing, settings.pace, settings.limits)
+        else:
+            goals, away = settings.goals(start)
+            plan = SEQUENCES[settings.sequence].plan(goals, away, settings.timing)
+            parts = prepare(plan, start, settings.pace, settings.limits)
         check_wrench(parts, self._sensors.monitor.mean('wrench'), settings.limits)
         return parts
 
@@ -352,7 +358,7 @@ class Sequencer(MotionNode[SequencerSettings]):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node; returns the exit status."""
-    return run('sequencer', Sequencer, arguments)
+    return run('sequencer', Sequencer, arguments, PARAMETERS)
 
 
 if __name__ == '__main__':

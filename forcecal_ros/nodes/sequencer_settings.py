@@ -49,6 +49,9 @@ def _live(name: str, default: Any, description: str, unit: str = '', low: float 
 PARAMETERS = (
     EXECUTOR,
     _live('sequence', 'calibrate', 'Sequence that a start runs', choices=tuple(SEQUENCES)),
+    _live('motion.sequence', 'poses', 'How calibrate moves. poses: to each pose, at rest in it, '
+          'and a step; continuous: 10 s of smooth motion in all axes about where the robot '
+          'stands, within limits and pace', choices=('poses', 'continuous')),
     _live('poses.names', list(nominal_poses()), 'Names of the poses in their order; the step is '
           'made in the first'),
     _live('poses.values', flatten_poses(nominal_poses()),
@@ -128,6 +131,7 @@ class SequencerSettings(NamedTuple):
     stream: StreamSettings
     identification: IdentificationSettings
     repeats: int = 0
+    continuous: bool = False
 
     def goals(self, start: Goal) -> tuple[dict[str, Goal], Goal]:
         """Return goals and the goal of the step, as poses or joint vectors like ``start``."""
@@ -159,7 +163,8 @@ def settings_of(value: Mapping[str, Any]) -> SequencerSettings:
     return SequencerSettings(
         value['sequence'], poses, joints, away, section_of(Timing, value, 'timing'),
         section_of(Pace, value, 'pace'), limits, watch, stream, _identification(value),
-        value['identify.repeats'])
+        value['identify.repeats'],
+        value['sequence'] == 'calibrate' and value['motion.sequence'] == 'continuous')
 
 
 def _identification(value: Mapping[str, Any]) -> IdentificationSettings:

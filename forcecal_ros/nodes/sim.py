@@ -408,7 +408,7 @@ class Sim(Node):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node; returns the exit status."""
-    return run('sim', Sim, arguments)
+    return run('sim', Sim, arguments, PARAMETERS)
 
 
 if __name__ == '__main__':
