@@ -19,7 +19,7 @@ from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import ForcecalError
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.impedance.design import design, DesignSettings, Wanted
+from forcecal_ros.impedance.design import design, DesignSettings, TargetImpedance
 from forcecal_ros.impedance.law import Law, Regulator
 from forcecal_ros.impedance.plant import load_plant
 from forcecal_ros.impedance.session import Program, Stage, Task
@@ -106,8 +106,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('--seed', type=int, default=0, help='of the sensor noise')
     args = parser.parse_args(arguments)
     try:
-        law = design(load_plant(args.plant), Wanted(args.mass, args.damping, args.stiffness),
-                     DesignSettings(latency=args.latency)).law
+        target = TargetImpedance(args.mass, args.damping, args.stiffness)
+        law = design(load_plant(args.plant), target, DesignSettings(latency=args.latency)).law
         experiment = conduct(load_rig(args.rig), [args.accelerometer] if args.accelerometer
                              else ['acc1', 'acc2'], law, seed=args.seed, latency=args.latency)
     except ForcecalError as error:

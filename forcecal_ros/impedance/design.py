@@ -1,10 +1,10 @@
-"""From models and the wanted impedance to a law that is known to be stable.
+"""From models and the target impedance to a law that is known to be stable.
 
-The cost of the linear-quadratic regulator is the impedance relation that the user asks for,
+The cost of the linear-quadratic regulator is the impedance relation that the user states,
 
     e = M d2x/dt2 + D dx/dt + K (x - x_r) - f
 
-of the tool's position x and the contact force f: driven to zero, the tool gives way as wanted.
+of the tool's position x and the contact force f: driven to zero, the tool gives way as target.
 Steady force and reference are exact by the choice of c and l_r.
 """
 
@@ -21,12 +21,12 @@ from scipy.linalg import solve, solve_discrete_are
 
 
 @dataclass(frozen=True)
-class Wanted(Section, name='impedance'):
+class TargetImpedance(Section, name='impedance'):
     """How the tool shall give way to a force, about its reference."""
 
-    mass: Annotated[float, Row('Of the wanted behaviour', 'kg', above=0.0)] = 13.0
-    damping: Annotated[float, Row('Of the wanted behaviour', 'N s/m', above=0.0)] = 250.0
-    stiffness: Annotated[float, Row('Of the wanted behaviour', 'N/m', above=0.0)] = 1000.0
+    mass: Annotated[float, Row('Of the target behaviour', 'kg', above=0.0)] = 13.0
+    damping: Annotated[float, Row('Of the target behaviour', 'N s/m', above=0.0)] = 250.0
+    stiffness: Annotated[float, Row('Of the target behaviour', 'N/m', above=0.0)] = 1000.0
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class DesignSettings(Section, name='design'):
 
     effort: Annotated[float, Row(
         'What a command off its steady value costs, as a force per distance: small against the '
-        'wanted stiffness, so that the impedance relation counts', 'N/m', above=0.0)] = 100.0
+        'target stiffness, so that the impedance relation counts', 'N/m', above=0.0)] = 100.0
     latency: Annotated[int, Row(
         "Periods that a command takes beyond the robot's own delay", low=0, high=50)] = 0
     force_lag: Annotated[float, Row(
@@ -171,7 +171,7 @@ WALLS = 60
 """Number of wall stiffnesses checked within the stated range, and as many beyond it."""
 
 AGREEMENT = 1.0
-"""Highest frequency at which the impedance is compared with the wanted one [Hz]."""
+"""Highest frequency at which the impedance is compared with the target one [Hz]."""
 
 
 class Relation(NamedTuple):
@@ -212,8 +212,8 @@ class _Stable(NamedTuple):
     unstable_from: float
 
 
-def design(plant: Plant, wanted: Wanted = Wanted(), settings: DesignSettings = DesignSettings()
-           ) -> Design:
+def design(plant: Plant, target: TargetImpedance = TargetImpedance(),
+           settings: DesignSettings = DesignSettings()) -> Design:
     """
     Design the law [Gamez2005] Eq. 31 and check it.
 
@@ -222,14 +222,14 @@ def design(plant: Plant, wanted: Wanted = Wanted(), settings: DesignSettings = D
     ConfigError
         See :func:`stable_law`.
     """
-    law, free, without, unstable_from = _stable(plant, wanted, settings)
+    law, free, without, unstable_from = _stable(plant, target, settings)
     touched = [margins(_against(law, plant, settings, k), law.period, k)
                for k in settings.wall_stiffness]
     return Design(law, (margins(without, law.period), *touched), unstable_from,
-                  _disagreement(law, free, wanted, settings))
+                  _disagreement(law, free, target, settings))
 
 
-def stable_law(plant: Plant, wanted: Wanted, settings: DesignSettings) -> Law:
+def stable_law(plant: Plant, target: TargetImpedance, settings: DesignSettings) -> Law:
     """
     Return the law of :func:`design` without its margins, which take seconds.
 
@@ -239,12 +239,12 @@ def stable_law(plant: Plant, wanted: Wanted, settings: DesignSettings) -> Law:
         The loop is unstable without contact or against a wall of the stated range, or has no
         optimal gain.
     """
-    return _stable(plant, wanted, settings).law
+    return _stable(plant, target, settings).law
 
 
-def _stable(plant: Plant, wanted: Wanted, settings: DesignSettings) -> _Stable:
+def _stable(plant: Plant, target: TargetImpedance, settings: DesignSettings) -> _Stable:
     free = process(plant, settings.latency)
-    law = _law(plant, free, wanted, settings)
+    law = _law(plant, free, target, settings)
     without = loop(law, free, settings.force_lag)
     if without.radius >= 1.0:
         raise ConfigError(
@@ -280,7 +280,7 @@ def _unstable_from(law: Law, plant: Plant, settings: DesignSettings) -> float:
                  if _against(law, plant, settings, k).radius >= 1.0), np.inf)
 
 
-def relation(free: Process, wanted: Wanted, period: float) -> Relation:
+def relation(free: Process, target: TargetImpedance, period: float) -> Relation:
     """
     Write the impedance relation as a row of the process.
 
@@ -294,14 +294,14 @@ def relation(free: Process, wanted: Wanted, period: float) -> Relation:
     period : float
         [s]
     """
-    inertia, v = wanted.mass / period, free.velocity
+    inertia, v = target.mass / period, free.velocity
     return Relation(
-        inertia * (v @ free.A - v) + wanted.damping * v + wanted.stiffness * free.tool,
-        float(inertia * (v @ free.B)), float(inertia * (v @ free.F)) - 1.0, wanted.stiffness)
+        inertia * (v @ free.A - v) + target.damping * v + target.stiffness * free.tool,
+        float(inertia * (v @ free.B)), float(inertia * (v @ free.F)) - 1.0, target.stiffness)
 
 
-def _law(plant: Plant, free: Process, wanted: Wanted, settings: DesignSettings) -> Law:
-    e = relation(free, wanted, plant.robot.period)
+def _law(plant: Plant, free: Process, target: TargetImpedance, settings: DesignSettings) -> Law:
+    e = relation(free, target, plant.robot.period)
     C = np.array([free.robot, free.tool - free.robot])
     try:
         L = _optimal_gain(free.A, free.B[:, np.newaxis], np.outer(e.C, e.C),
@@ -320,7 +320,7 @@ def _law(plant: Plant, free: Process, wanted: Wanted, settings: DesignSettings) 
     return Law(plant.robot.period, free.A, free.B, free.F, C, K, L,
                c if settings.force_gain is None else settings.force_gain,
                l_r if settings.position_gain is None else settings.position_gain,
-               wanted.damping / wanted.stiffness)
+               target.damping / target.stiffness)
 
 
 def _optimal_gain(A: Array, B: Array, Q: Array, R: Array, S: Array | None = None) -> Array:
@@ -342,7 +342,7 @@ def _kalman_gain(free: Process, C: Array, settings: DesignSettings) -> Array:
 
 
 def _steady_gains(free: Process, e: Relation, L: Array) -> tuple[float, float]:
-    """Return c and l_r that make e vanish at rest, whatever force and reference are."""
+    """Return c and l_r that make e vanish at rest, for any force and reference."""
     n = len(L)
     rest = np.block([[free.A - np.eye(n), free.B[:, np.newaxis]], [e.C, e.D]])
     steady = np.linalg.solve(rest, -np.column_stack(
@@ -351,7 +351,8 @@ def _steady_gains(free: Process, e: Relation, L: Array) -> tuple[float, float]:
     return float(c), float(l_r)
 
 
-def _disagreement(law: Law, free: Process, wanted: Wanted, settings: DesignSettings) -> float:
+def _disagreement(law: Law, free: Process, target: TargetImpedance, settings: DesignSettings
+                  ) -> float:
     open_loop = loop(law, free, settings.force_lag)
     n = len(law.B)
     A = open_loop.A + np.outer(open_loop.B, open_loop.C)
@@ -361,5 +362,5 @@ def _disagreement(law: Law, free: Process, wanted: Wanted, settings: DesignSetti
     z = np.exp(1j * frequency * law.period)[:, np.newaxis, np.newaxis]
     states = np.linalg.solve(z * np.eye(len(B)) - A, B[:, np.newaxis].astype(complex))[..., 0]
     compliance = states[:, :n] @ free.tool
-    ideal = wanted.stiffness + 1j * frequency * wanted.damping - wanted.mass * frequency**2
+    ideal = target.stiffness + 1j * frequency * target.damping - target.mass * frequency**2
     return float(np.abs(compliance * ideal - 1.0).max())

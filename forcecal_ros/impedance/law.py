@@ -16,7 +16,7 @@ LONGEST = 250
 
 class Law(NamedTuple):
     """
-    Everything the step needs besides its state; along x of ft_sensor, from the start.
+    Everything the step needs in addition to its state; along x of ft_sensor, from the start.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Law(NamedTuple):
     position_gain : float
         l_r of Eq. 31 [1].
     lead : float
-        Wanted damping over stiffness: how far ahead the reference counts [s].
+        Target damping over stiffness: how far ahead the reference counts [s].
     """
 
     period: float

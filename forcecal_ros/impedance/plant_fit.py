@@ -319,7 +319,7 @@ def identify_robot(command: Array, position: Array, period: float, *,
     Identify the robot as output-error model, [Gamez2005] Eq. 28.
 
     Of each order the best delay is taken; of the orders the smallest one whose error on the
-    data held out is no greater than the least one, as far as its standard error tells.
+    data held out is no greater than the least one, within its standard error.
 
     Parameters
     ----------
@@ -449,7 +449,7 @@ def identify_slide(force: Signal, slide: Signal, position: Signal) -> SlideFit:
     Raises
     ------
     DataError
-        Too short, or no motion that tells them.
+        Too short, or no motion that identifies them.
     """
     begin = max(signal.t[0] for signal in (force, slide, position))
     end = min(signal.t[-1] for signal in (force, slide, position))
@@ -486,7 +486,7 @@ def _weighted(signal: Signal, starts: Array) -> tuple[Array, Array, Array]:
     for i, (first, last) in enumerate(edges.T):
         if last - first < 8:
             raise DataError(f'{last - first} samples in {WINDOW:g} s at {starts[i]:.2f} s; at '
-                            'least 8 are wanted: record without gaps')
+                            'least 8 are needed: record without gaps')
         angle = np.pi / WINDOW * (signal.t[first:last] - starts[i])
         sine, cosine = np.sin(angle), np.cos(angle)
         rate = np.pi / WINDOW

@@ -43,7 +43,7 @@ class Program:
         for stage in self.stages:
             if not (stage.duration > 0 and np.isfinite([stage.goal, stage.duration]).all()):
                 raise ConfigError(f'a stage of phase {stage.phase} goes to {stage.goal:g} m in '
-                                  f'{stage.duration:g} s; it wants finite numbers and a duration')
+                                  f'{stage.duration:g} s; give finite numbers and a duration')
 
     @cached_property
     def ends(self) -> tuple[float, ...]:
@@ -225,7 +225,7 @@ WITHDRAWING = 0.25
 """Duration of each slow withdrawal after a stop, while the tool still presses [s]."""
 
 COMPRESSED = 5e-4
-"""Displacement beyond which the tool counts as pressed in, whatever the force says [m]."""
+"""Displacement beyond which the tool counts as pressed in, for any force [m]."""
 
 
 @dataclass(frozen=True)
@@ -265,7 +265,7 @@ class Bounds:
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:
             if not getattr(self, name) > 0.0:
-                raise ConfigError(f'{name} is {getattr(self, name)}; it wants a positive number')
+                raise ConfigError(f'{name} is {getattr(self, name)}; expected a positive number')
 
 
 class TaskStatus(NamedTuple):
@@ -447,8 +447,8 @@ class Session:
         if self._paused:
             reference = reference._replace(velocity=0.0)
         self._note(reference.phase, measured)
-        wanted = self._controller(reference, measured)
-        if fault := self._fault(reference, measured, wanted):
+        command = self._controller(reference, measured)
+        if fault := self._fault(reference, measured, command):
             self.abort(fault)
         elif self._time >= self._program.duration:
             self.status = self.status._replace(phase='done')
@@ -456,7 +456,7 @@ class Session:
                                  self._bounds.acceleration)
             self._time = 0.0
         else:
-            self._motion = self._limited(wanted)
+            self._motion = self._limited(command)
             self._controller.sent(self._motion.position)
 
     def _note(self, phase: str, measured: Measurement) -> None:
@@ -470,7 +470,7 @@ class Session:
             self._touched = False
         self.status = status._replace(phase=phase)
 
-    def _fault(self, reference: Reference, measured: Measurement, wanted: float) -> str:
+    def _fault(self, reference: Reference, measured: Measurement, command: float) -> str:
         bounds, force = self._bounds, abs(measured.force)
         tool = measured.position + measured.slide
         if force > bounds.force:
@@ -479,15 +479,15 @@ class Session:
         if not expected and force > bounds.free_force:
             return (f'contact force {force:.1f} N {self._wall - tool:.3f} m before the wall is '
                     f'expected; limits.free_force is {bounds.free_force:g} N')
-        if not abs(wanted - reference.position) <= bounds.deviation:
-            return (f'the command is {wanted - reference.position:.3f} m from the reference, '
+        if not abs(command - reference.position) <= bounds.deviation:
+            return (f'the command is {command - reference.position:.3f} m from the reference, '
                     f'limits.deviation is {bounds.deviation:g} m; the loop is not stable here')
         return ''
 
-    def _limited(self, wanted: float) -> LineMotion:
+    def _limited(self, command: float) -> LineMotion:
         """Return the command one period on, held to speed and acceleration."""
         dt, before, bounds = self._period, self._motion, self._bounds
-        velocity = (wanted - before.position) / dt
+        velocity = (command - before.position) / dt
         change = bounds.acceleration * dt
         held = min(max(velocity, -bounds.speed, before.velocity - change), bounds.speed,
                    before.velocity + change)

@@ -76,7 +76,7 @@ class Limits:
         for name in ('workspace_min', 'workspace_max', 'tip'):
             value = np.array(getattr(self, name), dtype=float)
             if value.shape != (3,) or not np.isfinite(value).all():
-                raise ConfigError(f'limits.{name} wants three finite numbers, got {value}')
+                raise ConfigError(f'limits.{name} requires three finite numbers, got {value}')
             value.setflags(write=False)
             object.__setattr__(self, name, value)
         if (self.workspace_min >= self.workspace_max).any():

@@ -32,7 +32,7 @@ class Channel:
 
     Attributes
     ----------
-    heard, changed : float
+    received, changed : float
         When a sample arrived last, and when one that differs from the one before, on the
         caller's clock [s].
     rest_timeout : float
@@ -47,7 +47,7 @@ class Channel:
 
     def __init__(self, topic: str) -> None:
         self.topic = topic
-        self.heard = -inf
+        self.received = -inf
         self.changed = -inf
         self.rest_timeout = inf
         self.moving_since = inf
@@ -60,7 +60,7 @@ class Channel:
         """Take in a sample that arrives at ``now`` of the caller's clock."""
         if values != self.values:
             self.changed = now
-        self.heard, self.stamp, self.values = now, stamp, values
+        self.received, self.stamp, self.values = now, stamp, values
 
     def keep(self) -> None:
         """Keep the last sample to judge stillness and repeated readings by."""
@@ -396,7 +396,7 @@ class Monitor:
 
     def _silent(self, timeout: float) -> str:
         for channel in self.channels.values():
-            silent = self._now - channel.heard
+            silent = self._now - channel.received
             if silent > timeout:
                 return f'{channel.topic}: silent for {silent:.3f} s'
         return ''
@@ -416,14 +416,14 @@ class Monitor:
     def _frozen(self) -> str:
         timeout = self.settings.frozen_timeout
         for channel in self.channels.values():
-            stuck = channel.heard - max(channel.changed, channel.moving_since)
+            stuck = channel.received - max(channel.changed, channel.moving_since)
             if 0 < timeout < stuck:
                 return f'{channel.topic}: the same reading for {stuck:.3f} s of motion'
         return self._frozen_at_rest()
 
     def _frozen_at_rest(self) -> str:
         for channel in self.channels.values():
-            same = channel.heard - channel.changed
+            same = channel.received - channel.changed
             if self.settings.frozen_timeout and same > channel.rest_timeout:
                 return (f'{channel.topic}: the same reading for {same:.3f} s, at rest it changed '
                         f'within {channel.rest_timeout:.3g} s')
@@ -459,7 +459,7 @@ class Monitor:
             The robot moves.
         """
         for channel in self.channels.values():
-            if channel.heard == -inf:
+            if channel.received == -inf:
                 raise DataError(f'{channel.topic}: nothing received yet; is its driver running '
                                 'and the name remapped?')
         self.fault = ''
@@ -527,10 +527,10 @@ class Monitor:
                 (now, target, distance_between(pose.values, seen), POSITIONING_ERROR[0], 'm'),
                 (now[3:], target[3:], angle_between(pose.values[3:], seen[3:]),
                  POSITIONING_ERROR[1], 'rad')):
-            wanted = distance_between(a, b) if unit == 'm' else angle_between(a, b)
-            if done < ARRIVED * wanted - error:
-                return (f'{pose.topic}: has done {done:.3g} of the {wanted:.3g} {unit} that it '
-                        'was told to')
+            target = distance_between(a, b) if unit == 'm' else angle_between(a, b)
+            if done < ARRIVED * target - error:
+                return (f'{pose.topic}: has done {done:.3g} of the {target:.3g} {unit} that it '
+                        'was commanded')
         return ''
 
     def mean(self, name: str) -> Array:

@@ -1,6 +1,6 @@
 """Optimal experimental design of a calibration: which poses, in which order, for how long.
 
-Of all sequences that fit into the time and the limits, the one whose Fisher information says most:
+Of all sequences within the time and the limits, the one with the greatest Fisher information:
 
 - D-optimal: least determinant of the covariance of all parameters;
 - c-optimal for one parameter: least variance of that. On its own it likes designs that tell
@@ -192,7 +192,7 @@ class Planner:
 
     @cached_property
     def _rests(self) -> list[tuple[Information, Information]]:
-        """What a second of measuring and of settling tells in each pose."""
+        """What a second of measuring and of settling contributes in each pose."""
         return [(at_rest(pose.R_base_sensor, self.sensors),
                  in_motion(Move(pose, pose, 1.0), self.sensors)) for pose in self.poses]
 

@@ -220,7 +220,7 @@ def check_wrench(plan: Sequence[PlannedSegment], wrench: Array, limits: Limits) 
     Refuse a plan whose inertial forces would exceed the limits of the measured wrench.
 
     Before a calibration the tool's mass is known by its weight only: the force read at rest,
-    divided by g, stands for it, and the distance of the tip for its lever arm.
+    divided by g, represents it, and the distance of the tip for its lever arm.
 
     Parameters
     ----------
@@ -290,7 +290,7 @@ def diagnosis_plan(goals: Mapping[str, Goal], away: Goal, timing: Timing
     goals : mapping
         The first is where steps, sweeps and reversals are made.
     away : Pose or ndarray
-        What is touched, where ``timing.contacts`` asks for that. Of joint vectors, the end of the
+        What is touched, where ``timing.contacts`` is above 0. Of joint vectors, the end of the
         longest sweep.
     """
     names = list(goals)

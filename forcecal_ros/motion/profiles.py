@@ -192,7 +192,7 @@ def twist_towards(setpoint: Setpoint, measured: Pose, gain: float) -> tuple[Arra
     """
     Return the twist that follows a setpoint, for robots that are commanded by velocity.
 
-    At rest it is exactly zero: a robot that was told to stand shall not follow noise.
+    At rest it is exactly zero: a robot at rest must not follow noise.
 
     Parameters
     ----------

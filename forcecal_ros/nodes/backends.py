@@ -163,7 +163,7 @@ class JointTrajectories(Backend[JointSetpoint]):
 
     def __init__(self, node: Node, inbox: Inbox, sensors: Sensors, names: list[str]) -> None:
         if not names or names == ['']:
-            raise ConfigError('motion.backend joint_trajectory wants joints.names')
+            raise ConfigError('motion.backend joint_trajectory requires joints.names')
         super().__init__(node, inbox, sensors, 'joint_trajectory', JointTrajectory)
         self._names = names
         self._period_ns = 0
@@ -235,7 +235,7 @@ def pose_numbers(pose: Pose) -> tuple[float, ...]:
 
 
 def backend_of(node: Node, inbox: Inbox, sensors: Sensors) -> Backend[Any]:
-    """Return the back end that the parameter ``motion.backend`` of a node asks for."""
+    """Return the back end that the parameter ``motion.backend`` of a node names."""
     def value(name: str) -> Any:
         return node.get_parameter(name).value
 

@@ -83,13 +83,13 @@ def of_this_package(name: str, msgtype: str) -> bool:
 
 class StreamRecorder:
     """
-    Subscribes to every wanted topic that appears, and writes each message at once.
+    Subscribes to every selected topic that appears, and writes each message at once.
 
     Parameters
     ----------
     writer : BagWriter
         Has to stay open.
-    wanted : callable
+    selected : callable
         Name and type of a topic -> whether it is recorded.
 
     Attributes
@@ -100,8 +100,9 @@ class StreamRecorder:
         Message types whose package is not installed.
     """
 
-    def __init__(self, node: Node, writer: BagWriter, wanted: Callable[[str, str], bool]) -> None:
-        self._node, self._writer, self._wanted = node, writer, wanted
+    def __init__(self, node: Node, writer: BagWriter, selected: Callable[[str, str], bool]
+                 ) -> None:
+        self._node, self._writer, self._selected = node, writer, selected
         self._clock = node.get_clock()
         self._subscribed: set[str] = set()
         self.counts: Counter[str] = Counter()
@@ -110,7 +111,7 @@ class StreamRecorder:
     def subscribe_to_new_topics(self) -> None:
         """Subscribe to the topics that have appeared since."""
         for name, types in self._node.get_topic_names_and_types():
-            if name in self._subscribed or not self._wanted(name, types[0]):
+            if name in self._subscribed or not self._selected(name, types[0]):
                 continue
             if publishers := self._node.get_publishers_info_by_topic(name):
                 self._subscribe(name, types[0], [one.qos_profile for one in publishers])
@@ -150,7 +151,7 @@ DEPTH = 1000
 
 SHORTEST_WAIT, LONGEST_WAIT = 0.0005, 0.02
 """Bounds of a wait for the next message [s]: half the period of a topic at 1 kHz, and the delay of
-a signal that nobody notices."""
+a signal that is not noticed."""
 
 
 class Player:
@@ -173,7 +174,7 @@ class Player:
     unknown : set of str
         Message types whose package is not installed.
     unreceived : set of Topic
-        Topics that nobody may subscribe to while they are published.
+        Topics that no one may subscribe to while they are published.
     """
 
     def __init__(self, host: TemporaryNode, rate: float, clock_rate: float,
@@ -209,7 +210,7 @@ class Player:
         Parameters
         ----------
         each : callable
-            Told the recorded time since the first message at the rate of /clock [s].
+            Called with the recorded time since the first message at the rate of /clock [s].
 
         Raises
         ------
@@ -248,7 +249,7 @@ class Player:
         publisher = self._publishers.get(message.topic)
         if publisher is not None:
             if message.topic in self.unreceived and publisher.get_subscription_count():
-                raise MotionError(f'somebody has begun to listen on {publisher.topic_name}, a '
+                raise MotionError(f'a subscription has appeared on {publisher.topic_name}, a '
                                   'command topic; no more is published')
             publisher.publish(message.data)
             self.counts[publisher.topic_name] += 1

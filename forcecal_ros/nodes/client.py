@@ -70,7 +70,7 @@ class Processes:
     def _last_line(self, node: str) -> str:
         self._outputs[node].seek(0)
         lines = self._outputs[node].read().decode(errors='replace').strip().splitlines()
-        return lines[-1] if lines else 'it said nothing'
+        return lines[-1] if lines else 'no output'
 
     def __enter__(self) -> 'Processes':
         return self
@@ -104,10 +104,10 @@ def only_this_machine() -> dict[str, str]:
     Return environment variables that keep a process' DDS traffic on the loopback interface.
 
     With Fast DDS, Jazzy's own, messages go over UDP and never through shared memory, where each
-    process of the machine, of whatever domain, waits at locks that a killed one never releases.
+    process of the machine, of any domain, waits at locks that a killed one never releases.
     Its profile alone has to say so: ``ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST`` would bring
     shared memory back. Its buffers hold some tenths of a second of topics at 1 kHz, as far as the
-    system grants them. Any other middleware is told LOCALHOST.
+    system grants them. Any other middleware is set to LOCALHOST.
     """
     if os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps').startswith('rmw_fastrtps'):
         return {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET',
@@ -151,7 +151,7 @@ class TemporaryNode:
 
     @property
     def interrupted(self) -> bool:
-        """Whether a signal asks to end."""
+        """Whether a signal requests the end."""
         return self._interrupt.count > 0 or not rclpy.ok()
 
     def spin(self, seconds: float) -> None:
@@ -188,7 +188,7 @@ SETTLED = 0.3
 is lost: three times what Fast DDS waits by itself [s]."""
 
 SPIN = 0.02
-"""Delay of an answer that nobody notices [s]."""
+"""Delay of an answer that is not noticed [s]."""
 
 WORDS = {level: word for word, level in LEVELS.items()}
 
@@ -217,7 +217,7 @@ def ask(ros: TemporaryNode, service: str, patience: float) -> Trigger.Response:
     answer = client.call_async(Trigger.Request())
     if not _until(ros, answer.done, patience):
         raise DataError(f'{service} has not answered within {patience:g} s, and may have done '
-                        'what it was asked to; forcecal status tells')
+                        'what was requested; forcecal status shows it')
     response: Trigger.Response = answer.result()
     return response
 

@@ -33,7 +33,7 @@ START_TIMEOUT = 120.0
 """Time in which a node has to answer: a first run compiles the simulator before [s]."""
 
 READY_TIMEOUT = 30.0
-"""Time in which a start has to be accepted: the sequencer first wants samples of every sensor
+"""Time in which a start has to be accepted: the sequencer first requires samples of every sensor
 [s]."""
 
 ON_TIME = {'clock.publish': True, 'clock.wait': 0.5}
@@ -66,7 +66,7 @@ No robot moves there; the limits of a robot are for its user to widen.
 """
 
 Progress = Callable[[str, float], None]
-"""Told the phase, and the time since the start [s]."""
+"""Called with the phase, and the time since the start [s]."""
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ PARAMETERS = (
     EXECUTOR,
     Parameter('rig', '', 'Rig file (YAML) to compare with; empty: the nominal rig'),
     Parameter('accelerometer.mounted', '', 'Which accelerometer is mounted; empty: as the rig '
-              'file says', choices=('', 'acc1', 'acc2')),
+              'file states', choices=('', 'acc1', 'acc2')),
     Parameter('accelerometer.source', 'raw', 'Where the accelerometer comes from: '
               'accelerometer/raw in volts, imu/data_raw or accel in m/s^2',
               choices=(*ACCELEROMETERS, 'none')),

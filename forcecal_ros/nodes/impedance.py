@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.parameters import Parameter, parameters_of, section_of
-from forcecal_ros.impedance.design import DesignSettings, stable_law, Wanted
+from forcecal_ros.impedance.design import DesignSettings, stable_law, TargetImpedance
 from forcecal_ros.impedance.law import Measurement, Regulator
 from forcecal_ros.impedance.plant import load_plant
 from forcecal_ros.impedance.session import Bounds, Session, Task
@@ -28,7 +28,7 @@ from geometry_msgs.msg import WrenchStamped
 import numpy as np
 from sensor_msgs.msg import JointState
 
-_LIMITS, _WANTED = Limits(), Wanted()
+_LIMITS, _TARGET = Limits(), TargetImpedance()
 _DESIGN = DesignSettings()
 
 WATCH = WatchSettings(pause_timeout=0.025, lost_timeout=0.029, frozen_timeout=0.03, max_age=0.03,
@@ -58,11 +58,11 @@ PARAMETERS = (
     _live('task.cycles', 1, 'Number of cycles of free motion, contact and move back',
           '', 1, 100_000),
     *parameters_of('task', Task()),
-    _live('impedance.mass', _WANTED.mass, 'Mass of the wanted impedance, about the reference',
+    _live('impedance.mass', _TARGET.mass, 'Mass of the target impedance, about the reference',
           'kg', 0.1, 1e4),
-    _live('impedance.damping', _WANTED.damping, 'Damping of the wanted impedance', 'N s/m',
+    _live('impedance.damping', _TARGET.damping, 'Damping of the target impedance', 'N s/m',
           0.1, 1e6),
-    _live('impedance.stiffness', _WANTED.stiffness, 'Stiffness of the wanted impedance', 'N/m',
+    _live('impedance.stiffness', _TARGET.stiffness, 'Stiffness of the target impedance', 'N/m',
           0.1, 1e6),
     Parameter('plant', '', 'File of forcecal identify-robot with the models of robot and tool; '
               'empty: those of the nominal rig'),
@@ -112,7 +112,7 @@ class ImpedanceSettings(NamedTuple):
     bounds: Bounds
     limits: Limits
     watch: WatchSettings
-    wanted: Wanted
+    target: TargetImpedance
     design: DesignSettings
 
 
@@ -128,7 +128,7 @@ def settings_of(value: Mapping[str, Any]) -> ImpedanceSettings:
     return ImpedanceSettings(
         section_of(Task, value, 'task'), value['task.cycles'], section_of(Bounds, value, 'limits'),
         section_of(Limits, value, 'limits'), section_of(WatchSettings, value, 'watch'),
-        section_of(Wanted, value, 'impedance'), _design(value))
+        section_of(TargetImpedance, value, 'impedance'), _design(value))
 
 
 def _design(value: Mapping[str, Any]) -> DesignSettings:
@@ -149,7 +149,7 @@ class Impedance(MotionNode[ImpedanceSettings]):
     def __init__(self) -> None:
         super().__init__('impedance', PARAMETERS, settings_of)
         self._plant = load_plant(self.get_parameter('plant').value or None)
-        self._law = stable_law(self._plant, self._settings.wanted, self._settings.design)
+        self._law = stable_law(self._plant, self._settings.target, self._settings.design)
         self._session = Session(self._law.period)
         sensors = self._listen()
         self._serve(self._session, sensors, TargetFrame(self, self._inbox, sensors),
@@ -169,8 +169,8 @@ class Impedance(MotionNode[ImpedanceSettings]):
 
     def _new_settings(self) -> ImpedanceSettings:
         before, settings = self._settings, super()._new_settings()
-        if (settings.wanted, settings.design) != (before.wanted, before.design):
-            self._law = stable_law(self._plant, settings.wanted, settings.design)
+        if (settings.target, settings.design) != (before.target, before.design):
+            self._law = stable_law(self._plant, settings.target, settings.design)
         return settings
 
     def _begin(self) -> str:

@@ -56,7 +56,7 @@ class PoseSource(NamedTuple):
     frame_of : callable
         Returns the frame_id of poses, of a serialised message.
     static : Subscription or None
-        Besides, which ends with the node.
+        Additional, which ends with the node.
     """
 
     topic: str
@@ -139,25 +139,25 @@ def _of_joints(node: Node, base: str, frame: str, urdf: str) -> PoseSource:
 
 def transform_type(why: str, otherwise: str = '') -> Any:
     """
-    Return the type of /tf, which no package index has: the one place that wants tf2_msgs.
+    Return the type of /tf, which no package index has: the one place that requires tf2_msgs.
 
     Raises
     ------
     ConfigError
-        It is missing; says ``why`` it is wanted, and what to do ``otherwise``.
+        It is missing; with ``why`` it is required, and what to do ``otherwise``.
     """
     try:
         from tf2_msgs.msg import TFMessage
     except ImportError as error:
         raise ConfigError(
-            f'{why}, which wants the package tf2_msgs: apt install ros-jazzy-tf2-msgs{otherwise}'
+            f'{why}, which requires tf2_msgs: apt install ros-jazzy-tf2-msgs{otherwise}'
         ) from error
     return TFMessage
 
 
 def mounting_parameter(node: Node) -> Placement | None:
     """
-    Return what ``sensor.from_pose`` says.
+    Return the mounting that ``sensor.from_pose`` states.
 
     Raises
     ------

@@ -70,11 +70,11 @@ class LiveView:
         self.simulated = simulated
         self._prefix = f'/{namespace.strip("/")}'.rstrip('/')
         self._node, self._inbox, self._lock = node, Inbox(node), Lock()
-        self._asked: deque[str] = deque(maxlen=1)
+        self._requested: deque[str] = deque(maxlen=1)
         self._samples: dict[str, list[tuple[float, ...]]] = {name: [] for name in SHOWN}
         self._rows: deque[list[Any]] = deque(maxlen=KEPT)
         self._count, self._phase, self._reason, self._answer = 0, '', '', ''
-        self._said: dict[str, tuple[int, DiagnosticStatus]] = {}
+        self._states: dict[str, tuple[int, DiagnosticStatus]] = {}
         for name, topic in {**SHOWN, 'wrench': wrench}.items():
             self._inbox.subscribe(WrenchStamped, self._named(topic), partial(
                 self._take, Reader(WrenchStamped), self._samples[name]))
@@ -106,7 +106,7 @@ class LiveView:
             nodes = [{'name': name, 'level': WORDS[status.level], 'message': status.message}
                      if now - at < SILENT * SECOND else
                      {'name': name, 'level': 'stale', 'message': f'{name} has fallen silent'}
-                     for name, (at, status) in self._said.items()]
+                     for name, (at, status) in self._states.items()]
             return {'rows': [row for row in self._rows if row[0] > since], 'count': self._count,
                     'phase': self._phase, 'reason': self._reason, 'answer': self._answer,
                     'nodes': sorted(nodes, key=lambda one: NODES.index(one['name'])),
@@ -116,7 +116,7 @@ class LiveView:
         """Note a wish of a reader, a sequence or ``abort``; False: there is no such wish."""
         known = self.simulated and what in (*SEQUENCES, 'abort')
         if known:
-            self._asked.append(what)
+            self._requested.append(what)
         return known
 
     def _named(self, topic: str) -> str:
@@ -135,8 +135,8 @@ class LiveView:
             self._rows.append([self._count, self._phase, *map(_extremes, self._samples.values())])
         for samples in self._samples.values():
             samples.clear()
-        if self._asked:
-            self._begin(self._asked.pop())
+        if self._requested:
+            self._begin(self._requested.pop())
 
     def _on_phase(self, message: DiagnosticArray) -> None:
         status = message.status[0]
@@ -149,13 +149,13 @@ class LiveView:
             for status in message.status:
                 place, _, name = f'/{status.name}'.rpartition('/')
                 if place == self._prefix and name in NODES:
-                    self._said[name] = STEADY.now().nanoseconds, status
+                    self._states[name] = STEADY.now().nanoseconds, status
 
     def _gap(self) -> dict[str, Any] | None:
         """Return the gap node's word: excess by stage and channel [noise RMS]; None: no node."""
-        if 'gap' not in self._said:
+        if 'gap' not in self._states:
             return None
-        values = {pair.key: pair.value for pair in self._said['gap'][1].values}
+        values = {pair.key: pair.value for pair in self._states['gap'][1].values}
         stages: dict[str, dict[str, float]] = {stage: {} for stage in STAGES}
         for channel in CHANNELS:
             excess = _finite(values.get(f'{channel.name} [noise RMS]', ''))
@@ -166,7 +166,7 @@ class LiveView:
 
     def _late(self) -> float:
         """Return how many commands came late to a simulated rig."""
-        values = self._said['sim'][1].values if 'sim' in self._said else ()
+        values = self._states['sim'][1].values if 'sim' in self._states else ()
         return next((_finite(p.value) or 0.0 for p in values if p.key == 'commands late'), 0.0)
 
     def _begin(self, what: str) -> None:
@@ -320,7 +320,7 @@ class _Reader(BaseHTTPRequestHandler):
         """Print nothing for each request."""
 
     def _own(self) -> bool:
-        """Tell whether the browser asked for this machine by its name."""
+        """Return whether the browser requested this machine by its name."""
         return self.headers.get('Host', '').rpartition(':')[0] in NAMES
 
     def _begin(self, status: HTTPStatus, kind: str) -> None:

@@ -27,7 +27,7 @@ from std_msgs.msg import ColorRGBA, Float64MultiArray, Header, MultiArrayDimensi
 from visualization_msgs.msg import Marker, MarkerArray
 
 TOPIC = '~/tool'
-"""Where a tool is told."""
+"""Topic of the tool in use."""
 
 
 PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
@@ -159,7 +159,7 @@ BLUE = ColorRGBA(r=0.1, g=0.4, b=1.0, a=1.0)
 
 
 FRESH = 0.5
-"""How long a marker is shown that nobody renews [s]."""
+"""How long a marker is shown that is not renewed [s]."""
 
 
 def _marker(header: Header, namespace: str, kind: int, action: int = Marker.ADD) -> Marker:

@@ -86,7 +86,7 @@ CLOCK_CHECK = 0.02
 ``watch.clock_timeout`` [s]."""
 
 JITTER_WINDOW = 15_000
-"""Number of newest command periods whose jitter /diagnostics tells: a minute at 250 Hz."""
+"""Number of newest command periods whose jitter /diagnostics reports: a minute at 250 Hz."""
 
 
 SettingsT = TypeVar('SettingsT', bound=MotionSettings)
@@ -156,7 +156,7 @@ class MotionNode(Node, Generic[SettingsT]):
 
     @abstractmethod
     def _details(self) -> dict[str, object]:
-        """Return the values of a phase message besides phase and reason."""
+        """Return the values of a phase message in addition to phase and reason."""
 
     def _new_settings(self) -> SettingsT:
         """Return the settings of a start; raises where they contradict each other."""
@@ -173,7 +173,7 @@ class MotionNode(Node, Generic[SettingsT]):
         """Note a phase that begins with the command of that stamp."""
 
     def _figures(self) -> dict[str, object]:
-        """Return the values of /diagnostics besides those of every such node."""
+        """Return the values of /diagnostics in addition to those of every such node."""
         return {}
 
     def _headline(self) -> str:
@@ -298,7 +298,7 @@ class MotionNode(Node, Generic[SettingsT]):
 
     def _on_abort(self, request: Trigger.Request, response: Trigger.Response
                   ) -> Trigger.Response:
-        response.success = self._abort(Fault(f'asked to by {self.get_name()}/abort'))
+        response.success = self._abort(Fault(f'requested by {self.get_name()}/abort'))
         response.message = 'stopping' if response.success else 'nothing is under way'
         return response
 
@@ -310,10 +310,10 @@ class MotionNode(Node, Generic[SettingsT]):
 
     def stop(self) -> None:
         """Begin to come to rest, before the node ends."""
-        self._abort(Fault(f'the {self.get_name()} node was told to go'))
+        self._abort(Fault(f'the {self.get_name()} node received a signal to end'))
 
     def halt(self) -> None:
-        """Come to rest now, after an error; what is heard counts no more."""
+        """Come to rest now, after an error; what is received counts no more."""
         self._abort(Fault(f'an error ends the {self.get_name()} node'))
         while self._stream is not None and self._step(self._stream):
             sleep(self._period_ns / SECOND)
@@ -357,7 +357,7 @@ class MotionNode(Node, Generic[SettingsT]):
         if silent and not status.reason:
             message += f'; nothing received on {", ".join(silent)}'
         values: dict[str, object] = {
-            channel.topic: 'heard' if channel.values else 'nothing received'
+            channel.topic: 'received' if channel.values else 'nothing received'
             for channel in channels}
         values |= self._figures()
         if self._periods:

@@ -122,7 +122,7 @@ class Observer(ManagedNode):
                 self._transform = SensorTransform(self, poses.topic)
             frames = Frames(self._value('publish.frames'), self._value('publish.frame_poses'))
             self._tool.configure(self._value('payload.track'))
-            self._tool.want(self._value('tool') == TRACKED)
+            self._tool.use(self._value('tool') == TRACKED)
             if self._value('calibration.file') or file_of(self._value('tool')):
                 self._take_over(self._load(file_of(self._value('tool'))))
         except ForcecalError as error:
@@ -285,7 +285,7 @@ class Observer(ManagedNode):
         self._chain.window.seconds = self._value('tare.duration')
         self._chain.fade_duration = self._value('takeover.duration')
         if any(parameter.name == 'tool' for parameter in parameters):
-            self._tool.want(self._value('tool') == TRACKED)
+            self._tool.use(self._value('tool') == TRACKED)
             named = file_of(self._value('tool'))
             if self._source is not None or (self._active and named):
                 self._take_over(self._of_tool(named), same_sensor=True)

@@ -51,7 +51,7 @@ class FrameOutputs:
             self._frames.note(t, pose)
         elif base:
             self._node.get_logger().warning(
-                f'publish.frames: nobody says where {base!r} is, for current_pose is in '
+                f'publish.frames: no topic gives where {base!r} is, for current_pose is in '
                 f'{frame!r}; give its pose in publish.frame_poses',
                 once=True)
 
@@ -92,12 +92,12 @@ class SensorTransform:
         if topic == '/tf':
             raise ConfigError('publish.transform: poses are taken from /tf already (pose.base, '
                               'pose.frame); leave it false')
-        self._type: Any = transform_type('publish.transform says where ft_sensor is on /tf')
+        self._type: Any = transform_type('publish.transform publishes ft_sensor on /tf')
         self._node, self._last = node, 0
         self._out = node.create_publisher(self._type, '/tf', OUTPUT)
 
     def publish(self, stamp_ns: int, pose: tuple[float, ...], parent: str, child: str) -> None:
-        """Say a pose, unless the last one was said just now or its position is not known."""
+        """Publish a pose, unless one was published just now or its position is not known."""
         if 0 <= stamp_ns - self._last < TRANSFORM_PERIOD or not parent or pose[0] != pose[0]:
             return
         self._last = stamp_ns
@@ -136,10 +136,10 @@ another."""
 
 class ToolOnSensor:
     """
-    What hangs on the sensor of a running observer: as calibrated, as told, or as tracked.
+    What hangs on the sensor of a running observer: as calibrated, as received, or as tracked.
 
     An observer that tracks the tool publishes the topic and does not listen to it: what it finds
-    never depends on what it takes off.
+    never depends on what it subtracts.
     """
 
     def __init__(self, node: LifecycleNode, chain: LiveObserver) -> None:
@@ -147,7 +147,7 @@ class ToolOnSensor:
         self._out: Any = None
         self._in: Any = None
         self._message: InertiaStamped | None = None
-        self._told: ToolEstimate | None = None
+        self._published: ToolEstimate | None = None
         self._calibration: Calibration | None = None
 
     def configure(self, track: bool) -> None:
@@ -155,8 +155,8 @@ class ToolOnSensor:
         if track:
             self._out = self._node.create_lifecycle_publisher(InertiaStamped, TOPIC, LATCHED)
 
-    def want(self, tracked: bool) -> None:
-        """Take the tool as told or tracked from now on, or as calibrated."""
+    def use(self, tracked: bool) -> None:
+        """Use the tool as received or tracked from now on, or as calibrated."""
         self._chain.takes_tracked = tracked and self._out is not None
         if tracked and self._out is None and self._in is None:
             self._in = self._node.create_subscription(
@@ -177,11 +177,11 @@ class ToolOnSensor:
         tracker = self._chain.tracker
         if tracker is not None:
             tracker.restart()
-            self._told = None
+            self._published = None
             self.apply()
 
     def apply(self) -> None:
-        """Take off what is known of the tool by a model that was designed of the calibration."""
+        """Subtract what is known of the tool by a model that was designed of the calibration."""
         tracker = self._chain.tracker
         if self._chain.takes_tracked and tracker is not None:
             self._chain.take_tool(tracker.announced.mass, tracker.announced.com)
@@ -201,13 +201,13 @@ class ToolOnSensor:
     def tell(self) -> None:
         """Publish the tracked tool where it is another one than the last."""
         tracker, calibration = self._chain.tracker, self._calibration
-        if tracker is None or calibration is None or tracker.announced is self._told:
+        if tracker is None or calibration is None or tracker.announced is self._published:
             return
-        self._told = tracker.announced
+        self._published = tracker.announced
         message = InertiaStamped()
         message.header.stamp = self._node.get_clock().now().to_msg()
         message.header.frame_id = calibration.sensor_frame
-        fill_inertia(message.inertia, self._told.mass, self._told.com,
+        fill_inertia(message.inertia, self._published.mass, self._published.com,
                      None if calibration.inertia is None else calibration.inertia.value)
         self._out.publish(message)
 
@@ -216,9 +216,9 @@ class ToolOnSensor:
         model, tracker = self._chain.model, self._chain.tracker
         if model is None:
             return {}, ''
-        values: dict[str, object] = {'mass taken off [kg]': model.load.m}
+        values: dict[str, object] = {'mass subtracted [kg]': model.load.m}
         if self._in is not None and self._message is None:
-            return values, f'tool: nothing received on {TOPIC}; the calibrated one is taken off'
+            return values, f'tool: nothing received on {TOPIC}; the calibrated one is subtracted'
         if tracker is None:
             return values, ''
         return (values | tool_values(tracker.estimate),
@@ -226,10 +226,10 @@ class ToolOnSensor:
 
     def release(self) -> None:
         """End publisher and subscription."""
-        self.want(False)
+        self.use(False)
         if self._out is not None:
             self._node.destroy_lifecycle_publisher(self._out)
-        self._out = self._told = self._calibration = self._chain.tracker = None
+        self._out = self._published = self._calibration = self._chain.tracker = None
 
 
 def tool_values(found: ToolEstimate) -> dict[str, object]:
@@ -253,7 +253,7 @@ def tool_warning(found: ToolEstimate, in_use: float) -> str:
     if found.state == TRACKING and abs(found.mass - in_use) > max(
             SURE * found.mass_std, 0.01 * in_use):
         return (f'tool: {quantity(found.mass, found.mass_std, "kg")} are on the sensor, '
-                f'{size(in_use, "kg", 4)} are taken off; set tool: {TRACKED}')
+                f'{size(in_use, "kg", 4)} are subtracted; set tool: {TRACKED}')
     return ''
 
 

@@ -63,8 +63,8 @@ def declare(node: Node, table: Iterable[Parameter],
 
 
 def _refuse_unknown(node: Node, known: Iterable[str]) -> None:
-    """Refuse what was given at start to a parameter that nobody reads."""
-    given = node._parameter_overrides  # noqa: SLF001 - rclpy tells nobody else
+    """Refuse what was given at start to a parameter that the node does not have."""
+    given = node._parameter_overrides  # noqa: SLF001 - no public way in rclpy
     unknown = [name for name in given
                if not (node.has_parameter(name) or name.startswith(OF_PUBLISHERS))]
     if unknown:

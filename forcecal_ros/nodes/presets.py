@@ -19,7 +19,7 @@ def preset_file(name: str) -> Path:
 
 
 def read_preset(name: str) -> Mapping[str, dict[str, Any]]:
-    """Return parameters by node; besides ``topics``, names of topics by launch argument."""
+    """Return parameters by node; next to ``topics``, names of topics by launch argument."""
     document = load_yaml(preset_file(name).read_text(), name)
     return {node.removeprefix('/**/'): parameters['ros__parameters']
             for node, parameters in document.items()}

@@ -33,12 +33,12 @@ from rclpy.utilities import remove_ros_args
 from std_srvs.srv import Trigger
 
 SIGNAL_CHECK = 0.02
-"""Period in which a spinning executor returns to check for signals: a delay that nobody notices
+"""Period in which a spinning executor returns to check for signals: a delay that is not noticed
 [s]."""
 
 GRACE = 0.5
-"""Silence of the commands after which a node that was told to go no longer waits to come to rest:
-five times what a clock that drives the motion may stand by default [s]."""
+"""Silence of the commands after which a node that received a signal to end no longer waits to come
+to rest: five times what a clock that drives the motion may stand by default [s]."""
 
 OUTPUT = QoSProfile(depth=10, history=HistoryPolicy.KEEP_LAST,
                     reliability=ReliabilityPolicy.RELIABLE)
@@ -54,10 +54,10 @@ LATCHED = QoSProfile(depth=1, history=HistoryPolicy.KEEP_LAST,
 """QoS of results, of which late subscriptions get the last one too."""
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
-"""The clock of timeouts, which nobody sets."""
+"""The clock of timeouts, which is never set."""
 
 SYSTEM = Clock(clock_type=ClockType.SYSTEM_TIME)
-"""The computer's clock, whatever use_sim_time says."""
+"""The computer's clock, for any use_sim_time."""
 
 RCLError = rclpy_implementation.RCLError
 
@@ -211,7 +211,7 @@ def starting(name: str) -> Iterator[None]:
     except RCLError as error:
         why = f'ROS 2 refuses to start: {error}'
         if os.environ.get('ROS_SECURITY_ENABLE') == 'true':
-            why += '; ROS_SECURITY_ENABLE is true, which wants a DDS built with security, and keys'
+            why += '; ROS_SECURITY_ENABLE is true: it requires a DDS built with security, and keys'
         raise ConfigError(why) from error
 
 
@@ -242,9 +242,9 @@ def _spin(node: Node, interrupt: Interrupt) -> None:
 
 def _come_to_rest(node: Stoppable, executor: Executor) -> None:
     node.stop()
-    asked_ns = STEADY.now().nanoseconds
+    requested_ns = STEADY.now().nanoseconds
     while not node.at_rest and (
-            STEADY.now().nanoseconds < max(asked_ns, node.sent_ns) + int(GRACE * 1e9)):
+            STEADY.now().nanoseconds < max(requested_ns, node.sent_ns) + int(GRACE * 1e9)):
         executor.spin_until_future_complete(Future(), timeout_sec=SIGNAL_CHECK)
 
 
@@ -355,15 +355,15 @@ class Waiting:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._before = self._said = ''
+        self._before = self._logged = ''
 
     def of(self, what: str) -> None:
         """Note what is waited for now; empty: nothing."""
-        if what and what == self._before != self._said:
+        if what and what == self._before != self._logged:
             self._node.get_logger().info(f'waiting for {what}')
-            self._said = what
+            self._logged = what
         self._before = what
         if not what:
-            self._said = ''
+            self._logged = ''
 
 

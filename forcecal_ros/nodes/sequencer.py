@@ -127,8 +127,8 @@ of its window."""
 
 
 REST = KEPT + 0.3
-"""Time before a pose is measured again [s]: a start wants the robot to have stood for the samples
-that are kept, and their latency."""
+"""Time before a pose is measured again [s]: a start requires that the robot has stood for the
+samples that are kept, and their latency."""
 
 
 class WrenchReader:

@@ -197,8 +197,8 @@ def _joint_vectors(names: list[str], value: Mapping[str, Any]
     away = np.array(value['joints.away'], dtype=float)
     if len(vectors) != len(joints) * len(names) or len(away) != len(joints):
         raise ConfigError(
-            f'{len(joints)} joints and {len(names)} poses want {len(joints) * len(names)} numbers '
-            f'in joints.values and {len(joints)} in joints.away, got {len(vectors)} and '
+            f'{len(joints)} joints and {len(names)} poses require {len(joints) * len(names)} '
+            f'numbers in joints.values and {len(joints)} in joints.away, got {len(vectors)} and '
             f'{len(away)}')
     if not (np.isfinite(vectors).all() and np.isfinite(away).all()):
         raise ConfigError('joints.values or joints.away holds a number that is not finite')

@@ -89,7 +89,7 @@ class Faults:
 
     def _check(self, values: dict[str, Any]) -> None:
         if self._jump is None and values.get('fault.clock', 'none') != 'none':
-            raise ConfigError('fault.clock wants a clock that this node publishes; set '
+            raise ConfigError('fault.clock requires a clock that this node publishes; set '
                               'clock.publish')
 
     def _set(self, values: dict[str, Any]) -> None:
@@ -140,7 +140,7 @@ class Faults:
 PARAMETERS = (
     EXECUTOR,
     Parameter('rig', '', 'Rig file (YAML); empty: the nominal rig'),
-    Parameter('accelerometer', '', 'Which accelerometer is mounted; empty: as the rig file says',
+    Parameter('accelerometer', '', 'Which accelerometer is mounted; empty: as the rig file states',
               choices=('', 'acc1', 'acc2')),
     Parameter('seed', -1, 'Seed of the noise; -1: another one at each start', low=-1, high=2**31),
     Parameter('noise', True, 'Whether the sensors are noisy'),

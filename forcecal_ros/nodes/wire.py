@@ -35,7 +35,7 @@ DOUBLES: dict[type, int] = {
 FIRST = {Imu: 25}
 """Index of the first double to read, where not 0: the linear acceleration of an IMU."""
 
-WANTED = {Imu: 3, AccelStamped: 3}
+READ_COUNT = {Imu: 3, AccelStamped: 3}
 """Number of doubles to read, where not all."""
 
 REMEMBERED = 20
@@ -62,7 +62,7 @@ class Reader:
 
     def __init__(self, message_type: Any) -> None:
         first = FIRST.get(message_type, 0)
-        count = WANTED.get(message_type, DOUBLES[message_type])
+        count = READ_COUNT.get(message_type, DOUBLES[message_type])
         self._skip = 8 * first
         self._little = Struct(f'<{count}d').unpack_from
         self._big = Struct(f'>{count}d').unpack_from
@@ -165,7 +165,7 @@ class JointsReader:
         Returns
         -------
         int and list of float or None
-            Header stamp [ns], and positions [rad or m] in the order of the joints asked for; None
+            Header stamp [ns], and positions [rad or m] in the order of the joints requested; None
             where the message lacks one.
 
         Raises
@@ -309,13 +309,13 @@ class Inbox:
 
     def __init__(self, node: Node, polled: bool = True) -> None:
         self._node = node
-        self._wanted = polled
+        self._selected = polled
         self._polled: list[PolledSubscription] = []
 
     def subscribe(self, message_type: Any, topic: str, take: Callable[[bytes], None]
                   ) -> Subscription | PolledSubscription:
         """Subscribe with the QoS of a sensor; ``take`` gets the serialised messages."""
-        if not self._wanted:
+        if not self._selected:
             return self._node.create_subscription(message_type, topic, take, SENSOR, raw=True)
         polled = PolledSubscription(self._node, message_type, topic, take)
         self._polled.append(polled)

@@ -150,7 +150,7 @@ def test_told_to_go_in_contact_it_leads_the_robot_away_from_the_wall(ros_domain,
         bench.until_free()
         bench.until_still()
         assert bench.phases[-1] == 'aborted'
-        assert bench.reason == 'the impedance node was told to go'
+        assert bench.reason == 'the impedance node received a signal to end'
         assert_led_away(bench)
 
 
