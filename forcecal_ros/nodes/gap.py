@@ -11,11 +11,13 @@ from forcecal_ros.core.parameters import Parameter
 from forcecal_ros.diagnose.live import Judgement, LiveGap
 from forcecal_ros.nodes.collector import Collector
 from forcecal_ros.nodes.inputs import (
+    ACCELEROMETER_SOURCE,
     ACCELEROMETERS,
     at_sensor,
     mounting_parameter,
     POSE_PARAMETERS,
     pose_source,
+    WRENCH_SIGN,
 )
 from forcecal_ros.nodes.parameters import declare
 from forcecal_ros.nodes.runtime import (
@@ -40,13 +42,10 @@ PARAMETERS = (
     Parameter('rig', '', 'Rig file (YAML) to compare with; empty: the nominal rig'),
     Parameter('accelerometer.mounted', '', 'Which accelerometer is mounted; empty: as the rig '
               'file states', choices=('', 'acc1', 'acc2')),
-    Parameter('accelerometer.source', 'raw', 'Where the accelerometer comes from: '
-              'accelerometer/raw in volts, imu/data_raw or accel in m/s^2',
-              choices=(*ACCELEROMETERS, 'none')),
+    ACCELEROMETER_SOURCE,
     Parameter('optidrive.joint', 'optidrive', 'Name in the JointState of the compliant tool'),
     *POSE_PARAMETERS,
-    Parameter('wrench.sign', 1, '-1 for a driver that reports the wrench of the tool on its '
-              'environment', low=-1, high=1),
+    WRENCH_SIGN,
     Parameter('delay', 0.3, 'Greatest delay with which samples arrive', 's', low=0.05, high=5.0),
 )
 

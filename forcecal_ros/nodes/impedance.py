@@ -15,12 +15,14 @@ from forcecal_ros.motion.profiles import Pose, Setpoint
 from forcecal_ros.nodes.backends import TargetFrame
 from forcecal_ros.nodes.inputs import (
     at_sensor,
+    COMMAND_PARAMETERS,
     Input,
     mounting_parameter,
     POSE_PARAMETERS,
     pose_source,
 )
 from forcecal_ros.nodes.motion_node import MotionNode
+from forcecal_ros.nodes.parameters import live_parameter as _live
 from forcecal_ros.nodes.runtime import EXECUTOR, run, SECOND
 from forcecal_ros.nodes.supervision import Deadman, Sensors
 from forcecal_ros.nodes.wire import JointReader, Reader
@@ -45,12 +47,6 @@ _DESCRIPTIONS = {
     'overspeed': 'Factor by which measured speed, acceleration and jerk may exceed the limits',
 }
 """Of limits that mean something else here, where nothing is planned before the start."""
-
-
-def _live(name: str, default: Any, description: str, unit: str = '', low: float | None = None,
-          high: float | None = None) -> Parameter:
-    """Return a parameter that takes effect at the next start."""
-    return Parameter(name, default, description, unit, low, high, live=True)
 
 
 PARAMETERS = (
@@ -95,10 +91,7 @@ PARAMETERS = (
     _live('watch.clock_timeout', WATCH.clock_timeout, 'With use_sim_time, a clock that stands '
           'still for longer stops', 's', 0.02, 60.0),
     *POSE_PARAMETERS,
-    Parameter('motion.frame', '', 'frame_id of commands: the robot base link; empty: that of '
-              'current_pose, from which it may not differ'),
-    Parameter('motion.deadman_timeout', 0.0, 'Silence of the topic deadman that stops a motion; '
-              '0: no dead-man switch', 's', 0.0, 10.0),
+    *COMMAND_PARAMETERS,
     Parameter('optidrive.joint', 'optidrive', 'Name in the JointState of the compliant tool; '
               'empty: the tool is rigid'),
 )

@@ -24,6 +24,19 @@ SENSOR_FROM_POSE = Parameter(
     'sensor.from_pose', [0.0], 'x y z [m] qx qy qz qw of ft_sensor in the frame whose pose is '
     'measured and commanded, a flange or a TCP; one number: both are of ft_sensor')
 
+ACCELEROMETER_SOURCE = Parameter(
+    'accelerometer.source', 'raw', 'Where the accelerometer comes from: accelerometer/raw in '
+    'volts, imu/data_raw or accel in m/s^2', choices=('raw', 'imu', 'accel', 'none'))
+
+WRENCH_SIGN = Parameter('wrench.sign', 1, '-1 for a driver that reports the wrench of the tool on '
+                        'its environment', low=-1, high=1)
+
+COMMAND_PARAMETERS = (
+    Parameter('motion.frame', '', 'frame_id of commands: the robot base link; empty: that of '
+              'current_pose, from which it may not differ'),
+    Parameter('motion.deadman_timeout', 0.0, 'Silence of the topic deadman that stops a motion; '
+              '0: no dead-man switch', 's', 0.0, 10.0))
+
 POSE_PARAMETERS = (
     Parameter('pose.base', '', 'Frame of /tf that poses are given in; with pose.frame: poses are '
               'taken from /tf; both empty: from current_pose'),

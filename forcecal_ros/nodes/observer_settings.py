@@ -8,6 +8,7 @@ from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.parameters import Parameter
 from forcecal_ros.nodes.inputs import ACCELEROMETERS, POSE_PARAMETERS, SENSOR_FROM_POSE
+from forcecal_ros.nodes.parameters import live_parameter as _live
 from forcecal_ros.nodes.runtime import EXECUTOR
 from forcecal_ros.observe.payload.model import PayloadSettings
 from forcecal_ros.observe.settings import (
@@ -23,12 +24,6 @@ TRACKED = 'tracked'
 """Value of the parameter ``tool``: the tool on ``observer/tool``, or by the node's own tracker."""
 
 _DEFAULT = ObserverSettings()
-
-
-def _live(name: str, default: Any, description: str, unit: str = '', low: float | None = None,
-          high: float | None = None, choices: tuple[str, ...] = ()) -> Parameter:
-    """Return a parameter that takes effect at once, without a jump of what is published."""
-    return Parameter(name, default, description, unit, low, high, choices, live=True)
 
 
 PARAMETERS = (

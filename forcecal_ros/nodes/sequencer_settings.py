@@ -29,7 +29,13 @@ from forcecal_ros.motion.poses import (
 )
 from forcecal_ros.motion.profiles import Pace, Pose
 from forcecal_ros.motion.sequence import StreamSettings
-from forcecal_ros.nodes.inputs import ACCELEROMETERS, POSE_PARAMETERS
+from forcecal_ros.nodes.inputs import (
+    ACCELEROMETER_SOURCE,
+    COMMAND_PARAMETERS,
+    POSE_PARAMETERS,
+    WRENCH_SIGN,
+)
+from forcecal_ros.nodes.parameters import live_parameter as _live
 from forcecal_ros.nodes.runtime import EXECUTOR
 import numpy as np
 
@@ -38,12 +44,6 @@ LATENCY = 0.05
 that all readings in it were taken at rest [s]."""
 
 _WATCH = WatchSettings()
-
-
-def _live(name: str, default: Any, description: str, unit: str = '', low: float | None = None,
-          high: float | None = None, choices: tuple[str, ...] = ()) -> Parameter:
-    """Return a parameter that takes effect at the next start."""
-    return Parameter(name, default, description, unit, low, high, choices, live=True)
 
 
 PARAMETERS = (
@@ -71,10 +71,7 @@ PARAMETERS = (
     Parameter('motion.backend', 'target_frame', 'Topic and type of the commands',
               choices=('target_frame', 'joint_trajectory', 'delta_twist_cmds')),
     Parameter('motion.rate', 250.0, 'Rate of the commands', 'Hz', 100.0, 250.0),
-    Parameter('motion.frame', '', 'frame_id of commands: the robot base link; empty: that of '
-              'current_pose, from which it may not differ'),
-    Parameter('motion.deadman_timeout', 0.0, 'Silence of the topic deadman that stops a motion; '
-              '0: no dead-man switch', 's', 0.0, 10.0),
+    *COMMAND_PARAMETERS,
     _live('motion.require_preview', False, 'Refuse a start unless sequencer/preview has shown '
           'what it does, with these parameters and the robot where it is'),
     Parameter('motion.twist_gain', 5.0, 'delta_twist_cmds: gain from the pose error to the '
@@ -84,13 +81,10 @@ PARAMETERS = (
           'other', 'rad'),
     _live('joints.away', [0.0], 'joint_trajectory: joint vector at the end of the step', 'rad'),
     *POSE_PARAMETERS,
-    Parameter('wrench.sign', 1, '-1 for a driver that reports the wrench of the tool on its '
-              'environment', low=-1, high=1),
+    WRENCH_SIGN,
     Parameter('wrench.matrix_file', '', 'calibration.yaml of forcecal insitu whose matrix turns '
               'the raw channels on the wrench topic into a wrench; empty: they are one'),
-    Parameter('accelerometer.source', 'raw', 'Where the accelerometer comes from: '
-              'accelerometer/raw in volts, imu/data_raw or accel in m/s^2',
-              choices=(*ACCELEROMETERS, 'none')),
+    ACCELEROMETER_SOURCE,
     _live('accelerometer.coupling', 'dc', 'ac for a sensor that does not measure a constant '
           'acceleration', choices=COUPLINGS),
     _live('accelerometer.cutoff', 0.0, 'Cut-off frequency of an ac sensor where known; 0: '

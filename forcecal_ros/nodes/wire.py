@@ -93,54 +93,6 @@ def frame_of(raw: bytes) -> str:
     return raw[16:16 + length].rstrip(b'\0').decode(errors='replace')
 
 
-class JointReader:
-    """Reads the position of one joint, by its name, from serialised JointStates."""
-
-    message_type = JointState
-
-    def __init__(self, joint: str) -> None:
-        self._joint = joint.encode() + b'\0'
-        self._names = b''
-        self._index = -1
-        self._offset = 0
-
-    def __call__(self, raw: bytes) -> Sample | None:
-        """
-        Read one message; None where it lacks the joint.
-
-        Raises
-        ------
-        struct.error
-            The message is shorter than its type.
-        """
-        order = '<' if raw[1] == 1 else '>'
-        sec, nanosec, length = unpack_from(order + 'iII', raw, 4)
-        start = _aligned(16 + length, 4)
-        if raw[start:start + len(self._names)] != self._names or not self._names:
-            self._learn(raw, order, start)
-        if self._index < 0:
-            return None
-        (count,) = unpack_from(order + 'I', raw, self._offset)
-        if self._index >= count:
-            return None
-        first = _aligned(self._offset + 4, 8)
-        value = unpack_from(order + 'd', raw, first + 8 * self._index)
-        return Sample(sec * 1_000_000_000 + nanosec, value)
-
-    def _learn(self, raw: bytes, order: str, start: int) -> None:
-        """Find the joint among the names, and where the positions begin."""
-        (count,) = unpack_from(order + 'I', raw, start)
-        position, self._index = start + 4, -1
-        for i in range(min(count, len(raw))):
-            position = _aligned(position, 4)
-            (length,) = unpack_from(order + 'I', raw, position)
-            if raw[position + 4:position + 4 + length] == self._joint:
-                self._index = i
-            position += 4 + length
-        self._names = raw[start:position]
-        self._offset = _aligned(position, 4)
-
-
 class JointsReader:
     """
     Reads the positions of several joints, by their names, from serialised JointStates.
@@ -224,6 +176,27 @@ class JointsReader:
             found.index(joint) if joint in found else -1 for joint in self._joints)
         self._layouts[names] = layout
         return layout
+
+
+class JointReader:
+    """Reads the position of one joint, by its name, from serialised JointStates."""
+
+    message_type = JointState
+
+    def __init__(self, joint: str) -> None:
+        self._read = JointsReader([joint])
+
+    def __call__(self, raw: bytes) -> Sample | None:
+        """
+        Read one message; None where it lacks the joint.
+
+        Raises
+        ------
+        struct.error
+            The message is shorter than its type.
+        """
+        stamp_ns, (value,) = self._read(raw)
+        return None if value is None else Sample(stamp_ns, (value,))
 
 
 class Writer:
