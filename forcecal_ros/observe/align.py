@@ -58,13 +58,15 @@ class PoseQueue(NamedTuple):
     due: float = -inf
 
 
-def usable_from(
-        last: float, t: float, lead: float, first: float, timeout: float, skew: float) -> float:
+def run_of(usable: float, last: float, t: float, lead: float, first: float, timeout: float,
+           skew: float) -> tuple[bool, float]:
     """
-    Return when a sample at ``t`` may be used, if it begins a run; -inf if it continues one [s].
+    Return whether a sample at ``t`` begins a run, and from which stamp on its run may be used.
 
     Parameters
     ----------
+    usable : float
+        Of the sample before [s].
     last, t : float
         Stamps of the sample before (-inf: none) and of this one [s].
     lead : float
@@ -72,8 +74,18 @@ def usable_from(
     first : float
         Stamp of the first wrench, inf before it [s].
     """
+    if t - last <= timeout:
+        return False, usable
     before = last if last > -inf else first
-    return t + skew - min(lead, 0.0) if t - before > timeout else -inf
+    return True, t + skew - min(lead, 0.0) if t - before > timeout else -inf
+
+
+def turn_of(last: float, due: float, t: float, first: float, timeout: float, skew: float
+            ) -> tuple[float, float]:
+    """Return from which stamp on a pose at ``t`` counts, and when the next one is due [s]."""
+    _, usable = run_of(-inf, last, t, 0.0, first, timeout, skew)
+    interval = t - last
+    return max(t, due, usable), t + 0.9 * interval if interval <= timeout else t
 
 
 def around(samples: Samples, t: float, timeout: float) -> tuple[int, int]:
@@ -212,8 +224,5 @@ def pose_ready(queue: PoseQueue, t: float, now: float, first: float, timeout: fl
 def queued_pose(queue: PoseQueue, t: float, value: Entry, first: float, timeout: float,
                 skew: float, memory: float) -> PoseQueue:
     """Append a pose, ``value`` its position and quaternion, stamped later than the last."""
-    usable = usable_from(queue.last, t, 0.0, first, timeout, skew)
-    interval = t - queue.last
-    due = t + 0.9 * interval if interval <= timeout else t
-    pending = bounded((*queue.pending, (t, max(t, queue.due, usable), *value)), memory)
-    return PoseQueue(pending, t, due)
+    effective, due = turn_of(queue.last, queue.due, t, first, timeout, skew)
+    return PoseQueue(bounded((*queue.pending, (t, effective, *value)), memory), t, due)

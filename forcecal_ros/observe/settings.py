@@ -1,7 +1,7 @@
 """What a user may say about the chain."""
 
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 from forcecal_ros.core.schema import Row, Section
 
@@ -16,17 +16,6 @@ LEARNING = ('ukf', 'ekf')
 
 OFFSETS = ('auto', 'on', 'off')
 COVARIANCES = ('measured', 'paper')
-
-
-class Scaling(NamedTuple):
-    """Spread of the sigma points; the defaults are those of [Ukf2025]."""
-
-    alpha: float = 0.001
-    beta: float = 2.0
-    kappa: float = 0.0
-
-
-PAPER_SCALING = Scaling()
 
 
 _PAIR = tuple[float, float]
@@ -59,7 +48,6 @@ class FilterSettings(Section, name='gravity'):
         ] = 1e-6
     release_time: Annotated[float, Row(
         'Quiet after which contact counts as ended', 's', above=0.0)] = 0.2
-    scaling: Scaling = PAPER_SCALING
 
 
 CONTACT_WALK = 2.5

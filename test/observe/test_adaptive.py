@@ -4,14 +4,8 @@ from dataclasses import replace
 
 from forcecal_ros.core.streams import Stream
 from forcecal_ros.observe import ObserverSettings, replay, Status
-from forcecal_ros.observe.design import design
-from forcecal_ros.observe.filters.noise_level import (
-    AS_CALIBRATED,
-    believed,
-    rate_at,
-    scale_of,
-    updated,
-)
+from forcecal_ros.observe.contact import AS_CALIBRATED, believed, rate_at, updated
+from forcecal_ros.observe.design import design, scale_of
 from forcecal_ros.observe.live import LiveObserver
 from forcecal_ros.observe.playback import events
 import numpy as np

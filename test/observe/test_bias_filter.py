@@ -1,10 +1,10 @@
 """Filters ukf and ekf: bad samples, contact, biases; what the filter claims about itself."""
 
 from forcecal_ros.observe import design, FilterSettings, ObserverSettings, Status
-from forcecal_ros.observe.filters.bias_filter import begin, learn
-from forcecal_ros.observe.filters.gaussian import Gaussian
-from forcecal_ros.observe.filters.memory import Memory
-from forcecal_ros.observe.unload import Unloaded
+from forcecal_ros.observe.bias_filter import begin, learn
+from forcecal_ros.observe.contact import Memory
+from forcecal_ros.observe.gaussian import Gaussian
+from forcecal_ros.observe.sample import Unloaded
 import gravity_arm as arm
 from hypothesis import example, given, settings
 from hypothesis import strategies as st

@@ -15,10 +15,10 @@ from forcecal_ros.observe import (
     on_wrench,
     State,
 )
+from forcecal_ros.observe.bandwidth import stationary_filter
 from forcecal_ros.observe.design import design
 from forcecal_ros.observe.playback import answers, run
-from forcecal_ros.observe.riccati import stationary_filter
-from forcecal_ros.observe.status import BAD_WRENCH, INVALID, NO_GRAVITY
+from forcecal_ros.observe.sample import BAD_WRENCH, INVALID, NO_GRAVITY
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 import numpy as np

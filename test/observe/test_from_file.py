@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from forcecal_ros.core.streams import PoseStream, Stream
 from forcecal_ros.observe import ObserverSettings, replay, Status
-from forcecal_ros.observe.from_file import gap_limit, interpolated, within_gaps
+from forcecal_ros.observe.playback import gap_limit, interpolated, within_gaps
 import gravity_arm as arm
 import numpy as np
 import pytest

@@ -3,7 +3,6 @@
 from forcecal_ros.calibrate.delay import estimate_delay, with_delay
 from forcecal_ros.core.streams import Recording
 from forcecal_ros.observe import replay, Status
-from forcecal_ros.observe.share import with_share
 from kuka import kuka_recording, slow, static_calibration
 import numpy as np
 import pytest
@@ -16,11 +15,6 @@ THRESHOLD = 3.0
 def known(kuka_data):
     static = static_calibration(kuka_data)
     return with_delay(static, estimate_delay(kuka_recording(kuka_data, '1-baseline'), static))
-
-
-@pytest.fixture(scope='module')
-def weighed(kuka_data, known):
-    return with_share(known, kuka_recording(kuka_data, '1-baseline'))
 
 
 @pytest.fixture(scope='module')
@@ -53,24 +47,6 @@ def test_without_the_accelerometer_gravity_alone_leaves_three_times_as_much(
     left, better = slow(static)[100:].std(axis=0), slow(free).std(axis=0)
     assert left == pytest.approx([0.36, 0.02, 0.15], abs=0.02)
     assert left[0] > 2.5 * better[0] and left[2] > 2 * better[2] and left[1] < better[1]
-
-
-def test_an_axis_that_hardly_moves_counts_for_little_and_the_others_for_all(weighed):
-    share = weighed.accelerometer.share
-    assert share.value[[0, 2]].tolist() == [1.0, 1.0]
-    assert share.value[1] + 3 * share.std[1] < 0.5
-
-
-@pytest.mark.parametrize('name, begin, end', [
-    ('1-baseline', 0.15, np.inf), ('3-vibrations-contact', 0.15, 0.6)])
-def test_a_weighed_accelerometer_makes_no_axis_worse(kuka_data, known, weighed, name, begin, end):
-    recording = kuka_recording(kuka_data, name)
-    estimates = [replay(recording, c) for c in (known, weighed)]
-    estimates.append(replay(Recording(wrench=recording.wrench, pose=recording.pose), known))
-    use = (estimates[0].t > begin) & (estimates[0].t < end)
-    for pick in (slow, lambda estimate: estimate.measured[:, :3]):
-        full, share, without = (pick(one)[use].std(axis=0) for one in estimates)
-        assert (share < 1.05 * np.minimum(full, without)).all()
 
 
 def test_contact_is_seen_when_it_is_there_and_only_then(kuka_data, known, free):

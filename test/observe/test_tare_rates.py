@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.observe import design, noise_levels
-from forcecal_ros.observe.tare import FEWEST, PAUSE, Window
+from forcecal_ros.observe.live import FEWEST, PAUSE, Window
 import numpy as np
 from observing import calibration, FORCE_NOISE, lossy, observed, push, record
 import pytest

@@ -2,7 +2,7 @@
 
 from forcecal_ros.calibrate.delay import estimate_delay, with_delay
 from forcecal_ros.observe import FilterSettings, ObserverSettings, replay
-from forcecal_ros.observe.from_file import with_noise
+from forcecal_ros.observe.playback import with_noise
 from kuka import kuka_recording, slow, static_calibration
 import numpy as np
 import pytest

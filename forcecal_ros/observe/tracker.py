@@ -4,16 +4,17 @@ from collections.abc import Sequence
 from math import nan
 
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.observe import status as st
+from forcecal_ros.observe import sample as st
 from forcecal_ros.observe.design import Model
 from forcecal_ros.observe.motion import carried, gravity_in_sensor, MotionEstimate
-from forcecal_ros.observe.payload.model import Block, PayloadModel
-from forcecal_ros.observe.payload.step import (
+from forcecal_ros.observe.payload import (
     begin,
+    Block,
     Change,
     estimate,
     FROZEN,
     on_block,
+    PayloadModel,
     tared,
     ToolEstimate,
     TRACKING,
@@ -26,10 +27,21 @@ SILENCE = 1.0
 """Readings that say nothing of the tool for so long leave it unwatched: a payload is to be heard
 of in that time [s]."""
 
-
 RETELL = 1.0
 """A tool that is still being learned is told again after this: twice the time in which another
 is faded in [s]."""
+
+DURATION = 0.05
+"""Of a block: vibrations average out over it, and a payload is heard of after eight [s]."""
+
+LONGEST = 0.5
+"""A block that spans more has a gap, and is left out: a tool may turn far in it [s]."""
+
+FEWEST = 4
+"""Samples that a scatter is taken from; slower sensors have longer blocks."""
+
+UNUSABLE = st.INVALID | st.NO_POSE | st.SATURATED
+"""Status of a sample that says nothing about the tool."""
 
 
 class Tracker:
@@ -106,19 +118,6 @@ class Tracker:
     def changes(self) -> tuple[Change, ...]:
         """Changes that were taken over."""
         return self._state.changes
-
-
-DURATION = 0.05
-"""Of a block: vibrations average out over it, and a payload is heard of after eight [s]."""
-
-LONGEST = 0.5
-"""A block that spans more has a gap, and is left out: a tool may turn far in it [s]."""
-
-FEWEST = 4
-"""Samples that a scatter is taken from; slower sensors have longer blocks."""
-
-UNUSABLE = st.INVALID | st.NO_POSE | st.SATURATED
-"""Status of a sample that says nothing about the tool."""
 
 
 def usable(sample: ContactSample) -> bool:
