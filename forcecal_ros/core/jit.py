@@ -73,7 +73,7 @@ def compiled_for_numbers(function: F) -> F:
 def _compile(function: F, **options: Any) -> F:
     try:
         return cast(F, njit(cache=True, nogil=True, **options)(function))
-    except RuntimeError:  # nowhere to keep it: compile anew in each process
+    except RuntimeError:  # no folder to keep it: compile anew in each process
         return cast(F, njit(nogil=True, **options)(function))
 
 

@@ -1,7 +1,7 @@
 """Streams that arrive in any order, used as if they had arrived in the order of their stamps.
 
 What a wrench of stamp t is worth must not depend on which topic was quicker. So a wrench waits
-until each stream that flows has said all it has to say about t, and the rules below look at
+until each stream that flows has shown all it has about t, and the rules below look at
 stamps only. They hold as long as no message is overtaken by more than ``skew``:
 
 - A sampled channel (accelerometer, displacement) is interpolated between the samples around t.
@@ -109,12 +109,12 @@ def around(samples: Samples, t: float, timeout: float) -> tuple[int, int]:
 
 class Reading(NamedTuple):
     """
-    What the accelerometer says at one instant.
+    Reading of the accelerometer at one instant.
 
     Attributes
     ----------
     known : bool
-        Whether it says anything.
+        Whether there is one.
     full : bool
         Whether it is at the end of its range.
     run : float
@@ -122,7 +122,7 @@ class Reading(NamedTuple):
     f : tuple of 3 float
         Specific force [m/s^2].
     integral : tuple of 3 float
-        Of it over time since the run began [m/s]; zero where nobody asked for it.
+        Of it over time since the run began [m/s]; zero if not requested.
     """
 
     known: bool
@@ -146,7 +146,7 @@ def force_at(samples: Samples, t: float, timeout: float, integrated: bool) -> Re
     t, timeout
         As for :func:`around`.
     integrated : bool
-        Whether the integral is wanted.
+        Whether the integral is needed.
     """
     i, j = around(samples, t, timeout)
     if i < 0:
@@ -165,7 +165,7 @@ def force_at(samples: Samples, t: float, timeout: float, integrated: bool) -> Re
 
 def displacement_at(samples: Samples, t: float, timeout: float) -> float:
     """
-    Interpolate the displacement [m]; NaN where no sensor tells.
+    Interpolate the displacement [m]; NaN without a sensor.
 
     Samples are ``(time, usable from, displacement)``; t and timeout as for :func:`around`.
     """
@@ -203,7 +203,7 @@ def bounded(samples: tuple[Entry, ...], memory: float) -> tuple[Entry, ...]:
 def channel_ready(
         channel: Channel, t: float, now: float, first: float, wait: float) -> bool:
     """
-    Whether a channel has said all about ``t``, or has stopped.
+    Whether a channel is complete up to ``t``, or has stopped.
 
     ``t``, ``now``, ``first`` are the stamps of the wrench in question, of the newest and of the
     first one; ``wait`` is ``timeout + skew`` [s].

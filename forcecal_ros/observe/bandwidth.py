@@ -27,7 +27,7 @@ MOTION_CORNERS = (20.0, 100.0)
 positions that are noisier than orientations [rad/s]."""
 
 _QUIETEST = 1e-12
-"""Least density that is believed: the noise of simulations without noise is rounding, of which no
+"""Least density: the noise of simulations without noise is rounding, of which no
 gain can be made [N^2 s] and so on."""
 
 
@@ -89,7 +89,7 @@ def noise_levels(noise: Noise | None) -> NoiseLevels:
         f = float(np.diag(noise.specific_force.value).mean()) / f_rate
     force, torque = wrench[:3].mean() / noise.wrench_rate, wrench[3:].mean() / noise.wrench_rate
     if not np.isfinite([force, torque, f]).all() or not 0 < noise.wrench_rate < inf:
-        raise ConfigError('noise.wrench, noise.specific_force and their rates want finite '
+        raise ConfigError('noise.wrench, noise.specific_force and their rates must be finite '
                           'numbers; calibrate with a phase at rest')
     return NoiseLevels(max(float(force), _QUIETEST), max(float(torque), _QUIETEST),
                        max(f, _QUIETEST), noise.wrench_rate, f_rate)
@@ -212,7 +212,7 @@ def stationary_filter(
     lost = undetectable_states(A, C, names)
     if lost:
         raise UnobservableError(
-            f'{", ".join(lost)} cannot be told from the measurements at hand '
+            f'{", ".join(lost)} cannot be separated by the measurements at hand '
             f'({len(A)} states, {len(C)} measurements); '
             'leave the accelerometer offset out (observer offset: off)')
     try:
@@ -238,13 +238,13 @@ def as_calibrated(settings: ObserverSettings, calibration: Calibration) -> Obser
         The slowest corner is above the fastest.
     """
     kept = {} if calibration.observer is None else calibration.observer.kalman
-    said = (settings.contact_walk, settings.bandwidth_min_hz, settings.bandwidth_max_hz)
+    given = (settings.contact_walk, settings.bandwidth_min_hz, settings.bandwidth_max_hz)
     if ('bandwidth' in kept and 'contact_walk' not in kept
-            and (settings.bandwidth_hz, *said) == (None,) * 4):
+            and (settings.bandwidth_hz, *given) == (None,) * 4):
         return replace(settings, bandwidth_hz=float(kept['bandwidth']))
     walk, low, high = (
         float(kept[name]) if one is None and name in kept else usual if one is None else one
-        for name, one, usual in zip(('contact_walk', 'bandwidth_min', 'bandwidth_max'), said,
+        for name, one, usual in zip(('contact_walk', 'bandwidth_min', 'bandwidth_max'), given,
                                     (CONTACT_WALK, *BANDWIDTH_LIMITS)))
     return replace(settings, contact_walk=walk, bandwidth_min_hz=low, bandwidth_max_hz=high)
 
@@ -259,7 +259,7 @@ def joint_model(
     u - m a = F + m o, whose noise (m times the accelerometer's) is also the noise that drives v.
 
     Returns A, C, Q, R, S of shapes (4, 4), (m, 4), (4, 4), (m, m), (4, m) for a period ``dt``
-    [s], as :func:`stationary_filter` takes them; ``position`` says whether p is measured.
+    [s], as :func:`stationary_filter` takes them; ``position`` states whether p is measured.
     """
     A = np.eye(4)
     A[0, 1], A[0, 2], A[1, 2] = dt, -dt * dt / 2, -dt
@@ -290,7 +290,7 @@ def design_joint(
     Raises
     ------
     UnobservableError
-        Without the position, offset and contact force cannot be told apart.
+        Without the position, offset and contact force cannot be separated.
     """
     A, C, Q, R, S = joint_model(levels, mass, settings, dt, position)
     return stationary_filter(A, C, Q, R, STATES, S)
@@ -337,7 +337,7 @@ def contact_bandwidth(levels: NoiseLevels, mass: float, settings: ObserverSettin
 
 def within_limits(bandwidth: float, settings: ObserverSettings) -> float:
     """Return the bandwidth nearest to this one that the settings allow [Hz]."""
-    low, high = (usual if said is None else said for said, usual in zip(
+    low, high = (usual if given is None else given for given, usual in zip(
         (settings.bandwidth_min_hz, settings.bandwidth_max_hz), BANDWIDTH_LIMITS))
     return min(max(bandwidth, low), high)
 

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 
 def in_order(recording: Recording) -> bool:
-    """Whether the stamps of all streams increase, as the batch wants them."""
+    """Whether the stamps of all streams increase, as the batch needs them."""
     streams = (recording.wrench, recording.accelerometer, recording.optidrive, recording.pose)
     return all(np.isfinite(one.t).all() and (np.diff(one.t) > SAME).all()
                for one in streams if one is not None)

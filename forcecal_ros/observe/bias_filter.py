@@ -159,7 +159,7 @@ class ContactModel(NamedTuple):
 
 class BiasModel(NamedTuple):
     """
-    All that filters ``ukf`` and ``ekf`` need besides their state, SI, ft_sensor.
+    All that filters ``ukf`` and ``ekf`` need in addition to their state, SI, ft_sensor.
 
     Attributes
     ----------
@@ -419,7 +419,7 @@ def wrench_tuple(values: Array) -> Wrench:
 
 
 def learned_of(states: Gaussian, contact: Contact, nis: float, model: BiasModel) -> Learned:
-    """Put together what a belief of 6 or 12 states says of itself."""
+    """Put together the quality of a belief of 6 or 12 states."""
     mean, cov = states
     std = np.sqrt(cov.diagonal())
     if len(mean) == 12:

@@ -35,8 +35,8 @@ from forcecal_ros.observe.sample import (
 )
 
 LONGEST = 2 * SMOOTHING
-"""From one reading to the next, up to which a contact's own motion is told from noise by that
-mean: slower readings tell nothing of their noise [s]."""
+"""From one reading to the next, up to which a contact's own motion is separated from noise by
+that mean: slower readings show nothing of their noise [s]."""
 
 MEMORY = 0.5
 """Time constant: a level of ten is reached in half a second, and left in 1.2 s, both within two
@@ -47,10 +47,10 @@ MOST = 5.0
 [1]."""
 
 LEVELS = (0.25, 1e4)
-"""Lowest and highest level that is believed [1]."""
+"""Lowest and highest level that is accepted [1]."""
 
 NOTED = (2.0, 4.0)
-"""From the first level on the noise is believed to be another one, from the second on wholly so:
+"""From the first level on the noise counts as another one, from the second on wholly so:
 noise levels drift by a factor of two on their own [1]."""
 
 
@@ -123,7 +123,7 @@ def unload(tool: Tool, motion: MotionEstimate, t: float, wire: Wrench, force: Re
     force
         Of the accelerometer at ``t``.
     s : float
-        Displacement at ``t``; NaN where no sensor tells [m].
+        Displacement at ``t``; NaN without a sensor [m].
     """
     w0, w1, w2, w3, w4, w5 = wire
     b0, b1, b2, b3, b4, b5 = model.bias
@@ -243,7 +243,7 @@ def updated(before: NoiseLevel, dt: float, e: Vector, scale: Vector) -> NoiseLev
                       (mx + k * dx, my + k * dy, mz + k * dz))
 
 
-def believed(level: float) -> float:
+def accepted(level: float) -> float:
     """Return the level that the gain follows: 1 until it is plainly another."""
     low, high = NOTED
     if level <= low:
@@ -253,7 +253,7 @@ def believed(level: float) -> float:
 
 def rate_at(level: float, rate: float, slowest: float) -> float:
     """Return the corner of the contact wrench at a level, no slower than ``slowest`` [rad/s]."""
-    return max(rate / sqrt(believed(level)), min(rate, slowest))
+    return max(rate / sqrt(accepted(level)), min(rate, slowest))
 
 
 class NewtonState(NamedTuple):
@@ -281,7 +281,7 @@ class Memory(NamedTuple):
     axis : tuple of 3 float
         x of ft_sensor in base, which ``newton`` is along.
     noise : NoiseLevel
-        As ``kalman`` hears it.
+        As ``kalman`` measures it.
     """
 
     t: float = -inf
@@ -426,7 +426,7 @@ def filtered(memory: Memory, reading: Unloaded, motion: MotionEstimate, model: M
     if model.filter == KALMAN:
         status, e = innovation(memory, reading, model)
         memory = kalman_step(memory, reading, e, model)
-        if believed(memory.noise.level) > 1.0:
+        if accepted(memory.noise.level) > 1.0:
             status |= st.NOISY
     elif model.filter == NEWTON:
         status, e = innovation(memory, reading, model)

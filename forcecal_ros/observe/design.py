@@ -47,7 +47,7 @@ KEEP = 0.005
 """``Model.keep`` of live streams: more than one period of a wrench at 200 Hz and faster [s]."""
 
 _REACH = 0.3
-"""Where no pose tells the position it is taken to stay; an arm that works in place keeps within
+"""Where no pose shows the position it is taken to stay; an arm that works in place keeps within
 about this of it, which is the noise of such a position [m]."""
 
 
@@ -86,7 +86,7 @@ class Load(NamedTuple):
 
 
 class Model(NamedTuple):
-    """Everything the step needs besides its state; plain numbers, SI, ft_sensor."""
+    """Everything the step needs in addition to its state; plain numbers, SI, ft_sensor."""
 
     filter: int
     """One of KALMAN, NEWTON or UNFILTERED."""
@@ -217,7 +217,7 @@ def _bandwidth(calibration: Calibration, mass: float, settings: ObserverSettings
 
 
 def _is_adaptive(calibration: Calibration, settings: ObserverSettings) -> bool:
-    """Whether the bandwidth follows the noise: not where it is said, or no noise was measured."""
+    """Whether the bandwidth follows the noise: not if it is stated, or no noise was measured."""
     return bool(settings.adaptive and settings.bandwidth_hz is None and calibration.noise)
 
 
@@ -255,7 +255,7 @@ def design(calibration: Calibration, settings: ObserverSettings = ObserverSettin
         The calibration does not hold what the filter needs, or the slowest bandwidth is above the
         fastest.
     UnobservableError
-        The offset was asked for (``offset: on``) where nothing makes it detectable.
+        The offset was requested (``offset: on``) where nothing makes it detectable.
     """
     load, levels = _load(calibration), noise_levels(calibration.noise)
     settings = as_calibrated(settings, calibration)
@@ -379,7 +379,7 @@ def accuracy(calibration: Calibration, model: Model,
 
     With the gain k of one update, what the noise R leaves is R k / (2 - k), and what a random walk
     of variance q a period leaves q (1 - k)^2 / (k (2 - k)). Of the noise of the angular
-    acceleration, which the poses tell slowly, the filter takes off the fast share.
+    acceleration, which the poses show slowly, the filter removes the fast share.
 
     Parameters
     ----------
@@ -398,9 +398,9 @@ def accuracy(calibration: Calibration, model: Model,
     k = 1 - exp(-model.rate / noise.wrench_rate)
     R = density * noise.wrench_rate
     walk = np.diag(R) * k * k / (1 - k)
-    said = as_calibrated(settings, calibration).contact_walk
-    if said is not None:
-        walk[:3] = said ** 2 / noise.wrench_rate
+    given = as_calibrated(settings, calibration).contact_walk
+    if given is not None:
+        walk[:3] = given ** 2 / noise.wrench_rate
     error = R * k / (2 - k) + np.diag(walk) * (1 - k) ** 2 / (k * (2 - k))
     _, by_alpha = load_maps(calibration)
     corner = model.rotation_poles.real
@@ -452,7 +452,7 @@ def _promised(found: Accuracy | None) -> dict[str, Estimate]:
 
 
 def _chosen_by(settings: ObserverSettings) -> dict[str, Estimate]:
-    """Return what an observer that is told nothing else designs the same gains by."""
+    """Return what an observer without other settings designs the same gains by."""
     return {name: Estimate(value, 0.0, unit) for name, value, unit in (
         ('contact_walk', settings.contact_walk, 'N/sqrt(s)'),
         ('bandwidth_min', settings.bandwidth_min_hz, 'Hz'),

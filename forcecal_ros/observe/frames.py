@@ -63,7 +63,7 @@ def transported(wrench: Wrench, place: Placement) -> Wrench:
 
 class Frames:
     """
-    The frames in which the contact wrench is wanted besides.
+    Further frames for the contact wrench.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class Frames:
         Empty ones do not count.
     numbers : sequence of float
         Pose of each in ft_sensor, x y z [m] qx qy qz qw; of all, or of all but the last, which
-        then is the frame of the measured poses. One number stands for none, since an empty list
+        then is the frame of the measured poses. One number represents none, since an empty list
         has no type in ROS.
 
     Attributes
@@ -138,7 +138,7 @@ def _placed(name: str, numbers: Sequence[float]) -> Placement:
 
 class ContactPoint(NamedTuple):
     """
-    Where a force acts, as far as one wrench tells.
+    Where a force acts, as far as one wrench shows.
 
     Attributes
     ----------

@@ -103,7 +103,7 @@ def whiten(factor: Array, values: Array) -> Array:
     """
     Return ``factor^-1 values`` for a lower triangular factor, shapes (k, k), (k, p).
 
-    By dtrsm, not dtrtrs: OpenBLAS starts threads for the latter whatever the size, and on a busy
+    By dtrsm, not dtrtrs: OpenBLAS starts threads for the latter at any size, and on a busy
     machine waits half a millisecond for them.
     """
     return np.asarray(dtrsm(1.0, factor, values, lower=1))

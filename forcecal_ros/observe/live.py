@@ -98,7 +98,7 @@ def tare(samples: Sequence[ContactSample], model: Model, levels: NoiseLevels,
     Find the bias that makes the contact wrench of a window zero.
 
     The predicted weight and inertia are off already (``measured``), so the tool may be in any
-    orientation. A steady push cannot be told from a bias; what can be told is refused.
+    orientation. A steady push cannot be separated from a bias; what can be is refused.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def tare(samples: Sequence[ContactSample], model: Model, levels: NoiseLevels,
     """
     span = samples[-1].t - samples[0].t if samples else 0.0
     if span < seconds or len(samples) < FEWEST:
-        raise DataError(f'tare wants {seconds:g} s at rest and {FEWEST} samples, the window has '
+        raise DataError(f'tare needs {seconds:g} s at rest and {FEWEST} samples, the window has '
                         f'{span:.3f} s and {len(samples)}; wait for the wrench to flow')
     rate = (len(samples) - 1) / span
     bad = [s.status for s in samples if s.status & INVALID]
@@ -141,8 +141,8 @@ def _noise_at_rest(model: Model, levels: NoiseLevels, rate: float) -> Array:
     """
     Return the standard deviation of ``measured`` when nothing happens, shape (6,).
 
-    A sensor that says less often than when its noise was measured is as noisy a sample, unless it
-    filters; one that says more often may have filtered then.
+    A sensor that reports less often than when its noise was measured is as noisy a sample, unless
+    it filters; one that reports more often may have filtered then.
     """
     m = model.load.m
     arm = float(np.linalg.norm([model.load.cx, model.load.cy, model.load.cz]))
@@ -173,7 +173,7 @@ def _refuse(values: Array, noise: Array, rate: float, what: str, remedy: str) ->
 
 class Window:
     """
-    What was heard last: so many seconds, or longer where that is too few samples.
+    The last samples and poses: so many seconds, or longer where that is too few samples.
 
     Attributes
     ----------
@@ -194,7 +194,7 @@ class Window:
         self.poses.clear()
 
     def add(self, sample: ContactSample) -> None:
-        """Keep a sample; what remains spans ``seconds`` as soon as so much was heard."""
+        """Keep a sample; what remains spans ``seconds`` as soon as so much arrived."""
         samples = self.samples
         if samples and not 0 <= sample.t - samples[-1].t <= PAUSE:
             self.clear()
@@ -263,9 +263,9 @@ class LiveObserver:
     state : State
         Of the chain.
     tracker : Tracker or None
-        Follows what hangs on the sensor, where it is wanted.
+        Follows what hangs on the sensor, if enabled.
     takes_tracked : bool
-        Whether the load of that is taken off from then on.
+        Whether the load of that is removed from then on.
     """
 
     def __init__(self, tare_duration: float, fade_duration: float) -> None:
@@ -327,7 +327,7 @@ class LiveObserver:
                        self._rotation)
 
     def take_tool(self, mass: float, com: Array, inertia: Array | None = None) -> None:
-        """Take off another load from the next wrench on; see ``design.with_tool``."""
+        """Remove another load from the next wrench on; see ``design.with_tool``."""
         if self.model is not None:
             x, y, z = np.asarray(com).tolist()
             self.take_settings(with_tool(self.model, mass, (x, y, z), inertia))
@@ -382,7 +382,7 @@ class LiveObserver:
             self.take_tool(news.mass, news.com)
 
     def _smooth(self, sample: ContactSample) -> ContactSample:
-        """Fade over from what was published before, and keep what a tare and a report want."""
+        """Fade over from what was published before, and keep what a tare and a report need."""
         kept = sample
         if self._changed and self._last is not None:
             self._changed = False
@@ -425,7 +425,7 @@ class LiveObserver:
 
     @property
     def noise_level(self) -> float:
-        """Variance of the wrench's noise over that in the calibration, as ``kalman`` hears it."""
+        """Variance of the wrench's noise over that in the calibration, by ``kalman``."""
         memory = self.state.filter
         return memory.noise.level if isinstance(memory, Memory) else 1.0
 
@@ -451,7 +451,7 @@ class LiveObserver:
 
 
 class Fade(NamedTuple):
-    """A difference that is still to be taken off, from ``start`` on, over ``duration`` [s]."""
+    """A difference that is still to be removed, from ``start`` on, over ``duration`` [s]."""
 
     start: float
     duration: float
@@ -485,7 +485,7 @@ def begin_fade(t: float, duration: float, before: Wrench, after: Wrench) -> Fade
     duration : float
         [s]
     before, after : tuple of 6 float
-        What was published last, and what the new model says [N, N m].
+        What was published last, and what the new model gives [N, N m].
     """
     a, b, c, d, e, f = (x - y for x, y in zip(before, after))
     return Fade(t, duration, (a, b, c, d, e, f))
@@ -493,7 +493,7 @@ def begin_fade(t: float, duration: float, before: Wrench, after: Wrench) -> Fade
 
 def faded(fade: Fade, t: float, wrench: Wrench) -> Wrench | None:
     """
-    Take off what is due of the difference at ``t`` [s], smoothly.
+    Remove what is due of the difference at ``t`` [s], smoothly.
 
     None once the fade is over, or where time went back.
     """

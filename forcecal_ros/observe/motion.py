@@ -123,7 +123,7 @@ class Place(NamedTuple):
     integral: Vector
 
 
-NOWHERE = Place(-inf, -inf, NO_RUN, ZERO, ZERO, ZERO, ZERO)
+UNKNOWN_PLACE = Place(-inf, -inf, NO_RUN, ZERO, ZERO, ZERO, ZERO)
 
 
 class MotionEstimate(NamedTuple):
@@ -135,7 +135,7 @@ class MotionEstimate(NamedTuple):
     rotation : Rotation
         Of time -inf before the first pose.
     place : Place
-        Of time -inf where nothing tells.
+        Of time -inf where not known.
     offset : tuple of 3 float
         Of the accelerometer beyond its calibration, ft_sensor [m/s^2].
     offset_known, position : bool
@@ -143,7 +143,7 @@ class MotionEstimate(NamedTuple):
     """
 
     rotation: Rotation = Rotation(-inf, (0.0, 0.0, 0.0, 1.0), ZERO, ZERO)
-    place: Place = NOWHERE
+    place: Place = UNKNOWN_PLACE
     offset: Vector = ZERO
     offset_known: bool = False
     position: bool = False
@@ -214,7 +214,7 @@ def take_pose(motion: MotionEstimate, t: float, position: Vector, q: Quaternion,
             if model.ac_rate > 0 or model.track_offset:
                 offset, offset_known = place.o, True
     else:
-        place = NOWHERE
+        place = UNKNOWN_PLACE
     return MotionEstimate(rotation, place, offset, offset_known, known)
 
 

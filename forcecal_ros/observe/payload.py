@@ -77,8 +77,8 @@ FALSE_ALARM = 1e-3
 push that is missed costs a wrong mass [1]."""
 
 WINDOW = 0.3
-"""Time over which a weak contact is averaged: a third of that in which a payload is to be heard of
-[s]."""
+"""Time over which a weak contact is averaged: a third of that in which a payload is to be
+noticed [s]."""
 
 RELEASE = 1.0
 """Quiet after which contact counts as ended: longer than a light payload is hidden by a vibration,
@@ -102,11 +102,11 @@ TRACKING, FROZEN, NOT_EXCITED = 'tracking', 'frozen', 'not_excited'
 LASTING = 0.4
 """What explains all readings for so long is no blow and no grasp that is closing [s]."""
 
-SURE = 3.0
-"""A push counts as told from a payload by accelerations where the two would differ by so many
+DISTINCT_SIGMA = 3.0
+"""A push counts as separated from a payload by accelerations where the two would differ by so many
 standard errors of the mass that accelerations show [1]."""
 
-UNHEARD = 10
+UNNOTICED_BLOCKS = 10
 """Blocks in which a contact may have begun before it is noticed: what was learned in them is
 forgotten then, half a second."""
 
@@ -351,7 +351,7 @@ class Change(NamedTuple):
 
 class PayloadState(NamedTuple):
     """
-    What is believed.
+    The beliefs.
 
     Attributes
     ----------
@@ -384,7 +384,7 @@ class ToolEstimate(NamedTuple):
         [s]
     state : str
         ``tracking``; ``frozen``: something touches the tool, or may; ``not_excited``: the tool
-        may have changed, or its mass is not known, and too little rotation has told which.
+        may have changed, or its mass is not known, and too little rotation has shown which.
     mass, mass_std : float
         [kg]
     com, com_std : ndarray, shape (3,)
@@ -406,7 +406,7 @@ class ToolEstimate(NamedTuple):
 
 
 def begin(model: PayloadModel) -> PayloadState:
-    """Return what is believed before the first reading: the calibration."""
+    """Return the beliefs before the first reading: the calibration."""
     return PayloadState(nan, Hypothesis(model.start), (model.start,))
 
 
@@ -425,7 +425,7 @@ def _follow(state: PayloadState, block: Block, dt: float, model: PayloadModel) -
     h, touched = measurement(block, model), state.main.contact.assumed
     main = _advance(state.main, block, h, dt, model, learns=not touched)
     if not main.contact.assumed:
-        return state._replace(main=main, before=(*state.before, main.states)[-UNHEARD:],
+        return state._replace(main=main, before=(*state.before, main.states)[-UNNOTICED_BLOCKS:],
                               change=None)
     if not touched:
         main = main._replace(states=_forgetful((*state.before, main.states)[0], model, dt))
@@ -437,15 +437,15 @@ def _follow(state: PayloadState, block: Block, dt: float, model: PayloadModel) -
     gained = float(change.states.mean[MASS] - main.states.mean[MASS])
     return PayloadState(state.t, change._replace(contact=Contact()), (), None,
                         (*state.changes, Change(
-                            state.t, gained, _tells(change.states, main.states))))
+                            state.t, gained, _is_distinct(change.states, main.states))))
 
 
 def tared(state: PayloadState, shift: Array, model: PayloadModel) -> PayloadState:
     """
-    Return what is believed after a tare by ``shift`` (6,), in which nothing touched the tool.
+    Return the beliefs after a tare by ``shift`` (6,), in which nothing touched the tool.
 
     Readings have their bias put back on, so that a tare changes none of them. One that is more
-    than a drift tells of another bias or another load, and from then on either may be.
+    than a drift shows another bias or another load, and from then on either may be.
     """
     expected = state.main.states.cov[BIAS, BIAS] + model.floor
     if mahalanobis(shift, expected) <= model.contact.limit:
@@ -467,9 +467,9 @@ def _advance(hypothesis: Hypothesis, block: Block, h: Function, dt: float, model
     learned = condition(states, expected, block.reading)
     # what is known by now also explains the readings that the average is of
     explained = h.value(_unforced(learned.mean)) - h.value(_unforced(states.mean))
-    heard = 1 - exp(-age / model.contact.window)
+    seen = 1 - exp(-age / model.contact.window)
     return Hypothesis(
-        learned, contact._replace(average=contact.average - heard * explained), age)
+        learned, contact._replace(average=contact.average - seen * explained), age)
 
 
 def _unforced(x: Array) -> Array:
@@ -478,7 +478,7 @@ def _unforced(x: Array) -> Array:
 
 
 def _forgetful(states: Gaussian, model: PayloadModel, dt: float) -> Gaussian:
-    """Keep a belief through contact; what motion left unexplained before says nothing after."""
+    """Keep a belief through contact; what motion left unexplained before means nothing after."""
     mean, cov = states.mean.copy(), states.cov + model.walk * dt
     mean[WRENCH], cov[WRENCH, :], cov[:, WRENCH] = 0.0, 0.0, 0.0
     cov[WRENCH, WRENCH] = model.floor
@@ -497,7 +497,7 @@ def _settled(change: Hypothesis, main: Hypothesis, model: PayloadModel) -> bool:
 
 
 def is_known(states: Gaussian, model: PayloadModel) -> bool:
-    """Whether the mass is known as well as asked for, as a share of the larger of both tools."""
+    """Whether the mass is known as well as required, as a share of the larger of both tools."""
     m = float(states.mean[MASS])
     most = model.accuracy * max(m, float(model.start.mean[MASS]))
     return bool(m > 0 and states.cov[MASS, MASS] <= most ** 2)
@@ -517,13 +517,13 @@ def _is_weight(change: Gaussian, main: Gaussian, model: PayloadModel) -> bool:
 def _is_inert(change: Gaussian, main: Gaussian) -> bool:
     """Whether accelerations show the mass gained, or do not tell; a push shows none of it."""
     gained, excess = (change.mean - main.mean)[[MASS, EXCESS]].tolist()
-    return not _tells(change, main) or abs(excess) < abs(excess + gained)
+    return not _is_distinct(change, main) or abs(excess) < abs(excess + gained)
 
 
-def _tells(change: Gaussian, main: Gaussian) -> bool:
+def _is_distinct(change: Gaussian, main: Gaussian) -> bool:
     """Whether accelerations tell a payload of this mass from a push."""
     variance = change.cov[EXCESS, EXCESS] + main.cov[EXCESS, EXCESS]
-    return bool(SURE * sqrt(variance) < abs(change.mean[MASS] - main.mean[MASS]))
+    return bool(DISTINCT_SIGMA * sqrt(variance) < abs(change.mean[MASS] - main.mean[MASS]))
 
 
 _TO_TOOL = Function(lambda x: np.array([x[0], *(x[1:4] / x[0])]),

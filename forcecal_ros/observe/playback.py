@@ -74,7 +74,7 @@ POSE_BLOCK = 50
 """Poses of a block that noise is measured in: known to 12 % there [1]."""
 
 FEWEST_POSES = 4
-"""A spline wants as many; shorter runs are left as they are."""
+"""A spline needs as many; shorter runs are left as they are."""
 
 FEWEST = 100
 """Samples that a covariance is taken from: it is then known to 14 % in each direction."""
@@ -94,7 +94,7 @@ def replay(recording: Recording, calibration: Calibration,
     imu : Imu or None
         Where given, accelerometer and gyro tell where down is, and the pose is not looked at.
     progress : callable
-        Told how many samples were done since it was told last.
+        Called with the number of samples done since its last call.
 
     Raises
     ------
@@ -135,14 +135,14 @@ def as_calibrated(recording: Recording, calibration: Calibration) -> tuple[Recor
     """
     recording = in_axes_of_pose(levelled(recording, calibration.gravity_direction),
                                 calibration.sensor_rotation)
-    wrench, wanted = recording.wrench, calibration.accelerometer
+    wrench, sensor = recording.wrench, calibration.accelerometer
     require(recording, ['wrench'])
     assert wrench is not None
-    if (wanted is not None and recording.accelerometer is not None
-            and recording.accelerometer_unit != wanted.unit):
+    if (sensor is not None and recording.accelerometer is not None
+            and recording.accelerometer_unit != sensor.unit):
         raise DataError(
             f'the accelerometer is recorded in {recording.accelerometer_unit}, the calibration '
-            f'is for {wanted.unit}; calibrate with the same sensor')
+            f'is for {sensor.unit}; calibrate with the same sensor')
     return recording, wrench
 
 
@@ -153,7 +153,7 @@ def _replay_pose_free(recording: Recording, wrench: Stream, calibration: Calibra
     accelerometer = calibration.accelerometer
     if accelerometer is None or force is None or omega is None or not len(force) * len(omega):
         raise UnobservableError(
-            f'{recording.source or "the recording"} tells gravity neither by a pose nor by '
+            f'{recording.source or "the recording"} shows gravity neither by a pose nor by '
             'accelerometer and angular velocity (sensor_msgs/Imu); record one of the two')
     delay = float(accelerometer.delay)
     f = (within_gaps(force, wrench.t + delay) - accelerometer.offset.value) @ np.linalg.inv(
@@ -198,7 +198,7 @@ def run(recording: Recording, model: Model) -> tuple[State, list[ContactSample]]
 
 
 def answers(recording: Recording, model: Model) -> Iterator[Result]:
-    """Feed a recording to the step and return what it says to every event, and at the end."""
+    """Feed a recording to the step and return its answer to every event, and at the end."""
     state = State()
     for event in events(recording):
         state, out = on_event(state, event, model)
@@ -453,7 +453,7 @@ def follow(recording: Recording, calibration: Calibration,
     recording, _ = as_calibrated(recording, calibration)
     if not recording.pose:
         raise UnobservableError(f'{recording.source or "the recording"} holds no pose, by which '
-                                f'a payload is told from a push; {naming(recording, "pose")}')
+                                f'a payload is separated from a push; {naming(recording, "pose")}')
     live = LiveObserver(FADE, FADE)
     live.take_over(recorded_model(recording, calibration, settings))
     tracker = live.tracker = Tracker(payload_model(calibration, payload))

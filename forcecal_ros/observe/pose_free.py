@@ -192,7 +192,7 @@ def start_pose_free(model: PoseFreeModel, specific_force: Array) -> LevelBelief:
     """
     Return the belief before the first reading, from the first specific force (3,) [m/s^2].
 
-    Gravity is taken to oppose it, which wants it longer than ``LEAST_FORCE``.
+    Gravity is taken to oppose it, so it must be longer than ``LEAST_FORCE``.
     """
     wrench, imu = model.wrench, model.imu
     mean = np.zeros(STATES)
@@ -293,7 +293,7 @@ def readings(level: Array, model: PoseFreeModel, turning: Turning) -> Function:
 
     The mass learns from how the weight turns, not from accelerations: the difference
     leaves dm a out. a carries the accelerometer's noise, which a filter would take for excitation:
-    it then believes to tell mass from bias at rest, and both end up ten standard errors off.
+    it then seems to separate mass from bias at rest, and both end up ten standard errors off.
 
     The difference holds at tilt 0, where the filter is.
     """
@@ -360,7 +360,7 @@ class PoseFreeState(NamedTuple):
 
 class PoseFreeSample(NamedTuple):
     """
-    One wrench answered, and what was taken off it.
+    One wrench answered, and what was removed from it.
 
     Attributes
     ----------
@@ -445,7 +445,7 @@ def _filter(state: PoseFreeState, t: float, y: Array, f: Array | None, omega: Ar
 
 def _report(state: PoseFreeState, model: PoseFreeModel, t: float, status: int, nis: float = nan,
             *wrenches: Array) -> PoseFreeSample:
-    """Say what a state says; ``wrenches`` are innovation, inertial and measured, where known."""
+    """Report a state; ``wrenches`` are innovation, inertial and measured, where known."""
     level, (mean, cov) = _UNKNOWN if state.belief is None else state.belief
     innovation, inertial, measured = (
         (wrench_tuple(one) for one in wrenches) if wrenches else (NO_WRENCH,) * 3)

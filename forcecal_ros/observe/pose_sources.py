@@ -1,7 +1,7 @@
 """The pose of one frame in another, as transforms of /tf or positions of joints come."""
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import cos, isfinite, sin, sqrt
 from typing import Any, NamedTuple
 
@@ -82,7 +82,7 @@ class TransformPose:
         self._fixed: dict[str, Placement] = {}
         self._moving: dict[str, deque[tuple[int, Placement]]] = {}
         self._route: Route | None = None
-        self._wanted: set[str] = set()
+        self._needed: set[str] = set()
         self._last = NEVER
         self._plans: dict[int, Plan | None] = {}
         self._planned: list[Layout] = []
@@ -96,7 +96,7 @@ class TransformPose:
         Raises
         ------
         struct.error
-            It is shorter than it says.
+            It is shorter than it states.
         """
         for one in self._read(raw):
             if (place := _placement(one.numbers)) is not None:
@@ -112,7 +112,7 @@ class TransformPose:
         Raises
         ------
         struct.error
-            It is shorter than it says.
+            It is shorter than it states.
         """
         layout, values = self._read.laid_out(raw)
         plan = self._plan_of(layout) if self._direct else None
@@ -126,7 +126,7 @@ class TransformPose:
             if self._parents.get(one.child) != one.parent:
                 self._attach(one)
         for _, child, stamp, numbers in found:
-            if child in self._wanted and (place := _placement(numbers)) is not None:
+            if child in self._needed and (place := _placement(numbers)) is not None:
                 self._keep(child, stamp, place)
         return self._newest()
 
@@ -143,7 +143,7 @@ class TransformPose:
         return pose
 
     def _plan_of(self, layout: Layout) -> Plan | None:
-        """Return the plan for a layout; None: it takes what other messages said."""
+        """Return the plan for a layout; None: it needs what other messages held."""
         key = id(layout)
         if key not in self._plans:
             if len(self._planned) > KEPT:
@@ -190,9 +190,9 @@ class TransformPose:
     def _find_route(self) -> None:
         try:
             self._route = route(self._parents, self._base, self._frame, 'pose')
-            self._wanted, self.why_not = {*self._route.up, *self._route.down}, ''
+            self._needed, self.why_not = {*self._route.up, *self._route.down}, ''
         except DataError as error:
-            self._route, self._wanted, self.why_not = None, set(), str(error)
+            self._route, self._needed, self.why_not = None, set(), str(error)
 
     def _forget(self) -> None:
         self._moving, self._direct = {}, True
@@ -220,7 +220,7 @@ class TransformPose:
         x, y, z = ZERO
         q = HERE.q
         for frame in chain:
-            link = self._fixed.get(frame) or _at(self._moving[frame], stamp)
+            link = self._fixed.get(frame) or _at(self._moving[frame], stamp, _between)
             if link is None:
                 return None
             u, v, w = rotate(link.q, (x, y, z))
@@ -275,7 +275,7 @@ def _chained(chain: Chain, values: tuple[Any, ...], sec: int, nanosec: int) -> P
 
 
 def _placement(numbers: tuple[float, ...]) -> Placement | None:
-    """Return what a transform says; None: it is no number, or turns by none."""
+    """Return the placement of a transform; None: it is no number, or turns by none."""
     x, y, z, a, b, c, d = numbers
     n = a * a + b * b + c * c + d * d
     if not (n > 0.0 and isfinite(n + x + y + z)):
@@ -284,14 +284,15 @@ def _placement(numbers: tuple[float, ...]) -> Placement | None:
     return Placement((x, y, z), (a * k, b * k, c * k, d * k))
 
 
-def _at(kept: deque[tuple[int, Placement]], stamp: int) -> Placement | None:
-    """Return a transform at a stamp that is no later than its newest; None: it was forgotten."""
+def _at(kept: deque[tuple[int, Any]], stamp: int, between: Callable[[Any, Any, float], Any]
+        ) -> Any:
+    """Return a value at a stamp that is no later than its newest; None: it was forgotten."""
     after_ns, after = kept[-1]
     if after_ns == stamp:
         return after
     for before_ns, before in reversed(kept):
         if before_ns <= stamp:
-            return _between(before, after, (stamp - before_ns) / (after_ns - before_ns))
+            return between(before, after, (stamp - before_ns) / (after_ns - before_ns))
         after_ns, after = before_ns, before
     return None
 
@@ -341,20 +342,21 @@ class JointPose:
     """
     Poses of a link in a base, by the positions of the joints between them.
 
-    A message that holds all joints is a pose at its stamp, whatever came before. Where joints come
-    in messages of their own, a pose is given at the newest instant that all of them know.
+    A message that holds all joints is a pose at its stamp, independent of earlier messages. Where
+    joints come in messages of their own, a pose is given at the newest instant that all of them
+    know.
 
     Parameters
     ----------
     base, link : str
         Links of it.
     name, source : str
-        What asked for it, and where the description came from, for messages.
+        What requested it, and where the description came from, for messages.
 
     Attributes
     ----------
     drivers : tuple of str
-        Joints whose positions are wanted, in their order.
+        Joints whose positions are needed, in their order.
     why_not : str
         Why there is no pose, where there is none.
 
@@ -449,7 +451,7 @@ class JointPose:
         newest = min(kept[-1][0] for kept in self._kept)
         if self._last is not None and newest <= self._last:
             return None
-        found = [_position_at(kept, newest) for kept in self._kept]
+        found = [_at(kept, newest, _mixed) for kept in self._kept]
         known = [one for one in found if one is not None]
         if len(known) < len(found):
             return None
@@ -502,13 +504,5 @@ def _origin(joint: Joint) -> Placement:
     return Placement((x, y, z), (a, b, c, d))
 
 
-def _position_at(kept: deque[tuple[int, float]], stamp: int) -> float | None:
-    """Return a position at a stamp that is no later than its newest; None: it was forgotten."""
-    after_ns, after = kept[-1]
-    if after_ns == stamp:
-        return after
-    for before_ns, before in reversed(kept):
-        if before_ns <= stamp:
-            return before + (after - before) * (stamp - before_ns) / (after_ns - before_ns)
-        after_ns, after = before_ns, before
-    return None
+def _mixed(a: float, b: float, share: float) -> float:
+    return a + (b - a) * share

@@ -9,52 +9,33 @@ from forcecal_ros.core.geometry import Array, Vector
 import numpy as np
 from numpy.typing import NDArray
 
+
+class Status(IntFlag):
+    """What was missing or wrong, one bit each; 0 when all is well."""
+
+    OK = 0
+    NO_ACCELEROMETER = 1
+    NO_POSE = 2
+    NO_POSITION = 4
+    DISPLACEMENT_FROM_FORCE = 8
+    OFFSET_HELD = 16
+    NO_GRAVITY = 32
+    BAD_WRENCH = 64
+    RESTARTED = 128
+    SATURATED = 256
+    NO_GYRO = 512
+    NOISY = 1024
+
+
 # plain integers, because compiled code knows no IntFlag
-
-NO_ACCELEROMETER = 1
-
-NO_POSE = 2
-
-NO_POSITION = 4
-
-DISPLACEMENT_FROM_FORCE = 8
-
-OFFSET_HELD = 16
-
-NO_GRAVITY = 32
-
-BAD_WRENCH = 64
-
-RESTARTED = 128
-
-SATURATED = 256
-
-NO_GYRO = 512
-
-NOISY = 1024
+(NO_ACCELEROMETER, NO_POSE, NO_POSITION, DISPLACEMENT_FROM_FORCE, OFFSET_HELD, NO_GRAVITY,
+ BAD_WRENCH, RESTARTED, SATURATED, NO_GYRO, NOISY) = map(int, Status)
 
 INVALID = NO_GRAVITY | BAD_WRENCH
 """With one of these the contact wrench is not to be used: it repeats the last estimate."""
 
 DEGRADED = NO_ACCELEROMETER | NO_POSE | RESTARTED | SATURATED | NO_GYRO | NOISY
 """With one of these it is less accurate than the calibration promises."""
-
-
-class Status(IntFlag):
-    """The bits of a status by name; 0 when all is well."""
-
-    OK = 0
-    NO_ACCELEROMETER = NO_ACCELEROMETER
-    NO_POSE = NO_POSE
-    NO_POSITION = NO_POSITION
-    DISPLACEMENT_FROM_FORCE = DISPLACEMENT_FROM_FORCE
-    OFFSET_HELD = OFFSET_HELD
-    NO_GRAVITY = NO_GRAVITY
-    BAD_WRENCH = BAD_WRENCH
-    RESTARTED = RESTARTED
-    SATURATED = SATURATED
-    NO_GYRO = NO_GYRO
-    NOISY = NOISY
 
 
 _TEXT = {
@@ -64,7 +45,7 @@ _TEXT = {
     NO_POSITION: 'the pose holds no position',
     DISPLACEMENT_FROM_FORCE: 'no displacement sensor: the spring force stands in',
     OFFSET_HELD: 'the accelerometer offset is held, not tracked',
-    NO_GRAVITY: 'weight unknown: neither pose nor accelerometer tells the direction of gravity; '
+    NO_GRAVITY: 'weight unknown: neither pose nor accelerometer shows the direction of gravity; '
                 'the last estimate is repeated',
     BAD_WRENCH: 'the wrench is no usable number; the last estimate is repeated',
     RESTARTED: 'the filter was restarted: the wrench had paused, or a covariance was no longer '
@@ -81,7 +62,7 @@ def describe(status: int) -> tuple[str, ...]:
 
 
 def level(status: int) -> str:
-    """Return ``error``, ``warn`` or ``ok``, as diagnostics want it."""
+    """Return ``error``, ``warn`` or ``ok``, as diagnostics need it."""
     if status & INVALID:
         return 'error'
     return 'warn' if status & DEGRADED else 'ok'
@@ -132,7 +113,7 @@ class Unloaded(NamedTuple):
 
 class Learned(NamedTuple):
     """
-    What a filter that estimates the wrench biases says of itself.
+    Quality of a filter that estimates the wrench biases.
 
     Shapes are those of one sample; over a recording each has the samples first.
 
@@ -192,7 +173,7 @@ class ContactSample(NamedTuple):
 
 class ByImu(NamedTuple):
     """
-    What a chain without a pose found besides; the samples first.
+    What a chain without a pose also found; the samples first.
 
     Attributes
     ----------
@@ -254,7 +235,7 @@ def stacked(rows: list[Learned]) -> Learned:
 
 
 Progress = Callable[[int], object]
-"""Told by a long replay how many samples were done since it was told last."""
+"""Called by a long replay with the number of samples done since its last call."""
 
 
 def silent(samples: int) -> None:

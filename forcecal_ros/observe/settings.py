@@ -9,7 +9,7 @@ MODES = ('kalman', 'newton')
 """Filters that a calibration may name as its own."""
 
 FILTERS = (*MODES, 'ukf', 'ekf', 'static')
-"""All filters of the chain; ``static`` takes off weight and bias alone and filters nothing."""
+"""All filters of the chain; ``static`` removes weight and bias alone and filters nothing."""
 
 LEARNING = ('ukf', 'ekf')
 """Filters that estimate the wrench biases along."""
@@ -51,14 +51,14 @@ class FilterSettings(Section, name='gravity'):
 
 
 CONTACT_WALK = 2.5
-"""Wander of a contact force that is expected where nobody says another: with the noise of the
+"""Wander of a contact force that is expected where no other is stated: with the noise of the
 nominal rig it makes a force rise in 14 ms, within the 15 ms of benchmark/observer_response.py
 [N/sqrt(s)]."""
 
 BANDWIDTH_LIMITS = (2.0, 250.0)
-"""Corners beyond which that expectation is not followed where nobody says others, a rise in 175 ms
-and in 1.4 ms: between them noise from a tenth to ten times the nominal rig's finds its corner,
-247 and 2.5 Hz [Hz]."""
+"""Corners beyond which that expectation is not followed where no others are stated, a rise in
+175 ms and in 1.4 ms: between them noise from a tenth to ten times the nominal rig's finds its
+corner, 247 and 2.5 Hz [Hz]."""
 
 
 @dataclass(frozen=True)

@@ -24,15 +24,15 @@ from forcecal_ros.observe.step import State
 import numpy as np
 
 SILENCE = 1.0
-"""Readings that say nothing of the tool for so long leave it unwatched: a payload is to be heard
-of in that time [s]."""
+"""Readings that show nothing of the tool for so long leave it unwatched: a payload is to be
+noticed in that time [s]."""
 
 RETELL = 1.0
-"""A tool that is still being learned is told again after this: twice the time in which another
-is faded in [s]."""
+"""A tool that is still being learned is announced again after this: twice the time in which
+another is faded in [s]."""
 
 DURATION = 0.05
-"""Of a block: vibrations average out over it, and a payload is heard of after eight [s]."""
+"""Of a block: vibrations average out over it, and a payload is noticed after eight [s]."""
 
 LONGEST = 0.5
 """A block that spans more has a gap, and is left out: a tool may turn far in it [s]."""
@@ -41,7 +41,7 @@ FEWEST = 4
 """Samples that a scatter is taken from; slower sensors have longer blocks."""
 
 UNUSABLE = st.INVALID | st.NO_POSE | st.SATURATED
-"""Status of a sample that says nothing about the tool."""
+"""Status of a sample that shows nothing about the tool."""
 
 
 class Tracker:
@@ -121,7 +121,7 @@ class Tracker:
 
 
 def usable(sample: ContactSample) -> bool:
-    """Whether a sample says anything about the tool."""
+    """Whether a sample shows anything about the tool."""
     return not sample.status & UNUSABLE
 
 
