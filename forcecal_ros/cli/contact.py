@@ -107,7 +107,7 @@ def prepared(calibration: 'Calibration', recording: 'Recording', settings: 'Obse
         What was assumed.
     """
     from forcecal_ros.core.axes import in_axes_of_pose
-    from forcecal_ros.observe.bandwidth import UNMEASURED
+    from forcecal_ros.observe.bandwidth import UNMEASURED_HZ
     from forcecal_ros.observe.playback import with_noise
     from forcecal_ros.observe.settings import LEARNING
 
@@ -120,7 +120,7 @@ def prepared(calibration: 'Calibration', recording: 'Recording', settings: 'Obse
     if calibration.noise is None and settings.filter in (None, 'kalman') and (
             settings.bandwidth_hz is None):
         told = 'the calibration knows no noise that a bandwidth could follow from'
-        notes = (f'{told}; {UNMEASURED:g} Hz, that of the nominal rig, is taken',)
+        notes = (f'{told}; {UNMEASURED_HZ:g} Hz, that of the nominal rig, is taken',)
     calibration, about_delay = with_known_delay(calibration, recording)
     return calibration, (*notes, *about_delay)
 

@@ -17,10 +17,10 @@ from typing import Any, NamedTuple
 
 from forcecal_ros.core.geometry import Array
 
-SAME = 1e-7
+SAME_STAMP_S = 1e-7
 """Stamps closer than this are one instant; a float holds them better than clocks do [s]."""
 
-_HANDFUL = 6
+_PRUNED_AT_ONCE = 6
 """Samples are dropped that many at once: every tuple that is made anew costs the step time."""
 
 Entry = tuple[Any, ...]
@@ -100,7 +100,7 @@ def around(samples: Samples, t: float, timeout: float) -> tuple[int, int]:
     if i < 0 or samples[i][1] > t:
         return -1, -1
     before = samples[i][0]
-    if t - before < SAME:
+    if t - before < SAME_STAMP_S:
         return i, i
     if i + 1 == len(samples) or samples[i + 1][0] - before > timeout:
         return -1, -1
@@ -189,7 +189,7 @@ def pruned(samples: tuple[Entry, ...], t: float) -> tuple[Entry, ...]:
 def pruned_channel(channel: Channel, t: float) -> Channel:
     """Drop the samples that no instant from ``t`` on needs, a handful at a time."""
     samples, last, highpass = channel
-    if len(samples) <= _HANDFUL or samples[_HANDFUL][0] > t:
+    if len(samples) <= _PRUNED_AT_ONCE or samples[_PRUNED_AT_ONCE][0] > t:
         return channel
     return Channel(pruned(samples, t), last, highpass)
 
@@ -209,7 +209,7 @@ def channel_ready(
     first one; ``wait`` is ``timeout + skew`` [s].
     """
     samples, last, _ = channel
-    if samples and samples[-1][0] > t - SAME:
+    if samples and samples[-1][0] > t - SAME_STAMP_S:
         return True
     return now >= (last if last > first else first) + wait
 

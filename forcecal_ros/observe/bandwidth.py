@@ -12,7 +12,7 @@ import numpy as np
 from scipy.integrate import quad
 from scipy.linalg import solve_discrete_are
 
-UNMEASURED = 24.7
+UNMEASURED_HZ = 24.7
 """Bandwidth where a calibration holds no noise that one could follow from: that of the nominal
 rig's noise [Hz]."""
 
@@ -26,7 +26,7 @@ MOTION_CORNERS = (20.0, 100.0)
 """The same of the filter that finds the acceleration where there is no accelerometer, from
 positions that are noisier than orientations [rad/s]."""
 
-_QUIETEST = 1e-12
+_MIN_DENSITY = 1e-12
 """Least density: the noise of simulations without noise is rounding, of which no
 gain can be made [N^2 s] and so on."""
 
@@ -91,8 +91,8 @@ def noise_levels(noise: Noise | None) -> NoiseLevels:
     if not np.isfinite([force, torque, f]).all() or not 0 < noise.wrench_rate < inf:
         raise ConfigError('noise.wrench, noise.specific_force and their rates must be finite '
                           'numbers; calibrate with a phase at rest')
-    return NoiseLevels(max(float(force), _QUIETEST), max(float(torque), _QUIETEST),
-                       max(f, _QUIETEST), noise.wrench_rate, f_rate)
+    return NoiseLevels(max(float(force), _MIN_DENSITY), max(float(torque), _MIN_DENSITY),
+                       max(f, _MIN_DENSITY), noise.wrench_rate, f_rate)
 
 
 def slow_levels(noise: Noise | None) -> NoiseLevels:
@@ -109,8 +109,8 @@ def slow_levels(noise: Noise | None) -> NoiseLevels:
     if noise.specific_force_density is not None:
         f = float(np.diag(noise.specific_force_density.value).mean())
     return levels._replace(
-        force=max(float(wrench[:3].mean()), _QUIETEST), specific_force=max(f, _QUIETEST),
-        torque=max(float(wrench[3:].mean()), _QUIETEST))
+        force=max(float(wrench[:3].mean()), _MIN_DENSITY), specific_force=max(f, _MIN_DENSITY),
+        torque=max(float(wrench[3:].mean()), _MIN_DENSITY))
 
 
 def place_of(calibration: Calibration) -> Array:

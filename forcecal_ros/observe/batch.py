@@ -12,7 +12,7 @@ from forcecal_ros.core.geometry import Array, quaternion_from_matrix, ZERO
 from forcecal_ros.core.jit import compiled_with_all_it_calls
 from forcecal_ros.core.sensor_matrix import all_corrected
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
-from forcecal_ros.observe.align import displacement_at, force_at, run_of, SAME, turn_of
+from forcecal_ros.observe.align import displacement_at, force_at, run_of, SAME_STAMP_S, turn_of
 from forcecal_ros.observe.bias_filter import begin, BiasModel, learn
 from forcecal_ros.observe.contact import filtered, Memory, Tool, unload
 from forcecal_ros.observe.design import Model
@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 def in_order(recording: Recording) -> bool:
     """Whether the stamps of all streams increase, as the batch needs them."""
     streams = (recording.wrench, recording.accelerometer, recording.optidrive, recording.pose)
-    return all(np.isfinite(one.t).all() and (np.diff(one.t) > SAME).all()
+    return all(np.isfinite(one.t).all() and (np.diff(one.t) > SAME_STAMP_S).all()
                for one in streams if one is not None)
 
 

@@ -66,10 +66,10 @@ from forcecal_ros.observe.settings import FilterSettings
 import numpy as np
 from scipy.special import chdtri
 
-PAPER_PERIOD = 0.001
+PAPER_PERIOD_S = 0.001
 """[Ukf2025] samples at 1000 Hz [s]."""
 
-LONGEST_PERIOD = 10.0
+MAX_PERIOD_S = 10.0
 """A pause counts as at most this long: all but the biases is forgotten by then, and covariances
 that grew further would lose their digits [s]."""
 
@@ -111,7 +111,7 @@ def paper_covariances() -> Covariances:
     in about 7 ms, and an innovation far smaller than the filter thinks.
     """
     return Covariances(np.diag([0.01] * 3 + [0.001] * 3), np.diag([0.1] * 3 + [0.01] * 3),
-                       np.diag([1.0] * 3 + [0.1] * 3), PAPER_PERIOD)
+                       np.diag([1.0] * 3 + [0.1] * 3), PAPER_PERIOD_S)
 
 
 def gain_of(rise_time: float, period: float) -> float:
@@ -380,7 +380,7 @@ def learn(memory: Any, reading: Unloaded, model: BiasModel) -> tuple[Belief, Con
         return belief, _sample(belief, reading, model)
     dt = reading.t - belief.t if belief.t == belief.t else model.covariances.period
     try:
-        return _filter(belief, reading, min(dt, LONGEST_PERIOD), model)
+        return _filter(belief, reading, min(dt, MAX_PERIOD_S), model)
     except NotPositiveDefinite:
         belief = begin(model)._replace(t=reading.t)
         return belief, _sample(

@@ -23,7 +23,7 @@ from typing import NamedTuple
 from forcecal_ros.core.geometry import advance_rotation, rotate, Vector, ZERO
 from forcecal_ros.observe import sample as st
 from forcecal_ros.observe.align import Reading
-from forcecal_ros.observe.design import KALMAN, Load, Model, NEWTON, SMOOTHING
+from forcecal_ros.observe.design import KALMAN, Load, Model, NEWTON, SMOOTHING_TIME_S
 from forcecal_ros.observe.motion import carried, gravity_in_sensor, MotionEstimate, NO_RUN
 from forcecal_ros.observe.sample import (
     ContactSample,
@@ -34,22 +34,22 @@ from forcecal_ros.observe.sample import (
     Wrench,
 )
 
-LONGEST = 2 * SMOOTHING
+MAX_PERIOD_S = 2 * SMOOTHING_TIME_S
 """From one reading to the next, up to which a contact's own motion is separated from noise by
 that mean: slower readings show nothing of their noise [s]."""
 
-MEMORY = 0.5
+LEVEL_TIME_S = 0.5
 """Time constant: a level of ten is reached in half a second, and left in 1.2 s, both within two
 [s]."""
 
-MOST = 5.0
+MAX_RATIO = 5.0
 """What a single reading counts for at most: chance exceeds it twice in a thousand on three axes
 [1]."""
 
-LEVELS = (0.25, 1e4)
+LEVEL_RANGE = (0.25, 1e4)
 """Lowest and highest level that is accepted [1]."""
 
-NOTED = (2.0, 4.0)
+NOISY_LEVELS = (2.0, 4.0)
 """From the first level on the noise counts as another one, from the second on wholly so:
 noise levels drift by a factor of two on their own [1]."""
 
@@ -237,15 +237,15 @@ def updated(before: NoiseLevel, dt: float, e: Vector, scale: Vector) -> NoiseLev
     (mx, my, mz), (ex, ey, ez), (sx, sy, sz) = before.mean, e, scale
     dx, dy, dz = ex - mx, ey - my, ez - mz
     z = (sx * dx * dx + sy * dy * dy + sz * dz * dz) / before.level
-    level = before.level * exp((min(z, MOST) - 1) * min(dt / MEMORY, 1.0))
-    k = 1 - exp(-dt / SMOOTHING)
-    return NoiseLevel(min(max(level, LEVELS[0]), LEVELS[1]),
+    level = before.level * exp((min(z, MAX_RATIO) - 1) * min(dt / LEVEL_TIME_S, 1.0))
+    k = 1 - exp(-dt / SMOOTHING_TIME_S)
+    return NoiseLevel(min(max(level, LEVEL_RANGE[0]), LEVEL_RANGE[1]),
                       (mx + k * dx, my + k * dy, mz + k * dz))
 
 
 def accepted(level: float) -> float:
     """Return the level that the gain follows: 1 until it is plainly another."""
-    low, high = NOTED
+    low, high = NOISY_LEVELS
     if level <= low:
         return 1.0
     return level if level >= high else 1.0 + (level - low) / (high - low) * (high - 1.0)
@@ -320,7 +320,7 @@ def kalman_step(memory: Memory, reading: Unloaded, e: Wrench, model: Model) -> M
     c0, c1, c2, c3, c4, c5 = memory.contact
     e0, e1, e2, e3, e4, e5 = e
     noise, rate = memory.noise, model.rate
-    if model.adaptive and dt <= LONGEST:
+    if model.adaptive and dt <= MAX_PERIOD_S:
         noise = updated(noise, dt, (e0, e1, e2), model.innovation_scale)
         rate = rate_at(noise.level, rate, model.slowest)
     k = 1 - exp(-rate * dt)

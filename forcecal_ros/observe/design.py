@@ -25,7 +25,7 @@ from forcecal_ros.observe.bandwidth import (
     pose_noise,
     rotation_corner,
     slow_levels,
-    UNMEASURED,
+    UNMEASURED_HZ,
     within_limits,
 )
 from forcecal_ros.observe.bias_filter import bias_model, BiasModel
@@ -35,18 +35,18 @@ import numpy as np
 KALMAN, NEWTON, UNFILTERED = range(3)
 """``Model.filter``; see :func:`forcecal_ros.observe.contact.filtered`."""
 
-SMOOTHING = 0.004
+SMOOTHING_TIME_S = 0.004
 """A third of the rise of a contact by the nominal rig's noise, and more than half a period of
 vibrations above 100 Hz [s]."""
 
-PAUSE = 0.1
+MAX_PAUSE_S = 0.1
 """``Model.pause`` of live wrenches: sensors send at 100 Hz and more, so that ten or more are lost
 [s]."""
 
-KEEP = 0.005
+KEEP_S = 0.005
 """``Model.keep`` of live streams: more than one period of a wrench at 200 Hz and faster [s]."""
 
-_REACH = 0.3
+_REACH_M = 0.3
 """Where no pose shows the position it is taken to stay; an arm that works in place keeps within
 about this of it, which is the noise of such a position [m]."""
 
@@ -212,7 +212,7 @@ def _filter(calibration: Calibration, settings: ObserverSettings) -> str:
 
 def _bandwidth(calibration: Calibration, mass: float, settings: ObserverSettings) -> float:
     if calibration.noise is None:
-        return settings.bandwidth_hz or within_limits(UNMEASURED, settings)
+        return settings.bandwidth_hz or within_limits(UNMEASURED_HZ, settings)
     return contact_bandwidth(slow_levels(calibration.noise), mass, settings)
 
 
@@ -234,7 +234,7 @@ def _innovation_scale(calibration: Calibration, rate: float, settings: ObserverS
 
 def scale_of(variance: tuple[float, ...], dt: float) -> Vector:
     """Return what makes z of squares, for white innovations of these variances (3,) [N^2]."""
-    k = 1 - exp(-dt / SMOOTHING)
+    k = 1 - exp(-dt / SMOOTHING_TIME_S)
     x, y, z = (1 / (3 * one * (1 + k / (2 - k))) for one in variance)
     return x, y, z
 
@@ -291,9 +291,9 @@ def design(calibration: Calibration, settings: ObserverSettings = ObserverSettin
         rotation_poles=butterworth(corner),
         offset_poles=offset_poles(levels, settings, settings.pose_position_std),
         motion_poles=butterworth(motion),
-        reach_poles=offset_poles(levels, settings, _REACH), K=_gain(calibration),
-        pause=PAUSE, timeout=timeout, displacement_timeout=timeout,
-        pose_timeout=settings.pose_timeout, skew=settings.skew, keep=KEEP, reach=0.0, memory=0.0,
+        reach_poles=offset_poles(levels, settings, _REACH_M), K=_gain(calibration),
+        pause=MAX_PAUSE_S, timeout=timeout, displacement_timeout=timeout,
+        pose_timeout=settings.pose_timeout, skew=settings.skew, keep=KEEP_S, reach=0.0, memory=0.0,
         limited=settings.wrench_limit is not None,
         wrench_limit=settings.wrench_limit or (inf,) * 6,
         accelerometer_limit=(settings.accelerometer_limit or inf,) * 3))

@@ -27,21 +27,21 @@ import numpy as np
 POSE_LENGTH = 7
 """A pose is so many numbers in a flat list: x y z [m], qx qy qz qw."""
 
-NEWEST_POSES = 64
+KEPT_POSES = 64
 """Poses among which that of a wrench is looked for: a wrench waits 0.05 s at most, 50 poses at
 1 kHz."""
 
 NAME = re.compile(r'[A-Za-z_]\w*(/[A-Za-z_]\w*)*', re.ASCII)
 """What a topic may be called by."""
 
-PLAIN = 3.0
+CONTACT_SIGMA = 3.0
 """A force acts somewhere from so many of its standard deviations on; below, its line of action is
 noise [1]."""
 
 ITSELF: Vector7 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 """ft_sensor in its own frame."""
 
-SAME = 1e-4
+SAME_TRANSFORM = 1e-4
 """Two transforms are one where they differ by less: a distance [m], and half an angle [rad].
 Quaternions written with four digits do; 100 N turned by twice that are off by 0.02 N."""
 
@@ -103,7 +103,7 @@ class Frames:
         self._fixed = {name: _placed(name, numbers[POSE_LENGTH * i:POSE_LENGTH * (i + 1)])
                        for i, name in enumerate(self.names[:rows])}
         self.base = self.names[-1] if len(self.names) > rows else ''
-        self._poses: deque[tuple[float, Placement]] = deque(maxlen=NEWEST_POSES)
+        self._poses: deque[tuple[float, Placement]] = deque(maxlen=KEPT_POSES)
 
     def note(self, t: float, pose: tuple[float, ...]) -> None:
         """Note a measured pose, x y z qx qy qz qw, with its stamp [s]."""
@@ -161,7 +161,7 @@ def contact_point(wrench: Array, covariance: Array) -> ContactPoint | None:
     """
     F, T = wrench[:3], wrench[3:]
     squared = float(F @ F)
-    if not squared > PLAIN ** 2 * float(np.trace(covariance[:3, :3])):
+    if not squared > CONTACT_SIGMA ** 2 * float(np.trace(covariance[:3, :3])):
         return None
     p = np.cross(F, T) / squared
     J = np.hstack([-skew(T) / squared - 2 * np.outer(p, F) / squared, skew(F) / squared])
@@ -280,7 +280,7 @@ def agreed(given: Placement | None, calibration: Calibration, name: str) -> Plac
     own = mounting_of(calibration.sensor_from_pose or (), f'{name}: sensor.from_pose')
     if given is None or (own is None and 'of' in calibration.source):
         return given or own  # files of other packages do not say whose pose they were made with
-    if _apart(numbers_of(given) or ITSELF, numbers_of(own) or ITSELF) < SAME:
+    if _apart(numbers_of(given) or ITSELF, numbers_of(own) or ITSELF) < SAME_TRANSFORM:
         return given
     made = f'sensor.from_pose {_shown(own)}' if own else 'poses of ft_sensor itself'
     raise ConfigError(f'{name} was made with {made}, and {_shown(given)} is given: leave that '

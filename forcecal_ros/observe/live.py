@@ -40,30 +40,30 @@ NOISE_FACTOR = 3.0
 """Motion or contact is what exceeds the noise at rest so many times: noise levels drift by a
 factor of two on their own."""
 
-FEWEST = 20
+MIN_SAMPLES = 20
 """Samples of a window: of fewer, chance alone looks like a drift of many times the noise."""
 
-MOST_INVALID = 0.1
+MAX_INVALID_SHARE = 0.1
 """Share of samples that may be missing: what a busy computer was late with now and then, where a
 sensor that is silent takes all [1]."""
 
-NEWEST = 0.1
+ONSET_TIME_S = 0.1
 """A contact that begins shows in so much of the end of a window, or in its last sample: some
 times the rise of a contact, so that few are younger [s]."""
 
-CHANCE = 4.0
+CHANCE_SIGMA = 4.0
 """Standard errors by which two means of noise may differ: one tare in a thousand is refused
 without a cause at most, on one of its twelve channels."""
 
-PAUSE = 1.0
+MAX_PAUSE_S = 1.0
 """After so long without a wrench a window begins anew, as after stamps that go back: ten periods
 of the slowest sensor that is tared, 10 Hz [s]."""
 
-DISTANCE = 5e-4
+REST_DISTANCE_M = 5e-4
 """A robot that stays within it over the window is at rest: 25 times the scatter of the nominal
 rig's poses [m]."""
 
-ANGLE = 1e-3
+REST_ANGLE_RAD = 1e-3
 """A robot that turns by less over the window is at rest: 50 times the scatter of the nominal
 rig's poses [rad]."""
 
@@ -117,12 +117,12 @@ def tare(samples: Sequence[ContactSample], model: Model, levels: NoiseLevels,
         Too short, estimates in it are not valid, or the tool moves or touches.
     """
     span = samples[-1].t - samples[0].t if samples else 0.0
-    if span < seconds or len(samples) < FEWEST:
-        raise DataError(f'tare needs {seconds:g} s at rest and {FEWEST} samples, the window has '
-                        f'{span:.3f} s and {len(samples)}; wait for the wrench to flow')
+    if span < seconds or len(samples) < MIN_SAMPLES:
+        raise DataError(f'tare needs {seconds:g} s at rest and {MIN_SAMPLES} samples, the window '
+                        f'has {span:.3f} s and {len(samples)}; wait for the wrench to flow')
     rate = (len(samples) - 1) / span
     bad = [s.status for s in samples if s.status & INVALID]
-    if len(bad) > MOST_INVALID * len(samples):
+    if len(bad) > MAX_INVALID_SHARE * len(samples):
         raise DataError(f'cannot tare, {len(bad)} of {len(samples)} samples are not valid: '
                         f'{"; ".join(describe(bad[0]))}')
     valid = [s for s in samples if not s.status & INVALID]
@@ -156,14 +156,14 @@ def _noise_at_rest(model: Model, levels: NoiseLevels, rate: float) -> Array:
 def _refuse(values: Array, noise: Array, rate: float, what: str, remedy: str) -> None:
     """Raise where a channel scatters, drifts from one end to the other, or has just begun to."""
     n = len(values)
-    third, last = n // 3, min(max(round(NEWEST * rate), 1), n // 3)
+    third, last = n // 3, min(max(round(ONSET_TIME_S * rate), 1), n // 3)
     drift = 2 * np.abs(values[-third:].mean(axis=0) - values[:third].mean(axis=0))
     change = np.abs(values[-last:].mean(axis=0) - values[:-last].mean(axis=0))
     for size, by_chance, word in (
             (values.std(axis=0), 0.0, 'scatters by'),
             (drift, 2 * np.sqrt(2 / third), 'drifts by'),
             (change, np.sqrt(1 / last + 1 / (n - last)), 'has just changed by')):
-        allowed = np.hypot(NOISE_FACTOR, CHANCE * by_chance) * noise
+        allowed = np.hypot(NOISE_FACTOR, CHANCE_SIGMA * by_chance) * noise
         worst = int(np.argmax(size / allowed))
         if size[worst] > allowed[worst]:
             raise DataError(
@@ -196,10 +196,10 @@ class Window:
     def add(self, sample: ContactSample) -> None:
         """Keep a sample; what remains spans ``seconds`` as soon as so much arrived."""
         samples = self.samples
-        if samples and not 0 <= sample.t - samples[-1].t <= PAUSE:
+        if samples and not 0 <= sample.t - samples[-1].t <= MAX_PAUSE_S:
             self.clear()
         samples.append(sample)
-        while len(samples) > FEWEST and sample.t - samples[1].t >= self.seconds:
+        while len(samples) > MIN_SAMPLES and sample.t - samples[1].t >= self.seconds:
             samples.popleft()
 
     def add_pose(self, t: float, pose: tuple[float, ...]) -> None:
@@ -207,7 +207,8 @@ class Window:
         poses = self.poses
         poses.append((t, pose))
         oldest = self.samples[0].t if self.samples else t - self.seconds
-        oldest = max(oldest, t - self.seconds - FEWEST * PAUSE)  # where the wrench has stopped
+        # where the wrench has stopped
+        oldest = max(oldest, t - self.seconds - MIN_SAMPLES * MAX_PAUSE_S)
         while poses and poses[0][0] < oldest:
             poses.popleft()
 
@@ -236,7 +237,7 @@ def refuse_motion(poses: Sequence[tuple[float, ...]]) -> None:
     distance = float(np.linalg.norm(table[:, :3] - table[0, :3], axis=1).max())
     R = matrix_from_quaternion(table[:, 3:])
     angle = float(np.linalg.norm(rotation_vector(R[0].T @ R), axis=1).max())
-    if distance > DISTANCE or angle > ANGLE:
+    if distance > REST_DISTANCE_M or angle > REST_ANGLE_RAD:
         raise DataError(f'tare refused, the robot moves: {distance * 1e3:.2f} mm, '
                         f'{angle * 1e3:.2f} mrad within the window; stop the robot')
 

@@ -28,7 +28,7 @@ ROTATION_JUMP_SQUARED = 0.09
 """An orientation more than 0.3 rad from where it was predicted is no noise but another motion:
 the filter starts anew there. Its square [rad^2]."""
 
-OFFSET_DELAY = 0.3
+OFFSET_DELAY_S = 0.3
 """A filter that was just started does not know its velocity, and would take the error that this
 makes for an offset: it leaves the offset alone for this long [s]."""
 
@@ -273,7 +273,7 @@ def track_place(
     if not ex * ex + ey * ey + ez * ez < JUMP_SQUARED:
         return Place(t, t, place.run, position, (0.0, 0.0, 0.0), place.o, integral)
     k1, k2, k3 = tracking_gains(dt, poles)
-    if place.run == NO_RUN or t - place.since > OFFSET_DELAY:
+    if place.run == NO_RUN or t - place.since > OFFSET_DELAY_S:
         cx, cy, cz = rotate_back(q, (ex, ey, ez))
         ox, oy, oz = ox - k3 * cx, oy - k3 * cy, oz - k3 * cz
     return Place(

@@ -66,21 +66,21 @@ STATES = 17
 
 _PAIR = tuple[float, float]
 
-MOTION_TIME = 0.5
+MOTION_TIME_S = 0.5
 """Time in which errors of weight and inertia become others: that of an arm's own motion [s]."""
 
-REACH = 0.3
+REACH_M = 0.3
 """A payload is expected within so much of the sensor: a gripper's length and a half [m]."""
 
 FALSE_ALARM = 1e-3
 """Probability that a free reading is called contact; it costs a pause of the tracking, where a
 push that is missed costs a wrong mass [1]."""
 
-WINDOW = 0.3
+WINDOW_S = 0.3
 """Time over which a weak contact is averaged: a third of that in which a payload is to be
 noticed [s]."""
 
-RELEASE = 1.0
+RELEASE_S = 1.0
 """Quiet after which contact counts as ended: longer than a light payload is hidden by a vibration,
 and than a grasp takes to let go [s]."""
 
@@ -99,7 +99,7 @@ BIAS_WALK = (4e-3, 4e-4)
 
 TRACKING, FROZEN, NOT_EXCITED = 'tracking', 'frozen', 'not_excited'
 
-LASTING = 0.4
+LASTING_S = 0.4
 """What explains all readings for so long is no blow and no grasp that is closing [s]."""
 
 DISTINCT_SIGMA = 3.0
@@ -190,7 +190,7 @@ def payload_model(calibration: Calibration, settings: PayloadSettings = PayloadS
         _start(calibration, floor, settings), _density(calibration), floor,
         pair(*settings.bias_prior), _walk(m),
         _opening(largest, calibration.gravity),
-        ContactModel(floor, np.zeros((6, 6)), float(chdtri(6, FALSE_ALARM)), WINDOW, RELEASE),
+        ContactModel(floor, np.zeros((6, 6)), float(chdtri(6, FALSE_ALARM)), WINDOW_S, RELEASE_S),
         np.zeros((3, 3)) if calibration.inertia is None else calibration.inertia.value,
         calibration.gravity, settings.accuracy)
 
@@ -220,14 +220,14 @@ def _start(calibration: Calibration, floor: Array, settings: PayloadSettings) ->
 def _walk(m: float) -> Array:
     walk = np.zeros(STATES)
     walk[BIAS] = np.repeat(BIAS_WALK, 3)
-    walk[MASS], walk[MOMENT] = MASS_WALK * m, MASS_WALK * m * REACH / 3
+    walk[MASS], walk[MOMENT] = MASS_WALK * m, MASS_WALK * m * REACH_M / 3
     return np.diag(walk ** 2)
 
 
 def _opening(largest: float, gravity: float) -> Array:
     std = np.zeros(STATES)
-    std[BIAS] = np.repeat([largest * gravity, largest * gravity * REACH], 3)
-    std[MASS], std[MOMENT], std[EXCESS] = largest, largest * REACH, largest
+    std[BIAS] = np.repeat([largest * gravity, largest * gravity * REACH_M], 3)
+    std[MASS], std[MOMENT], std[EXCESS] = largest, largest * REACH_M, largest
     return np.diag(std ** 2)
 
 
@@ -266,7 +266,7 @@ class Block(NamedTuple):
 
 def transition(model: PayloadModel, dt: float) -> tuple[Array, Array]:
     """Return how the states move in ``dt`` [s]: F is forgotten, the others wander."""
-    k = exp(-dt / MOTION_TIME)
+    k = exp(-dt / MOTION_TIME_S)
     A, Q = np.eye(STATES), model.walk * dt
     A[WRENCH, WRENCH] *= k
     Q[WRENCH, WRENCH] = (1 - k * k) * model.floor
@@ -492,7 +492,7 @@ def _open(main: Hypothesis, model: PayloadModel) -> Hypothesis:
 
 def _settled(change: Hypothesis, main: Hypothesis, model: PayloadModel) -> bool:
     """Whether a change counts from now on."""
-    return (change.age >= LASTING and is_known(change.states, model)
+    return (change.age >= LASTING_S and is_known(change.states, model)
             and _is_weight(change.states, main.states, model))
 
 
@@ -541,7 +541,7 @@ def estimate(state: PayloadState, model: PayloadModel) -> ToolEstimate:
     suspected = suspected_std = nan
     if change is not None:
         word = FROZEN
-        if change.age >= LASTING:
+        if change.age >= LASTING_S:
             suspected = float(change.states.mean[MASS] - mean[MASS])
             suspected_std = sqrt(change.states.cov[MASS, MASS])
             if not is_known(change.states, model):

@@ -55,28 +55,28 @@ import numpy as np
 
 Event = tuple[float, str, Any]
 
-FADE = 0.5
+FADE_S = 0.5
 """Over which another tool is faded in, as ``takeover.duration`` of the node [s]."""
 
 GAP_PERIODS = 4.0
 """Gaps are bridged up to this many median periods of their stream: two messages lost in a row,
 and stamps that jitter by half a period at either end."""
 
-LONGEST_STEP = 2.0
+MAX_STEP = 2.0
 """Periods of the pose above this over the corner of the pose filter leave it deadbeat, at the
 mercy of each pose: with the corner of 150 rad/s that quiet sensors allow, below 75 Hz [1]."""
 
-POSE_STEP = 1 / 250
+POSE_STEP_S = 1 / 250
 """Slow poses are interpolated to this period at most, the one that the pose filters are designed
 for [s]."""
 
-POSE_BLOCK = 50
+POSES_PER_BLOCK = 50
 """Poses of a block that noise is measured in: known to 12 % there [1]."""
 
-FEWEST_POSES = 4
+MIN_SPLINE_POSES = 4
 """A spline needs as many; shorter runs are left as they are."""
 
-FEWEST = 100
+MIN_NOISE_SAMPLES = 100
 """Samples that a covariance is taken from: it is then known to 14 % in each direction."""
 
 
@@ -282,10 +282,10 @@ def with_pose_noise(settings: ObserverSettings, pose: PoseStream | None) -> Obse
     adds to the difference, so the quieter blocks of the recording count. Slow poses do not
     separate noise from motion: the settings stay.
     """
-    if pose is None or len(pose) < FEWEST:
+    if pose is None or len(pose) < MIN_NOISE_SAMPLES:
         return settings
     period = float(np.median(np.diff(pose.t)))
-    if not 0 < period * ROTATION_CORNERS[1] <= LONGEST_STEP:
+    if not 0 < period * ROTATION_CORNERS[1] <= MAX_STEP:
         return settings
     around, R, n = (-2, -1, 1, 2), pose.R_base_sensor, len(pose)
     t = np.stack([pose.t[2 + k:n - 2 + k] - pose.t[2:-2] for k in around])
@@ -307,13 +307,14 @@ def with_pose_noise(settings: ObserverSettings, pose: PoseStream | None) -> Obse
 def _quiet(squares: Array) -> float:
     """Return the deviation of the blocks that are quieter than three quarters; 0 where unknown."""
     squares = squares[np.isfinite(squares)]
-    blocks = squares[:len(squares) // POSE_BLOCK * POSE_BLOCK].reshape(-1, POSE_BLOCK)
+    whole = len(squares) // POSES_PER_BLOCK * POSES_PER_BLOCK
+    blocks = squares[:whole].reshape(-1, POSES_PER_BLOCK)
     return float(np.sqrt(np.quantile(blocks.mean(axis=1), 0.25))) if len(blocks) else 0.0
 
 
 def is_slow(pose: PoseStream, model: Model) -> bool:
     """Whether poses come too slowly for the filter that follows them."""
-    return gap_limit(pose, 0.0) * model.rotation_poles.real > GAP_PERIODS * LONGEST_STEP
+    return gap_limit(pose, 0.0) * model.rotation_poles.real > GAP_PERIODS * MAX_STEP
 
 
 def interpolated(pose: PoseStream, gap: float) -> PoseStream:
@@ -341,9 +342,9 @@ def _between(run: PoseStream) -> PoseStream:
     from scipy.interpolate import CubicSpline
     from scipy.spatial.transform import Rotation, RotationSpline
 
-    if len(run) < FEWEST_POSES:
+    if len(run) < MIN_SPLINE_POSES:
         return run
-    parts = np.ceil(np.diff(run.t) / POSE_STEP - 1e-6).astype(int)
+    parts = np.ceil(np.diff(run.t) / POSE_STEP_S - 1e-6).astype(int)
     t = np.append(np.concatenate([
         start + (end - start) * np.arange(n) / n
         for start, end, n in zip(run.t[:-1], run.t[1:], parts)]), run.t[-1])
@@ -382,8 +383,9 @@ def white_noise(stream: Stream) -> Array:
     DataError
         Fewer than 100 samples.
     """
-    if len(stream) < FEWEST:
-        raise DataError(f'{len(stream)} samples do not tell the noise; record {FEWEST} or more')
+    if len(stream) < MIN_NOISE_SAMPLES:
+        raise DataError(f'{len(stream)} samples do not show the noise; record '
+                        f'{MIN_NOISE_SAMPLES} or more')
     return white_covariance(stream.values)
 
 
@@ -454,7 +456,7 @@ def follow(recording: Recording, calibration: Calibration,
     if not recording.pose:
         raise UnobservableError(f'{recording.source or "the recording"} holds no pose, by which '
                                 f'a payload is separated from a push; {naming(recording, "pose")}')
-    live = LiveObserver(FADE, FADE)
+    live = LiveObserver(FADE_S, FADE_S)
     live.take_over(recorded_model(recording, calibration, settings))
     tracker = live.tracker = Tracker(payload_model(calibration, payload))
     live.takes_tracked = True

@@ -26,18 +26,18 @@ from forcecal_ros.io.transforms import (
 from forcecal_ros.io.urdf import Description, Joint
 from forcecal_ros.observe.frames import Placement
 
-KEPT = 1000
+KEPT_VALUES = 1000
 """Transforms that are kept of each frame, to interpolate between: one second at 1 kHz. One that is
 later than that against the others counts as lost."""
 
-CLOCK_WENT_BACK = 1_000_000_000
+CLOCK_JUMP_NS = 1_000_000_000
 """Stamps that go back by more are of a clock that was set, or of a recording that begins again;
 by less, of messages that overtook each other [ns]."""
 
-UNIT = 1e-12
+UNIT_TOLERANCE = 1e-12
 """Squares of quaternions that are off one by more are scaled: rounding makes some 1e-15."""
 
-NEVER = -2**63
+NEVER_NS = -2**63
 """Before any stamp [ns]."""
 
 HERE = Placement(ZERO, (0.0, 0.0, 0.0, 1.0))
@@ -83,7 +83,7 @@ class TransformPose:
         self._moving: dict[str, deque[tuple[int, Placement]]] = {}
         self._route: Route | None = None
         self._needed: set[str] = set()
-        self._last = NEVER
+        self._last = NEVER_NS
         self._plans: dict[int, Plan | None] = {}
         self._planned: list[Layout] = []
         self._direct = True
@@ -134,7 +134,7 @@ class TransformPose:
         """Return a pose that one message holds, unless its stamp is no later than the last."""
         stamp = pose.stamp_ns
         if stamp <= self._last:
-            if self._last - stamp < CLOCK_WENT_BACK:
+            if self._last - stamp < CLOCK_JUMP_NS:
                 return None
             self._forget()
         elif self._moving:
@@ -146,7 +146,7 @@ class TransformPose:
         """Return the plan for a layout; None: it needs what other messages held."""
         key = id(layout)
         if key not in self._plans:
-            if len(self._planned) > KEPT:
+            if len(self._planned) > KEPT_VALUES:
                 self._replan()
             self._planned.append(layout)  # so that no other comes to have its id
             self._plans[key] = self._made(layout)
@@ -174,12 +174,12 @@ class TransformPose:
         if kept is None:
             if self._fixed.pop(child, None) is not None:
                 self._plans, self._planned = {}, []
-            kept = self._moving[child] = deque(maxlen=KEPT)
+            kept = self._moving[child] = deque(maxlen=KEPT_VALUES)
         elif stamp <= kept[-1][0]:
-            if kept[-1][0] - stamp < CLOCK_WENT_BACK:
+            if kept[-1][0] - stamp < CLOCK_JUMP_NS:
                 return
             self._forget()
-            kept = self._moving[child] = deque(maxlen=KEPT)
+            kept = self._moving[child] = deque(maxlen=KEPT_VALUES)
         kept.append((stamp, place))
 
     def _attach(self, one: Transform) -> None:
@@ -196,7 +196,7 @@ class TransformPose:
 
     def _forget(self) -> None:
         self._moving, self._direct = {}, True
-        self._last = NEVER
+        self._last = NEVER_NS
 
     def _newest(self) -> StampedPose | None:
         found = self._route
@@ -264,7 +264,7 @@ def _chained(chain: Chain, values: tuple[Any, ...], sec: int, nanosec: int) -> P
         else:
             s, n, _, _, _, _, px, py, pz, a, b, c, d = values[k:k + FIELDS]
             if (s != sec or n != nanosec
-                    or not -UNIT < a * a + b * b + c * c + d * d - 1.0 < UNIT):
+                    or not -UNIT_TOLERANCE < a * a + b * b + c * c + d * d - 1.0 < UNIT_TOLERANCE):
                 return None
         u, v, w = 2 * (b * z - c * y), 2 * (c * x - a * z), 2 * (a * y - b * x)
         x, y, z = (px + x + d * u + b * w - c * v, py + y + d * v + c * u - a * w,
@@ -376,7 +376,8 @@ class JointPose:
             raise DataError(f'{name}: no joint moves between {base} and {link} in {source}; name '
                             'the frame of the sensor and that of the base')
         self._steps, self._tail = _compiled(down, up, self.drivers)
-        self._kept: list[deque[tuple[int, float]]] = [deque(maxlen=KEPT) for _ in self.drivers]
+        self._kept: list[deque[tuple[int, float]]] = [
+            deque(maxlen=KEPT_VALUES) for _ in self.drivers]
         self._last: int | None = None
         self.why_not = 'no message'
 
@@ -440,7 +441,7 @@ class JointPose:
             if one is None:
                 continue
             if kept and stamp <= kept[-1][0]:
-                if kept[-1][0] - stamp < CLOCK_WENT_BACK:
+                if kept[-1][0] - stamp < CLOCK_JUMP_NS:
                     continue
                 self._forget()
             kept.append((stamp, one))

@@ -36,7 +36,7 @@ from forcecal_ros.observe.align import (
     pruned_channel,
     queued_pose,
     run_of,
-    SAME,
+    SAME_STAMP_S,
 )
 from forcecal_ros.observe.bias_filter import Belief, learn
 from forcecal_ros.observe.contact import filtered, Memory, Tool, unload
@@ -44,7 +44,7 @@ from forcecal_ros.observe.design import Model
 from forcecal_ros.observe.motion import MotionEstimate, next_sample, NOTHING_BEFORE, take_pose
 from forcecal_ros.observe.sample import ContactSample, MAX_READING, Wrench
 
-CLOCK_JUMP = 1.0
+MIN_CLOCK_JUMP_S = 1.0
 """Stamps that go back by more than this, twice, are a new clock; one is a bad stamp. Longer than
 any message is late, shorter than any clock is set back [s]."""
 
@@ -103,7 +103,7 @@ Result = tuple[State, tuple[ContactSample, ...]]
 def _refuse(state: State, which: int, t: float, last: float) -> bool:
     """Count a message that is not used; the second that agrees on an earlier clock starts anew."""
     counts, stamps = list(state.refusals.counts), list(state.refusals.stamps)
-    again = t < last - CLOCK_JUMP and 0 < t - stamps[which] < CLOCK_JUMP
+    again = t < last - MIN_CLOCK_JUMP_S and 0 < t - stamps[which] < MIN_CLOCK_JUMP_S
     counts[which] += not again
     stamps[which] = t
     state.refusals = Refusals(tuple(counts), tuple(stamps))
@@ -122,7 +122,7 @@ def on_wrench(state: State, t: float, wrench: Wrench, model: Model) -> Result:
         Force [N] and torque [N m], environment on tool, bias included; raw channels where the
         calibration holds a six-axis matrix.
     """
-    if not (t - state.newest > SAME and t < inf):
+    if not (t - state.newest > SAME_STAMP_S and t < inf):
         if not _refuse(state, 0, t, state.newest):
             return state, ()
         return on_wrench(State(refusals=state.refusals), t, wrench, model)
@@ -147,7 +147,7 @@ def on_accelerometer(state: State, t: float, reading: Vector, model: Model) -> R
     channel = state.accelerometer
     last = channel.last
     v0, v1, v2 = reading
-    if not (t - last > SAME and t < inf and model.accelerometer
+    if not (t - last > SAME_STAMP_S and t < inf and model.accelerometer
             and abs(v0) + abs(v1) + abs(v2) < MAX_READING):
         if not _refuse(state, 1, t, last):
             return state, ()
@@ -176,7 +176,7 @@ def on_displacement(state: State, t: float, s: float, model: Model) -> Result:
     """
     channel = state.displacement
     last = channel.last
-    if not (t - last > SAME and t < inf and abs(s) < MAX_READING):
+    if not (t - last > SAME_STAMP_S and t < inf and abs(s) < MAX_READING):
         if not _refuse(state, 3, t, last):
             return state, ()
         state.displacement = Channel()
@@ -205,7 +205,7 @@ def on_pose(state: State, t: float, position: Vector, q: Quaternion, model: Mode
     x, y, z, w = q
     n2 = x * x + y * y + z * z + w * w
     last = state.poses.last
-    if not (t - last > SAME and t < inf and 0.25 < n2 < 4.0):
+    if not (t - last > SAME_STAMP_S and t < inf and 0.25 < n2 < 4.0):
         if not _refuse(state, 2, t, last):
             return state, ()
         state.poses = PoseQueue()

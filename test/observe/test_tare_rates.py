@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.observe import design, noise_levels
-from forcecal_ros.observe.live import FEWEST, PAUSE, Window
+from forcecal_ros.observe.live import MAX_PAUSE_S, MIN_SAMPLES, Window
 import numpy as np
 from observing import calibration, FORCE_NOISE, lossy, observed, push, record
 import pytest
@@ -50,12 +50,12 @@ def test_a_window_spans_its_seconds_and_never_fewer_samples_than_a_tare_wants(pe
         window.add(sample)
         window.add_pose(sample.t, (0.0,) * 7)
     kept = window.samples
-    assert len(kept) >= FEWEST
-    assert 0.5 <= kept[-1].t - kept[0].t <= max(0.5, FEWEST * period) + 2 * period
+    assert len(kept) >= MIN_SAMPLES
+    assert 0.5 <= kept[-1].t - kept[0].t <= max(0.5, MIN_SAMPLES * period) + 2 * period
     assert len(window.poses_of_samples()) == len(kept)
 
 
-@pytest.mark.parametrize('step', [-3600.0, -0.1, 2 * PAUSE])
+@pytest.mark.parametrize('step', [-3600.0, -0.1, 2 * MAX_PAUSE_S])
 def test_a_window_begins_anew_after_a_pause_and_where_stamps_go_back(step):
     window = Window(0.5)
     times = 7200.0 + np.arange(0.0, 1.0, 0.01)
