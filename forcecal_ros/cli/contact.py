@@ -182,7 +182,7 @@ def tools_stream(told: 'Sequence[ToolEstimate]', calibration: 'Calibration') -> 
 
 def status_changes(estimate: 'ContactEstimate') -> list[Any]:
     """Return the status whenever it is another one than that of the wrench before."""
-    from forcecal_ros.io.bags.signals import Diagnostic
+    from forcecal_ros.io.bags.messages import Diagnostic
     from forcecal_ros.observe.sample import describe, level
     import numpy as np
 

@@ -7,7 +7,7 @@ from struct import error as StructError
 from typing import Any, NamedTuple
 
 from forcecal_ros.core.errors import ConfigError, DataError
-from forcecal_ros.core.schema import Parameter
+from forcecal_ros.core.parameters import Parameter
 from forcecal_ros.io.urdf import Description
 from forcecal_ros.nodes.wire import frame_of, JointsReader, Reader, Sample
 from forcecal_ros.observe.frames import at_the_sensor, mounting_of, Placement
