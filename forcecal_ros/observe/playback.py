@@ -269,6 +269,8 @@ def never_late(model: Model, recording: Recording) -> Model:
 def recorded_model(recording: Recording, calibration: Calibration, settings: ObserverSettings
                    ) -> Model:
     """Design the model of a recording, by the noise of its poses and with its time-outs."""
+    if recording.pose and not recording.pose.has_position and settings.offset == 'auto':
+        settings = replace(settings, position=False)
     model = design(calibration, with_pose_noise(settings, recording.pose),
                    recording.accelerometer is not None)
     return never_late(model, recording)

@@ -28,7 +28,7 @@ def log(request):
     return slow_log(*LOGS[request.param])
 
 
-@pytest.mark.parametrize('name', ['kalman', 'ukf', 'ekf', 'static'])
+@pytest.mark.parametrize('name', ['kalman', 'ukf', 'static'])
 def test_every_wrench_of_a_slow_log_has_its_pose(log, calibration, name):
     _, recording = log
     estimate = replay(recording, calibration, ObserverSettings(name))
