@@ -53,6 +53,20 @@ class Placement(NamedTuple):
     q: Quaternion
 
 
+def combine(a: Placement, b: Placement) -> Placement:
+    """Return ``b``, a placement in the frame that ``a`` places, in the frame that ``a`` is in."""
+    (x, y, z), q = a
+    u, v, w = rotate(q, b.position)
+    return Placement((x + u, y + v, z + w), compose(q, b.q))
+
+
+def invert(place: Placement) -> Placement:
+    """Return where the frame is in the frame that it places."""
+    i, j, k, r = place.q
+    x, y, z = rotate_back(place.q, place.position)
+    return Placement((-x, -y, -z), (-i, -j, -k, r))
+
+
 def transported(wrench: Wrench, place: Placement) -> Wrench:
     """Return a wrench that is given in ft_sensor, about its origin, in another frame."""
     fx, fy, fz = rotate(place.q, wrench[:3])
@@ -132,8 +146,7 @@ def _placed(name: str, numbers: Sequence[float]) -> Placement:
     if not abs(hypot(a, b, c, d) - 1) < 1e-3:
         raise ConfigError(f'publish.frame_poses: the quaternion of {name} has norm '
                           f'{hypot(a, b, c, d):.4g}, not 1')
-    back = rotate_back((a, b, c, d), (x, y, z))
-    return Placement((-back[0], -back[1], -back[2]), (-a, -b, -c, d))
+    return invert(Placement((x, y, z), (a, b, c, d)))
 
 
 class ContactPoint(NamedTuple):
@@ -205,18 +218,13 @@ def numbers_of(mounting: Placement | None) -> Vector7 | None:
 def at_the_sensor(mounting: Placement, pose: tuple[float, ...]) -> Vector7:
     """Return the pose of ft_sensor, x y z qx qy qz qw, where the frame it is fixed to has this."""
     x, y, z, a, b, c, d = pose
-    q = (a, b, c, d)
-    u, v, w = rotate(q, mounting.position)
-    return (x + u, y + v, z + w, *compose(q, mounting.q))
+    place = combine(Placement((x, y, z), (a, b, c, d)), mounting)
+    return (*place.position, *place.q)
 
 
 def from_the_sensor(mounting: Placement, pose: tuple[float, ...]) -> Vector7:
     """Return the pose of the frame that ft_sensor is fixed to, where ft_sensor has this one."""
-    x, y, z, a, b, c, d = pose
-    i, j, k, r = mounting.q
-    q = compose((a, b, c, d), (-i, -j, -k, r))
-    u, v, w = rotate(q, mounting.position)
-    return (x - u, y - v, z - w, *q)
+    return at_the_sensor(invert(mounting), pose)
 
 
 def taken_to_sensor(recording: Recording, mounting: Placement | None) -> Recording:

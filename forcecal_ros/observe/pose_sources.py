@@ -24,7 +24,7 @@ from forcecal_ros.io.transforms import (
     transforms_of,
 )
 from forcecal_ros.io.urdf import Description, Joint
-from forcecal_ros.observe.frames import Placement
+from forcecal_ros.observe.frames import combine, invert, Placement
 
 KEPT_VALUES = 1000
 """Transforms that are kept of each frame, to interpolate between: one second at 1 kHz. One that is
@@ -217,24 +217,19 @@ class TransformPose:
 
     def _along(self, chain: tuple[str, ...], stamp: int) -> Placement | None:
         """Return where the first frame of a chain is in the parent of the last."""
-        x, y, z = ZERO
-        q = HERE.q
+        place = HERE
         for frame in chain:
             link = self._fixed.get(frame) or _at(self._moving[frame], stamp, _between)
             if link is None:
                 return None
-            u, v, w = rotate(link.q, (x, y, z))
-            a, b, c = link.position
-            x, y, z, q = u + a, v + b, w + c, compose(link.q, q)
-        return Placement((x, y, z), q)
+            place = combine(link, place)
+        return place
 
 
 def _seen_from(base: Placement, sensor: Placement) -> Vector7:
     """Return the pose of the sensor in the base, both of which are known in a third frame."""
-    i, j, k, r = base.q
-    back = (-i, -j, -k, r)
-    x, y, z = (a - b for a, b in zip(sensor.position, base.position))
-    return (*rotate(back, (x, y, z)), *compose(back, sensor.q))
+    place = combine(invert(base), sensor)
+    return (*place.position, *place.q)
 
 
 def _pose_of(plan: Plan, values: tuple[Any, ...]) -> StampedPose | None:
@@ -428,8 +423,8 @@ class JointPose:
             z += pz + qw * w + qx * v - qy * u
             qx, qy, qz, qw = (qw * a + qx * d + qy * c - qz * b, qw * b + qy * d + qz * a - qx * c,
                               qw * c + qz * d + qx * b - qy * a, qw * d - qx * a - qy * b - qz * c)
-        place, q = _behind((x, y, z), (qx, qy, qz, qw), *self._tail)
-        return (*place, *q)
+        place = combine(Placement((x, y, z), (qx, qy, qz, qw)), self._tail)
+        return (*place.position, *place.q)
 
     def _miss(self) -> None:
         if self.why_not and not any(self._kept):
@@ -465,37 +460,27 @@ class JointPose:
         self._last = None
 
 
-def _behind(place: Vector, q: Quaternion, origin: Vector, own: Quaternion
-            ) -> tuple[Vector, Quaternion]:
-    """Return where a frame is whose place in another is known, of where that one is."""
-    x, y, z = place
-    a, b, c = rotate(q, origin)
-    return (x + a, y + b, z + c), compose(q, own)
-
-
 def _compiled(down: Sequence[Joint], up: Sequence[Joint], drivers: Sequence[str]
               ) -> tuple[tuple[Step, ...], Placement]:
     """Return the moving joints from the base to the link, and what is fixed behind the last."""
     steps: list[Step] = []
-    place, q = ZERO, HERE.q
+    place = HERE
     for joint, back in (*((one, True) for one in down), *((one, False) for one in up)):
         origin = _origin(joint)
         if not back:
-            place, q = _behind(place, q, *origin)
+            place = combine(place, origin)
         if joint.driver:
             sign = -1.0 if back else 1.0
             i, j, k = map(float, joint.axis)
             steps.append(Step(
                 drivers.index(joint.driver), sign * float(joint.gain),
-                sign * float(joint.offset), joint.slides, place, q, compose(q, (i, j, k, 0.0)),
-                rotate(q, (i, j, k)) if joint.slides else ZERO))
-            place, q = ZERO, HERE.q
+                sign * float(joint.offset), joint.slides, place.position, place.q,
+                compose(place.q, (i, j, k, 0.0)),
+                rotate(place.q, (i, j, k)) if joint.slides else ZERO))
+            place = HERE
         if back:
-            x, y, z, w = origin.q
-            inverse = (-x, -y, -z, w)
-            a, b, c = rotate(inverse, origin.position)
-            place, q = _behind(place, q, (-a, -b, -c), inverse)
-    return tuple(steps), Placement(place, q)
+            place = combine(place, invert(origin))
+    return tuple(steps), place
 
 
 def _origin(joint: Joint) -> Placement:
