@@ -5,7 +5,7 @@ A recording holds all samples, so nothing is waited for. The rules of :mod:`~for
 align` decide here as there which samples a wrench uses; only the storage differs.
 """
 
-from math import inf
+from math import inf, sqrt
 
 from forcecal_ros.core import jit
 from forcecal_ros.core.geometry import Array, quaternion_from_matrix, ZERO
@@ -98,7 +98,8 @@ def _slides(stream: Stream | None, first: float, model: Model) -> tuple[Array, i
     if stream is None:
         return np.empty((0, 3)), 0
     samples = np.empty((len(stream), 3))
-    n = _take_slides(stream.t, stream.values, first, _plain(model), samples)
+    n = _take_slides(stream.t, stream.values, first, model.displacement_timeout, model.skew,
+                     samples)
     return samples[:n], len(stream) - n
 
 
@@ -108,7 +109,7 @@ def _poses(stream: PoseStream | None, first: float, model: Model) -> tuple[Array
         return np.empty((0, 9)), 0
     q = quaternion_from_matrix(stream.R_base_sensor)
     rows = np.column_stack([stream.t, stream.t, stream.position, q])
-    n = _take_poses(rows, first, _plain(model))
+    n = _take_poses(rows, first, model.pose_timeout, model.skew)
     return rows[:n], len(stream) - n
 
 
@@ -128,29 +129,29 @@ def _take_forces(t: Array, readings: Array, first: float, model: Model, samples:
 
 
 @compiled_with_all_it_calls
-def _take_slides(t: Array, readings: Array, first: float, model: Model, samples: Array) -> int:
+def _take_slides(t: Array, readings: Array, first: float, timeout: float, skew: float,
+                 samples: Array) -> int:
     n, last, usable = 0, -inf, -inf
     for i in range(len(t)):
         if abs(readings[i, 0]) < MAX_READING:
-            _, usable = run_of(usable, last, t[i], 0.0, first if t[i] > first else inf,
-                               model.displacement_timeout, model.skew)
+            _, usable = run_of(usable, last, t[i], 0.0, first if t[i] > first else inf, timeout,
+                               skew)
             samples[n, 0], samples[n, 1], samples[n, 2] = t[i], usable, readings[i, 0]
             n, last = n + 1, t[i]
     return n
 
 
 @compiled_with_all_it_calls
-def _take_poses(rows: Array, first: float, model: Model) -> int:
+def _take_poses(rows: Array, first: float, timeout: float, skew: float) -> int:
     n, last, due = 0, -inf, -inf
     for i in range(len(rows)):
         t = rows[i, 0]
-        n2 = (rows[i, 5:] ** 2).sum()
+        n2 = rows[i, 5] ** 2 + rows[i, 6] ** 2 + rows[i, 7] ** 2 + rows[i, 8] ** 2
         if 0.25 < n2 < 4.0:
-            effective, due = turn_of(last, due, t, first if t > first else inf,
-                                     model.pose_timeout, model.skew)
-            rows[n] = rows[i]
+            effective, due = turn_of(last, due, t, first if t > first else inf, timeout, skew)
+            for k in range(9):
+                rows[n, k] = rows[i, k] / sqrt(n2) if k > 4 else rows[i, k]
             rows[n, 1] = effective
-            rows[n, 5:] /= np.sqrt(n2)
             n, last = n + 1, t
     return n
 
