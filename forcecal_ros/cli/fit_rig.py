@@ -70,8 +70,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _fit_plant(args: argparse.Namespace) -> int:
     """Fit the models for impedance control."""
-    from forcecal_ros.impedance.plant import save_plant, to_document
-    from forcecal_ros.impedance.plant_fit import identify_plant
+    from forcecal_ros.impedance.plant_fit import identify_plant, save_plant, to_document
 
     recording = read_checked(args, args.bag[0], ['target', 'pose', 'wrench', 'optidrive'])
     fit = identify_plant(recording)

@@ -13,7 +13,7 @@ from forcecal_ros.nodes.inputs import mounting_parameter
 from forcecal_ros.nodes.runtime import OUTPUT, SENSOR
 from forcecal_ros.nodes.supervision import Sensors
 from forcecal_ros.nodes.wire import Inbox, Writer
-from forcecal_ros.observe.mounting import from_the_sensor
+from forcecal_ros.observe.frames import from_the_sensor
 from geometry_msgs.msg import PoseStamped, TwistStamped
 import numpy as np
 from rclpy.node import Node

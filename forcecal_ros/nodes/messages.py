@@ -7,8 +7,8 @@ from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array, quaternion_from_matrix
 from forcecal_ros.io.calibration_file import dump
+from forcecal_ros.observe.design import Accuracy
 from forcecal_ros.observe.frames import contact_point
-from forcecal_ros.observe.gains import Accuracy
 from geometry_msgs.msg import (
     Inertia,
     InertiaStamped,

@@ -19,11 +19,16 @@ from forcecal_ros.nodes.runtime import LATCHED, OUTPUT
 from forcecal_ros.nodes.wire import Writer
 from forcecal_ros.observe.frames import Frames
 from forcecal_ros.observe.live import LiveObserver
-from forcecal_ros.observe.payload.model import payload_model, PayloadSettings
-from forcecal_ros.observe.payload.step import FROZEN, NOT_EXCITED, ToolEstimate, TRACKING
-from forcecal_ros.observe.payload.tracker import Tracker
-from forcecal_ros.observe.sample import Wrench
-from forcecal_ros.observe.status import describe, level
+from forcecal_ros.observe.payload import (
+    FROZEN,
+    NOT_EXCITED,
+    payload_model,
+    PayloadSettings,
+    ToolEstimate,
+    TRACKING,
+)
+from forcecal_ros.observe.sample import describe, level, Wrench
+from forcecal_ros.observe.tracker import Tracker
 from geometry_msgs.msg import (
     InertiaStamped,
     WrenchStamped,

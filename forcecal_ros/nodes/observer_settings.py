@@ -10,7 +10,7 @@ from forcecal_ros.core.parameters import Parameter
 from forcecal_ros.nodes.inputs import ACCELEROMETERS, POSE_PARAMETERS, SENSOR_FROM_POSE
 from forcecal_ros.nodes.parameters import live_parameter as _live
 from forcecal_ros.nodes.runtime import EXECUTOR
-from forcecal_ros.observe.payload.model import PayloadSettings
+from forcecal_ros.observe.payload import PayloadSettings
 from forcecal_ros.observe.settings import (
     BANDWIDTH_LIMITS,
     CONTACT_WALK,

@@ -45,7 +45,7 @@ from forcecal_ros.nodes.runtime import answering, LATCHED, run, SECOND
 from forcecal_ros.nodes.sequencer_settings import PARAMETERS, SequencerSettings, settings_of
 from forcecal_ros.nodes.supervision import Deadman, Fault, Sensors
 from forcecal_ros.nodes.wire import JointReader, Reader, Sample
-from forcecal_ros.observe.mounting import numbers_of
+from forcecal_ros.observe.frames import numbers_of
 from geometry_msgs.msg import InertiaStamped, WrenchStamped
 from nav_msgs.msg import Path
 import numpy as np
