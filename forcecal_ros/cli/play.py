@@ -47,9 +47,8 @@ def add_parser(subparsers: Any) -> None:
                         help='publish this topic, and of the others only those named likewise')
     add_namespace(parser, 'publish below a namespace, e.g. /recorded')
     parser.add_argument('--with-outputs', action='store_true',
-                        help="publish what this package's own nodes published as well, in addition "
-                             'to those that run now: observer/..., sequencer/..., impedance/..., '
-                             'diagnostics')
+                        help='also publish the outputs of the recorded nodes of this package: '
+                             'observer/..., sequencer/..., impedance/..., diagnostics')
     parser.add_argument('--with-commands', action='store_true',
                         help='publish everything, also target_frame and other commands, which A '
                              'ROBOT THAT LISTENS WILL FOLLOW AT ONCE, without any start; refused '
