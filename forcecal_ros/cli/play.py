@@ -47,7 +47,7 @@ def add_parser(subparsers: Any) -> None:
                         help='publish this topic, and of the others only those named likewise')
     add_namespace(parser, 'publish below a namespace, e.g. /recorded')
     parser.add_argument('--with-outputs', action='store_true',
-                        help="publish what this package's own nodes published as well, in addition "
+                        help="publish what this package's own nodes published as well, next "
                              'to those that run now: observer/..., sequencer/..., impedance/..., '
                              'diagnostics')
     parser.add_argument('--with-commands', action='store_true',

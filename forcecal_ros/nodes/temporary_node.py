@@ -1,19 +1,24 @@
 """A node for the time of a command, and what it asks running nodes."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 import time
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.nodes.reporting import LEVELS
 from forcecal_ros.nodes.runtime import Interrupt, OUTPUT, starting
+from geometry_msgs.msg import PoseStamped, WrenchStamped
 import rclpy
 from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
+from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 
@@ -119,3 +124,27 @@ def _until(ros: TemporaryNode, condition: Callable[[], bool], patience: float) -
             raise KeyboardInterrupt
         ros.spin(SPIN)
     return condition()
+
+
+def first_messages(namespace: str, topics: Mapping[str, str], timeout: float) -> dict[str, Any]:
+    """
+    Return the first message of each topic that is published, by its key.
+
+    Parameters
+    ----------
+    namespace : str
+        Of topics without a leading slash.
+    topics : mapping of str to str
+        Key to name: ``wrench``, ``pose`` or ``joints``.
+    timeout : float
+        How long to wait [s].
+    """
+    types = {'wrench': WrenchStamped, 'pose': PoseStamped, 'joints': JointState}
+    found: dict[str, Any] = {}
+    with temporary_node('init') as ros:
+        for key, name in topics.items():
+            full = name if name.startswith('/') else f'/{namespace.strip("/")}/{name}'
+            ros.node.create_subscription(types[key], full.replace('//', '/'),
+                                         partial(found.setdefault, key), qos_profile_sensor_data)
+        _until(ros, lambda: len(found) == len(topics), timeout)
+    return found
