@@ -256,7 +256,8 @@ def _model(path: str | Path) -> Any:
         from forcecal_ros.sim.third_party import third_party
 
         return third_party(str(path), load_mujoco(str(path)))
-    rig = Path(path).is_file() and 'wrench_sensor:' in Path(path).read_text()
+    own = str(path) in ('rig.yaml', 'rigid_tool.yaml')  # of this package
+    rig = own or (Path(path).is_file() and 'wrench_sensor:' in Path(path).read_text())
     return load_rig(path) if rig else load_calibration(path)
 
 

@@ -9,9 +9,9 @@ import subprocess
 import sys
 import time
 
-from forcecal_ros.core.files import backup_of, new_directory, write_text
 from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.files import backup_of, new_directory, write_text
 from forcecal_ros.core.safe_yaml import load_yaml
 from forcecal_ros.io.calibration_file import DAY, dump, load, parse, refuse_old, save
 from hypothesis import example, given, settings
