@@ -128,7 +128,7 @@ def calibrate(recording: 'Recording', **settings: Any) -> Result:
     """
     from forcecal_ros.calibrate.pipeline import identify
     from forcecal_ros.calibrate.settings import IdentificationSettings
-    from forcecal_ros.observe.gains import with_kalman_gains
+    from forcecal_ros.observe.design import with_kalman_gains
 
     return _of_calibration(with_kalman_gains(identify(
         recording, IdentificationSettings(**settings))), recording)
@@ -151,7 +151,7 @@ def estimate(recording: 'Recording', calibration: Any, *, filter: str | None = N
     from forcecal_ros.cli.estimate import prepared, refuse_disagreeing, statistics, status_notes
     from forcecal_ros.core.streams import Stream
     from forcecal_ros.observe import ObserverSettings, replay
-    from forcecal_ros.observe.mounting import taken_as_calibrated
+    from forcecal_ros.observe.frames import taken_as_calibrated
     from forcecal_ros.report.rows import WRENCH_AXES
 
     chosen = ObserverSettings(filter=filter, **settings)

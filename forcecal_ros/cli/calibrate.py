@@ -45,8 +45,7 @@ def add_parser(subparsers: Any) -> None:
     options = group(parser, 'further data')
     options.add_argument('--free-motion', metavar='BAG2',
                          help='recording of motion without contact, if BAG holds static poses '
-                              'only: gives the delay between the sensors, and how much of the '
-                              'accelerometer the force confirms on each axis')
+                              'only: gives the delay between the sensors')
     options.add_argument('--matrix', metavar='C.yaml',
                          help='calibration.yaml of forcecal insitu whose matrix turns the raw '
                               'channels of the wrench topic into a wrench')
@@ -140,7 +139,6 @@ def answer(args: argparse.Namespace) -> Answer:
         with_matrix_of,
     )
     from forcecal_ros.io.calibration_file import load
-    from forcecal_ros.observe.share import with_share
 
     if Path(args.bag).suffix in ('.yaml', '.yml'):
         return _write(_with_mounting(load(args.bag), args), args, ())
@@ -154,7 +152,6 @@ def answer(args: argparse.Namespace) -> Answer:
         motion = read_checked(args, args.free_motion, raw_wrench=part is not None)
         motion = recording_corrected(motion, part) if part else motion
         calibration = with_delay(calibration, estimate_delay(motion, calibration))
-        calibration = with_share(calibration, motion)
     if args.report:
         write_report(args, recording, calibration)
     if matrix:
@@ -166,7 +163,7 @@ def _with_mounting(calibration: 'Calibration', args: argparse.Namespace) -> 'Cal
     """Keep in a calibration that was read the transform that its poses are to be taken by."""
     from dataclasses import replace
 
-    from forcecal_ros.observe.mounting import agreed, mounting_of, numbers_of
+    from forcecal_ros.observe.frames import agreed, mounting_of, numbers_of
 
     with from_arguments():
         given = mounting_of(args.sensor_from_pose or (), '--sensor-from-pose')
@@ -200,7 +197,7 @@ def calibrated(recording: 'Recording', args: argparse.Namespace) -> 'Calibration
     """Calibrate as the arguments state."""
     from forcecal_ros.calibrate.pipeline import identify
     from forcecal_ros.calibrate.settings import IdentificationSettings
-    from forcecal_ros.observe.gains import with_kalman_gains
+    from forcecal_ros.observe.design import with_kalman_gains
     from forcecal_ros.observe.settings import ObserverSettings
 
     rotation = args.sensor_rotation and [math.radians(x) for x in args.sensor_rotation]

@@ -319,7 +319,7 @@ def _as_calibrated(recording: Any, calibration: Any, about: str, wrench_sign: in
     """Bring poses to ft_sensor, base to level and readings to their axes, as calibrated."""
     from forcecal_ros.cli.estimate import in_sign_of
     from forcecal_ros.core.axes import in_axes_of_pose, levelled
-    from forcecal_ros.observe.mounting import taken_as_calibrated
+    from forcecal_ros.observe.frames import taken_as_calibrated
 
     if recording is None:
         return None

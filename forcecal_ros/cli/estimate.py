@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from forcecal_ros.core.calibration import Calibration
     from forcecal_ros.core.streams import Recording, Stream
     from forcecal_ros.observe import ContactEstimate, ObserverSettings
-    from forcecal_ros.observe.payload.replay import Followed
+    from forcecal_ros.observe.playback import Followed
 
 FILTERS = ('observer', 'kalman', 'newton', 'ukf', 'ekf', 'static')
 LEARNING = ('ukf', 'ekf')
@@ -131,7 +131,7 @@ def answer(args: argparse.Namespace) -> Answer:
     """Estimate over one recording."""
     from forcecal_ros.core.stamps import with_even_bursts
     from forcecal_ros.io.calibration_file import load
-    from forcecal_ros.observe.mounting import taken_as_calibrated
+    from forcecal_ros.observe.frames import taken_as_calibrated
 
     settings = _settings_of(args)
     raw = bool(args.calibration) and load(args.calibration).matrix is not None
@@ -274,8 +274,8 @@ def prepared(calibration: 'Calibration', recording: 'Recording', settings: 'Obse
     """
     from forcecal_ros.calibrate.delay import estimate_delay, with_delay
     from forcecal_ros.core.axes import in_axes_of_pose
-    from forcecal_ros.observe.bandwidth import UNMEASURED
-    from forcecal_ros.observe.from_file import with_noise
+    from forcecal_ros.observe.bandwidth import UNMEASURED_HZ
+    from forcecal_ros.observe.playback import with_noise
     import numpy as np
 
     notes: tuple[str, ...] = ()
@@ -287,7 +287,7 @@ def prepared(calibration: 'Calibration', recording: 'Recording', settings: 'Obse
     if calibration.noise is None and settings.filter in (None, 'kalman') and (
             settings.bandwidth_hz is None):
         notes = (('the calibration holds no noise that a bandwidth could follow from; '
-                  f'{UNMEASURED:g} Hz, that of the nominal rig, is used'),)
+                  f'{UNMEASURED_HZ:g} Hz, that of the nominal rig, is used'),)
     sensor = calibration.accelerometer
     if sensor is None or recording.accelerometer is None or np.isfinite(sensor.delay.std):
         return calibration, notes
@@ -309,7 +309,7 @@ def _estimate(args: argparse.Namespace, recording: 'Recording', calibration: 'Ca
     """Run the observer, and the tracking of the tool if requested."""
     from forcecal_ros.observe import Imu, replay
     from forcecal_ros.observe.batch import waits_for_compiler
-    from forcecal_ros.observe.payload.replay import follow
+    from forcecal_ros.observe.playback import follow
 
     if args.track_tool:
         followed = follow(recording, calibration, settings)
@@ -352,7 +352,7 @@ def _tools_stream(followed: 'Followed', calibration: 'Calibration') -> 'Stream':
 def status_changes(estimate: 'ContactEstimate') -> list[Any]:
     """Return the status whenever it differs from that of the wrench before."""
     from forcecal_ros.io.bags.messages import Diagnostic
-    from forcecal_ros.observe.status import describe, level
+    from forcecal_ros.observe.sample import describe, level
     import numpy as np
 
     status = estimate.status
@@ -363,7 +363,7 @@ def status_changes(estimate: 'ContactEstimate') -> list[Any]:
 
 def status_notes(estimate: 'ContactEstimate') -> list[str]:
     """Return one sentence for each fault of samples, with the number of samples."""
-    from forcecal_ros.observe.status import describe
+    from forcecal_ros.observe.sample import describe
 
     seen: Counter[str] = Counter()
     for status, count in Counter(estimate.status.tolist()).items():
