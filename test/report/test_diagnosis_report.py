@@ -163,7 +163,7 @@ def test_a_report_without_a_comparison_says_that_nothing_is_known_of_size_and_ca
 
 
 def test_the_first_sentence_says_what_how_large_how_sure_and_how_much_it_explains():
-    assert headline(IDENTIFIED) == ('The measured wrench lags the simulated one by 4.00 ± 0.27 ms '
+    assert headline(IDENTIFIED) == ('The measured wrench lags the simulated one by 4.00 ± 0.28 ms '
                                     '(probability 97 %). Adding it explains 98 % of the misfit '
                                     '(95 % interval: 97 to 99 %).')
 
