@@ -61,8 +61,7 @@ def test_results_that_a_signal_interrupts_leave_no_scratch(tmp_path):
             with new_directory('out') as scratch:
                 scratch.mkdir()
                 os.kill(os.getpid(), signal.SIGTERM)
-        cli.parsed = lambda words: cli.argparse.Namespace(run=run)
-        sys.exit(cli.main([]))"""
+        sys.exit(cli.main([], lambda words: cli.argparse.Namespace(run=run)))"""
     done = subprocess.run([sys.executable, '-c', script], cwd=tmp_path, capture_output=True,
                           text=True, check=False)
     assert (done.returncode, done.stderr) == (143, 'forcecal: interrupted\n')

@@ -45,8 +45,7 @@ def add_parser(subparsers: Any) -> None:
     options = group(parser, 'further data')
     options.add_argument('--free-motion', metavar='BAG2',
                          help='recording of motion without contact, if BAG holds static poses '
-                              'only: gives the delay between the sensors, and how much of the '
-                              'accelerometer the force confirms on each axis')
+                              'only: gives the delay between the sensors')
     options.add_argument('--matrix', metavar='C.yaml',
                          help='calibration.yaml of forcecal insitu whose matrix turns the raw '
                               'channels of the wrench topic into a wrench')

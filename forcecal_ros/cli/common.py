@@ -224,14 +224,21 @@ def topic_names(args: argparse.Namespace, option: str = '--topic', bag: str = ''
     for role, name in getattr(args, option.strip('-').replace('-', '_')):
         if names.setdefault(role, name) != name:
             raise UsageError(f'{option}: {role} is called {names[role]} and {name}; name one')
-    if option == '--topic' and getattr(args, 'preset', None) and bag:
-        from forcecal_ros.io.bags import read_topics
-        from forcecal_ros.nodes.presets import topics_by_role
-
-        recorded = {topic.name for topic in read_topics(bag)}
-        names = {role: name for role, name in topics_by_role(args.preset).items()
-                 if ('/tf' if name.startswith('tf:') else name) in recorded} | names
+    if option == '--topic' and bag:
+        names = preset_topics(getattr(args, 'preset', None) or '', bag) | names
     return names
+
+
+def preset_topics(name: str, bag: str) -> dict[str, str]:
+    """Return role to name of the topics of a preset that a recording holds."""
+    if not name:
+        return {}
+    from forcecal_ros.io.bags import read_topics
+    from forcecal_ros.nodes.presets import topics_by_role
+
+    recorded = {topic.name for topic in read_topics(bag)}
+    return {role: topic for role, topic in topics_by_role(name).items()
+            if ('/tf' if topic.startswith('tf:') else topic) in recorded}
 
 
 def read_likewise(args: argparse.Namespace, *, poses: bool = True) -> tuple[str, ...]:

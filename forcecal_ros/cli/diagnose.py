@@ -3,7 +3,7 @@
 import argparse
 import os
 import shlex
-from typing import Any
+from typing import Any, NamedTuple
 
 from forcecal_ros.cli.common import (
     add_sensor_pose,
@@ -182,143 +182,184 @@ def _check_simulator(args: argparse.Namespace) -> int:
     return 0
 
 
-def answer(args: argparse.Namespace) -> Answer:
-    """Diagnose one recording."""
-    from forcecal_ros.io.calibration_file import load
+class Found(NamedTuple):
+    """
+    A diagnosis with what is written of it.
+
+    Attributes
+    ----------
+    outcome : Outcome
+    rig : Rig
+        Gave the tolerances.
+    units : dict of str to str
+        Of the channels.
+    document : dict
+        ``diagnosis.json``.
+    files : dict of str to str
+        Further files: a rig, calibration or model with what was found.
+    changes : tuple of str
+        Parameters of a simulator to change.
+    """
+
+    outcome: Any
+    rig: Any
+    units: dict[str, str]
+    document: dict[str, Any]
+    files: dict[str, str]
+    changes: tuple[str, ...] = ()
+
+
+def compare(recording: Any, heldout: Any, against: Any, *, rig: Any = None,
+            accelerometer: str | None = None, about: str = 'the calibration',
+            wrench_sign: int | None = None) -> Found:
+    """
+    Compare a recording with a model, whatever that is.
+
+    Parameters
+    ----------
+    recording, heldout : Recording
+        To fit on, and to judge on (or None).
+    against : Rig, Calibration, pair of Recording, ThirdParty or None
+        A rig is simulated under the commands, or without commands taken along the measured
+        motion, as the tool of a calibration is; a pair was recorded by a simulator under the
+        commands of ``recording`` and ``heldout``; a simulator is run. None: the nominal rig.
+    rig : Rig, optional
+        Gives the tolerances (default: that of a rigid tool).
+    about : str
+        Name of the calibration, for messages.
+    wrench_sign : int, optional
+        Of the recording, if it was stated.
+    """
+    from forcecal_ros.core.calibration import Calibration
     from forcecal_ros.sim.rig.file import load_rig
 
-    if args.simulator or args.mujoco:
-        return _by_simulator(args)
-    if args.simulated:
-        return _by_simulated(args)
-    calibration = load(args.calibration) if args.calibration else None
-    rig = load_rig(args.rig or (RIGID if calibration else None))
-    with stages(args) as stage:
-        stage(f'reading {args.bag}')
-        recording, heldout = _read(args)
-        if calibration or not recording.target:
-            stage('comparing the wrench with the measured motion')
-            return _by_motion(args, recording, heldout, rig, calibration)
-        stage('replaying the commands and weighing effects')
-        return _by_commands(args, recording, heldout, rig)
+    if isinstance(against, tuple) and not hasattr(against, 'servo'):
+        return _with_simulated(recording, heldout, against, rig or load_rig(RIGID))
+    if isinstance(against, Calibration):
+        recording, heldout = (_as_calibrated(one, against, about, wrench_sign)
+                              for one in (recording, heldout))
+        return _along_motion(recording, heldout, rig or load_rig(RIGID), against, accelerometer)
+    if against is None or hasattr(against, 'servo'):
+        against = against or load_rig()
+        along = _with_commands if recording.target else _along_motion
+        return along(recording, heldout, against, None, accelerometer)
+    return _with_simulator(recording, heldout, against, rig or load_rig(RIGID))
 
 
-def _read(args: argparse.Namespace, joints: bool = False) -> tuple[Any, Any]:
-    """Return the recording, and the one to judge on if there is one."""
-    return (read(args, args.bag, joints=joints),
-            read(args, args.heldout, joints=joints) if args.heldout else None)
-
-
-def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any) -> Answer:
-    """Replay the commands through the rig."""
+def _with_commands(recording: Any, heldout: Any, rig: Any, calibration: None,
+                   accelerometer: str | None) -> Found:
+    """Simulate the rig under the commands."""
     from forcecal_ros.diagnose.by_commands import diagnose
     from forcecal_ros.diagnose.by_tracked import diagnose_tracked, is_tracked
     from forcecal_ros.diagnose.inputs.channels import units
     from forcecal_ros.diagnose.say.result import to_document
     from forcecal_ros.sim.rig.file import dump_rig
-    from forcecal_ros.sim.rig.simulator import waits_for_compiler
 
-    warn_if_compiling(waits_for_compiler(), 'the simulator')
     by = diagnose_tracked if is_tracked(rig) else diagnose
-    outcome = by(recording, heldout, rig, args.accelerometer)
+    outcome = by(recording, heldout, rig, accelerometer)
     files = {'rig_patched.yaml': dump_rig(outcome.rig)} if outcome.datasets else {}
-    document = to_document(outcome.diagnosis, units(), next(iter(files), None))
-    return _written(args, (recording, heldout), outcome, rig, units(), document, files)
+    return Found(outcome, rig, units(), to_document(
+        outcome.diagnosis, units(), next(iter(files), None)), files)
 
 
-def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any,
-               calibration: Any) -> Answer:
+def _along_motion(recording: Any, heldout: Any, rig: Any, calibration: Any,
+                  accelerometer: str | None) -> Found:
     """Compare the wrench with the measured motion."""
     from forcecal_ros.diagnose.by_motion import delay_std, diagnose_motion, inertia_std
     from forcecal_ros.diagnose.inputs.channels import units
     from forcecal_ros.diagnose.say.patched import patched_calibration
     from forcecal_ros.diagnose.say.result import to_document
     from forcecal_ros.io.calibration_file import dump
-    from forcecal_ros.sim.rigid_tool import (
-        rigid_tool_of_calibration,
-        rigid_tool_of_rig,
-        RigidTool,
-    )
+    from forcecal_ros.sim.rigid_tool import rigid_tool_of_calibration, rigid_tool_of_rig
 
     rigid_tool = (rigid_tool_of_calibration(calibration, rig) if calibration
                   else rigid_tool_of_rig(rig))
-    outcome = diagnose_motion(
-        _as_calibrated(args, recording, calibration), _as_calibrated(args, heldout, calibration),
-        rigid_tool, calibration, args.accelerometer)
-    of_channels = units(rigid_tool.accelerometer_unit)
-    files = {}
+    outcome = diagnose_motion(recording, heldout, rigid_tool, calibration, accelerometer)
+    of_channels, files = units(rigid_tool.accelerometer_unit), {}
     document = to_document(outcome.diagnosis, of_channels, None)
     document['explained_by'] = 'measured motion'
     if calibration and outcome.datasets:
-        assert isinstance(outcome.rig, RigidTool)
         document['calibration'] = 'calibration_patched.yaml'
         files[document['calibration']] = dump(patched_calibration(
             calibration, outcome.rig, delay_std(outcome), inertia_std(outcome)))
-    return _written(args, (recording, heldout), outcome, rig, of_channels, document, files)
+    return Found(outcome, rig, of_channels, document, files)
 
 
-def _by_simulated(args: argparse.Namespace) -> Answer:
+def _with_simulated(recording: Any, heldout: Any, simulated: tuple[Any, ...], rig: Any) -> Found:
     """Compare the wrench with what a simulator recorded."""
     from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair
     from forcecal_ros.diagnose.inputs.channels import units
     from forcecal_ros.diagnose.say.result import to_document
-    from forcecal_ros.sim.rig.file import load_rig
 
-    with stages(args) as stage:
-        def read_one(bag: str, of: str, sign: int) -> Any:
-            stage(f'reading {bag}')
-            return read(args, bag, f'--{of}sensor-from-pose', f'--{of}topic', sign)
-
-        pairs = [Pair(read_one(real, '', args.wrench_sign or 1),
-                      read_one(simulated, 'simulated-', args.simulated_wrench_sign))
-                 for real, simulated in ((args.bag, args.simulated),
-                                         (args.heldout, args.heldout_simulated)) if real]
-        stage('comparing the wrench with the simulated')
-        rig, of_channels = load_rig(RIGID), units('m/s^2')
-        found = diagnose_simulated(pairs[0], pairs[1] if len(pairs) > 1 else None, rig)
-        document = to_document(found.outcome.diagnosis, of_channels, None)
-        document |= {'explained_by': 'simulated recording', **found.document()}
-        return _written(args, tuple(pair.real for pair in pairs), found.outcome, rig,
-                        of_channels, document, {})
+    found = diagnose_simulated(
+        Pair(recording, simulated[0]),
+        None if heldout is None or simulated[1] is None else Pair(heldout, simulated[1]), rig)
+    document = to_document(found.outcome.diagnosis, units('m/s^2'), None)
+    document |= {'explained_by': 'simulated recording', **found.document()}
+    return Found(found.outcome, rig, units('m/s^2'), document, {})
 
 
-def _by_simulator(args: argparse.Namespace) -> Answer:
-    """Run somebody's simulator with the recorded commands."""
+def _with_simulator(recording: Any, heldout: Any, simulator: Any, rig: Any) -> Found:
+    """Run a third-party simulator with the recorded commands."""
     from forcecal_ros.diagnose.by_simulator import diagnose_rerun
     from forcecal_ros.diagnose.inputs.channels import units
     from forcecal_ros.diagnose.say.result import to_document
-    from forcecal_ros.sim.rig.file import load_rig
 
-    with stages(args) as stage:
-        simulator = _simulator_of(args)
-        stage(f'reading {args.bag}')
-        recording, heldout = _read(args, joints=True)
-        stage(f'running {simulator.name} with other numbers')
-        rig, of_channels = load_rig(RIGID), units('m/s^2')
-        found = diagnose_rerun(recording, heldout, simulator, rig)
-        document = to_document(found.outcome.diagnosis, of_channels, None)
-        document |= {'explained_by': simulator.name, **found.document()}
-        text = simulator.patched(found.numbers) if found.changed else None
-        files = {} if text is None else {'model_patched.xml': text}
-        document['model'] = next(iter(files), None)
-        answer = _written(args, (recording, heldout), found.outcome, rig, of_channels, document,
-                          files)
-        told = [f'change {one}' for one in found.changed]
-        return answer._replace(text='\n'.join([answer.text, *told]))
+    found = diagnose_rerun(recording, heldout, simulator, rig)
+    document = to_document(found.outcome.diagnosis, units('m/s^2'), None)
+    document |= {'explained_by': simulator.name, **found.document()}
+    text = simulator.patched(found.numbers) if found.changed else None
+    files = {} if text is None else {'model_patched.xml': text}
+    document['model'] = next(iter(files), None)
+    return Found(found.outcome, rig, units('m/s^2'), document, files,
+                 tuple(f'change {one}' for one in found.changed))
 
 
-def _as_calibrated(args: argparse.Namespace, recording: Any, calibration: Any) -> Any:
+def _as_calibrated(recording: Any, calibration: Any, about: str, wrench_sign: int | None) -> Any:
     """Bring poses to ft_sensor, base to level and readings to their axes, as calibrated."""
     from forcecal_ros.cli.estimate import in_sign_of
     from forcecal_ros.core.axes import in_axes_of_pose, levelled
     from forcecal_ros.observe.frames import taken_as_calibrated
 
-    if recording is None or calibration is None:
-        return recording
-    taken = in_sign_of(calibration, args.wrench_sign, taken_as_calibrated(
-        recording, calibration, args.calibration))
+    if recording is None:
+        return None
+    taken = in_sign_of(calibration, wrench_sign, taken_as_calibrated(
+        recording, calibration, about))
     return in_axes_of_pose(levelled(taken, calibration.gravity_direction),
                            calibration.sensor_rotation)
+
+
+def answer(args: argparse.Namespace) -> Answer:
+    """Diagnose one recording."""
+    from forcecal_ros.io.calibration_file import load
+    from forcecal_ros.sim.rig.file import load_rig
+    from forcecal_ros.sim.rig.simulator import waits_for_compiler
+
+    with stages(args) as stage:
+        rig = load_rig(args.rig) if args.rig else None
+        against, rerun = rig, bool(args.simulator or args.mujoco)
+        if rerun:
+            against = _simulator_of(args)
+        elif args.calibration:
+            against = load(args.calibration)
+        stage(f'reading {args.bag}')
+        recording, heldout = (bag and read(args, bag, joints=rerun)
+                              for bag in (args.bag, args.heldout))
+        if args.simulated:
+            against = tuple(
+                bag and read(args, bag, '--simulated-sensor-from-pose', '--simulated-topic',
+                             args.simulated_wrench_sign)
+                for bag in (args.simulated, args.heldout_simulated))
+        stage(f'running {against.name} with other numbers' if rerun else
+              'comparing the wrench with the simulated' if args.simulated else
+              'replaying the commands and weighing effects'
+              if recording.target and not args.calibration else
+              'comparing the wrench with the measured motion')
+        if not (rerun or args.simulated or args.calibration) and recording.target:
+            warn_if_compiling(waits_for_compiler(), 'the simulator')
+        found = compare(recording, heldout, against, rig=rig, accelerometer=args.accelerometer,
+                        about=args.calibration or '', wrench_sign=args.wrench_sign)
+        return _write(args, [one for one in (recording, heldout) if one is not None], found)
 
 
 def _named(args: argparse.Namespace) -> str:
@@ -348,10 +389,8 @@ def _source(args: argparse.Namespace, recording: Any) -> dict[str, str]:
             'created': datetime.now(timezone.utc).isoformat(timespec='seconds')}
 
 
-def _written(args: argparse.Namespace, given: tuple[Any, ...], outcome: Any, rig: Any,
-             of_channels: dict[str, str], document: dict[str, Any], files: dict[str, str]
-             ) -> Answer:
-    """Write what was found, a report of it, and other files."""
+def _write(args: argparse.Namespace, recordings: list[Any], found: Found) -> Answer:
+    """Write what was found, a report of it, and further files."""
     import json
 
     from forcecal_ros.diagnose.say.advice import advice
@@ -364,25 +403,25 @@ def _written(args: argparse.Namespace, given: tuple[Any, ...], outcome: Any, rig
     )
     from forcecal_ros.report.page import origin
 
-    diagnosis, folder = outcome.diagnosis, args.output
-    recordings, named = [one for one in given if one is not None], _named(args)
+    outcome, document, files = found.outcome, found.document, found.files
+    diagnosis, folder, named = outcome.diagnosis, args.output, _named(args)
     assumed = () if named else (ASSUMED,)
     document['notes'] = [*assumed, *document['notes']]
     document['source'] = _source(args, recordings[0])
-    view = (view_of(outcome, advice(diagnosis, rig), of_channels) if outcome.datasets
+    view = (view_of(outcome, advice(diagnosis, found.rig), found.units) if outcome.datasets
             else view_without_signals(diagnosis))
     step = (_name_it(args) if assumed and diagnosis.verdict in UNLIKE
             else next_step(diagnosis, args.bag, folder, tuple(files), view.advice,
-                            read_likewise(args)))
+                           read_likewise(args)))
     write_results(folder, {
         'diagnosis.json': json.dumps(document, indent=2, allow_nan=False) + '\n',
         'report.html': render(
             view, [*origin(recordings), f'compared with {named or NOMINAL}'], step),
         **files}, FILES)
     verdict = f'{diagnosis.verdict}: {diagnosis.reason}'
-    said = headline(diagnosis)
-    text = '\n'.join((verdict, *((said,) if diagnosis.effects else ()),
-                      f'next: {step.words} {step.command}'.rstrip(), f'written to {folder}'))
+    text = '\n'.join((verdict, *((headline(diagnosis),) if diagnosis.effects else ()),
+                      f'next: {step.words} {step.command}'.rstrip(), f'written to {folder}',
+                      *found.changes))
     return Answer(document, text, verdict,
                   (*assumed, *recordings[0].notes, *diagnosis.notes),
                   _status(args, diagnosis.verdict))

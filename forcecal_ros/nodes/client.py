@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from importlib.resources import files
 import os
 import random
@@ -11,17 +12,20 @@ import sys
 import tempfile
 import time
 from types import TracebackType
-from typing import IO
+from typing import Any, IO
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.nodes.runtime import Interrupt, LEVELS, OUTPUT, starting
+from geometry_msgs.msg import PoseStamped, WrenchStamped
 import rclpy
 from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
+from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 PATIENCE = 5.0
@@ -243,3 +247,27 @@ def _until(ros: TemporaryNode, condition: Callable[[], bool], patience: float) -
             raise KeyboardInterrupt
         ros.spin(SPIN)
     return condition()
+
+
+def first_messages(namespace: str, topics: Mapping[str, str], timeout: float) -> dict[str, Any]:
+    """
+    Return the first message of each topic that is published, by its key.
+
+    Parameters
+    ----------
+    namespace : str
+        Of topics without a leading slash.
+    topics : mapping of str to str
+        Key to name: ``wrench``, ``pose`` or ``joints``.
+    timeout : float
+        How long to wait [s].
+    """
+    types = {'wrench': WrenchStamped, 'pose': PoseStamped, 'joints': JointState}
+    found: dict[str, Any] = {}
+    with temporary_node('init') as ros:
+        for key, name in topics.items():
+            full = name if name.startswith('/') else f'/{namespace.strip("/")}/{name}'
+            ros.node.create_subscription(types[key], full.replace('//', '/'),
+                                         partial(found.setdefault, key), qos_profile_sensor_data)
+        _until(ros, lambda: len(found) == len(topics), timeout)
+    return found

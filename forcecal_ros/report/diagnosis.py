@@ -1,6 +1,6 @@
 """The report of a diagnosis as one HTML page: its answer in words, pictures and tables."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
 import shlex
@@ -23,6 +23,7 @@ from forcecal_ros.diagnose.say.verdict import FIRST, FURTHER, percent
 from forcecal_ros.report.effect_words import phrase, sentence, WORDS
 from forcecal_ros.report.page import Fact, Picture, picture, render_page, Step
 from forcecal_ros.report.panels import COLOURS, joined, Line, Panel, Shown
+from forcecal_ros.report.rows import HALF
 from forcecal_ros.sim.signals import JOINTS, Signals
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
@@ -229,7 +230,7 @@ def headline(d: Diagnosis) -> str:
     if d.verdict not in NAMED:
         head = HEADS[d.verdict]
         return f'{head}{_cause_and_remedy(d)[0]}.' if head.endswith(' ') else head
-    found = ' '.join(f'{sentence(e)} ({percent(e.probability)} sure).' for e in d.effects)
+    found = ' '.join(f'{sentence(e)} (probability {percent(e.probability)}).' for e in d.effects)
     return ' '.join(part for part in (found, explained(d), *_but(d)) if part)
 
 
@@ -313,6 +314,9 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str], advice:
     rig, calibration, model = (
         next((f'{folder.rstrip("/")}/{f}' for f in files if f.startswith(kind)), '')
         for kind in ('rig', 'calibration_patched', 'model_patched'))
+    if d.verdict in NAMED and (remedy := _at_the_sensor(d)):
+        again = shlex.join(('forcecal', 'diagnose', 'NEW_BAG', *how, '-o', folder))
+        return Step(f'{remedy} Then record the same motion, and diagnose again:', again)
     if d.verdict in NAMED and model:
         return Step('Simulate with the model that has what was found; put it beside yours, '
                     'where its meshes are:', model)
@@ -334,8 +338,39 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str], advice:
                         'its model, what does not was chance. Nothing was added to the rig.'),
         'not_excited': Step('Record a motion that shows what a diagnosis needs:',
                             'forcecal plan -o plan.yaml'),
-        'invalid_data': Step('Mend what is named above, and diagnose again.'),
+        'invalid_data': Step('Fix what is named above, and diagnose again.'),
     }.get(d.verdict, Step('Give the simulation what was found, and compare again.'))
+
+
+SENSOR_REMEDIES = {
+    'wrench_delay': 'Shorten the delay of the force sensor: filters in its driver, its bus, or '
+                    'stamps that are set on arrival.',
+    'wrench_lowpass': "Raise the corner of the force sensor's filter, or switch it off.",
+    'wrench_bias_drift': 'Let the force sensor warm up, and tare it before the motion.',
+    'wrench_saturation': 'Move with less force, or choose a larger range of the force sensor.',
+    'wrench_quantisation': 'Choose a finer resolution or a smaller range of the force sensor.',
+    'accel_delay': 'Shorten the delay of the accelerometer: filters in its driver, or stamps that '
+                   'are set on arrival.',
+    'accel_misalignment': "Correct the accelerometer's orientation, or calibrate again.",
+    'accel_resonance': 'Mount the accelerometer more rigidly.',
+    'accel_saturation': 'Choose a larger range of the accelerometer.',
+    'clock_skew': 'Synchronise the clocks of the drivers.',
+    'dropouts': 'Look for lost messages: network, queue depth, load of the computer.',
+}
+"""What to do about effects of sensors and stamps, which no model of the robot should contain."""
+
+SENSOR_PREFIXES = ('wrench_', 'accel_')
+"""Of effects of a sensor; others of them are corrected by a new calibration."""
+
+
+def _at_the_sensor(d: Diagnosis) -> str:
+    """Return what to do if all that is named belongs to sensors or stamps; else nothing."""
+    names = [e.name for e in d.effects if e.name != 'unknown']
+    if not names or not all(name in SENSOR_REMEDIES or name.startswith(SENSOR_PREFIXES)
+                            for name in names):
+        return ''
+    return ' '.join(dict.fromkeys(SENSOR_REMEDIES.get(
+        name, 'Calibrate the sensor again, and use that calibration.') for name in names))
 
 
 def _held(d: Diagnosis) -> str:
@@ -433,8 +468,8 @@ TONES = {'no_gap': 'good', 'identified': 'known', 'ambiguous': 'doubt', 'partial
 """Colour of each verdict."""
 
 CAPTIONS = {
-    'Where it shows most': 'The channel and the phase that the verdict names; below, its '
-                           'residual: measured - simulated.',
+    'Where it shows most': 'The channel and the phase that the verdict names: its residual, '
+                           'measured - simulated; below, the signals.',
     'Where else': 'How far measured and simulated are apart beyond the noise at rest, by stage '
                   'and channel, phase and octave. Grey: no farther than noise.',
     'Signals': 'Simulated: after what differs from robot to robot was re-estimated within its '
@@ -467,8 +502,9 @@ def render(view: View, origin: list[str], step: Step) -> str:
     """
     d = view.diagnosis
     named = d.verdict in NAMED
-    arms = ('nominal', 'simulated', *(('explained',) if named else ()), 'noise')
-    kept = [0, 1, *((2,) if named else ()), 3]
+    kept = {'noise': 3, 'nominal': 0, 'before': 1, **({'after': 2} if named else {})}
+    shown = list(d.gap.channels.items()) if d.gap else []
+    apart = [rms[1] / (rms[3] or inf) for _, rms in shown]
     return render_page(
         'diagnosis.html.j2', 'Sim-to-real gap', origin=origin, verdict=d.verdict.replace('_', ' '),
         tone=TONES[d.verdict], headline=headline(d), facts=facts(view, step), notes=d.notes,
@@ -479,33 +515,35 @@ def render(view: View, origin: list[str], step: Step) -> str:
         advice=view.advice if d.verdict != 'invalid_data' else '',
         candidates=[(name, percent(p), phrase(name), 100.0 * p) for name, p in d.candidates
                     ] if d.verdict != 'not_excited' else [],
-        head=('channel', 'unit', *arms),
-        channels=[_row(name, [rms[k] for k in kept], view.units[name])
-                  for name, rms in (d.gap.channels.items() if d.gap else ())],
-        closest=list(_pictures(view, first=True)), figures=list(_pictures(view, first=False)))
+        head=('channel', *kept, 'unit'),
+        channels=[_row(name, [rms[k] for k in kept.values()], view.units[name])
+                  for name, rms in shown],
+        worst=apart.index(max(apart)) if any(apart) else -1,
+        closest=list(_pictures(view, {'Where it shows most': closest})),
+        figures=list(_pictures(view, {'Residuals': residuals, 'Spectra': spectra,
+                                      'Where else': heat_map})),
+        signals=list(_pictures(view, {'Signals': signals})))
 
 
 def _row(channel: str, values: list[float], unit: str) -> list[str]:
     shown, cells = beside(values, unit)
-    return [channel, shown, *cells]
+    return [channel, *cells, shown]
 
 
-def _pictures(view: View, *, first: bool) -> Iterator[Picture]:
-    if not len(view.times):
-        return
-    shown: dict[str, Figure | Shown | None] = {
-        'Where it shows most': closest(view)} if first else {
-        'Where else': heat_map(view), 'Signals': signals(view),
-        'Residuals': residuals(view), 'Spectra': spectra(view)}
-    for title, what in shown.items():
-        if what is not None:
+def _pictures(view: View, drawings: Mapping[str, Callable[[View], Figure | Shown | None]]
+              ) -> Iterator[Picture]:
+    for title, draw in drawings.items():
+        if len(view.times) and (what := draw(view)) is not None:
             more = WITH_EFFECTS.get(title, '') if named(view) else ''
-            yield picture(title, CAPTIONS[title] + more, what)
+            yield picture(title, CAPTIONS[title] + more, what,
+                          own_colours=title == 'Where else')
 
 
 def _with_error(p: Parameter) -> tuple[str, str]:
-    """Write a number and its standard error, or that it stands at its bound."""
-    return (with_error(p.value, 0.0)[0], AT_BOUND) if p.at_bound else with_error(p.value, p.std)
+    """Write a number and half its 95 % interval, or that it is at its bound."""
+    if p.at_bound:
+        return with_error(p.value, 0.0)[0], AT_BOUND
+    return with_error(p.value, HALF * p.std)
 
 
 def _numbers(d: Diagnosis) -> list[tuple[str, str, str, str, str]]:
@@ -529,11 +567,11 @@ def heat_map(view: View) -> Figure | None:
     found = [c for c in view.cells if c.z > SEEN and c.excess > FAINT]
     if not found:
         return None
-    there = {c.channel for c in view.cells}
+    there = {c.channel for c in found}
     rows = [i for stage in STAGES for i, c in enumerate(CHANNELS) if c.stage == stage
             and i in there]
     phases = list(dict.fromkeys(p.name for p in view.phases
-                                if any(c.phase == p.name for c in view.cells)))
+                                if any(c.phase == p.name for c in found)))
     bands = BANDS[:-1]
     table = np.full((len(rows), len(phases) * len(bands)), np.nan)
     for c in found:
@@ -547,10 +585,12 @@ def heat_map(view: View) -> Figure | None:
     for i in range(1, len(phases)):
         axes.axvline(i * len(bands) - 0.5, color='white', linewidth=2)
     axes.set_xticks([(i + 0.5) * len(bands) - 0.5 for i in range(len(phases))], phases)
-    axes.set_yticks(range(len(rows)), [f'{CHANNELS[i].stage}  {CHANNELS[i].name}' for i in rows],
-                    fontsize=8)
-    axes.set_xlabel(f'phase; within each, octaves from below {bands[0][1]:g} Hz to '
-                    f'{bands[-1][1]:g} Hz')
+    axes.set_yticks(range(len(rows)), [
+        f'{CHANNELS[i].stage} {CHANNELS[i].name}'.replace('_', ' ') for i in rows], fontsize=8)
+    axes.set_xticks(range(len(phases) * len(bands)), len(phases) * [
+        f'{high:g}' for _, high in bands], minor=True, fontsize=6, rotation=90)
+    axes.tick_params('x', which='major', length=0, pad=22)
+    axes.set_xlabel('octaves, by their upper frequency [Hz], and phase')
     figure.colorbar(image, label='excess [noise RMS]')
     return figure
 
@@ -564,7 +604,7 @@ def closest(view: View) -> Shown | None:
     start, end = span.start - margin, span.end + margin
     for at in begun(view):
         start, end = min(start, at - margin), max(end, at + margin)
-    return Shown((_signals(view, place.channel), _residuals(view, place.channel)), view.phases,
+    return Shown((_residuals(view, place.channel), _signals(view, place.channel)), view.phases,
                  max(start, float(view.times[0])), min(end, float(view.times[-1])), begun(view),
                  None if begun(view) or part is None else (part.start, part.end))
 

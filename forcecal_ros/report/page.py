@@ -77,22 +77,26 @@ class Picture(NamedTuple):
         The picture as text; it is printed, and shown where nothing can zoom.
     live : dict or None
         The same as a plot that zooms; empty where plotly is missing.
+    own_colours : bool
+        Its scale of colours means something: it is not inverted on a dark screen.
     """
 
     title: str
     words: str
     png: str
     live: dict[str, Any] | None = None
+    own_colours: bool = False
 
 
-def picture(title: str, words: str, what: Figure | Shown | bytes, dpi: int = 110) -> Picture:
+def picture(title: str, words: str, what: Figure | Shown | bytes, dpi: int = 110, *,
+            own_colours: bool = False) -> Picture:
     """Make a picture of a figure, of what is shown over time, or of a PNG."""
     if isinstance(what, bytes):
         return Picture(title, words, _embedded(what))
     if isinstance(what, Shown):
         return Picture(title, words, _embedded(png(drawn(what), dpi)),
                        live(what) if _plotly() else {})
-    return Picture(title, words, _embedded(png(what, dpi)))
+    return Picture(title, words, _embedded(png(what, dpi)), own_colours=own_colours)
 
 
 def render_page(template: str, title: str, **context: Any) -> str:
