@@ -36,7 +36,7 @@ from forcecal_ros.diagnose.by_commands import diagnose
 from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair
 from forcecal_ros.diagnose.by_simulator import diagnose_rerun
 from forcecal_ros.diagnose.by_tracked import diagnose_tracked, is_tracked
-from forcecal_ros.diagnose.inputs.alignment import shifted
+from forcecal_ros.diagnose.recordings import shift_times
 from forcecal_ros.rig_fit.fit import fit_rig
 from forcecal_ros.sim.mujoco import load_mujoco
 from forcecal_ros.sim.rig.file import dump_rig, load_rig
@@ -235,7 +235,7 @@ def _fitted(effect, seed, folder):
 
 
 def _compared(real, joints, arm):
-    found = diagnose_simulated(Pair(real, shifted(run(arm, joints), 1234.5)), None,
+    found = diagnose_simulated(Pair(real, shift_times(run(arm, joints), 1234.5)), None,
                                load_rig('rigid_tool.yaml'))
     return {**_said(found.outcome.diagnosis),
             'translation': [1e3 * x for x in found.tracking[0].translation[:4]],

@@ -24,8 +24,8 @@ from forcecal_ros.core.streams import JointStream, PoseStream, Recording, Stream
 from forcecal_ros.diagnose.by_commands import diagnose
 from forcecal_ros.diagnose.by_motion import diagnose_motion
 from forcecal_ros.diagnose.by_simulator import diagnose_rerun
-from forcecal_ros.diagnose.inputs.channels import units
-from forcecal_ros.diagnose.say.result import to_document
+from forcecal_ros.diagnose.dataset import units
+from forcecal_ros.diagnose.result import to_document
 from forcecal_ros.sim.mujoco import load_mujoco
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rigid_tool import rigid_tool_of_calibration

@@ -17,8 +17,8 @@ from blind.seal import write_json
 from blind.sensors import Recorded
 from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream
 from forcecal_ros.diagnose.by_commands import diagnose
-from forcecal_ros.diagnose.inputs.channels import CHANNELS
-from forcecal_ros.diagnose.say.result import to_document
+from forcecal_ros.diagnose.dataset import CHANNELS
+from forcecal_ros.diagnose.result import to_document
 from forcecal_ros.io.bags import write_recording
 from forcecal_ros.sim.rig.file import load_rig
 import numpy as np

@@ -45,14 +45,14 @@ def _is_diagnosis(path: str) -> bool:
 
 
 def _of_calibrations(first: str, second: str) -> 'Comparison':
-    from forcecal_ros.io.calibration_file import load
+    from forcecal_ros.io.calibration_file import load_diagnosis
     from forcecal_ros.report.comparison import compare
 
-    return compare(load(first), load(second))
+    return compare(load_diagnosis(first), load_diagnosis(second))
 
 
 def _of_diagnoses(first: str, second: str) -> 'Comparison':
-    from forcecal_ros.diagnose.say.result import load
+    from forcecal_ros.diagnose.result import load_diagnosis
     from forcecal_ros.report.comparison import compare_diagnoses
 
-    return compare_diagnoses(load(first)[0], load(second)[0])
+    return compare_diagnoses(load_diagnosis(first)[0], load_diagnosis(second)[0])

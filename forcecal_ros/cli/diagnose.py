@@ -152,8 +152,8 @@ def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any, rig: An
     """Replay the commands through the rig."""
     from forcecal_ros.diagnose.by_commands import diagnose
     from forcecal_ros.diagnose.by_tracked import diagnose_tracked, is_tracked
-    from forcecal_ros.diagnose.inputs.channels import units
-    from forcecal_ros.diagnose.say.result import to_document
+    from forcecal_ros.diagnose.dataset import units
+    from forcecal_ros.diagnose.result import to_document
     from forcecal_ros.sim.rig.file import dump_rig
     from forcecal_ros.sim.rig.simulator import waits_for_compiler
 
@@ -169,9 +169,8 @@ def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any,
                calibration: Any) -> Answer:
     """Compare the wrench with the measured motion."""
     from forcecal_ros.diagnose.by_motion import delay_std, diagnose_motion, inertia_std
-    from forcecal_ros.diagnose.inputs.channels import units
-    from forcecal_ros.diagnose.say.patched import patched_calibration
-    from forcecal_ros.diagnose.say.result import to_document
+    from forcecal_ros.diagnose.dataset import units
+    from forcecal_ros.diagnose.result import patched_calibration, to_document
     from forcecal_ros.io.calibration_file import dump
     from forcecal_ros.sim.rigid_tool import (
         rigid_tool_of_calibration,
@@ -199,8 +198,8 @@ def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any,
 def _by_simulated(args: argparse.Namespace) -> Answer:
     """Compare the wrench with what a simulator recorded."""
     from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair
-    from forcecal_ros.diagnose.inputs.channels import units
-    from forcecal_ros.diagnose.say.result import to_document
+    from forcecal_ros.diagnose.dataset import units
+    from forcecal_ros.diagnose.result import to_document
     from forcecal_ros.sim.rig.file import load_rig
 
     with stages(args) as stage:
@@ -224,8 +223,8 @@ def _by_simulated(args: argparse.Namespace) -> Answer:
 def _by_simulator(args: argparse.Namespace) -> Answer:
     """Run somebody's simulator with the recorded commands."""
     from forcecal_ros.diagnose.by_simulator import diagnose_rerun
-    from forcecal_ros.diagnose.inputs.channels import units
-    from forcecal_ros.diagnose.say.result import to_document
+    from forcecal_ros.diagnose.dataset import units
+    from forcecal_ros.diagnose.result import to_document
     from forcecal_ros.sim.rig.file import load_rig
 
     with stages(args) as stage:
@@ -293,7 +292,7 @@ def _written(args: argparse.Namespace, given: tuple[Any, ...], outcome: Any, rig
     """Write what was found, a report of it, and other files."""
     import json
 
-    from forcecal_ros.diagnose.say.advice import advice
+    from forcecal_ros.diagnose.plan import advice
     from forcecal_ros.report.diagnosis import render
     from forcecal_ros.report.diagnosis_view import view_of, view_without_signals
     from forcecal_ros.report.diagnosis_words import headline, next_step

@@ -193,8 +193,7 @@ def _setup(args: argparse.Namespace) -> Setup:
 
 def _diagnosis(args: argparse.Namespace) -> int:
     from forcecal_ros.core.atomic_files import write_text
-    from forcecal_ros.diagnose.plan.recording import plan_for
-    from forcecal_ros.diagnose.plan.text import as_text, to_document, to_parameters
+    from forcecal_ros.diagnose.plan import plan_document, plan_for, plan_parameters, plan_text
     from forcecal_ros.sim.rig.simulator import waits_for_compiler
 
     if theirs := [key for key, _ in args.set if not key.startswith('limits.')]:
@@ -206,9 +205,9 @@ def _diagnosis(args: argparse.Namespace) -> int:
         planned = plan_for(setup.rig, contact=args.contact, effects=args.effects or (),
                            limits=setup.limits)
     if args.output:
-        write_text(args.output, to_parameters(planned))
+        write_text(args.output, plan_parameters(planned))
     t = planned.motion.target.t
-    _say(args, to_document(planned), as_text(planned), float(t[-1] - t[0]))
+    _say(args, plan_document(planned), plan_text(planned), float(t[-1] - t[0]))
     return 0
 
 
@@ -219,7 +218,7 @@ def _calibration(args: argparse.Namespace) -> int:
     from forcecal_ros.io.calibration_file import load
     from forcecal_ros.motion.information import sensors_of
     from forcecal_ros.motion.optimal_design import criterion_of, design_calibration, Robot
-    from forcecal_ros.motion.plan_file import as_text, to_document, to_parameters
+    from forcecal_ros.motion.plan_file import plan_document, plan_parameters, plan_text
     from forcecal_ros.sim.rig.truth import expected_sensors
 
     setup = _setup(args)
@@ -231,8 +230,8 @@ def _calibration(args: argparse.Namespace) -> int:
         design = design_calibration(robot, sensors, args.time or 16.0,
                                     criterion_of(args.criterion or 'D'), setup.timing)
     if args.output:
-        write_text(args.output, to_parameters(design, robot))
-    _say(args, to_document(design), as_text(design), design.duration)
+        write_text(args.output, plan_parameters(design, robot))
+    _say(args, plan_document(design), plan_text(design), design.duration)
     return 0
 
 

@@ -43,7 +43,7 @@ def _rig(args: argparse.Namespace) -> int:
     from dataclasses import replace
 
     from forcecal_ros.core.atomic_files import make_folder
-    from forcecal_ros.diagnose.plan.recording import motion_for
+    from forcecal_ros.diagnose.plan import motion_for
     from forcecal_ros.effects import with_effects
     from forcecal_ros.io.bags import write_recording
     from forcecal_ros.sim.rig.file import load_rig

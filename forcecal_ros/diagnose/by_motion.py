@@ -6,16 +6,16 @@ from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.streams import Recording
 from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
-from forcecal_ros.diagnose.inputs.accelerometer import as_specific_force
 from forcecal_ros.diagnose.inputs.motion_dataset import held_out, moves, prepare_motion, SHORTEST
-from forcecal_ros.diagnose.inputs.requirements import (
+from forcecal_ros.diagnose.judge.named_effects import AT_BOUND
+from forcecal_ros.diagnose.recordings import (
+    apply_accelerometer_calibration,
+    even_stamps,
     require_axes_of,
     require_overlap,
     require_same_sensors,
 )
-from forcecal_ros.diagnose.inputs.stamps import evened
-from forcecal_ros.diagnose.judge.named_effects import AT_BOUND
-from forcecal_ros.diagnose.say.result import Diagnosis, NO_MOTION
+from forcecal_ros.diagnose.result import Diagnosis, NO_MOTION
 from forcecal_ros.effects.signals import FORCES
 from forcecal_ros.sim.rigid_tool import RigidTool
 
@@ -57,11 +57,11 @@ def diagnose_motion(recording: Recording, heldout: Recording | None, rigid_tool:
     given = [r for r in (recording, heldout) if r is not None]
     try:
         require_same_sensors(given)
-        stamps = [evened(r) for r in given]
+        stamps = [even_stamps(r) for r in given]
         require_axes_of(rigid_tool, [s.recording for s in stamps],
                         'calibration' if calibration else 'rig')
         if calibration is not None:
-            stamps = [s._replace(recording=as_specific_force(s.recording,
+            stamps = [s._replace(recording=apply_accelerometer_calibration(s.recording,
                                                              calibration.accelerometer))
                       for s in stamps]
         for one in stamps:

@@ -8,16 +8,21 @@ from forcecal_ros.checks.entry import computed
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.streams import Recording
 from forcecal_ros.diagnose.by_motion import in_unit, recalibration_notes
+from forcecal_ros.diagnose.dataset import Dataset
 from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
-from forcecal_ros.diagnose.inputs.accelerometer import as_compared, imus_compared
-from forcecal_ros.diagnose.inputs.alignment import aligned, Alignment
-from forcecal_ros.diagnose.inputs.dataset import Dataset
 from forcecal_ros.diagnose.inputs.motion_dataset import held_out, moves, prepare_simulated
-from forcecal_ros.diagnose.inputs.requirements import require_same_sensors
 from forcecal_ros.diagnose.inputs.simulated_tool import SimulatedTool
-from forcecal_ros.diagnose.inputs.stamps import Corrected, evened
-from forcecal_ros.diagnose.localise.tracking import Tracking, tracking
-from forcecal_ros.diagnose.say.result import Diagnosis, NO_MOTION
+from forcecal_ros.diagnose.localise import compare_motions, Tracking
+from forcecal_ros.diagnose.recordings import (
+    align,
+    Alignment,
+    Corrected,
+    even_stamps,
+    keep_comparable_imus,
+    keep_compared_streams,
+    require_same_sensors,
+)
+from forcecal_ros.diagnose.result import Diagnosis, NO_MOTION
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.effects.signals import FORCES
 from forcecal_ros.sim.measured_motion import RecordedSimulation
@@ -56,7 +61,7 @@ class SimulatedDiagnosis(NamedTuple):
 
     outcome: Outcome
     alignment: tuple[Alignment, ...] = ()
-    tracking: tuple[Tracking, ...] = ()
+    compare_motions: tuple[Tracking, ...] = ()
     tool: SimulatedTool | None = None
 
     def document(self) -> dict[str, Any]:
@@ -68,7 +73,7 @@ class SimulatedDiagnosis(NamedTuple):
             'simulated_tool': {'mass': tool.mass, 'com': list(tool.com),
                                'inertia': [list(row) for row in tool.inertia],
                                'left': dict(zip(('force', 'torque'), self.tool.unexplained))},
-            'tracking': [{
+            'compare_motions': [{
                 'aligned_by': a.by, 'correlation': a.correlation,
                 **{name: part.document() for name, part in t._asdict().items()}}
                          for a, t in zip(self.alignment, self.tracking)]}
@@ -105,7 +110,7 @@ def diagnose_simulated(pair: Pair, heldout: Pair | None, rig: Rig) -> SimulatedD
         return SimulatedDiagnosis(Outcome(NO_MOTION, rig))
     outcome = diagnose_datasets(
         tool.rigid_tool, held_out(datasets), [one.stamps for one in prepared],
-        [as_compared(one.real, dataset.measured.streams)
+        [keep_compared_streams(one.real, dataset.measured.streams)
          for one, dataset in zip(pairs, datasets)])
     d = in_unit('m/s^2', outcome.diagnosis)
     moved = (note for note in recalibration_notes(outcome, 'm/s^2') if ZERO not in note)
@@ -122,29 +127,29 @@ class _Prepared(NamedTuple):
     dataset: Dataset
     stamps: Corrected
     alignment: Alignment
-    tracking: Tracking
+    compare_motions: Tracking
     tool: SimulatedTool
     note: str
 
 
 def _prepared(pair: Pair, tool: SimulatedTool | None, rig: Rig) -> _Prepared:
-    stamps = evened(pair.real)
+    stamps = even_stamps(pair.real)
     try:
         made = computed(pair.simulated)
     except DataError as error:
         raise DataError(f'the simulated recording: {error}') from error
-    simulated, alignment = aligned(stamps.recording, made)
+    simulated, alignment = align(stamps.recording, made)
     measured = stamps.recording.pose
     if measured is not None and simulated.pose is not None:
         simulated = replace(simulated, pose=in_base_of(measured, simulated.pose))
     real, note = stamps.recording, ''
     if measured is not None and simulated.pose is not None:
-        real, simulated, note = imus_compared(real, simulated)
+        real, simulated, note = keep_comparable_imus(real, simulated)
     dataset, tool = prepare_simulated(real, simulated, tool, rig)
     assert measured is not None
     assert simulated.pose is not None
     return _Prepared(dataset, stamps, alignment,
-                     tracking(measured, simulated.pose, alignment.by == 'target'), tool, note)
+                     compare_motions(measured, simulated.pose, alignment.by == 'target'), tool, note)
 
 
 def _touched(dataset: Dataset) -> float:

@@ -8,16 +8,9 @@ from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import Recording
 from forcecal_ros.diagnose.by_motion import in_unit
+from forcecal_ros.diagnose.dataset import Dataset, infer_phases, MeasuredBlocks
 from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
 from forcecal_ros.diagnose.imitations import judged_beside, tried
-from forcecal_ros.diagnose.inputs.accelerometer import as_compared, imus_compared
-from forcecal_ros.diagnose.inputs.dataset import Dataset, made_up
-from forcecal_ros.diagnose.inputs.measured_joints import (
-    compared,
-    measured_joints,
-    named_joints,
-    of_same_joints,
-)
 from forcecal_ros.diagnose.inputs.motion_dataset import (
     held_out,
     kinds,
@@ -25,19 +18,27 @@ from forcecal_ros.diagnose.inputs.motion_dataset import (
     require_wrench_and_pose,
     span,
 )
-from forcecal_ros.diagnose.inputs.requirements import require_same_sensors
-from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
 from forcecal_ros.diagnose.inputs.simulated_tool import (
     refuse_other_wrench,
     simulated_tool,
     SimulatedTool,
     TURN,
 )
-from forcecal_ros.diagnose.inputs.stamps import Corrected, evened
 from forcecal_ros.diagnose.numbers_found import Changed, changes, held, recalibrated
+from forcecal_ros.diagnose.recordings import (
+    Corrected,
+    even_stamps,
+    joint_channel_notes,
+    joint_names,
+    keep_common_joints,
+    keep_comparable_imus,
+    keep_compared_streams,
+    require_same_sensors,
+    select_joints,
+)
 from forcecal_ros.diagnose.refit import Bent, bent, refitted, widened
-from forcecal_ros.diagnose.say.result import Diagnosis, NO_MOTION
-from forcecal_ros.diagnose.say.verdict import FIRST
+from forcecal_ros.diagnose.result import Diagnosis, NO_MOTION
+from forcecal_ros.diagnose.verdict import FIRST
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.protocol import Inputs
 from forcecal_ros.sim.rerun import Rerun
@@ -141,12 +142,12 @@ def diagnose_rerun(recording: Recording, heldout: Recording | None, simulator: T
         The simulator does not keep to the protocol, answers otherwise the second time, or has so
         many parameters that it would be run too often.
     """
-    given = of_same_joints([one for one in (recording, heldout) if one is not None])
+    given = keep_common_joints([one for one in (recording, heldout) if one is not None])
     try:
         require_same_sensors(given)
         for one in given:
             _require_wrench_and_pose(one)
-        stamps = [evened(one) for one in given]
+        stamps = [even_stamps(one) for one in given]
         simulator = simulator.acting([inputs_of(one.recording) for one in stamps])
         refuse_too_many(simulator, len(given))
         first = _prepared(stamps[0], simulator, None, rig)
@@ -158,8 +159,8 @@ def diagnose_rerun(recording: Recording, heldout: Recording | None, simulator: T
         return RerunDiagnosis(Outcome(NO_MOTION, rig))
     refuse_unsteady(first.runs)
     joints = first.simulation.joints
-    given = [replace(as_compared(one, dataset.measured.streams),
-                     joints=compared(one.joints, joints))
+    given = [replace(keep_compared_streams(one, dataset.measured.streams),
+                     joints=select_joints(one.joints, joints))
              for one, dataset in zip(given, datasets)]
     return _searched(ready, held_out(datasets), given, simulator)
 
@@ -196,7 +197,7 @@ def _searched(ready: Sequence['_Prepared'], judged: tuple[Dataset, ...],
     notes = (*outcome.diagnosis.notes, *simulator.notes, *remarks,
              *recalibrated(simulator, outcome),
              *dict.fromkeys(filter(None, [*(x for one in ready for x in one.notes), short])),
-             *named_joints(ready[0].simulation.joints, given))
+             *joint_channel_notes(ready[0].simulation.joints, given))
     told = in_unit('m/s^2', outcome.diagnosis)
     if told.verdict == 'no_gap' and (limited := held(simulator, outcome)):
         word, apart, more = told.reason.partition('; ')
@@ -266,18 +267,18 @@ def _prepared(stamps: Corrected, simulator: ThirdParty, tool: SimulatedTool | No
         replace(made, accelerometer=None), start, n, rig, TURN).with_accelerometer()
     refuse_other_wrench(real, known, made)
     simulation = Rerun(runs, start, n, known.simulated)
-    felt, _, note = imus_compared(real, made)
+    felt, _, note = keep_comparable_imus(real, made)
     simulation.accelerated = felt.accelerometer is not None
     seen = replace(real, target=None, optidrive=None,
                    accelerometer=felt.accelerometer,
-                   joints=compared(real.joints, simulation.joints))
+                   joints=select_joints(real.joints, simulation.joints))
     robot = simulated_robot(known.rigid_tool, simulator.parameters)
     if tool is None:
         known = known.zeroed(beyond(real, simulation.signals(robot)))
         robot = replace(robot, wrench_sensor=known.rigid_tool.wrench_sensor)
     groups = kinds(simulation.signals(robot))
     dataset = Dataset(real, simulation, MeasuredBlocks(seen, start, n), robot, groups,
-                      real.phases or made_up(groups, start), np.ones(n, bool), np.zeros(n, bool))
+                      real.phases or infer_phases(groups, start), np.ones(n, bool), np.zeros(n, bool))
     notes = tuple(filter(None, (note, _without_knocking(dataset, simulation.knocking(robot)))))
     return _Prepared(dataset, stamps, runs, simulation, known, robot, notes,
                      simulator.remarks(inputs_of(real)))
@@ -311,7 +312,7 @@ def inputs_of(recording: Recording) -> Inputs:
     streams = [s.t for s in (recording.wrench, recording.pose) if s is not None]
     start = min(float(told[0].t[0]), *(float(t[0]) for t in streams))
     return Inputs(start, max(float(t[-1]) for t in streams), recording.target,
-                  recording.joint_commands, measured_joints(recording.joints))
+                  recording.joint_commands, joint_names(recording.joints))
 
 
 def _predicted(ready: Sequence[_Prepared], point: Numbers) -> bool:

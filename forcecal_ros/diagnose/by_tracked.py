@@ -13,13 +13,16 @@ from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.streams import PoseStream, Recording
 from forcecal_ros.diagnose.by_motion import diagnose_motion
 from forcecal_ros.diagnose.engine import Outcome
-from forcecal_ros.diagnose.inputs.accelerometer import mounted
-from forcecal_ros.diagnose.inputs.command_timing import refuse_sparse_commands, start_of
 from forcecal_ros.diagnose.inputs.motion_dataset import require_wrench_and_pose, SHORTEST
-from forcecal_ros.diagnose.inputs.requirements import require_overlap
-from forcecal_ros.diagnose.inputs.stamps import evened
-from forcecal_ros.diagnose.localise.tracking import Difference, Tracking, tracking
-from forcecal_ros.diagnose.say.result import Diagnosis
+from forcecal_ros.diagnose.localise import compare_motions, Difference, Tracking
+from forcecal_ros.diagnose.recordings import (
+    estimate_start,
+    even_stamps,
+    recognise_accelerometer,
+    refuse_sparse_commands,
+    require_overlap,
+)
+from forcecal_ros.diagnose.result import Diagnosis
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.poses import merged
 from forcecal_ros.sim.rig.replay import Replay
@@ -91,19 +94,19 @@ def _merged(recording: Recording, rig: Rig, accelerometer: str | None
     require_wrench_and_pose(recording, 'the recording lacks wrench or measured pose, and the rig '
                             'states that its model of the robot does not replace that; record '
                             'current_pose')
-    ready = evened(recording).recording
+    ready = even_stamps(recording).recording
     require_overlap(ready, 'pose', SHORTEST)
     target, pose = ready.target, ready.pose
     assert target is not None
     assert pose is not None
-    name = accelerometer or mounted(ready, rig)
+    name = accelerometer or recognise_accelerometer(ready, rig)
     refuse_sparse_commands(ready, rig, name)
-    start = start_of(ready, rig, name)
+    start = estimate_start(ready, rig, name)
     end = min(float(target.t[-1]) + rig.robot.period, float(pose.t[-1]))
     signals = Replay(rig, target, start, end, name).signals(rig)
     t = start + (1.0 + np.arange(float(len(signals.position)))) / RATE
     simulated = PoseStream(t, signals.position, signals.R_base_sensor, pose.frame)
-    return replace(ready, pose=merged(pose, simulated)), tracking(pose, simulated, True)
+    return replace(ready, pose=merged(pose, simulated)), compare_motions(pose, simulated, True)
 
 
 def _about(apart: Tracking, rig: Rig) -> Iterator[str]:

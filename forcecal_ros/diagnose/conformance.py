@@ -9,10 +9,9 @@ from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.quantity import size
 from forcecal_ros.core.streams import Recording
 from forcecal_ros.diagnose.by_simulator import inputs_of
-from forcecal_ros.diagnose.inputs.measured_joints import not_simulated
 from forcecal_ros.diagnose.inputs.motion_dataset import span
 from forcecal_ros.diagnose.inputs.simulated_tool import simulated_tool, TURN
-from forcecal_ros.diagnose.inputs.stamps import evened
+from forcecal_ros.diagnose.recordings import even_stamps, missing_joint_notes
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.run_limit import MOST
 from forcecal_ros.sim.runs import refuse_unsteady, Runs
@@ -92,7 +91,7 @@ def conformance(simulator: ThirdParty, recording: Recording, rig: Rig) -> Confor
     DataError
         The recording holds no commands, or the wrench no weight of a tool.
     """
-    real = evened(recording).recording
+    real = even_stamps(recording).recording
     start, n = span(real)
     assert real.pose is not None
     inputs = inputs_of(real)
@@ -105,7 +104,7 @@ def conformance(simulator: ThirdParty, recording: Recording, rig: Rig) -> Confor
     simulated_tool(replace(made, accelerometer=None), start, n, rig, TURN)
     runs.try_all(simulator.nominal)
     streams = tuple(name for name in (*STREAMS, 'joints') if getattr(made, name) is not None)
-    lacking = not_simulated(inputs.measured_joints,
+    lacking = missing_joint_notes(inputs.measured_joints,
                             () if made.joints is None else made.joints.names)
     return Conformance(simulator.name, seconds, inputs.end - inputs.start, streams, tuple(
         Sensitivity(p.name, _rms(c.wrench[:, :3]), _rms(c.wrench[:, 3:]), _rms(c.position),

@@ -11,12 +11,7 @@ from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.autoregression import at_standstill
 from forcecal_ros.core.streams import Recording
-from forcecal_ros.diagnose.inputs.accelerometer import in_volts
-from forcecal_ros.diagnose.inputs.channels import CHANNELS
-from forcecal_ros.diagnose.inputs.dataset import Dataset
-from forcecal_ros.diagnose.inputs.requirements import missing_streams
-from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
-from forcecal_ros.diagnose.inputs.stamps import Corrected
+from forcecal_ros.diagnose.dataset import CHANNELS, Dataset, MeasuredBlocks
 from forcecal_ros.diagnose.judge.coverage import (
     not_excited,
     refuse_unjudged,
@@ -42,19 +37,24 @@ from forcecal_ros.diagnose.judge.residual_summary import (
     summarise_residual,
     WANDERING,
 )
-from forcecal_ros.diagnose.localise.localisation import localise, Location, stage_of
-from forcecal_ros.diagnose.localise.predictability import Predictability
-from forcecal_ros.diagnose.localise.time_frequency import BANDS, Line
+from forcecal_ros.diagnose.localise import (
+    BANDS,
+    Line,
+    localise,
+    Location,
+    Predictability,
+    stage_of,
+)
 from forcecal_ros.diagnose.model.hypotheses import hypotheses, Hypothesis, releases
 from forcecal_ros.diagnose.model.linearised import linearised_model, LinearisedModel
 from forcecal_ros.diagnose.model.saturation import CLIPPING
-from forcecal_ros.diagnose.say.patched import patched_rig
-from forcecal_ros.diagnose.say.result import Diagnosis
-from forcecal_ros.diagnose.say.verdict import verdict
+from forcecal_ros.diagnose.recordings import convert_to_volts, Corrected, missing_streams
+from forcecal_ros.diagnose.result import Diagnosis, patched_rig
 from forcecal_ros.diagnose.search.bias_steps import with_steps
 from forcecal_ros.diagnose.search.onset_selection import Found, with_onsets
 from forcecal_ros.diagnose.search.selection import select, Selection
 from forcecal_ros.diagnose.search.tolerances import narrowed
+from forcecal_ros.diagnose.verdict import verdict
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.effects.rig import Rig
 import numpy as np
@@ -205,7 +205,7 @@ def _observed(dataset: Dataset, recording: Recording, rig: Rig) -> MeasuredBlock
     """Take a recording by the stamps that it came with."""
     if 'joints' not in dataset.measured.streams:
         recording = replace(recording, joints=None)
-    return MeasuredBlocks(in_volts(recording, rig, dataset.simulation.accelerometer),
+    return MeasuredBlocks(convert_to_volts(recording, rig, dataset.simulation.accelerometer),
                           dataset.measured.start, dataset.measured.n_blocks)
 
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from forcecal_ros.diagnose.engine import Outcome
 from forcecal_ros.diagnose.judge.named_effects import AT_BOUND
-from forcecal_ros.diagnose.say.verdict import FURTHER
+from forcecal_ros.diagnose.verdict import FURTHER
 from forcecal_ros.effects.nuisances import LIMIT
 from forcecal_ros.sim.simulated_robot import STEP
 from forcecal_ros.sim.third_party import ThirdParty

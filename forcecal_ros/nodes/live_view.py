@@ -9,7 +9,7 @@ from threading import Lock
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from forcecal_ros.diagnose.inputs.channels import CHANNELS, STAGES
+from forcecal_ros.diagnose.dataset import CHANNELS, STAGES
 from forcecal_ros.nodes.inbox import Inbox
 from forcecal_ros.nodes.runtime import OUTPUT, SECOND, STEADY
 from forcecal_ros.nodes.temporary_node import NODES, WORDS

@@ -4,11 +4,11 @@ from collections.abc import Iterator
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.quantity import beside, rounded, with_error
-from forcecal_ros.diagnose.inputs.channels import CHANNELS, STAGES
+from forcecal_ros.diagnose.dataset import CHANNELS, STAGES
 from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, instants, Parameter
-from forcecal_ros.diagnose.localise.time_frequency import BANDS, RATE
-from forcecal_ros.diagnose.say.result import Diagnosis
-from forcecal_ros.diagnose.say.verdict import percent
+from forcecal_ros.diagnose.localise import BANDS, BLOCK_RATE
+from forcecal_ros.diagnose.result import Diagnosis
+from forcecal_ros.diagnose.verdict import percent
 from forcecal_ros.report.diagnosis_view import FAINT, SEEN, View
 from forcecal_ros.report.diagnosis_words import explained, facts, headline, NAMED
 from forcecal_ros.report.effect_words import phrase
@@ -249,7 +249,7 @@ def _squared(unit: str) -> str:
 def _rate(there: NDArray[np.bool_]) -> float:
     """Rate of the blocks that hold samples [Hz]."""
     steps = np.diff(np.flatnonzero(there))
-    return RATE / max(1.0, float(np.median(steps))) if len(steps) else RATE
+    return BLOCK_RATE / max(1.0, float(np.median(steps))) if len(steps) else BLOCK_RATE
 
 
 def _spectrum(axes: Axes, rows: Array, color: str, label: str, rate: float) -> None:

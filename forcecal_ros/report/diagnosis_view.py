@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.autoregression import fit_autoregression
 from forcecal_ros.core.streams import Phase
+from forcecal_ros.diagnose.dataset import Blocks, CHANNELS, units
 from forcecal_ros.diagnose.engine import Outcome
-from forcecal_ros.diagnose.inputs.channels import Blocks, CHANNELS, units
-from forcecal_ros.diagnose.localise.time_frequency import time_frequency_bins, TimeFrequencyBin
-from forcecal_ros.diagnose.say.result import Diagnosis
+from forcecal_ros.diagnose.localise import time_frequency_bins, TimeFrequencyBin
+from forcecal_ros.diagnose.result import Diagnosis
 from forcecal_ros.report.panels import joined
 from forcecal_ros.sim.signals import JOINTS, Signals
 import numpy as np

@@ -5,10 +5,10 @@ from math import inf
 import shlex
 
 from forcecal_ros.core.quantity import size
-from forcecal_ros.diagnose.inputs.channels import CHANNELS
+from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.judge.named_effects import instants
-from forcecal_ros.diagnose.say.result import Diagnosis
-from forcecal_ros.diagnose.say.verdict import FIRST, FURTHER, percent
+from forcecal_ros.diagnose.result import Diagnosis
+from forcecal_ros.diagnose.verdict import FIRST, FURTHER, percent
 from forcecal_ros.report.diagnosis_view import View
 from forcecal_ros.report.effect_words import phrase, sentence, WORDS
 from forcecal_ros.report.words import Fact, Step

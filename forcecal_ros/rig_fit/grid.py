@@ -6,7 +6,7 @@ from typing import NamedTuple
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array, quaternion_from_matrix
 from forcecal_ros.core.streams import phase_spans, Recording, TOUCHING
-from forcecal_ros.diagnose.inputs.command_timing import shift_of
+from forcecal_ros.diagnose.recordings import grid_shift
 from forcecal_ros.sim.poses import pose_at
 from forcecal_ros.sim.rig.offline import held_commands
 import numpy as np
@@ -65,7 +65,7 @@ def followed(recording: Recording, period: float) -> Followed:
     target, pose = recording.target, recording.pose
     assert target is not None
     assert pose is not None
-    start = float(target.t[0]) + shift_of(target.t, pose.t, period)
+    start = float(target.t[0]) + grid_shift(target.t, pose.t, period)
     end = min(float(target.t[-1]) + period, float(pose.t[-1]))
     m = int((end - start) / period)
     starts: Array = start + period * np.arange(float(max(0, m)))

@@ -5,8 +5,8 @@ import json
 
 from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.diagnose.by_commands import diagnose
-from forcecal_ros.diagnose.inputs.channels import CHANNELS as DIAGNOSED
-from forcecal_ros.diagnose.say.result import to_document
+from forcecal_ros.diagnose.dataset import CHANNELS as DIAGNOSED
+from forcecal_ros.diagnose.result import to_document
 from forcecal_ros.effects import with_effects
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.offline import simulate

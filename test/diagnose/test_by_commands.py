@@ -5,14 +5,14 @@ from dataclasses import replace
 from forcecal_ros.checks.clipping import quantisation
 from forcecal_ros.checks.clocks import clocks, dropouts, skew_between
 from forcecal_ros.core.streams import CHANNELS, PoseStream, Recording, Stream
+from forcecal_ros.diagnose import localise
 from forcecal_ros.diagnose.by_commands import diagnose
-from forcecal_ros.diagnose.inputs.channels import CHANNELS as DIAGNOSED
-from forcecal_ros.diagnose.inputs.stamps import Corrected
+from forcecal_ros.diagnose.dataset import CHANNELS as DIAGNOSED
 from forcecal_ros.diagnose.judge.named_effects import from_checks
 from forcecal_ros.diagnose.judge.probabilities import listed_once
-from forcecal_ros.diagnose.localise import time_frequency
 from forcecal_ros.diagnose.model.evidence import fit, Gram, Prior
-from forcecal_ros.diagnose.say.result import to_document
+from forcecal_ros.diagnose.recordings import Corrected
+from forcecal_ros.diagnose.result import to_document
 from forcecal_ros.effects import with_effects
 from forcecal_ros.io.bags import read_recording
 from forcecal_ros.sim.rig.file import load_rig
@@ -60,9 +60,9 @@ def test_a_lattice_of_values_gives_its_step_and_noise_gives_none():
 def test_a_line_in_white_noise_is_found_at_its_frequency():
     t = 1e-3 * np.arange(20_000)
     rows = np.random.default_rng(3).standard_normal((len(t), 6))
-    assert not time_frequency.lines(rows, 1000.0, 'wrench')
+    assert not localise.spectral_lines(rows, 1000.0, 'wrench')
     rows[:, 2] += 0.3 * np.sin(2.0 * np.pi * 63.7 * t)
-    line, = time_frequency.lines(rows, 1000.0, 'wrench')
+    line, = localise.spectral_lines(rows, 1000.0, 'wrench')
     assert (line.channel, line.frequency) == ('force.z', pytest.approx(63.7, abs=0.05))
 
 

@@ -14,23 +14,23 @@ from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.core.streams import JointStream, Recording, Stream
 from forcecal_ros.diagnose import by_simulator
 from forcecal_ros.diagnose.by_simulator import diagnose_rerun
-from forcecal_ros.diagnose.inputs.measured_joints import (
-    compared,
-    not_simulated,
-    of_same_joints,
-)
 from forcecal_ros.diagnose.inputs.motion_dataset import held_out
-from forcecal_ros.diagnose.inputs.stamps import evened
 from forcecal_ros.diagnose.model.hypotheses import releases
 from forcecal_ros.diagnose.model.jacobian import nuisance_column
 from forcecal_ros.diagnose.model.linearised import linearised_model
+from forcecal_ros.diagnose.recordings import (
+    even_stamps,
+    keep_common_joints,
+    missing_joint_notes,
+    select_joints,
+)
 from forcecal_ros.diagnose.search.tolerances import narrowed
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.io.bags import read_recording, write_recording
-from forcecal_ros.sim.protocol import Inputs, Parameter
 from forcecal_ros.sim.run_limit import refuse_too_many, runs_short
 from forcecal_ros.sim.runs import Runs
 from forcecal_ros.sim.simulated_robot import addable, library_of, SimulatedRobot
+from forcecal_ros.sim.protocol import Inputs, Parameter
 from forcecal_ros.sim.third_party import load_simulator, third_party
 import numpy as np
 from own_arm import commands, SECONDS, TOLERANCES
@@ -129,7 +129,7 @@ def in_numbers(column):
 
 def test_what_a_parameter_changes_is_the_same_wherever_it_is_and_not_simulated_again(
         robot, monkeypatch):
-    one = by_simulator._prepared(evened(measured(robot, 1.2, 0.072)), robot, None, TOLERANCES)
+    one = by_simulator._prepared(even_stamps(measured(robot, 1.2, 0.072)), robot, None, TOLERANCES)
     one.runs.try_all(robot.nominal)
     one.simulation.forget()
     model = linearised_model(one.robot, held_out([one.dataset]))
@@ -161,7 +161,7 @@ def test_what_a_parameter_changes_is_the_same_wherever_it_is_and_not_simulated_a
 
 def of_payload(robot, payload):
     """Return the model of a recording with another payload, recalibrated."""
-    one = by_simulator._prepared(evened(measured(robot, payload, 0.0705)), robot, None, TOLERANCES)
+    one = by_simulator._prepared(even_stamps(measured(robot, payload, 0.0705)), robot, None, TOLERANCES)
     one.runs.try_all(robot.nominal)
     one.simulation.forget()
     return linearised_model(one.robot, held_out([one.dataset]))
@@ -377,11 +377,11 @@ def test_joints_that_a_simulator_has_are_compared_and_no_others():
     assert made.names == ('shoulder', 'elbow')
     measured = JointStream(T, np.tile([3.0, 1.0, 2.0], (len(T), 1)), '',
                            ('finger', 'shoulder', 'elbow'))
-    seen = compared(measured, made.names)
+    seen = select_joints(measured, made.names)
     np.testing.assert_array_equal(seen.values[0], [1.0, 2.0])
     one = Recording(joints=measured)
-    assert of_same_joints([one, Recording(joints=made)])[0].joints is None
-    assert of_same_joints([one, one])[0].joints is measured
+    assert keep_common_joints([one, Recording(joints=made)])[0].joints is None
+    assert keep_common_joints([one, one])[0].joints is measured
     with pytest.raises(ConfigError, match=r'joints: stamps \(1600,\) and rows \(1600, 2\), '
                                           r'expected \(n,\) and \(n, 3\)'):
         third_party('own', Own({'wrench': WRENCH, 'pose': POSE, 'joints': (T, rows[:, :2])})).run(
@@ -389,11 +389,11 @@ def test_joints_that_a_simulator_has_are_compared_and_no_others():
 
 
 def test_measured_joints_that_a_simulator_lacks_are_said():
-    assert not list(not_simulated((), ()))
-    assert not list(not_simulated(('lift',), ('lift',)))
-    none, = not_simulated(('shoulder', 'elbow'), ())
+    assert not list(missing_joint_notes((), ()))
+    assert not list(missing_joint_notes(('lift',), ('lift',)))
+    none, = missing_joint_notes(('shoulder', 'elbow'), ())
     assert none.startswith('it simulates none of the joints in joint_states (shoulder, elbow)')
-    some, = not_simulated(('shoulder', 'finger'), ('shoulder',))
+    some, = missing_joint_notes(('shoulder', 'finger'), ('shoulder',))
     assert some.endswith('joints finger')
 
 

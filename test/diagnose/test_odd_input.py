@@ -4,12 +4,11 @@ from dataclasses import replace
 
 from forcecal_ros.core.streams import PoseStream, Stream
 from forcecal_ros.diagnose.by_commands import diagnose
-from forcecal_ros.diagnose.inputs.accelerometer import in_volts
-from forcecal_ros.diagnose.inputs.dataset import prepare, split
-from forcecal_ros.diagnose.inputs.stamps import corrected
+from forcecal_ros.diagnose.dataset import prepare_commanded, split_by_phase
 from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.model.hypotheses import Atom, Hypothesis, nominal_of
 from forcecal_ros.diagnose.model.linearised import Diverged, linearised_model
+from forcecal_ros.diagnose.recordings import convert_to_volts, correct_clocks
 from forcecal_ros.diagnose.search.acceptance import refined_or_rejected
 from forcecal_ros.diagnose.search.model_comparison import ModelComparison
 from forcecal_ros.effects import EFFECTS, with_effects
@@ -107,10 +106,10 @@ def test_commands_of_which_most_are_missing_are_refused_and_seldom_ones_are_not(
     assert refused.verdict == 'invalid_data'
     assert 'recorded every 48 ms, the rig takes one every 4 ms' in refused.reason
     assert 'give --calibration' in refused.reason
-    assert prepare(held, rig).groups.any()
+    assert prepare_commanded(held, rig).groups.any()
     # the same commands, taken by a robot that is 6 ms later
     late = with_effects(rig, {'robot_delay': {'delay': 0.006}})
-    assert prepare(_slower(simulate(late, seldom, seed=23), 20), rig).groups.any()
+    assert prepare_commanded(_slower(simulate(late, seldom, seed=23), 20), rig).groups.any()
 
 
 def test_stamps_that_jitter_are_no_lost_samples():
@@ -118,7 +117,7 @@ def test_stamps_that_jitter_are_no_lost_samples():
     wrench = recording.wrench
     t = np.sort(wrench.t + 2e-3 * rng.standard_normal(len(wrench)))
     jittering = replace(recording, wrench=replace(wrench, t=t))
-    found = corrected(jittering, load_rig(), 5.0)
+    found = correct_clocks(jittering, load_rig(), 5.0)
     assert not found.lost and not found.skew
     # the mean over a second of a jitter of 2 ms: 2 ms / sqrt(1000)
     assert np.abs(found.recording.wrench.t - wrench.t).max() < 5.0 * 2e-3 / np.sqrt(500.0)
@@ -136,15 +135,15 @@ def test_an_offset_that_the_rig_knows_is_no_bias_of_a_sensor_in_m_s2():
     force = converted.accelerometer
     shift = np.array(model.offset) / np.array(model.gain)
     held = replace(converted, accelerometer=replace(force, values=force.values + shift))
-    volts = in_volts(converted, rig, 'acc1').accelerometer
+    volts = convert_to_volts(converted, rig, 'acc1').accelerometer
     np.testing.assert_allclose(volts.values, force.values * model.gain + model.offset)
-    np.testing.assert_allclose(in_volts(held, rig, 'acc1').accelerometer.values, volts.values)
+    np.testing.assert_allclose(convert_to_volts(held, rig, 'acc1').accelerometer.values, volts.values)
     assert diagnose(held, None, rig).diagnosis.verdict == 'no_gap'
 
 
 def test_a_hypothesis_whose_simulation_diverges_is_rejected():
     rig = load_rig()
-    p = linearised_model(rig, (split(prepare(own_recording(20, FREE), rig)),))
+    p = linearised_model(rig, (split_by_phase(prepare_commanded(own_recording(20, FREE), rig)),))
     p = replace(p, effects={'cable_force': {'x': 50.0, 'stiffness': 100.0}})
     name = 'tool_stiffening'
     with pytest.raises(Diverged):

@@ -8,8 +8,7 @@ import json
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import MotionError
 from forcecal_ros.diagnose.by_commands import diagnose
-from forcecal_ros.diagnose.plan.recording import poses_of, SETTLE
-from forcecal_ros.diagnose.plan.text import wider_box
+from forcecal_ros.diagnose.plan import poses_of, SETTLE_S, wider_box
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.plan import calibration_plan, prepare, Timing
@@ -107,7 +106,7 @@ def chosen(keep):
     home = next(iter(poses.values()))
     plan = diagnosis_plan(poses, step_goal(home, timing.contact_distance), timing)
     kept = [*plan[:3], *(segment for segment in plan[3:] if keep(segment))]
-    return preview(prepare(kept, home, Pace(), Limits()), 1.0 / rig.robot.period, SETTLE)
+    return preview(prepare(kept, home, Pace(), Limits()), 1.0 / rig.robot.period, SETTLE_S)
 
 
 def diagnosed(motion, effects):

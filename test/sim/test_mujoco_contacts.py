@@ -6,10 +6,10 @@ from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.core.streams import JointStream
 from forcecal_ros.diagnose import by_simulator
 from forcecal_ros.diagnose.by_simulator import diagnose_rerun
-from forcecal_ros.diagnose.inputs.stamps import evened
+from forcecal_ros.diagnose.recordings import even_stamps
 from forcecal_ros.sim.mujoco import load_mujoco
-from forcecal_ros.sim.protocol import Inputs
 from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.protocol import Inputs
 from forcecal_ros.sim.third_party import third_party
 import numpy as np
 import pytest
@@ -130,7 +130,7 @@ def test_what_knocks_or_sticks_on_a_table_is_left_out_and_a_steady_push_is_not(t
     arm = third_party('arm', load_mujoco(scene(tmp_path / 'arm.xml')))
     commands = pressed(free=6.0)
     real = replace(arm.run(inputs_of(commands), arm.nominal), joint_commands=commands)
-    one = by_simulator._prepared(evened(real), arm, None, load_rig('rigid_tool.yaml'))
+    one = by_simulator._prepared(even_stamps(real), arm, None, load_rig('rigid_tool.yaml'))
     t = one.dataset.measured.start + 0.004 * np.arange(len(one.dataset.groups)) - 6.0
     kept = one.dataset.measured.present[:, 0]
     # it pushes steadily, then slides to and fro, which in MuJoCo it does by hops

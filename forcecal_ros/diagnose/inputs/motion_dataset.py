@@ -6,14 +6,19 @@ from dataclasses import replace
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.noise.autoregression import FEWEST
 from forcecal_ros.core.streams import Recording, Stream, TOUCHING
-from forcecal_ros.diagnose.inputs.accelerometer import in_volts
-from forcecal_ros.diagnose.inputs.dataset import Dataset, held_apart, made_up, STILL
-from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
+from forcecal_ros.diagnose.dataset import (
+    Dataset,
+    infer_phases,
+    MeasuredBlocks,
+    REST_AFTER_BLOCKS,
+    split_by_recording,
+)
 from forcecal_ros.diagnose.inputs.simulated_tool import (
     refuse_other_wrench,
     simulated_tool,
     SimulatedTool,
 )
+from forcecal_ros.diagnose.recordings import convert_to_volts
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.measured_motion import MeasuredMotion, RecordedSimulation
 from forcecal_ros.sim.rigid_tool import beyond, RigidTool
@@ -58,7 +63,7 @@ def prepare_motion(recording: Recording, rigid_tool: RigidTool,
         recording, 'the recording holds neither commands nor wrench with measured pose; record '
         'wrench and current_pose')
     name = accelerometer or rigid_tool.accelerometer.mounted
-    moved = in_volts(recording, rigid_tool, name)
+    moved = convert_to_volts(recording, rigid_tool, name)
     volts = moved.accelerometer if moved.accelerometer and len(moved.accelerometer) > 1 else None
     if rigid_tool.accelerometer.model(name).highpass:
         volts = None
@@ -139,7 +144,7 @@ def _dataset(recording: Recording, simulation: MeasuredMotion, rig: RigidTool,
                    accelerometer=felt or _at_rest(volts, groups, first))
     measured = MeasuredBlocks(seen, first, n)
     dataset = Dataset(recording, simulation, measured, rig, groups,
-                      recording.phases or made_up(groups, first), np.ones(n, bool),
+                      recording.phases or infer_phases(groups, first), np.ones(n, bool),
                       np.zeros(n, bool))
     for phase, rows in dataset.phase_rows().items():
         if phase in TOUCHING:
@@ -154,7 +159,7 @@ def moves(datasets: Sequence[Dataset]) -> bool:
 
 def held_out(datasets: Sequence[Dataset]) -> tuple[Dataset, ...]:
     """Judge on the second recording or, of one, on every other second."""
-    return held_apart(*datasets) if len(datasets) > 1 else (by_seconds(datasets[0]),)
+    return split_by_recording(*datasets) if len(datasets) > 1 else (by_seconds(datasets[0]),)
 
 
 def by_seconds(dataset: Dataset) -> Dataset:
@@ -177,8 +182,8 @@ def _at_rest(stream: Stream | None, groups: NDArray[np.intp], start: float) -> S
 
 def kinds(signals: Signals) -> NDArray[np.intp]:
     """Tell rest (0) from motion (1) and what is near it, by means: a pose is noisy."""
-    means = [uniform_filter1d(block_means(rows), STILL // 2, axis=0, mode='nearest')
+    means = [uniform_filter1d(block_means(rows), REST_AFTER_BLOCKS // 2, axis=0, mode='nearest')
              for rows in (signals.omega, signals.velocity)]
     speed = np.maximum(*(np.linalg.norm(m, axis=1) / s for m, s in zip(means, MOVING)))
-    near = maximum_filter1d((speed > 1.0).astype(float), 2 * STILL + 1)
+    near = maximum_filter1d((speed > 1.0).astype(float), 2 * REST_AFTER_BLOCKS + 1)
     return np.asarray(near, dtype=np.intp)

@@ -16,7 +16,7 @@ from forcecal_ros.checks.frames import judge
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array, skew
 from forcecal_ros.core.streams import phase_spans, Recording, TOUCHING
-from forcecal_ros.diagnose.inputs.accelerometer import with_imu
+from forcecal_ros.diagnose.recordings import add_imu
 from forcecal_ros.effects.nuisances import possible, rows_of
 from forcecal_ros.effects.rig import NominalTolerances, Rig, Tool
 from forcecal_ros.sim.rigid_tool import CarriedTool, GYRATION, rigid_tool_of_rig, RigidTool
@@ -85,7 +85,7 @@ class SimulatedTool(NamedTuple):
 
     def with_accelerometer(self) -> 'SimulatedTool':
         """Give it an accelerometer that speaks m/s^2."""
-        return self._replace(rigid_tool=with_imu(self.rigid_tool))
+        return self._replace(rigid_tool=add_imu(self.rigid_tool))
 
     @property
     def simulated(self) -> RigidTool:

@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.diagnose.inputs.channels import STREAM_SLICES
-from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
+from forcecal_ros.diagnose.dataset import MeasuredBlocks, STREAM_SLICES
 from forcecal_ros.diagnose.judge.gap import Gap, measured_gap
 from forcecal_ros.diagnose.judge.named_effects import (
     begun_or_ended,

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 from forcecal_ros.checks import limits
 from forcecal_ros.checks.clipping import clipping, quantisation
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.diagnose.inputs.channels import CHANNELS
-from forcecal_ros.diagnose.inputs.stamps import Corrected
+from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.model.gates import BIAS, nuisances_of, physical
 from forcecal_ros.diagnose.model.linearised import EFFECT, LinearisedModel, RELEASED
 from forcecal_ros.diagnose.model.saturation import CLIPPING
+from forcecal_ros.diagnose.recordings import Corrected
 from forcecal_ros.diagnose.search.bias_steps import Event, height_of, SURE
 from forcecal_ros.diagnose.search.fitted import Accepted
 from forcecal_ros.diagnose.search.onsets import Instant

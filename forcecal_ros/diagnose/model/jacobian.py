@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
-from forcecal_ros.diagnose.inputs.dataset import Dataset
+from forcecal_ros.diagnose.dataset import CHANNELS, Dataset, STREAM_SLICES
 from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.effects.nuisances import Nuisance
 from forcecal_ros.effects.rig import Rig

@@ -6,8 +6,7 @@ from dataclasses import dataclass, field, replace
 from forcecal_ros.core.errors import ForcecalError
 from forcecal_ros.core.geometry import Array, rotation_vector
 from forcecal_ros.core.noise.autoregression import Autoregression, fit_autoregression, white
-from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
-from forcecal_ros.diagnose.inputs.dataset import Dataset, possible_effects
+from forcecal_ros.diagnose.dataset import CHANNELS, Dataset, possible_effects, STREAM_SLICES
 from forcecal_ros.diagnose.model.basis import Basis, basis
 from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.model.discrepancy import Discrepancy, WhitenedDiscrepancy

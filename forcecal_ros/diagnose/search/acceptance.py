@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.autoregression import unpredicted
-from forcecal_ros.diagnose.inputs.channels import CHANNELS
+from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.model.hypotheses import Hypothesis
 from forcecal_ros.diagnose.model.linearised import Diverged, LinearisedModel
 from forcecal_ros.diagnose.search.fitted import HypothesisFit

@@ -5,7 +5,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.diagnose.inputs.channels import STREAM_SLICES
+from forcecal_ros.diagnose.dataset import STREAM_SLICES
 from forcecal_ros.diagnose.model.evidence import Fit, fit, Gram, Prior, score
 from forcecal_ros.diagnose.model.hypotheses import (
     Atom,

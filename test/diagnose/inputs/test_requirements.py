@@ -9,9 +9,8 @@ from forcecal_ros.core.geometry import rotation_about
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from forcecal_ros.diagnose.by_commands import diagnose
 from forcecal_ros.diagnose.by_motion import diagnose_motion
-from forcecal_ros.diagnose.inputs.requirements import bridged, missing_streams
-from forcecal_ros.diagnose.inputs.stamps import Corrected
 from forcecal_ros.diagnose.judge.named_effects import from_checks
+from forcecal_ros.diagnose.recordings import bridge_pauses, Corrected, missing_streams
 from forcecal_ros.io.bags import read_recording
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rigid_tool import rigid_tool_of_rig
@@ -150,7 +149,7 @@ def test_a_clock_is_judged_by_its_slope_although_it_starts_anew_after_a_pause(re
 
 def test_over_a_pause_the_robot_is_led_from_the_last_command_to_the_next(recording):
     paused = replace(recording, **{n: cut(getattr(recording, n), 4.0, 6.0) for n in STREAMS})
-    whole = bridged(paused)
+    whole = bridge_pauses(paused)
     np.testing.assert_allclose(np.diff(whole.target.t), 4e-3, atol=1e-9)
     way = np.diff(whole.target.position[:, 0])
     assert (way > -1e-12).all() and way.max() < 5e-4

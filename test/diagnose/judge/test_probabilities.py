@@ -2,7 +2,7 @@
 
 from forcecal_ros.diagnose.judge.probabilities import nameless, probabilities, Slot, UNKNOWN
 from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
-from forcecal_ros.diagnose.say.verdict import verdict
+from forcecal_ros.diagnose.verdict import verdict
 import numpy as np
 import pytest
 

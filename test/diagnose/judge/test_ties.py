@@ -15,7 +15,7 @@ from forcecal_ros.diagnose.judge.probabilities import probabilities, Slot
 from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
 from forcecal_ros.diagnose.judge.ties import FORMS, lag, ties_of, TOLD_BY, untold
 from forcecal_ros.diagnose.model.linearised import linearised_model
-from forcecal_ros.diagnose.say.advice import advice
+from forcecal_ros.diagnose.plan import advice
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.effects.filters import Delay, Filter
 from forcecal_ros.effects.signals import FORCES

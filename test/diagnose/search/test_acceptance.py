@@ -3,7 +3,7 @@
 from types import SimpleNamespace
 
 from forcecal_ros.core.noise.autoregression import fit_autoregression
-from forcecal_ros.diagnose.inputs.channels import CHANNELS
+from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.judge.residual_summary import WITHOUT_NAME
 from forcecal_ros.diagnose.search.acceptance import least_evidence, of_slow_noise
 import numpy as np

@@ -1,7 +1,7 @@
 """Fits at all instants at once are those of one instant after the other."""
 
 from forcecal_ros.core.noise.autoregression import white
-from forcecal_ros.diagnose.inputs.dataset import prepare, split
+from forcecal_ros.diagnose.dataset import prepare_commanded, split_by_phase
 from forcecal_ros.diagnose.model.evidence import fit, Prior
 from forcecal_ros.diagnose.model.gates import Gate, gated
 from forcecal_ros.diagnose.model.linearised import EFFECT, linearised_model
@@ -16,7 +16,7 @@ LENGTH = 50
 
 @pytest.fixture(scope='module')
 def model():
-    dataset = split(prepare(own_recording(5, FREE), load_rig()))
+    dataset = split_by_phase(prepare_commanded(own_recording(5, FREE), load_rig()))
     out = linearised_model(load_rig(), (dataset,))
     # white noise keeps no history, so that a gate has no transient
     out.noise = [white(out.residuals[0], dataset.measured.present, dataset.groups)]

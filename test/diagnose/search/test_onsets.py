@@ -6,10 +6,10 @@ from types import SimpleNamespace
 
 from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.diagnose.by_commands import diagnose
-from forcecal_ros.diagnose.inputs.channels import CHANNELS
+from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
 from forcecal_ros.diagnose.model.compact import Compact
-from forcecal_ros.diagnose.say.result import Diagnosis, load, to_document
+from forcecal_ros.diagnose.result import Diagnosis, load_diagnosis, to_document
 from forcecal_ros.diagnose.search.onsets import _to_a_sample
 from forcecal_ros.effects import with_effects
 from forcecal_ros.sim.rig.file import load_rig
@@ -63,7 +63,7 @@ def test_an_instant_is_written_and_read_again(tmp_path):
     assert 'from' not in effect
     file = tmp_path / 'diagnosis.json'
     file.write_text(json.dumps(document))
-    assert load(file)[0].effects[0].end == 4.5
+    assert load_diagnosis(file)[0].effects[0].end == 4.5
 
 
 def test_where_no_sample_is_near_an_instant_stays_as_coarse_as_its_blocks():

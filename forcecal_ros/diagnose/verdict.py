@@ -6,13 +6,13 @@ from math import inf
 from forcecal_ros.diagnose.judge.probabilities import NAMED, UNKNOWN
 from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
 
-WHOLE = 0.95
+MIN_EXPLAINED_WHOLE = 0.95
 """Explained share from which what is unexplained does not matter beside it."""
 
-GLARING = 10.0
+MAX_UNEXPLAINED_RATIO = 10.0
 """Ratio of the unexplained part from which it matters beside any explained share."""
 
-HALF = 0.5
+MIN_EXPLAINED_BESIDE = 0.5
 """Explained share below which effects that are sure leave more than they explain."""
 
 FURTHER = 'would move by more than three sigma'
@@ -99,8 +99,8 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
     if doubtful and others:
         these = ' and '.join(others) if certain else 'these together'
         rest += f'; one effect that is not in the library is likelier than {these}'
-    partly = doubtful or (significant and (closed < WHOLE or part.ratio > GLARING))
-    if closed < HALF if beside else partly:
+    partly = doubtful or (significant and (closed < MIN_EXPLAINED_WHOLE or part.ratio > MAX_UNEXPLAINED_RATIO))
+    if closed < MIN_EXPLAINED_BESIDE if beside else partly:
         return 'partial', f'{listed} {done}{rest}'
     rivals = [n for n, _ in candidates if n not in named and n != UNKNOWN]
     if rivals:
