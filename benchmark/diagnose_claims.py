@@ -25,7 +25,7 @@ from forcecal_ros.diagnose.dataset import prepare_commanded, STREAM_SLICES
 from forcecal_ros.diagnose.model.linearised import linearised_model
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.rig.file import dump_rig, load_rig
-from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import binomtest

@@ -22,7 +22,7 @@ from forcecal_ros.motion.poses import nominal_poses, orientation, step_goal
 from forcecal_ros.motion.preview import preview
 from forcecal_ros.motion.profiles import Move, Pace, Pose, shortest_duration
 from forcecal_ros.motion.programs import diagnosis_plan
-from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.simulator import simulate
 from forcecal_ros.sim.signals import UNSEEN
 import numpy as np
 from numpy.typing import NDArray

@@ -9,9 +9,9 @@ from forcecal_ros.effects import Effect, EFFECTS, Quantity
 from forcecal_ros.effects.library import MOVING
 from forcecal_ros.effects.nuisances import Nuisance
 from forcecal_ros.effects.rig import Rig
+from forcecal_ros.sim.protocol import Parameter
 from forcecal_ros.sim.rigid_tool import CABLE, RigidTool
 from forcecal_ros.sim.signals import JOINTS, UNSEEN
-from forcecal_ros.sim.protocol import Parameter
 
 MOUNTING = (0.005, 0.01)
 """Place of sensor and base, 1 sigma [m], [rad]: as far as a drawing and an arm are apart."""

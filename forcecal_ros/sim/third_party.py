@@ -16,8 +16,8 @@ from forcecal_ros.core.geometry import Array, matrix_from_quaternion
 from forcecal_ros.core.safe_yaml import load_yaml
 from forcecal_ros.core.schema import instead
 from forcecal_ros.core.streams import JointStream, PoseStream, Recording, Stream
-from forcecal_ros.sim.signals import JOINTS
 from forcecal_ros.sim.protocol import Imitation, Inputs, Parameter, Simulator
+from forcecal_ros.sim.signals import JOINTS
 import numpy as np
 
 STREAMS = {'wrench': 6, 'pose': 7, 'accelerometer': 3}

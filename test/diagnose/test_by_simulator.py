@@ -27,10 +27,10 @@ from forcecal_ros.diagnose.recordings import (
 from forcecal_ros.diagnose.search.tolerances import narrowed
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.io.bags import read_recording, write_recording
+from forcecal_ros.sim.protocol import Inputs, Parameter
 from forcecal_ros.sim.run_limit import refuse_too_many, runs_short
 from forcecal_ros.sim.runs import Runs
 from forcecal_ros.sim.simulated_robot import addable, library_of, SimulatedRobot
-from forcecal_ros.sim.protocol import Inputs, Parameter
 from forcecal_ros.sim.third_party import load_simulator, third_party
 import numpy as np
 from own_arm import commands, SECONDS, TOLERANCES

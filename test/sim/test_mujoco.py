@@ -15,11 +15,11 @@ from forcecal_ros.diagnose.inputs.motion_dataset import span
 from forcecal_ros.diagnose.inputs.simulated_tool import refuse_other_wrench, simulated_tool
 from forcecal_ros.io.bags import write_recording
 from forcecal_ros.sim.mujoco import load_mujoco
+from forcecal_ros.sim.protocol import Inputs
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.runs import Runs
 from forcecal_ros.sim.samples import recorded
 from forcecal_ros.sim.simulated_robot import BEND, library_of, nuisances_of, STEP
-from forcecal_ros.sim.protocol import Inputs
 from forcecal_ros.sim.third_party import third_party, with_priors
 import numpy as np
 import pytest

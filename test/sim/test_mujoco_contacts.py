@@ -8,8 +8,8 @@ from forcecal_ros.diagnose import by_simulator
 from forcecal_ros.diagnose.by_simulator import diagnose_rerun
 from forcecal_ros.diagnose.recordings import even_stamps
 from forcecal_ros.sim.mujoco import load_mujoco
-from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.protocol import Inputs
+from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.third_party import third_party
 import numpy as np
 import pytest

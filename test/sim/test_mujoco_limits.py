@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 from forcecal_ros.sim.mujoco import load_mujoco
-from forcecal_ros.sim.runs import Runs
 from forcecal_ros.sim.protocol import Inputs
+from forcecal_ros.sim.runs import Runs
 from forcecal_ros.sim.third_party import third_party
 import numpy as np
 import pytest
