@@ -45,7 +45,7 @@ def _is_diagnosis(path: str) -> bool:
 
 
 def _of_calibrations(first: str, second: str) -> 'Comparison':
-    from forcecal_ros.io.calibration_file import load_diagnosis
+    from forcecal_ros.io.calibration_file import load
     from forcecal_ros.report.comparison import compare
 
     return compare(load_diagnosis(first), load_diagnosis(second))

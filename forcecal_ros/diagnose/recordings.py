@@ -373,7 +373,7 @@ def add_imu(tool: SomeTool) -> SomeTool:
     plain = AccelerometerModel((1.0, 1.0, 1.0), (0.0, 0.0, 0.0), 0.0)
     return replace(
         tool,
-        accelerometer=replace(tool.accelerometer, recognise_accelerometer='acc1', acc1=plain, noise=IMU_NOISE,
+        accelerometer=replace(tool.accelerometer, mounted='acc1', acc1=plain, noise=IMU_NOISE,
                               position=(0.0, 0.0, 0.0)),
         spreads=replace(tool.spreads, accelerometer_offset=IMU_OFFSET, accelerometer_gain=IMU_GAIN))
 
