@@ -56,7 +56,7 @@ def test_results_that_a_signal_interrupts_leave_no_scratch(tmp_path):
     script = """if True:
         import os, signal, sys
         from forcecal_ros.cli import main as cli
-        from forcecal_ros.core.atomic_files import new_directory
+        from forcecal_ros.core.files import new_directory
         def run(args):
             with new_directory('out') as scratch:
                 scratch.mkdir()

@@ -8,21 +8,24 @@ from typing import Any
 from forcecal_ros.cli.common import (
     add_sensor_pose,
     add_topics,
+    group,
+    MODEL,
     new_parser,
+    read,
     read_likewise,
-    read_poses_of_sensor,
-    say_if_compiling,
+    show,
+    stages,
     topic_names,
+    warn_if_compiling,
 )
-from forcecal_ros.cli.each_recording import add_bags, Answer
-from forcecal_ros.cli.each_recording import run as run_each
-from forcecal_ros.cli.outputs import add_output, RESULTS, write_results
-from forcecal_ros.cli.progress import stages
-from forcecal_ros.cli.simulators import add_simulators, check_simulators, simulator_of
+from forcecal_ros.cli.many import add_bags, Answer
+from forcecal_ros.cli.many import run as run_each
+from forcecal_ros.cli.outputs import add_output, RESULTS
 from forcecal_ros.core.errors import UsageError
+from forcecal_ros.core.files import write_results
 
 RIGID = 'rigid_tool.yaml'
-"""Whose tolerances a calibrated tool has where no rig is named."""
+"""Gives the tolerances of a calibrated tool if no rig is named."""
 
 NOMINAL = "this package's rig.yaml, nominal"
 
@@ -31,7 +34,7 @@ ASSUMED = ('nothing says what was recorded, so it is compared with the rig that 
            '--calibration')
 
 UNLIKE = ('unknown', 'partial')
-"""Verdicts after which it matters that nobody named what was recorded."""
+"""Verdicts after which it matters that the recorded robot was not named."""
 
 SIMULATORS = ('simulator', 'mujoco', 'simulated')
 """Options that name a simulator of the user's."""
@@ -40,38 +43,64 @@ FILES = ('diagnosis.json', 'report.html', 'rig_patched.yaml', 'calibration_patch
          'model_patched.xml')
 """All that a diagnosis may write."""
 
+FOUND = 3
+"""Exit status if what ``--fail-on`` names was found."""
+
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(
         subparsers, 'diagnose',
-        example='forcecal diagnose my_bag --heldout another_bag -o diagnosis')
+        example='forcecal diagnose my_bag --heldout another_bag -o diagnosis\n'
+                '  forcecal diagnose my_bag --mujoco arm.xml --check   # can it be compared?')
     add_bags(parser)
-    parser.add_argument('--heldout', metavar='BAG',
-                        help='second recording, another trajectory, to judge on (default: parts '
-                             'of every phase of the first)')
-    parser.add_argument('--rig', metavar='RIG.yaml',
-                        help='rig to compare with: a file, or rig.yaml and rigid_tool.yaml of '
-                             'this package (default: rig.yaml)')
-    parser.add_argument('--calibration', metavar='C.yaml',
-                        help='what is known of tool and sensors where no commands were recorded: '
-                             'the wrench is then compared with the measured motion (default: the '
-                             'numbers of the rig)')
-    parser.add_argument('--simulated', metavar='SIM_BAG',
-                        help='what your own simulator recorded of the same commands, wrench and '
-                             'current_pose; command target_frame, too, if the robot is late')
-    parser.add_argument('--heldout-simulated', metavar='SIM_BAG2',
-                        help='what it recorded of the commands of --heldout')
-    parser.add_argument('--simulated-wrench-sign', type=int, choices=(1, -1), default=1,
-                        help="-1: the simulator's wrench points the other way, as MuJoCo's")
+    parser.add_argument('--check', action='store_true',
+                        help='only check whether --simulator or --mujoco can be compared with a '
+                             'robot; nothing is written')
+    parser.add_argument('--fail-on', choices=('gap',),
+                        help='gap: exit with status 3 for every verdict but no_gap')
+    recording = group(parser, 'recording')
+    recording.add_argument('--heldout', metavar='BAG',
+                           help='second recording, another trajectory, to judge on (default: '
+                                'parts of every phase of the first)')
+    recording.add_argument('--accelerometer', choices=('acc1', 'acc2'),
+                           help='which one is mounted (default: recognised by its volts)')
+    recording.add_argument('--robot', metavar='NAME',
+                           help='name of the robot, kept in diagnosis.json for forcecal fleet')
+    model = group(parser, MODEL)
+    model.add_argument('--rig', metavar='RIG.yaml',
+                       help='rig to compare with: a file, or rig.yaml and rigid_tool.yaml of '
+                            'this package (default: rig.yaml)')
+    model.add_argument('--calibration', metavar='C.yaml',
+                       help='what is known of tool and sensors: the wrench is then compared with '
+                            'the measured motion (default: the numbers of the rig)')
+    model.add_argument('--simulated', metavar='SIM_BAG',
+                       help='what your own simulator recorded of the same commands, wrench and '
+                            'current_pose; command target_frame, too, if the robot is late')
+    model.add_argument('--heldout-simulated', metavar='SIM_BAG2',
+                       help='what it recorded of the commands of --heldout')
+    model.add_argument('--simulated-wrench-sign', type=int, choices=(1, -1), default=1,
+                       help="-1: the simulator's wrench has the opposite sign, as MuJoCo's")
     add_topics(parser, '--simulated-topic', " of the simulator's")
     add_sensor_pose(parser, '--simulated-sensor-from-pose', ' in the simulator')
-    add_simulators(parser)
-    parser.add_argument('--accelerometer', choices=('acc1', 'acc2'),
-                        help='which one is mounted (default: recognised by its volts)')
-    parser.add_argument('--robot', metavar='NAME',
-                        help='whose recording it is, kept in diagnosis.json for forcecal fleet')
-    add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR', required=True,
+    model.add_argument('--simulator', metavar='MODULE:FACTORY',
+                       help='your own simulator, which is run with the recorded commands: a '
+                            'function without arguments that returns an object with '
+                            'parameters() and simulate(inputs, parameters); its code is '
+                            'executed')
+    model.add_argument('--mujoco', metavar='MODEL.xml',
+                       help='your robot as an MJCF, which MuJoCo runs with the recorded commands '
+                            'of its joints')
+    model.add_argument('--ft-site', metavar='NAME',
+                       help="with --mujoco: site of the model's force-torque sensor (default: "
+                            'that of its only force sensor)')
+    model.add_argument('--imu', metavar='NAME',
+                       help="with --mujoco: site of the model's accelerometer, on the tool "
+                            '(default: it is not compared)')
+    model.add_argument('--priors', metavar='FILE.yaml',
+                       help="how well the simulator's parameters are known, lines of NAME: SIGMA "
+                            "(1 sigma, in the parameter's unit)")
+    add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR', default='diagnosis',
                help='folder for diagnosis.json, report.html and rig_patched.yaml (or '
                     'calibration_patched.yaml, or model_patched.xml); earlier results are '
                     'kept as NAME~; of several BAGs, a folder of such folders')
@@ -81,44 +110,76 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    if args.heldout and os.path.realpath(args.heldout) in map(os.path.realpath, args.bag):
-        raise UsageError(f'--heldout: {args.heldout} cannot judge what is fitted to it; leave it '
-                         'out, and parts of every phase are held out')
-    check_simulators(args)
-    _check_one_model(args)
-    if args.simulated:
-        _check_pairs(args)
-    elif args.heldout_simulated:
-        raise UsageError('--heldout-simulated wants --simulated, too: what the simulator recorded '
-                         'of the first commands')
-    elif args.simulated_topic or args.simulated_sensor_from_pose:
-        raise UsageError('--simulated-topic and --simulated-sensor-from-pose want --simulated, '
-                         'too')
+    _check_models(args)
+    if args.check:
+        return _check_simulator(args)
     return run_each(args, answer)
 
 
-def _check_one_model(args: argparse.Namespace) -> None:
-    """Refuse a simulator of the user's beside another model, or with several recordings."""
+def _check_models(args: argparse.Namespace) -> None:
+    """Refuse options that contradict each other, or lack another."""
+    if args.heldout and os.path.realpath(args.heldout) in map(os.path.realpath, args.bag):
+        raise UsageError(f'--heldout: {args.heldout} cannot judge what is fitted to it; leave it '
+                         'out, and parts of every phase are held out')
+    for option, given in (('--ft-site', args.ft_site), ('--imu', args.imu)):
+        if given and not args.mujoco:
+            raise UsageError(f'{option} requires --mujoco: it names a site of that model')
+    if args.priors and not (args.mujoco or args.simulator):
+        raise UsageError('--priors requires --mujoco or --simulator, whose parameters they are of')
+    if args.check and (not (args.simulator or args.mujoco) or len(args.bag) > 1):
+        raise UsageError('--check requires one BAG and what is to be checked: --simulator '
+                         'MODULE:FACTORY or --mujoco MODEL.xml')
     named = [name for name in (*SIMULATORS, 'rig', 'calibration') if getattr(args, name)]
-    if not named or named[0] not in SIMULATORS:
-        return
-    if len(named) > 1:
-        raise UsageError(f'--{named[0]} and --{named[1]} exclude each other: one model at a time')
-    if len(args.bag) > 1:
-        raise UsageError(f'--{named[0]} goes with exactly one BAG; diagnose one after the other')
+    if named and named[0] in SIMULATORS:
+        if len(named) > 1:
+            raise UsageError(f'--{named[0]} and --{named[1]} exclude each other: one model at a '
+                             'time')
+        if len(args.bag) > 1:
+            raise UsageError(f'--{named[0]} goes with exactly one BAG; diagnose one after the '
+                             'other')
+    if args.simulated:
+        topic_names(args, '--simulated-topic')
+        if bool(args.heldout) != bool(args.heldout_simulated):
+            missing = '--heldout' if args.heldout_simulated else '--heldout-simulated'
+            raise UsageError('--heldout and --heldout-simulated go together; give '
+                             f'{missing} as well')
+        given = [path for path in (*args.bag, args.heldout, args.simulated,
+                                   args.heldout_simulated) if path]
+        if len(set(map(os.path.realpath, given))) < len(given):
+            raise UsageError("--simulated: one bag is given twice; name the robot's and the "
+                             "simulator's")
+    elif args.heldout_simulated or args.simulated_topic or args.simulated_sensor_from_pose:
+        raise UsageError('--heldout-simulated, --simulated-topic and '
+                         '--simulated-sensor-from-pose require --simulated, too: what the '
+                         'simulator recorded of the commands of BAG')
 
 
-def _check_pairs(args: argparse.Namespace) -> None:
-    """Refuse what makes no pairs of the robot's recordings and the simulator's."""
-    topic_names(args, '--simulated-topic')
-    if bool(args.heldout) != bool(args.heldout_simulated):
-        missing = '--heldout' if args.heldout_simulated else '--heldout-simulated'
-        raise UsageError(f'--heldout and --heldout-simulated go together; give {missing} as well')
-    given = [path for path in (*args.bag, args.heldout, args.simulated, args.heldout_simulated)
-             if path]
-    if len(set(map(os.path.realpath, given))) < len(given):
-        raise UsageError("--simulated: one bag is given twice; name the robot's and the "
-                         "simulator's")
+def _simulator_of(args: argparse.Namespace) -> Any:
+    """Load the simulator of the arguments."""
+    from forcecal_ros.sim.mujoco import load_mujoco
+    from forcecal_ros.sim.third_party import load_simulator, third_party, with_priors
+
+    if args.mujoco:
+        found = third_party(args.mujoco, load_mujoco(args.mujoco, args.ft_site, args.imu))
+    else:
+        found = load_simulator(args.simulator)
+    return with_priors(found, args.priors) if args.priors else found
+
+
+def _check_simulator(args: argparse.Namespace) -> int:
+    """Print whether a simulator can be compared with a robot, and the command that does it."""
+    from forcecal_ros.diagnose.conformance import conformance
+    from forcecal_ros.sim.rig.file import load_rig
+
+    found = conformance(_simulator_of(args), read(args, args.bag[0], joints=True),
+                        load_rig(RIGID))
+    named = [word for name in ('simulator', 'mujoco', 'imu', 'ft_site', 'priors')
+             if (value := getattr(args, name))
+             for word in (f'--{name.replace("_", "-")}', value)]
+    command = shlex.join(('forcecal', 'diagnose', args.bag[0], *named, *read_likewise(args), '-o',
+                          args.output))
+    show(args, found.document(), f'{found}\nnext: {command}')
+    return 0
 
 
 def answer(args: argparse.Namespace) -> Answer:
@@ -144,8 +205,8 @@ def answer(args: argparse.Namespace) -> Answer:
 
 def _read(args: argparse.Namespace, joints: bool = False) -> tuple[Any, Any]:
     """Return the recording, and the one to judge on if there is one."""
-    return (read_poses_of_sensor(args, args.bag, joints=joints),
-            read_poses_of_sensor(args, args.heldout, joints=joints) if args.heldout else None)
+    return (read(args, args.bag, joints=joints),
+            read(args, args.heldout, joints=joints) if args.heldout else None)
 
 
 def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any) -> Answer:
@@ -157,7 +218,7 @@ def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any, rig: An
     from forcecal_ros.sim.rig.file import dump_rig
     from forcecal_ros.sim.rig.simulator import waits_for_compiler
 
-    say_if_compiling(waits_for_compiler(), 'the simulator')
+    warn_if_compiling(waits_for_compiler(), 'the simulator')
     by = diagnose_tracked if is_tracked(rig) else diagnose
     outcome = by(recording, heldout, rig, args.accelerometer)
     files = {'rig_patched.yaml': dump_rig(outcome.rig)} if outcome.datasets else {}
@@ -203,12 +264,12 @@ def _by_simulated(args: argparse.Namespace) -> Answer:
     from forcecal_ros.sim.rig.file import load_rig
 
     with stages(args) as stage:
-        def read(bag: str, of: str, sign: int) -> Any:
+        def read_one(bag: str, of: str, sign: int) -> Any:
             stage(f'reading {bag}')
-            return read_poses_of_sensor(args, bag, f'--{of}sensor-from-pose', f'--{of}topic', sign)
+            return read(args, bag, f'--{of}sensor-from-pose', f'--{of}topic', sign)
 
-        pairs = [Pair(read(real, '', args.wrench_sign or 1),
-                      read(simulated, 'simulated-', args.simulated_wrench_sign))
+        pairs = [Pair(read_one(real, '', args.wrench_sign or 1),
+                      read_one(simulated, 'simulated-', args.simulated_wrench_sign))
                  for real, simulated in ((args.bag, args.simulated),
                                          (args.heldout, args.heldout_simulated)) if real]
         stage('comparing the wrench with the simulated')
@@ -228,7 +289,7 @@ def _by_simulator(args: argparse.Namespace) -> Answer:
     from forcecal_ros.sim.rig.file import load_rig
 
     with stages(args) as stage:
-        simulator = simulator_of(args)
+        simulator = _simulator_of(args)
         stage(f'reading {args.bag}')
         recording, heldout = _read(args, joints=True)
         stage(f'running {simulator.name} with other numbers')
@@ -247,7 +308,7 @@ def _by_simulator(args: argparse.Namespace) -> Answer:
 
 def _as_calibrated(args: argparse.Namespace, recording: Any, calibration: Any) -> Any:
     """Bring poses to ft_sensor, base to level and readings to their axes, as calibrated."""
-    from forcecal_ros.cli.contact import in_sign_of
+    from forcecal_ros.cli.estimate import in_sign_of
     from forcecal_ros.core.axes import in_axes_of_pose, levelled
     from forcecal_ros.observe.mounting import taken_as_calibrated
 
@@ -268,7 +329,7 @@ def _named(args: argparse.Namespace) -> str:
 
 def _name_it(args: argparse.Namespace) -> Any:
     """Say what to do where a recording is unlike the rig that nobody named."""
-    from forcecal_ros.report.words import Step
+    from forcecal_ros.report.page import Step
 
     return Step('Name the tool that was recorded (forcecal calibrate makes the file), and '
                 'diagnose again:', shlex.join((
@@ -293,10 +354,14 @@ def _written(args: argparse.Namespace, given: tuple[Any, ...], outcome: Any, rig
     import json
 
     from forcecal_ros.diagnose.plan import advice
-    from forcecal_ros.report.diagnosis import render
-    from forcecal_ros.report.diagnosis_view import view_of, view_without_signals
-    from forcecal_ros.report.diagnosis_words import headline, next_step
-    from forcecal_ros.report.words import origin
+    from forcecal_ros.report.diagnosis import (
+        headline,
+        next_step,
+        render,
+        view_of,
+        view_without_signals,
+    )
+    from forcecal_ros.report.page import origin
 
     diagnosis, folder = outcome.diagnosis, args.output
     recordings, named = [one for one in given if one is not None], _named(args)
@@ -319,4 +384,11 @@ def _written(args: argparse.Namespace, given: tuple[Any, ...], outcome: Any, rig
                       f'next: {step.words} {step.command}'.rstrip(), f'written to {folder}'))
     return Answer(document, text, verdict,
                   (*assumed, *recordings[0].notes, *diagnosis.notes),
-                  1 if diagnosis.verdict == 'invalid_data' else 0)
+                  _status(args, diagnosis.verdict))
+
+
+def _status(args: argparse.Namespace, verdict: str) -> int:
+    """Return 1 for data that cannot be used, and what ``--fail-on`` asks for."""
+    if verdict == 'invalid_data':
+        return 1
+    return FOUND if args.fail_on and verdict != 'no_gap' else 0

@@ -9,7 +9,7 @@ from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.quantity import quantity, rounded, size, sizes
 from forcecal_ros.core.streams import FREE, Recording, STILL, Stream
 from forcecal_ros.report import figures
-from forcecal_ros.report.page import Picture, picture, render_page
+from forcecal_ros.report.page import Fact, origin, Picture, picture, render_page, Step
 from forcecal_ros.report.panels import Line, Panel, Shown
 from forcecal_ros.report.rows import (
     HALF,
@@ -22,7 +22,6 @@ from forcecal_ros.report.rows import (
     true_value,
     value,
 )
-from forcecal_ros.report.words import Fact, origin, Step
 from matplotlib.figure import Figure
 import numpy as np
 

@@ -16,12 +16,18 @@ from forcecal_ros.diagnose.verdict import FIRST, percent
 from forcecal_ros.effects.library import EFFECTS
 from forcecal_ros.report import diagnosis as figures
 from forcecal_ros.report import page as pages
-from forcecal_ros.report.diagnosis import render, TONES
-from forcecal_ros.report.diagnosis_view import View, view_without_signals
-from forcecal_ros.report.diagnosis_words import facts, headline, next_step
+from forcecal_ros.report.diagnosis import (
+    facts,
+    headline,
+    next_step,
+    render,
+    TONES,
+    View,
+    view_without_signals,
+)
 from forcecal_ros.report.effect_words import sentence, WORDS
+from forcecal_ros.report.page import origin, Step
 from forcecal_ros.report.panels import between, Line, live, MOST_POINTS
-from forcecal_ros.report.words import origin, Step
 import numpy as np
 import pytest
 

@@ -4,7 +4,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from forcecal_ros.core.atomic_files import write_text
+from forcecal_ros.core.files import write_text
 from forcecal_ros.core.schema import load, plain
 from forcecal_ros.impedance.plant.model import Plant, state_space
 import yaml

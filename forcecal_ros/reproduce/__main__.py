@@ -1,20 +1,24 @@
-"""``forcecal impedance``: the contact experiment of [Gamez2005] V and VI, offline."""
+"""The contact experiment of [Gamez2005] V and VI, offline: python3 -m forcecal_ros.reproduce."""
 
 import argparse
+from collections.abc import Sequence
 from math import isfinite
+import sys
 from typing import Any, TYPE_CHECKING
 
-from forcecal_ros.cli.argument_types import positive, whole
 from forcecal_ros.cli.common import (
-    add_json,
+    bar,
     from_arguments,
     new_parser,
+    positive,
     print_json,
     say,
-    say_if_compiling,
+    warn_if_compiling,
+    whole,
 )
-from forcecal_ros.cli.outputs import add_output, RESULTS, write_results
-from forcecal_ros.cli.progress import add_quiet, bar, tell
+from forcecal_ros.cli.main import main, Parser
+from forcecal_ros.cli.outputs import add_output, RESULTS
+from forcecal_ros.core.files import write_results
 
 if TYPE_CHECKING:
     from forcecal_ros.reproduce.experiment import Experiment
@@ -26,11 +30,14 @@ FILES = ('report.html', 'figure_[5-8]_acc[12].png')
 """All that the experiment may write."""
 
 
-def add_parser(subparsers: Any) -> None:
-    """Declare the command."""
+def parse(arguments: Sequence[str]) -> argparse.Namespace:
+    """Parse the command line."""
+    top = Parser(prog='python3 -m forcecal_ros')
     parser = new_parser(
-        subparsers, 'impedance',
-        example='forcecal impedance -o contact_experiment')
+        top.add_subparsers(required=True), 'reproduce',
+        summary='simulate the contact experiment, and compare what is fed back: raw sensor, '
+                'gravity-compensated, observers',
+        example='python3 -m forcecal_ros.reproduce -o contact_experiment')
     add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR', required=True,
                help='folder for report.html and the pictures; earlier results are kept as '
                     'NAME~')
@@ -38,7 +45,7 @@ def add_parser(subparsers: Any) -> None:
                         help='only this one (default: both, one after the other)')
     parser.add_argument('--rig', metavar='RIG.yaml', help='rig file (default: the nominal rig)')
     parser.add_argument('--plant', metavar='PLANT.yaml',
-                        help='models that forcecal identify-robot wrote (default: those of the '
+                        help='models by forcecal fit-rig --for impedance (default: those of the '
                              'nominal rig)')
     parser.add_argument('--mass', type=positive, default=13.0, metavar='KG',
                         help='mass of the impedance that the tool shall have')
@@ -50,9 +57,8 @@ def add_parser(subparsers: Any) -> None:
                         help="delay of a command beyond the robot's own; the law is designed for "
                              'it, and it is simulated')
     parser.add_argument('--seed', type=whole, default=0, help='of the sensor noise')
-    add_quiet(parser)
-    add_json(parser)
     parser.set_defaults(run=run)
+    return top.parse_args(['reproduce', *arguments])
 
 
 def run(args: argparse.Namespace) -> int:
@@ -60,8 +66,8 @@ def run(args: argparse.Namespace) -> int:
     from forcecal_ros.impedance.design import design
     from forcecal_ros.impedance.plant.file import load_plant
     from forcecal_ros.impedance.settings import DesignSettings, Wanted
-    from forcecal_ros.report.impedance import pictures, render, text
     from forcecal_ros.reproduce.experiment import conduct
+    from forcecal_ros.reproduce.report import pictures, render, text
     from forcecal_ros.sim.rig.file import load_rig
     from forcecal_ros.sim.rig.simulator import waits_for_compiler
 
@@ -70,11 +76,10 @@ def run(args: argparse.Namespace) -> int:
         settings = DesignSettings(latency=args.latency)
     rig = load_rig(args.rig)
     designed = design(load_plant(args.plant), wanted, settings)
-    say_if_compiling(waits_for_compiler(), 'the simulator')
+    warn_if_compiling(waits_for_compiler(), 'the simulator')
     names = [args.accelerometer] if args.accelerometer else ['acc1', 'acc2']
     with bar(args, total=RUNS * len(names), unit=' runs') as done:
         def begin(what: str) -> None:
-            tell(args, what)
             done.set_description(what)
             done.update()
 
@@ -102,3 +107,7 @@ def document(experiment: 'Experiment') -> dict[str, Any]:
         'notes': list(experiment.notes[name]),
         'K': (calibration.observer.K.value.tolist() if calibration.observer else None),
     } for name, calibration in experiment.calibrations.items()}
+
+
+if __name__ == '__main__':
+    sys.exit(main(None, parse))

@@ -21,9 +21,8 @@ from forcecal_ros.report.figures import (
     specific_force,
     TRUE,
 )
-from forcecal_ros.report.page import picture, png, render_page
+from forcecal_ros.report.page import Fact, picture, png, render_page
 from forcecal_ros.report.rows import aligned
-from forcecal_ros.report.words import Fact
 from forcecal_ros.reproduce.assess import Figures
 from forcecal_ros.reproduce.closed_loop import ClosedLoopRun
 from forcecal_ros.reproduce.error_analysis import continuous, error_poles, PRINTED
@@ -54,7 +53,7 @@ class Table(NamedTuple):
 
 
 NEXT = Fact('Next', 'Identify how your own robot follows commands, for a law that fits it:',
-            'forcecal identify-robot shaken_bag -o plant.yaml')
+            'forcecal fit-rig shaken_bag --for impedance -o plant.yaml')
 
 
 def tables(experiment: Experiment) -> Iterator[Table]:
