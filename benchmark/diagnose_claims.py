@@ -20,9 +20,9 @@ from typing import Any
 from forcecal_ros.cli.parallel import each
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import PoseStream, Recording
-from forcecal_ros.diagnose.by_commands import diagnose
 from forcecal_ros.diagnose.dataset import prepare_commanded, STREAM_SLICES
 from forcecal_ros.diagnose.model.linearised import linearised_model
+from forcecal_ros.diagnose.sources.rig import RigSource
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.rig.file import dump_rig, load_rig
 from forcecal_ros.sim.rig.simulator import simulate
@@ -94,7 +94,7 @@ def run(case: dict[str, Any]) -> dict[str, Any]:
     effects = {n: cases.sized(n, case['energy']).values for n in case['names']}
     first, second = cases.recordings(case['seed'], effects)
     assert second is not None and second.target is not None
-    outcome = diagnose(first, second, nominal)
+    outcome = RigSource(nominal).diagnose(first, second).outcome
     gap = outcome.diagnosis.gap
     with TemporaryDirectory() as folder:
         path = Path(folder) / 'rig_patched.yaml'

@@ -44,9 +44,10 @@ def _is_diagnosis(path: str) -> bool:
 
 
 def _of_calibrations(first: str, second: str) -> 'Comparison':
+    from forcecal_ros.io.calibration_file import load
     from forcecal_ros.report.comparison import compare
 
-    return compare(load_diagnosis(first), load_diagnosis(second))
+    return compare(load(first), load(second))
 
 
 def _of_diagnoses(first: str, second: str) -> 'Comparison':

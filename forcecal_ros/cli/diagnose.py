@@ -1,6 +1,7 @@
 """``forcecal diagnose``: where, why and how far a recording departs from the simulator."""
 
 import argparse
+from collections.abc import Callable
 import os
 import shlex
 from typing import Any
@@ -27,14 +28,7 @@ from forcecal_ros.core.files import write_results
 RIGID = 'rigid_tool.yaml'
 """Gives the tolerances of a calibrated tool if no rig is named."""
 
-NOMINAL = "this package's rig.yaml, nominal"
-
-ASSUMED = ('nothing says what was recorded, so it is compared with the rig that this package '
-           'simulates; if it is another robot, calibrate its tool (forcecal calibrate) and give '
-           '--calibration')
-
-UNLIKE = ('unknown', 'partial')
-"""Verdicts after which it matters that the recorded robot was not named."""
+NOMINAL, NOMINAL_RIG = 'nominal', "this package's rig.yaml, nominal"
 
 SIMULATORS = ('simulator', 'mujoco', 'simulated')
 """Options that name a simulator of the user's."""
@@ -51,7 +45,7 @@ def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(
         subparsers, 'diagnose',
-        example='forcecal diagnose my_bag --heldout another_bag -o diagnosis\n'
+        example='forcecal diagnose my_bag --calibration calibration.yaml -o diagnosis\n'
                 '  forcecal diagnose my_bag --mujoco arm.xml --check   # can it be compared?')
     add_bags(parser)
     parser.add_argument('--check', action='store_true',
@@ -69,11 +63,11 @@ def add_parser(subparsers: Any) -> None:
                            help='name of the robot, kept in diagnosis.json for forcecal fleet')
     model = group(parser, MODEL)
     model.add_argument('--rig', metavar='RIG.yaml',
-                       help='rig to compare with: a file, or rig.yaml and rigid_tool.yaml of '
-                            'this package (default: rig.yaml)')
+                       help='rig to compare with: a file, or nominal (rig.yaml of this package), '
+                            'which a recording of the simulated rig needs not state')
     model.add_argument('--calibration', metavar='C.yaml',
                        help='what is known of tool and sensors: the wrench is then compared with '
-                            'the measured motion (default: the numbers of the rig)')
+                            'the measured motion')
     model.add_argument('--simulated', metavar='SIM_BAG',
                        help='what your own simulator recorded of the same commands, wrench and '
                             'current_pose; command target_frame, too, if the robot is late')
@@ -168,7 +162,7 @@ def _simulator_of(args: argparse.Namespace) -> Any:
 
 def _check_simulator(args: argparse.Namespace) -> int:
     """Print whether a simulator can be compared with a robot, and the command that does it."""
-    from forcecal_ros.diagnose.conformance import conformance
+    from forcecal_ros.diagnose.sources.simulator import conformance
     from forcecal_ros.sim.rig.file import load_rig
 
     found = conformance(_simulator_of(args), read(args, args.bag[0], joints=True),
@@ -184,126 +178,62 @@ def _check_simulator(args: argparse.Namespace) -> int:
 
 def answer(args: argparse.Namespace) -> Answer:
     """Diagnose one recording."""
+    with stages(args) as stage:
+        source, recordings, rig = _source_of(args, stage)
+        stage(source.task)
+        return _written(args, recordings, source.diagnose(*recordings), rig)
+
+
+def _source_of(args: argparse.Namespace, stage: Callable[[str], None]
+               ) -> tuple[Any, list[Any], Any]:
+    """Return what the options compare with, the recordings, and the rig of the tolerances."""
+    from forcecal_ros.diagnose.sources.pair import PairSource
+    from forcecal_ros.diagnose.sources.rig import rig_source
+    from forcecal_ros.diagnose.sources.simulator import SimulatorSource
+    from forcecal_ros.diagnose.sources.tool import ToolSource
     from forcecal_ros.io.calibration_file import load
     from forcecal_ros.sim.rig.file import load_rig
-
-    if args.simulator or args.mujoco:
-        return _by_simulator(args)
-    if args.simulated:
-        return _by_simulated(args)
-    calibration = load(args.calibration) if args.calibration else None
-    rig = load_rig(args.rig or (RIGID if calibration else None))
-    with stages(args) as stage:
-        stage(f'reading {args.bag}')
-        recording, heldout = _read(args)
-        if calibration or not recording.target:
-            stage('comparing the wrench with the measured motion')
-            return _by_motion(args, recording, heldout, rig, calibration)
-        stage('replaying the commands and weighing effects')
-        return _by_commands(args, recording, heldout, rig)
-
-
-def _read(args: argparse.Namespace, joints: bool = False) -> tuple[Any, Any]:
-    """Return the recording, and the one to judge on if there is one."""
-    return (read(args, args.bag, joints=joints),
-            read(args, args.heldout, joints=joints) if args.heldout else None)
-
-
-def _by_commands(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any) -> Answer:
-    """Replay the commands through the rig."""
-    from forcecal_ros.diagnose.by_commands import diagnose
-    from forcecal_ros.diagnose.by_tracked import diagnose_tracked, is_tracked
-    from forcecal_ros.diagnose.dataset import units
-    from forcecal_ros.diagnose.result import to_document
-    from forcecal_ros.sim.rig.file import dump_rig
     from forcecal_ros.sim.rig.simulator import waits_for_compiler
+    from forcecal_ros.sim.rigid_tool import rigid_tool_of_calibration, rigid_tool_of_rig
 
-    warn_if_compiling(waits_for_compiler(), 'the simulator')
-    by = diagnose_tracked if is_tracked(rig) else diagnose
-    outcome = by(recording, heldout, rig, args.accelerometer)
-    files = {'rig_patched.yaml': dump_rig(outcome.rig)} if outcome.datasets else {}
-    document = to_document(outcome.diagnosis, units(), next(iter(files), None))
-    return _written(args, (recording, heldout), outcome, rig, units(), document, files)
-
-
-def _by_motion(args: argparse.Namespace, recording: Any, heldout: Any, rig: Any,
-               calibration: Any) -> Answer:
-    """Compare the wrench with the measured motion."""
-    from forcecal_ros.diagnose.by_motion import delay_std, diagnose_motion, inertia_std
-    from forcecal_ros.diagnose.dataset import units
-    from forcecal_ros.diagnose.result import patched_calibration, to_document
-    from forcecal_ros.io.calibration_file import dump
-    from forcecal_ros.sim.rigid_tool import (
-        rigid_tool_of_calibration,
-        rigid_tool_of_rig,
-        RigidTool,
-    )
-
-    rigid_tool = (rigid_tool_of_calibration(calibration, rig) if calibration
-                  else rigid_tool_of_rig(rig))
-    outcome = diagnose_motion(
-        _as_calibrated(args, recording, calibration), _as_calibrated(args, heldout, calibration),
-        rigid_tool, calibration, args.accelerometer)
-    of_channels = units(rigid_tool.accelerometer_unit)
-    files = {}
-    document = to_document(outcome.diagnosis, of_channels, None)
-    document['explained_by'] = 'measured motion'
-    if calibration and outcome.datasets:
-        assert isinstance(outcome.rig, RigidTool)
-        document['calibration'] = 'calibration_patched.yaml'
-        files[document['calibration']] = dump(patched_calibration(
-            calibration, outcome.rig, delay_std(outcome), inertia_std(outcome)))
-    return _written(args, (recording, heldout), outcome, rig, of_channels, document, files)
-
-
-def _by_simulated(args: argparse.Namespace) -> Answer:
-    """Compare the wrench with what a simulator recorded."""
-    from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair
-    from forcecal_ros.diagnose.dataset import units
-    from forcecal_ros.diagnose.result import to_document
-    from forcecal_ros.sim.rig.file import load_rig
-
-    with stages(args) as stage:
-        def read_one(bag: str, of: str, sign: int) -> Any:
-            stage(f'reading {bag}')
+    def read_one(bag: str, of: str = '', sign: int | None = None) -> Any:
+        stage(f'reading {bag}')
+        if of:
             return read(args, bag, f'--{of}sensor-from-pose', f'--{of}topic', sign)
+        return read(args, bag, joints=bool(args.simulator or args.mujoco))
 
-        pairs = [Pair(read_one(real, '', args.wrench_sign or 1),
-                      read_one(simulated, 'simulated-', args.simulated_wrench_sign))
-                 for real, simulated in ((args.bag, args.simulated),
-                                         (args.heldout, args.heldout_simulated)) if real]
-        stage('comparing the wrench with the simulated')
-        rig, of_channels = load_rig(RIGID), units('m/s^2')
-        found = diagnose_simulated(pairs[0], pairs[1] if len(pairs) > 1 else None, rig)
-        document = to_document(found.outcome.diagnosis, of_channels, None)
-        document |= {'explained_by': 'simulated recording', **found.document()}
-        return _written(args, tuple(pair.real for pair in pairs), found.outcome, rig,
-                        of_channels, document, {})
+    simulator = _simulator_of(args) if args.simulator or args.mujoco else None
+    recordings = [read_one(bag) for bag in (args.bag, args.heldout) if bag]
+    if simulator is not None:
+        rig = load_rig(RIGID)
+        return SimulatorSource(simulator, rig), recordings, rig
+    if args.simulated:
+        rig = load_rig(RIGID)
+        return PairSource(rig, *(
+            read_one(bag, 'simulated-', args.simulated_wrench_sign)
+            for bag in (args.simulated, args.heldout_simulated) if bag)), recordings, rig
+    if args.calibration:
+        calibration, rig = load(args.calibration), load_rig(args.rig or RIGID)
+        recordings = [_as_calibrated(args, one, calibration) for one in recordings]
+        tool = rigid_tool_of_calibration(calibration, rig)
+        return ToolSource(tool, calibration, args.accelerometer), recordings, rig
+    if not args.rig:
+        _require_simulated_rig(args, recordings)
+    rig = load_rig(None if args.rig in (None, NOMINAL) else args.rig)
+    if not recordings[0].target:
+        return ToolSource(rigid_tool_of_rig(rig), None, args.accelerometer), recordings, rig
+    warn_if_compiling(waits_for_compiler(), 'the simulator')
+    return rig_source(rig, args.accelerometer), recordings, rig
 
 
-def _by_simulator(args: argparse.Namespace) -> Answer:
-    """Run somebody's simulator with the recorded commands."""
-    from forcecal_ros.diagnose.by_simulator import diagnose_rerun
-    from forcecal_ros.diagnose.dataset import units
-    from forcecal_ros.diagnose.result import to_document
-    from forcecal_ros.sim.rig.file import load_rig
-
-    with stages(args) as stage:
-        simulator = _simulator_of(args)
-        stage(f'reading {args.bag}')
-        recording, heldout = _read(args, joints=True)
-        stage(f'running {simulator.name} with other numbers')
-        rig, of_channels = load_rig(RIGID), units('m/s^2')
-        found = diagnose_rerun(recording, heldout, simulator, rig)
-        document = to_document(found.outcome.diagnosis, of_channels, None)
-        document |= {'explained_by': simulator.name, **found.document()}
-        text = simulator.patched(found.numbers) if found.changed else None
-        files = {} if text is None else {'model_patched.xml': text}
-        document['model'] = next(iter(files), None)
-        answer = _written(args, (recording, heldout), found.outcome, rig, of_channels, document,
-                          files)
-        told = [f'change {one}' for one in found.changed]
-        return answer._replace(text='\n'.join([answer.text, *told]))
+def _require_simulated_rig(args: argparse.Namespace, recordings: list[Any]) -> None:
+    """Refuse to guess the model, unless the topic of the simulated rig's truth was recorded."""
+    if all(one.contact_truth is not None for one in recordings):
+        return
+    raise UsageError(
+        f'{args.bag}: nothing states what was recorded, so there is nothing to compare it with; '
+        'give --calibration C.yaml (forcecal calibrate writes it), --rig FILE or --rig nominal, '
+        '--simulated SIM_BAG, --mujoco MODEL.xml or --simulator MODULE:FACTORY')
 
 
 def _as_calibrated(args: argparse.Namespace, recording: Any, calibration: Any) -> Any:
@@ -321,20 +251,11 @@ def _as_calibrated(args: argparse.Namespace, recording: Any, calibration: Any) -
 
 
 def _named(args: argparse.Namespace) -> str:
-    """Return the models that the user named, or nothing."""
+    """Return the models that are compared with."""
+    rig = NOMINAL_RIG if args.rig == NOMINAL else args.rig
     return ' and '.join(filter(None, (
         args.simulator, args.mujoco, args.simulated, args.heldout_simulated, args.calibration,
-        args.rig)))
-
-
-def _name_it(args: argparse.Namespace) -> Any:
-    """Say what to do where a recording is unlike the rig that nobody named."""
-    from forcecal_ros.report.page import Step
-
-    return Step('Name the tool that was recorded (forcecal calibrate makes the file), and '
-                'diagnose again:', shlex.join((
-                    'forcecal', 'diagnose', args.bag, '--calibration', 'calibration.yaml',
-                    *read_likewise(args), '-o', args.output)))
+        rig))) or NOMINAL_RIG
 
 
 def _source(args: argparse.Namespace, recording: Any) -> dict[str, str]:
@@ -347,12 +268,11 @@ def _source(args: argparse.Namespace, recording: Any) -> dict[str, str]:
             'created': datetime.now(timezone.utc).isoformat(timespec='seconds')}
 
 
-def _written(args: argparse.Namespace, given: tuple[Any, ...], outcome: Any, rig: Any,
-             of_channels: dict[str, str], document: dict[str, Any], files: dict[str, str]
-             ) -> Answer:
+def _written(args: argparse.Namespace, recordings: list[Any], found: Any, rig: Any) -> Answer:
     """Write what was found, a report of it, and other files."""
     import json
 
+    from forcecal_ros.diagnose.dataset import units
     from forcecal_ros.diagnose.plan import advice
     from forcecal_ros.report.diagnosis import (
         headline,
@@ -363,27 +283,23 @@ def _written(args: argparse.Namespace, given: tuple[Any, ...], outcome: Any, rig
     )
     from forcecal_ros.report.page import origin
 
-    diagnosis, folder = outcome.diagnosis, args.output
-    recordings, named = [one for one in given if one is not None], _named(args)
-    assumed = () if named else (ASSUMED,)
-    document['notes'] = [*assumed, *document['notes']]
+    diagnosis, folder, document = found.diagnosis, args.output, found.document()
     document['source'] = _source(args, recordings[0])
-    view = (view_of(outcome, advice(diagnosis, rig), of_channels) if outcome.datasets
-            else view_without_signals(diagnosis))
-    step = (_name_it(args) if assumed and diagnosis.verdict in UNLIKE
-            else next_step(diagnosis, args.bag, folder, tuple(files), view.advice,
-                            read_likewise(args)))
+    view = (view_of(found.outcome, advice(diagnosis, rig), units(found.unit))
+            if found.outcome.datasets else view_without_signals(diagnosis))
+    step = next_step(diagnosis, args.bag, folder, tuple(found.files), view.advice,
+                     read_likewise(args))
     write_results(folder, {
         'diagnosis.json': json.dumps(document, indent=2, allow_nan=False) + '\n',
         'report.html': render(
-            view, [*origin(recordings), f'compared with {named or NOMINAL}'], step),
-        **files}, FILES)
+            view, [*origin(recordings), f'compared with {_named(args)}'], step),
+        **found.files}, FILES)
     verdict = f'{diagnosis.verdict}: {diagnosis.reason}'
-    said = headline(diagnosis)
-    text = '\n'.join((verdict, *((said,) if diagnosis.effects else ()),
-                      f'next: {step.words} {step.command}'.rstrip(), f'written to {folder}'))
-    return Answer(document, text, verdict,
-                  (*assumed, *recordings[0].notes, *diagnosis.notes),
+    first = headline(diagnosis)
+    text = '\n'.join((verdict, *((first,) if diagnosis.effects else ()),
+                      f'next: {step.words} {step.command}'.rstrip(), f'written to {folder}',
+                      *found.actions))
+    return Answer(document, text, verdict, (*recordings[0].notes, *diagnosis.notes),
                   _status(args, diagnosis.verdict))
 
 

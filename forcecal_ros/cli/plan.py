@@ -217,7 +217,7 @@ def _calibration(args: argparse.Namespace) -> int:
     from forcecal_ros.io.calibration_file import load
     from forcecal_ros.motion.information import sensors_of
     from forcecal_ros.motion.optimal_design import criterion_of, design_calibration, Robot
-    from forcecal_ros.motion.plan_file import plan_document, plan_parameters, plan_text
+    from forcecal_ros.motion.plan_file import as_text, to_document, to_parameters
     from forcecal_ros.sim.rig.file import expected_sensors
 
     setup = _setup(args)
@@ -229,8 +229,8 @@ def _calibration(args: argparse.Namespace) -> int:
         design = design_calibration(robot, sensors, args.duration or 16.0,
                                     criterion_of(args.criterion or 'D'), setup.timing)
     if args.output:
-        write_text(args.output, plan_parameters(design, robot))
-    _say(args, plan_document(design), plan_text(design), design.duration)
+        write_text(args.output, to_parameters(design, robot))
+    _say(args, to_document(design), as_text(design), design.duration)
     return 0
 
 

@@ -9,19 +9,13 @@ from weakref import ref
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import Phase, Recording, TOUCHING
-from forcecal_ros.diagnose.recordings import (
-    convert_to_volts,
-    estimate_start,
-    recognise_accelerometer,
-    refuse_sparse_commands,
-)
-from forcecal_ros.effects import Effect, EFFECTS
+from forcecal_ros.effects import Effect
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.effects.signals import FORCES
-from forcecal_ros.sim.rig.replay import Replay
-from forcecal_ros.sim.signals import BLOCK, JOINTS, padded, RATE, Signals, Simulation
+from forcecal_ros.sim.signals import BLOCK, block_means, JOINTS, padded, RATE, Signals, Simulation
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 STAGES = ('robot', 'tool', 'environment', 'wrench_sensor', 'accelerometer', 'pose', 'timing')
 """Stages along the chain from command to sensor; the clocks last."""
@@ -285,12 +279,6 @@ def _lagrange(x: Array) -> Array:
         -x * (x - 1.0) * (x - 3.0) / 2.0, x * (x - 1.0) * (x - 2.0) / 6.0], axis=1)
 
 
-MAX_WALL_SHIFT_M = EFFECTS['wall_position'].parameters[0].high
-"""Distance by which a wall may be nearer than in a rig's file: as an effect may shift it [m]."""
-
-CONTACT_MARGIN_BLOCKS = 25
-"""Blocks before and after contact that count as contact."""
-
 REST_AFTER_BLOCKS = 50
 """Blocks without motion before it counts as standstill."""
 
@@ -302,10 +290,6 @@ RANGE_QUANTILE, RANGE_SIGMA = 0.99, 3.0
 Share of a channel's readings that are below a limit of its range, give or take so many standard
 deviations of what neighbouring readings differ by: bursts that come after the limit are rarer.
 """
-
-MIN_COMMANDED_S = 5.0
-"""Length of a recording with commands, at least, that can be diagnosed [s]."""
-
 
 @dataclass(frozen=True)
 class Dataset:
@@ -352,6 +336,31 @@ class Dataset:
             found[phase.name] = found.get(phase.name, np.zeros(len(t), dtype=bool)) | rows
         return {name: rows for name, rows in found.items() if rows.any()}
 
+    def exclude_contact(self) -> bool:
+        """Leave out phases that touch something; return whether there are any."""
+        touching = [rows for phase, rows in self.phase_rows().items() if phase in TOUCHING]
+        for rows in touching:
+            self.measured.present[rows] = False
+        return bool(touching)
+
+
+def make_dataset(recording: Recording, compared: Recording, simulation: Simulation, rig: Rig,
+                 groups: NDArray[np.intp]) -> Dataset:
+    """
+    Join a recording and its simulation; all blocks are for training.
+
+    Parameters
+    ----------
+    compared : Recording
+        The streams of it that are compared.
+    groups : ndarray of int, shape (n_blocks,)
+        0 at rest, 1 in motion, 2 in contact.
+    """
+    start, n = simulation.start, simulation.n_blocks
+    return Dataset(recording, simulation, MeasuredBlocks(compared, start, n), rig, groups,
+                   recording.phases or infer_phases(groups, start), np.ones(n, dtype=bool),
+                   np.zeros(n, dtype=bool))
+
 
 def possible_effects(datasets: Sequence[Dataset]) -> Mapping[str, Effect]:
     """
@@ -393,55 +402,6 @@ def _range_reached(values: Array) -> Array:
     return np.asarray(np.quantile(np.abs(values), RANGE_QUANTILE, axis=0) - RANGE_SIGMA * noise)
 
 
-def exclude_contact(dataset: Dataset, rig: Rig) -> bool:
-    """Leave out phases that touch what a rig has no wall for; say whether there are any."""
-    signals = dataset.nominal
-    tip = signals.position + signals.R_base_sensor @ np.array(rig.tool.tip)
-    if tip[:, 0].max() + MAX_WALL_SHIFT_M > rig.wall.position:
-        return False
-    touching = [rows for phase, rows in dataset.phase_rows().items() if phase in TOUCHING]
-    for rows in touching:
-        dataset.measured.present[rows] = False
-    return bool(touching)
-
-
-def prepare_commanded(recording: Recording, rig: Rig, accelerometer: str | None = None) -> Dataset:
-    """
-    Make one recording ready; all of its blocks are for training.
-
-    Parameters
-    ----------
-    accelerometer : str, optional
-        ``acc1`` or ``acc2``; recognised by its volts where none is given.
-
-    Raises
-    ------
-    DataError
-        Commands or wrench are missing, most commands are, or they overlap for too short a time.
-    """
-    name = accelerometer or recognise_accelerometer(recording, rig)
-    refuse_sparse_commands(recording, rig, name)
-    start = estimate_start(recording, rig, name)
-    assert recording.target is not None
-    sensed = [s.t for s in (recording.wrench, recording.accelerometer, recording.optidrive)
-              if s is not None and len(s)]
-    if not sensed:
-        raise DataError('the recording holds neither wrench nor accelerometer nor displacement; '
-                        'record at least the wrench')
-    end = min(max(float(t[-1]) for t in sensed), float(recording.target.t[-1]) + BLOCK)
-    if end - max(start, min(float(t[0]) for t in sensed)) < MIN_COMMANDED_S:
-        raise DataError(f'commands and sensors overlap for {max(0.0, end - start):.1f} s; at '
-                        f'least {MIN_COMMANDED_S:g} s are needed: record a longer sequence')
-    replay = Replay(rig, recording.target, start, end, name)
-    nominal = replay.signals(rig)
-    n = replay.n_blocks
-    measured = MeasuredBlocks(convert_to_volts(replace(recording, joints=None), rig, name), start, n)
-    groups = _groups_of_commanded(nominal, n)
-    phases = recording.phases or infer_phases(groups, start)
-    return Dataset(recording, replay, measured, rig, groups, phases,
-                   np.ones(n, dtype=bool), np.zeros(n, dtype=bool))
-
-
 def split_by_recording(train: Dataset, held: Dataset) -> tuple[Dataset, Dataset]:
     """Fit on all of one recording, judge on all of another."""
     return train, replace(held, train=held.held, held=held.train)
@@ -468,27 +428,61 @@ def split_by_phase(dataset: Dataset) -> Dataset:
     return replace(dataset, train=~held, held=held)
 
 
-def _groups_of_commanded(signals: Signals, n: int) -> NDArray[np.intp]:
-    touching = np.abs(signals.contact[:, :3]).max(axis=1).reshape(n, -1).max(axis=1) > 0.0
-    rate = np.abs(signals.velocity).max(axis=1) + np.abs(signals.omega).max(axis=1) \
-        + np.abs(signals.speed)
-    moving = rate.reshape(n, -1).max(axis=1) > 1e-4
-    groups = np.zeros(n, dtype=np.intp)
-    groups[_spread(moving, REST_AFTER_BLOCKS)] = 1
-    groups[_spread(touching, CONTACT_MARGIN_BLOCKS)] = 2
-    return groups
-
-
-def _spread(flag: NDArray[np.bool_], blocks: int) -> NDArray[np.bool_]:
-    """Spread each true value over the blocks that follow it, and a few before."""
-    count = np.convolve(flag, np.ones(blocks + 1))[:len(flag)] > 0.5
-    before = np.convolve(flag[::-1], np.ones(6))[:len(flag)][::-1] > 0.5
-    return np.asarray(count | before)
-
-
 def infer_phases(groups: NDArray[np.intp], start: float) -> tuple[Phase, ...]:
     """Name the phases of a recording that does not say them, by its kinds of motion."""
     words = ('measure', 'move', 'contact')
     edges = [0, *(np.flatnonzero(np.diff(groups)) + 1), len(groups)]
     return tuple(Phase(words[groups[i]], start + BLOCK * i, start + BLOCK * j)
                  for i, j in pairwise(edges))
+
+
+MIN_MOTION_S = 3.0
+"""Length of a recording without commands, at least, that can be diagnosed [s]."""
+
+EDGE_S = 0.03
+"""Time left out at both ends, so that one sensor may be so late behind another [s]."""
+
+MIN_SPEEDS = (0.005, 0.002)
+"""Angular speed [rad/s] and speed [m/s] from which the robot moves: noisy poses show less."""
+
+
+def require_wrench_and_pose(recording: Recording, otherwise: str) -> None:
+    """Refuse a recording without them in some words."""
+    wrench, pose = recording.wrench, recording.pose
+    if wrench is None or pose is None or len(wrench) < 100 or len(pose) < 20:
+        raise DataError(otherwise)
+
+
+def span(*recordings: Recording) -> tuple[float, int]:
+    """Return when all streams are there, and how many blocks they last."""
+    streams = [s.t for r in recordings for s in (r.wrench, r.pose, r.accelerometer)
+               if s is not None]
+    first = max(float(t[0]) for t in streams) + EDGE_S
+    last = min(float(t[-1]) for t in streams) - EDGE_S
+    if last - first < MIN_MOTION_S:
+        raise DataError(f'wrench and motion overlap for {max(0.0, last - first):.1f} s; at '
+                        f'least {MIN_MOTION_S:g} s are needed: record a longer motion')
+    return first, int((last - first) / BLOCK)
+
+
+def moves(datasets: Sequence[Dataset]) -> bool:
+    """Return whether the robot moves in each recording."""
+    return all((c.groups == 1).any() for c in datasets)
+
+
+def split_datasets(datasets: Sequence[Dataset]) -> tuple[Dataset, ...]:
+    """Judge on the second recording or, of one, on every other second."""
+    if len(datasets) > 1:
+        return split_by_recording(*datasets)
+    one, = datasets
+    held = np.floor(one.times - one.measured.start).astype(int) % 2 == 1
+    return (replace(one, train=~held, held=held),)
+
+
+def motion_groups(signals: Signals) -> NDArray[np.intp]:
+    """Sort blocks into rest (0) and motion or near it (1), by means: a pose is noisy."""
+    means = [uniform_filter1d(block_means(rows), REST_AFTER_BLOCKS // 2, axis=0, mode='nearest')
+             for rows in (signals.omega, signals.velocity)]
+    speed = np.maximum(*(np.linalg.norm(m, axis=1) / s for m, s in zip(means, MIN_SPEEDS)))
+    near = maximum_filter1d((speed > 1.0).astype(float), 2 * REST_AFTER_BLOCKS + 1)
+    return np.asarray(near, dtype=np.intp)

@@ -40,8 +40,8 @@ class Difference(NamedTuple):
     rms : float
         Of the difference [m] or [rad].
     delay, delay_std : float
-        By how much the robot is later [s]; NaN where the two motions were laid on each other for
-        want of commands, or do not tell it.
+        By how much the robot is later [s]; NaN where the two motions were aligned with each other for
+        want of commands, or do not identify it.
     unexplained : float
         RMS without that delay, and without a fixed offset [m] or [rad].
     """
@@ -56,6 +56,13 @@ class Difference(NamedTuple):
         numbers = {'rms': self.rms, 'delay': self.delay, 'delay_std': self.delay_std,
                    'left': self.unexplained}
         return {k: v if np.isfinite(v) else None for k, v in numbers.items()}
+
+    def delay_words(self, unit: str) -> str:
+        """Return the delay, and what it leaves in thousandths, behind a sentence."""
+        if not np.isfinite(self.delay):
+            return ''
+        return (f'; the robot is {1e3 * self.delay:.1f} +- {1e3 * self.delay_std:.1f} ms later, '
+                f'which leaves {1e3 * self.unexplained:.2g} {unit}')
 
 
 class Tracking(NamedTuple):

@@ -9,10 +9,11 @@ from forcecal_ros.core.errors import DataError, ForcecalError, MotionError
 from forcecal_ros.core.geometry import Array, rotation_about
 from forcecal_ros.core.quantity import rounded, scaled
 from forcecal_ros.core.streams import Phase, PoseStream, Recording
-from forcecal_ros.diagnose.dataset import prepare_commanded, split_by_phase
+from forcecal_ros.diagnose.dataset import split_by_phase
 from forcecal_ros.diagnose.model.hypotheses import hypotheses, Hypothesis
 from forcecal_ros.diagnose.model.linearised import linearised_model, LinearisedModel
 from forcecal_ros.diagnose.result import Diagnosis
+from forcecal_ros.diagnose.sources.rig import prepare_commanded
 from forcecal_ros.effects import applicable, EFFECTS, with_effects
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.motion.limits import check_move, Limits, pace_within, share_allowed

@@ -51,6 +51,8 @@ class Diagnosis:
         Part of each stream's samples that counts.
     ties : tuple of Tie
         What no motion tells from effects accepted; notes say so in ``diagnosis.json``.
+    not_compared : tuple of str
+        What of the recordings was left out.
     """
 
     verdict: str
@@ -64,6 +66,7 @@ class Diagnosis:
     remainder: dict[str, float] | None = None
     used: dict[str, float] | None = None
     ties: tuple[Tie, ...] = ()
+    not_compared: tuple[str, ...] = ()
 
 
 NO_MOTION = Diagnosis('not_excited',

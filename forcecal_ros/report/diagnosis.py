@@ -323,6 +323,9 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str], advice:
     if d.verdict == 'no_gap' and (held := _held(d)):
         return Step(f'Look at {held}: this recording is explained only with so much of it as its '
                     'tolerance allows. State by --priors how far it may be off.')
+    if d.verdict == 'no_gap' and d.not_compared:
+        return Step('Nothing has to be changed in what was compared. Not compared: '
+                    f'{" and ".join(d.not_compared)}.')
     return {
         'no_gap': Step('Nothing has to be changed.'),
         'unknown': Step('Record the same motion again: what comes again belongs to the rig or '

@@ -11,14 +11,14 @@ from forcecal_ros.core.calibration import Calibration, Estimate
 from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.geometry import Array, rotation_vector
 from forcecal_ros.core.streams import PoseStream, Recording
-from forcecal_ros.diagnose.inputs.motion_dataset import span
-from forcecal_ros.diagnose.inputs.simulated_tool import DRAWN, LIGHTEST, tool_along, with_moments
+from forcecal_ros.diagnose.dataset import span
 from forcecal_ros.diagnose.recordings import (
     angle_from_gravity,
     IMU_GAIN,
     IMU_OFFSET,
     MAX_GRAVITY_ANGLE,
 )
+from forcecal_ros.diagnose.sources.simulated_tool import DRAWN, LIGHTEST, tool_along, with_moments
 from forcecal_ros.effects.nuisances import possible, rows_of
 from forcecal_ros.effects.rig import (
     Accelerometer,

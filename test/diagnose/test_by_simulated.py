@@ -8,12 +8,11 @@ import re
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import rotation_about
-from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair, UNTESTED
 from forcecal_ros.diagnose.dataset import limit_to_load
-from forcecal_ros.diagnose.inputs.motion_dataset import prepare_simulated
-from forcecal_ros.diagnose.inputs.simulated_tool import simulated_tool
 from forcecal_ros.diagnose.localise import compare_motions
 from forcecal_ros.diagnose.recordings import align, keep_comparable_imus, shift_times
+from forcecal_ros.diagnose.sources.pair import PairSource, prepare_pair, UNTESTED
+from forcecal_ros.diagnose.sources.simulated_tool import simulated_tool
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.io.bags import write_recording
 from forcecal_ros.sim.poses import in_base_of, merged
@@ -31,23 +30,23 @@ PAGE = Path(__file__).resolve().parents[2] / 'docs/simulator.md'
 
 @pytest.fixture(scope='module')
 def clean():
-    return diagnose_simulated(Pair(real({}), simulated()), None, TOLERANCES)
+    return PairSource(TOLERANCES, simulated()).diagnose(real({}))
 
 
 def test_a_sound_robot_that_moves_a_little_otherwise_has_no_gap(clean):
-    assert clean.outcome.diagnosis.verdict == 'no_gap'
-    assert not clean.outcome.diagnosis.effects
-    assert UNTESTED in clean.outcome.diagnosis.notes
-    assert clean.outcome.diagnosis.reason.endswith('mrad (RMS) from the simulated')
+    assert clean.diagnosis.verdict == 'no_gap'
+    assert not clean.diagnosis.effects
+    assert UNTESTED in clean.diagnosis.notes
+    assert clean.diagnosis.reason.endswith('mrad (RMS) from the simulated')
 
 
 def test_the_tool_is_that_of_the_simulator_and_its_unknown_zero_is_told(clean):
-    tool = clean.tool.rigid_tool.tool
+    tool = clean.ready[0].tool.rigid_tool.tool
     assert tool.mass == pytest.approx(GRIPPER.mass, rel=1e-3)
     np.testing.assert_allclose(tool.com, GRIPPER.com, atol=1e-4)
-    assert any(note.startswith('zero of the wrench against the simulated: fx +4')
-               for note in clean.outcome.diagnosis.notes)
-    assert clean.outcome.diagnosis.gap.nominal < 0.2
+    assert any(note.startswith('bias of the wrench against the simulated: fx +4')
+               for note in clean.diagnosis.notes)
+    assert clean.diagnosis.gap.nominal < 0.2
 
 
 def test_a_hysteresis_is_sought_no_wider_than_the_load_that_was_there(clean):
@@ -58,7 +57,7 @@ def test_a_hysteresis_is_sought_no_wider_than_the_load_that_was_there(clean):
 
 
 def test_the_robots_delay_is_told_by_the_commands(clean):
-    found, = clean.tracking
+    found = clean.ready[0].tracking
     recording = simulate(RIG, commands(), seed=3)
     other, alignment = align(recording, simulated())
     assert alignment.by == 'target'
@@ -74,8 +73,8 @@ def test_the_robots_delay_is_told_by_the_commands(clean):
     pytest.param({'cable_force': {'x': 1.0, 'y': 0.5, 'z': 0.0, 'stiffness': 20.0}}, 'stiffness',
                  20.0, marks=pytest.mark.long)])
 def test_what_the_robot_has_beside_its_simulation_is_named_with_its_size(effect, name, value):
-    found = diagnose_simulated(Pair(real(effect), simulated()), None, TOLERANCES)
-    first, *others = found.outcome.diagnosis.effects
+    found = PairSource(TOLERANCES, simulated()).diagnose(real(effect))
+    first, *others = found.diagnosis.effects
     assert first.name in effect and not others
     assert abs(first.parameters[name].value - value) < max(3.0 * first.parameters[name].std,
                                                            0.05 * value)
@@ -95,8 +94,8 @@ def test_two_recordings_are_brought_to_one_clock_by_commands_and_else_by_poses()
 def test_the_zero_of_the_sensor_is_that_of_the_first_recording_in_the_second_too():
     first, second = ((real({}, seed, phase), shift_times(simulated(phase), -1000.0))
                      for seed, phase in ((3, 0.0), (4, 0.7)))
-    _, tool = prepare_simulated(*first, None, TOLERANCES)
-    case, _ = prepare_simulated(*second, tool, TOLERANCES)
+    _, tool = prepare_pair(*first, None, TOLERANCES)
+    case, _ = prepare_pair(*second, tool, TOLERANCES)
     left = case.measured.residual(case.nominal)[:, :6]
     assert np.abs(tool.zero).max() > 2.0
     assert np.abs(np.median(left, axis=0)).max() < 0.1
@@ -104,8 +103,8 @@ def test_the_zero_of_the_sensor_is_that_of_the_first_recording_in_the_second_too
 
 @pytest.mark.parametrize('bias', [0.0, 0.2])
 def test_imus_of_both_are_compared_in_motion(bias):
-    pair = Pair(with_imu(real({}), bias), simulated(imu=True))
-    d = diagnose_simulated(pair, None, TOLERANCES).outcome.diagnosis
+    robot, other = with_imu(real({}), bias), simulated(imu=True)
+    d = PairSource(TOLERANCES, other).diagnose(robot).diagnosis
     assert d.used['accelerometer'] > 0.9
     assert 'accelerometer' not in d.reason
     if not bias:
@@ -142,9 +141,9 @@ def with_wrench(recording, change):
     (lambda w, R: w - np.hstack([f := WEIGHT @ R, np.cross(GRIPPER.com, f)]),
      'the driver takes its weight off; let it leave the weight in')])
 def test_frame_sign_and_units_of_the_robots_wrench_are_asked_before_effects(change, said):
-    wrong = diagnose_simulated(Pair(with_wrench(real({}), change), simulated()), None, TOLERANCES)
-    assert wrong.outcome.diagnosis.verdict == 'invalid_data'
-    assert re.search(said, wrong.outcome.diagnosis.reason)
+    wrong = PairSource(TOLERANCES, simulated()).diagnose(with_wrench(real({}), change))
+    assert wrong.diagnosis.verdict == 'invalid_data'
+    assert re.search(said, wrong.diagnosis.reason)
 
 
 @pytest.mark.parametrize('change, said', [
@@ -152,9 +151,9 @@ def test_frame_sign_and_units_of_the_robots_wrench_are_asked_before_effects(chan
     (wrench_turned('z', 90.0), r'simulated wrench: its axes are turned by -(89|90)\S* .* about z'),
     (lambda w, R: w[:, [1, 0, 2, 4, 3, 5]], 'the simulated wrench: its axes are mirrored')])
 def test_frame_and_sign_of_the_simulated_wrench_are_asked_before_its_tool(change, said):
-    wrong = diagnose_simulated(Pair(real({}), with_wrench(simulated(), change)), None, TOLERANCES)
-    assert wrong.outcome.diagnosis.verdict == 'invalid_data'
-    assert re.search(said, wrong.outcome.diagnosis.reason)
+    wrong = PairSource(TOLERANCES, with_wrench(simulated(), change)).diagnose(real({}))
+    assert wrong.diagnosis.verdict == 'invalid_data'
+    assert re.search(said, wrong.diagnosis.reason)
 
 
 @pytest.mark.parametrize('effects', [
@@ -163,7 +162,7 @@ def test_frame_and_sign_of_the_simulated_wrench_are_asked_before_its_tool(change
     {'wrench_gain': {'fx': 0.15, 'fz': -0.15}}, {'wrench_crosstalk': {'fx_of_fz': 0.06}}])
 def test_effects_of_any_usual_size_are_no_other_frame(effects):
     for seed in range(3):
-        prepare_simulated(real(effects, seed), shift_times(simulated(), -1000.0), None, TOLERANCES)
+        prepare_pair(real(effects, seed), shift_times(simulated(), -1000.0), None, TOLERANCES)
 
 
 def test_where_the_simulated_tool_touches_something_nothing_is_compared():
@@ -174,13 +173,13 @@ def test_where_the_simulated_tool_touches_something_nothing_is_compared():
         return replace(recording, wrench=replace(
             wrench, values=wrench.values + np.outer(push, [0, 0, 1, 0, 0, 0])))
 
-    case, _ = prepare_simulated(pressed(real({}), 7e3), pressed(
+    case, _ = prepare_pair(pressed(real({}), 7e3), pressed(
         shift_times(simulated(), -1000.0), 1e4), None, TOLERANCES)
     left_out = case.times[~case.measured.present[:, 2]]
     assert 7.2 < left_out.min() < 7.6 and 8.4 < left_out.max() < 8.9
     free = case.measured.present[:, 2]
     assert np.abs(case.measured.residual(case.nominal)[free, 2]).max() < 1.0
-    quiet, _ = prepare_simulated(real({}), shift_times(simulated(), -1000.0), None, TOLERANCES)
+    quiet, _ = prepare_pair(real({}), shift_times(simulated(), -1000.0), None, TOLERANCES)
     assert quiet.measured.present[:, 2].all()
 
 

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 from forcecal_ros.core.streams import PoseStream, Stream
-from forcecal_ros.diagnose.by_commands import diagnose
 from forcecal_ros.diagnose.dataset import prepare_commanded, split_by_phase
 from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.model.hypotheses import Atom, Hypothesis, nominal_of
@@ -11,6 +10,7 @@ from forcecal_ros.diagnose.model.linearised import Diverged, linearised_model
 from forcecal_ros.diagnose.recordings import convert_to_volts, correct_clocks
 from forcecal_ros.diagnose.search.acceptance import refined_or_rejected
 from forcecal_ros.diagnose.search.model_comparison import ModelComparison
+from forcecal_ros.diagnose.sources.rig import RigSource
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.replay import Replay
@@ -48,7 +48,7 @@ def _commanded(every, effects=None):
 @pytest.mark.parametrize('every', [pytest.param(2, marks=pytest.mark.long), 5])
 def test_all_of_a_recording_counts_whatever_the_period_of_the_commands(every):
     rig, recording = _commanded(every)
-    diagnosis = diagnose(recording, None, rig).diagnosis
+    diagnosis = RigSource(rig).diagnose(recording).diagnosis
     assert diagnosis.verdict == 'no_gap', diagnosis.reason
     # the last period may end within a block
     assert min(diagnosis.used.values()) > 0.99
@@ -67,7 +67,7 @@ def test_commands_of_1_ms_make_blocks_of_4_ms():
 @pytest.mark.parametrize('rate, parts', [
     pytest.param(125, FREE, id='125'), pytest.param(20, MOTION, id='20', marks=pytest.mark.long)])
 def test_slow_sensors_are_looked_at(rate, parts):
-    diagnosis = diagnose(_slower(own_recording(20, parts), rate), None, load_rig()).diagnosis
+    diagnosis = RigSource(load_rig()).diagnose(_slower(own_recording(20, parts), rate)).diagnosis
     assert diagnosis.verdict == 'no_gap', diagnosis.reason
     assert min(diagnosis.used.values()) > 0.99
     assert 'not looked at' not in diagnosis.reason
@@ -79,17 +79,17 @@ def test_a_mass_is_seen_by_a_wrench_at_100_hz():
     target = PoseStream(PERIOD * np.arange(len(positions)), positions, rotations)
     recording = replace(simulate(with_effects(load_rig(), {'tool_mass': {'change': 0.1}}), target,
                                  seed=21), phases=phases)
-    diagnosis = diagnose(_slower(recording, 100, ('wrench',)), None, load_rig()).diagnosis
+    diagnosis = RigSource(load_rig()).diagnose(_slower(recording, 100, ('wrench',))).diagnosis
     effect, = diagnosis.effects
     assert effect.name == 'tool_mass'
     assert effect.parameters['change'].value == pytest.approx(0.1, abs=0.01)
 
 
 def test_sensors_that_are_too_slow_are_named():
-    slow = diagnose(_slower(own_recording(20, FREE), 10), None, load_rig()).diagnosis
+    slow = RigSource(load_rig()).diagnose(_slower(own_recording(20, FREE), 10)).diagnosis
     assert slow.verdict == 'invalid_data'
     assert 'too few samples' in slow.reason and 'wrench 93' in slow.reason
-    one = diagnose(_slower(own_recording(20, FREE), 10, ('wrench',)), None, load_rig()).diagnosis
+    one = RigSource(load_rig()).diagnose(_slower(own_recording(20, FREE), 10, ('wrench',))).diagnosis
     assert 'not looked at: wrench (94 samples' in one.reason
     assert 'explains the recording down to its noise' not in one.reason
     assert one.used['wrench'] == 0.0 and one.used['pose'] > 0.99
@@ -102,7 +102,7 @@ def test_commands_of_which_most_are_missing_are_refused_and_seldom_ones_are_not(
     seldom, rig = every.rows(slice(None, None, 12)), load_rig()
     led, held = (_slower(replace(simulate(rig, told, seed=23), phases=phases, target=seldom), 20)
                  for told in (every, seldom))
-    refused = diagnose(led, None, rig).diagnosis
+    refused = RigSource(rig).diagnose(led).diagnosis
     assert refused.verdict == 'invalid_data'
     assert 'recorded every 48 ms, the rig takes one every 4 ms' in refused.reason
     assert 'give --calibration' in refused.reason
@@ -138,7 +138,7 @@ def test_an_offset_that_the_rig_knows_is_no_bias_of_a_sensor_in_m_s2():
     volts = convert_to_volts(converted, rig, 'acc1').accelerometer
     np.testing.assert_allclose(volts.values, force.values * model.gain + model.offset)
     np.testing.assert_allclose(convert_to_volts(held, rig, 'acc1').accelerometer.values, volts.values)
-    assert diagnose(held, None, rig).diagnosis.verdict == 'no_gap'
+    assert RigSource(rig).diagnose(held).diagnosis.verdict == 'no_gap'
 
 
 def test_a_hypothesis_whose_simulation_diverges_is_rejected():

@@ -9,10 +9,10 @@ import re
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.geometry import matrix_from_quaternion, rotation_from_vector
-from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair
-from forcecal_ros.diagnose.by_simulator import diagnose_rerun, inputs_of
-from forcecal_ros.diagnose.inputs.motion_dataset import span
-from forcecal_ros.diagnose.inputs.simulated_tool import refuse_other_wrench, simulated_tool
+from forcecal_ros.diagnose.dataset import span
+from forcecal_ros.diagnose.sources.pair import PairSource
+from forcecal_ros.diagnose.sources.simulated_tool import refuse_other_wrench, simulated_tool
+from forcecal_ros.diagnose.sources.simulator import inputs_of, SimulatorSource
 from forcecal_ros.io.bags import write_recording
 from forcecal_ros.sim.mujoco import load_mujoco
 from forcecal_ros.sim.protocol import Inputs
@@ -515,11 +515,11 @@ def test_a_payload_is_named_and_no_other_effect_whatever_the_steps_of_model_and_
             wrench=replace(made.wrench, values=made.wrench.values + noise),
             pose=replace(made.pose, position=made.pose.position + place,
                          R_base_sensor=made.pose.R_base_sensor @ rotation_from_vector(turn)))
-        found[name] = diagnose_rerun(recording, None, simulator, rig)
-    assert found['none'].outcome.diagnosis.verdict == 'no_gap'
-    changed, = found['payload'].changed
-    assert changed.name == 'body_mass[gripper]'
-    assert changed.after == pytest.approx(1.62, abs=4.0 * changed.std)
+        found[name] = SimulatorSource(simulator, rig).diagnose(recording)
+    assert found['none'].diagnosis.verdict == 'no_gap'
+    changed, = found['payload'].details['parameters']
+    assert changed['name'] == 'body_mass[gripper]'
+    assert changed['after'] == pytest.approx(1.62, abs=4.0 * changed['std'])
 
 
 @pytest.fixture(scope='module')
@@ -561,7 +561,7 @@ def test_frame_axes_sign_and_units_of_the_robots_wrench_are_asked_before_effects
         sample, fault, said):
     arm, real = sample
     wrong = spoilt(real, fault)
-    found = diagnose_rerun(wrong, None, arm, load_rig('rigid_tool.yaml')).outcome.diagnosis
+    found = SimulatorSource(arm, load_rig('rigid_tool.yaml')).diagnose(wrong).diagnosis
     assert found.verdict == 'invalid_data'
     assert said in found.reason
     assert 'at rest' not in found.reason
@@ -572,10 +572,10 @@ def test_frame_axes_sign_and_units_of_the_robots_wrench_are_asked_before_effects
 def test_of_two_recordings_they_are_asked_in_the_same_way(sample, fault, said):
     arm, real = sample
     made = arm.run(inputs_of(real), arm.nominal)
-    found = diagnose_simulated(Pair(spoilt(real, fault), made), None, load_rig('rigid_tool.yaml'))
-    assert found.outcome.diagnosis.verdict == 'invalid_data'
-    assert said in found.outcome.diagnosis.reason
-    assert 'at rest' not in found.outcome.diagnosis.reason
+    found = PairSource(load_rig('rigid_tool.yaml'), made).diagnose(spoilt(real, fault))
+    assert found.diagnosis.verdict == 'invalid_data'
+    assert said in found.diagnosis.reason
+    assert 'at rest' not in found.diagnosis.reason
 
 
 @pytest.mark.parametrize('factors, change', [
@@ -619,8 +619,8 @@ def test_more_friction_looks_like_play_and_nothing_else_does(model):
 def test_play_is_not_called_friction_nor_friction_play(model, name, value):
     arm = third_party('arm', load_mujoco(model()))
     real = measured(model(), 16.0, {name: value})
-    found = diagnose_rerun(real, None, arm, load_rig('rigid_tool.yaml'))
-    effect, = found.outcome.diagnosis.effects
+    found = SimulatorSource(arm, load_rig('rigid_tool.yaml')).diagnose(real)
+    effect, = found.diagnosis.effects
     assert effect.name == name
     assert effect.parameters['value'].value == pytest.approx(value, rel=0.1)
-    assert [one.name for one in found.changed] == [name] * (name != 'backlash[lift]')
+    assert [one['name'] for one in found.details['parameters']] == [name] * (name != 'backlash[lift]')

@@ -9,13 +9,14 @@ from types import SimpleNamespace
 
 from forcecal_ros.core.geometry import skew
 from forcecal_ros.core.streams import PoseStream
-from forcecal_ros.diagnose.inputs.motion_dataset import held_out, prepare_motion
+from forcecal_ros.diagnose.dataset import split_datasets
 from forcecal_ros.diagnose.judge.named_effects import Parameter
 from forcecal_ros.diagnose.judge.probabilities import probabilities, Slot
 from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
 from forcecal_ros.diagnose.judge.ties import FORMS, lag, ties_of, TOLD_BY, untold
 from forcecal_ros.diagnose.model.linearised import linearised_model
 from forcecal_ros.diagnose.plan import advice
+from forcecal_ros.diagnose.sources.tool import prepare_motion
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.effects.signals import Delay, Filter, FORCES
 from forcecal_ros.sim.rig.file import load_rig
@@ -61,7 +62,7 @@ def models():
             if not accelerometer:
                 recording = replace(recording, accelerometer=None)
             rig = rigid_tool_of_rig(RIG)
-            kept[key] = linearised_model(rig, held_out([prepare_motion(recording, rig)]))
+            kept[key] = linearised_model(rig, split_datasets([prepare_motion(recording, rig)]))
         return kept[key]
     return model
 

@@ -5,12 +5,12 @@ import json
 from types import SimpleNamespace
 
 from forcecal_ros.core.streams import PoseStream
-from forcecal_ros.diagnose.by_commands import diagnose
 from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
 from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.result import Diagnosis, load_diagnosis, to_document
 from forcecal_ros.diagnose.search.onsets import _to_a_sample
+from forcecal_ros.diagnose.sources.rig import RigSource
 from forcecal_ros.effects import with_effects
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import simulate
@@ -43,7 +43,7 @@ def _switched(effects, at, ends, seed):
     pytest.param({'wrench_crosstalk': {'fx_of_fz': 0.05}}, False, 5.0, marks=pytest.mark.long)])
 def test_an_effect_of_half_a_recording_is_named_with_its_instant(effects, ends, at):
     (name, values), = effects.items()
-    diagnosis = diagnose(_switched(effects, at, ends, 31), None, load_rig()).diagnosis
+    diagnosis = RigSource(load_rig()).diagnose(_switched(effects, at, ends, 31)).diagnosis
     assert diagnosis.verdict in ('identified', 'ambiguous')
     effect, = (e for e in to_document(diagnosis, UNITS, None)['effects'] if e['name'] == name)
     word, other = ('to', 'from') if ends else ('from', 'to')
