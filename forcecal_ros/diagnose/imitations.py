@@ -19,9 +19,8 @@ from forcecal_ros.diagnose.model.jacobian import combined
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.verdict import percent
 from forcecal_ros.sim.protocol import Imitation
-from forcecal_ros.sim.rerun import Rerun
+from forcecal_ros.sim.rerun import Rerun, SimulatedRobot
 from forcecal_ros.sim.runs import Numbers
-from forcecal_ros.sim.simulated_robot import SimulatedRobot
 from forcecal_ros.sim.third_party import ThirdParty
 import numpy as np
 

@@ -11,7 +11,7 @@ from forcecal_ros.diagnose.dataset import Blocks, CHANNELS, Dataset, STREAM_SLIC
 from forcecal_ros.diagnose.model.compact import Compact, stacked
 from forcecal_ros.diagnose.model.jacobian import Column
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
-from forcecal_ros.sim.poses import pose_at
+from forcecal_ros.sim.measured_motion import pose_at
 from forcecal_ros.sim.signals import BLOCK, block_means, Signals
 import numpy as np
 from numpy.typing import NDArray

@@ -18,7 +18,7 @@ from forcecal_ros.diagnose.recordings import grid_shift
 from forcecal_ros.effects.rig import Axis, Directions, Rig, Servo
 from forcecal_ros.impedance.plant.output_error import delayed, OutputError, with_covariance
 from forcecal_ros.impedance.plant.robot_fit import Candidate, judged
-from forcecal_ros.sim.poses import pose_at
+from forcecal_ros.sim.measured_motion import pose_at
 from forcecal_ros.sim.rig.plant import Plant
 from forcecal_ros.sim.rig.robot import Motion
 from forcecal_ros.sim.rig.simulator import held_commands

@@ -15,7 +15,7 @@ from forcecal_ros.diagnose.sources.pair import PairSource, prepare_pair, UNTESTE
 from forcecal_ros.diagnose.sources.simulated_tool import simulated_tool
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.io.bags import write_recording
-from forcecal_ros.sim.poses import in_base_of, merged
+from forcecal_ros.sim.measured_motion import express_in_base, merge_poses
 from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 from own_arm import commands, GRIPPER, LATE, real, RIG, simulated, TOLERANCES, with_imu
@@ -220,14 +220,14 @@ def turned(pose, base=(0.0, 0.0, 0.0), sensor=(0.0, 0.0, 0.0)):
 
 def test_a_base_turned_about_the_vertical_is_brought_back_and_other_frames_are_refused():
     measured, made = real({}).pose, shift_times(simulated(), -1000.0).pose
-    assert in_base_of(measured, made) is made
-    back = in_base_of(measured, turned(made, base=(0.0, 0.0, 2.0)))
+    assert express_in_base(measured, made) is made
+    back = express_in_base(measured, turned(made, base=(0.0, 0.0, 2.0)))
     # as far as the robot is from its simulation on the mean
     assert np.abs(back.R_base_sensor - made.R_base_sensor).max() < 0.03
     for how, why in (({'sensor': (0.0, 0.0, np.pi / 2)}, 'turned by 90 deg to each other in the'),
                      ({'base': (1.0, 0.0, 0.0)}, 'bases are turned by 57 deg')):
         with pytest.raises(DataError, match=why):
-            in_base_of(measured, turned(made, **how))
+            express_in_base(measured, turned(made, **how))
 
 
 def thinned(pose, every):
@@ -242,7 +242,7 @@ def test_a_merged_motion_has_less_noise_than_the_measured_and_none_of_the_simula
     sound = replace(RIG, pose_sensor=replace(
         RIG.pose_sensor, position_noise=1e-9, orientation_noise=1e-9))
     quiet = simulate(with_effects(sound, LATE), commands(), seed=3).pose
-    both = merged(noisy, made)
+    both = merge_poses(noisy, made)
     truth = CubicSpline(quiet.t, quiet.position)(both.t)
     error = (both.position - truth)[250:-250]
     assert np.sqrt(np.mean(error ** 2)) < 2e-5

@@ -24,9 +24,8 @@ from forcecal_ros.diagnose.sources.simulator import SimulatorSource
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.io.bags import read_recording, write_recording
 from forcecal_ros.sim.protocol import Inputs, Parameter
-from forcecal_ros.sim.run_limit import refuse_too_many, runs_short
-from forcecal_ros.sim.runs import Runs
-from forcecal_ros.sim.simulated_robot import addable, library_of
+from forcecal_ros.sim.rerun import is_addable, library_of
+from forcecal_ros.sim.runs import refuse_too_many, Runs, runs_short
 from forcecal_ros.sim.third_party import load_simulator, third_party
 import numpy as np
 from own_arm import commands, SECONDS, TOLERANCES
@@ -100,10 +99,10 @@ def test_units_and_sign_of_the_robots_wrench_are_asked_before_effects(robot, fac
 def test_what_checks_of_the_data_may_find_is_known_beside_any_simulator():
     library = library_of((Parameter('payload', 1.2, 0.02, stands_for=('tool_mass',)),))
     assert set(EFFECTS) - set(library) == {'tool_mass'}
-    added = {name for name, effect in library.items() if addable(effect, accelerated=False)}
+    added = {name for name, effect in library.items() if is_addable(effect, accelerated=False)}
     assert {'payload', 'robot_delay', 'tool_com', 'wrench_gain'} <= added
     assert added.isdisjoint({'accel_saturation', 'clock_skew', 'tool_friction'})
-    assert addable(library['accel_saturation'], accelerated=True)
+    assert is_addable(library['accel_saturation'], accelerated=True)
 
 
 def test_between_runs_its_streams_are_those_of_a_line(robot):

@@ -16,10 +16,10 @@ from forcecal_ros.diagnose.sources.simulator import inputs_of, SimulatorSource
 from forcecal_ros.io.bags import write_recording
 from forcecal_ros.sim.mujoco import load_mujoco
 from forcecal_ros.sim.protocol import Inputs
+from forcecal_ros.sim.rerun import INTEGRATION_BEND, INTEGRATION_STEP, library_of, nuisances_of
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.runs import Runs
 from forcecal_ros.sim.samples import recorded
-from forcecal_ros.sim.simulated_robot import BEND, library_of, nuisances_of, STEP
 from forcecal_ros.sim.third_party import third_party, with_priors
 import numpy as np
 import pytest
@@ -469,9 +469,9 @@ def test_a_step_of_integration_is_a_nuisance_and_no_effect(model):
     n = len(half.wrench)
     np.testing.assert_allclose(moved.wrench.values[:n], half.wrench.values, atol=1e-9)
     assert runs.integrated(simulator.nominal, 0.0) is here
-    assert STEP in {one.name for one in nuisances_of(simulator.parameters, finer=True)}
-    assert STEP not in library_of(simulator.parameters)
-    assert STEP not in {one.name for one in nuisances_of(simulator.parameters)}
+    assert INTEGRATION_STEP in {one.name for one in nuisances_of(simulator.parameters, finer=True)}
+    assert INTEGRATION_STEP not in library_of(simulator.parameters)
+    assert INTEGRATION_STEP not in {one.name for one in nuisances_of(simulator.parameters)}
 
 
 def test_what_is_no_straight_line_in_a_coarse_step_is_told_by_a_quarter_of_it(model):
@@ -485,7 +485,7 @@ def test_what_is_no_straight_line_in_a_coarse_step_is_told_by_a_quarter_of_it(mo
     runs = Runs(arm, inputs, arm.run(inputs, arm.nominal).pose)
     runs.try_all(arm.nominal)
     assert runs.is_coarse
-    assert BEND in {one.name for one in nuisances_of(arm.parameters, finer=True, finest=True)}
+    assert INTEGRATION_BEND in {one.name for one in nuisances_of(arm.parameters, finer=True, finest=True)}
     quarter = arm.run_finest(inputs, arm.nominal)
     n = len(quarter.wrench)
     line, both = (runs.integrated(arm.nominal, 1.5, x).wrench.values[:n] for x in (0.0, 1.0))

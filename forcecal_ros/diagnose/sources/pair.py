@@ -26,8 +26,7 @@ from forcecal_ros.diagnose.sources.source import Ready, recalibration_notes, Sou
 from forcecal_ros.diagnose.sources.tool import motion_dataset
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.effects.signals import FORCES
-from forcecal_ros.sim.measured_motion import RecordedSimulation
-from forcecal_ros.sim.poses import in_base_of
+from forcecal_ros.sim.measured_motion import express_in_base, RecordedSimulation
 from forcecal_ros.sim.rigid_tool import beyond
 from forcecal_ros.sim.signals import BLOCK
 import numpy as np
@@ -136,7 +135,7 @@ def _prepare(real: Recording, simulated: Recording, tool: SimulatedTool | None, 
     compared, (made, alignment), note = stamps.recording, align(stamps.recording, made), ''
     measured = compared.pose
     if measured is not None and made.pose is not None:
-        made = replace(made, pose=in_base_of(measured, made.pose))
+        made = replace(made, pose=express_in_base(measured, made.pose))
         compared, made, note = keep_comparable_imus(compared, made)
     dataset, tool = prepare_pair(compared, made, tool, rig)
     assert measured is not None

@@ -31,7 +31,7 @@ from forcecal_ros.diagnose.sources.source import Ready, Source
 from forcecal_ros.diagnose.sources.tool import ToolSource
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.sim.poses import merged
+from forcecal_ros.sim.measured_motion import merge_poses
 from forcecal_ros.sim.rig.file import dump_rig
 from forcecal_ros.sim.rig.replay import Replay
 from forcecal_ros.sim.rigid_tool import rigid_tool_of_rig
@@ -222,7 +222,7 @@ class TrackedRigSource(ToolSource):
         signals = Replay(rig, target, start, end, name).signals(rig)
         t = start + (1.0 + np.arange(float(len(signals.position)))) / RATE
         simulated = PoseStream(t, signals.position, signals.R_base_sensor, pose.frame)
-        return (replace(ready, pose=merged(pose, simulated)),
+        return (replace(ready, pose=merge_poses(pose, simulated)),
                 compare_motions(pose, simulated, True))
 
     def search(self, ready: Sequence[Ready]) -> Outcome:

@@ -43,12 +43,17 @@ from forcecal_ros.diagnose.verdict import FIRST, FURTHER
 from forcecal_ros.effects.nuisances import LIMIT
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.protocol import Inputs
-from forcecal_ros.sim.rerun import Rerun
+from forcecal_ros.sim.rerun import INTEGRATION_STEP, Rerun, simulated_robot, SimulatedRobot
 from forcecal_ros.sim.rigid_tool import beyond
-from forcecal_ros.sim.run_limit import MOST, refuse_too_many, runs_short
-from forcecal_ros.sim.runs import Numbers, refuse_unsteady, Runs
+from forcecal_ros.sim.runs import (
+    MAX_RUNS,
+    Numbers,
+    refuse_too_many,
+    refuse_unsteady,
+    Runs,
+    runs_short,
+)
 from forcecal_ros.sim.signals import BLOCK
-from forcecal_ros.sim.simulated_robot import simulated_robot, SimulatedRobot, STEP
 from forcecal_ros.sim.third_party import STREAMS, ThirdParty
 import numpy as np
 
@@ -328,7 +333,7 @@ def recalibrated_notes(simulator: ThirdParty, outcome: Outcome) -> Iterator[str]
     if limited:
         yield (f'{", ".join(limited)} {FURTHER}, and next to what else is there is not certain '
                'enough for a name')
-    finer, std = outcome.recalibrations.get(STEP, (0.0, 0.0))
+    finer, std = outcome.recalibrations.get(INTEGRATION_STEP, (0.0, 0.0))
     if abs(finer) > RECALIBRATION_SIGMA * std:
         yield (f'the step of its integration makes {_sure(finer, std)} times what half the '
                'step changes, and that was taken out: a smaller step is nearer to the robot')
@@ -454,7 +459,7 @@ class Conformance(NamedTuple):
         return {**self._asdict(), 'sensitivity': [s._asdict() for s in self.sensitivity]}
 
     def __str__(self) -> str:
-        runs = min(MOST, 2 * (len(self.sensitivity) + 2))
+        runs = min(MAX_RUNS, 2 * (len(self.sensitivity) + 2))
         return '\n'.join([
             f'{self.name}: keeps to the protocol and does the same again',
             f'simulates {", ".join(self.streams)}',
