@@ -32,8 +32,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from forcecal_ros.core.geometry import rotation_from_vector
-from forcecal_ros.diagnose.recordings import shift_times
-from forcecal_ros.diagnose.sources.pair import PairSource
+from forcecal_ros.diagnose.sources.pair import PairSource, shift_times
 from forcecal_ros.diagnose.sources.rig import rig_source
 from forcecal_ros.diagnose.sources.simulator import SimulatorSource
 from forcecal_ros.rig_fit.fit import fit_rig

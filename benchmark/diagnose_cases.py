@@ -7,9 +7,10 @@ from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array, rotation_about, rotation_from_vector
 from forcecal_ros.core.streams import Phase, PoseStream, Recording
-from forcecal_ros.diagnose.dataset import Dataset, prepare_commanded
+from forcecal_ros.diagnose.dataset import Dataset
 from forcecal_ros.diagnose.model.linearised import LinearisedModel, noise_level
 from forcecal_ros.diagnose.plan import motion_for
+from forcecal_ros.diagnose.sources.rig import prepare_commanded
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.effects.nuisances import apply_all, nuisances, prior_std
 from forcecal_ros.effects.rig import Rig

@@ -20,9 +20,9 @@ from typing import Any
 from forcecal_ros.cli.parallel import each
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import PoseStream, Recording
-from forcecal_ros.diagnose.dataset import prepare_commanded, STREAM_SLICES
+from forcecal_ros.diagnose.dataset import STREAM_SLICES
 from forcecal_ros.diagnose.model.linearised import linearised_model
-from forcecal_ros.diagnose.sources.rig import RigSource
+from forcecal_ros.diagnose.sources.rig import prepare_commanded, RigSource
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.rig.file import dump_rig, load_rig
 from forcecal_ros.sim.rig.simulator import simulate

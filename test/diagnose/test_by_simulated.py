@@ -10,8 +10,14 @@ from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import rotation_about
 from forcecal_ros.diagnose.dataset import limit_to_load
 from forcecal_ros.diagnose.localise import compare_motions
-from forcecal_ros.diagnose.recordings import align, keep_comparable_imus, shift_times
-from forcecal_ros.diagnose.sources.pair import PairSource, prepare_pair, UNTESTED
+from forcecal_ros.diagnose.recordings import keep_comparable_imus
+from forcecal_ros.diagnose.sources.pair import (
+    align,
+    PairSource,
+    prepare_pair,
+    shift_times,
+    UNTESTED,
+)
 from forcecal_ros.diagnose.sources.simulated_tool import simulated_tool
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.io.bags import write_recording

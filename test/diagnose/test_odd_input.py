@@ -3,14 +3,14 @@
 from dataclasses import replace
 
 from forcecal_ros.core.streams import PoseStream, Stream
-from forcecal_ros.diagnose.dataset import prepare_commanded, split_by_phase
+from forcecal_ros.diagnose.dataset import split_by_phase
 from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.model.hypotheses import Atom, Hypothesis, nominal_of
 from forcecal_ros.diagnose.model.linearised import Diverged, linearised_model
 from forcecal_ros.diagnose.recordings import convert_to_volts, correct_clocks
 from forcecal_ros.diagnose.search.acceptance import refined_or_rejected
 from forcecal_ros.diagnose.search.model_comparison import ModelComparison
-from forcecal_ros.diagnose.sources.rig import RigSource
+from forcecal_ros.diagnose.sources.rig import prepare_commanded, RigSource
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.replay import Replay

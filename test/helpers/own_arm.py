@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
-from forcecal_ros.diagnose.recordings import shift_times
+from forcecal_ros.diagnose.sources.pair import shift_times
 from forcecal_ros.effects import with_effects
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import simulate

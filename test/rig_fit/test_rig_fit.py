@@ -8,7 +8,7 @@ from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
-from forcecal_ros.diagnose.recordings import shift_times
+from forcecal_ros.diagnose.sources.pair import shift_times
 from forcecal_ros.diagnose.sources.rig import is_tracked
 from forcecal_ros.effects.rig import Axis, Unexplained
 from forcecal_ros.io.bags import write_recording

@@ -7,7 +7,8 @@ import re
 from bag_samples import START_NS
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.streams import PoseStream, Recording
-from forcecal_ros.diagnose.dataset import prepare_commanded, split_by_phase
+from forcecal_ros.diagnose.dataset import split_by_phase
+from forcecal_ros.diagnose.sources.rig import prepare_commanded
 from forcecal_ros.effects import with_effects
 from forcecal_ros.io.bags import read_recording, write_recording
 from forcecal_ros.sim.rig.file import load_rig
@@ -27,7 +28,8 @@ def diagnosed(tmp_path_factory):
     recording = simulate(with_effects(load_rig(), EFFECTS), target, seed=4)
     write_recording(folder / 'bag', replace(recording, phases=phases,
                                             start_ns=START_NS))
-    assert main(['diagnose', str(folder / 'bag'), '-o', str(folder / 'out')]) == 0
+    assert main(['diagnose', str(folder / 'bag'), '--rig', 'nominal', '-o',
+                 str(folder / 'out')]) == 0
     assert main(['simulate', '--rig', str(folder / 'out' / 'rig_patched.yaml'), '--commands',
                  str(folder / 'bag'), '--noise-free', '-o', str(folder / 'again')]) == 0
     return folder

@@ -1,11 +1,12 @@
 """Fits at all instants at once are those of one instant after the other."""
 
 from forcecal_ros.core.noise.autoregression import white
-from forcecal_ros.diagnose.dataset import prepare_commanded, split_by_phase
+from forcecal_ros.diagnose.dataset import split_by_phase
 from forcecal_ros.diagnose.model.evidence import fit, Prior
 from forcecal_ros.diagnose.model.gates import Gate, gated
 from forcecal_ros.diagnose.model.linearised import EFFECT, linearised_model
 from forcecal_ros.diagnose.search.instants import Instants
+from forcecal_ros.diagnose.sources.rig import prepare_commanded
 from forcecal_ros.sim.rig.file import load_rig
 import numpy as np
 import pytest
