@@ -4,7 +4,7 @@ import sys
 from setuptools import find_packages, setup
 
 PACKAGE = 'forcecal_ros'
-MUJOCO = ["mujoco>=3.11,!=4.0.0; python_version >= '3.11'"]
+MUJOCO = ["mujoco>=3.11; python_version >= '3.11'"]
 PLOTS = ['plotly>=5.15']
 NODES = ['gap', 'impedance', 'observer', 'sequencer', 'sim']
 # colcon calls one of these, and has executables in lib/forcecal_ros (setup.cfg), where ros2 run
@@ -46,7 +46,7 @@ setup(
         'tqdm>=4.66',
     ],
     extras_require={
-        # models in MuJoCo: --mujoco; 4.0.0 solves contacts wrongly, older ones mount sensors so
+        # models in MuJoCo: --mujoco; older ones mount sensors so
         'mujoco': MUJOCO,
         # many recordings on many cores or machines: --jobs, --dask
         'scale': SCALE,

@@ -255,7 +255,8 @@ def _by_mujoco(real, joints, arm):
 
 def _run_again(real, simulator):
     found = SimulatorSource(simulator, load_rig('rigid_tool.yaml')).diagnose(real)
-    return {**_said(found.diagnosis), **{name: found.details[name] for name in ('runs', 'recomputed')}}
+    return {**_said(found.diagnosis),
+            **{name: found.details[name] for name in ('runs', 'recomputed')}}
 
 
 WAYS = {'rerun': _rerun, 'mujoco': _by_mujoco, 'compared': _compared}

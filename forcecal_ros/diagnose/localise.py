@@ -1,4 +1,4 @@
-"""Where the residual is more than noise: stage, channel, phase and frequency band, each with its significance."""
+"""Where the residual is more than noise: stage, channel, phase, frequency band, significance."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -40,8 +40,8 @@ class Difference(NamedTuple):
     rms : float
         Of the difference [m] or [rad].
     delay, delay_std : float
-        By how much the robot is later [s]; NaN where the two motions were aligned with each other for
-        want of commands, or do not identify it.
+        By how much the robot is later [s]; NaN if the two motions were aligned with each
+        other for want of commands, or do not identify it.
     unexplained : float
         RMS without that delay, and without a fixed offset [m] or [rad].
     """
@@ -91,7 +91,8 @@ def compare_motions(measured: PoseStream, simulated: PoseStream, own_delay: bool
     omega = rotation_vector(np.swapaxes(S[:-1], 1, 2) @ S[1:]) / BLOCK
     return Tracking(
         _motion_difference(p - q, np.gradient(q, BLOCK, axis=0), MIN_SPEED[0], own_delay),
-        _motion_difference(rotation_vector(np.swapaxes(S, 1, 2) @ R), np.vstack([omega[:1], omega]),
+        _motion_difference(rotation_vector(np.swapaxes(S, 1, 2) @ R),
+                           np.vstack([omega[:1], omega]),
                     MIN_SPEED[1], own_delay))
 
 
@@ -138,8 +139,8 @@ TAIL_SIGMA = 5.0
 
 TAIL_RATIO = 0.57
 """
-Part of the innovations between TAIL_SIGMA and IMPULSE_SIGMA that noise with a heavy tail has beyond: that of
-Student's t with three degrees of freedom, about the heaviest that a sensor's was.
+Part of the innovations between TAIL_SIGMA and IMPULSE_SIGMA that noise with a heavy tail has
+beyond: that of Student's t with three degrees of freedom, about the heaviest that a sensor's was.
 """
 
 MIN_IMPULSES = 4
@@ -318,7 +319,7 @@ class Line(NamedTuple):
 
 def spectral_lines(rows: Array, rate: float, name: str) -> tuple[Line, ...]:
     """
-    Find spectral spectral_lines in the residual of one stream.
+    Find spectral lines in the residual of one stream.
 
     Parameters
     ----------
@@ -370,7 +371,8 @@ def _floor(power: Array) -> Array:
     if n < FLOOR_NEIGHBOURS * FLOOR_BINS:
         return np.full(len(power), float(np.median(power)) + 1e-300)
     middle = np.median(power[:n].reshape(-1, FLOOR_BINS), axis=1)
-    around = np.lib.stride_tricks.sliding_window_view(np.pad(middle, FLOOR_NEIGHBOURS // 2, mode='edge'),
+    around = np.lib.stride_tricks.sliding_window_view(
+        np.pad(middle, FLOOR_NEIGHBOURS // 2, mode='edge'),
                                                       FLOOR_NEIGHBOURS)
     middle = np.maximum(middle, np.median(around, axis=1))
     centres = (np.arange(len(middle)) + 0.5) * FLOOR_BINS
@@ -414,7 +416,8 @@ def features(s: Signals) -> Compact:
     """
     main = [_normalised(row) for row in _block_rows(_lagged_inputs(s))]
     others = [_normalised(row) for row in _block_rows(_other_inputs(s))]
-    return Compact.joined([*main, *others, *(one.rolled(lag) for lag in LAG_BLOCKS for one in main)])
+    return Compact.joined([*main, *others,
+                           *(one.rolled(lag) for lag in LAG_BLOCKS for one in main)])
 
 
 def _lagged_inputs(s: Signals) -> Iterator[Array]:
@@ -508,7 +511,8 @@ def predictability_of(model: LinearisedModel) -> Predictability:
     return Predictability(z, size, predictions)
 
 
-def _is_plausible(predicted: list[Array], residuals: list[Array], datasets: tuple[Dataset, ...]) -> bool:
+def _is_plausible(predicted: list[Array], residuals: list[Array],
+                  datasets: tuple[Dataset, ...]) -> bool:
     """
     Say whether a prediction is no larger than what it predicts, on held-out blocks.
 

@@ -1,4 +1,4 @@
-"""What to record for a diagnosis: a sequence, which effects it shows, and what tells two effects apart."""
+"""What to record for a diagnosis: a sequence, what it shows, what separates two effects."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -437,7 +437,7 @@ def limitations(planned: Planned) -> list[str]:
     shown = {s.name: s for s in planned.excitation.shown}
     for name in planned.asked or shown:
         if name not in shown:
-            lines.append(f'{name}: a rig with a rigid tool limitations have it')
+            lines.append(f'{name}: a rig with a rigid tool cannot have it')
         elif shown[name].energy < VISIBLE_ENERGY:
             why = (NEEDS_CONTACT if EFFECTS[name].excited_by == ('contact',) and not
                    motion.timing.contacts else 'these limits leave too little motion')
@@ -461,7 +461,7 @@ def plan_document(planned: Planned) -> dict[str, Any]:
         } for s in planned.excitation.shown if not planned.asked or s.name in planned.asked],
         'alike': [{'effects': [a.one, a.other], 'angle_deg': a.angle_deg}
                   for a in aliases(planned)],
-        'limitations': limitations(planned)}
+        'cannot': limitations(planned)}
 
 
 def plan_parameters(planned: Planned) -> str:
@@ -528,8 +528,8 @@ def _advice_to_show(names: Sequence[str]) -> str:
     if not shown:
         return ''
     phase = max(shown, key=lambda one: len(shown[one]))
-    return (f'{_phase_to_record(phase)}: it shows {_listed(shown[phase])}, which this recording cannot '
-            'show.')
+    return (f'{_phase_to_record(phase)}: it shows {_listed(shown[phase])}, which this recording '
+            'cannot show.')
 
 
 def _advice_to_separate(diagnosis: Diagnosis, rig: Rig) -> str:
@@ -543,8 +543,9 @@ def _advice_to_separate(diagnosis: Diagnosis, rig: Rig) -> str:
             phase, energy = separating(rig, named[0], other)[0]
         except ForcecalError:
             continue
-        return (f'{_phase_to_record(phase)}: it tells {named[0]} from {other}; at typical sizes they '
-                f'differ there by {float(f"{energy:.2g}"):,.12g} times the energy of the noise.')
+        return (f'{_phase_to_record(phase)}: it tells {named[0]} from {other}; at typical sizes '
+                f'they differ there by {float(f"{energy:.2g}"):,.12g} times the energy of the '
+                'noise.')
     return ''
 
 
@@ -575,8 +576,8 @@ def separating(rig: Rig, one: str, other: str) -> list[tuple[str, float]]:
     motion = motion_for(rig, contact=False)
     target, phases = motion.target, motion.phases
     nominal = simulate(rig, target, noise=False)
-    deltas = [_whitened_change(simulate(_with_typical(rig, name), target, noise=False), nominal, rig)
-              for name in (one, other)]
+    deltas = [_whitened_change(simulate(_with_typical(rig, name), target, noise=False),
+                               nominal, rig) for name in (one, other)]
     overlap = sum(float(a.ravel() @ b.ravel()) for a, b in zip(*(d.values() for d in deltas)))
     size = sum(float(np.sum(b ** 2)) for b in deltas[1].values())
     share = overlap / size if size > 0.0 else 0.0

@@ -1,4 +1,4 @@
-"""Recordings made comparable: one clock, bridged pauses, the accelerometer, joints, when commands take effect."""
+"""Recordings made comparable: one clock, bridged pauses, accelerometers, joints, commands."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -32,7 +32,7 @@ class Corrected(NamedTuple):
     clocks : tuple of Clock
         As they were found.
     skew : dict of str to float
-        Of the streams whose stamps were correct_clocks.
+        Of the streams whose stamps were corrected.
     lost : dict of str to float
         Fraction of lost samples by stream.
     notes : tuple of str
@@ -109,7 +109,7 @@ def _even_streams(recording: Recording) -> tuple[Recording, dict[str, Any]]:
         even, jitter = with_even_stamps(stream)
         if even is not stream:
             changed[name] = even
-            notes.append(f'{name}: stamps jittered by {1e3 * jitter.std:.2f} ms and were even_stamps')
+            notes.append(f'{name}: stamps jittered by {1e3 * jitter.std:.2f} ms and were evened')
     return replace(recording, **changed, notes=(*recording.notes, *notes)), changed
 
 
@@ -130,7 +130,7 @@ def _require_commands(recording: Recording) -> None:
 
 
 MAX_PAUSE_S = 60.0
-"""Pause of a recording, at most, that is bridge_pauses [s]."""
+"""Pause of a recording, at most, that is bridged [s]."""
 
 SETTLE_AFTER_PAUSE_S = 1.0
 """Time after a pause that is left out: the robot went there nobody knows how [s]."""
@@ -279,7 +279,8 @@ def _cut(stream: Stream | PoseStream, start: float, end: float) -> Stream | Pose
     return stream.rows((stream.t <= start) | (stream.t >= end))
 
 
-def apply_accelerometer_calibration(recording: Recording, accelerometer: Accelerometer | None) -> Recording:
+def apply_accelerometer_calibration(recording: Recording,
+                                    accelerometer: Accelerometer | None) -> Recording:
     """
     Bring an accelerometer's readings to m/s^2 along the axes of ft_sensor.
 
@@ -306,7 +307,7 @@ def apply_accelerometer_calibration(recording: Recording, accelerometer: Acceler
 
 
 def recognise_accelerometer(recording: Recording, rig: Rig) -> str:
-    """Say which accelerometer was recognise_accelerometer: the one whose volts at the start fit better."""
+    """Return which accelerometer was mounted: the one whose volts at the start fit better."""
     stream, name = recording.accelerometer, rig.accelerometer.mounted
     pose = recording.pose or recording.target
     if stream is None or recording.accelerometer_unit != 'V' or pose is None or not len(stream):
@@ -372,10 +373,12 @@ def add_imu(tool: SomeTool) -> SomeTool:
         tool,
         accelerometer=replace(tool.accelerometer, mounted='acc1', acc1=plain, noise=IMU_NOISE,
                               position=(0.0, 0.0, 0.0)),
-        spreads=replace(tool.spreads, accelerometer_offset=IMU_OFFSET, accelerometer_gain=IMU_GAIN))
+        spreads=replace(tool.spreads, accelerometer_offset=IMU_OFFSET,
+                        accelerometer_gain=IMU_GAIN))
 
 
-def keep_comparable_imus(real: Recording, simulated: Recording) -> tuple[Recording, Recording, str]:
+def keep_comparable_imus(real: Recording, simulated: Recording
+                         ) -> tuple[Recording, Recording, str]:
     """
     Keep the accelerometers of two recordings where they can be compared.
 
@@ -595,7 +598,7 @@ def _pose_misfit(recording: Recording, rig: Rig, accelerometer: str) -> float:
 
 
 def joint_names(joints: JointStream | None) -> tuple[str, ...]:
-    """Return the names of the joints that a simulator may be select_joints with."""
+    """Return the names of the joints that a simulator may be compared with."""
     return () if joints is None or not len(joints) else joints.names
 
 
@@ -635,7 +638,8 @@ def joint_channel_notes(names: Sequence[str], recordings: Sequence[Recording]) -
     """Say by which names the channels of joints go."""
     listed = [one.joints for one in recordings if one.joints is not None]
     if listed:
-        yield 'joints select_joints: ' + ', '.join(f'joint.{i} {name}' for i, name in enumerate(names))
+        yield 'joints compared: ' + ', '.join(
+            f'joint.{i} {name}' for i, name in enumerate(names))
 
 
 def missing_joint_notes(measured: Sequence[str], names: Sequence[str]) -> Iterator[str]:
@@ -645,4 +649,4 @@ def missing_joint_notes(measured: Sequence[str], names: Sequence[str]) -> Iterat
                'friction and gains of joints do is seen in the pose alone; return joints, named '
                'as measured')
     elif missing := [name for name in measured if name not in names]:
-        yield f'not select_joints, as it does not simulate them: joints {", ".join(missing)}'
+        yield f'not compared, as it does not simulate them: joints {", ".join(missing)}'

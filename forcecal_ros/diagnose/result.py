@@ -1,4 +1,4 @@
-"""The diagnosis as data, as the document ``diagnosis.json``, and as a patched rig or calibration."""
+"""The diagnosis as data, as ``diagnosis.json``, and as a patched rig or calibration."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

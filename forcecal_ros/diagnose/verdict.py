@@ -99,7 +99,8 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
     if doubtful and others:
         these = ' and '.join(others) if certain else 'these together'
         rest += f'; one effect that is not in the library is likelier than {these}'
-    partly = doubtful or (significant and (closed < MIN_EXPLAINED_WHOLE or part.ratio > MAX_UNEXPLAINED_RATIO))
+    partly = doubtful or (significant and (
+        closed < MIN_EXPLAINED_WHOLE or part.ratio > MAX_UNEXPLAINED_RATIO))
     if closed < MIN_EXPLAINED_BESIDE if beside else partly:
         return 'partial', f'{listed} {done}{rest}'
     rivals = [n for n, _ in candidates if n not in named and n != UNKNOWN]

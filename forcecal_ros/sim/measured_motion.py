@@ -64,9 +64,11 @@ def merge_poses(measured: PoseStream, simulated: PoseStream) -> PoseStream:
     q, S = pose_at(simulated, t)
     p, R = pose_at(measured, t)
     turned = rotation_vector(np.swapaxes(S, 1, 2) @ R)
-    position = q + _without_noise(p - q, rate) if measured.has_position and simulated.has_position else p
+    both = measured.has_position and simulated.has_position
+    position = q + _without_noise(p - q, rate) if both else p
     return replace(measured, t=t, position=position,
-                   R_base_sensor=S @ Rotation.from_rotvec(_without_noise(turned, rate)).as_matrix())
+                   R_base_sensor=S @ Rotation.from_rotvec(
+                       _without_noise(turned, rate)).as_matrix())
 
 
 def pose_at(stream: PoseStream, t: Array) -> tuple[Array, Array]:
@@ -255,7 +257,7 @@ class RecordedSimulation(MeasuredMotion):
     Attributes
     ----------
     touching : ndarray of bool, shape (n_blocks,)
-        Where the simulated tool contact_blocks something.
+        Where the simulated tool touches something.
     """
 
     def __init__(self, recording: Recording, simulated: Recording, start: float, n_blocks: int,
@@ -300,7 +302,7 @@ CONTACT_SIGMA = 8.0
 """And in the median deviation of what is beyond: a simulator's noise hardly ever shows that."""
 
 CONTACT_MARGIN_S = 0.2
-"""Left out before and after [s]: a robot 10 mm/s fast and 1 mm off contact_blocks 0.1 s earlier."""
+"""Left out before and after [s]: a robot 10 mm/s fast and 1 mm off touches 0.1 s earlier."""
 
 MAX_CONTACT_RATIO = 0.5
 """Part of a recording that may be left out; what is more is no contact but another wrench."""
@@ -308,7 +310,7 @@ MAX_CONTACT_RATIO = 0.5
 
 def contact_blocks(beyond: Array) -> NDArray[np.bool_]:
     """
-    Tell blocks in which a simulated tool contact_blocks something, and what is near them.
+    Tell blocks in which a simulated tool touches something, and what is near them.
 
     Parameters
     ----------
@@ -320,11 +322,13 @@ def contact_blocks(beyond: Array) -> NDArray[np.bool_]:
     ndarray of bool, shape (n,)
     """
     force = np.linalg.norm(beyond[:, :3] - np.median(beyond[:, :3], axis=0), axis=1)
-    limit = max(CONTACT_FORCE_N, CONTACT_SIGMA * 1.4826 * float(np.median(np.abs(force - np.median(force)))))
+    scatter = 1.4826 * float(np.median(np.abs(force - np.median(force))))
+    limit = max(CONTACT_FORCE_N, CONTACT_SIGMA * scatter)
     near = widen_blocks(force > limit)
     return near if near.mean() <= MAX_CONTACT_RATIO else np.zeros(len(force), dtype=bool)
 
 
 def widen_blocks(blocks: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Add what is near some blocks."""
-    return np.asarray(maximum_filter1d(blocks.astype(np.int8), 2 * round(CONTACT_MARGIN_S / BLOCK) + 1) > 0)
+    width = 2 * round(CONTACT_MARGIN_S / BLOCK) + 1
+    return np.asarray(maximum_filter1d(blocks.astype(np.int8), width) > 0)

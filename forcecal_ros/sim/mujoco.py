@@ -268,8 +268,8 @@ class _Seen(NamedTuple):
 
 JOINT_FRICTION, BACKLASH = 'dof_frictionloss', 'backlash'
 
-NO_BACKLASH = ('no number of a model in MuJoCo makes play: let the controller of that joint command '
-           'through play of so much to either side')
+NO_BACKLASH = ('no number of a model in MuJoCo makes backlash: let the controller of that joint '
+               'command through play of so much to either side')
 
 SENSOR_PREFIX = 'forcecal_'
 """Before the names of the sensors that are added to a model."""
@@ -294,8 +294,9 @@ def _commands(mujoco: Any, model: Any, drives: Sequence[Drive], joints: JointStr
         return joints, list(driven.values())
     for name in joints.names:
         if name not in driven:
-            raise ConfigError(f'joint {name} is commanded, but {reason_not_driven(mujoco, model, name)}; '
-                              f'what can be told positions is {", ".join(driven)}')
+            raise ConfigError(f'joint {name} is commanded, but '
+                              f'{reason_not_driven(mujoco, model, name)}; what can be told positions '
+                              f'is {", ".join(driven)}')
     return joints, [driven[name] for name in joints.names]
 
 
@@ -429,11 +430,12 @@ def _base_of(body: Any, path: str, site: str) -> Any:
 def _add_sensors(mujoco: Any, spec: Any, site: str, base: str) -> None:
     kinds, types = mujoco.mjtSensor, mujoco.mjtObj
     for name, kind in (('force', kinds.mjSENS_FORCE), ('torque', kinds.mjSENS_TORQUE)):
-        spec.add_sensor(name=SENSOR_PREFIX + name, type=kind, objtype=types.mjOBJ_SITE, objname=site)
+        spec.add_sensor(name=SENSOR_PREFIX + name, type=kind, objtype=types.mjOBJ_SITE,
+                        objname=site)
     for name, kind in (('position', kinds.mjSENS_FRAMEPOS),
                        ('quaternion', kinds.mjSENS_FRAMEQUAT)):
-        spec.add_sensor(name=SENSOR_PREFIX + name, type=kind, objtype=types.mjOBJ_SITE, objname=site,
-                        reftype=types.mjOBJ_XBODY, refname=base)
+        spec.add_sensor(name=SENSOR_PREFIX + name, type=kind, objtype=types.mjOBJ_SITE,
+                        objname=site, reftype=types.mjOBJ_XBODY, refname=base)
 
 
 def _add_accelerometer(mujoco: Any, spec: Any, path: str, tool: Any, imu: str) -> None:
@@ -442,7 +444,8 @@ def _add_accelerometer(mujoco: Any, spec: Any, path: str, tool: Any, imu: str) -
     if body.name != tool.name:
         raise ConfigError(f'--imu {imu}: the site is on body {body.name or "(no name)"}, expected '
                           f'one on {tool.name}, the tool, whose motion it has to measure')
-    spec.add_sensor(name=SENSOR_PREFIX + 'accelerometer', type=mujoco.mjtSensor.mjSENS_ACCELEROMETER,
+    spec.add_sensor(name=SENSOR_PREFIX + 'accelerometer',
+                    type=mujoco.mjtSensor.mjSENS_ACCELEROMETER,
                     objtype=mujoco.mjtObj.mjOBJ_SITE, objname=imu)
 
 

@@ -75,7 +75,7 @@ def found_drives(mujoco: Any, model: Any, path: str) -> list[Drive]:
     """
     able: dict[str, Drive] = {}
     holds = (POSITION, PID)
-    for i in range(len(model.actuator_trntype)):  # inputs, of which there may be more, are model.nu
+    for i in range(len(model.actuator_trntype)):  # model.nu counts inputs
         drive = _drive(mujoco, model, i)
         if drive and _has_gains(drive):
             before = able.get(drive.joint)
@@ -218,8 +218,8 @@ class Controller:
     def __init__(self, model: Any, drives: Sequence[Drive], q: Array, step: float,
                  play: Mapping[str, float]) -> None:
         if play:
-            q = np.stack([_follow_backlash(x, play.get(one.joint, 0.0)) for x, one in zip(q.T, drives)],
-                         axis=1)
+            q = np.stack([_follow_backlash(x, play.get(one.joint, 0.0))
+                          for x, one in zip(q.T, drives)], axis=1)
         self._q, self._drives = q, drives
         self._rate = np.diff(q, axis=0, append=q[-1:]) / step
         scale = np.array([one.scale for one in drives])
@@ -498,7 +498,7 @@ def _damping(joint: str) -> _Write:
 
 
 def _coefficient(model: Any, i: int, k: int, kind: str) -> _Both:
-    """Set kp (1) or kv (2) of an actuator, and the gain of its input if that is the same number."""
+    """Set kp (1) or kv (2) of an actuator, and its input's gain if that is the same number."""
     scale = 0.0
     if kind == VELOCITY if k == 2 else kind in (POSITION, INTEGRATED):
         scale = float(model.actuator_gainprm[i, 0] / model.actuator_biasprm[i, k])
@@ -776,8 +776,9 @@ def _places(model: Any, i: int, name: str) -> Iterator[tuple[Parameter, _Write, 
         return write, patch
 
     for k, a in enumerate(AXES):
-        yield (Parameter(f'{PLACE}[{name}].{a}', float(first[k]), PLACE_SIGMA, 'm', first[k] - MAX_PLACE_SHIFT,
-                         first[k] + MAX_PLACE_SHIFT, 'environment'), *along(k))
+        yield (Parameter(f'{PLACE}[{name}].{a}', float(first[k]), PLACE_SIGMA, 'm',
+                         first[k] - MAX_PLACE_SHIFT, first[k] + MAX_PLACE_SHIFT, 'environment'),
+               *along(k))
 
 
 class _Shared:

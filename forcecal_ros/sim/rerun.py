@@ -106,7 +106,8 @@ def is_addable(effect: Effect, accelerated: bool) -> bool:
 
 
 def _effect(p: Parameter) -> Effect:
-    value = Quantity('value', p.unit, p.nominal, p.low, p.high, p.nominal + VISIBLE_SIGMA * p.sigma)
+    visible = p.nominal + VISIBLE_SIGMA * p.sigma
+    value = Quantity('value', p.unit, p.nominal, p.low, p.high, visible)
     return Effect(p.name, p.stage, (value,), MOVING, True, 'rig', p.name)
 
 
@@ -198,7 +199,8 @@ class Rerun:
         The simulator's tool, as its wrench and motion tell it.
     """
 
-    band, exact, starts_white, usual_tolerances, accelerometer = MOST, EXACT_RATIO, True, True, 'acc1'
+    band, exact, accelerometer = MOST, EXACT_RATIO, 'acc1'
+    starts_white = usual_tolerances = True
 
     def __init__(self, runs: Runs, start: float, n_blocks: int, rigid_tool: RigidTool) -> None:
         self.runs, self.start, self.n_blocks, self._rigid_tool = runs, start, n_blocks, rigid_tool
@@ -235,7 +237,7 @@ class Rerun:
 
     def knocking(self, rig: Rig) -> NDArray[np.bool_]:
         """
-        Tell blocks in which the tool contact_blocks something, and half the step changes how.
+        Tell blocks in which the tool touches something, and half the step changes how.
 
         What knocks, or sticks and slips, does so otherwise with every number.
         """

@@ -299,8 +299,9 @@ def refuse_too_many(simulator: ThirdParty, recordings: int) -> None:
 def runs_short(simulator: ThirdParty, runs: Sequence[Runs]) -> str:
     """Say so where all parameters cannot be tried once more, else nothing."""
     done, n = sum(one.count for one in runs), len(simulator.parameters)
-    if done + len(runs) * (n + EXTRA_RUNS + simulator.has_finer + simulator.has_finest - 1) <= MAX_RUNS:
+    each = n + EXTRA_RUNS + simulator.has_finer + simulator.has_finest - 1
+    if done + len(runs) * each <= MAX_RUNS:
         return ''
-    return (f'the simulator was run {done} times, of at most {MAX_RUNS}, so its {n} parameters were '
-            'not tried again at the numbers found, where its signals are not those of a straight '
-            'line: change it as told and diagnose again')
+    return (f'the simulator was run {done} times, of at most {MAX_RUNS}, so its {n} parameters '
+            'were not tried again at the numbers found, where its signals are not those of a '
+            'straight line: change it as told and diagnose again')

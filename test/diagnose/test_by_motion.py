@@ -73,7 +73,8 @@ def test_an_arm_to_which_nothing_was_done_is_not_given_an_effect_for_sure(found)
 @pytest.mark.long
 def test_the_patched_calibration_leaves_what_was_claimed(kuka, found):
     patched = load(kuka / 'out' / 'calibration_patched.yaml')
-    again = ToolSource(rigid_tool_of_calibration(patched, load_rig('rigid_tool.yaml')), patched).diagnose(read_recording(kuka / 'baseline')).outcome
+    tool = rigid_tool_of_calibration(patched, load_rig('rigid_tool.yaml'))
+    again = ToolSource(tool, patched).diagnose(read_recording(kuka / 'baseline')).outcome
     assert again.diagnosis.gap.nominal < 0.2 * found['gap']['nominal']
     delay, std = again.recalibrations['accelerometer.delay']
     assert abs(delay) < 3.0 * std
@@ -122,7 +123,8 @@ def commands():
 def test_one_effect_is_named_and_none_without(commands, rig_name, effects, name):
     rig = load_rig(rig_name)
     recording = simulate(with_effects(rig, effects), commands, seed=1)
-    diagnosis = ToolSource(rigid_tool_of_rig(rig)).diagnose(replace(recording, target=None)).diagnosis
+    diagnosis = ToolSource(rigid_tool_of_rig(rig)).diagnose(
+        replace(recording, target=None)).diagnosis
     assert [e.name for e in diagnosis.effects] == ([name] if name else [])
     if name is None:
         assert diagnosis.verdict == 'no_gap'
@@ -132,7 +134,8 @@ def test_one_effect_is_named_and_none_without(commands, rig_name, effects, name)
 def test_a_late_wrench_is_told_though_a_low_pass_is_much_like_it(commands):
     rig = load_rig()
     late = with_effects(rig, {'wrench_delay': {'delay': 0.006}})
-    diagnosis = ToolSource(rigid_tool_of_rig(rig)).diagnose(replace(simulate(late, commands, seed=1), target=None)).diagnosis
+    diagnosis = ToolSource(rigid_tool_of_rig(rig)).diagnose(
+        replace(simulate(late, commands, seed=1), target=None)).diagnosis
     given = dict(diagnosis.candidates)
     assert set(given) <= {'wrench_delay', 'wrench_lowpass', 'unknown'}
     assert given['wrench_delay'] + given['wrench_lowpass'] > 0.9
@@ -143,7 +146,8 @@ def test_a_wrench_that_is_late_is_no_accelerometer_that_is_early(commands):
     tool = rigid_tool_of_rig(rig)
     unknown = replace(tool, spreads=replace(tool.spreads, accel_behind=UNKNOWN_DELAY))
     late = with_effects(rig, {'wrench_delay': {'delay': 0.012}})
-    outcome = ToolSource(unknown).diagnose(replace(simulate(late, commands, seed=1), target=None)).outcome
+    outcome = ToolSource(unknown).diagnose(
+        replace(simulate(late, commands, seed=1), target=None)).outcome
     assert outcome.diagnosis.effects[0].name in ('wrench_delay', 'wrench_lowpass')
     assert outcome.recalibrations['accelerometer.delay'][0] >= 0.0
 

@@ -67,7 +67,8 @@ def test_the_robots_delay_is_told_by_the_commands(clean):
     recording = simulate(RIG, commands(), seed=3)
     other, alignment = align(recording, simulated())
     assert alignment.by == 'target'
-    own = compare_motions(recording.pose, other.pose, own_delay=True)  # of the rig's loop and servo
+    # of the rig's loop and servo
+    own = compare_motions(recording.pose, other.pose, own_delay=True)
     for part, without in zip(found, own):
         assert part.delay_std < 1e-3
         assert part.delay - without.delay == pytest.approx(0.008, abs=5e-4)
@@ -271,7 +272,7 @@ def test_the_commands_of_the_page_write_what_was_found(tmp_path, monkeypatch, ca
     assert effect['name'] == 'wrench_crosstalk'
     found = effect['parameters']['fy_of_fx']
     assert found['value'] == pytest.approx(0.03, abs=max(3.0 * found['std'], 0.05 * 0.03))
-    assert document['compare_motions'][0]['aligned_by'] == 'target'
+    assert document['tracking'][0]['aligned_by'] == 'target'
     assert document['simulated_tool']['mass'] == pytest.approx(1.2, rel=1e-3)
     assert (tmp_path / 'gap' / 'report.html').is_file()
     assert 'wrench_crosstalk' in capsys.readouterr().out

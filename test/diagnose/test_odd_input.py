@@ -89,7 +89,8 @@ def test_sensors_that_are_too_slow_are_named():
     slow = RigSource(load_rig()).diagnose(_slower(own_recording(20, FREE), 10)).diagnosis
     assert slow.verdict == 'invalid_data'
     assert 'too few samples' in slow.reason and 'wrench 93' in slow.reason
-    one = RigSource(load_rig()).diagnose(_slower(own_recording(20, FREE), 10, ('wrench',))).diagnosis
+    one = RigSource(load_rig()).diagnose(
+        _slower(own_recording(20, FREE), 10, ('wrench',))).diagnosis
     assert 'not looked at: wrench (94 samples' in one.reason
     assert 'explains the recording down to its noise' not in one.reason
     assert one.used['wrench'] == 0.0 and one.used['pose'] > 0.99
@@ -137,7 +138,8 @@ def test_an_offset_that_the_rig_knows_is_no_bias_of_a_sensor_in_m_s2():
     held = replace(converted, accelerometer=replace(force, values=force.values + shift))
     volts = convert_to_volts(converted, rig, 'acc1').accelerometer
     np.testing.assert_allclose(volts.values, force.values * model.gain + model.offset)
-    np.testing.assert_allclose(convert_to_volts(held, rig, 'acc1').accelerometer.values, volts.values)
+    np.testing.assert_allclose(convert_to_volts(held, rig, 'acc1').accelerometer.values,
+                               volts.values)
     assert RigSource(rig).diagnose(held).diagnosis.verdict == 'no_gap'
 
 

@@ -148,6 +148,60 @@ def test_actuators_that_hold_a_position_in_other_numbers_do_the_same(tmp_path, k
     np.testing.assert_allclose(other, plain, atol=1e-9)
 
 
+def driven(path, actuator):
+    """Write the arm with another actuator of each joint."""
+    text = mjcf()
+    for name in NAMES:
+        text = text.replace(f'<position joint="{name}" kp="4000" kv="150"/>',
+                            actuator.format(name))
+    path.write_text(text)
+    return str(path)
+
+
+@pytest.mark.parametrize('actuator', [
+    '<pid joint="{}" kp="4000" kv="150"/>', '<pid joint="{}" kp="1000" kv="37.5" gear="2"/>',
+    '<pid joint="{}" kp="4000" kv="150" ki="500"/>'])
+def test_pid_actuators_follow_position_and_rate_and_their_numbers_are_patched(
+        tmp_path, actuator):
+    mujoco = pytest.importorskip('mujoco')
+    if not hasattr(mujoco.mjtGain, 'mjGAIN_PID'):
+        pytest.skip('this MuJoCo has no <pid>')
+    robot = load_mujoco(driven(tmp_path / 'arm.xml', actuator))
+    inputs = Inputs(0.0, 4.0, joints=told(4.0), measured_joints=NAMES)
+    t, joints = robot.simulate(inputs, nominal(robot))['joints']
+    commanded = np.stack([np.interp(t, inputs.joints.t, q) for q in inputs.joints.values.T])
+    # weight alone, 20 N m at most, by kp; a position actuator drags behind by kv
+    np.testing.assert_allclose(joints.T, commanded, atol=0.006)
+    values = nominal(robot) | {'kp[lift]': 0.5 * nominal(robot)['kp[lift]']}
+    if 'ki[lift]' in values:
+        values['ki[lift]'] = 100.0
+    after = robot.simulate(inputs, values)['pose'][1]
+    assert np.abs(after - robot.simulate(inputs, nominal(robot))['pose'][1]).max() > 1e-4
+    (tmp_path / 'patched.xml').write_text(robot.patched(values))
+    own = load_mujoco(str(tmp_path / 'patched.xml'))
+    assert nominal(own) == pytest.approx(values)
+    np.testing.assert_allclose(own.simulate(inputs, nominal(own))['pose'][1], after, atol=1e-6)
+
+
+@pytest.mark.parametrize('actuator, said', [
+    ('<dcmotor joint="{}" motorconst="0.5 0.5" resistance="1"/>', 'kind dcmotor'),
+    ('<general joint="{}" gaintype="affine" gainprm="1 1 0" biastype="affine" '
+     'biasprm="0 -10 -1"/>', 'kind affine')])
+def test_an_actuator_that_is_not_supported_is_named(tmp_path, actuator, said):
+    with pytest.raises(ConfigError, match=f'joint pan has an actuator of {said}.+not supported'):
+        load_mujoco(driven(tmp_path / 'arm.xml', actuator))
+
+
+def test_delays_of_actuators_and_sensors_are_noted(tmp_path):
+    path = driven(tmp_path / 'arm.xml',
+                  '<position joint="{}" kp="4000" kv="150" delay="0.01" nsample="10"/>')
+    Path(path).write_text(Path(path).read_text().replace(
+        '</sensor>', '<accelerometer site="ft" delay="0.01" nsample="10"/></sensor>'))
+    actuators, sensors = load_mujoco(path).notes
+    assert 'pan 10 ms' in actuators and 'robot_delay' in actuators
+    assert 'wrench_delay' in sensors
+
+
 @pytest.mark.parametrize('kind', ['velocity', 'torque'])
 def test_actuators_of_velocity_and_torque_follow_by_their_controllers_gains(tmp_path, kind):
     inputs = Inputs(0.0, 6.0, joints=told(6.0), measured_joints=NAMES)
@@ -485,7 +539,8 @@ def test_what_is_no_straight_line_in_a_coarse_step_is_told_by_a_quarter_of_it(mo
     runs = Runs(arm, inputs, arm.run(inputs, arm.nominal).pose)
     runs.try_all(arm.nominal)
     assert runs.is_coarse
-    assert INTEGRATION_BEND in {one.name for one in nuisances_of(arm.parameters, finer=True, finest=True)}
+    assert INTEGRATION_BEND in {
+        one.name for one in nuisances_of(arm.parameters, finer=True, finest=True)}
     quarter = arm.run_finest(inputs, arm.nominal)
     n = len(quarter.wrench)
     line, both = (runs.integrated(arm.nominal, 1.5, x).wrench.values[:n] for x in (0.0, 1.0))
@@ -623,4 +678,5 @@ def test_play_is_not_called_friction_nor_friction_play(model, name, value):
     effect, = found.diagnosis.effects
     assert effect.name == name
     assert effect.parameters['value'].value == pytest.approx(value, rel=0.1)
-    assert [one['name'] for one in found.details['parameters']] == [name] * (name != 'backlash[lift]')
+    listed = [one['name'] for one in found.details['parameters']]
+    assert listed == [name] * (name != 'backlash[lift]')

@@ -196,8 +196,8 @@ def _about(pairs: Sequence[PairReady], outcome: Outcome) -> Iterator[str]:
     contact = sum(one.contact_s for one in pairs)
     if force > RIGID_N and not contact:
         yield (f'the simulated wrench is not that of a rigid tool: {force:.2g} N and {torque:.2g} '
-               'N m are something else (contact, backlash, noise, another frame), and are compared '
-               'as they are')
+               'N m are something else (contact, backlash, noise, another frame), and are '
+               'compared as they are')
     bias = [median + outcome.recalibrations.get(f'{BIAS}.{i}', (0.0, 0.0))[0]
             for i, median in enumerate(pairs[0].tool.zero)]
     yield ('bias of the wrench against the simulated: '
@@ -344,7 +344,7 @@ def _speed(stream: PoseStream | JointStream | None) -> tuple[float, Array] | Non
 
 
 def _best_shift(one: tuple[float, Array], other: tuple[float, Array]) -> tuple[float, float]:
-    """Return by how much the other has to be shift_times, and how well they then correlate."""
+    """Return by how much the other has to be shifted, and how well they then correlate."""
     (start, a), (its_start, b) = one, other
     product = correlate(a - a.mean(), b - b.mean(), method='fft')
     coarse = start - its_start + BLOCK * (int(np.argmax(product)) - (len(b) - 1))

@@ -178,7 +178,7 @@ def _spread(flag: NDArray[np.bool_], blocks: int) -> NDArray[np.bool_]:
 
 
 def is_tracked(rig: Rig) -> bool:
-    """Return whether a rig states that its robot's model leaves more than the noise of the poses."""
+    """Return whether a rig states that its robot leaves more than the noise of the poses."""
     unexplained = rig.robot.unexplained
     return unexplained is not None and unexplained.beyond(rig.pose_sensor)
 
@@ -260,8 +260,8 @@ class TrackedRigSource(ToolSource):
                unit: str) -> str:
         stated, offset = states
         words = (f'{name}: {1e3 * one.rms:.2g} {unit} from the simulated, the rig states '
-                 f'{1e3 * np.hypot(stated, offset):.2g} {unit}, {1e3 * offset:.2g} of it fixed and '
-                 f'{1e3 * stated:.2g} not{one.delay_words(unit)}')
+                 f'{1e3 * np.hypot(stated, offset):.2g} {unit}, {1e3 * offset:.2g} of it fixed '
+                 f'and {1e3 * stated:.2g} not{one.delay_words(unit)}')
         late = np.isfinite(one.delay) and abs(one.delay) > max(
             3.0 * one.delay_std, 0.5 * self._rig.robot.period)
         if late or one.unexplained > MAX_UNEXPLAINED * float(np.hypot(stated, noise)):

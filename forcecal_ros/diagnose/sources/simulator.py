@@ -180,7 +180,8 @@ class SimulatorSource(Source):
             ready.append(prepared)
         return ready
 
-    def _prepare(self, given: Recording, stamps: Corrected, tool: SimulatedTool | None) -> RerunReady:
+    def _prepare(self, given: Recording, stamps: Corrected, tool: SimulatedTool | None
+                 ) -> RerunReady:
         real, simulator = stamps.recording, self.simulator
         start, n = span(real)
         assert real.pose is not None
@@ -211,7 +212,7 @@ class SimulatorSource(Source):
                           remarks=simulator.remarks(inputs))
 
     def search(self, ready: Sequence[Ready]) -> Outcome:
-        """Try all parameters, where they are and, if that was too far off, where they should be."""
+        """Try all parameters, at their values and, if these are too far off, at those found."""
         return self._search([one for one in ready if isinstance(one, RerunReady)])
 
     def _search(self, ready: Sequence[RerunReady]) -> Outcome:
@@ -247,7 +248,8 @@ class SimulatorSource(Source):
 
     def _explained(self, ready: Sequence[RerunReady], outcome: Outcome, short: str) -> Outcome:
         """Add what the user should know of simulator and numbers."""
-        d, remarks = outcome.diagnosis, tuple(dict.fromkeys(x for one in ready for x in one.remarks))
+        d = outcome.diagnosis
+        remarks = tuple(dict.fromkeys(x for one in ready for x in one.remarks))
         notes = (*self.simulator.notes, *remarks, *recalibrated_notes(self.simulator, outcome),
                  *dict.fromkeys(filter(None, [*(x for one in ready for x in one.notes), short])),
                  *joint_channel_notes(ready[0].simulation.joints, [one.given for one in ready]))
@@ -356,7 +358,8 @@ def inputs_of(recording: Recording) -> Inputs:
     DataError
         It holds none.
     """
-    commands = [s for s in (recording.target, recording.joint_commands) if s is not None and len(s)]
+    commands = [s for s in (recording.target, recording.joint_commands)
+                if s is not None and len(s)]
     if not commands:
         raise DataError('the recording holds no commands; record those of the joints, and name '
                         'them with --topic joint_commands=NAME')

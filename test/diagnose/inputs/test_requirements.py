@@ -56,7 +56,8 @@ def both(recording):
         warnings.simplefilter('error')
         rig = load_rig()
         found = [RigSource(rig).diagnose(recording).diagnosis,
-                 ToolSource(rigid_tool_of_rig(rig)).diagnose(replace(recording, target=None)).diagnosis]
+                 ToolSource(rigid_tool_of_rig(rig)).diagnose(
+                     replace(recording, target=None)).diagnosis]
     assert [d.verdict for d in found] == 2 * ['invalid_data']
     assert not any('\n' in d.reason for d in found)
     return [d.reason for d in found]

@@ -1,4 +1,4 @@
-"""Plans for some effects: what they need, what the limits allow, what they limitations show."""
+"""Plans for some effects: what they need, what the limits allow, what they cannot show."""
 
 from dataclasses import replace
 
@@ -68,7 +68,8 @@ def test_a_slow_robot_moves_less_and_poses_outside_the_box_are_left_out():
 
 def planned(timing=Timing(), asked=('tool_mass', 'contact_stiffness', 'wrench_delay')):
     motion = motion_for(RIG, contact=False, effects=['tool_mass'])
-    shown = tuple(Visibility(name, '1', energy, '', energy, EFFECTS[name].excited_by) for name, energy
+    shown = tuple(Visibility(name, '1', energy, '', energy, EFFECTS[name].excited_by)
+                  for name, energy
                   in (('tool_mass', 100.0), ('contact_stiffness', 0.0), ('wrench_delay', 9.0),
                       ('wrench_lowpass', 90.0), ('base_tilt', 90.0)))
     return Planned(motion._replace(timing=replace(motion.timing, amplitude=0.5)), Excitation(
