@@ -295,8 +295,8 @@ def _commands(mujoco: Any, model: Any, drives: Sequence[Drive], joints: JointStr
     for name in joints.names:
         if name not in driven:
             raise ConfigError(f'joint {name} is commanded, but '
-                              f'{reason_not_driven(mujoco, model, name)}; what can be told positions '
-                              f'is {", ".join(driven)}')
+                              f'{reason_not_driven(mujoco, model, name)}; what can be told '
+                              f'positions is {", ".join(driven)}')
     return joints, [driven[name] for name in joints.names]
 
 
