@@ -26,7 +26,6 @@ from forcecal_ros.diagnose.model.evidence import fit
 from forcecal_ros.diagnose.model.gates import nuisances_of
 from forcecal_ros.diagnose.model.jacobian import column
 from forcecal_ros.diagnose.model.linearised import Diverged, LinearisedModel
-from forcecal_ros.diagnose.search.acceptance import FORM, HOTTEST, LEAST_BEYOND
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.effects.signals import FORCES
 import numpy as np
@@ -143,7 +142,13 @@ LAGS = {'wrench_delay': ('delay', 'wrench_lowpass'),
         'wrench_lowpass': ('time_constant', 'wrench_delay')}
 """Effect -> its number that is the lag, and the effect that shows like it."""
 
-TOLD = 2.0 * 3.0 * HOTTEST
+FORM = 5e-3
+"""Part of the energy of an effect that a wrong form of it may leave."""
+
+LEAST_BEYOND = 25.0
+"""Whitened energy of a difference that noise does not make."""
+
+TOLD = 2400.0
 """
 Whitened energy by which effects are told apart, however strong they are: three log-odds at the
 highest temperature of their ranking.
