@@ -94,8 +94,7 @@ def tried(simulations: Sequence[Rerun], judged: Sequence[Dataset], outcome: Outc
 
 def _without(model: LinearisedModel, name: str) -> LinearisedModel:
     """Put a number and all that was recalibrated beside it back to where they were."""
-    stays = np.array([n.name in model.released - {name} or n.acts_on == 'step'
-                      for n in model.nuisances], dtype=bool)
+    stays = np.array([n.name in model.released - {name} for n in model.nuisances], dtype=bool)
     return replace(model, released=model.released - {name},
                    centre=np.where(stays, model.centre, 0.0))
 

@@ -24,7 +24,6 @@ from forcecal_ros.diagnose.recordings import (
     missing_joint_notes,
     select_joints,
 )
-from forcecal_ros.diagnose.search.tolerances import narrowed
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.io.bags import read_recording, write_recording
 from forcecal_ros.sim.protocol import Inputs, Parameter
@@ -165,30 +164,6 @@ def of_payload(robot, payload):
     one.runs.try_all(robot.nominal)
     one.simulation.forget()
     return linearised_model(one.robot, held_out([one.dataset]))
-
-
-def test_a_number_beyond_its_tolerance_is_not_shared_by_those_within_theirs(robot):
-    model = of_payload(robot, 1.248)
-    closer = narrowed(model, releases(model))
-    (name, sigmas), = closer.beyond
-    assert name == 'payload'
-    assert sigmas == pytest.approx(4.0, abs=0.4)
-    within = closer.model.prior()
-    of_gains = [n.key == 'wrench_gain' for n in model.nuisances]
-    assert (within.high[of_gains] < model.prior().high[of_gains]).all()
-    assert (np.abs(closer.model.centre) <= within.high + 1e-6).all()
-    assert str(closer).startswith('payload is ')
-
-
-def test_tolerances_stay_where_all_numbers_are_within_theirs(robot):
-    model = of_payload(robot, 1.224)
-    assert narrowed(model, releases(model)) is None
-
-
-def test_tolerances_that_a_file_states_are_not_narrowed(robot):
-    model = of_payload(robot, 1.248)
-    model.datasets[0].simulation.usual_tolerances = False
-    assert narrowed(model, releases(model)) is None
 
 
 @pytest.mark.long

@@ -61,8 +61,8 @@ def judge(first: LinearisedModel, found: Posterior, checks: Checks,
     gap, noise, errors = measured_gap(first, found, summary, observed)
     checked = tuple(NamedEffect(n, v, CHECKED) for n, v in checks.effects.items())
     numbers = {a.name: parameters_of(final, a) for a in found.accepted}
-    ties = ties_of(final, numbers, {name: f.gain for name, f in found.features.items()})
-    probabilities, candidates = weighed(found, ties, part.ratio >= 1.0)
+    ties = ties_of(found)
+    probabilities, candidates = weighed(found, part.ratio >= 1.0)
     stated = with_taken(final, found.accepted, numbers, errors, gap.closed)
     named = [begun_or_ended(NamedEffect(name, values, probabilities[name]), final, found.instants)
              for name, values in stated.items()]
@@ -71,7 +71,7 @@ def judge(first: LinearisedModel, found: Posterior, checks: Checks,
                   listed_once(candidates))
 
 
-def weighed(found: Posterior, ties: Mapping[str, Tie], is_gap: bool
+def weighed(found: Posterior, is_gap: bool
             ) -> tuple[dict[str, float], list[tuple[str, float]]]:
     """
     Return the probability of each accepted effect, and the candidates.
@@ -84,10 +84,7 @@ def weighed(found: Posterior, ties: Mapping[str, Tie], is_gap: bool
     named: dict[str, float] = {}
     chosen: list[tuple[str, float]] = []
     for name, features in found.features.items():
-        whole, t = probability(features), features.temperature
-        weight = {k: math.exp(min(0.0, v) / t) for k, v in found.alternatives[name].items()}
-        if name in ties:
-            weight[ties[name].other] = max(ties[name].odds, weight.get(ties[name].other, 0.0))
+        whole, weight = probability(features), found.odds[name]
         shares = {k: whole * w / (1.0 + sum(weight.values())) for k, w in weight.items()}
         named[name] = whole - sum(shares.values())
         chosen += _covering({name: named[name], UNKNOWN: 1.0 - whole, **shares})

@@ -104,6 +104,13 @@ class Posterior(NamedTuple):
     instants: Mapping[str, Instant] = MappingProxyType({})
 
     @property
+    def odds(self) -> dict[str, dict[str, float]]:
+        """Odds of each other effect in the place of an accepted one, against that one."""
+        return {name: {other: float(np.exp(min(0.0, value) / self.features[name].temperature))
+                       for other, value in others.items()}
+                for name, others in self.alternatives.items()}
+
+    @property
     def beside_discrepancy(self) -> bool:
         """Whether the effects were weighed beside a discrepancy."""
         return self.model.discrepancy_scales != NO_DISCREPANCY
@@ -145,14 +152,15 @@ def weigh(fit: JointFit, ways: float = 0.0) -> Explanation:
 
 def extended(parent: Explanation, table: _Table) -> list[Explanation]:
     """Add one effect to an explanation: the likeliest few, fitted on simulations."""
-    out, now = [], parent.fit
-    for t in table.candidates(now)[:REFINED]:
-        if t.evidence < WORTH:
-            break
-        fit = _with(now, t)
-        if fit is not None:
-            out.append(weigh(fit, parent.ways + float(np.log(t.ways))))
-    return out
+    now = parent.fit
+    likely = [t for t in table.candidates(now)[:REFINED] if t.evidence > WORTH]
+    # features are whitened anew for each noise, which takes seconds: all of one noise at once
+    changes = [(t, _placed(now, t)) for t in likely if t.gate is not None]
+    fits = [(t, _with(now, t)) for t in likely if t.gate is None]
+    for t, placed in changes:
+        fits.append((t, placed and joint_fit_if_finite(
+            replace(placed.model, noise=now.model.noise), placed.accepted)))
+    return [weigh(fit, parent.ways + float(np.log(t.ways))) for t, fit in fits if fit is not None]
 
 
 def _with(now: JointFit, t: Candidate) -> JointFit | None:
@@ -163,10 +171,20 @@ def _with(now: JointFit, t: Candidate) -> JointFit | None:
         gates[name] = t.gate
     library = {**model.library, name: BIAS} if name.startswith(BIAS.name) else model.library
     model = replace(model, gates=gates, library=library, discrepancy_scales=t.scales)
-    fit = joint_fit_if_finite(model, [*now.accepted, t.effect], t.nuisances)
-    if fit is None or t.gate is None:
-        return fit
-    return joint_fit_if_finite(moved(fit.model, name, instant_of(fit, name)), fit.accepted) or fit
+    return joint_fit_if_finite(model, [*now.accepted, t.effect], t.nuisances)
+
+
+def _placed(now: JointFit, t: Candidate) -> JointFit | None:
+    """
+    Fit a candidate that begins or ends, and its change point, beside white noise.
+
+    Noise that was fitted to a residual in which an effect begins whitens its beginning away.
+    """
+    model = now.model
+    fit = _with(now._replace(model=replace(model, noise=model.white_noise(model.residuals))), t)
+    if fit is None:
+        return None
+    return fit._replace(model=moved(fit.model, t.effect.name, instant_of(fit, t.effect.name)))
 
 
 def _without(start: LinearisedModel, now: Explanation, name: str) -> Explanation:

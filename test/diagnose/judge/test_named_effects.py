@@ -15,7 +15,7 @@ from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.numbers_found import Changed
 from forcecal_ros.diagnose.result import Diagnosis, load_diagnosis, to_document
-from forcecal_ros.diagnose.search.fitted import Accepted
+from forcecal_ros.diagnose.search.model_comparison import Accepted
 from forcecal_ros.diagnose.verdict import verdict
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.sim.rig.file import load_rig
