@@ -22,7 +22,7 @@ setup(
     license='Apache-2.0',
     python_requires='>=3.10',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
-    package_data={PACKAGE: ['config/**/*.yaml', 'config/**/*.xml', '**/*.html.j2', 'nodes/*.xml']},
+    package_data={PACKAGE: ['config/**/*.yaml', 'config/**/*.xml', '**/*.html.j2', 'diagnose/**/*.json', 'nodes/*.xml']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),

@@ -20,7 +20,7 @@ from forcecal_ros.diagnose.judge.ties import Tie
 from forcecal_ros.diagnose.localise import Location
 from forcecal_ros.diagnose.model.gates import BIAS
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
-from forcecal_ros.diagnose.search.selection import Selection
+from forcecal_ros.diagnose.search.posterior import Posterior
 from forcecal_ros.effects import named_effects, physical_rig, with_effects
 from forcecal_ros.effects.nuisances import apply_all
 from forcecal_ros.effects.rig import Rig
@@ -229,7 +229,7 @@ def _lasts(model: LinearisedModel, name: str) -> bool:
     return name != BIAS.name and (gate is None or gate.end is None)
 
 
-def patched_rig(model: LinearisedModel, selection: Selection, checks: Checks) -> Rig:
+def patched_rig(model: LinearisedModel, selection: Posterior, checks: Checks) -> Rig:
     """
     Recalibrate the rig and give it the effects, those that share a nuisance by their own name.
 

@@ -3,8 +3,11 @@
 from collections.abc import Sequence
 from math import inf
 
-from forcecal_ros.diagnose.judge.probabilities import NAMED, UNKNOWN
+from forcecal_ros.diagnose.judge.calibration import UNKNOWN
 from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
+
+NAMED = 0.8
+"""Explained share from which effects are named although more is unexplained."""
 
 MIN_EXPLAINED_WHOLE = 0.95
 """Explained share from which what is unexplained does not matter beside it."""

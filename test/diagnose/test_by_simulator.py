@@ -11,7 +11,6 @@ from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.core.streams import JointStream, Recording, Stream
 from forcecal_ros.diagnose.dataset import split_datasets
-from forcecal_ros.diagnose.model.hypotheses import releases
 from forcecal_ros.diagnose.model.jacobian import nuisance_column
 from forcecal_ros.diagnose.model.linearised import linearised_model
 from forcecal_ros.diagnose.recordings import (
@@ -19,7 +18,6 @@ from forcecal_ros.diagnose.recordings import (
     missing_joint_notes,
     select_joints,
 )
-from forcecal_ros.diagnose.search.tolerances import narrowed
 from forcecal_ros.diagnose.sources.simulator import SimulatorSource
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.io.bags import read_recording, write_recording
@@ -160,30 +158,6 @@ def of_payload(robot, payload):
     one.runs.try_all(robot.nominal)
     one.simulation.forget()
     return linearised_model(one.robot, split_datasets([one.dataset]))
-
-
-def test_a_number_beyond_its_tolerance_is_not_shared_by_those_within_theirs(robot):
-    model = of_payload(robot, 1.248)
-    closer = narrowed(model, releases(model))
-    (name, sigmas), = closer.beyond
-    assert name == 'payload'
-    assert sigmas == pytest.approx(4.0, abs=0.4)
-    within = closer.model.prior()
-    of_gains = [n.key == 'wrench_gain' for n in model.nuisances]
-    assert (within.high[of_gains] < model.prior().high[of_gains]).all()
-    assert (np.abs(closer.model.centre) <= within.high + 1e-6).all()
-    assert str(closer).startswith('payload is ')
-
-
-def test_tolerances_stay_where_all_numbers_are_within_theirs(robot):
-    model = of_payload(robot, 1.224)
-    assert narrowed(model, releases(model)) is None
-
-
-def test_tolerances_that_a_file_states_are_not_narrowed(robot):
-    model = of_payload(robot, 1.248)
-    model.datasets[0].simulation.usual_tolerances = False
-    assert narrowed(model, releases(model)) is None
 
 
 @pytest.mark.long

@@ -4,14 +4,12 @@ from dataclasses import replace
 
 from forcecal_ros.core.streams import PoseStream, Stream
 from forcecal_ros.diagnose.dataset import split_by_phase
-from forcecal_ros.diagnose.model.compact import Compact
-from forcecal_ros.diagnose.model.hypotheses import Atom, Hypothesis, nominal_of
 from forcecal_ros.diagnose.model.linearised import Diverged, linearised_model
 from forcecal_ros.diagnose.recordings import convert_to_volts, correct_clocks
-from forcecal_ros.diagnose.search.acceptance import refined_or_rejected
-from forcecal_ros.diagnose.search.model_comparison import ModelComparison
+from forcecal_ros.diagnose.search.joint_fit import joint_fit_if_finite
+from forcecal_ros.diagnose.search.model_comparison import Accepted
 from forcecal_ros.diagnose.sources.rig import prepare_commanded, RigSource
-from forcecal_ros.effects import EFFECTS, with_effects
+from forcecal_ros.effects import with_effects
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.replay import Replay
 from forcecal_ros.sim.rig.simulator import simulate
@@ -150,9 +148,5 @@ def test_a_hypothesis_whose_simulation_diverges_is_rejected():
     name = 'tool_stiffening'
     with pytest.raises(Diverged):
         p.simulate({**p.effects, name: {'cubic': -7e4}}, 0)
-    effect = EFFECTS[name]
-    columns = ([{0: Compact.of(np.ones(len(p.residuals[0])))}],)
-    hypothesis = Hypothesis(name, effect, (), (Atom(nominal_of(effect), np.array([0]), columns),))
-    comparison = ModelComparison(p)
-    result = comparison.screen([hypothesis])[0][0]._replace(theta=np.array([-7e4]))
-    assert refined_or_rejected(comparison, hypothesis, result).evidence == -np.inf
+    effect = Accepted(name, np.array([-7e4]), np.zeros(1), np.array([0]), frozenset())
+    assert joint_fit_if_finite(p, [effect]) is None

@@ -9,7 +9,7 @@ from forcecal_ros.diagnose.judge.parameter_errors import Errors, parameter_error
 from forcecal_ros.diagnose.judge.residual_summary import predictions, ResidualSummary
 from forcecal_ros.diagnose.localise import BIN_SIGMA, TimeFrequencyBin
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
-from forcecal_ros.diagnose.search.selection import Selection
+from forcecal_ros.diagnose.search.posterior import Posterior
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
@@ -251,7 +251,7 @@ def unpredictable(model: LinearisedModel, bins: list[TimeFrequencyBin],
     return energy
 
 
-def measured_gap(model: LinearisedModel, selection: Selection, summary: ResidualSummary,
+def measured_gap(model: LinearisedModel, selection: Posterior, summary: ResidualSummary,
                  observed: Sequence[MeasuredBlocks]) -> tuple[Gap, Array, Errors]:
     """
     Measure the gap in its three arms, the error of the contact force with it.

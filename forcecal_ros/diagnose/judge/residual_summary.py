@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.dataset import CHANNELS
+from forcecal_ros.diagnose.judge.slow_noise import held_out_likelihood_ratio, of_slow_noise
 from forcecal_ros.diagnose.localise import (
     BANDS,
     BIN_SIGMA,
@@ -25,7 +26,6 @@ from forcecal_ros.diagnose.model.hypotheses import EffectJacobian, VIBRATION
 from forcecal_ros.diagnose.model.jacobian import combined
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY
-from forcecal_ros.diagnose.search.acceptance import held_out_likelihood_ratio, of_slow_noise
 from forcecal_ros.diagnose.search.model_comparison import FLAWED, ModelComparison
 from forcecal_ros.sim.signals import SMALL
 import numpy as np

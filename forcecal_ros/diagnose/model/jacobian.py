@@ -50,9 +50,6 @@ def nuisance_column(dataset: Dataset, nuisance: Nuisance, size: float, rig: Rig,
     level : ndarray, shape (channels,)
         Of the noise.
     """
-    if nuisance.acts_on == 'step':
-        since = dataset.measured.since(CHANNELS[nuisance.axis].stream, nuisance.instant)
-        return {nuisance.axis: Compact.of(size * since)}
     if nuisance.acts_on == 'rig':
         changed = dataset.simulation.signals(nuisance.apply(rig, size))
         return column(residual - dataset.measured.residual(changed), level)

@@ -5,7 +5,7 @@ from forcecal_ros.diagnose.dataset import split_by_phase
 from forcecal_ros.diagnose.model.evidence import fit, Prior
 from forcecal_ros.diagnose.model.gates import Gate, gated
 from forcecal_ros.diagnose.model.linearised import EFFECT, linearised_model
-from forcecal_ros.diagnose.search.instants import Instants
+from forcecal_ros.diagnose.search.change_points import Instants
 from forcecal_ros.diagnose.sources.rig import prepare_commanded
 from forcecal_ros.sim.rig.file import load_rig
 import numpy as np

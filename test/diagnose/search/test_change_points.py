@@ -9,7 +9,7 @@ from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
 from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.result import Diagnosis, load_diagnosis, to_document
-from forcecal_ros.diagnose.search.onsets import _to_a_sample
+from forcecal_ros.diagnose.search.change_points import _to_a_sample
 from forcecal_ros.diagnose.sources.rig import RigSource
 from forcecal_ros.effects import with_effects
 from forcecal_ros.sim.rig.file import load_rig

@@ -5,9 +5,8 @@ from types import SimpleNamespace
 from forcecal_ros.core.noise.autoregression import fit_autoregression
 from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.judge.residual_summary import WITHOUT_NAME
-from forcecal_ros.diagnose.search.acceptance import least_evidence, of_slow_noise
+from forcecal_ros.diagnose.judge.slow_noise import of_slow_noise
 import numpy as np
-import pytest
 from scipy.signal import lfilter, zpk2tf
 
 N = 6000
@@ -50,8 +49,3 @@ def test_a_function_of_the_motion_still_shows_beside_such_noise():
     slow, gain = of_noise_and_gain(residual, swift)
     # ten times the log-evidence from which something is unexplained
     assert gain - slow > 10.0 * WITHOUT_NAME
-
-
-def test_an_effect_brings_more_than_the_wrong_form_of_a_strong_one_leaves():
-    assert least_evidence(100.0, [2e4, 10.0]) == pytest.approx(100.0)
-    assert least_evidence(400.0, [2e4, 10.0]) == pytest.approx(200.0)
