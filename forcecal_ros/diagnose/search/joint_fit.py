@@ -12,9 +12,7 @@ from forcecal_ros.diagnose.model.hypotheses import (
     values_of,
 )
 from forcecal_ros.diagnose.model.linearised import Diverged, LinearisedModel
-from forcecal_ros.diagnose.search.acceptance import holds_beside_long_memory
-from forcecal_ros.diagnose.search.fitted import Accepted
-from forcecal_ros.diagnose.search.model_comparison import Explained, ModelComparison
+from forcecal_ros.diagnose.search.model_comparison import Accepted, Explained, ModelComparison
 import numpy as np
 
 ROUNDS = 3
@@ -66,10 +64,7 @@ def joint_fit(model: LinearisedModel, accepted: Sequence[Accepted], step: Array 
     out = replace(model, released=released, effects=_effects(model, accepted),
                   centre=model.centre if step is None else model.moved(step))
     m, now = len(model.nuisances), list(accepted)
-    if released != model.released:
-        out.linearise()
-    else:
-        out.evaluate()
+    out.evaluate()
     jacobians: list[EffectJacobian] = []
     for _ in range(ROUNDS):
         jacobians = [_jacobian(out, a) for a in now if len(a.theta)]
@@ -111,20 +106,6 @@ def joint_fit_if_finite(model: LinearisedModel, accepted: Sequence[Accepted],
         return None
 
 
-def shaped(now: JointFit) -> JointFit:
-    """Give the effect accepted last the shapes that it began without, if that is better."""
-    last = now.accepted[-1]
-    for i, q in enumerate(now.model.library[last.name].parameters):
-        if len(last.theta) and q.shapes and i not in last.free:
-            theta = last.theta.copy()
-            theta[i] = q.starts[-1]
-            other = joint_fit_if_finite(now.model, [*now.accepted[:-1], last._replace(
-                theta=theta, free=np.sort(np.append(last.free, i)))])
-            if other is not None and holds_beside_long_memory(now.model, other.model):
-                now, last = other, other.accepted[-1]
-    return now
-
-
 def without_effect(start: LinearisedModel, now: JointFit, name: str) -> JointFit:
     """
     Take one effect out; noise stays as it is, nuisances are fitted anew.
@@ -143,10 +124,7 @@ def without_effect(start: LinearisedModel, now: JointFit, name: str) -> JointFit
     out = replace(model, released=released, effects=_effects(model, others))
     prior = out.prior()
     out.centre = np.clip(model.centre, prior.low, prior.high)
-    if released != model.released:
-        out.linearise()
-    else:
-        out.evaluate()
+    out.evaluate()
     out.centre = out.moved(out.fit_nuisances().x)
     out.evaluate()
     return JointFit(out, others, [_jacobian(out, a) for a in others if len(a.theta)])
