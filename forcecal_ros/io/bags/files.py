@@ -96,8 +96,9 @@ def at_offsets(buffer: bytes, offsets: Integers, dtype: str) -> NDArray[Any]:
 
 
 DAMAGE = (ArithmeticError, EOFError, LookupError, MemoryError, RecursionError, RuntimeError,
-          TypeError, ValueError, sqlite3.Error, struct.error, zstd.ZstdError)
-"""All that decoders raise over bytes that are not what they should be; lz4 raises RuntimeError."""
+          SyntaxError, TypeError, ValueError, sqlite3.Error, struct.error, zstd.ZstdError)
+"""All that decoders raise over bytes that are not what they should be; lz4 raises RuntimeError,
+and rosbags SyntaxError, since it makes Python classes of the definitions in a recording."""
 
 MAGIC = b'\x89MCAP0\r\n'
 """First and last bytes of an MCAP file."""
@@ -345,8 +346,8 @@ class SqliteFile:
             definitions = {}
         rows = self._database.execute(
             "SELECT id, name, type FROM topics WHERE serialization_format = 'cdr'")
-        return {number: Topic(printable(name), printable(kind), definitions.get(kind, ''))
-                for number, name, kind in rows}
+        return {number: Topic(printable(name), printable(kind), str(definitions.get(kind, '')))
+                for number, name, kind in rows if type(name) is type(kind) is str}
 
     def close(self) -> None:
         """Let go of the file."""

@@ -105,7 +105,7 @@ class Bag:
                 found = get_types_from_msg(topic.definition, topic.type)
                 store.register({name: fields for name, fields in found.items()
                                 if name not in store.fielddefs})
-            except (TypesysError, ValueError, KeyError, RecursionError):
+            except (TypesysError, *DAMAGE):
                 self.notes.add(f'{topic.name}: the definition of {topic.type} is damaged')
         return store
 
