@@ -130,10 +130,14 @@ class _Table:
         screened = comparison.screen([h for h in self.found if h.name not in taken])
         # of an effect that begins or ends a part shows as if it acted all the time
         likely = [t.effect.name for t in screened if t.evidence > WORTH][:2 * REFINED]
-        bias = self.parts[BIAS.name]._replace(name=_further_step(model))
+        bias = [self.parts[BIAS.name]._replace(name=_further_step(model))
+                ] if BIAS.name in self.parts else []
         parts = [self.parts[n] for n in likely if n in self.parts]
-        changes = screen_change_points(now, [bias, *parts] if BIAS.name in self.parts else parts)
-        return sorted([*screened, *changes], key=lambda t: -t.evidence)
+        changes = screen_change_points(now, [*bias, *parts])
+        # what acts all the time needs no change point
+        least = {t.effect.name: t.evidence + WORTH for t in screened}
+        return sorted([*screened, *(t for t in changes if t.evidence > least.get(
+            t.effect.name, WORTH))], key=lambda t: -t.evidence)
 
 
 def _further_step(model: LinearisedModel) -> str:
@@ -211,9 +215,9 @@ def _beside(other: Explanation, best: Explanation) -> Explanation:
 def _likeliest(pool: Sequence[Explanation]) -> list[Explanation]:
     """Keep each set of effects once, the likeliest first."""
     out: dict[frozenset[str], Explanation] = {}
-    for e in sorted(pool, key=lambda one: -one.evidence):
+    for e in sorted(pool, key=lambda one: len(one.fit.model.gates) * WORTH - one.evidence):
         out.setdefault(e.names, e)
-    return list(out.values())
+    return sorted(out.values(), key=lambda one: -one.evidence)
 
 
 def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
