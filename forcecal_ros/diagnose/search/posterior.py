@@ -42,6 +42,10 @@ WORTH = 8.0
 """Log-evidence that an effect has to bring: 3,000 to one, for some hundred that are tried."""
 
 
+NAMED = 0.5
+"""Probability from which an effect is named: likelier than not."""
+
+
 class Explanation(NamedTuple):
     """
     Effects as fitted together, and what they are worth.
@@ -237,7 +241,9 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
     features: dict[str, Features] = {}
     alternatives: dict[str, dict[str, float]] = {}
     nearest: dict[str, float] = {}
-    while len(best.names) < MOST_EFFECTS:
+    for _ in range(2 * MOST_EFFECTS):
+        if len(best.names) == MOST_EFFECTS:
+            break
         children = _likeliest([e for parent in beam for e in extended(parent, table)])
         less = {best.names: best}
         for a in children[0].fit.accepted[:-1] if children else ():
@@ -246,6 +252,9 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
             less[shorter.names] = shorter
             children += [shorter, *extended(shorter, table)]
         children = _likeliest(children)
+        if not best.names:
+            nearest = {name: e.evidence - children[0].evidence
+                       for e in children for name in e.names}
         if not children or children[0].evidence < best.evidence + WORTH:
             break
         chosen = children[0]
@@ -256,11 +265,7 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
                 less[others] = _without(model, chosen, a.name)
             own[a.name] = features_of(chosen, less[others], a, children)
         instead = {name: _instead(chosen, children, name) for name in chosen.names}
-        accepted = min(probability(f) for f in own.values()) >= 0.5
-        if not accepted and not features:
-            nearest = {name: e.evidence - chosen.evidence
-                       for e in children if len(e.names) == 1 for name in e.names}
-        if not accepted:
+        if min(probability(f) for f in own.values()) < NAMED:
             break
         features, alternatives = own, instead
         temperature = max(f.temperature for f in own.values())
@@ -269,7 +274,7 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
             best.names) and e.evidence > chosen.evidence - 3.0 * temperature)]
     last = best.fit.comparison()
     return Posterior(best.fit.model, tuple(best.fit.accepted), tuple(best.fit.jacobians),
-                     features, alternatives, nearest, last.missing_by_stream,
+                     features, alternatives, {} if features else nearest, last.missing_by_stream,
                      last.discrepancy_evidence,
                      {name: instant_of(best.fit, name) for name in best.names
                       if name in best.fit.model.gates})
