@@ -8,8 +8,8 @@ from forcecal_ros.core.streams import CHANNELS, PoseStream, Recording, Stream
 from forcecal_ros.diagnose import localise
 from forcecal_ros.diagnose.by_commands import diagnose
 from forcecal_ros.diagnose.dataset import CHANNELS as DIAGNOSED
-from forcecal_ros.diagnose.judge.named_effects import from_checks
 from forcecal_ros.diagnose.judge.judgement import listed_once
+from forcecal_ros.diagnose.judge.named_effects import from_checks
 from forcecal_ros.diagnose.model.evidence import fit, Gram, Prior
 from forcecal_ros.diagnose.recordings import Corrected
 from forcecal_ros.diagnose.result import to_document

@@ -217,7 +217,8 @@ class LinearisedModel:
         """Simulate at the centre and take the Jacobian by the nuisances there."""
         rig = self.current(self._always(self.effects))
         self.jacobian = [
-            [self._column(i, n, size, rig, s, b) for n, size in zip(self.nuisances, self.prior_std)]
+            [self._column(i, n, size, rig, s, b)
+             for n, size in zip(self.nuisances, self.prior_std)]
             for i, c in enumerate(self.datasets)
             for s in [c.simulation.signals(rig)]
             for b in [c.measured.residual(s)]]

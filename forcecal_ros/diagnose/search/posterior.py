@@ -14,11 +14,11 @@ from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.dataset import STREAM_SLICES
-from forcecal_ros.diagnose.judge.calibration import Features, probability
 from forcecal_ros.diagnose.model.gates import BIAS
 from forcecal_ros.diagnose.model.hypotheses import EffectJacobian, everywhere, Hypothesis
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY
+from forcecal_ros.diagnose.search.calibration import Features, probability
 from forcecal_ros.diagnose.search.change_points import (
     Instant,
     instant_of,
