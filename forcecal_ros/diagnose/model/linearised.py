@@ -224,6 +224,20 @@ class LinearisedModel:
             for b in [c.measured.residual(s)]]
         self.evaluate()
 
+    def retake(self, names: frozenset[str]) -> None:
+        """Take anew the columns of some nuisances that are simulated, and simulate there."""
+        chosen = [j for j, n in enumerate(self.nuisances)
+                  if n.name in names and n.acts_on == 'rig']
+        rig = self.current(self._always(self.effects))
+        self.jacobian = [list(columns) for columns in self.jacobian]
+        for i, c in enumerate(self.datasets if chosen else ()):
+            s = c.simulation.signals(rig)
+            b = c.measured.residual(s)
+            for j in chosen:
+                self.jacobian[i][j] = self._column(i, self.nuisances[j], self.prior_std[j], rig,
+                                                   s, b)
+        self.evaluate()
+
     def _column(self, dataset: int, nuisance: Nuisance, size: float, rig: Rig, base: Signals,
                 residual: Array) -> Column:
         """Return the column of a nuisance, the one of before where that holds wherever it is."""
