@@ -18,9 +18,6 @@ import numpy as np
 ROUNDS = 3
 """Gauss-Newton steps of a joint refit, at most."""
 
-FAR = 2.0
-"""Step of a released nuisance, in prior std, after which all are linearised anew."""
-
 SHORTEST = 0.02
 """Fraction of a Gauss-Newton step below which it is given up."""
 
@@ -83,10 +80,9 @@ def joint_fit(model: LinearisedModel, accepted: Sequence[Accepted], step: Array 
         if fraction <= SHORTEST \
                 or (step[m:].max(initial=0.0) < 1e-3 and step[:m].max(initial=0.0) < 0.1):
             break
-        moves = [n.name in released and n.acts_on == 'rig' for n in model.nuisances]
-        if out.is_far(step[:m]) or step[:m][moves].max(initial=0.0) > FAR:
+        if out.is_far(step[:m]):
             out.linearise()
-        elif any(moves):
+        elif released:
             out.retake(released)
     return JointFit(out, now, jacobians)
 

@@ -203,8 +203,11 @@ def _without(start: LinearisedModel, now: Explanation, name: str) -> Explanation
 
 
 def _with_refitted_noise(best: Explanation) -> Explanation:
-    """Fit the noise to the residual, and everything beside that noise."""
+    """Fit the noise to the residual, and everything beside that noise, linearised there."""
     model = replace(best.fit.model)
+    if any(n.name in model.released and n.acts_on == 'rig' for n in model.nuisances):
+        model.linearise()  # a wall that is elsewhere bends what all others do
+        model = (joint_fit_if_finite(model, best.fit.accepted) or best.fit).model
     model.refit_noise(np.zeros(len(model.nuisances)))
     fit = joint_fit_if_finite(model, best.fit.accepted) or best.fit
     return weigh(fit, best.ways)
