@@ -4,7 +4,7 @@
     python benchmark/calibrate_probabilities.py cases.jsonl [--write]
 
 One row a step of a search: the effect that was added last, right or not. The logistic regression
-has a ridge prior, and is cross-validated by generator: each kind of effect, and recordings with
+has a prior about a rule that is known to work, and is cross-validated by generator: each kind of effect, and recordings with
 none, are predicted by a fit to the others.
 """
 
@@ -16,12 +16,15 @@ from typing import NamedTuple
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from forcecal_ros.diagnose.judge.calibration import Features, FILE
+from forcecal_ros.diagnose.search.calibration import Features, FILE
 import numpy as np
 from scipy.optimize import minimize
 
-RIDGE = 0.3
-"""Prior precision of each weight, of regressors of order 1."""
+PRIOR = np.array([0.666, 0.0, 3.0, 0.0, 0.0, 0.0, 0.0])
+"""Mean of intercept and weights: as likely as not at 0.6 of the missing evidence."""
+
+RIDGE = 1.0
+"""Their prior precision, of regressors of order 1."""
 
 NAMES = ('gain', 'gain_over_missing', 'explained', 'parameters', 'further_effects', 'lead')
 SIGNS = np.array([1.0, 1.0, 1.0, -1.0, -1.0, 1.0])
@@ -58,13 +61,13 @@ def fit(x: np.ndarray, right: np.ndarray, used: np.ndarray) -> np.ndarray:
     def cost(w):
         z = w[0] + x @ w[1:]
         p = 1.0 / (1.0 + np.exp(-z))
-        value = np.sum(np.logaddexp(0.0, z) - right * z) + 0.5 * RIDGE * w[1:] @ w[1:]
-        return value, np.append(np.sum(p - right), x.T @ (p - right) + RIDGE * w[1:])
+        off = w - PRIOR
+        value = np.sum(np.logaddexp(0.0, z) - right * z) + 0.5 * RIDGE * off @ off
+        return value, np.append(np.sum(p - right), x.T @ (p - right)) + RIDGE * off
 
     bounds = [(None, None)] + [((0.0, None) if s > 0 else (None, 0.0)) if u else (0.0, 0.0)
                                for s, u in zip(SIGNS, used)]
-    return minimize(cost, np.zeros(x.shape[1] + 1), jac=True, bounds=bounds,
-                    method='L-BFGS-B').x
+    return minimize(cost, PRIOR.copy(), jac=True, bounds=bounds, method='L-BFGS-B').x
 
 
 def cross_validated(rows: Rows, used: np.ndarray) -> np.ndarray:
@@ -82,7 +85,8 @@ def scores(p: np.ndarray, right: np.ndarray) -> dict[str, float]:
     error = sum(abs(p[bins == b].mean() - right[bins == b].mean()) * (bins == b).mean()
                 for b in np.unique(bins))
     return {'log_score': float(np.mean(np.log(np.where(right > 0.5, p, 1.0 - p)))),
-            'calibration_error': float(error), 'accepted_wrong': int(np.sum((p >= 0.5) * (1 - right))),
+            'calibration_error': float(error),
+            'accepted_wrong': int(np.sum((p >= 0.5) * (1 - right))),
             'refused_right': int(np.sum((p < 0.5) * right)), 'rows': len(p)}
 
 

@@ -12,7 +12,6 @@ from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.autoregression import at_standstill
 from forcecal_ros.core.streams import Recording
 from forcecal_ros.diagnose.dataset import CHANNELS, Dataset, MeasuredBlocks
-from forcecal_ros.diagnose.judge.calibration import UNKNOWN
 from forcecal_ros.diagnose.judge.coverage import (
     not_excited,
     refuse_unjudged,
@@ -50,6 +49,7 @@ from forcecal_ros.diagnose.model.linearised import linearised_model, LinearisedM
 from forcecal_ros.diagnose.model.saturation import CLIPPING
 from forcecal_ros.diagnose.recordings import convert_to_volts, Corrected, missing_streams
 from forcecal_ros.diagnose.result import Diagnosis, patched_rig
+from forcecal_ros.diagnose.search.calibration import UNKNOWN
 from forcecal_ros.diagnose.search.posterior import Posterior, search
 from forcecal_ros.diagnose.verdict import verdict
 from forcecal_ros.effects import EFFECTS

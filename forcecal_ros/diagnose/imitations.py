@@ -13,10 +13,10 @@ from typing import NamedTuple
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.dataset import Dataset
 from forcecal_ros.diagnose.engine import Outcome
-from forcecal_ros.diagnose.judge.calibration import UNKNOWN
 from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
 from forcecal_ros.diagnose.model.jacobian import combined
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
+from forcecal_ros.diagnose.search.calibration import UNKNOWN
 from forcecal_ros.diagnose.verdict import percent
 from forcecal_ros.sim.protocol import Imitation
 from forcecal_ros.sim.rerun import Rerun, SimulatedRobot

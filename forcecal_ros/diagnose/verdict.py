@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from math import inf
 
-from forcecal_ros.diagnose.judge.calibration import UNKNOWN
 from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
+from forcecal_ros.diagnose.search.calibration import UNKNOWN
 
 NAMED = 0.8
 """Explained share from which effects are named although more is unexplained."""

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.dataset import MeasuredBlocks
-from forcecal_ros.diagnose.judge.calibration import probability, UNKNOWN
 from forcecal_ros.diagnose.judge.gap import Gap, measured_gap
 from forcecal_ros.diagnose.judge.named_effects import (
     begun_or_ended,
@@ -25,6 +24,7 @@ from forcecal_ros.diagnose.judge.residual_summary import (
 from forcecal_ros.diagnose.judge.stated_errors import with_taken
 from forcecal_ros.diagnose.judge.ties import Tie, ties_of
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
+from forcecal_ros.diagnose.search.calibration import probability, UNKNOWN
 from forcecal_ros.diagnose.search.posterior import Posterior
 
 CHECKED = 0.99
@@ -32,6 +32,12 @@ CHECKED = 0.99
 
 CANDIDATES = 0.95
 """Probability that the candidate set covers."""
+
+NEAREST, NEAREST_TEMPERATURE = 0.3, 10.0
+"""
+Probability that effects share that come closest to an unexplained recording, and the log-evidence
+by which one is e times as likely: of 31 opened recordings called unknown, 22 were.
+"""
 
 
 class Judged(NamedTuple):
@@ -90,9 +96,9 @@ def weighed(found: Posterior, is_gap: bool
         chosen += _covering({name: named[name], UNKNOWN: 1.0 - whole, **shares})
     if not found.features and is_gap:
         best = max(found.nearest.values(), default=0.0)
-        weight = {k: math.exp((v - best) / 10.0) for k, v in found.nearest.items()}
-        shares = {k: 0.3 * w / sum(weight.values()) for k, w in weight.items()}
-        chosen += _covering({UNKNOWN: 0.7 if weight else 1.0, **shares})
+        weight = {k: math.exp((v - best) / NEAREST_TEMPERATURE) for k, v in found.nearest.items()}
+        shares = {k: NEAREST * w / sum(weight.values()) for k, w in weight.items()}
+        chosen += _covering({UNKNOWN: 1.0 - NEAREST if weight else 1.0, **shares})
     return named, chosen
 
 

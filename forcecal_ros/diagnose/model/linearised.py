@@ -217,10 +217,25 @@ class LinearisedModel:
         """Simulate at the centre and take the Jacobian by the nuisances there."""
         rig = self.current(self._always(self.effects))
         self.jacobian = [
-            [self._column(i, n, size, rig, s, b) for n, size in zip(self.nuisances, self.prior_std)]
+            [self._column(i, n, size, rig, s, b)
+             for n, size in zip(self.nuisances, self.prior_std)]
             for i, c in enumerate(self.datasets)
             for s in [c.simulation.signals(rig)]
             for b in [c.measured.residual(s)]]
+        self.evaluate()
+
+    def retake(self, names: frozenset[str]) -> None:
+        """Take anew the columns of some nuisances that are simulated, and simulate there."""
+        chosen = [j for j, n in enumerate(self.nuisances)
+                  if n.name in names and n.acts_on == 'rig']
+        rig = self.current(self._always(self.effects))
+        self.jacobian = [list(columns) for columns in self.jacobian]
+        for i, c in enumerate(self.datasets if chosen else ()):
+            s = c.simulation.signals(rig)
+            b = c.measured.residual(s)
+            for j in chosen:
+                self.jacobian[i][j] = self._column(i, self.nuisances[j], self.prior_std[j], rig,
+                                                   s, b)
         self.evaluate()
 
     def _column(self, dataset: int, nuisance: Nuisance, size: float, rig: Rig, base: Signals,

@@ -14,7 +14,7 @@ from forcecal_ros.diagnose.model.hypotheses import Atom, bounds_of, Hypothesis, 
 from forcecal_ros.diagnose.model.jacobian import Column, column
 from forcecal_ros.diagnose.model.linearised import Diverged, EFFECT, LinearisedModel
 from forcecal_ros.diagnose.search.joint_fit import JointFit
-from forcecal_ros.diagnose.search.model_comparison import Accepted, Candidate
+from forcecal_ros.diagnose.search.model_comparison import Accepted, Candidate, estimated
 from forcecal_ros.sim.signals import BLOCK
 import numpy as np
 from numpy.typing import NDArray
@@ -262,9 +262,10 @@ def _of_one(model: LinearisedModel, instants: Instants, h: Hypothesis,
             mean = float(np.logaddexp.reduce(evidence)
                          - np.log(len(evidence) * len(h.atoms) * 2))
             low, high = bounds_of(h.effect)
-            effect = Accepted(h.name, np.clip(theta[b], low, high), np.zeros(len(low)), atom.free,
-                              frozenset())
-            out.append(Candidate(effect, mean, 2 * len(evidence) * len(h.atoms), np.zeros(len(model.nuisances)),
+            effect = Accepted(h.name, np.clip(theta[b], low, high), np.zeros(len(low)),
+                              estimated(h.effect, atom), frozenset())
+            ways = 2 * len(evidence) * len(h.atoms)
+            out.append(Candidate(effect, mean, ways, np.zeros(len(model.nuisances)),
                                  model.discrepancy_scales, gate))
     return out
 

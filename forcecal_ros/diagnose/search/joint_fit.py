@@ -18,9 +18,6 @@ import numpy as np
 ROUNDS = 3
 """Gauss-Newton steps of a joint refit, at most."""
 
-FAR = 2.0
-"""Step of the nuisances, in prior std, after which their Jacobian is taken anew."""
-
 SHORTEST = 0.02
 """Fraction of a Gauss-Newton step below which it is given up."""
 
@@ -64,7 +61,7 @@ def joint_fit(model: LinearisedModel, accepted: Sequence[Accepted], step: Array 
     out = replace(model, released=released, effects=_effects(model, accepted),
                   centre=model.centre if step is None else model.moved(step))
     m, now = len(model.nuisances), list(accepted)
-    out.evaluate()
+    out.retake(released)
     jacobians: list[EffectJacobian] = []
     for _ in range(ROUNDS):
         jacobians = [_jacobian(out, a) for a in now if len(a.theta)]
@@ -83,8 +80,10 @@ def joint_fit(model: LinearisedModel, accepted: Sequence[Accepted], step: Array 
         if fraction <= SHORTEST \
                 or (step[m:].max(initial=0.0) < 1e-3 and step[:m].max(initial=0.0) < 0.1):
             break
-        if (released and step[:m].max() > FAR) or out.is_far(step[:m]):
+        if out.is_far(step[:m]):
             out.linearise()
+        elif released:
+            out.retake(released)
     return JointFit(out, now, jacobians)
 
 
@@ -124,7 +123,7 @@ def without_effect(start: LinearisedModel, now: JointFit, name: str) -> JointFit
     out = replace(model, released=released, effects=_effects(model, others))
     prior = out.prior()
     out.centre = np.clip(model.centre, prior.low, prior.high)
-    out.evaluate()
+    out.retake(released)
     out.centre = out.moved(out.fit_nuisances().x)
     out.evaluate()
     return JointFit(out, others, [_jacobian(out, a) for a in others if len(a.theta)])

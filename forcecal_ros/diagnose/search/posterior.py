@@ -14,11 +14,11 @@ from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.dataset import STREAM_SLICES
-from forcecal_ros.diagnose.judge.calibration import Features, probability
 from forcecal_ros.diagnose.model.gates import BIAS
 from forcecal_ros.diagnose.model.hypotheses import EffectJacobian, everywhere, Hypothesis
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY
+from forcecal_ros.diagnose.search.calibration import Features, probability
 from forcecal_ros.diagnose.search.change_points import (
     Instant,
     instant_of,
@@ -40,6 +40,10 @@ MOST_EFFECTS = 4
 
 WORTH = 8.0
 """Log-evidence that an effect has to bring: 3,000 to one, for some hundred that are tried."""
+
+
+NAMED = 0.5
+"""Probability from which an effect is named: likelier than not."""
 
 
 class Explanation(NamedTuple):
@@ -130,10 +134,14 @@ class _Table:
         screened = comparison.screen([h for h in self.found if h.name not in taken])
         # of an effect that begins or ends a part shows as if it acted all the time
         likely = [t.effect.name for t in screened if t.evidence > WORTH][:2 * REFINED]
-        bias = self.parts[BIAS.name]._replace(name=_further_step(model))
+        bias = [self.parts[BIAS.name]._replace(name=_further_step(model))
+                ] if BIAS.name in self.parts else []
         parts = [self.parts[n] for n in likely if n in self.parts]
-        changes = screen_change_points(now, [bias, *parts] if BIAS.name in self.parts else parts)
-        return sorted([*screened, *changes], key=lambda t: -t.evidence)
+        changes = screen_change_points(now, [*bias, *parts])
+        # what acts all the time needs no change point
+        least = {t.effect.name: t.evidence + WORTH for t in screened}
+        return sorted([*screened, *(t for t in changes if t.evidence > least.get(
+            t.effect.name, WORTH))], key=lambda t: -t.evidence)
 
 
 def _further_step(model: LinearisedModel) -> str:
@@ -195,8 +203,11 @@ def _without(start: LinearisedModel, now: Explanation, name: str) -> Explanation
 
 
 def _with_refitted_noise(best: Explanation) -> Explanation:
-    """Fit the noise to the residual, and everything beside that noise."""
+    """Fit the noise to the residual, and everything beside that noise, linearised there."""
     model = replace(best.fit.model)
+    if any(n.name in model.released and n.acts_on == 'rig' for n in model.nuisances):
+        model.linearise()  # a wall that is elsewhere bends what all others do
+        model = (joint_fit_if_finite(model, best.fit.accepted) or best.fit).model
     model.refit_noise(np.zeros(len(model.nuisances)))
     fit = joint_fit_if_finite(model, best.fit.accepted) or best.fit
     return weigh(fit, best.ways)
@@ -211,9 +222,9 @@ def _beside(other: Explanation, best: Explanation) -> Explanation:
 def _likeliest(pool: Sequence[Explanation]) -> list[Explanation]:
     """Keep each set of effects once, the likeliest first."""
     out: dict[frozenset[str], Explanation] = {}
-    for e in sorted(pool, key=lambda one: -one.evidence):
+    for e in sorted(pool, key=lambda one: len(one.fit.model.gates) * WORTH - one.evidence):
         out.setdefault(e.names, e)
-    return list(out.values())
+    return sorted(out.values(), key=lambda one: -one.evidence)
 
 
 def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
@@ -233,7 +244,9 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
     features: dict[str, Features] = {}
     alternatives: dict[str, dict[str, float]] = {}
     nearest: dict[str, float] = {}
-    while len(best.names) < MOST_EFFECTS:
+    for _ in range(2 * MOST_EFFECTS):
+        if len(best.names) == MOST_EFFECTS:
+            break
         children = _likeliest([e for parent in beam for e in extended(parent, table)])
         less = {best.names: best}
         for a in children[0].fit.accepted[:-1] if children else ():
@@ -242,6 +255,9 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
             less[shorter.names] = shorter
             children += [shorter, *extended(shorter, table)]
         children = _likeliest(children)
+        if not best.names:
+            nearest = {name: e.evidence - children[0].evidence
+                       for e in children for name in e.names}
         if not children or children[0].evidence < best.evidence + WORTH:
             break
         chosen = children[0]
@@ -252,11 +268,7 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
                 less[others] = _without(model, chosen, a.name)
             own[a.name] = features_of(chosen, less[others], a, children)
         instead = {name: _instead(chosen, children, name) for name in chosen.names}
-        accepted = min(probability(f) for f in own.values()) >= 0.5
-        if not accepted and not features:
-            nearest = {name: e.evidence - chosen.evidence
-                       for e in children if len(e.names) == 1 for name in e.names}
-        if not accepted:
+        if min(probability(f) for f in own.values()) < NAMED:
             break
         features, alternatives = own, instead
         temperature = max(f.temperature for f in own.values())
@@ -265,7 +277,7 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
             best.names) and e.evidence > chosen.evidence - 3.0 * temperature)]
     last = best.fit.comparison()
     return Posterior(best.fit.model, tuple(best.fit.accepted), tuple(best.fit.jacobians),
-                     features, alternatives, nearest, last.missing_by_stream,
+                     features, alternatives, {} if features else nearest, last.missing_by_stream,
                      last.discrepancy_evidence,
                      {name: instant_of(best.fit, name) for name in best.names
                       if name in best.fit.model.gates})

@@ -2,9 +2,9 @@
 
 import json
 
-from forcecal_ros.diagnose.judge.calibration import Features, FILE, probability, UNKNOWN
 from forcecal_ros.diagnose.judge.judgement import weighed
 from forcecal_ros.diagnose.judge.ties import ties_of
+from forcecal_ros.diagnose.search.calibration import Features, FILE, probability, UNKNOWN
 from forcecal_ros.diagnose.search.posterior import Posterior
 import numpy as np
 import pytest

@@ -52,7 +52,7 @@ class Features(NamedTuple):
 
     @property
     def temperature(self) -> float:
-        """Return the difference of log-evidence that changes odds by e, form errors allowed for."""
+        """Return the log-evidence by which odds change by e, errors of form allowed for."""
         stored = _stored()
         return float(stored['temperature'] + stored['form'] * max(self.gain, 0.0)
                      + stored['taken_up'] * self.missing)
