@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from forcecal_ros.core.streams import PoseStream
-from forcecal_ros.diagnose.by_commands import diagnose
+from forcecal_ros.diagnose.sources.rig import rig_source
 from forcecal_ros.diagnose.search import posterior
 from forcecal_ros.diagnose.search.posterior import Explanation
 from forcecal_ros.effects import with_effects
@@ -31,7 +31,7 @@ def recorded(effects, seed=3):
     ('robot_resonance', {'gain': 0.2, 'frequency': 9.0, 'damping': 0.06}),
     ('accel_resonance', {'amplitude': 1.0, 'frequency': 60.0, 'damping': 0.1})])
 def test_the_effect_with_the_evidence_is_named_and_no_other(name, values):
-    found = diagnose(recorded({name: values}), None, load_rig()).diagnosis
+    found = rig_source(load_rig()).diagnose(recorded({name: values})).diagnosis
     assert [e.name for e in found.effects] == [name]
     assert found.verdict in ('identified', 'ambiguous', 'partial')
     assert found.gap.closed > 0.7
