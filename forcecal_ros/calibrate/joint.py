@@ -2,16 +2,33 @@
 
 from typing import NamedTuple
 
-from forcecal_ros.core.errors import UnobservableError
+from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.estimation import robust_fit, RobustFit
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.rigid_body import block_means, body_motion, regressor
+from forcecal_ros.core.rigid_body import block_means, body_motion, INERTIAL, regressor, sliding
 from forcecal_ros.core.streams import PoseStream, Stream
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 STEP_S, LOWPASS_S = 0.01, 0.03
 """Grid, and standard deviation of the low-pass that wrench and regressor pass [s]."""
+
+THINNING = 3
+"""Every third row is fitted, one a `LOWPASS_S`: of what the low-pass leaves 0.7 % is above half
+their rate."""
+
+COARSE_ROWS = 1000
+"""Rows at most by which the nearest of the delays that are tried first is found."""
+
+SHORTEST_S = 5.0
+"""Least time in which wrench and pose overlap [s]: blocks for standard errors are then 0.1 s."""
+
+LEAST_SPREAD = 0.02
+"""Least RMS variation of the specific force in a second direction of ft_sensor, of gravity: 1.1
+deg of rotation about a second axis, of which errors of the pose by 1 mrad are 5 %."""
+
+CERTAIN = 5.0
+"""Standard errors by which a mass must differ from zero."""
 
 
 class JointFit(NamedTuple):
@@ -22,11 +39,13 @@ class JointFit(NamedTuple):
     ----------
     theta, std : ndarray, shape (16,)
         Mass [kg], first moments [kg m], inertia about the sensor (xx, yy, zz, xy, xz, yz)
-        [kg m^2], biases [N, N m].
+        [kg m^2], biases [N, N m]. Without positions the inertia is 0 and its error infinite.
     com, com_std : ndarray, shape (3,)
         [m]
     delay, delay_std : float
         By which the wrench is late [s].
+    spread : ndarray, shape (3,)
+        RMS variation of the specific force along its principal directions, of gravity.
     """
 
     theta: Array
@@ -35,54 +54,69 @@ class JointFit(NamedTuple):
     com_std: Array
     delay: float
     delay_std: float
+    spread: Array
     fit: RobustFit
 
 
-def joint_fit(wrench: Stream, pose: PoseStream, gravity: Array, largest_delay: float = 0.05
-              ) -> JointFit:
+def joint_fit(wrench: Stream, pose: PoseStream, gravity: Array, largest_delay: float = 0.05,
+              optidrive: Stream | None = None) -> JointFit:
     """
     Fit a rigid tool to wrench and pose, moving or at rest.
 
     Parameters
     ----------
+    pose : PoseStream
+        Without positions, accelerations of the sensor are taken as 0 and inertia is not fitted.
     gravity : ndarray, shape (3,)
         In base [m/s^2].
     largest_delay : float
         Delays up to this are looked for [s].
-
-    Notes
-    -----
-    Nothing of it says whether the recording makes sense: no check of excitation, of a delay at
-    its limit, or of positions that are missing. Callers do that.
+    optidrive : Stream or None
+        Displacement of the tool along x [m].
 
     Raises
     ------
     UnobservableError
-        The recording is too short.
+        The recording is too short, or its motion does not determine the tool.
+    DataError
+        Pose and wrench are too far apart in time, or a rigid tool does not explain the wrench.
     """
     step = max(STEP_S, float(np.median(np.diff(pose.t))), float(np.median(np.diff(wrench.t))))
-    first = max(wrench.t[0], pose.t[0]) + largest_delay
-    last = min(wrench.t[-1], pose.t[-1]) - largest_delay - step
-    starts = np.arange(first, last, step)
-    if len(starts) < 100:
-        raise UnobservableError('wrench and pose overlap for less than 100 readings')
+    first = max(wrench.t[0], pose.t[0])
+    last = min(wrench.t[-1], pose.t[-1])
+    if last - first < SHORTEST_S:
+        raise UnobservableError(
+            f'wrench and pose overlap for {max(last - first, 0.0):.3g} s, and motion shows a tool '
+            f'in {SHORTEST_S:g} s at least; record longer')
+    starts = np.arange(first + largest_delay, last - largest_delay - step, step)
     width = LOWPASS_S / STEP_S  # in steps: slower recordings are smoothed over as many samples
-    motion = body_motion(pose, starts, step, gravity)
-    X = gaussian_filter1d(regressor(motion), width, axis=0)
-    bias = np.broadcast_to(np.eye(6), (len(X), 6, 6))
-    edge = int(4 * width) + 2
-    inner = slice(edge, -edge)
+    edge = int(4 * width) + 4
+    rows = slice(edge, -edge, THINNING)
 
-    def fitted(delay: float, theta: Array | None) -> RobustFit:
-        y = gaussian_filter1d(block_means(wrench.t, wrench.values, starts + delay, step), width,
-                              axis=0)
+    def smooth(values: Array) -> Array:
+        return np.asarray(gaussian_filter1d(values, width, axis=0))
+
+    motion, slide = body_motion(pose, starts, step, gravity), None
+    if optidrive is not None and len(optidrive) > 1:
+        slide = block_means(optidrive.t, optidrive.values, starts, step)[:, 0]
+        motion = sliding(motion, slide, step)
+    spread = _require_rotation(smooth(motion.specific_force)[rows] / np.linalg.norm(gravity))
+    X = smooth(regressor(motion, slide))
+    if not pose.has_position:
+        X[:, :, 4:] = 0.0
+    rates = -np.gradient(X, step, axis=0)[rows]
+    X = X[rows]
+    bias = np.broadcast_to(np.eye(6), (len(X), 6, 6))
+
+    def fitted(delay: float, theta: Array | None, every: int = 1) -> RobustFit:
+        y = smooth(block_means(wrench.t, wrench.values, starts + delay, step))[rows]
         columns = [X, bias]
         if theta is not None:
-            columns.append(-np.gradient(X @ theta[:10], step, axis=0)[:, :, None])
-        return robust_fit(np.concatenate(columns, axis=2)[inner], y[inner])
+            columns.append((rates @ theta[:INERTIAL])[:, :, None])
+        return robust_fit(np.concatenate(columns, axis=2)[::every], y[::every])
 
     coarse = np.linspace(-largest_delay, largest_delay, 11)
-    tried = [fitted(delay, None) for delay in coarse]
+    tried = [fitted(delay, None, 1 + len(X) // COARSE_ROWS) for delay in coarse]
     best = int(np.argmin([np.log(one.scale).sum() for one in tried]))
     delay, fit = float(coarse[best]), tried[best]
     for _ in range(4):
@@ -91,8 +125,53 @@ def joint_fit(wrench: Stream, pose: PoseStream, gravity: Array, largest_delay: f
         delay = float(np.clip(delay + change, -largest_delay, largest_delay))
         if abs(change) < 1e-6:
             break
-    theta, C = fit.theta[:16], fit.covariance
+    theta, std, C = fit.theta[:16], fit.std[:16], fit.covariance
+    if not pose.has_position:
+        std[4:INERTIAL] = np.inf
+    _require_tool(theta, std, fit, X @ theta[:INERTIAL])
+    if abs(delay) >= 0.95 * largest_delay:
+        raise DataError(
+            f'pose and wrench fit best {1e3 * abs(delay):.3g} ms apart, the limit of what is '
+            f'looked for ({1e3 * largest_delay:.3g} ms), so that their stamps are of different '
+            'clocks; stamp both by one clock')
     com = theta[1:4] / theta[0]
     J = np.column_stack([-com, np.eye(3)]) / theta[0]
     com_std = np.sqrt(np.diag(J @ C[:4, :4] @ J.T))
-    return JointFit(theta, fit.std[:16], com, com_std, delay, float(fit.std[16]), fit)
+    return JointFit(theta, std, com, com_std, delay, float(fit.std[16]), spread, fit)
+
+
+def _require_rotation(force: Array) -> Array:
+    """Return the spread of specific forces (n, 3), of gravity; refuse that about one axis only."""
+    _, spread, directions = np.linalg.svd(force - force.mean(axis=0), full_matrices=False)
+    spread = spread / np.sqrt(len(force))
+    if spread[1] >= LEAST_SPREAD:
+        return np.asarray(spread)
+    degrees = np.degrees(spread)
+    if spread[0] < LEAST_SPREAD:
+        raise UnobservableError(
+            f'gravity turns by {degrees[0]:.2g} deg RMS in ft_sensor, so that mass, centre of '
+            'mass and biases are not observable; rotate the sensor by 20 deg or more about two '
+            'horizontal axes')
+    along = np.cross(force.mean(axis=0), directions[0])
+    axis = 'xyz'[int(np.argmax(np.abs(along)))]
+    other = 'xyz'[int(np.argmax(np.abs(directions[0])))]
+    raise UnobservableError(
+        f'the sensor turns about one axis only, near its {axis}: gravity moves by '
+        f'{degrees[0]:.2g} deg RMS one way and {degrees[1]:.2g} deg across, and '
+        f'{np.degrees(LEAST_SPREAD):.2g} deg are needed for centre of mass and torque bias; '
+        f'rotate about {other} as well, by 10 deg or more')
+
+
+def _require_tool(theta: Array, std: Array, fit: RobustFit, explained: Array) -> None:
+    """Refuse a mass that is chance, and forces that are not those of a rigid tool."""
+    mass = float(theta[0])
+    if not abs(mass) > CERTAIN * std[0]:
+        raise UnobservableError(
+            f'the mass is {mass:.3g} kg with a standard error of {std[0]:.2g} kg, and '
+            f'{CERTAIN:g} standard errors are needed; rotate further, or attach the tool')
+    varies = float(np.sqrt(explained[:, :3].var(axis=0).mean()))
+    if fit.scale[0] > varies:
+        raise DataError(
+            f'forces differ from those of a rigid tool by {fit.scale[0]:.3g} N RMS, more than its '
+            f'weight varies ({varies:.3g} N); record free of contact, with the axes of the wrench '
+            'those of the pose')

@@ -50,16 +50,19 @@ def robust_fit(X: Array, y: Array, prior: Array | None = None, blocks: int = BLO
     """
     n, c, k = len(y), y.shape[1] // 3, X.shape[2]
     size = np.sqrt(np.einsum('nij,nij->j', X, X) / n) + 1e-300
-    X = (X / size).reshape(n, c, 3, k)
+    X = (X / size).reshape(-1, k)
     y = y.reshape(n, c, 3)
+
+    def product(weight: Array, right: Array) -> Array:
+        return np.asarray((X * np.repeat(weight, 3)[:, None]).T @ right)
+
     ridge = np.diag(1e-12 * np.ones(k) if prior is None else prior / size**2 + 1e-12)
     weight = np.ones((n, c)) / np.maximum(np.var(y, axis=(0, 2)), 1e-300)
     scale = np.zeros(c)
     for _ in range(50):
         before = scale
-        A = np.einsum('nc,ncij,ncil->jl', weight, X, X, optimize=True) + ridge
-        theta = np.linalg.solve(A, np.einsum('nc,ncij,nci->j', weight, X, y, optimize=True))
-        residual = y - X @ theta
+        theta = np.linalg.solve(product(weight, X) + ridge, product(weight, y.ravel()))
+        residual = y - (X @ theta).reshape(n, c, 3)
         square = (residual**2).sum(axis=2) + 1e-300
         if not before.any():
             scale = np.median(square, axis=0) / 2.366  # of three Gaussian channels
@@ -68,14 +71,14 @@ def robust_fit(X: Array, y: Array, prior: Array | None = None, blocks: int = BLO
         weight = share / scale
         if before.any() and np.all(np.abs(scale - before) < 1e-5 * scale):
             break
-    score = np.einsum('nc,ncij,nci->nj', weight, X, residual, optimize=True)
+    score = (X * (weight[:, :, None] * residual).reshape(-1, 1)).reshape(n, -1, k).sum(axis=1)
     edges = np.linspace(0, n, min(blocks, n) + 1).astype(int)[:-1]
     sums = np.add.reduceat(score, edges, axis=0)
     spread = sums.T @ sums * len(edges) / max(len(edges) - k, 1)  # k sums of scores are zero
     # curvature of Student's t: what weights lose beside the plain weighted squares
     unit = square / scale
     bend = weight * np.maximum(1 - 2 * unit / (3 * (FREEDOM + unit)), 0.1)
-    H = np.einsum('nc,ncij,ncil->jl', bend, X, X, optimize=True) + ridge
+    H = product(bend, X) + ridge
     inverse = np.linalg.pinv(H, rcond=1e-12, hermitian=True)
     covariance = inverse @ spread @ inverse / np.outer(size, size)
     return RobustFit(theta / size, covariance, residual, np.sqrt(scale))

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array, skew
+from forcecal_ros.core.kinematics import rate_of_change
 from forcecal_ros.core.streams import PoseStream
 import numpy as np
 
@@ -46,7 +47,9 @@ def block_means(t: Array, values: Array, starts: Array, length: float) -> Array:
 
 def body_motion(pose: PoseStream, starts: Array, length: float, gravity: Array) -> BodyMotion:
     """
-    Differentiate block means of a pose by central differences.
+    Differentiate block means of a pose by central differences, to fourth order.
+
+    Without positions the origin of the sensor is taken as unaccelerated.
 
     Parameters
     ----------
@@ -58,13 +61,15 @@ def body_motion(pose: PoseStream, starts: Array, length: float, gravity: Array) 
     means = block_means(pose.t, pose.R_base_sensor.reshape(-1, 9), starts, length)
     U, _, Vt = np.linalg.svd(means.reshape(-1, 3, 3))
     R = U @ Vt
-    rate = np.swapaxes(R, 1, 2) @ np.gradient(R, length, axis=0)
+    rate = np.swapaxes(R, 1, 2) @ rate_of_change(R.reshape(-1, 9), length).reshape(-1, 3, 3)
     omega = np.stack([rate[:, 2, 1] - rate[:, 1, 2], rate[:, 0, 2] - rate[:, 2, 0],
                       rate[:, 1, 0] - rate[:, 0, 1]], axis=1) / 2
-    place = block_means(pose.t, pose.position - pose.position[0], starts, length)
-    accel = np.gradient(np.gradient(place, length, axis=0), length, axis=0)
+    accel = np.zeros((len(starts), 3))
+    if pose.has_position:
+        place = block_means(pose.t, pose.position - pose.position[0], starts, length)
+        accel = rate_of_change(rate_of_change(place, length), length)
     force = np.einsum('nij,ni->nj', R, gravity - accel)
-    return BodyMotion(starts + length / 2, force, omega, np.gradient(omega, length, axis=0))
+    return BodyMotion(starts + length / 2, force, omega, rate_of_change(omega, length))
 
 
 def inertia_columns(v: Array) -> Array:
@@ -74,9 +79,27 @@ def inertia_columns(v: Array) -> Array:
                      np.stack([o, o, z, o, x, y], 1)], axis=1)
 
 
-def regressor(motion: BodyMotion) -> Array:
+def sliding(motion: BodyMotion, slide: Array, length: float) -> BodyMotion:
+    """Return the motion of a tool that is displaced along x by `slide` (n,) [m]."""
+    s = slide[:, None] * [1.0, 0.0, 0.0]
+    speed = rate_of_change(s, length)
+    W = skew(motion.omega)
+    accel = (rate_of_change(speed, length) + 2 * np.cross(motion.omega, speed)
+             + np.einsum('nij,nj->ni', skew(motion.alpha) + W @ W, s))
+    return motion._replace(specific_force=motion.specific_force - accel)
+
+
+def regressor(motion: BodyMotion, slide: Array | None = None) -> Array:
     """
     Return the wrench by each parameter, shape (n, 6, 10).
+
+    Parameters
+    ----------
+    slide : ndarray, shape (n,), or None
+        Displacement of the tool along x [m], in whose `motion` it is contained; None: rigid.
+
+    Notes
+    -----
 
     F = m f - (alpha x + omega x omega x) m c and T = m c x f - I alpha - omega x I omega, with
     specific force f, first moments m c and inertia I about the sensor's origin (xx, yy, zz, xy,
@@ -87,5 +110,7 @@ def regressor(motion: BodyMotion) -> Array:
     X[:, :3, 0] = motion.specific_force
     X[:, :3, 1:4] = -(skew(motion.alpha) + W @ W)
     X[:, 3:, 1:4] = -skew(motion.specific_force)
+    if slide is not None:
+        X[:, 3:, 0] = slide[:, None] * np.cross([1.0, 0.0, 0.0], motion.specific_force)
     X[:, 3:, 4:] = -(inertia_columns(motion.alpha) + W @ inertia_columns(motion.omega))
     return X
