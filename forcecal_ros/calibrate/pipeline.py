@@ -10,7 +10,9 @@ from forcecal_ros.calibrate.accelerometer import (
     identify_static_accelerometer,
 )
 from forcecal_ros.calibrate.accelerometer_model import lowpassed, MotionBlocks, ToolPart
+from forcecal_ros.calibrate.by_motion import calibrate_by_motion
 from forcecal_ros.calibrate.delay import pose_delay
+from forcecal_ros.calibrate.joint import LEAST_SPREAD
 from forcecal_ros.calibrate.means import (
     DRIFT,
     drift,
@@ -20,7 +22,7 @@ from forcecal_ros.calibrate.means import (
     window_mean,
 )
 from forcecal_ros.calibrate.moving_tool import identify_inertia, identify_moving_tool, InertiaFit
-from forcecal_ros.calibrate.poses import static_poses, StaticPose
+from forcecal_ros.calibrate.poses import NeverAtRest, static_poses, StaticPose
 from forcecal_ros.calibrate.quality import quality_of
 from forcecal_ros.calibrate.requirements import (
     refuse_poses_at_a_limit,
@@ -87,9 +89,10 @@ def identify(recording: Recording, settings: IdentificationSettings = Identifica
     UnobservableError
         The poses do not determine the tool or the accelerometer.
     """
+    recording = checked(recording).recording
     try:
         with np.errstate(all='ignore'):
-            stages = identify_stages(recording, settings)
+            stages = _stages_or_motion(recording, settings)
     except TurnedWrench as error:
         raise DataError(f'{error}; set wrench.sign to {-settings.wrench_sign} '
                         f'(--wrench-sign {-settings.wrench_sign})') from error
@@ -98,6 +101,8 @@ def identify(recording: Recording, settings: IdentificationSettings = Identifica
             raise
         raise DataError(f'{recording.source or "the recording"}: the fit breaks down ({error}); '
                         'look for readings of absurd size and stamps of another clock') from error
+    if isinstance(stages, dict):
+        return _natural(Calibration(**stages, **_stated(recording, settings)))
     noise = noise_of(stages, settings.coupling)
     tool, std = stages.tool, np.sqrt(np.diag(stages.tool.covariance))
     calibration = Calibration(
@@ -110,19 +115,62 @@ def identify(recording: Recording, settings: IdentificationSettings = Identifica
         tool=tool_of(stages),
         noise=noise,
         observer=_observer(stages, noise, settings),
-        gravity=settings.gravity,
-        gravity_direction=_unit(settings.gravity_direction),
-        sensor_rotation=_turned(settings.sensor_rotation),
-        sensor_frame=require_wrench(recording).frame or 'ft_sensor',
-        wrench_sign=settings.wrench_sign, sensor_from_pose=recording.sensor_from_pose,
-        source={'recording': recording.source, **_recorded(recording), **settings.source})
+        **_stated(recording, settings))
+    return _natural(replace(calibration, quality=quality_of(stages, calibration, settings)))
+
+
+def _natural(calibration: Calibration) -> Calibration:
+    """Refuse what no tool can be; leave out an inertia that no body has."""
     refuse_unnatural(calibration)
-    if no_body := unnatural_inertia(calibration):
-        calibration = replace(calibration, inertia=None)
-    quality = quality_of(stages, calibration, settings)
-    if no_body:
-        quality['warnings'].append(no_body)
-    return replace(calibration, quality=quality)
+    if not (no_body := unnatural_inertia(calibration)):
+        return calibration
+    calibration.quality['warnings'].append(no_body)
+    return replace(calibration, inertia=None)
+
+
+def _stated(recording: Recording, settings: IdentificationSettings) -> dict[str, Any]:
+    """Return what a calibration holds of its settings and its recording."""
+    wrench = require_wrench(recording)
+    return {
+        'gravity': settings.gravity, 'gravity_direction': _unit(settings.gravity_direction),
+        'sensor_rotation': _turned(settings.sensor_rotation),
+        'sensor_frame': wrench.frame or 'ft_sensor', 'wrench_sign': settings.wrench_sign,
+        'sensor_from_pose': recording.sensor_from_pose,
+        'source': {'recording': recording.source, **_recorded(recording), **settings.source}}
+
+
+def _stages_or_motion(recording: Recording, settings: IdentificationSettings
+                      ) -> Stages | dict[str, Any]:
+    """Identify from static poses, or from motion where they are missing or all alike."""
+    try:
+        return identify_stages(recording, settings)
+    except NeverAtRest as error:
+        try:
+            return _by_motion(recording, settings, 'the robot never stands still')
+        except TurnedWrench:
+            raise
+        except (DataError, UnobservableError) as refused:
+            raise type(refused)(f'{error}, or let motion show the tool: {refused}') from refused
+    except UnobservableError as error:
+        if not _same_orientation(recording, settings):
+            raise
+        try:
+            return _by_motion(recording, settings, 'the static poses have one orientation')
+        except (DataError, UnobservableError):
+            raise error from None
+
+
+def _by_motion(recording: Recording, settings: IdentificationSettings, why: str
+               ) -> dict[str, Any]:
+    recording = _evened(levelled(recording, settings.gravity_direction))
+    return calibrate_by_motion(in_axes_of_pose(recording, settings.sensor_rotation), settings, why)
+
+
+def _same_orientation(recording: Recording, settings: IdentificationSettings) -> bool:
+    """Whether all static poses point gravity the same way, within `LEAST_SPREAD`."""
+    poses = static_poses(levelled(recording, settings.gravity_direction))
+    spread, _ = gravity_spread(np.stack([pose.gravity(settings.gravity) for pose in poses]))
+    return bool(spread[0] < LEAST_SPREAD)
 
 
 def _with_other_point(recording: Recording, tool: ToolFit) -> Recording:

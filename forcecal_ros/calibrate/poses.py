@@ -43,6 +43,10 @@ _TRIMMED = 0.5
 """So much of a stand at most that ends in motion is the motion's own, and no sway [s]."""
 
 
+class NeverAtRest(DataError):
+    """The robot moves throughout a recording."""
+
+
 class StaticPose(NamedTuple):
     """
     A stretch of time in which the robot stands still.
@@ -120,7 +124,7 @@ def static_windows(recording: Recording) -> list[tuple[float, float]]:
     Raises
     ------
     DataError
-        There is none.
+        There is none; :class:`NeverAtRest` where the pose moves throughout.
     """
     assert recording.pose is not None
     if recording.phases:
@@ -140,7 +144,7 @@ def static_windows(recording: Recording) -> list[tuple[float, float]]:
             f'{recording.source or "the recording"}: no wrench in any of the {len(standstills)} '
             'places where the robot stood; record both at once, by one clock')
     if not windows:
-        raise DataError(
+        raise NeverAtRest(
             f'{recording.source or "the recording"}: the pose never stands still for '
             f'{_SHORTEST_STAND + _RING_DOWN:g} s; hold each pose longer')
     return windows

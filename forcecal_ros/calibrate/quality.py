@@ -62,7 +62,7 @@ def quality_of(stages: Stages, calibration: Calibration, settings: Identificatio
     found = [*findings(stages, settings),
              *_disagreement(plain, stages, calibration, settings)]
     quality: dict[str, Any] = {
-        'warnings': [*_weak(calibration, settings), *(finding.line for finding in found)],
+        'warnings': [*weak_estimates(calibration, settings), *(finding.line for finding in found)],
         'suspect': [key for key in ALL if any(key in finding.suspect for finding in found)],
         'questions': [one for one in (
             doubt_of_force_unit(tool.mass),
@@ -123,14 +123,14 @@ def _plain(stages: Stages, calibration: Calibration, settings: IdentificationSet
                            steps[0] if steps else None, alignment)
 
 
-def _weak(c: Calibration, settings: IdentificationSettings) -> Iterator[str]:
-    """Estimates whose standard error passes its threshold."""
+def weak_estimates(c: Calibration, settings: IdentificationSettings,
+                   add: str = 'measure in more poses',
+                   turn: str = 'add poses that turn gravity about') -> Iterator[str]:
+    """Yield a line for each estimate whose standard error passes its threshold."""
     limit = settings.thresholds
-    add = 'measure in more poses'
     rows: list[tuple[str, float, float, str, str]] = [
         ('mass', _relative(c.mass), limit.mass, '', add),
-        ('centre of mass', float(c.com.std.max()), limit.com, ' m',
-         'add poses that turn gravity about'),
+        ('centre of mass', float(c.com.std.max()), limit.com, ' m', turn),
         ('force bias', float(c.wrench_bias.std[:3].max()), limit.force_bias, ' N', add),
         ('torque bias', float(c.wrench_bias.std[3:].max()), limit.torque_bias, ' N m', add)]
     if c.accelerometer:

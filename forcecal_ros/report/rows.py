@@ -122,9 +122,10 @@ def promises(calibration: Calibration) -> list[Row]:
 
 
 def residuals(calibration: Calibration) -> list[Row]:
-    """Return the RMS of what the static poses leave over, one row a channel; older files none."""
+    """Return the RMS residual of the static poses, or of the motion, one row a channel."""
     rms = calibration.quality.get('residual_rms', ())
-    return [Row(f'residual {label} at rest', f'quality.residual_rms.{label.replace(" ", ".")}',
+    where = 'in motion' if calibration.quality.get('method') == 'motion' else 'at rest'
+    return [Row(f'residual {label} {where}', f'quality.residual_rms.{label.replace(" ", ".")}',
                 'N' if i < 3 else 'N m', float(value), float('nan'))
             for i, (label, value) in enumerate(zip(WRENCH_AXES, rms))]
 

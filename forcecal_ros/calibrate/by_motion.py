@@ -1,0 +1,103 @@
+"""A calibration of a recording whose robot does not rest in different poses."""
+
+from collections.abc import Iterator
+from typing import Any
+
+from forcecal_ros.calibrate.joint import joint_fit, JointFit
+from forcecal_ros.calibrate.quality import weak_estimates
+from forcecal_ros.calibrate.requirements import require_wrench
+from forcecal_ros.calibrate.settings import IdentificationSettings
+from forcecal_ros.calibrate.static_readings import refuse_negative
+from forcecal_ros.checks.units import doubt_of_force_unit, doubt_of_torque_unit
+from forcecal_ros.core.calibration import Calibration, Estimate
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.streams import Recording
+import numpy as np
+
+LARGEST_INERTIA_ERROR = 0.3
+"""Largest standard error of an element of inertia, of its mean moment: above, it is left out."""
+
+
+def calibrate_by_motion(recording: Recording, settings: IdentificationSettings, why: str
+                        ) -> dict[str, Any]:
+    """
+    Identify mass, centre of mass, biases and inertia from motion.
+
+    Parameters
+    ----------
+    recording : Recording
+        Checked, base along gravity, wrench in the axes of the pose.
+    why : str
+        Why the static poses do not do.
+
+    Returns
+    -------
+    dict
+        Fields of a :class:`Calibration`. Its noise and accelerometer are not identified.
+
+    Raises
+    ------
+    UnobservableError, DataError
+        As :func:`forcecal_ros.calibrate.joint.joint_fit`.
+    """
+    assert recording.pose is not None
+    wrench, slide = require_wrench(recording), recording.optidrive
+    found = joint_fit(wrench, recording.pose, np.array([0.0, 0.0, -settings.gravity]),
+                      settings.largest_delay, None if settings.tool_compliance == 'no' else slide)
+    refuse_negative(float(found.theta[0]))
+    inertia = inertia_about_com(found)
+    size = float(np.trace(inertia.value)) / 3
+    known = 0.0 < size and float(inertia.std.max()) < LARGEST_INERTIA_ERROR * size
+    fields: dict[str, Any] = {
+        'mass': Estimate(found.theta[0], found.std[0], 'kg'),
+        'com': Estimate(found.com, found.com_std, 'm'),
+        'wrench_bias': Estimate(found.theta[10:], found.std[10:], 'N, N m'),
+        'inertia': inertia if known else None}
+    warnings = [*weak_estimates(Calibration(**fields), settings, 'rotate further and for longer',
+                                'rotate further about two horizontal axes'),
+                *_not_identified(recording, None if known else inertia, size)]
+    quality = {
+        'method': 'motion', 'warnings': warnings, 'suspect': [],
+        'questions': [one for one in (
+            doubt_of_force_unit(float(found.theta[0])),
+            doubt_of_torque_unit(float(np.linalg.norm(found.com)))) if one],
+        'notes': [*recording.notes, f'{why}: estimated from motion'],
+        'residual_rms': np.repeat(found.fit.scale, 3),
+        'specific_force_spread': found.spread,
+        'rejection': {'threshold': settings.thresholds.probability, 'pose': None, 'poses': []},
+        'pose_delay': -found.delay, 'pose_delay_std': found.delay_std}
+    return {**fields, 'quality': quality}
+
+
+def inertia_about_com(found: JointFit) -> Estimate:
+    """Return the inertia about the centre of mass, with its standard error [kg m^2]."""
+    def about(p: Array) -> Array:
+        xx, yy, zz, xy, xz, yz = p[4:]
+        first = p[1:4]
+        offset = (first @ first * np.eye(3) - np.outer(first, first)) / p[0]
+        return np.asarray(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - offset).ravel()
+
+    p, C = found.theta[:10], found.fit.covariance[:10, :10]
+    steps = 1e-4 * np.maximum(np.sqrt(np.diag(C)), 1e-12)
+    J = np.array([(about(p + one) - about(p - one)) / (2 * size)
+                  for one, size in zip(np.diag(steps), steps)]).T
+    std = np.sqrt(np.maximum(np.einsum('ij,jk,ik->i', J, C, J), 0.0))
+    if not np.isfinite(found.std[4:10]).all():
+        std[:] = np.inf
+    return Estimate(about(p).reshape(3, 3), std.reshape(3, 3), 'kg m^2')
+
+
+def _not_identified(recording: Recording, inertia: Estimate | None, size: float) -> Iterator[str]:
+    """Name what this motion does not show, and the motion that would."""
+    assert recording.pose is not None
+    if not recording.pose.has_position:
+        yield ('inertia: not identified, and accelerations of the sensor are taken as 0, because '
+               'the pose has no position; record the position as well')
+    elif inertia is not None:
+        error = float(inertia.std.max())
+        share = f' ({error / size:.0%} of the mean moment)' if size > 0.0 else ''
+        yield (f'inertia: not identified, its standard error is {error:.2g} kg m^2{share}; rotate '
+               'faster about all three axes')
+    if recording.accelerometer is not None:
+        yield ('accelerometer: not identified from motion without rest; hold 4 poses of '
+               'different orientation for 2 s each')

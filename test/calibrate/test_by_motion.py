@@ -1,0 +1,111 @@
+"""A calibration of a simulated rig that never rests, and what is refused."""
+
+from dataclasses import replace
+
+from forcecal_ros.calibrate.joint import joint_fit
+from forcecal_ros.calibrate.pipeline import identify
+from forcecal_ros.core.errors import DataError, UnobservableError
+from forcecal_ros.core.geometry import rotation_from_vector
+from forcecal_ros.core.streams import PoseStream, Stream
+from forcecal_ros.motion.continuous import MultiSine
+from forcecal_ros.motion.poses import nominal_poses
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.simulator import simulate
+import numpy as np
+import pytest
+
+RIG = load_rig()
+GRAVITY = np.array(RIG.gravity)
+
+
+def shortened(recording, start, end):
+    """Return the part of a recording between two times."""
+    return replace(recording, contact_truth=None, **{
+        name: getattr(recording, name).between(start, end)
+        for name in ('wrench', 'accelerometer', 'optidrive', 'pose', 'target')})
+
+
+def run(seed, turns=(1.0, 1.0, 1.0), translation=0.47):
+    """Simulate 20 s of the multi-sine; `turns` scales the rotations about the axes."""
+    move, t = MultiSine(nominal_poses()['v'], translation, 0.9, 20.0), np.arange(0.0, 20.0, 0.004)
+    offset, _ = move.offsets(t)
+    return simulate(RIG, PoseStream(t, move.start.position + offset[:, :3], (
+        move.start.R_base_sensor @ rotation_from_vector(turns * offset[:, 3:]))), seed=seed)
+
+
+@pytest.fixture(scope='module')
+def whole():
+    return run(1)
+
+
+@pytest.fixture(scope='module')
+def moving(whole):
+    return shortened(whole, 1.5, 18.5)
+
+
+def assert_nominal(calibration):
+    assert float(calibration.mass) == pytest.approx(RIG.tool.mass, rel=2e-3)
+    np.testing.assert_allclose(calibration.com.value, RIG.tool.com, atol=1e-3)
+    assert calibration.quality['method'] == 'motion'
+
+
+@pytest.mark.parametrize('every', [1, 2, 8])
+def test_tool_of_a_rig_that_never_rests(moving, every):
+    calibration = identify(replace(moving, wrench=moving.wrench.rows(slice(None, None, every))))
+    assert_nominal(calibration)
+    np.testing.assert_allclose(calibration.inertia.value, RIG.tool.inertia, atol=0.005)
+    assert calibration.accelerometer is None and calibration.observer is None
+    assert any('accelerometer: not identified' in one for one in calibration.quality['warnings'])
+
+
+def test_static_poses_of_one_orientation_leave_it_to_the_motion(whole):
+    assert_nominal(identify(replace(whole, contact_truth=None)))
+
+
+def test_contact_for_a_third_of_the_time(moving):
+    values = moving.wrench.values.copy()
+    n = len(values) // 9
+    for i, load in enumerate(([0, 20, 30, 2, 0, 0], [15, -10, 20, 0, 2, 1], [0, 0, 40, -3, 1, 0])):
+        values[(3 * i + 1) * n:(3 * i + 2) * n] += load
+    assert_nominal(identify(replace(moving, wrench=replace(moving.wrench, values=values))))
+
+
+def test_without_positions_there_is_no_inertia(moving):
+    place = np.full_like(moving.pose.position, np.nan)
+    calibration = identify(replace(moving, pose=replace(moving.pose, position=place)))
+    assert calibration.inertia is None
+    assert any('no position' in one for one in calibration.quality['warnings'])
+    assert float(calibration.mass) == pytest.approx(RIG.tool.mass, rel=0.02)
+
+
+def test_rotation_about_one_axis_is_refused_by_name():
+    recording = shortened(run(2, (0.0, 1.0, 0.0), 0.0), 1.5, 18.5)
+    with pytest.raises(UnobservableError, match='turns about one axis only, near its y.*about x'):
+        identify(recording)
+
+
+def test_too_short_a_recording_is_refused(moving):
+    with pytest.raises(UnobservableError, match='overlap for 4 s'):
+        identify(shortened(moving, 2.0, 6.0))
+
+
+def test_clocks_apart_are_refused(moving):
+    late = Stream(moving.wrench.t + 0.08, moving.wrench.values)
+    with pytest.raises(DataError, match='limit of what is looked for'):
+        joint_fit(late, moving.pose, GRAVITY, 0.05, moving.optidrive)
+
+
+def test_forces_of_no_rigid_tool_are_refused(moving):
+    noise = np.random.default_rng(3).normal(size=(34, 6))
+    pushes = np.repeat(noise, len(moving.wrench) // 34 + 1, axis=0)[:len(moving.wrench)]
+    with pytest.raises(UnobservableError, match='standard error of'):
+        joint_fit(Stream(moving.wrench.t, 50.0 * pushes), moving.pose, GRAVITY)
+    turned = Stream(moving.wrench.t, moving.wrench.values[:, [2, 0, 1, 5, 3, 4]] + 30.0 * pushes)
+    with pytest.raises((DataError, UnobservableError)):
+        joint_fit(turned, moving.pose, GRAVITY)
+
+
+def test_opposite_sign_is_refused(moving):
+    other = replace(moving, wrench=replace(moving.wrench, values=-moving.wrench.values))
+    with pytest.raises(DataError, match='wrench-sign -1'):
+        identify(other)
