@@ -18,6 +18,14 @@ LARGEST_INERTIA_ERROR = 0.3
 """Largest standard error of an element of inertia, of its mean moment: above, it is left out."""
 
 
+SUSPECT = ('mass', 'com', 'wrench_bias', 'inertia')
+"""Keys that are estimated from motion."""
+
+MUCH_UNEXPLAINED = 0.1
+"""Share of the weight's variation in the residual above which estimates are suspect: axes that
+are rotated by 6 deg have as much."""
+
+
 def calibrate_by_motion(recording: Recording, settings: IdentificationSettings, why: str
                         ) -> dict[str, Any]:
     """
@@ -56,8 +64,14 @@ def calibrate_by_motion(recording: Recording, settings: IdentificationSettings, 
     warnings = [*weak_estimates(Calibration(**fields), settings, 'rotate further and for longer',
                                 'rotate further about two horizontal axes'),
                 *_not_identified(recording, None if known else inertia, size)]
+    suspect = [key for key in SUSPECT if found.unexplained > MUCH_UNEXPLAINED]
+    if suspect:
+        warnings.append(
+            f'forces differ from those of a rigid tool by {found.fit.scale[0]:.2g} N RMS, '
+            f'{found.unexplained:.0%} of the variation of its weight; compare the axes of wrench '
+            f'and pose, and record free of contact; suspect: {", ".join(suspect)}')
     quality = {
-        'method': 'motion', 'warnings': warnings, 'suspect': [],
+        'method': 'motion', 'warnings': warnings, 'suspect': suspect,
         'questions': [one for one in (
             doubt_of_force_unit(float(found.theta[0])),
             doubt_of_torque_unit(float(np.linalg.norm(found.com)))) if one],

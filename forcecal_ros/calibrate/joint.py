@@ -27,6 +27,10 @@ LEAST_SPREAD = 0.02
 """Least RMS variation of the specific force in a second direction of ft_sensor, of gravity: 1.1
 deg of rotation about a second axis, of which errors of the pose by 1 mrad are 5 %."""
 
+MOST_UNEXPLAINED = 0.25
+"""Largest share of the variation of a weight in the residual: a wrench with one mirrored axis has
+0.3, a free tool 0.01. Where positions are missing, accelerations count as residual: 1."""
+
 CERTAIN = 5.0
 """Standard errors by which a mass must differ from zero."""
 
@@ -46,6 +50,8 @@ class JointFit(NamedTuple):
         By which the wrench is late [s].
     spread : ndarray, shape (3,)
         RMS variation of the specific force along its principal directions, of gravity.
+    unexplained : float
+        Residual force over the variation of the explained force.
     """
 
     theta: Array
@@ -55,6 +61,7 @@ class JointFit(NamedTuple):
     delay: float
     delay_std: float
     spread: Array
+    unexplained: float
     fit: RobustFit
 
 
@@ -128,7 +135,8 @@ def joint_fit(wrench: Stream, pose: PoseStream, gravity: Array, largest_delay: f
     theta, std, C = fit.theta[:16], fit.std[:16], fit.covariance
     if not pose.has_position:
         std[4:INERTIAL] = np.inf
-    _require_tool(theta, std, fit, X @ theta[:INERTIAL])
+    most = MOST_UNEXPLAINED if pose.has_position else 1.0
+    unexplained = _require_tool(theta, std, fit, X @ theta[:INERTIAL], most)
     if abs(delay) >= 0.95 * largest_delay:
         raise DataError(
             f'pose and wrench fit best {1e3 * abs(delay):.3g} ms apart, the limit of what is '
@@ -137,7 +145,8 @@ def joint_fit(wrench: Stream, pose: PoseStream, gravity: Array, largest_delay: f
     com = theta[1:4] / theta[0]
     J = np.column_stack([-com, np.eye(3)]) / theta[0]
     com_std = np.sqrt(np.diag(J @ C[:4, :4] @ J.T))
-    return JointFit(theta, std, com, com_std, delay, float(fit.std[16]), spread, fit)
+    return JointFit(theta, std, com, com_std, delay, float(fit.std[16]), spread, unexplained,
+                    fit)
 
 
 def _require_rotation(force: Array) -> Array:
@@ -162,16 +171,20 @@ def _require_rotation(force: Array) -> Array:
         f'rotate about {other} as well, by 10 deg or more')
 
 
-def _require_tool(theta: Array, std: Array, fit: RobustFit, explained: Array) -> None:
-    """Refuse a mass that is chance, and forces that are not those of a rigid tool."""
+def _require_tool(theta: Array, std: Array, fit: RobustFit, explained: Array, most: float
+                  ) -> float:
+    """Refuse a mass that is chance, and forces that are not a rigid tool's; return the share."""
     mass = float(theta[0])
     if not abs(mass) > CERTAIN * std[0]:
         raise UnobservableError(
             f'the mass is {mass:.3g} kg with a standard error of {std[0]:.2g} kg, and '
             f'{CERTAIN:g} standard errors are needed; rotate further, or attach the tool')
     varies = float(np.sqrt(explained[:, :3].var(axis=0).mean()))
-    if fit.scale[0] > varies:
+    share = float(fit.scale[0]) / varies
+    if share > most:
         raise DataError(
-            f'forces differ from those of a rigid tool by {fit.scale[0]:.3g} N RMS, more than its '
-            f'weight varies ({varies:.3g} N); record free of contact, with the axes of the wrench '
-            'those of the pose')
+            f'forces differ from those of a rigid tool by {fit.scale[0]:.3g} N RMS, {share:.0%} of '
+            f'the variation of its weight ({varies:.3g} N; at most {most:.0%} can be '
+            'accepted); compare the axes of the wrench with those of the pose, and record free of '
+            'contact')
+    return share

@@ -100,9 +100,17 @@ def test_forces_of_no_rigid_tool_are_refused(moving):
     pushes = np.repeat(noise, len(moving.wrench) // 34 + 1, axis=0)[:len(moving.wrench)]
     with pytest.raises(UnobservableError, match='standard error of'):
         joint_fit(Stream(moving.wrench.t, 50.0 * pushes), moving.pose, GRAVITY)
-    turned = Stream(moving.wrench.t, moving.wrench.values[:, [2, 0, 1, 5, 3, 4]] + 30.0 * pushes)
-    with pytest.raises((DataError, UnobservableError)):
-        joint_fit(turned, moving.pose, GRAVITY)
+    mirrored = Stream(moving.wrench.t, moving.wrench.values * [1, 1, -1, 1, 1, -1])
+    with pytest.raises(DataError, match='forces differ from those of a rigid tool'):
+        joint_fit(mirrored, moving.pose, GRAVITY)
+
+
+def test_rotated_axes_make_the_estimates_suspect(moving):
+    R = rotation_from_vector(np.array([0.1, 0.0, 0.2]))
+    turned = replace(moving.wrench, values=moving.wrench.values @ np.kron(np.eye(2), R))
+    quality = identify(replace(moving, wrench=turned)).quality
+    assert 'mass' in quality['suspect'] and any('suspect: mass' in one for one in quality[
+        'warnings'])
 
 
 def test_opposite_sign_is_refused(moving):
