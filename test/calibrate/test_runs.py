@@ -298,9 +298,21 @@ def test_volts_of_an_inverted_accelerometer_give_negative_gains_and_a_right_hand
 
 def test_one_pose_is_refused_with_what_to_add(recording):
     phases = [p for p in recording.phases if p.name == 'measure']
-    one = replace(recording, phases=(phases[0], Phase('idle', phases[0].end, 17.0)))
+    end = phases[0].end
+    one = replace(recording, phases=(phases[0],), contact_truth=None, **{
+        name: getattr(recording, name).between(0.0, end)
+        for name in ('wrench', 'accelerometer', 'optidrive', 'pose', 'target')})
     with pytest.raises(UnobservableError, match='1 static pose .* add a pose'):
         identify(one)
+
+
+def test_one_pose_and_motion_give_the_tool(recording):
+    phases = [p for p in recording.phases if p.name == 'measure']
+    found = identify(replace(
+        recording, phases=(phases[0], Phase('idle', phases[0].end, 17.0))))
+    assert float(found.mass) == pytest.approx(RIG.tool.mass, rel=2e-3)
+    np.testing.assert_allclose(found.com.value, RIG.tool.com, atol=1e-3)
+    assert found.quality['method'] == 'motion'
 
 
 def test_two_poses_without_motion_name_what_is_short(recording):
