@@ -4,9 +4,12 @@ from dataclasses import replace
 
 from forcecal_ros.calibrate.joint import joint_fit
 from forcecal_ros.calibrate.pipeline import identify
+from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.core.streams import PoseStream, Stream
+from forcecal_ros.io.bags import write_recording
+from forcecal_ros.io.calibration_file import load
 from forcecal_ros.motion.continuous import MultiSine
 from forcecal_ros.motion.poses import nominal_poses
 from forcecal_ros.sim.rig.file import load_rig
@@ -117,3 +120,15 @@ def test_opposite_sign_is_refused(moving):
     other = replace(moving, wrench=replace(moving.wrench, values=-moving.wrench.values))
     with pytest.raises(DataError, match='wrench-sign -1'):
         identify(other)
+
+
+def test_the_command_writes_a_calibration_that_the_observer_takes(moving, tmp_path, capsys):
+    bag, file = str(tmp_path / 'bag'), str(tmp_path / 'calibration.yaml')
+    write_recording(tmp_path / 'bag', moving)
+    assert main(['calibrate', bag, '-o', file, '--report', str(tmp_path / 'report.html')]) == 0
+    shown = capsys.readouterr()
+    assert 'residual force x in motion' in shown.out
+    assert 'accelerometer: not identified' in shown.err
+    assert 'Residual in motion' in (tmp_path / 'report.html').read_text()
+    assert_nominal(load(file))
+    assert main(['estimate', bag, '--calibration', file, '-o', str(tmp_path / 'out.csv')]) == 0
