@@ -120,10 +120,11 @@ def joint_fit(wrench: Stream, pose: PoseStream, gravity: Array, largest_delay: f
         columns = [X, bias]
         if theta is not None:
             columns.append((rates @ theta[:INERTIAL])[:, :, None])
-        return robust_fit(np.concatenate(columns, axis=2)[::every], y[::every])
+        return robust_fit(np.concatenate(columns, axis=2)[::every], y[::every],
+                          tolerance=1e-5 if every == 1 else 1e-2)
 
     coarse = np.linspace(-largest_delay, largest_delay, 11)
-    tried = [fitted(delay, None, 1 + len(X) // COARSE_ROWS) for delay in coarse]
+    tried = [fitted(delay, None, 2 + len(X) // COARSE_ROWS) for delay in coarse]
     best = int(np.argmin([np.log(one.scale).sum() for one in tried]))
     delay, fit = float(coarse[best]), tried[best]
     for _ in range(4):

@@ -12,6 +12,10 @@ BLOCKS = 40
 """Blocks of a recording that are taken as independent of each other."""
 
 
+CHUNK = 96
+"""Rows of one matrix product, too few for threads, which take longer to meet than to multiply."""
+
+
 class RobustFit(NamedTuple):
     """
     One robust regression.
@@ -37,7 +41,8 @@ class RobustFit(NamedTuple):
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
 
-def robust_fit(X: Array, y: Array, prior: Array | None = None, blocks: int = BLOCKS) -> RobustFit:
+def robust_fit(X: Array, y: Array, prior: Array | None = None, blocks: int = BLOCKS,
+               tolerance: float = 1e-5) -> RobustFit:
     """
     Fit y (n, 3 c) by X (n, 3 c, k) with Student's t on each group of three channels.
 
@@ -47,29 +52,35 @@ def robust_fit(X: Array, y: Array, prior: Array | None = None, blocks: int = BLO
         Precision of a Gaussian prior about 0 of each unknown; None: none.
     blocks : int
         Independent blocks of rows for the covariance.
+    tolerance : float
+        Relative change of the scales at which iterations end.
     """
     n, c, k = len(y), y.shape[1] // 3, X.shape[2]
     size = np.sqrt(np.einsum('nij,nij->j', X, X) / n) + 1e-300
     X = (X / size).reshape(-1, k)
     y = y.reshape(n, c, 3)
+    short = -len(X) % CHUNK
+    chunks = np.pad(X, ((0, short), (0, 0))).reshape(-1, CHUNK, k)
+    readings = np.pad(y.ravel(), (0, short)).reshape(-1, CHUNK, 1)
 
     def product(weight: Array, right: Array) -> Array:
-        return np.asarray((X * np.repeat(weight, 3)[:, None]).T @ right)
+        shares = np.pad(np.repeat(weight, 3), (0, short)).reshape(-1, CHUNK, 1)
+        return np.asarray((np.swapaxes(chunks * shares, 1, 2) @ right).sum(axis=0))
 
     ridge = np.diag(1e-12 * np.ones(k) if prior is None else prior / size**2 + 1e-12)
     weight = np.ones((n, c)) / np.maximum(np.var(y, axis=(0, 2)), 1e-300)
     scale = np.zeros(c)
     for _ in range(50):
         before = scale
-        theta = np.linalg.solve(product(weight, X) + ridge, product(weight, y.ravel()))
-        residual = y - (X @ theta).reshape(n, c, 3)
+        theta = np.linalg.solve(product(weight, chunks) + ridge, product(weight, readings))[:, 0]
+        residual = y - np.einsum('ij,j->i', X, theta).reshape(n, c, 3)
         square = (residual**2).sum(axis=2) + 1e-300
         if not before.any():
             scale = np.median(square, axis=0) / 2.366  # of three Gaussian channels
         share = (FREEDOM + 3) / (FREEDOM + square / scale)
         scale = (share * square).mean(axis=0) / 3
         weight = share / scale
-        if before.any() and np.all(np.abs(scale - before) < 1e-5 * scale):
+        if before.any() and np.all(np.abs(scale - before) < tolerance * scale):
             break
     score = (X * (weight[:, :, None] * residual).reshape(-1, 1)).reshape(n, -1, k).sum(axis=1)
     edges = np.linspace(0, n, min(blocks, n) + 1).astype(int)[:-1]
@@ -78,7 +89,7 @@ def robust_fit(X: Array, y: Array, prior: Array | None = None, blocks: int = BLO
     # curvature of Student's t: what weights lose beside the plain weighted squares
     unit = square / scale
     bend = weight * np.maximum(1 - 2 * unit / (3 * (FREEDOM + unit)), 0.1)
-    H = product(bend, X) + ridge
+    H = product(bend, chunks) + ridge
     inverse = np.linalg.pinv(H, rcond=1e-12, hermitian=True)
     covariance = inverse @ spread @ inverse / np.outer(size, size)
     return RobustFit(theta / size, covariance, residual, np.sqrt(scale))
