@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 
-from forcecal_ros.core.geometry import Array
 from forcecal_ros.insitu.departure import Cause
 from forcecal_ros.insitu.offset_moves import affine
 from forcecal_ros.insitu.result import DataSetResult, SensorResult
@@ -105,7 +104,15 @@ def _subspace(result: SensorResult) -> Iterator[str]:
         yield (f'the raw measurements leave their three-dimensional subspace in {len(leaving)} of '
                f'{len(result.data_sets)} data sets, most in {worst.name}: {_times(worst):.1f} '
                'times the noise of a block')
-    yield from misfits_of(result)
+    causes = result.causes
+    if causes and causes.bending.significant:
+        yield ('channels leave the subspace with the square of gravity by up to '
+               f'{_size(result, causes.bending)}: something bends under load, a joint (lock the '
+               'knee) or the mount of sensor or accelerometer; the standard errors are widened by '
+               'what an affine fit hides of it')
+    if causes and causes.hysteresis.significant:
+        yield (f'channels depend by up to {_size(result, causes.hysteresis)} on where they come '
+               'from: hysteresis, which is taken off where three data sets or more agree')
     yield from affine_misfit(result)
 
 
@@ -114,8 +121,7 @@ def affine_misfit(result: SensorResult) -> Iterator[str]:
     found = result.nonlinearity
     shares = {d.name: _off_affine(d) for d in result.data_sets}
     worst = max(shares, key=lambda name: shares[name])
-    contradicting = result.contradiction is not None and result.contradiction.explained
-    if contradicting and shares[worst] < LIMITS:
+    if result.contradiction and shares[worst] < LIMITS:
         return  # what such loads leave over is not the sensor's
     if found is not None and found.share > LIMITS:
         more = 'squares of the channels would make them smaller' if found.squares else \
@@ -144,35 +150,13 @@ def _off_affine(data_set: DataSetResult) -> float:
     return float((rms / np.maximum(np.ptp(data_set.raw, axis=0), 1e-12)).max())
 
 
-def misfits_of(result: SensorResult) -> Iterator[str]:
-    """Say what beside noise keeps raw measurements from an affine map of gravity, and how much."""
-    if result.causes is None:
-        return
-    bending, hysteresis = result.causes.bending, result.causes.hysteresis
-    if bending.significant:
-        yield (f'{_size(result, bending)} leave the subspace with the square of gravity: '
-               'something bends under load, a joint (lock the knee) or the mount of sensor or '
-               'accelerometer; the standard errors are widened by what an affine fit hides of it')
-    if hysteresis.significant:
-        done = 'taken off' if result.compensated else 'left in, as one recording may just drift'
-        yield (f'{_size(result, hysteresis)} depend on where the sensor comes from: hysteresis; '
-               f'{done}')
-
-
 def _times(data_set: DataSetResult) -> float:
     return data_set.departure.times_noise if data_set.departure else 0.0
 
 
 def _size(result: SensorResult, cause: Cause) -> str:
-    """RMS of a cause: as wrench where a matrix is known, else the largest raw channel."""
-    matrix = result.matrix.value if result.matrix else result.manufacturer_matrix
-    if matrix is None:
-        rms: Array = np.sqrt(np.diag(cause.covariance))
-        return f'{rms.max():.2g} {result.options.raw_unit} (channel {int(rms.argmax()) + 1})'
-    rms = np.sqrt(np.diag(matrix @ cause.covariance @ matrix.T))
-    f, t = int(rms[:3].argmax()), int(rms[3:].argmax())
-    return (f'{rms[f]:.2g} N (force {"xyz"[f]}) and {rms[3 + t]:.2g} N m '
-            f'(torque {"xyz"[t]})')
+    rms = np.sqrt(np.diag(cause.covariance))
+    return f'{rms.max():.2g} {result.options.raw_unit} (RMS, channel {int(rms.argmax()) + 1})'
 
 
 def offsets_of(result: SensorResult) -> Iterator[str]:

@@ -1,10 +1,9 @@
 """
 [Traversaro2014] Lemma 1 as a check: how far raw measurements leave their three dimensions.
 
-With a rigid body at rest and a linear sensor only noise does. Causes of more are told apart: what
-follows squares and products of gravity bends under load (a joint such as a knee, the mount of
-sensor or accelerometer); what follows the sense in which a channel last moved is hysteresis;
-drift, cables or a light touch remain.
+With a rigid body at rest and a linear sensor only noise does. What follows squares and products of
+gravity bends under load (a joint such as a knee, the mount of sensor or accelerometer); what
+follows the sense in which a channel last moved is hysteresis, and is taken off.
 
 Squares of gravity are seen as far as they leave the affine map. The rest of them bends offset and
 slopes, the same in all data sets and however long these are, so that no residual tells its size.
@@ -18,7 +17,6 @@ from forcecal_ros.core.jit import compiled
 from forcecal_ros.core.noise.autocovariance import noise_of_residuals
 from forcecal_ros.insitu.blocks import Blocks, Mask
 from forcecal_ros.insitu.moments import Moments
-from forcecal_ros.insitu.tally import TINY
 import numpy as np
 from scipy.special import chdtrc, fdtrc
 
@@ -32,8 +30,12 @@ show a hysteresis once in four times."""
 PLAYS = (0.0025, 0.005, 0.01)
 """Widths of the play operators that make up a hysteresis, as shares of a channel's span."""
 
-WIDE_PLAYS = (0.025, 0.05)
-"""Further widths for old and printed sensors, used where the others leave some of it."""
+HIDDEN = 2.0
+"""
+What is hidden along each regressor over what is seen of a bend, as RMS; from simulated legs with
+bias, hysteresis and flex at 1, 3 and 10 times the protocol's (`benchmark/insitu_protocol.py`),
+where 92 to 99 % of the truths are then within two standard errors, 60 to 65 % without.
+"""
 
 
 @dataclass(frozen=True)
@@ -107,17 +109,11 @@ class Causes:
         Each beside the other.
     lags : tuple of ndarray, shape (b, n)
         Hysteresis in the raw channels of each data set's blocks; zero where there is none.
-    explained : float
-        Share of the residuals' sum of squares that follows both.
-    unexplained : float
-        What of 99 blocks in a hundred follows neither, as a share of what gravity moves.
     """
 
     bending: Cause
     hysteresis: Cause
     lags: tuple[Array, ...]
-    explained: float
-    unexplained: float
 
 
 def causes(data_sets: Sequence[tuple[Blocks, Mask]]) -> Causes | None:
@@ -129,74 +125,40 @@ def causes(data_sets: Sequence[tuple[Blocks, Mask]]) -> Causes | None:
     Causes or None
         None where there are too few blocks to tell.
     """
-    fitted = [_fitted(blocks, use) for blocks, use in data_sets]
+    # unit gravity: on the sphere squares of two components say what the third is, and would
+    # explain its measured noise
+    maps = [np.column_stack([np.ones(len(blocks)),
+                             blocks.regressors[:, :3] / blocks.gravity_norm[:, None]])
+            for blocks, _ in data_sets]
+    fitted = [x @ np.linalg.lstsq(x[use], blocks.raw[use], rcond=None)[0]
+              for x, (blocks, use) in zip(maps, data_sets)]
     spans = np.max([np.ptp(f[use], axis=0) for f, (_, use) in zip(fitted, data_sets)], axis=0)
-    noise = np.mean([blocks.raw_noise / blocks.samples for blocks, _ in data_sets], axis=0)
-    root = np.linalg.cholesky(noise)
+    root = np.linalg.cholesky(np.mean(
+        [blocks.raw_noise / blocks.samples for blocks, _ in data_sets], axis=0))
     residual = np.vstack([np.linalg.solve(root, (blocks.raw - f)[use].T).T
                           for f, (blocks, use) in zip(fitted, data_sets)])
-
-    def beside(columns: Sequence[Array]) -> Array:
-        return np.vstack([_beside_affine(of, *pair) for of, pair in zip(columns, data_sets)])
-
-    squares = beside([_squares(blocks) for blocks, _ in data_sets])
-    all_plays = [_plays(f / spans, PLAYS) for f in fitted]
-    plays = beside(all_plays)
+    all_plays = [np.hstack([_play(f / spans, width) for width in PLAYS]) for f in fitted]
+    squares = _beside_affine([_squares(x) for x in maps], maps, data_sets)
+    plays = _beside_affine(all_plays, maps, data_sets)
     if len(residual) < ENOUGH * (squares.shape[1] + plays.shape[1]):
         return None
-    all_wide = [_plays(f / spans, WIDE_PLAYS) for f in fitted]
-    wide = beside(all_wide)
-    known = np.hstack([squares, plays])
-    if len(residual) >= ENOUGH * (known.shape[1] + wide.shape[1]) \
-            and _cause(residual, wide, known, root)[0].significant:
-        all_plays = [np.hstack(pair) for pair in zip(all_plays, all_wide)]
-        plays = np.hstack([plays, wide])
     bending, _ = _cause(residual, squares, plays, root)
     hysteresis, size = _cause(residual, plays, squares, root)
-    if not hysteresis.significant:
-        size = np.zeros_like(size)
-    both = np.hstack([squares, plays])
-    unexplained = residual - both @ np.linalg.lstsq(both, residual, rcond=None)[0]
-    moved = np.vstack([np.linalg.solve(root, (f - f[use].mean(axis=0))[use].T).T
-                       for f, (_, use) in zip(fitted, data_sets)])
-    return Causes(bending, hysteresis, tuple(of @ size for of in all_plays),
-                  1.0 - float((unexplained ** 2).sum() / max((residual ** 2).sum(), TINY)),
-                  float(np.quantile(np.linalg.norm(unexplained, axis=1), 0.99)
-                        / np.sqrt((moved ** 2).sum(axis=1).mean())))
+    size = size * hysteresis.significant
+    return Causes(bending, hysteresis, tuple(of @ size for of in all_plays))
 
 
-def _affine(blocks: Blocks) -> Array:
-    """
-    Constant and unit gravity of every block.
-
-    Unit, because on the sphere squares of two components say what the third is: they would
-    explain its measured noise.
-    """
-    g = blocks.regressors[:, :3] / blocks.gravity_norm[:, None]
-    return np.column_stack([np.ones(len(blocks)), g])
-
-
-def _fitted(blocks: Blocks, use: Mask) -> Array:
-    """Raw block means as the affine map of gravity has them."""
-    x = _affine(blocks)
-    return np.asarray(x @ np.linalg.lstsq(x[use], blocks.raw[use], rcond=None)[0])
-
-
-def _squares(blocks: Blocks) -> Array:
+def _squares(x: Array) -> Array:
     """Squares and products of unit gravity; the last square follows from the others."""
-    x = _affine(blocks)
-    products = [x[:, i] * x[:, j] for i in range(1, 4) for j in range(i, 4)]
-    return np.stack(products[:-1], axis=1)
+    return np.stack([x[:, i] * x[:, j] for i in range(1, 4) for j in range(i, 4)][:-1], axis=1)
 
 
-def _beside_affine(values: Array, blocks: Blocks, use: Mask) -> Array:
-    """Take the affine map of gravity out of the blocks in use."""
-    q, _ = np.linalg.qr(_affine(blocks)[use])
-    return np.asarray(values[use] - q @ (q.T @ values[use]))
-
-
-def _plays(values: Array, widths: Sequence[float]) -> Array:
-    return np.hstack([_play(values, width) for width in widths])
+def _beside_affine(values: Sequence[Array], maps: Sequence[Array],
+                   data_sets: Sequence[tuple[Blocks, Mask]]) -> Array:
+    """Take the affine map of gravity out of the blocks in use, and stack these."""
+    bases = [np.linalg.qr(x[use])[0] for x, (_, use) in zip(maps, data_sets)]
+    return np.vstack([of[use] - q @ (q.T @ of[use])
+                      for of, q, (_, use) in zip(values, bases, data_sets)])
 
 
 def _play(values: Array, width: float) -> Array:
@@ -244,14 +206,6 @@ def _inflation(residual: Array) -> float:
     """How many times larger correlation makes the variance of a slow weighted sum."""
     noise = noise_of_residuals(residual, max(1, int(len(residual) ** (1 / 3))))
     return max(1.0, float(np.trace(noise.long_run) / np.trace(noise.covariance)))
-
-
-HIDDEN = 2.0
-"""
-What is hidden along each regressor over what is seen of a bend, as RMS; from simulated legs with
-bias, hysteresis and flex at 1, 3 and 10 times the protocol's (`benchmark/insitu_protocol.py`),
-where 92 to 99 % of the truths are then within two standard errors, 60 to 65 % without.
-"""
 
 
 def hidden_covariance(moments: Sequence[Moments], causes: Causes | None) -> Array | None:

@@ -93,11 +93,9 @@ class SensorResult:
         How far each data set's own offset is from the usual one, as a share of what gravity moves.
     jumps : tuple of Jump or None
         Of the offset within each data set; empty in motion and of poses.
+    manufacturer_matrix : ndarray or None, shape (6, n)
     causes : Causes or None
         What the residuals of the affine maps of gravity come from; None in motion.
-    compensated : bool
-        Whether hysteresis, where there is some, was taken off.
-    manufacturer_matrix : ndarray or None, shape (6, n)
     matrix : Estimate or None, shape (6, n)
         Wire wrench = matrix (raw - offset).
     wrench_bias : Estimate or None, shape (6,)
@@ -121,7 +119,6 @@ class SensorResult:
     offset_scatter: Array
     offset_moves: Array
     causes: Causes | None
-    compensated: bool
     data_sets: tuple[DataSetResult, ...]
     manufacturer_matrix: Array | None
     matrix: Estimate | None = None
