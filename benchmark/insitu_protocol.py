@@ -136,7 +136,7 @@ def long_table(samples):
 
 def read_long(path):
     from forcecal_ros.insitu import load_spec
-    from forcecal_ros.insitu.tables import TableSource
+    from forcecal_ros.insitu.sources import TableSource
     import yaml
 
     spec_path = Path(path).with_suffix('.yaml')

@@ -22,8 +22,8 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / 'test' / 'helpers'))
 
 from forcecal_ros.insitu import calibrate, DataSet, load_spec, Mounting
-from forcecal_ros.insitu.smoothing import PAPER_WINDOW
-from forcecal_ros.insitu.tables import TableSource
+from forcecal_ros.insitu.moments import PAPER_WINDOW
+from forcecal_ros.insitu.sources import TableSource
 import insitu_leg
 from insitu_leg import Leg
 import numpy as np

@@ -92,8 +92,7 @@ def earlier(folder: Path) -> list[str]:
 
 def _source(args: argparse.Namespace, spec: 'Spec', name: str, path: Path) -> 'Source':
     """Return what reads one data set for one sensor: a table, or else a recording."""
-    from forcecal_ros.insitu.streams import join, readable_chunks, topics_of
-    from forcecal_ros.insitu.tables import TableSource
+    from forcecal_ros.insitu.sources import join, readable_chunks, TableSource, topics_of
     from forcecal_ros.io.bags import read_chunks
 
     sensor = spec.sensors[name]

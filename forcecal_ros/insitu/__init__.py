@@ -14,7 +14,7 @@ where g is minus the specific force of an accelerometer at rest. Data flow:
 """
 
 from forcecal_ros.insitu.calibrate import calibrate
-from forcecal_ros.insitu.matrix import Load
+from forcecal_ros.insitu.equations import Load
 from forcecal_ros.insitu.prepare import Chunk, Mounting
 from forcecal_ros.insitu.reduce import DataSet, Options
 from forcecal_ros.insitu.result import SensorResult, to_calibration, to_document

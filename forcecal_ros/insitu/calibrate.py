@@ -6,18 +6,19 @@ from dataclasses import replace
 from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.insitu.advice import affine_misfit, bent, offsets_of, warnings_of
-from forcecal_ros.insitu.departure import causes, hidden_covariance
-from forcecal_ros.insitu.excitation import excitation
-from forcecal_ros.insitu.known import with_known_wrenches
-from forcecal_ros.insitu.matrix import Load
+from forcecal_ros.insitu.equations import Load, MOVING, STATIC
+from forcecal_ros.insitu.fit import MatrixProblem, with_known_wrenches, with_matrix
+from forcecal_ros.insitu.loads import contradiction, MASS, require
 from forcecal_ros.insitu.moments import Moments
-from forcecal_ros.insitu.motion import MOVING, STATIC
-from forcecal_ros.insitu.offset import offset_of, shared_offset
-from forcecal_ros.insitu.offset_moves import explained, jump_within, offset_moves
+from forcecal_ros.insitu.offset import (
+    excitation,
+    explained,
+    jump_within,
+    offset_moves,
+    offset_of,
+    shared_offset,
+)
 from forcecal_ros.insitu.prepare import Mounting
-from forcecal_ros.insitu.problem import MatrixProblem, with_matrix
-from forcecal_ros.insitu.rank import require
 from forcecal_ros.insitu.reduce import (
     DataSet,
     LITTLE,
@@ -26,10 +27,18 @@ from forcecal_ros.insitu.reduce import (
     Reduced,
     without_hysteresis,
 )
-from forcecal_ros.insitu.result import DataSetResult, SensorResult
-from forcecal_ros.insitu.stated import contradiction, MASS
+from forcecal_ros.insitu.result import (
+    affine_misfit,
+    bent,
+    DataSetResult,
+    offsets_of,
+    SensorResult,
+    warnings_of,
+)
 from forcecal_ros.insitu.uncertainty import (
+    causes,
     doubt_covariance,
+    hidden_covariance,
     Residual,
     residuals,
     score_covariance,

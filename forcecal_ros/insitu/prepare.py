@@ -7,7 +7,7 @@ from typing import NamedTuple
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.jit import compiled
-from forcecal_ros.insitu.motion import moving_regressors
+from forcecal_ros.insitu.equations import moving_regressors
 import numpy as np
 from scipy import signal
 

@@ -8,10 +8,15 @@ from forcecal_ros.checks.repeats import REMEDY
 from forcecal_ros.core.errors import DataError, ForcecalError
 from forcecal_ros.core.geometry import Array, STANDARD_GRAVITY
 from forcecal_ros.insitu.blocks import Blocks, Mask, to_blocks
-from forcecal_ros.insitu.departure import Departure, departure
-from forcecal_ros.insitu.excitation import Norm, norm
-from forcecal_ros.insitu.matrix import Load
-from forcecal_ros.insitu.moments import accumulate, Moments
+from forcecal_ros.insitu.equations import Load
+from forcecal_ros.insitu.moments import (
+    accumulate,
+    Moments,
+    PAPER_ORDER,
+    PAPER_WINDOW,
+    window_samples,
+)
+from forcecal_ros.insitu.offset import Norm, norm
 from forcecal_ros.insitu.prepare import Mounting, prepare, Source
 from forcecal_ros.insitu.screen import (
     given_window,
@@ -20,7 +25,7 @@ from forcecal_ros.insitu.screen import (
     untouched,
     whole,
 )
-from forcecal_ros.insitu.smoothing import PAPER_ORDER, PAPER_WINDOW, window_samples
+from forcecal_ros.insitu.uncertainty import Departure, departure
 import numpy as np
 
 LITTLE = 0.5

@@ -14,7 +14,7 @@ from forcecal_ros.insitu.blocks import to_blocks
 from forcecal_ros.insitu.moments import accumulate
 from forcecal_ros.insitu.offset import offset_of
 from forcecal_ros.insitu.prepare import prepare
-from forcecal_ros.insitu.tables import TableSource
+from forcecal_ros.insitu.sources import TableSource
 from forcecal_ros.io.bags import write_signals
 from forcecal_ros.io.calibration_file import load
 import insitu_leg

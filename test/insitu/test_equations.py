@@ -1,18 +1,18 @@
 """[Traversaro2014] equation by equation, against forms written out anew and other physics."""
 
 from forcecal_ros.core.geometry import skew
-from forcecal_ros.insitu import matrix as eq
+from forcecal_ros.insitu import equations as eq
 from forcecal_ros.insitu.blocks import to_blocks
-from forcecal_ros.insitu.matrix import Load
-from forcecal_ros.insitu.moments import accumulate
-from forcecal_ros.insitu.motion import (
+from forcecal_ros.insitu.equations import (
     body_map,
     gravity_map,
+    Load,
     load_parameters,
     MOVING,
     moving_regressors,
     STATIC,
 )
+from forcecal_ros.insitu.moments import accumulate, smooth, window_samples
 from forcecal_ros.insitu.offset import (
     from_coordinates,
     mean_measurement,
@@ -24,7 +24,6 @@ from forcecal_ros.insitu.offset import (
     to_coordinates,
 )
 from forcecal_ros.insitu.prepare import Mounting, prepare, Prepared
-from forcecal_ros.insitu.smoothing import smooth, window_samples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import insitu_leg

@@ -3,7 +3,7 @@
 import tracemalloc
 
 from forcecal_ros.insitu.blocks import to_blocks
-from forcecal_ros.insitu.offset_moves import jump_within
+from forcecal_ros.insitu.offset import jump_within
 from forcecal_ros.insitu.prepare import Chunk, Mounting, prepare
 from insitu_leg import Leg, PROTOCOL, REAL, record
 import numpy as np

@@ -2,7 +2,7 @@
 
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.insitu import Mounting, Options
-from forcecal_ros.insitu.smoothing import gathered, projection, smooth, window_samples
+from forcecal_ros.insitu.moments import gathered, projection, smooth, window_samples
 import insitu_leg
 from insitu_leg import Leg
 from insitu_runs import calibrated, sigmas
