@@ -1,22 +1,16 @@
 """A data set of any length as one small matrix of sums: all that least squares needs of it."""
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.jit import compiled_in_any_order
 from forcecal_ros.insitu.prepare import Prepared
 import numpy as np
 from scipy import signal
 
 TRUNCATE = 1e-10
 """Directions of the regressors with less than this share of the largest moment are not used."""
-
-SUMMED = 64
-"""Samples that are summed at a time: twenty columns of so many fit a first-level cache."""
-
 
 @dataclass(frozen=True)
 class Moments:
@@ -79,11 +73,11 @@ class Moments:
         return float(self.count - self.ones @ self.ones)
 
 
-def accumulate(chunks: Iterable[Prepared], kept: tuple[tuple[float, float], ...], window: int,
+def accumulate(recording: Prepared, kept: tuple[tuple[float, float], ...], window: int,
                order: int, raw_noise: Array, gravity_noise: Array, magnitude: float | None
                ) -> Moments:
     """
-    Filter the kept stretches and fold all samples into their moments, in constant memory.
+    Filter the kept stretches and fold all samples into their moments.
 
     At rest the accelerometer tells a direction only: its readings are scaled to the magnitude of
     gravity, before the filter, which is linear and so keeps what holds for a sample. The rest
@@ -108,23 +102,27 @@ def accumulate(chunks: Iterable[Prepared], kept: tuple[tuple[float, float], ...]
     DataError
         No sample lies in the stretches, or gravity has no scatter beyond its noise.
     """
-    size = None if magnitude is None else magnitude + np.trace(gravity_noise) / (3 * magnitude)
-    reference: Array | None = None
-    gain = 0.0
-    for run in _runs(chunks, kept, size):
-        for part in smooth(run, window, order):
-            if reference is None:
-                reference = part.values[0].copy()
-                reference[:-len(raw_noise)] = 0.0
-                gram = np.zeros((1 + len(reference), 1 + len(reference)))
-            _add_products(part.values, reference, gram)
-            gain += part.noise_gain
-    if reference is None:
+    n, gain, gram = len(raw_noise), 0.0, np.zeros(())
+    runs = [slice(*np.searchsorted(recording.t, ends)) for ends in kept]
+    runs = [run for run in runs if run.stop > run.start]
+    if not runs:
         raise DataError('no sample lies in the stretches that are used')
-    gram = np.tril(gram) + np.tril(gram, -1).T
+    reference = np.zeros(recording.regressors.shape[1] + n)
+    reference[-n:] = recording.raw[runs[0].start]
+    for run in runs:
+        rows = np.hstack([recording.regressors[run], recording.raw[run]]) - reference
+        if magnitude is not None:
+            # noise across gravity makes its mean shorter
+            size = magnitude + np.trace(gravity_noise) / (3 * magnitude)
+            rows[:, :3] *= size / np.linalg.norm(rows[:, :3], axis=1, keepdims=True)
+        rows, more = smooth(rows, window, order)
+        ones = rows.sum(axis=0)
+        gram = gram + np.block([[np.full((1, 1), len(rows)), ones[None]],
+                                [ones[:, None], rows.T @ rows]])
+        gain += more
     if magnitude is not None:
         gravity_noise = _tangential(gram, gravity_noise, magnitude)
-    return _moments(gram, reference[-len(raw_noise):], gain, raw_noise, gravity_noise)
+    return _moments(gram, reference, gain, raw_noise, gravity_noise)
 
 
 def _tangential(gram: Array, gravity_noise: Array, magnitude: float) -> Array:
@@ -133,71 +131,10 @@ def _tangential(gram: Array, gravity_noise: Array, magnitude: float) -> Array:
     return np.asarray(np.trace(gravity_noise) / 3 * (np.eye(3) - along))
 
 
-def _runs(chunks: Iterable[Prepared], kept: tuple[tuple[float, float], ...],
-          magnitude: float | None) -> Iterator[Iterator[Array]]:
-    """
-    Yield each kept stretch as an iterator over chunks of [regressors, raw]; read in order.
-
-    Measured gravity is scaled to ``magnitude`` [m/s^2]; noise across it makes its mean shorter.
-    """
-    source = iter(chunks)
-    held: list[Prepared] = []
-
-    def stretch(start: float, end: float) -> Iterator[Array]:
-        while True:
-            chunk = held.pop() if held else next(source, None)
-            if chunk is None:
-                return
-            i, j = np.searchsorted(chunk.t, [start, end])
-            if j > i:
-                yield _rows(chunk.regressors[i:j], chunk.raw[i:j], magnitude or np.nan)
-            if j < len(chunk.t):
-                held.append(chunk.take(slice(j, None)))
-                return
-
-    for start, end in kept:
-        yield stretch(start, end)
-
-
-@compiled_in_any_order
-def _rows(regressors: Array, raw: Array, magnitude: float) -> Array:
-    """Put raw channels beside regressors, gravity of a magnitude unless that is NaN."""
-    m, n = regressors.shape[1], raw.shape[1]
-    rows = np.empty((len(raw), m + n))
-    for i in range(len(raw)):
-        x, y, z = regressors[i, 0], regressors[i, 1], regressors[i, 2]
-        scale = magnitude / np.sqrt(x * x + y * y + z * z)
-        for k in range(m):
-            rows[i, k] = regressors[i, k]
-        if not np.isnan(magnitude):
-            for k in range(3):
-                rows[i, k] *= scale
-        for k in range(n):
-            rows[i, m + k] = raw[i, k]
-    return rows
-
-
-@compiled_in_any_order
-def _add_products(rows: Array, reference: Array, gram: Array) -> None:
-    """Add to the lower half of X^T X, X = [1, rows - reference], piece by piece."""
-    n = len(reference)
-    x = np.ones((1 + n, SUMMED))
-    for start in range(0, len(rows), SUMMED):
-        size = min(SUMMED, len(rows) - start)
-        for i in range(size):
-            for k in range(n):
-                x[1 + k, i] = rows[start + i, k] - reference[k]
-        for k in range(1 + n):
-            for j in range(k + 1):
-                total = 0.0
-                for i in range(size):
-                    total += x[k, i] * x[j, i]
-                gram[k, j] += total
-
-
 def _moments(gram: Array, reference: Array, gain: float, raw_noise: Array,
              gravity_noise: Array) -> Moments:
-    n = len(reference)
+    n = len(raw_noise)
+    reference = reference[-n:]
     m = len(gram) - 1 - n
     count = gram[0, 0]
     covariance = (gram[1:, 1:] - np.outer(gram[0, 1:], gram[0, 1:]) / count) / count
@@ -230,15 +167,6 @@ PAPER_ORDER = 3
 
 SLOW = 5.0
 """Lower rates are doubted [Hz]: 5 kHz come out so where ms are taken for s."""
-
-QUARTIC = 4
-"""Order of the polynomial from which on its weights are no parabola."""
-
-PIECE = 8192
-"""Samples that are filtered at a time: ten columns of so many fit a second-level cache."""
-
-AGAIN = 32
-"""Windows after which the filter's sums begin anew: they have rounding of 1e-12 by then."""
 
 
 class Smoothed(NamedTuple):
@@ -298,84 +226,29 @@ def projection(window: int, order: int) -> Array:
     return np.asarray(q @ q.T)
 
 
-def smooth(chunks: Iterable[Array], window: int, order: int) -> Iterator[Smoothed]:
+def smooth(run: Array, window: int, order: int) -> Smoothed:
     """
-    Filter one gapless run of samples chunk by chunk; as many come out as go in.
+    Filter one gapless run of samples, with polynomial ends; as many come out as go in.
 
     Parameters
     ----------
-    chunks : iterable of ndarray, shape (n_i, k)
+    run : ndarray, shape (n, k)
     window : int
         Odd number of samples; 1 passes everything as it is.
     """
+    n = len(run)
     if window == 1:
-        yield from (Smoothed(chunk, float(len(chunk))) for chunk in chunks)
-        return
-    hat, half = projection(window, order), window // 2
-    edge_gain = float(np.trace(hat[:half, :half]))
-    held: Array | None = None
-    begun = False
-    for chunk in chunks:
-        held = chunk if held is None else np.concatenate([held, chunk])
-        if len(held) < window + begun:
-            continue
-        if not begun:
-            yield Smoothed(hat[:half] @ held[:window], edge_gain)
-        for start in range(begun, len(held) - 2 * half, PIECE):
-            middle = _middle(held[start:start + PIECE + 2 * half], hat[half], order)
-            yield Smoothed(middle, len(middle) * float(hat[half, half]))
-        held, begun = held[-window:], True
-    if held is None:
-        return
-    if begun:
-        yield Smoothed(hat[half + 1:] @ held, edge_gain)
-    else:
-        short = projection(len(held), order)
-        yield Smoothed(short @ held, float(np.trace(short)))
-
-
-def _middle(x: Array, taps: Array, order: int) -> Array:
-    """Filter samples that have half a window of others on either side."""
-    if order >= QUARTIC:
-        return np.asarray(signal.oaconvolve(x, taps[:, None], mode='valid', axes=0))
-    half = len(taps) // 2
-    curve = (taps[-1] - taps[half]) / half ** 2
-    return _slid(x, half, float(taps[half]), float(curve), AGAIN * len(taps))
-
-
-@compiled_in_any_order
-def _slid(x: Array, half: int, top: float, curve: float, again: int) -> Array:
-    """
-    Weigh samples by ``top + curve j^2``, j from the middle of a window that slides over them.
-
-    The sums of x, j x and j^2 x in the window follow from those one sample before, whatever its
-    length; rounding grows with the square of the way, and they begin anew after so many samples.
-    """
-    n, k = len(x) - 2 * half, x.shape[1]
-    out = np.empty((n, k))
-    first, sums, slopes, squares = np.empty(k), np.empty(k), np.empty(k), np.empty(k)
-    whole = top * (2 * half + 1) + curve * half * (half + 1) * (2 * half + 1) / 3.0
-    left, right = half + 1.0, float(half)
-    for start in range(0, n, again):
-        for c in range(k):
-            first[c] = x[start, c]
-            sums[c] = slopes[c] = squares[c] = 0.0
-        for j in range(2 * half + 1):
-            for c in range(k):
-                value = x[start + j, c] - first[c]
-                sums[c] += value
-                slopes[c] += (j - half) * value
-                squares[c] += (j - half) * (j - half) * value
-        for i in range(start, min(start + again, n)):
-            for c in range(k):
-                if i > start:
-                    old, new = x[i - 1, c] - first[c], x[i + 2 * half, c] - first[c]
-                    squares[c] += (sums[c] - 2.0 * slopes[c] - left * left * old
-                                   + right * right * new)
-                    slopes[c] += left * old + right * new - sums[c]
-                    sums[c] += new - old
-                out[i, c] = whole * first[c] + top * sums[c] + curve * squares[c]
-    return out
+        return Smoothed(run, float(n))
+    hat = projection(min(n, window), order)
+    if n <= window:
+        return Smoothed(hat @ run, float(np.trace(hat)))
+    half = window // 2
+    out = np.empty(run.shape)
+    out[half:n - half] = signal.oaconvolve(np.ascontiguousarray(run.T), hat[half:half + 1],
+                                           mode='valid', axes=1).T
+    out[:half], out[n - half:] = hat[:half] @ run[:window], hat[half + 1:] @ run[-window:]
+    return Smoothed(out, float(2 * np.trace(hat[:half, :half])
+                               + (n - 2 * half) * hat[half, half]))
 
 
 def gathered(run: Array, window: int, order: int) -> Array:

@@ -1,12 +1,11 @@
 """From readings of the devices to the regressors and raw channels that all else works on."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.jit import compiled
 from forcecal_ros.insitu.equations import moving_regressors
 import numpy as np
 from scipy import signal
@@ -39,10 +38,6 @@ class Prepared(NamedTuple):
     regressors: Array
     raw: Array
 
-    def take(self, rows: slice | Array) -> 'Prepared':
-        """Return some of the samples."""
-        return Prepared(self.t[rows], self.regressors[rows], self.raw[rows])
-
 
 Source = Callable[[], Iterable[Chunk]]
 """Reads a recording from its beginning, every time it is called."""
@@ -69,78 +64,54 @@ class Mounting:
 
     def gravity(self, specific_force: Array) -> Array:
         """Gravity in the sensor frame from specific force (n, 3) in the accelerometer's."""
-        return _gravity(specific_force, self.R_sensor_accelerometer, self.gravity_offset)
+        return np.asarray(-specific_force @ self.R_sensor_accelerometer.T - self.gravity_offset)
 
     def shifted(self, gravity_offset: Array) -> 'Mounting':
         """Return the same with a further offset to take off."""
         return replace(self, gravity_offset=self.gravity_offset + gravity_offset)
 
 
-@compiled
-def _gravity(force: Array, R: Array, offset: Array) -> Array:
-    """Return -force @ R.T - offset; of three columns faster by loop than by matrix products."""
-    gravity = np.empty((len(force), 3))
-    for i in range(len(force)):
-        for k in range(3):
-            gravity[i, k] = -offset[k] - (
-                force[i, 0] * R[k, 0] + force[i, 1] * R[k, 1] + force[i, 2] * R[k, 2])
-    return gravity
-
-
-def prepare(chunks: Iterable[Chunk], mounting: Mounting, moving: bool) -> Iterator[Prepared]:
+def prepare(chunks: Iterable[Chunk], mounting: Mounting, moving: bool) -> Prepared:
     """
-    Turn a recording into regressors and raw channels, chunk by chunk.
+    Turn a recording into regressors and raw channels.
 
     Parameters
     ----------
     moving : bool
-        Use the gyro: thirteen regressors instead of three.
+        Use the gyro: thirteen regressors instead of three; half a window is lost at each end.
 
     Raises
     ------
     DataError
-        Motion was asked for and a chunk has no gyro.
+        There are no samples, or motion was asked for and there is no gyro.
     """
-    if moving:
-        yield from _prepare_moving(chunks, mounting)
-        return
-    for chunk in chunks:
-        yield Prepared(chunk.t, mounting.gravity(chunk.accelerometer), chunk.raw)
+    t, raw, accelerometer, gyro = _joined(chunks)
+    gravity = mounting.gravity(accelerometer)
+    if not moving:
+        return Prepared(t, gravity, raw)
+    if gyro is None:
+        raise DataError('motion needs an angular rate; name the gyro in the SPEC')
+    period = float(np.median(np.diff(t))) if len(t) > 1 else np.inf
+    half = max(2, round(GYRO_WINDOW / period / 2))
+    if len(t) < 2 * half + 2:
+        raise DataError(f'{len(t)} samples are too few to differentiate the angular rate')
+    rate = gyro @ mounting.R_sensor_accelerometer.T
+    omega, alpha = (_differentiate(rate, 2 * half + 1, period, order) for order in (0, 1))
+    inside = slice(half, -half)
+    return Prepared(t[inside], moving_regressors(gravity[inside], omega, alpha, mounting.position),
+                    raw[inside])
 
 
-def _prepare_moving(chunks: Iterable[Chunk], mounting: Mounting) -> Iterator[Prepared]:
-    """Smooth and differentiate the gyro; half a window is lost at each end of the recording."""
-    R = mounting.R_sensor_accelerometer
-    held: Chunk | None = None
-    for chunk in chunks:
-        if chunk.gyro is None:
-            raise DataError('motion needs an angular rate; name the gyro in the SPEC')
-        held = chunk if held is None else _join(held, chunk)
-        if len(held.t) < 2:
-            continue
-        period = float(np.median(np.diff(held.t)))
-        half = max(2, round(GYRO_WINDOW / period / 2))
-        window = 2 * half + 1
-        if len(held.t) < window + 1:
-            continue
-        assert held.gyro is not None
-        rate = held.gyro @ R.T
-        omega, alpha = (_differentiate(rate, window, period, order) for order in (0, 1))
-        gravity = mounting.gravity(held.accelerometer[half:-half])
-        yield Prepared(held.t[half:-half],
-                       moving_regressors(gravity, omega, alpha, mounting.position),
-                       held.raw[half:-half])
-        held = Chunk(*(array[1 - window:] for array in (
-            held.t, held.raw, held.accelerometer, held.gyro)))
+def _joined(chunks: Iterable[Chunk]) -> Chunk:
+    parts = list(chunks)
+    if not parts:
+        raise DataError('there are no samples in it; look at its file')
+    gyros = [one.gyro for one in parts if one.gyro is not None]
+    t, raw, accelerometer = (np.concatenate(arrays).astype(float, copy=False)
+                             for arrays in list(zip(*parts))[:3])
+    return Chunk(t, raw, accelerometer, np.concatenate(gyros) if gyros else None)
 
 
 def _differentiate(values: Array, window: int, period: float, order: int) -> Array:
     taps = signal.savgol_coeffs(window, GYRO_ORDER, deriv=order, delta=period)
     return np.asarray(signal.oaconvolve(values, taps[:, None], mode='valid', axes=0))
-
-
-def _join(first: Chunk, second: Chunk) -> Chunk:
-    assert first.gyro is not None and second.gyro is not None
-    return Chunk(*(np.concatenate(pair) for pair in (
-        (first.t, second.t), (first.raw, second.raw),
-        (first.accelerometer, second.accelerometer), (first.gyro, second.gyro))))

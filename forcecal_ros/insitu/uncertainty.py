@@ -119,8 +119,7 @@ def _as_filtered(x: Array, use: Mask, window: int, order: int) -> Array:
     out = np.zeros_like(x)
     ends = np.flatnonzero(np.diff(np.concatenate([[False], use, [False]]).astype(int)))
     for start, end in ends.reshape(-1, 2):
-        smoothed = [part.values for part in smooth([x[start:end]], window, order)]
-        out[start:end] = gathered(np.concatenate(smoothed), window, order)
+        out[start:end] = gathered(smooth(x[start:end], window, order).values, window, order)
     return out
 
 
