@@ -12,7 +12,7 @@ from forcecal_ros.cli.outputs import add_output, RESULTS
 from forcecal_ros.core.files import write_results
 
 if TYPE_CHECKING:
-    from forcecal_ros.insitu.prepare import Chunk, Source
+    from forcecal_ros.insitu.blocks import Chunk, Source
     from forcecal_ros.insitu.result import SensorResult
     from forcecal_ros.insitu.spec import Spec
 

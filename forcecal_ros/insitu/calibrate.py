@@ -6,6 +6,7 @@ from dataclasses import replace
 from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.geometry import Array
+from forcecal_ros.insitu.blocks import Mounting
 from forcecal_ros.insitu.equations import Load, MOVING, STATIC
 from forcecal_ros.insitu.fit import MatrixProblem, with_known_wrenches, with_matrix
 from forcecal_ros.insitu.loads import contradiction, MASS, require
@@ -18,7 +19,6 @@ from forcecal_ros.insitu.offset import (
     offset_of,
     shared_offset,
 )
-from forcecal_ros.insitu.prepare import Mounting
 from forcecal_ros.insitu.reduce import (
     DataSet,
     LITTLE,

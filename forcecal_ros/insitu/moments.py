@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.insitu.prepare import Prepared
+from forcecal_ros.insitu.blocks import Prepared
 import numpy as np
 from scipy import signal
 

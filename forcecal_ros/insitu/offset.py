@@ -185,10 +185,6 @@ EXPLAINS, DRIFTS = 0.5, 1.2
 a steady drift explains: half-way a drift explains three quarters of a jump, and a jump of a drift.
 Of the hysteresis and bends of usual sensors a jump explains a fifth."""
 
-SURE = 200.0
-"""Chi-square that a jump explains at least: of eight channels once in 10^30 by chance, and noise
-is known to some percent only."""
-
 SIDE = 0.15
 """Share of a data set on either side of a jump, at least."""
 
@@ -219,7 +215,7 @@ def jump_within(blocks: Blocks, use: Mask) -> Jump | None:
     drift -= q @ (q.T @ drift)
     steady = ((drift @ off)**2).sum() / max(float(drift @ drift), TINY)
     best = int(np.argmax(gains))
-    if gains[best] < max(SURE, EXPLAINS * float((off**2).sum()), DRIFTS * steady):
+    if gains[best] < max(EXPLAINS * float((off**2).sum()), DRIFTS * steady):
         return None
     jump = np.abs(root @ after_off[best] / size[best])
     span = np.maximum(affine(g, raw)[2], 1e-12)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from forcecal_ros.checks.repeats import REMEDY
 from forcecal_ros.core.errors import DataError, ForcecalError
 from forcecal_ros.core.geometry import Array, STANDARD_GRAVITY
-from forcecal_ros.insitu.blocks import Blocks, Mask, to_blocks
+from forcecal_ros.insitu.blocks import Blocks, Mask, Mounting, prepare, Source, to_blocks
 from forcecal_ros.insitu.equations import Load
 from forcecal_ros.insitu.moments import (
     accumulate,
@@ -17,7 +17,6 @@ from forcecal_ros.insitu.moments import (
     window_samples,
 )
 from forcecal_ros.insitu.offset import Norm, norm
-from forcecal_ros.insitu.prepare import Mounting, prepare, Source
 from forcecal_ros.insitu.screen import (
     given_window,
     screen,

@@ -11,7 +11,7 @@ from forcecal_ros.checks.clocks import refuse_apart
 from forcecal_ros.checks.values import Unreadable
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.insitu.prepare import Chunk
+from forcecal_ros.insitu.blocks import Chunk
 from forcecal_ros.insitu.spec import DEFAULT_RATE, Spec
 from forcecal_ros.io.csv_import.doubts import doubtful_rate
 from forcecal_ros.io.csv_import.table import (
@@ -25,10 +25,7 @@ from forcecal_ros.io.csv_import.table import (
 import numpy as np
 
 ROWS = 50_000
-"""Rows of text that are read at a time."""
-
-MAPPED, PIECE = 200_000, 10_000
-"""Rows of an array that are mapped, and taken at a time: ten columns fit a second-level cache."""
+"""Rows that are read at a time."""
 
 
 class TableSource:
@@ -148,21 +145,11 @@ class TableSource:
             if len(shape) != 2 or max(int(column) for column in columns) >= shape[1]:
                 raise DataError(f'{self._path}: an array of shape {shape}; expected rows with '
                                 f'{1 + max(int(column) for column in columns)} columns at least')
-            places = _slice_of([int(column) for column in columns])
-            for begin in range(0, shape[0], MAPPED):
-                mapped = np.load(self._path, mmap_mode='r')
-                for start in range(begin, min(begin + MAPPED, shape[0]), PIECE):
-                    yield np.array(
-                        mapped[start:min(start + PIECE, begin + MAPPED), places], dtype=float)
+            rows = np.load(self._path, mmap_mode='r')
+            for start in range(0, shape[0], ROWS):
+                yield np.array(rows[start:start + ROWS, columns], dtype=float)
         except (OSError, ValueError) as error:
             raise DataError(f'{self._path}: cannot be read ({error})') from error
-
-
-def _slice_of(places: list[int]) -> slice | list[int]:
-    """Return neighbouring columns as a slice, which is read faster than a list."""
-    first = places[0]
-    together = places == list(range(first, first + len(places)))
-    return slice(first, first + len(places)) if together else places
 
 
 class _Wanted(NamedTuple):
@@ -263,7 +250,7 @@ def join(chunks: Iterable[tuple[str, Array, Array]], spec: Spec, sensor: str
     Parameters
     ----------
     chunks : iterable of (str, ndarray, ndarray)
-        Topic, stamps [s] and values, roughly in the order of time.
+        Topic, stamps [s] and values.
     sensor : str
         Its name.
 
@@ -272,45 +259,25 @@ def join(chunks: Iterable[tuple[str, Array, Array]], spec: Spec, sensor: str
     Chunk
         SI units; samples before or after another signal's first or last are left out.
     """
-    raw_topic, other = spec.sensors[sensor].topic, spec.accelerometer
-    assert raw_topic is not None and other.topic is not None
-    signals = len(topics_of(spec, sensor))
-    held: dict[str, tuple[Array, Array]] = {}
+    topics = topics_of(spec, sensor)
+    parts: dict[str, list[tuple[Array, Array]]] = {topic: [] for topic in topics}
     for topic, t, values in chunks:
-        old = held.get(topic)
-        held[topic] = (t, values) if old is None else (
-            np.concatenate([old[0], t]), np.concatenate([old[1], values]))
-        if len(held) < signals or not all(len(stamps) for stamps, _ in held.values()):
-            continue
-        start = max(stamps[0] for stamps, _ in held.values())
-        end = min(stamps[-1] for stamps, _ in held.values())
-        t, raw = held[raw_topic]
-        i, j = np.searchsorted(t, start), np.searchsorted(t, end, side='right')
-        if j <= i:
-            continue
-        yield _chunk(held, t[i:j], raw[i:j], spec)
-        held = {topic: _from(stamps, values, float(t[j - 1]), topic == raw_topic)
-                for topic, (stamps, values) in held.items()}
-
-
-def _chunk(held: Mapping[str, tuple[Array, Array]], t: Array, raw: Array, spec: Spec) -> Chunk:
-    accelerometer, gyro = spec.accelerometer, spec.gyro
-    assert accelerometer.topic is not None
-    force = _at(held[accelerometer.topic], t, slice(0, 3)) * accelerometer.scale
-    turn = None
-    if gyro is not None:
-        assert gyro.topic is not None
-        turn = _at(held[gyro.topic], t, slice(-3, None)) * gyro.scale
-    return Chunk(t, raw, force, turn)
+        parts[topic].append((t, values))
+    if not all(parts.values()):
+        return
+    signals = {topic: (np.concatenate([t for t, _ in some]), np.concatenate([x for _, x in some]))
+               for topic, some in parts.items()}
+    t, raw = signals[str(spec.sensors[sensor].topic)]
+    i = np.searchsorted(t, max(stamps[0] for stamps, _ in signals.values()))
+    j = np.searchsorted(t, min(stamps[-1] for stamps, _ in signals.values()), side='right')
+    if j > i:
+        accelerometer, gyro = spec.accelerometer, spec.gyro
+        yield Chunk(
+            t[i:j], raw[i:j],
+            accelerometer.scale * _at(signals[str(accelerometer.topic)], t[i:j], slice(0, 3)),
+            gyro.scale * _at(signals[str(gyro.topic)], t[i:j], slice(-3, None)) if gyro else None)
 
 
 def _at(signal: tuple[Array, Array], t: Array, columns: slice) -> Array:
     stamps, values = signal
     return np.stack([np.interp(t, stamps, column) for column in values[:, columns].T], axis=1)
-
-
-def _from(stamps: Array, values: Array, last: float, used: bool) -> tuple[Array, Array]:
-    """Forget what is past: all used samples, or all but one that interpolation still needs."""
-    keep = int(np.searchsorted(stamps, last, side='right'))
-    keep = keep if used else max(keep - 1, 0)
-    return stamps[keep:], values[keep:]

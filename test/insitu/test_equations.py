@@ -2,7 +2,7 @@
 
 from forcecal_ros.core.geometry import skew
 from forcecal_ros.insitu import equations as eq
-from forcecal_ros.insitu.blocks import to_blocks
+from forcecal_ros.insitu.blocks import Mounting, prepare, Prepared, to_blocks
 from forcecal_ros.insitu.equations import (
     body_map,
     gravity_map,
@@ -23,7 +23,6 @@ from forcecal_ros.insitu.offset import (
     Subspace,
     to_coordinates,
 )
-from forcecal_ros.insitu.prepare import Mounting, prepare, Prepared
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import insitu_leg

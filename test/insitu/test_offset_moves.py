@@ -1,9 +1,8 @@
 """An offset that jumps within a data set is told with its instant; bends and drift are none."""
 
 
-from forcecal_ros.insitu.blocks import to_blocks
+from forcecal_ros.insitu.blocks import Chunk, Mounting, prepare, to_blocks
 from forcecal_ros.insitu.offset import jump_within
-from forcecal_ros.insitu.prepare import Chunk, Mounting, prepare
 from insitu_leg import Leg, PROTOCOL, REAL, record
 import numpy as np
 import pytest

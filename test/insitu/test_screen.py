@@ -4,8 +4,7 @@ from dataclasses import replace
 
 from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.insitu import Chunk, DataSet
-from forcecal_ros.insitu.blocks import to_blocks
-from forcecal_ros.insitu.prepare import Mounting, prepare
+from forcecal_ros.insitu.blocks import Mounting, prepare, to_blocks
 from forcecal_ros.insitu.screen import screen
 from forcecal_ros.insitu.uncertainty import causes, departure
 import insitu_leg
