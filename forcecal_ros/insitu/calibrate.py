@@ -138,7 +138,7 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
             )) from error
         if not bent(result):
             result = replace(result, contradiction=contradiction(problem.stated(options.body)))
-    _require_possible(result)
+    _require_possible(result, reduced)
     return replace(result, warnings=warnings_of(result))
 
 
@@ -150,12 +150,13 @@ def _cut_down(reduced: Sequence[Reduced]) -> Iterator[str]:
                'cut: contact, joints that move, or a sensor that is not linear')
 
 
-def _require_possible(result: SensorResult) -> None:
+def _require_possible(result: SensorResult, reduced: Sequence[Reduced]) -> None:
     """Refuse loads that contradict each other grossly, and masses below zero."""
     causes = [*offsets_of(result), *affine_misfit(result)]
     found = result.contradiction
     if found and found.share > GROSS:
-        raise DataError('; '.join([*offsets_of(result), found.words, *affine_misfit(result)]))
+        raise DataError('; '.join([*_cut_down(reduced), *offsets_of(result), found.words,
+                                   *affine_misfit(result)]))
     careful = MASS * max(d.load.mass if d.load else 0.0 for d in result.data_sets)
     masses = [('the body', result.mass, 0.0), *(
         (f'what was added in {d.name}', d.added_mass, careful) for d in result.data_sets)]
