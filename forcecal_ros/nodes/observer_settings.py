@@ -11,7 +11,7 @@ from forcecal_ros.nodes.calibration_topics import TRACKED
 from forcecal_ros.nodes.pose_source import POSE_PARAMETERS, SENSOR_FROM_POSE
 from forcecal_ros.nodes.runtime import EXECUTOR
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
-from forcecal_ros.observe.payload.model import PayloadSettings
+from forcecal_ros.observe.payload import PayloadSettings
 from forcecal_ros.observe.settings import (
     BANDWIDTH_LIMITS,
     CONTACT_WALK,
