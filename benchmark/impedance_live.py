@@ -102,7 +102,7 @@ def main(seconds=60.0, accelerometer='acc1'):
         with Processes(environment) as nodes:
             heard = Listener()
             nodes.start('sim', {'accelerometer': accelerometer, 'seed': 3})
-            nodes.start('observer', {'io.calibration_file': path})
+            nodes.start('observer', {'calibration.file': path})
             nodes.start('impedance', {'limits.workspace_max': [1.35, 0.4, 1.4],
                                       'task.cycles': cycles, **FOR_SIMULATION})
             heard.call_start(nodes)

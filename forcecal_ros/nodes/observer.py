@@ -108,7 +108,7 @@ class Observer(ManagedNode):
             frames = Frames(self._value('publish.frames'), self._value('publish.frame_poses'))
             self._tool.configure(self._value('payload.track'))
             self._tool.want(self._value('tool') == TRACKED)
-            if self._value('io.calibration_file') or file_of(self._value('tool')):
+            if self._value('calibration.file') or file_of(self._value('tool')):
                 self._take_over(self._load(file_of(self._value('tool'))))
         except ForcecalError as error:
             self._failure = str(error)
@@ -196,7 +196,7 @@ class Observer(ManagedNode):
     # Calibration ----------------------------------------------------------------------------
 
     def _load(self, tool: str) -> CalibrationSource:
-        path = Path(self._value('io.calibration_file')).expanduser()
+        path = Path(self._value('calibration.file')).expanduser()
         if tool:
             if not self._value('tools') or Path(tool).name != tool:
                 raise ConfigError(f'tool {tool}: name the folder of calibrations in tools, and '
@@ -384,11 +384,11 @@ class Observer(ManagedNode):
         return f'calibration taken from {source.name}'
 
     def _as_configured(self) -> CalibrationSource:
-        if self._value('io.calibration_file'):
+        if self._value('calibration.file'):
             return self._load('')
         if self._text:
             return self._parse()
-        raise DataError('no calibration to reload: io.calibration_file is empty and nothing was '
+        raise DataError('no calibration to reload: calibration.file is empty and nothing was '
                         'received on sequencer/calibration')
 
     # Diagnostics ----------------------------------------------------------------------------
@@ -398,7 +398,7 @@ class Observer(ManagedNode):
         if not self._active:
             return ''
         if self._source is None:
-            return 'a calibration, from io.calibration_file or sequencer/calibration'
+            return 'a calibration, from calibration.file or sequencer/calibration'
         silent = self._silent()
         return ' and '.join(topic for topic in ('wrench', self._pose)
                             if topic in silent or topic not in self._received)

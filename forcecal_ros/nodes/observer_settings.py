@@ -34,7 +34,7 @@ PARAMETERS = (
     EXECUTOR,
     Parameter('autostart', True, 'Configure and activate at start; false: leave it to a '
               'lifecycle manager'),
-    _live('io.calibration_file', '', 'calibration.yaml to load when configured; empty: wait for '
+    _live('calibration.file', '', 'calibration.yaml to load when configured; empty: wait for '
           'sequencer/calibration'),
     _live('calibration.max_age', 0.0, 'A file whose recording is older is refused; 0: whatever '
           'its age', 'd', 0.0, 36500.0),
@@ -42,7 +42,7 @@ PARAMETERS = (
               'publishes while running'),
     Parameter('tools', '', 'Folder of calibrations of one sensor with one tool each, NAME.yaml'),
     _live('tool', '', 'Which of these is on the sensor, by its NAME; set while running, it is '
-          'faded in, and the bias of the sensor stays as it is; empty: as io.calibration_file or '
+          'faded in, and the bias of the sensor stays as it is; empty: as calibration.file or '
           'sequencer/calibration says; tracked: mass and centre of mass as observer/tool says, or '
           'with payload.track as this node finds'),
     Parameter('payload.track', False, 'Follow mass and centre of mass of what hangs on the sensor '

@@ -215,7 +215,7 @@ def test_a_rig_that_publishes_the_clock_waits_for_nobodys(ros_domain):
     ('sim', ['-p', 'rig:=/nowhere.yaml'], '/nowhere.yaml'),
     ('sequencer', ['-p', 'sequence:=dance'], "sequence is 'dance', expected one of calibrate"),
     ('sequencer', ['-p', 'limits.speed:=2.0'], 'limits.acceleration'),
-    ('observer', ['-p', 'io.calibration_file:=/nowhere.yaml'], '/nowhere.yaml'),
+    ('observer', ['-p', 'calibration.file:=/nowhere.yaml'], '/nowhere.yaml'),
     ('observer', ['-p', 'calibration:=cal.yaml'],
      'unknown parameter calibration; did you mean calibration.file?'),
     ('gap', ['-p', 'zigzag:=3'], 'unknown parameter zigzag; config/gap.yaml lists all'),
