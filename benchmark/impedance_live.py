@@ -12,13 +12,15 @@ import sys
 import tempfile
 import time
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'helpers'))
+
+from calibration_runs import rehearse
 from diagnostic_msgs.msg import DiagnosticArray
-from forcecal_ros.impedance.program import Task
+from forcecal_ros.impedance.session import Task
 from forcecal_ros.io.calibration_file import save
-from forcecal_ros.nodes.processes import own_domain, Processes
+from forcecal_ros.nodes.client import own_domain, Processes
 from forcecal_ros.nodes.runtime import OUTPUT
 from forcecal_ros.nodes.wire import Reader
-from forcecal_ros.reproduce.experiment import rehearse
 from forcecal_ros.sim.rig.file import load_rig
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 import numpy as np

@@ -50,6 +50,8 @@ def checked(recording: Recording, raw_wrench: bool = False) -> Checked:
     """
     Check everything that a recording holds, whatever will be made of it.
 
+    It runs once: a recording that was checked is returned as it is, with what was removed then.
+
     Parameters
     ----------
     raw_wrench : bool
@@ -61,6 +63,8 @@ def checked(recording: Recording, raw_wrench: bool = False) -> Checked:
         A stream is empty, spoilt, dead or stuck, or clocks are apart; one sentence says which
         channel, when, and what to do.
     """
+    if recording.removed is not None:
+        return Checked(recording, dict(recording.removed))
     if recording.wrench is not None and not len(recording.wrench):
         raise DataError('wrench: no message was recorded; look at its topic and its driver, and '
                         'record again')
@@ -85,7 +89,9 @@ def checked(recording: Recording, raw_wrench: bool = False) -> Checked:
              *lost_messages(recording),
              *(str(one) for one in clipped(recording)))
     fresh = [note for note in notes if note not in recording.notes]
-    return Checked(replace(recording, notes=(*recording.notes, *fresh)), removed)
+    # raw channels are checked once more as a wrench, after their matrix
+    return Checked(replace(recording, notes=(*recording.notes, *fresh),
+                           removed=None if raw_wrench else removed), removed)
 
 
 def _how_it_follows(recording: Recording) -> str:
