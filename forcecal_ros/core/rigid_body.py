@@ -1,0 +1,91 @@
+"""One forward model of a tool on a sensor: wrench from measured motion and parameters."""
+
+from typing import NamedTuple
+
+from forcecal_ros.core.geometry import Array, skew
+from forcecal_ros.core.streams import PoseStream
+import numpy as np
+
+INERTIAL = 10
+"""Parameters of a rigid body: mass, first moments (3), inertia about the sensor (6)."""
+
+
+class BodyMotion(NamedTuple):
+    """
+    Motion of ft_sensor on a grid, seen in ft_sensor.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+        [s]
+    specific_force : ndarray, shape (n, 3)
+        Gravity minus acceleration of the sensor's origin [m/s^2].
+    omega, alpha : ndarray, shape (n, 3)
+        [rad/s], [rad/s^2]
+    """
+
+    t: Array
+    specific_force: Array
+    omega: Array
+    alpha: Array
+
+
+def block_means(t: Array, values: Array, starts: Array, length: float) -> Array:
+    """Return means of the straight lines through samples over [start, start + length]."""
+    area = np.vstack([np.zeros(values.shape[1]),
+                      np.cumsum((values[1:] + values[:-1]) / 2 * np.diff(t)[:, None], axis=0)])
+
+    def integral(at: Array) -> Array:
+        i = np.searchsorted(t, at, side='right').clip(1, len(t) - 1) - 1
+        part = ((at - t[i]) / (t[i + 1] - t[i]))[:, None]
+        end = values[i] + part * (values[i + 1] - values[i])
+        return np.asarray(area[i] + (values[i] + end) / 2 * (at - t[i])[:, None])
+
+    return np.asarray((integral(starts + length) - integral(starts)) / length)
+
+
+def body_motion(pose: PoseStream, starts: Array, length: float, gravity: Array) -> BodyMotion:
+    """
+    Differentiate block means of a pose by central differences.
+
+    Parameters
+    ----------
+    starts : ndarray, shape (n,)
+        Starts of blocks, evenly `length` apart, within the pose's time [s].
+    gravity : ndarray, shape (3,)
+        In base [m/s^2].
+    """
+    means = block_means(pose.t, pose.R_base_sensor.reshape(-1, 9), starts, length)
+    U, _, Vt = np.linalg.svd(means.reshape(-1, 3, 3))
+    R = U @ Vt
+    rate = np.swapaxes(R, 1, 2) @ np.gradient(R, length, axis=0)
+    omega = np.stack([rate[:, 2, 1] - rate[:, 1, 2], rate[:, 0, 2] - rate[:, 2, 0],
+                      rate[:, 1, 0] - rate[:, 0, 1]], axis=1) / 2
+    place = block_means(pose.t, pose.position - pose.position[0], starts, length)
+    accel = np.gradient(np.gradient(place, length, axis=0), length, axis=0)
+    force = np.einsum('nij,ni->nj', R, gravity - accel)
+    return BodyMotion(starts + length / 2, force, omega, np.gradient(omega, length, axis=0))
+
+
+def inertia_columns(v: Array) -> Array:
+    """Return I v by the elements xx, yy, zz, xy, xz, yz of I, shape (n, 3, 6)."""
+    x, y, z, o = *v.T, np.zeros(len(v))
+    return np.stack([np.stack([x, o, o, y, z, o], 1), np.stack([o, y, o, x, o, z], 1),
+                     np.stack([o, o, z, o, x, y], 1)], axis=1)
+
+
+def regressor(motion: BodyMotion) -> Array:
+    """
+    Return the wrench by each parameter, shape (n, 6, 10).
+
+    F = m f - (alpha x + omega x omega x) m c and T = m c x f - I alpha - omega x I omega, with
+    specific force f, first moments m c and inertia I about the sensor's origin (xx, yy, zz, xy,
+    xz, yz).
+    """
+    W = skew(motion.omega)
+    X = np.zeros((len(motion.t), 6, INERTIAL))
+    X[:, :3, 0] = motion.specific_force
+    X[:, :3, 1:4] = -(skew(motion.alpha) + W @ W)
+    X[:, 3:, 1:4] = -skew(motion.specific_force)
+    X[:, 3:, 4:] = -(inertia_columns(motion.alpha) + W @ inertia_columns(motion.omega))
+    return X
