@@ -12,7 +12,7 @@ from forcecal_ros.observe.sample import describe, Status
 
 HEAD = '| parameter | default | unit | range | meaning |\n|---|---|---|---|---|'
 
-EVERYWHERE = ('-h', '--json', '--quiet', '--debug')
+EVERYWHERE = ('-h', '--json', '--quiet', '--debug', '--namespace', '--timeout', '--jobs', '--dask')
 """Options of (nearly) every command, described once."""
 
 FOLDER = Path(__file__).with_name('reference')
@@ -94,7 +94,8 @@ def commands() -> Iterator[str]:
     """Yield the page of the commands: every option with its help."""
     yield ('# Commands\n\nThis page lists every command of `forcecal` with its options. It is generated from the code; '
            '`forcecal COMMAND --help` prints the same with an example.\n\nEvery command that computes has `--json` (print the result as JSON) and '
-           '`--quiet` (no progress). `--debug` shows the traceback of an error. Exit status: 0 done, 1 the data '
+           '`--quiet` (no progress). Commands that talk to running nodes have `--namespace NAME` and '
+           '`--timeout S`; commands that take many recordings have `--jobs N` and `--dask ADDRESS`. `--debug` shows the traceback of an error. Exit status: 0 done, 1 the data '
            'cannot answer, 2 wrong usage, 3 found what `--fail-on` names.\n')
     for purpose, group in GROUPS.items():
         yield f'\n## {purpose[0].upper()}{purpose[1:]}\n'
