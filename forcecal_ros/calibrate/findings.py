@@ -102,8 +102,6 @@ def findings(stages: Stages, settings: IdentificationSettings) -> Iterator[Findi
 
 def slightly_turned(stages: Stages) -> Iterator[Finding]:
     """Name a turn of the sensor or a tilt of the base that forces at rest show for certain."""
-    if stages.slight_misfit:
-        yield Finding(stages.slight_misfit, STANDSTILL)
 
 
 def poses_disagree(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:

@@ -21,7 +21,7 @@ from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.calibrate.static_readings import Statics
 from forcecal_ros.calibrate.statics import Sag
 from forcecal_ros.calibrate.tool import ToolFit
-from forcecal_ros.checks.clipping import Clipping
+from forcecal_ros.checks.signals import Clipping
 from forcecal_ros.core.calibration import (
     Accelerometer,
     Estimate,
@@ -51,8 +51,6 @@ class Stages:
         How much later than the wrench the pose shows the same instant, and its error [s].
     motion : ToolMotion or None
         None where the poses were single samples.
-    slight_misfit : str
-        What the forces at rest say of a small turn of the sensor or tilt of the base.
     stops : tuple of Clipping
         Where channels stop at a limit.
     """
@@ -68,7 +66,6 @@ class Stages:
     inertia: InertiaFit | None
     pose_delay: tuple[float, float] | None
     motion: ToolMotion | None
-    slight_misfit: str = ''
     stops: tuple[Clipping, ...] = ()
 
 

@@ -64,6 +64,8 @@ class Motion:
         [s]; 0: static samples.
     part : ndarray of int, shape (n,), or None
         Parts of the recording that have a bias each.
+    zeroed : ndarray of int, shape (n,), or None
+        Row at which the wrench was last zeroed.
     free_gravity : bool
         Gravity may point anywhere in base.
     smoothing : float
@@ -82,6 +84,7 @@ class Motion:
     gravity: Array
     step: float
     part: NDArray[np.intp] | None = None
+    zeroed: NDArray[np.intp] | None = None
     free_gravity: bool = False
     smoothing: float = 0.0
     extra: Array | None = None
@@ -90,7 +93,8 @@ class Motion:
     @property
     def in_sensor(self) -> Array:
         """Gravity in ft_sensor, shape (n, 3) [m/s^2]."""
-        return np.asarray(self.gravity @ self.R)
+        u = self.gravity @ self.R
+        return np.asarray(u if self.zeroed is None else u - u[self.zeroed])
 
 
 class Fit(NamedTuple):

@@ -18,7 +18,7 @@ refused or questioned. At rest it does not tell the sign of all torques, nor the
 are about.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -39,6 +39,10 @@ from scipy.spatial.transform import Rotation
 
 MARGIN = float(np.log(300 * 20))
 """Log odds: one in 300 sound recordings may be refused, by any of twenty rows."""
+
+MIN_GAIN = 2.0
+"""Log likelihood for each independent sample, at least: half of the residual. What fits less well
+is no explanation, however many samples there are."""
 
 SPANNED = 0.1
 """Spread of the directions of gravity, gravity taken as 1, from which they determine a weight."""
@@ -133,7 +137,9 @@ def judge(recording: Recording, gravity: Array, stated: Stated = Stated(),
     found = candidates(motion)
     plain, best = found[0], max(found, key=lambda one: one.evidence)
     lead = best.evidence - plain.evidence
-    if best is not plain and lead > MARGIN:
+    gain = sum(getattr(best.fit, part).mean_log - getattr(plain.fit, part).mean_log
+               for part in ('force', 'torque'))
+    if best is not plain and lead > MARGIN and gain > MIN_GAIN:
         close = [one for one in found if one is not best and one is not plain
                  and best.evidence - one.evidence < MARGIN]
         message = messages.of(best, plain, stated, close)
@@ -143,7 +149,8 @@ def judge(recording: Recording, gravity: Array, stated: Stated = Stated(),
     if not known:
         messages.refuse_weightless(plain)
     notes = _of_estimates(plain.fit, recording, known)
-    if best is not plain and lead > 0.5 * MARGIN and (said := messages.of(best, plain, stated, [])):
+    if best is not plain and lead > 0.5 * MARGIN and gain > MIN_GAIN and (
+            said := messages.of(best, plain, stated, [])):
         notes = (*notes, f'undecided: as recorded, or {said}')
     return notes
 
@@ -191,6 +198,9 @@ MAX_BIAS_N, MAX_MASS_KG, MIN_MASS_KG = 5e3, 200.0, 0.25
 """A wrist sensor's bias is within its range, of 2.5 kN in the largest ones of arms; arms carry
 200 kg at most, and grippers weigh 0.3 kg with their coupling."""
 
+FAR_M = 0.3
+"""A centre of mass so far away is questioned: grippers and hands have theirs within 0.2 m."""
+
 SAME = 0.05
 """Share to which a unit explains a ratio: another tool does so by chance once in ten times."""
 
@@ -200,9 +210,9 @@ ELSEWHERE_M = 0.05
 
 def _of_estimates(fit: Explained, recording: Recording, known: Known | None) -> tuple[str, ...]:
     """Compare what should agree: masses, biases, centres of mass, inertia and weight."""
+    _refuse_counts(fit)
     if known is not None and (note := _other_tool(fit, known)):
         return (note,)
-    _refuse_counts(fit)
     return tuple(note for note in (
         _other_time(fit), _late(fit, recording), _other_point(fit, recording, known)) if note)
 
@@ -247,10 +257,39 @@ def corrected(factor: float, unit: str) -> str:
             f'"unit: {unit}" into its specification instead)')
 
 
+def questions_of(mass: float, away: float) -> Iterator[str]:
+    """
+    Question a mass [kg] or a distance of the centre of mass [m] that is odd for a tool.
+
+    A unit that all readings share makes them so, and no recording tells it.
+    """
+    if mass > MAX_MASS_KG:
+        yield (f'a mass of {mass:.3g} kg is much for a wrist to carry: weigh the tool and give '
+               f'--tool-mass, which tells the unit; if it weighs {mass / 1000:.3g} kg, the wrench '
+               'is in mN, else in counts of a converter: divide them by the counts a newton')
+    if mass < MIN_MASS_KG:
+        yield (f'a mass of {mass:.3g} kg is little for a wrist to carry: weigh the tool and give '
+               '--tool-mass, which tells the unit; if it weighs '
+               f'{mass * STANDARD_GRAVITY:.3g} kg, the wrench is in kgf, if {mass * 4.448:.3g} kg, '
+               'in lbf')
+    if away > FAR_M:
+        yield (f'a centre of mass {away:.3g} m away from the sensor is far: measure it; if it is '
+               f'{away * 0.113:.2g} m, the torques are in lbf in (multiply by 0.11298), if '
+               f'{away / 10:.2g} m, in dN m; if {away / 4.448:.2g} or '
+               f'{away / STANDARD_GRAVITY:.2g} m, the forces are in lbf or kgf and the torques in '
+               'N m')
+
+
 def _other_tool(fit: Explained, known: Known) -> str:
     """Compare weight and bias with known ones; empty: they agree."""
     mass, g = known.mass, float(np.linalg.norm(fit.gravity, axis=1).mean())
     shown = f'wrench: the tool of {mass:.4g} kg weighs {fit.mass:.4g} kg in this recording'
+    about = np.linalg.norm(fit.gravity - fit.gravity.mean(axis=0), axis=1)
+    if fit.force.scale > 0.5 * mass * float(np.sqrt((about**2).mean() / 3.0)):
+        return (f'a weight of {fit.mass:.3g} +- {fit.mass_std:.2g} kg leaves '
+                f'{fit.force.scale:.2g} N RMS of the forces: pose and wrench do not belong to each '
+                'other, or the tool touches all along; name the pose of this sensor with --topic '
+                'pose=NAME')
     if (unit := force_unit_of(fit.mass, mass)) and fit.mass > SURE * fit.mass_std:
         raise DataError(f'{shown}: its forces are in {unit[0]}; {corrected(unit[1], unit[0])}')
     if fit.mass < SLIGHT * mass:
@@ -393,11 +432,6 @@ def _inverted(motion: Motion) -> Motion:
         'nij,nj->ni', R, place))
 
 
-def read_from_w(R_base_sensor: Array) -> Array:
-    """Return orientations as they are if quaternions in the order w, x, y, z were read as xyzw."""
-    return matrix_from_quaternion(quaternion_from_matrix(R_base_sensor)[:, [1, 2, 3, 0]])
-
-
 def _from_w(motion: Motion) -> Motion:
     q = quaternion_from_matrix(motion.R)
     q *= np.cumprod(np.append(1.0, np.where((q[1:] * q[:-1]).sum(axis=1) < 0, -1, 1)))[:, None]
@@ -515,14 +549,15 @@ def _filtered(motion: Motion) -> Motion | None:
 
 
 def _zeroed_in_poses(motion: Motion) -> Motion | None:
-    """Give each stretch from a rest to the next a bias of its own."""
+    """Compare each stretch from a rest to the next with where it began."""
     if not motion.step:
         return None
     turning = np.linalg.norm(np.gradient(motion.R, motion.step, axis=0), axis=(1, 2)) > 0.02
     begins = np.flatnonzero(np.diff(turning.astype(int)) < 0) + 1
-    begins = begins[np.append(True, np.diff(begins) > 0.5 / motion.step)] if len(begins) else begins
+    if len(begins) < 2:
+        return None
     part = np.searchsorted(begins, np.arange(len(turning)), side='right')
-    return replace(motion, part=part) if 2 < part.max() < 60 else None
+    return replace(motion, zeroed=np.append(0, begins)[part])
 
 
 def _change(kind: str) -> Callable[[Motion], Motion | None]:

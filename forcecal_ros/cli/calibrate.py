@@ -136,7 +136,7 @@ def answer(args: argparse.Namespace) -> Answer:
 
 def _of_stated_mass(calibration: 'Calibration', args: argparse.Namespace) -> 'Calibration':
     """Return a calibration whose tool weighs what a scale says."""
-    from forcecal_ros.checks.units import refuse_other_mass
+    from forcecal_ros.checks.hypotheses import refuse_other_mass
 
     if args.tool_mass is not None:
         std = float(calibration.mass.std)

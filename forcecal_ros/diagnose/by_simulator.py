@@ -264,7 +264,7 @@ def _prepared(stamps: Corrected, simulator: ThirdParty, tool: SimulatedTool | No
     made = runs.exact(simulator.nominal)
     known = tool or simulated_tool(
         replace(made, accelerometer=None), start, n, rig, TURN).with_accelerometer()
-    refuse_other_wrench(real, known, made)
+    refuse_other_wrench(real, known)
     simulation = Rerun(runs, start, n, known.simulated)
     felt, _, note = imus_compared(real, made)
     simulation.accelerated = felt.accelerometer is not None

@@ -2,9 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from forcecal_ros.checks import limits
-from forcecal_ros.checks.clocks import refuse_apart
-from forcecal_ros.checks.values import Unreadable
+from forcecal_ros.checks.signals import ABSURD_RAW, refuse_apart, Unreadable
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.insitu.prepare import Chunk
@@ -43,7 +41,7 @@ def readable_chunks(chunks: Iterable[tuple[str, Array, Array]],
     DataError
         After the last piece: too many were left out, or the clocks of topics are apart.
     """
-    counted = {topic: Unreadable(topic, fields, limits.ABSURD_RAW)
+    counted = {topic: Unreadable(topic, fields, ABSURD_RAW)
                for topic, fields in topics.items()}
     spans: dict[str, tuple[float, float]] = {}
     for topic, t, values in chunks:

@@ -5,7 +5,6 @@ from itertools import islice, pairwise
 from math import asin, inf, sqrt
 from typing import TypeAlias
 
-from forcecal_ros.checks import limits
 from forcecal_ros.core.geometry import Array
 import numpy as np
 
@@ -15,6 +14,14 @@ Timed: TypeAlias = tuple[float, tuple[float, ...]]
 KEPT = 2.0
 """Samples are kept for that long [s]: eight windows of stillness at the defaults, of which a start
 needs two to learn the noise."""
+
+SURELY_FROZEN = 5.0
+"""Readings at rest that repeat for so many times as long as they use to are frozen: live, a false
+alarm ends a motion, a miss is found in the recording."""
+
+HABIT_EXCEPTIONS, HABIT_CHANGES = 2, 20
+"""So many of the longest repetitions before a start are no habit: a sensor that had frozen; fewer
+changes than the second show none."""
 
 
 class Channel:
@@ -77,9 +84,9 @@ class Channel:
             if values != before:
                 changes.append(stamp)
         same = sorted(end - begin for begin, end in pairwise(changes))
-        if len(same) >= limits.HABIT_CHANGES:
-            usual = same[-1 - limits.HABIT_EXCEPTIONS]
-            self.rest_timeout = max(shortest, limits.SURELY_FROZEN * usual)
+        if len(same) >= HABIT_CHANGES:
+            usual = same[-1 - HABIT_EXCEPTIONS]
+            self.rest_timeout = max(shortest, SURELY_FROZEN * usual)
 
     @property
     def span(self) -> float:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from math import inf, isfinite, sqrt
 from typing import Annotated, NamedTuple
 
-from forcecal_ros.checks.limits import ABSURD, VISIBLE_TRAVEL, VISIBLE_TURN
+from forcecal_ros.checks.signals import ABSURD
 from forcecal_ros.core.errors import DataError, MotionError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.schema import Row
@@ -22,6 +22,11 @@ from forcecal_ros.motion.channel import (
 )
 from forcecal_ros.motion.limits import Limits
 import numpy as np
+
+VISIBLE_TRAVEL, VISIBLE_TURN = 1e-3, 5e-3
+"""Readings that repeat count as frozen only once the commands have moved that far [m], [rad]. A
+pose published with four digits changes every 0.1 mm, and at the default pace the commands are
+1 mm ahead of a robot that lags by 50 ms: what lags more shows as an error of tracking."""
 
 LONGEST_TICK = 0.01
 """Of the time between two ticks no more than that counts as silence of the sensors: a caller that

@@ -6,7 +6,7 @@ of them, so nothing is waited for.
 
 from math import inf
 
-from forcecal_ros.checks.limits import ABSURD
+from forcecal_ros.checks.signals import ABSURD
 from forcecal_ros.core import jit
 from forcecal_ros.core.geometry import Array, quaternion_from_matrix
 from forcecal_ros.core.jit import compiled_with_all_it_calls

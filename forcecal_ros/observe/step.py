@@ -21,7 +21,7 @@ one period of the accelerometer.
 from math import inf, sqrt
 from typing import NamedTuple
 
-from forcecal_ros.checks.limits import ABSURD
+from forcecal_ros.checks.signals import ABSURD
 from forcecal_ros.core.sensor_matrix import corrected
 from forcecal_ros.observe.align import (
     bounded,

@@ -3,7 +3,7 @@
 from math import exp, inf
 from typing import NamedTuple
 
-from forcecal_ros.checks.limits import ABSURD
+from forcecal_ros.checks.signals import ABSURD
 from forcecal_ros.observe import status as st
 from forcecal_ros.observe.align import Reading
 from forcecal_ros.observe.design import Model

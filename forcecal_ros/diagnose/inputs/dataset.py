@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
-from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.errors import below, DataError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import Phase, Recording, TOUCHING
 from forcecal_ros.diagnose.inputs.accelerometer import in_volts, mounted
@@ -163,7 +163,7 @@ def prepare(recording: Recording, rig: Rig, accelerometer: str | None = None) ->
                         'record at least the wrench')
     end = min(max(float(t[-1]) for t in sensed), float(recording.target.t[-1]) + BLOCK)
     if end - max(start, min(float(t[0]) for t in sensed)) < SHORTEST:
-        raise DataError(f'commands and sensors overlap for {max(0.0, end - start):.1f} s; at '
+        raise DataError(f'commands and sensors overlap for {below(max(0.0, end - start), SHORTEST)} s; at '
                         f'least {SHORTEST:g} s are needed: record a longer sequence')
     replay = Replay(rig, recording.target, start, end, name)
     nominal = replay.signals(rig)

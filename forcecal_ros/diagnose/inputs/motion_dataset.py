@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.errors import below, DataError
 from forcecal_ros.core.noise.autoregression import FEWEST
 from forcecal_ros.core.streams import Recording, Stream, TOUCHING
 from forcecal_ros.diagnose.inputs.accelerometer import in_volts
@@ -101,7 +101,7 @@ def prepare_simulated(recording: Recording, simulated: Recording, tool: Simulate
     first, n = span(recording, simulated)
     known = tool or simulated_tool(
         replace(simulated, accelerometer=None), first, n, rig).with_accelerometer()
-    refuse_other_wrench(recording, known, simulated)
+    refuse_other_wrench(recording, known)
     moved = replace(recording, accelerometer=None)
     simulation = RecordedSimulation(moved, simulated, first, n, 'acc1', known.simulated)
     if tool is None:
@@ -125,8 +125,8 @@ def span(*recordings: Recording) -> tuple[float, int]:
     first = max(float(t[0]) for t in streams) + EDGE
     last = min(float(t[-1]) for t in streams) - EDGE
     if last - first < SHORTEST:
-        raise DataError(f'wrench and motion overlap for {max(0.0, last - first):.1f} s; at '
-                        f'least {SHORTEST:g} s are needed: record a longer motion')
+        raise DataError(f'wrench and motion overlap for {below(max(0.0, last - first), SHORTEST)} s; '
+                        f'at least {SHORTEST:g} s are needed: record a longer motion')
     return first, int((last - first) / BLOCK)
 
 

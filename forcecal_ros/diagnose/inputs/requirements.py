@@ -4,9 +4,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
-from forcecal_ros.checks.at_rest import refuse_other_axes
-from forcecal_ros.checks.clocks import pauses, SENSORS
-from forcecal_ros.core.errors import DataError
+from forcecal_ros.checks.hypotheses import judge, Known
+from forcecal_ros.checks.messages import Stated
+from forcecal_ros.checks.signals import pauses, SENSORS
+from forcecal_ros.core.errors import below, DataError
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from forcecal_ros.core.topics import ROLES
 from forcecal_ros.effects.rig import Rig
@@ -56,8 +57,10 @@ def require_axes_of(rig: Rig, recordings: Iterable[Recording], by: str = 'rig') 
         Names cause and remedy.
     """
     for recording in recordings:
-        refuse_other_axes(recording, rig.tool.mass, np.array(rig.tool.com), np.array(rig.gravity),
-                          by=by)
+        gravity = np.array(rig.gravity)
+        judge(recording, gravity, Stated(gravity / np.linalg.norm(gravity),
+                                         sensor_from_pose=recording.sensor_from_pose, by=by),
+              Known(rig.tool.mass, np.array(rig.tool.com)))
 
 
 def require_overlap(recording: Recording, reference: str, shortest: float) -> None:
@@ -87,7 +90,8 @@ def require_overlap(recording: Recording, reference: str, shortest: float) -> No
             if common < min(shortest, clock.t[-1] - clock.t[0]):
                 short[name] = max(0.0, common)
     if short:
-        listed = ', '.join(f'{name} {common:.1f} s' for name, common in short.items())
+        listed = ', '.join(f'{name} {below(common, shortest)} s'
+                           for name, common in short.items())
         raise DataError(f'too little was recorded together with {ROLES[reference].topic}: '
                         f'{listed}; {shortest:g} s are needed, record all topics throughout')
 

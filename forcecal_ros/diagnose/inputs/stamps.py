@@ -3,9 +3,9 @@
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from forcecal_ros.checks.clocks import Clock, clocks, dropouts, SENSORS, skew_between
+from forcecal_ros.checks.clocks import Clock, clocks, dropouts, skew_between
 from forcecal_ros.checks.entry import checked
-from forcecal_ros.checks.inertia import shown_in_metres
+from forcecal_ros.checks.signals import SENSORS
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.stamps import with_even_stamps
 from forcecal_ros.core.streams import Recording
@@ -89,7 +89,6 @@ def _new_notes(before: Recording, after: Recording) -> tuple[str, ...]:
 def _evened(recording: Recording) -> tuple[Recording, dict[str, Any]]:
     """Check a recording and even sensors that jitter around instants; return these apart too."""
     recording = checked(recording).recording
-    shown_in_metres(recording)
     changed: dict[str, Any] = {}
     notes = []
     for name in SENSORS:

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from forcecal_ros.checks.header_stamps import increasing, usable_stamps
+from forcecal_ros.io.bags.header_stamps import increasing, usable_stamps
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.topics import POSE, Topic

@@ -3,7 +3,7 @@
 from math import nan, sqrt
 from typing import NamedTuple
 
-from forcecal_ros.checks.limits import ABSURD
+from forcecal_ros.checks.signals import ABSURD
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.observe.filters.bias_filter import (
     expect,
