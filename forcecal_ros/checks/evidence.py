@@ -291,7 +291,8 @@ def explain(motion: Motion) -> Explained | None:
     elif mass < 0.0:  # no tool falls up: the boundary of what is possible
         bound = robust(columns[rows][:, :, weights:], force)
         fit = fit._replace(mean_log=bound.mean_log)
-    moving = bool(motion.step) and motion.position is not None
+    moving = bool(motion.step) and motion.position is not None and bool(
+        abs(fit.theta[weights]) > 5.0 * fit.std[weights] > 0.0)
     q = float(fit.theta[weights]) if moving else mass
     _, columns = _design(motion, float(np.clip(q / mass, 0.0, 1e4)) if mass else 1.0)
     return Explained(fit, robust(columns[rows], torque), mass, mass_std, moving,

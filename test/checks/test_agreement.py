@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from forcecal_ros.calibrate.agreement import refuse_disagreeing
+from forcecal_ros.checks.calibrated import refuse_disagreeing
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.core.streams import PoseStream, Recording, Stream

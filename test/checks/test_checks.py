@@ -4,11 +4,10 @@ from dataclasses import replace
 import re
 
 from calibration_runs import run
-from forcecal_ros.checks import limits
-from forcecal_ros.checks.clipping import clipped
-from forcecal_ros.checks.clocks import clocks, refuse_clocks_apart
+from forcecal_ros.checks.signals import clipped
+from forcecal_ros.checks.clocks import clocks
 from forcecal_ros.checks.entry import checked
-from forcecal_ros.checks.repeats import refuse_dead, refuse_stuck
+from forcecal_ros.checks.signals import DEAD, refuse_clocks_apart, refuse_dead, refuse_stuck
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.core.streams import CHANNELS, PoseStream, Recording, Stream
@@ -187,14 +186,14 @@ def test_a_dead_channel_is_told_from_one_that_no_channel_tells_from_rest():
     values = noise()
     values[:, 2] = -3.25
     with pytest.raises(DataError, match='^force.z stands at -3.25 throughout; check'):
-        refuse_dead(Stream(T, values), 'wrench', CHANNELS['wrench'])
+        refuse_dead(Stream(T, values), 'wrench')
     seldom = np.round(0.3 * noise(), 0)
     seldom[:, 2] = 0.0
-    refuse_dead(Stream(T, seldom), 'wrench', CHANNELS['wrench'])
-    few = slice(0, limits.DEAD)
-    refuse_dead(Stream(T[few], values[few]), 'wrench', CHANNELS['wrench'])
+    refuse_dead(Stream(T, seldom), 'wrench')
+    few = slice(0, DEAD)
+    refuse_dead(Stream(T[few], values[few]), 'wrench')
     with pytest.raises(DataError, match='^wrench: the values never change'):
-        refuse_dead(Stream(T, np.ones((len(T), 6))), 'wrench', CHANNELS['wrench'])
+        refuse_dead(Stream(T, np.ones((len(T), 6))), 'wrench')
 
 
 # Limits, clocks, pauses --------------------------------------------------------------------------

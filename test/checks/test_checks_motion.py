@@ -4,7 +4,8 @@ from dataclasses import replace
 
 from calibration_runs import run
 from forcecal_ros.calibrate.pipeline import identify
-from forcecal_ros.checks.motion import refuse_frozen_pose, rest_within
+from forcecal_ros.calibrate.poses import rest_within
+from forcecal_ros.checks.signals import refuse_frozen_pose
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream
 import numpy as np

@@ -5,7 +5,7 @@ from math import isfinite
 import pickle
 
 from forcecal_ros.calibrate.gain import observer_model, riccati_gain
-from forcecal_ros.checks.limits import ABSURD
+from forcecal_ros.checks.signals import ABSURD
 from forcecal_ros.core.errors import ForcecalError
 from forcecal_ros.observe import (
     describe,
