@@ -39,8 +39,8 @@ from forcecal_ros.calibrate.result import (
 from forcecal_ros.calibrate.ringing import RingFit
 from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.calibrate.static_readings import (
-    gravity_spread,
     check_weight,
+    gravity_spread,
     Statics,
     TurnedWrench,
 )
@@ -48,11 +48,11 @@ from forcecal_ros.calibrate.statics import read_statics, ring_of, Sag, sag_of, w
 from forcecal_ros.calibrate.tool import identify_tool, ToolFit, weigh, Weight
 from forcecal_ros.calibrate.touched import what_touches
 from forcecal_ros.calibrate.unsettled import mode_of, settled, without_ringing
-from forcecal_ros.checks.signals import clipped
-from forcecal_ros.checks.entry import checked
 from forcecal_ros.checks.accelerometer import refuse_on_another_link, refuse_other_unit
+from forcecal_ros.checks.entry import checked
 from forcecal_ros.checks.hypotheses import judge
 from forcecal_ros.checks.messages import Stated
+from forcecal_ros.checks.signals import clipped
 from forcecal_ros.core.axes import DOWN, in_axes_of_pose, level_from_base, levelled
 from forcecal_ros.core.calibration import Calibration, Estimate, Noise, ObserverGain
 from forcecal_ros.core.errors import DataError, UnobservableError

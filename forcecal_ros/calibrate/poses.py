@@ -1,6 +1,7 @@
 """Static poses: how the paper orients the sensor, and where a recording stands still."""
 
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from typing import NamedTuple
 
 from forcecal_ros.checks.signals import PAUSE_PERIODS, PAUSE_S

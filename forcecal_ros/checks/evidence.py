@@ -74,6 +74,8 @@ class Motion:
         Further columns of the forces.
     axes : ndarray, shape (3, 3), or None
         From true axes to those that were recorded.
+    axes_std : float
+        Standard error of their rotation [rad].
     """
 
     t: Array
@@ -89,6 +91,7 @@ class Motion:
     smoothing: float = 0.0
     extra: Array | None = None
     axes: Array | None = None
+    axes_std: float = 0.0
 
     @property
     def in_sensor(self) -> Array:
@@ -245,8 +248,9 @@ def _design(motion: Motion, scale: float) -> tuple[Array, Array]:
     late = -np.gradient(u, step, axis=0)
     force = [weight, -accel[:, :, None], -(skew(alpha) + W @ W), late[:, :, None], *extra]
     torque = [-skew(u - scale * accel), -columns]
-    return tuple(np.concatenate([_smoothed(np.concatenate(one, axis=2), motion.smoothing / step),
-                                 biases(motion)], axis=2) for one in (force, torque))
+    parts = [np.concatenate([_smoothed(np.concatenate(one, axis=2), motion.smoothing / step),
+                             biases(motion)], axis=2) for one in (force, torque)]
+    return parts[0], parts[1]
 
 
 def _of_inertia(v: Array) -> Array:
@@ -269,7 +273,7 @@ def biases(motion: Motion) -> Array:
     """Return columns of a bias for each part, shape (n, 3, 3 k)."""
     part = np.zeros(len(motion.t), int) if motion.part is None else motion.part
     own = (part[:, None] == np.arange(part.max() + 1)).astype(float)
-    return np.einsum('nk,ij->nikj', own, np.eye(3)).reshape(len(part), 3, -1)
+    return np.asarray(np.einsum('nk,ij->nikj', own, np.eye(3)).reshape(len(part), 3, -1))
 
 
 def explain(motion: Motion) -> Explained | None:

@@ -30,6 +30,7 @@ from forcecal_ros.core.geometry import (
     Array,
     matrix_from_quaternion,
     quaternion_from_matrix,
+    rotation_from_vector,
     skew,
     STANDARD_GRAVITY,
 )
@@ -163,6 +164,9 @@ def candidates(motion: Motion) -> list[Candidate]:
     fits = [(TABLE[0], motion, plain)]
     if plain.mass < 0.0 or any(fit.scale > fit.floor for fit in (plain.force, plain.torque)):
         for row in TABLE[1:]:
+            if row.name == 'rotated and tilted' and any(
+                    fit.force.scale < fit.force.floor for _, _, fit in fits[1:]):
+                continue  # either alone explains the forces
             undone = row.undo(motion)
             fit = None if undone is None else explain(undone)
             if undone is not None and fit is not None and fit.mass > 3.0 * fit.mass_std:
@@ -270,8 +274,8 @@ def questions_of(mass: float, away: float) -> Iterator[str]:
     if mass < MIN_MASS_KG:
         yield (f'a mass of {mass:.3g} kg is little for a wrist to carry: weigh the tool and give '
                '--tool-mass, which tells the unit; if it weighs '
-               f'{mass * STANDARD_GRAVITY:.3g} kg, the wrench is in kgf, if {mass * 4.448:.3g} kg, '
-               'in lbf')
+               f'{mass * STANDARD_GRAVITY:.3g} kg, the wrench is in kgf, if '
+               f'{mass * 4.448:.3g} kg, in lbf')
     if away > FAR_M:
         yield (f'a centre of mass {away:.3g} m away from the sensor is far: measure it; if it is '
                f'{away * 0.113:.2g} m, the torques are in lbf in (multiply by 0.11298), if '
@@ -287,8 +291,8 @@ def _other_tool(fit: Explained, known: Known) -> str:
     about = np.linalg.norm(fit.gravity - fit.gravity.mean(axis=0), axis=1)
     if fit.force.scale > 0.5 * mass * float(np.sqrt((about**2).mean() / 3.0)):
         return (f'a weight of {fit.mass:.3g} +- {fit.mass_std:.2g} kg leaves '
-                f'{fit.force.scale:.2g} N RMS of the forces: pose and wrench do not belong to each '
-                'other, or the tool touches all along; name the pose of this sensor with --topic '
+                f'{fit.force.scale:.2g} N RMS of the forces: pose and wrench do not belong to '
+                'each other, or the tool touches all along; name the pose of this sensor with --topic '
                 'pose=NAME')
     if (unit := force_unit_of(fit.mass, mass)) and fit.mass > SURE * fit.mass_std:
         raise DataError(f'{shown}: its forces are in {unit[0]}; {corrected(unit[1], unit[0])}')
@@ -449,15 +453,14 @@ def _axes(motion: Motion, hand: float) -> Motion | None:
     u, read = motion.in_sensor[rows], motion.wrench[rows, :3]
     if len(rows) < 3 or _spread(u[:, None], motion.gravity)[1] < SPANNED:
         return None
-    Q, _ = _procrustes(u, read, hand)
-    return replace(_mapped(motion, Q.T), axes=Q)
+    return _refined(motion, _procrustes(u, read, hand)[0])
 
 
-def _procrustes(u: Array, read: Array, hand: float) -> tuple[Array, float]:
+def _procrustes(u: Array, read: Array, hand: float, rounds: int = 10) -> tuple[Array, float]:
     """Rotation or mirror Q with read = m Q u + b (Wahba 1965, Umeyama 1991), contact left out."""
     weight = np.ones(len(u))
-    for _ in range(10):
-        a, b = (x - np.average(x, 0, weight) for x in (u, read))
+    for _ in range(rounds):
+        a, b = (x - weight @ x / weight.sum() for x in (u, read))
         U, S, Vt = np.linalg.svd((b * weight[:, None]).T @ a)
         last = hand * np.linalg.det(U @ Vt)
         Q = U @ np.diag([1.0, 1.0, last]) @ Vt
@@ -465,6 +468,26 @@ def _procrustes(u: Array, read: Array, hand: float) -> tuple[Array, float]:
         off = np.linalg.norm(b - mass * a @ Q.T, axis=1)
         weight = 1.0 / np.maximum(off, 0.1 * np.median(off) + 1e-300)
     return np.asarray(Q), float(weight @ off**2)
+
+
+def _refined(motion: Motion, Q: Array) -> Motion | None:
+    """Estimate a small rotation on top of Q together with all else, and its standard error."""
+    for _ in range(2):
+        mapped = _mapped(motion, Q.T)
+        weight = mapped.in_sensor
+        if motion.free_gravity:
+            fit = explain(mapped)
+            if fit is None:
+                return None
+            weight = fit.force.theta[:3] @ motion.R
+        fit = explain(replace(mapped, extra=-skew(weight)))
+        if fit is None:
+            return None
+        k = len(fit.force.theta) - 6
+        size = 1.0 if motion.free_gravity else fit.mass
+        Q = Q @ rotation_from_vector(fit.force.theta[k:k + 3] / size)
+    std = float(np.linalg.norm(fit.force.std[k:k + 3])) / np.sqrt(3.0) / abs(size)
+    return replace(_mapped(motion, Q.T), axes=Q, axes_std=std)
 
 
 def _tilted(motion: Motion) -> Motion | None:
@@ -481,14 +504,13 @@ def _rotated_and_tilted(motion: Motion) -> Motion | None:
     R, read = motion.R[rows], motion.wrench[rows, :3]
     found = []
     for Q in Rotation.create_group('O').as_matrix():
-        for _ in range(12):
+        for _ in range(8):
             columns = np.concatenate([np.swapaxes(R, 1, 2), np.broadcast_to(
                 Q.T, (len(R), 3, 3))], axis=2).reshape(-1, 6)
             w = np.linalg.lstsq(columns, (read @ Q).ravel(), rcond=1e-9)[0][:3]
-            Q, off = _procrustes(w @ R, read, 1.0)
+            Q, off = _procrustes(w @ R, read, 1.0, rounds=1)
         found.append((off, Q))
-    Q = min(found, key=lambda one: one[0])[1]
-    return replace(_mapped(tilted, Q.T), axes=Q)
+    return _refined(tilted, min(found, key=lambda one: one[0])[1])
 
 
 def _exchanged(motion: Motion) -> Motion:
@@ -568,13 +590,13 @@ def _change(kind: str) -> Callable[[Motion], Motion | None]:
         inside = few.t[len(rows) // 5:-len(rows) // 5]
         if len(inside) < 4:
             return None
-        best, span = None, inside
+        first, last = float(inside[0]), float(inside[-1])
         for _ in range(2):  # coarse, then between the neighbours of the best
-            times = np.linspace(span[0], span[-1], min(40, max(3, len(inside))))
-            best = min(times, key=lambda t: _left(_changed(few, kind, t)))
-            i = int(np.searchsorted(times, best))
-            span = times[[max(0, i - 1), min(len(times) - 1, i + 1)]]
-        return _changed(motion, kind, float(best))
+            times = np.linspace(first, last, min(40, max(3, len(inside))))
+            left = [_left(_changed(few, kind, float(t))) for t in times]
+            i = int(np.argmin(left))
+            first, last = float(times[max(0, i - 1)]), float(times[min(len(times) - 1, i + 1)])
+        return _changed(motion, kind, float(times[i]))
     return undo
 
 

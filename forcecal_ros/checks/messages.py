@@ -165,7 +165,7 @@ def as_in_base(force: Array, gravity: Array) -> str:
 
 def _cause(one: Any, plain: Any, stated: Stated) -> tuple[str, str] | None:
     """Cause and remedy of what is beyond tolerance; None: within it, or no reason to refuse."""
-    name, motion = one.name, one.motion
+    name = one.name
     if name in FIXED:
         return FIXED[name]
     if name == 'sign' or (name == 'mirrored' and _angle(-one.motion.axes) < TOLERANCE_DEG):
@@ -223,9 +223,8 @@ def _changed(one: Any) -> tuple[str, str] | None:
 
 
 def _turn_std(one: Any) -> float:
-    """Standard error of a rotation: residual over weight, for effective samples [rad]."""
-    fit = one.fit
-    return float(fit.mass_std / max(abs(fit.mass), 1e-300))
+    """Return the standard error of a rotation, or of the vertical [rad]."""
+    return float(one.motion.axes_std or one.fit.mass_std / max(abs(one.fit.mass), 1e-300))
 
 
 def _rotation_option(Q: Array, stated: Stated) -> str:

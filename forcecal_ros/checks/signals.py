@@ -236,10 +236,10 @@ def without_repetitions(stream: Stream | PoseStream, name: str) -> tuple[Mask, s
 def lost_packets(values: Array) -> Mask:
     """Return which readings are zero in all channels, alone between others far from it."""
     zero = ~values.any(axis=1)
-    lost = np.zeros(len(values), dtype=bool)
+    lost: Mask = np.zeros(len(values), dtype=bool)
     if not zero.any() or zero.mean() > 0.5:
         return lost
-    first, count = runs(zero[:, None])
+    first, count = runs(zero[:, None].astype(float))
     for i, n in zip(first.tolist(), count.tolist()):
         lost[i:i + n] = zero[i] and n <= 5
     step = np.median(np.abs(np.diff(values[~zero], axis=0)), axis=0)
@@ -308,9 +308,12 @@ def refuse_stuck(stream: Stream, name: str, channels: Sequence[str],
             continue
         first, last = hold
         if j < 0:
-            R = [] if pose is None else pose.between(float(t[first]), float(t[last])).R_base_sensor
-            turns = name in ('wrench', 'accelerometer') and len(R) and np.abs(R - R[0]).max() > 0.1
-            if turns or any(_sticks(stream, steps, k, hold, False) for k in range(values.shape[1])):
+            turns = False
+            if pose is not None and name in ('wrench', 'accelerometer'):
+                R = pose.between(float(t[first]), float(t[last])).R_base_sensor
+                turns = len(R) > 0 and bool(np.abs(R - R[0]).max() > 0.1)
+            if turns or any(_sticks(stream, steps, k, hold, False)
+                            for k in range(values.shape[1])):
                 found = [f'{name}: every channel repeats itself from {t[first]:.2f} s to '
                          f'{t[last]:.2f} s']
                 break

@@ -80,7 +80,8 @@ def refuse_disagreeing(recording: 'Recording', calibration: 'Calibration') -> tu
     if part := sensor_matrix(calibration):
         recording = recording_corrected(recording, part)
     with with_reading_of(recording):
-        found = calibrated.refuse_disagreeing(as_calibrated(recording, calibration)[0], calibration)
+        found = calibrated.refuse_disagreeing(as_calibrated(recording, calibration)[0],
+                                              calibration)
     return (*other_frame(recording, calibration), *found)
 
 

@@ -4,10 +4,15 @@ from dataclasses import replace
 import re
 
 from calibration_runs import run
-from forcecal_ros.checks.signals import clipped
 from forcecal_ros.checks.clocks import clocks
 from forcecal_ros.checks.entry import checked
-from forcecal_ros.checks.signals import DEAD, refuse_clocks_apart, refuse_dead, refuse_stuck
+from forcecal_ros.checks.signals import (
+    clipped,
+    DEAD,
+    refuse_clocks_apart,
+    refuse_dead,
+    refuse_stuck,
+)
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.core.streams import CHANNELS, PoseStream, Recording, Stream

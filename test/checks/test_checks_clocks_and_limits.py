@@ -1,7 +1,7 @@
 """Clocks against a rig's rates, and limits of coarse readings."""
 
-from forcecal_ros.checks.signals import clipping, quantisation, refuse_wrapped
 from forcecal_ros.checks.clocks import clocks, skew_between
+from forcecal_ros.checks.signals import clipping, quantisation, refuse_wrapped
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.streams import CHANNELS, PoseStream, Recording, Stream
 import numpy as np

@@ -1,4 +1,4 @@
-"""Torques about other axes than the forces are named, cables and contact are not taken for them."""
+"""Torques about other axes than the forces are named; cables and contact are not."""
 
 from forcecal_ros.checks.hypotheses import judge
 from forcecal_ros.core.errors import DataError

@@ -163,8 +163,9 @@ def prepare(recording: Recording, rig: Rig, accelerometer: str | None = None) ->
                         'record at least the wrench')
     end = min(max(float(t[-1]) for t in sensed), float(recording.target.t[-1]) + BLOCK)
     if end - max(start, min(float(t[0]) for t in sensed)) < SHORTEST:
-        raise DataError(f'commands and sensors overlap for {below(max(0.0, end - start), SHORTEST)} s; at '
-                        f'least {SHORTEST:g} s are needed: record a longer sequence')
+        common = below(max(0.0, end - start), SHORTEST)
+        raise DataError(f'commands and sensors overlap for {common} s; at least {SHORTEST:g} s '
+                        'are needed: record a longer sequence')
     replay = Replay(rig, recording.target, start, end, name)
     nominal = replay.signals(rig)
     n = replay.n_blocks

@@ -125,8 +125,9 @@ def span(*recordings: Recording) -> tuple[float, int]:
     first = max(float(t[0]) for t in streams) + EDGE
     last = min(float(t[-1]) for t in streams) - EDGE
     if last - first < SHORTEST:
-        raise DataError(f'wrench and motion overlap for {below(max(0.0, last - first), SHORTEST)} s; '
-                        f'at least {SHORTEST:g} s are needed: record a longer motion')
+        common = below(max(0.0, last - first), SHORTEST)
+        raise DataError(f'wrench and motion overlap for {common} s; at least {SHORTEST:g} s are '
+                        'needed: record a longer motion')
     return first, int((last - first) / BLOCK)
 
 
