@@ -29,9 +29,9 @@ SMOOTHING_STEPS = 3.0
 """Standard deviation of the low-pass [steps]: 60 ms keep the motion of arms, and leave a
 thousandth of a pose's noise in its second derivative."""
 
-MAX_STEPS, MAX_ROWS = 20_000, 1500
-"""Steps of a long recording, and rows of one fit: 1500 rows of three channels determine ten
-unknowns to a hundredth of the noise."""
+MAX_STEPS, MAX_ROWS = 20_000, 800
+"""Steps of a long recording, and rows of one fit: 800 rows of three channels determine ten
+unknowns to a fiftieth of the noise."""
 
 TRUE_TO = 0.03
 """Share of the changes of its readings to which a sensor is true: gains, crosstalk and mounts of
@@ -314,18 +314,22 @@ def robust(columns: Array, values: Array) -> Fit:
     n, _, k = X.shape
     floor = TRUE_TO * float(np.median(np.linalg.norm(values - np.median(values, 0), axis=1)))
     flat = X.reshape(3 * n, k)
+    scale = 0.0
     ridge, weight, square = 1e-12 * np.eye(k), np.ones(n), np.ones(n)
     for i in range(30):
+        before = scale
         weighted = (flat * np.repeat(weight / weight.mean(), 3)[:, None]).T
         theta = np.linalg.solve(weighted @ flat + ridge, weighted @ values.ravel())
         residual = values - X @ theta
         square = np.einsum('ni,ni->n', residual, residual) + 1e-300
-        if i < 12:  # least absolute deviations lead near
+        if i < 8:  # least absolute deviations lead near
             weight = 1.0 / np.sqrt(np.maximum(square, 1e-2 * np.median(square)))
             scale = float(np.median(square)) / 2.366  # of three Gaussian channels
             continue
         weight = (FREEDOM + 3.0) / (FREEDOM + square / scale)
         scale = float((weight * square).mean()) / 3.0
+        if abs(scale - before) < 1e-4 * scale:
+            break
     used = min(0.9, k / (3.0 * n))
     scale = scale / (1.0 - used)
     true = scale + floor**2 + 1e-300

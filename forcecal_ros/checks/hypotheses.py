@@ -292,7 +292,7 @@ def _other_tool(fit: Explained, known: Known) -> str:
     if fit.force.scale > 0.5 * mass * float(np.sqrt((about**2).mean() / 3.0)):
         return (f'a weight of {fit.mass:.3g} +- {fit.mass_std:.2g} kg leaves '
                 f'{fit.force.scale:.2g} N RMS of the forces: pose and wrench do not belong to '
-                'each other, or the tool touches all along; name the pose of this sensor with --topic '
+                'each other, or the tool touches all along; name the pose with --topic '
                 'pose=NAME')
     if (unit := force_unit_of(fit.mass, mass)) and fit.mass > SURE * fit.mass_std:
         raise DataError(f'{shown}: its forces are in {unit[0]}; {corrected(unit[1], unit[0])}')
