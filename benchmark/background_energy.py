@@ -16,7 +16,7 @@ from forcecal_ros.core.geometry import Array, rotation_vector
 from forcecal_ros.core.streams import PoseStream, Recording
 from forcecal_ros.effects import apply_signal_effects, EFFECTS, with_effects
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 
 NOISE = 1.5

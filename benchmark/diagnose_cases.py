@@ -14,7 +14,7 @@ from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.effects.nuisances import apply_all, nuisances, prior_std
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 
 NOISE = 1.5

@@ -26,7 +26,7 @@ from forcecal_ros.diagnose.inputs.dataset import prepare
 from forcecal_ros.diagnose.model.linearised import linearised_model
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.rig.file import dump_rig, load_rig
-from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import binomtest

@@ -19,7 +19,7 @@ from forcecal_ros.diagnose.by_commands import diagnose
 from forcecal_ros.effects import with_effects
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))

@@ -24,8 +24,8 @@ from forcecal_ros.diagnose.model import hypotheses
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.offline import simulate
 from forcecal_ros.sim.rig.replay import Replay
+from forcecal_ros.sim.rig.simulator import simulate
 from forcecal_ros.sim.signals import Signals
 from matplotlib.figure import Figure
 import numpy as np

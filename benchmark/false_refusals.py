@@ -31,8 +31,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / 'test' / 'helpers')]
 from forcecal_ros.calibrate.pipeline import identify
 from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.core.errors import ForcecalError
-from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.truth import true_calibration
+from forcecal_ros.sim.rig.file import load_rig, true_calibration
 from late_computer import run
 import numpy as np
 

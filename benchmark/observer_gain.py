@@ -14,7 +14,7 @@ import sys
 
 from forcecal_ros.observe import design, ObserverSettings, replay
 from forcecal_ros.observe.bandwidth import design_joint, noise_levels
-from forcecal_ros.observe.gains import accuracy, noise_of_force
+from forcecal_ros.observe.design import accuracy, noise_of_force
 from forcecal_ros.observe.settings import CONTACT_WALK
 import numpy as np
 from scipy.signal import welch

@@ -101,7 +101,6 @@ def real_arm() -> None:
         row('real arm', 'recording absent', '')
         return
     from forcecal_ros.calibrate.delay import estimate_delay, with_delay
-    from forcecal_ros.observe.share import with_share
     from kuka import kuka_recording, static_calibration
     folder /= 'kuka_lbr_med'
     static = static_calibration(folder)
@@ -109,10 +108,7 @@ def real_arm() -> None:
     delay = estimate_delay(free, static)
     row('real arm: accelerometer later than wrench',
         f'{1e3 * float(delay):.2f} +- {1e3 * float(delay.std):.2f} ms', '')
-    known = with_share(with_delay(static, delay), free)
-    row('real arm: share of the accelerometer', ', '.join(
-        f'{x:.2f} +- {s:.2f}' for x, s in zip(known.accelerometer.share.value,
-                                             known.accelerometer.share.std)), '')
+    known = with_delay(static, delay)
     still = replay(Recording(wrench=free.wrench, pose=free.pose), known)
     estimate = replay(free, known)
     for name, values, slow, whole in (

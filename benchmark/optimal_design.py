@@ -23,9 +23,8 @@ from forcecal_ros.motion.plan import calibration_plan, prepare, Timing
 from forcecal_ros.motion.poses import nominal_poses, orientation, step_goal
 from forcecal_ros.motion.preview import preview
 from forcecal_ros.motion.profiles import Pace, Pose
-from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.offline import simulate
-from forcecal_ros.sim.rig.truth import expected_sensors
+from forcecal_ros.sim.rig.file import expected_sensors, load_rig
+from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 
 SETTLE = 0.5

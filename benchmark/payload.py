@@ -13,8 +13,8 @@ from pathlib import Path
 import sys
 
 from forcecal_ros.calibrate.delay import estimate_delay, with_delay
-from forcecal_ros.observe.payload.replay import follow
-from forcecal_ros.observe.payload.step import TRACKING
+from forcecal_ros.observe.payload import TRACKING
+from forcecal_ros.observe.playback import follow
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]

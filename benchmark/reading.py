@@ -18,7 +18,7 @@ import tempfile
 import time
 
 from forcecal_ros.io.bags import read_recording, write_recording
-from forcecal_ros.io.bags.signals import FIELDS
+from forcecal_ros.io.bags.messages import FIELDS
 import numpy as np
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionMode, Reader

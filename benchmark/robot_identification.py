@@ -15,7 +15,7 @@ from forcecal_ros.impedance.design import design
 from forcecal_ros.impedance.plant.file import save_plant
 from forcecal_ros.impedance.plant.fit import excitation_commands, identify_plant
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 
 SECONDS = 30.0

@@ -19,8 +19,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'helpers')
 from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.offline import simulate
-from forcecal_ros.sim.rig.simulator import warm_up
+from forcecal_ros.sim.rig.simulator import simulate, warm_up
 import numpy as np
 from processes import own_domain, process, processor_time
 from timing import best, head, row

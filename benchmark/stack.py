@@ -28,10 +28,9 @@ from forcecal_ros.io.transforms import TF
 from forcecal_ros.io.urdf import Description
 from forcecal_ros.nodes.wire import JointsReader, Reader, Writer
 from forcecal_ros.observe import design, noise_levels
-from forcecal_ros.observe.joint_pose import JointPose
 from forcecal_ros.observe.live import LiveObserver
 from forcecal_ros.observe.playback import events
-from forcecal_ros.observe.transforms import TransformPose
+from forcecal_ros.observe.pose_sources import JointPose, TransformPose
 from geometry_msgs.msg import PoseStamped
 import numpy as np
 from observing import calibration, lossy, observed, push, record, Swing

@@ -22,17 +22,24 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'test' / 'helpers'))
 
 from forcecal_ros.observe import design, FilterSettings, Imu, ObserverSettings, replay
-from forcecal_ros.observe.filters import gaussian, ukf
-from forcecal_ros.observe.filters.bias_filter import begin, learn
-from forcecal_ros.observe.filters.gaussian import Gaussian, linear, predict
-from forcecal_ros.observe.pose_free.model import (
+from forcecal_ros.observe.bias_filter import begin, learn
+from forcecal_ros.observe.gaussian import (
+    condition,
+    expect,
+    expect_linear,
+    Function,
+    Gaussian,
+    predict,
+)
+from forcecal_ros.observe.pose_free import (
     exponential,
     LevelBelief,
     pose_free_model,
+    pose_free_step,
+    PoseFreeState,
     start_pose_free,
 )
-from forcecal_ros.observe.pose_free.step import pose_free_step, PoseFreeState
-from forcecal_ros.observe.unload import Unloaded
+from forcecal_ros.observe.sample import Unloaded
 import gravity_arm as arm
 from matplotlib.figure import Figure
 import numpy as np
@@ -193,7 +200,7 @@ def unknown(tilt_std, payload_std, bias_std, runs=12, seconds=3.0):
     """
     calibration, _ = arm.calibrate(np.random.default_rng(1))
     out = {}
-    for name in ('ukf', 'ekf'):
+    for name in ('ukf',):
         model = pose_free_model(
             calibration, ObserverSettings(name, learning=FilterSettings(
                 bias_prior=(bias_std, 0.1 * bias_std))),
@@ -237,12 +244,14 @@ def speed():
     Q, R = np.diag([1e-4] * 6 + [1e-9] * 6), np.diag([2.5e-3] * 3 + [9e-6] * 3)
     load, y = 3 * rng.normal(size=6), 10 * rng.normal(size=6)
     belief = Gaussian(10 * rng.normal(size=12), np.diag([1.0] * 3 + [0.1] * 3 + [0.01] * 6))
-    moving = linear(A)
+    sums = Function(lambda x: H @ x + load, lambda x, dx: dx @ H.T)
 
     def ours():
-        return ukf.update(predict(belief, moving, Q), y, linear(H, load), R)
+        moved = predict(belief, A, Q)
+        return condition(moved, expect_linear(moved, H, load, R), y)
 
-    exact = gaussian.update(predict(belief, moving, Q), y, linear(H, load), R)
+    moved = predict(belief, A, Q)
+    exact = condition(moved, expect(moved, sums, R), y)
     out = {'ours_us': _best(ours, 200),
            'ours_from_exact': float(np.abs(ours().mean - exact.mean).max())}
     calibration, _ = arm.calibrate(np.random.default_rng(1), seconds=0.2)

@@ -109,7 +109,6 @@ def answer(args: argparse.Namespace) -> Answer:
         with_matrix_of,
     )
     from forcecal_ros.io.calibration_file import load
-    from forcecal_ros.observe.share import with_share
 
     if Path(args.bag).suffix in ('.yaml', '.yml'):
         return _written(_of_stated_mass(_with_mounting(load(args.bag), args), args), args, ())
@@ -126,7 +125,6 @@ def answer(args: argparse.Namespace) -> Answer:
         calibration = _of_stated_mass(calibrated(recording, args), args)
     if motion:
         calibration = with_delay(calibration, estimate_delay(motion, calibration))
-        calibration = with_share(calibration, motion)
     if args.report:
         write_report(args, recording, calibration)
     if matrix:
@@ -149,7 +147,7 @@ def _with_mounting(calibration: 'Calibration', args: argparse.Namespace) -> 'Cal
     """Keep in a calibration that was read by which transform its poses are to be taken."""
     from dataclasses import replace
 
-    from forcecal_ros.observe.mounting import agreed, mounting_of, numbers_of
+    from forcecal_ros.observe.frames import agreed, mounting_of, numbers_of
 
     with from_arguments():
         given = mounting_of(args.sensor_from_pose or (), '--sensor-from-pose')
@@ -180,7 +178,7 @@ def calibrated(recording: 'Recording', args: argparse.Namespace) -> 'Calibration
     from forcecal_ros.calibrate.pipeline import identify
     from forcecal_ros.calibrate.settings import IdentificationSettings
     from forcecal_ros.core.geometry import STANDARD_GRAVITY
-    from forcecal_ros.observe.gains import with_kalman_gains
+    from forcecal_ros.observe.design import with_kalman_gains
     from forcecal_ros.observe.settings import ObserverSettings
 
     turn = args.sensor_rotation and [math.radians(x) for x in args.sensor_rotation]

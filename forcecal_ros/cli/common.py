@@ -190,7 +190,7 @@ def read_poses_of_sensor(
         Whether to read the measured positions of joints, too.
     """
     from forcecal_ros.io.bags import read_recording
-    from forcecal_ros.observe.mounting import mounting_of, taken_to_sensor
+    from forcecal_ros.observe.frames import mounting_of, taken_to_sensor
 
     with from_arguments():
         mounting = mounting_of(getattr(args, option.strip('-').replace('-', '_')) or (), option)

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from forcecal_ros.core.calibration import Calibration
     from forcecal_ros.core.streams import Recording, Stream
     from forcecal_ros.observe import ContactEstimate, ObserverSettings
-    from forcecal_ros.observe.payload.step import ToolEstimate
+    from forcecal_ros.observe.payload import ToolEstimate
 
 DELAY_STD = 5e-4
 """A delay found in the recording itself is used where its standard error is below this: half a
@@ -108,8 +108,8 @@ def prepared(calibration: 'Calibration', recording: 'Recording', settings: 'Obse
         What was assumed.
     """
     from forcecal_ros.core.axes import in_axes_of_pose
-    from forcecal_ros.observe.bandwidth import UNMEASURED
-    from forcecal_ros.observe.from_file import with_noise
+    from forcecal_ros.observe.bandwidth import UNMEASURED_HZ
+    from forcecal_ros.observe.playback import with_noise
     from forcecal_ros.observe.settings import LEARNING
 
     notes: tuple[str, ...] = ()
@@ -121,7 +121,7 @@ def prepared(calibration: 'Calibration', recording: 'Recording', settings: 'Obse
     if calibration.noise is None and settings.filter in (None, 'kalman') and (
             settings.bandwidth_hz is None):
         told = 'the calibration knows no noise that a bandwidth could follow from'
-        notes = (f'{told}; {UNMEASURED:g} Hz, that of the nominal rig, is taken',)
+        notes = (f'{told}; {UNMEASURED_HZ:g} Hz, that of the nominal rig, is taken',)
     calibration, about_delay = with_known_delay(calibration, recording)
     return calibration, (*notes, *about_delay)
 
@@ -183,8 +183,8 @@ def tools_stream(told: 'Sequence[ToolEstimate]', calibration: 'Calibration') -> 
 
 def status_changes(estimate: 'ContactEstimate') -> list[Any]:
     """Return the status whenever it is another one than that of the wrench before."""
-    from forcecal_ros.io.bags.signals import Diagnostic
-    from forcecal_ros.observe.status import describe, level
+    from forcecal_ros.io.bags.messages import Diagnostic
+    from forcecal_ros.observe.sample import describe, level
     import numpy as np
 
     status = estimate.status
@@ -195,7 +195,7 @@ def status_changes(estimate: 'ContactEstimate') -> list[Any]:
 
 def status_notes(estimate: 'ContactEstimate') -> list[str]:
     """Return one sentence for whatever was wrong with samples, and with how many of them."""
-    from forcecal_ros.observe.status import describe
+    from forcecal_ros.observe.sample import describe
 
     seen: Counter[str] = Counter()
     for status, count in Counter(estimate.status.tolist()).items():

@@ -55,8 +55,7 @@ def run(args: argparse.Namespace) -> int:
     from forcecal_ros.report.rows import as_text, table
     from forcecal_ros.report.words import estimated_by
     from forcecal_ros.sim.rig import simulator
-    from forcecal_ros.sim.rig.file import load_rig
-    from forcecal_ros.sim.rig.truth import true_calibration
+    from forcecal_ros.sim.rig.file import load_rig, true_calibration
 
     out = Path(args.output)
     say_if_compiling(simulator.waits_for_compiler() or batch.waits_for_compiler(),

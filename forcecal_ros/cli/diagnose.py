@@ -250,7 +250,7 @@ def _as_calibrated(args: argparse.Namespace, recording: Any, calibration: Any) -
     """Bring poses to ft_sensor, base to level and readings to their axes, as calibrated."""
     from forcecal_ros.cli.contact import in_sign_of
     from forcecal_ros.core.axes import in_axes_of_pose, levelled
-    from forcecal_ros.observe.mounting import taken_as_calibrated
+    from forcecal_ros.observe.frames import taken_as_calibrated
 
     if recording is None or calibration is None:
         return recording

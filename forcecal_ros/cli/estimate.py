@@ -12,7 +12,7 @@ from forcecal_ros.cli.outputs import add_output, RECORDING
 from forcecal_ros.core.errors import UsageError
 
 if TYPE_CHECKING:
-    from forcecal_ros.observe.payload.replay import Followed
+    from forcecal_ros.observe.playback import Followed
 
 FILTERS = ('kalman', 'newton', 'ukf', 'ekf', 'static')
 
@@ -63,8 +63,8 @@ def answer(args: argparse.Namespace) -> Answer:
     from forcecal_ros.io.calibration_file import load
     from forcecal_ros.observe import ObserverSettings, replay
     from forcecal_ros.observe.batch import waits_for_compiler
-    from forcecal_ros.observe.mounting import taken_as_calibrated
-    from forcecal_ros.observe.payload.replay import follow
+    from forcecal_ros.observe.frames import taken_as_calibrated
+    from forcecal_ros.observe.playback import follow
 
     settings = ObserverSettings(filter=args.filter, bandwidth_hz=args.bandwidth,
                                 **contact.bandwidth_of(args))

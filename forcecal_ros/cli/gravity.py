@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
     from forcecal_ros.cli import contact
     from forcecal_ros.core.stamps import with_even_bursts
     from forcecal_ros.io.calibration_file import load
-    from forcecal_ros.observe.mounting import taken_as_calibrated
+    from forcecal_ros.observe.frames import taken_as_calibrated
 
     refuse_unused(args)
     settings = settings_of(args)

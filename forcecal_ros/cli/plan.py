@@ -95,7 +95,7 @@ def _effect(name: str) -> str:
 def _setting(text: str) -> tuple[str, Any]:
     """Read NAME=VALUE by the sequencer's parameters."""
     from forcecal_ros.core.errors import ConfigError
-    from forcecal_ros.core.schema import parameters_of
+    from forcecal_ros.core.parameters import parameters_of
     from forcecal_ros.motion.limits import Limits
     from forcecal_ros.motion.plan import Timing
     from forcecal_ros.motion.profiles import Pace
@@ -161,7 +161,7 @@ def _setup(args: argparse.Namespace) -> Setup:
     from dataclasses import replace
 
     from forcecal_ros.core.geometry import quaternion_from_matrix
-    from forcecal_ros.core.schema import section_of
+    from forcecal_ros.core.parameters import section_of
     from forcecal_ros.effects.rig import Home
     from forcecal_ros.motion.limits import Limits
     from forcecal_ros.motion.plan import Timing
@@ -220,7 +220,7 @@ def _calibration(args: argparse.Namespace) -> int:
     from forcecal_ros.motion.information import sensors_of
     from forcecal_ros.motion.optimal_design import criterion_of, design_calibration, Robot
     from forcecal_ros.motion.plan_file import as_text, to_document, to_parameters
-    from forcecal_ros.sim.rig.truth import expected_sensors
+    from forcecal_ros.sim.rig.file import expected_sensors
 
     setup = _setup(args)
     sensors = (sensors_of(load(args.calibration)) if args.calibration

@@ -47,8 +47,7 @@ def _rig(args: argparse.Namespace) -> int:
     from forcecal_ros.effects import with_effects
     from forcecal_ros.io.bags import write_recording
     from forcecal_ros.sim.rig.file import load_rig
-    from forcecal_ros.sim.rig.offline import simulate
-    from forcecal_ros.sim.rig.simulator import waits_for_compiler
+    from forcecal_ros.sim.rig.simulator import simulate, waits_for_compiler
 
     rig, folder = load_rig(), Path(args.output)
     say_if_compiling(waits_for_compiler(), 'the simulator')
@@ -126,8 +125,7 @@ def _shaken(args: argparse.Namespace) -> int:
     from forcecal_ros.impedance.plant.fit import excitation_commands
     from forcecal_ros.io.bags import write_recording
     from forcecal_ros.sim.rig.file import load_rig
-    from forcecal_ros.sim.rig.offline import simulate
-    from forcecal_ros.sim.rig.simulator import waits_for_compiler
+    from forcecal_ros.sim.rig.simulator import simulate, waits_for_compiler
     import numpy as np
 
     rig, folder = load_rig(), Path(args.output)

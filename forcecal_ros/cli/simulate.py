@@ -48,8 +48,7 @@ def run(args: argparse.Namespace) -> int:
     from forcecal_ros.core.topics import require
     from forcecal_ros.io.bags import write_recording
     from forcecal_ros.sim.rig.file import load_rig
-    from forcecal_ros.sim.rig.offline import simulate
-    from forcecal_ros.sim.rig.simulator import waits_for_compiler
+    from forcecal_ros.sim.rig.simulator import simulate, waits_for_compiler
 
     rig = load_rig(args.rig)
     commands = read_poses_of_sensor(args, args.commands)

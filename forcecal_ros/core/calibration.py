@@ -111,11 +111,6 @@ class Accelerometer:
     position: Annotated[Estimate | None, Entry(
         'Place in ft_sensor at zero displacement; None: taken to be at the CoM', 'm', shape=(3,),
         omit=True)] = None
-    share: Annotated[Estimate | None, Entry(
-        'Of what each axis showed beyond gravity, the part that the force confirmed in free '
-        'motion', '1', shape=(3,), omit=True)] = None
-    level: Annotated[Estimate | None, Entry(
-        'RMS of that below 5 Hz', 'm/s^2', shape=(3,), omit=True)] = None
 
     @property
     def matrix(self) -> Array:

@@ -12,6 +12,15 @@ from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 
+Vector = tuple[float, float, float]
+"""Of plain floats, for streams: an array costs more than some ten operations."""
+
+Quaternion = tuple[float, float, float, float]
+"""xyzw."""
+
+ZERO: Vector = (0.0, 0.0, 0.0)
+
+
 STANDARD_GRAVITY = 9.80665
 """Magnitude of gravity where nothing else is stated [m/s^2]."""
 
@@ -156,3 +165,57 @@ def rotation_from_vector(vector: ArrayLike) -> Array:
     ndarray, shape (..., 3, 3)
     """
     return np.asarray(Rotation.from_rotvec(np.array(vector, dtype=float)).as_matrix())
+
+
+def rotate(q: Quaternion, v: Vector) -> Vector:
+    """Return ``R v``: the coordinates in base of a vector given in ft_sensor."""
+    x, y, z, w = q
+    vx, vy, vz = v
+    tx = 2 * (y * vz - z * vy)
+    ty = 2 * (z * vx - x * vz)
+    tz = 2 * (x * vy - y * vx)
+    return (vx + w * tx + y * tz - z * ty,
+            vy + w * ty + z * tx - x * tz,
+            vz + w * tz + x * ty - y * tx)
+
+
+def rotate_back(q: Quaternion, v: Vector) -> Vector:
+    """Return ``R^T v``: the coordinates in ft_sensor of a vector given in base."""
+    return rotate((-q[0], -q[1], -q[2], q[3]), v)
+
+
+def compose(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Return the turn b followed by a, both about axes that stay."""
+    (ax, ay, az, aw), (bx, by, bz, bw) = a, b
+    return (aw * bx + bw * ax + ay * bz - az * by, aw * by + bw * ay + az * bx - ax * bz,
+            aw * bz + bw * az + ax * by - ay * bx, aw * bw - ax * bx - ay * by - az * bz)
+
+
+def advance_rotation(q: Quaternion, dx: float, dy: float, dz: float) -> Quaternion:
+    """Turn ``q`` by a small rotation vector given in ft_sensor [rad], and normalise."""
+    x, y, z, w = q
+    hx, hy, hz = dx / 2, dy / 2, dz / 2
+    h2 = hx * hx + hy * hy + hz * hz
+    k = 1 - h2 / 6 + h2 * h2 / 120
+    hx, hy, hz = hx * k, hy * k, hz * k
+    hw = sqrt(max(0.0, 1 - h2 * k * k))
+    x, y, z, w = (w * hx + x * hw + y * hz - z * hy,
+                  w * hy - x * hz + y * hw + z * hx,
+                  w * hz + x * hy - y * hx + z * hw,
+                  w * hw - x * hx - y * hy - z * hz)
+    n = 1 / sqrt(x * x + y * y + z * z + w * w)
+    return x * n, y * n, z * n, w * n
+
+
+def rotation_between(a: Quaternion, b: Quaternion) -> Vector:
+    """Return the rotation vector, in ft_sensor, that turns ``a`` into ``b``; exact when small."""
+    ax, ay, az, aw = a
+    bx, by, bz, bw = b
+    w = aw * bw + ax * bx + ay * by + az * bz
+    k = 2.0 if w >= 0 else -2.0
+    x = k * (aw * bx - ax * bw - ay * bz + az * by)
+    y = k * (aw * by + ax * bz - ay * bw - az * bx)
+    z = k * (aw * bz - ax * by + ay * bx - az * bw)
+    n2 = (x * x + y * y + z * z) / 4
+    s = 1 + n2 / 6 + 0.075 * n2 * n2
+    return x * s, y * s, z * s

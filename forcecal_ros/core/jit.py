@@ -73,7 +73,7 @@ def compiled_for_numbers(function: F) -> F:
 def _compile(function: F, **options: Any) -> F:
     try:
         return cast(F, njit(cache=True, nogil=True, **options)(function))
-    except RuntimeError:  # nowhere to keep it: compile anew in each process
+    except RuntimeError:  # no folder to keep it: compile anew in each process
         return cast(F, njit(nogil=True, **options)(function))
 
 
@@ -99,11 +99,11 @@ def waits_for_compiler(*functions: Callable[..., Any]) -> bool:
 
 def compiled_with_all_it_calls(function: F) -> F:
     """
-    Compile a function together with the plain functions of its folder that it calls.
+    Compile a function together with the plain functions of this project that it calls.
 
     They stay what they are for the interpreter, so that the same source runs sample by sample
-    and over whole recordings. The machine code on disk is good for the text of all files in the
-    folder, and made anew when any of them changes.
+    and over whole recordings. The machine code on disk is good for the text of the files that
+    hold them and of all files in the folder, and made anew when any of them changes.
 
     Parameters
     ----------
@@ -113,17 +113,19 @@ def compiled_with_all_it_calls(function: F) -> F:
     -------
     callable
     """
-    for called in _called_by(cast(FunctionType, function)):
-        register_jitable(called)
+    called = _called_by(cast(FunctionType, function))
+    for one in called:
+        register_jitable(one)
     folder = Path(function.__code__.co_filename).parent
-    text = b''.join(path.read_bytes() for path in sorted(folder.rglob('*.py')))
+    files = {*folder.rglob('*.py'), *(Path(one.__code__.co_filename) for one in called)}
+    text = b''.join(path.read_bytes() for path in sorted(files))
     function.__qualname__ += f'-{sha256(text).hexdigest()[:12]}'
     return compiled(function)
 
 
 def _called_by(function: FunctionType) -> list[FunctionType]:
-    """Return the plain functions of the same package it calls, and all that those call."""
-    package = function.__module__.rpartition('.')[0] + '.'
+    """Return the plain functions of the same project it calls, and all that those call."""
+    package = function.__module__.partition('.')[0] + '.'
     found: list[FunctionType] = []
     waiting = [function]
     while waiting:

@@ -1,14 +1,19 @@
 """Effects: what makes a real rig differ from the nominal one, switched on one by one.
 
-:mod:`~forcecal_ros.effects.library` lists them; here is what they do. :mod:`numbers` changes the
-rig's numbers, :mod:`signals` and :mod:`stamps` what the sensors say and when. What acts within the
-robot's motion and the tool's slide stands beside those in :mod:`forcecal_ros.sim.rig`.
+:mod:`~forcecal_ros.effects.library` lists them. :mod:`~forcecal_ros.effects.apply` changes the
+rig's numbers, :mod:`~forcecal_ros.effects.signals` the sampled signals and their stamps. What acts
+within the motion of robot and tool is integrated in :mod:`forcecal_ros.sim.rig`.
 """
 
-from forcecal_ros.effects.apply import applicable, apply_signal_effects, with_effects
-from forcecal_ros.effects.chosen import chosen_effects, named_effects, Values
-from forcecal_ros.effects.library import Effect, EFFECTS, Quantity
-from forcecal_ros.effects.numbers import physical_rig
+from forcecal_ros.effects.apply import applicable, apply_signal_effects, physical_rig, with_effects
+from forcecal_ros.effects.library import (
+    chosen_effects,
+    Effect,
+    EFFECTS,
+    named_effects,
+    Quantity,
+    Values,
+)
 from forcecal_ros.effects.signals import AccelerometerEffects, StampEffects, WrenchEffects
 
 __all__ = [

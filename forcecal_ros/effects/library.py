@@ -1,13 +1,17 @@
 """The library of effects: how a real rig may differ from the nominal one, as data.
 
-A row says what an effect's parameters are, in which range they make sense and at which values it
-does nothing. What it does is in :mod:`forcecal_ros.effects` and, where it enters the
-integration, in :mod:`forcecal_ros.sim.rig.tool`.
+A row lists an effect's parameters, their ranges and the values at which it does nothing. What it
+does is in :mod:`forcecal_ros.effects.apply` and :mod:`forcecal_ros.effects.signals` and, if it
+enters the integration, in :mod:`forcecal_ros.sim.rig.tool`. Which effects a rig has, and how
+strongly, is a tuple that compares and hashes, in the order of the library.
 """
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.schema import instead, Row
 
 
 class Quantity(NamedTuple):
@@ -254,3 +258,59 @@ EFFECTS: Mapping[str, Effect] = MappingProxyType({
 SLIDE_ONLY = frozenset({
     'tool_stiffness', 'tool_damping', 'tool_stiffening', 'tool_friction', 'tool_backlash'})
 """Effects of the Optidrive: a rigid tool has none of them."""
+
+
+Chosen = tuple[tuple[str, tuple[float, ...]], ...]
+"""Name of an effect and the values of its parameters, for each effect that a rig has."""
+
+Values = Mapping[str, Mapping[str, float]]
+"""Effect -> parameter -> value."""
+
+
+def chosen_effects(effects: Values | Chosen | None) -> Chosen:
+    """
+    Check the effects of a rig.
+
+    Parameters
+    ----------
+    effects : mapping of str to mapping of str to float, Chosen or None
+        Parameters that are not named stay at their nominal value.
+
+    Raises
+    ------
+    ConfigError
+        No such effect or parameter; no finite number; outside the limits.
+    """
+    if isinstance(effects, tuple):
+        effects = named_effects(effects)
+    if not isinstance(effects, Mapping | None):
+        raise ConfigError(f'effects: expected names of effects, each with its parameters, got '
+                          f'{effects!r}; as in effects: {{wrench_delay: {{delay: 0.004}}}}')
+    for name in effects or ():
+        if name not in EFFECTS:
+            raise ConfigError(f'effects: unknown effect {name}; {instead(name, EFFECTS)}')
+    return tuple((name, _values(effect, effects[name]))
+                 for name, effect in EFFECTS.items() if effects and name in effects)
+
+
+def named_effects(chosen: Chosen) -> dict[str, dict[str, float]]:
+    """Name the parameters of the effects of a rig."""
+    return {name: dict(zip((q.name for q in EFFECTS[name].parameters), values))
+            for name, values in chosen}
+
+
+def _values(effect: Effect, given: Any) -> tuple[float, ...]:
+    where = f'effects.{effect.name}'
+    if not isinstance(given, Mapping):
+        raise ConfigError(f'{where}: expected {_listed(effect)}, got {given!r}; write '
+                          'each with its name')
+    unknown = [str(key) for key in given if key not in {q.name for q in effect.parameters}]
+    if unknown:
+        raise ConfigError(f'{where}: unknown key {", ".join(unknown)}; expected only '
+                          f'{_listed(effect)}')
+    return tuple(Row('', q.unit, q.low, q.high).take(
+        float, given.get(q.name, q.nominal), f'{where}.{q.name}') for q in effect.parameters)
+
+
+def _listed(effect: Effect) -> str:
+    return ', '.join(f'{q.name} [{q.unit}]' for q in effect.parameters)

@@ -12,8 +12,7 @@ from typing import Annotated, Any
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.geometry import Array, matrix_from_quaternion
 from forcecal_ros.core.schema import Matrix3, Row, Section, Vector3, Vector4, Vector6
-from forcecal_ros.effects.chosen import Chosen, chosen_effects
-from forcecal_ros.effects.library import SLIDE_ONLY
+from forcecal_ros.effects.library import Chosen, chosen_effects, SLIDE_ONLY
 import numpy as np
 
 _RATE_TOLERANCE = 1e-6

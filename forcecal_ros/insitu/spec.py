@@ -22,8 +22,7 @@ from forcecal_ros.insitu.prepare import Mounting
 from forcecal_ros.insitu.reduce import Options
 from forcecal_ros.insitu.smoothing import PAPER_ORDER, PAPER_WINDOW
 from forcecal_ros.io.csv_import.specification import Written
-from forcecal_ros.io.csv_import.table import Column
-from forcecal_ros.io.csv_import.units import contradiction, NANOSECONDS, UNITS
+from forcecal_ros.io.csv_import.table import Column, contradiction, NANOSECONDS, UNITS
 import numpy as np
 
 FORMAT = 'forcecal-insitu/1'

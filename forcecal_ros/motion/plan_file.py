@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
+from forcecal_ros.core.parameters import parameters_of
 from forcecal_ros.core.quantity import size, sizes
-from forcecal_ros.core.schema import parameters_of
-from forcecal_ros.core.schema.file import yaml_value
+from forcecal_ros.core.schema import yaml_value
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.optimal_design import Design, GROUPS, Robot
 from forcecal_ros.motion.plan import Timing

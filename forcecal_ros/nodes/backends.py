@@ -14,7 +14,7 @@ from forcecal_ros.nodes.pose_source import mounting_parameter
 from forcecal_ros.nodes.runtime import OUTPUT, SENSOR
 from forcecal_ros.nodes.sensors import Sensors
 from forcecal_ros.nodes.wire import Writer
-from forcecal_ros.observe.mounting import from_the_sensor
+from forcecal_ros.observe.frames import from_the_sensor
 from geometry_msgs.msg import PoseStamped, TwistStamped
 import numpy as np
 from rclpy.node import Node

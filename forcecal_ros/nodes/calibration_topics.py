@@ -9,11 +9,17 @@ from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.quantity import quantity, size
 from forcecal_ros.io.calibration_file import dump
 from forcecal_ros.nodes.runtime import LATCHED
-from forcecal_ros.observe.gains import Accuracy
+from forcecal_ros.observe.design import Accuracy
 from forcecal_ros.observe.live import LiveObserver
-from forcecal_ros.observe.payload.model import payload_model, PayloadSettings
-from forcecal_ros.observe.payload.step import FROZEN, NOT_EXCITED, ToolEstimate, TRACKING
-from forcecal_ros.observe.payload.tracker import Tracker
+from forcecal_ros.observe.payload import (
+    FROZEN,
+    NOT_EXCITED,
+    payload_model,
+    PayloadSettings,
+    ToolEstimate,
+    TRACKING,
+)
+from forcecal_ros.observe.tracker import Tracker
 from geometry_msgs.msg import Inertia, InertiaStamped
 import numpy as np
 from rclpy.lifecycle import LifecycleNode

@@ -11,7 +11,7 @@ from forcecal_ros.core.geometry import Array, matrix_from_quaternion
 from forcecal_ros.core.schema import Vector7
 from forcecal_ros.core.sensor_matrix import with_matrix_of
 from forcecal_ros.core.streams import Phase, PoseStream, Recording, STILL, Stream
-from forcecal_ros.observe.gains import with_kalman_gains
+from forcecal_ros.observe.design import with_kalman_gains
 import numpy as np
 
 CHANNELS = ('wrench', 'accelerometer', 'pose', 'target', 'optidrive')

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
 
-from forcecal_ros.core.schema import Parameter, parameter_file
+from forcecal_ros.core.parameters import Parameter, parameter_file
 from forcecal_ros.nodes import gap, impedance_settings, observer_settings, sequencer_settings, sim
 from forcecal_ros.sim.rig.file import rewritten
 

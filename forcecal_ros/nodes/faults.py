@@ -5,7 +5,7 @@ from typing import Any
 
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.schema import Parameter
+from forcecal_ros.core.parameters import Parameter
 from forcecal_ros.nodes.parameters import refuse_changes
 from forcecal_ros.sim.rig.faults import (
     CLOCK_FAULTS,

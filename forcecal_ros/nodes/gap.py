@@ -7,7 +7,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.core.errors import ConfigError, ForcecalError
-from forcecal_ros.core.schema import Parameter
+from forcecal_ros.core.parameters import Parameter
 from forcecal_ros.diagnose.live import Judgement, LiveGap
 from forcecal_ros.nodes.collector import Collector
 from forcecal_ros.nodes.inbox import Inbox

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from forcecal_ros.core.schema import Parameter, parameters_of, section_of
+from forcecal_ros.core.parameters import Parameter, parameters_of, section_of
 from forcecal_ros.impedance.program import Task
 from forcecal_ros.impedance.session import Bounds
 from forcecal_ros.impedance.settings import DesignSettings, Wanted

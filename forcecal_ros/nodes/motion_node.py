@@ -8,7 +8,7 @@ from typing import Any, Generic, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.core.errors import DataError, MotionError
-from forcecal_ros.core.schema import Parameter
+from forcecal_ros.core.parameters import Parameter
 from forcecal_ros.motion.sequence import Command
 from forcecal_ros.motion.stream import next_in_phase, StreamClock
 from forcecal_ros.nodes.backends import Backend

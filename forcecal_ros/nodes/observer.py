@@ -27,12 +27,10 @@ from forcecal_ros.nodes.runtime import answering, LATCHED, ManagedNode, OUTPUT, 
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
 from forcecal_ros.nodes.wire import frame_of, JointReader, Reader, Writer
 from forcecal_ros.observe import ContactSample, design, noise_levels, ObserverSettings
-from forcecal_ros.observe.frames import Frames, Placement
-from forcecal_ros.observe.gains import accuracy
+from forcecal_ros.observe.design import accuracy, with_bias
+from forcecal_ros.observe.frames import agreed, at_the_sensor, Frames, Placement
 from forcecal_ros.observe.live import LiveObserver, Samples, Values
-from forcecal_ros.observe.mounting import agreed, at_the_sensor
-from forcecal_ros.observe.status import INVALID
-from forcecal_ros.observe.tare import with_bias
+from forcecal_ros.observe.sample import INVALID
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn

@@ -6,12 +6,12 @@ from typing import Any
 
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import ConfigError
-from forcecal_ros.core.schema import Parameter
+from forcecal_ros.core.parameters import Parameter
 from forcecal_ros.nodes.calibration_topics import TRACKED
 from forcecal_ros.nodes.pose_source import POSE_PARAMETERS, SENSOR_FROM_POSE
 from forcecal_ros.nodes.runtime import EXECUTOR
 from forcecal_ros.nodes.sensors import ACCELEROMETERS
-from forcecal_ros.observe.payload.model import PayloadSettings
+from forcecal_ros.observe.payload import PayloadSettings
 from forcecal_ros.observe.settings import (
     BANDWIDTH_LIMITS,
     CONTACT_WALK,

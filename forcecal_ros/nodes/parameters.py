@@ -5,7 +5,7 @@ from difflib import get_close_matches
 from typing import Any
 
 from forcecal_ros.core.errors import ConfigError, ForcecalError
-from forcecal_ros.core.schema import Parameter
+from forcecal_ros.core.parameters import Parameter
 from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,

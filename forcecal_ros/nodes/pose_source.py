@@ -7,13 +7,11 @@ from struct import error as StructError
 from typing import Any, NamedTuple
 
 from forcecal_ros.core.errors import ConfigError, DataError
-from forcecal_ros.core.schema import Parameter
+from forcecal_ros.core.parameters import Parameter
 from forcecal_ros.io.urdf import Description
 from forcecal_ros.nodes.wire import frame_of, JointsReader, Reader, Sample
-from forcecal_ros.observe.frames import Placement
-from forcecal_ros.observe.joint_pose import JointPose
-from forcecal_ros.observe.mounting import at_the_sensor, mounting_of
-from forcecal_ros.observe.transforms import TransformPose
+from forcecal_ros.observe.frames import at_the_sensor, mounting_of, Placement
+from forcecal_ros.observe.pose_sources import JointPose, TransformPose
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from forcecal_ros.observe.status import describe, level
+from forcecal_ros.observe.sample import describe, level
 from rclpy.node import Node
 from rclpy.time import Time
 

@@ -12,7 +12,7 @@ from types import FrameType
 from typing import Any, Protocol, runtime_checkable
 
 from forcecal_ros.core.errors import ConfigError, ForcecalError
-from forcecal_ros.core.schema import Parameter
+from forcecal_ros.core.parameters import Parameter
 from lifecycle_msgs.srv import ChangeState
 import rclpy
 from rclpy.clock import Clock, ClockType

@@ -29,7 +29,7 @@ from forcecal_ros.nodes.runtime import answering, LATCHED, run, SECOND
 from forcecal_ros.nodes.sensors import ACCELEROMETERS, Deadman, Input, Sensors
 from forcecal_ros.nodes.sequencer_settings import PARAMETERS, SequencerSettings, settings_of
 from forcecal_ros.nodes.wire import JointReader, Reader, Sample
-from forcecal_ros.observe.mounting import numbers_of
+from forcecal_ros.observe.frames import numbers_of
 from geometry_msgs.msg import InertiaStamped, WrenchStamped
 from nav_msgs.msg import Path
 from sensor_msgs.msg import JointState

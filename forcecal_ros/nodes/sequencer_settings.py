@@ -14,8 +14,8 @@ from forcecal_ros.calibrate.settings import (
 )
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.geometry import Array, STANDARD_GRAVITY
+from forcecal_ros.core.parameters import Parameter, parameters_of, section_of
 from forcecal_ros.core.safe_yaml import LARGEST, load_yaml
-from forcecal_ros.core.schema import Parameter, parameters_of, section_of
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import WatchSettings
 from forcecal_ros.motion.plan import Goal, Timing

@@ -8,7 +8,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.core.errors import MotionError
 from forcecal_ros.core.geometry import matrix_from_quaternion, quaternion_of
-from forcecal_ros.core.schema import Parameter
+from forcecal_ros.core.parameters import Parameter
 from forcecal_ros.nodes.faults import Faults
 from forcecal_ros.nodes.faults import PARAMETERS as FAULT_PARAMETERS
 from forcecal_ros.nodes.inbox import Inbox
@@ -17,8 +17,13 @@ from forcecal_ros.nodes.reporting import diagnostic_array, Waiting
 from forcecal_ros.nodes.runtime import EXECUTOR, OUTPUT, run, STEADY, SYSTEM
 from forcecal_ros.nodes.wire import frame_of, JointWriter, Reader, Writer
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.schedule import CommandSchedule
-from forcecal_ros.sim.rig.simulator import Samples, Simulator, waits_for_compiler, warm_up
+from forcecal_ros.sim.rig.simulator import (
+    CommandSchedule,
+    Samples,
+    Simulator,
+    waits_for_compiler,
+    warm_up,
+)
 from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
 import numpy as np
 from rclpy.node import Node

@@ -1,7 +1,7 @@
 """Streams that arrive in any order, used as if they had arrived in the order of their stamps.
 
 What a wrench of stamp t is worth must not depend on which topic was quicker. So a wrench waits
-until each stream that flows has said all it has to say about t, and the rules below look at
+until each stream that flows has shown all it has about t, and the rules below look at
 stamps only. They hold as long as no message is overtaken by more than ``skew``:
 
 - A sampled channel (accelerometer, displacement) is interpolated between the samples around t.
@@ -17,10 +17,10 @@ from typing import Any, NamedTuple
 
 from forcecal_ros.core.geometry import Array
 
-SAME = 1e-7
+SAME_STAMP_S = 1e-7
 """Stamps closer than this are one instant; a float holds them better than clocks do [s]."""
 
-_HANDFUL = 6
+_PRUNED_AT_ONCE = 6
 """Samples are dropped that many at once: every tuple that is made anew costs the step time."""
 
 Entry = tuple[Any, ...]
@@ -58,13 +58,15 @@ class PoseQueue(NamedTuple):
     due: float = -inf
 
 
-def usable_from(
-        last: float, t: float, lead: float, first: float, timeout: float, skew: float) -> float:
+def run_of(usable: float, last: float, t: float, lead: float, first: float, timeout: float,
+           skew: float) -> tuple[bool, float]:
     """
-    Return when a sample at ``t`` may be used, if it begins a run; -inf if it continues one [s].
+    Return whether a sample at ``t`` begins a run, and from which stamp on its run may be used.
 
     Parameters
     ----------
+    usable : float
+        Of the sample before [s].
     last, t : float
         Stamps of the sample before (-inf: none) and of this one [s].
     lead : float
@@ -72,8 +74,18 @@ def usable_from(
     first : float
         Stamp of the first wrench, inf before it [s].
     """
+    if t - last <= timeout:
+        return False, usable
     before = last if last > -inf else first
-    return t + skew - min(lead, 0.0) if t - before > timeout else -inf
+    return True, t + skew - min(lead, 0.0) if t - before > timeout else -inf
+
+
+def turn_of(last: float, due: float, t: float, first: float, timeout: float, skew: float
+            ) -> tuple[float, float]:
+    """Return from which stamp on a pose at ``t`` counts, and when the next one is due [s]."""
+    _, usable = run_of(-inf, last, t, 0.0, first, timeout, skew)
+    interval = t - last
+    return max(t, due, usable), t + 0.9 * interval if interval <= timeout else t
 
 
 def around(samples: Samples, t: float, timeout: float) -> tuple[int, int]:
@@ -88,7 +100,7 @@ def around(samples: Samples, t: float, timeout: float) -> tuple[int, int]:
     if i < 0 or samples[i][1] > t:
         return -1, -1
     before = samples[i][0]
-    if t - before < SAME:
+    if t - before < SAME_STAMP_S:
         return i, i
     if i + 1 == len(samples) or samples[i + 1][0] - before > timeout:
         return -1, -1
@@ -97,12 +109,12 @@ def around(samples: Samples, t: float, timeout: float) -> tuple[int, int]:
 
 class Reading(NamedTuple):
     """
-    What the accelerometer says at one instant.
+    Reading of the accelerometer at one instant.
 
     Attributes
     ----------
     known : bool
-        Whether it says anything.
+        Whether there is one.
     full : bool
         Whether it is at the end of its range.
     run : float
@@ -110,7 +122,7 @@ class Reading(NamedTuple):
     f : tuple of 3 float
         Specific force [m/s^2].
     integral : tuple of 3 float
-        Of it over time since the run began [m/s]; zero where nobody asked for it.
+        Of it over time since the run began [m/s]; zero if not requested.
     """
 
     known: bool
@@ -134,7 +146,7 @@ def force_at(samples: Samples, t: float, timeout: float, integrated: bool) -> Re
     t, timeout
         As for :func:`around`.
     integrated : bool
-        Whether the integral is wanted.
+        Whether the integral is needed.
     """
     i, j = around(samples, t, timeout)
     if i < 0:
@@ -153,7 +165,7 @@ def force_at(samples: Samples, t: float, timeout: float, integrated: bool) -> Re
 
 def displacement_at(samples: Samples, t: float, timeout: float) -> float:
     """
-    Interpolate the displacement [m]; NaN where no sensor tells.
+    Interpolate the displacement [m]; NaN without a sensor.
 
     Samples are ``(time, usable from, displacement)``; t and timeout as for :func:`around`.
     """
@@ -177,7 +189,7 @@ def pruned(samples: tuple[Entry, ...], t: float) -> tuple[Entry, ...]:
 def pruned_channel(channel: Channel, t: float) -> Channel:
     """Drop the samples that no instant from ``t`` on needs, a handful at a time."""
     samples, last, highpass = channel
-    if len(samples) <= _HANDFUL or samples[_HANDFUL][0] > t:
+    if len(samples) <= _PRUNED_AT_ONCE or samples[_PRUNED_AT_ONCE][0] > t:
         return channel
     return Channel(pruned(samples, t), last, highpass)
 
@@ -191,13 +203,13 @@ def bounded(samples: tuple[Entry, ...], memory: float) -> tuple[Entry, ...]:
 def channel_ready(
         channel: Channel, t: float, now: float, first: float, wait: float) -> bool:
     """
-    Whether a channel has said all about ``t``, or has stopped.
+    Whether a channel is complete up to ``t``, or has stopped.
 
     ``t``, ``now``, ``first`` are the stamps of the wrench in question, of the newest and of the
     first one; ``wait`` is ``timeout + skew`` [s].
     """
     samples, last, _ = channel
-    if samples and samples[-1][0] > t - SAME:
+    if samples and samples[-1][0] > t - SAME_STAMP_S:
         return True
     return now >= (last if last > first else first) + wait
 
@@ -212,8 +224,5 @@ def pose_ready(queue: PoseQueue, t: float, now: float, first: float, timeout: fl
 def queued_pose(queue: PoseQueue, t: float, value: Entry, first: float, timeout: float,
                 skew: float, memory: float) -> PoseQueue:
     """Append a pose, ``value`` its position and quaternion, stamped later than the last."""
-    usable = usable_from(queue.last, t, 0.0, first, timeout, skew)
-    interval = t - queue.last
-    due = t + 0.9 * interval if interval <= timeout else t
-    pending = bounded((*queue.pending, (t, max(t, queue.due, usable), *value)), memory)
-    return PoseQueue(pending, t, due)
+    effective, due = turn_of(queue.last, queue.due, t, first, timeout, skew)
+    return PoseQueue(bounded((*queue.pending, (t, effective, *value)), memory), t, due)

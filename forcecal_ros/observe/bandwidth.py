@@ -1,19 +1,18 @@
 """Gains from noise: how fast each filter may be, by Riccati equation and the user's limits."""
 
 from dataclasses import replace
-from math import inf, log, tau
+from math import inf, log, pi, tau
 from typing import NamedTuple
 
 from forcecal_ros.core.calibration import Calibration, Noise
-from forcecal_ros.core.errors import ConfigError
-from forcecal_ros.core.geometry import Array
-from forcecal_ros.observe.inertial import Load
-from forcecal_ros.observe.riccati import stationary_filter, StationaryFilter
+from forcecal_ros.core.errors import ConfigError, UnobservableError
+from forcecal_ros.core.geometry import Array, skew
 from forcecal_ros.observe.settings import BANDWIDTH_LIMITS, CONTACT_WALK, ObserverSettings
-from forcecal_ros.observe.tracking import Poles
 import numpy as np
+from scipy.integrate import quad
+from scipy.linalg import solve_discrete_are
 
-UNMEASURED = 24.7
+UNMEASURED_HZ = 24.7
 """Bandwidth where a calibration holds no noise that one could follow from: that of the nominal
 rig's noise [Hz]."""
 
@@ -27,9 +26,31 @@ MOTION_CORNERS = (20.0, 100.0)
 """The same of the filter that finds the acceleration where there is no accelerometer, from
 positions that are noisier than orientations [rad/s]."""
 
-_QUIETEST = 1e-12
-"""Least density that is believed: the noise of simulations without noise is rounding, of which no
+_MIN_DENSITY = 1e-12
+"""Least density: the noise of simulations without noise is rounding, of which no
 gain can be made [N^2 s] and so on."""
+
+
+class Poles(NamedTuple):
+    """
+    Poles of a third-order filter: ``-real`` and ``-mean +- sqrt(-split)`` [1/s, 1/s, 1/s^2].
+
+    A positive ``split`` is a complex pair, a negative one a real pair.
+    """
+
+    real: float
+    mean: float
+    split: float
+
+
+def butterworth(corner: float) -> Poles:
+    """
+    Return the poles of the stationary Kalman filter for a white third derivative.
+
+    ``corner`` is the sixth root of the density of that derivative over that of the measurement
+    [rad/s].
+    """
+    return Poles(corner, corner / 2, 0.75 * corner * corner)
 
 
 class NoiseLevels(NamedTuple):
@@ -68,10 +89,10 @@ def noise_levels(noise: Noise | None) -> NoiseLevels:
         f = float(np.diag(noise.specific_force.value).mean()) / f_rate
     force, torque = wrench[:3].mean() / noise.wrench_rate, wrench[3:].mean() / noise.wrench_rate
     if not np.isfinite([force, torque, f]).all() or not 0 < noise.wrench_rate < inf:
-        raise ConfigError('noise.wrench, noise.specific_force and their rates want finite '
+        raise ConfigError('noise.wrench, noise.specific_force and their rates must be finite '
                           'numbers; calibrate with a phase at rest')
-    return NoiseLevels(max(float(force), _QUIETEST), max(float(torque), _QUIETEST),
-                       max(f, _QUIETEST), noise.wrench_rate, f_rate)
+    return NoiseLevels(max(float(force), _MIN_DENSITY), max(float(torque), _MIN_DENSITY),
+                       max(f, _MIN_DENSITY), noise.wrench_rate, f_rate)
 
 
 def slow_levels(noise: Noise | None) -> NoiseLevels:
@@ -88,8 +109,120 @@ def slow_levels(noise: Noise | None) -> NoiseLevels:
     if noise.specific_force_density is not None:
         f = float(np.diag(noise.specific_force_density.value).mean())
     return levels._replace(
-        force=max(float(wrench[:3].mean()), _QUIETEST), specific_force=max(f, _QUIETEST),
-        torque=max(float(wrench[3:].mean()), _QUIETEST))
+        force=max(float(wrench[:3].mean()), _MIN_DENSITY), specific_force=max(f, _MIN_DENSITY),
+        torque=max(float(wrench[3:].mean()), _MIN_DENSITY))
+
+
+def place_of(calibration: Calibration) -> Array:
+    """Return where the accelerometer is in ft_sensor, (3,) [m]: at the CoM where not known."""
+    sensor = calibration.accelerometer
+    if sensor is None or sensor.position is None:
+        return calibration.com.value
+    return sensor.position.value
+
+
+def load_maps(calibration: Calibration) -> tuple[Array, Array]:
+    """Return what specific force and angular acceleration do to the load, two of shape (6, 3)."""
+    m, c = float(calibration.mass), calibration.com.value
+    by_force = -m * np.vstack([np.eye(3), skew(c)])
+    by_alpha = by_force @ -skew(c - place_of(calibration))
+    if calibration.inertia is not None:
+        by_alpha[3:] -= calibration.inertia.value
+    return by_force, by_alpha
+
+
+def noise_of_reading(calibration: Calibration, noise: Noise) -> tuple[Array, Array]:
+    """Return covariance and low-frequency density of u - m a, two of shape (6, 6)."""
+    by_force, _ = load_maps(calibration)
+    sample, f = noise.wrench.value, noise.specific_force
+    density = sample / noise.wrench_rate
+    if noise.wrench_density is not None:
+        density = noise.wrench_density.value
+    if f is None:
+        return sample, density
+    f_density = f.value / noise.accelerometer_rate
+    if noise.specific_force_density is not None:
+        f_density = noise.specific_force_density.value
+    return (sample + by_force @ f.value @ by_force.T,
+            density + by_force @ f_density @ by_force.T)
+
+
+class StationaryFilter(NamedTuple):
+    """
+    Stationary Kalman filter of x' = A x + w, y = C x + v.
+
+    Attributes
+    ----------
+    gain : ndarray, shape (n, m)
+        Of the update ``x += gain (y - C x)``.
+    predicted, updated : ndarray, shape (n, n)
+        Error covariance before and after the update.
+    """
+
+    gain: Array
+    predicted: Array
+    updated: Array
+
+
+def undetectable_states(A: Array, C: Array, names: tuple[str, ...]) -> tuple[str, ...]:
+    """
+    Name the states that no measurement will ever correct although they do not fade.
+
+    An unobservable subspace is harmless only where everything in it decays. A is (n, n), C
+    (m, n), with one name for each state; none is returned when the pair is detectable.
+    """
+    n = len(A)
+    scale = np.max(np.abs(C), axis=1, keepdims=True)
+    rows = C / np.where(scale > 0, scale, 1.0)
+    # A - 1 sees the same as A does, and short periods do not drown in the 1
+    change = A - np.eye(n)
+    change = change / max(float(np.abs(change).max()), 1e-300)
+    seen = np.vstack([rows @ np.linalg.matrix_power(change, i) for i in range(n)])
+    _, sigma, vh = np.linalg.svd(seen)
+    unseen = vh[np.count_nonzero(sigma > 1e-9 * sigma[0]):].T
+    modes = np.linalg.eigvals(unseen.T @ A @ unseen) if unseen.size else np.zeros(0)
+    return tuple(name for name, part in zip(names, np.abs(unseen).max(axis=1, initial=0.0))
+                 if part > 1e-6 and np.abs(modes).max(initial=0.0) > 1 - 1e-6)
+
+
+def stationary_filter(
+        A: Array, C: Array, Q: Array, R: Array, names: tuple[str, ...],
+        S: Array | None = None) -> StationaryFilter:
+    """
+    Design the stationary Kalman filter, after making sure that there is one.
+
+    Riccati solvers answer for undetectable pairs as well, with a number that looks like a
+    standard deviation and means nothing.
+
+    Parameters
+    ----------
+    A, C : ndarray, shapes (n, n), (m, n)
+    Q, R : ndarray, shapes (n, n), (m, m)
+        Covariances of w and v.
+    names
+        One for each state.
+    S : ndarray, shape (n, m), optional
+        Covariance of w with v of the same instant.
+
+    Raises
+    ------
+    UnobservableError
+        A state is not detectable, or the equation has no stabilising solution.
+    """
+    lost = undetectable_states(A, C, names)
+    if lost:
+        raise UnobservableError(
+            f'{", ".join(lost)} cannot be separated by the measurements at hand '
+            f'({len(A)} states, {len(C)} measurements); '
+            'leave the accelerometer offset out (observer offset: off)')
+    try:
+        P = solve_discrete_are(A.T, C.T, Q, R, s=S)
+    except ValueError as error:  # LinAlgError is one; reordering the pencil raises others
+        raise UnobservableError(
+            f'no stationary gain for {", ".join(names)}: {error}; check the covariances') from None
+    innovation = C @ P @ C.T + R
+    gain = np.linalg.solve(innovation, C @ P).T
+    return StationaryFilter(gain, P, P - gain @ innovation @ gain.T)
 
 
 def as_calibrated(settings: ObserverSettings, calibration: Calibration) -> ObserverSettings:
@@ -105,13 +238,13 @@ def as_calibrated(settings: ObserverSettings, calibration: Calibration) -> Obser
         The slowest corner is above the fastest.
     """
     kept = {} if calibration.observer is None else calibration.observer.kalman
-    said = (settings.contact_walk, settings.bandwidth_min_hz, settings.bandwidth_max_hz)
+    given = (settings.contact_walk, settings.bandwidth_min_hz, settings.bandwidth_max_hz)
     if ('bandwidth' in kept and 'contact_walk' not in kept
-            and (settings.bandwidth_hz, *said) == (None,) * 4):
+            and (settings.bandwidth_hz, *given) == (None,) * 4):
         return replace(settings, bandwidth_hz=float(kept['bandwidth']))
     walk, low, high = (
         float(kept[name]) if one is None and name in kept else usual if one is None else one
-        for name, one, usual in zip(('contact_walk', 'bandwidth_min', 'bandwidth_max'), said,
+        for name, one, usual in zip(('contact_walk', 'bandwidth_min', 'bandwidth_max'), given,
                                     (CONTACT_WALK, *BANDWIDTH_LIMITS)))
     return replace(settings, contact_walk=walk, bandwidth_min_hz=low, bandwidth_max_hz=high)
 
@@ -126,7 +259,7 @@ def joint_model(
     u - m a = F + m o, whose noise (m times the accelerometer's) is also the noise that drives v.
 
     Returns A, C, Q, R, S of shapes (4, 4), (m, 4), (4, 4), (m, m), (4, m) for a period ``dt``
-    [s], as :func:`stationary_filter` takes them; ``position`` says whether p is measured.
+    [s], as :func:`stationary_filter` takes them; ``position`` states whether p is measured.
     """
     A = np.eye(4)
     A[0, 1], A[0, 2], A[1, 2] = dt, -dt * dt / 2, -dt
@@ -157,7 +290,7 @@ def design_joint(
     Raises
     ------
     UnobservableError
-        Without the position, offset and contact force cannot be told apart.
+        Without the position, offset and contact force cannot be separated.
     """
     A, C, Q, R, S = joint_model(levels, mass, settings, dt, position)
     return stationary_filter(A, C, Q, R, STATES, S)
@@ -204,23 +337,63 @@ def contact_bandwidth(levels: NoiseLevels, mass: float, settings: ObserverSettin
 
 def within_limits(bandwidth: float, settings: ObserverSettings) -> float:
     """Return the bandwidth nearest to this one that the settings allow [Hz]."""
-    low, high = (usual if said is None else said for said, usual in zip(
+    low, high = (usual if given is None else given for given, usual in zip(
         (settings.bandwidth_min_hz, settings.bandwidth_max_hz), BANDWIDTH_LIMITS))
     return min(max(bandwidth, low), high)
 
 
+def acceleration_variance(std: float, corner: float, settings: ObserverSettings) -> float:
+    """Noise that poses with this deviation leave in the third state of a Butterworth filter."""
+    return std ** 2 / settings.pose_rate * corner ** 5 / 3
+
+
+def fast_share(ratio: float) -> float:
+    """
+    Share of that noise that a first-order low-pass removes.
+
+    Its spectrum is x^4 / (1 + x^6) at x times the corner of the pose filter; ``ratio`` is the
+    corner of the low-pass over that one.
+    """
+    share, _ = quad(lambda x: x ** 6 / (1 + x ** 6) / (x * x + ratio * ratio), 0.0, inf)
+    return float(3 / pi * share)
+
+
+def pose_noise(calibration: Calibration, rotation: float, motion: float, accelerometer: bool,
+               settings: ObserverSettings) -> Array:
+    """
+    Covariance of the load by the noise of the pose, shape (6, 6).
+
+    Parameters
+    ----------
+    rotation, motion : float
+        Corners of the filters that follow orientation and place [rad/s].
+    accelerometer : bool
+        Whether there is one; without it the pose also shows gravity and acceleration.
+    """
+    by_force, by_alpha = load_maps(calibration)
+    std = settings.pose_rotation_std
+    cov = acceleration_variance(std, rotation, settings) * by_alpha @ by_alpha.T
+    if not accelerometer:
+        variance = 2 * rotation * (std * calibration.gravity) ** 2 / settings.pose_rate
+        if settings.position:
+            variance += acceleration_variance(settings.pose_position_std, motion, settings)
+        cov += variance * by_force @ by_force.T
+    return np.asarray(cov)
+
+
 def rotation_corner(
-        calibration: Calibration, load: Load, levels: NoiseLevels, rate: float,
-        settings: ObserverSettings) -> float:
+        calibration: Calibration, levels: NoiseLevels, rate: float, settings: ObserverSettings,
+) -> float:
     """
     Find the fastest pose filter whose angular acceleration adds no more noise than the wrench has.
 
     White noise leaves (its density) corner^5 / 3 in the third state of a Butterworth filter.
     """
-    m = load.m
-    lever = m * float(np.linalg.norm(load[4:7]))
-    arm = float(np.linalg.norm(calibration.com.value))
-    inertia = float(np.abs(np.array(load[7:10])).max()) + arm * lever
+    m, c = float(calibration.mass), calibration.com.value
+    arm = float(np.linalg.norm(c))
+    lever = m * float(np.linalg.norm(c - place_of(calibration)))
+    J = np.zeros((3, 3)) if calibration.inertia is None else calibration.inertia.value
+    inertia = float(np.abs(np.diag(J)).max()) + arm * lever
     force = (levels.force + m * m * levels.specific_force) * rate / 2
     torque = (levels.torque + (arm * m) ** 2 * levels.specific_force) * rate / 2
     alpha = min(force / lever ** 2 if lever > 0 else inf,

@@ -1,44 +1,40 @@
-"""The chain over a whole recording at once: the functions of the step, compiled.
+"""
+The chain over a whole recording at once: the functions of the step, compiled.
 
-Only what decides which samples a wrench sees is written anew, for arrays: a recording holds all
-of them, so nothing is waited for.
+A recording holds all samples, so nothing is waited for. The rules of :mod:`~forcecal_ros.observe.
+align` decide here as there which samples a wrench uses; only the storage differs.
 """
 
-from math import inf
+from math import inf, sqrt
 
-from forcecal_ros.checks.signals import ABSURD
 from forcecal_ros.core import jit
-from forcecal_ros.core.geometry import Array, quaternion_from_matrix
+from forcecal_ros.core.geometry import Array, quaternion_from_matrix, ZERO
 from forcecal_ros.core.jit import compiled_with_all_it_calls
 from forcecal_ros.core.sensor_matrix import all_corrected
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
-from forcecal_ros.observe.align import displacement_at, force_at, SAME, usable_from
-from forcecal_ros.observe.contact import filtered
+from forcecal_ros.observe.align import displacement_at, force_at, run_of, SAME_STAMP_S, turn_of
+from forcecal_ros.observe.bias_filter import begin, BiasModel, learn
+from forcecal_ros.observe.contact import filtered, Memory, Tool, unload
 from forcecal_ros.observe.design import Model
-from forcecal_ros.observe.filters.bias_filter import begin, learn
-from forcecal_ros.observe.filters.bias_model import BiasModel
-from forcecal_ros.observe.filters.memory import Memory
 from forcecal_ros.observe.motion import MotionEstimate, next_sample, NOTHING_BEFORE, take_pose
 from forcecal_ros.observe.sample import (
     ContactEstimate,
     ContactSample,
     Learned,
+    MAX_READING,
     Progress,
     silent,
     stacked,
+    Unloaded,
 )
-from forcecal_ros.observe.tracking import ZERO
-from forcecal_ros.observe.unload import Tool, unload, Unloaded
 import numpy as np
 from numpy.typing import NDArray
 
-Mask = NDArray[np.bool_]
-
 
 def in_order(recording: Recording) -> bool:
-    """Whether the stamps of all streams increase, as the batch wants them."""
+    """Whether the stamps of all streams increase, as the batch needs them."""
     streams = (recording.wrench, recording.accelerometer, recording.optidrive, recording.pose)
-    return all(np.isfinite(one.t).all() and (np.diff(one.t) > SAME).all()
+    return all(np.isfinite(one.t).all() and (np.diff(one.t) > SAME_STAMP_S).all()
                for one in streams if one is not None)
 
 
@@ -86,82 +82,78 @@ def _learn_all(t: Array, wrenches: Array, status: NDArray[np.int64], model: Bias
 
 def waits_for_compiler() -> bool:
     """Whether the first recording has to wait until the observer is compiled."""
-    return jit.waits_for_compiler(_integrate, _observe_all)
-
-
-def _begins(t: Array, timeout: float) -> Mask:
-    """Tell where a stream begins, and where it begins again."""
-    return np.asarray(np.diff(t, prepend=-inf) > timeout)
-
-
-def _usable(t: Array, begins: Mask, lead: float, first: float, timeout: float, skew: float
-            ) -> Array:
-    """Return for each sample when its run may be used; -inf where it only continues one."""
-    usable = np.full(len(t), -inf)
-    for i in np.flatnonzero(begins):
-        last = float(t[i - 1]) if i else -inf
-        usable[i] = usable_from(
-            last, float(t[i]), lead, first if t[i] > first else inf, timeout, skew)
-    return usable
-
-
-def _of_run(values: Array, begins: Mask) -> Array:
-    """Let every sample have the value of the one its run begins with."""
-    return np.asarray(values[begins][np.cumsum(begins) - 1])
+    return jit.waits_for_compiler(_take_forces, _take_slides, _take_poses, _observe_all)
 
 
 def _forces(stream: Stream | None, first: float, model: Model) -> tuple[Array, int]:
     """Return samples as rows, and how many readings were not used."""
     if stream is None or not model.accelerometer:
         return np.empty((0, 9)), 0 if stream is None else len(stream)
-    with np.errstate(invalid='ignore'):
-        good = np.abs(stream.values).sum(axis=1) < ABSURD
-    t = stream.t[good]
-    begins = _begins(t, model.timeout)
-    usable = _usable(t, begins, model.delay, first, model.timeout, model.skew)
-    samples = np.empty((len(t), 9))
-    _integrate(t, stream.values[good], _of_run(usable, begins), begins, _plain(model), samples)
-    return samples, int((~good).sum())
+    samples = np.empty((len(stream), 9))
+    n = _take_forces(stream.t, stream.values, first, _plain(model), samples)
+    return samples[:n], len(stream) - n
 
 
 def _slides(stream: Stream | None, first: float, model: Model) -> tuple[Array, int]:
     if stream is None:
         return np.empty((0, 3)), 0
-    good = np.abs(stream.values[:, 0]) < ABSURD
-    t = stream.t[good]
-    timeout = model.displacement_timeout
-    begins = _begins(t, timeout)
-    usable = _usable(t, begins, 0.0, first, timeout, model.skew)
-    return (np.column_stack([t, _of_run(usable, begins), stream.values[good, 0]]),
-            int((~good).sum()))
+    samples = np.empty((len(stream), 3))
+    n = _take_slides(stream.t, stream.values, first, model.displacement_timeout, model.skew,
+                     samples)
+    return samples[:n], len(stream) - n
 
 
 def _poses(stream: PoseStream | None, first: float, model: Model) -> tuple[Array, int]:
     """Return rows of stamp, stamp from which on it counts, position, quaternion."""
-    if stream is None:
+    if stream is None or not len(stream):
         return np.empty((0, 9)), 0
-    q = quaternion_from_matrix(stream.R_base_sensor) if len(stream) else np.empty((0, 4))
-    n2 = (q * q).sum(axis=1)
-    good = (n2 > 0.25) & (n2 < 4.0)
-    t, q, n2 = stream.t[good], q[good], n2[good]
-    begins = _begins(t, model.pose_timeout)
-    usable = _usable(t, begins, 0.0, first, model.pose_timeout, model.skew)
-    due = np.where(begins, t, t + 0.9 * np.diff(t, prepend=t[:1]))
-    effective = np.maximum(np.maximum(t, usable), np.concatenate([[-inf], due])[:len(t)])
-    return (np.column_stack([t, effective, stream.position[good], q / np.sqrt(n2)[:, np.newaxis]]),
-            int((~good).sum()))
+    q = quaternion_from_matrix(stream.R_base_sensor)
+    rows = np.column_stack([stream.t, stream.t, stream.position, q])
+    n = _take_poses(rows, first, model.pose_timeout, model.skew)
+    return rows[:n], len(stream) - n
 
 
 @compiled_with_all_it_calls
-def _integrate(t: Array, readings: Array, usable: Array, begins: Mask, model: Model,
-               samples: Array) -> None:
-    before, highpass = NOTHING_BEFORE, (0.0, 0.0, 0.0)
+def _take_forces(t: Array, readings: Array, first: float, model: Model, samples: Array) -> int:
+    n, last, before, highpass = 0, -inf, NOTHING_BEFORE, (0.0, 0.0, 0.0)
     for i in range(len(t)):
-        reading = (readings[i, 0], readings[i, 1], readings[i, 2])
-        before, highpass = next_sample(
-            before, highpass, t[i], reading, usable[i], begins[i], model)
-        (samples[i, 0], samples[i, 1], samples[i, 2], samples[i, 3], samples[i, 4],
-         samples[i, 5], samples[i, 6], samples[i, 7], samples[i, 8]) = before
+        v0, v1, v2 = reading = (readings[i, 0], readings[i, 1], readings[i, 2])
+        if abs(v0) + abs(v1) + abs(v2) < MAX_READING:
+            begins, usable = run_of(before[1], last, t[i], model.delay,
+                                    first if t[i] > first else inf, model.timeout, model.skew)
+            before, highpass = next_sample(before, highpass, t[i], reading, usable, begins, model)
+            (samples[n, 0], samples[n, 1], samples[n, 2], samples[n, 3], samples[n, 4],
+             samples[n, 5], samples[n, 6], samples[n, 7], samples[n, 8]) = before
+            n, last = n + 1, t[i]
+    return n
+
+
+@compiled_with_all_it_calls
+def _take_slides(t: Array, readings: Array, first: float, timeout: float, skew: float,
+                 samples: Array) -> int:
+    n, last, usable = 0, -inf, -inf
+    for i in range(len(t)):
+        if abs(readings[i, 0]) < MAX_READING:
+            _, usable = run_of(usable, last, t[i], 0.0, first if t[i] > first else inf, timeout,
+                               skew)
+            samples[n, 0], samples[n, 1], samples[n, 2] = t[i], usable, readings[i, 0]
+            n, last = n + 1, t[i]
+    return n
+
+
+@compiled_with_all_it_calls
+def _take_poses(rows: Array, first: float, timeout: float, skew: float) -> int:
+    n, last, due = 0, -inf, -inf
+    for i in range(len(rows)):
+        t = rows[i, 0]
+        n2 = rows[i, 5] ** 2 + rows[i, 6] ** 2 + rows[i, 7] ** 2 + rows[i, 8] ** 2
+        if 0.25 < n2 < 4.0:
+            effective, due = turn_of(last, due, t, first if t > first else inf, timeout, skew)
+            for k in range(9):
+                rows[n, k] = rows[i, k] / sqrt(n2) if k > 4 else rows[i, k]
+            rows[n, 1] = effective
+            n, last = n + 1, t
+    return n
 
 
 def _last_before(table: Array, i: int, t: float) -> int:

@@ -1,52 +1,95 @@
 """From a calibration to the numbers the running step needs; everything slow happens here."""
 
-from math import exp, inf, sqrt, tau
+from dataclasses import replace
+from math import exp, inf, log, tau
 from typing import Any, NamedTuple
 
-from forcecal_ros.core.calibration import Accelerometer, Calibration
+from forcecal_ros.core.calibration import Accelerometer, Calibration, Estimate
 from forcecal_ros.core.errors import ConfigError
-from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.geometry import Array, Vector, ZERO
 from forcecal_ros.core.sensor_matrix import sensor_matrix, SensorMatrix
 from forcecal_ros.observe.bandwidth import (
+    acceleration_variance,
     as_calibrated,
+    butterworth,
     contact_bandwidth,
     design_joint,
+    fast_share,
+    load_maps,
     motion_corner,
     noise_levels,
+    noise_of_reading,
     offset_poles,
+    place_of,
+    Poles,
+    pose_noise,
     rotation_corner,
     slow_levels,
-    UNMEASURED,
+    UNMEASURED_HZ,
     within_limits,
 )
-from forcecal_ros.observe.filters.bias_model import bias_model, BiasModel
-from forcecal_ros.observe.filters.covariances import noise_of_reading
-from forcecal_ros.observe.filters.memory import KALMAN, NEWTON, UNFILTERED
-from forcecal_ros.observe.filters.noise_level import scale_of
-from forcecal_ros.observe.inertial import Load
+from forcecal_ros.observe.bias_filter import bias_model, BiasModel
 from forcecal_ros.observe.settings import LEARNING, ObserverSettings
-from forcecal_ros.observe.tracking import butterworth, Poles, Vector, ZERO
 import numpy as np
 
-Gain = tuple[float, float, float, float, float, float]
+KALMAN, NEWTON, UNFILTERED = range(3)
+"""``Model.filter``; see :func:`forcecal_ros.observe.contact.filtered`."""
 
-PAUSE = 0.1
+SMOOTHING_TIME_S = 0.004
+"""A third of the rise of a contact by the nominal rig's noise, and more than half a period of
+vibrations above 100 Hz [s]."""
+
+MAX_PAUSE_S = 0.1
 """``Model.pause`` of live wrenches: sensors send at 100 Hz and more, so that ten or more are lost
 [s]."""
 
-KEEP = 0.005
+KEEP_S = 0.005
 """``Model.keep`` of live streams: more than one period of a wrench at 200 Hz and faster [s]."""
 
-_REACH = 0.3
-"""Where no pose tells the position it is taken to stay; an arm that works in place keeps within
+_REACH_M = 0.3
+"""Where no pose shows the position it is taken to stay; an arm that works in place keeps within
 about this of it, which is the noise of such a position [m]."""
 
 
+Gain = tuple[float, float, float, float, float, float]
+
+
+class Load(NamedTuple):
+    """
+    What hangs on the sensor, as plain numbers.
+
+    Attributes
+    ----------
+    m : float
+        [kg]
+    cx, cy, cz : float
+        Centre of mass at zero displacement, in ft_sensor [m].
+    dx, dy, dz : float
+        From the accelerometer to the centre of mass [m].
+    ixx, iyy, izz, ixy, ixz, iyz : float
+        Inertia about the centre of mass [kg m^2].
+    """
+
+    m: float
+    cx: float
+    cy: float
+    cz: float
+    dx: float
+    dy: float
+    dz: float
+    ixx: float
+    iyy: float
+    izz: float
+    ixy: float
+    ixz: float
+    iyz: float
+
+
 class Model(NamedTuple):
-    """Everything the step needs besides its state; plain numbers, SI, ft_sensor."""
+    """Everything the step needs in addition to its state; plain numbers, SI, ft_sensor."""
 
     filter: int
-    """One of ``filters.memory``: KALMAN, NEWTON or UNFILTERED."""
+    """One of KALMAN, NEWTON or UNFILTERED."""
     bias_filter: BiasModel | None
     """Of the filter that follows an UNFILTERED wrench: ``ukf`` or ``ekf``; None: none does."""
     weight_only: bool
@@ -62,11 +105,6 @@ class Model(NamedTuple):
     volts: tuple[float, ...]
     """Accelerometer: offset (3), then the inverse of its sensitivity, row by row (9)."""
     delay: float
-    weighs: bool
-    """Whether some axis of the accelerometer counts for less than all of it."""
-    share: Vector
-    level: Vector
-    """See ``weighing.weigh``."""
     place: tuple[float, float, float]
     """Where the accelerometer sits at zero displacement."""
     stiffness: float
@@ -77,7 +115,7 @@ class Model(NamedTuple):
     adaptive: bool
     """Whether ``rate`` falls where the wrench is noisier than calibrated."""
     innovation_scale: Vector
-    """See ``filters.noise_level.scale_of``."""
+    """See :func:`scale_of`."""
     slowest: float
     """Slowest corner then [rad/s]."""
     track_offset: bool
@@ -108,12 +146,8 @@ class Model(NamedTuple):
 
 def _load(calibration: Calibration) -> Load:
     com = calibration.com.value
-    accelerometer = calibration.accelerometer
-    place = com
-    if accelerometer is not None and accelerometer.position is not None:
-        place = accelerometer.position.value
     J = np.zeros((3, 3)) if calibration.inertia is None else calibration.inertia.value
-    numbers = (float(calibration.mass), *com, *(com - place),
+    numbers = (float(calibration.mass), *com, *(com - place_of(calibration)),
                J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2])
     if not np.isfinite(numbers).all() or numbers[0] <= 0:
         raise ConfigError(f'the calibration holds no usable mass, com or inertia: {numbers}; '
@@ -150,14 +184,6 @@ def _volts(calibration: Calibration) -> tuple[float, ...]:
     return tuple(float(x) for x in (*offset, *np.linalg.inv(matrix).ravel()))
 
 
-def _weight(accelerometer: Accelerometer | None) -> dict[str, Any]:
-    """Return how the axes of the accelerometer are weighed."""
-    if accelerometer is None or accelerometer.share is None or accelerometer.level is None:
-        return {'weighs': False, 'share': (1.0, 1.0, 1.0), 'level': ZERO}
-    share, level = accelerometer.share.value.tolist(), accelerometer.level.value.tolist()
-    return {'weighs': min(share) < 1.0, 'share': tuple(share), 'level': tuple(level)}
-
-
 def _ac_rate(accelerometer: Accelerometer | None) -> float:
     if accelerometer is None or accelerometer.coupling != 'ac':
         return 0.0
@@ -184,24 +210,14 @@ def _filter(calibration: Calibration, settings: ObserverSettings) -> str:
     return name
 
 
-def _bias_filter(calibration: Calibration, name: str, rotation_corner: float,
-                 settings: ObserverSettings) -> BiasModel | None:
-    if name not in LEARNING:
-        return None
-    # what white noise leaves in the third state of a Butterworth filter
-    density = settings.pose_rotation_std ** 2 / settings.pose_rate
-    return bias_model(calibration, name == 'ukf', settings.learning,
-                      sqrt(density * rotation_corner ** 5 / 3))
-
-
 def _bandwidth(calibration: Calibration, mass: float, settings: ObserverSettings) -> float:
     if calibration.noise is None:
-        return settings.bandwidth_hz or within_limits(UNMEASURED, settings)
+        return settings.bandwidth_hz or within_limits(UNMEASURED_HZ, settings)
     return contact_bandwidth(slow_levels(calibration.noise), mass, settings)
 
 
 def _is_adaptive(calibration: Calibration, settings: ObserverSettings) -> bool:
-    """Whether the bandwidth follows the noise: not where it is said, or no noise was measured."""
+    """Whether the bandwidth follows the noise: not if it is stated, or no noise was measured."""
     return bool(settings.adaptive and settings.bandwidth_hz is None and calibration.noise)
 
 
@@ -216,9 +232,22 @@ def _innovation_scale(calibration: Calibration, rate: float, settings: ObserverS
     return scale_of(tuple(np.maximum(variance[:3], 1e-12).tolist()), dt)
 
 
-def design(calibration: Calibration, settings: ObserverSettings = ObserverSettings()) -> Model:
+def scale_of(variance: tuple[float, ...], dt: float) -> Vector:
+    """Return what makes z of squares, for white innovations of these variances (3,) [N^2]."""
+    k = 1 - exp(-dt / SMOOTHING_TIME_S)
+    x, y, z = (1 / (3 * one * (1 + k / (2 - k))) for one in variance)
+    return x, y, z
+
+
+def design(calibration: Calibration, settings: ObserverSettings = ObserverSettings(),
+           accelerometer_comes: bool = True) -> Model:
     """
     Turn a calibration into the model of the running chain.
+
+    Parameters
+    ----------
+    accelerometer_comes : bool
+        Whether readings of the calibrated accelerometer are expected.
 
     Raises
     ------
@@ -226,7 +255,7 @@ def design(calibration: Calibration, settings: ObserverSettings = ObserverSettin
         The calibration does not hold what the filter needs, or the slowest bandwidth is above the
         fastest.
     UnobservableError
-        The offset was asked for (``offset: on``) where nothing makes it detectable.
+        The offset was requested (``offset: on``) where nothing makes it detectable.
     """
     load, levels = _load(calibration), noise_levels(calibration.noise)
     settings = as_calibrated(settings, calibration)
@@ -238,18 +267,22 @@ def design(calibration: Calibration, settings: ObserverSettings = ObserverSettin
     tool = calibration.tool
     stiffness = float(tool.stiffness) if tool is not None else 0.0
     damping = float(tool.damping) if tool is not None else 0.0
-    corner = rotation_corner(calibration, load, levels, rate, settings)
-    timeout, delay = settings.accelerometer_timeout, _delay(accelerometer)
+    corner = rotation_corner(calibration, levels, rate, settings)
+    motion = motion_corner(levels, load.m, rate, settings)
+    by_pose = pose_noise(calibration, corner, motion,
+                         accelerometer is not None and accelerometer_comes, settings)
+    slow = 1 - fast_share(1 / settings.learning.contact_window / corner)
+    timeout = settings.accelerometer_timeout
     return with_reach(Model(
         filter={'kalman': KALMAN, 'newton': NEWTON}.get(name, UNFILTERED),
-        bias_filter=_bias_filter(calibration, name, corner, settings),
+        bias_filter=(bias_model(calibration, settings.learning, by_pose, slow * by_pose)
+                     if name in LEARNING else None),
         weight_only=name == 'static', load=load, sensor_matrix=sensor_matrix(calibration),
         bias=_bias(calibration),
         gravity=calibration.gravity, accelerometer=accelerometer is not None,
         ac_rate=_ac_rate(accelerometer),
         volts=_volts(calibration),
-        delay=delay,
-        **_weight(accelerometer),
+        delay=_delay(accelerometer),
         place=(load.cx - load.dx, load.cy - load.dy, load.cz - load.dz),
         stiffness=stiffness, relaxation=stiffness / damping if damping > 0 else inf,
         rate=rate, adaptive=_is_adaptive(calibration, settings),
@@ -257,10 +290,10 @@ def design(calibration: Calibration, settings: ObserverSettings = ObserverSettin
         slowest=tau * within_limits(0.0, settings), track_offset=track,
         rotation_poles=butterworth(corner),
         offset_poles=offset_poles(levels, settings, settings.pose_position_std),
-        motion_poles=butterworth(motion_corner(levels, load.m, rate, settings)),
-        reach_poles=offset_poles(levels, settings, _REACH), K=_gain(calibration),
-        pause=PAUSE, timeout=timeout, displacement_timeout=timeout,
-        pose_timeout=settings.pose_timeout, skew=settings.skew, keep=KEEP, reach=0.0, memory=0.0,
+        motion_poles=butterworth(motion),
+        reach_poles=offset_poles(levels, settings, _REACH_M), K=_gain(calibration),
+        pause=MAX_PAUSE_S, timeout=timeout, displacement_timeout=timeout,
+        pose_timeout=settings.pose_timeout, skew=settings.skew, keep=KEEP_S, reach=0.0, memory=0.0,
         limited=settings.wrench_limit is not None,
         wrench_limit=settings.wrench_limit or (inf,) * 6,
         accelerometer_limit=(settings.accelerometer_limit or inf,) * 3))
@@ -286,9 +319,160 @@ def with_tool(model: Model, mass: float, com: Vector, inertia: Array | None = No
     return model._replace(load=Load(*(float(x) for x in numbers)))
 
 
+def with_bias(model: Model, bias: Array | tuple[float, ...]) -> Model:
+    """Return the model with another wrench bias (6,) [N, N m]."""
+    values = np.array(bias, dtype=float)
+    learning = model.bias_filter
+    return model._replace(
+        bias=tuple(values.tolist()),
+        bias_filter=None if learning is None else learning._replace(bias=values))
+
+
 def with_reach(model: Model) -> Model:
     """Return the model with what follows from its time-outs."""
     longest = max(
         model.pause, model.timeout, model.displacement_timeout, model.pose_timeout)
     reach = 2 * (longest + model.skew)
     return model._replace(reach=reach, memory=2 * reach + abs(model.delay))
+
+
+class Accuracy(NamedTuple):
+    """
+    What is to be expected of the contact wrench [N, N m].
+
+    Attributes
+    ----------
+    bandwidth : float
+        Where its answer to a contact has fallen by 3 dB [Hz].
+    rise_time : float
+        From 10 to 90 % of a step [s].
+    covariance : ndarray, shape (6, 6)
+        Of its error while the contact wanders by ``walk``, about the origin of ft_sensor.
+    innovation : ndarray, shape (6, 6)
+        Of what a reading differs from the last estimate by, where the noise is white.
+    walk : ndarray, shape (6,)
+        Wander of a contact that is expected: of the force as the settings say, of the torque
+        what the gain is best for [N/sqrt(s), N m/sqrt(s)].
+    """
+
+    bandwidth: float
+    rise_time: float
+    covariance: Array
+    innovation: Array
+    walk: Array
+
+    @property
+    def std(self) -> Array:
+        """Standard deviation of the contact wrench, shape (6,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+
+def rise_time(bandwidth: Any) -> Any:
+    """10-90 % rise [s] of the first-order filter with this corner [Hz]."""
+    return log(9.0) / (tau * bandwidth)
+
+
+def accuracy(calibration: Calibration, model: Model,
+             settings: ObserverSettings = ObserverSettings()) -> Accuracy | None:
+    """
+    Predict the error of filter ``kalman`` from the measured noise.
+
+    With the gain k of one update, what the noise R leaves is R k / (2 - k), and what a random walk
+    of variance q a period leaves q (1 - k)^2 / (k (2 - k)). Of the noise of the angular
+    acceleration, which the poses show slowly, the filter removes the fast share.
+
+    Parameters
+    ----------
+    model
+        Its :func:`~forcecal_ros.observe.design.design` by these settings.
+
+    Returns
+    -------
+    Accuracy or None
+        None where the calibration holds no noise, or another filter runs.
+    """
+    noise = calibration.noise
+    if noise is None or model.filter != KALMAN:
+        return None
+    sample, density = noise_of_reading(calibration, noise)
+    k = 1 - exp(-model.rate / noise.wrench_rate)
+    R = density * noise.wrench_rate
+    walk = np.diag(R) * k * k / (1 - k)
+    given = as_calibrated(settings, calibration).contact_walk
+    if given is not None:
+        walk[:3] = given ** 2 / noise.wrench_rate
+    error = R * k / (2 - k) + np.diag(walk) * (1 - k) ** 2 / (k * (2 - k))
+    _, by_alpha = load_maps(calibration)
+    corner = model.rotation_poles.real
+    turning = acceleration_variance(settings.pose_rotation_std, corner, settings)
+    turning = turning * by_alpha @ by_alpha.T
+    fast = fast_share(model.rate / corner)
+    bandwidth = model.rate / tau
+    return Accuracy(bandwidth, rise_time(bandwidth), error + (1 - fast) * turning,
+                    error + np.diag(walk) + sample + fast * turning,
+                    np.sqrt(walk * noise.wrench_rate))
+
+
+def noise_of_force(calibration: Calibration, bandwidths: Array) -> Array | None:
+    """
+    Return the noise of a steady contact force at each bandwidth [Hz], shape (n, 3) [N].
+
+    None where the calibration holds no noise.
+    """
+    noise = calibration.noise
+    if noise is None:
+        return None
+    _, density = noise_of_reading(calibration, noise)
+    k = 1 - np.exp(-tau * bandwidths / noise.wrench_rate)[:, np.newaxis]
+    return np.asarray(np.sqrt(np.diag(density)[:3] * noise.wrench_rate * k / (2 - k)))
+
+
+def kalman_gains(model: Model, dt: float) -> dict[str, Estimate]:
+    """
+    Return the gains of filter ``kalman`` as a calibration keeps them.
+
+    ``bandwidth`` (-3 dB) [Hz], ``contact`` (gain of one update, ``dt`` [s] after the last), and
+    the poles of the pose filters as (real, mean of the pair, split of the pair)
+    [1/s, 1/s, 1/s^2].
+    """
+    return {
+        'bandwidth': Estimate(model.rate / tau, 0.0, 'Hz'),
+        'contact': Estimate(1 - exp(-model.rate * dt), 0.0, '1'),
+        'rotation': Estimate(model.rotation_poles, 0.0, '1/s, 1/s, 1/s^2'),
+        'offset': Estimate(model.offset_poles, 0.0, '1/s, 1/s, 1/s^2'),
+    }
+
+
+def _promised(found: Accuracy | None) -> dict[str, Estimate]:
+    """Return the rise of a step and the standard deviation of the contact wrench; see Accuracy."""
+    if found is None:
+        return {}
+    return {'rise_time': Estimate(found.rise_time, 0.0, 's'),
+            'std': Estimate(found.std, 0.0, 'N, N m')}
+
+
+def _chosen_by(settings: ObserverSettings) -> dict[str, Estimate]:
+    """Return what an observer without other settings designs the same gains by."""
+    return {name: Estimate(value, 0.0, unit) for name, value, unit in (
+        ('contact_walk', settings.contact_walk, 'N/sqrt(s)'),
+        ('bandwidth_min', settings.bandwidth_min_hz, 'Hz'),
+        ('bandwidth_max', settings.bandwidth_max_hz, 'Hz')) if value is not None}
+
+
+def with_kalman_gains(calibration: Calibration, settings: ObserverSettings = ObserverSettings()
+                      ) -> Calibration:
+    """
+    Return the calibration with the gains of filter ``kalman`` written into it.
+
+    The gains are a record of what runs: the observer designs its own, by the noise, walk and
+    limits that the calibration holds. Returned as it is where it has no observer part.
+    """
+    if calibration.observer is None:
+        return calibration
+    observer = replace(calibration.observer, mode='kalman', kalman={})
+    by_kalman = replace(calibration, observer=observer)
+    settings = as_calibrated(settings, by_kalman)
+    model = design(by_kalman, settings)
+    kalman = (kalman_gains(model, observer.dt) | _chosen_by(settings)
+              | _promised(accuracy(by_kalman, model, settings)))
+    return replace(calibration, observer=replace(calibration.observer, kalman=kalman))

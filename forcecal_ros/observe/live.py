@@ -1,16 +1,27 @@
 """The chain as a node runs it: models change without a jump, and biases can be tared."""
 
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
 from math import nan, tau
 from typing import NamedTuple
 
 from forcecal_ros.core.axes import level_from_base, pose_from_wire
-from forcecal_ros.core.geometry import Array, quaternion_of
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import (
+    Array,
+    compose,
+    matrix_from_quaternion,
+    Quaternion,
+    quaternion_of,
+    rotate,
+    rotation_vector,
+)
 from forcecal_ros.observe.bandwidth import NoiseLevels
-from forcecal_ros.observe.design import Model, with_tool
-from forcecal_ros.observe.filters.memory import KALMAN, Memory
-from forcecal_ros.observe.filters.noise_level import rate_at
-from forcecal_ros.observe.payload.tracker import Tracker
-from forcecal_ros.observe.sample import ContactSample, NO_WRENCH, Wrench
+from forcecal_ros.observe.bias_filter import Belief
+from forcecal_ros.observe.contact import Memory, rate_at
+from forcecal_ros.observe.design import KALMAN, Model, with_bias, with_tool
+from forcecal_ros.observe.sample import ContactSample, describe, INVALID, NO_WRENCH, Wrench
 from forcecal_ros.observe.step import (
     finish,
     on_accelerometer,
@@ -20,19 +31,215 @@ from forcecal_ros.observe.step import (
     Result,
     State,
 )
-from forcecal_ros.observe.tare import (
-    refuse_motion,
-    Tare,
-    tare,
-    Window,
-    with_bias,
-    without_learned_bias,
-)
-from forcecal_ros.observe.tracking import product, Quaternion, rotate
+from forcecal_ros.observe.tracker import Tracker
 import numpy as np
 
+CHANNELS = ('force.x', 'force.y', 'force.z', 'torque.x', 'torque.y', 'torque.z')
+
+NOISE_FACTOR = 3.0
+"""Motion or contact is what exceeds the noise at rest so many times: noise levels drift by a
+factor of two on their own."""
+
+MIN_SAMPLES = 20
+"""Samples of a window: of fewer, chance alone looks like a drift of many times the noise."""
+
+MAX_INVALID_SHARE = 0.1
+"""Share of samples that may be missing: what a busy computer was late with now and then, where a
+sensor that is silent takes all [1]."""
+
+ONSET_TIME_S = 0.1
+"""A contact that begins shows in so much of the end of a window, or in its last sample: some
+times the rise of a contact, so that few are younger [s]."""
+
+CHANCE_SIGMA = 4.0
+"""Standard errors by which two means of noise may differ: one tare in a thousand is refused
+without a cause at most, on one of its twelve channels."""
+
+MAX_PAUSE_S = 1.0
+"""After so long without a wrench a window begins anew, as after stamps that go back: ten periods
+of the slowest sensor that is tared, 10 Hz [s]."""
+
+REST_DISTANCE_M = 5e-4
+"""A robot that stays within it over the window is at rest: 25 times the scatter of the nominal
+rig's poses [m]."""
+
+REST_ANGLE_RAD = 1e-3
+"""A robot that turns by less over the window is at rest: 50 times the scatter of the nominal
+rig's poses [rad]."""
+
 Values = tuple[float, ...]
+
 Samples = tuple[ContactSample, ...]
+
+
+@dataclass(frozen=True)
+class Tare:
+    """
+    Outcome of a tare.
+
+    Attributes
+    ----------
+    bias : ndarray, shape (6,)
+        New reading without any load, wire sign [N, N m].
+    shift : ndarray, shape (6,)
+        By how much it differs from the old one.
+    std : ndarray, shape (6,)
+        Standard error of the mean it was taken from.
+    """
+
+    bias: Array
+    shift: Array
+    std: Array
+
+
+def tare(samples: Sequence[ContactSample], model: Model, levels: NoiseLevels,
+         seconds: float = 0.5) -> Tare:
+    """
+    Find the bias that makes the contact wrench of a window zero.
+
+    The predicted weight and inertia are off already (``measured``), so the tool may be in any
+    orientation. A steady push cannot be separated from a bias; what can be is refused.
+
+    Parameters
+    ----------
+    samples
+        The window, in order of time.
+    model
+        Of the chain that made them.
+    levels
+        Noise at rest.
+    seconds : float
+        Shortest window that is accepted [s].
+
+    Raises
+    ------
+    DataError
+        Too short, estimates in it are not valid, or the tool moves or touches.
+    """
+    span = samples[-1].t - samples[0].t if samples else 0.0
+    if span < seconds or len(samples) < MIN_SAMPLES:
+        raise DataError(f'tare needs {seconds:g} s at rest and {MIN_SAMPLES} samples, the window '
+                        f'has {span:.3f} s and {len(samples)}; wait for the wrench to flow')
+    rate = (len(samples) - 1) / span
+    bad = [s.status for s in samples if s.status & INVALID]
+    if len(bad) > MAX_INVALID_SHARE * len(samples):
+        raise DataError(f'cannot tare, {len(bad)} of {len(samples)} samples are not valid: '
+                        f'{"; ".join(describe(bad[0]))}')
+    valid = [s for s in samples if not s.status & INVALID]
+    measured = np.array([s.measured for s in valid])
+    inertial = np.array([s.inertial for s in valid])
+    noise = _noise_at_rest(model, levels, rate)
+    _refuse(inertial, noise, rate, 'the tool moves', 'stop the robot')
+    _refuse(measured, noise, rate, 'the tool moves or touches something',
+            'stop the robot and clear the tool')
+    shift = measured.mean(axis=0)
+    return Tare(np.array(model.bias) + shift, shift,
+                measured.std(axis=0) / np.sqrt(len(valid)))
+
+
+def _noise_at_rest(model: Model, levels: NoiseLevels, rate: float) -> Array:
+    """
+    Return the standard deviation of ``measured`` when nothing happens, shape (6,).
+
+    A sensor that reports less often than when its noise was measured is as noisy a sample, unless
+    it filters; one that reports more often may have filtered then.
+    """
+    m = model.load.m
+    arm = float(np.linalg.norm([model.load.cx, model.load.cy, model.load.cz]))
+    wrench_rate = max(rate, levels.rate)
+    f = levels.specific_force * max(rate, levels.accelerometer_rate)
+    force = levels.force * wrench_rate + m * m * f
+    torque = levels.torque * wrench_rate + (arm * m) ** 2 * f
+    return np.sqrt(np.repeat([force, torque], 3))
+
+
+def _refuse(values: Array, noise: Array, rate: float, what: str, remedy: str) -> None:
+    """Raise where a channel scatters, drifts from one end to the other, or has just begun to."""
+    n = len(values)
+    third, last = n // 3, min(max(round(ONSET_TIME_S * rate), 1), n // 3)
+    drift = 2 * np.abs(values[-third:].mean(axis=0) - values[:third].mean(axis=0))
+    change = np.abs(values[-last:].mean(axis=0) - values[:-last].mean(axis=0))
+    for size, by_chance, word in (
+            (values.std(axis=0), 0.0, 'scatters by'),
+            (drift, 2 * np.sqrt(2 / third), 'drifts by'),
+            (change, np.sqrt(1 / last + 1 / (n - last)), 'has just changed by')):
+        allowed = np.hypot(NOISE_FACTOR, CHANCE_SIGMA * by_chance) * noise
+        worst = int(np.argmax(size / allowed))
+        if size[worst] > allowed[worst]:
+            raise DataError(
+                f'tare refused, {what}: {CHANNELS[worst]} {word} {size[worst]:.3g} '
+                f'> {allowed[worst]:.3g} {"N" if worst < 3 else "N m"}; {remedy}')
+
+
+class Window:
+    """
+    The last samples and poses: so many seconds, or longer where that is too few samples.
+
+    Attributes
+    ----------
+    seconds : float
+        How much is kept at least [s].
+    samples, poses : deque
+        In order of time; poses are (stamp [s], x y z qx qy qz qw).
+    """
+
+    def __init__(self, seconds: float) -> None:
+        self.seconds = seconds
+        self.samples: deque[ContactSample] = deque()
+        self.poses: deque[tuple[float, tuple[float, ...]]] = deque()
+
+    def clear(self) -> None:
+        """Begin anew."""
+        self.samples.clear()
+        self.poses.clear()
+
+    def add(self, sample: ContactSample) -> None:
+        """Keep a sample; what remains spans ``seconds`` as soon as so much arrived."""
+        samples = self.samples
+        if samples and not 0 <= sample.t - samples[-1].t <= MAX_PAUSE_S:
+            self.clear()
+        samples.append(sample)
+        while len(samples) > MIN_SAMPLES and sample.t - samples[1].t >= self.seconds:
+            samples.popleft()
+
+    def add_pose(self, t: float, pose: tuple[float, ...]) -> None:
+        """Keep a pose as long as there are samples of its time."""
+        poses = self.poses
+        poses.append((t, pose))
+        oldest = self.samples[0].t if self.samples else t - self.seconds
+        # where the wrench has stopped
+        oldest = max(oldest, t - self.seconds - MIN_SAMPLES * MAX_PAUSE_S)
+        while poses and poses[0][0] < oldest:
+            poses.popleft()
+
+    def poses_of_samples(self) -> list[tuple[float, ...]]:
+        """Return the poses from the first sample on."""
+        return [pose for t, pose in self.poses if self.samples and self.samples[0].t <= t]
+
+
+def refuse_motion(poses: Sequence[tuple[float, ...]]) -> None:
+    """
+    Refuse to tare a robot that is not at rest.
+
+    Parameters
+    ----------
+    poses : sequence of tuple of 7 float
+        Of the window: x y z [m] qx qy qz qw; NaN positions are not looked at.
+
+    Raises
+    ------
+    DataError
+        The robot moved in the window; with the number.
+    """
+    if len(poses) < 2:
+        return
+    table = np.array(poses)
+    distance = float(np.linalg.norm(table[:, :3] - table[0, :3], axis=1).max())
+    R = matrix_from_quaternion(table[:, 3:])
+    angle = float(np.linalg.norm(rotation_vector(R[0].T @ R), axis=1).max())
+    if distance > REST_DISTANCE_M or angle > REST_ANGLE_RAD:
+        raise DataError(f'tare refused, the robot moves: {distance * 1e3:.2f} mm, '
+                        f'{angle * 1e3:.2f} mrad within the window; stop the robot')
 
 
 class Tally(NamedTuple):
@@ -57,9 +264,9 @@ class LiveObserver:
     state : State
         Of the chain.
     tracker : Tracker or None
-        Follows what hangs on the sensor, where it is wanted.
+        Follows what hangs on the sensor, if enabled.
     takes_tracked : bool
-        Whether the load of that is taken off from then on.
+        Whether the load of that is removed from then on.
     """
 
     def __init__(self, tare_duration: float, fade_duration: float) -> None:
@@ -111,7 +318,7 @@ class LiveObserver:
         self._level = None if R is None else quaternion_of(R)
         self._rotation = sensor_rotation
         self._turn = pose_from_wire(sensor_rotation)
-        self.state = without_learned_bias(self.state)
+        forget_learned_bias(self.state)
 
     def take_settings(self, model: Model) -> None:
         """Do the same for a model of the same calibration, whose bias may have been tared."""
@@ -121,7 +328,7 @@ class LiveObserver:
                        self._rotation)
 
     def take_tool(self, mass: float, com: Array, inertia: Array | None = None) -> None:
-        """Take off another load from the next wrench on; see ``design.with_tool``."""
+        """Remove another load from the next wrench on; see ``design.with_tool``."""
         if self.model is not None:
             x, y, z = np.asarray(com).tolist()
             self.take_settings(with_tool(self.model, mass, (x, y, z), inertia))
@@ -149,7 +356,7 @@ class LiveObserver:
         """Take in a pose: position, quaternion xyzw."""
         if self._level is not None:
             x, y, z, a, b, c, d = values
-            values = (*rotate(self._level, (x, y, z)), *product(self._level, (a, b, c, d)))
+            values = (*rotate(self._level, (x, y, z)), *compose(self._level, (a, b, c, d)))
         self.window.add_pose(t, values)
         return self._answer(on_pose(
             self.state, t, values[:3], values[3:], self.model))  # type: ignore[arg-type]
@@ -176,11 +383,11 @@ class LiveObserver:
             self.take_tool(news.mass, news.com)
 
     def _smooth(self, sample: ContactSample) -> ContactSample:
-        """Fade over from what was published before, and keep what a tare and a report want."""
+        """Fade over from what was published before, and keep what a tare and a report need."""
         kept = sample
         if self._changed and self._last is not None:
             self._changed = False
-            self.state, kept = rebased(self.state, self._last, sample)
+            kept = rebase(self.state, self._last, sample)
             self._fade = begin_fade(kept.t, self.fade_duration, self._published, kept.contact)
         sample = kept
         if self._fade is not None:
@@ -206,7 +413,7 @@ class LiveObserver:
         refuse_motion(self.window.poses_of_samples())
         result = tare(tuple(self.window.samples), model, levels, self.window.seconds)
         self.model = with_bias(model, result.bias)
-        self.state = without_learned_bias(self.state)
+        forget_learned_bias(self.state)
         self.window.clear()
         if self.tracker is not None:
             self.tracker.tared(result.shift)
@@ -219,7 +426,7 @@ class LiveObserver:
 
     @property
     def noise_level(self) -> float:
-        """Variance of the wrench's noise over that in the calibration, as ``kalman`` hears it."""
+        """Variance of the wrench's noise over that in the calibration, by ``kalman``."""
         memory = self.state.filter
         return memory.noise.level if isinstance(memory, Memory) else 1.0
 
@@ -245,15 +452,14 @@ class LiveObserver:
 
 
 class Fade(NamedTuple):
-    """A difference that is still to be taken off, from ``start`` on, over ``duration`` [s]."""
+    """A difference that is still to be removed, from ``start`` on, over ``duration`` [s]."""
 
     start: float
     duration: float
     difference: Wrench
 
 
-def rebased(state: State, before: ContactSample, sample: ContactSample
-            ) -> tuple[State, ContactSample]:
+def rebase(state: State, before: ContactSample, sample: ContactSample) -> ContactSample:
     """
     Move the contact filter to where a new model puts it, so that only a fade is seen of that.
 
@@ -261,12 +467,12 @@ def rebased(state: State, before: ContactSample, sample: ContactSample
     old one. Filters that estimate biases begin anew with a model, and stay as they are.
     """
     if not isinstance(state.filter, Memory):
-        return state, sample
+        return sample
     a, b, c, d, e, f = (old + new - was for old, new, was in zip(
         before.contact, sample.measured, before.measured))
     contact = (a, b, c, d, e, f)
-    return (state._replace(filter=state.filter._replace(contact=contact)),
-            sample._replace(contact=contact))
+    state.filter = state.filter._replace(contact=contact)
+    return sample._replace(contact=contact)
 
 
 def begin_fade(t: float, duration: float, before: Wrench, after: Wrench) -> Fade:
@@ -280,7 +486,7 @@ def begin_fade(t: float, duration: float, before: Wrench, after: Wrench) -> Fade
     duration : float
         [s]
     before, after : tuple of 6 float
-        What was published last, and what the new model says [N, N m].
+        What was published last, and what the new model gives [N, N m].
     """
     a, b, c, d, e, f = (x - y for x, y in zip(before, after))
     return Fade(t, duration, (a, b, c, d, e, f))
@@ -288,7 +494,7 @@ def begin_fade(t: float, duration: float, before: Wrench, after: Wrench) -> Fade
 
 def faded(fade: Fade, t: float, wrench: Wrench) -> Wrench | None:
     """
-    Take off what is due of the difference at ``t`` [s], smoothly.
+    Remove what is due of the difference at ``t`` [s], smoothly.
 
     None once the fade is over, or where time went back.
     """
@@ -298,3 +504,9 @@ def faded(fade: Fade, t: float, wrench: Wrench) -> Wrench | None:
     k = 1.0 - x * x * (3.0 - 2.0 * x)
     a, b, c, d, e, f = (w + k * difference for w, difference in zip(wrench, fade.difference))
     return a, b, c, d, e, f
+
+
+def forget_learned_bias(state: State) -> None:
+    """Let a filter that estimates biases begin anew, from the bias that its model has now."""
+    if isinstance(state.filter, Belief):
+        state.filter = Memory()

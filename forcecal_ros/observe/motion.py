@@ -1,37 +1,88 @@
 """
-Motion of the sensor as poses tell it, and specific force as the accelerometer does.
+Motion of the sensor by its poses, and specific force by the accelerometer.
 
-One third-order filter serves twice. Its third state ``o`` is what the accelerometer shows too
-much: dv/dt = R (f - o) + g. Without an accelerometer, f = 0 and ``-o`` is the specific force
-itself, as the second derivative of the pose has it. Force innovations never enter here: a
-contact must not become an offset.
+One third-order filter serves twice. Its third state ``o`` is the offset of the accelerometer:
+dv/dt = R (f - o) + g. Without an accelerometer, f = 0 and ``-o`` is the specific force itself, the
+second derivative of the pose. Force innovations never enter here: a contact must not become an
+offset. Plain floats and tuples, since a step of a few hundred operations is slower in arrays.
 """
 
-from math import inf, isfinite
+from math import cos, cosh, exp, inf, isfinite, sqrt
 from typing import NamedTuple
 
-from forcecal_ros.observe.align import Reading
-from forcecal_ros.observe.design import Model
-from forcecal_ros.observe.filters.memory import NEWTON
-from forcecal_ros.observe.status import saturated
-from forcecal_ros.observe.tracking import (
-    Poles,
+from forcecal_ros.core.geometry import (
+    advance_rotation,
     Quaternion,
     rotate,
     rotate_back,
-    Rotation,
-    track_rotation,
-    tracking_gains,
+    rotation_between,
     Vector,
     ZERO,
 )
+from forcecal_ros.observe.align import Reading
+from forcecal_ros.observe.bandwidth import Poles
+from forcecal_ros.observe.design import Model, NEWTON
+from forcecal_ros.observe.sample import saturated
 
-OFFSET_DELAY = 0.3
+ROTATION_JUMP_SQUARED = 0.09
+"""An orientation more than 0.3 rad from where it was predicted is no noise but another motion:
+the filter starts anew there. Its square [rad^2]."""
+
+OFFSET_DELAY_S = 0.3
 """A filter that was just started does not know its velocity, and would take the error that this
 makes for an offset: it leaves the offset alone for this long [s]."""
 
 NO_RUN = inf
-"""Stands for the run of an accelerometer where there is none."""
+"""The run of an accelerometer where there is none."""
+
+
+def tracking_gains(dt: float, poles: Poles) -> Vector:
+    """
+    Place the poles of a filter on position, velocity and acceleration for one period ``dt`` [s].
+
+    Returns what an innovation adds to position, to velocity and to acceleration
+    [1, 1/s, 1/s^2].
+    """
+    z = exp(-poles.real * dt)
+    r = exp(-poles.mean * dt)
+    split = poles.split
+    pair = 2 * r * (cos(sqrt(split) * dt) if split >= 0 else cosh(sqrt(-split) * dt))
+    c2, c1, c0 = -(z + pair), z * pair + r * r, -z * r * r
+    a = 1 + c0
+    g = c1 + c2 + a
+    b = c2 + 3 - a - g / 2
+    return a, b / dt, g / (dt * dt)
+
+
+class Rotation(NamedTuple):
+    """Filtered orientation, with angular velocity and acceleration in ft_sensor at time ``t``."""
+
+    t: float
+    q: Quaternion
+    omega: Vector
+    alpha: Vector
+
+
+def track_rotation(state: Rotation, t: float, q: Quaternion, poles: Poles) -> Rotation:
+    """
+    Take in one orientation measured at ``t`` > ``state.t``: predict, compare on SO(3), correct.
+
+    Starts anew after a jump, see ``ROTATION_JUMP_SQUARED``.
+    """
+    dt = t - state.t
+    (wx, wy, wz), (ax, ay, az) = state.omega, state.alpha
+    h = dt / 2
+    wx, wy, wz = wx + h * ax, wy + h * ay, wz + h * az
+    predicted = advance_rotation(state.q, wx * dt, wy * dt, wz * dt)
+    ex, ey, ez = rotation_between(predicted, q)
+    if not ex * ex + ey * ey + ez * ez < ROTATION_JUMP_SQUARED:
+        return Rotation(t, q, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    k1, k2, k3 = tracking_gains(dt, poles)
+    return Rotation(
+        t, advance_rotation(predicted, k1 * ex, k1 * ey, k1 * ez),
+        (wx + h * ax + k2 * ex, wy + h * ay + k2 * ey, wz + h * az + k2 * ez),
+        (ax + k3 * ex, ay + k3 * ey, az + k3 * ez))
+
 
 JUMP_SQUARED = 0.25
 """A pose further than 0.5 m from where it was predicted is no noise but another place (a robot
@@ -72,7 +123,7 @@ class Place(NamedTuple):
     integral: Vector
 
 
-NOWHERE = Place(-inf, -inf, NO_RUN, ZERO, ZERO, ZERO, ZERO)
+UNKNOWN_PLACE = Place(-inf, -inf, NO_RUN, ZERO, ZERO, ZERO, ZERO)
 
 
 class MotionEstimate(NamedTuple):
@@ -84,7 +135,7 @@ class MotionEstimate(NamedTuple):
     rotation : Rotation
         Of time -inf before the first pose.
     place : Place
-        Of time -inf where nothing tells.
+        Of time -inf where not known.
     offset : tuple of 3 float
         Of the accelerometer beyond its calibration, ft_sensor [m/s^2].
     offset_known, position : bool
@@ -92,7 +143,7 @@ class MotionEstimate(NamedTuple):
     """
 
     rotation: Rotation = Rotation(-inf, (0.0, 0.0, 0.0, 1.0), ZERO, ZERO)
-    place: Place = NOWHERE
+    place: Place = UNKNOWN_PLACE
     offset: Vector = ZERO
     offset_known: bool = False
     position: bool = False
@@ -163,7 +214,7 @@ def take_pose(motion: MotionEstimate, t: float, position: Vector, q: Quaternion,
             if model.ac_rate > 0 or model.track_offset:
                 offset, offset_known = place.o, True
     else:
-        place = NOWHERE
+        place = UNKNOWN_PLACE
     return MotionEstimate(rotation, place, offset, offset_known, known)
 
 
@@ -174,9 +225,9 @@ def _place_by_pose(place: Place, rotation: Rotation, anchor: Vector, moving: boo
     if not moving or place.run != NO_RUN:
         v = place.v if moving else ZERO
         return Place(t, t, NO_RUN, anchor, v, gravity_in_sensor(rotation.q, model.gravity), ZERO)
-    turned = Place(place.t, place.since, place.run, place.p, place.v,
+    carried_on = Place(place.t, place.since, place.run, place.p, place.v,
                    carried(place.o, rotation.omega, t - place.t), place.integral)
-    return track_place(turned, t, rotation.q, rotation.omega, anchor, ZERO, model.gravity,
+    return track_place(carried_on, t, rotation.q, rotation.omega, anchor, ZERO, model.gravity,
                        model.motion_poles)
 
 
@@ -222,7 +273,7 @@ def track_place(
     if not ex * ex + ey * ey + ez * ez < JUMP_SQUARED:
         return Place(t, t, place.run, position, (0.0, 0.0, 0.0), place.o, integral)
     k1, k2, k3 = tracking_gains(dt, poles)
-    if place.run == NO_RUN or t - place.since > OFFSET_DELAY:
+    if place.run == NO_RUN or t - place.since > OFFSET_DELAY_S:
         cx, cy, cz = rotate_back(q, (ex, ey, ez))
         ox, oy, oz = ox - k3 * cx, oy - k3 * cy, oz - k3 * cz
     return Place(

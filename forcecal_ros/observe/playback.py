@@ -1,21 +1,37 @@
-"""The chain over a recording, by the same step as in the node, sample by sample or at once."""
+"""
+The chain over a recording, by the same step as in the node, sample by sample or at once.
+
+Live, a stream that pauses for longer than its time-out counts as missing, and one that begins
+again is waited for. A recording holds all that will ever come, so nothing is waited for, and what
+a pause is follows from the stream itself: a log at 10 Hz pauses no more than one at 1 kHz. A
+recording also shows how noisy its poses are.
+"""
 
 from collections.abc import Iterator
 from dataclasses import replace
 from heapq import merge
+from math import inf
 from operator import itemgetter
-from typing import Any
+from typing import Any, NamedTuple
 
 from forcecal_ros.core.axes import in_axes_of_pose, levelled
-from forcecal_ros.core.calibration import Accelerometer, Calibration
+from forcecal_ros.core.calibration import Accelerometer, Calibration, Estimate, Noise
 from forcecal_ros.core.errors import ConfigError, DataError, UnobservableError
-from forcecal_ros.core.geometry import Array, quaternion_from_matrix
-from forcecal_ros.core.streams import Recording, Stream
+from forcecal_ros.core.geometry import Array, quaternion_from_matrix, rotation_vector
+from forcecal_ros.core.noise.white import white_covariance
+from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from forcecal_ros.core.topics import naming, require
-from forcecal_ros.observe.design import design, Model
-from forcecal_ros.observe.from_file import interpolated, is_slow, never_late, within_gaps
-from forcecal_ros.observe.pose_free.model import Imu, pose_free_model
-from forcecal_ros.observe.pose_free.step import pose_free_step, PoseFreeSample, PoseFreeState
+from forcecal_ros.observe.bandwidth import ROTATION_CORNERS
+from forcecal_ros.observe.design import design, Model, with_reach
+from forcecal_ros.observe.live import LiveObserver
+from forcecal_ros.observe.payload import Change, payload_model, PayloadSettings, ToolEstimate
+from forcecal_ros.observe.pose_free import (
+    Imu,
+    pose_free_model,
+    pose_free_step,
+    PoseFreeSample,
+    PoseFreeState,
+)
 from forcecal_ros.observe.sample import (
     ByImu,
     ContactEstimate,
@@ -34,9 +50,34 @@ from forcecal_ros.observe.step import (
     Result,
     State,
 )
+from forcecal_ros.observe.tracker import Tracker
 import numpy as np
 
 Event = tuple[float, str, Any]
+
+FADE_S = 0.5
+"""Over which another tool is faded in, as ``takeover.duration`` of the node [s]."""
+
+GAP_PERIODS = 4.0
+"""Gaps are bridged up to this many median periods of their stream: two messages lost in a row,
+and stamps that jitter by half a period at either end."""
+
+MAX_STEP = 2.0
+"""Periods of the pose above this over the corner of the pose filter leave it deadbeat, at the
+mercy of each pose: with the corner of 150 rad/s that quiet sensors allow, below 75 Hz [1]."""
+
+POSE_STEP_S = 1 / 250
+"""Slow poses are interpolated to this period at most, the one that the pose filters are designed
+for [s]."""
+
+POSES_PER_BLOCK = 50
+"""Poses of a block that noise is measured in: known to 12 % there [1]."""
+
+MIN_SPLINE_POSES = 4
+"""A spline needs as many; shorter runs are left as they are."""
+
+MIN_NOISE_SAMPLES = 100
+"""Samples that a covariance is taken from: it is then known to 14 % in each direction."""
 
 
 def replay(recording: Recording, calibration: Calibration,
@@ -53,7 +94,7 @@ def replay(recording: Recording, calibration: Calibration,
     imu : Imu or None
         Where given, accelerometer and gyro tell where down is, and the pose is not looked at.
     progress : callable
-        Told how many samples were done since it was told last.
+        Called with the number of samples done since its last call.
 
     Raises
     ------
@@ -75,7 +116,7 @@ def replay(recording: Recording, calibration: Calibration,
     # the node, which never replays, need not load the compiler
     from forcecal_ros.observe.batch import estimates, in_order
 
-    model = never_late(design(calibration, settings), recording)
+    model = recorded_model(recording, calibration, settings)
     if not in_order(recording):
         return collected(*run(recording, model))
     if recording.pose is not None and is_slow(recording.pose, model):
@@ -94,14 +135,14 @@ def as_calibrated(recording: Recording, calibration: Calibration) -> tuple[Recor
     """
     recording = in_axes_of_pose(levelled(recording, calibration.gravity_direction),
                                 calibration.sensor_rotation)
-    wrench, wanted = recording.wrench, calibration.accelerometer
+    wrench, sensor = recording.wrench, calibration.accelerometer
     require(recording, ['wrench'])
     assert wrench is not None
-    if (wanted is not None and recording.accelerometer is not None
-            and recording.accelerometer_unit != wanted.unit):
+    if (sensor is not None and recording.accelerometer is not None
+            and recording.accelerometer_unit != sensor.unit):
         raise DataError(
             f'the accelerometer is recorded in {recording.accelerometer_unit}, the calibration '
-            f'is for {wanted.unit}; calibrate with the same sensor')
+            f'is for {sensor.unit}; calibrate with the same sensor')
     return recording, wrench
 
 
@@ -112,7 +153,7 @@ def _replay_pose_free(recording: Recording, wrench: Stream, calibration: Calibra
     accelerometer = calibration.accelerometer
     if accelerometer is None or force is None or omega is None or not len(force) * len(omega):
         raise UnobservableError(
-            f'{recording.source or "the recording"} tells gravity neither by a pose nor by '
+            f'{recording.source or "the recording"} shows gravity neither by a pose nor by '
             'accelerometer and angular velocity (sensor_msgs/Imu); record one of the two')
     delay = float(accelerometer.delay)
     f = (within_gaps(force, wrench.t + delay) - accelerometer.offset.value) @ np.linalg.inv(
@@ -157,7 +198,7 @@ def run(recording: Recording, model: Model) -> tuple[State, list[ContactSample]]
 
 
 def answers(recording: Recording, model: Model) -> Iterator[Result]:
-    """Feed a recording to the step and return what it says to every event, and at the end."""
+    """Feed a recording to the step and return its answer to every event, and at the end."""
     state = State()
     for event in events(recording):
         state, out = on_event(state, event, model)
@@ -204,3 +245,234 @@ def collected(state: State | None, samples: list[ContactSample]) -> ContactEstim
         t, contact, measured, innovation, inertial, status,
         state.refusals.counts if state is not None else (0,) * 4,
         None if learned[0] is None else stacked(list(learned)))
+
+
+def gap_limit(stream: Stream | PoseStream | None, least: float) -> float:
+    """Return the longest gap of a stream that is bridged, no shorter than ``least`` [s]."""
+    if stream is None or len(stream) < 3:
+        return least
+    with np.errstate(invalid='ignore'):
+        period = float(np.median(np.diff(stream.t)))
+    return max(least, GAP_PERIODS * period) if period < np.inf else least
+
+
+def never_late(model: Model, recording: Recording) -> Model:
+    """Return the model with the time-outs of a recording, which are no shorter than live ones."""
+    return with_reach(model._replace(
+        pause=gap_limit(recording.wrench, model.pause),
+        timeout=gap_limit(recording.accelerometer, model.timeout),
+        displacement_timeout=gap_limit(recording.optidrive, model.displacement_timeout),
+        pose_timeout=gap_limit(recording.pose, model.pose_timeout),
+        keep=gap_limit(recording.wrench, model.keep), skew=0.0))
+
+
+def recorded_model(recording: Recording, calibration: Calibration, settings: ObserverSettings
+                   ) -> Model:
+    """Design the model of a recording, by the noise of its poses and with its time-outs."""
+    if recording.pose and not recording.pose.has_position and settings.offset == 'auto':
+        settings = replace(settings, position=False)
+    model = design(calibration, with_pose_noise(settings, recording.pose),
+                   recording.accelerometer is not None)
+    return never_late(model, recording)
+
+
+def with_pose_noise(settings: ObserverSettings, pose: PoseStream | None) -> ObserverSettings:
+    """
+    Return the settings with the noise that poses show, where it is more than they expect.
+
+    Each pose is compared with a cubic through its four neighbours, at their own stamps. A motion
+    adds to the difference, so the quieter blocks of the recording count. Slow poses do not
+    separate noise from motion: the settings stay.
+    """
+    if pose is None or len(pose) < MIN_NOISE_SAMPLES:
+        return settings
+    period = float(np.median(np.diff(pose.t)))
+    if not 0 < period * ROTATION_CORNERS[1] <= MAX_STEP:
+        return settings
+    around, R, n = (-2, -1, 1, 2), pose.R_base_sensor, len(pose)
+    t = np.stack([pose.t[2 + k:n - 2 + k] - pose.t[2:-2] for k in around])
+    with np.errstate(divide='ignore', invalid='ignore'):
+        weights = np.stack([np.prod([t[j] / (t[j] - t[i]) for j in range(4) if j != i], axis=0)
+                            for i in range(4)])
+    position, rotation = np.zeros((2, n - 4, 3))
+    for k, w in zip(around, weights[:, :, np.newaxis]):
+        position += w * (pose.position[2 + k:n - 2 + k] - pose.position[2:-2])
+        rotation += w * rotation_vector(np.swapaxes(R[2:-2], 1, 2) @ R[2 + k:n - 2 + k])
+    # the settings state a deviation at their own rate: the same density
+    scale = period * settings.pose_rate / 3 / (1 + (weights ** 2).sum(axis=0))
+    found = [_quiet(scale * (one * one).sum(axis=1)) for one in (position, rotation)]
+    return replace(settings,
+                   pose_position_std=max(settings.pose_position_std, found[0]),
+                   pose_rotation_std=max(settings.pose_rotation_std, found[1]))
+
+
+def _quiet(squares: Array) -> float:
+    """Return the deviation of the blocks that are quieter than three quarters; 0 where unknown."""
+    squares = squares[np.isfinite(squares)]
+    whole = len(squares) // POSES_PER_BLOCK * POSES_PER_BLOCK
+    blocks = squares[:whole].reshape(-1, POSES_PER_BLOCK)
+    return float(np.sqrt(np.quantile(blocks.mean(axis=1), 0.25))) if len(blocks) else 0.0
+
+
+def is_slow(pose: PoseStream, model: Model) -> bool:
+    """Whether poses come too slowly for the filter that follows them."""
+    return gap_limit(pose, 0.0) * model.rotation_poles.real > GAP_PERIODS * MAX_STEP
+
+
+def interpolated(pose: PoseStream, gap: float) -> PoseStream:
+    """
+    Put poses between those of a slow stream, by a spline that keeps its accelerations smooth.
+
+    A filter that follows poses as they come lags behind slow ones by a period or more. Gaps
+    longer than ``gap`` [s] stay gaps.
+    """
+    runs = [_between(run) for run in _runs(pose, gap)]
+    return PoseStream(np.concatenate([run.t for run in runs]),
+                      np.concatenate([run.position for run in runs]),
+                      np.concatenate([run.R_base_sensor for run in runs]), pose.frame)
+
+
+def _runs(pose: PoseStream, gap: float) -> Iterator[PoseStream]:
+    """Cut a stream at its gaps, and where its positions begin or cease to be known."""
+    known = np.isfinite(pose.position).all(axis=1)
+    cuts = np.flatnonzero((np.diff(pose.t) > gap) | (np.diff(known.astype(int)) != 0)) + 1
+    for i, j in zip([0, *cuts.tolist()], [*cuts.tolist(), len(pose)]):
+        yield PoseStream(pose.t[i:j], pose.position[i:j], pose.R_base_sensor[i:j], pose.frame)
+
+
+def _between(run: PoseStream) -> PoseStream:
+    from scipy.interpolate import CubicSpline
+    from scipy.spatial.transform import Rotation, RotationSpline
+
+    if len(run) < MIN_SPLINE_POSES:
+        return run
+    parts = np.ceil(np.diff(run.t) / POSE_STEP_S - 1e-6).astype(int)
+    t = np.append(np.concatenate([
+        start + (end - start) * np.arange(n) / n
+        for start, end, n in zip(run.t[:-1], run.t[1:], parts)]), run.t[-1])
+    position = np.full((len(t), 3), np.nan)
+    if np.isfinite(run.position).all():
+        position = CubicSpline(run.t, run.position)(t)
+    spline = RotationSpline(run.t, Rotation.from_matrix(run.R_base_sensor))
+    return PoseStream(t, position, spline(t).as_matrix(), run.frame)
+
+
+def within_gaps(stream: Stream, t: Array) -> Array:
+    """
+    Interpolate a stream at times (n,) [s]; NaN in its gaps, and that far beyond its ends.
+
+    Up to the longest gap that is bridged the last value is held beyond an end.
+    """
+    limit = gap_limit(stream, 0.0)
+    values = stream.at(t)
+    after = np.searchsorted(stream.t, t)
+    before = np.clip(after - 1, 0, None)
+    i, j = before, np.clip(after, None, len(stream) - 1)
+    inside = (after > 0) & (after < len(stream))
+    far = np.where(inside, stream.t[j] - stream.t[i] > limit,
+                   np.maximum(stream.t[0] - t, t - stream.t[-1]) > limit)
+    on_sample = np.isin(t, stream.t)
+    values[far & ~on_sample] = np.nan
+    return values
+
+
+def white_noise(stream: Stream) -> Array:
+    """
+    Covariance (k, k) of the white part of a signal (n, k), motion or not.
+
+    Raises
+    ------
+    DataError
+        Fewer than 100 samples.
+    """
+    if len(stream) < MIN_NOISE_SAMPLES:
+        raise DataError(f'{len(stream)} samples do not show the noise; record '
+                        f'{MIN_NOISE_SAMPLES} or more')
+    return white_covariance(stream.values)
+
+
+def with_noise(calibration: Calibration, recording: Recording) -> Calibration:
+    """
+    Return the calibration with the noise of wrench and accelerometer as this recording shows it.
+
+    Q and R of [Gamez2005] stay unknown.
+
+    Raises
+    ------
+    DataError
+        The recording holds no wrench, or is too short.
+    """
+    wrench, force, sensor = recording.wrench, recording.accelerometer, calibration.accelerometer
+    require(recording, ['wrench'])
+    assert wrench is not None
+    specific_force = None
+    if force is not None and sensor is not None:
+        inverse = np.linalg.inv(sensor.matrix)
+        specific_force = Estimate(inverse @ white_noise(force) @ inverse.T, np.nan, '(m/s^2)^2')
+    unknown = np.full((3, 3), np.nan)
+    return replace(calibration, noise=Noise(
+        Q=Estimate(unknown[:2, :2], np.nan, '(m, m/s)^2 s'),
+        R=Estimate(unknown, np.nan, '(m, m/s, m/s^2)^2 s'),
+        wrench=Estimate(white_noise(wrench), np.nan, '(N, N m)^2'),
+        specific_force=specific_force, wrench_rate=wrench.rate,
+        accelerometer_rate=force.rate if force is not None else float('nan')))
+
+
+class Followed(NamedTuple):
+    """
+    What hung on the sensor over a recording.
+
+    Attributes
+    ----------
+    contact : ContactEstimate
+        Of the tool as it was known by then.
+    tools : tuple of ToolEstimate
+        One for every block of some 50 ms.
+    announced : tuple of ToolEstimate
+        Those that the contact wrench was taken from then on, the calibration's first.
+    changes : tuple of Change
+    """
+
+    contact: ContactEstimate
+    tools: tuple[ToolEstimate, ...]
+    announced: tuple[ToolEstimate, ...]
+    changes: tuple[Change, ...]
+
+
+def follow(recording: Recording, calibration: Calibration,
+           settings: ObserverSettings = ObserverSettings(),
+           payload: PayloadSettings = PayloadSettings(),
+           ) -> Followed:
+    """
+    Estimate the contact wrench over a recording, and what hangs on the sensor along.
+
+    As the node does with ``payload.track`` and ``tool: tracked``. Raises as
+    :func:`~forcecal_ros.observe.playback.replay`.
+
+    Raises
+    ------
+    UnobservableError
+        There is no pose.
+    """
+    recording, _ = as_calibrated(recording, calibration)
+    if not recording.pose:
+        raise UnobservableError(f'{recording.source or "the recording"} holds no pose, by which '
+                                f'a payload is separated from a push; {naming(recording, "pose")}')
+    live = LiveObserver(FADE_S, FADE_S)
+    live.take_over(recorded_model(recording, calibration, settings))
+    tracker = live.tracker = Tracker(payload_model(calibration, payload))
+    live.takes_tracked = True
+    takes = {'wrench': live.on_wrench, 'accelerometer': live.on_accelerometer,
+             'pose': live.on_pose, 'displacement': live.on_displacement}
+    samples: list[ContactSample] = []
+    tools: list[ToolEstimate] = []
+    announced = [tracker.announced._replace(t=float(recording.pose.t[0]))]
+    for t, kind, values in events(recording):
+        samples.extend(takes[kind](t, values))
+        if tracker.latest.t > (tools[-1].t if tools else -inf):
+            tools.append(tracker.latest)
+        if tracker.announced.t > announced[-1].t:
+            announced.append(tracker.announced)
+    samples.extend(live.finish())
+    return Followed(collected(live.state, samples), tuple(tools), tuple(announced),
+                    tracker.changes)

@@ -1,13 +1,84 @@
-"""What the chain answers: one sample for each wrench, and the same over a whole recording."""
+"""Result of the chain: one sample for each wrench, its status bits, and whole recordings."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import IntFlag
 from typing import Any, NamedTuple
 
-from forcecal_ros.core.geometry import Array
-from forcecal_ros.observe.status import INVALID
+from forcecal_ros.core.geometry import Array, Vector
 import numpy as np
 from numpy.typing import NDArray
+
+
+class Status(IntFlag):
+    """What was missing or wrong, one bit each; 0 when all is well."""
+
+    OK = 0
+    NO_ACCELEROMETER = 1
+    NO_POSE = 2
+    NO_POSITION = 4
+    DISPLACEMENT_FROM_FORCE = 8
+    OFFSET_HELD = 16
+    NO_GRAVITY = 32
+    BAD_WRENCH = 64
+    RESTARTED = 128
+    SATURATED = 256
+    NO_GYRO = 512
+    NOISY = 1024
+
+
+# plain integers, because compiled code knows no IntFlag
+(NO_ACCELEROMETER, NO_POSE, NO_POSITION, DISPLACEMENT_FROM_FORCE, OFFSET_HELD, NO_GRAVITY,
+ BAD_WRENCH, RESTARTED, SATURATED, NO_GYRO, NOISY) = map(int, Status)
+
+INVALID = NO_GRAVITY | BAD_WRENCH
+"""With one of these the contact wrench is not to be used: it repeats the last estimate."""
+
+DEGRADED = NO_ACCELEROMETER | NO_POSE | RESTARTED | SATURATED | NO_GYRO | NOISY
+"""With one of these it is less accurate than the calibration promises."""
+
+
+_TEXT = {
+    NO_ACCELEROMETER: 'no accelerometer: acceleration from the pose, slower and noisier; without '
+                      'a pose, gravity from the gyro alone',
+    NO_POSE: 'no pose: the rotation is taken to be zero, gravity comes from the accelerometer',
+    NO_POSITION: 'the pose holds no position',
+    DISPLACEMENT_FROM_FORCE: 'no displacement sensor: the spring force stands in',
+    OFFSET_HELD: 'the accelerometer offset is held, not tracked',
+    NO_GRAVITY: 'weight unknown: neither pose nor accelerometer shows the direction of gravity; '
+                'the last estimate is repeated',
+    BAD_WRENCH: 'the wrench is no usable number; the last estimate is repeated',
+    RESTARTED: 'the filter was restarted: the wrench had paused, or a covariance was no longer '
+               'positive definite',
+    SATURATED: 'a sensor is at the end of its range',
+    NO_GYRO: 'no gyro: gravity is followed by the accelerometer alone',
+    NOISY: 'the wrench is noisier than calibrated: the filter is slower than designed',
+}
+
+
+def describe(status: int) -> tuple[str, ...]:
+    """Return one sentence for each bit that is set; none when all is well."""
+    return tuple(text for bit, text in _TEXT.items() if status & bit)
+
+
+def level(status: int) -> str:
+    """Return ``error``, ``warn`` or ``ok``, as diagnostics need it."""
+    if status & INVALID:
+        return 'error'
+    return 'warn' if status & DEGRADED else 'ok'
+
+
+def saturated(values: tuple[float, ...], limits: tuple[float, ...]) -> bool:
+    """Whether a reading is at the end of its sensor's range; limits infinite where unknown."""
+    for value, limit in zip(values, limits):
+        if abs(value) >= limit:
+            return True
+    return False
+
+
+MAX_READING = 1e6
+"""A larger value is not a reading, in N, N m, V, m/s^2 or m: no wrist sensor reads a
+meganewton."""
 
 Wrench = tuple[float, float, float, float, float, float]
 """Force [N] and torque [N m]."""
@@ -15,9 +86,34 @@ Wrench = tuple[float, float, float, float, float, float]
 NO_WRENCH: Wrench = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
+class Unloaded(NamedTuple):
+    """
+    One wrench as the filters take it in.
+
+    Attributes
+    ----------
+    t : float
+        Stamp [s].
+    status : int
+        Bits of :mod:`forcecal_ros.observe.status`; ``INVALID``: all else is zero.
+    measured : tuple of 6 float
+        Wire - bias - inertial [N, N m].
+    inertial : tuple of 6 float
+        What weight and motion of the tool put on the wire [N, N m].
+    f : tuple of 3 float
+        Specific force at the accelerometer, as far as it counts [m/s^2].
+    """
+
+    t: float
+    status: int
+    measured: Wrench
+    inertial: Wrench
+    f: Vector
+
+
 class Learned(NamedTuple):
     """
-    What a filter that estimates the wrench biases says of itself.
+    Quality of a filter that estimates the wrench biases.
 
     Shapes are those of one sample; over a recording each has the samples first.
 
@@ -77,7 +173,7 @@ class ContactSample(NamedTuple):
 
 class ByImu(NamedTuple):
     """
-    What a chain without a pose found besides; the samples first.
+    What a chain without a pose also found; the samples first.
 
     Attributes
     ----------
@@ -139,7 +235,7 @@ def stacked(rows: list[Learned]) -> Learned:
 
 
 Progress = Callable[[int], object]
-"""Told by a long replay how many samples were done since it was told last."""
+"""Called by a long replay with the number of samples done since its last call."""
 
 
 def silent(samples: int) -> None:

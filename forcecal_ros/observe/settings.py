@@ -1,7 +1,7 @@
 """What a user may say about the chain."""
 
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 from forcecal_ros.core.schema import Row, Section
 
@@ -9,24 +9,13 @@ MODES = ('kalman', 'newton')
 """Filters that a calibration may name as its own."""
 
 FILTERS = (*MODES, 'ukf', 'ekf', 'static')
-"""All filters of the chain; ``static`` takes off weight and bias alone and filters nothing."""
+"""All filters of the chain; ``static`` removes weight and bias alone and filters nothing."""
 
 LEARNING = ('ukf', 'ekf')
 """Filters that estimate the wrench biases along."""
 
 OFFSETS = ('auto', 'on', 'off')
 COVARIANCES = ('measured', 'paper')
-
-
-class Scaling(NamedTuple):
-    """Spread of the sigma points; the defaults are those of [Ukf2025]."""
-
-    alpha: float = 0.001
-    beta: float = 2.0
-    kappa: float = 0.0
-
-
-PAPER_SCALING = Scaling()
 
 
 _PAIR = tuple[float, float]
@@ -59,18 +48,17 @@ class FilterSettings(Section, name='gravity'):
         ] = 1e-6
     release_time: Annotated[float, Row(
         'Quiet after which contact counts as ended', 's', above=0.0)] = 0.2
-    scaling: Scaling = PAPER_SCALING
 
 
 CONTACT_WALK = 2.5
-"""Wander of a contact force that is expected where nobody says another: with the noise of the
+"""Wander of a contact force that is expected where no other is stated: with the noise of the
 nominal rig it makes a force rise in 14 ms, within the 15 ms of benchmark/observer_response.py
 [N/sqrt(s)]."""
 
 BANDWIDTH_LIMITS = (2.0, 250.0)
-"""Corners beyond which that expectation is not followed where nobody says others, a rise in 175 ms
-and in 1.4 ms: between them noise from a tenth to ten times the nominal rig's finds its corner,
-247 and 2.5 Hz [Hz]."""
+"""Corners beyond which that expectation is not followed where no others are stated, a rise in
+175 ms and in 1.4 ms: between them noise from a tenth to ten times the nominal rig's finds its
+corner, 247 and 2.5 Hz [Hz]."""
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from typing import Any
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream
-from forcecal_ros.observe.gains import noise_of_force, rise_time
+from forcecal_ros.observe.design import noise_of_force, rise_time
 from forcecal_ros.observe.settings import BANDWIDTH_LIMITS
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure

@@ -72,8 +72,6 @@ def estimates(calibration: Calibration) -> Iterator[tuple[str, str, Estimate, tu
         yield 'accelerometer map', 'accelerometer.map', a.map, tuple(
             f'{i}{j}' for i in AXES for j in AXES)
         yield 'accelerometer delay', 'accelerometer.delay', a.delay, ()
-        if a.share:
-            yield 'accelerometer share', 'accelerometer.share', a.share, AXES
     if c.tool:
         yield 'tool stiffness', 'tool.stiffness', c.tool.stiffness, ()
         yield 'tool damping', 'tool.damping', c.tool.damping, ()

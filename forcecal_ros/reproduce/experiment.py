@@ -16,10 +16,10 @@ from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.plan import calibration_plan, prepare, Timing
 from forcecal_ros.motion.poses import nominal_poses, step_goal
 from forcecal_ros.motion.profiles import Move, Pace, Pose
-from forcecal_ros.observe.gains import with_kalman_gains
+from forcecal_ros.observe.design import with_kalman_gains
 from forcecal_ros.reproduce.assess import assess, exceptions, Figures
 from forcecal_ros.reproduce.closed_loop import ClosedLoopRun, feedback_of, run_closed_loop, SOURCES
-from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 
 OSCILLATION = Program(tuple(

@@ -12,8 +12,16 @@ from forcecal_ros.core.streams import Recording
 from forcecal_ros.core.topics import naming
 from forcecal_ros.diagnose.inputs.stamps import evened
 from forcecal_ros.effects.rig import Axis, Rig, Unexplained
-from forcecal_ros.rig_fit.grid import fit_and_judge, Followed
-from forcecal_ros.rig_fit.rotation import fit_rotation, RotationFit, turned_apart
+from forcecal_ros.rig_fit.robot import (
+    at_ends,
+    AxisFit,
+    fit_and_judge,
+    fit_rotation,
+    fit_translation,
+    Followed,
+    RotationFit,
+    turned_apart,
+)
 from forcecal_ros.rig_fit.tool import (
     command_period,
     fit_tool,
@@ -21,7 +29,6 @@ from forcecal_ros.rig_fit.tool import (
     orientation_noise,
     rate_beside,
 )
-from forcecal_ros.rig_fit.translation import at_ends, AxisFit, fit_translation
 import numpy as np
 from scipy.signal import welch
 

@@ -8,7 +8,7 @@ from forcecal_ros.core.geometry import Array, rotation_vector, skew
 from forcecal_ros.core.schema import Row
 from forcecal_ros.core.streams import PoseStream, Recording
 from forcecal_ros.effects import named_effects, physical_rig, WrenchEffects
-from forcecal_ros.effects.chosen import Chosen
+from forcecal_ros.effects.library import Chosen
 from forcecal_ros.effects.nuisances import possible, rows_of
 from forcecal_ros.effects.rig import AccelerometerModel, NominalTolerances, Rig, Tool
 from forcecal_ros.effects.signals import specific_force_of

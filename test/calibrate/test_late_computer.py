@@ -5,8 +5,7 @@ from dataclasses import replace
 from forcecal_ros.calibrate.pipeline import identify
 from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.core.streams import Stream
-from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.truth import true_calibration
+from forcecal_ros.sim.rig.file import load_rig, true_calibration
 from late_computer import Conditions, run
 import numpy as np
 import pytest

@@ -5,16 +5,8 @@ import math
 from typing import Annotated
 
 from forcecal_ros.core.errors import ConfigError
-from forcecal_ros.core.schema import (
-    Mismatch,
-    Parameter,
-    parameters_of,
-    plain,
-    read,
-    Row,
-    Section,
-    section_of,
-)
+from forcecal_ros.core.parameters import Parameter, parameters_of, section_of
+from forcecal_ros.core.schema import Mismatch, plain, read, Row, Section
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np

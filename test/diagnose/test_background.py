@@ -9,8 +9,8 @@ from forcecal_ros.diagnose.inputs.channels import CHANNELS as DIAGNOSED
 from forcecal_ros.diagnose.say.result import to_document
 from forcecal_ros.effects import with_effects
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.offline import simulate
 from forcecal_ros.sim.rig.replay import Replay
+from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 import pytest
 from rig_recordings import FREE, motion, PERIOD

@@ -11,7 +11,7 @@ from forcecal_ros.effects import with_effects
 from forcecal_ros.io.bags import read_recording
 from forcecal_ros.io.calibration_file import load
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.simulator import simulate
 from forcecal_ros.sim.rigid_tool import (
     rigid_tool_of_calibration,
     rigid_tool_of_rig,

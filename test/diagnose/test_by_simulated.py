@@ -18,7 +18,7 @@ from forcecal_ros.diagnose.localise.tracking import tracking
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.io.bags import write_recording
 from forcecal_ros.sim.poses import in_base_of, merged
-from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 from own_arm import commands, GRIPPER, LATE, real, RIG, simulated, TOLERANCES, with_imu
 import pytest

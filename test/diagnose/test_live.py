@@ -9,7 +9,7 @@ from forcecal_ros.motion.preview import preview
 from forcecal_ros.motion.profiles import Pace
 from forcecal_ros.motion.programs import diagnosis_plan
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.simulator import simulate
 import pytest
 
 

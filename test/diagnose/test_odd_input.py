@@ -14,8 +14,8 @@ from forcecal_ros.diagnose.search.acceptance import refined_or_rejected
 from forcecal_ros.diagnose.search.model_comparison import ModelComparison
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.offline import simulate
 from forcecal_ros.sim.rig.replay import Replay
+from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 import pytest
 from rig_recordings import FREE, MOTION, motion, own_recording, PERIOD

@@ -15,9 +15,8 @@ from forcecal_ros.effects import (
     with_effects,
 )
 from forcecal_ros.sim.rig.file import dump_rig, load_rig
-from forcecal_ros.sim.rig.offline import simulate
 from forcecal_ros.sim.rig.plant import enough_steps
-from forcecal_ros.sim.rig.simulator import checked_commands, Samples, SIGNALS, Simulator
+from forcecal_ros.sim.rig.simulator import checked_commands, Samples, SIGNALS, simulate, Simulator
 import numpy as np
 import pytest
 import yaml

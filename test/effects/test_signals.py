@@ -13,9 +13,14 @@ from effects_runs import (
 )
 from forcecal_ros.core.geometry import rotation_about, rotation_from_vector
 from forcecal_ros.effects import EFFECTS, with_effects
-from forcecal_ros.effects.filters import Delay, Hysteresis
-from forcecal_ros.effects.signals import AccelerometerEffects, specific_force_of, WrenchEffects
-from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.effects.signals import (
+    AccelerometerEffects,
+    Delay,
+    Hysteresis,
+    specific_force_of,
+    WrenchEffects,
+)
+from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 import pytest
 

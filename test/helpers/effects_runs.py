@@ -4,7 +4,7 @@ from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 
 RIG, RIGID = load_rig(), load_rig('rigid_tool.yaml')

@@ -11,7 +11,7 @@ from forcecal_ros.calibrate.settings import IdentificationSettings, Thresholds
 from forcecal_ros.core.errors import ForcecalError
 from forcecal_ros.core.geometry import rotation_from_vector, STANDARD_GRAVITY
 from forcecal_ros.core.streams import Recording
-from forcecal_ros.effects.chosen import chosen_effects
+from forcecal_ros.effects.library import chosen_effects
 from forcecal_ros.sim.rig.faults import in_recording, OFFSETS
 from identification_coverage import draw, errors
 import numpy as np

@@ -22,8 +22,7 @@ from forcecal_ros.nodes.demo import FOR_SIMULATION
 from forcecal_ros.nodes.guard import Guard
 from forcecal_ros.nodes.sequencer_settings import PARAMETERS, settings_of
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.schedule import CommandSchedule
-from forcecal_ros.sim.rig.simulator import Simulator
+from forcecal_ros.sim.rig.simulator import CommandSchedule, Simulator
 import numpy as np
 
 TICK = 4_000_000

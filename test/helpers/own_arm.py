@@ -6,7 +6,7 @@ from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from forcecal_ros.diagnose.inputs.alignment import shifted
 from forcecal_ros.effects import with_effects
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline

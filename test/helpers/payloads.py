@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from forcecal_ros.core.streams import PoseStream, Stream
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.simulator import simulate
 import gravity_arm as arm
 import numpy as np
 from rig_recordings import motion, PERIOD

@@ -3,7 +3,7 @@
 from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.impedance.plant.fit import excitation_commands
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 
 RIG = load_rig()

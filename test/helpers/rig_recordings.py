@@ -6,7 +6,7 @@ from pathlib import Path
 from forcecal_ros.core.streams import Phase, PoseStream, Recording
 from forcecal_ros.io.bags import write_recording
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 from scipy.spatial.transform import Rotation
 

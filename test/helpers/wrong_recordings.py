@@ -12,7 +12,7 @@ from forcecal_ros.core.geometry import (
 )
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from forcecal_ros.core.topics import POSE, WRENCH
-from forcecal_ros.io.bags.signals import encode, FIELDS, Messages
+from forcecal_ros.io.bags.messages import encode, FIELDS, Messages
 from forcecal_ros.io.bags.write import BagWriter
 import numpy as np
 from rosbags.typesys import get_typestore, Stores

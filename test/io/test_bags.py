@@ -26,7 +26,7 @@ from forcecal_ros.io.bags import (
     write_recording,
     write_signals,
 )
-from forcecal_ros.io.bags.signals import messages_of
+from forcecal_ros.io.bags.messages import messages_of
 import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader

@@ -16,9 +16,8 @@ from forcecal_ros.core.topics import (
     Topic,
     WRENCH,
 )
-from forcecal_ros.io.bags.batch import Batch
-from forcecal_ros.io.bags.cdr import CdrError, Decoder, walk
-from forcecal_ros.io.bags.signals import encode, FIELDS, messages_of
+from forcecal_ros.io.bags.files import Batch
+from forcecal_ros.io.bags.messages import CdrError, Decoder, encode, FIELDS, messages_of, walk
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst

@@ -83,6 +83,42 @@ def test_flipped_bits_never_escape_as_a_traceback(folder, files, kind, data):
     read_or_one_line(path)
 
 
+FUZZED = 20_000
+"""Damaged copies of a file of each kind that `./run test -m long` reads, other ones each time."""
+
+
+def damaged(content, random):
+    """Return a copy with flipped bits, overwritten, cut off, or with a piece taken out."""
+    content = bytearray(content)
+    at, size = int(random.integers(len(content))), int(random.integers(1, 65))
+    kind = random.integers(4)
+    if kind == 0:
+        for bit in random.integers(8 * len(content), size=random.integers(1, 9)):
+            content[bit // 8] ^= 1 << int(bit % 8)
+    elif kind == 1:
+        content[at:at + size] = random.bytes(size)
+    elif kind == 2:
+        del content[at:at + size]
+    else:
+        del content[at:]
+    return bytes(content)
+
+
+@pytest.mark.long
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize('kind', KINDS, ids=str)
+def test_no_damage_escapes_as_a_traceback(folder, files, kind):
+    seed = np.random.SeedSequence().entropy
+    random = np.random.default_rng(seed)
+    whole, path = files[kind].read_bytes(), folder / f'fuzzed{files[kind].suffix}'
+    for count in range(FUZZED):
+        path.write_bytes(damaged(whole, random))
+        try:
+            read_or_one_line(path)
+        except Exception as error:
+            raise AssertionError(f'seed {seed}, copy {count}') from error
+
+
 @settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
 @given(content=st.binary(max_size=300), magic=st.sampled_from(
     [b'', b'\x89MCAP0\r\n', b'SQLite format 3\0', b'\x28\xb5\x2f\xfd', b'#ROSBAG V2.0\n']))

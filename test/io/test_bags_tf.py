@@ -3,7 +3,7 @@
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.io.bags import read_recording
-from forcecal_ros.observe.transforms import TransformPose
+from forcecal_ros.observe.pose_sources import TransformPose
 import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer

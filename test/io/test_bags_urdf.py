@@ -7,7 +7,7 @@ from forcecal_ros.io.bags import read_recording
 from forcecal_ros.io.bags.poses import refuse_degrees
 from forcecal_ros.io.urdf import Description
 from forcecal_ros.nodes.wire import JointsReader
-from forcecal_ros.observe.joint_pose import JointPose
+from forcecal_ros.observe.pose_sources import JointPose
 import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer

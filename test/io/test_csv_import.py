@@ -10,7 +10,7 @@ from forcecal_ros.core.streams import Phase
 from forcecal_ros.io.bags import read_recording
 from forcecal_ros.io.csv_import import assemble, load_specification
 from forcecal_ros.io.csv_import.specification import ORIENTATIONS
-from forcecal_ros.io.csv_import.units import UNITS
+from forcecal_ros.io.csv_import.table import UNITS
 from hypothesis import given, HealthCheck, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -382,6 +382,12 @@ def test_binary_and_missing_files_are_one_line(tmp_path):
     (tmp_path / 'log.csv').unlink()
     with pytest.raises(DataError, match='log.csv: cannot be read .*No such file'):
         assemble(load_specification(specification))
+
+
+def test_a_binary_file_in_place_of_the_specification_is_named_as_one(tmp_path):
+    (tmp_path / 'bag.mcap').write_bytes(b'\x89MCAP0\r\n' + bytes(300_000))
+    with pytest.raises(ConfigError, match='bag.mcap: not a text but binary data, expected YAML'):
+        load_specification(tmp_path / 'bag.mcap')
 
 
 @pytest.mark.parametrize('matrix, message', [

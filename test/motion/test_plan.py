@@ -19,7 +19,7 @@ from forcecal_ros.motion.profiles import JointMove, Pace
 from forcecal_ros.motion.programs import diagnosis_plan
 from forcecal_ros.nodes.sequencer_settings import PARAMETERS, settings_of
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 import pytest
 import yaml

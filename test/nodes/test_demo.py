@@ -12,8 +12,7 @@ from forcecal_ros.cli.demo import read_contact
 from forcecal_ros.io.bags import read_recording
 from forcecal_ros.io.calibration_file import load
 from forcecal_ros.observe import replay
-from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.truth import true_calibration
+from forcecal_ros.sim.rig.file import load_rig, true_calibration
 import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader

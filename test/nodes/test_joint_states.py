@@ -12,7 +12,7 @@ from forcecal_ros.nodes.parameters import declare
 from forcecal_ros.nodes.pose_source import POSE_PARAMETERS, pose_source
 from forcecal_ros.nodes.runtime import OUTPUT
 from forcecal_ros.nodes.wire import JointsReader
-from forcecal_ros.observe.joint_pose import JointPose
+from forcecal_ros.observe.pose_sources import JointPose
 from lifecycle_msgs.srv import GetState
 from live import Live, Robot
 import numpy as np

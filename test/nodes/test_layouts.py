@@ -3,8 +3,7 @@
 import json
 from pathlib import Path
 
-from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.urdf import urdf
+from forcecal_ros.sim.rig.file import load_rig, urdf
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from live import Live
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy

@@ -16,8 +16,7 @@ from forcecal_ros.nodes.markers import (
     METRES_PER_NEWTON,
     plan_markers,
 )
-from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.urdf import urdf
+from forcecal_ros.sim.rig.file import load_rig, urdf
 import numpy as np
 import pytest
 from rclpy.time import Time
@@ -84,7 +83,7 @@ def test_a_pose_becomes_the_transform_of_the_sensor():
 
 def test_the_urdf_is_that_of_the_nominal_rig():
     text = (ROOT / 'layouts' / 'rig.urdf').read_text()
-    assert text == urdf(load_rig()), ('python -m forcecal_ros.sim.rig.urdf > '
+    assert text == urdf(load_rig()), ('python -m forcecal_ros.sim.rig.file > '
                                       'layouts/rig.urdf')
     robot = ET.fromstring(text)
     links = {link.get('name') for link in robot.iter('link')}

@@ -4,7 +4,7 @@ from struct import error as StructError
 
 from bag_samples import header, STORE
 from forcecal_ros.core.topics import ACCEL, IMU, JOINT_STATE, POSE, TWIST, VECTOR3, WRENCH
-from forcecal_ros.io.bags.signals import encode, FIELDS
+from forcecal_ros.io.bags.messages import encode, FIELDS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst

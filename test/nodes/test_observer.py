@@ -13,10 +13,10 @@ from forcecal_ros.motion.profiles import Move, Pose
 from forcecal_ros.nodes.observer import Observer
 from forcecal_ros.nodes.runtime import LATCHED
 from forcecal_ros.observe import ContactSample, ObserverSettings, replay
-from forcecal_ros.observe.status import INVALID
-from forcecal_ros.observe.tare import refuse_motion
+from forcecal_ros.observe.live import refuse_motion
+from forcecal_ros.observe.sample import INVALID
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.simulator import simulate
 from geometry_msgs.msg import WrenchStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState

@@ -4,7 +4,7 @@ from forcecal_ros.core.errors import DataError
 from forcecal_ros.io.calibration_file import save
 from forcecal_ros.nodes.calibration_topics import read_tool
 from forcecal_ros.nodes.runtime import OUTPUT
-from forcecal_ros.observe.payload.replay import follow
+from forcecal_ros.observe.playback import follow
 from geometry_msgs.msg import InertiaStamped
 from live import Live
 import numpy as np

@@ -14,7 +14,7 @@ from forcecal_ros.nodes.runtime import OUTPUT
 from forcecal_ros.nodes.sequencer import Sequencer
 from forcecal_ros.nodes.wire import JointReader, Writer
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.simulator import simulate
 from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
 from live import Live, RIG_TIME
 import numpy as np

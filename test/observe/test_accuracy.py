@@ -5,7 +5,7 @@ from dataclasses import replace
 from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.io.calibration_file import dump, parse
 from forcecal_ros.observe import design, ObserverSettings, replay, with_kalman_gains
-from forcecal_ros.observe.gains import accuracy
+from forcecal_ros.observe.design import accuracy
 import numpy as np
 from observing import calibration
 import pytest

@@ -4,14 +4,8 @@ from dataclasses import replace
 
 from forcecal_ros.core.streams import Stream
 from forcecal_ros.observe import ObserverSettings, replay, Status
-from forcecal_ros.observe.design import design
-from forcecal_ros.observe.filters.noise_level import (
-    AS_CALIBRATED,
-    believed,
-    rate_at,
-    scale_of,
-    updated,
-)
+from forcecal_ros.observe.contact import accepted, AS_CALIBRATED, rate_at, updated
+from forcecal_ros.observe.design import design, scale_of
 from forcecal_ros.observe.live import LiveObserver
 from forcecal_ros.observe.playback import events
 import numpy as np
@@ -119,6 +113,6 @@ def test_the_level_is_that_of_the_noise(level):
         found.append(noise.level)
     # 500 readings of three axes, half of them new within the memory
     assert np.mean(found[3000:]) == pytest.approx(level, rel=0.08)
-    assert believed(1.9) == 1.0 and believed(5.0) == 5.0
+    assert accepted(1.9) == 1.0 and accepted(5.0) == 5.0
     assert rate_at(level, 100.0, 30.0) >= 30.0
     assert rate_at(level, 20.0, 30.0) == pytest.approx(20.0)

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from forcecal_ros.observe import design, ObserverSettings
 from forcecal_ros.observe.batch import estimates, in_order
@@ -76,13 +75,6 @@ def only(*names):
     return Recording(**{name: getattr(r, name) for name in names})
 
 
-def weighed():
-    c = calibration()
-    return replace(c, accelerometer=replace(
-        c.accelerometer, share=Estimate([0.2, 1.0, 0.5], 0.1, '1'),
-        level=Estimate([0.1, 0.1, 0.1], np.nan, 'm/s^2')))
-
-
 CASES = {
     'plain': (swing(), calibration(), ObserverSettings()),
     'gaps': (with_gaps(), calibration(), ObserverSettings()),
@@ -108,7 +100,6 @@ CASES = {
     'limits': (swing(), calibration(), ObserverSettings(
         wrench_limit=(100.0,) * 3 + (3.0,) * 3, accelerometer_limit=6.0)),
     'pauses': (with_pauses(), calibration(), ObserverSettings()),
-    'weighed': (with_gaps(), weighed(), ObserverSettings()),
     'bad samples': (with_bad_samples(), calibration(), ObserverSettings()),
     'jitter': (with_jitter(), calibration(), ObserverSettings()),
 }

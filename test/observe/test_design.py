@@ -13,9 +13,17 @@ from forcecal_ros.observe import (
     Status,
     with_kalman_gains,
 )
-from forcecal_ros.observe.bandwidth import design_joint, joint_model, offset_poles, STATES
-from forcecal_ros.observe.riccati import stationary_filter, undetectable_states
-from forcecal_ros.observe.tracking import butterworth, Poles, tracking_gains
+from forcecal_ros.observe.bandwidth import (
+    butterworth,
+    design_joint,
+    joint_model,
+    offset_poles,
+    Poles,
+    STATES,
+    stationary_filter,
+    undetectable_states,
+)
+from forcecal_ros.observe.motion import tracking_gains
 import numpy as np
 from observing import calibration, push, record
 import pytest

@@ -1,15 +1,15 @@
 """Following the pose, and the wrench of a tool that moves with it."""
 
-from forcecal_ros.observe.inertial import Load, tool_wrench
-from forcecal_ros.observe.motion import gravity_in_sensor, Place, track_place
-from forcecal_ros.observe.tracking import (
-    butterworth,
-    rotate,
-    rotate_back,
+from forcecal_ros.core.geometry import advance_rotation, rotate, rotate_back, rotation_between
+from forcecal_ros.observe.bandwidth import butterworth
+from forcecal_ros.observe.contact import tool_wrench
+from forcecal_ros.observe.design import Load
+from forcecal_ros.observe.motion import (
+    gravity_in_sensor,
+    Place,
     Rotation,
-    rotation_between,
+    track_place,
     track_rotation,
-    turned,
 )
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
@@ -43,7 +43,7 @@ def test_turning_and_the_rotation_between_undo_each_other(q, axis, angle):
     if np.linalg.norm(axis) < 1e-3:
         return
     q, d = unit(q), angle * np.array(unit(axis))
-    there = turned(q, *d)
+    there = advance_rotation(q, *d)
     exact = SciRotation.from_quat(q) * SciRotation.from_rotvec(d)
     assert (SciRotation.from_quat(there).inv() * exact).magnitude() < 1e-7
     for sign in (1, -1):

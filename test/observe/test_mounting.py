@@ -9,8 +9,8 @@ from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.io.calibration_file import from_document, to_document
 from forcecal_ros.observe import replay
-from forcecal_ros.observe.gains import with_kalman_gains
-from forcecal_ros.observe.mounting import (
+from forcecal_ros.observe.design import with_kalman_gains
+from forcecal_ros.observe.frames import (
     agreed,
     at_the_sensor,
     from_the_sensor,

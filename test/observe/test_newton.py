@@ -4,8 +4,7 @@ from dataclasses import replace
 
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.observe import ObserverSettings, replay
-from forcecal_ros.observe.filters.memory import NewtonState
-from forcecal_ros.observe.filters.newton import newton_step
+from forcecal_ros.observe.contact import newton_step, NewtonState
 import numpy as np
 from observing import calibration, K1, K2, push, record, Swing
 import pytest

@@ -5,18 +5,18 @@ from dataclasses import replace
 from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.observe import Imu, ObserverSettings, Status
-from forcecal_ros.observe.filters.gaussian import Gaussian
-from forcecal_ros.observe.filters.ukf import transform
-from forcecal_ros.observe.pose_free.model import (
+from forcecal_ros.observe.gaussian import Gaussian, transform
+from forcecal_ros.observe.pose_free import (
     exponential,
     pose_free_model,
+    pose_free_step,
+    PoseFreeState,
     readings,
     relevelled,
     start_pose_free,
     STATES,
     Turning,
 )
-from forcecal_ros.observe.pose_free.step import pose_free_step, PoseFreeState
 import gravity_arm as arm
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -139,7 +139,7 @@ def pose_free_case(calibration, acceleration=0.0):
     return Gaussian(mean, cov), readings(level, model, motion)
 
 
-def test_differences_and_jacobian_are_those_of_the_readings(calibration):
+def test_differences_are_those_of_the_readings(calibration):
     a = np.array([0.5, -0.3, 0.2])
     belief, h = pose_free_case(calibration, a)
     mean, rng = belief.mean, np.random.default_rng(8)
@@ -150,8 +150,6 @@ def test_differences_and_jacobian_are_those_of_the_readings(calibration):
     value[:, :3] -= left_out
     value[:, 3:6] -= np.cross(calibration.com.value, left_out)
     assert h.difference(mean, dx) == pytest.approx(value, abs=1e-13)
-    assert h.difference(mean, 1e-6 * dx) == pytest.approx(
-        1e-6 * dx @ h.jacobian(mean).T, abs=1e-13)
 
 
 def test_sigma_points_foretell_a_tilted_weight_better_than_the_jacobian(calibration):

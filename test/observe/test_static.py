@@ -5,10 +5,9 @@ from dataclasses import replace
 from forcecal_ros.core.errors import UnobservableError
 from forcecal_ros.observe import design, ObserverSettings, replay, Status
 from forcecal_ros.observe.align import SILENT
-from forcecal_ros.observe.motion import MotionEstimate
+from forcecal_ros.observe.contact import Tool, unload
+from forcecal_ros.observe.motion import MotionEstimate, Rotation
 from forcecal_ros.observe.playback import run
-from forcecal_ros.observe.tracking import Rotation
-from forcecal_ros.observe.unload import Tool, unload
 import gravity_arm as arm
 import numpy as np
 from observing import BIAS, calibration, COM, G, MASS, record, Swing

@@ -3,11 +3,10 @@
 from dataclasses import replace
 
 from forcecal_ros.core.axes import level_from_base, levelled
-from forcecal_ros.core.geometry import matrix_from_quaternion, rotation_from_vector
+from forcecal_ros.core.geometry import compose, matrix_from_quaternion, rotation_from_vector
 from forcecal_ros.observe import design, ObserverSettings, replay
 from forcecal_ros.observe.live import LiveObserver
 from forcecal_ros.observe.playback import events
-from forcecal_ros.observe.tracking import product
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
@@ -88,5 +87,5 @@ def test_a_level_base_is_left_alone(level):
 
 def test_a_product_of_quaternions_is_that_of_their_rotations():
     a, b = Rotation.random(2, random_state=1)
-    q = product(tuple(a.as_quat()), tuple(b.as_quat()))
+    q = compose(tuple(a.as_quat()), tuple(b.as_quat()))
     np.testing.assert_allclose(matrix_from_quaternion(q), (a * b).as_matrix(), atol=1e-12)

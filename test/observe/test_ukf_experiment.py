@@ -62,11 +62,6 @@ def test_the_simulated_arm_obeys_mechanics():
         4 * dt * motion.omega[middle, 0], abs=1e-7)
 
 
-def test_raw_errors_reach_those_of_the_paper(case):
-    raw = np.abs(case.recording.wrench.values - arm.BIAS).max(axis=0)
-    assert raw[:3] == pytest.approx([3.0, 2.0, 6.0], rel=0.2)
-
-
 def test_the_errors_stay_within_the_paper_s_table(by_ukf):
     assert (np.abs(by_ukf.contact).max(axis=0) <= arm.TABLE).all()
     assert not by_ukf.status.any()
@@ -80,7 +75,7 @@ def test_static_compensation_is_about_two_to_five_times_over(case):
     assert over[5] < 1
 
 
-def test_the_extended_filter_is_as_good_as_the_unscented_one(short):
+def test_the_extended_filter_is_the_unscented_one(short):
     errors = [replay(short.recording, short.calibration, ObserverSettings(name)).contact
               for name in ('ukf', 'ekf')]
     assert errors[0] == pytest.approx(errors[1], abs=1e-8)
@@ -112,15 +107,14 @@ def test_without_a_pose_the_errors_stay_within_twice_the_table(short):
     assert angle.max() < 2.0
 
 
-@pytest.mark.parametrize('name', ['ukf', pytest.param('ekf', marks=pytest.mark.long)])
-def test_without_a_pose_an_unknown_payload_and_bias_are_learnt(short, name):
+def test_without_a_pose_an_unknown_payload_and_bias_are_learnt(short):
     c = short.calibration
     moved = np.array([0.3, -0.2, 0.25, 0.02, 0.01, -0.02])
     unsure = replace(c, mass=Estimate(float(c.mass) - 0.1, 0.0, 'kg'),
                      wrench_bias=Estimate(c.wrench_bias.value + moved, 0.0, 'N, N m'))
     result = replay_pose_free(
         short.recording, unsure,
-        ObserverSettings(name, learning=FilterSettings(bias_prior=(0.3, 0.02))),
+        ObserverSettings('ukf', learning=FilterSettings(bias_prior=(0.3, 0.02))),
         Imu(payload_std=0.1))
     assert abs(result.by_imu.mass[-1] - arm.MASS) < 4 * result.by_imu.mass_std[-1]
     assert result.by_imu.mass_std[-1] < 0.006

@@ -18,9 +18,8 @@ from forcecal_ros.reproduce.assess import (
 from forcecal_ros.reproduce.closed_loop import feedback_of, run_closed_loop
 from forcecal_ros.reproduce.error_analysis import error_poles, with_printed_gain
 from forcecal_ros.reproduce.experiment import rehearse
-from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.file import load_rig, true_calibration
 from forcecal_ros.sim.rig.simulator import Simulator
-from forcecal_ros.sim.rig.truth import true_calibration
 import numpy as np
 import pytest
 

@@ -13,13 +13,11 @@ from forcecal_ros.diagnose.inputs.alignment import shifted
 from forcecal_ros.effects.rig import Axis, Unexplained
 from forcecal_ros.io.bags import write_recording
 from forcecal_ros.rig_fit.fit import fit_rig
-from forcecal_ros.rig_fit.grid import Followed
-from forcecal_ros.rig_fit.rotation import LIMITS
+from forcecal_ros.rig_fit.robot import at_ends, Followed, LIMITS
 from forcecal_ros.rig_fit.tool import command_period, fit_tool, noise_of
-from forcecal_ros.rig_fit.translation import at_ends
 from forcecal_ros.sim.rig.file import dump_rig, load_rig
-from forcecal_ros.sim.rig.offline import simulate
 from forcecal_ros.sim.rig.plant import Plant
+from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 from own_arm import simulated, TOLERANCES
 import pytest

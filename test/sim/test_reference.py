@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 import pytest
 

@@ -7,8 +7,7 @@ from forcecal_ros.core.geometry import rotation_from_vector, rotation_vector, sk
 from forcecal_ros.effects import with_effects
 from forcecal_ros.effects.rig import Robot
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.parameters import kernel_parameters
-from forcecal_ros.sim.rig.plant import AT_ONCE, Plant
+from forcecal_ros.sim.rig.plant import AT_ONCE, kernel_parameters, Plant
 from forcecal_ros.sim.rig.robot import Motion, move, robot_at_rest, TINY
 import numpy as np
 import pytest

@@ -1,6 +1,6 @@
 """Which command acts in which robot period, live."""
 
-from forcecal_ros.sim.rig.schedule import CommandSchedule
+from forcecal_ros.sim.rig.simulator import CommandSchedule
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest

@@ -5,10 +5,10 @@ from dataclasses import replace
 from forcecal_ros.core.geometry import rotation_about, rotation_from_vector
 from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.offline import simulate
-from forcecal_ros.sim.rig.parameters import kernel_parameters
+from forcecal_ros.sim.rig.plant import kernel_parameters
 from forcecal_ros.sim.rig.robot import Motion, move, robot_at_rest
 from forcecal_ros.sim.rig.sensors import highpass_settled, respond, Response
+from forcecal_ros.sim.rig.simulator import simulate
 from forcecal_ros.sim.rig.tool import Slide, slide_along, tool_at_rest
 from hypothesis import given, settings, strategies
 import numpy as np

@@ -6,9 +6,8 @@ from forcecal_ros.core.errors import ConfigError, DataError, MotionError
 from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.offline import held_commands, simulate
 from forcecal_ros.sim.rig.plant import enough_steps
-from forcecal_ros.sim.rig.simulator import Samples, Simulator
+from forcecal_ros.sim.rig.simulator import held_commands, Samples, simulate, Simulator
 import numpy as np
 import pytest
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from forcecal_ros.core.geometry import rotation_about
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.parameters import kernel_parameters
+from forcecal_ros.sim.rig.plant import kernel_parameters
 from forcecal_ros.sim.rig.robot import Motion
 from forcecal_ros.sim.rig.tool import Slide, slide_along, tool_at_rest
 import numpy as np

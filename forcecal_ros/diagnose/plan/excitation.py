@@ -11,7 +11,7 @@ from forcecal_ros.diagnose.model.hypotheses import hypotheses, Hypothesis
 from forcecal_ros.diagnose.model.linearised import linearised_model, LinearisedModel
 from forcecal_ros.effects import applicable, EFFECTS
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.simulator import simulate
 from forcecal_ros.sim.signals import UNSEEN
 import numpy as np
 from numpy.typing import NDArray

@@ -9,7 +9,7 @@ from forcecal_ros.diagnose.plan.recording import motion_for
 from forcecal_ros.diagnose.say.result import Diagnosis
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 
 STREAMS = ('wrench', 'accelerometer', 'optidrive')

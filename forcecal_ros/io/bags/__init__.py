@@ -1,6 +1,6 @@
 """The only reader and writer of recordings (rosbag2); it needs no ROS installation."""
 
-from forcecal_ros.io.bags.parts import (
+from forcecal_ros.io.bags.read import (
     BagChunk,
     Columns,
     Raw,
@@ -8,9 +8,9 @@ from forcecal_ros.io.bags.parts import (
     read_chunks,
     read_columns,
     read_messages,
+    read_recording,
     read_topics,
 )
-from forcecal_ros.io.bags.read import read_recording
 from forcecal_ros.io.bags.write import BagWriter, write_recording, write_signals
 
 __all__ = [

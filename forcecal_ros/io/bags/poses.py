@@ -8,8 +8,8 @@ from struct import error as StructError
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.topics import STRING, Topic
-from forcecal_ros.io.bags.cdr import Decoder
-from forcecal_ros.io.bags.collect import Collector, Series
+from forcecal_ros.io.bags.messages import Decoder
+from forcecal_ros.io.bags.series import Collector, Series
 from forcecal_ros.io.bags.storage import Bag
 from forcecal_ros.io.transforms import (
     frames_of,

@@ -10,9 +10,15 @@ from types import TracebackType
 from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.core.safe_yaml import load_yaml
 from forcecal_ros.core.topics import Topic
-from forcecal_ros.io.bags.batch import Batch, Notes
-from forcecal_ros.io.bags.mcap import MAGIC, McapFile
-from forcecal_ros.io.bags.sqlite import SqliteFile
+from forcecal_ros.io.bags.files import (
+    Batch,
+    DAMAGE,
+    in_a_line,
+    MAGIC,
+    McapFile,
+    Notes,
+    SqliteFile,
+)
 import numpy as np
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores, TypesysError
 from rosbags.typesys.store import Typestore
@@ -36,6 +42,9 @@ class Bag:
     """
     A recording opened for reading; use it as a context.
 
+    Whatever a decoder raises over damaged bytes within that context leaves it as a DataError, so
+    that no reader has to know what rosbags, NumPy, SQLite, zstd or lz4 raise.
+
     Attributes
     ----------
     notes : Notes
@@ -56,6 +65,9 @@ class Bag:
                 self._files.append(self._open(file))
             except DataError as error:
                 problems.append(str(error))
+            except DAMAGE as error:
+                problems.append(f'{file} is damaged ({in_a_line(error)}); record again, or copy '
+                                'it from the robot once more')
         if not self._files:
             self._stack.close()
             raise DataError(problems[0] if problems else f'{self.path}: no recording in here '
@@ -69,12 +81,19 @@ class Bag:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
                  trace: TracebackType | None) -> None:
         self._stack.close()
+        if isinstance(error, DAMAGE):
+            raise DataError(f'{self.path} is damaged ({in_a_line(error)}); record again, or copy '
+                            'it from the robot once more') from error
 
     def batches(self, topics: set[Topic]) -> Iterator[Batch]:
         """Yield the messages of some topics, some thousands at a time, file after file."""
         for file in self._files:
-            for batch in file.batches(topics):
-                yield self._decompressed(batch)
+            try:
+                for batch in file.batches(topics):
+                    yield self._decompressed(batch)
+            except DAMAGE as error:
+                self.notes.add(f'{self.path}: a file is damaged ({in_a_line(error)}); what came '
+                               'before was read')
 
     def typestore(self) -> Typestore:
         """Return the types of ROS 2 Jazzy, and those only this recording defines."""
@@ -86,7 +105,7 @@ class Bag:
                 found = get_types_from_msg(topic.definition, topic.type)
                 store.register({name: fields for name, fields in found.items()
                                 if name not in store.fielddefs})
-            except (TypesysError, ValueError, KeyError, RecursionError):
+            except (TypesysError, *DAMAGE):
                 self.notes.add(f'{topic.name}: the definition of {topic.type} is damaged')
         return store
 

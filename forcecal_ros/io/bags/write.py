@@ -12,7 +12,7 @@ from types import TracebackType
 from forcecal_ros.core.atomic_files import new_directory
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.streams import Recording, Stream
-from forcecal_ros.io.bags.signals import Messages, messages_of, Signal
+from forcecal_ros.io.bags.messages import Messages, messages_of, Signal
 import numpy as np
 from rosbags.interfaces import (
     Connection,

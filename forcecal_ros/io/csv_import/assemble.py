@@ -23,9 +23,7 @@ from forcecal_ros.io.csv_import.specification import (
     Specification,
     TableSpecification,
 )
-from forcecal_ros.io.csv_import.table import Table
-from forcecal_ros.io.csv_import.times import nanoseconds
-from forcecal_ros.io.csv_import.units import UNITS
+from forcecal_ros.io.csv_import.table import nanoseconds, Table, UNITS
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation

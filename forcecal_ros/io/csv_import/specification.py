@@ -7,10 +7,10 @@ from typing import Annotated, Any, NamedTuple
 
 from forcecal_ros.core.schema import columns, load, Mismatch, path, read, Row, Section, TEXT
 from forcecal_ros.core.streams import PHASES
-from forcecal_ros.io.csv_import.table import Dialect
-from forcecal_ros.io.csv_import.units import (
+from forcecal_ros.io.csv_import.table import (
     contradiction,
     DATE,
+    Dialect,
     is_xyzw,
     NANOSECONDS,
     UNITS,

@@ -1,19 +1,72 @@
-"""One CSV file: named columns of cells, and numbers and times out of them."""
+"""One CSV file: named columns of cells in stated units, and numbers and exact times of them."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 import csv
-from decimal import InvalidOperation
+from datetime import datetime, timedelta, timezone
+from decimal import Decimal, InvalidOperation
 from itertools import compress, islice, pairwise
+from math import pi
+from operator import lt
 from os import SEEK_END
 from pathlib import Path
 import re
 from typing import NamedTuple
 
 from forcecal_ros.core.errors import DataError
-from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.geometry import Array, STANDARD_GRAVITY
 import numpy as np
 from numpy.typing import NDArray
+
+UNITS: Mapping[str, Mapping[str, float]] = {
+    'force': {'N': 1.0, 'mN': 1e-3, 'kN': 1e3, 'kgf': STANDARD_GRAVITY, 'lbf': 4.4482216152605},
+    'torque': {'N m': 1.0, 'Nm': 1.0, 'mN m': 1e-3, 'N mm': 1e-3, 'kN m': 1e3,
+               'lbf in': 0.1129848290276167},
+    'acceleration': {'m/s^2': 1.0, 'mm/s^2': 1e-3, 'g': STANDARD_GRAVITY,
+                     'mg': 1e-3 * STANDARD_GRAVITY},
+    'voltage': {'V': 1.0, 'mV': 1e-3},
+    'angular velocity': {'rad/s': 1.0, 'deg/s': pi / 180},
+    'length': {'m': 1.0, 'cm': 1e-2, 'mm': 1e-3, 'um': 1e-6},
+    'angle': {'rad': 1.0, 'deg': pi / 180},
+    'number': {'1': 1.0},
+}
+"""Quantity -> unit -> its size in SI."""
+
+NANOSECONDS: Mapping[str, int] = {'s': 10**9, 'ms': 10**6, 'us': 10**3, 'ns': 1}
+"""Nanoseconds in a unit of time."""
+
+DATE = 'date'
+"""In place of a unit of time: year, month, day, hour, minute and second, as ISO 8601 has them."""
+
+
+_IN_BRACKETS = re.compile(r'[\[(]([^\])]*)[\])]\s*$')
+_SUFFIX = re.compile(r'_([A-Za-z]{2,})$')
+"""One letter is no unit: ``accel_g`` may as well be gravity."""
+_LETTER = re.compile(r'([wxyz])\s*$', re.IGNORECASE)
+
+
+def named_unit(column: str, units: Mapping[str, float]) -> str | None:
+    """Return which of the units a name ends with, as ``x [mm]``, ``x (mm)`` or ``x_mm``."""
+    found = _IN_BRACKETS.search(column) or _SUFFIX.search(column)
+    word = found.group(1).replace(' ', '') if found else ''
+    return next((unit for unit in units if unit.replace(' ', '') == word), None)
+
+
+def contradiction(columns: Sequence[str], unit: str, units: Mapping[str, float]) -> str:
+    """Return which column names another unit, as words; empty where none does."""
+    for column in columns:
+        said = named_unit(column, units)
+        if said is not None and units[said] != units[unit]:
+            return f'{said}, as the name of column {column!r} says'
+    return ''
+
+
+def is_xyzw(columns: Sequence[str]) -> bool:
+    """Whether names that end with the letters w, x, y and z have them in the order xyzw."""
+    found = [_LETTER.search(column) for column in columns]
+    letters = ''.join(one.group(1).lower() for one in found if one)
+    return sorted(letters) != list('wxyz') or letters == 'xyzw'
+
 
 _DECIMAL_COMMA = re.compile(r'\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*')
 _DATE = re.compile(r'\s*\d{1,4}[-/.:]\d{1,2}[-/.:]\d{1,4}')
@@ -290,3 +343,127 @@ def _remedy(cell: str) -> str:
         return ('; write times as seconds since 1970, or as year-month-day hour:minute:second '
                 'with unit: date')
     return '' if cell.strip() else '; take out rows with empty cells'
+
+
+_FARTHEST = 1 << 62
+"""Times beyond are out of range of 64 bits once they are shifted [ns]."""
+
+_SECOND, _HOUR, _DAY = 10**9, 3600 * 10**9, 86400 * 10**9
+
+_MANY = 50
+"""Of so many stamps, several in each second, some are in the last part of theirs."""
+
+Times = NDArray[np.int64]
+
+
+def nanoseconds(table: Table, name: str, unit: str, further: str | None = None) -> Times:
+    """
+    Return a column of times, shape (n,).
+
+    Parameters
+    ----------
+    unit : str
+        Of the column; a date without a zone is taken for UTC.
+    further : str, optional
+        Column of nanoseconds that come on top.
+
+    Raises
+    ------
+    DataError
+        A cell is no number, out of range, or not after the one before; the line is named.
+    """
+    stamps = _times(table, name, _date if unit == DATE else _exactly_in(NANOSECONDS[unit]))
+    if further is not None:
+        if (stamps % _SECOND).any():
+            raise DataError(f'{table.path}: column {name!r} is not in whole seconds, on top of '
+                            f'which {further!r} could come; name one of them')
+        more = _times(table, further, _exactly_in(1))
+        _require_nanoseconds(table, further, more, len(np.unique(stamps)))
+        stamps = stamps + more
+    if (np.diff(stamps) <= 0).any():
+        raise DataError(f'{table.path} {_disorder(table, stamps, name)}')
+    return stamps
+
+
+def _times(table: Table, name: str, exact: Callable[[str], int]) -> Times:
+    try:
+        times = [exact(cell) for cell in table.cells(name)]
+    except (ValueError, InvalidOperation):
+        raise table.not_a_number(name, exact) from None
+    if max(times) >= _FARTHEST or min(times) <= -_FARTHEST:
+        raise DataError(f'{table.path}: times in column {name!r} are out of range; is the unit '
+                        'right?')
+    return np.array(times, dtype=np.int64)
+
+
+def _require_nanoseconds(table: Table, name: str, more: Times, seconds: int) -> None:
+    """Refuse what is no part of a second, and parts of one that are in a larger unit."""
+    if more.min() < 0 or more.max() >= _SECOND:
+        raise DataError(f'{table.path}: column {name!r} holds {more.min()} to {more.max()}, '
+                        'not nanoseconds within a second')
+    if len(more) < max(_MANY, 3 * seconds):
+        return
+    for unit, factor in (('milliseconds', 10**6), ('microseconds', 10**3)):
+        if more.max() * factor < _SECOND:
+            raise DataError(f'{table.path}: column {name!r} never exceeds {more.max()}: these '
+                            f'are {unit}; multiply them by {factor}')
+
+
+def _disorder(table: Table, stamps: Times, name: str) -> str:
+    """Say where times do not grow, and why if that is plain."""
+    steps = np.diff(stamps)
+    row = int(np.argmax(steps <= 0)) + 1
+    cells = table.cells(name)
+    where = (f'line {table.line(row)}: time {cells[row]} in column {name!r} is not after '
+             f'{cells[row - 1]} in the row before')
+    if steps[row - 1] < _HOUR - _DAY:
+        return f'{where}: a time of day that passed midnight; add a day from there on'
+    if _lacks_zeros(cells):
+        return (f'{where}: behind the point stand nanoseconds without their leading zeros; write '
+                'nine digits, or both numbers into columns of their own')
+    if steps.min() < 0:
+        return (f'{where}; sort the table, or import each part by itself where a clock was set '
+                'back or a second log begins')
+    return (f'{where}, as in {int((steps == 0).sum())} rows: they are nearer to one another than '
+            'their times tell; where they are evenly apart, state rate instead of time; where the '
+            'table merges streams, list it once for each, with its own signals and stamps')
+
+
+def _lacks_zeros(cells: Sequence[str]) -> bool:
+    """Whether times grow if what stands behind the point counts nanoseconds."""
+    parts = [cell.strip().partition('.') for cell in cells]
+    if not all(whole.isdigit() and more.isdigit() for whole, _, more in parts):
+        return False
+    times = [(int(whole), int(more)) for whole, _, more in parts]
+    return len({len(more) for *_, more in parts}) > 1 and all(map(lt, times, times[1:]))
+
+
+_EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
+
+
+def _date(cell: str) -> int:
+    """Convert a date to nanoseconds since 1970; of no other form than year first."""
+    found = DATE_AND_TIME.fullmatch(cell.strip())
+    if found is None:
+        raise ValueError(cell)
+    *numbers, fraction, zone = found.groups()
+    at = datetime(*map(int, numbers), tzinfo=timezone.utc)  # type: ignore[misc, arg-type]
+    if zone and zone != 'Z':
+        hours, minutes = int(zone[1:3]), int(zone[-2:])
+        at -= (1 if zone[0] == '+' else -1) * timedelta(hours=hours, minutes=minutes)
+    return (at - _EPOCH) // timedelta(seconds=1) * _SECOND + int((fraction or '').ljust(9, '0'))
+
+
+def _exactly_in(unit: int) -> Callable[[str], int]:
+    return lambda cell: _exact(cell, unit)
+
+
+def _exact(cell: str, unit: int) -> int:
+    """Convert a time without passing through binary fractions."""
+    try:
+        return int(cell) * unit
+    except ValueError:
+        number = Decimal(cell.strip())
+    if not number.is_finite():
+        raise ValueError(cell)
+    return _FARTHEST if number.adjusted() > 18 else int((number * unit).to_integral_value())

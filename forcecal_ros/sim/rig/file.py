@@ -1,14 +1,19 @@
-"""The rig file: YAML in, a checked :class:`~forcecal_ros.effects.rig.Rig` out, and back."""
+"""The rig file (YAML), the rig's URDF, and its true calibration."""
 
 from collections.abc import Iterator
 from importlib.resources import files
 from itertools import takewhile
+from math import sqrt
 from pathlib import Path
+import sys
 
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.schema import columns, load, Section, yaml_value
-from forcecal_ros.effects.chosen import Chosen, chosen_effects, named_effects
-from forcecal_ros.effects.library import EFFECTS
-from forcecal_ros.effects.rig import Rig
+from forcecal_ros.effects.apply import physical_rig
+from forcecal_ros.effects.library import Chosen, chosen_effects, EFFECTS, named_effects
+from forcecal_ros.effects.rig import AccelerometerModel, Rig
+from forcecal_ros.motion.information import Sensors
+import numpy as np
 
 _COLUMN = 44
 """Where the comments of numbers begin."""
@@ -88,3 +93,97 @@ def _effect_lines(chosen: Chosen) -> Iterator[str]:
         for q in effect.parameters:
             yield f'{comment}    {q.name}: {yaml_value(values[q.name])}'.ljust(_COLUMN) + \
                 f' # {q.unit}'
+
+
+TRAVEL = 0.05
+"""Of the joint, either way: twice what the nominal tool's weight bends its spring [m]."""
+
+
+def _visual(shape: str, centre: Array | tuple[float, ...], colour: str, rpy: str = '0 0 0'
+            ) -> str:
+    x, y, z = centre
+    return (f'    <visual>\n      <origin xyz="{x:g} {y:g} {z:g}" rpy="{rpy}"/>\n'
+            f'      <geometry>{shape}</geometry>\n'
+            f'      <material name="{colour}"/>\n    </visual>')
+
+
+def _inertial(mass: float, com: Array, J: Array) -> str:
+    x, y, z = com
+    pairs = ' '.join(f'i{"xyz"[i]}{"xyz"[j]}="{J[i, j]:g}"' for i, j in zip(*np.triu_indices(3)))
+    return (f'    <inertial>\n      <origin xyz="{x:g} {y:g} {z:g}"/>\n'
+            f'      <mass value="{mass:g}"/>\n      <inertia {pairs}/>\n    </inertial>')
+
+
+def urdf(rig: Rig) -> str:
+    """Return the URDF of what hangs on the sensor of a rig."""
+    tool, com, tip = rig.tool, np.array(rig.tool.com), np.array(rig.tool.tip)
+    size = 2 * np.abs(com[:2]) + 0.1
+    body = f'<box size="{size[0]:g} {size[1]:g} {2 * com[2]:g}"/>'
+    joint = 'prismatic' if rig.optidrive is not None else 'fixed'
+    limit = ('' if joint == 'fixed' else '\n    <axis xyz="1 0 0"/>\n    '
+             f'<limit lower="{-TRAVEL}" upper="{TRAVEL}" effort="500" velocity="1"/>')
+    return '\n'.join((
+        '<?xml version="1.0"?>', '<robot name="rig">',
+        '  <material name="steel"><color rgba="0.6 0.6 0.65 1"/></material>',
+        '  <material name="tool"><color rgba="0.3 0.5 0.8 0.7"/></material>',
+        '  <link name="ft_sensor">',
+        _visual('<cylinder radius="0.05" length="0.04"/>', (0, 0, -0.02), 'steel'),
+        '  </link>',
+        f'  <joint name="optidrive" type="{joint}">',
+        f'    <parent link="ft_sensor"/>\n    <child link="tool"/>{limit}', '  </joint>',
+        '  <link name="tool">', _inertial(tool.mass, com, np.array(tool.inertia)),
+        _visual(body, com, 'tool'),
+        _visual('<sphere radius="0.01"/>', tip, 'steel'), '  </link>',
+        '  <link name="tip"/>',
+        '  <joint name="tip" type="fixed">',
+        '    <parent link="tool"/>\n    <child link="tip"/>',
+        f'    <origin xyz="{tip[0]:g} {tip[1]:g} {tip[2]:g}"/>', '  </joint>',
+        '</robot>')) + '\n'
+
+
+if __name__ == '__main__':
+    sys.stdout.write(urdf(load_rig(sys.argv[1] if len(sys.argv) > 1 else None)))
+
+
+def true_calibration(rig: Rig, accelerometer: str | None = None) -> dict[str, Array]:
+    """
+    Return the true value of everything that is identified.
+
+    Parameters
+    ----------
+    rig : Rig
+        Of its effects, those that change numbers of tool and wall count.
+    accelerometer : str, optional
+        ``acc1`` or ``acc2``; the rig's mounted one where none is given.
+
+    Returns
+    -------
+    dict of str to ndarray
+        By key of ``calibration.yaml``, as ``accelerometer.gain``; SI units, ft_sensor.
+    """
+    rig = physical_rig(rig)
+    name = accelerometer or rig.accelerometer.mounted
+    model: AccelerometerModel = getattr(rig.accelerometer, name)
+    truth: dict[str, object] = {
+        'mass': rig.tool.mass,
+        'com': rig.tool.com,
+        'inertia': rig.tool.inertia,
+        'wrench_bias': rig.wrench_sensor.bias,
+        'accelerometer.offset': model.offset,
+        'accelerometer.gain': model.gain,
+        'accelerometer.map': np.eye(3),
+        'accelerometer.delay': 0.0,
+    }
+    if rig.optidrive is not None:
+        truth['tool.stiffness'] = rig.optidrive.stiffness
+        truth['tool.damping'] = rig.optidrive.damping
+    return {key: np.array(value, dtype=float) for key, value in truth.items()}
+
+
+def expected_sensors(rig: Rig) -> Sensors:
+    """Return mass, centre of mass and noise densities of a rig."""
+    wrench, accelerometer = rig.wrench_sensor, rig.accelerometer
+    return Sensors(
+        rig.tool.mass, np.array(rig.tool.com), wrench.force_noise / sqrt(wrench.rate),
+        wrench.torque_noise / sqrt(wrench.rate), accelerometer.noise / sqrt(accelerometer.rate),
+        float(np.abs(accelerometer.model().gain).mean()), float(np.linalg.norm(rig.gravity)))

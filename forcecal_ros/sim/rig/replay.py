@@ -11,10 +11,9 @@ from forcecal_ros.effects import AccelerometerEffects, applicable, EFFECTS, Wren
 from forcecal_ros.effects.nuisances import Nuisance, nuisances
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.measured_motion import EXACT
-from forcecal_ros.sim.rig.offline import held_commands
 from forcecal_ros.sim.rig.plant import common_samples, enough_steps, Plant, same_motion
 from forcecal_ros.sim.rig.robot import Motion
-from forcecal_ros.sim.rig.simulator import checked_commands
+from forcecal_ros.sim.rig.simulator import checked_commands, held_commands
 from forcecal_ros.sim.signals import BLOCK, RATE, Signals, SMALL, UNSEEN
 import numpy as np
 

@@ -1,10 +1,15 @@
-"""The whole rig: commands in, readings of the sensors out, any number of periods at a time."""
+"""The simulated rig: live, period by period, or offline along recorded commands.
 
-from typing import NamedTuple
+A live simulation schedules which command holds in which robot period.
+"""
+
+from collections import deque
+from typing import Any, Literal, NamedTuple
 
 from forcecal_ros.core import jit
-from forcecal_ros.core.errors import MotionError
+from forcecal_ros.core.errors import DataError, MotionError
 from forcecal_ros.core.geometry import Array, quaternion_from_matrix
+from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.effects.signals import AccelerometerEffects, StampEffects, WrenchEffects
 from forcecal_ros.sim.rig.file import load_rig
@@ -13,7 +18,113 @@ from forcecal_ros.sim.rig.robot import Motion, move
 from forcecal_ros.sim.rig.sensors import Noise, respond, Response
 from forcecal_ros.sim.rig.tool import Slide, slide_along
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
+
+OLDEST = 1_000_000_000
+"""Age beyond which a stamp is of another clock, and the arrival of its command counts [ns]."""
+
+LONGEST_LAG = 250
+"""Most periods that a late stream lags behind; commands beyond that are dropped."""
+
+
+class CommandSchedule:
+    """
+    Commands on their way to a robot that takes one a period.
+
+    A command acts in the first period that begins at its stamp or later, as in a recording that
+    is replayed. Stamps that jitter neither drop nor double a command: one within half a period of
+    the slot that comes next takes that slot. Nor do commands that come late: they act one after
+    the other, and the stream lags until it rests.
+
+    Parameters
+    ----------
+    period_ns : int
+        Of the robot [ns].
+    start_ns : int
+        When period 0 begins [ns].
+
+    Attributes
+    ----------
+    late : int
+        Commands that came too late for their period.
+    """
+
+    def __init__(self, period_ns: int, start_ns: int) -> None:
+        self._period = period_ns
+        self._start = start_ns
+        self._queue: deque[tuple[int, Any]] = deque()
+        self._last = -1
+        self._newest: Any = None
+        self._lag = 0
+        self.late = 0
+
+    def add(self, stamp_ns: int, now_ns: int, next_period: int, command: Any) -> None:
+        """
+        Take in a command.
+
+        Parameters
+        ----------
+        stamp_ns : int
+            Of its header; taken to be now where it is in the future or too old.
+        next_period : int
+            The first period that is not simulated yet.
+        command : object
+            Compared with the one before: where they are equal the robot rests.
+        """
+        frontier = self._start + next_period * self._period
+        if not frontier - OLDEST <= stamp_ns <= now_ns:
+            stamp_ns = now_ns
+        if command == self._newest:
+            self._lag = 0
+        due = self._due(stamp_ns - self._start)
+        behind = next_period - due
+        if behind > self._lag:
+            self._lag = min(behind, LONGEST_LAG)
+            self.late += 1
+        self._last = max(due + self._lag, next_period, self._last)
+        self._newest = command
+        self._queue.append((self._last, command))
+
+    @property
+    def commanded_ns(self) -> int:
+        """End of the last period that a command has come for [ns]."""
+        return self._start + (self._last + 1) * self._period
+
+    def _due(self, since: int) -> int:
+        """Return the period a command is due in, ``since`` the start [ns]."""
+        expected, half = self._last - self._lag + 1, self._period // 2
+        if abs(since - expected * self._period + half) <= self._period:
+            return expected
+        return -(-since // self._period)
+
+    def restarted(self, start_ns: int) -> 'CommandSchedule':
+        """
+        Return a schedule for a time that was skipped: what waits acts one after the other.
+
+        Parameters
+        ----------
+        start_ns : int
+            When period 0 begins from now on [ns].
+        """
+        schedule = CommandSchedule(self._period, start_ns)
+        schedule._queue.extend((i, command) for i, (_, command) in enumerate(self._queue))
+        schedule._last, schedule._newest = len(self._queue) - 1, self._newest
+        schedule._lag = min(len(self._queue), LONGEST_LAG)
+        schedule.late = self.late
+        return schedule
+
+    def drop(self) -> None:
+        """Forget what waits, its sender silent; a stream that lags acts to its end."""
+        if not self._lag:
+            self._queue.clear()
+
+    def take(self, period: int) -> Any:
+        """Return the newest command that acts in a period; None: the one before holds."""
+        newest = None
+        while self._queue and self._queue[0][0] <= period:
+            newest = self._queue.popleft()[1]
+        return newest
+
 
 ORTHONORMAL = 1e-6
 """Largest deviation of R^T R from 1 for a commanded rotation R: rounding."""
@@ -258,3 +369,100 @@ def waits_for_compiler() -> bool:
 def warm_up() -> None:
     """Compile whatever is not compiled yet, which may take some seconds after an install."""
     Simulator(load_rig()).advance()
+
+
+BLOCK = 500
+"""Robot periods simulated in one block, which bounds the memory."""
+
+
+def held_commands(stamps: Array, starts: Array, tolerance: float) -> NDArray[np.intp]:
+    """
+    Say which command holds during each robot period: the latest one there is at its start.
+
+    Parameters
+    ----------
+    stamps : ndarray, shape (m,)
+        Of the commands, increasing [s].
+    starts : ndarray, shape (n,)
+        Of the robot's periods [s]; before the first command, the first one holds.
+    tolerance : float
+        How late a command may be and still count for its period [s].
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+    """
+    latest = np.searchsorted(stamps, starts + tolerance, side='right') - 1
+    return np.maximum(latest, 0)
+
+
+def simulate(rig: Rig, target: PoseStream, *, accelerometer: str | None = None,
+             noise: bool = True, seed: int | None = None, start: float | None = None,
+             duration: float | None = None, tolerance: float | None = None,
+             unit: Literal['V', 'm/s^2'] = 'V', steps: int | None = None) -> Recording:
+    """
+    Simulate the recording that a stream of commands would give.
+
+    Parameters
+    ----------
+    target : PoseStream
+        Commanded poses. In each period of the robot the command holds that is the latest at its
+        start: a late one takes effect a period later, a missing one leaves the one before.
+    accelerometer : str, optional
+        ``acc1`` or ``acc2``; the rig's mounted one where none is given.
+    noise : bool
+        False: readings of noise-free sensors, without losses.
+    seed : int, optional
+        Of the noise; fresh noise each time where none is given.
+    start : float, optional
+        When period 0 begins [s]; at the first command where none is given.
+    duration : float, optional
+        How long to go on from the start [s]; one period beyond the last command where none is
+        given.
+    tolerance : float, optional
+        How late a stamp may be and still count for its period [s]; half a period where none is
+        given, so that each command counts for the period nearest to its stamp and jitter neither
+        drops nor doubles any.
+    unit : str
+        Of the accelerometer: ``V``, or ``m/s^2`` for specific force.
+    steps : int, optional
+        Integration steps per period; fewest sufficient ones where none is given.
+
+    Returns
+    -------
+    Recording
+        Times on the clock of ``target``.
+
+    Raises
+    ------
+    DataError
+        There are no commands, or commands without position.
+    """
+    if not target.has_position:
+        raise DataError(f'{len(target)} commands with position; a simulation needs at least one, '
+                        'and none without: record target_frame')
+    period = rig.robot.period
+    t0 = float(target.t[0]) if start is None else start
+    span = float(target.t[-1]) - t0 + period if duration is None else duration
+    starts = np.array([t0 + k * period for k in range(max(1, round(span / period)))])
+    held = held_commands(target.t, starts, period / 2.0 if tolerance is None else tolerance)
+    positions, xyzw = checked_commands(target.position, target.R_base_sensor)
+    simulator = Simulator(rig, accelerometer, seed, steps=steps)
+    blocks = [simulator.run(positions[held[i:i + BLOCK]], xyzw[held[i:i + BLOCK]], noise)
+              for i in range(0, len(held), BLOCK)]
+    samples = Samples(*map(np.concatenate, zip(*blocks)))
+    return _recording(samples, target, t0, unit)
+
+
+def _recording(s: Samples, target: PoseStream, t0: float, unit: str) -> Recording:
+    return Recording(
+        wrench=Stream(t0 + s.wrench_t, s.wrench, 'ft_sensor'),
+        accelerometer=Stream(t0 + s.accelerometer_t,
+                             s.volts if unit == 'V' else s.specific_force, 'accelerometer'),
+        accelerometer_unit=unit,
+        pose=PoseStream(t0 + s.pose_t, s.position, s.R_base_sensor, target.frame),
+        target=target,
+        optidrive=(Stream(t0 + s.optidrive_t, s.optidrive[:, np.newaxis], 'ft_sensor')
+                   if len(s.optidrive) else None),
+        contact_truth=Stream(t0 + s.contact_t, s.contact, 'ft_sensor'),
+        source='simulation')

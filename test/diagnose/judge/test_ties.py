@@ -17,10 +17,9 @@ from forcecal_ros.diagnose.judge.ties import FORMS, lag, ties_of, TOLD_BY, untol
 from forcecal_ros.diagnose.model.linearised import linearised_model
 from forcecal_ros.diagnose.say.advice import advice
 from forcecal_ros.effects import EFFECTS
-from forcecal_ros.effects.filters import Delay, Filter
-from forcecal_ros.effects.signals import FORCES
+from forcecal_ros.effects.signals import Delay, Filter, FORCES
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.simulator import simulate
 from forcecal_ros.sim.rigid_tool import rigid_tool_of_rig
 import numpy as np
 import pytest

@@ -11,7 +11,7 @@ from forcecal_ros.diagnose.inputs.dataset import prepare, split
 from forcecal_ros.effects import with_effects
 from forcecal_ros.io.bags import read_recording, write_recording
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 import pytest
 from rig_recordings import FREE, motion, PERIOD

@@ -13,7 +13,7 @@ from forcecal_ros.diagnose.say.result import Diagnosis, load, to_document
 from forcecal_ros.diagnose.search.onsets import _to_a_sample
 from forcecal_ros.effects import with_effects
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.offline import simulate
+from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 import pytest
 from rig_recordings import FREE, motion, PERIOD

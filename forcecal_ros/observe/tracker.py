@@ -4,16 +4,17 @@ from collections.abc import Sequence
 from math import nan
 
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.observe import status as st
+from forcecal_ros.observe import sample as st
 from forcecal_ros.observe.design import Model
 from forcecal_ros.observe.motion import carried, gravity_in_sensor, MotionEstimate
-from forcecal_ros.observe.payload.model import Block, PayloadModel
-from forcecal_ros.observe.payload.step import (
+from forcecal_ros.observe.payload import (
     begin,
+    Block,
     Change,
     estimate,
     FROZEN,
     on_block,
+    PayloadModel,
     tared,
     ToolEstimate,
     TRACKING,
@@ -22,14 +23,25 @@ from forcecal_ros.observe.sample import ContactSample
 from forcecal_ros.observe.step import State
 import numpy as np
 
-SILENCE = 1.0
-"""Readings that say nothing of the tool for so long leave it unwatched: a payload is to be heard
-of in that time [s]."""
+MAX_SILENCE_S = 1.0
+"""Readings that show nothing of the tool for so long leave it unwatched: a payload is to be
+noticed in that time [s]."""
 
+ANNOUNCE_PERIOD_S = 1.0
+"""A tool that is still being learned is announced again after this: twice the time in which
+another is faded in [s]."""
 
-RETELL = 1.0
-"""A tool that is still being learned is told again after this: twice the time in which another
-is faded in [s]."""
+BLOCK_S = 0.05
+"""Of a block: vibrations average out over it, and a payload is noticed after eight [s]."""
+
+MAX_BLOCK_S = 0.5
+"""A block that spans more has a gap, and is left out: a tool may turn far in it [s]."""
+
+MIN_BLOCK_SAMPLES = 4
+"""Samples that a scatter is taken from; slower sensors have longer blocks."""
+
+UNUSABLE = st.INVALID | st.NO_POSE | st.SATURATED
+"""Status of a sample that shows nothing about the tool."""
 
 
 class Tracker:
@@ -82,10 +94,11 @@ class Tracker:
         Return the tool where it is known, and is another than this has returned last.
 
         Another is one whose weight differs by more than the errors of a weight are anyway, or
-        one after a change; not more often than once in ``RETELL``.
+        one after a change; not more often than once in ``ANNOUNCE_PERIOD_S``.
         """
         now, model = self.estimate, self.model
-        if now.state != TRACKING or self.announced.t <= now.t < self.announced.t + RETELL:
+        since = now.t - self.announced.t
+        if now.state != TRACKING or 0 <= since < ANNOUNCE_PERIOD_S:
             return None
         more = now.mass - self.announced.mass
         moment = now.mass * now.com - self.announced.mass * self.announced.com
@@ -98,7 +111,7 @@ class Tracker:
     @property
     def estimate(self) -> ToolEstimate:
         """What hangs on the sensor by now; frozen where readings have ceased to tell."""
-        if not self._newest - self._state.t <= SILENCE:
+        if not self._newest - self._state.t <= MAX_SILENCE_S:
             return self.latest._replace(state=FROZEN)
         return self.latest
 
@@ -108,21 +121,8 @@ class Tracker:
         return self._state.changes
 
 
-DURATION = 0.05
-"""Of a block: vibrations average out over it, and a payload is heard of after eight [s]."""
-
-LONGEST = 0.5
-"""A block that spans more has a gap, and is left out: a tool may turn far in it [s]."""
-
-FEWEST = 4
-"""Samples that a scatter is taken from; slower sensors have longer blocks."""
-
-UNUSABLE = st.INVALID | st.NO_POSE | st.SATURATED
-"""Status of a sample that says nothing about the tool."""
-
-
 def usable(sample: ContactSample) -> bool:
-    """Whether a sample says anything about the tool."""
+    """Whether a sample shows anything about the tool."""
     return not sample.status & UNUSABLE
 
 
@@ -153,14 +153,14 @@ def row_of(sample: ContactSample, motion: MotionEstimate, s: float, model: Model
 
 def is_full(rows: Sequence[tuple[float, ...]]) -> bool:
     """Whether rows make a block."""
-    return len(rows) >= FEWEST and rows[-1][0] - rows[0][0] >= DURATION
+    return len(rows) >= MIN_BLOCK_SAMPLES and rows[-1][0] - rows[0][0] >= BLOCK_S
 
 
 def block_of(rows: Sequence[tuple[float, ...]]) -> Block | None:
     """Average rows; None where there is a gap among them."""
     table = np.array(rows)
     duration = float(table[-1, 0] - table[0, 0])
-    if duration > LONGEST:
+    if duration > MAX_BLOCK_S:
         return None
     means = table.mean(axis=0)
     return Block(float(table[-1, 0]), duration, means[1:7], table[:, 20:].var(axis=0) / len(rows),

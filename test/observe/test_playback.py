@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from forcecal_ros.core.streams import PoseStream, Stream
 from forcecal_ros.observe import ObserverSettings, replay, Status
-from forcecal_ros.observe.from_file import gap_limit, interpolated, within_gaps
+from forcecal_ros.observe.playback import gap_limit, interpolated, within_gaps
 import gravity_arm as arm
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def log(request):
     return slow_log(*LOGS[request.param])
 
 
-@pytest.mark.parametrize('name', ['kalman', 'ukf', 'ekf', 'static'])
+@pytest.mark.parametrize('name', ['kalman', 'ukf', 'static'])
 def test_every_wrench_of_a_slow_log_has_its_pose(log, calibration, name):
     _, recording = log
     estimate = replay(recording, calibration, ObserverSettings(name))

@@ -1,12 +1,35 @@
-"""What the filters share: a belief, a function seen three ways, conditioning; and the EKF."""
+"""
+Gaussian filters: a belief, a function of the state, conditioning, and the unscented transform.
+
+[Ukf2025] sets alpha = 0.001, beta = 2, kappa = 0, which puts the sigma points a few thousandths
+of a standard deviation from the mean and gives the centre the weight -10^6: the textbook sums
+lose six to seven digits to it. Summed by pairs the weights are harmless. With h = alpha sqrt(n),
+columns L_i of the Cholesky factor, and for each pair
+
+    D_i = [y(x + h L_i) - y(x - h L_i)] / 2h
+    C_i = [y(x + h L_i) + y(x - h L_i) - 2 y(x)] / 2h
+
+the same transform, term by term, is
+
+    mean = y(x) + m,  m = sum_i C_i / h
+    P_yy = sum_i (D_i D_i^T + C_i C_i^T) + (beta - alpha^2) m m^T
+    P_xy = sum_i L_i D_i^T
+
+and the differences come from :attr:`Function.difference`, which never subtracts large numbers.
+For a linear function this is the Kalman filter, to rounding: :func:`expect_linear`.
+"""
 
 from collections.abc import Callable
+from math import sqrt
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
 import numpy as np
 from scipy.linalg.blas import dtrsm
 from scipy.linalg.lapack import dpotrf
+
+ALPHA, BETA = 1e-3, 2.0
+"""Spread of the sigma points and weight of the centre, [Ukf2025]; kappa is zero [1]."""
 
 
 class Gaussian(NamedTuple):
@@ -18,7 +41,7 @@ class Gaussian(NamedTuple):
 
 class Function(NamedTuple):
     """
-    A function of the state, in the three forms filters ask for.
+    A function of the state.
 
     Attributes
     ----------
@@ -27,20 +50,10 @@ class Function(NamedTuple):
     difference : callable
         (x (n,), dx (p, n)) -> (p, k): ``value(x + dx) - value(x)`` of each row, worked out so
         that a small dx does not drown in the rounding of a large x.
-    jacobian : callable
-        x (n,) -> (k, n).
     """
 
     value: Callable[[Array], Array]
     difference: Callable[[Array, Array], Array]
-    jacobian: Callable[[Array], Array]
-
-
-def linear(matrix: Array, offset: Array | float = 0.0) -> Function:
-    """Return ``matrix @ x + offset``, matrix (k, n), as a :class:`Function`."""
-    transposed = matrix.T
-    return Function(lambda x: matrix @ x + offset, lambda x, dx: dx @ transposed,
-                    lambda x: matrix)
 
 
 class Expected(NamedTuple):
@@ -90,7 +103,7 @@ def whiten(factor: Array, values: Array) -> Array:
     """
     Return ``factor^-1 values`` for a lower triangular factor, shapes (k, k), (k, p).
 
-    By dtrsm, not dtrtrs: OpenBLAS starts threads for the latter whatever the size, and on a busy
+    By dtrsm, not dtrtrs: OpenBLAS starts threads for the latter at any size, and on a busy
     machine waits half a millisecond for them.
     """
     return np.asarray(dtrsm(1.0, factor, values, lower=1))
@@ -102,15 +115,13 @@ def mahalanobis(innovation: Array, cov: Array) -> float:
     return float((e * e).sum())
 
 
-def predict(belief: Gaussian, transition: Function, Q: Array) -> Gaussian:
+def predict(belief: Gaussian, A: Array, Q: Array) -> Gaussian:
     """
-    Carry a belief forward: x = f(x), P = G P G^T + Q, as [Ukf2025] prints it.
+    Carry a belief forward: x = A x, P = A P A^T + Q, as [Ukf2025] prints it.
 
-    Exact for a linear f. All transitions of this package are linear in the state, so sigma points
-    have nothing to add here.
+    All transitions of this package are linear, so sigma points have nothing to add here.
     """
-    G = transition.jacobian(belief.mean)
-    return Gaussian(transition.value(belief.mean), G @ belief.cov @ G.T + Q)
+    return Gaussian(A @ belief.mean, A @ belief.cov @ A.T + Q)
 
 
 def condition(belief: Gaussian, expected: Expected, reading: Array,
@@ -140,13 +151,38 @@ def condition(belief: Gaussian, expected: Expected, reading: Array,
     return Gaussian(mean, cov)
 
 
-def expect(belief: Gaussian, measurement: Function, R: Array) -> Expected:
-    """Foretell a reading by the Jacobian at the mean; ``R`` (k, k) covariance of its noise."""
-    H = measurement.jacobian(belief.mean)
+def expect_linear(belief: Gaussian, H: Array, offset: Array | float, R: Array) -> Expected:
+    """Predict a reading ``H x + offset`` (k,); ``R`` (k, k) is the covariance of its noise."""
     cross = belief.cov @ H.T
-    return Expected(measurement.value(belief.mean), H @ cross + R, cross)
+    return Expected(H @ belief.mean + offset, H @ cross + R, cross)
 
 
-def update(belief: Gaussian, reading: Array, measurement: Function, R: Array) -> Gaussian:
-    """Take in a reading (k,) whose noise has the covariance ``R`` (k, k)."""
-    return condition(belief, expect(belief, measurement, R), reading)
+def transform(belief: Gaussian, function: Function) -> Expected:
+    """
+    Pass a belief through a function by its 2 n + 1 sigma points, without noise.
+
+    Raises
+    ------
+    NotPositiveDefinite
+        The belief's covariance is none.
+    """
+    mean = belief.mean
+    factor = cholesky(belief.cov)
+    h = ALPHA * sqrt(len(mean))
+    offsets = h * factor.T
+    moved = function.difference(mean, np.concatenate([offsets, -offsets]))
+    plus, minus = moved[:len(mean)], moved[len(mean):]
+    D = (plus - minus) * (0.5 / h)
+    C = (plus + minus) * (0.5 / h)
+    centre, cov = function.value(mean), D.T @ D
+    if np.count_nonzero(C):
+        shift = C.sum(axis=0) / h
+        centre = centre + shift
+        cov = cov + C.T @ C + (BETA - ALPHA ** 2) * np.outer(shift, shift)
+    return Expected(centre, cov, factor @ D)
+
+
+def expect(belief: Gaussian, measurement: Function, R: Array) -> Expected:
+    """Predict a reading by sigma points; ``R`` (k, k) is the covariance of its noise."""
+    mean, cov, cross = transform(belief, measurement)
+    return Expected(mean, cov + R, cross)

@@ -1,9 +1,9 @@
-"""
-How position follows commands: a delay and a difference equation for each axis of base.
+"""How a robot follows its commands: position by an equation an axis, orientation on SO(3).
 
-A pole on the negative real axis, or one that hardly decays, fits noisy poses as well as another
-where commands are smooth. But what it adds alternates from period to period, and micrometres of
-that are newtons at the tool.
+Commands and measured poses are brought onto the grid of the robot's periods first. A pole on the
+negative real axis, or one that hardly decays, fits noisy poses as well as another if commands are
+smooth. But what it adds alternates from period to period, and micrometres of that are newtons at
+the tool.
 """
 
 from collections.abc import Sequence
@@ -11,17 +11,105 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from forcecal_ros.core.errors import DataError
-from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.schema import Vector6
-from forcecal_ros.effects.rig import Axis, Directions, Rig
+from forcecal_ros.core.geometry import Array, quaternion_from_matrix, rotation_vector
+from forcecal_ros.core.schema import Matrix3, Vector6
+from forcecal_ros.core.streams import phase_spans, Recording, TOUCHING
+from forcecal_ros.diagnose.inputs.command_timing import shift_of
+from forcecal_ros.effects.rig import Axis, Directions, Rig, Servo
 from forcecal_ros.impedance.plant.output_error import delayed, OutputError, with_covariance
 from forcecal_ros.impedance.plant.robot_fit import Candidate, judged
-from forcecal_ros.rig_fit.grid import Followed
+from forcecal_ros.sim.poses import pose_at
 from forcecal_ros.sim.rig.plant import Plant
 from forcecal_ros.sim.rig.robot import Motion
+from forcecal_ros.sim.rig.simulator import held_commands
 import numpy as np
-from scipy.optimize import least_squares
+from numpy.typing import NDArray
+from scipy.optimize import least_squares, OptimizeResult
 from scipy.signal import lfilter
+
+SETTLING = 0.5
+"""Start of a recording whose errors do not count, since the robot may have moved before [s]."""
+
+SHORTEST = 10.0
+"""Commands and poses that a robot is fitted to, at least [s]: some ten of its slowest motions."""
+
+EVERY = 3
+"""
+Second that is not fitted, where no recording is given to judge on: programs move one axis after
+the other, and each has to be in both parts.
+"""
+
+
+class Followed(NamedTuple):
+    """
+    One recording, a row a period: what was commanded in it, what was reached at its end.
+
+    Attributes
+    ----------
+    start : float
+        When period 0 begins [s].
+    position, reached : ndarray, shape (m, 3)
+    R_command, R_reached : ndarray, shape (m, 3, 3)
+    used, held : ndarray of bool, shape (m,)
+        To fit on, and to judge on.
+    """
+
+    start: float
+    position: Array
+    R_command: Array
+    reached: Array
+    R_reached: Array
+    used: NDArray[np.bool_]
+    held: NDArray[np.bool_]
+
+    @property
+    def xyzw(self) -> Array:
+        """Commanded orientations."""
+        return quaternion_from_matrix(self.R_command)
+
+
+def followed(recording: Recording, period: float) -> Followed:
+    """
+    Bring a recording onto the grid of the commands.
+
+    Raises
+    ------
+    DataError
+        Commands and poses overlap for too short a time.
+    """
+    target, pose = recording.target, recording.pose
+    assert target is not None
+    assert pose is not None
+    start = float(target.t[0]) + shift_of(target.t, pose.t, period)
+    end = min(float(target.t[-1]) + period, float(pose.t[-1]))
+    m = int((end - start) / period)
+    starts: Array = start + period * np.arange(float(max(0, m)))
+    seen = starts + period >= pose.t[0]
+    if seen.sum() * period < SHORTEST:
+        raise DataError(f'{recording.source}: commands (target_frame) and poses (current_pose) '
+                        f'overlap for {seen.sum() * period:.1f} s, expected {SHORTEST:g} s at '
+                        'least; record a longer motion')
+    held = held_commands(target.t, starts, period / 2.0)
+    reached, R = pose_at(pose, np.clip(starts + period, pose.t[0], pose.t[-1]))
+    free = seen & (starts > max(start, float(pose.t[0])) + SETTLING)
+    for begin, end in phase_spans(recording.phases, TOUCHING):
+        free &= (starts + period < begin) | (starts >= end)
+    late = np.floor(starts - start).astype(int) % EVERY == EVERY - 1
+    return Followed(start, target.position[held], target.R_base_sensor[held], reached, R,
+                    free & ~late, free & late)
+
+
+def fit_and_judge(recordings: Sequence[Recording], heldout: Recording | None, period: float
+                  ) -> list[Followed]:
+    """Bring recordings onto the grid; one to judge on alone leaves the others to fit on."""
+    ready = [followed(one, period) for one in recordings]
+    if heldout is None:
+        return ready
+    last = followed(heldout, period)
+    return [*(one._replace(used=one.used | one.held, held=np.zeros_like(one.held))
+              for one in ready),
+            last._replace(used=np.zeros_like(last.used), held=last.used | last.held)]
+
 
 ORDERS = (1, 2, 3)
 """Of the difference equation that are tried: a rig holds three."""
@@ -276,3 +364,122 @@ def _numerator(feedback: Array, command: Array, position: Array, delay: int, use
     solution = np.linalg.lstsq(free[used], wanted[used], rcond=None)[0]
     rest = np.concatenate([solution[:-1], [gain - solution[:-1].sum()], solution[-1:]])
     return rest, np.asarray(wanted - free @ solution)
+
+
+TURNED = 0.01
+"""Turn of the commands from which orientation counts as moved [rad]: ten times a pose's noise."""
+
+LIMITS = ((2.0, 0.3), (300.0, 3.0))
+"""Bandwidth [rad/s] and damping that are tried: the integration is right within them."""
+
+PATIENCE = 2
+"""Longer delays, each worse than the best, that end the search for it."""
+
+
+class RotationFit(NamedTuple):
+    """
+    Orientation.
+
+    Attributes
+    ----------
+    servo : Servo
+    told : bool
+        Whether it turned.
+    lag : float
+        From the stamp of a slow command to the orientation [s].
+    """
+
+    servo: Servo
+    told: bool
+    lag: float
+
+
+def fit_rotation(rig: Rig, followed: Sequence[Followed], lag: float) -> RotationFit:
+    """
+    Fit the orientation, output error on SO(3).
+
+    Parameters
+    ----------
+    rig : Rig
+        Its period counts.
+    lag : float
+        Of the position, taken where nothing turned [s].
+    """
+    turn = max(float(np.linalg.norm(_away(one), axis=1).max()) for one in followed)
+    if turn < TURNED:
+        rest = max(lag - rig.robot.period, 2.0 * COARSE)
+        servo = replace(rig.servo, orientation_bandwidth=2.0 / rest)
+        return RotationFit(servo, False, lag)
+    late = _orientation_shift(followed, round(MOST_DELAY / rig.robot.period)) * rig.robot.period
+    late = max(late, rig.robot.period)
+    delay, best = _best(rig, followed, late)
+    servo = replace(_servo(rig, best.x, delay), orientation_tolerance=_servo_directions(best))
+    w, damping = best.x
+    return RotationFit(servo, True, float(rig.robot.period + delay + 2.0 * damping / w))
+
+
+def _best(rig: Rig, followed: Sequence[Followed], late: float) -> tuple[float, OptimizeResult]:
+    """Search bandwidth and damping for each delay, in whole periods, as long as it gets better."""
+    period, found = rig.robot.period, []
+    start = [2.0 / late, 1.0]
+    for k in range(1 + round(MOST_DELAY / period)):
+        found.append((k * period, _searched(rig, followed, k * period, start)))
+        start = found[-1][1].x.tolist()
+        costs = [float(one.cost) for _, one in found]
+        if len(costs) - 1 - int(np.argmin(costs)) >= PATIENCE:
+            break
+    return min(found, key=lambda one: float(one[1].cost))
+
+
+def _servo_directions(best: OptimizeResult) -> Matrix3:
+    """Return independent changes of bandwidth and damping, each 1 sigma; the delay's are 0."""
+    scale = np.maximum(np.linalg.norm(best.jac, axis=0), 1e-12)
+    variance = 2.0 * float(best.cost) / max(1, len(best.fun) - 2)
+    inverse = np.linalg.pinv(best.jac / scale) / scale[:, np.newaxis]
+    values, vectors = np.linalg.eigh(inverse @ inverse.T * variance)
+    (a, b), (c, d) = ((vectors * np.sqrt(np.maximum(values, 0.0))).T).tolist()
+    return (a, b, 0.0), (c, d, 0.0), (0.0, 0.0, 0.0)
+
+
+def _searched(rig: Rig, followed: Sequence[Followed], delay: float, start: list[float]
+              ) -> OptimizeResult:
+    used = [one for one in followed if one.used.any()]
+
+    def residual(x: Array) -> Array:
+        changed = replace(rig, servo=_servo(rig, x, delay))
+        return np.concatenate([_centred(turned_apart(changed, one)[one.used]).ravel()
+                               for one in used])
+
+    low, high = np.array(LIMITS)
+    inside = np.clip(start, low + 0.01 * (high - low), high - 0.01 * (high - low))
+    return least_squares(residual, inside, bounds=(low, high), x_scale=0.1 * inside,
+                         diff_step=1e-3, ftol=1e-6, xtol=1e-5, max_nfev=20)
+
+
+def _servo(rig: Rig, x: Array, delay: float) -> Servo:
+    w, damping = x.tolist()
+    servo: Servo = replace(rig.servo, orientation_bandwidth=w, orientation_damping=damping,
+                           orientation_delay=delay)
+    return servo
+
+
+def turned_apart(rig: Rig, one: Followed) -> Array:
+    """Return the rotation from simulated to measured at each period's end, in S, shape (m, 3)."""
+    R = at_ends(rig, one).R_base_sensor
+    return rotation_vector(np.swapaxes(R, 1, 2) @ one.R_reached)
+
+
+def _centred(rows: Array) -> Array:
+    return np.asarray(rows - rows.mean(axis=0))
+
+
+def _away(one: Followed) -> Array:
+    return rotation_vector(one.R_command[0].T @ one.R_command)
+
+
+def _orientation_shift(followed: Sequence[Followed], most: int) -> int:
+    def apart(k: int) -> float:
+        return sum(float(np.square(rotation_vector(
+            np.swapaxes(one.R_command[:len(one.R_command) - k:8], 1, 2) @ one.R_reached[k::8])
+            ).sum()) for one in followed)
+    return min(range(most + 1), key=apart)

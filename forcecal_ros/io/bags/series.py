@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.topics import POSE, Topic
-from forcecal_ros.io.bags.batch import Batch, Integers, Notes
-from forcecal_ros.io.bags.cdr import CdrError, Decoder, Group
+from forcecal_ros.io.bags.files import Batch, Integers, Notes
 from forcecal_ros.io.bags.header_stamps import increasing, usable_stamps
+from forcecal_ros.io.bags.messages import CdrError, Decoder, Group
 from forcecal_ros.io.bags.storage import Bag
 import numpy as np
 from numpy.typing import NDArray

@@ -10,18 +10,65 @@ same length, read a thousand times a second, for a thousand independent readings
 of the direction ends up 5 deg off, twenty times what it claims.)
 """
 
-from math import cos, exp, sin, sqrt
+from math import cos, exp, nan, sin, sqrt
 from typing import NamedTuple
 
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.geometry import Array, skew
+from forcecal_ros.observe.bias_filter import (
+    assess,
+    BiasModel,
+    Contact,
+    free_hypothesis,
+    learned_of,
+    MAX_PERIOD_S,
+    opened,
+    relaxation,
+    wrench_tuple,
+)
 from forcecal_ros.observe.design import design
-from forcecal_ros.observe.filters.bias_model import BiasModel, relaxation
-from forcecal_ros.observe.filters.gaussian import Function, Gaussian, linear
+from forcecal_ros.observe.gaussian import (
+    condition,
+    expect,
+    first,
+    Function,
+    Gaussian,
+    NotPositiveDefinite,
+    predict,
+)
+from forcecal_ros.observe.sample import (
+    BAD_WRENCH,
+    ContactSample,
+    MAX_READING,
+    NO_ACCELEROMETER,
+    NO_GRAVITY,
+    NO_GYRO,
+    NO_WRENCH,
+    RESTARTED,
+)
 from forcecal_ros.observe.settings import LEARNING, ObserverSettings
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
+
+WRENCH, BIAS, MASS = slice(0, 6), slice(6, 12), 12
+
+TILT, ACCELERATION = slice(13, 15), slice(15, 18)
+
+STATES = 18
+
+LEARNED = slice(6, 13)
+"""Biases and mass: what only readings without contact may teach."""
+
+OFFSET_TIME_S = 10.0
+"""The offset of a gyro is not estimated; it counts as noise that is drawn anew this often. As
+white noise, anew at every sample, the same size would turn gravity by much less [s]."""
+
+MIN_SPECIFIC_FORCE = 1.0
+"""A specific force below this, a tenth of gravity, does not tell where down is [m/s^2]."""
+
+_SWAP = np.array([-1.0, 1.0])
 
 
 class Imu(NamedTuple):
@@ -78,7 +125,7 @@ class PoseFreeModel(NamedTuple):
     inertia : ndarray, shape (3, 3)
         About the centre of mass [kg m^2].
     noise : ndarray, shape (9, 9)
-        Of the :func:`~forcecal_ros.observe.pose_free.model.readings`.
+        Of the :func:`readings`.
     """
 
     wrench: BiasModel
@@ -127,20 +174,6 @@ def pose_free_model(calibration: Calibration, settings: ObserverSettings = Obser
         np.vstack([np.eye(3), skew(com)]), place - com, inertia, R)
 
 
-WRENCH, BIAS, MASS = slice(0, 6), slice(6, 12), 12
-TILT, ACCELERATION = slice(13, 15), slice(15, 18)
-STATES = 18
-LEARNED = slice(6, 13)
-"""Biases and mass: what only readings without contact may teach."""
-
-OFFSET_LASTS = 10.0
-"""The offset of a gyro is not estimated; it counts as noise that is drawn anew this often. As
-white noise, anew at every sample, the same size would turn gravity by much less [s]."""
-
-LEAST_FORCE = 1.0
-"""A specific force below this, a tenth of gravity, does not tell where down is [m/s^2]."""
-
-
 class Turning(NamedTuple):
     """Angular velocity [rad/s] and acceleration [rad/s^2], (3,) each."""
 
@@ -159,7 +192,7 @@ def start_pose_free(model: PoseFreeModel, specific_force: Array) -> LevelBelief:
     """
     Return the belief before the first reading, from the first specific force (3,) [m/s^2].
 
-    Gravity is taken to oppose it, which wants it longer than ``LEAST_FORCE``.
+    Gravity is taken to oppose it, so it must be longer than ``MIN_SPECIFIC_FORCE``.
     """
     wrench, imu = model.wrench, model.imu
     mean = np.zeros(STATES)
@@ -211,7 +244,7 @@ def differentiate(turning: Turning | None, omega: Array, dt: float, corner: floa
 
 
 def follow_gyro(belief: LevelBelief, model: PoseFreeModel, omega: Array | None, dt: float,
-           contact: bool) -> tuple[Array, Function, Array]:
+           contact: bool) -> tuple[Array, Array, Array]:
     """
     Carry ``level`` along with the gyro, and return how the states move in a period ``dt`` [s].
 
@@ -220,7 +253,7 @@ def follow_gyro(belief: LevelBelief, model: PoseFreeModel, omega: Array | None, 
     Returns
     -------
     level : ndarray, shape (3, 3)
-    transition : Function
+    A : ndarray, shape (18, 18)
     Q : ndarray, shape (18, 18)
     """
     imu, wrench = model.imu, model.wrench
@@ -234,10 +267,10 @@ def follow_gyro(belief: LevelBelief, model: PoseFreeModel, omega: Array | None, 
     Q[MASS, MASS] = imu.payload_walk ** 2 * dt
     tilt = imu.unknown_rate ** 2 * dt
     if omega is not None:
-        tilt = (imu.gyro_std * dt) ** 2 + imu.gyro_offset ** 2 * OFFSET_LASTS * dt
+        tilt = (imu.gyro_std * dt) ** 2 + imu.gyro_offset ** 2 * OFFSET_TIME_S * dt
     Q[TILT, TILT] = tilt * np.eye(2)
     Q[ACCELERATION, ACCELERATION] = imu.acceleration_std ** 2 * (1 - fade * fade) * np.eye(3)
-    return turn @ belief.level, linear(A), Q
+    return turn @ belief.level, A, Q
 
 
 def relevelled(level: Array, states: Gaussian) -> LevelBelief:
@@ -258,11 +291,11 @@ def readings(level: Array, model: PoseFreeModel, turning: Turning) -> Function:
     a - g + alpha x d + omega x (omega x d) at d from the centre of mass. With tilt t of size h,
     g = G level [t_y sin(h)/h, -t_x sin(h)/h, cos h].
 
-    The mass learns from how the weight turns, not from accelerations: difference and Jacobian
-    leave dm a out. a carries the accelerometer's noise, which a filter would take for excitation:
-    it then believes to tell mass from bias at rest, and both end up ten standard errors off.
+    The mass learns from how the weight turns, not from accelerations: the difference
+    leaves dm a out. a carries the accelerometer's noise, which a filter would take for excitation:
+    it then seems to separate mass from bias at rest, and both end up ten standard errors off.
 
-    Difference and Jacobian hold at tilt 0, where the filter is.
+    The difference holds at tilt 0, where the filter is.
     """
     spread, G = model.spread, model.gravity
     W = skew(turning.omega)
@@ -285,18 +318,7 @@ def readings(level: Array, model: PoseFreeModel, turning: Turning) -> Function:
         return np.concatenate(
             [dx[:, WRENCH] + dx[:, BIAS] + push @ spread.T, -fall], axis=1)
 
-    def jacobian(x: Array) -> Array:
-        H = np.zeros((9, STATES))
-        H[:6, WRENCH] = H[:6, BIAS] = np.eye(6)
-        H[:6, MASS] = spread @ down
-        H[:6, TILT], H[:6, ACCELERATION] = x[MASS] * spread @ across, -x[MASS] * spread
-        H[6:, TILT], H[6:, ACCELERATION] = -across, np.eye(3)
-        return H
-
-    return Function(value, difference, jacobian)
-
-
-_SWAP = np.array([-1.0, 1.0])
+    return Function(value, difference)
 
 
 def _fallen(tilt: Array, across: Array, down: Array) -> Array:
@@ -305,3 +327,134 @@ def _fallen(tilt: Array, across: Array, down: Array) -> Array:
     s = np.sin(half)
     along = np.divide(s, half, out=np.ones_like(s), where=half > 0) * np.cos(half)
     return np.asarray((along[:, None] * tilt) @ across.T - np.outer(2 * s * s, down))
+
+
+_NOTHING = np.zeros(3)
+
+_STILL = Turning(_NOTHING, _NOTHING)
+
+_UNKNOWN = LevelBelief(np.full((3, 3), np.nan),
+                       Gaussian(np.full(STATES, np.nan), np.full((STATES, STATES), np.nan)))
+
+
+class PoseFreeState(NamedTuple):
+    """
+    What the filter remembers.
+
+    Attributes
+    ----------
+    t : float
+        Stamp of the last wrench that was used [s]; NaN before the first.
+    belief : LevelBelief or None
+        None until an accelerometer spoke.
+    contact : Contact
+    turning : Turning or None
+        As the gyro has it, filtered.
+    """
+
+    t: float = nan
+    belief: LevelBelief | None = None
+    contact: Contact = Contact()
+    turning: Turning | None = None
+
+
+class PoseFreeSample(NamedTuple):
+    """
+    One wrench answered, and what was removed from it.
+
+    Attributes
+    ----------
+    contact : ContactSample
+        As with a pose; the NIS it has learned covers the wrench alone.
+    gravity, gravity_std : ndarray, shape (3,)
+        In ft_sensor [m/s^2].
+    mass, mass_std : float
+        [kg]
+    """
+
+    contact: ContactSample
+    gravity: Array
+    gravity_std: Array
+    mass: float
+    mass_std: float
+
+
+def _usable(values: ArrayLike | None, size: int) -> Array | None:
+    """Return the values as an array; None where they are no readings of that many channels."""
+    if values is None:
+        return None
+    array = np.asarray(values, dtype=float)
+    return array if array.shape == (size,) and (np.abs(array) < MAX_READING).all() else None
+
+
+def pose_free_step(
+        state: PoseFreeState, t: float, wrench: ArrayLike, specific_force: ArrayLike | None,
+        angular_velocity: ArrayLike | None, model: PoseFreeModel,
+        ) -> tuple[PoseFreeState, PoseFreeSample]:
+    """
+    Take in one reading of the force sensor and what the IMU showed then. Never raises on it.
+
+    Parameters
+    ----------
+    t : float
+        Stamp [s]; a wrench that is not later than the one before is BAD_WRENCH.
+    wrench : array_like, shape (6,)
+        As on the wire: environment on tool, bias included [N, N m].
+    specific_force, angular_velocity : array_like, shape (3,), or None
+        In ft_sensor [m/s^2], [rad/s]; None or not finite: silent.
+    """
+    y, f = _usable(wrench, 6), _usable(specific_force, 3)
+    omega = _usable(angular_velocity, 3)
+    dt = t - state.t if state.t == state.t else model.wrench.covariances.period
+    if y is None or not 0 < dt < np.inf:
+        return state, _report(state, model, t, BAD_WRENCH)
+    if state.belief is None:
+        if f is None or np.linalg.norm(f) < MIN_SPECIFIC_FORCE:
+            return state, _report(state, model, t, NO_GRAVITY)
+        state = state._replace(belief=start_pose_free(model, f))
+    status = (NO_GYRO if omega is None else 0) | (NO_ACCELEROMETER if f is None else 0)
+    try:
+        return _filter(state, t, y, f, omega, min(dt, MAX_PERIOD_S), model, status)
+    except NotPositiveDefinite:
+        return PoseFreeState(t), _report(PoseFreeState(), model, t, status | RESTARTED)
+
+
+def _filter(state: PoseFreeState, t: float, y: Array, f: Array | None, omega: Array | None,
+            dt: float, model: PoseFreeModel, status: int
+            ) -> tuple[PoseFreeState, PoseFreeSample]:
+    assert state.belief is not None
+    filtered = None if omega is None else differentiate(state.turning, omega, dt, model.imu.corner)
+    turning = _STILL if filtered is None or omega is None else Turning(omega, filtered.alpha)
+    level, A, Q = follow_gyro(state.belief, model, omega, dt, state.contact.assumed)
+    moved = predict(state.belief.states, A, Q)
+    h, k = readings(level, model, turning), 6 if f is None else 9
+    reading = np.concatenate([y, _NOTHING if f is None else f])[:k]
+    expected = first(k, expect(moved, h, model.noise))
+    free = free_hypothesis(moved, expected, y, model.noise[:6, :6])
+    contact, nis = assess(state.contact, free, dt, model.wrench.contact)
+    frozen = LEARNED if contact.assumed else None
+    if frozen and not state.contact.assumed:
+        moved = opened(moved)
+        expected = first(k, expect(moved, h, model.noise))
+    inertial = expected.mean[:6] - moved.mean[WRENCH] - moved.mean[BIAS]
+    belief = relevelled(level, condition(moved, expected, reading, frozen))
+    state = PoseFreeState(t, belief, contact, filtered)
+    return state, _report(state, model, t, status, nis, y - expected.mean[:6], inertial,
+                          y - model.wrench.bias - inertial)
+
+
+def _report(state: PoseFreeState, model: PoseFreeModel, t: float, status: int, nis: float = nan,
+            *wrenches: Array) -> PoseFreeSample:
+    """Report a state; ``wrenches`` are innovation, inertial and measured, where known."""
+    level, (mean, cov) = _UNKNOWN if state.belief is None else state.belief
+    innovation, inertial, measured = (
+        (wrench_tuple(one) for one in wrenches) if wrenches else (NO_WRENCH,) * 3)
+    learned = learned_of(Gaussian(mean[:12], cov[:12, :12]), state.contact, nis, model.wrench)
+    # tilt about the first axis moves gravity along the second, and the other way round
+    across = level[:, 1::-1] * (-1.0, 1.0)
+    variance = ((across @ cov[TILT, TILT]) * across).sum(axis=1)
+    G = model.gravity
+    return PoseFreeSample(
+        ContactSample(t, NO_WRENCH if state.belief is None else wrench_tuple(mean), status,
+                      measured, innovation, inertial, learned),
+        G * level[:, 2], G * np.sqrt(variance), float(mean[MASS]), sqrt(cov[MASS, MASS]))

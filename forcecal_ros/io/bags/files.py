@@ -1,21 +1,104 @@
-"""MCAP files, record by record: whole ones, and what can be read of damaged ones."""
+"""
+The files of a recording, MCAP and SQLite: whole ones, and what can be read of damaged ones.
+
+Both hand out serialised messages by the thousand: one buffer, and where in it each message lies.
+rosbags reads the same files message by message, which takes nine times as long.
+"""
 
 from collections.abc import Iterator
+from itertools import compress
 from pathlib import Path
+import sqlite3
 import struct
 import sys
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 import zlib
 
+from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.topics import Topic
-from forcecal_ros.io.bags.batch import at_offsets, Batch, Notes
 import lz4.frame
 import numpy as np
+from numpy.typing import NDArray
 
 if sys.version_info >= (3, 14):
     from compression import zstd
 else:
     from backports import zstd
+
+Integers = NDArray[np.int64]
+
+
+class Notes:
+    """Plain sentences on what reading had to leave out or mend, each said once."""
+
+    def __init__(self) -> None:
+        self._sentences: dict[str, None] = {}
+
+    def add(self, sentence: str) -> None:
+        """Add a sentence, unless a hundred were said before."""
+        if len(self._sentences) < 100:
+            self._sentences[sentence] = None
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._sentences)
+
+
+def in_a_line(error: BaseException) -> str:
+    """Return the words of an error without breaks, at most 120 characters of them."""
+    return ' '.join(str(error).split())[:120] or type(error).__name__
+
+
+def printable(name: str) -> str:
+    """Return the name of a topic or type without what would break a line of text."""
+    return name if name.isprintable() else repr(name)[1:-1]
+
+
+class Batch(NamedTuple):
+    """
+    Messages of one topic.
+
+    Attributes
+    ----------
+    start, length : ndarray of int, shape (n,)
+        Where each message lies in the buffer [bytes].
+    log_ns : ndarray of int, shape (n,)
+        When each was recorded [ns since the epoch].
+    """
+
+    topic: Topic
+    buffer: bytes
+    start: Integers
+    length: Integers
+    log_ns: Integers
+
+
+def at_offsets(buffer: bytes, offsets: Integers, dtype: str) -> NDArray[Any]:
+    """
+    Read one item of a type at each offset, which need not be aligned.
+
+    Parameters
+    ----------
+    offsets : ndarray of int, shape (n,)
+        Each with a whole item behind it [bytes].
+    dtype : str
+        ``V40`` for 40 raw bytes.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        A copy.
+    """
+    kind = np.dtype(dtype)
+    if not len(offsets):
+        return np.empty(0, kind)
+    items = len(buffer) - kind.itemsize + 1
+    return np.ndarray((items,), kind, buffer, strides=(1,))[offsets]
+
+
+DAMAGE = (ArithmeticError, EOFError, LookupError, MemoryError, RecursionError, RuntimeError,
+          SyntaxError, TypeError, ValueError, sqlite3.Error, struct.error, zstd.ZstdError)
+"""All that decoders raise over bytes that are not what they should be; lz4 raises RuntimeError,
+and rosbags SyntaxError, since it makes Python classes of the definitions in a recording."""
 
 MAGIC = b'\x89MCAP0\r\n'
 """First and last bytes of an MCAP file."""
@@ -88,13 +171,14 @@ class McapFile:
                 name, position = _string(content, 2)
                 encoding, position = _string(content, position)
                 definition = _string(content, position)[0] if encoding == 'ros2msg' else ''
-                self._schemas[number] = name, definition
+                self._schemas[number] = printable(name), definition
             elif opcode == _CHANNEL:
                 number, schema = struct.unpack_from('<HH', content)
                 name, position = _string(content, 4)
                 if _string(content, position)[0] == 'cdr' and number not in self.topics:
-                    self.topics[number] = Topic(name, *self._schemas.get(schema, ('unknown', '')))
-        except (struct.error, UnicodeDecodeError):
+                    self.topics[number] = Topic(
+                        printable(name), *self._schemas.get(schema, ('unknown', '')))
+        except DAMAGE:
             return
 
     def _scan(self, channels: set[int]) -> Iterator[Batch]:
@@ -138,8 +222,7 @@ class McapFile:
     def _chunk(self, content: bytes, position: int, channels: set[int]) -> Iterator[Batch]:
         try:
             buffer = _unpack(content)
-        except (struct.error, UnicodeDecodeError, ValueError, RuntimeError, EOFError,
-                MemoryError, zstd.ZstdError) as error:
+        except DAMAGE as error:
             self._notes.add(f'{self._path.name}: the chunk at byte {position} is damaged '
                             f'({error}) and was left out')
             return
@@ -214,3 +297,110 @@ def _decompressor(compression: str) -> Any:
     if compression == 'lz4':
         return lz4.frame.LZ4FrameDecompressor()
     raise ValueError(f'unknown compression {compression!r}')
+
+
+_ROWS = 8192
+"""Messages that are read from the database at a time."""
+
+
+class SqliteFile:
+    """
+    The messages of one file.
+
+    Attributes
+    ----------
+    topics : dict of int to Topic
+        By topic id.
+    """
+
+    def __init__(self, path: Path, notes: Notes) -> None:
+        self._path = path
+        self._notes = notes
+        try:
+            self._database = self._open()
+            self.topics = self._read_topics()
+        except DAMAGE as error:
+            raise DataError(f'{path}: not a readable SQLite recording ({in_a_line(error)}); try '
+                            f'`sqlite3 {path.name} .recover`') from error
+
+    def _open(self) -> sqlite3.Connection:
+        """Open read-only; ``immutable`` where a lock or journal cannot be made beside it."""
+        address = self._path.absolute().as_uri()
+        for mode in ('mode=ro', 'mode=ro&immutable=1'):
+            database = sqlite3.connect(f'{address}?{mode}', uri=True)
+            database.text_factory = lambda text: text.decode(errors='replace')
+            try:
+                database.execute('SELECT count(*) FROM sqlite_master')
+                return database
+            except sqlite3.OperationalError as error:
+                database.close()
+                problem = error
+        raise problem
+
+    def _read_topics(self) -> dict[int, Topic]:
+        try:
+            definitions = dict(self._database.execute(
+                "SELECT topic_type, encoded_message_definition FROM message_definitions "
+                "WHERE encoding = 'ros2msg'"))
+        except sqlite3.DatabaseError:
+            definitions = {}
+        rows = self._database.execute(
+            "SELECT id, name, type FROM topics WHERE serialization_format = 'cdr'")
+        return {number: Topic(printable(name), printable(kind), str(definitions.get(kind, '')))
+                for number, name, kind in rows if type(name) is type(kind) is str}
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._database.close()
+
+    def batches(self, topics: set[Topic]) -> Iterator[Batch]:
+        """Yield the messages of some topics, some thousands at a time, in the file's order."""
+        wanted = [number for number, topic in self.topics.items() if topic in topics]
+        query = ('SELECT id, topic_id, timestamp, data FROM messages '  # noqa: S608 - of ?
+                 f'WHERE topic_id IN ({", ".join("?" * len(wanted))}) AND id > ? ')
+        last = -1
+        try:
+            for rows in self._rows(query + 'ORDER BY id', (*wanted, last)):
+                last = rows[-1][0]
+                yield from self._group(rows)
+        except sqlite3.DatabaseError as error:
+            self._notes.add(f'{self._path.name} is damaged or cut off ({error}): some messages '
+                            'were left out')
+            yield from self._backwards(query, wanted, last)
+
+    def _backwards(self, query: str, wanted: list[int], last: int) -> Iterator[Batch]:
+        """Yield what lies behind the damage, from the end."""
+        try:
+            for rows in self._rows(query + 'ORDER BY id DESC', (*wanted, last)):
+                yield from self._group(rows[::-1])
+        except sqlite3.DatabaseError:
+            return
+
+    def _rows(self, query: str, values: tuple[int, ...]) -> Iterator[list[tuple[Any, ...]]]:
+        cursor = self._database.execute(query, values)
+        rows: list[tuple[Any, ...]] = []
+        try:
+            for row in cursor:
+                rows.append(row)
+                if len(rows) == _ROWS:
+                    yield rows
+                    rows = []
+        except sqlite3.DatabaseError:
+            if rows:
+                yield rows
+            raise
+        if rows:
+            yield rows
+
+    def _group(self, rows: list[tuple[Any, ...]]) -> Iterator[Batch]:
+        rows = [row for row in rows if type(row[2]) is int and type(row[3]) is bytes]
+        if not rows:
+            return
+        _, numbers, log_ns, blobs = zip(*rows)
+        source, logs = np.array(numbers), np.array(log_ns)
+        for number in set(numbers):
+            chosen = source == number
+            messages = list(compress(blobs, chosen))
+            length = np.array([len(message) for message in messages])
+            yield Batch(self.topics[number], b''.join(messages), np.cumsum(length) - length,
+                        length, logs[chosen])

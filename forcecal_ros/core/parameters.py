@@ -5,9 +5,7 @@ from math import inf, isfinite
 from textwrap import wrap
 from typing import Any, NamedTuple, TypeVar
 
-from forcecal_ros.core.schema.file import yaml_value
-from forcecal_ros.core.schema.row import Row
-from forcecal_ros.core.schema.sections import columns
+from forcecal_ros.core.schema import columns, Row, yaml_value
 import numpy as np
 
 T = TypeVar('T')

@@ -1,1 +1,0 @@
-"""The filters: from the unfiltered contact wrench to the one that is published."""

@@ -1,1 +1,0 @@
-"""The chain without a pose: accelerometer and gyro tell where down is."""
