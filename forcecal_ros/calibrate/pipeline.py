@@ -50,7 +50,7 @@ from forcecal_ros.calibrate.touched import what_touches
 from forcecal_ros.calibrate.unsettled import mode_of, settled, without_ringing
 from forcecal_ros.checks.accelerometer import refuse_on_another_link, refuse_other_unit
 from forcecal_ros.checks.entry import checked
-from forcecal_ros.checks.hypotheses import judge
+from forcecal_ros.checks.hypotheses import judge, slight_misfit
 from forcecal_ros.checks.messages import Stated
 from forcecal_ros.checks.signals import clipped
 from forcecal_ros.core.axes import DOWN, in_axes_of_pose, level_from_base, levelled
@@ -167,7 +167,7 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
     """
     recording, removed = checked(recording)
     require_wrench(recording)
-    recording = _judged(_evened(recording), settings)
+    recording, slight = _judged(_evened(recording), settings)
     recording = levelled(recording, settings.gravity_direction)
     poses = static_poses(recording)
     stops = clipped(recording)
@@ -179,7 +179,7 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
     check_weight(statics.gravity, settings.thresholds.condition)
     if gridded is None:
         return replace(_single_samples(recording, removed, poses, statics, settings),
-                       stops=stops)
+                       slight_misfit=slight, stops=stops)
     weight, sag, ring = _ringing(recording, poses, statics, gridded, settings)
     if ring is not None:
         gridded, statics = _settled(recording, poses, statics, gridded, weight.mass, ring,
@@ -195,17 +195,19 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
     turn = gridded.kinematics.angular(late[0] if late else 0.0)
     return Stages(recording, removed, poses, statics, tool, sag, ring,
                   _accelerometer(recording, gridded, tool, turn, settings), inertia, late,
-                  ToolMotion(gridded, slide, turn), stops=stops)
+                  ToolMotion(gridded, slide, turn), slight, stops)
 
 
-def _judged(recording: Recording, settings: IdentificationSettings) -> Recording:
-    """Refuse a recording that another hypothesis explains better; note what is undecided."""
+def _judged(recording: Recording, settings: IdentificationSettings) -> tuple[Recording, str]:
+    """Refuse a recording that another hypothesis explains better; name what is slight."""
     level = level_from_base(settings.gravity_direction)
     down = DOWN if level is None else level.T @ DOWN
-    notes = judge(in_axes_of_pose(recording, settings.sensor_rotation), settings.gravity * down,
-                  Stated(down, settings.wrench_sign, settings.sensor_rotation,
-                         recording.sensor_from_pose))
-    return replace(recording, notes=(*recording.notes, *notes))
+    stated = Stated(down, settings.wrench_sign, settings.sensor_rotation,
+                    recording.sensor_from_pose)
+    judged = in_axes_of_pose(recording, settings.sensor_rotation)
+    notes = judge(judged, settings.gravity * down, stated)
+    return (replace(recording, notes=(*recording.notes, *notes)),
+            slight_misfit(judged, settings.gravity * down, stated))
 
 
 def _settled(recording: Recording, poses: list[StaticPose], statics: Statics,

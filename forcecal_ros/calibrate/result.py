@@ -51,6 +51,8 @@ class Stages:
         How much later than the wrench the pose shows the same instant, and its error [s].
     motion : ToolMotion or None
         None where the poses were single samples.
+    slight_misfit : str
+        What the forces show of a small rotation of the sensor or tilt of the base.
     stops : tuple of Clipping
         Where channels stop at a limit.
     """
@@ -66,6 +68,7 @@ class Stages:
     inertia: InertiaFit | None
     pose_delay: tuple[float, float] | None
     motion: ToolMotion | None
+    slight_misfit: str = ''
     stops: tuple[Clipping, ...] = ()
 
 

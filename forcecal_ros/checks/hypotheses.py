@@ -34,7 +34,7 @@ from forcecal_ros.core.geometry import (
     skew,
     STANDARD_GRAVITY,
 )
-from forcecal_ros.core.streams import Recording
+from forcecal_ros.core.streams import Recording, Stream
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -48,11 +48,16 @@ is no explanation, however many samples there are."""
 SPANNED = 0.1
 """Spread of the directions of gravity, gravity taken as 1, from which they determine a weight."""
 
+CERTAINLY_BETTER = 0.9
+"""Share of the residual that a slight rotation or tilt leaves at most: beside cables, gains and
+drifts it explains less."""
+
 SLIGHT = 0.05
 """Share of a weight by which a bias may drift, or a change may be, without a word."""
 
-MAX_OFFSET_S, MIN_OFFSET_S = 30.0, 0.1
-"""Clock offsets that are looked for; smaller ones are a delay, which the fit estimates."""
+MAX_OFFSET_S, MIN_OFFSET_S, MIN_DELAY_S = 30.0, 0.1, 2e-3
+"""Clock offsets that are looked for; smaller ones are a delay, which the fit estimates, and of
+which nothing is said below the last: tools on springs show as much."""
 
 SMOOTHINGS_S = (0.1, 0.2, 0.35, 0.6, 1.0, 1.7)
 """Time constants of a driver's low-pass that are tried: neighbours differ by less than twice."""
@@ -149,11 +154,44 @@ def judge(recording: Recording, gravity: Array, stated: Stated = Stated(),
         return (message or messages.slight(best, stated),)
     if not known:
         messages.refuse_weightless(plain)
-    notes = _of_estimates(plain.fit, recording, known)
+    notes = _of_estimates(motion, plain.fit, recording, known)
     if best is not plain and lead > 0.5 * MARGIN and gain > MIN_GAIN and (
             said := messages.of(best, plain, stated, [])):
         notes = (*notes, f'undecided: as recorded, or {said}')
     return notes
+
+
+def slight_misfit(recording: Recording, gravity: Array, stated: Stated = Stated()) -> str:
+    """
+    Name a rotation of the sensor or a tilt of the base within tolerance, that is certain.
+
+    Parameters
+    ----------
+    gravity : ndarray, shape (3,)
+        In base [m/s^2].
+
+    Returns
+    -------
+    str
+        Empty where there is none, or the recording does not determine it.
+    """
+    motion = on_grid(recording, gravity)
+    plain = None if motion is None or motion.usable.sum() < 4 else explain(motion)
+    if motion is None or plain is None or plain.mass < SURE * plain.mass_std:
+        return ''
+    tilted, turned = _tilted(motion), None
+    if _spread(motion.in_sensor[motion.usable][:, None], gravity)[1] > SPANNED:
+        turned = _refined(motion, np.eye(3))
+    found = []
+    for row, one in ((TABLE_BY_NAME['tilted'], tilted), (TABLE_BY_NAME['rotated'], turned)):
+        fit = None if one is None else explain(one)
+        if one is not None and fit is not None:
+            found.append((fit.force.scale, Candidate(row.name, one, fit, 0.0, row)))
+    best = min(found, key=lambda one: one[0], default=None)
+    if best is None or best[0] > CERTAINLY_BETTER * plain.force.scale:
+        return ''
+    angle, std = messages.angle_of(best[1], stated)
+    return messages.slight(best[1], stated) if angle > SURE * std else ''
 
 
 def candidates(motion: Motion) -> list[Candidate]:
@@ -212,13 +250,18 @@ ELSEWHERE_M = 0.05
 """Points of torques are apart by less where nothing is wrong: soft tools, late poses."""
 
 
-def _of_estimates(fit: Explained, recording: Recording, known: Known | None) -> tuple[str, ...]:
+def _of_estimates(motion: Motion, fit: Explained, recording: Recording, known: Known | None
+                  ) -> tuple[str, ...]:
     """Compare what should agree: masses, biases, centres of mass, inertia and weight."""
+    late = float(fit.force.theta[5] / fit.mass) if fit.moving else 0.0
+    if abs(late) > MIN_DELAY_S:  # beyond what a line through no delay shows
+        wrench = Stream(motion.t, motion.wrench).at(motion.t + late)
+        fit = explain(replace(motion, wrench=wrench)) or fit
     _refuse_counts(fit)
     if known is not None and (note := _other_tool(fit, known)):
         return (note,)
     return tuple(note for note in (
-        _other_time(fit), _late(fit, recording), _other_point(fit, recording, known)) if note)
+        _other_time(fit), _late(fit, late, recording), _other_point(fit, recording, known)) if note)
 
 
 def _refuse_counts(fit: Explained) -> None:
@@ -335,16 +378,18 @@ def _other_time(fit: Explained) -> str:
             'and stamped anew; inertia counts as contact: use the log as it was recorded')
 
 
-def _late(fit: Explained, recording: Recording) -> str:
+def _late(fit: Explained, late: float, recording: Recording) -> str:
     """Say that forces are late by what adds more to them than noise does; empty: they are not."""
     if not fit.moving or recording.wrench is None:
         return ''
-    late, std = (float(x[5] / fit.mass) for x in (fit.force.theta, fit.force.std))
+    std = float(fit.force.std[5] / fit.mass)
+    if abs(late) > MIN_DELAY_S:
+        late += float(fit.force.theta[5] / fit.mass)
     steps = np.abs(np.diff(recording.wrench.values[:, :3], axis=0))
     noise = float(np.linalg.norm(np.median(steps, axis=0))) / 0.954  # of differences, Gaussian
     turning = float(np.sqrt(((np.gradient(fit.gravity, axis=0) / STEP_S)**2).sum(1).mean()))
     size = abs(late) * fit.mass * turning
-    if abs(late) < max(SURE * std, 2e-3) or size < noise:
+    if abs(late) < max(SURE * std, MIN_DELAY_S) or size < noise:
         return ''
     return (f'wrench shows the weight turn {1e3 * abs(late):.0f} +- {1e3 * std:.0f} ms '
             f'{"later" if late > 0 else "earlier"} than the pose, which leaves {size:.2g} N RMS '
@@ -645,3 +690,5 @@ TABLE = (
     Hypothesis('load changes', _change('load'), 1, is_note=True),
     Hypothesis('vertical changes', _change('tilt'), 1, is_note=True),
 )
+
+TABLE_BY_NAME = {row.name: row for row in TABLE}

@@ -112,6 +112,13 @@ def slight(best: Any, stated: Stated) -> str:
     return f'{" and ".join(parts)}, by the forces' if parts else ''
 
 
+def angle_of(one: Any, stated: Stated) -> tuple[float, float]:
+    """Return the angle of a rotation or a tilt, with its standard error [rad]."""
+    if one.name == 'tilted':
+        return np.radians(_angle_between(_down(one), stated.down)), _turn_std(one)
+    return np.radians(_angle(one.motion.axes)), _turn_std(one)
+
+
 def refuse_weightless(plain: Any) -> None:
     """
     Refuse forces that do not turn with the sensor as a weight does.
@@ -124,9 +131,11 @@ def refuse_weightless(plain: Any) -> None:
     fit, motion = plain.fit, plain.motion
     force = motion.wrench[motion.usable, :3]
     changes = float((force - force.mean(axis=0)).std())
-    residual = fit.force.scale
+    residual = fit.force.scale if motion.step else float(
+        np.sqrt((fit.force.residual**2).mean()))
     q, q_std = fit.inertial
-    if fit.moving and abs(q) > 5.0 and abs(q) > 10.0 * q_std and changes > NO_NOISE_N:
+    if fit.moving and abs(q) > max(5.0, 10.0 * q_std) and fit.mass < 10.0 * fit.mass_std and (
+            changes > NO_NOISE_N):
         raise DataError(
             f'wrench: it shows the inertia of {q * fit.mass:.3g} kg and the weight of '
             f'{fit.mass:.3g} kg: the driver removes the weight; let it leave the weight in, or '
