@@ -261,7 +261,8 @@ def _of_estimates(motion: Motion, fit: Explained, recording: Recording, known: K
     if known is not None and (note := _other_tool(fit, known)):
         return (note,)
     return tuple(note for note in (
-        _other_time(fit), _late(fit, late, recording), _other_point(fit, recording, known)) if note)
+        _other_time(fit), _late(fit, late, recording),
+        _other_point(fit, recording, known)) if note)
 
 
 def _refuse_counts(fit: Explained) -> None:

@@ -32,10 +32,10 @@ NO_NOISE_N = 1.0
 ITSELF: Vector7 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 FIXED = {
-    'inverted': ('pose: it is that of base in the sensor', 'publish the pose of the sensor in '
-                 'base'),
-    'wxyz': ('pose: its quaternions are in the order w, x, y, z', 'fill x, y, z and w by their '
-             'names'),
+    'inverted': ('pose: it is that of base in the sensor', ('publish the pose of the sensor in '
+                 'base')),
+    'wxyz': ('pose: its quaternions are in the order w, x, y, z', ('fill x, y, z and w by their '
+             'names')),
     'base': ('wrench: it is expressed in base, not in the frame of the sensor',
              "set the driver to publish in the sensor's frame"),
     'exchanged': ('wrench: force and torque are exchanged', 'correct their order in the driver'),
@@ -179,29 +179,29 @@ def _cause(one: Any, plain: Any, stated: Stated) -> tuple[str, str] | None:
         return FIXED[name]
     if name == 'sign' or (name == 'mirrored' and _angle(-one.motion.axes) < TOLERANCE_DEG):
         sign = -stated.wrench_sign
-        return ('wrench: it has the opposite sign', f'set wrench.sign to {sign} (--wrench-sign '
+        return ('wrench: it has the opposite sign', (f'set wrench.sign to {sign} (--wrench-sign '
                 f'{sign}), unless the robot hangs upside down: then '
-                f'{_level(-stated.down, stated)}')
+                f'{_level(-stated.down, stated)}'))
     if name == 'mirrored':
         return (f'wrench: its axes are mirrored (left-handed){_order(one.motion.axes)}',
                 'correct the order and the signs of its axes in the driver')
     if name == 'torque axes':
         Q = one.motion.axes
-        return (f'wrench: its torques are not about the axes of its forces{_order(Q)}, or all '
-                'three the other way round',
+        return ((f'wrench: its torques are not about the axes of its forces{_order(Q)}, or all '
+                'three the other way round'),
                 'correct the order and the signs of the torques in the driver')
     if name == 'clock':
         late = float(one.motion.t[0] - plain.motion.t[0])
-        return (f'wrench shows gravity turn {abs(late):.2f} s {"later" if late > 0 else "earlier"}'
-                ' than the pose, by their stamps',
-                'set the clocks of all computers by one (PTP or chrony) and record again; '
-                f'{-late:+.2f} s on all stamps of wrench correct this recording')
+        return ((f'wrench shows gravity turn {abs(late):.2f} s {"later" if late > 0 else "earlier"}'
+                ' than the pose, by their stamps'),
+                ('set the clocks of all computers by one (PTP or chrony) and record again; '
+                f'{-late:+.2f} s on all stamps of wrench correct this recording'))
     if name.endswith('changes'):
         return _changed(one)
     causes = []
     if 'rotated' in name and _angle(Q := one.motion.axes) > TOLERANCE_DEG:
-        causes.append((f"wrench: its axes are turned by {_turn(Q, _turn_std(one))} against the "
-                       f"sensor's pose{_order(Q)}", _rotation_option(Q, stated)))
+        causes.append(((f"wrench: its axes are turned by {_turn(Q, _turn_std(one))} against the "
+                       f"sensor's pose{_order(Q)}"), _rotation_option(Q, stated)))
     if 'tilted' in name and _angle_between(_down(one), stated.down) > TOLERANCE_DEG:
         causes.append((f'base is not level, gravity in it is {_tilt(one, stated)} off',
                        _level(_down(one), stated)))
@@ -215,19 +215,19 @@ def _changed(one: Any) -> tuple[str, str] | None:
     if one.name == 'bias changes':
         at = motion.t[int(np.argmax(motion.part))]
         x, y, z = theta[-3:] - theta[-6:-3]
-        return (f'from {at:.1f} s on the wrench is {x:+.2g} {y:+.2g} {z:+.2g} N off, however the '
+        return ((f'from {at:.1f} s on the wrench is {x:+.2g} {y:+.2g} {z:+.2g} N off, however the '
                 'sensor turns: it was tared, overloaded, or its driver started anew, while this '
-                'was recorded; that is no contact', 'use either part alone')
+                'was recorded; that is no contact'), 'use either part alone')
     at = motion.t[int(np.argmax(motion.extra.any(axis=(1, 2))))]
     k = motion.extra.shape[2]
     found = theta[-3 - k:-3]
     if one.name == 'load changes':
-        return (f'from {at:.1f} s on the sensor carries {abs(found[0]):.3g} kg '
+        return ((f'from {at:.1f} s on the sensor carries {abs(found[0]):.3g} kg '
                 f'{"more" if found[0] > 0 else "less"}: something was gripped or let go; its '
-                'weight counts as contact', 'use either part alone (--track-tool follows it)')
-    return (f'from {at:.1f} s on a force of {np.linalg.norm(found):.2g} N keeps its direction '
+                'weight counts as contact'), 'use either part alone (--track-tool follows it)')
+    return ((f'from {at:.1f} s on a force of {np.linalg.norm(found):.2g} N keeps its direction '
             'across the vertical of base, however the sensor turns: the base is not level any '
-            'more (it tilted, or drives over a slope), or something pulls steadily',
+            'more (it tilted, or drives over a slope), or something pulls steadily'),
             'its pull counts as contact; use either part alone')
 
 

@@ -314,8 +314,8 @@ def refuse_stuck(stream: Stream, name: str, channels: Sequence[str],
                 turns = len(R) > 0 and bool(np.abs(R - R[0]).max() > 0.1)
             if turns or any(_sticks(stream, steps, k, hold, False)
                             for k in range(values.shape[1])):
-                found = [f'{name}: every channel repeats itself from {t[first]:.2f} s to '
-                         f'{t[last]:.2f} s']
+                found = [(f'{name}: every channel repeats itself from {t[first]:.2f} s to '
+                         f'{t[last]:.2f} s')]
                 break
         elif steps[first:last].any(axis=1).sum() >= STUCK_SAMPLES and _sticks(
                 stream, steps, j, hold, True):

@@ -20,7 +20,7 @@ class Sines(NamedTuple):
     phase: np.ndarray
 
     def at(self, t):
-        """Return the motion: derivatives of the rotation by differences over 0.1 ms, of the place exactly."""
+        """Return the motion; its rotation is derived by differences over 0.1 ms."""
         h = 1e-4
         R0, R, R1 = (self._turned(t + dt) for dt in (-h, 0.0, h))
         before, after = (_rate(R0, R) / h, _rate(R, R1) / h)
