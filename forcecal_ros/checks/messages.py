@@ -192,8 +192,9 @@ def _cause(one: Any, plain: Any, stated: Stated) -> tuple[str, str] | None:
                 'correct the order and the signs of the torques in the driver')
     if name == 'clock':
         late = float(one.motion.t[0] - plain.motion.t[0])
-        return ((f'wrench shows gravity turn {abs(late):.2f} s {"later" if late > 0 else "earlier"}'
-                ' than the pose, by their stamps'),
+        side = 'later' if late > 0 else 'earlier'
+        cause = f'wrench shows gravity turn {abs(late):.2f} s {side} than the pose, by its stamps'
+        return (cause,
                 ('set the clocks of all computers by one (PTP or chrony) and record again; '
                 f'{-late:+.2f} s on all stamps of wrench correct this recording'))
     if name.endswith('changes'):
