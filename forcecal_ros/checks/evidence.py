@@ -20,7 +20,7 @@ from forcecal_ros.core.geometry import Array, skew
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
+from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 STEP_S = 0.02
 """Means over so long are compared [s]; over longer in slow or long recordings."""
@@ -33,9 +33,9 @@ MAX_STEPS, MAX_ROWS = 20_000, 800
 """Steps of a long recording, and rows of one fit: 800 rows of three channels determine ten
 unknowns to a fiftieth of the noise."""
 
-TRUE_TO = 0.03
-"""Share of the changes of its readings to which a sensor is true: gains, crosstalk and mounts of
-1 to 2 % are no other hypothesis."""
+TRUE_TO = 0.01
+"""Share of the changes of its readings to which a sensor is true, by its data sheet: what leaves
+less needs no other hypothesis."""
 
 FREEDOM = 2.0
 """Degrees of freedom of Student's t: contact may be half of a recording."""
@@ -69,7 +69,8 @@ class Motion:
     free_gravity : bool
         Gravity may point anywhere in base.
     smoothing : float
-        Time constant of a low-pass that the wrench has passed [s].
+        Time constant of a low-pass that the wrench has passed, or minus the length of a mean
+        about each reading [s].
     extra : ndarray, shape (n, 3, k), or None
         Further columns of the forces.
     axes : ndarray, shape (3, 3), or None
@@ -261,8 +262,10 @@ def _of_inertia(v: Array) -> Array:
 
 
 def _smoothed(values: Array, constant: float = 0.0) -> Array:
-    """Low-pass along time; first by a time constant [steps]."""
-    if constant:
+    """Low-pass along time; first by a time constant, or a mean of minus so many [steps]."""
+    if constant < 0.0:
+        values = uniform_filter1d(values, max(1, round(-constant)), axis=0)
+    elif constant:
         from scipy.signal import lfilter  # takes a second to load, which a node does not need
         keep = np.exp(-1.0 / constant)
         values = lfilter([1.0 - keep], [1.0, -keep], values - values[0], axis=0) + values[0]

@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 from forcecal_ros.checks import messages
 from forcecal_ros.checks.evidence import biases, explain, Explained, Motion, on_grid, STEP_S
-from forcecal_ros.checks.messages import Stated
+from forcecal_ros.checks.messages import SLIGHT, Stated
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import (
     Array,
@@ -52,15 +52,13 @@ CERTAINLY_BETTER = 0.9
 """Share of the residual that a slight rotation or tilt leaves at most: beside cables, gains and
 drifts it explains less."""
 
-SLIGHT = 0.05
-"""Share of a weight by which a bias may drift, or a change may be, without a word."""
-
 MAX_OFFSET_S, MIN_OFFSET_S, MIN_DELAY_S = 30.0, 0.1, 2e-3
 """Clock offsets that are looked for; smaller ones are a delay, which the fit estimates, and of
 which nothing is said below the last: tools on springs show as much."""
 
-SMOOTHINGS_S = (0.1, 0.2, 0.35, 0.6, 1.0, 1.7)
-"""Time constants of a driver's low-pass that are tried: neighbours differ by less than twice."""
+SMOOTHINGS_S = (0.1, 0.2, 0.35, 0.6, 1.0, 1.7, -0.35, -0.6, -1.0, -1.7)
+"""Time constants of a driver's low-pass that are tried, and lengths of means (below 0):
+neighbours differ by less than twice."""
 
 SURE = 10.0
 """Standard errors by which an estimate contradicts: they come from one recording's residuals."""
@@ -151,7 +149,8 @@ def judge(recording: Recording, gravity: Array, stated: Stated = Stated(),
         message = messages.of(best, plain, stated, close)
         if message and not (known and best.row.is_note):
             raise DataError(message)
-        return (message or messages.slight(best, stated),)
+        if message or best.name == 'smoothed':
+            return (message or messages.slight(best, stated),)
     if not known:
         messages.refuse_weightless(plain)
     notes = _of_estimates(motion, plain.fit, recording, known)
@@ -611,7 +610,7 @@ def _shifted(motion: Motion, lag: int) -> Motion:
 def _filtered(motion: Motion) -> Motion | None:
     if not motion.step:
         return None
-    every = [replace(motion, smoothing=tau) for tau in SMOOTHINGS_S if tau > 2 * motion.step]
+    every = [replace(motion, smoothing=tau) for tau in SMOOTHINGS_S if abs(tau) > 2 * motion.step]
     fits = [(fit.force.mean_log, i) for i, one in enumerate(every) if (fit := explain(one))]
     return every[max(fits)[1]] if fits else None
 

@@ -22,6 +22,9 @@ EXPLAINED = 0.5
 """Share of the changes of forces at rest that a weight explains at least, in sum of squares: of
 sound recordings it explains 0.98 or more, of wrenches of other poses 0.3 or less."""
 
+SLIGHT = 0.05
+"""Share of a weight by which bias, load or vertical may change without a refusal: drift."""
+
 VERTICAL_RAD = 0.1
 """A mean force this close to the vertical of base may be a weight; a bias points so by chance
 once in four hundred times."""
@@ -99,7 +102,9 @@ def slight(best: Any, stated: Stated) -> str:
     """Name what is too slight to be refused."""
     if best.name == 'smoothed':
         tau = best.motion.smoothing
-        return (f'wrench follows gravity as behind a low-pass of {0.5 / np.pi / tau:.2g} Hz: its '
+        how = f'behind a low-pass of {0.5 / np.pi / tau:.2g} Hz' if tau > 0.0 else (
+            f'averaged over {-tau:.2g} s')
+        return (f'wrench follows gravity as {how}: its '
                 'driver smooths it; contacts are as smooth, and weight is removed too early while '
                 'the robot moves; switch the filter off')
     parts = []
@@ -213,15 +218,21 @@ def _cause(one: Any, plain: Any, stated: Stated) -> tuple[str, str] | None:
 def _changed(one: Any) -> tuple[str, str] | None:
     """Say what changes half-way, when and by how much."""
     motion, theta = one.motion, one.fit.force.theta
+    g = float(np.linalg.norm(motion.gravity))
+    weight = g * one.fit.mass
     if one.name == 'bias changes':
         at = motion.t[int(np.argmax(motion.part))]
         x, y, z = theta[-3:] - theta[-6:-3]
+        if np.linalg.norm([x, y, z]) < SLIGHT * weight:
+            return None
         return ((f'from {at:.1f} s on the wrench is {x:+.2g} {y:+.2g} {z:+.2g} N off, however the '
                 'sensor turns: it was tared, overloaded, or its driver started anew, while this '
                 'was recorded; that is no contact'), 'use either part alone')
     at = motion.t[int(np.argmax(motion.extra.any(axis=(1, 2))))]
     k = motion.extra.shape[2]
     found = theta[-3 - k:-3]
+    if np.linalg.norm(found) * (g if k == 1 else 1.0) < SLIGHT * weight:
+        return None
     if one.name == 'load changes':
         return ((f'from {at:.1f} s on the sensor carries {abs(found[0]):.3g} kg '
                 f'{"more" if found[0] > 0 else "less"}: something was gripped or let go; its '
