@@ -10,7 +10,7 @@ NODES = ['gap', 'impedance', 'observer', 'sequencer', 'sim']
 # colcon calls one of these, and has executables in lib/forcecal_ros (setup.cfg), where ros2 run
 # looks; pip calls neither, and would put names as common as these into everybody's PATH
 COLCON = not {'install', '--editable'}.isdisjoint(sys.argv)
-SCALE = ['distributed>=2024.1', 'joblib>=1.4']
+SCALE = ['distributed>=2024.1']
 
 setup(
     name=PACKAGE,
@@ -48,7 +48,7 @@ setup(
     extras_require={
         # models in MuJoCo: --mujoco; 4.0.0 solves contacts wrongly, older ones mount sensors so
         'mujoco': MUJOCO,
-        # many recordings on many cores or machines: --jobs, --dask
+        # many recordings on many machines: --dask
         'scale': SCALE,
         # pictures of reports that zoom; rosdep has no key for it, and pages do without
         'plots': PLOTS,

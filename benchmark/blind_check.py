@@ -28,7 +28,7 @@ os.environ['PYTHONPATH'] = os.pathsep.join(
 
 from blind import compare, report, score, seal
 import blind_tool
-from forcecal_ros.cli.parallel import each
+from forcecal_ros.cli.many import each
 from forcecal_ros.core.errors import ForcecalError
 from tqdm import tqdm
 

@@ -17,7 +17,7 @@ import sys
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from forcecal_ros.cli.parallel import each
+from forcecal_ros.cli.many import each
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import PoseStream, Recording
 from forcecal_ros.diagnose.by_commands import diagnose

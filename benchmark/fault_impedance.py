@@ -15,11 +15,11 @@ import tempfile
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'helpers'))
 
+from calibration_runs import rehearse
 from fault_motion_runs import ABORT, Bench, FOREIGN, LIMITS, PERIOD, STOP
 from fault_table import arguments, count, go, known, table
 from forcecal_ros.impedance.session import Bounds
 from forcecal_ros.io.calibration_file import save
-from forcecal_ros.reproduce.experiment import rehearse
 from forcecal_ros.sim.rig.file import load_rig
 from geometry_msgs.msg import WrenchStamped
 import numpy as np

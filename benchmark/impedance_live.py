@@ -12,13 +12,15 @@ import sys
 import tempfile
 import time
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'helpers'))
+
+from calibration_runs import rehearse
 from diagnostic_msgs.msg import DiagnosticArray
-from forcecal_ros.impedance.program import Task
+from forcecal_ros.impedance.session import Task
 from forcecal_ros.io.calibration_file import save
-from forcecal_ros.nodes.processes import own_domain, Processes
+from forcecal_ros.nodes.client import own_domain, Processes
 from forcecal_ros.nodes.runtime import OUTPUT
 from forcecal_ros.nodes.wire import Reader
-from forcecal_ros.reproduce.experiment import rehearse
 from forcecal_ros.sim.rig.file import load_rig
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 import numpy as np
@@ -102,7 +104,7 @@ def main(seconds=60.0, accelerometer='acc1'):
         with Processes(environment) as nodes:
             heard = Listener()
             nodes.start('sim', {'accelerometer': accelerometer, 'seed': 3})
-            nodes.start('observer', {'io.calibration_file': path})
+            nodes.start('observer', {'calibration.file': path})
             nodes.start('impedance', {'limits.workspace_max': [1.35, 0.4, 1.4],
                                       'task.cycles': cycles, **FOR_SIMULATION})
             heard.call_start(nodes)

@@ -146,7 +146,7 @@ def case(node, executor: str, kilohertz: int, poll_rate: float, calibration: str
     nodes = {
         'bare': ([__file__, '--bare', executor], {}),
         'observer': (['-m', 'forcecal_ros.nodes.observer'],
-                     {'io.calibration_file': calibration, 'optidrive.joint': "''",
+                     {'calibration.file': calibration, 'optidrive.joint': "''",
                       'executor': executor, 'poll_rate': poll_rate})}
     found = {name: [] for name in nodes}
     for _ in range(rounds):

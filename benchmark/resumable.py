@@ -6,7 +6,7 @@ from pathlib import Path
 import sys
 from typing import Any
 
-from forcecal_ros.cli.parallel import each
+from forcecal_ros.cli.many import each
 from tqdm import tqdm
 
 Case = dict[str, Any]

@@ -12,8 +12,7 @@ from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import PoseStream, Recording
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.impedance.design import design
-from forcecal_ros.impedance.plant.file import save_plant
-from forcecal_ros.impedance.plant.fit import excitation_commands, identify_plant
+from forcecal_ros.impedance.plant_fit import excitation_commands, identify_plant, save_plant
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np

@@ -22,8 +22,8 @@ import time
 from typing import Any
 
 from forcecal_ros.cli.estimate import answer
-from forcecal_ros.cli.main import parsed
-from forcecal_ros.cli.parallel import each
+from forcecal_ros.cli.main import parse
+from forcecal_ros.cli.many import each
 from forcecal_ros.io.bags import read_recording, write_recording
 from forcecal_ros.io.calibration_file import save
 import numpy as np
@@ -65,7 +65,7 @@ def cluster(folder: Path, workers: int) -> Iterator[str]:
 
 def tasks_of(folder: Path, count: int, out: str) -> list[argparse.Namespace]:
     return [argparse.Namespace(**{
-        **vars(parsed(['estimate', str(folder / f'bag{i}'), '--calibration',
+        **vars(parse(['estimate', str(folder / f'bag{i}'), '--calibration',
                        str(folder / 'calibration.yaml'), '-o', str(folder / out / f'bag{i}')])),
         'bag': str(folder / f'bag{i}')}) for i in range(count)]
 

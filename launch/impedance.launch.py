@@ -15,6 +15,6 @@ def generate_launch_description():
     calibration = DeclareLaunchArgument(
         'calibration', description='calibration.yaml, as saved by the sequencer or the commands')
     return LaunchDescription(describe(
-        [node('observer', {'io.calibration_file': LaunchConfiguration('calibration')}),
+        [node('observer', {'calibration.file': LaunchConfiguration('calibration')}),
          node('impedance')],
         [calibration, parameters_argument('observer'), parameters_argument('impedance')]))

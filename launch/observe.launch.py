@@ -14,6 +14,6 @@ def generate_launch_description():
         'gravity_filter', default_value='none', choices=['none', 'ukf', 'ekf', 'static'],
         description='filter of gravity compensation that publishes instead of the observer')
     return LaunchDescription(describe(
-        [node('observer', {'io.calibration_file': LaunchConfiguration('calibration'),
+        [node('observer', {'calibration.file': LaunchConfiguration('calibration'),
                            'gravity.filter': LaunchConfiguration('gravity_filter')})],
         [calibration, gravity, parameters_argument('observer')]))

@@ -56,13 +56,12 @@ def test_results_that_a_signal_interrupts_leave_no_scratch(tmp_path):
     script = """if True:
         import os, signal, sys
         from forcecal_ros.cli import main as cli
-        from forcecal_ros.core.atomic_files import new_directory
+        from forcecal_ros.core.files import new_directory
         def run(args):
             with new_directory('out') as scratch:
                 scratch.mkdir()
                 os.kill(os.getpid(), signal.SIGTERM)
-        cli.parsed = lambda words: cli.argparse.Namespace(run=run)
-        sys.exit(cli.main([]))"""
+        sys.exit(cli.main([], lambda words: cli.argparse.Namespace(run=run)))"""
     done = subprocess.run([sys.executable, '-c', script], cwd=tmp_path, capture_output=True,
                           text=True, check=False)
     assert (done.returncode, done.stderr) == (143, 'forcecal: interrupted\n')

@@ -37,6 +37,8 @@ def checked(recording: Recording, raw_wrench: bool = False) -> Checked:
 
     What the signals mean together is judged by :func:`forcecal_ros.checks.hypotheses.judge`.
 
+    It runs once: a recording that was checked is returned as it is, with what was removed then.
+
     Parameters
     ----------
     raw_wrench : bool
@@ -48,6 +50,8 @@ def checked(recording: Recording, raw_wrench: bool = False) -> Checked:
         A stream is empty, spoilt, dead or stuck, or clocks are apart; one sentence says which
         channel, when, and what to do.
     """
+    if recording.removed is not None:
+        return Checked(recording, dict(recording.removed))
     if recording.wrench is not None and not len(recording.wrench):
         raise DataError('wrench: no message was recorded; look at its topic and its driver, and '
                         'record again')
@@ -71,7 +75,9 @@ def checked(recording: Recording, raw_wrench: bool = False) -> Checked:
     notes = (*_coarse(recording), *signals.silences(recording), *signals.lost_messages(recording),
              *(str(one) for one in signals.clipped(recording)))
     fresh = [note for note in notes if note not in recording.notes]
-    return Checked(replace(recording, notes=(*recording.notes, *fresh)), removed)
+    # raw channels are checked once more as a wrench, after their matrix
+    return Checked(replace(recording, notes=(*recording.notes, *fresh),
+                           removed=None if raw_wrench else removed), removed)
 
 
 def computed(recording: Recording) -> Recording:

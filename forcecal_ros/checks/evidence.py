@@ -312,7 +312,8 @@ def robust(columns: Array, values: Array) -> Fit:
 
     The scale is at least :data:`TRUE_TO` of the changes of the values.
     """
-    size = np.sqrt(np.einsum('nij,nij->j', columns, columns)) + 1e-300
+    size = np.sqrt(np.einsum('nij,nij->j', columns, columns))
+    size[size == 0.0] = 1.0
     X = columns / size
     n, _, k = X.shape
     floor = TRUE_TO * float(np.median(np.linalg.norm(values - np.median(values, 0), axis=1)))

@@ -1,33 +1,45 @@
-"""Arguments and output that several commands share."""
+"""Arguments, output and progress that several commands share."""
 
 import argparse
-from collections.abc import Collection, Iterator, Mapping
+from argparse import ArgumentTypeError
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 import json
+from math import isfinite
 from pathlib import Path
+import re
 import sys
+from threading import Event, Thread
+import time
 from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.cli import COMMANDS
 
-CLEAR = '\r\033[K'
-"""Takes away a line that a terminal shows of progress."""
-
-UNITS = {'S': ' s', 'HZ': ' Hz', 'KG': ' kg', 'RAD': ' rad', 'NS/M': ' N s/m', 'N/M': ' N/m'}
-"""What follows a default, by the name that the help gives a number."""
-
-CLOSE = 0.75
-"""Share of letters that a wrong word has in common with what may have been meant."""
-
-WORDS = (': frame_id is ', 'because their stamps jump', 'by another clock')
-"""What is noted when a recording is read and may be why it is refused later."""
-
 if TYPE_CHECKING:
     from forcecal_ros.core.streams import Recording
 
+CLEAR = '\r\033[K'
+"""Removes a line of progress from a terminal."""
+
+UNITS = {'S': ' s', 'HZ': ' Hz', 'KG': ' kg', 'DEG': ' deg', 'NS/M': ' N s/m', 'N/M': ' N/m'}
+"""Unit that follows a default, by the name that the help gives a number."""
+
+MIN_SIMILARITY = 0.75
+"""Share of letters that a wrong word has in common with what may have been meant."""
+
+PROGRESS_DELAY_S = 2.0
+"""Work that is done sooner shows no progress on a terminal."""
+
+READING_NOTES = (': frame_id is ', 'because their stamps jump', 'by another clock')
+"""Notes of the reader that may be why a recording is refused later."""
+
+POSE7 = ('X', 'Y', 'Z', 'QX', 'QY', 'QZ', 'QW')
+RECORDING, MODEL, MANY, OUTPUT = 'recording', 'model', 'many recordings', 'output'
+"""Titles of groups of options."""
+
 
 class Formatter(argparse.ArgumentDefaultsHelpFormatter, argparse.RawDescriptionHelpFormatter):
-    """Help with defaults shown where they say something, and the example as it was written."""
+    """Help with defaults and their units, and the example as it was written."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
         if action.default is None or action.default is False or action.default in ('', []):
@@ -38,13 +50,27 @@ class Formatter(argparse.ArgumentDefaultsHelpFormatter, argparse.RawDescriptionH
         return super()._get_help_string(action)
 
 
-def new_parser(subparsers: Any, name: str, *, example: str) -> argparse.ArgumentParser:
-    """Add a command with its summary and an example."""
-    summary = COMMANDS[name].summary
+def new_parser(subparsers: Any, name: str, *, example: str, summary: str = '', json: bool = True,
+               quiet: bool = True) -> argparse.ArgumentParser:
+    """Add a command with its summary, an example, ``--json``, ``--quiet`` and ``--debug``."""
+    summary = summary or COMMANDS[name].summary
     parser: argparse.ArgumentParser = subparsers.add_parser(
         name, help=summary, description=summary[0].upper() + summary[1:] + '.',
         epilog=f'example:\n  {example}', formatter_class=Formatter)
+    out = group(parser, OUTPUT)
+    if json:
+        out.add_argument('--json', action='store_true', help='print the result as JSON')
+    if quiet:
+        out.add_argument('--quiet', action='store_true', help='show no progress')
+    out.add_argument('--debug', action='store_true', help='show the traceback of an error')
+    parser.set_defaults(parser=parser)
     return parser
+
+
+def group(parser: argparse.ArgumentParser, title: str) -> Any:
+    """Return the group of options with a title, a new one if there is none."""
+    known = [one for one in parser._action_groups if one.title == title]  # noqa: SLF001
+    return known[0] if known else parser.add_argument_group(title)
 
 
 def add_bag(parser: argparse.ArgumentParser, *, several: str = '') -> None:
@@ -64,14 +90,14 @@ def add_bag(parser: argparse.ArgumentParser, *, several: str = '') -> None:
         parser.add_argument('bag', metavar='BAG', help='rosbag2 folder or file (mcap, sqlite3)')
     add_topics(parser)
     add_sensor_pose(parser)
-    parser.add_argument(
+    group(parser, RECORDING).add_argument(
         '--wrench-sign', type=int, choices=(1, -1),
         help='-1 for a driver that reports the wrench of the tool on its environment (default: '
-             'as a calibration says, or 1)')
+             'as the calibration has it, or 1)')
 
 
 class Listed(argparse.Action):
-    """Takes @FILE for what it lists, one a line, besides comments."""
+    """Replaces @FILE by what it lists, one a line, without comments."""
 
     def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace,
                  values: Any, option_string: str | None = None) -> None:
@@ -91,35 +117,65 @@ class Listed(argparse.Action):
         except OSError as error:
             why = error.strerror
         except UnicodeDecodeError:
-            why = 'it is no text'
+            why = 'it is not text'
         raise argparse.ArgumentError(
             self, f'@{file}: cannot be read ({why}); name a file with one {self.metavar} a line')
 
 
 def add_topics(parser: argparse.ArgumentParser, option: str = '--topic', of: str = '') -> None:
-    """Add ``--topic role=name``, or an option like it for the topics of something else."""
-    parser.add_argument(
+    """Add ``--topic role=name`` and ``--preset``, or an option like the first for a simulator."""
+    options = group(parser, RECORDING if not of else MODEL)
+    options.add_argument(
         option, metavar='ROLE=NAME', action='append', default=[], type=_role_and_name,
         help=f'name of a topic{of} by its role, e.g. wrench=/ft/data; may be repeated; '
              'pose=tf:BASE:SENSOR takes the pose from /tf, pose=urdf:FILE:BASE:LINK from joint '
              'states')
+    if not of:
+        options.add_argument('--preset', metavar='NAME', type=preset,
+                             help="names of topics as a robot's driver has them: ur, franka, "
+                                  'kuka_fri, broadcaster')
 
 
 def add_sensor_pose(parser: argparse.ArgumentParser, option: str = '--sensor-from-pose',
                     of: str = '') -> None:
     """Add the transform from the frame whose pose was recorded to ft_sensor."""
-    from forcecal_ros.cli.argument_types import real
-
-    parser.add_argument(
-        option, metavar=('X', 'Y', 'Z', 'QX', 'QY', 'QZ', 'QW'), nargs=7, type=real,
+    group(parser, RECORDING if not of else MODEL).add_argument(
+        option, metavar=POSE7, nargs=7, type=real,
         help=f'pose of ft_sensor in the frame whose pose{of} was recorded and commanded, e.g. a '
              'flange or TCP [m, quaternion] (default: the recorded pose is that of ft_sensor, or '
-             'as a calibration says)')
+             'as the calibration has it)')
 
 
-def add_json(parser: argparse.ArgumentParser) -> None:
-    """Add ``--json``."""
-    parser.add_argument('--json', action='store_true', help='print the result as JSON')
+def add_gravity(options: Any) -> None:
+    """Add the magnitude and direction of gravity."""
+    options.add_argument('--gravity', metavar='M/S^2', type=gravity,
+                         help='magnitude of gravity at the robot (default: 9.80665 m/s^2)')
+    options.add_argument('--gravity-direction', metavar=('X', 'Y', 'Z'), nargs=3, type=real,
+                         help="direction of gravity in the robot's base, of any length, where the "
+                              'base is not level (default: 0 0 -1)')
+
+
+def gravity_of(args: argparse.Namespace) -> dict[str, Any]:
+    """Return magnitude and direction of gravity as fields of settings."""
+    from forcecal_ros.core.errors import UsageError
+    from forcecal_ros.core.geometry import STANDARD_GRAVITY
+
+    direction = args.gravity_direction
+    if direction is not None and not any(direction):
+        raise UsageError('--gravity-direction 0 0 0 is no direction; 0 0 -1 is down in a level '
+                         'base')
+    return {'gravity': args.gravity or STANDARD_GRAVITY,
+            'gravity_direction': tuple(direction) if direction else None}
+
+
+def preset(name: str) -> str:
+    """Read the name of a preset of a robot."""
+    from forcecal_ros.nodes.presets import ROBOTS
+
+    if name not in ROBOTS:
+        raise ArgumentTypeError(
+            f'{name} is not a preset{or_nearest(name, ROBOTS) or one_of(ROBOTS)}')
+    return name
 
 
 def _role_and_name(text: str) -> tuple[str, str]:
@@ -127,30 +183,35 @@ def _role_and_name(text: str) -> tuple[str, str]:
 
     role, _, name = text.partition('=')
     if not (role and name):
-        raise argparse.ArgumentTypeError(f'{text} is not ROLE=NAME, as wrench=/ft/data')
+        raise ArgumentTypeError(f'{text} is not ROLE=NAME, as wrench=/ft/data')
     if role not in ROLES:
-        raise argparse.ArgumentTypeError(
-            f'{role} is no role{or_nearest(role, ROLES) or one_of(ROLES)}')
+        raise ArgumentTypeError(f'{role} is not a role{or_nearest(role, ROLES) or one_of(ROLES)}')
     return role, name
 
 
 def or_nearest(word: str, names: Collection[str]) -> str:
-    """Return what to say after a word that is no name: the name that may have been meant."""
+    """Return what follows a word that is not a name: the name that may have been meant."""
     from difflib import get_close_matches
 
     near = [name for name in names if word and name.startswith(word)] or get_close_matches(
-        word, list(names), 1, CLOSE)
+        word, list(names), 1, MIN_SIMILARITY)
     return f' (did you mean {near[0]}?)' if near else ''
 
 
 def one_of(names: Collection[str]) -> str:
-    """Return what to say after a word that is like none of the names."""
+    """Return what follows a word that is like none of the names."""
     return f'; take one of {", ".join(names)}'
 
 
-def topic_names(args: argparse.Namespace, option: str = '--topic') -> dict[str, str]:
+def topic_names(args: argparse.Namespace, option: str = '--topic', bag: str = ''
+                ) -> dict[str, str]:
     """
-    Return what ``--topic``, or an option like it, said: role to name.
+    Return role to name, by ``--topic`` or an option like it, then by ``--preset``.
+
+    Parameters
+    ----------
+    bag : str
+        Recording whose topics a preset's names are looked for in.
 
     Raises
     ------
@@ -163,29 +224,44 @@ def topic_names(args: argparse.Namespace, option: str = '--topic') -> dict[str, 
     for role, name in getattr(args, option.strip('-').replace('-', '_')):
         if names.setdefault(role, name) != name:
             raise UsageError(f'{option}: {role} is called {names[role]} and {name}; name one')
+    if option == '--topic' and bag:
+        names = preset_topics(getattr(args, 'preset', None) or '', bag) | names
     return names
+
+
+def preset_topics(name: str, bag: str) -> dict[str, str]:
+    """Return role to name of the topics of a preset that a recording holds."""
+    if not name:
+        return {}
+    from forcecal_ros.io.bags import read_topics
+    from forcecal_ros.nodes.presets import topics_by_role
+
+    recorded = {topic.name for topic in read_topics(bag)}
+    return {role: topic for role, topic in topics_by_role(name).items()
+            if ('/tf' if topic.startswith('tf:') else topic) in recorded}
 
 
 def read_likewise(args: argparse.Namespace, *, poses: bool = True) -> tuple[str, ...]:
     """Return the words by which another command finds the same in the recording."""
     topics = [word for role, name in args.topic for word in ('--topic', f'{role}={name}')]
+    named = ['--preset', args.preset] if getattr(args, 'preset', None) else []
     given = args.sensor_from_pose if poses else None
-    return (*topics, *(('--sensor-from-pose', *(f'{x:g}' for x in given)) if given else ()))
+    return (*named, *topics,
+            *(('--sensor-from-pose', *(f'{x:g}' for x in given)) if given else ()))
 
 
-def read_poses_of_sensor(
-        args: argparse.Namespace, bag: str, option: str = '--sensor-from-pose',
-        topics: str = '--topic', wrench_sign: int | None = None, *, joints: bool = False
-        ) -> 'Recording':
+def read(args: argparse.Namespace, bag: str, option: str = '--sensor-from-pose',
+         topics: str = '--topic', wrench_sign: int | None = None, *, joints: bool = False
+         ) -> 'Recording':
     """
-    Read a recording as the arguments say, its poses taken to ft_sensor where they say how.
+    Read a recording as the arguments describe it, its poses taken to ft_sensor; no checks.
 
     Parameters
     ----------
     option, topics : str
         Those of :func:`add_sensor_pose` and :func:`add_topics`.
     wrench_sign : int, optional
-        By default that of ``--wrench-sign``, or 1 where there is no such option.
+        By default that of ``--wrench-sign``, or 1 without such an option.
     joints : bool
         Whether to read the measured positions of joints, too.
     """
@@ -196,20 +272,19 @@ def read_poses_of_sensor(
         mounting = mounting_of(getattr(args, option.strip('-').replace('-', '_')) or (), option)
     sign = getattr(args, 'wrench_sign', None) if wrench_sign is None else wrench_sign
     return taken_to_sensor(read_recording(
-        bag, topics=topic_names(args, topics), wrench_sign=sign or 1, joints=joints), mounting)
+        bag, topics=topic_names(args, topics, bag), wrench_sign=sign or 1, joints=joints),
+        mounting)
 
 
-def read_checked(args: argparse.Namespace, bag: str, wanted: Collection[str] = ('wrench',), *,
+def read_checked(args: argparse.Namespace, bag: str, roles: Collection[str] = ('wrench',), *,
                  raw_wrench: bool = False) -> 'Recording':
     """
-    Read a recording as the arguments say, and check it.
+    Read a recording as the arguments describe it, and check it.
 
     Parameters
     ----------
-    args : argparse.Namespace
-        Of a parser with :func:`add_bag`.
-    wanted : collection of str
-        Roles that it has to hold.
+    roles : collection of str
+        What it has to hold.
     raw_wrench : bool
         Its wrench holds raw channels, before their matrix.
 
@@ -221,33 +296,29 @@ def read_checked(args: argparse.Namespace, bag: str, wanted: Collection[str] = (
     from forcecal_ros.checks.entry import checked
     from forcecal_ros.core.topics import require
 
-    recording = read_poses_of_sensor(args, bag)
-    with with_reading_of(recording):
+    recording = read(args, bag)
+    with with_notes_of(recording):
         recording = checked(recording, raw_wrench).recording
-    require(recording, wanted)
+    require(recording, roles)
     return recording
 
 
 @contextmanager
-def with_reading_of(recording: 'Recording') -> Iterator[None]:
-    """Add to what is refused what reading found: several frames, a clock that jumps."""
+def with_notes_of(recording: 'Recording') -> Iterator[None]:
+    """Add to a refusal what reading found: several frames, a clock that jumps."""
     from forcecal_ros.core.errors import ForcecalError
 
     try:
         yield
     except ForcecalError as error:
-        found = [note for note in recording.notes if any(words in note for words in WORDS)]
-        raise type(error)('; '.join([str(error), *found])) from error
-
-
-def print_json(document: Mapping[str, Any]) -> None:
-    """Print one JSON document, without NaN or infinity."""
-    print(json.dumps(document, indent=2, allow_nan=False))
+        found = [note for note in recording.notes if any(word in note for word in READING_NOTES)]
+        error.args = ('; '.join([str(error), *found]), *error.args[1:])
+        raise
 
 
 @contextmanager
 def from_arguments() -> Iterator[None]:
-    """Take settings that are refused for wrong usage: they come from the command line alone."""
+    """Turn refused settings into wrong usage, where they come from the command line alone."""
     from forcecal_ros.core.errors import ConfigError, UsageError
 
     try:
@@ -264,7 +335,7 @@ def needs_ros() -> Iterator[None]:
     Raises
     ------
     ConfigError
-        It is not there; with the command that brings it.
+        It is not there; with the command that installs it.
     """
     from forcecal_ros.core.errors import ConfigError
     from forcecal_ros.core.extras import installing, missing
@@ -285,14 +356,133 @@ def say(text: str) -> None:
     print(text, flush=True)
 
 
-def say_if_compiling(waits: bool, what: str) -> None:
-    """Say what a first run waits for."""
-    if waits:
-        warn(f'compiling {what} for this computer, some ten seconds; only the first run waits '
-             'for that')
+def print_json(document: Mapping[str, Any]) -> None:
+    """Print one JSON document, without NaN or infinity."""
+    print(json.dumps(document, indent=2, allow_nan=False))
+
+
+def show(args: argparse.Namespace, document: Mapping[str, Any], text: str) -> None:
+    """Print a result: the document with ``--json``, else the text."""
+    if args.json:
+        print_json(document)
+    else:
+        say(text)
 
 
 def warn(text: str) -> None:
-    """Print one line that the user should know of, on stderr."""
+    """Print one note for the user on stderr."""
     print(f'{CLEAR * sys.stderr.isatty()}forcecal: note: {" ".join(text.split())}',
           file=sys.stderr)
+
+
+def warn_if_compiling(waits: bool, what: str) -> None:
+    """Note what a first run waits for."""
+    if waits:
+        warn(f'compiling {what} for this computer, some ten seconds; only the first run waits')
+
+
+def bar(args: argparse.Namespace, **settings: Any) -> Any:
+    """Return a progress bar of tqdm: share done and time left, on a terminal."""
+    from tqdm import tqdm
+
+    return tqdm(leave=False, delay=PROGRESS_DELAY_S, disable=args.quiet or None, **settings)
+
+
+@contextmanager
+def stages(args: argparse.Namespace, after: float = PROGRESS_DELAY_S
+           ) -> Iterator[Callable[[str], None]]:
+    """
+    Show which stage a command is in, and for how long: a line on a terminal, notes elsewhere.
+
+    Parameters
+    ----------
+    after : float
+        When a terminal begins to show it [s].
+
+    Yields
+    ------
+    callable
+        Takes the name of each stage as it begins.
+    """
+    if args.quiet or not sys.stderr.isatty():
+        yield lambda stage: None if args.quiet else warn(stage)
+        return
+    began, ended, current = time.monotonic(), Event(), ['']
+
+    def work() -> None:
+        while not ended.wait(0.2):  # whole seconds are shown
+            if (seconds := time.monotonic() - began) > after:
+                print(f'{CLEAR}{seconds:3.0f} s  {current[0]}', end='', file=sys.stderr,
+                      flush=True)
+
+    line = Thread(target=work, daemon=True)
+    line.start()
+    try:
+        yield lambda stage: current.__setitem__(0, stage)
+    finally:
+        ended.set()
+        line.join()
+        print(CLEAR, end='', file=sys.stderr, flush=True)
+
+
+def _number(expected: str, fits: Callable[[float], bool]) -> Callable[[str], float]:
+    """Return a function that reads a finite number within limits."""
+    def number(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError as error:
+            raise ArgumentTypeError(f'{text or "nothing"} is not {expected}') from error
+        if not (isfinite(value) and fits(value)):
+            raise ArgumentTypeError(f'{text} is not {expected}')
+        return value
+
+    return number
+
+
+real = _number('a number', lambda x: True)
+positive = _number('a number above 0', lambda x: x > 0)
+not_negative = _number('a number, 0 or more', lambda x: x >= 0)
+angle = _number('an angle from -360 to 360 deg', lambda x: abs(x) <= 360.0)
+# from the Moon's to Jupiter's: a number outside has a wrong sign or another unit
+gravity = _number('the magnitude of gravity, 1.6 to 25 m/s^2', lambda x: 1.6 <= x <= 25.0)
+# a sensor on a wrist is no farther from the force sensor: 30 or 120 is meant in millimetres
+nearby = _number('a coordinate from -1 to 1 m', lambda x: abs(x) <= 1.0)
+
+
+def _whole(least: int, most: int) -> Callable[[str], int]:
+    """Return a function that reads a whole number within limits."""
+    def whole(text: str) -> int:
+        if not (text.isdigit() and least <= int(text) <= most):
+            upper = f' to {most}' if most < 2**32 else ' or more'
+            raise ArgumentTypeError(
+                f'{text or "nothing"} is not a whole number, {least}{upper}')
+        return int(text)
+
+    return whole
+
+
+whole, at_least_one, port = _whole(0, 2**63 - 1), _whole(1, 2**63 - 1), _whole(0, 65535)
+
+
+def _matching(pattern: str, expected: str) -> Callable[[str], str]:
+    """Return a function that reads a name of a form."""
+    def name(text: str) -> str:
+        if not re.fullmatch(pattern, text):
+            raise ArgumentTypeError(f'{text!r} is not {expected}')
+        return text
+
+    return name
+
+
+_PART = r'[A-Za-z_][A-Za-z0-9_]*'
+topic_name = _matching(rf'/?{_PART}(/{_PART})*', 'the name of a topic, as /ft/wrench')
+namespace = _matching(rf'/?|/?{_PART}(/{_PART})*/?', 'a namespace, as /left')
+node = _matching(rf'/?({_PART}|\*\*?)(/({_PART}|\*\*?))*', 'the name of a node')
+frame = _matching(r'\S+', 'the name of a frame')
+address = _matching(r'(\w+://)?(\[[\da-fA-F:.]+\]|[^\s:/\[\]]+):\d+',
+                    'an address, as tcp://host:8786')
+
+
+def add_namespace(options: Any, what: str = 'namespace of the nodes, e.g. /left') -> None:
+    """Add ``--namespace``."""
+    options.add_argument('--namespace', metavar='NAME', type=namespace, default='', help=what)

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from forcecal_ros.cli.common import add_json, new_parser, print_json, say
+from forcecal_ros.cli.common import new_parser, show
 from forcecal_ros.core.errors import UsageError
 
 if TYPE_CHECKING:
@@ -20,7 +20,8 @@ def add_parser(subparsers: Any) -> None:
                         'folder of a diagnosis); usually the older one')
     parser.add_argument('second', metavar='B', help='the same of another time, or of another '
                         'robot')
-    add_json(parser)
+    parser.add_argument('--fail-on', choices=('drift',),
+                        help='drift: exit with status 3 if a number changed beyond chance')
     parser.set_defaults(run=run)
 
 
@@ -31,13 +32,11 @@ def run(args: argparse.Namespace) -> int:
     kinds = [_is_diagnosis(path) for path in (args.first, args.second)]
     if any(kinds) != all(kinds):
         one, other = sorted((args.first, args.second), key=_is_diagnosis, reverse=True)
-        raise UsageError(f'{one} is a diagnosis, {other} is none; name two of a kind')
+        raise UsageError(f'{one} is a diagnosis, {other} is not; name two of a kind')
     comparison = (_of_diagnoses if all(kinds) else _of_calibrations)(args.first, args.second)
-    if args.json:
-        print_json({'first': args.first, 'second': args.second, **to_document(comparison)})
-    else:
-        say(as_text(comparison))
-    return 0
+    show(args, {'first': args.first, 'second': args.second, **to_document(comparison)},
+         as_text(comparison))
+    return 3 if args.fail_on and comparison.changed else 0
 
 
 def _is_diagnosis(path: str) -> bool:

@@ -5,19 +5,18 @@ from pathlib import Path
 import sys
 from typing import Any, TYPE_CHECKING
 
-from forcecal_ros.cli.argument_types import whole
 from forcecal_ros.cli.common import (
-    add_json,
     CLEAR,
     needs_ros,
     new_parser,
     print_json,
     say,
-    say_if_compiling,
     warn,
+    warn_if_compiling,
+    whole,
 )
-from forcecal_ros.cli.outputs import add_output, RESULTS, write_results
-from forcecal_ros.cli.progress import add_quiet
+from forcecal_ros.cli.outputs import add_output, RESULTS
+from forcecal_ros.core.files import make_folder, write_results
 
 if TYPE_CHECKING:
     from forcecal_ros.core.calibration import Calibration
@@ -31,13 +30,11 @@ def add_parser(subparsers: Any) -> None:
         example='forcecal demo --accelerometer acc2 --out my_demo')
     parser.add_argument('--accelerometer', choices=('acc1', 'acc2'), default='acc1',
                         help='acc1: DC response, acc2: AC-coupled')
-    add_output(parser, '-o', '--output', '--out', kind=RESULTS, metavar='DIR',
+    add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR',
                default='forcecal_demo',
                help='folder for calibration.yaml, the recording and report.html; earlier '
                     'ones are kept as NAME~')
     parser.add_argument('--seed', type=whole, default=1, help='of the sensor noise')
-    add_quiet(parser)
-    add_json(parser)
     parser.set_defaults(run=run)
 
 
@@ -45,20 +42,19 @@ def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     with needs_ros():
         from forcecal_ros.nodes.demo import run_demo
-    from forcecal_ros.core.atomic_files import make_folder
     from forcecal_ros.core.quantity import size
     from forcecal_ros.core.streams import Stream
     from forcecal_ros.io.bags import read_recording
     from forcecal_ros.io.calibration_file import dump, parse, to_document
     from forcecal_ros.observe import batch, replay
     from forcecal_ros.report.calibration import render
+    from forcecal_ros.report.page import estimated_by
     from forcecal_ros.report.rows import as_text, table
-    from forcecal_ros.report.words import estimated_by
     from forcecal_ros.sim.rig import simulator
     from forcecal_ros.sim.rig.file import load_rig, true_calibration
 
     out = Path(args.output)
-    say_if_compiling(simulator.waits_for_compiler() or batch.waits_for_compiler(),
+    warn_if_compiling(simulator.waits_for_compiler() or batch.waits_for_compiler(),
                      'simulator and observer')
     make_folder(out)
     result = run_demo(args.accelerometer, out, args.seed, _Progress(args.quiet))

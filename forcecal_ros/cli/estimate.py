@@ -1,20 +1,47 @@
 """``forcecal estimate``: the observer over a recording, by the same step as in the node."""
 
 import argparse
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any, TYPE_CHECKING
 
-from forcecal_ros.cli import contact
-from forcecal_ros.cli.argument_types import positive
-from forcecal_ros.cli.common import new_parser, read_checked, say_if_compiling
-from forcecal_ros.cli.each_recording import add_bags, Answer
-from forcecal_ros.cli.each_recording import run as run_each
+from forcecal_ros.cli.calibrate import add_bandwidth, bandwidth_of
+from forcecal_ros.cli.common import (
+    bar,
+    group,
+    MODEL,
+    new_parser,
+    not_negative,
+    positive,
+    read_checked,
+    topic_names,
+    warn_if_compiling,
+    with_notes_of,
+)
+from forcecal_ros.cli.many import add_bags, Answer
+from forcecal_ros.cli.many import run as run_each
 from forcecal_ros.cli.outputs import add_output, RECORDING
-from forcecal_ros.core.errors import UsageError
+from forcecal_ros.core.errors import DataError, UnobservableError, UsageError
 
 if TYPE_CHECKING:
+    from forcecal_ros.core.calibration import Calibration
+    from forcecal_ros.core.streams import Recording, Stream
+    from forcecal_ros.observe import ContactEstimate, ObserverSettings
     from forcecal_ros.observe.playback import Followed
 
-FILTERS = ('kalman', 'newton', 'ukf', 'ekf', 'static')
+FILTERS = ('observer', 'kalman', 'newton', 'ukf', 'ekf', 'static')
+LEARNING = ('ukf', 'ekf')
+"""Filters that estimate the biases as well."""
+
+MAX_DELAY_STD_S = 5e-4
+"""A delay found in the recording itself is used if its standard error is below half a period of a
+sensor at 1 kHz."""
+
+LEVELS = ('ok', 'warn', 'error')
+"""As diagnostic_msgs/DiagnosticStatus counts them."""
+
+IDENTIFIED = 'identified from the recording'
 
 
 def add_parser(subparsers: Any) -> None:
@@ -23,93 +50,370 @@ def add_parser(subparsers: Any) -> None:
         subparsers, 'estimate',
         example='forcecal estimate my_bag --calibration calibration.yaml -o contact_bag')
     add_bags(parser)
-    parser.add_argument('--calibration', metavar='C.yaml', required=True,
-                        help='written by forcecal calibrate, demo or the sequencer')
-    parser.add_argument('--filter', '--mode', choices=FILTERS,
-                        help='last stage of the observer (default: as the calibration says)')
-    parser.add_argument('--bandwidth', metavar='HZ', type=positive,
-                        help='of the contact wrench with filter kalman (default: from the noise)')
-    contact.add_bandwidth(parser, ('as the calibration says',) * 3)
-    parser.add_argument('--inertial-wrench', action='store_true',
-                        help="write the wrench of the tool's weight and inertia as well")
-    parser.add_argument('--innovation', action='store_true',
-                        help='write the innovation (measured - predicted) as well')
-    parser.add_argument('--track-tool', action='store_true',
-                        help='estimate mass and centre of mass of the tool while they change, '
-                             'and write them as observer/tool')
+    options = group(parser, MODEL)
+    options.add_argument('--calibration', metavar='C.yaml',
+                         help='written by forcecal calibrate, demo or the sequencer (default: the '
+                              'one in the recording, or what the recording itself identifies)')
+    options.add_argument('--filter', choices=FILTERS, default='observer',
+                         help='last stage: observer: kalman or newton, as the calibration has it; '
+                              'ukf, ekf: biases are estimated as well; static: weight and bias '
+                              'removed, nothing filtered')
+    options.add_argument('--track-tool', action='store_true',
+                         help='estimate mass and centre of mass of the tool while they change, '
+                              'and write them as observer/tool')
+    kalman = group(parser, 'filter kalman')
+    kalman.add_argument('--bandwidth', metavar='HZ', type=positive,
+                        help='of the contact wrench (default: from the noise)')
+    add_bandwidth(kalman, ('as the calibration has it',) * 3)
+    _add_learning(group(parser, 'filters ukf and ekf'))
     add_output(parser, '-o', '--output', kind=RECORDING, metavar='OUT_BAG', required=True,
                help='recording to write; an earlier one is kept as OUT_BAG~; of several BAGs, '
                     'a folder for them')
+    out = group(parser, 'output')
+    out.add_argument('--inertial-wrench', action='store_true',
+                     help="write the wrench of the tool's weight and inertia as well")
+    out.add_argument('--innovation', action='store_true',
+                     help='write the innovation (measured - predicted) as well; ukf and ekf '
+                          'always do')
     parser.set_defaults(run=run, inputs=('bag', 'calibration'))
+
+
+def _add_learning(options: Any) -> None:
+    options.add_argument('--orientation', choices=('auto', 'pose', 'imu'), default='auto',
+                         help='source of gravity: the pose, or accelerometer and gyro')
+    options.add_argument('--states', type=int, choices=(6, 12), default=12,
+                         help='6: wrench; 12: wrench and biases')
+    options.add_argument('--covariances', choices=('measured', 'paper'), default='measured',
+                         help="Q, R and P0 from the calibration's noise, or as [Ukf2025] prints")
+    options.add_argument('--rise-time', metavar='S', type=positive,
+                         help='10-90 %% rise of a contact force (default: 0.012 s)')
+    options.add_argument('--contact-floor', metavar=('N', 'NM'), nargs=2, type=not_negative,
+                         help='residual of vibration and model errors that does not count as '
+                              'contact (default: 0.03 N 0.003 N m)')
+    options.add_argument('--bias-prior', metavar=('N', 'NM'), nargs=2, type=not_negative,
+                         help='standard deviation of the change of the biases since the '
+                              'calibration (default: 0 N 0 N m)')
+    options.add_argument('--payload', metavar='KG', type=not_negative, default=0.0,
+                         help='standard deviation of a payload attached since the calibration '
+                              '(imu only)')
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    said = {'--bandwidth': args.bandwidth, '--contact-walk': args.contact_walk,
-            '--bandwidth-min': args.bandwidth_min, '--bandwidth-max': args.bandwidth_max}
-    of_kalman = [option for option, value in said.items() if value is not None]
-    if of_kalman and args.filter not in (None, 'kalman'):
-        raise UsageError(f'{of_kalman[0]} is that of filter kalman, not of {args.filter}; leave '
-                         'it out')
-    if args.bandwidth is not None and len(of_kalman) > 1:
-        raise UsageError(f'--bandwidth says it all; leave {of_kalman[1]} out')
-    contact.bandwidth_of(args)
+    _refuse_unused(args)
     return run_each(args, answer)
+
+
+def _refuse_unused(args: argparse.Namespace) -> None:
+    """Refuse options that the chosen filter does not use."""
+    bandwidth = bandwidth_of(args)
+    kalman = [f'--{name.replace("_", "-")}' for name in (
+        'bandwidth', 'contact_walk', 'bandwidth_min', 'bandwidth_max')
+        if getattr(args, name) is not None]
+    learning = [option for option, given in (
+        ('--states', args.states != 12), ('--covariances', args.covariances == 'paper'),
+        ('--rise-time', args.rise_time), ('--contact-floor', args.contact_floor),
+        ('--bias-prior', args.bias_prior)) if given]
+    if kalman and args.filter not in ('observer', 'kalman'):
+        raise UsageError(f'{kalman[0]} belongs to filter kalman, not to {args.filter}; leave it '
+                         'out')
+    if args.bandwidth is not None and any(bandwidth.values()):
+        raise UsageError(f'--bandwidth fixes the bandwidth; leave {kalman[1]} out')
+    if learning and args.filter not in LEARNING:
+        raise UsageError(f'{", ".join(learning)}: filter {args.filter} has no such setting; leave '
+                         'it out')
+    if args.payload and args.orientation == 'pose':
+        raise UsageError('--payload is estimated where an IMU measures gravity; give '
+                         '--orientation imu as well')
 
 
 def answer(args: argparse.Namespace) -> Answer:
     """Estimate over one recording."""
     from forcecal_ros.core.stamps import with_even_bursts
     from forcecal_ros.io.calibration_file import load
-    from forcecal_ros.observe import ObserverSettings, replay
-    from forcecal_ros.observe.batch import waits_for_compiler
     from forcecal_ros.observe.frames import taken_as_calibrated
+
+    settings = _settings_of(args)
+    raw = bool(args.calibration) and load(args.calibration).matrix is not None
+    recording = read_checked(args, args.bag, raw_wrench=raw)
+    by_imu = _needs_imu(args, recording)
+    calibration, source = _calibration_for(args, recording)
+    recording = with_even_bursts(in_sign_of(calibration, args.wrench_sign, taken_as_calibrated(
+        recording, calibration, args.calibration or args.bag)))
+    about = [*_warnings_of(calibration, source), *refuse_disagreeing(recording, calibration)]
+    calibration, assumed = prepared(calibration, recording, settings)
+    about += assumed
+    with with_notes_of(recording):
+        estimate, followed = _estimate(args, recording, calibration, settings, by_imu)
+    also = [name for name, wanted in (
+        ('inertial', args.inertial_wrench),
+        ('innovation', args.innovation or args.filter in LEARNING)) if wanted]
+    write_estimate(args.output, estimate, calibration, recording.start_ns, also, followed)
+    if args.payload and not by_imu:
+        about.append('--payload is not used: the pose gives gravity')
+    figures = statistics(estimate)
+    document = {'output': args.output, 'filter': args.filter,
+                'orientation': 'imu' if by_imu else 'pose', 'calibration': source,
+                'notes': [*recording.notes, *about, *status_notes(estimate)],
+                **figures, **_learned(estimate)}
+    if followed is not None:
+        document['tool'] = _tool_figures(followed)
+    return Answer(document, '\n'.join(_lines(document)),
+                  f'{document["samples"]} contact wrenches{_valid_only(document)}, '
+                  f'{_mean_force(document)}', tuple(document['notes']))
+
+
+def _settings_of(args: argparse.Namespace) -> 'ObserverSettings':
+    """Return the settings of the arguments."""
+    from forcecal_ros.observe import ObserverSettings
+    from forcecal_ros.observe.settings import FilterSettings
+
+    learning = {name: value for name, value in (
+        ('rise_time', args.rise_time),
+        ('contact_floor', args.contact_floor and tuple(args.contact_floor)),
+        ('bias_prior', args.bias_prior and tuple(args.bias_prior))) if value is not None}
+    return ObserverSettings(
+        filter=None if args.filter == 'observer' else args.filter, bandwidth_hz=args.bandwidth,
+        **bandwidth_of(args), learning=FilterSettings(
+            states=args.states, covariances=args.covariances, **learning))
+
+
+def _needs_imu(args: argparse.Namespace, recording: 'Recording') -> bool:
+    """Return whether accelerometer and gyro have to give the direction of gravity."""
+    from forcecal_ros.core.topics import naming
+
+    if args.orientation == 'pose' and not recording.pose:
+        raise DataError(f'{args.bag} holds no pose; {naming(recording, "pose")}')
+    if args.orientation == 'auto':
+        return recording.pose is None and args.filter in (*LEARNING, 'static')
+    return bool(args.orientation == 'imu')
+
+
+def _calibration_for(args: argparse.Namespace, recording: 'Recording'
+                     ) -> tuple['Calibration', str]:
+    """Return the calibration of the file, of the recording's topic, or of its static poses."""
+    from forcecal_ros.calibrate.pipeline import identify
+    from forcecal_ros.calibrate.settings import IdentificationSettings
+    from forcecal_ros.io.bags import read_calibrations
+    from forcecal_ros.io.calibration_file import load, parse
+
+    if args.calibration:
+        return load(args.calibration), args.calibration
+    recorded = read_calibrations(args.bag, topic_names(args, bag=args.bag))
+    if recorded:
+        return parse(recorded[-1], f'{args.bag}: sequencer/calibration'), 'in the recording'
+    try:
+        return identify(recording, IdentificationSettings(
+            wrench_sign=args.wrench_sign or 1)), IDENTIFIED
+    except (DataError, UnobservableError) as error:
+        error.args = (f'no --calibration is given, and {args.bag} identifies none: {error}',)
+        raise
+
+
+def _warnings_of(calibration: 'Calibration', source: str) -> tuple[str, ...]:
+    """Return what speaks against a calibration that was identified along the way."""
+    if source != IDENTIFIED:
+        return ()
+    quality = calibration.quality
+    return (*(line for line in quality['warnings'] if 'suspect' in line), *quality['questions'])
+
+
+def in_sign_of(calibration: 'Calibration', given: int | None, recording: 'Recording'
+               ) -> 'Recording':
+    """Return a recording with the wrench in a calibration's sign, unless one was ``given``."""
+    if given is not None or calibration.wrench_sign > 0 or recording.wrench is None:
+        return recording
+    return replace(recording, wrench=replace(recording.wrench, values=-recording.wrench.values))
+
+
+def refuse_disagreeing(recording: 'Recording', calibration: 'Calibration') -> tuple[str, ...]:
+    """
+    Refuse a recording of other axes or units than those calibrated.
+
+    Returns
+    -------
+    tuple of str
+        Weights that the calibration does not know.
+
+    Raises
+    ------
+    DataError
+        Names cause and remedy.
+    """
+    from forcecal_ros.checks import calibrated
+    from forcecal_ros.core.sensor_matrix import recording_corrected, sensor_matrix
+    from forcecal_ros.observe.playback import as_calibrated
+
+    if part := sensor_matrix(calibration):
+        recording = recording_corrected(recording, part)
+    with with_notes_of(recording):
+        found = calibrated.refuse_disagreeing(as_calibrated(recording, calibration)[0],
+                                              calibration)
+    return (*other_frame(recording, calibration), *found)
+
+
+def other_frame(recording: 'Recording', calibration: 'Calibration') -> tuple[str, ...]:
+    """Note that a wrench names another frame than the one calibrated."""
+    named, known = (name.strip('/') for name in (
+        recording.wrench.frame if recording.wrench else '', calibration.sensor_frame))
+    if not named or named == known or 'of' in calibration.source:
+        return ()
+    return ((f'wrench: its frame_id is {named!r}, the calibration is of {known!r}, whose weight '
+             f'and bias are removed; if {named!r} is another frame or sensor, calibrate in it'),)
+
+
+def prepared(calibration: 'Calibration', recording: 'Recording', settings: 'ObserverSettings'
+             ) -> tuple['Calibration', tuple[str, ...]]:
+    """
+    Estimate from the recording what the calibration does not know: noise and delay.
+
+    Returns
+    -------
+    calibration : Calibration
+    notes : tuple of str
+        What was assumed.
+    """
+    from forcecal_ros.calibrate.delay import estimate_delay, with_delay
+    from forcecal_ros.core.axes import in_axes_of_pose
+    from forcecal_ros.observe.bandwidth import UNMEASURED_HZ
+    from forcecal_ros.observe.playback import with_noise
+    import numpy as np
+
+    notes: tuple[str, ...] = ()
+    in_axes = in_axes_of_pose(recording, calibration.sensor_rotation)
+    if (calibration.noise is None and settings.filter in LEARNING
+            and settings.learning.covariances == 'measured'):
+        calibration = with_noise(calibration, in_axes)
+        notes = ('the calibration holds no noise; estimated from this recording',)
+    if calibration.noise is None and settings.filter in (None, 'kalman') and (
+            settings.bandwidth_hz is None):
+        notes = (('the calibration holds no noise that a bandwidth could follow from; '
+                  f'{UNMEASURED_HZ:g} Hz, that of the nominal rig, is used'),)
+    sensor = calibration.accelerometer
+    if sensor is None or recording.accelerometer is None or np.isfinite(sensor.delay.std):
+        return calibration, notes
+    unknown = ('the calibration does not hold the delay of the accelerometer; calibrate with '
+               '--free-motion')
+    try:
+        delay = estimate_delay(in_axes, calibration)
+    except DataError as error:
+        return calibration, (*notes, f'{unknown}; taken to be 0: {error}')
+    found = f'{1e3 * float(delay):.2f} +- {1e3 * float(delay.std):.2f} ms in this recording'
+    if not delay.std < MAX_DELAY_STD_S:
+        return calibration, (*notes, f'{unknown}; taken to be 0, as {found} is too uncertain')
+    return with_delay(calibration, delay), (*notes, f'{unknown}; estimated {found}')
+
+
+def _estimate(args: argparse.Namespace, recording: 'Recording', calibration: 'Calibration',
+              settings: 'ObserverSettings', by_imu: bool
+              ) -> tuple['ContactEstimate', 'Followed | None']:
+    """Run the observer, and the tracking of the tool if requested."""
+    from forcecal_ros.observe import Imu, replay
+    from forcecal_ros.observe.batch import waits_for_compiler
     from forcecal_ros.observe.playback import follow
 
-    settings = ObserverSettings(filter=args.filter, bandwidth_hz=args.bandwidth,
-                                **contact.bandwidth_of(args))
-    calibration = load(args.calibration)
-    recording = contact.in_sign_of(calibration, args.wrench_sign, taken_as_calibrated(
-        read_checked(args, args.bag, raw_wrench=calibration.matrix is not None), calibration,
-        args.calibration))
-    recording = with_even_bursts(recording)
-    unknown = contact.refuse_disagreeing(recording, calibration)
-    calibration, about = contact.prepared(calibration, recording, settings)
-    about = (*unknown, *about)
-    followed = None
     if args.track_tool:
         followed = follow(recording, calibration, settings)
-        estimate = followed.contact
-    else:
-        say_if_compiling(waits_for_compiler(), 'the observer')
-        estimate = replay(recording, calibration, settings)
-    also = [name for name, asked in (
-        ('inertial', args.inertial_wrench), ('innovation', args.innovation)) if asked]
-    contact.write_estimate(args.output, estimate, calibration, recording.start_ns, also,
-                           () if followed is None else followed.announced)
-    figures = contact.statistics(estimate)
-    notes = (*recording.notes, *about, *contact.status_notes(estimate))
-    count = f'{figures["samples"]} contact wrenches{contact.over_which(figures)}'
-    lines = [f'{args.output}: {count}', *contact.table(figures)]
-    if followed is not None:
-        figures['tool'] = tool_figures(followed)
-        lines += tool_lines(figures['tool'])
-    text = '\n'.join(lines)
-    return Answer({'output': args.output, 'notes': list(notes), **figures}, text,
-                  f'{count}, {contact.in_short(figures)}', notes)
+        return followed.contact, followed
+    warn_if_compiling(waits_for_compiler(), 'the observer')
+    with bar(args, total=len(recording.wrench or ()), unit=' samples') as done:
+        return replay(recording, calibration, settings,
+                      Imu(payload_std=args.payload) if by_imu else None, done.update), None
 
 
-def tool_figures(followed: 'Followed') -> dict[str, Any]:
-    """Return what hung on the sensor at the end, how sure that is, and what changed when."""
-    from collections import Counter
+def write_estimate(path: str, estimate: 'ContactEstimate', calibration: 'Calibration',
+                   start_ns: int, also: list[str], followed: 'Followed | None' = None) -> None:
+    """Write a row for every wrench, its status, and ``also``, fields of the estimate."""
+    from forcecal_ros.core.streams import Stream
+    from forcecal_ros.io.bags import write_signals
+    from forcecal_ros.io.calibration_file import dump
 
-    from forcecal_ros.core.errors import DataError
+    frame = calibration.sensor_frame
+    write_signals(path, {
+        'contact_wrench': Stream(estimate.t, estimate.contact, frame),
+        **{f'{name}_wrench' if name == 'inertial' else name:
+           Stream(estimate.t, getattr(estimate, name), frame) for name in also},
+        'status': status_changes(estimate),
+        'tool': (_tools_stream(followed, calibration)
+                 if followed is not None and followed.announced else None),
+        'calibration': dump(calibration)}, start_ns)
 
+
+def _tools_stream(followed: 'Followed', calibration: 'Calibration') -> 'Stream':
+    """Return tools as they are published: mass, centre of mass, inertia; NaN if unknown."""
+    from forcecal_ros.core.streams import Stream
+    import numpy as np
+
+    J = (np.full((3, 3), np.nan) if calibration.inertia is None else calibration.inertia.value)
+    rows = [[one.mass, *one.com, *J[np.triu_indices(3)]] for one in followed.announced]
+    return Stream(np.array([one.t for one in followed.announced]), np.array(rows),
+                  calibration.sensor_frame)
+
+
+def status_changes(estimate: 'ContactEstimate') -> list[Any]:
+    """Return the status whenever it differs from that of the wrench before."""
+    from forcecal_ros.io.bags.messages import Diagnostic
+    from forcecal_ros.observe.sample import describe, level
+    import numpy as np
+
+    status = estimate.status
+    changes = np.flatnonzero(np.diff(status, prepend=~status[:1]))
+    return [Diagnostic(t, LEVELS.index(level(bits)), '; '.join(describe(bits)) or 'ok', str(bits))
+            for t, bits in zip(estimate.t[changes].tolist(), status[changes].tolist())]
+
+
+def status_notes(estimate: 'ContactEstimate') -> list[str]:
+    """Return one sentence for each fault of samples, with the number of samples."""
+    from forcecal_ros.observe.sample import describe
+
+    seen: Counter[str] = Counter()
+    for status, count in Counter(estimate.status.tolist()).items():
+        for sentence in describe(status):
+            seen[sentence] += count
+    return [f'{text} ({n} of {len(estimate.t)} samples)' for text, n in seen.items()]
+
+
+def statistics(estimate: 'ContactEstimate') -> dict[str, Any]:
+    """Count the samples and the valid ones, and give mean and std of these; null without any."""
+    contact = estimate.contact[estimate.valid]
+    known = len(contact) > 0
+    return {'samples': len(estimate.t), 'valid': len(contact),
+            'mean': contact.mean(axis=0).tolist() if known else [None] * 6,
+            'std': contact.std(axis=0).tolist() if known else [None] * 6,
+            'unit': 'N, N m'}
+
+
+def _learned(estimate: 'ContactEstimate') -> dict[str, Any]:
+    """Return what a filter with biases estimated; nothing for the others."""
+    import numpy as np
+
+    learned, valid = estimate.learned, estimate.valid
+    if learned is None or not valid.any():
+        return {'bias': None, 'bias_std': None, 'correlation': None, 'contact_share': None,
+                'nis': None}
+
+    def plain(values: Any) -> Any:
+        return [float(x) if np.isfinite(x) else None for x in values]
+
+    nis, touching = np.asarray(learned.nis)[valid], np.asarray(learned.touching)[valid]
+    free = nis[np.isfinite(nis) & ~touching]
+    out: dict[str, Any] = {
+        'bias': plain(learned.bias[-1]), 'bias_std': plain(learned.bias_std[-1]),
+        'correlation': plain(learned.correlation[-1]), 'contact_share': float(touching.mean()),
+        'nis': float(free.mean()) if len(free) else None}
+    if estimate.by_imu is not None:
+        _, mass, mass_std = estimate.by_imu
+        out['mass'], out['mass_std'] = plain([mass[-1], mass_std[-1]])
+    return out
+
+
+def _tool_figures(followed: 'Followed') -> dict[str, Any]:
+    """Return the tool at the end, its standard errors, and its changes."""
     if not followed.tools:
-        raise DataError('no stretch of the recording tells what hangs on the sensor: a pose and '
-                        'a wrench that is no saturated number are wanted together')
+        raise DataError('the recording does not identify the tool: a pose and a wrench that is '
+                        'not saturated are required at the same time')
     last = followed.tools[-1]
-    words = Counter(one.state for one in followed.tools)
+    states = Counter(one.state for one in followed.tools)
     known = last.suspected == last.suspected
     return {
         'state': last.state, 'mass': last.mass, 'mass_std': last.mass_std,
@@ -117,21 +421,64 @@ def tool_figures(followed: 'Followed') -> dict[str, Any]:
         'suspected_change': last.suspected if known else None,
         'suspected_change_std': last.suspected_std if known else None,
         'changes': [one._asdict() for one in followed.changes],
-        'share': {word: count / len(followed.tools) for word, count in sorted(words.items())}}
+        'share': {word: count / len(followed.tools) for word, count in sorted(states.items())}}
 
 
-def tool_lines(tool: dict[str, Any]) -> list[str]:
-    """Say the same in words."""
+def _lines(document: dict[str, Any]) -> Iterator[str]:
+    """Yield the result as lines for a terminal."""
+    from forcecal_ros.core.quantity import beside, quantity
+    from forcecal_ros.report.rows import aligned, WRENCH_AXES
+
+    yield (f'{document["output"]}: {document["samples"]} contact wrenches by '
+           f'{document["filter"]}, gravity from the {document["orientation"]}, calibration '
+           f'{document["calibration"]}{_valid_only(document)}')
+    bias = document['bias']
+    rows = [['', 'mean', 'std', 'unit'] + ['bias'] * bool(bias)]
+    for i, (name, mean, std) in enumerate(zip(WRENCH_AXES, document['mean'], document['std'])):
+        if std is not None:
+            unit = 'N' if i < 3 else 'N m'
+            shown, cells = beside((mean, std), unit)
+            rows.append([name, *cells, shown] + (
+                [quantity(bias[i], document['bias_std'][i], unit)] if bias else []))
+    if len(rows) > 1:
+        yield from aligned(rows, left=(0, 3))
+    if document['nis'] is not None:
+        yield (f'NIS {document["nis"]:.2f} without contact (6 if all is as modelled), contact '
+               f'{100 * document["contact_share"]:.1f} % of the time')
+    if document.get('mass') is not None:
+        yield f'mass {quantity(document["mass"], document["mass_std"], "kg")}'
+    if 'tool' in document:
+        yield from _tool_lines(document['tool'])
+
+
+def _tool_lines(tool: dict[str, Any]) -> Iterator[str]:
     from forcecal_ros.core.quantity import quantity
 
-    lines = [f'tool: {tool["state"]}, {quantity(tool["mass"], tool["mass_std"], "kg")}, centre of '
-             'mass ' + ', '.join(quantity(x, std, 'm') for x, std in zip(
-                 tool['com'], tool['com_std']))]
-    told = {True: 'weight and accelerations', False: 'weight alone: a steady push straight down '
-            'is not excluded'}
-    lines += [f'tool: {quantity(one["mass"], 0.0, "kg", signed=True)} known at {one["t"]:.2f} s, '
-              f'by {told[one["inert"]]}' for one in tool['changes']]
+    yield (f'tool: {tool["state"]}, {quantity(tool["mass"], tool["mass_std"], "kg")}, centre of '
+           'mass ' + ', '.join(quantity(x, std, 'm')
+                               for x, std in zip(tool['com'], tool['com_std'])))
+    evidence = {True: 'weight and accelerations', False: 'weight alone: a steady push straight '
+                'down is not excluded'}
+    for one in tool['changes']:
+        yield (f'tool: {quantity(one["mass"], 0.0, "kg", signed=True)} known at {one["t"]:.2f} s, '
+               f'by {evidence[one["inert"]]}')
     if tool['suspected_change'] is not None:
         by = quantity(tool['suspected_change'], tool['suspected_change_std'], 'kg')
-        lines.append(f'tool: may have changed by {by}, or something pushes; turn it to tell')
-    return lines
+        yield f'tool: may have changed by {by}, or something pushes; rotate it to find out'
+
+
+def _valid_only(figures: dict[str, Any]) -> str:
+    """Return what mean and std are over, if that is not every sample."""
+    if figures['valid'] == figures['samples']:
+        return ''
+    if not figures['valid']:
+        return ', none of them valid'
+    return f', mean and std over the {figures["valid"]} valid ones'
+
+
+def _mean_force(figures: dict[str, Any]) -> str:
+    """Return the mean force in a few digits."""
+    from forcecal_ros.core.quantity import sizes
+
+    force = figures['mean'][:3]
+    return 'none valid' if None in force else f'mean force {sizes(force, "N", 3)}'

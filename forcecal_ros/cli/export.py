@@ -3,23 +3,21 @@
 import argparse
 from typing import Any
 
-from forcecal_ros.cli.argument_types import frame, node, real
-from forcecal_ros.cli.common import new_parser, say
+from forcecal_ros.cli.common import frame, new_parser, node, POSE7, real, say
 from forcecal_ros.cli.outputs import add_output, FILE, stdout_is_taken
 from forcecal_ros.core.errors import UsageError
 
-LOOKED_AT = {'--node': ('broadcaster', 'gravity_filter', 'admittance'),
+USED_BY = {'--node': ('broadcaster', 'gravity_filter', 'admittance'),
              '--base-frame': ('gravity_filter', 'admittance'), '--sensor-in-flange': ('ur',)}
-"""Option -> consumers that it says something about."""
+"""Option -> consumers that use it."""
 
 BASE = 'base_link'
-FLANGE = ('X', 'Y', 'Z', 'QX', 'QY', 'QZ', 'QW')
 
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(
-        subparsers, 'export',
+        subparsers, 'export', json=False, quiet=False,
         example='forcecal export calibration.yaml --for broadcaster -o broadcaster.yaml')
     parser.add_argument('calibration', metavar='CALIBRATION', help='calibration.yaml')
     parser.add_argument('--for', dest='consumer', required=True, choices=(
@@ -31,7 +29,7 @@ def add_parser(subparsers: Any) -> None:
                         help='node that takes the parameters (default: the usual name)')
     parser.add_argument('--base-frame', metavar='FRAME', type=frame, default=BASE,
                         help='frame whose z points up')
-    parser.add_argument('--sensor-in-flange', metavar=FLANGE, nargs=7, type=real,
+    parser.add_argument('--sensor-in-flange', metavar=POSE7, nargs=7, type=real,
                         help='ur: pose of the sensor in the flange (default: they are one) [m]')
     add_output(parser, '-o', '--output', kind=FILE, metavar='FILE',
                help='file to write (default: print); an earlier one is kept as FILE~')
@@ -39,28 +37,21 @@ def add_parser(subparsers: Any) -> None:
 
 
 def refuse_unused(args: argparse.Namespace) -> None:
-    """
-    Refuse what the consumer would not look at.
-
-    Raises
-    ------
-    UsageError
-        An option says nothing about this consumer, or a quaternion is none.
-    """
+    """Refuse options that the consumer does not use, and a quaternion of zeros."""
     given = {'--node': args.node, '--base-frame': args.base_frame != BASE,
              '--sensor-in-flange': args.sensor_in_flange}
-    for option, consumers in LOOKED_AT.items():
+    for option, consumers in USED_BY.items():
         if given[option] and args.consumer not in consumers:
-            raise UsageError(f'{option} says nothing about {args.consumer}, only about '
+            raise UsageError(f'{option} is not used by {args.consumer}, only by '
                              f'{", ".join(consumers)}; leave it out')
     if args.sensor_in_flange and not any(args.sensor_in_flange[3:]):
-        raise UsageError('--sensor-in-flange: a quaternion of zeros is no rotation; give x y z '
+        raise UsageError('--sensor-in-flange: a quaternion of zeros is not a rotation; give x y z '
                          '[m] and qx qy qz qw, 0 0 0 1 where the axes are the same')
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    from forcecal_ros.core.atomic_files import write_text
+    from forcecal_ros.core.files import write_text
     from forcecal_ros.core.geometry import matrix_from_quaternion
     from forcecal_ros.io.calibration_file import load
     from forcecal_ros.io.exports import export, Place

@@ -1,98 +1,119 @@
-"""``forcecal fit-rig``: a rig of somebody's robot from recordings of it."""
+"""``forcecal fit-rig``: models of your robot from recordings of it."""
 
 import argparse
 import shlex
 from typing import Any, TYPE_CHECKING
 
-from forcecal_ros.cli.argument_types import gravity, real
 from forcecal_ros.cli.common import (
     add_bag,
-    add_json,
+    add_gravity,
+    gravity_of,
+    group,
+    MODEL,
     new_parser,
-    print_json,
+    read_checked,
     read_likewise,
-    read_poses_of_sensor,
     say,
-    say_if_compiling,
+    show,
     warn,
+    warn_if_compiling,
 )
-from forcecal_ros.cli.outputs import add_output, FILE
+from forcecal_ros.cli.outputs import add_output, FILE, stdout_is_taken
 from forcecal_ros.core.errors import UsageError
 
 if TYPE_CHECKING:
+    from forcecal_ros.impedance.plant_fit import PlantFit
     from forcecal_ros.rig_fit.fit import RigFit
 
 WALL = ('the recording touches something, and no wall is fitted: a diagnosis with this rig leaves '
         'out phases of contact, until its wall is written into the file')
 
 RIGID = 'rigid_tool.yaml'
-"""Gives the tolerances, and what recordings do not tell."""
+"""Gives the tolerances, and what recordings do not identify."""
+
+OUTPUTS = {'diagnosis': 'my_rig.yaml', 'impedance': 'plant.yaml'}
+"""Default of ``--output`` by purpose."""
 
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(
         subparsers, 'fit-rig',
-        example='forcecal fit-rig my_bag --heldout another_bag -o my_rig.yaml')
+        example='forcecal fit-rig my_bag --heldout another_bag -o my_rig.yaml\n'
+                '  forcecal fit-rig shaken_bag --for impedance -o plant.yaml')
     add_bag(parser, several='the rig is fitted to all of them')
-    parser.add_argument('--heldout', metavar='BAG',
-                        help='recording that chooses the order and judges the model (default: '
-                             'every third second)')
-    parser.add_argument('--gravity', metavar='M/S^2', type=gravity,
-                        help='magnitude of gravity where the robot stands (default: '
-                             '9.80665 m/s^2)')
-    parser.add_argument('--gravity-direction', metavar=('X', 'Y', 'Z'), nargs=3, type=real,
-                        help="direction of gravity in the robot's base, of any length, where base "
-                             'is not level (default: 0 0 -1)')
-    add_output(parser, '-o', '--output', kind=FILE, suffix='.yaml', metavar='RIG.yaml',
-               default='my_rig.yaml',
-               help='rig to write; an earlier one is kept as RIG.yaml~')
-    add_json(parser)
-    parser.set_defaults(run=run, inputs=('bag', 'heldout'))
+    parser.add_argument('--for', dest='purpose', choices=tuple(OUTPUTS), default='diagnosis',
+                        help='diagnosis: a rig, to simulate and to diagnose by; impedance: how '
+                             'the robot follows commands and how the tool slides, for the '
+                             'impedance node (one BAG, shaken along x)')
+    model = group(parser, MODEL)
+    model.add_argument('--heldout', metavar='BAG',
+                       help='diagnosis: recording that chooses the order and judges the model '
+                            '(default: every third second)')
+    add_gravity(model)
+    add_output(parser, '-o', '--output', kind=FILE, metavar='FILE',
+               help='file to write (default: my_rig.yaml, or plant.yaml for impedance); an '
+                    'earlier one is kept as FILE~')
+    parser.set_defaults(run=run, inputs=('bag', 'heldout'), one_result=True)
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
+    settings = gravity_of(args)
+    args.output = args.output or OUTPUTS[args.purpose]
+    if args.purpose == 'impedance':
+        if len(args.bag) > 1 or args.heldout:
+            raise UsageError('--for impedance takes one BAG and no --heldout')
+        return _fit_plant(args)
+    return _fit_rig(args, settings)
+
+
+def _fit_plant(args: argparse.Namespace) -> int:
+    """Fit the models for impedance control."""
+    from forcecal_ros.impedance.plant_fit import identify_plant, save_plant, to_document
+
+    recording = read_checked(args, args.bag[0], ['target', 'pose', 'wrench', 'optidrive'])
+    fit = identify_plant(recording)
+    save_plant(fit, args.output)
+    for note in recording.notes:
+        warn(note)
+    if args.json or not stdout_is_taken(args):
+        show(args, to_document(fit), f'{plant_text(fit)}\n\nwritten to {args.output}')
+    return 0
+
+
+def _fit_rig(args: argparse.Namespace, gravity: dict[str, Any]) -> int:
+    """Fit a rig to simulate and to diagnose by."""
     from forcecal_ros.calibrate.settings import IdentificationSettings
-    from forcecal_ros.checks.entry import checked
-    from forcecal_ros.core.atomic_files import write_text
-    from forcecal_ros.core.geometry import STANDARD_GRAVITY
+    from forcecal_ros.core.files import write_text
     from forcecal_ros.core.streams import TOUCHING
     from forcecal_ros.rig_fit.fit import document, fit_rig
     from forcecal_ros.sim.rig.file import dump_rig, load_rig
     from forcecal_ros.sim.rig.simulator import waits_for_compiler
 
-    direction = args.gravity_direction
-    if direction is not None and not any(direction):
-        raise UsageError('--gravity-direction 0 0 0 is no direction; 0 0 -1 is down in a level '
-                         'base')
-    settings = IdentificationSettings(
-        gravity=args.gravity or STANDARD_GRAVITY, wrench_sign=args.wrench_sign or 1,
-        gravity_direction=tuple(direction) if direction else None)
-    recordings = [checked(read_poses_of_sensor(args, bag)).recording for bag in args.bag]
-    heldout = checked(read_poses_of_sensor(args, args.heldout)).recording if args.heldout else None
-    say_if_compiling(waits_for_compiler(), 'the simulator')
-    fit = fit_rig(recordings, heldout, load_rig(RIGID), settings)
+    recordings = [read_checked(args, bag, ()) for bag in args.bag]
+    heldout = read_checked(args, args.heldout, ()) if args.heldout else None
+    warn_if_compiling(waits_for_compiler(), 'the simulator')
+    fit = fit_rig(recordings, heldout, load_rig(RIGID), IdentificationSettings(
+        **gravity, wrench_sign=args.wrench_sign or 1))
     heading = '\n'.join(f'# {line}' for line in (
         f'Fitted by forcecal fit-rig to {", ".join(args.bag)}. SI units throughout.', '',
-        *as_text(fit).splitlines()))
+        *rig_text(fit).splitlines()))
     write_text(args.output, dump_rig(fit.rig, heading + '\n'))
     for note in (*(n for one in recordings for n in one.notes), *fit.notes):
         warn(note)
     if any(phase.name in TOUCHING for one in recordings for phase in one.phases):
         warn(WALL)
-    if args.json:
-        print_json(document(fit, args.output))
-    else:
-        say(f'{as_text(fit)}\n\nwritten to {args.output}')
+    show(args, document(fit, args.output), f'{rig_text(fit)}\n\nwritten to {args.output}')
+    if not args.json:
         say('next, with another recording: ' + shlex.join((
             'forcecal', 'diagnose', 'BAG', '--rig', args.output, *read_likewise(args), '-o',
             'gap')))
     return 0
 
 
-def as_text(fit: 'RigFit') -> str:
-    """Say how the robot follows, what hangs on it, and what the model leaves."""
+def rig_text(fit: 'RigFit') -> str:
+    """Return how the robot follows, its tool, and the residual of the model."""
     from forcecal_ros.core.quantity import quantity, size
 
     rig, turn = fit.rig, fit.rotation
@@ -124,3 +145,30 @@ def _reach(fit: 'RigFit') -> str:
     if fit.good_up_to < fit.moved_up_to:
         return f'from {fit.good_up_to:.1f} Hz on that is a tenth of the motion or more'
     return f'that is below a tenth of the motion up to {fit.moved_up_to:.1f} Hz, where that ends'
+
+
+def plant_text(fit: 'PlantFit') -> str:
+    """Return the models for impedance control as one table, and how good they are."""
+    from math import nan
+
+    from forcecal_ros.core.quantity import size
+    from forcecal_ros.report.rows import as_text as table
+    from forcecal_ros.report.rows import Row
+
+    found, robot = fit.robot, fit.robot.robot
+    rows = [('period', 's', robot.period, nan), ('delay', 'periods', robot.delay, nan)]
+    for name, estimate in (('feedback', robot.feedback), ('feedforward', robot.feedforward)):
+        rows += [(f'{name} {i + 1}', '1', value, std)
+                 for i, (value, std) in enumerate(zip(estimate.value, estimate.std))]
+    rows += [(f'tool {name}', one.unit, float(one), float(one.std))
+             for name, one in vars(fit.slide.slide).items()]
+    orders = ', '.join(f'{one.order}: {size(one.error, "m")}' for one in found.orders)
+    lines = [table([Row(name, name, unit, value, std) for name, unit, value, std in rows]), '',
+             f'held-out fit {100.0 * found.fit:.2f} %; held-out error by order: {orders}']
+    lines += [f'pole {_number(pair.pole)} and zero {_number(pair.zero)} nearly cancel: together '
+              f'at most {100.0 * pair.effect:.2g} % of the response' for pair in found.pairs]
+    return '\n'.join(lines)
+
+
+def _number(z: complex) -> str:
+    return f'{z.real:.4f}' if abs(z.imag) < 1e-9 else f'{z:.4f}'

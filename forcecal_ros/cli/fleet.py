@@ -5,28 +5,28 @@ from functools import partial
 import json
 from typing import Any
 
-from forcecal_ros.cli.argument_types import positive
 from forcecal_ros.cli.calibrate import add_identification, calibrated, check_identification
 from forcecal_ros.cli.common import (
-    add_json,
     add_sensor_pose,
     add_topics,
+    bar,
     Listed,
     new_parser,
+    positive,
     print_json,
     read_checked,
     say,
     warn,
 )
-from forcecal_ros.cli.each_recording import add_workers, check_workers
-from forcecal_ros.cli.outputs import add_output, RESULTS, write_results
-from forcecal_ros.cli.progress import add_quiet, bar
+from forcecal_ros.cli.many import add_workers, check_workers, each
+from forcecal_ros.cli.outputs import add_output, RESULTS
+from forcecal_ros.core.files import write_results
 
 FILES = ('fleet.html', 'fleet.csv', 'fleet.json')
 """All that a run writes; the last one keeps what was read, for the next run."""
 
 HOW = ('topic', 'sensor_from_pose', 'wrench_sign', 'gravity', 'gravity_direction',
-       'sensor_rotation', 'coupling', 'cutoff', 'accelerometer_position', 'theta', 'observer',
+       'sensor_rotation', 'coupling', 'cutoff', 'accelerometer_position', 'theta', 'filter',
        'design', 'contact_walk', 'bandwidth_min', 'bandwidth_max', 'robot')
 """Arguments that the calibration of a recording depends on."""
 
@@ -52,8 +52,6 @@ def add_parser(subparsers: Any) -> None:
                              'environment')
     add_identification(parser)
     add_workers(parser)
-    add_quiet(parser)
-    add_json(parser)
     parser.set_defaults(run=run)
 
 
@@ -111,8 +109,6 @@ def _kept(args: argparse.Namespace) -> dict[str, Any]:
 
 def _read(args: argparse.Namespace, found: list[Any], kept: dict[str, Any]) -> list[Any]:
     """Read what is new, and take the rest as it was read before."""
-    from forcecal_ros.cli.parallel import each
-
     entries: list[Any] = [None] * len(found)
     new = []
     for i, one in enumerate(found):

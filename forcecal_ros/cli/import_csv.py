@@ -10,12 +10,12 @@ from forcecal_ros.cli.outputs import add_output, RECORDING
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(
-        subparsers, 'import',
+        subparsers, 'import', json=False, quiet=False,
         example='forcecal import my_log.yaml -o my_bag')
     parser.add_argument('specification', metavar='SPEC.yaml',
                         help='which columns are which signals, in which units and frames')
     parser.add_argument('--tables', metavar='DIR',
-                        help='where the tables are (default: beside SPEC.yaml)')
+                        help='where the tables are (default: next to SPEC.yaml)')
     add_output(parser, '-o', '--output', kind=RECORDING, metavar='BAG', required=True,
                help='recording to write; an earlier one is kept as BAG~')
     parser.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap',

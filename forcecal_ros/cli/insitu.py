@@ -2,14 +2,14 @@
 
 import argparse
 from collections.abc import Iterator
-import os
 from pathlib import Path
 import re
+import sys
 from typing import Any, TYPE_CHECKING
 
-from forcecal_ros.cli.common import add_json, new_parser, print_json, say, warn
-from forcecal_ros.cli.outputs import add_output, RESULTS, write_results
-from forcecal_ros.cli.progress import add_quiet, bar, tell
+from forcecal_ros.cli.common import bar, new_parser, print_json, say, warn
+from forcecal_ros.cli.outputs import add_output, RESULTS
+from forcecal_ros.core.files import write_results
 
 if TYPE_CHECKING:
     from forcecal_ros.insitu.prepare import Chunk, Source
@@ -30,15 +30,11 @@ def add_parser(subparsers: Any) -> None:
     add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR', required=True,
                help='folder for insitu.json, calibration.yaml, pictures and report.html; '
                     'earlier results are kept as NAME~')
-    add_quiet(parser)
-    add_json(parser)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    # small matrices are slower on several threads than on one
-    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     from dataclasses import replace
     import json
 
@@ -103,12 +99,13 @@ def _source(args: argparse.Namespace, spec: 'Spec', name: str, path: Path) -> 'S
     sensor = spec.sensors[name]
     table = TableSource(spec, path, sensor.columns) if path.suffix in TABLES else None
 
-    told: list[str] = []
+    shown: list[str] = []
 
     def read() -> Iterator['Chunk']:
-        if not told:
-            told.append(f'{name}: reading {path.name}')
-            tell(args, told[-1])
+        if not shown:
+            shown.append(f'{name}: reading {path.name}')
+            if not args.quiet and not sys.stderr.isatty():
+                warn(shown[-1])
         if table:
             chunks = table()
         else:
@@ -118,8 +115,8 @@ def _source(args: argparse.Namespace, spec: 'Spec', name: str, path: Path) -> 'S
             for chunk in chunks:
                 done.update(len(chunk.t))
                 yield chunk
-        if table and len(told) == 1:
-            told.extend(['', *table.notes])
+        if table and len(shown) == 1:
+            shown.extend(['', *table.notes])
             for note in table.notes:
                 warn(note)
 

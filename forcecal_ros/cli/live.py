@@ -3,9 +3,16 @@
 import argparse
 from typing import Any
 
-from forcecal_ros.cli.argument_types import port, topic_name
-from forcecal_ros.cli.common import needs_ros, new_parser, say, say_if_compiling, warn
-from forcecal_ros.cli.service import add_namespace
+from forcecal_ros.cli.common import (
+    add_namespace,
+    needs_ros,
+    new_parser,
+    port,
+    say,
+    topic_name,
+    warn,
+    warn_if_compiling,
+)
 from forcecal_ros.core.errors import UsageError
 
 LOOK = 3.0
@@ -20,12 +27,12 @@ PERIOD = 0.05
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
-    parser = new_parser(subparsers, 'live', example='forcecal live')
-    parser.add_argument('--robot', action='store_true',
-                        help='show the robot, and wait where it says nothing yet (default: where '
-                             'none is heard, a simulated rig is started, with all that it needs)')
+    parser = new_parser(subparsers, 'live', json=False, quiet=False, example='forcecal live')
+    parser.add_argument('--no-sim', action='store_true',
+                        help='show the robot, and wait for its messages (default: if no wrench is '
+                             'published, a simulated rig is started, with all that it needs)')
     parser.add_argument('--sim', action='store_true',
-                        help='start a simulated rig anyhow, apart from any robot')
+                        help='start a simulated rig in any case, apart from any robot')
     parser.add_argument('--rig', metavar='RIG.yaml',
                         help='rig to simulate; the gap is its difference from the nominal one')
     add_namespace(parser)
@@ -38,17 +45,17 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    if args.robot and (args.sim or args.rig):
-        raise UsageError('--robot simulates nothing, --sim and --rig do; leave either out')
+    if args.no_sim and (args.sim or args.rig):
+        raise UsageError('--no-sim simulates nothing, --sim and --rig do; leave either out')
     with needs_ros():
-        from forcecal_ros.nodes.live_page import LivePage
+        from forcecal_ros.nodes.live import LivePage
     from forcecal_ros.sim.rig.file import load_rig
 
     if args.rig:
         load_rig(args.rig)
     with LivePage(args.port) as page:
         try:
-            if args.sim or args.rig or not (args.robot or _wrench_is_published(args)):
+            if args.sim or args.rig or not (args.no_sim or _wrench_is_published(args)):
                 return _simulated(args, page)
             return _robot(args, page)
         except KeyboardInterrupt:  # before all is up
@@ -56,10 +63,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _wrench_is_published(args: argparse.Namespace) -> bool:
-    """Tell whether anybody publishes a wrench."""
+    """Return whether a node publishes a wrench."""
     import time
 
-    from forcecal_ros.nodes.temporary_node import temporary_node
+    from forcecal_ros.nodes.client import temporary_node
 
     place = args.namespace.strip('/')
     with temporary_node('live') as ros:
@@ -76,8 +83,8 @@ def _wrench_is_published(args: argparse.Namespace) -> bool:
 
 def _robot(args: argparse.Namespace, page: Any) -> int:
     """Show what is there; nothing is started."""
-    from forcecal_ros.nodes.live_view import LiveView
-    from forcecal_ros.nodes.temporary_node import temporary_node
+    from forcecal_ros.nodes.client import temporary_node
+    from forcecal_ros.nodes.live import LiveView
 
     with temporary_node('live') as ros:
         view = LiveView(ros.node, args.namespace, args.wrench, simulated=False)
@@ -89,14 +96,13 @@ def _simulated(args: argparse.Namespace, page: Any) -> int:
     """Start the simulated rig and the nodes about it, and show them."""
     import os
 
+    from forcecal_ros.nodes.client import own_domain, Processes, temporary_node
     from forcecal_ros.nodes.demo import FOR_SIMULATION, ON_TIME
-    from forcecal_ros.nodes.live_view import LiveView
-    from forcecal_ros.nodes.processes import own_domain, Processes
-    from forcecal_ros.nodes.temporary_node import temporary_node
+    from forcecal_ros.nodes.live import LiveView
     from forcecal_ros.observe import batch
     from forcecal_ros.sim.rig import simulator
 
-    say_if_compiling(simulator.waits_for_compiler() or batch.waits_for_compiler(),
+    warn_if_compiling(simulator.waits_for_compiler() or batch.waits_for_compiler(),
                      'simulator and observer')
     rig = {'rig': os.path.realpath(args.rig)} if args.rig else {}
     clock = {'use_sim_time': True}
@@ -113,7 +119,7 @@ def _simulated(args: argparse.Namespace, page: Any) -> int:
 
 def _show(page: Any, ros: Any, view: Any, robot: str, check: Any) -> int:
     """Serve until a signal."""
-    from forcecal_ros.nodes.live_view import SEQUENCES
+    from forcecal_ros.nodes.live import SEQUENCES
     from forcecal_ros.report.page import render_page
 
     text = render_page('live.html.j2', 'Live', robot=robot, nonce=page.nonce,

@@ -1,7 +1,7 @@
-"""``forcecal``: arguments in, result printed. All errors a user can mend become one line here."""
+"""``forcecal``: arguments in, result printed; every error that a user can fix is one line."""
 
 import argparse
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from io import TextIOWrapper
@@ -14,35 +14,37 @@ from types import FrameType
 from typing import Any, NoReturn
 
 from forcecal_ros import __version__
-from forcecal_ros.cli import COMMANDS, GROUPS
+from forcecal_ros.cli import COMMANDS, GROUPS, VERBS
 from forcecal_ros.cli.common import or_nearest
 from forcecal_ros.cli.outputs import check_outputs
 from forcecal_ros.core.errors import ForcecalError, UsageError
-from forcecal_ros.core.places import remedy
+from forcecal_ros.core.files import remedy
 
 EPILOG = """\
-forcecal COMMAND --help tells the options of a command, with an example.
-exit status: 0 done, 1 the data cannot answer (one line on stderr says why), 2 wrong usage
+forcecal COMMAND --help shows the options of a command, with an example.
+exit status: 0 done, 1 the data cannot answer (one line on stderr gives the reason),
+  2 wrong usage, 3 found what --fail-on names, 130 interrupted
 
 example:
   forcecal sample rig -o sample                            two recordings, in seconds
+  forcecal check sample/sound                              what is in it
   forcecal calibrate sample/sound --report report.html     writes calibration.yaml, too
   forcecal estimate sample/sound --calibration calibration.yaml -o contact
   forcecal diagnose sample/late -o diagnosis
 """
 
-NAMES = 17
-"""Columns that the names of commands take in the help: the longest and two more."""
+NAME_COLUMNS = 11
+"""Columns for names of commands in the help: the longest and two more."""
 
 
-class Given(argparse.Action):
-    """Stores what is given, once: of two values nobody knows which was meant."""
+class StoreOnce(argparse.Action):
+    """Stores a value; a second, different one is refused, since either may have been meant."""
 
     _before: Any = None
 
     def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace,
                  values: Any, option_string: str | None = None) -> None:
-        """Put it into the arguments; a name that is empty is none."""
+        """Put it into the arguments; an empty name is refused."""
         if values == '' and self.type is None:
             raise argparse.ArgumentError(self, 'an empty name is given; name it')
         if self.option_strings and self._before not in (None, values):
@@ -53,32 +55,26 @@ class Given(argparse.Action):
 
 
 class Parser(argparse.ArgumentParser):
-    """
-    Says in one line what is wrong.
+    """Reports wrong usage in one line, with status 2."""
 
-    Attributes
-    ----------
-    options : list of str
-        All that begin with two dashes.
-    commands : mapping of str to Parser
-        Those of the commands.
-    """
+    commands: Mapping[str, 'Parser'] = {}
+    """Parsers of the commands, by name."""
 
     def __init__(self, **settings: Any) -> None:
-        self.options: list[str] = []
-        self.commands: Mapping[str, Parser] = {}
         super().__init__(**settings)
         for name in (None, 'store'):
-            self.register('action', name, Given)
+            self.register('action', name, StoreOnce)
 
-    def add_argument(self, *names: Any, **settings: Any) -> argparse.Action:
-        """Add an argument, and remember how it is called."""
-        self.options += [name for name in names if name.startswith('--')]
-        return super().add_argument(*names, **settings)
+    @property
+    def options(self) -> list[str]:
+        """All that begin with two dashes, those of its commands among them."""
+        own = [name for action in self._actions for name in action.option_strings
+               if name.startswith('--')]
+        return [*own, *(name for one in self.commands.values() for name in one.options)]
 
     def error(self, message: str) -> NoReturn:
-        """Say what is wrong and end with status 2."""
-        self.exit(2, f'{self.prog}: {message}; {self.prog} --help tells more\n')
+        """Print what is wrong and end with status 2."""
+        self.exit(2, f'{self.prog}: {message}; {self.prog} --help shows more\n')
 
 
 def build_parser(command: str = '') -> Parser:
@@ -88,8 +84,8 @@ def build_parser(command: str = '') -> Parser:
     Parameters
     ----------
     command : str
-        The only one that will be needed; without it the parser lists the commands, and knows
-        none of their arguments.
+        The only one that is needed; without it the parser lists the commands without their
+        arguments.
     """
     parser = Parser(
         prog='forcecal', epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -103,39 +99,43 @@ def build_parser(command: str = '') -> Parser:
     else:
         for name in COMMANDS:
             subparsers.add_parser(name)
-        parser.epilog = f'{listed()}\n\n{EPILOG}'
+        parser.epilog = f'{command_list()}\n\n{EPILOG}'
     parser.commands = subparsers.choices
     return parser
 
 
-def listed() -> str:
-    """Return every command with what it does, by what it is for."""
+def command_list() -> str:
+    """Return every command with what it does, by purpose."""
     lines = []
     for purpose, commands in GROUPS.items():
         lines.append(f'{purpose}:')
-        lines += [fill(one.summary, 79, initial_indent=f'  {name:<{NAMES}}',
-                       subsequent_indent=' ' * (NAMES + 2)) for name, one in commands.items()]
+        lines += [fill(one.summary, 79, initial_indent=f'  {name:<{NAME_COLUMNS}}',
+                       subsequent_indent=' ' * (NAME_COLUMNS + 2))
+                  for name, one in commands.items()]
     return '\n'.join(lines)
 
 
-def parsed(arguments: Sequence[str]) -> argparse.Namespace:
-    """Parse the command line; wrong usage exits with 2, and says the nearest command or option."""
+def parse(arguments: Sequence[str]) -> argparse.Namespace:
+    """Parse the command line; wrong usage exits with 2, and names the nearest word."""
+    if arguments and arguments[0] in VERBS:
+        arguments = ['robot', *arguments]
     first = arguments[0] if arguments else ''
     parser = build_parser(first)
     if not arguments:
         parser.print_help(sys.stderr)
         parser.exit(2)
     if not first.startswith('-') and first not in COMMANDS:
-        parser.error(f'{first} is no command{or_nearest(first, COMMANDS)}')
+        parser.error(f'{first} is not a command{or_nearest(first, (*COMMANDS, *VERBS))}')
     args, left = parser.parse_known_args(arguments)
     if left:
-        command = parser.commands.get(first, parser)
+        command = getattr(args, 'parser', parser)
         word = next((one for one in left if one.startswith('-')), left[0]).partition('=')[0]
-        command.error(f'{word} is no argument here{or_nearest(word, command.options)}')
+        command.error(f'{word} is not an argument here{or_nearest(word, command.options)}')
     return args
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(arguments: Sequence[str] | None = None,
+         parse: Callable[[Sequence[str]], argparse.Namespace] = parse) -> int:
     """
     Run one command.
 
@@ -143,50 +143,62 @@ def main(arguments: Sequence[str] | None = None) -> int:
     ----------
     arguments : sequence of str, optional
         Defaults to ``sys.argv[1:]``.
+    parse : callable
+        Turns them into what ``check_outputs`` and ``run`` take.
 
     Returns
     -------
     int
-        0 done, 1 the data cannot answer, 2 wrong usage, 130 interrupted (128 and the signal).
+        0 done, 1 the data cannot answer, 2 wrong usage, 3 found what ``--fail-on`` names, 130
+        interrupted (128 and the signal).
     """
     # small matrices are slower on several threads, and round in another order on other machines
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     if isinstance(sys.stdout, TextIOWrapper):  # a letter that a terminal lacks ends nothing
         sys.stdout.reconfigure(errors='replace')
+    args = argparse.Namespace()
     try:
-        with _ended_as_by_ctrl_c():
-            args = parsed(sys.argv[1:] if arguments is None else arguments)
+        with _signals_as_interrupts():
+            args = parse(sys.argv[1:] if arguments is None else arguments)
             check_outputs(args)
             status = int(args.run(args))
             print(end='', flush=True)
             return status
-    except UsageError as error:
-        return _complain(str(error), 2)
-    except ForcecalError as error:
-        return _complain(str(error))
-    except ModuleNotFoundError as error:
-        from forcecal_ros.core.extras import missing  # the help does without
-
-        if why := missing(error):
-            return _complain(why)
-        raise
     except BrokenPipeError:
         _give_up_stdout()
         return 1
-    except OSError as error:
-        _give_up_stdout()
-        where = f'{error.filename}: ' if error.filename else ''
-        do = remedy(error, 'check the path and its permissions')
-        return _complain(f'{where}{error.strerror or error}; {do}')
     except KeyboardInterrupt as interrupt:
         with suppress(OSError):  # of a terminal that has closed
             print('forcecal: interrupted', file=sys.stderr)
         return 128 + (interrupt.args[0] if interrupt.args else signal.SIGINT)
+    except (ForcecalError, ModuleNotFoundError, OSError) as error:
+        if not (message := _in_one_line(error)):
+            raise
+        if getattr(args, 'debug', False):
+            import traceback
+
+            traceback.print_exc()
+        print(f'forcecal: {" ".join(message.split())}', file=sys.stderr)
+        return 2 if isinstance(error, UsageError) else 1
+
+
+def _in_one_line(error: Exception) -> str:
+    """Return what is wrong and how to fix it; empty for an error of the program itself."""
+    if isinstance(error, ModuleNotFoundError):
+        from forcecal_ros.core.extras import missing  # the help does without
+
+        return missing(error)
+    if isinstance(error, OSError):
+        _give_up_stdout()
+        where = f'{error.filename}: ' if error.filename else ''
+        do = remedy(error, 'check the path and its permissions')
+        return f'{where}{error.strerror or error}; {do}'
+    return str(error)
 
 
 @contextmanager
-def _ended_as_by_ctrl_c() -> Iterator[None]:
-    """Let SIGTERM, and a terminal that closes, leave nothing half done behind."""
+def _signals_as_interrupts() -> Iterator[None]:
+    """Let SIGTERM, and a terminal that closes, end a command as Ctrl-C does, without scratch."""
     def end(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt(number)
 
@@ -207,11 +219,6 @@ def _give_up_stdout() -> None:
         print(end='', flush=True)
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def _complain(message: str, status: int = 1) -> int:
-    print(f'forcecal: {" ".join(message.split())}', file=sys.stderr)
-    return status
 
 
 if __name__ == '__main__':

@@ -1,4 +1,4 @@
-"""``forcecal node``: a node of this package, for whoever has no ``ros2 run``."""
+"""``forcecal node``: a node of this package, without ``ros2 run``."""
 
 import argparse
 from typing import Any
@@ -12,7 +12,7 @@ NODES = ('gap', 'impedance', 'observer', 'sequencer', 'sim')
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(
-        subparsers, 'node',
+        subparsers, 'node', json=False, quiet=False,
         example='forcecal node sequencer --ros-args -r wrench:=/ft/wrench --params-file my.yaml')
     parser.add_argument('name', metavar='NODE', choices=NODES, help=', '.join(NODES))
     parser.add_argument('arguments', metavar='--ros-args ...', nargs=argparse.REMAINDER,

@@ -1,18 +1,17 @@
-"""Where a command writes: declared with its arguments, checked before any work, owned by a run."""
+"""Places that a command writes to: declared with its arguments, checked before any work."""
 
 import argparse
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 import os
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from forcecal_ros.cli.common import group, OUTPUT
 from forcecal_ros.core.errors import ConfigError, UsageError
-from forcecal_ros.core.places import descriptor_of, refuse_file, refuse_folder, STANDARD_OUTPUT
+from forcecal_ros.core.files import descriptor_of, refuse_file, refuse_folder, STANDARD_OUTPUT
 
 FILE, RESULTS, RECORDING = 'file', 'results', 'recording'
 """A file may be standard output; a folder of results is written into, a recording replaced."""
-
-STDOUT = 1
 
 
 class Output(NamedTuple):
@@ -21,14 +20,12 @@ class Output(NamedTuple):
 
     Attributes
     ----------
-    name : str
-        In the parsed arguments.
-    option : str
-        As the user writes it.
+    name, option : str
+        In the parsed arguments, and as the user writes it.
     kind : str
         ``file``, ``results`` or ``recording``.
     suffix : str
-        Follows a recording's name where results of many recordings go to one folder.
+        Follows a recording's name if results of many recordings go to one folder.
     """
 
     name: str
@@ -40,15 +37,16 @@ class Output(NamedTuple):
 def add_output(parser: argparse.ArgumentParser, *options: str, kind: str, suffix: str = '',
                **settings: Any) -> None:
     """Add an argument that names a place to write to."""
-    action = parser.add_argument(*options, **settings)
+    action = group(parser, OUTPUT).add_argument(*options, **settings)
     declared = parser.get_default('outputs') or ()
     parser.set_defaults(outputs=(*declared, Output(action.dest, options[0], kind, suffix)))
 
 
-def of_many(args: argparse.Namespace) -> bool:
-    """Tell whether results go to a folder, under the names of the recordings."""
-    return isinstance(getattr(args, 'bag', ''), list) and (
-        len(args.bag) > 1 or args.output.endswith('/'))
+def is_many(args: argparse.Namespace) -> bool:
+    """Return whether results go to a folder, under the names of the recordings."""
+    return isinstance(getattr(args, 'bag', ''), list) and not getattr(
+        args, 'one_result', False) and (
+        len(args.bag) > 1 or str(args.output or '').endswith('/'))
 
 
 def check_outputs(args: argparse.Namespace) -> None:
@@ -58,7 +56,7 @@ def check_outputs(args: argparse.Namespace) -> None:
     Raises
     ------
     UsageError
-        A place cannot be written to, or would take the place of what the command reads.
+        A place cannot be written to, or is one that the command reads.
     """
     taken: dict[Path, str] = {}
     for output in getattr(args, 'outputs', ()):
@@ -66,7 +64,7 @@ def check_outputs(args: argparse.Namespace) -> None:
         if value is None:
             continue
         try:
-            path = _checked(args, output, value)
+            path = _check(args, output, value)
         except ConfigError as error:
             raise UsageError(f'{output.option}: {error}') from error
         if path in taken:
@@ -75,9 +73,9 @@ def check_outputs(args: argparse.Namespace) -> None:
         taken[path] = output.option
 
 
-def _checked(args: argparse.Namespace, output: Output, value: str) -> Path:
+def _check(args: argparse.Namespace, output: Output, value: str) -> Path:
     """Return the place, links followed."""
-    many = of_many(args)
+    many = is_many(args)
     if not value:
         raise ConfigError('the name is empty; give one')
     if value == '-':
@@ -91,7 +89,7 @@ def _checked(args: argparse.Namespace, output: Output, value: str) -> Path:
         refuse_folder(value, replaced=False)
     elif output.kind == FILE:
         refuse_file(value)
-        if _as_json(args) and is_stdout(value):
+        if getattr(args, 'json', False) and is_stdout(value):
             raise ConfigError('standard output takes one document; leave --json out')
     else:
         if output.kind == RECORDING and Path(value).is_file():
@@ -103,45 +101,24 @@ def _checked(args: argparse.Namespace, output: Output, value: str) -> Path:
 
 
 def refuse_inputs(place: str, kind: str, inputs: Iterable[str]) -> None:
-    """
-    Refuse to write over what is read.
-
-    Parameters
-    ----------
-    kind : str
-        ``file`` or ``recording``.
-
-    Raises
-    ------
-    ConfigError
-        ``place`` is one of ``inputs``, holds one, or is part of one.
-    """
+    """Raise ConfigError if ``place`` is one of ``inputs``, holds one, or is part of one."""
     path = Path(os.path.realpath(place))
+    part = path.name == 'metadata.yaml' or not {'.mcap', '.db3'}.isdisjoint(path.suffixes)
     for name in inputs:
-        read = Path(os.path.realpath(name))
-        if path in (read, *(read.parents if kind == RECORDING else ())) or (
-                read in path.parents and _of_recording(path)):
-            another = 'folder' if kind == RECORDING else 'file'
-            raise ConfigError(f'{place} would take the place of {name}, which is read; '
-                              f'name another {another}')
-
-
-def _of_recording(path: Path) -> bool:
-    return path.name == 'metadata.yaml' or not {'.mcap', '.db3'}.isdisjoint(path.suffixes)
-
-
-def _as_json(args: argparse.Namespace) -> bool:
-    """Tell whether the result is printed as JSON."""
-    return bool(getattr(args, 'json', False))
+        source = Path(os.path.realpath(name))
+        if path in (source, *(source.parents if kind == RECORDING else ())) or (
+                source in path.parents and part):
+            raise ConfigError(f'{place} would take the place of {name}, which is read; name '
+                              f'another {"folder" if kind == RECORDING else "file"}')
 
 
 def is_stdout(value: str | None) -> bool:
-    """Tell whether a file is to go where results are printed."""
-    return value is not None and descriptor_of(Path(value)) == STDOUT
+    """Return whether a file goes where results are printed."""
+    return value is not None and descriptor_of(Path(value)) == 1
 
 
 def stdout_is_taken(args: argparse.Namespace) -> bool:
-    """Tell whether standard output is taken by a file."""
+    """Return whether a file goes to standard output."""
     return any(o.kind == FILE and is_stdout(getattr(args, o.name))
                for o in getattr(args, 'outputs', ()))
 
@@ -151,29 +128,3 @@ def _inputs(args: argparse.Namespace) -> Iterator[str]:
         value = getattr(args, name)
         if value:
             yield from [value] if isinstance(value, str) else value
-
-
-def write_results(folder: Path | str, files: Mapping[str, str | bytes],
-                  may_have: Iterable[str] = ()) -> None:
-    """
-    Write the files of a run, and set aside what an earlier run wrote and this one did not.
-
-    Parameters
-    ----------
-    files : mapping of str to str or bytes
-        Path in the folder -> contents.
-    may_have : iterable of str
-        Patterns of all that runs of the command may write; of these a file that is no part of
-        ``files`` is renamed to NAME~, since it would contradict them.
-    """
-    from forcecal_ros.core.atomic_files import make_folder, set_aside, write_bytes
-
-    folder = Path(folder)
-    make_folder(folder)
-    for old in sorted({path for pattern in may_have for path in folder.glob(pattern)}):
-        if old.is_file() and str(old.relative_to(folder)) not in files:
-            set_aside(old)
-    for name, content in files.items():
-        path = folder / name
-        make_folder(path.parent)
-        write_bytes(path, content.encode() if isinstance(content, str) else content)

@@ -4,22 +4,23 @@ import argparse
 import shlex
 from typing import Any, NamedTuple, TYPE_CHECKING
 
-from forcecal_ros.cli.argument_types import positive, real
 from forcecal_ros.cli.common import (
-    add_json,
     add_sensor_pose,
     add_topics,
     from_arguments,
     new_parser,
     one_of,
     or_nearest,
+    POSE7,
+    positive,
     print_json,
-    read_poses_of_sensor,
+    read,
+    real,
     say,
-    say_if_compiling,
+    stages,
+    warn_if_compiling,
 )
 from forcecal_ros.cli.outputs import add_output, FILE, stdout_is_taken
-from forcecal_ros.cli.progress import add_quiet, stages
 from forcecal_ros.core.errors import UsageError
 
 if TYPE_CHECKING:
@@ -30,11 +31,11 @@ if TYPE_CHECKING:
 
 CRITERIA = ('D', 'mass', 'com', 'force-bias', 'torque-bias', 'offset', 'gain')
 
-LARGEST_TILT = 170.0
+MAX_TILT_DEG = 170.0
 """Of --tilt [deg]: a move back from farther has no clear direction."""
 
-LONGEST = 3600.0
-"""Of --time [s]: biases drift within an hour by more than any plan would promise."""
+MAX_DURATION_S = 3600.0
+"""Of --duration [s]: biases drift within an hour by more than any plan would promise."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -54,7 +55,7 @@ def add_parser(subparsers: Any) -> None:
                              'in the box that sensor and tip stayed in there')
     add_topics(parser)
     add_sensor_pose(parser)
-    parser.add_argument('--home', metavar=('X', 'Y', 'Z', 'QX', 'QY', 'QZ', 'QW'), nargs=7,
+    parser.add_argument('--home', metavar=POSE7, nargs=7,
                         type=real, help="pose of ft_sensor in base that it starts from [m] "
                                         "(default: the recording's, or the rig's)")
     parser.add_argument('--set', metavar='NAME=VALUE', action='append', default=[], type=_setting,
@@ -71,15 +72,13 @@ def add_parser(subparsers: Any) -> None:
                              "(default: the rig's)")
     parser.add_argument('--criterion', choices=CRITERIA,
                         help='calibration: D-optimal, or c-optimal for one parameter (default: D)')
-    parser.add_argument('--time', metavar='S', type=positive,
+    parser.add_argument('--duration', metavar='S', type=positive,
                         help='calibration: time that the sequence may take (default: 16 s)')
     parser.add_argument('--tilt', metavar='DEG', type=positive,
                         help='calibration: largest rotation of a pose from home (default: '
                              '100 deg)')
     add_output(parser, '-o', '--output', kind=FILE, metavar='PLAN.yaml',
                help='parameters for the sequencer to write, - for standard output')
-    add_quiet(parser)
-    add_json(parser)
     parser.set_defaults(run=run, inputs=('rig', 'recording', 'calibration'))
 
 
@@ -88,7 +87,7 @@ def _effect(name: str) -> str:
 
     if name not in EFFECTS:
         raise argparse.ArgumentTypeError(
-            f'{name} is no effect{or_nearest(name, EFFECTS) or one_of(EFFECTS)}')
+            f'{name} is not an effect{or_nearest(name, EFFECTS) or one_of(EFFECTS)}')
     return name
 
 
@@ -106,7 +105,7 @@ def _setting(text: str) -> tuple[str, Any]:
     name, _, value = text.partition('=')
     if name not in table:
         raise argparse.ArgumentTypeError(
-            f'{name} is no parameter of limits, pace or timing{or_nearest(name, table)}')
+            f'{name} is not a parameter of limits, pace or timing{or_nearest(name, table)}')
     parameter = table[name]
     listed = isinstance(parameter.default, list)
     try:
@@ -119,8 +118,8 @@ def _setting(text: str) -> tuple[str, Any]:
     except ConfigError as error:
         raise argparse.ArgumentTypeError(str(error)) from error
     except ValueError:
-        wanted = f'{len(parameter.default)} numbers with commas' if listed else 'a number'
-        raise argparse.ArgumentTypeError(f'{text}: expected {wanted} after =') from None
+        expected = f'{len(parameter.default)} numbers with commas' if listed else 'a number'
+        raise argparse.ArgumentTypeError(f'{text}: expected {expected} after =') from None
 
 
 class Setup(NamedTuple):
@@ -142,14 +141,14 @@ def run(args: argparse.Namespace) -> int:
 def _check(args: argparse.Namespace) -> None:
     """Refuse options of the other purpose."""
     other = (('effects', 'contact') if args.purpose == 'calibration'
-             else ('calibration', 'criterion', 'time', 'tilt'))
+             else ('calibration', 'criterion', 'duration', 'tilt'))
     for name in other:
         if getattr(args, name):
             raise UsageError(f'--{name} is not for --for {args.purpose}; leave it out')
-    if args.tilt and args.tilt > LARGEST_TILT:
-        raise UsageError(f'--tilt {args.tilt:g}: at most {LARGEST_TILT:g} deg')
-    if args.time and args.time > LONGEST:
-        raise UsageError(f'--time {args.time:g}: at most {LONGEST:g} s')
+    if args.tilt and args.tilt > MAX_TILT_DEG:
+        raise UsageError(f'--tilt {args.tilt:g}: at most {MAX_TILT_DEG:g} deg')
+    if args.duration and args.duration > MAX_DURATION_S:
+        raise UsageError(f'--duration {args.duration:g}: at most {MAX_DURATION_S:g} s')
     for name in {name for name, _ in args.set}:
         values = [value for one, value in args.set if one == name]
         if any(value != values[0] for value in values):
@@ -174,7 +173,7 @@ def _setup(args: argparse.Namespace) -> Setup:
     values: dict[str, Any] = {'limits.tip': list(rig.tool.tip), **given}
     home = Pose(np.array(rig.home.position), rig.home.R_base_sensor)
     if args.recording:
-        reach = reach_of(read_poses_of_sensor(args, args.recording),
+        reach = reach_of(read(args, args.recording),
                          np.array(values['limits.tip']))
         values = {'limits.workspace_min': reach.lower.tolist(),
                   'limits.workspace_max': reach.upper.tolist(), **values}
@@ -192,7 +191,7 @@ def _setup(args: argparse.Namespace) -> Setup:
 
 
 def _diagnosis(args: argparse.Namespace) -> int:
-    from forcecal_ros.core.atomic_files import write_text
+    from forcecal_ros.core.files import write_text
     from forcecal_ros.diagnose.plan.recording import plan_for
     from forcecal_ros.diagnose.plan.text import as_text, to_document, to_parameters
     from forcecal_ros.sim.rig.simulator import waits_for_compiler
@@ -200,7 +199,7 @@ def _diagnosis(args: argparse.Namespace) -> int:
     if theirs := [key for key, _ in args.set if not key.startswith('limits.')]:
         raise UsageError(f'--set {theirs[0]} is chosen by a plan for diagnosis; set limits')
     setup = _setup(args)
-    say_if_compiling(waits_for_compiler(), 'the simulator')
+    warn_if_compiling(waits_for_compiler(), 'the simulator')
     with stages(args) as stage:
         stage('simulating the sequence with every effect')
         planned = plan_for(setup.rig, contact=args.contact, effects=args.effects or (),
@@ -215,11 +214,17 @@ def _diagnosis(args: argparse.Namespace) -> int:
 def _calibration(args: argparse.Namespace) -> int:
     import math
 
-    from forcecal_ros.core.atomic_files import write_text
+    from forcecal_ros.core.files import write_text
     from forcecal_ros.io.calibration_file import load
     from forcecal_ros.motion.information import sensors_of
-    from forcecal_ros.motion.optimal_design import criterion_of, design_calibration, Robot
-    from forcecal_ros.motion.plan_file import as_text, to_document, to_parameters
+    from forcecal_ros.motion.optimal_design import (
+        as_text,
+        criterion_of,
+        design_calibration,
+        Robot,
+        to_document,
+        to_parameters,
+    )
     from forcecal_ros.sim.rig.file import expected_sensors
 
     setup = _setup(args)
@@ -228,7 +233,7 @@ def _calibration(args: argparse.Namespace) -> int:
     robot = Robot(setup.home, setup.limits, setup.pace, math.radians(args.tilt or 100.0))
     with stages(args) as stage:
         stage('exchanging poses')
-        design = design_calibration(robot, sensors, args.time or 16.0,
+        design = design_calibration(robot, sensors, args.duration or 16.0,
                                     criterion_of(args.criterion or 'D'), setup.timing)
     if args.output:
         write_text(args.output, to_parameters(design, robot))

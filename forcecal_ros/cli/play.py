@@ -5,27 +5,28 @@ from collections.abc import Iterable, Sequence
 import sys
 from typing import Any, TYPE_CHECKING
 
-from forcecal_ros.cli.argument_types import namespace, not_negative, positive, topic_name
 from forcecal_ros.cli.common import (
-    add_json,
+    add_namespace,
+    bar,
     needs_ros,
     new_parser,
+    not_negative,
     or_nearest,
-    print_json,
-    say,
+    positive,
+    show,
+    topic_name,
     warn,
 )
-from forcecal_ros.cli.progress import add_quiet, bar
 
 if TYPE_CHECKING:
     from forcecal_ros.core.topics import Topic
-    from forcecal_ros.nodes.player import Player
+    from forcecal_ros.nodes.bags import Player
 
 ACKNOWLEDGE = 2.0
 """How long the end waits for slow listeners [s]."""
 
 DISCOVERY = 3.5
-"""Listeners of commands are looked for so long: DDS takes 3 s at worst to tell of them [s]."""
+"""Time to find subscribers of commands: discovery of DDS takes 3 s at worst [s]."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -37,35 +38,31 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--rate', metavar='X', type=positive, default=1.0,
                         help='recorded seconds in each second of playing')
     parser.add_argument('--clock', metavar='HZ', type=not_negative, default=250.0,
-                        help='how often /clock tells the recorded time; 0: not at all')
+                        help='rate of /clock, which carries the recorded time; 0: none')
     parser.add_argument('--delay', metavar='S', type=not_negative, default=1.0,
                         help='wait before the first message, for listeners to find the topics')
     parser.add_argument('--start', metavar='S', type=not_negative, default=0.0,
                         help='leave out the beginning')
     parser.add_argument('--only', metavar='TOPIC', action='append', type=topic_name, default=[],
                         help='publish this topic, and of the others only those named likewise')
-    parser.add_argument('--prefix', metavar='NAMESPACE', type=namespace, default='',
-                        help='publish below a namespace, e.g. /recorded')
+    add_namespace(parser, 'publish below a namespace, e.g. /recorded')
     parser.add_argument('--with-outputs', action='store_true',
-                        help="publish what this package's own nodes said as well, beside those "
-                             'that run now: observer/..., sequencer/..., impedance/..., '
-                             'diagnostics')
+                        help='also publish the outputs of the recorded nodes of this package: '
+                             'observer/..., sequencer/..., impedance/..., diagnostics')
     parser.add_argument('--with-commands', action='store_true',
                         help='publish everything, also target_frame and other commands, which A '
                              'ROBOT THAT LISTENS WILL FOLLOW AT ONCE, without any start; refused '
-                             'while somebody listens')
+                             'while a node subscribes to them')
     parser.add_argument('--yes', action='store_true',
-                        help='publish commands even though somebody listens')
-    add_quiet(parser)
-    add_json(parser)
+                        help='publish commands although a node subscribes to them')
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     with needs_ros():
-        from forcecal_ros.nodes.player import Player
-        from forcecal_ros.nodes.temporary_node import temporary_node
+        from forcecal_ros.nodes.bags import Player
+        from forcecal_ros.nodes.client import temporary_node
     from itertools import chain, dropwhile
     import time
 
@@ -75,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
     topics = read_topics(args.bag)
     refuse_missing(topics, args)
     named, left_out = chosen(topics, args)
-    prefix = f'/{args.prefix.strip("/")}' if args.prefix.strip('/') else ''
+    prefix = f'/{args.namespace.strip("/")}' if args.namespace.strip('/') else ''
     messages = read_messages(args.bag, named.__contains__)
     first = next(messages, None)
     if first is None:
@@ -100,11 +97,9 @@ def run(args: argparse.Namespace) -> int:
         warn(f'not published: {_named(left_out)}')
     for msgtype in sorted(player.unknown):
         warn(f'not published: messages of type {msgtype}, whose package is not installed')
-    if args.json:
-        print_json({'bag': args.bag, 'messages': dict(player.counts)})
-    else:
-        say(', '.join(f'{count} {name}' for name, count in sorted(player.counts.items()))
-            or 'nothing was published')
+    show(args, {'bag': args.bag, 'messages': dict(player.counts)}, ', '.join(
+        f'{count} {name}' for name, count in sorted(player.counts.items()))
+        or 'nothing was published')
     return 0
 
 
@@ -172,10 +167,10 @@ def _consented(player: 'Player', commands: Sequence['Topic']) -> bool:
         return False
     who = ', '.join(f'{topic} ({", ".join(nodes)})' for topic, nodes in listeners.items())
     if sys.stdin.isatty() and sys.stderr.isatty():
-        print(f'forcecal: somebody listens on {who} and may move at once. Publish? [y/N] ',
+        print(f'forcecal: nodes subscribe to {who} and may move at once. Publish? [y/N] ',
               end='', file=sys.stderr, flush=True)
         if sys.stdin.readline().strip().lower() in ('y', 'yes'):
             return True
         raise MotionError('nothing was published')
-    raise MotionError(f'somebody listens on {who} and may move at once; give --yes where that is '
-                      'meant')
+    raise MotionError(f'nodes subscribe to {who} and may move at once; give --yes if that is '
+                      'intended')

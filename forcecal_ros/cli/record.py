@@ -4,10 +4,16 @@ import argparse
 from contextlib import suppress
 from typing import Any
 
-from forcecal_ros.cli.argument_types import positive, topic_name
-from forcecal_ros.cli.common import add_json, needs_ros, new_parser, print_json, say, warn
+from forcecal_ros.cli.common import (
+    bar,
+    needs_ros,
+    new_parser,
+    positive,
+    show,
+    topic_name,
+    warn,
+)
 from forcecal_ros.cli.outputs import add_output, RECORDING
-from forcecal_ros.cli.progress import add_quiet, bar
 from forcecal_ros.core.errors import UsageError
 
 PERIOD = 0.2
@@ -20,7 +26,7 @@ def add_parser(subparsers: Any) -> None:
         subparsers, 'record',
         example='forcecal record -o my_bag --duration 60 /joint_states')
     parser.add_argument('topics', metavar='TOPIC', nargs='*', type=topic_name,
-                        help="recorded besides this package's own, which are taken in any "
+                        help="recorded in addition to this package's own, which are taken in any "
                              'namespace')
     add_output(parser, '-o', '--output', kind=RECORDING, metavar='BAG', required=True,
                help='recording to write; an earlier one is kept as BAG~')
@@ -31,20 +37,19 @@ def add_parser(subparsers: Any) -> None:
                         help='how the recording is stored')
     parser.add_argument('--no-compression', action='store_true',
                         help='mcap without Zstandard inside')
-    add_quiet(parser)
-    add_json(parser)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     if args.only and (args.all or not args.topics):
-        raise UsageError('--only wants TOPICs and no --all: it records the named topics alone')
+        raise UsageError('--only requires TOPICs and excludes --all: it records the named topics '
+                         'alone')
     import time
 
     with needs_ros():
-        from forcecal_ros.nodes.recorder import of_this_package, StreamRecorder
-        from forcecal_ros.nodes.temporary_node import temporary_node
+        from forcecal_ros.nodes.bags import of_this_package, StreamRecorder
+        from forcecal_ros.nodes.client import temporary_node
     from forcecal_ros.core.errors import DataError
     from forcecal_ros.io.bags import BagWriter
 
@@ -62,15 +67,13 @@ def run(args: argparse.Namespace) -> int:
                                                         0.001))
                 done.update(recorder.counts.total() - done.n)
         if not recorder.counts:
-            raise DataError('nothing was heard on any topic of interest; set ROS_DOMAIN_ID '
+            raise DataError('no message on any topic of interest; set ROS_DOMAIN_ID '
                             'to that of the robot (others are named as TOPIC)')
     for msgtype in sorted(recorder.unknown):
         warn(f'not recorded: messages of type {msgtype}, whose package is not installed')
     for name in recorder.missing(names):
-        warn(f'{name}: nothing was heard')
-    if args.json:
-        print_json({'output': args.output, 'messages': dict(recorder.counts)})
-    else:
-        say(f'{args.output}: ' + ', '.join(
-            f'{count} {name}' for name, count in sorted(recorder.counts.items())))
+        warn(f'{name}: no message was received')
+    show(args, {'output': args.output, 'messages': dict(recorder.counts)},
+         f'{args.output}: ' + ', '.join(
+             f'{count} {name}' for name, count in sorted(recorder.counts.items())))
     return 0

@@ -4,9 +4,9 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from forcecal_ros.cli.argument_types import whole
-from forcecal_ros.cli.common import new_parser, say, say_if_compiling
-from forcecal_ros.cli.outputs import add_output, RESULTS, write_results
+from forcecal_ros.cli.common import new_parser, say, warn_if_compiling, whole
+from forcecal_ros.cli.outputs import add_output, RESULTS
+from forcecal_ros.core.files import make_folder, write_results, write_text
 
 LATE = {'wrench_delay': {'delay': 0.004}}
 """In what the robot of the second recording differs from the rig file."""
@@ -20,14 +20,15 @@ BEGUN = 1_700_000_000 * 10 ** 9
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
-    parser = new_parser(subparsers, 'sample', example='forcecal sample rig -o sample')
+    parser = new_parser(subparsers, 'sample', json=False, quiet=False,
+                        example='forcecal sample rig -o sample')
     parser.add_argument('kind', choices=tuple(KINDS),
                         help='rig: two recordings of the simulated rig, one without any fault '
-                             'and one whose wrench comes 4 ms late; rigid_arm: two of an arm, '
+                             'and one whose wrench is 4 ms late; rigid_arm: two of an arm, '
                              'one without any fault and one whose gripper weighs 5 %% more than '
                              'in its MuJoCo model, and that model; insitu: tables of a limb with '
                              'added masses, and the spec.yaml that describes them; shaken: the '
-                             'simulated rig shaken along x, for identify-robot')
+                             'simulated rig shaken along x, for fit-rig --for impedance')
     add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR', required=True,
                help='folder for them; earlier ones are kept as NAME~')
     parser.add_argument('--seed', type=whole, default=0, help='of the sensor noise')
@@ -42,7 +43,6 @@ def run(args: argparse.Namespace) -> int:
 def _rig(args: argparse.Namespace) -> int:
     from dataclasses import replace
 
-    from forcecal_ros.core.atomic_files import make_folder
     from forcecal_ros.diagnose.plan.recording import motion_for
     from forcecal_ros.effects import with_effects
     from forcecal_ros.io.bags import write_recording
@@ -50,7 +50,7 @@ def _rig(args: argparse.Namespace) -> int:
     from forcecal_ros.sim.rig.simulator import simulate, waits_for_compiler
 
     rig, folder = load_rig(), Path(args.output)
-    say_if_compiling(waits_for_compiler(), 'the simulator')
+    warn_if_compiling(waits_for_compiler(), 'the simulator')
     make_folder(folder)
     moved = motion_for(rig, contact=True, brief=True)
     for i, (name, effects) in enumerate((('sound', {}), ('late', LATE))):
@@ -68,7 +68,6 @@ def _rigid_arm(args: argparse.Namespace) -> int:
     from dataclasses import replace
     from importlib.resources import files
 
-    from forcecal_ros.core.atomic_files import make_folder, write_text
     from forcecal_ros.io.bags import write_recording
     from forcecal_ros.sim.mujoco import load_mujoco
     from forcecal_ros.sim.samples import HEAVIER, recorded
@@ -120,16 +119,15 @@ def _insitu(args: argparse.Namespace) -> int:
 def _shaken(args: argparse.Namespace) -> int:
     from dataclasses import replace
 
-    from forcecal_ros.core.atomic_files import make_folder
     from forcecal_ros.core.streams import PoseStream
-    from forcecal_ros.impedance.plant.fit import excitation_commands
+    from forcecal_ros.impedance.plant_fit import excitation_commands
     from forcecal_ros.io.bags import write_recording
     from forcecal_ros.sim.rig.file import load_rig
     from forcecal_ros.sim.rig.simulator import simulate, waits_for_compiler
     import numpy as np
 
     rig, folder = load_rig(), Path(args.output)
-    say_if_compiling(waits_for_compiler(), 'the simulator')
+    warn_if_compiling(waits_for_compiler(), 'the simulator')
     R, period = rig.home.R_base_sensor, rig.robot.period
     along_x = excitation_commands(SHAKEN, period, seed=args.seed)
     t = np.arange(len(along_x), dtype=float) * period
@@ -139,7 +137,7 @@ def _shaken(args: argparse.Namespace) -> int:
     make_folder(folder)
     write_recording(folder / 'shaken', replace(recording, contact_truth=None, start_ns=BEGUN))
     say(f'written to {folder}: shaken ({t[-1]:.0f} s)')
-    say(f'try: forcecal identify-robot {folder}/shaken -o plant.yaml')
+    say(f'try: forcecal fit-rig {folder}/shaken --for impedance -o plant.yaml')
     return 0
 
 

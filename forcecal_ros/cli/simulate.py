@@ -3,16 +3,14 @@
 import argparse
 from typing import Any
 
-from forcecal_ros.cli.argument_types import whole
 from forcecal_ros.cli.common import (
-    add_json,
     add_sensor_pose,
     add_topics,
     new_parser,
-    print_json,
-    read_poses_of_sensor,
-    say,
-    say_if_compiling,
+    read,
+    show,
+    warn_if_compiling,
+    whole,
 )
 from forcecal_ros.cli.outputs import add_output, RECORDING
 
@@ -28,14 +26,13 @@ def add_parser(subparsers: Any) -> None:
                         help='rig to simulate: a file, or rig.yaml and rigid_tool.yaml of this '
                              'package (default: rig.yaml)')
     parser.add_argument('--accelerometer', choices=('acc1', 'acc2'),
-                        help='which one is mounted (default: as the rig says)')
+                        help='which one is mounted (default: as in the rig)')
     parser.add_argument('--seed', type=whole, default=0, help='of the sensor noise')
     parser.add_argument('--noise-free', action='store_true', help='leave the sensor noise out')
     add_output(parser, '-o', '--output', kind=RECORDING, metavar='OUT_BAG', required=True,
                help='recording to write; an earlier one is kept as OUT_BAG~')
     add_topics(parser)
     add_sensor_pose(parser)
-    add_json(parser)
     parser.set_defaults(run=run, inputs=('commands', 'rig'))
 
 
@@ -51,12 +48,12 @@ def run(args: argparse.Namespace) -> int:
     from forcecal_ros.sim.rig.simulator import simulate, waits_for_compiler
 
     rig = load_rig(args.rig)
-    commands = read_poses_of_sensor(args, args.commands)
+    commands = read(args, args.commands)
     require(commands, ['target'])
     commands = checked(replace(Recording(), target=commands.target, phases=commands.phases,
                                start_ns=commands.start_ns)).recording
     assert commands.target is not None
-    say_if_compiling(waits_for_compiler(), 'the simulator')
+    warn_if_compiling(waits_for_compiler(), 'the simulator')
     simulated = simulate(rig, commands.target, accelerometer=args.accelerometer,
                          noise=not args.noise_free, seed=args.seed)
     write_recording(args.output, replace(
@@ -64,10 +61,8 @@ def run(args: argparse.Namespace) -> int:
     samples = {role: len(stream) for role in (
         'wrench', 'accelerometer', 'optidrive', 'pose', 'target', 'contact_truth')
         if (stream := getattr(simulated, role)) is not None}
-    if args.json:
-        print_json({'output': args.output, 'samples': samples})
-    else:
-        seconds = commands.target.t[-1] - commands.target.t[0]
-        say(f'{args.output}: {seconds:.1f} s of commands simulated; '
-            + ', '.join(f'{n} {role}' for role, n in samples.items()))
+    seconds = commands.target.t[-1] - commands.target.t[0]
+    show(args, {'output': args.output, 'samples': samples},
+         f'{args.output}: {seconds:.1f} s of commands simulated; '
+         + ', '.join(f'{n} {role}' for role, n in samples.items()))
     return 0

@@ -235,6 +235,8 @@ class Recording:
     sensor_from_pose : tuple of 7 float or None
         By which the poses were taken from another frame to ft_sensor: x y z [m] qx qy qz qw of
         ft_sensor in that frame.
+    removed : mapping of str to int, or None
+        Samples that the checks removed from each stream; None before they have run.
     """
 
     wrench: Stream | None = None
@@ -253,6 +255,7 @@ class Recording:
     notes: tuple[str, ...] = field(default=())
     candidates: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     sensor_from_pose: Vector7 | None = None
+    removed: Mapping[str, int] | None = None
 
 
 def phase_spans(phases: tuple[Phase, ...], names: tuple[str, ...]) -> list[tuple[float, float]]:

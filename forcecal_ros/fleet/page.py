@@ -12,9 +12,8 @@ from forcecal_ros.core.quantity import quantity
 from forcecal_ros.fleet.control import LEAST
 from forcecal_ros.fleet.entries import BAG, DIAGNOSIS, Entry, Number
 from forcecal_ros.fleet.history import Robot, Series
-from forcecal_ros.report.page import render_page
+from forcecal_ros.report.page import Fact, render_page
 from forcecal_ros.report.rows import HALF
-from forcecal_ros.report.words import Fact
 
 COLUMNS = ('robot', 'time', 'kind', 'path', 'said', 'error', 'key', 'unit', 'value', 'std', 'low',
            'high', 'cusum', 'change')

@@ -1,24 +1,168 @@
-"""From models and the wanted impedance to a law that is known to be stable.
+"""From models and the target impedance to a law that is known to be stable.
 
-The cost of the linear-quadratic regulator is the impedance relation that the user asks for,
+The cost of the linear-quadratic regulator is the impedance relation that the user states,
 
     e = M d2x/dt2 + D dx/dt + K (x - x_r) - f
 
-of the tool's position x and the contact force f: driven to zero, the tool gives way as wanted.
+of the tool's position x and the contact force f: driven to zero, the tool gives way as target.
 Steady force and reference are exact by the choice of c and l_r.
 """
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
 
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.schema import Row, Section
 from forcecal_ros.impedance.law import Law
-from forcecal_ros.impedance.plant.model import Plant
-from forcecal_ros.impedance.plant.process import Process, process, Wall
-from forcecal_ros.impedance.settings import DesignSettings, Wanted
-from forcecal_ros.impedance.stability import Loop, loop, Margins, margins
+from forcecal_ros.impedance.plant import Plant, Process, process, Wall
 import numpy as np
 from scipy.linalg import solve, solve_discrete_are
+
+
+@dataclass(frozen=True)
+class TargetImpedance(Section, name='impedance'):
+    """How the tool shall give way to a force, about its reference."""
+
+    mass: Annotated[float, Row('Of the target behaviour', 'kg', above=0.0)] = 13.0
+    damping: Annotated[float, Row('Of the target behaviour', 'N s/m', above=0.0)] = 250.0
+    stiffness: Annotated[float, Row('Of the target behaviour', 'N/m', above=0.0)] = 1000.0
+
+
+@dataclass(frozen=True)
+class DesignSettings(Section, name='design'):
+    """
+    How the law is designed.
+
+    Stiff walls are the harder to bear the less they damp. Without a wall the loop always has to be
+    stable.
+    """
+
+    effort: Annotated[float, Row(
+        'What a command off its steady value costs, as a force per distance: small against the '
+        'target stiffness, so that the impedance relation counts', 'N/m', above=0.0)] = 100.0
+    latency: Annotated[int, Row(
+        "Periods that a command takes beyond the robot's own delay", low=0, high=50)] = 0
+    force_lag: Annotated[float, Row(
+        'Time constant of the contact force that is fed back', 's', above=0.0)] = 0.004
+    force_std: Annotated[float, Row('Error of that force, white', 'N', above=0.0)] = 0.3
+    command_std: Annotated[float, Row(
+        'Error of the robot model, as white noise on its command', 'm', above=0.0)] = 1e-5
+    position_std: Annotated[float, Row('Noise of the measured position', 'm', above=0.0)] = 2e-5
+    slide_std: Annotated[float, Row('Noise of the measured displacement', 'm', above=0.0)] = 2e-5
+    wall_stiffness: Annotated[tuple[float, float], Row(
+        'Range of the walls that the loop has to be stable against', 'N/m', above=0.0)
+        ] = (100.0, 20_000.0)
+    wall_damping: Annotated[float, Row('Of the wall', 'N s/m', 0.0)] = 0.0
+    state_gain: Annotated[tuple[float, ...] | None, Row('L, in place of the optimal one')] = None
+    force_gain: Annotated[float | None, Row(
+        'c, in place of the one that makes the steady state right', 'm/N')] = None
+    position_gain: Annotated[float | None, Row('l_r likewise', '1')] = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.wall_stiffness[0] > self.wall_stiffness[1]:
+            raise self.wrong('wall_stiffness', 'the smaller number first')
+
+
+_FREQUENCIES = 600
+"""Points of the frequency response that the margins are read from."""
+
+
+class Loop(NamedTuple):
+    """The loop opened at the command: x_(k+1) = A x_k + B u_k; C x_k would be commanded."""
+
+    A: Array
+    B: Array
+    C: Array
+
+    @property
+    def radius(self) -> float:
+        """Magnitude of the slowest eigenvalue of the closed loop; stable below 1."""
+        return float(np.abs(np.linalg.eigvals(self.A + np.outer(self.B, self.C))).max())
+
+
+class Margins(NamedTuple):
+    """
+    Margins of the loop, opened at the command.
+
+    Attributes
+    ----------
+    wall_stiffness : float
+        Of the wall in contact; 0: none [N/m].
+    gain : float
+        Factor on the command that makes it unstable; inf: none does.
+    phase : float
+        Lag or lead of the command that makes it unstable [rad]; inf: none does.
+    modulus : float
+        Least distance of the Nyquist curve from -1.
+    radius : float
+        Magnitude of the slowest eigenvalue of the closed loop.
+    """
+
+    wall_stiffness: float
+    gain: float
+    phase: float
+    modulus: float
+    radius: float
+
+
+def loop(law: Law, plant: Process, force_lag: float) -> Loop:
+    """
+    Connect law and plant, all but the command.
+
+    Parameters
+    ----------
+    plant : Process
+        With the wall that it touches, of the same states as the law's process.
+    force_lag : float
+        Time constant of the force fed back [s].
+
+    Returns
+    -------
+    Loop
+        States: of the plant, the force fed back, the estimator's prediction.
+    """
+    n = len(law.B)
+    keep = np.exp(-law.period / force_lag)
+    # the estimate is K C X + (1 - K C) Z, Z the prediction; c acts on the force fed back
+    seen = law.K @ law.C
+    estimate = np.hstack([seen, np.zeros((n, 1)), np.eye(n) - seen])
+    force = np.eye(2 * n + 1)[n]
+    commanded = -law.L @ estimate + law.force_gain * force
+    plant_rows = np.hstack([plant.A, np.zeros((n, n + 1))])
+    A = np.vstack([
+        plant_rows,
+        keep * force + (1.0 - keep) * (plant.wall @ plant_rows),
+        law.A @ estimate + np.outer(law.B, commanded) + np.outer(law.F, force)])
+    B = np.concatenate([plant.B, [(1.0 - keep) * (plant.wall @ plant.B)], np.zeros(n)])
+    return Loop(A, B, commanded)
+
+
+def margins(open_loop: Loop, period: float, wall_stiffness: float = 0.0) -> Margins:
+    """
+    Return the margins of a loop that is stable when closed.
+
+    Parameters
+    ----------
+    period : float
+        [s]
+    wall_stiffness : float
+        Of the wall in contact, for the record [N/m].
+    """
+    import control  # loads matplotlib too: seconds, which a node does not start with
+
+    frequency = np.geomspace(0.1, 0.999 * np.pi / period, _FREQUENCIES)
+    z = np.exp(1j * frequency * period)[:, np.newaxis, np.newaxis]
+    states = np.linalg.solve(z * np.eye(len(open_loop.B)) - open_loop.A,
+                             open_loop.B[:, np.newaxis].astype(complex))
+    response = -(open_loop.C @ states)[:, 0]
+    gains, phases, *_ = control.stability_margins(
+        control.FrequencyResponseData(response, frequency, smooth=True), returnall=True)
+    return Margins(wall_stiffness, float(min((g for g in gains if g > 1.0), default=np.inf)),
+                   float(np.deg2rad(np.abs(phases)).min(initial=np.inf)),
+                   float(np.abs(1.0 + response).min()), open_loop.radius)
+
 
 STIFFEST = 1e6
 """Stiffest wall for which stability is checked beyond the stated range [N/m]."""
@@ -27,7 +171,7 @@ WALLS = 60
 """Number of wall stiffnesses checked within the stated range, and as many beyond it."""
 
 AGREEMENT = 1.0
-"""Highest frequency at which the impedance is compared with the wanted one [Hz]."""
+"""Highest frequency at which the impedance is compared with the target one [Hz]."""
 
 
 class Relation(NamedTuple):
@@ -68,8 +212,8 @@ class _Stable(NamedTuple):
     unstable_from: float
 
 
-def design(plant: Plant, wanted: Wanted = Wanted(), settings: DesignSettings = DesignSettings()
-           ) -> Design:
+def design(plant: Plant, target: TargetImpedance = TargetImpedance(),
+           settings: DesignSettings = DesignSettings()) -> Design:
     """
     Design the law [Gamez2005] Eq. 31 and check it.
 
@@ -78,14 +222,14 @@ def design(plant: Plant, wanted: Wanted = Wanted(), settings: DesignSettings = D
     ConfigError
         See :func:`stable_law`.
     """
-    law, free, without, unstable_from = _stable(plant, wanted, settings)
+    law, free, without, unstable_from = _stable(plant, target, settings)
     touched = [margins(_against(law, plant, settings, k), law.period, k)
                for k in settings.wall_stiffness]
     return Design(law, (margins(without, law.period), *touched), unstable_from,
-                  _disagreement(law, free, wanted, settings))
+                  _disagreement(law, free, target, settings))
 
 
-def stable_law(plant: Plant, wanted: Wanted, settings: DesignSettings) -> Law:
+def stable_law(plant: Plant, target: TargetImpedance, settings: DesignSettings) -> Law:
     """
     Return the law of :func:`design` without its margins, which take seconds.
 
@@ -95,12 +239,12 @@ def stable_law(plant: Plant, wanted: Wanted, settings: DesignSettings) -> Law:
         The loop is unstable without contact or against a wall of the stated range, or has no
         optimal gain.
     """
-    return _stable(plant, wanted, settings).law
+    return _stable(plant, target, settings).law
 
 
-def _stable(plant: Plant, wanted: Wanted, settings: DesignSettings) -> _Stable:
+def _stable(plant: Plant, target: TargetImpedance, settings: DesignSettings) -> _Stable:
     free = process(plant, settings.latency)
-    law = _law(plant, free, wanted, settings)
+    law = _law(plant, free, target, settings)
     without = loop(law, free, settings.force_lag)
     if without.radius >= 1.0:
         raise ConfigError(
@@ -136,7 +280,7 @@ def _unstable_from(law: Law, plant: Plant, settings: DesignSettings) -> float:
                  if _against(law, plant, settings, k).radius >= 1.0), np.inf)
 
 
-def relation(free: Process, wanted: Wanted, period: float) -> Relation:
+def relation(free: Process, target: TargetImpedance, period: float) -> Relation:
     """
     Write the impedance relation as a row of the process.
 
@@ -150,14 +294,14 @@ def relation(free: Process, wanted: Wanted, period: float) -> Relation:
     period : float
         [s]
     """
-    inertia, v = wanted.mass / period, free.velocity
+    inertia, v = target.mass / period, free.velocity
     return Relation(
-        inertia * (v @ free.A - v) + wanted.damping * v + wanted.stiffness * free.tool,
-        float(inertia * (v @ free.B)), float(inertia * (v @ free.F)) - 1.0, wanted.stiffness)
+        inertia * (v @ free.A - v) + target.damping * v + target.stiffness * free.tool,
+        float(inertia * (v @ free.B)), float(inertia * (v @ free.F)) - 1.0, target.stiffness)
 
 
-def _law(plant: Plant, free: Process, wanted: Wanted, settings: DesignSettings) -> Law:
-    e = relation(free, wanted, plant.robot.period)
+def _law(plant: Plant, free: Process, target: TargetImpedance, settings: DesignSettings) -> Law:
+    e = relation(free, target, plant.robot.period)
     C = np.array([free.robot, free.tool - free.robot])
     try:
         L = _optimal_gain(free.A, free.B[:, np.newaxis], np.outer(e.C, e.C),
@@ -176,7 +320,7 @@ def _law(plant: Plant, free: Process, wanted: Wanted, settings: DesignSettings) 
     return Law(plant.robot.period, free.A, free.B, free.F, C, K, L,
                c if settings.force_gain is None else settings.force_gain,
                l_r if settings.position_gain is None else settings.position_gain,
-               wanted.damping / wanted.stiffness)
+               target.damping / target.stiffness)
 
 
 def _optimal_gain(A: Array, B: Array, Q: Array, R: Array, S: Array | None = None) -> Array:
@@ -198,7 +342,7 @@ def _kalman_gain(free: Process, C: Array, settings: DesignSettings) -> Array:
 
 
 def _steady_gains(free: Process, e: Relation, L: Array) -> tuple[float, float]:
-    """Return c and l_r that make e vanish at rest, whatever force and reference are."""
+    """Return c and l_r that make e vanish at rest, for any force and reference."""
     n = len(L)
     rest = np.block([[free.A - np.eye(n), free.B[:, np.newaxis]], [e.C, e.D]])
     steady = np.linalg.solve(rest, -np.column_stack(
@@ -207,7 +351,8 @@ def _steady_gains(free: Process, e: Relation, L: Array) -> tuple[float, float]:
     return float(c), float(l_r)
 
 
-def _disagreement(law: Law, free: Process, wanted: Wanted, settings: DesignSettings) -> float:
+def _disagreement(law: Law, free: Process, target: TargetImpedance, settings: DesignSettings
+                  ) -> float:
     open_loop = loop(law, free, settings.force_lag)
     n = len(law.B)
     A = open_loop.A + np.outer(open_loop.B, open_loop.C)
@@ -217,5 +362,5 @@ def _disagreement(law: Law, free: Process, wanted: Wanted, settings: DesignSetti
     z = np.exp(1j * frequency * law.period)[:, np.newaxis, np.newaxis]
     states = np.linalg.solve(z * np.eye(len(B)) - A, B[:, np.newaxis].astype(complex))[..., 0]
     compliance = states[:, :n] @ free.tool
-    ideal = wanted.stiffness + 1j * frequency * wanted.damping - wanted.mass * frequency**2
+    ideal = target.stiffness + 1j * frequency * target.damping - target.mass * frequency**2
     return float(np.abs(compliance * ideal - 1.0).max())

@@ -4,7 +4,6 @@ from math import isfinite
 from typing import NamedTuple, Protocol
 
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.impedance.program import Reference
 import numpy as np
 
 OK = 'ok'
@@ -17,7 +16,7 @@ LONGEST = 250
 
 class Law(NamedTuple):
     """
-    Everything the step needs besides its state; along x of ft_sensor, from the start.
+    Everything the step needs in addition to its state; along x of ft_sensor, from the start.
 
     Attributes
     ----------
@@ -37,7 +36,7 @@ class Law(NamedTuple):
     position_gain : float
         l_r of Eq. 31 [1].
     lead : float
-        Wanted damping over stiffness: how far ahead the reference counts [s].
+        Target damping over stiffness: how far ahead the reference counts [s].
     """
 
     period: float
@@ -132,6 +131,14 @@ def step(law: Law, state: State, measured: Measurement, position: float, velocit
     estimate = estimate + law.K @ np.where(np.isfinite(error), error, 0.0)
     command = float(-law.L @ estimate + law.force_gain * force + law.position_gain * goal)
     return State(estimate, command, force, goal), command, status
+
+
+class Reference(NamedTuple):
+    """Where the reference is [m], [m/s], from the start of the program, and in which phase."""
+
+    position: float
+    velocity: float
+    phase: str
 
 
 class Controller(Protocol):

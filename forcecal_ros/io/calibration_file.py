@@ -5,9 +5,9 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from forcecal_ros.core.atomic_files import write_text
 from forcecal_ros.core.calibration import Calibration, FORMAT
 from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.files import write_text
 from forcecal_ros.core.safe_yaml import LARGEST, load_yaml
 from forcecal_ros.core.schema import Mismatch, plain, read
 from forcecal_ros.io.exports import recognise

@@ -8,8 +8,9 @@ with gravity g in ft_sensor, and in motion the accelerometer is held against the
 
     V(t + delay) = V0 + M f,    f = (b_F - F) / m + ([alpha]x + [omega]x [omega]x) l
 
-so that each stretch adds J^T W J of its readings, whatever comes before or after it. Errors of
-pose and step are left out: the first are small, and the second tells the tool's spring.
+so that each part adds J^T W J of its readings, independent of what comes before or after it.
+Errors of pose and step are left out: the first are small, and the second identifies the tool's
+spring.
 """
 
 from typing import NamedTuple
@@ -64,7 +65,7 @@ class Sensors(NamedTuple):
 
 def sensors_of(calibration: Calibration) -> Sensors:
     """
-    Return what a calibration says of tool and sensors.
+    Return what a calibration states of tool and sensors.
 
     Raises
     ------
@@ -89,7 +90,7 @@ def sensors_of(calibration: Calibration) -> Sensors:
 def _density(density: Estimate | None, covariance: Estimate, rate: float) -> Array:
     """Return the spectral density at low frequencies, by channel; white where not measured."""
     if density is None and not rate > 0:
-        raise DataError('the calibration says neither the density of its noise nor the rate of '
+        raise DataError('the calibration states neither the density of its noise nor the rate of '
                         'the readings; calibrate again')
     return np.diag(covariance.value / rate if density is None else density.value)
 
@@ -146,7 +147,7 @@ def at_rest(R_base_sensor: Array, sensors: Sensors) -> Information:
 
 
 def in_motion(move: Move, sensors: Sensors) -> Information:
-    """Return the information of a move, or of settling where it leads nowhere."""
+    """Return the information of a move, or of settling where it has no distance."""
     if not sensors.has_accelerometer:
         return nothing()
     n = max(2, round(move.duration / SPACING))
@@ -184,7 +185,7 @@ def _accelerometer_rows(f: Array, slope: Array, turning: Array, sensors: Sensors
 
 
 def _inverse(matrix: Array) -> Array:
-    """Invert a positive semidefinite matrix; infinite variances where it says nothing."""
+    """Invert a positive semidefinite matrix; infinite variances where there is no information."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-12))
     values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
     scaled = scale[:, None] * vectors

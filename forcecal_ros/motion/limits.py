@@ -1,5 +1,6 @@
 """Limits of planned and measured motion, and the checks of a plan against them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -75,7 +76,7 @@ class Limits:
         for name in ('workspace_min', 'workspace_max', 'tip'):
             value = np.array(getattr(self, name), dtype=float)
             if value.shape != (3,) or not np.isfinite(value).all():
-                raise ConfigError(f'limits.{name} wants three finite numbers, got {value}')
+                raise ConfigError(f'limits.{name} requires three finite numbers, got {value}')
             value.setflags(write=False)
             object.__setattr__(self, name, value)
         if (self.workspace_min >= self.workspace_max).any():
@@ -111,31 +112,48 @@ def check_move(move: Move, limits: Limits, name: str = 'the move') -> None:
     MotionError
         With the number, the limit and its key.
     """
-    for key, planned, limit, unit in _rates(move, limits):
-        if not planned <= limit:
-            raise MotionError(f'{name} needs {planned:.4g} {unit}, limits.{key} is {limit:g} '
-                              f'{unit}; give it more time')
+    check_rates(_peaks(move, limits), limits, name)
     positions, rotations = move.poses()
     check_workspace(positions, limits, f'{name}: the sensor')
     check_workspace(positions + rotations @ limits.tip, limits, f'{name}: the tip')
 
 
-def _rates(move: Move, limits: Limits) -> tuple[tuple[str, float, float, str], ...]:
-    """Return key, planned peak, limit and unit of every rate of a move."""
+RATES = (('speed', 'm/s'), ('acceleration', 'm/s^2'), ('jerk', 'm/s^3'),
+         ('angular_speed', 'rad/s'), ('angular_acceleration', 'rad/s^2'),
+         ('angular_jerk', 'rad/s^3'))
+"""Keys of the limits of rates, and their units."""
+
+
+def rate_limits(limits: Limits) -> tuple[float, ...]:
+    """Return the limits of all ``RATES``."""
+    return tuple(getattr(limits, key) for key, _ in RATES)
+
+
+def check_rates(peaks: Sequence[float], limits: Limits, name: str) -> None:
+    """
+    Refuse peaks of ``RATES`` above the limits.
+
+    Raises
+    ------
+    MotionError
+        With the number, the limit and its key.
+    """
+    for (key, unit), planned, limit in zip(RATES, peaks, rate_limits(limits)):
+        if not planned <= limit:
+            raise MotionError(f'{name} needs {planned:.4g} {unit}, limits.{key} is {limit:g} '
+                              f'{unit}; give it more time')
+
+
+def _peaks(move: Move, limits: Limits) -> tuple[float, ...]:
+    """Return the planned peaks of all ``RATES``, a stop at any instant included."""
     peak = peak_rates(move.duration, limits.stop_duration)
-    return (('speed', move.distance * peak.speed, limits.speed, 'm/s'),
-            ('acceleration', move.distance * peak.acceleration, limits.acceleration, 'm/s^2'),
-            ('jerk', move.distance * peak.jerk, limits.jerk, 'm/s^3'),
-            ('angular_speed', move.angle * peak.speed, limits.angular_speed, 'rad/s'),
-            ('angular_acceleration', move.angle * peak.acceleration,
-             limits.angular_acceleration, 'rad/s^2'),
-            ('angular_jerk', move.angle * peak.jerk, limits.angular_jerk, 'rad/s^3'))
+    return tuple(size * rate for size in (move.distance, move.angle) for rate in peak)
 
 
 def share_allowed(move: Move, limits: Limits) -> float:
     """Return the share of a move's distance and angle, at most 1, that its duration allows."""
-    return min([1.0, *(MARGIN * limit / planned for _, planned, limit, _ in _rates(move, limits)
-                       if planned > limit)])
+    return min([1.0, *(MARGIN * limit / planned for planned, limit in zip(
+        _peaks(move, limits), rate_limits(limits)) if planned > limit)])
 
 
 def pace_within(limits: Limits, pace: Pace = Pace()) -> Pace:

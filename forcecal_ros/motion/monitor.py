@@ -1,25 +1,19 @@
 """Monitoring of the sensors while the robot moves: alive, finite, within limits, still.
 
-Times of arrival are the caller's, on a steady clock; header stamps only tell how old a sample is
-and how long a window lasts.
+Times of arrival are the caller's, on a steady clock; header stamps only give the age of a sample
+and the length of a window.
 """
 
 from collections import deque
 from dataclasses import dataclass
-from math import inf, isfinite, sqrt
-from typing import Annotated, NamedTuple
+from itertools import islice, pairwise
+from math import asin, inf, isfinite, sqrt
+from typing import Annotated, NamedTuple, TypeAlias
 
 from forcecal_ros.checks.signals import ABSURD
 from forcecal_ros.core.errors import DataError, MotionError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.schema import Row
-from forcecal_ros.motion.channel import (
-    angle_between,
-    Channel,
-    distance_between,
-    rates,
-    transform_point,
-)
 from forcecal_ros.motion.limits import Limits
 import numpy as np
 
@@ -27,6 +21,137 @@ VISIBLE_TRAVEL, VISIBLE_TURN = 1e-3, 5e-3
 """Readings that repeat count as frozen only once the commands have moved that far [m], [rad]. A
 pose published with four digits changes every 0.1 mm, and at the default pace the commands are
 1 mm ahead of a robot that lags by 50 ms: what lags more shows as an error of tracking."""
+
+SURELY_FROZEN = 5.0
+"""Readings at rest that repeat for so many times as long as they use to are frozen: live, a false
+alarm ends a motion, a miss is found in the recording."""
+
+HABIT_EXCEPTIONS, HABIT_CHANGES = 2, 20
+"""So many of the longest repetitions before a start are no habit: a sensor that had frozen; fewer
+changes than the second show none."""
+
+Timed: TypeAlias = tuple[float, tuple[float, ...]]
+"""A time [s] and the values at that time."""
+
+KEPT = 2.0
+"""Samples are kept for that long [s]: eight windows of stillness at the defaults, of which a start
+needs two to learn the noise."""
+
+
+class Channel:
+    """
+    The last sample of one topic, and those of the last two seconds.
+
+    Attributes
+    ----------
+    received, changed : float
+        When a sample arrived last, and when one that differs from the one before, on the
+        caller's clock [s].
+    rest_timeout : float
+        Repeating the same reading for longer is no habit of the robot at rest [s].
+    moving_since : float
+        Since when the commanded motion should show in the readings, on the caller's clock [s].
+    stamp : float
+        Header stamp of the last sample [s].
+    late_since : float
+        Since when the newest stamp has been too old, on the caller's clock [s].
+    """
+
+    def __init__(self, topic: str) -> None:
+        self.topic = topic
+        self.received = -inf
+        self.changed = -inf
+        self.rest_timeout = inf
+        self.moving_since = inf
+        self.stamp = -inf
+        self.late_since = inf
+        self.values: tuple[float, ...] = ()
+        self.recent: deque[Timed] = deque()
+
+    def take(self, now: float, stamp: float, values: tuple[float, ...]) -> None:
+        """Take in a sample that arrives at ``now`` of the caller's clock."""
+        if values != self.values:
+            self.changed = now
+        self.received, self.stamp, self.values = now, stamp, values
+
+    def keep(self) -> None:
+        """Keep the last sample to judge stillness and repeated readings by."""
+        recent = self.recent
+        recent.append((self.stamp, self.values))
+        while recent and not 0.0 <= self.stamp - recent[0][0] <= KEPT:
+            recent.popleft()
+
+    def learn(self, shortest: float) -> None:
+        """
+        Learn from the samples kept, of a robot at rest, for how long readings usually repeat.
+
+        Where they change too rarely to tell, what an earlier start has learnt holds. The longest
+        repetitions are left out, so that a freeze which has healed does not excuse the next.
+
+        Parameters
+        ----------
+        shortest : float
+            Repetitions for that long are never too long [s].
+        """
+        changes = [self.recent[0][0]] if self.recent else []
+        for (_, before), (stamp, values) in zip(self.recent, islice(self.recent, 1, None)):
+            if values != before:
+                changes.append(stamp)
+        same = sorted(end - begin for begin, end in pairwise(changes))
+        if len(same) >= HABIT_CHANGES:
+            usual = same[-1 - HABIT_EXCEPTIONS]
+            self.rest_timeout = max(shortest, SURELY_FROZEN * usual)
+
+    @property
+    def span(self) -> float:
+        """How long the samples kept reach back [s]."""
+        return self.recent[-1][0] - self.recent[0][0] if self.recent else 0.0
+
+    def spaced(self, interval: float, count: int) -> list[Timed]:
+        """Return up to ``count`` of the samples kept, newest first, ``interval`` [s] apart."""
+        chosen: list[Timed] = []
+        for sample in reversed(self.recent):
+            if not chosen or chosen[-1][0] - sample[0] >= interval - 1e-6:
+                chosen.append(sample)
+                if len(chosen) == count:
+                    break
+        return chosen
+
+    def window(self, length: float, columns: int) -> Array:
+        """Return the samples of the newest ``length`` seconds, (n, columns); empty if short."""
+        recent = self.recent
+        if not recent or self.span < length:
+            return np.empty((0, columns))
+        begin = recent[-1][0] - length
+        return np.array([values[:columns] for stamp, values in recent if stamp >= begin])
+
+
+def angle_between(a: tuple[float, ...], b: tuple[float, ...]) -> float:
+    """Return the angle between two unit xyzw quaternions [rad]."""
+    same = sum((x - y) ** 2 for x, y in zip(a, b))
+    opposite = sum((x + y) ** 2 for x, y in zip(a, b))
+    return 4.0 * asin(min(1.0, sqrt(min(same, opposite)) / 2))
+
+
+def transform_point(point: Array, pose: tuple[float, ...]) -> tuple[float, float, float]:
+    """Transform a point from the frame of a pose, x y z [m] qx qy qz qw, to base [m]."""
+    x, y, z, qx, qy, qz, qw = pose
+    a, b, c = point.tolist()
+    u, v, w = 2 * (qy * c - qz * b), 2 * (qz * a - qx * c), 2 * (qx * b - qy * a)
+    return (x + a + qw * u + qy * w - qz * v, y + b + qw * v + qz * u - qx * w,
+            z + c + qw * w + qx * v - qy * u)
+
+
+def rates(samples: list[Timed]) -> list[Timed]:
+    """Return the difference quotients of consecutive samples, at the times halfway between."""
+    return [((t1 + t0) / 2, tuple((x1 - x0) / (t1 - t0) for x1, x0 in zip(v1, v0)))
+            for (t1, v1), (t0, v0) in pairwise(samples)]
+
+
+def distance_between(a: tuple[float, ...], b: tuple[float, ...]) -> float:
+    """Return the distance of two points [m]."""
+    return sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
+
 
 LONGEST_TICK = 0.01
 """Of the time between two ticks no more than that counts as silence of the sensors: a caller that
@@ -283,7 +408,7 @@ class Monitor:
 
     def _silent(self, timeout: float) -> str:
         for channel in self.channels.values():
-            silent = self._now - channel.heard
+            silent = self._now - channel.received
             if silent > timeout:
                 return f'{channel.topic}: silent for {silent:.3f} s'
         return ''
@@ -303,14 +428,14 @@ class Monitor:
     def _frozen(self) -> str:
         timeout = self.settings.frozen_timeout
         for channel in self.channels.values():
-            stuck = channel.heard - max(channel.changed, channel.moving_since)
+            stuck = channel.received - max(channel.changed, channel.moving_since)
             if 0 < timeout < stuck:
                 return f'{channel.topic}: the same reading for {stuck:.3f} s of motion'
         return self._frozen_at_rest()
 
     def _frozen_at_rest(self) -> str:
         for channel in self.channels.values():
-            same = channel.heard - channel.changed
+            same = channel.received - channel.changed
             if self.settings.frozen_timeout and same > channel.rest_timeout:
                 return (f'{channel.topic}: the same reading for {same:.3f} s, at rest it changed '
                         f'within {channel.rest_timeout:.3g} s')
@@ -346,7 +471,7 @@ class Monitor:
             The robot moves.
         """
         for channel in self.channels.values():
-            if channel.heard == -inf:
+            if channel.received == -inf:
                 raise DataError(f'{channel.topic}: nothing received yet; is its driver running '
                                 'and the name remapped?')
         self.fault = ''
@@ -414,10 +539,10 @@ class Monitor:
                 (now, target, distance_between(pose.values, seen), POSITIONING_ERROR[0], 'm'),
                 (now[3:], target[3:], angle_between(pose.values[3:], seen[3:]),
                  POSITIONING_ERROR[1], 'rad')):
-            wanted = distance_between(a, b) if unit == 'm' else angle_between(a, b)
-            if done < ARRIVED * wanted - error:
-                return (f'{pose.topic}: has done {done:.3g} of the {wanted:.3g} {unit} that it '
-                        'was told to')
+            target = distance_between(a, b) if unit == 'm' else angle_between(a, b)
+            if done < ARRIVED * target - error:
+                return (f'{pose.topic}: has done {done:.3g} of the {target:.3g} {unit} that it '
+                        'was commanded')
         return ''
 
     def mean(self, name: str) -> Array:

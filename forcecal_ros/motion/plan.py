@@ -1,17 +1,20 @@
-"""Plans as data: which poses, how long, and the phase word of each segment."""
+"""Plans as data: the sequences by name, chained and checked, sampled and summed up."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
 from forcecal_ros.core.errors import MotionError
-from forcecal_ros.core.geometry import Array, STANDARD_GRAVITY
+from forcecal_ros.core.geometry import Array, rotation_from_vector, STANDARD_GRAVITY
 from forcecal_ros.core.schema import Row
+from forcecal_ros.core.streams import Phase, PoseStream
+from forcecal_ros.motion.continuous import fit_multi_sine, MultiSine
 from forcecal_ros.motion.limits import check_joint_move, check_move, check_workspace, Limits
 from forcecal_ros.motion.profiles import (
     JointMove,
     Move,
     Pace,
+    PEAK_SPEED,
     Pose,
     shortest_duration,
     shortest_joint_duration,
@@ -48,7 +51,7 @@ class PlannedSegment(NamedTuple):
     """A segment with its move from where the one before ended, or its hold there."""
 
     segment: Segment
-    move: Move | JointMove | None
+    move: Move | MultiSine | JointMove | None
     goal: Goal
 
     @property
@@ -190,12 +193,34 @@ def prepare(plan: Sequence[Segment], start: Goal, pace: Pace, limits: Limits
     return tuple(planned)
 
 
+def continuous_plan(start: Goal, timing: Timing, pace: Pace, limits: Limits
+                    ) -> tuple[PlannedSegment, ...]:
+    """
+    Plan a calibration from continuous motion about where the robot stands, checked.
+
+    It is measured at rest before and after it, which gives the noise of the sensors.
+
+    Raises
+    ------
+    MotionError
+        The start is outside the workspace, or leaves too little room; or joints are commanded.
+    """
+    if not isinstance(start, Pose):
+        raise MotionError('motion.sequence continuous moves about a pose, and joint vectors are '
+                          'commanded; set motion.backend to target_frame or delta_twist_cmds')
+    check_workspace(start.position[None], limits, 'the robot stands where the sensor')
+    rest = [PlannedSegment(Segment('settle', 'here'), None, start),
+            PlannedSegment(Segment('measure', 'here', duration=timing.measure), None, start)]
+    shake = Segment('sweep', 'in all axes', start)
+    return (*rest, PlannedSegment(shake, fit_multi_sine(start, pace, limits), start), *rest)
+
+
 def check_wrench(plan: Sequence[PlannedSegment], wrench: Array, limits: Limits) -> None:
     """
     Refuse a plan whose inertial forces would exceed the limits of the measured wrench.
 
     Before a calibration the tool's mass is known by its weight only: the force read at rest,
-    divided by g, stands for it, and the distance of the tip for its lever arm.
+    divided by g, represents it, and the distance of the tip for its lever arm.
 
     Parameters
     ----------
@@ -215,7 +240,7 @@ def check_wrench(plan: Sequence[PlannedSegment], wrench: Array, limits: Limits) 
                               f'{limit:g} {unit}; see that nothing touches the tool, then '
                               'raise the limit')
     for part in plan:
-        if not isinstance(part.move, Move):
+        if part.move is None or isinstance(part.move, JointMove):
             continue
         lever = float(np.linalg.norm(limits.tip))
         inertial = force / STANDARD_GRAVITY * part.move.peak_acceleration_at(lever)
@@ -232,3 +257,289 @@ def check_wrench(plan: Sequence[PlannedSegment], wrench: Array, limits: Limits) 
 def expected_duration(plan: Sequence[PlannedSegment], settle: float) -> float:
     """Return how long a plan takes if each settling takes ``settle`` [s]."""
     return sum(settle if part.duration is None else part.duration for part in plan)
+
+
+SWEEP = ((0.020, 0.6), (0.014, 0.4), (0.009, 0.25), (0.006, 0.17), (0.004, 0.13), (0.003, 0.1))
+"""Distance [m] and duration [s] of each move of a sweep, made out and back: slow first, fast
+last."""
+
+SHAKE = ((4e-4, 0.028), (3e-4, 0.024), (1.8e-4, 0.020))
+"""Distance [m] and duration [s] of moves at 18 Hz to 25 Hz, which tell a delay from a low-pass."""
+
+TURN = ((0.15, 0.6), (0.10, 0.4), (0.05, 0.25), (0.02, 0.15))
+"""Angle [rad] and duration [s] of each rotation of a sweep, made out and back."""
+
+TILT = (0.35, 2.5)
+"""Largest angle [rad] and duration [s] of the slow rotations about y of ft_sensor, in both senses,
+which let gravity pull along x."""
+
+SLOW_REVERSAL = (0.02, 2.0)
+"""Distance [m] and duration [s] of the slow reversals along x of ft_sensor."""
+
+PUSH = (0.03, 0.25)
+"""Share of the distance to what is touched that is moved in contact, and its duration [s]."""
+
+
+def diagnosis_plan(goals: Mapping[str, Goal], away: Goal, timing: Timing
+                   ) -> tuple[Segment, ...]:
+    """
+    Excite every effect that a diagnosis knows.
+
+    Parameters
+    ----------
+    goals : mapping
+        The first is where steps, sweeps and reversals are made.
+    away : Pose or ndarray
+        What is touched, where ``timing.contacts`` is above 0. Of joint vectors, the end of the
+        longest sweep.
+    """
+    names = list(goals)
+    home = goals[names[0]]
+    plan = [Segment('move', f'to {names[0]}', home), Segment('settle', names[0]),
+            Segment('measure', names[0], duration=timing.rest)]
+    for name in names[1:]:
+        plan += [Segment('move', f'to {name}', goals[name]), Segment('settle', name),
+                 Segment('measure', name, duration=timing.measure)]
+    plan += [Segment('move', f'to {names[0]}', home), Segment('settle', names[0])]
+    step = _forward(home, away, timing.amplitude * timing.step_distance)
+    plan += timing.steps * step_segments(home, step, timing)
+    plan += _sweeps(home, away, timing)
+    plan += timing.reversals * _reversals(home, away, timing.amplitude)
+    for _ in range(int(timing.contacts)):
+        plan += _touch(home, away, timing)
+    plan += [Segment('settle', names[0]),
+             Segment('measure', names[0], duration=timing.measure)]
+    return tuple(plan)
+
+
+def _out_and_back(phase: str, label: str, home: Goal, goal: Goal, duration: float
+                    ) -> list[Segment]:
+    return [Segment(phase, f'{label} out', goal, duration),
+            Segment(phase, f'{label} back', home, duration)]
+
+
+def _sweeps(home: Goal, away: Goal, timing: Timing) -> list[Segment]:
+    if not isinstance(home, Pose):
+        return timing.sweeps * [
+            segment for share, (_, duration) in zip((1.0, 0.7, 0.45, 0.3, 0.2, 0.15), SWEEP)
+            for segment in _out_and_back(
+                'sweep', 'joints', home, _between(home, away, timing.amplitude * share),
+                3.0 * duration)]
+    out = []
+    for i, axis in enumerate('xyz'):
+        out += timing.sweeps * _moves(axis, home, i, timing.amplitude, SWEEP)
+    for i, axis in (1, 'y'), (2, 'z'):
+        for one in SHAKE:
+            out += timing.shakes * _moves(f'{axis} quickly', home, i, timing.amplitude, (one,))
+    for i, axis in enumerate('xyz'):
+        for angle, duration in timing.turns * TURN:
+            goal = _rotated(home, i, timing.amplitude * angle)
+            out += _out_and_back('sweep', f'about {axis}', home, goal, duration)
+    return out
+
+
+def _moves(label: str, home: Pose, axis: int, amplitude: float,
+           rows: tuple[tuple[float, float], ...]) -> list[Segment]:
+    """Go along an axis of ft_sensor, out and back by each distance [m] in each duration [s]."""
+    way = amplitude * home.R_base_sensor[:, axis]
+    return [segment for distance, duration in rows for segment in _out_and_back(
+        'sweep', label, home, Pose(home.position + distance * way, home.R_base_sensor), duration)]
+
+
+def _reversals(home: Goal, away: Goal, amplitude: float) -> list[Segment]:
+    if not isinstance(home, Pose):
+        return 2 * _out_and_back('reverse', 'joints', home,
+                                 _between(home, away, 0.5 * amplitude), 3.0)
+    out: list[Segment] = []
+    largest, duration = TILT
+    for share in (1.0, -1.0, 0.5, -0.5):
+        goal = _rotated(home, 1, share * amplitude * largest)
+        out += _out_and_back('reverse', 'about y', home, goal, duration)
+    distance, duration = SLOW_REVERSAL
+    return out + 2 * _out_and_back(
+        'reverse', 'x', home, _forward(home, away, amplitude * distance), duration)
+
+
+def _touch(home: Goal, away: Goal, timing: Timing) -> list[Segment]:
+    share, duration = PUSH
+    less = _between(home, away, 1.0 - share)
+    push = [Segment('contact', 'less', less, duration), Segment('contact', 'more', away, duration)]
+    return [Segment('approach', 'out', away, timing.approach),
+            Segment('contact', 'hold', duration=timing.contact), *push, *push,
+            Segment('contact', 'hold', duration=0.5 * timing.contact),
+            Segment('retract', 'back', home, timing.approach), Segment('settle', 'home')]
+
+
+def _forward(home: Goal, away: Goal, distance: float) -> Goal:
+    """Return the pose ``distance`` [m] along x of ft_sensor; of joint vectors, ``away``."""
+    if not isinstance(home, Pose):
+        return away
+    return Pose(home.position + distance * home.R_base_sensor[:, 0], home.R_base_sensor)
+
+
+def _rotated(home: Pose, axis: int, angle: float) -> Pose:
+    return Pose(home.position, home.R_base_sensor @ rotation_from_vector(angle * np.eye(3)[axis]))
+
+
+def _between(home: Goal, away: Goal, share: float) -> Goal:
+    if isinstance(home, Pose):
+        assert isinstance(away, Pose)
+        return Pose(home.position + share * (away.position - home.position), home.R_base_sensor)
+    assert isinstance(away, np.ndarray)
+    return np.asarray(home + share * (away - home))
+
+
+class Program(NamedTuple):
+    """
+    A sequence that can be run.
+
+    Attributes
+    ----------
+    plan : callable
+        Makes the segments of goals, a goal away from the first, and timing.
+    distance : callable
+        How far away that one is along x of ft_sensor, from the timing [m].
+    identifies : bool
+        Whether a calibration is identified from it.
+    """
+
+    plan: Callable[[Mapping[str, Goal], Goal, Timing], tuple[Segment, ...]]
+    distance: Callable[[Timing], float]
+    identifies: bool
+
+
+SEQUENCES: Mapping[str, Program] = {
+    'calibrate': Program(calibration_plan, lambda timing: timing.step_distance, True),
+    'contact': Program(contact_plan, lambda timing: timing.contact_distance, False),
+    'diagnose': Program(diagnosis_plan, lambda timing: timing.contact_distance, False),
+}
+"""Every sequence by its name in the parameter ``sequence``."""
+
+
+SPACING = 0.02
+"""Time between two poses of a path that is shown: 5 mm at the default speed [s]."""
+
+
+def preview(plan: Sequence[PlannedSegment], rate: float, settle: float
+            ) -> tuple[PoseStream, tuple[Phase, ...]]:
+    """
+    Sample a plan as the sequencer would command it.
+
+    Parameters
+    ----------
+    rate : float
+        Commands per second [Hz].
+    settle : float
+        How long each settling takes [s].
+
+    Raises
+    ------
+    MotionError
+        The plan is one of joint vectors.
+    """
+    positions, rotations, phases, periods = [], [], [], 0
+    for part in plan:
+        if not isinstance(part.goal, Pose):
+            raise MotionError('only plans of poses can be previewed; list poses, not joints')
+        n = max(1, round((settle if part.duration is None else part.duration) * rate))
+        for k in range(n):
+            pose = (part.move.at((k + 1) / rate).pose if isinstance(part.move, (Move, MultiSine))
+                    else part.goal)
+            positions.append(pose.position)
+            rotations.append(pose.R_base_sensor)
+        phases.append(Phase(part.segment.phase, periods / rate, (periods + n) / rate))
+        periods += n
+    t = np.arange(periods) / rate
+    return PoseStream(t, np.array(positions), np.array(rotations)), tuple(phases)
+
+
+class Box(NamedTuple):
+    """Corners in base, each of shape (3,) [m]."""
+
+    lower: Array
+    upper: Array
+
+
+class Outline(NamedTuple):
+    """
+    What a plan would do.
+
+    Attributes
+    ----------
+    moves, settlings : int
+        How many of each; how long a settling takes is up to the tool.
+    duration : float
+        Without settlings [s].
+    distance, angle : float
+        Sum of all moves [m], [rad].
+    speed, angular_speed, joint_speed : float
+        Largest planned [m/s], [rad/s]; the last of joints, where they are commanded.
+    sensor, tip : Box or None
+        What ft_sensor's origin and the tip stay in; None where joints are commanded.
+    """
+
+    moves: int
+    settlings: int
+    duration: float
+    distance: float
+    angle: float
+    speed: float
+    angular_speed: float
+    joint_speed: float
+    sensor: Box | None
+    tip: Box | None
+
+
+def outline(plan: Sequence[PlannedSegment], tip: Array) -> Outline:
+    """
+    Sum up a plan.
+
+    Parameters
+    ----------
+    tip : ndarray, shape (3,)
+        The tool's foremost point in ft_sensor [m].
+    """
+    moves = [part.move for part in plan if part.move is not None]
+    paths = [move for move in moves if isinstance(move, (Move, MultiSine))]
+    speeds = [move.peak_speeds for move in paths]
+    joints = [move for move in moves if isinstance(move, JointMove)]
+    positions, rotations = path_of(plan)
+    return Outline(
+        len(moves), sum(part.duration is None for part in plan),
+        expected_duration(plan, settle=0.0),
+        sum(move.distance for move in paths), sum(move.angle for move in paths),
+        max((speed for speed, _ in speeds), default=0.0),
+        max((turning for _, turning in speeds), default=0.0),
+        max((PEAK_SPEED * float(np.abs(move.displacement).max()) / move.duration
+             for move in joints), default=0.0),
+        _box(positions), _box(positions + rotations @ tip))
+
+
+def _box(points: Array) -> Box | None:
+    return Box(points.min(axis=0), points.max(axis=0)) if len(points) else None
+
+
+def path_of(plan: Sequence[PlannedSegment]) -> tuple[Array, Array]:
+    """Return poses of ft_sensor along all moves, (n, 3) [m] and (n, 3, 3); none of joints."""
+    found = [part.move.poses(max(2, round(part.move.duration / SPACING)))
+             for part in plan if isinstance(part.move, (Move, MultiSine))]
+    if not found:
+        return np.empty((0, 3)), np.empty((0, 3, 3))
+    positions, rotations = zip(*found)
+    return np.concatenate(positions), np.concatenate(rotations)
+
+
+def in_words(found: Outline) -> str:
+    """Say in one sentence what a plan would do."""
+    text = (f'{found.moves} moves in {found.duration:.1f} s and {found.settlings} settlings'
+            f'{"" if found.sensor else f", at most {found.joint_speed:.3g} rad/s of a joint"}')
+    if found.sensor is None or found.tip is None:
+        return text
+    return (f'{text}, {found.distance:.3g} m and {np.degrees(found.angle):.0f} deg long, at most '
+            f'{found.speed:.3g} m/s and {found.angular_speed:.3g} rad/s; ft_sensor stays within '
+            f'{_corners(found.sensor)}, the tip within {_corners(found.tip)}')
+
+
+def _corners(box: Box) -> str:
+    lower, upper = (' '.join(f'{x:.3f}' for x in corner) for corner in box)
+    return f'{lower} to {upper} m'

@@ -73,7 +73,7 @@ def read_poses(names: Sequence[str], numbers: ArrayLike) -> dict[str, Pose]:
     flat = np.asarray(numbers, dtype=float).reshape(-1)
     if len(flat) != POSE_LENGTH * len(names) or len(set(names)) != len(names) or not len(names):
         raise ConfigError(
-            f'{len(names)} pose names ({", ".join(names)}) want as many different ones and '
+            f'{len(names)} pose names ({", ".join(names)}) require as many different ones and '
             f'{POSE_LENGTH} numbers each (x y z qx qy qz qw), got {len(flat)} numbers')
     poses = {}
     for name, row in zip(names, flat.reshape(-1, POSE_LENGTH)):

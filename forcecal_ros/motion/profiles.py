@@ -150,6 +150,11 @@ class Move:
         """Angle of the rotation [rad]."""
         return float(np.linalg.norm(self.turn))
 
+    @property
+    def peak_speeds(self) -> tuple[float, float]:
+        """Largest speed [m/s] and angular speed [rad/s]."""
+        return PEAK_SPEED * self.distance / self.duration, PEAK_SPEED * self.angle / self.duration
+
     def peak_acceleration_at(self, lever: float) -> float:
         """Return a bound on the acceleration of a point ``lever`` [m] from the origin [m/s^2]."""
         turning = np.hypot(PEAK_ACCELERATION, PEAK_SPEED**2 * self.angle) * self.angle
@@ -187,7 +192,7 @@ def twist_towards(setpoint: Setpoint, measured: Pose, gain: float) -> tuple[Arra
     """
     Return the twist that follows a setpoint, for robots that are commanded by velocity.
 
-    At rest it is exactly zero: a robot that was told to stand shall not follow noise.
+    At rest it is exactly zero: a robot at rest must not follow noise.
 
     Parameters
     ----------

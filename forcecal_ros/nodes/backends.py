@@ -9,11 +9,10 @@ from forcecal_ros.core.errors import ConfigError, DataError, MotionError
 from forcecal_ros.core.geometry import Array, matrix_from_quaternion, quaternion_of
 from forcecal_ros.motion.plan import Goal
 from forcecal_ros.motion.profiles import JointSetpoint, Pose, Setpoint, twist_towards
-from forcecal_ros.nodes.inbox import Inbox
-from forcecal_ros.nodes.pose_source import mounting_parameter
+from forcecal_ros.nodes.inputs import mounting_parameter
 from forcecal_ros.nodes.runtime import OUTPUT, SENSOR
-from forcecal_ros.nodes.sensors import Sensors
-from forcecal_ros.nodes.wire import Writer
+from forcecal_ros.nodes.supervision import Sensors
+from forcecal_ros.nodes.wire import Inbox, Writer
 from forcecal_ros.observe.frames import from_the_sensor
 from geometry_msgs.msg import PoseStamped, TwistStamped
 import numpy as np
@@ -164,7 +163,7 @@ class JointTrajectories(Backend[JointSetpoint]):
 
     def __init__(self, node: Node, inbox: Inbox, sensors: Sensors, names: list[str]) -> None:
         if not names or names == ['']:
-            raise ConfigError('motion.backend joint_trajectory wants joints.names')
+            raise ConfigError('motion.backend joint_trajectory requires joints.names')
         super().__init__(node, inbox, sensors, 'joint_trajectory', JointTrajectory)
         self._names = names
         self._period_ns = 0
@@ -236,7 +235,7 @@ def pose_numbers(pose: Pose) -> tuple[float, ...]:
 
 
 def backend_of(node: Node, inbox: Inbox, sensors: Sensors) -> Backend[Any]:
-    """Return the back end that the parameter ``motion.backend`` of a node asks for."""
+    """Return the back end that the parameter ``motion.backend`` of a node names."""
     def value(name: str) -> Any:
         return node.get_parameter(name).value
 

@@ -75,7 +75,7 @@ class Collector:
             self._phases.append((phase, stamp_ns))
 
     def reject(self, pose: int) -> None:
-        """Take the static pose of that number, from 0, for a stretch that tells nothing."""
+        """Take the static pose of that number, from 0, for a part that is not informative."""
         places = [i for i, (phase, _) in enumerate(self._phases) if phase in STILL]
         self._phases[places[pose]] = ('idle', self._phases[places[pose]][1])
 

@@ -5,12 +5,12 @@ from importlib.resources import files
 from pathlib import Path
 
 from forcecal_ros.core.parameters import Parameter, parameter_file
-from forcecal_ros.nodes import gap, impedance_settings, observer_settings, sequencer_settings, sim
+from forcecal_ros.nodes import gap, impedance, observer_settings, sequencer_settings, sim
 from forcecal_ros.sim.rig.file import rewritten
 
 TABLES: Mapping[str, tuple[tuple[Parameter, ...], str]] = {
     'gap': (gap.PARAMETERS, 'Parameters of the gap node, at their defaults.'),
-    'impedance': (impedance_settings.PARAMETERS,
+    'impedance': (impedance.PARAMETERS,
                   'Parameters of the impedance node, at their defaults.'),
     'observer': (observer_settings.PARAMETERS, 'Parameters of the observer, at their defaults.'),
     'sequencer': (sequencer_settings.PARAMETERS,

@@ -9,8 +9,8 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.core.errors import DataError, MotionError
-from forcecal_ros.nodes.processes import own_domain, Processes
-from forcecal_ros.nodes.recorder import Recorder
+from forcecal_ros.nodes.bags import Recorder
+from forcecal_ros.nodes.client import own_domain, Processes
 from forcecal_ros.nodes.runtime import Interrupt, LATCHED, OUTPUT, SIGNAL_CHECK, starting
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import SetParameters
@@ -33,7 +33,7 @@ START_TIMEOUT = 120.0
 """Time in which a node has to answer: a first run compiles the simulator before [s]."""
 
 READY_TIMEOUT = 30.0
-"""Time in which a start has to be accepted: the sequencer first wants samples of every sensor
+"""Time in which a start has to be accepted: the sequencer first requires samples of every sensor
 [s]."""
 
 ON_TIME = {'clock.publish': True, 'clock.wait': 0.5}
@@ -66,7 +66,7 @@ No robot moves there; the limits of a robot are for its user to widen.
 """
 
 Progress = Callable[[str, float], None]
-"""Told the phase, and the time since the start [s]."""
+"""Called with the phase, and the time since the start [s]."""
 
 
 @dataclass(frozen=True)

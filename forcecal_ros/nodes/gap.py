@@ -10,18 +10,26 @@ from forcecal_ros.core.errors import ConfigError, ForcecalError
 from forcecal_ros.core.parameters import Parameter
 from forcecal_ros.diagnose.live import Judgement, LiveGap
 from forcecal_ros.nodes.collector import Collector
-from forcecal_ros.nodes.inbox import Inbox
-from forcecal_ros.nodes.parameters import declare
-from forcecal_ros.nodes.pose_source import (
+from forcecal_ros.nodes.inputs import (
+    ACCELEROMETER_SOURCE,
+    ACCELEROMETERS,
     at_sensor,
     mounting_parameter,
     POSE_PARAMETERS,
     pose_source,
+    WRENCH_SIGN,
 )
-from forcecal_ros.nodes.reporting import diagnostic_array, Waiting
-from forcecal_ros.nodes.runtime import EXECUTOR, OUTPUT, run, SECOND, STEADY
-from forcecal_ros.nodes.sensors import ACCELEROMETERS
-from forcecal_ros.nodes.wire import JointReader, Reader
+from forcecal_ros.nodes.parameters import declare
+from forcecal_ros.nodes.runtime import (
+    diagnostic_array,
+    EXECUTOR,
+    OUTPUT,
+    run,
+    SECOND,
+    STEADY,
+    Waiting,
+)
+from forcecal_ros.nodes.wire import Inbox, JointReader, Reader
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import warm_up
 from geometry_msgs.msg import PoseStamped, WrenchStamped
@@ -33,14 +41,11 @@ PARAMETERS = (
     EXECUTOR,
     Parameter('rig', '', 'Rig file (YAML) to compare with; empty: the nominal rig'),
     Parameter('accelerometer.mounted', '', 'Which accelerometer is mounted; empty: as the rig '
-              'file says', choices=('', 'acc1', 'acc2')),
-    Parameter('accelerometer.source', 'raw', 'Where the accelerometer comes from: '
-              'accelerometer/raw in volts, imu/data_raw or accel in m/s^2',
-              choices=(*ACCELEROMETERS, 'none')),
+              'file states', choices=('', 'acc1', 'acc2')),
+    ACCELEROMETER_SOURCE,
     Parameter('optidrive.joint', 'optidrive', 'Name in the JointState of the compliant tool'),
     *POSE_PARAMETERS,
-    Parameter('wrench.sign', 1, '-1 for a driver that reports the wrench of the tool on its '
-              'environment', low=-1, high=1),
+    WRENCH_SIGN,
     Parameter('delay', 0.3, 'Greatest delay with which samples arrive', 's', low=0.05, high=5.0),
 )
 
@@ -177,7 +182,7 @@ class Gap(Node):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node; returns the exit status."""
-    return run('gap', Gap, arguments)
+    return run('gap', Gap, arguments, PARAMETERS)
 
 
 if __name__ == '__main__':

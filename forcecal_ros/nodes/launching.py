@@ -1,4 +1,4 @@
-"""Arguments, topics and nodes that the launch files of this package share."""
+"""Launch files: arguments, topics and nodes that they share."""
 
 from collections.abc import Sequence
 
@@ -23,7 +23,7 @@ TOPICS = {
     'joint_states': ('joint_states', 'JointState of the robot'),
     'joint_trajectory': ('joint_trajectory', 'JointTrajectory that the robot follows'),
     'delta_twist_cmds': ('delta_twist_cmds', 'TwistStamped that the robot follows'),
-    'contact_wrench': ('observer/contact_wrench', 'WrenchStamped that the observer says'),
+    'contact_wrench': ('observer/contact_wrench', 'WrenchStamped that the observer publishes'),
 }
 """Launch argument: the name of the topic in the node, and its message."""
 
@@ -34,7 +34,7 @@ def preset_arguments() -> list[LaunchDescriptionEntity]:
         DeclareLaunchArgument('robot', default_value='', choices=['', *ROBOTS],
                               description='preset of topics and parameters, see docs/robots.md'),
         DeclareLaunchArgument('controller', default_value='', choices=['', *CONTROLLERS],
-                              description='preset besides, of what moves the robot')]
+                              description='preset of what moves the robot, in addition')]
 
 
 def common_arguments() -> list[LaunchDescriptionEntity]:
@@ -97,7 +97,7 @@ def parameters_argument(node: str) -> DeclareLaunchArgument:
     return DeclareLaunchArgument(
         f'{node}_params',
         default_value=PresetFile(node, 'controller', 'robot'),
-        description=f'parameter file of {node}; what it says counts, then controller, then robot')
+        description=f'parameter file of {node}; its values count, then controller, then robot')
 
 
 def node(name: str, *parameters: dict[str, object], only_if: str = '') -> Node:

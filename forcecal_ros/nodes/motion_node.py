@@ -1,36 +1,92 @@
-"""The base of all nodes that move a robot: sensors, start, command stream, supervision, stop."""
+"""The base of all nodes that move a robot: start, command stream, supervision, stop."""
 
 from abc import abstractmethod
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from time import sleep
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.core.errors import DataError, MotionError
 from forcecal_ros.core.parameters import Parameter
-from forcecal_ros.motion.sequence import Command
-from forcecal_ros.motion.stream import next_in_phase, StreamClock
+from forcecal_ros.motion.limits import Limits
+from forcecal_ros.motion.monitor import WatchSettings
+from forcecal_ros.motion.sequence import Command, next_in_phase, StreamClock
 from forcecal_ros.nodes.backends import Backend
-from forcecal_ros.nodes.guard import Fault, Guard
-from forcecal_ros.nodes.inbox import Inbox
-from forcecal_ros.nodes.motion_source import MotionSettings, MotionSource
 from forcecal_ros.nodes.parameters import declare
-from forcecal_ros.nodes.reporting import diagnostic_array
-from forcecal_ros.nodes.runtime import answering, OUTPUT, SECOND, STEADY
-from forcecal_ros.nodes.sensors import Sensors
+from forcecal_ros.nodes.runtime import answering, diagnostic_array, OUTPUT, SECOND, STEADY
+from forcecal_ros.nodes.supervision import Fault, Guard, Sensors
+from forcecal_ros.nodes.wire import Inbox
 import numpy as np
 from rclpy.node import Node
 from rclpy.time import Time
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+
+class MotionSettings(Protocol):
+    """Settings of one motion; each node adds its own."""
+
+    @property
+    def limits(self) -> Limits:
+        """Limits of the measured motion."""
+
+    @property
+    def watch(self) -> WatchSettings:
+        """When a sensor counts as silent, late or frozen."""
+
+
+class MotionStatus(Protocol):
+    """State of a motion."""
+
+    @property
+    def phase(self) -> str:
+        """A phase word: ``idle``, ``done``, ``aborted``, or of the motion's own."""
+
+    @property
+    def reason(self) -> str:
+        """Why it was aborted."""
+
+
+class MotionSource(Protocol):
+    """Maker of commands, one a period, from a start to done or aborted."""
+
+    @property
+    def status(self) -> MotionStatus:
+        """State of the motion."""
+
+    @property
+    def running(self) -> bool:
+        """Whether a motion is under way, until its result is there."""
+
+    @property
+    def streaming(self) -> bool:
+        """Whether there are commands to send."""
+
+    @property
+    def guarded(self) -> bool:
+        """Whether a fault aborts it."""
+
+    @property
+    def moving(self) -> bool:
+        """Whether the last command moves."""
+
+    def abort(self, reason: str, *, at_once: bool = False) -> bool:
+        """Begin to come to rest; ``at_once``: the robot rests already. False: nothing moves."""
+
+    def pause(self, paused: bool) -> None:
+        """Pause, or go on."""
+
+    def restart(self) -> None:
+        """Start again from rest, after a silence in which the robot came to a stop."""
+
+
 CLOCK_CHECK = 0.02
 """Period of the checks of a simulated clock that drives the motion: a fifth of the default of
 ``watch.clock_timeout`` [s]."""
 
 JITTER_WINDOW = 15_000
-"""Number of newest command periods whose jitter /diagnostics tells: a minute at 250 Hz."""
+"""Number of newest command periods whose jitter /diagnostics reports: a minute at 250 Hz."""
 
 
 SettingsT = TypeVar('SettingsT', bound=MotionSettings)
@@ -100,7 +156,7 @@ class MotionNode(Node, Generic[SettingsT]):
 
     @abstractmethod
     def _details(self) -> dict[str, object]:
-        """Return the values of a phase message besides phase and reason."""
+        """Return the values of a phase message in addition to phase and reason."""
 
     def _new_settings(self) -> SettingsT:
         """Return the settings of a start; raises where they contradict each other."""
@@ -117,7 +173,7 @@ class MotionNode(Node, Generic[SettingsT]):
         """Note a phase that begins with the command of that stamp."""
 
     def _figures(self) -> dict[str, object]:
-        """Return the values of /diagnostics besides those of every such node."""
+        """Return the values of /diagnostics in addition to those of every such node."""
         return {}
 
     def _headline(self) -> str:
@@ -242,7 +298,7 @@ class MotionNode(Node, Generic[SettingsT]):
 
     def _on_abort(self, request: Trigger.Request, response: Trigger.Response
                   ) -> Trigger.Response:
-        response.success = self._abort(Fault(f'asked to by {self.get_name()}/abort'))
+        response.success = self._abort(Fault(f'requested by {self.get_name()}/abort'))
         response.message = 'stopping' if response.success else 'nothing is under way'
         return response
 
@@ -254,10 +310,10 @@ class MotionNode(Node, Generic[SettingsT]):
 
     def stop(self) -> None:
         """Begin to come to rest, before the node ends."""
-        self._abort(Fault(f'the {self.get_name()} node was told to go'))
+        self._abort(Fault(f'the {self.get_name()} node received a signal to end'))
 
     def halt(self) -> None:
-        """Come to rest now, after an error; what is heard counts no more."""
+        """Come to rest now, after an error; what is received counts no more."""
         self._abort(Fault(f'an error ends the {self.get_name()} node'))
         while self._stream is not None and self._step(self._stream):
             sleep(self._period_ns / SECOND)
@@ -301,7 +357,7 @@ class MotionNode(Node, Generic[SettingsT]):
         if silent and not status.reason:
             message += f'; nothing received on {", ".join(silent)}'
         values: dict[str, object] = {
-            channel.topic: 'heard' if channel.values else 'nothing received'
+            channel.topic: 'received' if channel.values else 'nothing received'
             for channel in channels}
         values |= self._figures()
         if self._periods:

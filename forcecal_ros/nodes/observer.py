@@ -9,23 +9,36 @@ from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import ConfigError, DataError, ForcecalError
 from forcecal_ros.io.calibration_file import DAY, load, parse, refuse_old
-from forcecal_ros.nodes.calibration_topics import accuracy_message, ToolOnSensor, TRACKED
-from forcecal_ros.nodes.frame_outputs import FrameOutputs, SensorTransform
-from forcecal_ros.nodes.inbox import Inbox
-from forcecal_ros.nodes.markers import ContactMarkers
+from forcecal_ros.nodes.inputs import ACCELEROMETERS, mounting_parameter, pose_source, PoseSource
+from forcecal_ros.nodes.messages import accuracy_message
+from forcecal_ros.nodes.observer_outputs import (
+    ContactMarkers,
+    FrameOutputs,
+    health,
+    LastMessage,
+    SensorTransform,
+    ToolOnSensor,
+)
 from forcecal_ros.nodes.observer_settings import (
     accelerometer_for,
     file_of,
     PARAMETERS,
     payload_settings_of,
     settings_of,
+    TRACKED,
 )
 from forcecal_ros.nodes.parameters import declare
-from forcecal_ros.nodes.pose_source import mounting_parameter, pose_source, PoseSource
-from forcecal_ros.nodes.reporting import diagnostic_array, health, LastMessage, Waiting
-from forcecal_ros.nodes.runtime import answering, LATCHED, ManagedNode, OUTPUT, run, STEADY
-from forcecal_ros.nodes.sensors import ACCELEROMETERS
-from forcecal_ros.nodes.wire import frame_of, JointReader, Reader, Writer
+from forcecal_ros.nodes.runtime import (
+    answering,
+    diagnostic_array,
+    LATCHED,
+    ManagedNode,
+    OUTPUT,
+    run,
+    STEADY,
+    Waiting,
+)
+from forcecal_ros.nodes.wire import frame_of, Inbox, JointReader, Reader, Writer
 from forcecal_ros.observe import ContactSample, design, noise_levels, ObserverSettings
 from forcecal_ros.observe.design import accuracy, with_bias
 from forcecal_ros.observe.frames import agreed, at_the_sensor, Frames, Placement
@@ -107,8 +120,8 @@ class Observer(ManagedNode):
                 self._transform = SensorTransform(self, poses.topic)
             frames = Frames(self._value('publish.frames'), self._value('publish.frame_poses'))
             self._tool.configure(self._value('payload.track'))
-            self._tool.want(self._value('tool') == TRACKED)
-            if self._value('io.calibration_file') or file_of(self._value('tool')):
+            self._tool.use(self._value('tool') == TRACKED)
+            if self._value('calibration.file') or file_of(self._value('tool')):
                 self._take_over(self._load(file_of(self._value('tool'))))
         except ForcecalError as error:
             self._failure = str(error)
@@ -196,7 +209,7 @@ class Observer(ManagedNode):
     # Calibration ----------------------------------------------------------------------------
 
     def _load(self, tool: str) -> CalibrationSource:
-        path = Path(self._value('io.calibration_file')).expanduser()
+        path = Path(self._value('calibration.file')).expanduser()
         if tool:
             if not self._value('tools') or Path(tool).name != tool:
                 raise ConfigError(f'tool {tool}: name the folder of calibrations in tools, and '
@@ -270,7 +283,7 @@ class Observer(ManagedNode):
         self._chain.window.seconds = self._value('tare.duration')
         self._chain.fade_duration = self._value('takeover.duration')
         if any(parameter.name == 'tool' for parameter in parameters):
-            self._tool.want(self._value('tool') == TRACKED)
+            self._tool.use(self._value('tool') == TRACKED)
             named = file_of(self._value('tool'))
             if self._source is not None or (self._active and named):
                 self._take_over(self._of_tool(named), same_sensor=True)
@@ -384,11 +397,11 @@ class Observer(ManagedNode):
         return f'calibration taken from {source.name}'
 
     def _as_configured(self) -> CalibrationSource:
-        if self._value('io.calibration_file'):
+        if self._value('calibration.file'):
             return self._load('')
         if self._text:
             return self._parse()
-        raise DataError('no calibration to reload: io.calibration_file is empty and nothing was '
+        raise DataError('no calibration to reload: calibration.file is empty and nothing was '
                         'received on sequencer/calibration')
 
     # Diagnostics ----------------------------------------------------------------------------
@@ -398,7 +411,7 @@ class Observer(ManagedNode):
         if not self._active:
             return ''
         if self._source is None:
-            return 'a calibration, from io.calibration_file or sequencer/calibration'
+            return 'a calibration, from calibration.file or sequencer/calibration'
         silent = self._silent()
         return ' and '.join(topic for topic in ('wrench', self._pose)
                             if topic in silent or topic not in self._received)
@@ -428,7 +441,7 @@ class Observer(ManagedNode):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node; returns the exit status."""
-    return run('observer', Observer, arguments)
+    return run('observer', Observer, arguments, PARAMETERS)
 
 
 if __name__ == '__main__':

@@ -7,10 +7,9 @@ from typing import Any
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.parameters import Parameter
-from forcecal_ros.nodes.calibration_topics import TRACKED
-from forcecal_ros.nodes.pose_source import POSE_PARAMETERS, SENSOR_FROM_POSE
+from forcecal_ros.nodes.inputs import ACCELEROMETERS, POSE_PARAMETERS, SENSOR_FROM_POSE
+from forcecal_ros.nodes.parameters import live_parameter as _live
 from forcecal_ros.nodes.runtime import EXECUTOR
-from forcecal_ros.nodes.sensors import ACCELEROMETERS
 from forcecal_ros.observe.payload import PayloadSettings
 from forcecal_ros.observe.settings import (
     BANDWIDTH_LIMITS,
@@ -21,29 +20,26 @@ from forcecal_ros.observe.settings import (
     OFFSETS,
 )
 
+TRACKED = 'tracked'
+"""Value of the parameter ``tool``: the tool on ``observer/tool``, or by the node's own tracker."""
+
 _DEFAULT = ObserverSettings()
-
-
-def _live(name: str, default: Any, description: str, unit: str = '', low: float | None = None,
-          high: float | None = None, choices: tuple[str, ...] = ()) -> Parameter:
-    """Return a parameter that takes effect at once, without a jump of what is published."""
-    return Parameter(name, default, description, unit, low, high, choices, live=True)
 
 
 PARAMETERS = (
     EXECUTOR,
     Parameter('autostart', True, 'Configure and activate at start; false: leave it to a '
               'lifecycle manager'),
-    _live('io.calibration_file', '', 'calibration.yaml to load when configured; empty: wait for '
+    _live('calibration.file', '', 'calibration.yaml to load when configured; empty: wait for '
           'sequencer/calibration'),
-    _live('calibration.max_age', 0.0, 'A file whose recording is older is refused; 0: whatever '
-          'its age', 'd', 0.0, 36500.0),
+    _live('calibration.max_age', 0.0, 'A file whose recording is older is refused; 0: of '
+          'any age', 'd', 0.0, 36500.0),
     Parameter('calibration.follow', True, 'Take over every calibration that the sequencer '
               'publishes while running'),
     Parameter('tools', '', 'Folder of calibrations of one sensor with one tool each, NAME.yaml'),
     _live('tool', '', 'Which of these is on the sensor, by its NAME; set while running, it is '
-          'faded in, and the bias of the sensor stays as it is; empty: as io.calibration_file or '
-          'sequencer/calibration says; tracked: mass and centre of mass as observer/tool says, or '
+          'faded in, and the bias of the sensor stays as it is; empty: as calibration.file or '
+          'sequencer/calibration states; tracked: mass and centre of mass as on observer/tool, or '
           'with payload.track as this node finds'),
     Parameter('payload.track', False, 'Follow mass and centre of mass of what hangs on the sensor '
               'while the robot works, and publish them latched on observer/tool'),
@@ -59,7 +55,7 @@ PARAMETERS = (
     *POSE_PARAMETERS[:-1],
     SENSOR_FROM_POSE._replace(description='x y z [m] qx qy qz qw of ft_sensor in the frame whose '
                               'pose is measured, a flange or a TCP; one number: as the '
-                              'calibration says, from which it may not differ'),
+                              'calibration states, from which it may not differ'),
     Parameter('poll_rate', 0.0, 'How often the topics are polled, which halves the load of the '
               'node and adds half a period to the latency; 0: every message is taken at once',
               'Hz', 0.0, 2000.0),
@@ -76,13 +72,13 @@ PARAMETERS = (
               'its point, with its uncertainty, while anybody listens; 0: never', 'Hz', 0.0,
               100.0),
     Parameter('publish.transform', False, 'Say on /tf where ft_sensor is, by current_pose, at up '
-              'to 50 Hz: where nobody else does; wants tf2_msgs'),
+              'to 50 Hz: where no other node does; requires tf2_msgs'),
     _live('observer.mode', '', 'Observer whose estimate is published; empty: as the calibration '
-          'says', choices=('', *MODES)),
+          'states', choices=('', *MODES)),
     _live('observer.bandwidth', 0.0, 'Bandwidth of the contact wrench in mode kalman; 0: follows '
           'from the noise and the three below', 'Hz', 0.0, 1000.0),
     _live('observer.contact_walk', 0.0, 'How fast a contact force is expected to wander; 0, as '
-          f'for the two below: as the calibration says, or {CONTACT_WALK:g} N/sqrt(s), '
+          f'for the two below: as the calibration states, or {CONTACT_WALK:g} N/sqrt(s), '
           f'{BANDWIDTH_LIMITS[0]:g} and {BANDWIDTH_LIMITS[1]:g} Hz', 'N/sqrt(s)', 0.0, 1e4),
     _live('observer.bandwidth_min', 0.0, 'Slowest bandwidth that may follow', 'Hz', 0.0, 1000.0),
     _live('observer.bandwidth_max', 0.0, 'Fastest bandwidth that may follow', 'Hz', 0.0, 1000.0),
@@ -138,7 +134,7 @@ def settings_of(value: Mapping[str, Any]) -> ObserverSettings:
 
 
 def file_of(tool: str) -> str:
-    """Return the name among ``tools`` that the parameter ``tool`` says; empty: none."""
+    """Return the name among ``tools`` that the parameter ``tool`` names; empty: none."""
     return '' if tool == TRACKED else tool
 
 
@@ -158,13 +154,13 @@ def accelerometer_for(calibration: Calibration, chosen: str) -> str:
     ConfigError
         The chosen one has another unit than the calibration is for.
     """
-    wanted = calibration.accelerometer
-    if wanted is None or chosen == 'none':
+    needed = calibration.accelerometer
+    if needed is None or chosen == 'none':
         return 'none'
     if chosen == 'auto':
-        return 'raw' if wanted.unit == 'V' else 'imu'
-    if ACCELEROMETERS[chosen][2] != wanted.unit:
+        return 'raw' if needed.unit == 'V' else 'imu'
+    if ACCELEROMETERS[chosen][2] != needed.unit:
         raise ConfigError(
             f'accelerometer.source {chosen} is in {ACCELEROMETERS[chosen][2]}, the calibration '
-            f'is for {wanted.unit}; calibrate with the same sensor')
+            f'is for {needed.unit}; calibrate with the same sensor')
     return chosen

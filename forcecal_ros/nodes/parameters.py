@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from difflib import get_close_matches
+from functools import partial
 from typing import Any
 
 from forcecal_ros.core.errors import ConfigError, ForcecalError
@@ -15,6 +16,9 @@ from rcl_interfaces.msg import (
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
+
+live_parameter = partial(Parameter, live=True)
+"""A parameter that may be set while the node runs."""
 
 UNBOUNDED = 1e9
 """Bound in the descriptor of a range that is open on one side: beyond any value of a parameter."""
@@ -63,8 +67,8 @@ def declare(node: Node, table: Iterable[Parameter],
 
 
 def _refuse_unknown(node: Node, known: Iterable[str]) -> None:
-    """Refuse what was given at start to a parameter that nobody reads."""
-    given = node._parameter_overrides  # noqa: SLF001 - rclpy tells nobody else
+    """Refuse what was given at start to a parameter that the node does not have."""
+    given = node._parameter_overrides  # noqa: SLF001 - no public way in rclpy
     unknown = [name for name in given
                if not (node.has_parameter(name) or name.startswith(OF_PUBLISHERS))]
     if unknown:

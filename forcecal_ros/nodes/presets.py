@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from forcecal_ros.core.safe_yaml import load_yaml
+from forcecal_ros.core.topics import ROLES
 
 ROBOTS = ('broadcaster', 'franka', 'kuka_fri', 'ur')
 CONTROLLERS = ('admittance_controller', 'cartesian_controllers', 'joint_trajectory_controller',
@@ -18,7 +19,7 @@ def preset_file(name: str) -> Path:
 
 
 def read_preset(name: str) -> Mapping[str, dict[str, Any]]:
-    """Return parameters by node; besides ``topics``, names of topics by launch argument."""
+    """Return parameters by node; next to ``topics``, names of topics by launch argument."""
     document = load_yaml(preset_file(name).read_text(), name)
     return {node.removeprefix('/**/'): parameters['ros__parameters']
             for node, parameters in document.items()}
@@ -35,3 +36,14 @@ def topic_of(argument: str, usual: str, robot: str, controller: str) -> str:
         if name and argument in (topics := read_preset(name)['topics']):
             return str(topics[argument])
     return usual
+
+
+def topics_by_role(robot: str) -> dict[str, str]:
+    """Return the names of a robot's topics by the roles of a recording."""
+    preset, roles = read_preset(robot), {'current_pose': 'pose', 'target_frame': 'target'}
+    names = {roles.get(argument, argument): str(name)
+             for argument, name in preset['topics'].items()
+             if roles.get(argument, argument) in ROLES}
+    if frame := preset['sequencer'].get('pose.frame'):
+        names['pose'] = f'tf:{preset["sequencer"]["pose.base"]}:{frame}'
+    return names

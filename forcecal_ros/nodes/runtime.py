@@ -1,6 +1,6 @@
-"""The life of a node: start, spin, transitions, services, stop on a signal, errors as one line."""
+"""The life of a node: start, spin, transitions, services, diagnostics, stop on a signal."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 import gc
 import os
@@ -8,11 +8,14 @@ from pathlib import Path
 import signal
 import sys
 import tempfile
+from textwrap import fill
 from types import FrameType
 from typing import Any, Protocol, runtime_checkable
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from forcecal_ros.core.errors import ConfigError, ForcecalError
 from forcecal_ros.core.parameters import Parameter
+from forcecal_ros.core.schema import yaml_value
 from lifecycle_msgs.srv import ChangeState
 import rclpy
 from rclpy.clock import Clock, ClockType
@@ -25,16 +28,17 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
+from rclpy.time import Time
 from rclpy.utilities import remove_ros_args
 from std_srvs.srv import Trigger
 
 SIGNAL_CHECK = 0.02
-"""Period in which a spinning executor returns to check for signals: a delay that nobody notices
+"""Period in which a spinning executor returns to check for signals: a delay that is not noticed
 [s]."""
 
 GRACE = 0.5
-"""Silence of the commands after which a node that was told to go no longer waits to come to rest:
-five times what a clock that drives the motion may stand by default [s]."""
+"""Silence of the commands after which a node that received a signal to end no longer waits to come
+to rest: five times what a clock that drives the motion may stand by default [s]."""
 
 OUTPUT = QoSProfile(depth=10, history=HistoryPolicy.KEEP_LAST,
                     reliability=ReliabilityPolicy.RELIABLE)
@@ -50,10 +54,10 @@ LATCHED = QoSProfile(depth=1, history=HistoryPolicy.KEEP_LAST,
 """QoS of results, of which late subscriptions get the last one too."""
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
-"""The clock of timeouts, which nobody sets."""
+"""The clock of timeouts, which is never set."""
 
 SYSTEM = Clock(clock_type=ClockType.SYSTEM_TIME)
-"""The computer's clock, whatever use_sim_time says."""
+"""The computer's clock, for any use_sim_time."""
 
 RCLError = rclpy_implementation.RCLError
 
@@ -118,7 +122,8 @@ class Interrupt:
             sys.exit(1)
 
 
-def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
+def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | None = None,
+        table: Sequence[Parameter] = ()) -> int:
     """
     Run a node until a signal.
 
@@ -128,11 +133,14 @@ def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | Non
         For messages before there is a node.
     arguments : sequence of str, optional
         Command line, by default ``sys.argv``.
+    table : sequence of Parameter
+        Those that ``--help`` lists.
 
     Returns
     -------
     int
-        Exit status: 0 after a signal, 1 after an error that the user can mend, 2 for wrong usage.
+        Exit status: 0 after a signal or help, 1 after an error that the user can fix, 2 for wrong
+        usage.
     """
     arguments = list(sys.argv if arguments is None else arguments)
     try:
@@ -140,6 +148,9 @@ def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | Non
     except RCLError as error:
         print(f'{name}: {" ".join(str(error).split())}', file=sys.stderr)
         return 2
+    if extra and extra[0] in ('-h', '--help'):
+        print(usage(name, table))
+        return 0
     if extra:
         print(f'{name}: unknown argument {extra[0]}; parameters go behind --ros-args, as '
               '-p name:=value or --params-file FILE', file=sys.stderr)
@@ -173,6 +184,17 @@ def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | Non
     return 0
 
 
+def usage(name: str, table: Sequence[Parameter]) -> str:
+    """Return the help of a node: how it is called, and its parameters with their defaults."""
+    call = (f'usage: {name} [--ros-args [-p NAME:=VALUE] [--params-file FILE] '
+            '[-r TOPIC:=TOPIC] [-r __ns:=/NAME]]')
+    return '\n'.join([
+        call, '', 'parameters:',
+        *(f'  {row.name} (default {yaml_value(row.default)})\n'
+          + fill(row.text, 95, initial_indent=' ' * 8, subsequent_indent=' ' * 8)
+          for row in table)])
+
+
 @contextmanager
 def starting(name: str) -> Iterator[None]:
     """
@@ -189,7 +211,7 @@ def starting(name: str) -> Iterator[None]:
     except RCLError as error:
         why = f'ROS 2 refuses to start: {error}'
         if os.environ.get('ROS_SECURITY_ENABLE') == 'true':
-            why += '; ROS_SECURITY_ENABLE is true, which wants a DDS built with security, and keys'
+            why += '; ROS_SECURITY_ENABLE is true: it requires a DDS built with security, and keys'
         raise ConfigError(why) from error
 
 
@@ -220,9 +242,9 @@ def _spin(node: Node, interrupt: Interrupt) -> None:
 
 def _come_to_rest(node: Stoppable, executor: Executor) -> None:
     node.stop()
-    asked_ns = STEADY.now().nanoseconds
+    requested_ns = STEADY.now().nanoseconds
     while not node.at_rest and (
-            STEADY.now().nanoseconds < max(asked_ns, node.sent_ns) + int(GRACE * 1e9)):
+            STEADY.now().nanoseconds < max(requested_ns, node.sent_ns) + int(GRACE * 1e9)):
         executor.spin_until_future_complete(Future(), timeout_sec=SIGNAL_CHECK)
 
 
@@ -292,3 +314,56 @@ def answering(act: Callable[[], str], refused: Callable[[str], None] | None = No
         return response
 
     return on_request
+
+
+LEVELS = {'ok': DiagnosticStatus.OK, 'warn': DiagnosticStatus.WARN,
+          'error': DiagnosticStatus.ERROR, 'stale': DiagnosticStatus.STALE}
+
+NO_NAMESPACE = 'robot'
+"""Hardware of a node without a namespace; in one, the namespace is the robot's name."""
+
+
+def diagnostic_array(node: Node, part: str, level: str, message: str,
+                     values: Mapping[str, object], stamp: Time | None = None) -> DiagnosticArray:
+    """
+    Build a DiagnosticArray of one status.
+
+    Parameters
+    ----------
+    part : str
+        Of the node, for the name of the status; empty for all of it.
+    level : str
+        ``ok``, ``warn``, ``error`` or ``stale``.
+    values : mapping
+        Published as text; floats with four significant digits.
+    stamp : Time, optional
+        By default now.
+    """
+    name = node.get_fully_qualified_name().lstrip('/') + (f': {part}' if part else '')
+    status = DiagnosticStatus(
+        level=LEVELS[level], name=name, message=message,
+        hardware_id=node.get_namespace().strip('/') or NO_NAMESPACE,
+        values=[KeyValue(key=key, value=f'{value:.4g}' if isinstance(value, float)
+                         else str(value)) for key, value in values.items()])
+    array = DiagnosticArray(status=[status])
+    array.header.stamp = (stamp or node.get_clock().now()).to_msg()
+    return array
+
+
+class Waiting:
+    """Logs what a node waits for, once, when it has waited from one call to the next."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._before = self._logged = ''
+
+    def of(self, what: str) -> None:
+        """Note what is waited for now; empty: nothing."""
+        if what and what == self._before != self._logged:
+            self._node.get_logger().info(f'waiting for {what}')
+            self._logged = what
+        self._before = what
+        if not what:
+            self._logged = ''
+
+

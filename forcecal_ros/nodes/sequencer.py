@@ -1,41 +1,125 @@
 """The sequencer: moves the robot, records its sensors, identifies and publishes a calibration."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path as FilePath
+from typing import Any, NamedTuple
 
 from forcecal_ros.core.calibration import Calibration
-from forcecal_ros.core.errors import ConfigError, DataError, ForcecalError
+from forcecal_ros.core.errors import ConfigError, DataError, ForcecalError, MotionError
+from forcecal_ros.core.geometry import rotation_vector
 from forcecal_ros.core.sensor_matrix import corrected, required_sensor_matrix, SensorMatrix
 from forcecal_ros.io.calibration_file import load, save
-from forcecal_ros.motion.channel import KEPT
-from forcecal_ros.motion.monitor import Stillness
-from forcecal_ros.motion.plan import check_wrench, Goal, PlannedSegment, prepare, repeat_plan
-from forcecal_ros.motion.preview import in_words, outline, path_of
-from forcecal_ros.motion.programs import SEQUENCES
+from forcecal_ros.motion.monitor import KEPT, POSITIONING_ERROR, Stillness
+from forcecal_ros.motion.plan import (
+    check_wrench,
+    continuous_plan,
+    Goal,
+    in_words,
+    outline,
+    path_of,
+    PlannedSegment,
+    prepare,
+    repeat_plan,
+    SEQUENCES,
+)
+from forcecal_ros.motion.profiles import Pose
 from forcecal_ros.motion.sequence import Command, MotionSequence
 from forcecal_ros.nodes.backends import backend_of
-from forcecal_ros.nodes.calibration_topics import (
+from forcecal_ros.nodes.collector import Collector, Identification
+from forcecal_ros.nodes.inputs import (
+    ACCELEROMETERS,
+    at_sensor,
+    Input,
+    mounting_parameter,
+    pose_source,
+)
+from forcecal_ros.nodes.messages import (
     calibration_message,
     gain_message,
     inertia_message,
+    path_message,
+    plan_markers,
 )
-from forcecal_ros.nodes.collector import Collector, Identification
-from forcecal_ros.nodes.guard import Fault
-from forcecal_ros.nodes.markers import plan_markers
 from forcecal_ros.nodes.motion_node import MotionNode
-from forcecal_ros.nodes.pose_source import at_sensor, mounting_parameter, pose_source
-from forcecal_ros.nodes.preview import path_message, Preview
 from forcecal_ros.nodes.runtime import answering, LATCHED, run, SECOND
-from forcecal_ros.nodes.sensors import ACCELEROMETERS, Deadman, Input, Sensors
 from forcecal_ros.nodes.sequencer_settings import PARAMETERS, SequencerSettings, settings_of
+from forcecal_ros.nodes.supervision import Deadman, Fault, Sensors
 from forcecal_ros.nodes.wire import JointReader, Reader, Sample
 from forcecal_ros.observe.frames import numbers_of
 from geometry_msgs.msg import InertiaStamped, WrenchStamped
 from nav_msgs.msg import Path
+import numpy as np
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
+
+AGAIN = 'call sequencer/preview and look at sequencer/planned_path'
+
+
+class Shown(NamedTuple):
+    """What was previewed: parameters and poses as text, and where the robot stood."""
+
+    parameters: dict[str, str]
+    poses: str
+    start: Goal
+
+
+class Preview:
+    """The newest preview."""
+
+    def __init__(self) -> None:
+        self._shown: Shown | None = None
+
+    def note(self, values: Mapping[str, Any], poses: Mapping[str, Pose], start: Goal) -> None:
+        """Note what was shown: values of parameters, listed poses, and where it began."""
+        self._shown = Shown(_as_text(values), _listed(poses), start)
+
+    def refuse_other(self, values: Mapping[str, Any], poses: Mapping[str, Pose], start: Goal
+                     ) -> None:
+        """
+        Refuse a start that would do anything else.
+
+        Raises
+        ------
+        MotionError
+            Nothing was shown, a parameter has changed since, or the robot has moved.
+        """
+        shown = self._shown
+        if shown is None:
+            raise MotionError(f'motion.require_preview is set and nothing was shown yet; {AGAIN}')
+        now = _as_text(values)
+        changed = [name for name, value in now.items() if value != shown.parameters[name]]
+        if not changed and _listed(poses) != shown.poses:
+            changed = ['poses.file']
+        if changed:
+            raise MotionError(f'{", ".join(changed)} changed since the preview; {AGAIN} again')
+        if moved := _moved(shown.start, start):
+            raise MotionError(f'the robot has moved by {moved} since the preview; {AGAIN} again')
+
+
+def _as_text(values: Mapping[str, Any]) -> dict[str, str]:
+    """Return values so that they can be compared: NaN, which poses may hold, equals nothing."""
+    return {name: repr(value) for name, value in values.items()}
+
+
+def _listed(poses: Mapping[str, Pose]) -> str:
+    return repr([(name, pose.position.tolist(), pose.R_base_sensor.tolist())
+                 for name, pose in poses.items()])
+
+
+def _moved(before: Goal, now: Goal) -> str:
+    """Say by how much a robot has moved; empty: by no more than it positions itself."""
+    if isinstance(before, Pose) and isinstance(now, Pose):
+        turn = rotation_vector(before.R_base_sensor.T @ now.R_base_sensor)
+        found = ((float(np.linalg.norm(now.position - before.position)), 'm'),
+                 (float(np.linalg.norm(turn)), 'rad'))
+    else:
+        farthest = float(np.abs(np.subtract(now, before)).max())
+        found = ((0.0, 'm'), (farthest, 'rad'))
+    return ' and '.join(f'{size:.3g} {unit}' for (size, unit), least in zip(
+        found, POSITIONING_ERROR) if size > least)
+
 
 STILLNESS_CHECK = 5
 """Stillness is checked once in so many commands: every 20 ms at 250 Hz, little against the 0.25 s
@@ -43,8 +127,8 @@ of its window."""
 
 
 REST = KEPT + 0.3
-"""Time before a pose is measured again [s]: a start wants the robot to have stood for the samples
-that are kept, and their latency."""
+"""Time before a pose is measured again [s]: a start requires that the robot has stood for the
+samples that are kept, and their latency."""
 
 
 class WrenchReader:
@@ -120,11 +204,13 @@ class Sequencer(MotionNode[SequencerSettings]):
         if self.get_parameter('motion.require_preview').value:
             self._preview.refuse_other(self._values(), settings.poses, start)
         parts = self._plan(start)
-        self.get_logger().info(f'{settings.sequence} starts, with poses '
-                               f'{", ".join(settings.poses)}')
+        how = ('in continuous motion' if settings.continuous
+               else f'with poses {", ".join(settings.poses)}')
+        self.get_logger().info(f'{settings.sequence} starts, {how}')
         self._collector.clear()
         self._collector.frames.update(self._sensors.frames)
-        self._measured, self._repeats = list(settings.poses), settings.repeats
+        self._measured = list(settings.poses)
+        self._repeats = 0 if settings.continuous else settings.repeats
         self._sequence.settings = settings.stream
         self._sequence.start(parts, start, 'identification' if SEQUENCES[
             settings.sequence].identifies else '')
@@ -133,9 +219,12 @@ class Sequencer(MotionNode[SequencerSettings]):
     def _plan(self, start: Goal) -> tuple[PlannedSegment, ...]:
         """Plan from where the robot stands, checked against all limits."""
         settings = self._settings
-        goals, away = settings.goals(start)
-        plan = SEQUENCES[settings.sequence].plan(goals, away, settings.timing)
-        parts = prepare(plan, start, settings.pace, settings.limits)
+        if settings.continuous:
+            parts = continuous_plan(start, settings.timing, settings.pace, settings.limits)
+        else:
+            goals, away = settings.goals(start)
+            plan = SEQUENCES[settings.sequence].plan(goals, away, settings.timing)
+            parts = prepare(plan, start, settings.pace, settings.limits)
         check_wrench(parts, self._sensors.monitor.mean('wrench'), settings.limits)
         return parts
 
@@ -146,9 +235,10 @@ class Sequencer(MotionNode[SequencerSettings]):
         parts = self._plan(start)
         frame = self._sensors.frames['pose'] or self.get_parameter('motion.frame').value
         limits, now = self._settings.limits, self.get_clock().now()
-        self._path_out.publish(path_message(parts, frame, now))
+        positions, rotations = path_of(parts)
+        self._path_out.publish(path_message(positions, rotations, frame, now))
         self._markers_out.publish(plan_markers(
-            limits.workspace_min, limits.workspace_max, path_of(parts)[0], frame, now))
+            limits.workspace_min, limits.workspace_max, positions, frame, now))
         self._preview.note(self._values(), self._settings.poses, start)
         found = in_words(outline(parts, self._settings.limits.tip))
         return self._with_caveat(f'{self._settings.sequence}: {found}')
@@ -268,7 +358,7 @@ class Sequencer(MotionNode[SequencerSettings]):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node; returns the exit status."""
-    return run('sequencer', Sequencer, arguments)
+    return run('sequencer', Sequencer, arguments, PARAMETERS)
 
 
 if __name__ == '__main__':

@@ -18,7 +18,7 @@ from forcecal_ros.core.parameters import Parameter, parameters_of, section_of
 from forcecal_ros.core.safe_yaml import LARGEST, load_yaml
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import WatchSettings
-from forcecal_ros.motion.plan import Goal, Timing
+from forcecal_ros.motion.plan import Goal, SEQUENCES, Timing
 from forcecal_ros.motion.poses import (
     anchor,
     flatten_poses,
@@ -28,11 +28,15 @@ from forcecal_ros.motion.poses import (
     step_goal,
 )
 from forcecal_ros.motion.profiles import Pace, Pose
-from forcecal_ros.motion.programs import SEQUENCES
 from forcecal_ros.motion.sequence import StreamSettings
-from forcecal_ros.nodes.pose_source import POSE_PARAMETERS
+from forcecal_ros.nodes.inputs import (
+    ACCELEROMETER_SOURCE,
+    COMMAND_PARAMETERS,
+    POSE_PARAMETERS,
+    WRENCH_SIGN,
+)
+from forcecal_ros.nodes.parameters import live_parameter as _live
 from forcecal_ros.nodes.runtime import EXECUTOR
-from forcecal_ros.nodes.sensors import ACCELEROMETERS
 import numpy as np
 
 LATENCY = 0.05
@@ -42,15 +46,12 @@ that all readings in it were taken at rest [s]."""
 _WATCH = WatchSettings()
 
 
-def _live(name: str, default: Any, description: str, unit: str = '', low: float | None = None,
-          high: float | None = None, choices: tuple[str, ...] = ()) -> Parameter:
-    """Return a parameter that takes effect at the next start."""
-    return Parameter(name, default, description, unit, low, high, choices, live=True)
-
-
 PARAMETERS = (
     EXECUTOR,
     _live('sequence', 'calibrate', 'Sequence that a start runs', choices=tuple(SEQUENCES)),
+    _live('motion.sequence', 'poses', 'How calibrate moves. poses: to each pose, at rest in it, '
+          'and a step; continuous: 10 s of smooth motion in all axes about where the robot '
+          'stands, within limits and pace', choices=('poses', 'continuous')),
     _live('poses.names', list(nominal_poses()), 'Names of the poses in their order; the step is '
           'made in the first'),
     _live('poses.values', flatten_poses(nominal_poses()),
@@ -70,10 +71,7 @@ PARAMETERS = (
     Parameter('motion.backend', 'target_frame', 'Topic and type of the commands',
               choices=('target_frame', 'joint_trajectory', 'delta_twist_cmds')),
     Parameter('motion.rate', 250.0, 'Rate of the commands', 'Hz', 100.0, 250.0),
-    Parameter('motion.frame', '', 'frame_id of commands: the robot base link; empty: that of '
-              'current_pose, from which it may not differ'),
-    Parameter('motion.deadman_timeout', 0.0, 'Silence of the topic deadman that stops a motion; '
-              '0: no dead-man switch', 's', 0.0, 10.0),
+    *COMMAND_PARAMETERS,
     _live('motion.require_preview', False, 'Refuse a start unless sequencer/preview has shown '
           'what it does, with these parameters and the robot where it is'),
     Parameter('motion.twist_gain', 5.0, 'delta_twist_cmds: gain from the pose error to the '
@@ -83,13 +81,10 @@ PARAMETERS = (
           'other', 'rad'),
     _live('joints.away', [0.0], 'joint_trajectory: joint vector at the end of the step', 'rad'),
     *POSE_PARAMETERS,
-    Parameter('wrench.sign', 1, '-1 for a driver that reports the wrench of the tool on its '
-              'environment', low=-1, high=1),
+    WRENCH_SIGN,
     Parameter('wrench.matrix_file', '', 'calibration.yaml of forcecal insitu whose matrix turns '
               'the raw channels on the wrench topic into a wrench; empty: they are one'),
-    Parameter('accelerometer.source', 'raw', 'Where the accelerometer comes from: '
-              'accelerometer/raw in volts, imu/data_raw or accel in m/s^2',
-              choices=(*ACCELEROMETERS, 'none')),
+    ACCELEROMETER_SOURCE,
     _live('accelerometer.coupling', 'dc', 'ac for a sensor that does not measure a constant '
           'acceleration', choices=COUPLINGS),
     _live('accelerometer.cutoff', 0.0, 'Cut-off frequency of an ac sensor where known; 0: '
@@ -130,6 +125,7 @@ class SequencerSettings(NamedTuple):
     stream: StreamSettings
     identification: IdentificationSettings
     repeats: int = 0
+    continuous: bool = False
 
     def goals(self, start: Goal) -> tuple[dict[str, Goal], Goal]:
         """Return goals and the goal of the step, as poses or joint vectors like ``start``."""
@@ -161,7 +157,8 @@ def settings_of(value: Mapping[str, Any]) -> SequencerSettings:
     return SequencerSettings(
         value['sequence'], poses, joints, away, section_of(Timing, value, 'timing'),
         section_of(Pace, value, 'pace'), limits, watch, stream, _identification(value),
-        value['identify.repeats'])
+        value['identify.repeats'],
+        value['sequence'] == 'calibrate' and value['motion.sequence'] == 'continuous')
 
 
 def _identification(value: Mapping[str, Any]) -> IdentificationSettings:
@@ -194,8 +191,8 @@ def _joint_vectors(names: list[str], value: Mapping[str, Any]
     away = np.array(value['joints.away'], dtype=float)
     if len(vectors) != len(joints) * len(names) or len(away) != len(joints):
         raise ConfigError(
-            f'{len(joints)} joints and {len(names)} poses want {len(joints) * len(names)} numbers '
-            f'in joints.values and {len(joints)} in joints.away, got {len(vectors)} and '
+            f'{len(joints)} joints and {len(names)} poses require {len(joints) * len(names)} '
+            f'numbers in joints.values and {len(joints)} in joints.away, got {len(vectors)} and '
             f'{len(away)}')
     if not (np.isfinite(vectors).all() and np.isfinite(away).all()):
         raise ConfigError('joints.values or joints.away holds a number that is not finite')

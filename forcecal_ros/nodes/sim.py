@@ -1,21 +1,34 @@
-"""The simulated rig as a node: follows ``target_frame``, publishes the readings of its sensors."""
+"""The simulated rig as a node: follows ``target_frame``, publishes its sensors, injects faults."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from struct import error as StructError
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from forcecal_ros.core.errors import MotionError
-from forcecal_ros.core.geometry import matrix_from_quaternion, quaternion_of
+from forcecal_ros.core.errors import ConfigError, MotionError
+from forcecal_ros.core.geometry import Array, matrix_from_quaternion, quaternion_of
 from forcecal_ros.core.parameters import Parameter
-from forcecal_ros.nodes.faults import Faults
-from forcecal_ros.nodes.faults import PARAMETERS as FAULT_PARAMETERS
-from forcecal_ros.nodes.inbox import Inbox
-from forcecal_ros.nodes.parameters import declare
-from forcecal_ros.nodes.reporting import diagnostic_array, Waiting
-from forcecal_ros.nodes.runtime import EXECUTOR, OUTPUT, run, STEADY, SYSTEM
-from forcecal_ros.nodes.wire import frame_of, JointWriter, Reader, Writer
+from forcecal_ros.nodes.parameters import declare, refuse_changes
+from forcecal_ros.nodes.runtime import (
+    diagnostic_array,
+    EXECUTOR,
+    OUTPUT,
+    run,
+    STEADY,
+    SYSTEM,
+    Waiting,
+)
+from forcecal_ros.nodes.wire import frame_of, Inbox, JointWriter, Reader, Writer
+from forcecal_ros.sim.rig.faults import (
+    CLOCK_FAULTS,
+    CLOCK_JUMP,
+    FAULTS,
+    ROBOT_FAULTS,
+    RobotFault,
+    SensorFault,
+    SENSORS,
+)
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import (
     CommandSchedule,
@@ -32,10 +45,102 @@ from rclpy.time import Time
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import Imu, JointState
 
+PREFIX = 'fault.'
+
+
+def _row(name: str, what: str, kinds: dict[str, str]) -> Parameter:
+    meaning = '; '.join(f'{word}: {meaning}' for word, meaning in kinds.items())
+    return Parameter(PREFIX + name, 'none', f'Fault of {what}, at once. {meaning}',
+                     choices=tuple(kinds), live=True)
+
+
+FAULT_PARAMETERS = (
+    *(_row(sensor, f'the sensor {sensor}', FAULTS) for sensor in SENSORS),
+    _row('robot', 'the robot', ROBOT_FAULTS),
+    _row('clock', 'the clock that is published', CLOCK_FAULTS),
+)
+
+
+class Faults:
+    """
+    The injected faults of one simulated rig.
+
+    Parameters
+    ----------
+    node : Node
+        Has declared ``PARAMETERS``.
+    seed : int or None
+        Of garbage readings.
+    jump : callable or None
+        Makes the published clock jump [ns]; None where no clock is published.
+    """
+
+    def __init__(self, node: Node, seed: int | None, jump: Callable[[int], None] | None) -> None:
+        self._sensors = {sensor: SensorFault(sensor, seed) for sensor in SENSORS}
+        self._robot = RobotFault()
+        self._jump = jump
+        self._clock = 'none'
+        refuse_changes(node, self._check)
+        node.add_post_set_parameters_callback(
+            lambda changes: self._set({change.name: change.value for change in changes}))
+        start = {row.name: node.get_parameter(row.name).value for row in FAULT_PARAMETERS}
+        self._check(start)
+        self._set(start)
+
+    def _check(self, values: dict[str, Any]) -> None:
+        if self._jump is None and values.get('fault.clock', 'none') != 'none':
+            raise ConfigError('fault.clock requires a clock that this node publishes; set '
+                              'clock.publish')
+
+    def _set(self, values: dict[str, Any]) -> None:
+        for name, kind in values.items():
+            part = name.removeprefix(PREFIX)
+            if not name.startswith(PREFIX):
+                continue
+            if part == 'clock':
+                self._set_clock(kind)
+            elif part == 'robot':
+                self._robot.kind = kind
+            else:
+                self._sensors[part].kind = kind
+
+    def _set_clock(self, kind: str) -> None:
+        before, self._clock = self._clock, kind
+        if self._jump is not None and kind != before and kind in ('forward', 'back'):
+            self._jump(round(CLOCK_JUMP * 1e9) * (1 if kind == 'forward' else -1))
+
+    @property
+    def clock_stopped(self) -> bool:
+        """Whether the published clock stands still."""
+        return self._clock == 'stopped'
+
+    @property
+    def active(self) -> list[str]:
+        """The faults that are switched on, such as ``wrench stuck``."""
+        named = [*((s, f.kind) for s, f in self._sensors.items()), ('robot', self._robot.kind),
+                 ('clock', self._clock)]
+        return [f'{name} {kind}' for name, kind in named if kind != 'none']
+
+    @property
+    def runaway(self) -> bool:
+        """Whether the robot moves without new commands."""
+        return self._robot.kind == 'runaway'
+
+    def command(self, position: Array, period: float) -> Array | None:
+        """Return the command after faults of the robot, shape (3,) [m]; None: it is ignored."""
+        return self._robot(position, period)
+
+    def changed(self, samples: Samples) -> Samples:
+        """Return the samples after faults of the sensors."""
+        for fault in self._sensors.values():
+            samples = fault(samples)
+        return samples
+
+
 PARAMETERS = (
     EXECUTOR,
     Parameter('rig', '', 'Rig file (YAML); empty: the nominal rig'),
-    Parameter('accelerometer', '', 'Which accelerometer is mounted; empty: as the rig file says',
+    Parameter('accelerometer', '', 'Which accelerometer is mounted; empty: as the rig file states',
               choices=('', 'acc1', 'acc2')),
     Parameter('seed', -1, 'Seed of the noise; -1: another one at each start', low=-1, high=2**31),
     Parameter('noise', True, 'Whether the sensors are noisy'),
@@ -303,7 +408,7 @@ class Sim(Node):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node; returns the exit status."""
-    return run('sim', Sim, arguments)
+    return run('sim', Sim, arguments, PARAMETERS)
 
 
 if __name__ == '__main__':

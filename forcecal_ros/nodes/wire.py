@@ -1,14 +1,19 @@
-"""Serialised messages of the fast topics, read and written without message objects.
+"""Serialised messages of the fast topics, and subscriptions that are polled.
 
 At 1 kHz and four topics the message objects cost more than all that is computed from them. Every
 type here is a header and then doubles, so that all offsets follow from the length of frame_id.
+
+An executor wakes up for every message. Polling every few milliseconds halves the load (3250
+messages per second: 9 % of a core against 20 %), and a node that was late takes all messages
+before it decides anything.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from struct import error as StructError
 from struct import pack, Struct, unpack_from
 from typing import Any, NamedTuple
 
+from forcecal_ros.nodes.runtime import SENSOR
 from geometry_msgs.msg import (
     AccelStamped,
     PoseStamped,
@@ -16,6 +21,10 @@ from geometry_msgs.msg import (
     Vector3Stamped,
     WrenchStamped,
 )
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+from rclpy.type_support import check_is_valid_msg_type
 from sensor_msgs.msg import Imu, JointState
 
 DOUBLES: dict[type, int] = {
@@ -26,7 +35,7 @@ DOUBLES: dict[type, int] = {
 FIRST = {Imu: 25}
 """Index of the first double to read, where not 0: the linear acceleration of an IMU."""
 
-WANTED = {Imu: 3, AccelStamped: 3}
+READ_COUNT = {Imu: 3, AccelStamped: 3}
 """Number of doubles to read, where not all."""
 
 REMEMBERED = 20
@@ -53,7 +62,7 @@ class Reader:
 
     def __init__(self, message_type: Any) -> None:
         first = FIRST.get(message_type, 0)
-        count = WANTED.get(message_type, DOUBLES[message_type])
+        count = READ_COUNT.get(message_type, DOUBLES[message_type])
         self._skip = 8 * first
         self._little = Struct(f'<{count}d').unpack_from
         self._big = Struct(f'>{count}d').unpack_from
@@ -84,54 +93,6 @@ def frame_of(raw: bytes) -> str:
     return raw[16:16 + length].rstrip(b'\0').decode(errors='replace')
 
 
-class JointReader:
-    """Reads the position of one joint, by its name, from serialised JointStates."""
-
-    message_type = JointState
-
-    def __init__(self, joint: str) -> None:
-        self._joint = joint.encode() + b'\0'
-        self._names = b''
-        self._index = -1
-        self._offset = 0
-
-    def __call__(self, raw: bytes) -> Sample | None:
-        """
-        Read one message; None where it lacks the joint.
-
-        Raises
-        ------
-        struct.error
-            The message is shorter than its type.
-        """
-        order = '<' if raw[1] == 1 else '>'
-        sec, nanosec, length = unpack_from(order + 'iII', raw, 4)
-        start = _aligned(16 + length, 4)
-        if raw[start:start + len(self._names)] != self._names or not self._names:
-            self._learn(raw, order, start)
-        if self._index < 0:
-            return None
-        (count,) = unpack_from(order + 'I', raw, self._offset)
-        if self._index >= count:
-            return None
-        first = _aligned(self._offset + 4, 8)
-        value = unpack_from(order + 'd', raw, first + 8 * self._index)
-        return Sample(sec * 1_000_000_000 + nanosec, value)
-
-    def _learn(self, raw: bytes, order: str, start: int) -> None:
-        """Find the joint among the names, and where the positions begin."""
-        (count,) = unpack_from(order + 'I', raw, start)
-        position, self._index = start + 4, -1
-        for i in range(min(count, len(raw))):
-            position = _aligned(position, 4)
-            (length,) = unpack_from(order + 'I', raw, position)
-            if raw[position + 4:position + 4 + length] == self._joint:
-                self._index = i
-            position += 4 + length
-        self._names = raw[start:position]
-        self._offset = _aligned(position, 4)
-
-
 class JointsReader:
     """
     Reads the positions of several joints, by their names, from serialised JointStates.
@@ -156,7 +117,7 @@ class JointsReader:
         Returns
         -------
         int and list of float or None
-            Header stamp [ns], and positions [rad or m] in the order of the joints asked for; None
+            Header stamp [ns], and positions [rad or m] in the order of the joints requested; None
             where the message lacks one.
 
         Raises
@@ -217,6 +178,27 @@ class JointsReader:
         return layout
 
 
+class JointReader:
+    """Reads the position of one joint, by its name, from serialised JointStates."""
+
+    message_type = JointState
+
+    def __init__(self, joint: str) -> None:
+        self._read = JointsReader([joint])
+
+    def __call__(self, raw: bytes) -> Sample | None:
+        """
+        Read one message; None where it lacks the joint.
+
+        Raises
+        ------
+        struct.error
+            The message is shorter than its type.
+        """
+        stamp_ns, (value,) = self._read(raw)
+        return None if value is None else Sample(stamp_ns, (value,))
+
+
 class Writer:
     """Writes serialised messages of one type of ``DOUBLES``, in one frame."""
 
@@ -248,3 +230,85 @@ class JointWriter:
         """Write one message of header stamp [ns] and position [rad] or [m]."""
         return self._pack(b'\0\1\0\0', stamp_ns // 1_000_000_000, stamp_ns % 1_000_000_000,
                           self._head, position, 0, 0)
+
+
+MOST = 500
+"""Messages of one topic taken in one go at most, 2.5 times the queue of a sensor topic, so that no
+flood starves the node."""
+
+
+class PolledSubscription:
+    """
+    A subscription outside any executor, which would wake up for every message.
+
+    Attributes
+    ----------
+    topic_name : str
+        Resolved.
+    """
+
+    def __init__(self, node: Node, message_type: Any, topic: str, take: Callable[[bytes], None]
+                 ) -> None:
+        check_is_valid_msg_type(message_type)  # which also imports its C part
+        self._message_type, self._take = message_type, take
+        self.topic_name = node.resolve_topic_name(topic)
+        with node.handle:
+            self._handle = rclpy_implementation.Subscription(
+                node.handle, message_type, topic, SENSOR.get_c_qos_profile())
+
+    def drain(self) -> None:
+        """Take the messages that have arrived."""
+        with self._handle:
+            for _ in range(MOST):
+                message = self._handle.take_message(self._message_type, True)
+                if message is None:
+                    break
+                self._take(message[0])
+
+    def destroy(self) -> None:
+        """End the subscription."""
+        self._handle.destroy_when_not_in_use()
+
+
+class Inbox:
+    """
+    Subscriptions that :meth:`drain` takes messages from, instead of the executor.
+
+    Parameters
+    ----------
+    polled : bool
+        False: leave the subscriptions to the executor, which wakes up for every message.
+    """
+
+    def __init__(self, node: Node, polled: bool = True) -> None:
+        self._node = node
+        self._selected = polled
+        self._polled: list[PolledSubscription] = []
+
+    def subscribe(self, message_type: Any, topic: str, take: Callable[[bytes], None]
+                  ) -> Subscription | PolledSubscription:
+        """Subscribe with the QoS of a sensor; ``take`` gets the serialised messages."""
+        if not self._selected:
+            return self._node.create_subscription(message_type, topic, take, SENSOR, raw=True)
+        polled = PolledSubscription(self._node, message_type, topic, take)
+        self._polled.append(polled)
+        return polled
+
+    def drain(self) -> None:
+        """Take the messages that have arrived, topic by topic in the order of subscription."""
+        for polled in self._polled:
+            polled.drain()
+
+    def unsubscribe(self, subscription: Subscription | PolledSubscription) -> None:
+        """End one subscription."""
+        if isinstance(subscription, PolledSubscription):
+            self._polled = [one for one in self._polled if one is not subscription]
+            subscription.destroy()
+        else:
+            self._node.destroy_subscription(subscription)
+
+    def close(self) -> None:
+        """End all polled subscriptions, which the node does not know of."""
+        for polled in self._polled:
+            polled.destroy()
+        self._polled = []

@@ -9,7 +9,7 @@ from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.quantity import quantity, rounded, size, sizes
 from forcecal_ros.core.streams import FREE, Recording, STILL, Stream
 from forcecal_ros.report import figures
-from forcecal_ros.report.page import Picture, picture, render_page
+from forcecal_ros.report.page import Fact, origin, Picture, picture, render_page, Step
 from forcecal_ros.report.panels import Line, Panel, Shown
 from forcecal_ros.report.rows import (
     HALF,
@@ -22,7 +22,6 @@ from forcecal_ros.report.rows import (
     true_value,
     value,
 )
-from forcecal_ros.report.words import Fact, origin, Step
 from matplotlib.figure import Figure
 import numpy as np
 
@@ -100,7 +99,7 @@ def free_motion(recording: Recording, calibration: Calibration, contact: Stream 
 
 
 def _headline(c: Calibration, free: Free | None) -> str:
-    tool = f'The tool weighs {quantity(float(c.mass), float(c.mass.std), "kg")}.'
+    tool = f'The tool weighs {quantity(float(c.mass), HALF * float(c.mass.std), "kg")}.'
     if free is None:
         return tool
     return (f'{tool} Where nothing touches it, {size(free.sensor, "N")} of weight and inertia '
@@ -109,9 +108,9 @@ def _headline(c: Calibration, free: Free | None) -> str:
 
 def _facts(c: Calibration, free: Free | None, warnings: list[str], step: Step | None
            ) -> list[Fact]:
-    com = ', '.join(f'{axis} {quantity(float(v), float(s), "m")}'
+    com = ', '.join(f'{axis} {quantity(float(v), HALF * float(s), "m")}'
                     for axis, v, s in zip('xyz', c.com.value, c.com.std))
-    facts = [Fact('Tool', f'Centre of mass {com} from the sensor.')]
+    facts = [Fact('Tool', f'Centre of mass {com} from the sensor (± is a 95 % interval).')]
     if free is not None:
         facts.append(Fact('Contact force', (
             f'{size(free.observer, "N", 2)} RMS of error in free motion, of '
@@ -132,7 +131,8 @@ def _begun(delay: Estimate) -> str:
     late, std = float(delay), float(delay.std)
     if abs(late) < HALF * std:
         return f'In step with the wrench, within {size(HALF * std, "s", 2)}'
-    return f'{quantity(abs(late), std, "s")} {"behind" if late > 0.0 else "ahead of"} the wrench'
+    where = 'behind' if late > 0.0 else 'ahead of'
+    return f'{quantity(abs(late), HALF * std, "s")} {where} the wrench'
 
 
 def _origin(recording: Recording, c: Calibration) -> list[str]:
@@ -206,7 +206,7 @@ def in_words(quality: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         Of ``calibration.yaml``; what it does not hold is left out.
     """
     if 'residual_rms' in quality:
-        yield 'Left over at rest', (
+        yield 'Residual at rest', (
             f'{sizes(quality["residual_rms"][:3], "N")} and '
             f'{sizes(quality["residual_rms"][3:], "N m")} RMS (x, y, z) between the poses and one '
             'rigid tool.')

@@ -1,20 +1,30 @@
-"""The report of a diagnosis as one HTML page, and its pictures."""
+"""The report of a diagnosis as one HTML page: its answer in words, pictures and tables."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import inf
+import shlex
 
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.quantity import beside, rounded, with_error
-from forcecal_ros.diagnose.inputs.channels import CHANNELS, STAGES
+from forcecal_ros.core.noise.autoregression import fit_autoregression
+from forcecal_ros.core.quantity import beside, rounded, size, with_error
+from forcecal_ros.core.streams import Phase
+from forcecal_ros.diagnose.engine import Outcome
+from forcecal_ros.diagnose.inputs.channels import Blocks, CHANNELS, STAGES, units
 from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, instants, Parameter
-from forcecal_ros.diagnose.localise.time_frequency import BANDS, RATE
+from forcecal_ros.diagnose.localise.time_frequency import (
+    BANDS,
+    RATE,
+    time_frequency_bins,
+    TimeFrequencyBin,
+)
 from forcecal_ros.diagnose.say.result import Diagnosis
-from forcecal_ros.diagnose.say.verdict import percent
-from forcecal_ros.report.diagnosis_view import FAINT, SEEN, View
-from forcecal_ros.report.diagnosis_words import explained, facts, headline, NAMED
-from forcecal_ros.report.effect_words import phrase
-from forcecal_ros.report.page import Picture, picture, render_page
-from forcecal_ros.report.panels import COLOURS, Line, Panel, Shown
-from forcecal_ros.report.words import Step
+from forcecal_ros.diagnose.say.verdict import FIRST, FURTHER, percent
+from forcecal_ros.report.effect_words import phrase, sentence, WORDS
+from forcecal_ros.report.page import Fact, Picture, picture, render_page, Step
+from forcecal_ros.report.panels import COLOURS, joined, Line, Panel, Shown
+from forcecal_ros.report.rows import HALF
+from forcecal_ros.sim.signals import JOINTS, Signals
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
@@ -22,13 +32,444 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+SEEN = 4.0
+"""Standard deviations above which a time-frequency bin is coloured."""
+
+FAINT = 0.05
+"""Excess, in noise RMS, below which a bin is not worth looking at however sure it is."""
+
+LOOKED_AT = 2.0
+"""What is shown at most of a phase that is twice as long [s]: some 500 block means."""
+
+PERIODS = 8
+"""Of the lowest frequency of a band, that are seen at first: of the highest they are some twenty,
+each of 15 px on a phone."""
+
+_INDEX = {c.name: i for i, c in enumerate(CHANNELS)}
+
+
+@dataclass(frozen=True)
+class View:
+    """
+    A diagnosis and the signals of the recording it was judged on, in block means.
+
+    Attributes
+    ----------
+    advice : str
+        What to record next; empty where nothing is missing.
+    units : dict of str to str
+        Of the channels.
+    times : ndarray, shape (n,)
+    groups : ndarray of int, shape (n,)
+        0 at rest.
+    present : ndarray of bool, shape (n, channels)
+    measured : ndarray, shape (n, channels)
+    nominal, recalibrated, explained : ndarray, shape (n, channels)
+        Measured less simulated.
+    cells : tuple of Cell
+        Excess of the recalibrated residual.
+    """
+
+    diagnosis: Diagnosis
+    advice: str
+    units: dict[str, str]
+    times: Array
+    phases: tuple[Phase, ...]
+    groups: NDArray[np.intp]
+    present: NDArray[np.bool_]
+    measured: Array
+    nominal: Array
+    recalibrated: Array
+    explained: Array
+    cells: tuple[TimeFrequencyBin, ...]
+
+    def focus(self) -> TimeFrequencyBin | None:
+        """Return the place that the verdict speaks of, the strongest; None where all is noise."""
+        for w in self.diagnosis.localisation:
+            if any(p.name == w.phase for p in self.phases):
+                return TimeFrequencyBin(_INDEX[w.channel], w.phase, w.band_hz, w.excess, SEEN)
+        if self.diagnosis.verdict == 'no_gap':
+            return None
+        return max((c for c in self.cells if c.z > SEEN and c.excess > FAINT),
+                   key=lambda c: c.z, default=None)
+
+    def span(self) -> Phase | None:
+        """Return when the misfit of the focus is largest: a phase, or the worst part of it."""
+        place = self.focus()
+        return None if place is None else self._worst(place.channel, [
+            part for phase in joined(self.phases) if phase.name == place.phase
+            for part in _parts(phase, LOOKED_AT)])
+
+    def closer(self) -> Phase | None:
+        """Return the worst part of that span, so short that single periods show; None: all."""
+        span, place = self.span(), self.focus()
+        if span is None or place is None or place.band[0] <= 0.0:
+            return None
+        parts = _parts(span, PERIODS / place.band[0])
+        return self._worst(place.channel, parts) if len(parts) > 1 else None
+
+    def _worst(self, channel: int, parts: list[Phase]) -> Phase | None:
+        """Return the part of the largest misfit."""
+        square = np.where(self.present[:, channel], self.recalibrated[:, channel] ** 2, 0.0)
+        total = np.concatenate([[0.0], np.cumsum(square)])
+
+        def misfit(part: Phase) -> float:
+            first, last = np.searchsorted(self.times, [part.start, part.end])
+            return float(total[last] - total[first])
+
+        return max(parts, key=misfit, default=None)
+
+    def channels(self, count: int) -> list[int]:
+        """Return the channels that changed most or, where none did, the first ones."""
+        place = self.focus()
+        listed = [] if place is None else [place.channel]
+        listed += [_INDEX[w.channel] for w in self.diagnosis.localisation]
+        listed += [i for i in range(len(CHANNELS)) if self.present[:, i].any()]
+        return list(dict.fromkeys(listed))[:count]
+
+
+def _parts(phase: Phase, length: float) -> list[Phase]:
+    """Cut a phase that is twice as long as ``length``, or longer, into parts that overlap."""
+    halves = int((phase.end - phase.start) / (0.5 * length))
+    if halves < 4:
+        return [phase]
+    starts = np.linspace(phase.start, phase.end - length, halves)
+    return [Phase(phase.name, float(start), float(start) + length) for start in starts]
+
+
+def view_without_signals(diagnosis: Diagnosis) -> View:
+    """Show a diagnosis of data that cannot answer: what its verdict says is all there is."""
+    nothing = np.zeros((0, len(CHANNELS)))
+    return View(diagnosis, '', units(), np.zeros(0), (), np.zeros(0, np.intp),
+                np.zeros(nothing.shape, np.bool_), nothing, nothing, nothing, nothing, ())
+
+
+def view_of(outcome: Outcome, advice: str, of_channels: dict[str, str]) -> View:
+    """
+    Show a diagnosis.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        With cases.
+    of_channels : dict of str to str
+        Their units.
+    """
+    dataset = outcome.datasets[-1]
+    present = dataset.measured.present
+    nominal = dataset.measured.residual(dataset.nominal)
+    measured = np.where(present, _means(dataset.nominal, len(dataset.groups)) + nominal, np.nan)
+    return View(outcome.diagnosis, advice, of_channels, dataset.times, dataset.phases,
+                dataset.groups, present, measured, nominal, outcome.recalibrated[-1],
+                outcome.explained[-1],
+                _cells(dataset, present, outcome.recalibrated[-1], outcome.explained[-1]))
+
+
+def _cells(dataset: Blocks, present: NDArray[np.bool_], before: Array, after: Array
+           ) -> tuple[TimeFrequencyBin, ...]:
+    noise = fit_autoregression(after, present, dataset.groups)
+    return tuple(time_frequency_bins(dataset, noise, before))
+
+
+def _means(s: Signals, n: int) -> Array:
+    """Block means of what noise-free sensors say; turns, which are differences, as zero."""
+    length, joints = len(s.wrench), s.joints
+    rows = np.concatenate([s.wrench, s.volts, s.optidrive[:, np.newaxis], s.position,
+                           np.zeros((length, 3)),
+                           np.zeros((length, JOINTS)) if joints is None else joints], axis=1)
+    return np.asarray(rows.reshape(n, -1, rows.shape[1]).mean(axis=1))
+
+
+NAMED = ('identified', 'ambiguous', 'partial')
+"""Verdicts that name effects: of these alone a share of the misfit is said."""
+
+HEADS = {
+    'no_gap': 'The simulation explains this recording down to its noise.',
+    'unknown': 'Recording and simulation differ, and no known effect explains it.',
+    'not_excited': 'No verdict: ',
+    'invalid_data': 'This recording cannot be used: ',
+}
+"""First sentence of the verdicts that name no effect; the reason follows a colon."""
+
+UNTOLD = {
+    'not_excited': ('Not known: what hardly moves shows no gap.',
+                    'Not at all: an effect of its usual size need not have shown.'),
+    'invalid_data': ('Not known: nothing was compared.',
+                     'No effect was weighed; the fault shows in the recording itself.'),
+}
+"""How large and how sure a gap is that was not looked for."""
+
+SHARE = ' of the misfit'
+"""A verdict of effects that show in stamps and values alone says no share, nor does its page."""
+
+AS_WELL = 'explains it about as well'
+"""How the verdict ends of an effect that others could replace."""
+
+SAID = (SHARE, AS_WELL, 'explains the recording down to its noise')
+"""A verdict that ends so says no more than its first sentence on the page."""
+
+FEW = 6
+"""Effects that one line of the first screen lists, and how many more there are."""
+
+ROUNDED = 0.02
+"""What rounding adds to probabilities of which one alone is true."""
+
+_CHANNELS = {c.name for c in CHANNELS}
+
+
+def headline(d: Diagnosis) -> str:
+    """
+    Say what was found, how large it is, how sure that is, and how much it explains.
+
+    Returns
+    -------
+    str
+        ``The wrench comes 4.000 ± 0.014 ms late (92 % sure). Adding it explains 94 % of the
+        misfit (95 % interval: 87 to 98 %).``
+    """
+    if d.verdict not in NAMED:
+        head = HEADS[d.verdict]
+        return f'{head}{_cause_and_remedy(d)[0]}.' if head.endswith(' ') else head
+    found = ' '.join(f'{sentence(e)} (probability {percent(e.probability)}).' for e in d.effects)
+    return ' '.join(part for part in (found, explained(d), *_but(d)) if part)
+
+
+def _cause_and_remedy(d: Diagnosis) -> tuple[str, str]:
+    """Part the reason of a recording that tells nothing into what is wrong and what to do."""
+    cause, _, remedy = d.reason.rpartition('; ')
+    apart = cause and remedy.count('(') == remedy.count(')')  # not within parentheses
+    return (cause, remedy) if apart and HEADS[d.verdict].endswith(' ') else (d.reason, '')
+
+
+def explained(d: Diagnosis) -> str:
+    """Say which share of the misfit the named effects explain; empty where that is not known."""
+    if d.verdict not in NAMED or d.gap is None or SHARE not in d.reason:
+        return ''
+    low, high = d.gap.closed_ci95
+    them = 'it' if len(d.effects) == 1 else 'them'
+    # a name that is no effect's is a number of somebody's simulator
+    do = 'Adding' if any(e.name in WORDS for e in d.effects) else 'Changing'
+    return (f'{do} {them} explains {percent(d.gap.closed)} of the misfit (95 % interval: '
+            f'{max(0.0, 100.0 * low):.0f} to {100.0 * high:.0f} %).')
+
+
+def _but(d: Diagnosis) -> Iterator[str]:
+    others = [n for n, _ in d.candidates if n not in {e.name for e in d.effects} | {'unknown'}]
+    if d.verdict == 'ambiguous' and others:
+        these = 'this' if len(others) == 1 else 'each of these'
+        yield f'But {these} would explain it about as well: {_listed(others)}.'
+    if d.verdict == 'partial':
+        yield 'Part of the misfit is something else.'
+
+
+def facts(view: View, step: Step) -> list[Fact]:
+    """Return the lines below the first sentence."""
+    d = view.diagnosis
+    what = '; '.join(_explained_name(e.name) for e in d.effects if e.name != 'unknown')
+    return [one for one in (
+        Fact('What', _begun(what)), Fact('How large', _begun(_how_large(view))),
+        Fact('How sure', _how_sure(d)), Fact('Where', _begun(_where(view))),
+        Fact('When', _begun(_when(view))), _in_full(d),
+        Fact('Next', step.words, step.command)) if one.words]
+
+
+def _begun(words: str) -> str:
+    """Begin a sentence with a capital, unless it begins with the name of a channel."""
+    first = words.partition(' ')[0]
+    return words if first in _CHANNELS or '_' in first else words[:1].upper() + words[1:]
+
+
+def _in_full(d: Diagnosis) -> Fact:
+    """Return the verdict's own sentence, as far as it says more than what stands above."""
+    if HEADS.get(d.verdict, '').endswith(' ') or d.reason.endswith(SAID):
+        return Fact('In full', '')
+    _, share, more = d.reason.partition(SHARE)
+    if d.verdict == 'ambiguous':  # the first sentence names the others
+        more = more.partition(AS_WELL)[2]
+    if share and d.verdict in NAMED:
+        return Fact('Besides', _begun(f'{more.lstrip(",; ")}.'))
+    return Fact('In full', _begun(f'{d.reason}.'))
+
+
+def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str], advice: str = '',
+              how: Sequence[str] = ()) -> Step:
+    """
+    Say what to do with a diagnosis.
+
+    Parameters
+    ----------
+    bag, folder : str
+        The recording that was diagnosed, and where the results are.
+    files : sequence of str
+        What lies there beside the report.
+    advice : str
+        Which motion to record next; empty where none would tell more.
+    how : sequence of str
+        What a command has to say of the recording to find the same in it.
+    """
+    if d.verdict == 'ambiguous' and advice:
+        return Step(_begun(f'{advice.partition(";")[0].rstrip(".")}.'))
+    if d.verdict == 'invalid_data' and (remedy := _cause_and_remedy(d)[1]):
+        return Step(f'{_begun(remedy)}. Then diagnose again.')
+    rig, calibration, model = (
+        next((f'{folder.rstrip("/")}/{f}' for f in files if f.startswith(kind)), '')
+        for kind in ('rig', 'calibration_patched', 'model_patched'))
+    if d.verdict in NAMED and (remedy := _at_the_sensor(d)):
+        again = shlex.join(('forcecal', 'diagnose', 'NEW_BAG', *how, '-o', folder))
+        return Step(f'{remedy} Then record the same motion, and diagnose again:', again)
+    if d.verdict in NAMED and model:
+        return Step('Simulate with the model that has what was found; put it beside yours, '
+                    'where its meshes are:', model)
+    if d.verdict in NAMED and rig:
+        return Step('Simulate the same commands with what was found, and compare:', shlex.join(
+            ('forcecal', 'simulate', '--rig', rig, '--commands', bag, *how, '-o', 'corrected')))
+    if d.verdict in NAMED and calibration:
+        return Step('Estimate the contact force with what was found:', shlex.join(
+            ('forcecal', 'estimate', bag, '--calibration', calibration, *how, '-o', 'contact')))
+    if first := d.reason.partition(FIRST)[2]:
+        return Step(f'{_begun(first)}. Move more slowly, or give the model the limit that the '
+                    'robot has, and diagnose again.')
+    if d.verdict == 'no_gap' and (held := _held(d)):
+        return Step(f'Look at {held}: this recording is explained only with so much of it as its '
+                    'tolerance allows. State by --priors how far it may be off.')
+    return {
+        'no_gap': Step('Nothing has to be changed.'),
+        'unknown': Step('Record the same motion again: what comes again belongs to the rig or '
+                        'its model, what does not was chance. Nothing was added to the rig.'),
+        'not_excited': Step('Record a motion that shows what a diagnosis needs:',
+                            'forcecal plan -o plan.yaml'),
+        'invalid_data': Step('Fix what is named above, and diagnose again.'),
+    }.get(d.verdict, Step('Give the simulation what was found, and compare again.'))
+
+
+SENSOR_REMEDIES = {
+    'wrench_delay': 'Shorten the delay of the force sensor: filters in its driver, its bus, or '
+                    'stamps that are set on arrival.',
+    'wrench_lowpass': "Raise the corner of the force sensor's filter, or switch it off.",
+    'wrench_bias_drift': 'Let the force sensor warm up, and tare it before the motion.',
+    'wrench_saturation': 'Move with less force, or choose a larger range of the force sensor.',
+    'wrench_quantisation': 'Choose a finer resolution or a smaller range of the force sensor.',
+    'accel_delay': 'Shorten the delay of the accelerometer: filters in its driver, or stamps that '
+                   'are set on arrival.',
+    'accel_misalignment': "Correct the accelerometer's orientation, or calibrate again.",
+    'accel_resonance': 'Mount the accelerometer more rigidly.',
+    'accel_saturation': 'Choose a larger range of the accelerometer.',
+    'clock_skew': 'Synchronise the clocks of the drivers.',
+    'dropouts': 'Look for lost messages: network, queue depth, load of the computer.',
+}
+"""What to do about effects of sensors and stamps, which no model of the robot should contain."""
+
+SENSOR_PREFIXES = ('wrench_', 'accel_')
+"""Of effects of a sensor; others of them are corrected by a new calibration."""
+
+
+def _at_the_sensor(d: Diagnosis) -> str:
+    """Return what to do if all that is named belongs to sensors or stamps; else nothing."""
+    names = [e.name for e in d.effects if e.name != 'unknown']
+    if not names or not all(name in SENSOR_REMEDIES or name.startswith(SENSOR_PREFIXES)
+                            for name in names):
+        return ''
+    return ' '.join(dict.fromkeys(SENSOR_REMEDIES.get(
+        name, 'Calibrate the sensor again, and use that calibration.') for name in names))
+
+
+def _held(d: Diagnosis) -> str:
+    """Name the numbers of a simulator that only their tolerance keeps from going further."""
+    return next((note.partition(f' {FURTHER}')[0] for note in d.notes if FURTHER in note), '')
+
+
+def _how_large(view: View) -> str:
+    d, parts = view.diagnosis, []
+    if d.verdict in UNTOLD:
+        return UNTOLD[d.verdict][0]
+    if d.gap is None:
+        return ''
+    _, before, after = d.gap.contact_force
+    if d.verdict == 'no_gap':
+        return f'{size(before, "N", 2)} RMS above the noise in the contact force.' if (
+            before) else ''
+    worst = max(d.gap.channels.items(), key=lambda one: one[1][1] / (one[1][3] or inf),
+                default=None)
+    if worst is not None:
+        name, (_, apart, _, noise) = worst
+        parts.append(f'by {size(apart, view.units[name], 2)} RMS in {name}, whose noise is '
+                     f'{size(noise, view.units[name], 2)}')
+    if before > 0.0:
+        left = f' ({size(after, "N", 2)} with it added)' if d.verdict in NAMED else ''
+        parts.insert(0, f'by {size(before, "N", 2)} RMS in the contact force{left}')
+    return f'Beyond noise they differ {" and ".join(parts)}.' if parts else ''
+
+
+def _how_sure(d: Diagnosis) -> str:
+    if d.verdict == 'no_gap':
+        hidden = f', except {_few(d.not_excited)}' if d.not_excited else ''
+        return f'Every effect looked for would have shown at its usual size{hidden}.'
+    if d.verdict in UNTOLD:
+        return UNTOLD[d.verdict][1]
+    if not d.candidates:
+        return ''
+    named = {e.name for e in d.effects}
+    said = ', '.join(f'{percent(p)} {_called(name, named)}' for name, p in d.candidates)
+    together = sum(p for _, p in d.candidates) > 1.0 + ROUNDED
+    return f'{said}{"; several may act at once" if together else ""}.'
+
+
+def _few(names: Sequence[str]) -> str:
+    more = len(names) - FEW
+    return ', '.join((*names[:FEW], *((f'and {more} more',) if more > 0 else ())))
+
+
+def _called(name: str, named: Collection[str]) -> str:
+    """Call an effect by its name, and say what it is where that does not stand above."""
+    if name == 'unknown':
+        return 'none of the known effects'
+    said = phrase(name)
+    return name if name in named or name in said else f'{name} ({said})'
+
+
+def _listed(names: Sequence[str]) -> str:
+    return '; '.join(map(_explained_name, names))
+
+
+def _explained_name(name: str) -> str:
+    said = phrase(name)
+    return said if name in said else f'{said} ({name})'
+
+
+def _where(view: View) -> str:
+    place = view.focus()
+    if place is None:
+        return ''
+    low, high = place.band
+    band = f'below {high:g} Hz' if low <= 0.0 else f'{low:g} to {high:g} Hz'
+    more = [f'{w.channel} in {w.phase}' for w in view.diagnosis.localisation[1:3]]
+    then = f'; then {" and ".join(more)}' if more else ''
+    return (f'{CHANNELS[place.channel].name} in phase {place.phase}, {band}: '
+            f'{size(place.excess, "", 2).strip()} times the noise{then}.')
+
+
+def _when(view: View) -> str:
+    sudden = [(word, at, ci95) for e in view.diagnosis.effects for word, at, ci95 in instants(e)]
+    if sudden:
+        return '; '.join(_in_time(word, at, ci95) for word, at, ci95 in sudden) + '.'
+    span = view.span()
+    if span is None:
+        return ''
+    return f'Most visible from {span.start:.2f} to {span.end:.2f} s, in phase {span.name}.'
+
+
+def _in_time(word: str, at: float, between: tuple[float, float]) -> str:
+    interval = f'(95 %: {between[0]:.3f} to {between[1]:.3f} s)'
+    return f'from {at:.2f} s on {interval}' if word == 'from' else f'until {at:.2f} s {interval}'
+
+
 TONES = {'no_gap': 'good', 'identified': 'known', 'ambiguous': 'doubt', 'partial': 'doubt',
          'unknown': 'bad', 'not_excited': 'plain', 'invalid_data': 'bad'}
 """Colour of each verdict."""
 
 CAPTIONS = {
-    'Where it shows most': 'The channel and the phase that the verdict names; below, its '
-                           'residual: measured - simulated.',
+    'Where it shows most': 'The channel and the phase that the verdict names: its residual, '
+                           'measured - simulated; below, the signals.',
     'Where else': 'How far measured and simulated are apart beyond the noise at rest, by stage '
                   'and channel, phase and octave. Grey: no farther than noise.',
     'Signals': 'Simulated: after what differs from robot to robot was re-estimated within its '
@@ -61,8 +502,9 @@ def render(view: View, origin: list[str], step: Step) -> str:
     """
     d = view.diagnosis
     named = d.verdict in NAMED
-    arms = ('nominal', 'simulated', *(('explained',) if named else ()), 'noise')
-    kept = [0, 1, *((2,) if named else ()), 3]
+    kept = {'noise': 3, 'nominal': 0, 'before': 1, **({'after': 2} if named else {})}
+    shown = list(d.gap.channels.items()) if d.gap else []
+    apart = [rms[1] / (rms[3] or inf) for _, rms in shown]
     return render_page(
         'diagnosis.html.j2', 'Sim-to-real gap', origin=origin, verdict=d.verdict.replace('_', ' '),
         tone=TONES[d.verdict], headline=headline(d), facts=facts(view, step), notes=d.notes,
@@ -73,33 +515,35 @@ def render(view: View, origin: list[str], step: Step) -> str:
         advice=view.advice if d.verdict != 'invalid_data' else '',
         candidates=[(name, percent(p), phrase(name), 100.0 * p) for name, p in d.candidates
                     ] if d.verdict != 'not_excited' else [],
-        head=('channel', 'unit', *arms),
-        channels=[_row(name, [rms[k] for k in kept], view.units[name])
-                  for name, rms in (d.gap.channels.items() if d.gap else ())],
-        closest=list(_pictures(view, first=True)), figures=list(_pictures(view, first=False)))
+        head=('channel', *kept, 'unit'),
+        channels=[_row(name, [rms[k] for k in kept.values()], view.units[name])
+                  for name, rms in shown],
+        worst=apart.index(max(apart)) if any(apart) else -1,
+        closest=list(_pictures(view, {'Where it shows most': closest})),
+        figures=list(_pictures(view, {'Residuals': residuals, 'Spectra': spectra,
+                                      'Where else': heat_map})),
+        signals=list(_pictures(view, {'Signals': signals})))
 
 
 def _row(channel: str, values: list[float], unit: str) -> list[str]:
     shown, cells = beside(values, unit)
-    return [channel, shown, *cells]
+    return [channel, *cells, shown]
 
 
-def _pictures(view: View, *, first: bool) -> Iterator[Picture]:
-    if not len(view.times):
-        return
-    shown: dict[str, Figure | Shown | None] = {
-        'Where it shows most': closest(view)} if first else {
-        'Where else': heat_map(view), 'Signals': signals(view),
-        'Residuals': residuals(view), 'Spectra': spectra(view)}
-    for title, what in shown.items():
-        if what is not None:
+def _pictures(view: View, drawings: Mapping[str, Callable[[View], Figure | Shown | None]]
+              ) -> Iterator[Picture]:
+    for title, draw in drawings.items():
+        if len(view.times) and (what := draw(view)) is not None:
             more = WITH_EFFECTS.get(title, '') if named(view) else ''
-            yield picture(title, CAPTIONS[title] + more, what)
+            yield picture(title, CAPTIONS[title] + more, what,
+                          own_colours=title == 'Where else')
 
 
 def _with_error(p: Parameter) -> tuple[str, str]:
-    """Write a number and its standard error, or that it stands at its bound."""
-    return (with_error(p.value, 0.0)[0], AT_BOUND) if p.at_bound else with_error(p.value, p.std)
+    """Write a number and half its 95 % interval, or that it is at its bound."""
+    if p.at_bound:
+        return with_error(p.value, 0.0)[0], AT_BOUND
+    return with_error(p.value, HALF * p.std)
 
 
 def _numbers(d: Diagnosis) -> list[tuple[str, str, str, str, str]]:
@@ -123,11 +567,11 @@ def heat_map(view: View) -> Figure | None:
     found = [c for c in view.cells if c.z > SEEN and c.excess > FAINT]
     if not found:
         return None
-    there = {c.channel for c in view.cells}
+    there = {c.channel for c in found}
     rows = [i for stage in STAGES for i, c in enumerate(CHANNELS) if c.stage == stage
             and i in there]
     phases = list(dict.fromkeys(p.name for p in view.phases
-                                if any(c.phase == p.name for c in view.cells)))
+                                if any(c.phase == p.name for c in found)))
     bands = BANDS[:-1]
     table = np.full((len(rows), len(phases) * len(bands)), np.nan)
     for c in found:
@@ -141,10 +585,12 @@ def heat_map(view: View) -> Figure | None:
     for i in range(1, len(phases)):
         axes.axvline(i * len(bands) - 0.5, color='white', linewidth=2)
     axes.set_xticks([(i + 0.5) * len(bands) - 0.5 for i in range(len(phases))], phases)
-    axes.set_yticks(range(len(rows)), [f'{CHANNELS[i].stage}  {CHANNELS[i].name}' for i in rows],
-                    fontsize=8)
-    axes.set_xlabel(f'phase; within each, octaves from below {bands[0][1]:g} Hz to '
-                    f'{bands[-1][1]:g} Hz')
+    axes.set_yticks(range(len(rows)), [
+        f'{CHANNELS[i].stage} {CHANNELS[i].name}'.replace('_', ' ') for i in rows], fontsize=8)
+    axes.set_xticks(range(len(phases) * len(bands)), len(phases) * [
+        f'{high:g}' for _, high in bands], minor=True, fontsize=6, rotation=90)
+    axes.tick_params('x', which='major', length=0, pad=22)
+    axes.set_xlabel('octaves, by their upper frequency [Hz], and phase')
     figure.colorbar(image, label='excess [noise RMS]')
     return figure
 
@@ -158,7 +604,7 @@ def closest(view: View) -> Shown | None:
     start, end = span.start - margin, span.end + margin
     for at in begun(view):
         start, end = min(start, at - margin), max(end, at + margin)
-    return Shown((_signals(view, place.channel), _residuals(view, place.channel)), view.phases,
+    return Shown((_residuals(view, place.channel), _signals(view, place.channel)), view.phases,
                  max(start, float(view.times[0])), min(end, float(view.times[-1])), begun(view),
                  None if begun(view) or part is None else (part.start, part.end))
 

@@ -5,6 +5,7 @@ from typing import NamedTuple
 from forcecal_ros.core.quantity import quantity
 from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, NamedEffect, Parameter
 from forcecal_ros.effects.library import EFFECTS, Quantity
+from forcecal_ros.report.rows import HALF
 
 ALL = '{all}'
 """Stands for every number of an effect that is beyond chance, with its name."""
@@ -30,14 +31,15 @@ class Words(NamedTuple):
 
 
 WORDS = {
-    'wrench_delay': Words('force and torque come late', 'The wrench comes {delay} late'),
+    'wrench_delay': Words('force and torque come late',
+                          'The measured wrench lags the simulated one by {delay}'),
     'wrench_lowpass': Words(
         'force and torque are smoothed by a filter',
         'The wrench is smoothed by a filter with a time constant of {time_constant}'),
     'wrench_bias_drift': Words(
-        'the zero of force and torque creeps', 'The zero of the wrench drifts: {all}'),
+        'the bias of force and torque drifts', 'The bias of the wrench drifts: {all}'),
     'wrench_bias_step': Words(
-        'the zero of force and torque jumps', 'The zero of the wrench jumps: {all}'),
+        'the bias of force and torque steps', 'The bias of the wrench steps: {all}'),
     'wrench_gain': Words(
         'force or torque reads too much or too little',
         'The wrench reads too much (+) or too little (-): {all}'),
@@ -52,12 +54,13 @@ WORDS = {
     'wrench_quantisation': Words(
         'force and torque come in coarse steps', 'The wrench comes in coarse steps: {all}'),
     'accel_delay': Words(
-        'the accelerometer comes late', 'The accelerometer comes {delay} late'),
+        'the accelerometer comes late',
+        'The measured acceleration lags the simulated one by {delay}'),
     'accel_gain': Words(
         'the accelerometer reads too much or too little',
         'The accelerometer reads too much (+) or too little (-): {all}'),
     'accel_bias': Words(
-        'the zero of the accelerometer is off', 'The zero of the accelerometer is off: {all}'),
+        'the bias of the accelerometer is off', 'The bias of the accelerometer is off: {all}'),
     'accel_misalignment': Words(
         'the accelerometer is turned on its mount',
         'The accelerometer is turned on its mount: {all}'),
@@ -83,12 +86,12 @@ WORDS = {
         'The spring of the tool gets harder with its bending: cubic term {cubic}'),
     'tool_friction': Words(
         'the tool slides with dry friction', 'The tool slides with {force} of dry friction'),
-    'tool_backlash': Words('the tool has play', 'The tool has {gap} of play'),
+    'tool_backlash': Words('the tool has backlash', 'The tool has {gap} of backlash'),
     'cable_force': Words(
         'a cable or hose pulls at the tool', 'A cable or hose pulls at the tool: {all}'),
     'spindle_vibration': Words(
         'an unbalance shakes the tool', 'The tool is shaken at {frequency}'),
-    'robot_delay': Words('the robot moves late', 'The robot moves {delay} late'),
+    'robot_delay': Words('the robot moves late', 'The robot lags the simulated one by {delay}'),
     'robot_resonance': Words('the arm rings', 'The arm rings at {frequency}'),
     'base_tilt': Words('the base is not level', 'The base is not level: {all}'),
     'contact_stiffness': Words(
@@ -132,11 +135,11 @@ def sizes(effect: NamedEffect) -> str:
 
 
 def number(effect: str, name: str, p: Parameter) -> str:
-    """Write one number of an effect; one that only shapes it, or is no change, has no percent."""
+    """Write a number of an effect ± its 95 % interval; one that only shapes it has no percent."""
     plain = _shapes(effect, name) or effect not in WORDS
     known = _quantities(effect).get(name)
     signed = known is None or known.low < 0.0 <= known.high
-    said = quantity(p.value, 0.0 if p.at_bound else p.std, '' if p.unit == '1' and plain
+    said = quantity(p.value, 0.0 if p.at_bound else HALF * p.std, '' if p.unit == '1' and plain
                     else p.unit, signed=signed and not plain).strip()
     return f'{said} ({AT_BOUND})' if p.at_bound else said
 

@@ -1,16 +1,64 @@
 """Reports as pages: one HTML file each without network, everything in it escaped."""
 
 import base64
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from datetime import datetime, timezone
 from functools import cache
 import gzip
 from io import BytesIO
+import shlex
 from typing import Any, NamedTuple
 
 from forcecal_ros import __version__
+from forcecal_ros.core.streams import Recording
 from forcecal_ros.report.panels import drawn, live, Shown
 import jinja2
 from matplotlib.figure import Figure
+
+
+class Step(NamedTuple):
+    """What to do next: a sentence, and the command that does it where there is one."""
+
+    words: str
+    command: str = ''
+
+
+def estimated_by(bag: str, calibration: str, how: Sequence[str] = ()) -> Step:
+    """Say how a calibration is put to use; ``how``: what the command says of the recording."""
+    return Step('Take weight, inertia and bias off this recording, or another one:', shlex.join(
+        ('forcecal', 'estimate', bag, '--calibration', calibration, *how, '-o', 'contact')))
+
+
+class Fact(NamedTuple):
+    """One line of the first screen."""
+
+    label: str
+    words: str
+    command: str = ''
+
+
+DATED = 10 ** 18
+"""Stamps before this, of 2001, are of a clock that began with the simulation [ns]."""
+
+
+def origin(recordings: Sequence[Recording]) -> list[str]:
+    """Say of each recording which one it is, when it was made and how long it is."""
+    return [' · '.join(part for part in (one.source, _made(one), _lasting(one)) if part)
+            for one in recordings]
+
+
+def _made(recording: Recording) -> str:
+    if recording.start_ns < DATED:
+        return 'on simulated time'
+    return datetime.fromtimestamp(recording.start_ns / 1e9, timezone.utc).strftime(
+        '%Y-%m-%d %H:%M:%S UTC')
+
+
+def _lasting(recording: Recording) -> str:
+    ends = [s.t[-1] for s in (recording.wrench, recording.pose, recording.target)
+            if s is not None and len(s)]
+    return f'{max(ends):.0f} s' if ends else ''
+
 
 PAGES = jinja2.Environment(
     loader=jinja2.PackageLoader('forcecal_ros', 'report'), autoescape=True, trim_blocks=True,
@@ -29,22 +77,26 @@ class Picture(NamedTuple):
         The picture as text; it is printed, and shown where nothing can zoom.
     live : dict or None
         The same as a plot that zooms; empty where plotly is missing.
+    own_colours : bool
+        Its scale of colours means something: it is not inverted on a dark screen.
     """
 
     title: str
     words: str
     png: str
     live: dict[str, Any] | None = None
+    own_colours: bool = False
 
 
-def picture(title: str, words: str, what: Figure | Shown | bytes, dpi: int = 110) -> Picture:
+def picture(title: str, words: str, what: Figure | Shown | bytes, dpi: int = 110, *,
+            own_colours: bool = False) -> Picture:
     """Make a picture of a figure, of what is shown over time, or of a PNG."""
     if isinstance(what, bytes):
         return Picture(title, words, _embedded(what))
     if isinstance(what, Shown):
         return Picture(title, words, _embedded(png(drawn(what), dpi)),
                        live(what) if _plotly() else {})
-    return Picture(title, words, _embedded(png(what, dpi)))
+    return Picture(title, words, _embedded(png(what, dpi)), own_colours=own_colours)
 
 
 def render_page(template: str, title: str, **context: Any) -> str:

@@ -64,7 +64,9 @@ def estimates(calibration: Calibration) -> Iterator[tuple[str, str, Estimate, tu
     yield 'centre of mass', 'com', c.com, AXES
     yield 'bias', 'wrench_bias', c.wrench_bias, WRENCH_AXES
     if c.inertia:
-        yield 'inertia', 'inertia', c.inertia, tuple(a + b for a in AXES for b in AXES)
+        # symmetric: an empty label leaves an element out
+        yield 'inertia', 'inertia', c.inertia, tuple(
+            AXES[i] + AXES[j] if i <= j else '' for i in range(3) for j in range(3))
     if c.accelerometer:
         a = c.accelerometer
         yield 'accelerometer offset', 'accelerometer.offset', a.offset, AXES
@@ -97,6 +99,8 @@ def rows(found: Iterable[tuple[str, str, Estimate, tuple[str, ...]]],
         values, stds = estimate.value.ravel(), estimate.std.ravel()
         known = np.asarray(truth[key], dtype=float).ravel() if truth and key in truth else None
         for i, label in enumerate(labels or ('',)):
+            if labels and not label:
+                continue
             axis = '.' + label.replace(' ', '.') if label else ''
             out.append(Row(
                 name=f'{name} {label}'.strip(), key=key + axis, unit=estimate.unit_of(i),

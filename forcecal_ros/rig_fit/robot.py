@@ -16,8 +16,13 @@ from forcecal_ros.core.schema import Matrix3, Vector6
 from forcecal_ros.core.streams import phase_spans, Recording, TOUCHING
 from forcecal_ros.diagnose.inputs.command_timing import shift_of
 from forcecal_ros.effects.rig import Axis, Directions, Rig, Servo
-from forcecal_ros.impedance.plant.output_error import delayed, OutputError, with_covariance
-from forcecal_ros.impedance.plant.robot_fit import Candidate, judged
+from forcecal_ros.impedance.plant_fit import (
+    Candidate,
+    delayed,
+    judged,
+    OutputError,
+    with_covariance,
+)
 from forcecal_ros.sim.poses import pose_at
 from forcecal_ros.sim.rig.plant import Plant
 from forcecal_ros.sim.rig.robot import Motion

@@ -7,8 +7,8 @@ import re
 from forcecal_ros.calibrate.pipeline import identify
 from forcecal_ros.checks.calibrated import refuse_disagreeing
 from forcecal_ros.checks.entry import checked
-from forcecal_ros.cli.common import with_reading_of
-from forcecal_ros.cli.contact import other_frame
+from forcecal_ros.cli.common import with_notes_of
+from forcecal_ros.cli.estimate import other_frame
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.stamps import with_even_bursts
 from forcecal_ros.io.bags import read_recording
@@ -176,7 +176,7 @@ def test_a_wrench_of_another_frame_than_calibrated_is_noted():
 def test_a_refusal_says_that_messages_named_two_frames():
     notes = ("/wrench: frame_id is 'a' in 9 messages, but 'b' in 9", 'something else')
     with pytest.raises(DataError, match="not of one robot; /wrench: frame_id is 'a' in 9"):
-        with with_reading_of(replace(poses('nothing'), notes=notes)):
+        with with_notes_of(replace(poses('nothing'), notes=notes)):
             raise DataError('not of one robot')
 
 

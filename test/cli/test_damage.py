@@ -52,9 +52,10 @@ def commands(folder, bag):
     return (['calibrate', bag, '-o', folder / 'out.yaml'],
             ['calibrate', bag, '-o', folder / 'out.yaml', '--coupling', 'ac'],
             ['estimate', bag, '--calibration', folder / 'c.yaml', '-o', folder / 'estimated'],
-            ['gravity', bag, '--filter', 'static', '-o', folder / 'compensated'],
+            ['estimate', bag, '--filter', 'static', '-o', folder / 'compensated'],
+            ['check', bag],
             ['simulate', '--commands', bag, '-o', folder / 'simulated'],
-            ['identify-robot', bag, '-o', folder / 'plant.yaml'])
+            ['fit-rig', bag, '--for', 'impedance', '-o', folder / 'plant.yaml'])
 
 
 def answers_or_one_line(capsys, arguments):

@@ -43,11 +43,11 @@ def test_without_ros_its_commands_say_what_brings_it(lacking, arguments):
     assert 'setup.bash' in said or re.search(r'-m pip install .*ros-jazzy-rclpy', said)
 
 
-def test_without_joblib_jobs_say_what_brings_it(lacking, tmp_path):
-    said = only_line(lacking(re.compile('joblib.*'), 'calibrate', 'one', 'two', '--jobs', '2',
-                             '-o', tmp_path / 'out'))
-    assert '--jobs wants the Python package joblib' in said
-    assert re.search(r"-m pip install '?joblib>=1.4", said) and 'distributed' not in said
+def test_without_distributed_a_cluster_is_refused_with_what_installs_it(lacking, tmp_path):
+    said = only_line(lacking(re.compile('distributed.*'), 'calibrate', 'one', 'two', '--dask',
+                             'tcp://host:8786', '-o', tmp_path / 'out'))
+    assert '--dask requires the Python package distributed' in said
+    assert re.search(r"-m pip install '?distributed", said)
 
 
 def test_where_the_home_cannot_be_written_to_logs_go_elsewhere(ros_domain, tmp_path):

@@ -1,4 +1,4 @@
-"""``forcecal gravity`` from bag to bag."""
+"""``forcecal estimate --filter ukf``, ``ekf`` and ``static`` from bag to bag."""
 
 from dataclasses import replace
 import json
@@ -31,14 +31,15 @@ def folder(tmp_path_factory):
 
 def run(capsys, folder, out, *arguments, bag='bag', calibration=True):
     known = ['--calibration', str(folder / 'c.yaml')] if calibration else []
-    status = main(['gravity', str(folder / bag), *known, '-o', str(out), *arguments])
+    name = [] if '--filter' in arguments else ['--filter', 'ukf']
+    status = main(['estimate', str(folder / bag), *known, '-o', str(out), *name, *arguments])
     return status, *capsys.readouterr()
 
 
 def test_the_bag_holds_what_the_replay_gives(capsys, folder, tmp_path):
     status, out, err = run(capsys, folder, tmp_path / 'out')
     assert (status, err) == (0, '')
-    assert '1500 wrenches by ukf, gravity from the pose' in out
+    assert '1500 contact wrenches by ukf, gravity from the pose' in out
     written = read_recording(tmp_path / 'out', topics={'wrench': 'observer/contact_wrench'}).wrench
     calibration = parse(read_calibrations(tmp_path / 'out')[0])
     expected = replay(read_recording(folder / 'bag'), calibration, ObserverSettings('ukf'))
@@ -88,5 +89,5 @@ def test_the_calibration_in_the_recording_is_used(capsys, folder, tmp_path):
 
 def test_wrong_usage_exits_with_2(folder):
     with pytest.raises(SystemExit) as stop:
-        main(['gravity', str(folder / 'bag'), '--filter', 'pf', '-o', 'x'])
+        main(['estimate', str(folder / 'bag'), '--filter', 'pf', '-o', 'x'])
     assert stop.value.code == 2

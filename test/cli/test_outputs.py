@@ -11,7 +11,7 @@ from threading import Thread
 
 from calibration_runs import run as simulated
 from forcecal_ros.cli.main import main
-from forcecal_ros.cli.outputs import write_results
+from forcecal_ros.core.files import write_results
 from forcecal_ros.io.bags import read_recording, write_recording
 from forcecal_ros.io.calibration_file import load, parse
 from forcecal_ros.motion.plan import Timing
@@ -48,7 +48,7 @@ def everything_in(folder):
     ('calibrate', 'no_bag', '--cutoff', '0'),
     ('calibrate', 'no_bag', '--cutoff', '3'),
     ('calibrate', 'no_bag', '--theta', 'inf'),
-    ('calibrate', 'no_bag', '--theta', '90'),
+    ('calibrate', 'no_bag', '--theta', '900'),
     ('calibrate', 'no_bag', '--accelerometer-position', '30', '5', '120'),
     ('calibrate', 'no_bag', '--topic', 'wrench'),
     ('calibrate', 'no_bag', '--topic', 'wrnch=/wrench'),
@@ -73,7 +73,7 @@ def everything_in(folder):
     ('diagnose', 'no_bag', '-o', 'x', '--rig', ''),
     ('estimate', 'no_bag', '--calibration', '', '-o', 'x'),
     ('estimate', 'no_bag', '--calibration', 'no.yaml', '-o', 'file'),
-    ('plan', '-o', 'x', '--for', 'calibration', '--time', '1e9'),
+    ('plan', '-o', 'x', '--for', 'calibration', '--duration', '1e9'),
     ('plan', '-o', 'x', '--set', 'limits.speed=0.1', '--set', 'limits.speed=0.2'),
     ('play', ''),
     ('record', '-o', 'folder/metadata.yaml'),
@@ -96,9 +96,9 @@ def everything_in(folder):
     ('estimate', 'folder', 'file', '--calibration', 'no.yaml', '-o', '.'),
     ('estimate', 'no_bag', '--calibration', 'no.yaml', '-o', 'x', '--bandwidth', '9',
      '--filter', 'newton'),
-    ('gravity', 'no_bag', '-o', 'x', '--payload', '-1'),
-    ('gravity', 'no_bag', '-o', 'x', '--payload', '1', '--orientation', 'pose'),
-    ('gravity', 'no_bag', '-o', 'x', '--filter', 'static', '--rise-time', '0.1'),
+    ('estimate', 'no_bag', '-o', 'x', '--payload', '-1'),
+    ('estimate', 'no_bag', '-o', 'x', '--payload', '1', '--orientation', 'pose'),
+    ('estimate', 'no_bag', '-o', 'x', '--filter', 'static', '--rise-time', '0.1'),
     ('simulate', '--commands', 'no_bag', '-o', 'x', '--seed', '-1'),
     ('simulate', '--commands', 'no_bag', '-o', 'no/x'),
     ('demo', '--seed', '-1'),
@@ -110,10 +110,11 @@ def everything_in(folder):
     ('plan', '-o', 'no/plan.yaml'),
     ('plan', '-o', '-', '--json'),
     ('insitu', 'no.yaml', '-o', '/proc/x'),
-    ('impedance', '-o', 'x', '--latency', '-1'),
-    ('impedance', '-o', 'x', '--latency', '1000'),
-    ('impedance', '-o', 'no/x'),
-    ('identify-robot', 'no_bag', '-o', 'no/x'),
+    ('fit-rig', 'no_bag', 'other', '--for', 'impedance', '-o', 'x'),
+    ('fit-rig', 'no_bag', '-o', 'no/x'),
+    ('diagnose', 'no_bag', '--check'),
+    ('check', 'no_bag', '--preset', 'scara'),
+    ('init', '--preset', 'ur', '-o', 'no/x'),
     ('export', 'no.yaml', '--for', 'ur', '-o', 'no/x'),
     ('export', 'file', '--for', 'ur', '-o', 'file'),
     ('export', 'no.yaml', '--for', 'ur', '--sensor-in-flange', *'0000000'),
@@ -128,7 +129,7 @@ def everything_in(folder):
     ('record', '-o', 'x', '--only', '--all', '/wrench'),
     ('record', '-o', 'x', 'a topic'),
     ('play', 'no_bag', '--rate', '0'),
-    ('play', 'no_bag', '--prefix', 'a name'),
+    ('play', 'no_bag', '--namespace', 'a name'),
     ('play', 'no_bag', '--only', '/wrench/'),
     ('play', 'no_bag', '--delay', '-1'),
 ], ids=' '.join)

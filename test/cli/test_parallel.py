@@ -9,7 +9,7 @@ import sys
 import time
 
 from forcecal_ros.cli.main import main
-from forcecal_ros.cli.parallel import each
+from forcecal_ros.cli.many import each
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.io.bags import read_recording, write_recording
 from forcecal_ros.io.calibration_file import save
@@ -18,7 +18,6 @@ from observing import calibration, record, Swing
 import pytest
 from scale_work import always_killed, killed_at_first, meet, square
 
-pytest.importorskip('joblib')
 distributed = pytest.importorskip('distributed')
 
 NAMES = ('one', 'two', 'friday/one')

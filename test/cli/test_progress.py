@@ -6,15 +6,13 @@ import pty
 import subprocess
 import sys
 
-from forcecal_ros.cli.common import CLEAR
-from forcecal_ros.cli.progress import stages
+from forcecal_ros.cli.common import CLEAR, stages
 import pytest
 
 WORK = """
 import sys
 from argparse import Namespace
-from forcecal_ros.cli.common import warn
-from forcecal_ros.cli.progress import stages
+from forcecal_ros.cli.common import stages, warn
 with stages(Namespace(quiet='--quiet' in sys.argv), after=0.0) as stage:
     stage('reading')
     sys.stdin.readline()

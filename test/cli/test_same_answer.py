@@ -133,7 +133,7 @@ def commands(folder, bag):
     return {
         'calibrate': ['calibrate', bag, '-o', folder / 'out.yaml'],
         'estimate': ['estimate', bag, *known, '-o', folder / 'estimated'],
-        'gravity': ['gravity', bag, *known, '--filter', 'static', '-o', folder / 'compensated'],
+        'static': ['estimate', bag, *known, '--filter', 'static', '-o', folder / 'compensated'],
         'diagnose': ['diagnose', bag, '-o', folder / 'diagnosis'],
         'by motion': ['diagnose', bag, *known, '-o', folder / 'by_motion']}
 

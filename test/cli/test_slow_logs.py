@@ -1,4 +1,4 @@
-"""``forcecal estimate`` and ``gravity`` on logs at 10 to 50 Hz: a row for every wrench."""
+"""``forcecal estimate`` on logs at 10 to 50 Hz: a row for every wrench."""
 
 from dataclasses import replace
 import json
@@ -15,7 +15,7 @@ from rosbags.highlevel import AnyReader
 from slow_log import slow_log
 
 RATES = {'both_20': (20.0, 20.0), 'pose_10_wrench_50': (50.0, 10.0)}
-COMMANDS = ('estimate', 'gravity')
+FILTERS = ('observer', 'ukf')
 
 
 @pytest.fixture(scope='module')
@@ -32,9 +32,9 @@ def folder(tmp_path_factory):
     return path
 
 
-def run(capsys, command, folder, bag, out, *more):
-    status = main([command, str(folder / bag), '--calibration', str(folder / 'c.yaml'),
-                   '-o', str(out), *more])
+def run(capsys, name, folder, bag, out, *more):
+    status = main(['estimate', str(folder / bag), '--filter', name, '--calibration',
+                   str(folder / 'c.yaml'), '-o', str(out), *more])
     assert status == 0
     return capsys.readouterr()
 
@@ -57,10 +57,10 @@ def statuses(bag):
     return out
 
 
-@pytest.mark.parametrize('command', COMMANDS)
+@pytest.mark.parametrize('name', FILTERS)
 @pytest.mark.parametrize('bag', RATES)
-def test_every_wrench_gets_a_valid_row(capsys, folder, tmp_path, command, bag):
-    document = json.loads(run(capsys, command, folder, bag, tmp_path / 'out', '--json').out)
+def test_every_wrench_gets_a_valid_row(capsys, folder, tmp_path, name, bag):
+    document = json.loads(run(capsys, name, folder, bag, tmp_path / 'out', '--json').out)
     wrench = read_recording(folder / bag).wrench
     written = contact(tmp_path / 'out')
     assert written.t == pytest.approx(wrench.t, abs=1e-6)
@@ -72,11 +72,11 @@ def test_every_wrench_gets_a_valid_row(capsys, folder, tmp_path, command, bag):
     assert only[2] == '1' and 'no accelerometer' in only[3]
 
 
-@pytest.mark.parametrize('command', COMMANDS)
+@pytest.mark.parametrize('name', FILTERS)
 def test_rows_that_are_not_valid_are_written_marked_and_left_out_of_the_figures(
-        capsys, folder, tmp_path, command):
-    said = run(capsys, command, folder, 'holed', tmp_path / 'out')
-    document = json.loads(run(capsys, command, folder, 'holed', tmp_path / 'out', '--json').out)
+        capsys, folder, tmp_path, name):
+    said = run(capsys, name, folder, 'holed', tmp_path / 'out')
+    document = json.loads(run(capsys, name, folder, 'holed', tmp_path / 'out', '--json').out)
     wrench = read_recording(folder / 'holed').wrench
     written = contact(tmp_path / 'out')
     assert len(written.t) == document['samples'] == len(wrench)
@@ -98,14 +98,14 @@ def test_rows_that_are_not_valid_are_written_marked_and_left_out_of_the_figures(
     assert document['std'] == pytest.approx(written.values[~inside].std(axis=0), abs=1e-9)
 
 
-@pytest.mark.parametrize('command', COMMANDS)
-def test_without_any_valid_row_there_are_no_figures(capsys, folder, tmp_path, command):
+@pytest.mark.parametrize('name', FILTERS)
+def test_without_any_valid_row_there_are_no_figures(capsys, folder, tmp_path, name):
     write_recording(tmp_path / 'bag', replace(slow_log(20.0, 20.0)[1], pose=None))
-    more = ('--filter', 'kalman') if command == 'gravity' else ()
+    more = ('--filter', 'kalman') if name == 'ukf' else ()
     save(arm.calibrate(np.random.default_rng(2))[0], tmp_path / 'c.yaml')
-    out = run(capsys, command, tmp_path, 'bag', tmp_path / 'out', '--json', *more).out
+    out = run(capsys, name, tmp_path, 'bag', tmp_path / 'out', '--json', *more).out
     document = json.loads(out)
     assert document['valid'] == 0 and document['mean'] == [None] * 6
     assert len(contact(tmp_path / 'out')) == document['samples'] > 0
-    said = run(capsys, command, tmp_path, 'bag', tmp_path / 'out', *more).out
+    said = run(capsys, name, tmp_path, 'bag', tmp_path / 'out', *more).out
     assert ', none of them valid' in said and 'mean' not in said and 'None' not in said

@@ -11,9 +11,14 @@ import subprocess
 import sys
 from threading import Thread
 
-from forcecal_ros.core.atomic_files import new_directory, write_text
 from forcecal_ros.core.errors import ConfigError
-from forcecal_ros.core.places import descriptor_of, refuse_file, refuse_folder
+from forcecal_ros.core.files import (
+    descriptor_of,
+    new_directory,
+    refuse_file,
+    refuse_folder,
+    write_text,
+)
 import pytest
 
 NULL, FULL, LOOP = (1, 3), (1, 7), (7, 200)
@@ -132,8 +137,7 @@ def test_a_link_to_a_folder_stays_and_the_folder_gives_way(tmp_path):
 
 OUT = """
 import pathlib, sys
-from forcecal_ros.core.atomic_files import write_text
-from forcecal_ros.core.places import refuse_file
+from forcecal_ros.core.files import refuse_file, write_text
 print('before')
 refuse_file(sys.argv[1])
 write_text(sys.argv[1], 'text\\n')

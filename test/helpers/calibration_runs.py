@@ -2,12 +2,16 @@
 
 from dataclasses import replace
 
+from forcecal_ros.calibrate.pipeline import identify
+from forcecal_ros.calibrate.settings import IdentificationSettings
+from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.plan import calibration_plan, prepare, Timing
 from forcecal_ros.motion.poses import nominal_poses, step_goal
 from forcecal_ros.motion.profiles import Pace, Pose
+from forcecal_ros.observe.design import with_kalman_gains
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
@@ -52,3 +56,10 @@ def run(rig: Rig | None = None, *, seed: int = 0, accelerometer: str = 'acc1',
     late = 'accelerometer' if delay > 0 else 'wrench'
     return replace(recording, phases=phases,
                    **{late: shifted(getattr(recording, late), abs(delay))})
+
+
+def rehearse(rig: Rig, accelerometer: str = 'acc1', seed: int = 0) -> Calibration:
+    """Calibrate a simulated rig as the sequencer would, nothing known beforehand."""
+    coupling = 'ac' if rig.accelerometer.model(accelerometer).highpass > 0.0 else 'dc'
+    return with_kalman_gains(identify(run(rig, seed=seed, accelerometer=accelerometer),
+                                      IdentificationSettings(coupling=coupling)))

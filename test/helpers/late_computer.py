@@ -12,15 +12,13 @@ from forcecal_ros.core.errors import ForcecalError
 from forcecal_ros.core.geometry import matrix_from_quaternion, quaternion_of
 from forcecal_ros.core.streams import Recording
 from forcecal_ros.motion.monitor import Monitor
-from forcecal_ros.motion.plan import check_wrench, prepare
+from forcecal_ros.motion.plan import check_wrench, prepare, SEQUENCES
 from forcecal_ros.motion.profiles import Pose
-from forcecal_ros.motion.programs import SEQUENCES
-from forcecal_ros.motion.sequence import MotionSequence
-from forcecal_ros.motion.stream import next_in_phase, StreamClock
+from forcecal_ros.motion.sequence import MotionSequence, next_in_phase, StreamClock
 from forcecal_ros.nodes.collector import Collector
 from forcecal_ros.nodes.demo import FOR_SIMULATION
-from forcecal_ros.nodes.guard import Guard
 from forcecal_ros.nodes.sequencer_settings import PARAMETERS, settings_of
+from forcecal_ros.nodes.supervision import Guard
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import CommandSchedule, Simulator
 import numpy as np

@@ -1,7 +1,7 @@
 """The nominal rig shaken along x of ft_sensor, and what it truly answers."""
 
 from forcecal_ros.core.streams import PoseStream
-from forcecal_ros.impedance.plant.fit import excitation_commands
+from forcecal_ros.impedance.plant_fit import excitation_commands
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np

@@ -10,7 +10,7 @@ import socket
 import subprocess
 import sys
 
-from forcecal_ros.nodes.processes import only_this_machine
+from forcecal_ros.nodes.client import only_this_machine
 
 
 @contextmanager

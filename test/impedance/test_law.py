@@ -5,13 +5,9 @@ from math import inf, nan
 
 from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.core.errors import ConfigError
-from forcecal_ros.impedance.design import design, relation
+from forcecal_ros.impedance.design import design, DesignSettings, loop, relation, TargetImpedance
 from forcecal_ros.impedance.law import at_rest, COASTING, LATE, Measurement, OK, step
-from forcecal_ros.impedance.plant.file import load_plant
-from forcecal_ros.impedance.plant.model import Plant, Robot, Slide
-from forcecal_ros.impedance.plant.process import process, Wall
-from forcecal_ros.impedance.settings import DesignSettings, Wanted
-from forcecal_ros.impedance.stability import loop
+from forcecal_ros.impedance.plant import load_plant, Plant, process, Robot, Slide, Wall
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import Simulator
 import numpy as np
@@ -19,7 +15,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 PLANT = load_plant()
-WANTED = Wanted(mass=13.0, damping=250.0, stiffness=1000.0)
+WANTED = TargetImpedance(mass=13.0, damping=250.0, stiffness=1000.0)
 SETTINGS = DesignSettings()
 
 
@@ -144,7 +140,7 @@ def test_settings_without_sense_are_refused_by_name(wrong):
 
 def test_an_impedance_without_damping_is_refused():
     with pytest.raises(ConfigError, match='impedance.damping is 0.0'):
-        Wanted(damping=0.0)
+        TargetImpedance(damping=0.0)
 
 
 def test_a_state_gain_of_the_wrong_length_is_refused():

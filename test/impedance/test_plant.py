@@ -9,11 +9,14 @@ import json
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.core.errors import ConfigError, DataError
-from forcecal_ros.impedance.plant.file import load_plant
-from forcecal_ros.impedance.plant.fit import identify_plant, identify_slide, Signal
-from forcecal_ros.impedance.plant.model import Plant, Robot, Slide, state_space
-from forcecal_ros.impedance.plant.output_error import fit_output_error
-from forcecal_ros.impedance.plant.robot_fit import identify_robot
+from forcecal_ros.impedance.plant import load_plant, Plant, Robot, Slide, state_space
+from forcecal_ros.impedance.plant_fit import (
+    fit_output_error,
+    identify_plant,
+    identify_robot,
+    identify_slide,
+    Signal,
+)
 from forcecal_ros.io.bags import write_recording
 import numpy as np
 from plant_rig import record, RIG, shaken, true_response
@@ -49,8 +52,8 @@ def found(tmp_path_factory):
     folder, said = tmp_path_factory.mktemp('plant'), StringIO()
     write_recording(folder / 'bag', shaken(20.0, seed=1))
     with redirect_stdout(said):
-        status = main(['identify-robot', str(folder / 'bag'), '-o', str(folder / 'plant.yaml'),
-                       '--json'])
+        status = main(['fit-rig', str(folder / 'bag'), '--for', 'impedance', '-o',
+                       str(folder / 'plant.yaml'), '--json'])
     assert status == 0
     return folder / 'plant.yaml', json.loads(said.getvalue())
 
@@ -170,7 +173,8 @@ def test_a_robot_that_stands_is_refused_with_the_remedy():
 
 def test_a_recording_without_displacement_is_refused(tmp_path, capsys):
     write_recording(tmp_path / 'bag', replace(shaken(1.0, seed=1), optidrive=None))
-    assert main(['identify-robot', str(tmp_path / 'bag'), '-o', str(tmp_path / 'p.yaml')]) == 1
+    assert main(['fit-rig', str(tmp_path / 'bag'), '--for', 'impedance', '-o',
+                 str(tmp_path / 'p.yaml')]) == 1
     error = capsys.readouterr().err
     assert 'optidrive' in error and error.count('\n') == 1
     assert not (tmp_path / 'p.yaml').exists()

@@ -2,8 +2,15 @@
 
 from forcecal_ros.core.errors import ConfigError, MotionError
 from forcecal_ros.impedance.law import Measurement
-from forcecal_ros.impedance.program import LineMotion, Program, Stage, Task, to_rest
-from forcecal_ros.impedance.session import Bounds, Session
+from forcecal_ros.impedance.session import (
+    Bounds,
+    LineMotion,
+    Program,
+    Session,
+    Stage,
+    Task,
+    to_rest,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np

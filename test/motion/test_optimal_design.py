@@ -134,8 +134,8 @@ def test_home_and_box_come_from_a_recording(recording):
 
 def test_the_command_writes_parameters_that_the_sequencer_takes(tmp_path, capsys):
     path = tmp_path / 'plan.yaml'
-    assert main(['plan', '--for', 'calibration', '--time', '14', '--home', '0.9', '0', '1', '1',
-                 '0', '0', '0', '--set', 'limits.angular_speed=1.2', '-o', str(path)]) == 0
+    assert main(['plan', '--for', 'calibration', '--duration', '14', '--home', '0.9', '0', '1',
+                 '1', '0', '0', '0', '--set', 'limits.angular_speed=1.2', '-o', str(path)]) == 0
     said = capsys.readouterr().out
     assert all(name in said for name in GROUPS)
     given = yaml.safe_load(path.read_text())['/**/sequencer']['ros__parameters']

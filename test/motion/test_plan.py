@@ -12,11 +12,18 @@ from forcecal_ros.diagnose.plan.recording import poses_of, SETTLE
 from forcecal_ros.diagnose.plan.text import wider_box
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.motion.limits import Limits
-from forcecal_ros.motion.plan import calibration_plan, prepare, Timing
+from forcecal_ros.motion.plan import (
+    calibration_plan,
+    diagnosis_plan,
+    in_words,
+    outline,
+    path_of,
+    prepare,
+    preview,
+    Timing,
+)
 from forcecal_ros.motion.poses import nominal_poses, step_goal
-from forcecal_ros.motion.preview import in_words, outline, path_of, preview
 from forcecal_ros.motion.profiles import JointMove, Pace
-from forcecal_ros.motion.programs import diagnosis_plan
 from forcecal_ros.nodes.sequencer_settings import PARAMETERS, settings_of
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import simulate

@@ -9,14 +9,12 @@ from forcecal_ros.core.geometry import (
     rotation_from_vector,
     rotation_vector,
 )
-from forcecal_ros.motion.channel import angle_between
 from forcecal_ros.motion.limits import Limits
-from forcecal_ros.motion.monitor import Monitor, Stillness, WatchSettings
+from forcecal_ros.motion.monitor import angle_between, Monitor, Stillness, WatchSettings
 from forcecal_ros.motion.plan import calibration_plan, PlannedSegment, prepare, Segment, Timing
 from forcecal_ros.motion.poses import nominal_poses, step_goal
 from forcecal_ros.motion.profiles import JointMove, Move, Pace, Pose, twist_towards
-from forcecal_ros.motion.sequence import MotionSequence, StreamSettings
-from forcecal_ros.motion.stream import next_in_phase, StreamClock
+from forcecal_ros.motion.sequence import MotionSequence, next_in_phase, StreamClock, StreamSettings
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np

@@ -2,13 +2,13 @@
 
 import signal
 
+from calibration_runs import rehearse
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.impedance.session import Bounds
 from forcecal_ros.io.calibration_file import save
 from forcecal_ros.motion.monitor import LATE_PATIENCE
-from forcecal_ros.nodes.impedance_settings import WATCH as WATCH_DEFAULT
+from forcecal_ros.nodes.impedance import WATCH as WATCH_DEFAULT
 from forcecal_ros.nodes.runtime import OUTPUT
-from forcecal_ros.reproduce.experiment import rehearse
 from forcecal_ros.sim.rig.file import load_rig
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from live import Live, ON_RIG_TIME, RIG_TIME
@@ -150,7 +150,7 @@ def test_told_to_go_in_contact_it_leads_the_robot_away_from_the_wall(ros_domain,
         bench.until_free()
         bench.until_still()
         assert bench.phases[-1] == 'aborted'
-        assert bench.reason == 'the impedance node was told to go'
+        assert bench.reason == 'the impedance node received a signal to end'
         assert_led_away(bench)
 
 

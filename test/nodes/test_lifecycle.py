@@ -96,7 +96,7 @@ def managed(kind, executor, tmp_path):
     save(calibration(), tmp_path / 'calibration.yaml')
     rclpy.init(args=['--ros-args', '-p', 'autostart:=false', '-p', 'publish.innovation:=true',
                      '-p', 'publish.frames:=[base]',
-                     '-p', f'io.calibration_file:={tmp_path / "calibration.yaml"}'])
+                     '-p', f'calibration.file:={tmp_path / "calibration.yaml"}'])
     try:
         observer = kind()
         manager = Manager(observer, executor())

@@ -8,14 +8,15 @@ from xml.etree import ElementTree as ET
 
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.geometry import matrix_from_quaternion
-from forcecal_ros.nodes import markers, observer, sequencer
-from forcecal_ros.nodes.frame_outputs import SensorTransform, transform_of
-from forcecal_ros.nodes.markers import (
+from forcecal_ros.nodes import messages, observer_outputs, sequencer
+from forcecal_ros.nodes.messages import (
     contact_markers,
     LARGEST,
     METRES_PER_NEWTON,
     plan_markers,
+    transform_of,
 )
+from forcecal_ros.nodes.observer_outputs import SensorTransform
 from forcecal_ros.sim.rig.file import load_rig, urdf
 import numpy as np
 import pytest
@@ -50,7 +51,7 @@ def test_ellipsoids_have_the_axes_of_the_covariance():
     ball = of(contact_markers(WRENCH, covariance, 'ft_sensor', NOW))['force uncertainty']
     q, s = ball.pose.orientation, ball.scale
     R = matrix_from_quaternion(np.array([q.x, q.y, q.z, q.w]))
-    half = np.diag([s.x, s.y, s.z]) / (2 * markers.SIGMAS * METRES_PER_NEWTON)
+    half = np.diag([s.x, s.y, s.z]) / (2 * messages.SIGMAS * METRES_PER_NEWTON)
     np.testing.assert_allclose(R @ half @ half @ R.T, J, atol=1e-9)
     assert max(s.x, s.y, s.z) <= LARGEST
 
@@ -98,7 +99,8 @@ def test_the_layout_shows_topics_that_are_there():
     layout = yaml.safe_load((ROOT / 'layouts' / 'rviz.rviz').read_text())
     shown = {display['Topic']['Value'] for display in layout['Visualization Manager']['Displays']
              if 'Topic' in display}
-    said = ''.join(inspect.getsource(module) for module in (markers, observer, sequencer))
+    said = ''.join(inspect.getsource(module) for module in (
+        observer_outputs, sequencer))
     assert shown == {'/observer/markers', '/sequencer/markers', '/sequencer/planned_path',
                      '/current_pose'}
     private = {re.sub('^/(observer|sequencer)/', '~/', topic) for topic in shown}

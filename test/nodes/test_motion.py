@@ -129,7 +129,7 @@ def test_abort_brings_the_commands_to_rest_within_a_tenth_of_a_second(ready):
     assert np.linalg.norm(np.subtract(robot.commands[0][1][:3], [1.0, 0.0, 1.0])) < 2e-5
     assert live.call('sequencer/abort').success
     assert_came_to_rest(live, robot)
-    assert live.reasons == ['asked to by sequencer/abort']
+    assert live.reasons == ['requested by sequencer/abort']
     assert not live.call('sequencer/abort').success
 
 
@@ -263,7 +263,7 @@ def test_a_preview_shows_the_path_and_a_start_may_require_it(ready):
     ({'motion__rate': 200.0}, 'read-only'),
     ({'sequence': 'dance'}, 'expected one of calibrate'),
     ({'limits__force': -1.0}, 'range'),
-    ({'limits__tip': [0.0, 0.0, float('nan')]}, 'limits.tip wants three finite numbers'),
+    ({'limits__tip': [0.0, 0.0, float('nan')]}, 'limits.tip requires three finite numbers'),
 ])
 def test_a_setting_that_makes_no_sense_is_refused_with_a_reason(ready, change, reason):
     live, _ = ready
@@ -283,7 +283,7 @@ def test_a_sequencer_that_is_told_to_go_stops_the_robot_first(ros_domain, signal
             time.sleep(0.01)  # signals that wait together count as one
         assert live.end('sequencer', signals[-1]) == 0
         assert_came_to_rest(live, robot, asked)
-        assert live.reasons == ['the sequencer node was told to go']
+        assert live.reasons == ['the sequencer node received a signal to end']
 
 
 DEFECTIVE = """

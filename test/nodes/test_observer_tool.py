@@ -2,7 +2,7 @@
 
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.io.calibration_file import save
-from forcecal_ros.nodes.calibration_topics import read_tool
+from forcecal_ros.nodes.messages import read_tool
 from forcecal_ros.nodes.runtime import OUTPUT
 from forcecal_ros.observe.playback import follow
 from geometry_msgs.msg import InertiaStamped
@@ -57,20 +57,20 @@ def test_a_tracked_tool_is_published_and_taken_by_those_who_want_it(ros_domain, 
         player.until_heard()
         live.until(lambda: all(live.diagnostics.get(name) and live.diagnostics[name].message
                                != 'not active' for name in names), 'active')
-        assert {pair.key for pair in live.diagnostics['told'].values} >= {'mass taken off [kg]'}
+        assert {pair.key for pair in live.diagnostics['told'].values} >= {'mass subtracted [kg]'}
         stamps = player.play(recording)
         live.until(lambda: len(player.answers) >= len(stamps) - 5, 'all answers')
 
         def taken(name):
             return {pair.key: pair.value for pair in live.diagnostics[name].values}
 
-        live.until(lambda: all(float(taken(name)['mass taken off [kg]']) == pytest.approx(
+        live.until(lambda: all(float(taken(name)['mass subtracted [kg]']) == pytest.approx(
             expected.mass, rel=3e-3) for name in names), 'the tracked tool')
         assert taken('tracking')['tool tracking'] == 'tracking'
         # this test and the other observer: the one that tracks does not listen to itself
         assert live.node.count_subscribers('observer/tool') == 2
         assert all(result.successful for result in live.set('told', tool=''))
-        live.until(lambda: taken('told')['mass taken off [kg]'] == '13', 'the calibrated tool')
+        live.until(lambda: taken('told')['mass subtracted [kg]'] == '13', 'the calibrated tool')
     # while the payload was not known yet its weight was a contact, drawn 20 times a second at most
     arrows = [marker for array in drawn for marker in array.markers
               if marker.ns == 'contact force' and marker.action == Marker.ADD]

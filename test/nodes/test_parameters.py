@@ -18,7 +18,7 @@ from rclpy.node import NodeNameNonExistentError
 from std_msgs.msg import String
 
 TABLES = {'sim': 'sim', 'sequencer': 'sequencer_settings', 'observer': 'observer_settings',
-          'gap': 'gap', 'impedance': 'impedance_settings'}
+          'gap': 'gap', 'impedance': 'impedance'}
 NOT_OURS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 PAGE = Path(__file__).parents[2] / 'docs/robot.md'
 NUMBERS = (ParameterType.PARAMETER_INTEGER, ParameterType.PARAMETER_DOUBLE)
@@ -186,8 +186,8 @@ def test_status_tells_of_every_node(described, shell):
     # a busy computer may take longer to find all nodes than the command listens
     described[0].until(told, 'a word of every node')
     assert nodes['observer']['message'] == 'waiting for a calibration'
-    status, out, err = shell('status', '--namespace', 'left', '--listen', '0.1')
-    assert status == 1 and out == '' and 'no node was heard' in err
+    status, out, err = shell('status', '--namespace', 'left', '--timeout', '0.1')
+    assert status == 1 and out == '' and 'no node reports' in err
 
 
 @pytest.mark.parametrize('arguments, why', [
@@ -195,7 +195,7 @@ def test_status_tells_of_every_node(described, shell):
     (['tare'], '/observer/tare: there is no calibration yet'),
     (['abort', '--node', 'impedance'], '/impedance/abort: nothing is under way'),
     (['start', '--node', 'impedance'], '/impedance/start: observer/contact_wrench: '),
-    (['start', '--namespace', '/left', '--patience', '0.1'], '/left/sequencer/start is not there'),
+    (['start', '--namespace', '/left', '--timeout', '0.1'], '/left/sequencer/start is not there'),
 ])
 def test_a_refusal_is_one_line_and_status_1(shell, arguments, why):
     status, out, err = shell(*arguments)

@@ -116,11 +116,11 @@ def test_commands_are_refused_while_somebody_listens_and_nothing_else_is_said(ro
     with Robot(ALL) as robot:
         *refused, elsewhere, told = robot.played(
             bag, *(['--with-commands', *options] for options in (
-                ['--delay', '0'], ['--only', 'target_frame'], ['--prefix', 'recorded'],
+                ['--delay', '0'], ['--only', 'target_frame'], ['--namespace', 'recorded'],
                 ['--yes'])))
     for status, out, err in refused:
         assert status == 1 and out == ''
-        assert 'somebody listens on /target_frame (bench)' in err and '--yes' in err
+        assert 'nodes subscribe to /target_frame (bench)' in err and '--yes' in err
     # a prefix leads them away from the robot
     assert elsewhere[0] == 0 and f'{SAMPLES} /recorded/target_frame' in elsewhere[1]
     # once: of the player that was told to
@@ -135,7 +135,7 @@ def test_commands_end_when_somebody_begins_to_listen(ros_domain, bag):
         robot.listen('/target_frame')
         _, err = process.communicate(timeout=30)
         robot.spin(0.3)
-        assert process.returncode == 1 and 'somebody has begun to listen' in err
+        assert process.returncode == 1 and 'a subscription has appeared' in err
         assert robot.heard['/wrench'] < SAMPLES and robot.heard['/target_frame'] <= 1
 
 

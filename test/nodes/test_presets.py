@@ -8,7 +8,7 @@ from drivers import FrameTransforms, gantry, joints_at, Servo, states
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.io.calibration_file import save
 from forcecal_ros.nodes.config import TABLES
-from forcecal_ros.nodes.impedance_settings import settings_of as impedance_settings
+from forcecal_ros.nodes.impedance import settings_of as impedance_settings
 from forcecal_ros.nodes.observer_settings import settings_of as observer_settings
 from forcecal_ros.nodes.presets import CONTROLLERS, preset_file, read_preset, ROBOTS, topic_of
 from forcecal_ros.nodes.runtime import OUTPUT
@@ -178,11 +178,9 @@ def cell(robot, controller, folder):
 
 
 @pytest.mark.parametrize('robot, controller, rate, qos', [
-    ('broadcaster', 'joint_trajectory_controller', 500, qos_profile_system_default),
+    ('kuka_fri', '', 100, qos_profile_system_default),
     ('ur', 'moveit_servo', 500, qos_profile_system_default),
-    ('ur', 'admittance_controller', 500, qos_profile_system_default),
-    ('franka', 'cartesian_controllers', 1000, qos_profile_sensor_data),
-    ('kuka_fri', '', 100, qos_profile_system_default)])
+    ('franka', 'cartesian_controllers', 1000, qos_profile_sensor_data)])
 def test_presets_lead_a_robot_on_the_topics_of_its_drivers_and_stop_it(
         ros_domain, tmp_path, robot, controller, rate, qos):
     files, settings, topics, own, poses = cell(robot, controller, tmp_path)

@@ -29,7 +29,8 @@ def relay(live):
 @pytest.mark.alone
 def test_a_planned_pose_that_is_off_is_measured_again(ros_domain, tmp_path):
     plan = tmp_path / 'plan.yaml'
-    assert main(['plan', '--for', 'calibration', '--time', '14', '--quiet', '-o', str(plan)]) == 0
+    assert main(['plan', '--for', 'calibration', '--duration', '14', '--quiet', '-o',
+                 str(plan)]) == 0
     with Live() as live:
         relay(live)
         texts = live.latched(String, 'sequencer/calibration')

@@ -215,7 +215,7 @@ def test_a_rig_that_publishes_the_clock_waits_for_nobodys(ros_domain):
     ('sim', ['-p', 'rig:=/nowhere.yaml'], '/nowhere.yaml'),
     ('sequencer', ['-p', 'sequence:=dance'], "sequence is 'dance', expected one of calibrate"),
     ('sequencer', ['-p', 'limits.speed:=2.0'], 'limits.acceleration'),
-    ('observer', ['-p', 'io.calibration_file:=/nowhere.yaml'], '/nowhere.yaml'),
+    ('observer', ['-p', 'calibration.file:=/nowhere.yaml'], '/nowhere.yaml'),
     ('observer', ['-p', 'calibration:=cal.yaml'],
      'unknown parameter calibration; did you mean calibration.file?'),
     ('gap', ['-p', 'zigzag:=3'], 'unknown parameter zigzag; config/gap.yaml lists all'),
@@ -247,3 +247,12 @@ def test_a_parameter_file_reaches_a_node_in_any_namespace(ros_domain, tmp_path):
 def test_arguments_that_are_no_parameters_are_wrong_usage(ros_domain, capsys):
     assert sim.main(['sim', '--fast']) == 2
     assert 'unknown argument --fast' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('node', ['gap', 'impedance', 'observer', 'sequencer', 'sim'])
+def test_help_lists_the_parameters_and_starts_nothing(node, capsys):
+    module = import_module(f'forcecal_ros.nodes.{node}')
+    assert module.main([node, '--help']) == 0
+    shown = capsys.readouterr().out
+    assert shown.startswith(f'usage: {node} [--ros-args')
+    assert all(f'  {row.name} (default ' in shown for row in module.PARAMETERS)

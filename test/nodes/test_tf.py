@@ -3,7 +3,7 @@
 import subprocess
 import sys
 
-from forcecal_ros.nodes.pose_source import STATIC
+from forcecal_ros.nodes.inputs import STATIC
 from forcecal_ros.nodes.runtime import OUTPUT
 from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
 from live import Live, Robot

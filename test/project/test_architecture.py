@@ -16,7 +16,7 @@ NUMERICS = (
     ('io',),
     ('effects', 'calibrate', 'insitu', 'motion', 'observe', 'sim'),
     ('diagnose', 'impedance'),
-    ('reproduce', 'rig_fit'),
+    ('rig_fit',),
 )
 LAYERS = (
     *NUMERICS,
@@ -104,12 +104,6 @@ def test_simulator_and_identification_share_no_physics(one, other):
     wrong = {(name, loaded) for name in _of([one]) for loaded in _loaded_by(name)
              if room(loaded) == other}
     assert not wrong
-
-
-def test_nothing_that_runs_on_a_robot_loads_the_papers_experiments():
-    assert _of(['reproduce'])
-    assert not {(name, loaded) for name in _of(['nodes']) for loaded in _loaded_by(name)
-                if room(loaded) == 'reproduce'}
 
 
 def test_numerics_load_neither_ros_nor_bags():

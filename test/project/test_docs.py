@@ -76,7 +76,7 @@ def test_every_effect_and_each_of_its_parameters_is_catalogued():
 
 
 PARAMETERS = {row.name for table in (
-    'gap', 'impedance_settings', 'observer_settings', 'sequencer_settings', 'sim')
+    'gap', 'impedance', 'observer_settings', 'sequencer_settings', 'sim')
     for row in import_module(f'forcecal_ros.nodes.{table}').PARAMETERS}
 GROUPS = {name.partition('.')[0] for name in PARAMETERS if '.' in name} - {
     path.stem for path in (ROOT / 'forcecal_ros').iterdir()}

@@ -6,9 +6,7 @@ import re
 from forcecal_ros.core.calibration import Calibration, Estimate
 from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream
 from forcecal_ros.report.calibration import in_words, render
-from forcecal_ros.report.impedance import _cells
 from forcecal_ros.report.rows import as_text, Row, table
-from forcecal_ros.reproduce.assess import Figures, rms
 import numpy as np
 import pytest
 
@@ -66,13 +64,6 @@ def test_what_a_recording_says_is_escaped(calibration, recording):
     page = render(recording, calibration)
     assert '<script>' not in page and '&lt;script&gt;' in page
     assert '<b>bag' not in page
-
-
-def test_a_feedback_that_runs_away_has_a_word_for_it_and_no_number():
-    away = Figures(rms(np.array([1e200, 1.0])), 1e200, 1e190, 1e200, 3, np.nan, 1e200, 1e200)
-    assert away.phantom_rms == np.inf
-    assert _cells(away) == ['runs away'] + 7 * ['-']
-    assert _cells(away._replace(phantom_rms=0.2, phantom_peak=1.5))[:2] == ['0.200', '1.50']
 
 
 def test_one_file_without_network(calibration, recording):

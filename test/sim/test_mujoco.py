@@ -395,25 +395,25 @@ def measured(path, seconds, changed):
 def test_a_model_is_tried_from_the_command_line(model, tmp_path, capsys):
     path = model()
     write_recording(tmp_path / 'real', measured(path, 6.0, {}))
-    assert main(['check-simulator', str(tmp_path / 'real'), '--mujoco', path]) == 0
+    assert main(['diagnose', '--check', str(tmp_path / 'real'), '--mujoco', path]) == 0
     said = capsys.readouterr().out
     assert f'{path}: keeps to the protocol and does the same again' in said
     assert 'body_mass[gripper]  0.1' in said
-    assert main(['check-simulator', str(tmp_path / 'real')]) == 2
+    assert main(['diagnose', '--check', str(tmp_path / 'real')]) == 2
     for option in ('--ft-site', '--imu', '--priors'):
-        assert main(['check-simulator', str(tmp_path / 'real'), option, 'ft']) == 2
+        assert main(['diagnose', '--check', str(tmp_path / 'real'), option, 'ft']) == 2
 
 
 def test_measured_joints_are_tried_too(model, tmp_path, capsys):
     path, joints = model(), told(6.0)
     write_recording(tmp_path / 'real', replace(measured(path, 6.0, {}), joints=joints))
     place = ['--sensor-from-pose', *'0 0 0 0 0 0 1'.split()]
-    assert main(['check-simulator', str(tmp_path / 'real'), '--mujoco', path, *place]) == 0
+    assert main(['diagnose', '--check', str(tmp_path / 'real'), '--mujoco', path, *place]) == 0
     said = capsys.readouterr().out
     assert 'simulates wrench, pose, joints' in said
-    again = f'forcecal diagnose {tmp_path / "real"} --mujoco {path} {" ".join(place)} -o why'
+    again = f'forcecal diagnose {tmp_path / "real"} --mujoco {path} {" ".join(place)} -o diagnosis'
     assert f'next: {again}' in said
-    assert main(['check-simulator', str(tmp_path / 'real'), '--mujoco', path, '--json']) == 0
+    assert main(['diagnose', '--check', str(tmp_path / 'real'), '--mujoco', path, '--json']) == 0
     document = json.loads(capsys.readouterr().out)
     rubs, = (one for one in document['sensitivity'] if one['name'] == 'dof_frictionloss[lift]')
     # a tenth of 0.5 N m and 0.1 N m, of 4000 N m/rad

@@ -11,11 +11,9 @@ from forcecal_ros.diagnose.plan.excitation import CLEAR, Excitation, excitation
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.motion.limits import check_move, Limits, pace_within, share_allowed
-from forcecal_ros.motion.plan import prepare, Segment, Timing
+from forcecal_ros.motion.plan import diagnosis_plan, prepare, preview, Segment, Timing
 from forcecal_ros.motion.poses import nominal_poses, orientation, step_goal
-from forcecal_ros.motion.preview import preview
 from forcecal_ros.motion.profiles import Move, Pace, Pose, shortest_duration
-from forcecal_ros.motion.programs import diagnosis_plan
 import numpy as np
 
 PRESS = 0.006

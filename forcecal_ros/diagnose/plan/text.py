@@ -8,7 +8,7 @@ from forcecal_ros.diagnose.plan.excitation import Alias, CONFOUNDED, Shown, VISI
 from forcecal_ros.diagnose.plan.recording import Planned
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.motion.limits import Limits
-from forcecal_ros.motion.plan_file import sequencer_parameters
+from forcecal_ros.motion.optimal_design import sequencer_parameters
 
 CONTACT = 'it shows in contact only: add --contact'
 HEAD = ('effect', 'at a size of', 'std. errors', 'shows', 'weakest')

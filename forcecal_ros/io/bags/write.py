@@ -9,8 +9,8 @@ import sqlite3
 from struct import Struct
 from types import TracebackType
 
-from forcecal_ros.core.atomic_files import new_directory
 from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.files import new_directory
 from forcecal_ros.core.streams import Recording, Stream
 from forcecal_ros.io.bags.messages import Messages, messages_of, Signal
 import numpy as np

@@ -1,0 +1,178 @@
+"""``forcecal check``: what is in a recording, what can be done with it, and the next command."""
+
+import argparse
+import shlex
+from typing import Any, TYPE_CHECKING
+
+from forcecal_ros.cli.common import add_bag, new_parser, read, read_likewise, show, topic_names
+from forcecal_ros.core.errors import ForcecalError
+
+if TYPE_CHECKING:
+    from forcecal_ros.core.calibration import Calibration
+    from forcecal_ros.core.streams import Recording
+
+STREAMS = ('wrench', 'accelerometer', 'angular_velocity', 'pose', 'joints', 'optidrive', 'target',
+           'joint_commands')
+"""Signals of a recording, in the order of the table."""
+
+SHOWN_TOPICS = 6
+"""Topics that may be meant for a role, at most."""
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the command."""
+    parser = new_parser(subparsers, 'check', example='forcecal check my_bag --preset ur')
+    add_bag(parser)
+    parser.set_defaults(run=run, inputs=('bag',))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry it out."""
+    from forcecal_ros.io.bags import read_calibrations
+
+    recording = read(args, args.bag, joints=True)
+    document = inspect(recording)
+    document['calibration_recorded'] = bool(read_calibrations(
+        args.bag, topic_names(args, bag=args.bag)))
+    document['next'] = _next(args, recording, document)
+    show(args, document, as_text(document))
+    return 1 if document['fault'] else 0
+
+
+def inspect(recording: 'Recording') -> dict[str, Any]:
+    """
+    Return what a recording holds, its faults, and what can be done with it.
+
+    Returns
+    -------
+    dict
+        ``streams`` (samples, rate [Hz], longest gap [s], frame), ``missing`` (role -> topics that
+        may be meant), ``motion``, ``fault`` (what the checks refuse; empty), ``notes``, ``uses``
+        (command -> empty, or why not), ``estimates`` (of a calibration, if there is one).
+    """
+    from forcecal_ros.checks.entry import checked
+
+    fault, calibration, why = '', None, ''
+    document: dict[str, Any] = {
+        'recording': recording.source,
+        'streams': {name: _stream(stream) for name in STREAMS
+                    if (stream := getattr(recording, name)) is not None and len(stream)},
+        'missing': {role: list(names) for role, names in recording.candidates.items()
+                    if role in ('wrench', 'pose', 'accelerometer')},
+        'motion': _motion(recording)}
+    try:
+        recording = checked(recording).recording
+        calibration, why = _calibrate(recording)
+    except ForcecalError as error:
+        fault = str(error)
+    quality = {} if calibration is None else calibration.quality
+    return {**document, 'fault': fault, 'notes': [
+        *recording.notes, *quality.get('warnings', ()), *quality.get('questions', ())],
+        'uses': _uses(recording, fault, why),
+        'estimates': None if calibration is None else {
+            'mass': float(calibration.mass), 'mass_std': float(calibration.mass.std),
+            'poses': len(quality.get('poses', ())), 'sign': calibration.wrench_sign}}
+
+
+def _stream(stream: Any) -> dict[str, Any]:
+    import numpy as np
+
+    gaps = np.diff(stream.t)
+    period = float(np.median(gaps)) if len(gaps) else 0.0
+    return {'samples': len(stream), 'rate': 1.0 / period if period > 0.0 else None,
+            'longest_gap': float(gaps.max()) if len(gaps) else None,
+            'start': float(stream.t[0]), 'end': float(stream.t[-1]),
+            'frame': getattr(stream, 'frame', '') or None}
+
+
+def _motion(recording: 'Recording') -> dict[str, Any] | None:
+    """Return how far the pose moves and rotates, and which phases were recorded."""
+    import numpy as np
+
+    pose = recording.pose
+    if pose is None or len(pose) < 2:
+        return None
+    cosine = 0.5 * (np.trace(pose.R_base_sensor[0].T @ pose.R_base_sensor, axis1=1, axis2=2) - 1.0)
+    return {'rotation_deg': float(np.degrees(np.arccos(np.clip(cosine.min(), -1.0, 1.0)))),
+            'range_m': np.ptp(pose.position, axis=0).tolist() if pose.has_position else None,
+            'phases': list(dict.fromkeys(phase.name for phase in recording.phases))}
+
+
+def _calibrate(recording: 'Recording') -> tuple['Calibration | None', str]:
+    """Calibrate, which finds wrong signs, frames and units; or return why that is impossible."""
+    from forcecal_ros.calibrate.pipeline import identify
+    from forcecal_ros.core.topics import require
+
+    try:
+        require(recording, ['wrench', 'pose'])
+        return identify(recording), ''
+    except ForcecalError as error:
+        return None, str(error)
+
+
+def _uses(recording: 'Recording', fault: str, why: str) -> dict[str, str]:
+    """Return for each command nothing, or why the recording does not do for it."""
+    if fault:
+        return dict.fromkeys(('calibrate', 'estimate', 'diagnose'), 'see the fault above')
+    no_wrench = '' if recording.wrench is not None else 'no wrench was recorded'
+    gravity = recording.pose is not None or recording.angular_velocity is not None
+    commands = recording.target is not None or recording.joint_commands is not None
+    return {
+        'calibrate': why,
+        'estimate': no_wrench or ('' if gravity else 'neither a pose nor an IMU was recorded'),
+        'diagnose': no_wrench or ('' if recording.pose is not None or commands else
+                                  'neither a pose nor commands were recorded'),
+        'diagnose with a simulator': no_wrench or (
+            '' if commands else 'no commands (target_frame, joint_commands) were recorded')}
+
+
+def _next(args: argparse.Namespace, recording: 'Recording', document: dict[str, Any]) -> str:
+    """Return the command to run next."""
+    words = list(read_likewise(args))
+    if args.wrench_sign is not None:
+        words += ['--wrench-sign', str(args.wrench_sign)]
+    unnamed = {role: names for role, names in document['missing'].items()
+               if role in ('wrench', 'pose') and getattr(recording, role) is None}
+    if document['fault']:
+        return ''
+    if unnamed:
+        named = [word for role, names in unnamed.items() for word in (
+            '--topic', f'{role}={names[0] if len(names) == 1 else "NAME"}')]
+        return shlex.join(('forcecal', 'check', args.bag, *words, *named))
+    if not document['uses']['calibrate']:
+        return shlex.join(('forcecal', 'calibrate', args.bag, *words, '--report', 'report.html'))
+    if not document['uses']['estimate']:
+        known = () if document['calibration_recorded'] else ('--calibration', 'calibration.yaml')
+        return shlex.join(('forcecal', 'estimate', args.bag, *words, *known, '-o', 'contact'))
+    return ''
+
+
+def as_text(document: dict[str, Any]) -> str:
+    """Return the document as lines for a terminal."""
+    from forcecal_ros.report.rows import aligned
+
+    rows = [['signal', 'samples', 'rate', 'longest gap', 'from', 'to', 'frame']]
+    for name, one in document['streams'].items():
+        rate, gap = one['rate'], one['longest_gap']
+        rows.append([name, str(one['samples']), '-' if rate is None else f'{rate:.4g} Hz',
+                     '-' if gap is None else f'{1e3 * gap:.3g} ms', f'{one["start"]:.2f} s',
+                     f'{one["end"]:.2f} s', one['frame'] or '-'])
+    lines = [document['recording'], '', *aligned(rows, left=(0, 6))]
+    for role, names in document['missing'].items():
+        more = f', and {len(names) - SHOWN_TOPICS} more' if len(names) > SHOWN_TOPICS else ''
+        lines.append(f'{role}: not found; may be {", ".join(names[:SHOWN_TOPICS])}{more} '
+                     f'(--topic {role}=NAME)')
+    if motion := document['motion']:
+        moved = '' if motion['range_m'] is None else ', moves by ' + ' x '.join(
+            f'{length:.3g}' for length in motion['range_m']) + ' m'
+        phases = f'; phases {", ".join(motion["phases"])}' if motion['phases'] else ''
+        lines.append(f'motion: rotates by up to {motion["rotation_deg"]:.0f} deg{moved}{phases}')
+    if found := document['estimates']:
+        lines.append(f'tool: {found["mass"]:.4g} kg from {found["poses"]} static poses; sign, '
+                     'frame and units of the wrench agree with gravity')
+    lines += [f'note: {note}' for note in document['notes']]
+    if document['fault']:
+        lines.append(f'fault: {document["fault"]}')
+    lines += ['', *(f'{use}: {f"no: {why}" if why else "yes"}'
+                    for use, why in document['uses'].items())]
+    return '\n'.join([*lines, *([f'next: {document["next"]}'] if document.get('next') else [])])

@@ -1,0 +1,155 @@
+"""``forcecal init``: a complete, commented parameter file for a robot."""
+
+import argparse
+from collections.abc import Mapping, Sequence
+from math import nan
+import shlex
+from typing import Any
+
+from forcecal_ros.cli.common import (
+    add_namespace,
+    needs_ros,
+    new_parser,
+    or_nearest,
+    positive,
+    preset,
+    say,
+    warn,
+)
+from forcecal_ros.cli.outputs import add_output, FILE, stdout_is_taken
+
+TILT_DEG = 40.0
+"""Of the proposed poses from the present one: tilts about two axes separate mass, centre of mass
+and biases, and most wrists reach them."""
+
+DOWN = (1.0, 0.0, 0.0, 0.0)
+"""Orientation of a sensor whose z points down, xyzw."""
+
+MARGIN_M = 0.15
+"""Of the proposed workspace around the present position of the sensor."""
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the command."""
+    parser = new_parser(subparsers, 'init', json=False,
+                        example='forcecal init --preset ur -o my_cell.yaml')
+    parser.add_argument('--preset', metavar='NAME', type=preset, required=True,
+                        help="topics and parameters of a robot's driver: ur, franka, kuka_fri, "
+                             'broadcaster')
+    parser.add_argument('--controller', metavar='NAME', type=_controller,
+                        help='what moves the robot: moveit_servo, joint_trajectory_controller, '
+                             'cartesian_controllers, admittance_controller')
+    add_namespace(parser)
+    parser.add_argument('--offline', action='store_true',
+                        help='do not look for a running driver; otherwise topics, frames, joints '
+                             'and the present pose are taken from it')
+    parser.add_argument('--timeout', metavar='S', type=positive, default=3.0,
+                        help='how long to wait for messages of the driver')
+    add_output(parser, '-o', '--output', kind=FILE, metavar='FILE', default='my_cell.yaml',
+               help='parameter file to write, - for standard output; an earlier one is kept as '
+                    'FILE~')
+    parser.set_defaults(run=run)
+
+
+def _controller(name: str) -> str:
+    from forcecal_ros.nodes.presets import CONTROLLERS
+
+    if name not in CONTROLLERS:
+        raise argparse.ArgumentTypeError(
+            f'{name} is not a controller{or_nearest(name, CONTROLLERS)}')
+    return name
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry it out."""
+    from forcecal_ros.core.files import write_text
+
+    with needs_ros():
+        from forcecal_ros.nodes.config import TABLES
+    from forcecal_ros.core.parameters import parameter_file
+    from forcecal_ros.nodes.presets import read_preset
+
+    names = [name for name in (args.preset, args.controller) if name]
+    presets = [read_preset(name) for name in names]
+    topics = {key: str(value) for one in presets for key, value in one['topics'].items()}
+    found = {} if args.offline else _driver(args, topics)
+    texts = []
+    for node in ('sequencer', 'observer'):
+        values = {key: value for one in presets for key, value in one.get(node, {}).items()}
+        if node == 'sequencer':
+            values = {**_poses(DOWN), **found.get('joints', {}), **values,
+                      **found.get('poses', {})}
+        texts.append(parameter_file(
+            node, [row._replace(default=values.get(row.name, row.default))
+                   for row in TABLES[node][0]],
+            _heading(args, topics, found) if node == 'sequencer' else 'The observer.'))
+    write_text(args.output, '\n'.join(texts))
+    if not stdout_is_taken(args):
+        say(f'written to {args.output}; set limits.* and poses.* for your cell')
+        say(f'next: {_launch(args)}')
+    return 0
+
+
+def _launch(args: argparse.Namespace) -> str:
+    controller = [f'controller:={args.controller}'] if args.controller else []
+    return shlex.join(('ros2', 'launch', 'forcecal_ros', 'calibrate.launch.py',
+                       f'robot:={args.preset}', *controller, f'sequencer_params:={args.output}'))
+
+
+def _heading(args: argparse.Namespace, topics: Mapping[str, str], found: Mapping[str, Any]) -> str:
+    named = ', '.join(f'{key} {name}' for key, name in topics.items())
+    source = (f'Poses and workspace are proposals around the present pose ({found["about"]}): '
+              'check them with forcecal preview.' if found else
+              'No driver was running: poses.* are tilts of a sensor whose z points down, '
+              'limits.workspace_* are those of a simulated rig; set them for your cell.')
+    names = ' and '.join(name for name in (args.preset, args.controller) if name)
+    return (f'Parameters for {names}; start with {_launch(args)}. Topics: {named}. {source} '
+            'Nothing moves before forcecal start.')
+
+
+def _driver(args: argparse.Namespace, topics: Mapping[str, str]) -> dict[str, Any]:
+    """Return joints, poses and frames of a running driver as parameters; empty without one."""
+    try:
+        with needs_ros():
+            from forcecal_ros.nodes.client import first_messages
+    except Exception as error:  # noqa: BLE001 - the file is written without a driver, too
+        warn(f'{error}; the file is written without a driver')
+        return {}
+    messages = first_messages(args.namespace, {
+        'wrench': topics.get('wrench', 'wrench'),
+        'pose': topics.get('current_pose', 'current_pose'),
+        'joints': topics.get('joint_states', 'joint_states')}, args.timeout)
+    if not messages:
+        warn('no message of a driver was received; start it with the same ROS_DOMAIN_ID, or give '
+             '--offline')
+        return {}
+    about = [f'{role} in {message.header.frame_id}' for role, message in messages.items()
+             if message.header.frame_id]
+    return {'about': ', '.join(about) or 'frames are not named',
+            'joints': {'joints.names': list(messages['joints'].name)} if 'joints' in messages
+            else {}, 'poses': _around(messages['pose'].pose) if 'pose' in messages else {}}
+
+
+def _around(pose: Any) -> dict[str, Any]:
+    """Return poses tilted from the present one, and a box around it, as parameters."""
+    position = [getattr(pose.position, axis) for axis in 'xyz']
+    return {**_poses([getattr(pose.orientation, axis) for axis in 'xyzw']),
+            'limits.workspace_min': [x - MARGIN_M for x in position],
+            'limits.workspace_max': [x + MARGIN_M for x in position]}
+
+
+def _poses(orientation: Sequence[float]) -> dict[str, Any]:
+    """Return an orientation, xyzw, and three tilts from it as poses at the present position."""
+    from forcecal_ros.core.geometry import (
+        matrix_from_quaternion,
+        quaternion_from_matrix,
+        rotation_from_vector,
+    )
+    import numpy as np
+
+    R, tilt = matrix_from_quaternion(np.array(orientation)), np.radians(TILT_DEG)
+    tilts = {'upright': (0, 0, 0), 'tilt_x': (tilt, 0, 0), 'tilt_y': (0, tilt, 0),
+             'tilt_back': (-tilt, 0, 0)}
+    return {'poses.names': list(tilts), 'poses.values': [
+        value for vector in tilts.values() for value in (nan, nan, nan, *quaternion_from_matrix(
+            R @ rotation_from_vector(np.array(vector, dtype=float))).tolist())]}

@@ -1,0 +1,333 @@
+"""One command over one recording or many: here, on several cores, or on a Dask cluster.
+
+The answers are the same everywhere, and each comes as soon as it is there. A worker that is killed
+costs nothing but time: its work is done again.
+"""
+
+import argparse
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import as_completed, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+import json
+from multiprocessing import get_context
+import os
+from pathlib import Path
+import signal
+from threading import Lock
+from traceback import extract_tb
+from typing import Any, Generic, NamedTuple, TypeVar
+
+from forcecal_ros.cli.common import (
+    add_bag,
+    address,
+    at_least_one,
+    bar,
+    group,
+    MANY,
+    print_json,
+    say,
+    warn,
+)
+from forcecal_ros.cli.outputs import is_many, refuse_inputs, RESULTS, stdout_is_taken
+from forcecal_ros.core.errors import ConfigError, DataError, ForcecalError, UsageError
+from forcecal_ros.core.files import naming, set_aside
+
+T = TypeVar('T')
+R = TypeVar('R')
+
+CONNECT_S = 10.0
+"""How long a Dask scheduler may take to answer."""
+
+MAX_DEATHS = 2
+"""Processes that an item may kill, alone on the machine, before it is given up."""
+
+_TURN = Lock()
+
+
+@dataclass(frozen=True)
+class Outcome(Generic[R]):
+    """
+    Result of one item.
+
+    Attributes
+    ----------
+    index : int
+        Of the item.
+    value : object or None
+        What the work returned.
+    error : str
+        Why it returned nothing, in one line; else empty.
+    """
+
+    index: int
+    value: R | None = None
+    error: str = ''
+
+
+def each(work: Callable[[T], R], items: Sequence[T], *, jobs: int = 1, dask: str = ''
+         ) -> Iterator[Outcome[R]]:
+    """
+    Do the same to every item and yield each outcome, in the order they are done.
+
+    An item that fails does not keep the others from being done.
+
+    Parameters
+    ----------
+    work : callable
+        A function of an importable module (or a ``functools.partial`` of one): workers find it by
+        its name. Items and results travel between processes.
+    jobs : int
+        Processes on this machine; 1: this one.
+    dask : str
+        Address of the scheduler of a Dask cluster, as ``tcp://host:8786``. Its workers need this
+        package and the same files under the same names.
+
+    Raises
+    ------
+    ConfigError
+        There is no such cluster, or the extra ``scale`` is not installed.
+    """
+    if jobs < 1:
+        raise ConfigError(f'{jobs} jobs cannot do anything; give 1 or more')
+    if dask:
+        yield from _on_cluster(work, items, dask)
+    elif jobs > 1 and len(items) > 1:
+        yield from _on_cores(work, items, jobs)
+    else:
+        for index, item in enumerate(items):
+            yield attempt(work, index, item)
+
+
+def attempt(work: Callable[[T], R], index: int, item: T) -> Outcome[R]:
+    """Do one item; threads of one process take turns, as not everything here is thread-safe."""
+    try:
+        with _TURN:
+            return Outcome(index, work(item))
+    except ForcecalError as error:
+        return Outcome(index, error=str(error))
+    except Exception as error:  # noqa: BLE001 - of one recording, and the others go on
+        at = extract_tb(error.__traceback__)[-1]
+        return Outcome(
+            index, error=f'{type(error).__name__}: {error} ({at.filename}:{at.lineno})')
+
+
+def _on_cores(work: Callable[[T], R], items: Sequence[T], jobs: int) -> Iterator[Outcome[R]]:
+    """Work in processes; after a death, the items that may have caused it are done alone."""
+    for threads in ('OMP', 'OPENBLAS', 'MKL'):  # more would round in another order
+        os.environ.setdefault(f'{threads}_NUM_THREADS', '1')
+    left, suspects, deaths = list(range(len(items))), list[int](), 0
+    while left:
+        batch = suspects[:1] or list(left)
+        pool = ProcessPoolExecutor(min(jobs, len(batch)), get_context('spawn'),
+                                   signal.signal, (signal.SIGINT, signal.SIG_IGN))
+        try:
+            futures = [pool.submit(attempt, work, index, items[index]) for index in batch]
+            for future in as_completed(futures):
+                outcome = future.result()
+                left.remove(outcome.index)
+                yield outcome
+            suspects, deaths = suspects[1:], 0
+        except BrokenProcessPool:
+            deaths += 1
+            if not suspects:  # items are handed out in this order, one ahead of the processes
+                suspects, deaths = left[:2 * jobs + 1], 0
+            elif deaths == MAX_DEATHS:
+                index, deaths = suspects.pop(0), 0
+                left.remove(index)
+                yield Outcome(index, error=f'{MAX_DEATHS} processes that worked on it alone were '
+                              'killed; is there enough memory?')
+        finally:
+            for process in list((pool._processes or {}).values()):  # noqa: SLF001
+                process.terminate()
+            pool.shutdown(cancel_futures=True)
+
+
+def _on_cluster(work: Callable[[T], R], items: Sequence[T], scheduler: str
+                ) -> Iterator[Outcome[R]]:
+    try:
+        from distributed import as_completed as completed
+        from distributed import Client
+    except ImportError as error:
+        from forcecal_ros.core.extras import installing
+
+        raise ConfigError('--dask requires the Python package distributed; install it by '
+                          f'{installing("scale", "distributed")}') from error
+    try:
+        client = Client(scheduler, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise ConfigError(f'no Dask scheduler answers at {scheduler} ({error}); start one with '
+                          '`dask scheduler`, and workers with `dask worker`') from error
+    with client:
+        index_of = {client.submit(attempt, work, index, item, pure=False): index
+                    for index, item in enumerate(items)}
+        for future in completed(list(index_of), loop=client.loop):
+            index = index_of.pop(future)
+            problem = future.exception()
+            yield future.result() if problem is None else Outcome(
+                index, error=f'{type(problem).__name__}: {problem}')
+
+
+class Answer(NamedTuple):
+    """
+    What a command found in one recording.
+
+    Attributes
+    ----------
+    document : mapping
+        What ``--json`` prints.
+    text, headline : str
+        The same to read, and in one line of many recordings.
+    notes : tuple of str
+        For the user.
+    status : int
+        Exit status.
+    """
+
+    document: Mapping[str, Any]
+    text: str
+    headline: str
+    notes: tuple[str, ...] = ()
+    status: int = 0
+
+
+def add_bags(parser: argparse.ArgumentParser) -> None:
+    """Add the recordings, what :func:`add_bag` adds, ``--jobs`` and ``--dask``."""
+    add_bag(parser, several='each is worked on by itself')
+    add_workers(parser)
+
+
+def add_workers(parser: argparse.ArgumentParser) -> None:
+    """Add ``--jobs`` and ``--dask``."""
+    options = group(parser, MANY)
+    options.add_argument('--jobs', metavar='N', type=at_least_one, default=1,
+                         help='recordings that are worked on at once')
+    options.add_argument('--dask', metavar='ADDRESS', type=address,
+                         help='scheduler of a Dask cluster to work there, as tcp://host:8786; its '
+                              'workers need this package and the same files in the same places')
+
+
+def check_workers(args: argparse.Namespace) -> None:
+    """Refuse --jobs together with --dask."""
+    if args.dask and args.jobs > 1:
+        raise UsageError('--jobs counts processes of this machine, --dask works elsewhere; '
+                         'leave --jobs out')
+
+
+def run(args: argparse.Namespace, answer: Callable[[argparse.Namespace], Answer]) -> int:
+    """
+    Answer for every recording and print each answer as soon as it is there.
+
+    One recording is written to ``--output``. Of many, or if ``--output`` ends with a slash, that
+    is a folder which holds the results under the names of the recordings, below what their paths
+    have in common.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Of a parser with :func:`add_bags` and ``--output``.
+    answer : callable
+        Of a module of this package; takes the same arguments with one ``bag``.
+
+    Returns
+    -------
+    int
+        Exit status: the largest of all; 1 for a recording without an answer.
+    """
+    check_workers(args)
+    many = is_many(args)
+    tasks = _tasks(args, args.bag) if many else [_with(args, bag=args.bag[0])]
+    if not (many or args.dask):
+        return _show(answer(tasks[0]), args)
+    statuses = []
+    with bar(args, total=len(tasks), unit=' recordings') as done:
+        for outcome in each(answer, tasks, jobs=args.jobs, dask=args.dask or ''):
+            done.clear()
+            task, found = tasks[outcome.index], outcome.value
+            if not many:
+                if found is None:
+                    raise DataError(outcome.error)
+                return _show(found, args)
+            if found is None:
+                _set_earlier_aside(task)
+            statuses.append(_show_one_of_many(task.bag, found, outcome.error, args.json))
+            done.update()
+    if not args.json:
+        say(f'{sum(status != 1 for status in statuses)} of {len(tasks)} recordings have an '
+            f'answer, in {args.output}')
+    return 1 if 1 in statuses else max(statuses)
+
+
+def _with(args: argparse.Namespace, **changes: Any) -> argparse.Namespace:
+    given = {name: value for name, value in vars(args).items() if name != 'parser'}
+    return argparse.Namespace(**{**given, **changes})
+
+
+def _tasks(args: argparse.Namespace, bags: Sequence[str]) -> list[argparse.Namespace]:
+    """Return the arguments for each recording alone, with absolute paths."""
+    named = [Path(bag).absolute() for bag in bags]
+    paths = [Path(os.path.normpath(path)) for path in named]  # `..` would lead out of DIR
+    common = Path(os.path.commonpath([path.parent for path in paths]))
+    shared = {name: str(Path(value).absolute()) for name in args.inputs
+              if name != 'bag' and (value := getattr(args, name)) and Path(value).exists()}
+    tasks, owner, seen = [], dict[Path, Path](), set[str]()
+    for bag, path in zip(named, paths, strict=True):
+        inside = path.relative_to(common)
+        name = inside.with_suffix('') if path.suffix in ('.mcap', '.db3') else inside
+        if os.path.realpath(bag) in seen:
+            raise UsageError(f'{path} is named twice; name each recording once')
+        seen.add(os.path.realpath(bag))
+        if name in owner:
+            raise UsageError(f'{owner[name]} and {path} would both be written to {name}; '
+                             'give each its own command')
+        owner[name] = path
+        written = {one.name: str(Path(value).absolute() / f'{name}{one.suffix}')
+                   for one in args.outputs if (value := getattr(args, one.name))}
+        tasks.append(_with(args, bag=str(bag), quiet=True, **shared, **written))
+    for place, one in ((getattr(task, one.name), one) for task in tasks for one in args.outputs):
+        if not place:
+            continue
+        if one.kind != RESULTS:
+            try:
+                refuse_inputs(place, one.kind, bags)
+            except ConfigError as error:
+                raise UsageError(f'{one.option}: {error}') from error
+        with naming(Path(place)):
+            Path(place).parent.mkdir(parents=True, exist_ok=True)
+    return tasks
+
+
+def _set_earlier_aside(task: argparse.Namespace) -> None:
+    """Rename what an earlier run found in a recording that has no answer now."""
+    for one in task.outputs:
+        if (place := getattr(task, one.name)) and os.path.lexists(place):
+            set_aside(Path(place))
+
+
+def _show(answer: Answer, args: argparse.Namespace) -> int:
+    if args.json:
+        print_json(answer.document)
+    else:
+        for note in answer.notes:
+            warn(note)
+        if not stdout_is_taken(args):
+            say(answer.text)
+    if answer.status == 1:
+        warn(answer.headline)
+    return answer.status
+
+
+def _show_one_of_many(bag: str, answer: Answer | None, error: str, as_json: bool) -> int:
+    """Print one line, with ``--json`` one document; return the status."""
+    if answer is None:
+        warn(f'{bag}: {error}')
+        if as_json:
+            say(json.dumps({'recording': bag, 'error': error}))
+        return 1
+    if as_json:
+        say(json.dumps({'recording': bag, **answer.document}, allow_nan=False))
+    else:
+        for note in answer.notes:
+            warn(f'{bag}: {note}')
+        say(f'{bag}: {answer.headline}')
+    return answer.status

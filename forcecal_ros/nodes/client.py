@@ -1,0 +1,273 @@
+"""Running nodes from a command: child processes, a temporary node, services and states."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
+from importlib.resources import files
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from types import TracebackType
+from typing import Any, IO
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.nodes.runtime import Interrupt, LEVELS, OUTPUT, starting
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+import rclpy
+from rclpy.executors import Executor
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+PATIENCE = 5.0
+"""Time from SIGINT to SIGKILL [s], ten times what a node takes to come to rest."""
+
+
+class Processes:
+    """
+    Nodes of this package; the end of its context ends them all.
+
+    Parameters
+    ----------
+    environment : mapping
+        Variables added to those of this process.
+    """
+
+    def __init__(self, environment: Mapping[str, str]) -> None:
+        self._environment = {**os.environ, **environment}
+        self._running: dict[str, subprocess.Popen[bytes]] = {}
+        self._outputs: dict[str, IO[bytes]] = {}
+
+    def start(self, node: str, parameters: Mapping[str, object]) -> None:
+        """Start one node with its parameters."""
+        arguments = [part for name, value in parameters.items()
+                     for part in ('-p', f'{name}:={_text(value)}')]
+        self._outputs[node] = tempfile.TemporaryFile()  # noqa: SIM115 - outlives this call
+        self._running[node] = subprocess.Popen(
+            [sys.executable, '-m', f'forcecal_ros.nodes.{node}', '--ros-args', *arguments],
+            stdin=subprocess.DEVNULL, stdout=self._outputs[node], stderr=subprocess.STDOUT,
+            env=self._environment, start_new_session=True)
+
+    def check(self) -> None:
+        """
+        Check that all nodes are running.
+
+        Raises
+        ------
+        DataError
+            One has ended; with the last line of its output.
+        """
+        for node, process in self._running.items():
+            if process.poll() is not None:
+                raise DataError(f'the {node} node ended with status {process.returncode}: '
+                                f'{self._last_line(node)}')
+
+    def _last_line(self, node: str) -> str:
+        self._outputs[node].seek(0)
+        lines = self._outputs[node].read().decode(errors='replace').strip().splitlines()
+        return lines[-1] if lines else 'no output'
+
+    def __enter__(self) -> 'Processes':
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        for process in self._running.values():
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+        for process in self._running.values():
+            try:
+                process.wait(PATIENCE)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+        for output in self._outputs.values():
+            output.close()
+
+
+def _text(value: object) -> str:
+    """Return a value as YAML that ROS reads as the same type."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return '[' + ', '.join(_text(item) for item in value) + ']'
+    return repr(value) if isinstance(value, float) else str(value)
+
+
+def only_this_machine() -> dict[str, str]:
+    """
+    Return environment variables that keep a process' DDS traffic on the loopback interface.
+
+    With Fast DDS, Jazzy's own, messages go over UDP and never through shared memory, where each
+    process of the machine, of any domain, waits at locks that a killed one never releases.
+    Its profile alone has to say so: ``ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST`` would bring
+    shared memory back. Its buffers hold some tenths of a second of topics at 1 kHz, as far as the
+    system grants them. Any other middleware is set to LOCALHOST.
+    """
+    if os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps').startswith('rmw_fastrtps'):
+        return {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET',
+                'FASTRTPS_DEFAULT_PROFILES_FILE': str(files(__package__) / 'loopback.xml')}
+    return {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+
+
+@contextmanager
+def own_domain() -> Iterator[dict[str, str]]:
+    """
+    Take this process to a DDS domain of this machine only, where no robot listens.
+
+    A ROS_DOMAIN_ID of the user is kept.
+
+    Yields
+    ------
+    dict
+        Environment variables for child processes.
+    """
+    domain = os.environ.get('ROS_DOMAIN_ID') or str(random.randint(1, 101))
+    environment = {'ROS_DOMAIN_ID': domain, **only_this_machine()}
+    before = {name: os.environ.get(name) for name in environment}
+    os.environ.update(environment)
+    try:
+        yield environment
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+class TemporaryNode:
+    """A node with its executor."""
+
+    def __init__(self, node: Node, executor: Executor, interrupt: Interrupt) -> None:
+        self.node = node
+        self._executor = executor
+        self._interrupt = interrupt
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether a signal requests the end."""
+        return self._interrupt.count > 0 or not rclpy.ok()
+
+    def spin(self, seconds: float) -> None:
+        """Handle what arrives within some time [s]."""
+        self._executor.spin_until_future_complete(Future(), timeout_sec=seconds)
+
+
+@contextmanager
+def temporary_node(name: str) -> Iterator[TemporaryNode]:
+    """Run a node within this context, in the domain of the environment."""
+    interrupt = Interrupt()
+    try:
+        with starting('forcecal'):
+            rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+            node = rclpy.create_node(name)
+        executor = EventsExecutor()
+        executor.add_node(node)
+        interrupt.running = True
+        try:
+            yield TemporaryNode(node, executor, interrupt)
+        finally:
+            executor.shutdown()
+            node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+        interrupt.restore()
+
+
+NODES = ('sequencer', 'observer', 'sim', 'gap', 'impedance')
+"""Names of this package's nodes, in the order of a report."""
+
+SETTLED = 0.3
+"""From where the service is known here until this client is known there, without which its answer
+is lost: three times what Fast DDS waits by itself [s]."""
+
+SPIN = 0.02
+"""Delay of an answer that is not noticed [s]."""
+
+WORDS = {level: word for word, level in LEVELS.items()}
+
+
+def ask(ros: TemporaryNode, service: str, patience: float) -> Trigger.Response:
+    """
+    Call a Trigger service.
+
+    Parameters
+    ----------
+    service : str
+        With its namespace.
+    patience : float
+        For the service to be there, and for its answer [s].
+
+    Raises
+    ------
+    DataError
+        The service is not there, or does not answer.
+    """
+    client = ros.node.create_client(Trigger, service)
+    if not _until(ros, client.service_is_ready, patience):
+        raise DataError(f'{service} is not there after {patience:g} s; start its node with '
+                        'the same ROS_DOMAIN_ID and --namespace')
+    ros.spin(SETTLED)
+    answer = client.call_async(Trigger.Request())
+    if not _until(ros, answer.done, patience):
+        raise DataError(f'{service} has not answered within {patience:g} s, and may have done '
+                        'what was requested; forcecal status shows it')
+    response: Trigger.Response = answer.result()
+    return response
+
+
+def node_statuses(ros: TemporaryNode, seconds: float) -> dict[str, DiagnosticStatus]:
+    """Listen to /diagnostics; return the last status of each node of this package, by its name."""
+    found: dict[str, DiagnosticStatus] = {}
+
+    def take(message: DiagnosticArray) -> None:
+        found.update({status.name: status for status in message.status
+                      if status.name.rpartition('/')[2] in NODES})
+
+    ros.node.create_subscription(DiagnosticArray, '/diagnostics', take, OUTPUT)
+    _until(ros, lambda: False, seconds)
+    return dict(sorted(found.items(), key=lambda item: (
+        item[0].rpartition('/')[0], NODES.index(item[0].rpartition('/')[2]))))
+
+
+def _until(ros: TemporaryNode, condition: Callable[[], bool], patience: float) -> bool:
+    end = time.monotonic() + patience
+    while not condition() and time.monotonic() < end:
+        if ros.interrupted:
+            raise KeyboardInterrupt
+        ros.spin(SPIN)
+    return condition()
+
+
+def first_messages(namespace: str, topics: Mapping[str, str], timeout: float) -> dict[str, Any]:
+    """
+    Return the first message of each topic that is published, by its key.
+
+    Parameters
+    ----------
+    namespace : str
+        Of topics without a leading slash.
+    topics : mapping of str to str
+        Key to name: ``wrench``, ``pose`` or ``joints``.
+    timeout : float
+        How long to wait [s].
+    """
+    types = {'wrench': WrenchStamped, 'pose': PoseStamped, 'joints': JointState}
+    found: dict[str, Any] = {}
+    with temporary_node('init') as ros:
+        for key, name in topics.items():
+            full = name if name.startswith('/') else f'/{namespace.strip("/")}/{name}'
+            ros.node.create_subscription(types[key], full.replace('//', '/'),
+                                         partial(found.setdefault, key), qos_profile_sensor_data)
+        _until(ros, lambda: len(found) == len(topics), timeout)
+    return found

@@ -1,0 +1,231 @@
+"""Topics that nodes read: accelerometers, and the pose of ft_sensor by a topic, /tf or joints."""
+
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from struct import error as StructError
+from typing import Any, NamedTuple
+
+from forcecal_ros.core.errors import ConfigError, DataError
+from forcecal_ros.core.parameters import Parameter
+from forcecal_ros.io.urdf import Description
+from forcecal_ros.nodes.wire import frame_of, JointsReader, Reader, Sample
+from forcecal_ros.observe.frames import at_the_sensor, mounting_of, Placement
+from forcecal_ros.observe.pose_sources import JointPose, TransformPose
+from geometry_msgs.msg import AccelStamped, PoseStamped, Vector3Stamped
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import Imu, JointState
+
+SENSOR_FROM_POSE = Parameter(
+    'sensor.from_pose', [0.0], 'x y z [m] qx qy qz qw of ft_sensor in the frame whose pose is '
+    'measured and commanded, a flange or a TCP; one number: both are of ft_sensor')
+
+ACCELEROMETER_SOURCE = Parameter(
+    'accelerometer.source', 'raw', 'Where the accelerometer comes from: accelerometer/raw in '
+    'volts, imu/data_raw or accel in m/s^2', choices=('raw', 'imu', 'accel', 'none'))
+
+WRENCH_SIGN = Parameter('wrench.sign', 1, '-1 for a driver that reports the wrench of the tool on '
+                        'its environment', low=-1, high=1)
+
+COMMAND_PARAMETERS = (
+    Parameter('motion.frame', '', 'frame_id of commands: the robot base link; empty: that of '
+              'current_pose, from which it may not differ'),
+    Parameter('motion.deadman_timeout', 0.0, 'Silence of the topic deadman that stops a motion; '
+              '0: no dead-man switch', 's', 0.0, 10.0))
+
+POSE_PARAMETERS = (
+    Parameter('pose.base', '', 'Frame of /tf that poses are given in; with pose.frame: poses are '
+              'taken from /tf; both empty: from current_pose'),
+    Parameter('pose.frame', '', 'Frame of /tf whose pose is taken, as often as the slowest moving '
+              'transform between the two comes; see sensor.from_pose where it is not ft_sensor'),
+    Parameter('pose.urdf', '', 'URDF of the robot, a file or its text: poses of the link '
+              'pose.frame in the link pose.base are computed from joint_states; empty: from /tf'),
+    SENSOR_FROM_POSE)
+
+STATIC = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE,
+                    durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""QoS of /tf_static: as many transforms as a robot has fixed joints and broadcasters."""
+
+REMIND = 5.0
+"""Time between two warnings that the frames are not there, or not connected [s]."""
+
+Read = Callable[[bytes], Sample | None]
+
+
+class PoseSource(NamedTuple):
+    """
+    A topic, and how poses are read from it.
+
+    Attributes
+    ----------
+    name : str
+        What messages to the user call it.
+    read : callable
+        Returns stamp and pose of a serialised message; None where it completes no pose.
+    frame_of : callable
+        Returns the frame_id of poses, of a serialised message.
+    static : Subscription or None
+        Additional, which ends with the node.
+    """
+
+    topic: str
+    name: str
+    message_type: Any
+    read: Read
+    frame_of: Callable[[bytes], str]
+    static: Subscription | None = None
+
+
+def pose_source(node: Node) -> PoseSource:
+    """
+    Return where a node that has ``POSE_PARAMETERS`` takes poses from.
+
+    Raises
+    ------
+    ConfigError
+        A frame is missing, tf2_msgs is, or the URDF leads from none of the frames to the other.
+    """
+    base, frame, urdf = (str(node.get_parameter(f'pose.{name}').value)
+                         for name in ('base', 'frame', 'urdf'))
+    if urdf:
+        return _of_joints(node, base, frame, urdf)
+    if not (base or frame):
+        return PoseSource('current_pose', 'current_pose', PoseStamped, Reader(PoseStamped),
+                          frame_of)
+    if not (base and frame):
+        raise ConfigError(f'pose.{"base" if frame else "frame"} is empty, and pose.'
+                          f'{"frame" if frame else "base"} is {frame or base!r}; name both frames '
+                          'of /tf')
+    message_type = transform_type('pose.base and pose.frame take poses from /tf',
+                                  ', or have a PoseStamped published on current_pose')
+    poses = TransformPose(base, frame)
+
+    def read(raw: bytes) -> Sample | None:
+        found = poses.take(raw)
+        if found is None and poses.why_not:
+            node.get_logger().warning(f'/tf: {poses.why_not}', throttle_duration_sec=REMIND,
+                                      skip_first=True)
+        return None if found is None else Sample(*found)
+
+    def take_static(raw: bytes) -> None:
+        with suppress(StructError):
+            poses.take_static(raw)
+
+    static = node.create_subscription(message_type, '/tf_static', take_static, STATIC, raw=True)
+    return PoseSource('/tf', f'/tf ({base} to {frame})', message_type, read, lambda raw: base,
+                      static)
+
+
+def _of_joints(node: Node, base: str, frame: str, urdf: str) -> PoseSource:
+    if not (base and frame):
+        raise ConfigError(f'pose.{"frame" if base else "base"} is empty, and pose.urdf is given; '
+                          'name the links of the base and of the pose')
+    source = 'the text of pose.urdf' if urdf.lstrip().startswith('<') else urdf
+    try:
+        text = urdf.encode() if source != urdf else Path(urdf).read_bytes()
+        poses = JointPose(Description(text, source), base, frame, 'pose', source)
+    except OSError as error:
+        raise ConfigError(f'pose.urdf {urdf}: cannot be read ({error.strerror}); name a URDF '
+                          'that is there') from error
+    except DataError as error:
+        raise ConfigError(f'pose.urdf: {error}') from error
+    joints = JointsReader(poses.drivers)
+
+    def read(raw: bytes) -> Sample | None:
+        found = poses.take(*joints(raw))
+        if found is not None:
+            return Sample(*found)
+        if poses.why_not:
+            node.get_logger().warning(
+                f'joint_states: {poses.why_not}; joints of the newest message are '
+                f'{", ".join(joints.names) or "none"}', throttle_duration_sec=REMIND,
+                skip_first=True)
+        return None
+
+    return PoseSource('joint_states', f'joint_states ({base} to {frame})', JointState, read,
+                      lambda raw: base)
+
+
+def transform_type(why: str, otherwise: str = '') -> Any:
+    """
+    Return the type of /tf, which no package index has: the one place that requires tf2_msgs.
+
+    Raises
+    ------
+    ConfigError
+        It is missing; with ``why`` it is required, and what to do ``otherwise``.
+    """
+    try:
+        from tf2_msgs.msg import TFMessage
+    except ImportError as error:
+        raise ConfigError(
+            f'{why}, which requires tf2_msgs: apt install ros-jazzy-tf2-msgs{otherwise}'
+        ) from error
+    return TFMessage
+
+
+def mounting_parameter(node: Node) -> Placement | None:
+    """
+    Return the mounting that ``sensor.from_pose`` states.
+
+    Raises
+    ------
+    ConfigError
+        It is no pose.
+    """
+    name = SENSOR_FROM_POSE.name
+    numbers: Any = node.get_parameter(name).value
+    return mounting_of(numbers, f'parameter {name}')
+
+
+def at_sensor(read: Read, mounting: Placement | None) -> Read:
+    """Return a reader of poses that makes them those of ft_sensor."""
+    if mounting is None:
+        return read
+
+    def of_sensor(raw: bytes) -> Sample | None:
+        sample = read(raw)
+        if sample is None:
+            return None
+        return Sample(sample.stamp_ns, at_the_sensor(mounting, sample.values))
+
+    return of_sensor
+
+
+ACCELEROMETERS: dict[str, tuple[str, Any, str]] = {
+    'raw': ('accelerometer/raw', Vector3Stamped, 'V'),
+    'imu': ('imu/data_raw', Imu, 'm/s^2'),
+    'accel': ('accel', AccelStamped, 'm/s^2'),
+}
+"""Topic, type and unit of each choice of ``accelerometer.source``."""
+
+
+class Input(NamedTuple):
+    """
+    One topic.
+
+    Attributes
+    ----------
+    watched : bool
+        Whether its silence and its readings may end a motion.
+    name : str
+        What messages call it; empty: its topic.
+    frame_of : callable
+        Returns the frame of its readings, of a serialised message.
+    """
+
+    channel: str
+    topic: str
+    message_type: Any
+    read: Callable[[bytes], Sample | None]
+    watched: bool = True
+    name: str = ''
+    frame_of: Callable[[bytes], str] = frame_of
+
+    @classmethod
+    def of_pose(cls, source: PoseSource) -> 'Input':
+        """Return the topic of the pose."""
+        return cls('pose', source.topic, source.message_type, source.read, name=source.name,
+                   frame_of=source.frame_of)

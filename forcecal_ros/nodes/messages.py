@@ -1,0 +1,245 @@
+"""Messages of calibrations, tools, plans and contacts, made of numbers and read back."""
+
+from math import isfinite, nan, sqrt
+from typing import NamedTuple
+
+from forcecal_ros.core.calibration import Calibration
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array, quaternion_from_matrix
+from forcecal_ros.io.calibration_file import dump
+from forcecal_ros.observe.design import Accuracy
+from forcecal_ros.observe.frames import contact_point
+from geometry_msgs.msg import (
+    Inertia,
+    InertiaStamped,
+    Point,
+    PoseStamped,
+    Quaternion,
+    TransformStamped,
+    Vector3,
+)
+from geometry_msgs.msg import Pose as PoseMessage
+from nav_msgs.msg import Path
+import numpy as np
+from numpy.typing import ArrayLike
+from rclpy.time import Time
+from std_msgs.msg import ColorRGBA, Float64MultiArray, Header, MultiArrayDimension, String
+from visualization_msgs.msg import Marker, MarkerArray
+
+TOPIC = '~/tool'
+"""Topic of the tool in use."""
+
+
+PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+"""Elements of an inertia in the order of the message's fields."""
+
+
+class ToolInUse(NamedTuple):
+    """Mass [kg], centre of mass [m] and inertia about it [kg m^2]; None: as calibrated."""
+
+    mass: float
+    com: Array
+    inertia: Array | None = None
+
+
+def fill_inertia(inertia: Inertia, mass: float, com: Array, J: Array | None) -> None:
+    """Write a tool into a message; an inertia that is not known is NaN."""
+    inertia.m = float(mass)
+    inertia.com.x, inertia.com.y, inertia.com.z = np.asarray(com).tolist()
+    for i, j in PAIRS:
+        setattr(inertia, f'i{"xyz"[i]}{"xyz"[j]}', nan if J is None else float(J[i, j]))
+
+
+def read_tool(message: InertiaStamped, frame: str) -> ToolInUse:
+    """
+    Read what hangs on the sensor, tool and payload together.
+
+    An inertia with a NaN in it, or zero throughout, is not known.
+
+    Raises
+    ------
+    DataError
+        It is given in another frame than the sensor's, or is no tool.
+    """
+    inertia, named = message.inertia, message.header.frame_id
+    if named not in ('', frame):
+        raise DataError(f'{TOPIC} is given in {named!r}, expected {frame!r}; not taken')
+    com = np.array([inertia.com.x, inertia.com.y, inertia.com.z])
+    if not (isfinite(inertia.m) and inertia.m > 0 and np.isfinite(com).all()):
+        raise DataError(f'{TOPIC}: mass {inertia.m} kg at {com.tolist()} m is no tool, expected '
+                        'the finite mass above 0 of all that hangs on the sensor; not taken')
+    J = np.empty((3, 3))
+    for i, j in PAIRS:
+        J[i, j] = J[j, i] = getattr(inertia, f'i{"xyz"[i]}{"xyz"[j]}')
+    if np.isnan(J).any() or not J.any():
+        return ToolInUse(inertia.m, com)
+    if not np.isfinite(J).all() or np.linalg.eigvalsh(J)[0] < 0:
+        raise DataError(f'{TOPIC}: the inertia is none, {J.tolist()}; leave it NaN where it is '
+                        'not known; not taken')
+    return ToolInUse(inertia.m, com, J)
+
+
+def calibration_message(calibration: Calibration) -> String:
+    """Return the text of ``calibration.yaml`` as a message."""
+    return String(data=dump(calibration))
+
+
+def gain_message(calibration: Calibration) -> Float64MultiArray:
+    """Return the paper's K: rows are the states x and dx/dt, columns the outputs."""
+    assert calibration.observer is not None
+    K = calibration.observer.K.value
+    message = Float64MultiArray(data=K.ravel().tolist())
+    message.layout.dim = [
+        MultiArrayDimension(label='state x, dx/dt', size=2, stride=6),
+        MultiArrayDimension(label='output x, dx/dt, d2x/dt2', size=3, stride=3)]
+    return message
+
+
+def accuracy_message(found: Accuracy | None) -> Float64MultiArray:
+    """Return the covariance of the contact wrench's error, NaN where it is not known."""
+    covariance = np.full((6, 6), nan) if found is None else found.covariance
+    message = Float64MultiArray(data=covariance.ravel().tolist())
+    message.layout.dim = [
+        MultiArrayDimension(label='force x, y, z [N], torque x, y, z [N m]', size=6, stride=n)
+        for n in (36, 6)]
+    return message
+
+
+def inertia_message(calibration: Calibration, stamp: Time) -> InertiaStamped:
+    """Return mass, centre of mass and inertia about it, NaN where that is not identified."""
+    message = InertiaStamped()
+    message.header.stamp = stamp.to_msg()
+    message.header.frame_id = calibration.sensor_frame
+    fill_inertia(message.inertia, float(calibration.mass), calibration.com.value,
+                 None if calibration.inertia is None else calibration.inertia.value)
+    return message
+
+
+def transform_of(stamp_ns: int, pose: tuple[float, ...], parent: str, child: str
+                 ) -> TransformStamped:
+    """Return a pose, x y z qx qy qz qw, as the transform of ``child`` in ``parent``."""
+    message = TransformStamped()
+    message.header.stamp = Time(nanoseconds=stamp_ns).to_msg()
+    message.header.frame_id, message.child_frame_id = parent, child
+    x, y, z, qx, qy, qz, qw = pose
+    message.transform.translation = Vector3(x=x, y=y, z=z)
+    message.transform.rotation = Quaternion(x=qx, y=qy, z=qz, w=qw)
+    return message
+
+
+def path_message(positions: Array, rotations: Array, frame: str, stamp: Time) -> Path:
+    """Return positions (n, 3) [m] and rotations (n, 3, 3) of ft_sensor in a frame as a path."""
+    header = Header(stamp=stamp.to_msg(), frame_id=frame)
+    quaternions = quaternion_from_matrix(rotations) if len(positions) else np.empty((0, 4))
+    return Path(header=header, poses=[
+        PoseStamped(header=header, pose=PoseMessage(
+            position=Point(x=x, y=y, z=z), orientation=Quaternion(x=a, y=b, z=c, w=d)))
+        for (x, y, z), (a, b, c, d) in zip(positions.tolist(), quaternions.tolist())])
+
+
+METRES_PER_NEWTON = 0.005
+"""Length of an arrow: 20 N are 10 cm, as long as a gripper's finger."""
+
+
+SIGMAS = 2.0
+"""Half axes of an ellipsoid, in standard deviations: 74 % of points lie within."""
+
+
+LARGEST = 0.5
+"""An ellipsoid is drawn no larger than this, lest it hide the robot [m]."""
+
+
+ORANGE = ColorRGBA(r=1.0, g=0.5, b=0.0, a=1.0)
+
+
+PALE = ColorRGBA(r=1.0, g=0.5, b=0.0, a=0.3)
+
+
+BLUE = ColorRGBA(r=0.1, g=0.4, b=1.0, a=1.0)
+
+
+FRESH = 0.5
+"""How long a marker is shown that is not renewed [s]."""
+
+
+def _marker(header: Header, namespace: str, kind: int, action: int = Marker.ADD) -> Marker:
+    marker = Marker(header=header, ns=namespace, id=0, type=kind, action=action)
+    marker.pose.orientation.w = 1.0
+    return marker
+
+
+def _points(rows: Array) -> list[Point]:
+    return [Point(x=x, y=y, z=z) for x, y, z in rows.tolist()]
+
+
+def contact_markers(wrench: Array, covariance: Array, frame: str, stamp: Time) -> MarkerArray:
+    """
+    Draw a contact force as an arrow that ends where it acts, and how sure both are.
+
+    Parameters
+    ----------
+    wrench : ndarray, shape (6,)
+        Environment on tool, in ``frame``, about its origin [N, N m].
+    covariance : ndarray, shape (6, 6)
+        Of its error; NaN where that is not known, and no ellipsoids are drawn then.
+    """
+    header = Header(stamp=stamp.to_msg(), frame_id=frame)
+    known = bool(np.isfinite(covariance).all())
+    found = contact_point(wrench, covariance if known else 1e-12 * np.eye(6))
+    namespaces = ('contact force', 'point uncertainty', 'force uncertainty')
+    kinds = (Marker.ARROW, Marker.SPHERE, Marker.SPHERE)
+    if found is None:
+        return MarkerArray(markers=[_marker(header, name, kind, Marker.DELETE)
+                                    for name, kind in zip(namespaces, kinds)])
+    tail = found.position - METRES_PER_NEWTON * wrench[:3]
+    arrow = _marker(header, namespaces[0], kinds[0])
+    arrow.points, arrow.color = _points(np.array([tail, found.position])), ORANGE
+    arrow.scale = Vector3(x=0.006, y=0.014, z=0.02)
+    markers = [arrow]
+    if known:
+        markers += [
+            _ellipsoid(header, namespaces[1], found.position, found.covariance),
+            _ellipsoid(header, namespaces[2], tail,
+                       METRES_PER_NEWTON ** 2 * covariance[:3, :3])]
+    for marker in markers:
+        marker.lifetime.nanosec = round(FRESH * 1e9)
+    return MarkerArray(markers=markers)
+
+
+def _ellipsoid(header: Header, namespace: str, centre: Array, covariance: Array) -> Marker:
+    values, axes = np.linalg.eigh(covariance)
+    if np.linalg.det(axes) < 0:
+        axes[:, 0] *= -1
+    marker = _marker(header, namespace, Marker.SPHERE)
+    x, y, z, w = quaternion_from_matrix(axes).tolist()
+    marker.pose.position, = _points(centre[np.newaxis])
+    marker.pose.orientation = Quaternion(x=x, y=y, z=z, w=w)
+    marker.scale = Vector3(**{axis: min(2 * SIGMAS * sqrt(max(value, 1e-10)), LARGEST)
+                              for axis, value in zip('xyz', values.tolist())})
+    marker.color = PALE
+    return marker
+
+
+_EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2, 4)]
+
+
+def plan_markers(low: ArrayLike, high: ArrayLike, path: Array, frame: str, stamp: Time
+                 ) -> MarkerArray:
+    """
+    Draw the workspace box by its edges, and the path (n, 3) that a start would take [m].
+
+    A side at infinity is drawn 1 m beyond the path; without positions nothing of it is drawn.
+    """
+    header = Header(stamp=stamp.to_msg(), frame_id=frame)
+    box = _marker(header, 'workspace', Marker.LINE_LIST)
+    line = _marker(header, 'planned path', Marker.LINE_STRIP)
+    if not len(path):
+        box.action = line.action = Marker.DELETE
+        return MarkerArray(markers=[box, line])
+    ends = np.array([np.where(np.isfinite(low), low, path.min(axis=0) - 1.0),
+                     np.where(np.isfinite(high), high, path.max(axis=0) + 1.0)])
+    corners = np.array([[ends[k >> axis & 1, axis] for axis in range(3)] for k in range(8)])
+    box.points = _points(corners[[k for edge in _EDGES for k in edge]])
+    line.points = _points(path)
+    box.scale.x, line.scale.x, box.color, line.color = 0.003, 0.005, BLUE, ORANGE
+    return MarkerArray(markers=[box, line])

@@ -1,0 +1,110 @@
+"""What a user types first, and what scripts rely on: check, init, --debug, --fail-on."""
+
+from dataclasses import replace
+import json
+
+from calibration_runs import run as simulated
+from forcecal_ros.cli.main import main
+from forcecal_ros.core.calibration import Estimate
+from forcecal_ros.core.streams import Stream
+from forcecal_ros.io.bags import write_recording
+from forcecal_ros.io.calibration_file import load, save
+from forcecal_ros.motion.plan import Timing
+import numpy as np
+import pytest
+import yaml
+
+
+@pytest.fixture(scope='module')
+def recording():
+    return simulated(seed=3, timing=Timing(measure=0.4, ring=0.3), settle=0.8)
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory, recording):
+    path = tmp_path_factory.mktemp('commands')
+    write_recording(path / 'bag', recording)
+    return path
+
+
+@pytest.fixture(scope='module')
+def calibration(folder):
+    assert main(['calibrate', str(folder / 'bag'), '-o', str(folder / 'c.yaml')]) == 0
+    return folder / 'c.yaml'
+
+
+@pytest.mark.parametrize('options', [
+    ['--bandwidth-max', '1'], ['--bandwidth-min', '300'], ['--bandwidth-min', '9', '--debug',
+                                                           '--bandwidth-max', '1']])
+def test_a_bandwidth_beyond_the_limits_is_one_line_and_a_traceback_only_on_request(
+        folder, tmp_path, capsys, options):
+    assert main(['calibrate', str(folder / 'bag'), '-o', str(tmp_path / 'c.yaml'),
+                 *options]) in (1, 2)
+    said = capsys.readouterr().err
+    assert ('Traceback' in said) is ('--debug' in options)
+    line = said.splitlines()[-1]
+    assert line.startswith('forcecal: ') and 'bandwidth' in line and not list(tmp_path.iterdir())
+
+
+def test_check_shows_what_is_there_and_the_next_command(folder, capsys):
+    assert main(['check', str(folder / 'bag')]) == 0
+    said = capsys.readouterr().out
+    assert 'wrench' in said and '1000 Hz' in said and 'ft_sensor' in said
+    assert 'calibrate: yes' in said and 'diagnose: yes' in said
+    assert f'next: forcecal calibrate {folder / "bag"} --report report.html' in said
+
+
+@pytest.mark.parametrize('change, expected', [
+    (lambda r: replace(r, target=None), 'diagnose with a simulator: no: no commands'),
+    (lambda r: replace(r, wrench=replace(r.wrench, values=-r.wrench.values)), '--wrench-sign -1'),
+    (lambda r: replace(r, pose=None, target=None), 'neither a pose nor an IMU was recorded')])
+def test_check_says_what_cannot_be_done_and_why(tmp_path, recording, capsys, change, expected):
+    write_recording(tmp_path / 'bag', change(recording))
+    assert main(['check', str(tmp_path / 'bag')]) == 0
+    assert expected in capsys.readouterr().out
+
+
+def test_check_names_a_fault_with_status_1(tmp_path, recording, capsys):
+    wrench = recording.wrench
+    write_recording(tmp_path / 'bag', replace(recording, wrench=Stream(
+        wrench.t, 0 * wrench.values + 1.0)))
+    assert main(['check', str(tmp_path / 'bag'), '--json']) == 1
+    assert 'never change' in json.loads(capsys.readouterr().out)['fault']
+
+
+def test_removed_samples_reach_the_calibration_and_its_report(tmp_path, recording, capsys):
+    values = recording.wrench.values.copy()
+    values[1000:1003] = np.nan
+    write_recording(tmp_path / 'bag', replace(recording, wrench=replace(
+        recording.wrench, values=values)))
+    assert main(['calibrate', str(tmp_path / 'bag'), '-o', str(tmp_path / 'c.yaml'),
+                 '--report', str(tmp_path / 'r.html')]) == 0
+    assert load(tmp_path / 'c.yaml').quality['removed_samples'] == {'wrench': 3}
+    assert 'Samples left out' in (tmp_path / 'r.html').read_text()
+    capsys.readouterr()
+
+
+def test_compare_fails_on_drift_if_requested(calibration, tmp_path, capsys):
+    c = load(calibration)
+    save(replace(c, mass=Estimate(float(c.mass) + 1.0, c.mass.std, 'kg')), tmp_path / 'b.yaml')
+    pair = [str(calibration), str(tmp_path / 'b.yaml')]
+    assert main(['compare', *pair]) == 0
+    assert main(['compare', *pair, '--fail-on', 'drift']) == 3
+    assert main(['compare', pair[0], pair[0], '--fail-on', 'drift']) == 0
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize('robot', ['ur', 'franka', 'kuka_fri', 'broadcaster'])
+def test_init_writes_every_parameter_of_a_preset_with_its_meaning(tmp_path, capsys, robot):
+    pytest.importorskip('rclpy')
+    path = tmp_path / 'my_cell.yaml'
+    assert main(['init', '--preset', robot, '--offline', '-o', str(path)]) == 0
+    assert f'robot:={robot}' in capsys.readouterr().out
+    text = path.read_text()
+    written = yaml.safe_load(text)
+    sequencer = written['/**/sequencer']['ros__parameters']
+    assert sequencer['motion']['require_preview'] is True
+    assert sequencer['accelerometer']['source'] == 'none'
+    assert len(sequencer['poses']['values']) == 7 * len(sequencer['poses']['names'])
+    assert written['/**/observer']['ros__parameters']['accelerometer']['source'] == 'none'
+    assert text.count('    # ') > 100
