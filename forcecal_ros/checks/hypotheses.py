@@ -77,12 +77,15 @@ class Hypothesis(NamedTuple):
         Beyond those of the fit.
     is_note : bool
         Said in a note where the tool is known: the recording can be used all the same.
+    is_costly : bool
+        Fitted only if no other row explains the recording.
     """
 
     name: str
     undo: Callable[[Motion], Motion | None]
     unknowns: int = 0
     is_note: bool = False
+    is_costly: bool = False
 
 
 class Known(NamedTuple):
@@ -199,11 +202,10 @@ def candidates(motion: Motion) -> list[Candidate]:
     if plain is None:
         raise DataError('wrench and pose have no three samples in common')
     fits = [(TABLE[0], motion, plain)]
-    if plain.mass < 0.0 or any(fit.scale > fit.floor for fit in (plain.force, plain.torque)):
+    if not explains(plain):
         for row in TABLE[1:]:
-            if row.name == 'rotated and tilted' and any(
-                    fit.force.scale < fit.force.floor for _, _, fit in fits[1:]):
-                continue  # either alone explains the forces
+            if row.is_costly and any(explains(fit) for _, _, fit in fits[1:]):
+                break  # nothing is left that it could explain better
             undone = row.undo(motion)
             fit = None if undone is None else explain(undone)
             if undone is not None and fit is not None and fit.mass > 3.0 * fit.mass_std:
@@ -215,6 +217,12 @@ def candidates(motion: Motion) -> list[Candidate]:
                       + fit.torque.evidence(effective[1])
                       - 0.5 * row.unknowns * float(np.log(effective[0])), row)
             for row, undone, fit in fits]
+
+
+def explains(fit: Explained) -> bool:
+    """Whether a fit leaves no more than sensors are true to."""
+    return fit.mass > 0.0 and all(
+        part.scale <= part.floor for part in (fit.force, fit.torque))
 
 
 def _spread(rows: Array, gravity: Array) -> Array:
@@ -678,17 +686,17 @@ TABLE = (
     Hypothesis('rotated', lambda motion: _axes(motion, 1.0), 3),
     Hypothesis('mirrored', lambda motion: _axes(motion, -1.0), 3),
     Hypothesis('tilted', _tilted, is_note=True),
-    Hypothesis('rotated and tilted', _rotated_and_tilted, 3),
     Hypothesis('exchanged', _exchanged),
     Hypothesis('torque in base', lambda motion: _mapped(
         motion, np.eye(3), np.swapaxes(motion.R, 1, 2))),
     Hypothesis('torque axes', _torque_axes, 3),
-    Hypothesis('clock', _other_clock, 1),
-    Hypothesis('smoothed', _filtered, 1, is_note=True),
-    Hypothesis('zeroed in poses', _zeroed_in_poses),
-    Hypothesis('bias changes', _change('bias'), 1, is_note=True),
-    Hypothesis('load changes', _change('load'), 1, is_note=True),
-    Hypothesis('vertical changes', _change('tilt'), 1, is_note=True),
+    Hypothesis('rotated and tilted', _rotated_and_tilted, 3, is_costly=True),
+    Hypothesis('clock', _other_clock, 1, is_costly=True),
+    Hypothesis('smoothed', _filtered, 1, True, True),
+    Hypothesis('zeroed in poses', _zeroed_in_poses, is_costly=True),
+    Hypothesis('bias changes', _change('bias'), 1, True, True),
+    Hypothesis('load changes', _change('load'), 1, True, True),
+    Hypothesis('vertical changes', _change('tilt'), 1, True, True),
 )
 
 TABLE_BY_NAME = {row.name: row for row in TABLE}
