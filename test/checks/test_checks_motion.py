@@ -79,7 +79,8 @@ def test_other_sensors_say_that_a_robot_moves_where_no_commands_are(exact, sourc
                    :, :3] / 130.0)}
     alone = Recording(pose=held(exact.pose, 6.0, np.inf), phases=exact.phases,
                       **{source: streams[source]})
-    with pytest.raises(DataError, match=f'while the {source.replace("_", " ")} says that the rob'):
+    name = source.replace('_', ' ')
+    with pytest.raises(DataError, match=f'while the {name} shows that the robot moves'):
         refuse_frozen_pose(alone)
     refuse_frozen_pose(replace(alone, pose=exact.pose))
 
