@@ -260,7 +260,7 @@ ELSEWHERE_M = 0.05
 def _of_estimates(motion: Motion, fit: Explained, recording: Recording, known: Known | None
                   ) -> tuple[str, ...]:
     """Compare what should agree: masses, biases, centres of mass, inertia and weight."""
-    late = float(fit.force.theta[5] / fit.mass) if fit.moving else 0.0
+    late = float(fit.force.theta[5] / fit.mass) if motion.step else 0.0
     if abs(late) > MIN_DELAY_S:  # beyond what a line through no delay shows
         wrench = Stream(motion.t, motion.wrench).at(motion.t + late)
         fit = explain(replace(motion, wrench=wrench)) or fit
@@ -388,7 +388,7 @@ def _other_time(fit: Explained) -> str:
 
 def _late(fit: Explained, late: float, recording: Recording) -> str:
     """Say that forces are late by what adds more to them than noise does; empty: they are not."""
-    if not fit.moving or recording.wrench is None:
+    if not late or recording.wrench is None:
         return ''
     std = float(fit.force.std[5] / fit.mass)
     if abs(late) > MIN_DELAY_S:
