@@ -4,7 +4,7 @@ import sys
 from setuptools import find_packages, setup
 
 PACKAGE = 'forcecal_ros'
-MUJOCO = ["mujoco>=3.11,!=4.0.0; python_version >= '3.11'"]
+MUJOCO = ["mujoco>=3.11; python_version >= '3.11'"]
 PLOTS = ['plotly>=5.15']
 NODES = ['gap', 'impedance', 'observer', 'sequencer', 'sim']
 # colcon calls one of these, and has executables in lib/forcecal_ros (setup.cfg), where ros2 run
@@ -22,7 +22,8 @@ setup(
     license='Apache-2.0',
     python_requires='>=3.10',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
-    package_data={PACKAGE: ['config/**/*.yaml', 'config/**/*.xml', '**/*.html.j2', 'nodes/*.xml']},
+    package_data={PACKAGE: ['config/**/*.yaml', 'config/**/*.xml', '**/*.html.j2',
+                            'diagnose/**/*.json', 'nodes/*.xml']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
@@ -46,7 +47,7 @@ setup(
         'tqdm>=4.66',
     ],
     extras_require={
-        # models in MuJoCo: --mujoco; 4.0.0 solves contacts wrongly, older ones mount sensors so
+        # models in MuJoCo: --mujoco; older ones mount sensors so
         'mujoco': MUJOCO,
         # many recordings on many machines: --dask
         'scale': SCALE,

@@ -32,11 +32,9 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from forcecal_ros.core.geometry import rotation_from_vector
-from forcecal_ros.diagnose.by_commands import diagnose
-from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair
-from forcecal_ros.diagnose.by_simulator import diagnose_rerun
-from forcecal_ros.diagnose.by_tracked import diagnose_tracked, is_tracked
-from forcecal_ros.diagnose.inputs.alignment import shifted
+from forcecal_ros.diagnose.sources.pair import PairSource, shift_times
+from forcecal_ros.diagnose.sources.rig import rig_source
+from forcecal_ros.diagnose.sources.simulator import SimulatorSource
 from forcecal_ros.rig_fit.fit import fit_rig
 from forcecal_ros.sim.mujoco import load_mujoco
 from forcecal_ros.sim.rig.file import dump_rig, load_rig
@@ -229,17 +227,18 @@ def _fitted(effect, seed, folder):
         file.write_text(dump_rig(fit.rig))
     rig = load_rig(file)
     real = recorded(ARMS.get(effect, same_arm)(robot), effect, 6000 + seed)
-    found = (diagnose_tracked if is_tracked(rig) else diagnose)(real, None, rig).diagnosis
+    found = rig_source(rig).diagnose(real).diagnosis
     left = rig.robot.unexplained
     return {**_said(found), 'left': [1e3 * left.position, 1e3 * left.orientation]}
 
 
 def _compared(real, joints, arm):
-    found = diagnose_simulated(Pair(real, shifted(run(arm, joints), 1234.5)), None,
-                               load_rig('rigid_tool.yaml'))
-    return {**_said(found.outcome.diagnosis),
-            'translation': [1e3 * x for x in found.tracking[0].translation[:4]],
-            'rotation': [1e3 * x for x in found.tracking[0].rotation[:4]]}
+    simulated = shift_times(run(arm, joints), 1234.5)
+    found = PairSource(load_rig('rigid_tool.yaml'), simulated).diagnose(real)
+    tracking = found.ready[0].tracking
+    return {**_said(found.diagnosis),
+            'translation': [1e3 * x for x in tracking.translation[:4]],
+            'rotation': [1e3 * x for x in tracking.rotation[:4]]}
 
 
 def _rerun(real, joints, arm):
@@ -255,9 +254,9 @@ def _by_mujoco(real, joints, arm):
 
 
 def _run_again(real, simulator):
-    found = diagnose_rerun(real, None, simulator, load_rig('rigid_tool.yaml'))
-    return {**_said(found.outcome.diagnosis), 'runs': found.runs,
-            'recomputed': found.recomputed}
+    found = SimulatorSource(simulator, load_rig('rigid_tool.yaml')).diagnose(real)
+    return {**_said(found.diagnosis),
+            **{name: found.details[name] for name in ('runs', 'recomputed')}}
 
 
 WAYS = {'rerun': _rerun, 'mujoco': _by_mujoco, 'compared': _compared}

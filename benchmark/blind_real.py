@@ -31,7 +31,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from forcecal_ros.cli.main import main as forcecal
-from forcecal_ros.diagnose.by_motion import diagnose_motion
+from forcecal_ros.diagnose.sources.tool import ToolSource
 from forcecal_ros.io.bags import read_recording
 from forcecal_ros.io.calibration_file import load
 from forcecal_ros.sim.rig.file import load_rig
@@ -230,7 +230,7 @@ def named(recording, calibration):
     """Diagnose; the delay between both sensors, which no calibration from poses knows, along."""
     body = rigid_tool_of_calibration(calibration, load_rig('rigid_tool.yaml'))
     began = time.process_time()
-    outcome = diagnose_motion(recording, None, body, calibration)
+    outcome = ToolSource(body, calibration).diagnose(recording).outcome
     seconds = time.process_time() - began
     return outcome, outcome.recalibrations['accelerometer.delay'][0], seconds
 

@@ -21,11 +21,11 @@ from blind.sensors import Recorded
 import blind_real
 from blind_tool import to_recording
 from forcecal_ros.core.streams import JointStream, PoseStream, Recording, Stream
-from forcecal_ros.diagnose.by_commands import diagnose
-from forcecal_ros.diagnose.by_motion import diagnose_motion
-from forcecal_ros.diagnose.by_simulator import diagnose_rerun
-from forcecal_ros.diagnose.inputs.channels import units
-from forcecal_ros.diagnose.say.result import to_document
+from forcecal_ros.diagnose.dataset import units
+from forcecal_ros.diagnose.result import to_document
+from forcecal_ros.diagnose.sources.rig import RigSource
+from forcecal_ros.diagnose.sources.simulator import SimulatorSource
+from forcecal_ros.diagnose.sources.tool import ToolSource
 from forcecal_ros.sim.mujoco import load_mujoco
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rigid_tool import rigid_tool_of_calibration
@@ -46,7 +46,7 @@ def recorded(arrays, which):
 
 def on_rig(arrays):
     real, heldout = (to_recording(recorded(arrays, which), 'blind') for which in range(2))
-    return to_document(diagnose(real, heldout, load_rig(None)).diagnosis, units(), None)
+    return to_document(RigSource(load_rig(None)).diagnose(real, heldout).diagnosis, units(), None)
 
 
 def on_arm(arrays):
@@ -60,9 +60,9 @@ def on_arm(arrays):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / 'arm.xml'
         path.write_text(str(arrays['model']))
-        found = diagnose_rerun(real, None, third_party(str(path), load_mujoco(str(path))),
-                               load_rig('rigid_tool.yaml'))
-    return {**to_document(found.outcome.diagnosis, units('m/s^2'), None), **found.document()}
+        simulator = third_party(str(path), load_mujoco(str(path)))
+        found = SimulatorSource(simulator, load_rig('rigid_tool.yaml')).diagnose(real)
+    return found.document()
 
 
 @lru_cache(maxsize=1)
@@ -76,7 +76,7 @@ def on_real(arrays):
     wrench = recording.wrench
     changed = replace(recording, wrench=replace(wrench, values=wrench.values + arrays['change']))
     body = rigid_tool_of_calibration(calibration, load_rig('rigid_tool.yaml'))
-    outcome = diagnose_motion(changed, None, body, calibration)
+    outcome = ToolSource(body, calibration).diagnose(changed).outcome
     return to_document(outcome.diagnosis, units(body.accelerometer_unit), None)
 
 

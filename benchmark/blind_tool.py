@@ -16,9 +16,9 @@ from blind.casefile import load_case
 from blind.seal import write_json
 from blind.sensors import Recorded
 from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream
-from forcecal_ros.diagnose.by_commands import diagnose
-from forcecal_ros.diagnose.inputs.channels import CHANNELS
-from forcecal_ros.diagnose.say.result import to_document
+from forcecal_ros.diagnose.dataset import CHANNELS
+from forcecal_ros.diagnose.result import to_document
+from forcecal_ros.diagnose.sources.rig import RigSource
 from forcecal_ros.io.bags import write_recording
 from forcecal_ros.sim.rig.file import load_rig
 import numpy as np
@@ -40,7 +40,7 @@ def to_recording(recorded: Recorded, source: str = '') -> Recording:
 def ask_with_arrays(pair):
     """Return the answer on a pair of recordings, through the function in which reading ends."""
     real, heldout = (to_recording(one, 'blind') for one in pair)
-    outcome = diagnose(real, heldout, load_rig(None))
+    outcome = RigSource(load_rig(None)).diagnose(real, heldout).outcome
     return to_document(outcome.diagnosis, {c.name: c.unit for c in CHANNELS}, None)
 
 

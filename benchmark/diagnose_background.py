@@ -57,17 +57,17 @@ Result = dict[str, Any]
 
 def answer(case: dict[str, Any], first: Any, second: Any, compared: Any) -> Any:
     """Diagnose by commands where they are known, else by the measured motion."""
-    from forcecal_ros.diagnose.by_commands import diagnose
-    from forcecal_ros.diagnose.by_motion import diagnose_motion
+    from forcecal_ros.diagnose.sources.rig import RigSource
+    from forcecal_ros.diagnose.sources.tool import ToolSource
     from forcecal_ros.sim.rig.file import load_rig
     from forcecal_ros.sim.rigid_tool import rigid_tool_of_calibration, rigid_tool_of_rig
 
     if case['base'] == 'kuka':
         body = rigid_tool_of_calibration(compared, load_rig('rigid_tool.yaml'))
-        return diagnose_motion(first, second, body, compared).diagnosis
+        return ToolSource(body, compared).diagnose(first, second).diagnosis
     if first.target is None:
-        return diagnose_motion(first, second, rigid_tool_of_rig(compared)).diagnosis
-    return diagnose(first, second, compared).diagnosis
+        return ToolSource(rigid_tool_of_rig(compared)).diagnose(first, second).diagnosis
+    return RigSource(compared).diagnose(first, second).diagnosis
 
 
 def run(case: dict[str, Any]) -> Result:

@@ -7,9 +7,10 @@ from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array, rotation_about, rotation_from_vector
 from forcecal_ros.core.streams import Phase, PoseStream, Recording
-from forcecal_ros.diagnose.inputs.dataset import Dataset, prepare
+from forcecal_ros.diagnose.dataset import Dataset
 from forcecal_ros.diagnose.model.linearised import LinearisedModel, noise_level
-from forcecal_ros.diagnose.plan.recording import motion_for
+from forcecal_ros.diagnose.plan import motion_for
+from forcecal_ros.diagnose.sources.rig import prepare_commanded
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.effects.nuisances import apply_all, nuisances, prior_std
 from forcecal_ros.effects.rig import Rig
@@ -186,7 +187,7 @@ def _reference() -> tuple[Rig, Dataset, Array, tuple[str, ...]]:
     """Nominal rig, the held-out motion without noise, whitened columns of its nuisances."""
     rig = load_rig()
     target, phases = trajectory(1)
-    case = prepare(replace(simulate(rig, target, noise=False), phases=phases), rig)
+    case = prepare_commanded(replace(simulate(rig, target, noise=False), phases=phases), rig)
     found = nuisances(rig, 'acc1', case.measured.streams)
     level = NOISE * noise_level(rig, case.measured.streams, 'acc1')
     p = LinearisedModel(rig, (case,), found, np.array(prior_std(rig, found)), level,

@@ -20,10 +20,9 @@ from typing import Any
 from forcecal_ros.cli.many import each
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import PoseStream, Recording
-from forcecal_ros.diagnose.by_commands import diagnose
-from forcecal_ros.diagnose.inputs.channels import STREAM_SLICES
-from forcecal_ros.diagnose.inputs.dataset import prepare
+from forcecal_ros.diagnose.dataset import STREAM_SLICES
 from forcecal_ros.diagnose.model.linearised import linearised_model
+from forcecal_ros.diagnose.sources.rig import prepare_commanded, RigSource
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.rig.file import dump_rig, load_rig
 from forcecal_ros.sim.rig.simulator import simulate
@@ -95,13 +94,13 @@ def run(case: dict[str, Any]) -> dict[str, Any]:
     effects = {n: cases.sized(n, case['energy']).values for n in case['names']}
     first, second = cases.recordings(case['seed'], effects)
     assert second is not None and second.target is not None
-    outcome = diagnose(first, second, nominal)
+    outcome = RigSource(nominal).diagnose(first, second).outcome
     gap = outcome.diagnosis.gap
     with TemporaryDirectory() as folder:
         path = Path(folder) / 'rig_patched.yaml'
         path.write_text(dump_rig(outcome.rig))
         patched = load_rig(path)
-    pair = [prepare(first, nominal), prepare(second, nominal)]
+    pair = [prepare_commanded(first, nominal), prepare_commanded(second, nominal)]
     pair[1] = replace(pair[1], train=pair[1].held, held=pair[1].train)
     recalibrated = linearised_model(nominal, tuple(pair)).current()
     truth = simulate(cases.real_rig(case['seed'], effects), second.target, noise=False, steps=16)

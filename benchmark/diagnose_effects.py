@@ -13,7 +13,7 @@ import sys
 import time
 from typing import Any
 
-from forcecal_ros.diagnose.by_commands import diagnose
+from forcecal_ros.diagnose.sources.rig import RigSource
 from forcecal_ros.sim.rig.file import load_rig
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -65,7 +65,7 @@ def run(case: dict[str, Any]) -> dict[str, Any]:
         energy.append((round(size.raw), round(size.net)))
     first, second = cases.recordings(case['seed'], effects, motion=case.get('motion', 'quick'))
     began = time.process_time()
-    d = diagnose(first, second, load_rig()).diagnosis
+    d = RigSource(load_rig()).diagnose(first, second).diagnosis
     return case | {
         'effects': effects, 'raw_net': energy, 'verdict': d.verdict,
         'named': [e.name for e in d.effects], 'candidates': list(d.candidates),

@@ -15,7 +15,7 @@ import time
 from typing import Any
 
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
-from forcecal_ros.diagnose.by_commands import diagnose
+from forcecal_ros.diagnose.sources.rig import RigSource
 from forcecal_ros.effects import with_effects
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.rig.file import load_rig
@@ -105,7 +105,7 @@ def run(case: dict[str, Any]) -> dict[str, Any]:
     """Make a case and diagnose it."""
     recording, at, energy = made(case)
     began = time.process_time()
-    d = diagnose(recording, None, load_rig()).diagnosis
+    d = RigSource(load_rig()).diagnose(recording).diagnosis
     return case | {
         'at': at, 'energy': energy, 'verdict': d.verdict, 'reason': d.reason,
         'candidates': list(d.candidates), 'seconds': time.process_time() - began,

@@ -19,8 +19,8 @@ import time
 
 from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.core.streams import PoseStream, Recording
-from forcecal_ros.diagnose.by_commands import diagnose
 from forcecal_ros.diagnose.model import hypotheses
+from forcecal_ros.diagnose.sources.rig import RigSource
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.rig.file import load_rig
@@ -87,7 +87,7 @@ def cost(pair: list[Recording], rig: Rig, count: int) -> tuple[float, float, str
     hypotheses.EFFECTS = {n: EFFECTS[n] for n in asked}  # type: ignore[attr-defined]
     used, start = time.process_time(), time.perf_counter()
     try:
-        found = diagnose(pair[0], pair[1], rig).diagnosis
+        found = RigSource(rig).diagnose(pair[0], pair[1]).diagnosis
     finally:
         hypotheses.EFFECTS = EFFECTS  # type: ignore[attr-defined]
     return (time.process_time() - used, time.perf_counter() - start,

@@ -185,29 +185,54 @@ def diagnose(recording: 'Recording', against: Any = None, *,
     heldout : Recording, optional
         To judge on; by default parts of every phase of the first.
     """
-    from forcecal_ros.cli.diagnose import compare
     from forcecal_ros.core.errors import DataError
+    from forcecal_ros.diagnose.dataset import units
     from forcecal_ros.report.diagnosis import closest, headline, signals, view_of
     from forcecal_ros.report.panels import drawn
 
     if isinstance(against, str | Path):
         against = _model(against)
     against = against.value if isinstance(against, Result) else against
-    found = compare(recording, heldout, (against, None) if hasattr(against, 'wrench') and hasattr(
-        against, 'pose') else against)
+    source, recordings = _source(against, [one for one in (recording, heldout) if one is not None])
+    found = source.diagnose(*recordings)
     outcome, d = found.outcome, found.outcome.diagnosis
 
     def figure() -> 'Figure':
         if not outcome.datasets:
             raise DataError(f'nothing was compared: {d.reason}')
-        view = view_of(outcome, '', found.units)
+        view = view_of(outcome, '', units(found.unit))
         return drawn(closest(view) or signals(view))
 
     return Result(outcome, f'{d.verdict}: {headline(d)}',
                   ('effect', 'parameter', 'value', 'std', 'unit', 'probability'),
                   tuple((effect.name, name, p.value, p.std, p.unit, effect.probability)
                         for effect in d.effects for name, p in effect.parameters.items()),
-                  found.document, figure)
+                  found.document(), figure)
+
+
+def _source(against: Any, recordings: 'list[Recording]') -> tuple[Any, 'list[Recording]']:
+    """Return what compares recordings with a model, and them as it takes them."""
+    from forcecal_ros.cli.diagnose import as_calibrated, RIGID
+    from forcecal_ros.core.calibration import Calibration
+    from forcecal_ros.core.streams import Recording
+    from forcecal_ros.diagnose.sources.pair import PairSource
+    from forcecal_ros.diagnose.sources.rig import rig_source
+    from forcecal_ros.diagnose.sources.simulator import SimulatorSource
+    from forcecal_ros.diagnose.sources.tool import ToolSource
+    from forcecal_ros.effects.rig import Rig
+    from forcecal_ros.sim.rig.file import load_rig
+    from forcecal_ros.sim.rigid_tool import rigid_tool_of_calibration, rigid_tool_of_rig
+
+    if isinstance(against, Recording):
+        return PairSource(load_rig(RIGID), against), recordings
+    if isinstance(against, Calibration):
+        taken = [as_calibrated(one, against, 'the calibration', None) for one in recordings]
+        return ToolSource(rigid_tool_of_calibration(against, load_rig(RIGID)), against), taken
+    if against is None or isinstance(against, Rig):
+        rig = against or load_rig()
+        return (rig_source(rig) if recordings[0].target else
+                ToolSource(rigid_tool_of_rig(rig))), recordings
+    return SimulatorSource(against, load_rig(RIGID)), recordings
 
 
 def simulate(recording: 'Recording', rig: Any = None, *, seed: int = 0) -> 'Recording':

@@ -51,7 +51,7 @@ def _of_calibrations(first: str, second: str) -> 'Comparison':
 
 
 def _of_diagnoses(first: str, second: str) -> 'Comparison':
-    from forcecal_ros.diagnose.say.result import load
+    from forcecal_ros.diagnose.result import load_diagnosis
     from forcecal_ros.report.comparison import compare_diagnoses
 
-    return compare_diagnoses(load(first)[0], load(second)[0])
+    return compare_diagnoses(load_diagnosis(first)[0], load_diagnosis(second)[0])

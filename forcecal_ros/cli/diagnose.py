@@ -1,9 +1,10 @@
 """``forcecal diagnose``: where, why and how far a recording departs from the simulator."""
 
 import argparse
+from collections.abc import Callable
 import os
 import shlex
-from typing import Any, NamedTuple
+from typing import Any
 
 from forcecal_ros.cli.common import (
     add_sensor_pose,
@@ -27,14 +28,7 @@ from forcecal_ros.core.files import write_results
 RIGID = 'rigid_tool.yaml'
 """Gives the tolerances of a calibrated tool if no rig is named."""
 
-NOMINAL = "this package's rig.yaml, nominal"
-
-ASSUMED = ('nothing says what was recorded, so it is compared with the rig that this package '
-           'simulates; if it is another robot, calibrate its tool (forcecal calibrate) and give '
-           '--calibration')
-
-UNLIKE = ('unknown', 'partial')
-"""Verdicts after which it matters that the recorded robot was not named."""
+NOMINAL, NOMINAL_RIG = 'nominal', "this package's rig.yaml, nominal"
 
 SIMULATORS = ('simulator', 'mujoco', 'simulated')
 """Options that name a simulator of the user's."""
@@ -51,7 +45,7 @@ def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(
         subparsers, 'diagnose',
-        example='forcecal diagnose my_bag --heldout another_bag -o diagnosis\n'
+        example='forcecal diagnose my_bag --calibration calibration.yaml -o diagnosis\n'
                 '  forcecal diagnose my_bag --mujoco arm.xml --check   # can it be compared?')
     add_bags(parser)
     parser.add_argument('--check', action='store_true',
@@ -69,11 +63,11 @@ def add_parser(subparsers: Any) -> None:
                            help='name of the robot, kept in diagnosis.json for forcecal fleet')
     model = group(parser, MODEL)
     model.add_argument('--rig', metavar='RIG.yaml',
-                       help='rig to compare with: a file, or rig.yaml and rigid_tool.yaml of '
-                            'this package (default: rig.yaml)')
+                       help='rig to compare with: a file, or nominal (rig.yaml of this package), '
+                            'which a recording of the simulated rig needs not state')
     model.add_argument('--calibration', metavar='C.yaml',
                        help='what is known of tool and sensors: the wrench is then compared with '
-                            'the measured motion (default: the numbers of the rig)')
+                            'the measured motion')
     model.add_argument('--simulated', metavar='SIM_BAG',
                        help='what your own simulator recorded of the same commands, wrench and '
                             'current_pose; command target_frame, too, if the robot is late')
@@ -168,7 +162,7 @@ def _simulator_of(args: argparse.Namespace) -> Any:
 
 def _check_simulator(args: argparse.Namespace) -> int:
     """Print whether a simulator can be compared with a robot, and the command that does it."""
-    from forcecal_ros.diagnose.conformance import conformance
+    from forcecal_ros.diagnose.sources.simulator import conformance
     from forcecal_ros.sim.rig.file import load_rig
 
     found = conformance(_simulator_of(args), read(args, args.bag[0], joints=True),
@@ -182,201 +176,85 @@ def _check_simulator(args: argparse.Namespace) -> int:
     return 0
 
 
-class Found(NamedTuple):
-    """
-    A diagnosis with what is written of it.
-
-    Attributes
-    ----------
-    outcome : Outcome
-    rig : Rig
-        Gave the tolerances.
-    units : dict of str to str
-        Of the channels.
-    document : dict
-        ``diagnosis.json``.
-    files : dict of str to str
-        Further files: a rig, calibration or model with what was found.
-    changes : tuple of str
-        Parameters of a simulator to change.
-    """
-
-    outcome: Any
-    rig: Any
-    units: dict[str, str]
-    document: dict[str, Any]
-    files: dict[str, str]
-    changes: tuple[str, ...] = ()
+def answer(args: argparse.Namespace) -> Answer:
+    """Diagnose one recording."""
+    with stages(args) as stage:
+        source, recordings, rig = _source_of(args, stage)
+        stage(source.task)
+        return _written(args, recordings, source.diagnose(*recordings), rig)
 
 
-def compare(recording: Any, heldout: Any, against: Any, *, rig: Any = None,
-            accelerometer: str | None = None, about: str = 'the calibration',
-            wrench_sign: int | None = None) -> Found:
-    """
-    Compare a recording with a model, whatever that is.
-
-    Parameters
-    ----------
-    recording, heldout : Recording
-        To fit on, and to judge on (or None).
-    against : Rig, Calibration, pair of Recording, ThirdParty or None
-        A rig is simulated under the commands, or without commands taken along the measured
-        motion, as the tool of a calibration is; a pair was recorded by a simulator under the
-        commands of ``recording`` and ``heldout``; a simulator is run. None: the nominal rig.
-    rig : Rig, optional
-        Gives the tolerances (default: that of a rigid tool).
-    about : str
-        Name of the calibration, for messages.
-    wrench_sign : int, optional
-        Of the recording, if it was stated.
-    """
-    from forcecal_ros.core.calibration import Calibration
+def _source_of(args: argparse.Namespace, stage: Callable[[str], None]
+               ) -> tuple[Any, list[Any], Any]:
+    """Return what the options compare with, the recordings, and the rig of the tolerances."""
+    from forcecal_ros.diagnose.sources.pair import PairSource
+    from forcecal_ros.diagnose.sources.rig import rig_source
+    from forcecal_ros.diagnose.sources.simulator import SimulatorSource
+    from forcecal_ros.diagnose.sources.tool import ToolSource
+    from forcecal_ros.io.calibration_file import load
     from forcecal_ros.sim.rig.file import load_rig
-
-    if isinstance(against, tuple) and not hasattr(against, 'servo'):
-        return _with_simulated(recording, heldout, against, rig or load_rig(RIGID))
-    if isinstance(against, Calibration):
-        recording, heldout = (_as_calibrated(one, against, about, wrench_sign)
-                              for one in (recording, heldout))
-        return _along_motion(recording, heldout, rig or load_rig(RIGID), against, accelerometer)
-    if against is None or hasattr(against, 'servo'):
-        against = against or load_rig()
-        along = _with_commands if recording.target else _along_motion
-        return along(recording, heldout, against, None, accelerometer)
-    return _with_simulator(recording, heldout, against, rig or load_rig(RIGID))
-
-
-def _with_commands(recording: Any, heldout: Any, rig: Any, calibration: None,
-                   accelerometer: str | None) -> Found:
-    """Simulate the rig under the commands."""
-    from forcecal_ros.diagnose.by_commands import diagnose
-    from forcecal_ros.diagnose.by_tracked import diagnose_tracked, is_tracked
-    from forcecal_ros.diagnose.inputs.channels import units
-    from forcecal_ros.diagnose.say.result import to_document
-    from forcecal_ros.sim.rig.file import dump_rig
-
-    by = diagnose_tracked if is_tracked(rig) else diagnose
-    outcome = by(recording, heldout, rig, accelerometer)
-    files = {'rig_patched.yaml': dump_rig(outcome.rig)} if outcome.datasets else {}
-    return Found(outcome, rig, units(), to_document(
-        outcome.diagnosis, units(), next(iter(files), None)), files)
-
-
-def _along_motion(recording: Any, heldout: Any, rig: Any, calibration: Any,
-                  accelerometer: str | None) -> Found:
-    """Compare the wrench with the measured motion."""
-    from forcecal_ros.diagnose.by_motion import delay_std, diagnose_motion, inertia_std
-    from forcecal_ros.diagnose.inputs.channels import units
-    from forcecal_ros.diagnose.say.patched import patched_calibration
-    from forcecal_ros.diagnose.say.result import to_document
-    from forcecal_ros.io.calibration_file import dump
+    from forcecal_ros.sim.rig.simulator import waits_for_compiler
     from forcecal_ros.sim.rigid_tool import rigid_tool_of_calibration, rigid_tool_of_rig
 
-    rigid_tool = (rigid_tool_of_calibration(calibration, rig) if calibration
-                  else rigid_tool_of_rig(rig))
-    outcome = diagnose_motion(recording, heldout, rigid_tool, calibration, accelerometer)
-    of_channels, files = units(rigid_tool.accelerometer_unit), {}
-    document = to_document(outcome.diagnosis, of_channels, None)
-    document['explained_by'] = 'measured motion'
-    if calibration and outcome.datasets:
-        document['calibration'] = 'calibration_patched.yaml'
-        files[document['calibration']] = dump(patched_calibration(
-            calibration, outcome.rig, delay_std(outcome), inertia_std(outcome)))
-    return Found(outcome, rig, of_channels, document, files)
+    def read_one(bag: str, of: str = '', sign: int | None = None) -> Any:
+        stage(f'reading {bag}')
+        if of:
+            return read(args, bag, f'--{of}sensor-from-pose', f'--{of}topic', sign)
+        return read(args, bag, joints=bool(args.simulator or args.mujoco))
+
+    simulator = _simulator_of(args) if args.simulator or args.mujoco else None
+    recordings = [read_one(bag) for bag in (args.bag, args.heldout) if bag]
+    if simulator is not None:
+        rig = load_rig(RIGID)
+        return SimulatorSource(simulator, rig), recordings, rig
+    if args.simulated:
+        rig = load_rig(RIGID)
+        return PairSource(rig, *(
+            read_one(bag, 'simulated-', args.simulated_wrench_sign)
+            for bag in (args.simulated, args.heldout_simulated) if bag)), recordings, rig
+    if args.calibration:
+        calibration, rig = load(args.calibration), load_rig(args.rig or RIGID)
+        recordings = [as_calibrated(one, calibration, args.calibration, args.wrench_sign)
+                      for one in recordings]
+        tool = rigid_tool_of_calibration(calibration, rig)
+        return ToolSource(tool, calibration, args.accelerometer), recordings, rig
+    if not args.rig:
+        _require_simulated_rig(args, recordings)
+    rig = load_rig(None if args.rig in (None, NOMINAL) else args.rig)
+    if not recordings[0].target:
+        return ToolSource(rigid_tool_of_rig(rig), None, args.accelerometer), recordings, rig
+    warn_if_compiling(waits_for_compiler(), 'the simulator')
+    return rig_source(rig, args.accelerometer), recordings, rig
 
 
-def _with_simulated(recording: Any, heldout: Any, simulated: tuple[Any, ...], rig: Any) -> Found:
-    """Compare the wrench with what a simulator recorded."""
-    from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair
-    from forcecal_ros.diagnose.inputs.channels import units
-    from forcecal_ros.diagnose.say.result import to_document
-
-    found = diagnose_simulated(
-        Pair(recording, simulated[0]),
-        None if heldout is None or simulated[1] is None else Pair(heldout, simulated[1]), rig)
-    document = to_document(found.outcome.diagnosis, units('m/s^2'), None)
-    document |= {'explained_by': 'simulated recording', **found.document()}
-    return Found(found.outcome, rig, units('m/s^2'), document, {})
+def _require_simulated_rig(args: argparse.Namespace, recordings: list[Any]) -> None:
+    """Refuse to guess the model, unless the topic of the simulated rig's truth was recorded."""
+    if all(one.contact_truth is not None for one in recordings):
+        return
+    raise UsageError(
+        f'{args.bag}: nothing states what was recorded, so there is nothing to compare it with; '
+        'give --calibration C.yaml (forcecal calibrate writes it), --rig FILE or --rig nominal, '
+        '--simulated SIM_BAG, --mujoco MODEL.xml or --simulator MODULE:FACTORY')
 
 
-def _with_simulator(recording: Any, heldout: Any, simulator: Any, rig: Any) -> Found:
-    """Run a third-party simulator with the recorded commands."""
-    from forcecal_ros.diagnose.by_simulator import diagnose_rerun
-    from forcecal_ros.diagnose.inputs.channels import units
-    from forcecal_ros.diagnose.say.result import to_document
-
-    found = diagnose_rerun(recording, heldout, simulator, rig)
-    document = to_document(found.outcome.diagnosis, units('m/s^2'), None)
-    document |= {'explained_by': simulator.name, **found.document()}
-    text = simulator.patched(found.numbers) if found.changed else None
-    files = {} if text is None else {'model_patched.xml': text}
-    document['model'] = next(iter(files), None)
-    return Found(found.outcome, rig, units('m/s^2'), document, files,
-                 tuple(f'change {one}' for one in found.changed))
-
-
-def _as_calibrated(recording: Any, calibration: Any, about: str, wrench_sign: int | None) -> Any:
+def as_calibrated(recording: Any, calibration: Any, about: str, wrench_sign: int | None) -> Any:
     """Bring poses to ft_sensor, base to level and readings to their axes, as calibrated."""
     from forcecal_ros.cli.estimate import in_sign_of
     from forcecal_ros.core.axes import in_axes_of_pose, levelled
     from forcecal_ros.observe.frames import taken_as_calibrated
 
-    if recording is None:
-        return None
     taken = in_sign_of(calibration, wrench_sign, taken_as_calibrated(
         recording, calibration, about))
     return in_axes_of_pose(levelled(taken, calibration.gravity_direction),
                            calibration.sensor_rotation)
 
 
-def answer(args: argparse.Namespace) -> Answer:
-    """Diagnose one recording."""
-    from forcecal_ros.io.calibration_file import load
-    from forcecal_ros.sim.rig.file import load_rig
-    from forcecal_ros.sim.rig.simulator import waits_for_compiler
-
-    with stages(args) as stage:
-        rig = load_rig(args.rig) if args.rig else None
-        against, rerun = rig, bool(args.simulator or args.mujoco)
-        if rerun:
-            against = _simulator_of(args)
-        elif args.calibration:
-            against = load(args.calibration)
-        stage(f'reading {args.bag}')
-        recording, heldout = (bag and read(args, bag, joints=rerun)
-                              for bag in (args.bag, args.heldout))
-        if args.simulated:
-            against = tuple(
-                bag and read(args, bag, '--simulated-sensor-from-pose', '--simulated-topic',
-                             args.simulated_wrench_sign)
-                for bag in (args.simulated, args.heldout_simulated))
-        stage(f'running {against.name} with other numbers' if rerun else
-              'comparing the wrench with the simulated' if args.simulated else
-              'replaying the commands and weighing effects'
-              if recording.target and not args.calibration else
-              'comparing the wrench with the measured motion')
-        if not (rerun or args.simulated or args.calibration) and recording.target:
-            warn_if_compiling(waits_for_compiler(), 'the simulator')
-        found = compare(recording, heldout, against, rig=rig, accelerometer=args.accelerometer,
-                        about=args.calibration or '', wrench_sign=args.wrench_sign)
-        return _write(args, [one for one in (recording, heldout) if one is not None], found)
-
-
 def _named(args: argparse.Namespace) -> str:
-    """Return the models that the user named, or nothing."""
+    """Return the models that are compared with."""
+    rig = NOMINAL_RIG if args.rig == NOMINAL else args.rig
     return ' and '.join(filter(None, (
         args.simulator, args.mujoco, args.simulated, args.heldout_simulated, args.calibration,
-        args.rig)))
-
-
-def _name_it(args: argparse.Namespace) -> Any:
-    """Say what to do where a recording is unlike the rig that nobody named."""
-    from forcecal_ros.report.page import Step
-
-    return Step('Name the tool that was recorded (forcecal calibrate makes the file), and '
-                'diagnose again:', shlex.join((
-                    'forcecal', 'diagnose', args.bag, '--calibration', 'calibration.yaml',
-                    *read_likewise(args), '-o', args.output)))
+        rig))) or NOMINAL_RIG
 
 
 def _source(args: argparse.Namespace, recording: Any) -> dict[str, str]:
@@ -389,11 +267,12 @@ def _source(args: argparse.Namespace, recording: Any) -> dict[str, str]:
             'created': datetime.now(timezone.utc).isoformat(timespec='seconds')}
 
 
-def _write(args: argparse.Namespace, recordings: list[Any], found: Found) -> Answer:
-    """Write what was found, a report of it, and further files."""
+def _written(args: argparse.Namespace, recordings: list[Any], found: Any, rig: Any) -> Answer:
+    """Write what was found, a report of it, and other files."""
     import json
 
-    from forcecal_ros.diagnose.say.advice import advice
+    from forcecal_ros.diagnose.dataset import units
+    from forcecal_ros.diagnose.plan import advice
     from forcecal_ros.report.diagnosis import (
         headline,
         next_step,
@@ -403,27 +282,23 @@ def _write(args: argparse.Namespace, recordings: list[Any], found: Found) -> Ans
     )
     from forcecal_ros.report.page import origin
 
-    outcome, document, files = found.outcome, found.document, found.files
-    diagnosis, folder, named = outcome.diagnosis, args.output, _named(args)
-    assumed = () if named else (ASSUMED,)
-    document['notes'] = [*assumed, *document['notes']]
+    diagnosis, folder, document = found.diagnosis, args.output, found.document()
     document['source'] = _source(args, recordings[0])
-    view = (view_of(outcome, advice(diagnosis, found.rig), found.units) if outcome.datasets
-            else view_without_signals(diagnosis))
-    step = (_name_it(args) if assumed and diagnosis.verdict in UNLIKE
-            else next_step(diagnosis, args.bag, folder, tuple(files), view.advice,
-                           read_likewise(args)))
+    view = (view_of(found.outcome, advice(diagnosis, rig), units(found.unit))
+            if found.outcome.datasets else view_without_signals(diagnosis))
+    step = next_step(diagnosis, args.bag, folder, tuple(found.files), view.advice,
+                     read_likewise(args))
     write_results(folder, {
         'diagnosis.json': json.dumps(document, indent=2, allow_nan=False) + '\n',
         'report.html': render(
-            view, [*origin(recordings), f'compared with {named or NOMINAL}'], step),
-        **files}, FILES)
+            view, [*origin(recordings), f'compared with {_named(args)}'], step),
+        **found.files}, FILES)
     verdict = f'{diagnosis.verdict}: {diagnosis.reason}'
-    text = '\n'.join((verdict, *((headline(diagnosis),) if diagnosis.effects else ()),
+    first = headline(diagnosis)
+    text = '\n'.join((verdict, *((first,) if diagnosis.effects else ()),
                       f'next: {step.words} {step.command}'.rstrip(), f'written to {folder}',
-                      *found.changes))
-    return Answer(document, text, verdict,
-                  (*assumed, *recordings[0].notes, *diagnosis.notes),
+                      *found.actions))
+    return Answer(document, text, verdict, (*recordings[0].notes, *diagnosis.notes),
                   _status(args, diagnosis.verdict))
 
 

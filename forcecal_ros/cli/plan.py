@@ -192,8 +192,7 @@ def _setup(args: argparse.Namespace) -> Setup:
 
 def _diagnosis(args: argparse.Namespace) -> int:
     from forcecal_ros.core.files import write_text
-    from forcecal_ros.diagnose.plan.recording import plan_for
-    from forcecal_ros.diagnose.plan.text import as_text, to_document, to_parameters
+    from forcecal_ros.diagnose.plan import plan_document, plan_for, plan_parameters, plan_text
     from forcecal_ros.sim.rig.simulator import waits_for_compiler
 
     if theirs := [key for key, _ in args.set if not key.startswith('limits.')]:
@@ -205,9 +204,9 @@ def _diagnosis(args: argparse.Namespace) -> int:
         planned = plan_for(setup.rig, contact=args.contact, effects=args.effects or (),
                            limits=setup.limits)
     if args.output:
-        write_text(args.output, to_parameters(planned))
+        write_text(args.output, plan_parameters(planned))
     t = planned.motion.target.t
-    _say(args, to_document(planned), as_text(planned), float(t[-1] - t[0]))
+    _say(args, plan_document(planned), plan_text(planned), float(t[-1] - t[0]))
     return 0
 
 

@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
 def _rig(args: argparse.Namespace) -> int:
     from dataclasses import replace
 
-    from forcecal_ros.diagnose.plan.recording import motion_for
+    from forcecal_ros.diagnose.plan import motion_for
     from forcecal_ros.effects import with_effects
     from forcecal_ros.io.bags import write_recording
     from forcecal_ros.sim.rig.file import load_rig
@@ -57,7 +57,7 @@ def _rig(args: argparse.Namespace) -> int:
         recording = simulate(with_effects(rig, effects) if effects else rig, moved.target,
                              seed=args.seed + i)
         write_recording(folder / name, replace(
-            recording, phases=moved.phases, contact_truth=None, start_ns=BEGUN))
+            recording, phases=moved.phases, start_ns=BEGUN))
     say(f'written to {folder}: sound, late ({moved.target.t[-1]:.0f} s each)')
     say(f'try: forcecal calibrate {folder}/sound -o calibration.yaml')
     say(f'try: forcecal diagnose {folder}/late -o diagnosis')

@@ -11,12 +11,7 @@ from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.autoregression import at_standstill
 from forcecal_ros.core.streams import Recording
-from forcecal_ros.diagnose.inputs.accelerometer import in_volts
-from forcecal_ros.diagnose.inputs.channels import CHANNELS
-from forcecal_ros.diagnose.inputs.dataset import Dataset
-from forcecal_ros.diagnose.inputs.requirements import missing_streams
-from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
-from forcecal_ros.diagnose.inputs.stamps import Corrected
+from forcecal_ros.diagnose.dataset import CHANNELS, Dataset, MeasuredBlocks
 from forcecal_ros.diagnose.judge.coverage import (
     not_excited,
     refuse_unjudged,
@@ -35,26 +30,28 @@ from forcecal_ros.diagnose.judge.named_effects import (
     NamedEffect,
     untold,
 )
-from forcecal_ros.diagnose.judge.probabilities import listed_once, SURE, UNKNOWN
 from forcecal_ros.diagnose.judge.residual_summary import (
     lines_of,
     predictions,
     summarise_residual,
     WANDERING,
 )
-from forcecal_ros.diagnose.localise.localisation import localise, Location, stage_of
-from forcecal_ros.diagnose.localise.predictability import Predictability
-from forcecal_ros.diagnose.localise.time_frequency import BANDS, Line
-from forcecal_ros.diagnose.model.hypotheses import hypotheses, Hypothesis, releases
+from forcecal_ros.diagnose.localise import (
+    BANDS,
+    Line,
+    localise,
+    Location,
+    Predictability,
+    stage_of,
+)
+from forcecal_ros.diagnose.model.hypotheses import hypotheses
 from forcecal_ros.diagnose.model.linearised import linearised_model, LinearisedModel
 from forcecal_ros.diagnose.model.saturation import CLIPPING
-from forcecal_ros.diagnose.say.patched import patched_rig
-from forcecal_ros.diagnose.say.result import Diagnosis
-from forcecal_ros.diagnose.say.verdict import verdict
-from forcecal_ros.diagnose.search.bias_steps import with_steps
-from forcecal_ros.diagnose.search.onset_selection import Found, with_onsets
-from forcecal_ros.diagnose.search.selection import select, Selection
-from forcecal_ros.diagnose.search.tolerances import narrowed
+from forcecal_ros.diagnose.recordings import convert_to_volts, Corrected, missing_streams
+from forcecal_ros.diagnose.result import Diagnosis, patched_rig
+from forcecal_ros.diagnose.search.calibration import UNKNOWN
+from forcecal_ros.diagnose.search.posterior import Posterior, search
+from forcecal_ros.diagnose.verdict import verdict
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.effects.rig import Rig
 import numpy as np
@@ -64,9 +61,6 @@ WITHOUT_MEAN = ('wrench_quantisation', 'dropouts')
 
 LINES = 2
 """Lines that a discrepancy may have: mains and a motor."""
-
-UNTOLD = ('no_gap', 'unknown')
-"""Verdicts that name no effect, although the motion could show one."""
 
 ENOUGH = 3.0
 """Scatter of a simulated signal, in its noise, from which a recording can answer."""
@@ -88,7 +82,7 @@ class Outcome:
         Measured less simulated, in block means, of each recording.
     noise : ndarray, shape (channels,)
         RMS of one sample of each channel.
-    selection : Selection or None
+    selection : Posterior or None
         What was accepted, at its fit.
     checks : Checks or None
         What the data said before.
@@ -101,7 +95,7 @@ class Outcome:
     explained: tuple[Array, ...] = ()
     datasets: tuple[Dataset, ...] = ()
     noise: Array | None = None
-    selection: Selection | None = None
+    selection: Posterior | None = None
     checks: Checks | None = None
 
 
@@ -130,54 +124,19 @@ def diagnose_datasets(rig: Rig, datasets: tuple[Dataset, ...], stamps: Sequence[
     mounted = first.current().accelerometer.model(datasets[0].simulation.accelerometer)
     checks = Checks(*from_checks(stamps, sample_noise(first, np.zeros(len(CHANNELS))), mounted))
     with np.errstate(over='ignore', invalid='ignore'):  # what diverges is rejected as such
-        return _closer(first, checks, observed, given)
-
-
-def _closer(first: LinearisedModel, checks: Checks, observed: list[MeasuredBlocks],
-            given: Sequence[Recording]) -> Outcome:
-    """Search; where nothing is named, search once more with numbers closer to what is known."""
-    outcome = _searched(first, checks, observed, given)
-    if not _is_untold(outcome):
-        return outcome
-    closer = narrowed(first, releases(first))
-    if closer is None:
-        return outcome
-    within = _searched(closer.model, checks, observed, given)
-    told = within.diagnosis
-    if _is_untold(within) or (told.remainder or {}).get('ratio', np.inf) > 1.0:
-        return outcome
-    return replace(within, diagnosis=replace(told, notes=(*told.notes, str(closer))))
-
-
-def _is_untold(outcome: Outcome) -> bool:
-    """Say whether nothing was named, neither before nor in the search."""
-    effects = outcome.diagnosis.effects
-    return outcome.diagnosis.verdict in UNTOLD and all(e.name == UNKNOWN for e in effects)
-
-
-def _searched(first: LinearisedModel, checks: Checks, observed: list[MeasuredBlocks],
-              given: Sequence[Recording]) -> Outcome:
-    """Search for effects beside tolerances as a model has them; judge, localise and say them."""
-    found, tried = _search(first, checks)
-    judged = judge(first, found, tried, checks, observed)
-    where = _localised(found.selection, judged.summary.predictability, checks)
-    diagnosis = replace(_say(found, judged, checks), localisation=where,
-                        not_excited=tuple(not_excited(found.model, tried)),
-                        used=shares(found.model, given))
-    return _outcome(first, found, judged, diagnosis, checks, observed)
-
-
-def _search(first: LinearisedModel, checks: Checks) -> tuple[Found, list[Hypothesis]]:
-    """Look for steps, lines and effects, and say which effects were tried."""
-    known = _with_known(first, checks)
-    model, events = with_steps(known)
-    frequencies = _strongest(lines_of(model))
-    if frequencies:
-        model.allow_discrepancy(frequencies)
-        model.refit_noise(np.zeros(len(model.nuisances)))
-    tried = hypotheses(model, frequencies[0] if frequencies else None)
-    now = Found(model, select(model, tried, first), events, {})
-    return with_onsets(first, known, now, tried), tried
+        model = _with_known(first, checks)
+        frequencies = _strongest(lines_of(model))
+        if frequencies:
+            model.allow_discrepancy(frequencies)
+            model.refit_noise(np.zeros(len(model.nuisances)))
+        tried = hypotheses(model, frequencies[0] if frequencies else None)
+        found = search(model, tried)
+        judged = judge(first, found, checks, observed)
+        where = _localised(found, judged.summary.predictability, checks)
+        diagnosis = replace(_say(model, found, judged, checks), localisation=where,
+                            not_excited=tuple(not_excited(model, tried)),
+                            used=shares(model, given))
+        return _outcome(first, model, found, judged, diagnosis, checks, observed)
 
 
 def _with_known(first: LinearisedModel, checks: Checks) -> LinearisedModel:
@@ -205,11 +164,11 @@ def _observed(dataset: Dataset, recording: Recording, rig: Rig) -> MeasuredBlock
     """Take a recording by the stamps that it came with."""
     if 'joints' not in dataset.measured.streams:
         recording = replace(recording, joints=None)
-    return MeasuredBlocks(in_volts(recording, rig, dataset.simulation.accelerometer),
+    return MeasuredBlocks(convert_to_volts(recording, rig, dataset.simulation.accelerometer),
                           dataset.measured.start, dataset.measured.n_blocks)
 
 
-def _localised(selection: Selection, predictability: Predictability, checks: Checks
+def _localised(selection: Posterior, predictability: Predictability, checks: Checks
                ) -> tuple[Location, ...]:
     """Say where the effects change the simulation, and where else the residual is no noise."""
     final = selection.model
@@ -218,8 +177,6 @@ def _localised(selection: Selection, predictability: Predictability, checks: Che
         before, final.residuals, predictions(predictability))]
     stages = {final.library[n].stage
               for n in (*(a.name for a in selection.accepted), *checks.effects)}
-    if any(n.acts_on == 'step' for n in final.nuisances):
-        stages.add('wrench_sensor')
 
     def stage(channel: str, phase: str, touched: set[str]) -> str:
         return next(iter(stages)) if len(stages) == 1 else stage_of(channel, phase, touched)
@@ -234,16 +191,15 @@ def _localised(selection: Selection, predictability: Predictability, checks: Che
     return (*shown, *found)
 
 
-def _say(found: Found, judged: Judged, checks: Checks) -> Diagnosis:
-    """Say what was judged, in one word, one sentence, and notes."""
-    model, final = found.model, found.selection.model
-    names = list(dict.fromkeys([*judged.numbers, *(e.name for e in judged.steps)]))
-    sure = bool(checks.effects or judged.steps)
+def _say(model: LinearisedModel, found: Posterior, judged: Judged, checks: Checks) -> Diagnosis:
+    """State what was judged, in one word, one sentence, and notes."""
+    final = found.model
+    names = list(dict.fromkeys(final.library[n].name for n in judged.numbers))
     word, sentence = verdict(
         [*names, *checks.effects], judged.candidates, judged.part,
         judged.gap.closed if names or model.fixed else None,
-        sure or signal_to_noise(model) > ENOUGH, whole=not unjudged(model),
-        with_discrepancy=found.selection.beside_discrepancy,
+        bool(checks.effects) or signal_to_noise(model) > ENOUGH, whole=not unjudged(model),
+        with_discrepancy=found.beside_discrepancy,
         slow_noise=judged.summary.slow_noise, band=model.datasets[0].simulation.band,
         certain=tuple(checks.effects),
         at_limit=[x for name, values in judged.numbers.items() for x in at_limit(name, values)])
@@ -251,27 +207,26 @@ def _say(found: Found, judged: Judged, checks: Checks) -> Diagnosis:
         + missing_streams(final.datasets[0].recording) + unjudged(model)
     summary, ties = judged.summary, tuple(judged.ties.values())
     notes = (*checks.notes, *summary.notes,
-             *(note for a in found.selection.accepted for note in untold(final, a)),
+             *(note for a in found.accepted for note in untold(final, a)),
              *(tie.note for tie in ties))
-    candidates = tuple(listed_once([*judged.candidates, *judged.doubtful]))
     return Diagnosis(
-        word, sentence, judged.effects, candidates, gap=judged.gap, notes=notes, ties=ties,
+        word, sentence, judged.effects, tuple(judged.candidates), gap=judged.gap, notes=notes,
+        ties=ties,
         remainder={'ceiling_sigma': float(summary.predictability.z.max()),
                    'cell_sigma': summary.strongest[0].z, 'ratio': judged.part.ratio})
 
 
-def _outcome(first: LinearisedModel, found: Found, judged: Judged, diagnosis: Diagnosis,
-             checks: Checks, observed: list[MeasuredBlocks]) -> Outcome:
+def _outcome(first: LinearisedModel, model: LinearisedModel, found: Posterior, judged: Judged,
+             diagnosis: Diagnosis, checks: Checks, observed: list[MeasuredBlocks]) -> Outcome:
     """Return the diagnosis with the rig that it leads to; what is not named is not added to it."""
-    model, selection, *_ = found
-    final, noise = selection.model, judged.noise
+    selection, final, noise = found, found.model, judged.noise
     if diagnosis.verdict in ('unknown', 'not_excited'):
         # a gap without a name looks like noise
         final = replace(model, noise=[at_standstill(b, n)
                                       for b, n in zip(model.residuals, model.noise)])
-        selection = Selection(final, (), (), {})
+        selection = Posterior(final, (), ())
         gap, noise, _ = measured_gap(first, selection, summarise_residual(final), observed)
-        unknown = NamedEffect(UNKNOWN, {}, dict(judged.candidates).get(UNKNOWN, SURE))
+        unknown = NamedEffect(UNKNOWN, {}, dict(judged.candidates).get(UNKNOWN, 1.0))
         diagnosis = replace(diagnosis, gap=gap, effects=(unknown,))
     if diagnosis.verdict == 'not_excited':
         diagnosis = replace(diagnosis, effects=(), candidates=())

@@ -11,17 +11,16 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
+from forcecal_ros.diagnose.dataset import Dataset
 from forcecal_ros.diagnose.engine import Outcome
-from forcecal_ros.diagnose.inputs.dataset import Dataset
 from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
-from forcecal_ros.diagnose.judge.probabilities import UNKNOWN
 from forcecal_ros.diagnose.model.jacobian import combined
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
-from forcecal_ros.diagnose.say.verdict import percent
+from forcecal_ros.diagnose.search.calibration import UNKNOWN
+from forcecal_ros.diagnose.verdict import percent
 from forcecal_ros.sim.protocol import Imitation
-from forcecal_ros.sim.rerun import Rerun
+from forcecal_ros.sim.rerun import Rerun, SimulatedRobot
 from forcecal_ros.sim.runs import Numbers
-from forcecal_ros.sim.simulated_robot import SimulatedRobot
 from forcecal_ros.sim.third_party import ThirdParty
 import numpy as np
 
@@ -94,8 +93,7 @@ def tried(simulations: Sequence[Rerun], judged: Sequence[Dataset], outcome: Outc
 
 def _without(model: LinearisedModel, name: str) -> LinearisedModel:
     """Put a number and all that was recalibrated beside it back to where they were."""
-    stays = np.array([n.name in model.released - {name} or n.acts_on == 'step'
-                      for n in model.nuisances], dtype=bool)
+    stays = np.array([n.name in model.released - {name} for n in model.nuisances], dtype=bool)
     return replace(model, released=model.released - {name},
                    centre=np.where(stays, model.centre, 0.0))
 

@@ -7,10 +7,9 @@ from typing import NamedTuple
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import Recording
-from forcecal_ros.diagnose.inputs.accelerometer import with_volts
-from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
-from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
+from forcecal_ros.diagnose.dataset import CHANNELS, MeasuredBlocks, STREAM_SLICES
 from forcecal_ros.diagnose.model.evidence import fit, Gram, Prior
+from forcecal_ros.diagnose.recordings import scale_to_volts
 from forcecal_ros.effects.nuisances import Nuisance, nuisances, prior_std
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.rig.simulator import checked_commands, Samples, Simulator
@@ -168,7 +167,7 @@ class LiveGap:
         signals = [self._signals(s.run(*commands, noise=False), start) for s in self._simulators]
         self._periods += n
         model = self._rig.accelerometer.model(self._name)
-        volts = with_volts(recording, np.array(model.gain), np.array(model.offset))
+        volts = scale_to_volts(recording, np.array(model.gain), np.array(model.offset))
         measured = MeasuredBlocks(volts, start, n)
         nominal = measured.residual(signals[0])
         touching = self._near_contact(signals[0], n)

@@ -8,9 +8,9 @@ from forcecal_ros.diagnose.engine import Outcome
 from forcecal_ros.diagnose.judge.named_effects import Parameter, parameters_of
 from forcecal_ros.diagnose.judge.parameter_errors import parameter_errors
 from forcecal_ros.diagnose.judge.stated_errors import with_taken
-from forcecal_ros.diagnose.say.patched import patched_rig
+from forcecal_ros.diagnose.result import patched_rig
 from forcecal_ros.diagnose.search.joint_fit import joint_fit_if_finite
-from forcecal_ros.diagnose.search.selection import Selection
+from forcecal_ros.diagnose.search.posterior import Posterior
 import numpy as np
 
 
@@ -62,13 +62,13 @@ def refitted(outcome: Outcome) -> Outcome:
                    explained=tuple(now.model.residuals))
 
 
-def bent(selection: Selection) -> dict[str, Bent]:
+def bent(selection: Posterior) -> dict[str, Bent]:
     """
     Say how far each nuisance would still move, where the simulation was run as it was found.
 
     Parameters
     ----------
-    selection : Selection
+    selection : Posterior
         Whose simulations now say at its point what a run of them says, not what a line does.
 
     Returns

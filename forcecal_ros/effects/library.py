@@ -177,7 +177,7 @@ _ACCELEROMETER = (
     Effect('accel_resonance', 'accelerometer', (
         # 1: the sensor on a spring; between 0 and 1: part of the way
         Quantity('amplitude', '1', 0.0, -2.0, 2.0, 1.0),
-        _shape('frequency', 'Hz', 40.0, 3.0, 400.0, 5.0, (15.0, 40.0, 100.0)),
+        _shape('frequency', 'Hz', 40.0, 3.0, 400.0, 5.0, (15.0, 30.0, 60.0, 120.0)),
         _shape('damping', '1', 0.1, 0.005, 2.0, 0.05),
     ), FAST, True, 'signal'),
 )

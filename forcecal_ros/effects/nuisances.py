@@ -36,14 +36,9 @@ class Nuisance(NamedTuple):
     apply : callable
         (rig, physical value) -> rig; relative where its prior std is.
     acts_on : str
-        ``wrench`` or ``volts``: known in closed form, channel ``axis``; ``rig``: simulated;
-        ``step``: the level of channel ``axis`` of one recording from an instant on.
+        ``wrench`` or ``volts``: known in closed form, channel ``axis``; ``rig``: simulated.
     least : float
         Lowest physical value.
-    recording : int
-        Which one steps.
-    instant : float
-        When it steps [s].
     prior_std : float or None
         Its own, where the rig's ``spreads`` do not hold it.
     limit : float
@@ -56,8 +51,6 @@ class Nuisance(NamedTuple):
     acts_on: str = 'rig'
     axis: int = 0
     least: float = -np.inf
-    recording: int = 0
-    instant: float = 0.0
     prior_std: float | None = None
     limit: float = LIMIT
 

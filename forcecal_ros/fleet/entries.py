@@ -94,7 +94,7 @@ def read_diagnosis(path: str, folder: str) -> Entry:
     DataError
         It is none, or damaged.
     """
-    from forcecal_ros.diagnose.say.result import load as load_diagnosis  # with all that diagnoses
+    from forcecal_ros.diagnose.result import load_diagnosis
     from forcecal_ros.report.comparison import gap_rows
 
     diagnosis, document = load_diagnosis(path)

@@ -20,7 +20,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from forcecal_ros.core.errors import ConfigError
-from forcecal_ros.diagnose.inputs.channels import CHANNELS, STAGES
+from forcecal_ros.diagnose.dataset import CHANNELS, STAGES
 from forcecal_ros.nodes.client import NODES, WORDS
 from forcecal_ros.nodes.runtime import OUTPUT, SECOND, STEADY
 from forcecal_ros.nodes.wire import Inbox, Reader

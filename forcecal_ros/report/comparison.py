@@ -22,7 +22,7 @@ from forcecal_ros.report.rows import (
 )
 
 if TYPE_CHECKING:
-    from forcecal_ros.diagnose.say.result import Diagnosis
+    from forcecal_ros.diagnose.result import Diagnosis
 
 FORMAT = 'forcecal-comparison/1'
 

@@ -9,17 +9,12 @@ from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.autoregression import fit_autoregression
 from forcecal_ros.core.quantity import beside, rounded, size, with_error
 from forcecal_ros.core.streams import Phase
+from forcecal_ros.diagnose.dataset import Blocks, CHANNELS, STAGES, units
 from forcecal_ros.diagnose.engine import Outcome
-from forcecal_ros.diagnose.inputs.channels import Blocks, CHANNELS, STAGES, units
 from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, instants, Parameter
-from forcecal_ros.diagnose.localise.time_frequency import (
-    BANDS,
-    RATE,
-    time_frequency_bins,
-    TimeFrequencyBin,
-)
-from forcecal_ros.diagnose.say.result import Diagnosis
-from forcecal_ros.diagnose.say.verdict import FIRST, FURTHER, percent
+from forcecal_ros.diagnose.localise import BANDS, BLOCK_RATE, time_frequency_bins, TimeFrequencyBin
+from forcecal_ros.diagnose.result import Diagnosis
+from forcecal_ros.diagnose.verdict import FIRST, FURTHER, percent
 from forcecal_ros.report.effect_words import phrase, sentence, WORDS
 from forcecal_ros.report.page import Fact, Picture, picture, render_page, Step
 from forcecal_ros.report.panels import COLOURS, joined, Line, Panel, Shown
@@ -332,6 +327,9 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str], advice:
     if d.verdict == 'no_gap' and (held := _held(d)):
         return Step(f'Look at {held}: this recording is explained only with so much of it as its '
                     'tolerance allows. State by --priors how far it may be off.')
+    if d.verdict == 'no_gap' and d.not_compared:
+        return Step('Nothing has to be changed in what was compared. Not compared: '
+                    f'{" and ".join(d.not_compared)}.')
     return {
         'no_gap': Step('Nothing has to be changed.'),
         'unknown': Step('Record the same motion again: what comes again belongs to the rig or '
@@ -695,7 +693,7 @@ def _squared(unit: str) -> str:
 def _rate(there: NDArray[np.bool_]) -> float:
     """Rate of the blocks that hold samples [Hz]."""
     steps = np.diff(np.flatnonzero(there))
-    return RATE / max(1.0, float(np.median(steps))) if len(steps) else RATE
+    return BLOCK_RATE / max(1.0, float(np.median(steps))) if len(steps) else BLOCK_RATE
 
 
 def _spectrum(axes: Axes, rows: Array, color: str, label: str, rate: float) -> None:

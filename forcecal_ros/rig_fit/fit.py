@@ -10,7 +10,7 @@ from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array, quaternion_of
 from forcecal_ros.core.streams import Recording
 from forcecal_ros.core.topics import naming
-from forcecal_ros.diagnose.inputs.stamps import evened
+from forcecal_ros.diagnose.recordings import even_stamps
 from forcecal_ros.effects.rig import Axis, Rig, Unexplained
 from forcecal_ros.rig_fit.robot import (
     at_ends,
@@ -139,7 +139,7 @@ def _required(recording: Recording) -> Recording:
         if role != 'wrench' and not stream.has_position:
             raise DataError(f'{recording.source}: {role} has no position; record poses of '
                             'ft_sensor in the base')
-    return evened(recording).recording
+    return even_stamps(recording).recording
 
 
 def _measured(base: Rig, recording: Recording, period: float, settings: IdentificationSettings

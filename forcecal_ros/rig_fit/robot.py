@@ -14,7 +14,7 @@ from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array, quaternion_from_matrix, rotation_vector
 from forcecal_ros.core.schema import Matrix3, Vector6
 from forcecal_ros.core.streams import phase_spans, Recording, TOUCHING
-from forcecal_ros.diagnose.inputs.command_timing import shift_of
+from forcecal_ros.diagnose.recordings import grid_shift
 from forcecal_ros.effects.rig import Axis, Directions, Rig, Servo
 from forcecal_ros.impedance.plant_fit import (
     Candidate,
@@ -23,7 +23,7 @@ from forcecal_ros.impedance.plant_fit import (
     OutputError,
     with_covariance,
 )
-from forcecal_ros.sim.poses import pose_at
+from forcecal_ros.sim.measured_motion import pose_at
 from forcecal_ros.sim.rig.plant import Plant
 from forcecal_ros.sim.rig.robot import Motion
 from forcecal_ros.sim.rig.simulator import held_commands
@@ -85,7 +85,7 @@ def followed(recording: Recording, period: float) -> Followed:
     target, pose = recording.target, recording.pose
     assert target is not None
     assert pose is not None
-    start = float(target.t[0]) + shift_of(target.t, pose.t, period)
+    start = float(target.t[0]) + grid_shift(target.t, pose.t, period)
     end = min(float(target.t[-1]) + period, float(pose.t[-1]))
     m = int((end - start) / period)
     starts: Array = start + period * np.arange(float(max(0, m)))

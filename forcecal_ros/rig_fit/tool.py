@@ -11,9 +11,14 @@ from forcecal_ros.core.calibration import Calibration, Estimate
 from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.geometry import Array, rotation_vector
 from forcecal_ros.core.streams import PoseStream, Recording
-from forcecal_ros.diagnose.inputs.accelerometer import from_gravity, GAIN, OFFSET, TURNED
-from forcecal_ros.diagnose.inputs.motion_dataset import span
-from forcecal_ros.diagnose.inputs.simulated_tool import DRAWN, LIGHTEST, tool_along, with_moments
+from forcecal_ros.diagnose.dataset import span
+from forcecal_ros.diagnose.recordings import (
+    angle_from_gravity,
+    IMU_GAIN,
+    IMU_OFFSET,
+    MAX_GRAVITY_ANGLE,
+)
+from forcecal_ros.diagnose.sources.simulated_tool import DRAWN, LIGHTEST, tool_along, with_moments
 from forcecal_ros.effects.nuisances import possible, rows_of
 from forcecal_ros.effects.rig import (
     Accelerometer,
@@ -142,8 +147,8 @@ def _with_imu(rig: Rig, recording: Recording, motion: CarriedTool) -> Rig:
     if stream is None or len(stream) < 2 or recording.accelerometer_unit != 'm/s^2':
         return rig
     assert recording.pose is not None
-    turned = from_gravity(stream, recording.pose)
-    if turned > TURNED:
+    turned = angle_from_gravity(stream, recording.pose)
+    if turned > MAX_GRAVITY_ANGLE:
         raise DataError(f'accelerometer: it feels gravity {np.degrees(turned):.0f} deg from where '
                         'the pose has it, expected along the axes of ft_sensor; record it in that '
                         'frame')
@@ -156,7 +161,7 @@ def _with_imu(rig: Rig, recording: Recording, motion: CarriedTool) -> Rig:
     mounted: Accelerometer = replace(rig.accelerometer, mounted='acc1', acc1=model,
                                      position=tuple(told[:3].tolist()))
     return replace(rig, accelerometer=mounted, spreads=replace(
-        rig.spreads, accelerometer_offset=OFFSET, accelerometer_gain=GAIN))
+        rig.spreads, accelerometer_offset=IMU_OFFSET, accelerometer_gain=IMU_GAIN))
 
 
 def _by_motion(rig: Rig, recording: Recording, why: str) -> ToolFit:

@@ -1,9 +1,16 @@
-"""A rigid tool behind the measured motion: what its sensors should say, noise-free."""
+"""
+A rigid tool behind the measured motion: what its sensors should report, noise-free.
+
+A robot moves much as its simulation does. Where only noise is left of the difference of the two
+poses, the simulated one is the better measurement: a tool's acceleration out of noisy poses would
+be in the residual and in what is fitted to it, and favour any effect that is smooth.
+"""
 
 from dataclasses import replace
 
-from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.streams import Recording
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array, rotation_vector
+from forcecal_ros.core.streams import PoseStream, Recording
 from forcecal_ros.effects import AccelerometerEffects, EFFECTS, physical_rig
 from forcecal_ros.effects.nuisances import (
     LEAST,
@@ -16,29 +23,117 @@ from forcecal_ros.effects.nuisances import (
 )
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.effects.signals import INVERTIBLE
-from forcecal_ros.sim.low_pass import MOST, slow
-from forcecal_ros.sim.poses import merged
-from forcecal_ros.sim.rigid_tool import (
-    CABLE,
-    CarriedTool,
-    only,
-    RigidTool,
-    SMOOTH,
-    UNKNOWN_DELAY,
-)
+from forcecal_ros.sim.low_pass import clear_band, MOST, slow
+from forcecal_ros.sim.rigid_tool import CABLE, CarriedTool, only, RigidTool, SMOOTH, UNKNOWN_DELAY
 from forcecal_ros.sim.signals import BLOCK, block_means, RATE, Signals
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter1d
+from scipy.spatial.transform import Rotation, RotationSpline, Slerp
 
-EXACT = 0.2
+MAX_FRAME_ANGLE = 0.1
+"""Angle beyond which frames are others [rad]: no arm is always that far from its simulation."""
+
+MAX_LEAN = 0.05
+"""How far the axis of a turn of the base may lean for gravity to stay where it is [rad]."""
+
+COMPARED_SAMPLES = 500
+"""Instants at which two motions are compared."""
+
+
+def merge_poses(measured: PoseStream, simulated: PoseStream) -> PoseStream:
+    """
+    Return the motion of the robot, as well as both recordings tell it.
+
+    Parameters
+    ----------
+    measured, simulated : PoseStream
+        On one clock; of one base, or each of its own.
+
+    Returns
+    -------
+    PoseStream
+        While both are there.
+    """
+    start = max(measured.t[0], simulated.t[0])
+    end = min(measured.t[-1], simulated.t[-1])
+    # at the measured pose's own rate: more instants would not have its noise
+    rate = (len(measured) - 1) / (measured.t[-1] - measured.t[0])
+    t = start + np.arange(int((end - start) * rate)) / rate
+    q, S = pose_at(simulated, t)
+    p, R = pose_at(measured, t)
+    turned = rotation_vector(np.swapaxes(S, 1, 2) @ R)
+    both = measured.has_position and simulated.has_position
+    position = q + _without_noise(p - q, rate) if both else p
+    return replace(measured, t=t, position=position,
+                   R_base_sensor=S @ Rotation.from_rotvec(
+                       _without_noise(turned, rate)).as_matrix())
+
+
+def pose_at(stream: PoseStream, t: Array) -> tuple[Array, Array]:
+    """Return position, NaN where there is none, and orientation at other times."""
+    R = RotationSpline(stream.t, Rotation.from_matrix(np.array(stream.R_base_sensor)))
+    position = (CubicSpline(stream.t, stream.position)(t) if stream.has_position
+                else np.full((len(t), 3), np.nan))
+    return np.asarray(position), np.asarray(R(t).as_matrix())
+
+
+def _without_noise(difference: Array, rate: float) -> Array:
+    """Leave out of a difference, shape (n, 3), what is no more than noise."""
+    return slow(difference, rate, clear_band(difference, rate))
+
+
+def express_in_base(measured: PoseStream, simulated: PoseStream) -> PoseStream:
+    """
+    Bring simulated poses into the robot's base, which may be turned about the vertical.
+
+    Parameters
+    ----------
+    measured, simulated : PoseStream
+        On one clock.
+
+    Raises
+    ------
+    DataError
+        The sensor's frames are turned to each other, or a base is not upright.
+    """
+    start, end = (f(measured.t[i], simulated.t[i]) for f, i in ((max, 0), (min, -1)))
+    t = np.linspace(start, end, COMPARED_SAMPLES)
+    R, S = (Slerp(p.t, Rotation.from_matrix(np.array(p.R_base_sensor)))(t)
+            for p in (measured, simulated))
+    sensor, in_sensor = _mean_rotation(S.inv() * R)
+    base, in_base = _mean_rotation(R * S.inv())
+    if min(sensor.magnitude(), base.magnitude()) < MAX_FRAME_ANGLE:
+        return simulated
+    if in_sensor < in_base:
+        raise DataError('the poses are of frames that are turned by '
+                        f'{np.degrees(sensor.magnitude()):.0f} deg to each other in the robot and '
+                        'in the simulator; record the pose of the frame of the wrench in both')
+    axis = base.as_rotvec() / base.magnitude()
+    if np.hypot(axis[0], axis[1]) > MAX_LEAN:
+        raise DataError(f'the bases are turned by {np.degrees(base.magnitude()):.0f} deg to each '
+                        'other, and not about the vertical; gravity is along -Z of both')
+    turn = base.as_matrix()
+    return replace(simulated, position=simulated.position @ turn.T,
+                   R_base_sensor=turn @ simulated.R_base_sensor)
+
+
+def _mean_rotation(turns: Rotation) -> tuple[Rotation, float]:
+    """Return the mean of rotations, and how far they are from it, RMS [rad]."""
+    mean = turns.mean()
+    apart: Array = (turns * mean.inv()).magnitude()
+    return mean, float(np.sqrt(np.mean(apart ** 2)))
+
+
+EXACT_RATIO = 0.2
 """
 RMS in that of the noise, up to which a motion is known: a filtered acceleration lacks its edges.
 
 Simulated rigid tools had a residual of 0.05 to 0.11 in one channel or other.
 """
 
-SHOWN = frozenset({
+EFFECTS_SHOWN = frozenset({
     'wrench_delay', 'wrench_lowpass', 'wrench_bias_drift', 'wrench_gain', 'wrench_crosstalk',
     'wrench_hysteresis', 'wrench_saturation', 'accel_delay', *INVERTIBLE,
     'tool_mass', 'tool_com', 'base_tilt', CABLE})
@@ -66,7 +161,7 @@ class MeasuredMotion:
         The nominal one.
     """
 
-    band, exact, starts_white, usual_tolerances, library = MOST, EXACT, True, False, EFFECTS
+    band, exact, starts_white, usual_tolerances, library = MOST, EXACT_RATIO, True, False, EFFECTS
 
     def __init__(self, recording: Recording, start: float, n_blocks: int, accelerometer: str,
                  rigid_tool: RigidTool) -> None:
@@ -79,7 +174,7 @@ class MeasuredMotion:
         """Say whether an effect can show: a delay that nobody knows is estimated along instead."""
         if effect == 'accel_delay' and isinstance(rig, RigidTool):
             return rig.spreads.accel_behind < UNKNOWN_DELAY
-        return effect in SHOWN
+        return effect in EFFECTS_SHOWN
 
     def nuisances(self, rig: Rig, streams: tuple[str, ...]) -> tuple[Nuisance, ...]:
         """List what tool and sensors may differ in from what is known."""
@@ -171,12 +266,12 @@ class RecordedSimulation(MeasuredMotion):
         assert measured is not None
         assert made is not None
         accel, simulated = simulated.accelerometer, replace(simulated, accelerometer=None)
-        super().__init__(replace(recording, pose=merged(measured, made), accelerometer=None),
+        super().__init__(replace(recording, pose=merge_poses(measured, made), accelerometer=None),
                          start, n_blocks, accelerometer, rigid_tool)
         own = CarriedTool(simulated, start, n_blocks, accelerometer)
         self._full.beyond = own.recorded_wrench(simulated) - own.wire(rigid_tool)
         self._clear.beyond = self._full.beyond
-        self.touching = touches(block_means(self._full.beyond))
+        self.touching = contact_blocks(block_means(self._full.beyond))
         self._accel = (None if accel is None
                        else self._carried_over(accel.at(own.t), own, rigid_tool))
 
@@ -200,20 +295,20 @@ class RecordedSimulation(MeasuredMotion):
             accel * model.gain + model.offset)))
 
 
-FORCE = 1.0
+CONTACT_FORCE_N = 1.0
 """From which a force beyond a rigid tool's is contact, at least [N]: six times a UR's noise."""
 
-OUT = 8.0
+CONTACT_SIGMA = 8.0
 """And in the median deviation of what is beyond: a simulator's noise hardly ever shows that."""
 
-AROUND = 0.2
+CONTACT_MARGIN_S = 0.2
 """Left out before and after [s]: a robot 10 mm/s fast and 1 mm off touches 0.1 s earlier."""
 
-MOST_IN_CONTACT = 0.5
+MAX_CONTACT_RATIO = 0.5
 """Part of a recording that may be left out; what is more is no contact but another wrench."""
 
 
-def touches(beyond: Array) -> NDArray[np.bool_]:
+def contact_blocks(beyond: Array) -> NDArray[np.bool_]:
     """
     Tell blocks in which a simulated tool touches something, and what is near them.
 
@@ -227,11 +322,13 @@ def touches(beyond: Array) -> NDArray[np.bool_]:
     ndarray of bool, shape (n,)
     """
     force = np.linalg.norm(beyond[:, :3] - np.median(beyond[:, :3], axis=0), axis=1)
-    limit = max(FORCE, OUT * 1.4826 * float(np.median(np.abs(force - np.median(force)))))
-    near = around(force > limit)
-    return near if near.mean() <= MOST_IN_CONTACT else np.zeros(len(force), dtype=bool)
+    scatter = 1.4826 * float(np.median(np.abs(force - np.median(force))))
+    limit = max(CONTACT_FORCE_N, CONTACT_SIGMA * scatter)
+    near = widen_blocks(force > limit)
+    return near if near.mean() <= MAX_CONTACT_RATIO else np.zeros(len(force), dtype=bool)
 
 
-def around(blocks: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def widen_blocks(blocks: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Add what is near some blocks."""
-    return np.asarray(maximum_filter1d(blocks.astype(np.int8), 2 * round(AROUND / BLOCK) + 1) > 0)
+    width = 2 * round(CONTACT_MARGIN_S / BLOCK) + 1
+    return np.asarray(maximum_filter1d(blocks.astype(np.int8), width) > 0)

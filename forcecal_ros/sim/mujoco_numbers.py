@@ -1,26 +1,350 @@
-"""The numbers of a MuJoCo model that may be off: what they are, and how they are written."""
+"""What of a MuJoCo model may be set: drives, bodies, joints, limits and contacts."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from forcecal_ros.core.errors import ConfigError
-from forcecal_ros.sim.mujoco_drives import Drive, TORQUE, VELOCITY
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.sim.protocol import Parameter
 import numpy as np
-
-WEIGHED, PLACED = 0.01, 0.001
-"""How well a tool is known by its drawing: mass (relative) and centre of mass [m], 1 sigma."""
-
-RUBBED = (0.1, 0.1)
-"""Of dry friction, 1 sigma: part of the model's, and beside it [N m] or [N]: what warmth makes."""
-
-DRIVEN = (0.05, 0.1)
-"""Of the gains kp and kv of a position actuator, 1 sigma, relative: as controllers are told."""
-
-LEVELLED = 0.003
-"""Tilt of a base that was levelled by hand, 1 sigma [rad]."""
+from numpy.typing import NDArray
 
 _Write = Callable[[Any, float], None]
+
+POSITION, INTEGRATED, VELOCITY, TORQUE = 'position', 'integrated velocity', 'velocity', 'torque'
+PID = 'position and rate'
+
+RANGE_MARGIN = 1e-3
+"""
+Part of an actuator's range by which commands may leave it: a controller's rounding of a joint at
+its limit, and less than any noise of a joint.
+"""
+
+
+class Drive(NamedTuple):
+    """
+    An actuator of one joint.
+
+    Attributes
+    ----------
+    actuator : int
+        Its place in the model.
+    joint : str
+    kind : str
+        What it holds.
+    scale : float
+        Its input for one rad, rad/s or N m of the joint.
+    place, dof, act : int
+        Where the joint's position and speed are, and the actuator's activation (-1: it has none).
+    ctrl : int
+        Where its input is.
+    gains : tuple of int
+        Where p and d are in the model's numerics.
+    """
+
+    actuator: int
+    joint: str
+    kind: str
+    scale: float
+    place: int
+    dof: int
+    act: int
+    ctrl: int
+    gains: tuple[int, ...] = ()
+
+    def stiffness(self, model: Any) -> float:
+        """Return how stiffly it holds its joint [N m/rad] or [N/m]; 0 where that is not known."""
+        if self.kind == TORQUE and self.gains:
+            return float(model.numeric_data[self.gains[0]])
+        if self.kind in (POSITION, INTEGRATED, PID):
+            gear = float(model.actuator_gear[self.actuator, 0])
+            return -gear ** 2 * float(model.actuator_biasprm[self.actuator, 1])
+        return 0.0
+
+
+def found_drives(mujoco: Any, model: Any, path: str) -> list[Drive]:
+    """
+    Find the actuators that joints can be told positions by, one of each joint.
+
+    Raises
+    ------
+    ConfigError
+        There is none; with what there is.
+    """
+    able: dict[str, Drive] = {}
+    holds = (POSITION, PID)
+    for i in range(len(model.actuator_trntype)):  # model.nu counts inputs
+        drive = _drive(mujoco, model, i)
+        if drive and _has_gains(drive):
+            before = able.get(drive.joint)
+            if before is None or (drive.kind in holds and before.kind not in holds):
+                able[drive.joint] = drive
+    if not able:
+        raise ConfigError(f'--mujoco {path}: no actuator that a joint can be told positions by; '
+                          f'{_requirements(mujoco, model) or "it has none on a joint"}')
+    return sorted(able.values(), key=lambda one: one.actuator)
+
+
+def reason_not_driven(mujoco: Any, model: Any, joint: str) -> str:
+    """Say which actuators a joint has, and what they want."""
+    return _requirements(mujoco, model, joint) or 'no actuator of the model drives it'
+
+
+def _has_gains(drive: Drive) -> bool:
+    return len(drive.gains) == {VELOCITY: 1, TORQUE: 2}.get(drive.kind, 0)
+
+
+def _requirements(mujoco: Any, model: Any, joint: str = '') -> str:
+    """Return what actuators that hold no position need, and which are not supported."""
+    kinds, others = dict[str, str](), dict[str, str]()
+    for i in range(len(model.actuator_trntype)):
+        name = _joint_of(mujoco, model, i)
+        if name and joint in ('', name):
+            drive = _drive(mujoco, model, i)
+            if drive:
+                kinds[name] = drive.kind
+            else:
+                others[name] = _type_of(mujoco, model, i)
+    if kinds:
+        first, kind = next(iter(kinds.items()))
+        gains = [f'<numeric name="{letter}[{first}]" data="..."/>'
+                 for letter in ('p' if kind == VELOCITY else 'pd')]
+        listed = ', '.join(f'joint {name} has one of {kind}' for name, kind in kinds.items())
+        return (f'{listed}; put the gains of its controller into <custom>, '
+                f'{" and ".join(gains)}')
+    if others:
+        listed = ', '.join(f'joint {name} has {kind}' for name, kind in others.items())
+        return (f'{listed}, which is not supported; drive it by <position>, <pid>, <intvelocity>, '
+                '<velocity> or <motor>')
+    return ''
+
+
+def _type_of(mujoco: Any, model: Any, i: int) -> str:
+    """Name an actuator that holds nothing known, as its gain and bias are called in MuJoCo."""
+    def word(kinds: Any, prefix: str, value: int) -> str:
+        return next((name.removeprefix(prefix).lower() for name in dir(kinds)
+                     if name.startswith(prefix) and int(getattr(kinds, name)) == value), '?')
+
+    gain = word(mujoco.mjtGain, 'mjGAIN_', int(model.actuator_gaintype[i]))
+    bias = word(mujoco.mjtBias, 'mjBIAS_', int(model.actuator_biastype[i]))
+    return f'an actuator of gain {gain} and bias {bias}' if gain != bias else (
+        f'an actuator of kind {gain}')
+
+
+def _joint_of(mujoco: Any, model: Any, i: int) -> str:
+    """Return the joint of one number that an actuator drives; empty if it drives none."""
+    joint = int(model.actuator_trnid[i, 0])
+    on_joint = int(model.actuator_trntype[i]) in (int(mujoco.mjtTrn.mjTRN_JOINT),
+                                                  int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+    return str(model.joint(joint).name) if on_joint and is_scalar(mujoco, model, joint) else ''
+
+
+def _drive(mujoco: Any, model: Any, i: int) -> Drive | None:
+    """Return what an actuator does to its joint; None if it holds nothing that is known."""
+    name = _joint_of(mujoco, model, i)
+    gear, gain = float(model.actuator_gear[i, 0]), float(model.actuator_gainprm[i, 0])
+    kind, stiff = _kind(mujoco, model, i), -float(model.actuator_biasprm[i, 1])
+    if not (name and kind) or gear * (stiff if kind == PID else gain) == 0.0:
+        return None
+    held = {VELOCITY: -float(model.actuator_biasprm[i, 2]),
+            TORQUE: 1.0 / gear ** 2}.get(kind, stiff)
+    letters = {VELOCITY: 'p', TORQUE: 'pd'}.get(kind, '')
+    numerics = {model.numeric(k).name: int(model.numeric_adr[k]) for k in range(model.nnumeric)}
+    gains = tuple(numerics[f'{a}[{name}]'] for a in letters if f'{a}[{name}]' in numerics)
+    joint = model.joint(name).id
+    act = -1 if kind == PID else int(model.actuator_actadr[i])  # that of a <pid> is its integral
+    scale = gear if kind == PID else gear * held / gain
+    return Drive(i, name, kind, scale, int(model.jnt_qposadr[joint]),
+                 int(model.jnt_dofadr[joint]), act, _input_of(model, i), gains)
+
+
+def _input_of(model: Any, i: int) -> int:
+    """Return where the first input of an actuator is: older releases have one each."""
+    places = getattr(model, 'actuator_ctrladr', None)
+    return i if places is None else int(places[i])
+
+
+def _kind(mujoco: Any, model: Any, i: int) -> str:
+    """Say what an actuator holds; '' where that is none of these."""
+    dynamics, biases = mujoco.mjtDyn, mujoco.mjtBias
+    kind = int(model.actuator_dyntype[i])
+    follows = kind in (int(dynamics.mjDYN_NONE), int(dynamics.mjDYN_FILTER),
+                       int(dynamics.mjDYN_FILTEREXACT))
+    integrates = kind == int(dynamics.mjDYN_INTEGRATOR)
+    if int(model.actuator_gaintype[i]) == int(getattr(mujoco.mjtGain, 'mjGAIN_PID', -1)):
+        return PID
+    if model.actuator_gaintype[i] != mujoco.mjtGain.mjGAIN_FIXED or not (follows or integrates):
+        return ''
+    gain = float(model.actuator_gainprm[i, 0])
+    offset, stretch, speed = (float(x) for x in model.actuator_biasprm[i, :3])
+    affine = model.actuator_biastype[i] == biases.mjBIAS_AFFINE
+    if affine and stretch < 0.0 and (offset == 0.0 or gain == -stretch):
+        return POSITION if follows else INTEGRATED
+    if not follows:
+        return ''
+    if affine and stretch == 0.0 and offset == 0.0 and speed < 0.0:
+        return VELOCITY
+    return TORQUE if model.actuator_biastype[i] == biases.mjBIAS_NONE else ''
+
+
+def is_scalar(mujoco: Any, model: Any, joint: int) -> bool:
+    """Say whether one number is the position of a joint."""
+    return int(model.jnt_type[joint]) in (int(mujoco.mjtJoint.mjJNT_HINGE),
+                                          int(mujoco.mjtJoint.mjJNT_SLIDE))
+
+
+class Controller:
+    """
+    Tells actuators the positions of their joints.
+
+    Parameters
+    ----------
+    q : ndarray, shape (n, drives)
+        Of each step [rad] or [m].
+    step : float
+        [s]
+    play : mapping of str to float
+        Of the drives of joints, half of it [rad] or [m]: the joint, which its friction holds,
+        stays where it is until the command has crossed the play.
+
+    Raises
+    ------
+    ConfigError
+        A command is beyond what an actuator takes.
+    """
+
+    def __init__(self, model: Any, drives: Sequence[Drive], q: Array, step: float,
+                 play: Mapping[str, float]) -> None:
+        if play:
+            q = np.stack([_follow_backlash(x, play.get(one.joint, 0.0))
+                          for x, one in zip(q.T, drives)], axis=1)
+        self._q, self._drives = q, drives
+        self._rate = np.diff(q, axis=0, append=q[-1:]) / step
+        scale = np.array([one.scale for one in drives])
+        integrated = np.array([one.kind == INTEGRATED for one in drives])
+        self._given = np.where(integrated, self._rate, q) * scale
+        self._index = np.array([one.ctrl for one in drives])
+        self._rates = [(j, one.ctrl + 1, one.scale) for j, one in enumerate(drives)
+                       if one.kind == PID]
+        self._closed = [(j, one, [float(model.numeric_data[at]) for at in one.gains])
+                        for j, one in enumerate(drives) if one.gains]
+        self._integrated = self._index[integrated]
+        for j, one in enumerate(drives):
+            if not one.gains:
+                _refuse_beyond(model, one, self._given[:, j])
+
+    def begin(self, data: Any) -> None:
+        """Put the joints where they are first commanded to be, and hold them there."""
+        for q, one in zip(self._q[0], self._drives):
+            data.qpos[one.place] = q
+            if one.act >= 0:
+                data.act[one.act] = one.scale * q
+        self.tell(data, 0)
+        data.ctrl[self._integrated] = 0.0
+        data.ctrl[[at for _, at, _ in self._rates]] = 0.0
+
+    def hold(self, data: Any) -> None:
+        """Hold the first command for a step."""
+        for j, one, gains in self._closed:
+            data.ctrl[one.ctrl] = self._closing(data, j, one, gains, self._q[0, j], 0.0)
+
+    def tell(self, data: Any, k: int) -> None:
+        """Tell the actuators their input of step k."""
+        data.ctrl[self._index] = self._given[k]
+        for j, at, scale in self._rates:
+            data.ctrl[at] = scale * self._rate[k, j]
+        for j, one, gains in self._closed:
+            data.ctrl[one.ctrl] = self._closing(data, j, one, gains, self._q[k, j],
+                                                 self._rate[k, j])
+
+    def _closing(self, data: Any, j: int, one: Drive, gains: Sequence[float], q: float,
+                 rate: float) -> float:
+        error = q - data.qpos[one.place]
+        if one.kind == VELOCITY:
+            return float(one.scale * (rate + gains[0] * error))
+        return float(one.scale * (gains[0] * error + gains[1] * (rate - data.qvel[one.dof])))
+
+
+def _follow_backlash(q: Array, play: float) -> Array:
+    """Follow a command as what is behind play does."""
+    if play <= 0.0:
+        return q
+    out, at = np.empty_like(q), float(q[0])
+    for k, x in enumerate(q.tolist()):
+        at = min(max(at, x - play), x + play)
+        out[k] = at
+    return out
+
+
+REST_SPEED = 2e-3
+"""
+Speed of a joint [rad/s], [m/s] above which an arm that was to rest swings: at 5 Hz that is
+0.06 mrad, the noise of a joint.
+"""
+
+
+class Swing:
+    """Sees whether joints rest when the commands begin."""
+
+    def __init__(self, drives: Sequence[Drive]) -> None:
+        self._drives, self._speeds = drives, np.zeros(0)
+
+    def look(self, data: Any) -> None:
+        """See how fast the joints are, the first time that it is asked."""
+        if not len(self._speeds):
+            self._speeds = np.abs(data.qvel[[one.dof for one in self._drives]])
+
+    def said(self, after: float) -> Iterator[str]:
+        """Say which joint still swings so many seconds after the start [s]."""
+        if len(self._speeds) and self._speeds.max() > REST_SPEED:
+            k = int(self._speeds.argmax())
+            yield (f'in the model {self._drives[k].joint} still moves at {self._speeds[k]:.2g} '
+                   f'rad/s after {after:g} s at the first command: damp its drive (kv) or the '
+                   'joint, as the robot does')
+
+
+def _refuse_beyond(model: Any, one: Drive, given: Array) -> None:
+    """Refuse commands that MuJoCo would clip in silence."""
+    if not model.actuator_ctrllimited[one.ctrl]:
+        return
+    low, high = (float(x) for x in model.actuator_ctrlrange[one.ctrl])
+    least, most = float(given.min()), float(given.max())
+    room = RANGE_MARGIN * (high - low)
+    if least < low - room or most > high + room:
+        raise ConfigError(f'joint {one.joint} is commanded from {least:.4g} to {most:.4g}, and '
+                          f'the ctrlrange of its actuator is {low:.4g} to {high:.4g}, where '
+                          'MuJoCo would clip; give the model the range that the robot has')
+
+
+def of_same_tree(model: Any, drives: Sequence[Drive], body: str) -> list[Drive]:
+    """Leave out what drives no arm that carries a body: a second arm on a base of its own."""
+    moved = int(model.body_weldid[model.body(body).id])
+    tree = int(model.dof_treeid[model.body_dofadr[moved]])
+    return [one for one in drives if int(model.dof_treeid[one.dof]) == tree]
+
+
+def warning_of(mujoco: Any, data: Any) -> str:
+    """Return what MuJoCo warns of: it began anew, or left out contacts; empty: of nothing."""
+    kinds = mujoco.mjtWarning
+    found = [(int(kind), data.warning[int(kind)]) for kind in (
+        kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC, kinds.mjWARN_BADCTRL,
+        kinds.mjWARN_INERTIA, kinds.mjWARN_CONTACTFULL, kinds.mjWARN_CNSTRFULL)]
+    said = (mujoco.mju_warningText(kind, int(one.lastinfo)) for kind, one in found if one.number)
+    return next(said, '').rstrip('.')
+
+
+MASS_SIGMA, COM_SIGMA = 0.01, 0.001
+"""How well a tool is known by its drawing: mass (relative) and centre of mass [m], 1 sigma."""
+
+JOINT_FRICTION_SIGMA = (0.1, 0.1)
+"""Of dry friction, 1 sigma: part of the model's, and beside it [N m] or [N]: what warmth makes."""
+
+GAIN_SIGMA = (0.05, 0.1)
+"""Of the gains kp and kv of a position actuator, 1 sigma, relative: as controllers are told."""
+
+TILT_SIGMA = 0.003
+"""Tilt of a base that was levelled by hand, 1 sigma [rad]."""
+
 _Both = tuple[_Write, _Write]
 """Into a model that was compiled, and into its source."""
 
@@ -78,11 +402,11 @@ def _of_tool(model: Any, body: str, site: str) -> list[Number]:
             explicit(spec).ipos[axis] = value
         return write, patch
 
-    found = [Number(Parameter(f'body_mass[{body}]', mass, WEIGHED * mass, 'kg', 0.05 * mass,
+    found = [Number(Parameter(f'body_mass[{body}]', mass, MASS_SIGMA * mass, 'kg', 0.05 * mass,
                                20.0 * mass, 'tool', ('tool_mass',)), weigh, patch_mass)]
     return found + [Number(Parameter(
-        f'body_ipos[{body}].{a}', float(com[k]), PLACED, 'm', com[k] - 0.5, com[k] + 0.5, 'tool',
-        ('tool_com',)), *place(k)) for k, a in enumerate('xyz')]
+        f'body_ipos[{body}].{a}', float(com[k]), COM_SIGMA, 'm', com[k] - 0.5, com[k] + 0.5,
+        'tool', ('tool_com',)), *place(k)) for k, a in enumerate('xyz')]
 
 
 def _of_joints(mujoco: Any, model: Any, drives: Sequence[Drive]) -> list[Number]:
@@ -92,23 +416,26 @@ def _of_joints(mujoco: Any, model: Any, drives: Sequence[Drive]) -> list[Number]
         slides = model.jnt_type[model.joint(name).id] == mujoco.mjtJoint.mjJNT_SLIDE
         friction = float(model.dof_frictionloss[dof])
         damping, kv = float(model.dof_damping[dof]), -float(model.actuator_biasprm[i, 2])
-        found.append(Number(Parameter(f'dof_frictionloss[{name}]', friction,
-                                       RUBBED[0] * friction + RUBBED[1], 'N' if slides else 'N m',
-                                       0.0),
+        sigma = JOINT_FRICTION_SIGMA[0] * friction + JOINT_FRICTION_SIGMA[1]
+        found.append(Number(Parameter(f'dof_frictionloss[{name}]', friction, sigma,
+                                       'N' if slides else 'N m', 0.0),
                              _writer('dof_frictionloss', dof), _rubbing(name)))
         if drive.kind in (VELOCITY, TORQUE):
             found += [_of_controller(model, letter, drive, at)
                       for letter, at in zip('pd', drive.gains)]
         else:
             kp = -float(model.actuator_biasprm[i, 1])
-            found.append(Number(Parameter(f'kp[{name}]', kp, DRIVEN[0] * kp, '1', 0.05 * kp,
-                                           20.0 * kp), *_gain(model, i)))
+            found.append(Number(Parameter(f'kp[{name}]', kp, GAIN_SIGMA[0] * kp, '1', 0.05 * kp,
+                                           20.0 * kp), *_coefficient(model, i, 1, drive.kind)))
+        if drive.kind == PID and (ki := float(model.actuator_gainprm[i, 0])) > 0.0:
+            found.append(Number(Parameter(f'ki[{name}]', ki, GAIN_SIGMA[1] * ki, '1', 0.0,
+                                           20.0 * ki), *_integral(i)))
         if kv > 0.0:
-            found.append(Number(Parameter(f'kv[{name}]', kv, DRIVEN[1] * kv, '1', 0.0,
-                                           20.0 * kv), *_drag(model, i, drive.kind)))
+            found.append(Number(Parameter(f'kv[{name}]', kv, GAIN_SIGMA[1] * kv, '1', 0.0,
+                                           20.0 * kv), *_coefficient(model, i, 2, drive.kind)))
         elif damping > 0.0:  # which the other would be added to
             found.append(Number(Parameter(
-                f'dof_damping[{name}]', damping, DRIVEN[1] * damping,
+                f'dof_damping[{name}]', damping, GAIN_SIGMA[1] * damping,
                 'N s/m' if slides else 'N m s/rad', 0.0, 20.0 * damping),
                 _writer('dof_damping', dof), _damping(name)))
     return found
@@ -123,7 +450,7 @@ def _of_controller(model: Any, letter: str, drive: Drive, at: int) -> Number:
     def patch(spec: Any, value: float) -> None:
         spec.numeric(name).data = [value]
 
-    return Number(Parameter(name, gain, DRIVEN[letter == 'd'] * gain, '1', 0.05 * gain,
+    return Number(Parameter(name, gain, GAIN_SIGMA[letter == 'd'] * gain, '1', 0.05 * gain,
                              20.0 * gain), _writer('numeric_data', at), patch)
 
 
@@ -144,7 +471,7 @@ def _of_base(model: Any) -> list[Number]:
 
     if not np.allclose(down[:2], 0.0) or down[2] >= 0.0:
         return []
-    return [Number(Parameter(f'tilt.{a}', 0.0, LEVELLED, 'rad', -0.5, 0.5, 'robot',
+    return [Number(Parameter(f'tilt.{a}', 0.0, TILT_SIGMA, 'rad', -0.5, 0.5, 'robot',
                               ('base_tilt',)), *write(k)) for k, a in enumerate('xy')]
 
 
@@ -168,29 +495,337 @@ def _damping(joint: str) -> _Write:
     return patch
 
 
-def _gain(model: Any, i: int) -> _Both:
-    scale = float(model.actuator_gainprm[i, 0] / model.actuator_biasprm[i, 1])
+def _coefficient(model: Any, i: int, k: int, kind: str) -> _Both:
+    """Set kp (1) or kv (2) of an actuator, and its input's gain if that is the same number."""
+    scale = 0.0
+    if kind == VELOCITY if k == 2 else kind in (POSITION, INTEGRATED):
+        scale = float(model.actuator_gainprm[i, 0] / model.actuator_biasprm[i, k])
+
+    def change(gain: Any, bias: Any, value: float) -> None:
+        bias[k] = -value
+        if scale:
+            gain[0] = -scale * value
 
     def write(to: Any, value: float) -> None:
-        to.actuator_gainprm[i, 0] = -scale * value
-        to.actuator_biasprm[i, 1] = -value
+        change(to.actuator_gainprm[i], to.actuator_biasprm[i], value)
 
     def patch(spec: Any, value: float) -> None:
-        spec.actuators[i].gainprm[0] = -scale * value
-        spec.actuators[i].biasprm[1] = -value
+        change(spec.actuators[i].gainprm, spec.actuators[i].biasprm, value)
     return write, patch
 
 
-def _drag(model: Any, i: int, kind: str) -> _Both:
-    scale = float(model.actuator_gainprm[i, 0] / model.actuator_biasprm[i, 2])
-
+def _integral(i: int) -> _Both:
+    """Set ki of a ``<pid>`` actuator."""
     def write(to: Any, value: float) -> None:
-        to.actuator_biasprm[i, 2] = -value
-        if kind == VELOCITY:
-            to.actuator_gainprm[i, 0] = -scale * value
+        to.actuator_gainprm[i, 0] = value
 
     def patch(spec: Any, value: float) -> None:
-        spec.actuators[i].biasprm[2] = -value
-        if kind == VELOCITY:
-            spec.actuators[i].gainprm[0] = -scale * value
+        spec.actuators[i].gainprm[0] = value
     return write, patch
+
+
+LIMIT_SIGMA = 0.1
+"""Of a drive's limit, 1 sigma, relative: currents and torque constants are told to a tenth."""
+
+NEAR_LIMIT = 1.0 - LIMIT_SIGMA
+"""Part of its limit from which a drive may be at it, were the limit lower by one sigma."""
+
+AT_LIMIT = 0.999
+"""Part of its limit from which a drive is at it: MuJoCo clips, and numbers round."""
+
+ACTUATOR, JOINT, INPUT = 'actuator_forcerange', 'jnt_actfrcrange', 'actuator_ctrlrange'
+
+
+
+class Limit(NamedTuple):
+    """
+    A limit of a drive's force.
+
+    Attributes
+    ----------
+    joint : str
+    field : str
+        Of the model, which has it.
+    row : int
+        In that field.
+    most : float
+        The larger of both ends [N m] or [N]; of an input in its own unit.
+    """
+
+    joint: str
+    field: str
+    row: int
+    most: float
+
+    @property
+    def name(self) -> str:
+        """As the model's user calls it."""
+        return f'{self.field}[{self.joint}]'
+
+
+def limits_of(model: Any, drives: Sequence[Drive]) -> list[Limit]:
+    """List the limits of drives, the lowest of each."""
+    found = []
+    for one in drives:
+        i, joint = one.actuator, model.joint(one.joint).id
+        gear = abs(float(model.actuator_gear[i, 0])) or 1.0
+        ranges = []  # size at the joint, field, row
+        if model.actuator_forcelimited[i]:
+            ranges.append((gear, ACTUATOR, i, model.actuator_forcerange[i]))
+        if model.jnt_actfrclimited[joint]:
+            ranges.append((1.0, JOINT, joint, model.jnt_actfrcrange[joint]))
+        if one.kind == TORQUE and model.actuator_ctrllimited[one.ctrl]:
+            gain = abs(float(model.actuator_gainprm[i, 0]))
+            ranges.append((gear * gain, INPUT, one.ctrl, model.actuator_ctrlrange[one.ctrl]))
+        known = [(scale * float(np.abs(ends).max()), field, int(row), float(np.abs(ends).max()))
+                 for scale, field, row, ends in ranges]
+        if known:
+            _, field, row, most = min(known)
+            found.append(Limit(one.joint, field, row, most))
+    return found
+
+
+def limit_numbers(model: Any, limits: Sequence[Limit]
+                  ) -> Iterator[tuple[Parameter, _Write, _Write]]:
+    """
+    List the limits of drives as parameters.
+
+    Yields
+    ------
+    Parameter, write, patch
+        Into a model that was compiled, and into its source.
+    """
+    for one in limits:
+        unit = '1' if one.field == INPUT else 'N' if _is_slide(model, one.joint) else 'N m'
+        yield (Parameter(one.name, one.most, LIMIT_SIGMA * one.most, unit, 0.05 * one.most,
+                         20.0 * one.most), *_actuator_of(model, one))
+
+
+def _is_slide(model: Any, joint: str) -> bool:
+    import mujoco
+
+    return bool(model.jnt_type[model.joint(joint).id] == mujoco.mjtJoint.mjJNT_SLIDE)
+
+
+def _actuator_of(model: Any, one: Limit) -> tuple[_Write, _Write]:
+    ends = np.array(getattr(model, one.field)[one.row]) / one.most
+    i = one.row if one.field != INPUT else next(
+        k for k in range(len(model.actuator_trntype)) if _input_of(model, k) == one.row)
+
+    def write(to: Any, value: float) -> None:
+        getattr(to, one.field)[one.row] = value * ends
+
+    def patch(spec: Any, value: float) -> None:
+        if one.field == JOINT:
+            spec.joint(one.joint).actfrcrange = value * ends
+        else:
+            setattr(spec.actuators[i], one.field.removeprefix('actuator_'), value * ends)
+    return write, patch
+
+
+class Forces:
+    """
+    Collects how near its limit each drive comes while a model is run.
+
+    Attributes
+    ----------
+    most : ndarray, shape (limits,)
+        Largest force of each, in its limit.
+    reached : ndarray, shape (limits,)
+        Steps for which each was at its limit.
+    """
+
+    def __init__(self, model: Any, limits: Sequence[Limit]) -> None:
+        self._limits = limits
+        self._of = [(field, np.array([i for i, one in enumerate(limits) if one.field == field]),
+                     np.array([_force_row(model, one) for one in limits if one.field == field]))
+                    for field in (ACTUATOR, JOINT, INPUT)
+                    if any(one.field == field for one in limits)]
+        ends = np.array([getattr(model, one.field)[one.row] for one in limits]).reshape(-1, 2)
+        self._low, self._high = ends.T
+        self.most = np.zeros(len(limits))
+        self.reached = np.zeros(len(limits))
+
+    def look(self, data: Any) -> None:
+        """See what the drives give now."""
+        now = np.zeros(len(self._limits))
+        for field, which, places in self._of:
+            now[which] = getattr(data, _GIVEN[field])[places]
+        ends = np.where(now < 0.0, self._low, self._high)
+        part = np.divide(now, ends, out=np.zeros_like(now), where=ends != 0.0)
+        self.most = np.maximum(self.most, part)
+        self.reached += part > AT_LIMIT
+
+    def near(self) -> list[Limit]:
+        """List the limits that a drive comes to, or would come to if they were a little lower."""
+        return [one for one, part in zip(self._limits, self.most) if part > NEAR_LIMIT]
+
+    def said(self, step: float) -> Iterator[str]:
+        """Say which drives are at their limit, and for how long; the step in s."""
+        for i in map(int, np.argsort(-self.reached, kind='stable')):
+            if self.reached[i]:
+                one = self._limits[i]
+                yield (f'in the model the drive of {one.joint} is at its {one.field} '
+                       f'({one.most:g}) for {step * self.reached[i]:.2g} s, and the joint goes '
+                       'where its inertia takes it')
+
+
+_GIVEN = {ACTUATOR: 'actuator_force', JOINT: 'qfrc_actuator', INPUT: 'ctrl'}
+"""Where the data of a run have what each field limits."""
+
+
+def _force_row(model: Any, one: Limit) -> int:
+    """Return where the data have what a limit clips."""
+    return int(model.joint(one.joint).dofadr[0]) if one.field == JOINT else one.row
+
+
+SOLREF_SIGMA, FRICTION_SIGMA = 0.05, 0.1
+"""
+Of a contact's time constant and of its friction, 1 sigma, relative: a stiffness, which goes with
+one over the square of that time, is taken to be known as well as a friction, to a tenth.
+"""
+
+MAX_CONTACT_FACTOR = 5.0
+"""Factor by which either may be off, at most: beyond, another material was meant."""
+
+PLACE_SIGMA, MAX_PLACE_SHIFT = 0.001, 0.1
+"""
+Of the place of what stands in the world, 1 sigma and at most [m]: as a table is measured. Were it
+taken to be where the model has it, one that is a millimetre lower would be called softer.
+"""
+
+MIN_FACING = 0.1
+"""Part of a contact's normal along an axis, from which a place along that axis counts."""
+
+SOLREF, FRICTION, PLACE = 'geom_solref', 'geom_friction', 'geom_pos'
+
+AXES = 'xyz'
+
+
+
+def touchable(model: Any, body: str) -> dict[int, str]:
+    """Name the geoms, by their place in the model, that a body or what hangs on it may touch."""
+    own, found = own_geoms(model, body), {}
+    for i in range(model.ngeom):
+        with_any = ((model.geom_contype[i] & model.geom_conaffinity[own])
+                    | (model.geom_contype[own] & model.geom_conaffinity[i]))
+        if i not in own and with_any.any():
+            found[i] = _geom_name(model, i)
+    return found
+
+
+def own_geoms(model: Any, body: str) -> NDArray[np.intp]:
+    """List the geoms of a body and of all that hangs on it."""
+    tool = int(model.body(body).id)
+    return np.array([i for i in range(model.ngeom)
+                     if tool in _carrying(model, int(model.geom_bodyid[i]))], dtype=np.intp)
+
+
+def _carrying(model: Any, body: int) -> Iterator[int]:
+    while body:
+        yield body
+        body = int(model.body_parentid[body])
+
+
+def _geom_name(model: Any, i: int) -> str:
+    body = int(model.geom_bodyid[i])
+    return model.geom(i).name or (f'{model.body(body).name or f"body {body}"}.'
+                                  f'{i - int(model.body_geomadr[body])}')
+
+
+def contact_numbers(model: Any, body: str) -> Iterator[tuple[Parameter, _Write, _Write]]:
+    """
+    List softness, friction and, where it stands in the world, place of all that a tool may touch.
+
+    Yields
+    ------
+    Parameter, write, patch
+        Into a model that was compiled, and into its source, which was compiled, too.
+    """
+    own, names = own_geoms(model, body), touchable(model, body)
+    for field, part in ((SOLREF, SOLREF_SIGMA), (FRICTION, FRICTION_SIGMA)):
+        shared = _Shared(model, field, own)
+        for i, name in names.items():
+            value = float(shared.first[i])
+            slides = max(model.geom_condim[i], model.geom_condim[own].max()) > 1
+            if value == 0.0 or (field == FRICTION and not slides):
+                continue
+            stiffness = field == SOLREF and value < 0.0
+            low, high = sorted((value / MAX_CONTACT_FACTOR, value * MAX_CONTACT_FACTOR))
+            unit = '1' if field == FRICTION else '1/s^2' if stiffness else 's'
+            yield (Parameter(f'{field}[{name}]', value, (1 + stiffness) * part * abs(value), unit,
+                             low, high, 'environment'), *shared.of(i))
+    for i, name in names.items():
+        if model.body_weldid[model.geom_bodyid[i]] == 0:
+            yield from _places(model, i, name)
+
+
+def _places(model: Any, i: int, name: str) -> Iterator[tuple[Parameter, _Write, _Write]]:
+    first = model.geom_pos[i].copy()
+
+    def along(axis: int) -> tuple[_Write, _Write]:
+        def write(to: Any, value: float) -> None:
+            to.geom_pos[i, axis] = value
+
+        def patch(spec: Any, value: float) -> None:
+            geom = {one.id: one for one in spec.geoms}[i]
+            for place in (geom.pos[axis:], geom.fromto[axis:], geom.fromto[axis + 3:]):
+                place[0] += value - first[axis]
+        return write, patch
+
+    for k, a in enumerate(AXES):
+        yield (Parameter(f'{PLACE}[{name}].{a}', float(first[k]), PLACE_SIGMA, 'm',
+                         first[k] - MAX_PLACE_SHIFT, first[k] + MAX_PLACE_SHIFT, 'environment'),
+               *along(k))
+
+
+class _Shared:
+    """The first number of a field of geoms, which one ratio changes of two that touch."""
+
+    def __init__(self, model: Any, field: str, own: NDArray[np.intp]) -> None:
+        self._field, self._own, self._ratio = field, own, dict[int, float]()
+        self.first = getattr(model, field)[:, 0].copy()
+
+    def of(self, geom: int) -> tuple[_Write, _Write]:
+        """Return what writes that of a geom, and the tool's along."""
+        def write(model: Any, value: float) -> None:
+            rows = getattr(model, self._field)
+            for i, number in self._changed(geom, value).items():
+                rows[i, 0] = number
+
+        def patch(spec: Any, value: float) -> None:
+            geoms = {one.id: one for one in spec.geoms}
+            for i, number in self._changed(geom, value).items():
+                getattr(geoms[i], self._field.removeprefix('geom_'))[0] = number
+        return write, patch
+
+    def _changed(self, geom: int, value: float) -> Mapping[int, float]:
+        self._ratio[geom] = value / self.first[geom]
+        whole = float(np.prod(list(self._ratio.values())))
+        return {geom: value, **{int(i): float(self.first[i] * whole) for i in self._own}}
+
+
+class Touched:
+    """Collects what a tool touches while a model is run."""
+
+    def __init__(self, model: Any, body: str) -> None:
+        self._model, self._own = model, own_geoms(model, body)
+        self._names = touchable(model, body)
+        self._faces: dict[int, Array] = {}
+
+    @property
+    def parameters(self) -> set[str]:
+        """Names of the parameters of what was touched."""
+        found = {f'{field}[{self._names[i]}]' for field in (SOLREF, FRICTION) for i in self._faces}
+        return found | {f'{PLACE}[{self._names[i]}].{a}' for i, faces in self._faces.items()
+                        for a, most in zip(AXES, faces) if most > MIN_FACING}
+
+    def look(self, data: Any) -> None:
+        """See what touches now, and along which axes of the body that has it."""
+        for k in range(data.ncon):
+            pair, normal = data.contact.geom[k], data.contact.frame[k, :3]
+            for i in {int(one) for one in pair} & self._names.keys():
+                if data.contact.exclude[k] == 0 and np.isin(pair, self._own).any():
+                    body = data.xmat[self._model.geom_bodyid[i]].reshape(3, 3)
+                    self._faces[i] = np.maximum(self._faces.get(i, np.zeros(3)),
+                                                np.abs(normal @ body))

@@ -1,29 +1,182 @@
-"""A simulator that can be run again, as what a diagnosis compares a recording with."""
+"""A simulator that can be run again, as what a diagnosis changes and compares a recording with."""
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from copy import copy
-from dataclasses import replace
-from typing import NamedTuple
+from dataclasses import dataclass, fields, replace
+from typing import Annotated, NamedTuple
 
 from forcecal_ros.core.geometry import Array, rotation_from_vector
-from forcecal_ros.effects import AccelerometerEffects, Effect, physical_rig
+from forcecal_ros.core.schema import Row
+from forcecal_ros.effects import AccelerometerEffects, Effect, EFFECTS, physical_rig, Quantity
+from forcecal_ros.effects.library import MOVING
 from forcecal_ros.effects.nuisances import LEAST, Nuisance, of_sensors, scaled, shifted
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.low_pass import MOST
-from forcecal_ros.sim.measured_motion import around, EXACT, FORCE, touches
-from forcecal_ros.sim.rigid_tool import CarriedTool, RigidTool
-from forcecal_ros.sim.runs import Numbers, Runs
-from forcecal_ros.sim.signals import block_means, padded, RATE, Signals
-from forcecal_ros.sim.simulated_robot import (
-    addable,
-    library_of,
-    nuisances_of,
-    SimulatedRobot,
+from forcecal_ros.sim.measured_motion import (
+    contact_blocks,
+    CONTACT_FORCE_N,
+    EXACT_RATIO,
+    widen_blocks,
 )
+from forcecal_ros.sim.protocol import Parameter
+from forcecal_ros.sim.rigid_tool import CABLE, CarriedTool, RigidTool
+from forcecal_ros.sim.runs import Numbers, Runs
+from forcecal_ros.sim.signals import block_means, JOINTS, padded, RATE, Signals, UNSEEN
 import numpy as np
 from numpy.typing import NDArray
 
-KEPT = 6
+MOUNTING_STD = (0.005, 0.01)
+"""Place of sensor and base, 1 sigma [m], [rad]: as far as a drawing and an arm are apart."""
+
+DELAY_STD = 0.001
+"""Delay of the robot beyond its simulator's, 1 sigma [s]: a cycle of a fast driver."""
+
+JOINT_BIAS_STD = 2e-4
+"""Of a joint's encoder against its simulation, 1 sigma [rad]: as exactly as arms are mastered."""
+
+INTEGRATION_STEP, INTEGRATION_BEND, INTEGRATION_STD = 'integration.step', 'integration.bend', 1.0
+"""
+What is wrong with a step of integration, 1 sigma, in what half the step changes: a robot is no
+simulation, and of an integrator of first order, as Euler, all of its error is twice that.
+"""
+
+VISIBLE_SIGMA = 10.0
+"""A clearly visible change of a parameter, in its sigma: beyond what a nuisance may take."""
+
+ADDABLE = frozenset({'robot_delay', 'tool_mass', 'tool_com', 'base_tilt', CABLE})
+"""Effects of robot and tool that are added to any simulator's signals."""
+
+
+@dataclass(frozen=True)
+class SimulatedRobot(RigidTool):
+    """
+    A tool and sensors behind somebody's simulator.
+
+    Attributes
+    ----------
+    numbers : tuple of float
+        A value of each of the simulator's parameters.
+    mounting : tuple of float
+        Of the measured pose against the simulated: position in base [m], turn in ft_sensor [rad].
+    zeros : tuple of float
+        Of the measured joints against the simulated [rad].
+    late : float
+        How much later than its simulation the robot does what it is told [s].
+    finer : float
+        What an integration of endless patience changes, in what half the step does.
+    finest : float
+        The same, in what a quarter of the step does beyond 1.5 times that: 2.7 of an error that
+        goes with the square of the step.
+    """
+
+    numbers: Annotated[tuple[float, ...], Row('of the parameters')] = ()
+    mounting: Annotated[tuple[float, ...], Row('position and turn')] = (0.0,) * 6
+    zeros: Annotated[tuple[float, ...], Row('of the joints')] = (0.0,) * JOINTS
+    late: Annotated[float, Row('robot behind its simulation', 's')] = 0.0
+    finer: Annotated[float, Row('of what half the step of integration changes')] = 0.0
+    finest: Annotated[float, Row('of what a quarter of it changes beyond 1.5 times that')] = 0.0
+
+
+def simulated_robot(rigid_tool: RigidTool, parameters: tuple[Parameter, ...]) -> SimulatedRobot:
+    """Put a tool and sensors behind a simulator with its nominal parameters."""
+    own = {f.name: getattr(rigid_tool, f.name) for f in fields(RigidTool)}
+    return SimulatedRobot(**own, numbers=tuple(p.nominal for p in parameters))
+
+
+def library_of(parameters: tuple[Parameter, ...]) -> dict[str, Effect]:
+    """
+    List what a robot may have beside what is simulated: parameters that are off, and effects.
+
+    A parameter's effect exceeds the nuisance of its name, and takes the place of the effects that
+    it stands for.
+    """
+    made = {name for p in parameters for name in p.stands_for}
+    own = {p.name: _effect(p) for p in parameters}
+    late = EFFECTS['robot_delay']._replace(nuisance='late')
+    known = {**EFFECTS, late.name: late}
+    return {**own, **{name: e for name, e in known.items() if name not in made | set(own)}}
+
+
+def is_addable(effect: Effect, accelerated: bool) -> bool:
+    """Say whether an effect is a parameter's, or can be added to a simulator's signals."""
+    if effect.nuisance == effect.name or effect.name in ADDABLE:
+        return True
+    return effect.where == 'signal' and effect.name not in UNSEEN and (
+        accelerated or effect.stage != 'accelerometer')
+
+
+def _effect(p: Parameter) -> Effect:
+    visible = p.nominal + VISIBLE_SIGMA * p.sigma
+    value = Quantity('value', p.unit, p.nominal, p.low, p.high, visible)
+    return Effect(p.name, p.stage, (value,), MOVING, True, 'rig', p.name)
+
+
+def nuisances_of(parameters: tuple[Parameter, ...], joints: int = 0, *, finer: bool = False,
+                 finest: bool = False) -> list[Nuisance]:
+    """
+    List the simulator's parameters, and where base, sensor and joints are, as nuisances.
+
+    Parameters
+    ----------
+    finer : bool
+        Whether it is known what a finer integration changes.
+    finest : bool
+        Whether it is known what a still finer one changes beyond that.
+    """
+    found = [Nuisance(p.name, p.name, _number(i), least=p.low - p.nominal, prior_std=p.sigma)
+             for i, p in enumerate(parameters)]
+    found.append(Nuisance('robot.delay', 'late', _later, prior_std=DELAY_STD))
+    if finer:
+        found.append(Nuisance(INTEGRATION_STEP, 'finer', _finer, prior_std=INTEGRATION_STD))
+    if finest:
+        found.append(Nuisance(INTEGRATION_BEND, 'finest', _finest, prior_std=INTEGRATION_STD))
+    found += [Nuisance(f'mounting.{i}', 'mounting', _mounting(i), prior_std=MOUNTING_STD[i // 3])
+              for i in range(6)]
+    return found + [Nuisance(f'joint.zero.{i}', 'zeros', _zero(i), prior_std=JOINT_BIAS_STD)
+                    for i in range(joints)]
+
+
+def _number(index: int) -> Callable[[Rig, float], Rig]:
+    def apply(rig: Rig, x: float) -> Rig:
+        assert isinstance(rig, SimulatedRobot)
+        return replace(rig, numbers=_added(rig.numbers, index, x))
+    return apply
+
+
+def _finer(rig: Rig, x: float) -> Rig:
+    assert isinstance(rig, SimulatedRobot)
+    return replace(rig, finer=rig.finer + x)
+
+
+def _finest(rig: Rig, x: float) -> Rig:
+    assert isinstance(rig, SimulatedRobot)
+    return replace(rig, finest=rig.finest + x)
+
+
+def _mounting(index: int) -> Callable[[Rig, float], Rig]:
+    def apply(rig: Rig, x: float) -> Rig:
+        assert isinstance(rig, SimulatedRobot)
+        return replace(rig, mounting=_added(rig.mounting, index, x))
+    return apply
+
+
+def _zero(index: int) -> Callable[[Rig, float], Rig]:
+    def apply(rig: Rig, x: float) -> Rig:
+        assert isinstance(rig, SimulatedRobot)
+        return replace(rig, zeros=_added(rig.zeros, index, x))
+    return apply
+
+
+def _later(rig: Rig, x: float) -> Rig:
+    assert isinstance(rig, SimulatedRobot)
+    return replace(rig, late=rig.late + x)
+
+
+def _added(values: tuple[float, ...], index: int, x: float) -> tuple[float, ...]:
+    return (*values[:index], values[index] + x, *values[index + 1:])
+
+
+CACHED_MOTIONS = 6
 """Carried tools that are kept, one for each motion."""
 
 class _Carried(NamedTuple):
@@ -46,7 +199,8 @@ class Rerun:
         The simulator's tool, as its wrench and motion tell it.
     """
 
-    band, exact, starts_white, usual_tolerances, accelerometer = MOST, EXACT, True, True, 'acc1'
+    band, exact, accelerometer = MOST, EXACT_RATIO, 'acc1'
+    starts_white = usual_tolerances = True
 
     def __init__(self, runs: Runs, start: float, n_blocks: int, rigid_tool: RigidTool) -> None:
         self.runs, self.start, self.n_blocks, self._rigid_tool = runs, start, n_blocks, rigid_tool
@@ -58,7 +212,7 @@ class Rerun:
 
     def can_show(self, effect: str, rig: Rig) -> bool:
         """Say whether an effect could be there and be seen."""
-        return addable(self.library[effect], self.accelerated)
+        return is_addable(self.library[effect], self.accelerated)
 
     def nuisances(self, rig: Rig, streams: tuple[str, ...]) -> tuple[Nuisance, ...]:
         """List the nuisance parameters: those of the simulator, tool, mounting and sensors."""
@@ -94,7 +248,7 @@ class Rerun:
         changed = (tool.recorded_wrench(self.runs.halved(rig.numbers))
                    - tool.recorded_wrench(self.runs.exact(rig.numbers)))
         force = np.linalg.norm(block_means(changed)[:, :3], axis=1)
-        return touches(block_means(tool.beyond)) & around(force > FORCE)
+        return contact_blocks(block_means(tool.beyond)) & widen_blocks(force > CONTACT_FORCE_N)
 
     def otherwise(self, numbers: Numbers, beside: Mapping[str, float]) -> 'Rerun':
         """Return the same with the simulator run with something beside its parameters."""
@@ -140,7 +294,7 @@ class Rerun:
         """Carry the simulator's tool along its own motion, so much later; the last are kept."""
         key = rig.numbers, rig.late, rig.finer, rig.finest
         if key not in self._carried:
-            if len(self._carried) >= KEPT:
+            if len(self._carried) >= CACHED_MOTIONS:
                 self._carried.pop(next(iter(self._carried)))
             made = self.runs.integrated(rig.numbers, rig.finer, rig.finest)
             motion = replace(made, accelerometer=None)

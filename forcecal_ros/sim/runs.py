@@ -1,9 +1,9 @@
 """
-Somebody's simulator under one recording's commands, run with as few sets of numbers as will do.
+A third-party simulator under one recording's commands, run with as few sets of numbers as will do.
 
-Running it is dear. So its streams are taken to be linear in the parameters about the nearest
-point where all of them were tried, one after the other; where it was run itself, its own answer
-counts.
+Running it is expensive. So its streams are linear in the parameters about the nearest point where
+all of them were tried, one after the other; where it was run itself, its own answer is used. A
+diagnosis runs it a limited number of times.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,18 +14,18 @@ from typing import Any, NamedTuple
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.geometry import Array, rotation_from_vector, rotation_vector
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
-from forcecal_ros.sim.poses import in_base_of
+from forcecal_ros.sim.measured_motion import express_in_base
 from forcecal_ros.sim.protocol import Inputs
 from forcecal_ros.sim.third_party import ThirdParty
 import numpy as np
 
-STEP = 1.0
+STEP_SIGMA = 1.0
 """Step by which a parameter is moved to see what it does, in its sigma."""
 
-QUARTER = 1.5
+QUARTER_STEP_RATIO = 1.5
 """What a quarter of a step changes in what half of it does, of an error of first order."""
 
-NOTICED = (0.15, 0.006, 1e-4)
+SENSOR_NOISE = (0.15, 0.006, 1e-4)
 """
 Noise of a usual wrist sensor [N], [N m], and of poses and joints [m], [rad]: where half the step
 changes less, what is no straight line in that, a twentieth of an implicit integrator's, is none.
@@ -78,7 +78,7 @@ class Runs:
         """Count a run, and bring its poses into the robot's base."""
         self.count += 1
         assert made.pose is not None
-        return replace(made, pose=in_base_of(self._measured, made.pose))
+        return replace(made, pose=express_in_base(self._measured, made.pose))
 
     def repeats(self) -> bool:
         """Run the simulator once more with its own numbers; say whether it does the same."""
@@ -91,7 +91,7 @@ class Runs:
         """See what each parameter does at a point: one run for each, and one for the point."""
         here, changes = self.exact(numbers), []
         for i, p in enumerate(self.simulator.parameters):
-            step = STEP * p.sigma
+            step = STEP_SIGMA * p.sigma
             if numbers[i] + step > p.high:
                 step = -step
             change = self._changed(here, numbers, i, step)
@@ -113,7 +113,7 @@ class Runs:
     def _bend(self, here: Recording, numbers: Numbers, finer: _Change) -> _Change:
         """Run it with a quarter of its step; say what that does beyond 1.5 times half of it."""
         made = self._counted(self.simulator.run_finest(self._inputs, numbers))
-        return _beyond(_change(*_of_one_length(here, made), 1.0), finer, QUARTER)
+        return _beyond(_change(*_of_one_length(here, made), 1.0), finer, QUARTER_STEP_RATIO)
 
     def halved(self, numbers: Numbers) -> Recording:
         """Run it with half its step of integration, unless that was done before."""
@@ -221,7 +221,7 @@ def _is_coarse(finer: _Change) -> bool:
     sizes = [(force, 0), (torque, 1), (finer.position, 2), (finer.turn, 2)]
     if finer.joints is not None:
         sizes.append((finer.joints, 2))
-    return any(np.sqrt(np.mean(rows ** 2, axis=0)).max() > NOTICED[i] for rows, i in sizes)
+    return any(np.sqrt(np.mean(rows ** 2, axis=0)).max() > SENSOR_NOISE[i] for rows, i in sizes)
 
 
 def _is_nothing(change: _Change) -> bool:
@@ -260,3 +260,48 @@ def refuse_unsteady(runs: Runs) -> None:
         raise ConfigError(f'{runs.simulator.name}: the same commands and parameters gave another '
                           'answer the second time; seed its noise, and begin '
                           'each run from the same state')
+
+
+MAX_RUNS = 150
+"""
+Runs of a simulator in one diagnosis: two recordings with 30 parameters that are tried twice take
+129, and a simulator of a second a run then takes two minutes.
+"""
+
+EXTRA_RUNS = 3
+"""
+Runs of each recording beside those of its parameters: as it is, once found, as told. With half
+its step of integration, where it can be run so, it is run once more, and once with a quarter.
+"""
+
+
+def refuse_too_many(simulator: ThirdParty, recordings: int) -> None:
+    """
+    Refuse a simulator whose parameters cannot all be tried.
+
+    Raises
+    ------
+    ConfigError
+        With how many there may be.
+    """
+    n = len(simulator.parameters)
+    beside = EXTRA_RUNS + simulator.has_finer + simulator.has_finest
+    most = (MAX_RUNS - 1) // recordings - beside
+    if n > most:
+        enough = recordings > 1 and n <= MAX_RUNS - 1 - beside
+        alone = ', or diagnose without --heldout' if enough else ''
+        raise ConfigError(
+            f'{simulator.name}: to try its {n} parameters on {recordings} recording'
+            f'{"s" if recordings > 1 else ""} it would be run more than {MAX_RUNS} times; let '
+            f'parameters() list at most {most}, those that are least certain{alone}')
+
+
+def runs_short(simulator: ThirdParty, runs: Sequence[Runs]) -> str:
+    """Say so where all parameters cannot be tried once more, else nothing."""
+    done, n = sum(one.count for one in runs), len(simulator.parameters)
+    each = n + EXTRA_RUNS + simulator.has_finer + simulator.has_finest - 1
+    if done + len(runs) * each <= MAX_RUNS:
+        return ''
+    return (f'the simulator was run {done} times, of at most {MAX_RUNS}, so its {n} parameters '
+            'were not tried again at the numbers found, where its signals are not those of a '
+            'straight line: change it as told and diagnose again')

@@ -5,7 +5,7 @@ from forcecal_ros.checks.messages import Stated
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import rotation_about, rotation_from_vector
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
-from forcecal_ros.diagnose.by_commands import diagnose
+from forcecal_ros.diagnose.sources.rig import RigSource
 from forcecal_ros.sim.rig.file import load_rig
 import numpy as np
 import pytest
@@ -85,6 +85,6 @@ def test_a_diagnosis_names_the_unit_before_it_looks_for_effects():
     one = own_recording(20)
     scaled = Recording(**{**vars(one), 'wrench': Stream(one.wrench.t, one.wrench.values / 9.80665,
                                                         one.wrench.frame)})
-    diagnosis = diagnose(scaled, None, load_rig()).diagnosis
+    diagnosis = RigSource(load_rig()).diagnose(scaled).diagnosis
     assert diagnosis.verdict == 'invalid_data'
     assert 'its forces are in kgf; multiply by 9.8066' in diagnosis.reason

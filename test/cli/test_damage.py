@@ -192,7 +192,8 @@ def test_diagnosis_answers_or_says_what_is_invalid(
         capsys, folder, source, recording, name, against):
     bag = folder / 'broken'
     write_recording(bag, BROKEN[name](recording))
-    known = [] if against == 'model' else ['--calibration', str(folder / 'c.yaml')]
+    known = (['--rig', 'nominal'] if against == 'model'
+             else ['--calibration', str(folder / 'c.yaml')])
     status = main(['diagnose', str(bag), '-o', str(folder / 'diagnosis'), *known])
     out, err = capsys.readouterr()
     assert all(line.startswith('forcecal: ') for line in err.splitlines()), err

@@ -4,9 +4,9 @@ from dataclasses import replace
 import json
 
 from forcecal_ros.core.streams import PoseStream
-from forcecal_ros.diagnose.by_commands import diagnose
-from forcecal_ros.diagnose.inputs.channels import CHANNELS as DIAGNOSED
-from forcecal_ros.diagnose.say.result import to_document
+from forcecal_ros.diagnose.dataset import CHANNELS as DIAGNOSED
+from forcecal_ros.diagnose.result import to_document
+from forcecal_ros.diagnose.sources.rig import RigSource
 from forcecal_ros.effects import with_effects
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.replay import Replay
@@ -36,7 +36,7 @@ def recorded(effects, seed=6):
 
 @pytest.mark.long
 def test_an_effect_is_identified_beside_what_no_library_has_and_that_is_said():
-    found = diagnose(recorded(EFFECT), None, load_rig()).diagnosis
+    found = RigSource(load_rig()).diagnose(recorded(EFFECT)).diagnosis
     assert found.verdict == 'identified'
     assert [e.name for e in found.effects] == ['wrench_crosstalk']
     value = found.effects[0].parameters['fx_of_fz']
@@ -47,7 +47,7 @@ def test_an_effect_is_identified_beside_what_no_library_has_and_that_is_said():
 
 
 def test_what_no_library_has_is_not_given_a_name_of_the_library():
-    found = diagnose(recorded({}), None, load_rig()).diagnosis
+    found = RigSource(load_rig()).diagnose(recorded({})).diagnosis
     assert found.verdict == 'unknown'
     assert all(p < 0.5 for name, p in found.candidates if name != 'unknown')
     assert 'matches no effect of the library' in found.reason

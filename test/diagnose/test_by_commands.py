@@ -5,14 +5,14 @@ from dataclasses import replace
 from forcecal_ros.checks.clocks import clocks, dropouts, skew_between
 from forcecal_ros.checks.signals import quantisation
 from forcecal_ros.core.streams import CHANNELS, PoseStream, Recording, Stream
-from forcecal_ros.diagnose.by_commands import diagnose
-from forcecal_ros.diagnose.inputs.channels import CHANNELS as DIAGNOSED
-from forcecal_ros.diagnose.inputs.stamps import Corrected
+from forcecal_ros.diagnose import localise
+from forcecal_ros.diagnose.dataset import CHANNELS as DIAGNOSED
+from forcecal_ros.diagnose.judge.judgement import listed_once
 from forcecal_ros.diagnose.judge.named_effects import from_checks
-from forcecal_ros.diagnose.judge.probabilities import listed_once
-from forcecal_ros.diagnose.localise import time_frequency
 from forcecal_ros.diagnose.model.evidence import fit, Gram, Prior
-from forcecal_ros.diagnose.say.result import to_document
+from forcecal_ros.diagnose.recordings import Corrected
+from forcecal_ros.diagnose.result import to_document
+from forcecal_ros.diagnose.sources.rig import RigSource
 from forcecal_ros.effects import with_effects
 from forcecal_ros.io.bags import read_recording
 from forcecal_ros.sim.rig.file import load_rig
@@ -60,14 +60,14 @@ def test_a_lattice_of_values_gives_its_step_and_noise_gives_none():
 def test_a_line_in_white_noise_is_found_at_its_frequency():
     t = 1e-3 * np.arange(20_000)
     rows = np.random.default_rng(3).standard_normal((len(t), 6))
-    assert not time_frequency.lines(rows, 1000.0, 'wrench')
+    assert not localise.spectral_lines(rows, 1000.0, 'wrench')
     rows[:, 2] += 0.3 * np.sin(2.0 * np.pi * 63.7 * t)
-    line, = time_frequency.lines(rows, 1000.0, 'wrench')
+    line, = localise.spectral_lines(rows, 1000.0, 'wrench')
     assert (line.channel, line.frequency) == ('force.z', pytest.approx(63.7, abs=0.05))
 
 
 def test_a_recording_without_commands_is_invalid_and_says_so():
-    diagnosis = diagnose(Recording(), None, load_rig()).diagnosis
+    diagnosis = RigSource(load_rig()).diagnose(Recording()).diagnosis
     assert diagnosis.verdict == 'invalid_data'
     assert 'target_frame' in diagnosis.reason
 
@@ -80,7 +80,7 @@ def sample(second_rig):
 @pytest.mark.parametrize('by', ['second_rig', pytest.param('rig_sample', marks=pytest.mark.long)])
 def test_a_sound_recording_by_other_code_has_no_gap(by, request):
     recording = read_recording(request.getfixturevalue(by) / 'bag')
-    diagnosis = diagnose(recording, None, load_rig()).diagnosis
+    diagnosis = RigSource(load_rig()).diagnose(recording).diagnosis
     assert diagnosis.verdict == 'no_gap'
     assert not diagnosis.effects
 
@@ -96,7 +96,7 @@ def test_a_turned_accelerometer_is_identified_with_its_angle(sample):
     turned = force @ np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
     wrong = replace(sample, accelerometer=replace(
         sample.accelerometer, values=turned * model.gain + model.offset))
-    diagnosis = diagnose(wrong, None, rig).diagnosis
+    diagnosis = RigSource(rig).diagnose(wrong).diagnosis
     effect, = diagnosis.effects
     assert effect.name == 'accel_misalignment'
     estimate = effect.parameters['y']
@@ -117,7 +117,7 @@ def test_the_end_of_an_accelerometers_range_is_told_though_its_gain_is_off():
     off = replace(sensor.acc1, gain=tuple(1.005 * g for g in sensor.acc1.gain))
     real = with_effects(replace(rig, accelerometer=replace(sensor, acc1=off)),
                         {'accel_saturation': {'limit': 13.0}})
-    effect, = diagnose(simulate(real, target, seed=3), None, rig).diagnosis.effects
+    effect, = RigSource(rig).diagnose(simulate(real, target, seed=3)).diagnosis.effects
     assert effect.name == 'accel_saturation'
     # by the gain of its file it would be off by 0.5 %
     assert effect.parameters['z'].value == pytest.approx(13.0, rel=0.002)
@@ -130,7 +130,7 @@ def test_what_no_effect_explains_is_unknown_and_stays_out_of_the_rig(sample):
     cogging = 1.5 * np.sin(2.0 * np.pi * (place - place[0]) / 0.0025)
     wrong = replace(sample, wrench=replace(
         wrench, values=wrench.values + np.outer(cogging, [0.0, 1.0, 0.0, 0.0, 0.0, 0.0])))
-    found = diagnose(wrong, None, rig)
+    found = RigSource(rig).diagnose(wrong).outcome
     assert found.diagnosis.verdict == 'unknown'
     assert [e.name for e in found.diagnosis.effects] == ['unknown']
     assert not found.rig.effects
@@ -144,7 +144,7 @@ def test_what_no_effect_explains_is_unknown_and_stays_out_of_the_rig(sample):
 @pytest.mark.long
 def test_what_only_held_out_blocks_show_is_no_gap():
     # the turns about x are held out: an inertia of 0.3 spreads, from noise, was left there
-    diagnosis = diagnose(own_recording(29), None, load_rig()).diagnosis
+    diagnosis = RigSource(load_rig()).diagnose(own_recording(29)).diagnosis
     assert (diagnosis.verdict, diagnosis.effects) == ('no_gap', ())
 
 
@@ -160,7 +160,7 @@ def _stepped(recording, channel, height):
     (8, 1, 'fy', 0.5), pytest.param(9, 0, 'fx', 3.0, marks=pytest.mark.long)])
 def test_a_step_of_bias_is_named_with_its_instant(seed, channel, name, height):
     recording, instant = _stepped(own_recording(seed, FREE), channel, height)
-    diagnosis = diagnose(recording, None, load_rig()).diagnosis
+    diagnosis = RigSource(load_rig()).diagnose(recording).diagnosis
     assert diagnosis.verdict == 'identified'
     effect, = to_document(diagnosis, {c.name: c.unit for c in DIAGNOSED}, None)['effects']
     assert effect['name'] == 'wrench_bias_step'
@@ -178,7 +178,7 @@ def test_a_step_of_bias_is_named_with_its_instant(seed, channel, name, height):
 @pytest.mark.long
 def test_a_step_in_the_second_recording_alone_is_named_as_such():
     second, _ = _stepped(own_recording(21, FREE), 2, 1.0)
-    diagnosis = diagnose(own_recording(20, FREE), second, load_rig()).diagnosis
+    diagnosis = RigSource(load_rig()).diagnose(own_recording(20, FREE), second).diagnosis
     assert [(e.name, e.recording) for e in diagnosis.effects] == [('wrench_bias_step', 1)]
 
 
@@ -191,7 +191,7 @@ def test_of_two_small_effects_neither_is_given_to_a_discrepancy():
     target = PoseStream(PERIOD * np.arange(len(positions)), positions, rotations)
     first, second = (replace(simulate(real, target, seed=seed), phases=phases)
                      for seed in (1100, 1101))
-    diagnosis = diagnose(first, second, load_rig()).diagnosis
+    diagnosis = RigSource(load_rig()).diagnose(first, second).diagnosis
     assert {e.name for e in diagnosis.effects} == {'wrench_crosstalk', 'tool_friction'}
     assert diagnosis.verdict == 'identified', diagnosis.reason
 
@@ -212,7 +212,7 @@ def with_slow_noise(seed):
 
 
 def test_slow_noise_that_does_not_repeat_is_no_gap_and_is_told():
-    found = diagnose(with_slow_noise(21), with_slow_noise(22), load_rig()).diagnosis
+    found = RigSource(load_rig()).diagnose(with_slow_noise(21), with_slow_noise(22)).diagnosis
     assert found.verdict == 'no_gap'
     assert any(note.startswith('slow noise, or else') for note in found.notes)
     assert 'if what varies slowly is noise' in found.reason

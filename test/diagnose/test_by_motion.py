@@ -6,7 +6,7 @@ from pathlib import Path
 
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
-from forcecal_ros.diagnose.by_motion import diagnose_motion
+from forcecal_ros.diagnose.sources.tool import ToolSource
 from forcecal_ros.effects import with_effects
 from forcecal_ros.io.bags import read_recording
 from forcecal_ros.io.calibration_file import load
@@ -73,9 +73,8 @@ def test_an_arm_to_which_nothing_was_done_is_not_given_an_effect_for_sure(found)
 @pytest.mark.long
 def test_the_patched_calibration_leaves_what_was_claimed(kuka, found):
     patched = load(kuka / 'out' / 'calibration_patched.yaml')
-    again = diagnose_motion(read_recording(kuka / 'baseline'), None,
-                            rigid_tool_of_calibration(patched, load_rig('rigid_tool.yaml')),
-                            patched)
+    tool = rigid_tool_of_calibration(patched, load_rig('rigid_tool.yaml'))
+    again = ToolSource(tool, patched).diagnose(read_recording(kuka / 'baseline')).outcome
     assert again.diagnosis.gap.nominal < 0.2 * found['gap']['nominal']
     delay, std = again.recalibrations['accelerometer.delay']
     assert abs(delay) < 3.0 * std
@@ -124,8 +123,8 @@ def commands():
 def test_one_effect_is_named_and_none_without(commands, rig_name, effects, name):
     rig = load_rig(rig_name)
     recording = simulate(with_effects(rig, effects), commands, seed=1)
-    diagnosis = diagnose_motion(replace(recording, target=None), None,
-                                rigid_tool_of_rig(rig)).diagnosis
+    diagnosis = ToolSource(rigid_tool_of_rig(rig)).diagnose(
+        replace(recording, target=None)).diagnosis
     assert [e.name for e in diagnosis.effects] == ([name] if name else [])
     if name is None:
         assert diagnosis.verdict == 'no_gap'
@@ -135,8 +134,8 @@ def test_one_effect_is_named_and_none_without(commands, rig_name, effects, name)
 def test_a_late_wrench_is_told_though_a_low_pass_is_much_like_it(commands):
     rig = load_rig()
     late = with_effects(rig, {'wrench_delay': {'delay': 0.006}})
-    diagnosis = diagnose_motion(replace(simulate(late, commands, seed=1), target=None), None,
-                                rigid_tool_of_rig(rig)).diagnosis
+    diagnosis = ToolSource(rigid_tool_of_rig(rig)).diagnose(
+        replace(simulate(late, commands, seed=1), target=None)).diagnosis
     given = dict(diagnosis.candidates)
     assert set(given) <= {'wrench_delay', 'wrench_lowpass', 'unknown'}
     assert given['wrench_delay'] + given['wrench_lowpass'] > 0.9
@@ -147,8 +146,8 @@ def test_a_wrench_that_is_late_is_no_accelerometer_that_is_early(commands):
     tool = rigid_tool_of_rig(rig)
     unknown = replace(tool, spreads=replace(tool.spreads, accel_behind=UNKNOWN_DELAY))
     late = with_effects(rig, {'wrench_delay': {'delay': 0.012}})
-    outcome = diagnose_motion(replace(simulate(late, commands, seed=1), target=None), None,
-                              unknown)
+    outcome = ToolSource(unknown).diagnose(
+        replace(simulate(late, commands, seed=1), target=None)).outcome
     assert outcome.diagnosis.effects[0].name in ('wrench_delay', 'wrench_lowpass')
     assert outcome.recalibrations['accelerometer.delay'][0] >= 0.0
 
@@ -156,7 +155,7 @@ def test_a_wrench_that_is_late_is_no_accelerometer_that_is_early(commands):
 def test_without_accelerometer_the_position_says_how_the_tool_moves(commands):
     rig = load_rig('rigid_tool.yaml')
     recording = replace(simulate(rig, commands, seed=1), target=None, accelerometer=None)
-    diagnosis = diagnose_motion(recording, None, rigid_tool_of_rig(rig)).diagnosis
+    diagnosis = ToolSource(rigid_tool_of_rig(rig)).diagnose(recording).diagnosis
     assert diagnosis.verdict == 'no_gap'
     assert not {n for n, _ in diagnosis.candidates} | {
         n for n in diagnosis.not_excited if n.startswith('accel')}
@@ -169,4 +168,4 @@ def test_a_robot_that_stands_still_excites_nothing():
                       pose=PoseStream(t, np.zeros((len(t), 3)), np.tile(np.eye(3),
                                                                          (len(t), 1, 1))))
     rig = load_rig('rigid_tool.yaml')
-    assert diagnose_motion(still, None, rigid_tool_of_rig(rig)).diagnosis.verdict == 'not_excited'
+    assert ToolSource(rigid_tool_of_rig(rig)).diagnose(still).diagnosis.verdict == 'not_excited'

@@ -8,16 +8,20 @@ import re
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import rotation_about
-from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair, UNTESTED
-from forcecal_ros.diagnose.inputs.accelerometer import imus_compared
-from forcecal_ros.diagnose.inputs.alignment import aligned, shifted
-from forcecal_ros.diagnose.inputs.dataset import within_load
-from forcecal_ros.diagnose.inputs.motion_dataset import prepare_simulated
-from forcecal_ros.diagnose.inputs.simulated_tool import simulated_tool
-from forcecal_ros.diagnose.localise.tracking import tracking
+from forcecal_ros.diagnose.dataset import limit_to_load
+from forcecal_ros.diagnose.localise import compare_motions
+from forcecal_ros.diagnose.recordings import keep_comparable_imus
+from forcecal_ros.diagnose.sources.pair import (
+    align,
+    PairSource,
+    prepare_pair,
+    shift_times,
+    UNTESTED,
+)
+from forcecal_ros.diagnose.sources.simulated_tool import simulated_tool
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.io.bags import write_recording
-from forcecal_ros.sim.poses import in_base_of, merged
+from forcecal_ros.sim.measured_motion import express_in_base, merge_poses
 from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 from own_arm import commands, GRIPPER, LATE, real, RIG, simulated, TOLERANCES, with_imu
@@ -32,38 +36,39 @@ PAGE = Path(__file__).resolve().parents[2] / 'docs/simulator.md'
 
 @pytest.fixture(scope='module')
 def clean():
-    return diagnose_simulated(Pair(real({}), simulated()), None, TOLERANCES)
+    return PairSource(TOLERANCES, simulated()).diagnose(real({}))
 
 
 def test_a_sound_robot_that_moves_a_little_otherwise_has_no_gap(clean):
-    assert clean.outcome.diagnosis.verdict == 'no_gap'
-    assert not clean.outcome.diagnosis.effects
-    assert UNTESTED in clean.outcome.diagnosis.notes
-    assert clean.outcome.diagnosis.reason.endswith('mrad (RMS) from the simulated')
+    assert clean.diagnosis.verdict == 'no_gap'
+    assert not clean.diagnosis.effects
+    assert UNTESTED in clean.diagnosis.notes
+    assert clean.diagnosis.reason.endswith('mrad (RMS) from the simulated')
 
 
 def test_the_tool_is_that_of_the_simulator_and_its_unknown_zero_is_told(clean):
-    tool = clean.tool.rigid_tool.tool
+    tool = clean.ready[0].tool.rigid_tool.tool
     assert tool.mass == pytest.approx(GRIPPER.mass, rel=1e-3)
     np.testing.assert_allclose(tool.com, GRIPPER.com, atol=1e-4)
-    assert any(note.startswith('zero of the wrench against the simulated: fx +4')
-               for note in clean.outcome.diagnosis.notes)
-    assert clean.outcome.diagnosis.gap.nominal < 0.2
+    assert any(note.startswith('bias of the wrench against the simulated: fx +4')
+               for note in clean.diagnosis.notes)
+    assert clean.diagnosis.gap.nominal < 0.2
 
 
 def test_a_hysteresis_is_sought_no_wider_than_the_load_that_was_there(clean):
-    effect = within_load(clean.outcome.datasets, EFFECTS['wrench_hysteresis'])
+    effect = limit_to_load(clean.outcome.datasets, EFFECTS['wrench_hysteresis'])
     width, = (q for q in effect.parameters if q.name == 'width')
     assert width.starts == (0.5, 2.0, 10.0)
     assert 1.2 * 9.81 < width.high < 2.5 * 1.2 * 9.81
 
 
 def test_the_robots_delay_is_told_by_the_commands(clean):
-    found, = clean.tracking
+    found = clean.ready[0].tracking
     recording = simulate(RIG, commands(), seed=3)
-    other, alignment = aligned(recording, simulated())
+    other, alignment = align(recording, simulated())
     assert alignment.by == 'target'
-    own = tracking(recording.pose, other.pose, own_delay=True)  # of the rig's loop and servo
+    # of the rig's loop and servo
+    own = compare_motions(recording.pose, other.pose, own_delay=True)
     for part, without in zip(found, own):
         assert part.delay_std < 1e-3
         assert part.delay - without.delay == pytest.approx(0.008, abs=5e-4)
@@ -75,8 +80,8 @@ def test_the_robots_delay_is_told_by_the_commands(clean):
     pytest.param({'cable_force': {'x': 1.0, 'y': 0.5, 'z': 0.0, 'stiffness': 20.0}}, 'stiffness',
                  20.0, marks=pytest.mark.long)])
 def test_what_the_robot_has_beside_its_simulation_is_named_with_its_size(effect, name, value):
-    found = diagnose_simulated(Pair(real(effect), simulated()), None, TOLERANCES)
-    first, *others = found.outcome.diagnosis.effects
+    found = PairSource(TOLERANCES, simulated()).diagnose(real(effect))
+    first, *others = found.diagnosis.effects
     assert first.name in effect and not others
     assert abs(first.parameters[name].value - value) < max(3.0 * first.parameters[name].std,
                                                            0.05 * value)
@@ -84,20 +89,20 @@ def test_what_the_robot_has_beside_its_simulation_is_named_with_its_size(effect,
 
 def test_two_recordings_are_brought_to_one_clock_by_commands_and_else_by_poses():
     recording, other = real({}), simulated(start=-77.0)
-    _, alignment = aligned(recording, other)
+    _, alignment = align(recording, other)
     assert alignment.by == 'target'
     assert alignment.shift == pytest.approx(77.0, abs=1e-4)
-    _, alignment = aligned(recording, replace(other, target=None))
+    _, alignment = align(recording, replace(other, target=None))
     assert alignment.by == 'pose'
     # the rig's own lag and delay are in it
     assert 77.0 < alignment.shift < 77.05
 
 
 def test_the_zero_of_the_sensor_is_that_of_the_first_recording_in_the_second_too():
-    first, second = ((real({}, seed, phase), shifted(simulated(phase), -1000.0))
+    first, second = ((real({}, seed, phase), shift_times(simulated(phase), -1000.0))
                      for seed, phase in ((3, 0.0), (4, 0.7)))
-    _, tool = prepare_simulated(*first, None, TOLERANCES)
-    case, _ = prepare_simulated(*second, tool, TOLERANCES)
+    _, tool = prepare_pair(*first, None, TOLERANCES)
+    case, _ = prepare_pair(*second, tool, TOLERANCES)
     left = case.measured.residual(case.nominal)[:, :6]
     assert np.abs(tool.zero).max() > 2.0
     assert np.abs(np.median(left, axis=0)).max() < 0.1
@@ -105,8 +110,8 @@ def test_the_zero_of_the_sensor_is_that_of_the_first_recording_in_the_second_too
 
 @pytest.mark.parametrize('bias', [0.0, 0.2])
 def test_imus_of_both_are_compared_in_motion(bias):
-    pair = Pair(with_imu(real({}), bias), simulated(imu=True))
-    d = diagnose_simulated(pair, None, TOLERANCES).outcome.diagnosis
+    robot, other = with_imu(real({}), bias), simulated(imu=True)
+    d = PairSource(TOLERANCES, other).diagnose(robot).diagnosis
     assert d.used['accelerometer'] > 0.9
     assert 'accelerometer' not in d.reason
     if not bias:
@@ -143,9 +148,9 @@ def with_wrench(recording, change):
     (lambda w, R: w - np.hstack([f := WEIGHT @ R, np.cross(GRIPPER.com, f)]),
      'the driver takes its weight off; let it leave the weight in')])
 def test_frame_sign_and_units_of_the_robots_wrench_are_asked_before_effects(change, said):
-    wrong = diagnose_simulated(Pair(with_wrench(real({}), change), simulated()), None, TOLERANCES)
-    assert wrong.outcome.diagnosis.verdict == 'invalid_data'
-    assert re.search(said, wrong.outcome.diagnosis.reason)
+    wrong = PairSource(TOLERANCES, simulated()).diagnose(with_wrench(real({}), change))
+    assert wrong.diagnosis.verdict == 'invalid_data'
+    assert re.search(said, wrong.diagnosis.reason)
 
 
 @pytest.mark.parametrize('change, said', [
@@ -153,9 +158,9 @@ def test_frame_sign_and_units_of_the_robots_wrench_are_asked_before_effects(chan
     (wrench_turned('z', 90.0), r'simulated wrench: its axes are turned by -(89|90)\S* .* about z'),
     (lambda w, R: w[:, [1, 0, 2, 4, 3, 5]], 'the simulated wrench: its axes are mirrored')])
 def test_frame_and_sign_of_the_simulated_wrench_are_asked_before_its_tool(change, said):
-    wrong = diagnose_simulated(Pair(real({}), with_wrench(simulated(), change)), None, TOLERANCES)
-    assert wrong.outcome.diagnosis.verdict == 'invalid_data'
-    assert re.search(said, wrong.outcome.diagnosis.reason)
+    wrong = PairSource(TOLERANCES, with_wrench(simulated(), change)).diagnose(real({}))
+    assert wrong.diagnosis.verdict == 'invalid_data'
+    assert re.search(said, wrong.diagnosis.reason)
 
 
 @pytest.mark.parametrize('effects', [
@@ -164,7 +169,7 @@ def test_frame_and_sign_of_the_simulated_wrench_are_asked_before_its_tool(change
     {'wrench_gain': {'fx': 0.15, 'fz': -0.15}}, {'wrench_crosstalk': {'fx_of_fz': 0.06}}])
 def test_effects_of_any_usual_size_are_no_other_frame(effects):
     for seed in range(3):
-        prepare_simulated(real(effects, seed), shifted(simulated(), -1000.0), None, TOLERANCES)
+        prepare_pair(real(effects, seed), shift_times(simulated(), -1000.0), None, TOLERANCES)
 
 
 def test_where_the_simulated_tool_touches_something_nothing_is_compared():
@@ -175,40 +180,40 @@ def test_where_the_simulated_tool_touches_something_nothing_is_compared():
         return replace(recording, wrench=replace(
             wrench, values=wrench.values + np.outer(push, [0, 0, 1, 0, 0, 0])))
 
-    case, _ = prepare_simulated(pressed(real({}), 7e3), pressed(
-        shifted(simulated(), -1000.0), 1e4), None, TOLERANCES)
+    case, _ = prepare_pair(pressed(real({}), 7e3), pressed(
+        shift_times(simulated(), -1000.0), 1e4), None, TOLERANCES)
     left_out = case.times[~case.measured.present[:, 2]]
     assert 7.2 < left_out.min() < 7.6 and 8.4 < left_out.max() < 8.9
     free = case.measured.present[:, 2]
     assert np.abs(case.measured.residual(case.nominal)[free, 2]).max() < 1.0
-    quiet, _ = prepare_simulated(real({}), shifted(simulated(), -1000.0), None, TOLERANCES)
+    quiet, _ = prepare_pair(real({}), shift_times(simulated(), -1000.0), None, TOLERANCES)
     assert quiet.measured.present[:, 2].all()
 
 
 def test_an_imu_in_other_axes_is_left_out_with_the_reason():
-    given, made = with_imu(real({})), shifted(simulated(imu=True), -1000.0)
+    given, made = with_imu(real({})), shift_times(simulated(imu=True), -1000.0)
     imu = given.accelerometer
     turned = replace(given, accelerometer=replace(imu, values=imu.values[:, [1, 2, 0]]))
-    one, other, note = imus_compared(turned, made)
+    one, other, note = keep_comparable_imus(turned, made)
     assert one.accelerometer is other.accelerometer is None
     assert re.fullmatch("accelerometer not compared: the robot's feels gravity [0-9]+ deg from "
                         'where the pose has it; publish it along the axes of the frame of the '
                         'wrench', note)
-    assert imus_compared(given, made)[2] == ''
-    assert "the robot's speaks volts" in imus_compared(
+    assert keep_comparable_imus(given, made)[2] == ''
+    assert "the robot's speaks volts" in keep_comparable_imus(
         replace(given, accelerometer_unit='V'), made)[2]
 
 
 def test_another_motion_is_refused():
     with pytest.raises(DataError, match='run the simulator with the recorded commands'):
-        aligned(real({}), simulated(phase=1.5))
+        align(real({}), simulated(phase=1.5))
     bare = replace(simulated(), target=None, pose=None)
     with pytest.raises(DataError, match='neither commands nor poses'):
-        aligned(real({}), bare)
+        align(real({}), bare)
 
 
 def test_a_wrench_of_the_other_sign_or_without_weight_is_refused_by_name():
-    recording = shifted(simulated(), -1000.0)
+    recording = shift_times(simulated(), -1000.0)
     for factor, why in ((-1.0, '--simulated-wrench-sign -1'), (1e-3, 'holds no weight')):
         wrench = replace(recording.wrench, values=factor * recording.wrench.values)
         with pytest.raises(DataError, match=why):
@@ -221,15 +226,15 @@ def turned(pose, base=(0.0, 0.0, 0.0), sensor=(0.0, 0.0, 0.0)):
 
 
 def test_a_base_turned_about_the_vertical_is_brought_back_and_other_frames_are_refused():
-    measured, made = real({}).pose, shifted(simulated(), -1000.0).pose
-    assert in_base_of(measured, made) is made
-    back = in_base_of(measured, turned(made, base=(0.0, 0.0, 2.0)))
+    measured, made = real({}).pose, shift_times(simulated(), -1000.0).pose
+    assert express_in_base(measured, made) is made
+    back = express_in_base(measured, turned(made, base=(0.0, 0.0, 2.0)))
     # as far as the robot is from its simulation on the mean
     assert np.abs(back.R_base_sensor - made.R_base_sensor).max() < 0.03
     for how, why in (({'sensor': (0.0, 0.0, np.pi / 2)}, 'turned by 90 deg to each other in the'),
                      ({'base': (1.0, 0.0, 0.0)}, 'bases are turned by 57 deg')):
         with pytest.raises(DataError, match=why):
-            in_base_of(measured, turned(made, **how))
+            express_in_base(measured, turned(made, **how))
 
 
 def thinned(pose, every):
@@ -240,11 +245,11 @@ def thinned(pose, every):
 @pytest.mark.parametrize('every', [(1, 1), (2, 5)], ids=['250 and 500 Hz', '125 and 100 Hz'])
 def test_a_merged_motion_has_less_noise_than_the_measured_and_none_of_the_simulations_error(every):
     noisy = thinned(real({}).pose, every[0])
-    made = thinned(shifted(simulated(), -1000.0).pose, every[1])
+    made = thinned(shift_times(simulated(), -1000.0).pose, every[1])
     sound = replace(RIG, pose_sensor=replace(
         RIG.pose_sensor, position_noise=1e-9, orientation_noise=1e-9))
     quiet = simulate(with_effects(sound, LATE), commands(), seed=3).pose
-    both = merged(noisy, made)
+    both = merge_poses(noisy, made)
     truth = CubicSpline(quiet.t, quiet.position)(both.t)
     error = (both.position - truth)[250:-250]
     assert np.sqrt(np.mean(error ** 2)) < 2e-5

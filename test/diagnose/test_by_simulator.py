@@ -5,32 +5,25 @@ from importlib.util import module_from_spec, spec_from_file_location
 import json
 from pathlib import Path
 import re
-from types import SimpleNamespace
-from typing import Any
 
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.core.streams import JointStream, Recording, Stream
-from forcecal_ros.diagnose import by_simulator
-from forcecal_ros.diagnose.by_simulator import diagnose_rerun
-from forcecal_ros.diagnose.inputs.measured_joints import (
-    compared,
-    not_simulated,
-    of_same_joints,
-)
-from forcecal_ros.diagnose.inputs.motion_dataset import held_out
-from forcecal_ros.diagnose.inputs.stamps import evened
-from forcecal_ros.diagnose.model.hypotheses import releases
+from forcecal_ros.diagnose.dataset import split_datasets
 from forcecal_ros.diagnose.model.jacobian import nuisance_column
 from forcecal_ros.diagnose.model.linearised import linearised_model
-from forcecal_ros.diagnose.search.tolerances import narrowed
+from forcecal_ros.diagnose.recordings import (
+    keep_common_joints,
+    missing_joint_notes,
+    select_joints,
+)
+from forcecal_ros.diagnose.sources.simulator import SimulatorSource
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.io.bags import read_recording, write_recording
 from forcecal_ros.sim.protocol import Inputs, Parameter
-from forcecal_ros.sim.run_limit import refuse_too_many, runs_short
-from forcecal_ros.sim.runs import Runs
-from forcecal_ros.sim.simulated_robot import addable, library_of, SimulatedRobot
+from forcecal_ros.sim.rerun import is_addable, library_of
+from forcecal_ros.sim.runs import refuse_too_many, Runs, runs_short
 from forcecal_ros.sim.third_party import load_simulator, third_party
 import numpy as np
 from own_arm import commands, SECONDS, TOLERANCES
@@ -96,7 +89,7 @@ def test_units_and_sign_of_the_robots_wrench_are_asked_before_effects(robot, fac
     real = measured(robot, 1.2, 0.07)
     wrong = replace(real, target=commands(), wrench=replace(
         real.wrench, values=factor * real.wrench.values))
-    found = diagnose_rerun(wrong, None, robot, TOLERANCES).outcome.diagnosis
+    found = SimulatorSource(robot, TOLERANCES).diagnose(wrong).diagnosis
     assert found.verdict == 'invalid_data'
     assert said in found.reason
 
@@ -104,10 +97,10 @@ def test_units_and_sign_of_the_robots_wrench_are_asked_before_effects(robot, fac
 def test_what_checks_of_the_data_may_find_is_known_beside_any_simulator():
     library = library_of((Parameter('payload', 1.2, 0.02, stands_for=('tool_mass',)),))
     assert set(EFFECTS) - set(library) == {'tool_mass'}
-    added = {name for name, effect in library.items() if addable(effect, accelerated=False)}
+    added = {name for name, effect in library.items() if is_addable(effect, accelerated=False)}
     assert {'payload', 'robot_delay', 'tool_com', 'wrench_gain'} <= added
     assert added.isdisjoint({'accel_saturation', 'clock_skew', 'tool_friction'})
-    assert addable(library['accel_saturation'], accelerated=True)
+    assert is_addable(library['accel_saturation'], accelerated=True)
 
 
 def test_between_runs_its_streams_are_those_of_a_line(robot):
@@ -129,10 +122,10 @@ def in_numbers(column):
 
 def test_what_a_parameter_changes_is_the_same_wherever_it_is_and_not_simulated_again(
         robot, monkeypatch):
-    one = by_simulator._prepared(evened(measured(robot, 1.2, 0.072)), robot, None, TOLERANCES)
+    one, = SimulatorSource(robot, TOLERANCES).prepare([measured(robot, 1.2, 0.072)])
     one.runs.try_all(robot.nominal)
     one.simulation.forget()
-    model = linearised_model(one.robot, held_out([one.dataset]))
+    model = linearised_model(one.robot, split_datasets([one.dataset]))
     model.centre = model.moved(np.ones(len(model.nuisances)))
     rig, (dataset, *_), asked = model.current(), model.datasets, []
     base = one.simulation.signals(rig)
@@ -161,70 +154,21 @@ def test_what_a_parameter_changes_is_the_same_wherever_it_is_and_not_simulated_a
 
 def of_payload(robot, payload):
     """Return the model of a recording with another payload, recalibrated."""
-    one = by_simulator._prepared(evened(measured(robot, payload, 0.0705)), robot, None, TOLERANCES)
+    one, = SimulatorSource(robot, TOLERANCES).prepare([measured(robot, payload, 0.0705)])
     one.runs.try_all(robot.nominal)
     one.simulation.forget()
-    return linearised_model(one.robot, held_out([one.dataset]))
-
-
-def test_a_number_beyond_its_tolerance_is_not_shared_by_those_within_theirs(robot):
-    model = of_payload(robot, 1.248)
-    closer = narrowed(model, releases(model))
-    (name, sigmas), = closer.beyond
-    assert name == 'payload'
-    assert sigmas == pytest.approx(4.0, abs=0.4)
-    within = closer.model.prior()
-    of_gains = [n.key == 'wrench_gain' for n in model.nuisances]
-    assert (within.high[of_gains] < model.prior().high[of_gains]).all()
-    assert (np.abs(closer.model.centre) <= within.high + 1e-6).all()
-    assert str(closer).startswith('payload is ')
-
-
-def test_tolerances_stay_where_all_numbers_are_within_theirs(robot):
-    model = of_payload(robot, 1.224)
-    assert narrowed(model, releases(model)) is None
-
-
-def test_tolerances_that_a_file_states_are_not_narrowed(robot):
-    model = of_payload(robot, 1.248)
-    model.datasets[0].simulation.usual_tolerances = False
-    assert narrowed(model, releases(model)) is None
+    return linearised_model(one.robot, split_datasets([one.dataset]))
 
 
 @pytest.mark.long
 def test_a_payload_four_sigma_off_is_named_with_its_size(robot):
-    found = diagnose_rerun(measured(robot, 1.248, 0.0705), None, robot, TOLERANCES)
-    assert found.outcome.diagnosis.verdict == 'identified'
-    changed, = found.changed
-    assert changed.name == 'payload'
-    assert changed.after == pytest.approx(1.248, abs=4.0 * changed.std)
-    assert changed.std < 0.003
-    assert found.recomputed > 0.5
-
-
-def test_numbers_are_fitted_once_more_where_a_run_of_them_falls_short(monkeypatch):
-    fitted = []
-    one: Any = SimpleNamespace(
-        runs=SimpleNamespace(try_all=lambda numbers: None, count=0, simulator=of_parameters(2)),
-        simulation=SimpleNamespace(forget=lambda: None))
-    gap = SimpleNamespace(gap=SimpleNamespace(closed=0.7))
-    found: Any = SimpleNamespace(rig=object.__new__(SimulatedRobot), left=9.0, diagnosis=gap)
-
-    def squares(outcome):
-        return np.array([10.0, 1.0, outcome.left])
-
-    def refitted(outcome):
-        fitted.append(outcome)
-        return SimpleNamespace(**{**vars(outcome), 'left': 1.0})
-
-    monkeypatch.setattr(by_simulator, '_bent', lambda ready, outcome: {})
-    monkeypatch.setattr(by_simulator, '_squares', lambda ready, judged, outcome: squares(outcome))
-    monkeypatch.setattr(by_simulator, 'refitted', refitted)
-    monkeypatch.setattr(by_simulator, 'widened', lambda outcome, off: outcome)
-    settled, there = by_simulator._settled([one], (), found, squares(found), again=True)
-    assert there[-1] == 1.0
-    assert settled.rig is found.rig
-    assert len(fitted) == 1
+    found = SimulatorSource(robot, TOLERANCES).diagnose(measured(robot, 1.248, 0.0705))
+    assert found.diagnosis.verdict == 'identified'
+    changed, = found.details['parameters']
+    assert changed['name'] == 'payload'
+    assert changed['after'] == pytest.approx(1.248, abs=4.0 * changed['std'])
+    assert changed['std'] < 0.003
+    assert found.details['recomputed'] > 0.5
 
 
 class Giving:
@@ -245,12 +189,12 @@ class Giving:
 @pytest.mark.long
 def test_a_number_that_is_no_straight_line_is_fitted_where_it_was_found(example):
     giving = third_party('giving', Giving(example[0].make()))
-    found = diagnose_rerun(replace(measured(giving, 0.8, 0.072), target=commands()), None, giving,
-                           TOLERANCES)
-    changed, = found.changed
-    assert changed.name == 'give'
-    assert changed.std < 0.002
-    assert changed.after == pytest.approx(0.8, abs=3.0 * changed.std)
+    found = SimulatorSource(giving, TOLERANCES).diagnose(
+        replace(measured(giving, 0.8, 0.072), target=commands()))
+    changed, = found.details['parameters']
+    assert changed['name'] == 'give'
+    assert changed['std'] < 0.002
+    assert changed['after'] == pytest.approx(0.8, abs=3.0 * changed['std'])
 
 
 class Own:
@@ -377,11 +321,11 @@ def test_joints_that_a_simulator_has_are_compared_and_no_others():
     assert made.names == ('shoulder', 'elbow')
     measured = JointStream(T, np.tile([3.0, 1.0, 2.0], (len(T), 1)), '',
                            ('finger', 'shoulder', 'elbow'))
-    seen = compared(measured, made.names)
+    seen = select_joints(measured, made.names)
     np.testing.assert_array_equal(seen.values[0], [1.0, 2.0])
     one = Recording(joints=measured)
-    assert of_same_joints([one, Recording(joints=made)])[0].joints is None
-    assert of_same_joints([one, one])[0].joints is measured
+    assert keep_common_joints([one, Recording(joints=made)])[0].joints is None
+    assert keep_common_joints([one, one])[0].joints is measured
     with pytest.raises(ConfigError, match=r'joints: stamps \(1600,\) and rows \(1600, 2\), '
                                           r'expected \(n,\) and \(n, 3\)'):
         third_party('own', Own({'wrench': WRENCH, 'pose': POSE, 'joints': (T, rows[:, :2])})).run(
@@ -389,11 +333,11 @@ def test_joints_that_a_simulator_has_are_compared_and_no_others():
 
 
 def test_measured_joints_that_a_simulator_lacks_are_said():
-    assert not list(not_simulated((), ()))
-    assert not list(not_simulated(('lift',), ('lift',)))
-    none, = not_simulated(('shoulder', 'elbow'), ())
+    assert not list(missing_joint_notes((), ()))
+    assert not list(missing_joint_notes(('lift',), ('lift',)))
+    none, = missing_joint_notes(('shoulder', 'elbow'), ())
     assert none.startswith('it simulates none of the joints in joint_states (shoulder, elbow)')
-    some, = not_simulated(('shoulder', 'finger'), ('shoulder',))
+    some, = missing_joint_notes(('shoulder', 'finger'), ('shoulder',))
     assert some.endswith('joints finger')
 
 

@@ -4,12 +4,12 @@ from forcecal_ros.diagnose.engine import Outcome
 from forcecal_ros.diagnose.imitations import _best, judged_beside, Tried
 from forcecal_ros.diagnose.judge.gap import Gap
 from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
-from forcecal_ros.diagnose.say.result import Diagnosis
+from forcecal_ros.diagnose.result import Diagnosis
 from forcecal_ros.sim.protocol import Imitation
 from forcecal_ros.sim.protocol import Parameter as Number
+from forcecal_ros.sim.rerun import simulated_robot
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rigid_tool import rigid_tool_of_rig
-from forcecal_ros.sim.simulated_robot import simulated_robot
 import numpy as np
 import pytest
 

@@ -3,16 +3,13 @@
 from dataclasses import replace
 
 from forcecal_ros.core.streams import PoseStream, Stream
-from forcecal_ros.diagnose.by_commands import diagnose
-from forcecal_ros.diagnose.inputs.accelerometer import in_volts
-from forcecal_ros.diagnose.inputs.dataset import prepare, split
-from forcecal_ros.diagnose.inputs.stamps import corrected
-from forcecal_ros.diagnose.model.compact import Compact
-from forcecal_ros.diagnose.model.hypotheses import Atom, Hypothesis, nominal_of
+from forcecal_ros.diagnose.dataset import split_by_phase
 from forcecal_ros.diagnose.model.linearised import Diverged, linearised_model
-from forcecal_ros.diagnose.search.acceptance import refined_or_rejected
-from forcecal_ros.diagnose.search.model_comparison import ModelComparison
-from forcecal_ros.effects import EFFECTS, with_effects
+from forcecal_ros.diagnose.recordings import convert_to_volts, correct_clocks
+from forcecal_ros.diagnose.search.joint_fit import joint_fit_if_finite
+from forcecal_ros.diagnose.search.model_comparison import Accepted
+from forcecal_ros.diagnose.sources.rig import prepare_commanded, RigSource
+from forcecal_ros.effects import with_effects
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.replay import Replay
 from forcecal_ros.sim.rig.simulator import simulate
@@ -49,7 +46,7 @@ def _commanded(every, effects=None):
 @pytest.mark.parametrize('every', [pytest.param(2, marks=pytest.mark.long), 5])
 def test_all_of_a_recording_counts_whatever_the_period_of_the_commands(every):
     rig, recording = _commanded(every)
-    diagnosis = diagnose(recording, None, rig).diagnosis
+    diagnosis = RigSource(rig).diagnose(recording).diagnosis
     assert diagnosis.verdict == 'no_gap', diagnosis.reason
     # the last period may end within a block
     assert min(diagnosis.used.values()) > 0.99
@@ -68,7 +65,7 @@ def test_commands_of_1_ms_make_blocks_of_4_ms():
 @pytest.mark.parametrize('rate, parts', [
     pytest.param(125, FREE, id='125'), pytest.param(20, MOTION, id='20', marks=pytest.mark.long)])
 def test_slow_sensors_are_looked_at(rate, parts):
-    diagnosis = diagnose(_slower(own_recording(20, parts), rate), None, load_rig()).diagnosis
+    diagnosis = RigSource(load_rig()).diagnose(_slower(own_recording(20, parts), rate)).diagnosis
     assert diagnosis.verdict == 'no_gap', diagnosis.reason
     assert min(diagnosis.used.values()) > 0.99
     assert 'not looked at' not in diagnosis.reason
@@ -80,17 +77,18 @@ def test_a_mass_is_seen_by_a_wrench_at_100_hz():
     target = PoseStream(PERIOD * np.arange(len(positions)), positions, rotations)
     recording = replace(simulate(with_effects(load_rig(), {'tool_mass': {'change': 0.1}}), target,
                                  seed=21), phases=phases)
-    diagnosis = diagnose(_slower(recording, 100, ('wrench',)), None, load_rig()).diagnosis
+    diagnosis = RigSource(load_rig()).diagnose(_slower(recording, 100, ('wrench',))).diagnosis
     effect, = diagnosis.effects
     assert effect.name == 'tool_mass'
     assert effect.parameters['change'].value == pytest.approx(0.1, abs=0.01)
 
 
 def test_sensors_that_are_too_slow_are_named():
-    slow = diagnose(_slower(own_recording(20, FREE), 10), None, load_rig()).diagnosis
+    slow = RigSource(load_rig()).diagnose(_slower(own_recording(20, FREE), 10)).diagnosis
     assert slow.verdict == 'invalid_data'
     assert 'too few samples' in slow.reason and 'wrench 93' in slow.reason
-    one = diagnose(_slower(own_recording(20, FREE), 10, ('wrench',)), None, load_rig()).diagnosis
+    one = RigSource(load_rig()).diagnose(
+        _slower(own_recording(20, FREE), 10, ('wrench',))).diagnosis
     assert 'not looked at: wrench (94 samples' in one.reason
     assert 'explains the recording down to its noise' not in one.reason
     assert one.used['wrench'] == 0.0 and one.used['pose'] > 0.99
@@ -103,14 +101,14 @@ def test_commands_of_which_most_are_missing_are_refused_and_seldom_ones_are_not(
     seldom, rig = every.rows(slice(None, None, 12)), load_rig()
     led, held = (_slower(replace(simulate(rig, told, seed=23), phases=phases, target=seldom), 20)
                  for told in (every, seldom))
-    refused = diagnose(led, None, rig).diagnosis
+    refused = RigSource(rig).diagnose(led).diagnosis
     assert refused.verdict == 'invalid_data'
     assert 'recorded every 48 ms, the rig takes one every 4 ms' in refused.reason
     assert 'give --calibration' in refused.reason
-    assert prepare(held, rig).groups.any()
+    assert prepare_commanded(held, rig).groups.any()
     # the same commands, taken by a robot that is 6 ms later
     late = with_effects(rig, {'robot_delay': {'delay': 0.006}})
-    assert prepare(_slower(simulate(late, seldom, seed=23), 20), rig).groups.any()
+    assert prepare_commanded(_slower(simulate(late, seldom, seed=23), 20), rig).groups.any()
 
 
 def test_stamps_that_jitter_are_no_lost_samples():
@@ -118,7 +116,7 @@ def test_stamps_that_jitter_are_no_lost_samples():
     wrench = recording.wrench
     t = np.sort(wrench.t + 2e-3 * rng.standard_normal(len(wrench)))
     jittering = replace(recording, wrench=replace(wrench, t=t))
-    found = corrected(jittering, load_rig(), 5.0)
+    found = correct_clocks(jittering, load_rig(), 5.0)
     assert not found.lost and not found.skew
     # the mean over a second of a jitter of 2 ms: 2 ms / sqrt(1000)
     assert np.abs(found.recording.wrench.t - wrench.t).max() < 5.0 * 2e-3 / np.sqrt(500.0)
@@ -136,22 +134,19 @@ def test_an_offset_that_the_rig_knows_is_no_bias_of_a_sensor_in_m_s2():
     force = converted.accelerometer
     shift = np.array(model.offset) / np.array(model.gain)
     held = replace(converted, accelerometer=replace(force, values=force.values + shift))
-    volts = in_volts(converted, rig, 'acc1').accelerometer
+    volts = convert_to_volts(converted, rig, 'acc1').accelerometer
     np.testing.assert_allclose(volts.values, force.values * model.gain + model.offset)
-    np.testing.assert_allclose(in_volts(held, rig, 'acc1').accelerometer.values, volts.values)
-    assert diagnose(held, None, rig).diagnosis.verdict == 'no_gap'
+    np.testing.assert_allclose(convert_to_volts(held, rig, 'acc1').accelerometer.values,
+                               volts.values)
+    assert RigSource(rig).diagnose(held).diagnosis.verdict == 'no_gap'
 
 
 def test_a_hypothesis_whose_simulation_diverges_is_rejected():
     rig = load_rig()
-    p = linearised_model(rig, (split(prepare(own_recording(20, FREE), rig)),))
+    p = linearised_model(rig, (split_by_phase(prepare_commanded(own_recording(20, FREE), rig)),))
     p = replace(p, effects={'cable_force': {'x': 50.0, 'stiffness': 100.0}})
     name = 'tool_stiffening'
     with pytest.raises(Diverged):
         p.simulate({**p.effects, name: {'cubic': -7e4}}, 0)
-    effect = EFFECTS[name]
-    columns = ([{0: Compact.of(np.ones(len(p.residuals[0])))}],)
-    hypothesis = Hypothesis(name, effect, (), (Atom(nominal_of(effect), np.array([0]), columns),))
-    comparison = ModelComparison(p)
-    result = comparison.screen([hypothesis])[0][0]._replace(theta=np.array([-7e4]))
-    assert refined_or_rejected(comparison, hypothesis, result).evidence == -np.inf
+    effect = Accepted(name, np.array([-7e4]), np.zeros(1), np.array([0]), frozenset())
+    assert joint_fit_if_finite(p, [effect]) is None

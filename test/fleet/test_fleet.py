@@ -9,7 +9,7 @@ import os
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.diagnose.judge.gap import Gap
-from forcecal_ros.diagnose.say.result import Diagnosis, to_document
+from forcecal_ros.diagnose.result import Diagnosis, to_document
 from forcecal_ros.fleet.page import COLUMNS
 from forcecal_ros.io.bags import read_recording, write_recording
 from forcecal_ros.io.calibration_file import dump

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
-from forcecal_ros.diagnose.inputs.alignment import shifted
+from forcecal_ros.diagnose.sources.pair import shift_times
 from forcecal_ros.effects import with_effects
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import simulate
@@ -67,4 +67,4 @@ def simulated(phase=0.0, start=1000.0, imu=False):
     recording = Recording(
         wrench=Stream(t, np.hstack([force, torque])), pose=PoseStream(t, p, R), target=target,
         accelerometer=Stream(t, felt) if imu else None, accelerometer_unit='m/s^2')
-    return shifted(recording, start)
+    return shift_times(recording, start)

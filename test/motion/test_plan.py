@@ -7,9 +7,8 @@ import json
 
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import MotionError
-from forcecal_ros.diagnose.by_commands import diagnose
-from forcecal_ros.diagnose.plan.recording import poses_of, SETTLE
-from forcecal_ros.diagnose.plan.text import wider_box
+from forcecal_ros.diagnose.plan import poses_of, SETTLE_S, wider_box
+from forcecal_ros.diagnose.sources.rig import RigSource
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.plan import (
@@ -114,13 +113,13 @@ def chosen(keep):
     home = next(iter(poses.values()))
     plan = diagnosis_plan(poses, step_goal(home, timing.contact_distance), timing)
     kept = [*plan[:3], *(segment for segment in plan[3:] if keep(segment))]
-    return preview(prepare(kept, home, Pace(), Limits()), 1.0 / rig.robot.period, SETTLE)
+    return preview(prepare(kept, home, Pace(), Limits()), 1.0 / rig.robot.period, SETTLE_S)
 
 
 def diagnosed(motion, effects):
     target, phases = motion
     recording = simulate(with_effects(load_rig(), effects), target, seed=3)
-    return diagnose(replace(recording, phases=phases), None, load_rig()).diagnosis
+    return RigSource(load_rig()).diagnose(replace(recording, phases=phases)).diagnosis
 
 
 LATE = (('wrench_delay', {'delay': 0.004}), ('wrench_lowpass', {'time_constant': 0.004}))

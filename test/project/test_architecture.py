@@ -26,7 +26,7 @@ LAYERS = (
 )
 """From the ground up: a module may import from its own line and from those above it."""
 
-WITHIN_DIAGNOSE = (('inputs',), ('model',), ('localise', 'plan', 'search'), ('judge',), ('say',))
+WITHIN_DIAGNOSE = (('model',), ('search',), ('judge',), ('sources',))
 """The same of the sub-packages of ``diagnose``; its own modules may import them all."""
 
 

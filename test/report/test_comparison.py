@@ -5,12 +5,12 @@ import json
 
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.calibration import Estimate
-from forcecal_ros.diagnose.inputs.channels import units
+from forcecal_ros.diagnose.dataset import units
 from forcecal_ros.diagnose.judge.gap import Gap
 from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
-from forcecal_ros.diagnose.localise.localisation import Location
-from forcecal_ros.diagnose.say.result import Diagnosis, load
-from forcecal_ros.diagnose.say.result import to_document as diagnosis_document
+from forcecal_ros.diagnose.localise import Location
+from forcecal_ros.diagnose.result import Diagnosis, load_diagnosis
+from forcecal_ros.diagnose.result import to_document as diagnosis_document
 from forcecal_ros.io.calibration_file import save
 from forcecal_ros.report.comparison import as_text, compare, to_document
 import numpy as np
@@ -86,7 +86,7 @@ def test_two_diagnoses_are_told_apart_likewise(capsys, tmp_path):
                         (second, late(0.006, 0.88, 'partial', not_excited=('friction',)))):
         folder.mkdir()
         (folder / 'diagnosis.json').write_text(json.dumps(diagnosis_document(one, units(), None)))
-    assert load(first)[0] == late(0.004, 0.9)
+    assert load_diagnosis(first)[0] == late(0.004, 0.9)
     assert main(['compare', str(first), str(second / 'diagnosis.json')]) == 0
     out = capsys.readouterr().out
     assert 'verdict: identified, then partial' in out

@@ -7,12 +7,12 @@ import sys
 
 from forcecal_ros.core.quantity import beside, quantity, rounded
 from forcecal_ros.core.streams import Phase, Recording, Stream
-from forcecal_ros.diagnose.inputs.channels import CHANNELS, units
+from forcecal_ros.diagnose.dataset import CHANNELS, units
 from forcecal_ros.diagnose.judge.gap import Gap
 from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
-from forcecal_ros.diagnose.localise.localisation import Location
-from forcecal_ros.diagnose.say.result import Diagnosis, to_document
-from forcecal_ros.diagnose.say.verdict import FIRST, percent
+from forcecal_ros.diagnose.localise import Location
+from forcecal_ros.diagnose.result import Diagnosis, to_document
+from forcecal_ros.diagnose.verdict import FIRST, percent
 from forcecal_ros.effects.library import EFFECTS
 from forcecal_ros.report import diagnosis as figures
 from forcecal_ros.report import page as pages

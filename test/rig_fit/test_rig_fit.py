@@ -8,8 +8,8 @@ from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
-from forcecal_ros.diagnose.by_tracked import is_tracked
-from forcecal_ros.diagnose.inputs.alignment import shifted
+from forcecal_ros.diagnose.sources.pair import shift_times
+from forcecal_ros.diagnose.sources.rig import is_tracked
 from forcecal_ros.effects.rig import Axis, Unexplained
 from forcecal_ros.io.bags import write_recording
 from forcecal_ros.rig_fit.fit import fit_rig
@@ -180,7 +180,7 @@ def test_the_command_writes_a_rig_and_says_which_axis_never_moved(tmp_path, caps
 
 
 def test_without_static_poses_the_motion_tells_where_an_imu_sits():
-    made = shifted(simulated(imu=True), -1000.0)
+    made = shift_times(simulated(imu=True), -1000.0)
     accelerometer = fit_tool(TOLERANCES, [made], IdentificationSettings()).rig.accelerometer
     np.testing.assert_allclose(accelerometer.position, TOLERANCES.accelerometer.position,
                                atol=1e-3)

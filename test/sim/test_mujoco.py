@@ -9,17 +9,17 @@ import re
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.geometry import matrix_from_quaternion, rotation_from_vector
-from forcecal_ros.diagnose.by_simulated import diagnose_simulated, Pair
-from forcecal_ros.diagnose.by_simulator import diagnose_rerun, inputs_of
-from forcecal_ros.diagnose.inputs.motion_dataset import span
-from forcecal_ros.diagnose.inputs.simulated_tool import refuse_other_wrench, simulated_tool
+from forcecal_ros.diagnose.dataset import span
+from forcecal_ros.diagnose.sources.pair import PairSource
+from forcecal_ros.diagnose.sources.simulated_tool import refuse_other_wrench, simulated_tool
+from forcecal_ros.diagnose.sources.simulator import inputs_of, SimulatorSource
 from forcecal_ros.io.bags import write_recording
 from forcecal_ros.sim.mujoco import load_mujoco
 from forcecal_ros.sim.protocol import Inputs
+from forcecal_ros.sim.rerun import INTEGRATION_BEND, INTEGRATION_STEP, library_of, nuisances_of
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.runs import Runs
 from forcecal_ros.sim.samples import recorded
-from forcecal_ros.sim.simulated_robot import BEND, library_of, nuisances_of, STEP
 from forcecal_ros.sim.third_party import third_party, with_priors
 import numpy as np
 import pytest
@@ -146,6 +146,60 @@ def test_actuators_that_hold_a_position_in_other_numbers_do_the_same(tmp_path, k
                               for one in ('position', kind))
     assert np.ptp(plain, axis=0).min() > 0.4
     np.testing.assert_allclose(other, plain, atol=1e-9)
+
+
+def driven(path, actuator):
+    """Write the arm with another actuator of each joint."""
+    text = mjcf()
+    for name in NAMES:
+        text = text.replace(f'<position joint="{name}" kp="4000" kv="150"/>',
+                            actuator.format(name))
+    path.write_text(text)
+    return str(path)
+
+
+@pytest.mark.parametrize('actuator', [
+    '<pid joint="{}" kp="4000" kv="150"/>', '<pid joint="{}" kp="1000" kv="37.5" gear="2"/>',
+    '<pid joint="{}" kp="4000" kv="150" ki="500"/>'])
+def test_pid_actuators_follow_position_and_rate_and_their_numbers_are_patched(
+        tmp_path, actuator):
+    mujoco = pytest.importorskip('mujoco')
+    if not hasattr(mujoco.mjtGain, 'mjGAIN_PID'):
+        pytest.skip('this MuJoCo has no <pid>')
+    robot = load_mujoco(driven(tmp_path / 'arm.xml', actuator))
+    inputs = Inputs(0.0, 4.0, joints=told(4.0), measured_joints=NAMES)
+    t, joints = robot.simulate(inputs, nominal(robot))['joints']
+    commanded = np.stack([np.interp(t, inputs.joints.t, q) for q in inputs.joints.values.T])
+    # weight alone, 20 N m at most, by kp; a position actuator drags behind by kv
+    np.testing.assert_allclose(joints.T, commanded, atol=0.006)
+    values = nominal(robot) | {'kp[lift]': 0.5 * nominal(robot)['kp[lift]']}
+    if 'ki[lift]' in values:
+        values['ki[lift]'] = 100.0
+    after = robot.simulate(inputs, values)['pose'][1]
+    assert np.abs(after - robot.simulate(inputs, nominal(robot))['pose'][1]).max() > 1e-4
+    (tmp_path / 'patched.xml').write_text(robot.patched(values))
+    own = load_mujoco(str(tmp_path / 'patched.xml'))
+    assert nominal(own) == pytest.approx(values)
+    np.testing.assert_allclose(own.simulate(inputs, nominal(own))['pose'][1], after, atol=1e-6)
+
+
+@pytest.mark.parametrize('actuator, said', [
+    ('<dcmotor joint="{}" motorconst="0.5 0.5" resistance="1"/>', 'kind dcmotor'),
+    (('<general joint="{}" gaintype="affine" gainprm="1 1 0" biastype="affine" '
+     'biasprm="0 -10 -1"/>'), 'kind affine')])
+def test_an_actuator_that_is_not_supported_is_named(tmp_path, actuator, said):
+    with pytest.raises(ConfigError, match=f'joint pan has an actuator of {said}.+not supported'):
+        load_mujoco(driven(tmp_path / 'arm.xml', actuator))
+
+
+def test_delays_of_actuators_and_sensors_are_noted(tmp_path):
+    path = driven(tmp_path / 'arm.xml',
+                  '<position joint="{}" kp="4000" kv="150" delay="0.01" nsample="10"/>')
+    Path(path).write_text(Path(path).read_text().replace(
+        '</sensor>', '<accelerometer site="ft" delay="0.01" nsample="10"/></sensor>'))
+    actuators, sensors = load_mujoco(path).notes
+    assert 'pan 10 ms' in actuators and 'robot_delay' in actuators
+    assert 'wrench_delay' in sensors
 
 
 @pytest.mark.parametrize('kind', ['velocity', 'torque'])
@@ -469,9 +523,9 @@ def test_a_step_of_integration_is_a_nuisance_and_no_effect(model):
     n = len(half.wrench)
     np.testing.assert_allclose(moved.wrench.values[:n], half.wrench.values, atol=1e-9)
     assert runs.integrated(simulator.nominal, 0.0) is here
-    assert STEP in {one.name for one in nuisances_of(simulator.parameters, finer=True)}
-    assert STEP not in library_of(simulator.parameters)
-    assert STEP not in {one.name for one in nuisances_of(simulator.parameters)}
+    assert INTEGRATION_STEP in {one.name for one in nuisances_of(simulator.parameters, finer=True)}
+    assert INTEGRATION_STEP not in library_of(simulator.parameters)
+    assert INTEGRATION_STEP not in {one.name for one in nuisances_of(simulator.parameters)}
 
 
 def test_what_is_no_straight_line_in_a_coarse_step_is_told_by_a_quarter_of_it(model):
@@ -485,7 +539,8 @@ def test_what_is_no_straight_line_in_a_coarse_step_is_told_by_a_quarter_of_it(mo
     runs = Runs(arm, inputs, arm.run(inputs, arm.nominal).pose)
     runs.try_all(arm.nominal)
     assert runs.is_coarse
-    assert BEND in {one.name for one in nuisances_of(arm.parameters, finer=True, finest=True)}
+    assert INTEGRATION_BEND in {
+        one.name for one in nuisances_of(arm.parameters, finer=True, finest=True)}
     quarter = arm.run_finest(inputs, arm.nominal)
     n = len(quarter.wrench)
     line, both = (runs.integrated(arm.nominal, 1.5, x).wrench.values[:n] for x in (0.0, 1.0))
@@ -515,11 +570,11 @@ def test_a_payload_is_named_and_no_other_effect_whatever_the_steps_of_model_and_
             wrench=replace(made.wrench, values=made.wrench.values + noise),
             pose=replace(made.pose, position=made.pose.position + place,
                          R_base_sensor=made.pose.R_base_sensor @ rotation_from_vector(turn)))
-        found[name] = diagnose_rerun(recording, None, simulator, rig)
-    assert found['none'].outcome.diagnosis.verdict == 'no_gap'
-    changed, = found['payload'].changed
-    assert changed.name == 'body_mass[gripper]'
-    assert changed.after == pytest.approx(1.62, abs=4.0 * changed.std)
+        found[name] = SimulatorSource(simulator, rig).diagnose(recording)
+    assert found['none'].diagnosis.verdict == 'no_gap'
+    changed, = found['payload'].details['parameters']
+    assert changed['name'] == 'body_mass[gripper]'
+    assert changed['after'] == pytest.approx(1.62, abs=4.0 * changed['std'])
 
 
 @pytest.fixture(scope='module')
@@ -561,7 +616,7 @@ def test_frame_axes_sign_and_units_of_the_robots_wrench_are_asked_before_effects
         sample, fault, said):
     arm, real = sample
     wrong = spoilt(real, fault)
-    found = diagnose_rerun(wrong, None, arm, load_rig('rigid_tool.yaml')).outcome.diagnosis
+    found = SimulatorSource(arm, load_rig('rigid_tool.yaml')).diagnose(wrong).diagnosis
     assert found.verdict == 'invalid_data'
     assert said in found.reason
     assert 'at rest' not in found.reason
@@ -572,10 +627,10 @@ def test_frame_axes_sign_and_units_of_the_robots_wrench_are_asked_before_effects
 def test_of_two_recordings_they_are_asked_in_the_same_way(sample, fault, said):
     arm, real = sample
     made = arm.run(inputs_of(real), arm.nominal)
-    found = diagnose_simulated(Pair(spoilt(real, fault), made), None, load_rig('rigid_tool.yaml'))
-    assert found.outcome.diagnosis.verdict == 'invalid_data'
-    assert said in found.outcome.diagnosis.reason
-    assert 'at rest' not in found.outcome.diagnosis.reason
+    found = PairSource(load_rig('rigid_tool.yaml'), made).diagnose(spoilt(real, fault))
+    assert found.diagnosis.verdict == 'invalid_data'
+    assert said in found.diagnosis.reason
+    assert 'at rest' not in found.diagnosis.reason
 
 
 @pytest.mark.parametrize('factors, change', [
@@ -619,8 +674,9 @@ def test_more_friction_looks_like_play_and_nothing_else_does(model):
 def test_play_is_not_called_friction_nor_friction_play(model, name, value):
     arm = third_party('arm', load_mujoco(model()))
     real = measured(model(), 16.0, {name: value})
-    found = diagnose_rerun(real, None, arm, load_rig('rigid_tool.yaml'))
-    effect, = found.outcome.diagnosis.effects
+    found = SimulatorSource(arm, load_rig('rigid_tool.yaml')).diagnose(real)
+    effect, = found.diagnosis.effects
     assert effect.name == name
     assert effect.parameters['value'].value == pytest.approx(value, rel=0.1)
-    assert [one.name for one in found.changed] == [name] * (name != 'backlash[lift]')
+    listed = [one['name'] for one in found.details['parameters']]
+    assert listed == [name] * (name != 'backlash[lift]')

@@ -4,9 +4,7 @@ from dataclasses import replace
 
 from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.core.streams import JointStream
-from forcecal_ros.diagnose import by_simulator
-from forcecal_ros.diagnose.by_simulator import diagnose_rerun
-from forcecal_ros.diagnose.inputs.stamps import evened
+from forcecal_ros.diagnose.sources.simulator import SimulatorSource
 from forcecal_ros.sim.mujoco import load_mujoco
 from forcecal_ros.sim.protocol import Inputs
 from forcecal_ros.sim.rig.file import load_rig
@@ -130,7 +128,7 @@ def test_what_knocks_or_sticks_on_a_table_is_left_out_and_a_steady_push_is_not(t
     arm = third_party('arm', load_mujoco(scene(tmp_path / 'arm.xml')))
     commands = pressed(free=6.0)
     real = replace(arm.run(inputs_of(commands), arm.nominal), joint_commands=commands)
-    one = by_simulator._prepared(evened(real), arm, None, load_rig('rigid_tool.yaml'))
+    one, = SimulatorSource(arm, load_rig('rigid_tool.yaml')).prepare([real])
     t = one.dataset.measured.start + 0.004 * np.arange(len(one.dataset.groups)) - 6.0
     kept = one.dataset.measured.present[:, 0]
     # it pushes steadily, then slides to and fro, which in MuJoCo it does by hops
@@ -156,17 +154,16 @@ def test_what_the_table_has_otherwise_is_named(tmp_path, name, value):
     robot.model.opt.timestep = 0.002
     noise = rng.normal(size=(len(made.wrench), 6)) * np.repeat([0.15, 0.006], 3)
     place, turn = 1e-4 * rng.normal(size=(2, len(made.pose), 3))
-    found = diagnose_rerun(replace(
+    found = SimulatorSource(arm, load_rig('rigid_tool.yaml')).diagnose(replace(
         made, joint_commands=joints,
         wrench=replace(made.wrench, values=made.wrench.values + noise),
         pose=replace(made.pose, position=made.pose.position + place,
-                     R_base_sensor=made.pose.R_base_sensor @ rotation_from_vector(turn))),
-        None, arm, load_rig('rigid_tool.yaml'))
-    diagnosis = found.outcome.diagnosis
+                     R_base_sensor=made.pose.R_base_sensor @ rotation_from_vector(turn))))
+    diagnosis = found.diagnosis
     if name is None:
         assert diagnosis.verdict == 'no_gap'
         return
-    assert [one.name for one in found.changed] == [name]
-    changed, = found.changed
-    assert changed.after == pytest.approx(value, abs=3.0 * changed.std)
-    assert changed.std < 0.1 * (value - nominal(robot)[name])
+    assert [one['name'] for one in found.details['parameters']] == [name]
+    changed, = found.details['parameters']
+    assert changed['after'] == pytest.approx(value, abs=3.0 * changed['std'])
+    assert changed['std'] < 0.1 * (value - nominal(robot)[name])

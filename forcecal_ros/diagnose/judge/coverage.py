@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.noise.autoregression import FEWEST
 from forcecal_ros.core.streams import Recording
-from forcecal_ros.diagnose.inputs.channels import STREAM_SLICES
+from forcecal_ros.diagnose.dataset import STREAM_SLICES
 from forcecal_ros.diagnose.model.hypotheses import Hypothesis
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 import numpy as np

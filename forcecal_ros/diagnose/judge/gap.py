@@ -4,14 +4,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.diagnose.inputs.channels import CHANNELS
-from forcecal_ros.diagnose.inputs.dataset import Dataset
-from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
+from forcecal_ros.diagnose.dataset import CHANNELS, Dataset, MeasuredBlocks
 from forcecal_ros.diagnose.judge.parameter_errors import Errors, parameter_errors
 from forcecal_ros.diagnose.judge.residual_summary import predictions, ResidualSummary
-from forcecal_ros.diagnose.localise.time_frequency import STRONG, TimeFrequencyBin
+from forcecal_ros.diagnose.localise import BIN_SIGMA, TimeFrequencyBin
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
-from forcecal_ros.diagnose.search.selection import Selection
+from forcecal_ros.diagnose.search.posterior import Posterior
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
@@ -245,7 +243,7 @@ def unpredictable(model: LinearisedModel, bins: list[TimeFrequencyBin],
         0 where a channel has no strong bin, or a predicted part that stands for it.
     """
     energy = np.zeros(len(CHANNELS))
-    for c in {x.channel for x in bins if x.z > STRONG}:
+    for c in {x.channel for x in bins if x.z > BIN_SIGMA}:
         if not any(x[:, c].any() for x in predictable):
             held = [b[dataset.held, c] for b, dataset in zip(model.residuals, model.datasets)]
             level = np.mean([n.rms(0)[c] ** 2 for n in model.noise])
@@ -253,7 +251,7 @@ def unpredictable(model: LinearisedModel, bins: list[TimeFrequencyBin],
     return energy
 
 
-def measured_gap(model: LinearisedModel, selection: Selection, summary: ResidualSummary,
+def measured_gap(model: LinearisedModel, selection: Posterior, summary: ResidualSummary,
                  observed: Sequence[MeasuredBlocks]) -> tuple[Gap, Array, Errors]:
     """
     Measure the gap in its three arms, the error of the contact force with it.

@@ -6,24 +6,16 @@ from dataclasses import dataclass, replace
 from forcecal_ros.checks.clocks import JITTER
 from forcecal_ros.checks.signals import clipping, quantisation
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.diagnose.inputs.channels import CHANNELS
-from forcecal_ros.diagnose.inputs.stamps import Corrected
+from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.model.gates import BIAS, nuisances_of, physical
 from forcecal_ros.diagnose.model.linearised import EFFECT, LinearisedModel, RELEASED
 from forcecal_ros.diagnose.model.saturation import CLIPPING
-from forcecal_ros.diagnose.search.bias_steps import Event, height_of, SURE
-from forcecal_ros.diagnose.search.fitted import Accepted
-from forcecal_ros.diagnose.search.onsets import Instant
+from forcecal_ros.diagnose.recordings import Corrected
+from forcecal_ros.diagnose.search.change_points import Instant
+from forcecal_ros.diagnose.search.model_comparison import Accepted
 from forcecal_ros.effects import EFFECTS, Quantity
 from forcecal_ros.effects.rig import AccelerometerModel
 import numpy as np
-
-STEP, STEP_BESIDE = 0.95, 0.6
-"""
-Probability of a bias step: a slip of the tool or a change of gain begins with one, too. Beside a
-discrepancy one was claimed in 6 of 304 opened recordings that had none; were a step as likely as
-any of the 32 effects, 8 would have one.
-"""
 
 AT_BOUND = 'at its bound'
 """What is said of a number where else its standard error stands."""
@@ -249,47 +241,13 @@ def channel_affected_most(name: str, found: Mapping[str, Parameter]) -> str:
     return next(c.name for c in CHANNELS if c.stream == stream)
 
 
-def named_steps(model: LinearisedModel, events: Sequence[Event], least: float,
-                with_discrepancy: bool) -> list[NamedEffect]:
-    """
-    Return steps as effects, each with its instant.
-
-    Parameters
-    ----------
-    model : LinearisedModel
-        At the joint fit.
-    least : float
-        Log-evidence that a step has to bring, as any effect.
-    with_discrepancy : bool
-        Whether something else is unexplained besides.
-
-    Returns
-    -------
-    list of NamedEffect
-        Without those that the effects explain which were found since.
-    """
-    out = []
-    for e in events:
-        numbers = {}
-        for c in e.heights:
-            height, std = height_of(model, e, c)
-            if abs(height) <= max(SURE, np.sqrt(2.0 * least)) * std:
-                continue
-            channel = CHANNELS[c]
-            numbers[channel.name.replace('force.', 'f').replace('torque.', 't')] = Parameter(
-                height, std, channel.unit)
-        if numbers:
-            out.append(NamedEffect(BIAS.name, numbers, STEP_BESIDE if with_discrepancy else STEP,
-                                   e.instant, (e.low, e.high), e.recording))
-    return out
-
-
 def begun_or_ended(effect: NamedEffect, model: LinearisedModel, instants: Mapping[str, Instant]
                    ) -> NamedEffect:
     """Say of an effect that acts for a part of the time when it begins, or ends."""
     if effect.name not in instants:
         return effect
     gate, (at, low, high) = model.gates[effect.name], instants[effect.name]
+    effect = replace(effect, name=model.library[effect.name].name)
     if gate.begin is None:
         return replace(effect, end=at, end_ci95=(low, high), recording=gate.recording)
     return replace(effect, begin=at, begin_ci95=(low, high), recording=gate.recording)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.pieces import pieces
-from forcecal_ros.diagnose.inputs.channels import CHANNELS
+from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.model.hypotheses import EffectJacobian
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.model.own_size import Predicted, predicted, spread

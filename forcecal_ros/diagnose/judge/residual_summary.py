@@ -5,19 +5,19 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.diagnose.inputs.channels import CHANNELS
-from forcecal_ros.diagnose.localise import time_frequency
-from forcecal_ros.diagnose.localise.predictability import (
+from forcecal_ros.diagnose.dataset import CHANNELS
+from forcecal_ros.diagnose.judge.slow_noise import held_out_likelihood_ratio, of_slow_noise
+from forcecal_ros.diagnose.localise import (
+    BANDS,
+    BIN_SIGMA,
+    count_impulses,
+    Line,
+    LINE_RATIO,
+    MIN_IMPULSES,
     Predictability,
     predictability_of,
-    PREDICTABLE,
-)
-from forcecal_ros.diagnose.localise.time_frequency import (
-    BANDS,
-    count_impulses,
-    IMPULSES,
-    Line,
-    STRONG,
+    PREDICTABLE_SIGMA,
+    spectral_lines,
     time_frequency_bins,
     TimeFrequencyBin,
 )
@@ -26,7 +26,6 @@ from forcecal_ros.diagnose.model.hypotheses import EffectJacobian, VIBRATION
 from forcecal_ros.diagnose.model.jacobian import combined
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY
-from forcecal_ros.diagnose.search.acceptance import held_out_likelihood_ratio, of_slow_noise
 from forcecal_ros.diagnose.search.model_comparison import FLAWED, ModelComparison
 from forcecal_ros.sim.signals import SMALL
 import numpy as np
@@ -231,7 +230,7 @@ def lines_of(model: LinearisedModel) -> tuple[Line, ...]:
         for name in ('wrench', 'accelerometer', 'optidrive'):
             if name in dataset.measured.streams:
                 rows = dataset.measured.samples(name, signals)
-                lines += time_frequency.lines(rows, getattr(dataset.recording, name).rate, name)
+                lines += spectral_lines(rows, getattr(dataset.recording, name).rate, name)
     band = model.datasets[0].simulation.band
     return tuple(line for line in lines if line.frequency < band)
 
@@ -248,15 +247,15 @@ def unexplained(summary: ResidualSummary) -> UnexplainedPart:
     options = [
         (summary.discrepancy_evidence / WITHOUT_NAME * (z[c] > 0.0),
          _discrepancy_in_words(summary)) if summary.discrepancy_evidence else
-        (float(z[c]) / PREDICTABLE,
+        (float(z[c]) / PREDICTABLE_SIGMA,
          f'{CHANNELS[c].name}, predictable from the motion ({z[c]:.1f} sigma)'),
-        (strongest.z / STRONG,
+        (strongest.z / BIN_SIGMA,
          (f'{CHANNELS[strongest.channel].name} in {strongest.phase}, {low:g} to {high:g} Hz '
           f'({strongest.z:.1f} sigma)')),
-        (several / IMPULSES,
+        (several / MIN_IMPULSES,
          f'{several} impulses in {CHANNELS[int(impulses.argmax())].name}')]
     if line is not None:
-        options.append((line.power / time_frequency.LINE,
+        options.append((line.power / LINE_RATIO,
                         f'a line at {line.frequency:.2f} Hz in {line.channel}'))
     return UnexplainedPart(*max(options))
 
@@ -283,5 +282,5 @@ def _other_lines(lines: tuple[Line, ...], model: LinearisedModel
 
 def predictions(predictability: Predictability) -> list[Array]:
     """Return what motion predicts of each residual, where significant, shape (n, channels)."""
-    real = (predictability.z > PREDICTABLE) & (predictability.size > SMALL)
+    real = (predictability.z > PREDICTABLE_SIGMA) & (predictability.size > SMALL)
     return [np.where(real, one, 0.0) for one in predictability.prediction]

@@ -7,7 +7,7 @@ from forcecal_ros.diagnose.judge.named_effects import Parameter
 from forcecal_ros.diagnose.judge.parameter_errors import Errors
 from forcecal_ros.diagnose.model.gates import nuisances_of
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
-from forcecal_ros.diagnose.search.fitted import Accepted
+from forcecal_ros.diagnose.search.model_comparison import Accepted
 import numpy as np
 
 LIKE = 0.3

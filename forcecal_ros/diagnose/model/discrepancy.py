@@ -14,7 +14,7 @@ from weakref import ref
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.autoregression import Autoregression
-from forcecal_ros.diagnose.inputs.channels import CHANNELS
+from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.model.basis import Basis
 from forcecal_ros.diagnose.model.compact import Compact, stacked
 from forcecal_ros.diagnose.model.jacobian import Column

@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.diagnose.inputs.channels import CHANNELS
-from forcecal_ros.diagnose.inputs.residuals import MeasuredBlocks
+from forcecal_ros.diagnose.dataset import CHANNELS, MeasuredBlocks
 from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.model.jacobian import Column
 from forcecal_ros.effects import Effect, Quantity

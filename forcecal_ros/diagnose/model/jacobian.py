@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
-from forcecal_ros.diagnose.inputs.dataset import Dataset
+from forcecal_ros.diagnose.dataset import CHANNELS, Dataset, STREAM_SLICES
 from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.effects.nuisances import Nuisance
 from forcecal_ros.effects.rig import Rig
@@ -51,9 +50,6 @@ def nuisance_column(dataset: Dataset, nuisance: Nuisance, size: float, rig: Rig,
     level : ndarray, shape (channels,)
         Of the noise.
     """
-    if nuisance.acts_on == 'step':
-        since = dataset.measured.since(CHANNELS[nuisance.axis].stream, nuisance.instant)
-        return {nuisance.axis: Compact.of(size * since)}
     if nuisance.acts_on == 'rig':
         changed = dataset.simulation.signals(nuisance.apply(rig, size))
         return column(residual - dataset.measured.residual(changed), level)

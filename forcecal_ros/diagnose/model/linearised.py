@@ -6,8 +6,7 @@ from dataclasses import dataclass, field, replace
 from forcecal_ros.core.errors import ForcecalError
 from forcecal_ros.core.geometry import Array, rotation_vector
 from forcecal_ros.core.noise.autoregression import Autoregression, fit_autoregression, white
-from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
-from forcecal_ros.diagnose.inputs.dataset import Dataset, possible_effects
+from forcecal_ros.diagnose.dataset import CHANNELS, Dataset, possible_effects, STREAM_SLICES
 from forcecal_ros.diagnose.model.basis import Basis, basis
 from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.model.discrepancy import Discrepancy, WhitenedDiscrepancy
@@ -93,8 +92,6 @@ class LinearisedModel:
         Part of the signals that the discrepancy may have, stream by stream.
     gates : mapping of str to Gate
         When effects act that do not act all the time.
-    widths : ndarray, shape (m,)
-        Parts of the first nuisances' tolerances by which they may depart; all of it of others.
     """
 
     rig: Rig
@@ -113,7 +110,6 @@ class LinearisedModel:
     discrepancy_scales: Scales = NO_DISCREPANCY
     library: Mapping[str, Effect] = EFFECTS
     gates: Mapping[str, Gate] = field(default_factory=dict)
-    widths: Array = field(default_factory=lambda: np.zeros(0))
     _calibrated: tuple[bytes, Rig] | None = None
     _straight: dict[Hashable, Column] = field(default_factory=dict)
 
@@ -136,16 +132,10 @@ class LinearisedModel:
     def prior(self, released: frozenset[str] = frozenset()) -> Prior:
         """Return the prior of the nuisances, some of them released."""
         free = np.array([n.name in released | self.released for n in self.nuisances], dtype=bool)
-        endless = free | np.array([n.acts_on == 'step' for n in self.nuisances], dtype=bool)
-        # training blocks say nothing of a step in a recording that is all held out
-        only_held_out = np.array([n.acts_on == 'step'
-                                  and not self.datasets[n.recording].train.any()
-                                  for n in self.nuisances], dtype=bool)
-        widths, limits = np.ones(len(free)), np.array([n.limit for n in self.nuisances])
-        widths[:len(self.widths)] = self.widths
-        most = np.where(endless, np.inf, limits * widths)
-        return Prior(np.where(only_held_out, 0.0, self.centre),
-                     np.where(free, RELEASED, widths ** -2.0),
+        limits = np.array([n.limit for n in self.nuisances])
+        most = np.where(free, np.inf, limits)
+        return Prior(self.centre,
+                     np.where(free, RELEASED, 1.0),
                      np.maximum(-most, self._least()), most)
 
     def simulate(self, effects: Values, dataset: int) -> Array:
@@ -204,14 +194,10 @@ class LinearisedModel:
         return out
 
     def _residual(self, dataset: int, signals: Signals) -> Array:
-        """Return measured less simulated of one recording, its steps taken off, (n, channels)."""
+        """Return measured less simulated of one recording, (n, channels)."""
         out = self.datasets[dataset].measured.residual(signals)
         if not np.isfinite(out).all() or np.abs(out).max(initial=0.0) > ENDLESS:
             raise Diverged('a simulation is not finite')
-        for i, n in enumerate(self.nuisances):
-            if n.acts_on == 'step' and n.recording == dataset:
-                for c, rows in self.jacobian[dataset][i].items():
-                    out[:, c] -= self.centre[i] * rows.values()
         return out
 
     def evaluate(self) -> None:
@@ -219,8 +205,8 @@ class LinearisedModel:
         self.residuals = [self.simulate(self.effects, i) for i in range(len(self.datasets))]
 
     def without_effects(self) -> 'LinearisedModel':
-        """Take off all effects, released nuisances and steps too; the other nuisances stay."""
-        free = np.array([n.name in self.released or n.acts_on == 'step' for n in self.nuisances],
+        """Remove all effects and released nuisances; the other nuisances stay."""
+        free = np.array([n.name in self.released for n in self.nuisances],
                         dtype=bool)
         out = replace(self, effects={}, released=frozenset(),
                       centre=np.where(free, 0.0, self.centre))
@@ -231,11 +217,25 @@ class LinearisedModel:
         """Simulate at the centre and take the Jacobian by the nuisances there."""
         rig = self.current(self._always(self.effects))
         self.jacobian = [
-            [self._column(i, n, size, rig, s, b) if n.acts_on != 'step' or n.recording == i else {}
+            [self._column(i, n, size, rig, s, b)
              for n, size in zip(self.nuisances, self.prior_std)]
             for i, c in enumerate(self.datasets)
             for s in [c.simulation.signals(rig)]
             for b in [c.measured.residual(s)]]
+        self.evaluate()
+
+    def retake(self, names: frozenset[str]) -> None:
+        """Take anew the columns of some nuisances that are simulated, and simulate there."""
+        chosen = [j for j, n in enumerate(self.nuisances)
+                  if n.name in names and n.acts_on == 'rig']
+        rig = self.current(self._always(self.effects))
+        self.jacobian = [list(columns) for columns in self.jacobian]
+        for i, c in enumerate(self.datasets if chosen else ()):
+            s = c.simulation.signals(rig)
+            b = c.measured.residual(s)
+            for j in chosen:
+                self.jacobian[i][j] = self._column(i, self.nuisances[j], self.prior_std[j], rig,
+                                                   s, b)
         self.evaluate()
 
     def _column(self, dataset: int, nuisance: Nuisance, size: float, rig: Rig, base: Signals,

@@ -11,8 +11,7 @@ from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.pieces import pieces
-from forcecal_ros.diagnose.inputs.channels import CHANNELS
-from forcecal_ros.diagnose.inputs.dataset import Dataset
+from forcecal_ros.diagnose.dataset import CHANNELS, Dataset
 from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.model.products import Products
 from forcecal_ros.diagnose.model.scales import Scales, STREAM

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple, Protocol
 
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.diagnose.inputs.channels import STREAM_SLICES
+from forcecal_ros.diagnose.dataset import STREAM_SLICES
 from forcecal_ros.diagnose.model.basis import Basis
 from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.model.evidence import Gram

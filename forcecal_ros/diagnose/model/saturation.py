@@ -1,7 +1,7 @@
 """Where a channel seems to stop although the simulation goes on."""
 
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
+from forcecal_ros.diagnose.dataset import CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 import numpy as np
 

@@ -1,6 +1,6 @@
 """Sizes that a discrepancy may have in each stream, in parts of what its channels show."""
 
-from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
+from forcecal_ros.diagnose.dataset import CHANNELS, STREAM_SLICES
 
 Scales = tuple[float, ...]
 """Part of the signal that a discrepancy has in each stream, in the order of STREAM_SLICES."""

@@ -12,16 +12,11 @@ from forcecal_ros.diagnose.model.hypotheses import (
     values_of,
 )
 from forcecal_ros.diagnose.model.linearised import Diverged, LinearisedModel
-from forcecal_ros.diagnose.search.acceptance import holds_beside_long_memory
-from forcecal_ros.diagnose.search.fitted import Accepted
-from forcecal_ros.diagnose.search.model_comparison import Explained, ModelComparison
+from forcecal_ros.diagnose.search.model_comparison import Accepted, Explained, ModelComparison
 import numpy as np
 
 ROUNDS = 3
 """Gauss-Newton steps of a joint refit, at most."""
-
-FAR = 2.0
-"""Step of the nuisances, in prior std, after which their Jacobian is taken anew."""
 
 SHORTEST = 0.02
 """Fraction of a Gauss-Newton step below which it is given up."""
@@ -66,10 +61,7 @@ def joint_fit(model: LinearisedModel, accepted: Sequence[Accepted], step: Array 
     out = replace(model, released=released, effects=_effects(model, accepted),
                   centre=model.centre if step is None else model.moved(step))
     m, now = len(model.nuisances), list(accepted)
-    if released != model.released:
-        out.linearise()
-    else:
-        out.evaluate()
+    out.retake(released)
     jacobians: list[EffectJacobian] = []
     for _ in range(ROUNDS):
         jacobians = [_jacobian(out, a) for a in now if len(a.theta)]
@@ -88,8 +80,10 @@ def joint_fit(model: LinearisedModel, accepted: Sequence[Accepted], step: Array 
         if fraction <= SHORTEST \
                 or (step[m:].max(initial=0.0) < 1e-3 and step[:m].max(initial=0.0) < 0.1):
             break
-        if (released and step[:m].max() > FAR) or out.is_far(step[:m]):
+        if out.is_far(step[:m]):
             out.linearise()
+        elif released:
+            out.retake(released)
     return JointFit(out, now, jacobians)
 
 
@@ -111,20 +105,6 @@ def joint_fit_if_finite(model: LinearisedModel, accepted: Sequence[Accepted],
         return None
 
 
-def shaped(now: JointFit) -> JointFit:
-    """Give the effect accepted last the shapes that it began without, if that is better."""
-    last = now.accepted[-1]
-    for i, q in enumerate(now.model.library[last.name].parameters):
-        if len(last.theta) and q.shapes and i not in last.free:
-            theta = last.theta.copy()
-            theta[i] = q.starts[-1]
-            other = joint_fit_if_finite(now.model, [*now.accepted[:-1], last._replace(
-                theta=theta, free=np.sort(np.append(last.free, i)))])
-            if other is not None and holds_beside_long_memory(now.model, other.model):
-                now, last = other, other.accepted[-1]
-    return now
-
-
 def without_effect(start: LinearisedModel, now: JointFit, name: str) -> JointFit:
     """
     Take one effect out; noise stays as it is, nuisances are fitted anew.
@@ -143,10 +123,7 @@ def without_effect(start: LinearisedModel, now: JointFit, name: str) -> JointFit
     out = replace(model, released=released, effects=_effects(model, others))
     prior = out.prior()
     out.centre = np.clip(model.centre, prior.low, prior.high)
-    if released != model.released:
-        out.linearise()
-    else:
-        out.evaluate()
+    out.retake(released)
     out.centre = out.moved(out.fit_nuisances().x)
     out.evaluate()
     return JointFit(out, others, [_jacobian(out, a) for a in others if len(a.theta)])

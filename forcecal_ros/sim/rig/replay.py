@@ -10,7 +10,7 @@ from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.effects import AccelerometerEffects, applicable, EFFECTS, WrenchEffects
 from forcecal_ros.effects.nuisances import Nuisance, nuisances
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.sim.measured_motion import EXACT
+from forcecal_ros.sim.measured_motion import EXACT_RATIO
 from forcecal_ros.sim.rig.plant import common_samples, enough_steps, Plant, same_motion
 from forcecal_ros.sim.rig.robot import Motion
 from forcecal_ros.sim.rig.simulator import checked_commands, held_commands
@@ -45,7 +45,7 @@ class Replay:
                  accelerometer: str) -> None:
         period = rig.robot.period
         if rig.robot.unexplained is not None:  # fitted to recordings, as inexact as their motion
-            self.exact = EXACT
+            self.exact = EXACT_RATIO
         self.start, self.accelerometer = start, accelerometer
         self.n_blocks = max(1, int(np.floor((end - start) / BLOCK + 1e-6)))
         # the last block may end within a period

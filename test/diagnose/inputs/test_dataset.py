@@ -2,7 +2,7 @@
 
 from types import SimpleNamespace
 
-from forcecal_ros.diagnose.inputs.dataset import possible_effects
+from forcecal_ros.diagnose.dataset import possible_effects
 from forcecal_ros.effects import EFFECTS
 import numpy as np
 import pytest

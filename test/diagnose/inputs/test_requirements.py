@@ -8,11 +8,10 @@ from forcecal_ros.checks.entry import checked
 from forcecal_ros.checks.signals import silences
 from forcecal_ros.core.geometry import rotation_about
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
-from forcecal_ros.diagnose.by_commands import diagnose
-from forcecal_ros.diagnose.by_motion import diagnose_motion
-from forcecal_ros.diagnose.inputs.requirements import bridged, missing_streams
-from forcecal_ros.diagnose.inputs.stamps import Corrected
 from forcecal_ros.diagnose.judge.named_effects import from_checks
+from forcecal_ros.diagnose.recordings import bridge_pauses, Corrected, missing_streams
+from forcecal_ros.diagnose.sources.rig import RigSource
+from forcecal_ros.diagnose.sources.tool import ToolSource
 from forcecal_ros.io.bags import read_recording
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rigid_tool import rigid_tool_of_rig
@@ -57,9 +56,9 @@ def both(recording):
     with warnings.catch_warnings():
         warnings.simplefilter('error')
         rig = load_rig()
-        found = [diagnose(recording, None, rig).diagnosis,
-                 diagnose_motion(replace(recording, target=None), None,
-                                 rigid_tool_of_rig(rig)).diagnosis]
+        found = [RigSource(rig).diagnose(recording).diagnosis,
+                 ToolSource(rigid_tool_of_rig(rig)).diagnose(
+                     replace(recording, target=None)).diagnosis]
     assert [d.verdict for d in found] == 2 * ['invalid_data']
     assert not any('\n' in d.reason for d in found)
     return [d.reason for d in found]
@@ -72,7 +71,7 @@ def test_clocks_hours_apart_are_invalid_and_the_stream_and_a_remedy_are_named(re
 
 
 def test_commands_on_another_clock_are_told(recording):
-    reason = diagnose(shifted(recording, 'target', -1e4), None, load_rig()).diagnosis.reason
+    reason = RigSource(load_rig()).diagnose(shifted(recording, 'target', -1e4)).diagnosis.reason
     assert reason.startswith('stamps begin too far from those of wrench: '
                              'target (target_frame) -10000.0 s; set the clocks')
 
@@ -119,12 +118,12 @@ def test_what_was_not_recorded_is_said_and_nothing_at_all_is_invalid(recording):
     assert 'wrench_sensor and environment (no wrench' in missing_streams(replace(recording,
                                                                                  wrench=None))
     nothing = replace(recording, wrench=None, accelerometer=None)
-    assert diagnose(nothing, None, load_rig()).diagnosis.verdict == 'invalid_data'
+    assert RigSource(load_rig()).diagnose(nothing).diagnosis.verdict == 'invalid_data'
 
 
 def test_a_second_recording_without_the_wrench_is_refused(recording):
     other = replace(recording, wrench=None)
-    diagnosis = diagnose(recording, other, load_rig()).diagnosis
+    diagnosis = RigSource(load_rig()).diagnose(recording, other).diagnosis
     assert diagnosis.verdict == 'invalid_data' and 'holds wrench' in diagnosis.reason
 
 
@@ -151,7 +150,7 @@ def test_a_clock_is_judged_by_its_slope_although_it_starts_anew_after_a_pause(re
 
 def test_over_a_pause_the_robot_is_led_from_the_last_command_to_the_next(recording):
     paused = replace(recording, **{n: cut(getattr(recording, n), 4.0, 6.0) for n in STREAMS})
-    whole = bridged(paused)
+    whole = bridge_pauses(paused)
     np.testing.assert_allclose(np.diff(whole.target.t), 4e-3, atol=1e-9)
     way = np.diff(whole.target.position[:, 0])
     assert (way > -1e-12).all() and way.max() < 5e-4
@@ -161,7 +160,7 @@ def test_over_a_pause_the_robot_is_led_from_the_last_command_to_the_next(recordi
 def test_a_pause_of_minutes_is_refused_with_a_remedy(recording):
     late = {n: replace(s, t=np.where(s.t < 5.5, s.t, s.t + 100.0))
             for n, s in ((n, getattr(recording, n)) for n in STREAMS)}
-    diagnosis = diagnose(replace(recording, **late), None, load_rig()).diagnosis
+    diagnosis = RigSource(load_rig()).diagnose(replace(recording, **late)).diagnosis
     assert diagnosis.verdict == 'invalid_data' and '--heldout' in diagnosis.reason
 
 
@@ -179,5 +178,5 @@ def test_a_sound_recording_with_pauses_has_no_gap(second_rig):
     sample = read_recording(second_rig / 'bag')
     for start, end in ((1.5, 3.2), (15.0, 19.0)):
         sample = replace(sample, **{n: cut(getattr(sample, n), start, end) for n in STREAMS})
-    diagnosis = diagnose(sample, None, load_rig()).diagnosis
+    diagnosis = RigSource(load_rig()).diagnose(sample).diagnosis
     assert diagnosis.verdict == 'no_gap' and len(diagnosis.notes) == 2

@@ -2,7 +2,7 @@
 
 from types import SimpleNamespace
 
-from forcecal_ros.diagnose.inputs.channels import CHANNELS
+from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.judge.gap import Arms, gap, OFF, SECOND
 from forcecal_ros.diagnose.judge.parameter_errors import Errors
 from forcecal_ros.diagnose.model.own_size import Predicted

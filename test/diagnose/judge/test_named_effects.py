@@ -2,7 +2,7 @@
 
 import json
 
-from forcecal_ros.diagnose.inputs.channels import units
+from forcecal_ros.diagnose.dataset import units
 from forcecal_ros.diagnose.judge.named_effects import (
     at_limit,
     ends,
@@ -13,10 +13,10 @@ from forcecal_ros.diagnose.judge.named_effects import (
 )
 from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
-from forcecal_ros.diagnose.numbers_found import Changed
-from forcecal_ros.diagnose.say.result import Diagnosis, load, to_document
-from forcecal_ros.diagnose.say.verdict import verdict
-from forcecal_ros.diagnose.search.fitted import Accepted
+from forcecal_ros.diagnose.result import Diagnosis, load_diagnosis, to_document
+from forcecal_ros.diagnose.search.model_comparison import Accepted
+from forcecal_ros.diagnose.sources.simulator import Changed
+from forcecal_ros.diagnose.verdict import verdict
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.sim.rig.file import load_rig
 import numpy as np
@@ -61,7 +61,7 @@ def test_a_number_at_its_bound_is_told_without_a_standard_error(tmp_path):
         'second_order': Parameter(1.5, 0.1, '1')}, 0.9)
     (tmp_path / 'diagnosis.json').write_text(json.dumps(to_document(
         Diagnosis('identified', '', (found,)), units(), None)))
-    assert load(tmp_path)[0].effects[0].parameters == found.parameters
+    assert load_diagnosis(tmp_path)[0].effects[0].parameters == found.parameters
 
 
 def test_a_number_that_only_its_prior_bounds_is_not_stated():

@@ -1,7 +1,7 @@
 """Spectral lines beside an explained vibration."""
 
 from forcecal_ros.diagnose.judge.residual_summary import _other_lines
-from forcecal_ros.diagnose.localise.time_frequency import Line
+from forcecal_ros.diagnose.localise import Line
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.sim.rig.file import load_rig
 

@@ -4,7 +4,7 @@ import tracemalloc
 
 from forcecal_ros.core.noise.autoregression import Autoregression, ORDER
 from forcecal_ros.core.noise.pieces import AT_ONCE
-from forcecal_ros.diagnose.inputs.channels import CHANNELS, STREAM_SLICES
+from forcecal_ros.diagnose.dataset import CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.model.basis import Basis, basis
 from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.model.discrepancy import Discrepancy

@@ -3,7 +3,7 @@
 from types import SimpleNamespace
 
 from forcecal_ros.core.noise.autoregression import Autoregression, ORDER
-from forcecal_ros.diagnose.inputs.channels import CHANNELS
+from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.model.basis import Basis
 from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.model.discrepancy import Discrepancy

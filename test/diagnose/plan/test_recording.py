@@ -2,15 +2,19 @@
 
 from dataclasses import replace
 
-from forcecal_ros.diagnose.plan.excitation import Alias, Excitation, Shown
-from forcecal_ros.diagnose.plan.recording import (
-    LONG_REST,
+from forcecal_ros.diagnose.plan import (
+    Alias,
+    Excitation,
+    limitations,
+    LONG_REST_S,
     motion_for,
     parts_for,
+    plan_parameters,
+    plan_text,
     Planned,
     timing_for,
+    Visibility,
 )
-from forcecal_ros.diagnose.plan.text import as_text, cannot, to_parameters
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.plan import Timing
@@ -28,7 +32,7 @@ def test_a_lag_wants_quick_moves_and_no_slow_reversals():
 
 def test_a_drift_wants_a_long_rest_and_no_sweeps():
     timing = timing_for(['wrench_bias_drift'])
-    assert timing.rest == LONG_REST and not (timing.sweeps or timing.steps or timing.reversals)
+    assert timing.rest == LONG_REST_S and not (timing.sweeps or timing.steps or timing.reversals)
 
 
 def test_friction_wants_reversals():
@@ -64,7 +68,8 @@ def test_a_slow_robot_moves_less_and_poses_outside_the_box_are_left_out():
 
 def planned(timing=Timing(), asked=('tool_mass', 'contact_stiffness', 'wrench_delay')):
     motion = motion_for(RIG, contact=False, effects=['tool_mass'])
-    shown = tuple(Shown(name, '1', energy, '', energy, EFFECTS[name].excited_by) for name, energy
+    shown = tuple(Visibility(name, '1', energy, '', energy, EFFECTS[name].excited_by)
+                  for name, energy
                   in (('tool_mass', 100.0), ('contact_stiffness', 0.0), ('wrench_delay', 9.0),
                       ('wrench_lowpass', 90.0), ('base_tilt', 90.0)))
     return Planned(motion._replace(timing=replace(motion.timing, amplitude=0.5)), Excitation(
@@ -73,14 +78,14 @@ def planned(timing=Timing(), asked=('tool_mass', 'contact_stiffness', 'wrench_de
 
 
 def test_a_plan_says_what_it_cannot_show_and_what_it_would_confound():
-    text = as_text(planned())
+    text = plan_text(planned())
     assert 'wrench_delay / wrench_lowpass' in text and 'base_tilt / wrench_lowpass' not in text
-    assert [line.split(':')[0] for line in cannot(planned())] == [
+    assert [line.split(':')[0] for line in limitations(planned())] == [
         'contact_stiffness', 'wrench_delay', 'the limits allow 50% of the usual distances']
-    assert '--contact' in cannot(planned())[0]
+    assert '--contact' in limitations(planned())[0]
     assert planned().unclear == ['wrench_delay']
 
 
 def test_the_file_holds_the_parts_that_differ_from_the_defaults():
-    text = to_parameters(planned())
+    text = plan_parameters(planned())
     assert 'reversals: 0' in text and 'amplitude: 0.5' in text and 'workspace' not in text

@@ -7,7 +7,8 @@ import re
 from bag_samples import START_NS
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.streams import PoseStream, Recording
-from forcecal_ros.diagnose.inputs.dataset import prepare, split
+from forcecal_ros.diagnose.dataset import split_by_phase
+from forcecal_ros.diagnose.sources.rig import prepare_commanded
 from forcecal_ros.effects import with_effects
 from forcecal_ros.io.bags import read_recording, write_recording
 from forcecal_ros.sim.rig.file import load_rig
@@ -27,7 +28,8 @@ def diagnosed(tmp_path_factory):
     recording = simulate(with_effects(load_rig(), EFFECTS), target, seed=4)
     write_recording(folder / 'bag', replace(recording, phases=phases,
                                             start_ns=START_NS))
-    assert main(['diagnose', str(folder / 'bag'), '-o', str(folder / 'out')]) == 0
+    assert main(['diagnose', str(folder / 'bag'), '--rig', 'nominal', '-o',
+                 str(folder / 'out')]) == 0
     assert main(['simulate', '--rig', str(folder / 'out' / 'rig_patched.yaml'), '--commands',
                  str(folder / 'bag'), '--noise-free', '-o', str(folder / 'again')]) == 0
     return folder
@@ -52,7 +54,7 @@ def test_the_patched_rig_shrinks_the_gap_as_claimed(diagnosed):
     again = read_recording(diagnosed / 'again')
     np.testing.assert_allclose(again.wrench.t, measured.wrench.t, atol=1e-6)
     nominal = simulate(load_rig(), measured.target, noise=False).wrench.values
-    case = split(prepare(measured, load_rig()))
+    case = split_by_phase(prepare_commanded(measured, load_rig()))
     held = np.interp(measured.wrench.t, case.times, case.held.astype(float)) > 0.5
     channels = [f'{kind}.{axis}' for kind in ('force', 'torque') for axis in 'xyz']
     claimed = document['gap']['per_channel']

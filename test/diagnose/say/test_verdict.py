@@ -1,7 +1,7 @@
 """What a verdict leaves open, and what it does not."""
 
 from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
-from forcecal_ros.diagnose.say.verdict import verdict
+from forcecal_ros.diagnose.verdict import verdict
 import pytest
 
 NOTHING = UnexplainedPart(0.5, 'force.x')

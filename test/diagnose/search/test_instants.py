@@ -1,11 +1,12 @@
 """Fits at all instants at once are those of one instant after the other."""
 
 from forcecal_ros.core.noise.autoregression import white
-from forcecal_ros.diagnose.inputs.dataset import prepare, split
+from forcecal_ros.diagnose.dataset import split_by_phase
 from forcecal_ros.diagnose.model.evidence import fit, Prior
 from forcecal_ros.diagnose.model.gates import Gate, gated
 from forcecal_ros.diagnose.model.linearised import EFFECT, linearised_model
-from forcecal_ros.diagnose.search.instants import Instants
+from forcecal_ros.diagnose.search.change_points import Instants
+from forcecal_ros.diagnose.sources.rig import prepare_commanded
 from forcecal_ros.sim.rig.file import load_rig
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ LENGTH = 50
 
 @pytest.fixture(scope='module')
 def model():
-    dataset = split(prepare(own_recording(5, FREE), load_rig()))
+    dataset = split_by_phase(prepare_commanded(own_recording(5, FREE), load_rig()))
     out = linearised_model(load_rig(), (dataset,))
     # white noise keeps no history, so that a gate has no transient
     out.noise = [white(out.residuals[0], dataset.measured.present, dataset.groups)]

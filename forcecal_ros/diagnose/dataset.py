@@ -1,0 +1,488 @@
+"""A recording ready for diagnosis: its channels, its residual in block means, its parts."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import NamedTuple, Protocol
+from weakref import ref
+
+from forcecal_ros.core.errors import below, DataError
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.streams import Phase, Recording, TOUCHING
+from forcecal_ros.effects import Effect
+from forcecal_ros.effects.rig import Rig
+from forcecal_ros.effects.signals import FORCES
+from forcecal_ros.sim.signals import BLOCK, block_means, JOINTS, padded, RATE, Signals, Simulation
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
+
+STAGES = ('robot', 'tool', 'environment', 'wrench_sensor', 'accelerometer', 'pose', 'timing')
+"""Stages along the chain from command to sensor; the clocks last."""
+
+STREAM_SLICES = {
+    'wrench': slice(0, 6), 'accelerometer': slice(6, 9), 'optidrive': slice(9, 10),
+    'pose': slice(10, 16), 'joints': slice(16, 16 + JOINTS),
+}
+"""Which channels each stream has, by their place in CHANNELS."""
+
+
+class Channel(NamedTuple):
+    """One scalar signal: its name, unit, and the stream it comes from."""
+
+    name: str
+    unit: str
+    stream: str
+    stage: str
+
+
+CHANNELS = (
+    *(Channel(f'force.{a}', 'N', 'wrench', 'wrench_sensor') for a in 'xyz'),
+    *(Channel(f'torque.{a}', 'N m', 'wrench', 'wrench_sensor') for a in 'xyz'),
+    *(Channel(f'accel.{a}', 'V', 'accelerometer', 'accelerometer') for a in 'xyz'),
+    Channel('optidrive', 'm', 'optidrive', 'tool'),
+    *(Channel(f'pose.{a}', 'm', 'pose', 'robot') for a in 'xyz'),
+    *(Channel(f'pose.r{a}', 'rad', 'pose', 'robot') for a in 'xyz'),
+    *(Channel(f'joint.{i}', 'rad', 'joints', 'robot') for i in range(JOINTS)),
+)
+"""In the order of the columns of every residual."""
+
+
+def units(accelerometer: str = 'V') -> dict[str, str]:
+    """Return every channel's unit, the accelerometer's in what its readings were brought to."""
+    return {c.name: accelerometer if c.stream == 'accelerometer' else c.unit for c in CHANNELS}
+
+
+class Blocks(Protocol):
+    """A recording in blocks, of which each phase covers some."""
+
+    @property
+    def groups(self) -> NDArray[np.intp]:
+        """Say of each block whether it rests (0), moves (1) or is in contact (2)."""
+
+    @property
+    def times(self) -> Array:
+        """Middle of each block [s]."""
+
+    def phase_rows(self) -> Mapping[str, NDArray[np.bool_]]:
+        """Say which blocks each phase word covers."""
+
+
+GRID_TOLERANCE = 1e-3
+"""A stamp this close to a simulated sample, in samples, takes it as it is."""
+
+
+class _Stream(NamedTuple):
+    """
+    How one stream's samples fall into blocks and onto the simulated samples.
+
+    ``gapless``: they are consecutive simulated ones; ``per_block``: every block has so many of
+    them, 0 where the blocks differ; ``means``: of the values, block by block.
+    """
+
+    t: Array
+    values: Array
+    first: NDArray[np.intp]
+    weights: Array | None
+    starts: NDArray[np.intp]
+    counts: Array
+    blocks: NDArray[np.intp]
+    gapless: bool
+    per_block: int
+    means: Array
+
+
+class MeasuredBlocks:
+    """
+    The measured channels of one recording.
+
+    Parameters
+    ----------
+    recording : Recording
+        The accelerometer in volts.
+    start : float
+        Of block 0 [s].
+    """
+
+    def __init__(self, recording: Recording, start: float, n_blocks: int) -> None:
+        self.start, self.n_blocks = start, n_blocks
+        self._streams: dict[str, _Stream] = {}
+        self._last_pose: tuple[ref[Array], ref[Array], Array] | None = None
+        if recording.wrench is not None:
+            self._add('wrench', recording.wrench.t, recording.wrench.values)
+        if recording.accelerometer is not None:
+            self._add('accelerometer', recording.accelerometer.t, recording.accelerometer.values)
+        if recording.optidrive is not None:
+            self._add('optidrive', recording.optidrive.t, recording.optidrive.values)
+        pose = recording.pose
+        if pose is not None:
+            values = np.concatenate([pose.position, pose.R_base_sensor.reshape(-1, 9)], axis=1)
+            self._add('pose', pose.t, values)
+        joints = recording.joints
+        if joints is not None:
+            self._add('joints', joints.t, padded(joints.values))
+        self.present = np.zeros((n_blocks, len(CHANNELS)), dtype=bool)
+        for name, stream in self._streams.items():
+            rows = np.zeros(n_blocks, dtype=bool)
+            rows[stream.blocks] = True
+            self.present[:, STREAM_SLICES[name]] = rows[:, np.newaxis]
+        if joints is not None:
+            self.present[:, STREAM_SLICES['joints'].start + joints.values.shape[1]:] = False
+
+    def _add(self, name: str, t: Array, values: Array) -> None:
+        u = (t - self.start) * RATE - 1.0
+        block = np.ceil((t - self.start) / BLOCK - 1e-6).astype(np.intp) - 1
+        last = self.n_blocks * round(BLOCK * RATE) - 1
+        ok = (block >= 0) & (block < self.n_blocks) & np.isfinite(values).all(axis=1)
+        ok &= u <= last + GRID_TOLERANCE
+        if not ok.any():
+            return
+        # a stretch of a recording needs no copy
+        first_kept, last_kept = ok.argmax(), len(ok) - ok[::-1].argmax()
+        kept = slice(first_kept, last_kept) if ok[first_kept:last_kept].all() else ok
+        u, block = u[kept], block[kept]
+        nearest = np.rint(u)
+        if np.abs(u - nearest).max() < GRID_TOLERANCE:
+            first, weights = nearest.astype(np.intp), None
+        else:
+            first = np.clip(np.floor(u).astype(np.intp) - 1, 0, last - 3)
+            weights = _lagrange(u - first)
+        starts = np.flatnonzero(np.diff(block, prepend=-1))
+        counts = np.diff(starts, append=len(block)).astype(float)
+        gapless = weights is None and bool((np.diff(first) == 1).all())
+        per_block = int(counts[0]) if (counts == counts[0]).all() else 0
+        stream = _Stream(t[kept], values[kept], first, weights, starts, counts, block[starts],
+                         gapless, per_block, np.zeros(0))
+        self._streams[name] = stream._replace(means=_means(stream.values, stream))
+
+    @property
+    def streams(self) -> tuple[str, ...]:
+        """Names of the streams there are."""
+        return tuple(self._streams)
+
+    def residual(self, signals: Signals) -> Array:
+        """
+        Block means of measured less simulated.
+
+        Returns
+        -------
+        ndarray, shape (n_blocks, channels)
+            Zero where nothing was measured, see ``present``.
+        """
+        out = np.zeros((self.n_blocks, len(CHANNELS)))
+        for name, stream in self._streams.items():
+            if name == 'pose':
+                means = self._pose(stream, signals)
+            else:
+                means = stream.means - _means(_at(_simulated(name, signals), stream), stream)
+            out[stream.blocks, STREAM_SLICES[name]] = means
+        return out
+
+    def _pose(self, stream: _Stream, signals: Signals) -> Array:
+        """Return block means of one pose's residual: most simulations move as the last one did."""
+        known = self._last_pose
+        if known is None or known[0]() is not signals.position \
+                or known[1]() is not signals.R_base_sensor:
+            means = _means(self._rows('pose', stream, signals), stream)
+            self._last_pose = known = ref(signals.position), ref(signals.R_base_sensor), means
+        return known[2]
+
+    def of_wrench(self, simulated: Array) -> Array:
+        """Block means of another simulated signal at the samples of the wrench, (n_blocks, k)."""
+        out = np.zeros((self.n_blocks, simulated.shape[1]))
+        if 'wrench' in self._streams:
+            stream = self._streams['wrench']
+            out[stream.blocks] = _means(_at(simulated, stream), stream)
+        return out
+
+    def since(self, name: str, instant: float) -> Array:
+        """Share of each block's samples of one stream from an instant on, shape (n_blocks,)."""
+        out = np.zeros(self.n_blocks)
+        if name in self._streams:
+            stream = self._streams[name]
+            later = (stream.t >= instant).astype(float)
+            out[stream.blocks] = _means(later[:, np.newaxis], stream)[:, 0]
+        return out
+
+    def times(self, name: str) -> Array:
+        """Stamps of the measured samples of one stream [s]."""
+        return self._streams[name].t
+
+    def scatter(self, signals: Signals) -> Array:
+        """Mean square of the samples about their block means, shape (channels,)."""
+        out = np.zeros(len(CHANNELS))
+        for name, stream in self._streams.items():
+            rows = self._rows(name, stream, signals)
+            means = np.repeat(_means(rows, stream), stream.counts.astype(np.intp), axis=0)
+            out[STREAM_SLICES[name]] = np.sum((rows - means) ** 2, axis=0) / max(
+                1.0, float(np.sum(stream.counts - 1.0))) * (1.0 - 1.0 / stream.counts.mean())
+        return out
+
+    def samples(self, name: str, signals: Signals) -> Array:
+        """Measured less simulated of one stream, sample by sample, shape (n, columns)."""
+        return self._rows(name, self._streams[name], signals)
+
+    def values(self, name: str) -> Array:
+        """Return the measured samples of one stream, shape (n, columns)."""
+        return self._streams[name].values
+
+    def _rows(self, name: str, stream: _Stream, signals: Signals) -> Array:
+        if name != 'pose':
+            return np.asarray(stream.values - _at(_simulated(name, signals), stream))
+        position = _at(signals.position, stream)
+        rotation = _at(signals.R_base_sensor.reshape(-1, 9), stream).reshape(-1, 3, 3)
+        turned = np.swapaxes(rotation, 1, 2) @ stream.values[:, 3:].reshape(-1, 3, 3)
+        turn = 0.5 * np.stack([turned[:, 2, 1] - turned[:, 1, 2],
+                               turned[:, 0, 2] - turned[:, 2, 0],
+                               turned[:, 1, 0] - turned[:, 0, 1]], axis=1)
+        return np.concatenate([stream.values[:, :3] - position, turn], axis=1)
+
+
+def _simulated(name: str, s: Signals) -> Array:
+    if name == 'wrench':
+        return s.wrench
+    if name == 'accelerometer':
+        return s.volts
+    if name == 'optidrive':
+        return s.optidrive[:, np.newaxis]
+    assert s.joints is not None
+    return s.joints
+
+
+def _at(values: Array, stream: _Stream) -> Array:
+    if stream.weights is None:
+        first = int(stream.first[0])
+        if stream.gapless:
+            return values[first:first + len(stream.first)]
+        return values[stream.first]
+    out = np.zeros((len(stream.first), values.shape[1]))
+    for i in range(4):
+        out += stream.weights[:, i:i + 1] * values[stream.first + i]
+    return out
+
+
+def _means(rows: Array, stream: _Stream) -> Array:
+    k = stream.per_block
+    if k:
+        total = rows[::k].copy()
+        for i in range(1, k):
+            total += rows[i::k]
+        return np.asarray(total / k)
+    return np.asarray(np.add.reduceat(rows, stream.starts, axis=0)
+                      / stream.counts[:, np.newaxis])
+
+
+def _lagrange(x: Array) -> Array:
+    """Weights of four equidistant samples for a place ``x`` after the first, shape (n, 4)."""
+    return np.stack([
+        -(x - 1.0) * (x - 2.0) * (x - 3.0) / 6.0, x * (x - 2.0) * (x - 3.0) / 2.0,
+        -x * (x - 1.0) * (x - 3.0) / 2.0, x * (x - 1.0) * (x - 2.0) / 6.0], axis=1)
+
+
+REST_AFTER_BLOCKS = 50
+"""Blocks without motion before it counts as standstill."""
+
+HYSTERESIS, SATURATION = 'wrench_hysteresis', 'wrench_saturation'
+"""Effects whose range the recordings themselves narrow."""
+
+RANGE_QUANTILE, RANGE_SIGMA = 0.99, 3.0
+"""
+Share of a channel's readings that are below a limit of its range, give or take so many standard
+deviations of what neighbouring readings differ by: bursts that come after the limit are rarer.
+"""
+
+@dataclass(frozen=True)
+class Dataset:
+    """
+    A recording ready for diagnosis.
+
+    Attributes
+    ----------
+    rig : Rig
+        As given.
+    groups : ndarray of int, shape (n,)
+        Index into autoregression.GROUPS of each block.
+    phases : tuple of Phase
+        As recorded, else made up from the motion.
+    train, held : ndarray of bool, shape (n,)
+        Blocks to fit on, and to judge on.
+    """
+
+    recording: Recording
+    simulation: Simulation
+    measured: MeasuredBlocks
+    rig: Rig
+    groups: NDArray[np.intp]
+    phases: tuple[Phase, ...]
+    train: NDArray[np.bool_]
+    held: NDArray[np.bool_]
+
+    @property
+    def nominal(self) -> Signals:
+        """Simulate the rig as given: the signals of ten minutes fill much memory."""
+        return self.simulation.signals(self.rig)
+
+    @property
+    def times(self) -> Array:
+        """Middle of each block [s]."""
+        return np.asarray(self.measured.start + BLOCK * (0.5 + np.arange(len(self.groups))))
+
+    def phase_rows(self) -> dict[str, NDArray[np.bool_]]:
+        """Say which blocks each phase word covers."""
+        t = self.times
+        found: dict[str, NDArray[np.bool_]] = {}
+        for phase in self.phases:
+            rows = (t >= phase.start) & (t < phase.end)
+            found[phase.name] = found.get(phase.name, np.zeros(len(t), dtype=bool)) | rows
+        return {name: rows for name, rows in found.items() if rows.any()}
+
+    def exclude_contact(self) -> bool:
+        """Leave out phases that touch something; return whether there are any."""
+        touching = [rows for phase, rows in self.phase_rows().items() if phase in TOUCHING]
+        for rows in touching:
+            self.measured.present[rows] = False
+        return bool(touching)
+
+
+def make_dataset(recording: Recording, compared: Recording, simulation: Simulation, rig: Rig,
+                 groups: NDArray[np.intp]) -> Dataset:
+    """
+    Join a recording and its simulation; all blocks are for training.
+
+    Parameters
+    ----------
+    compared : Recording
+        The streams of it that are compared.
+    groups : ndarray of int, shape (n_blocks,)
+        0 at rest, 1 in motion, 2 in contact.
+    """
+    start, n = simulation.start, simulation.n_blocks
+    return Dataset(recording, simulation, MeasuredBlocks(compared, start, n), rig, groups,
+                   recording.phases or infer_phases(groups, start), np.ones(n, dtype=bool),
+                   np.zeros(n, dtype=bool))
+
+
+def possible_effects(datasets: Sequence[Dataset]) -> Mapping[str, Effect]:
+    """
+    Narrow the library by what recordings show without a model.
+
+    A hysteresis is no wider than its load's range: a wider one is a gain by another name. A range
+    ends nowhere that the readings go beyond.
+    """
+    library = dict(datasets[0].simulation.library)
+    if HYSTERESIS in library:
+        library[HYSTERESIS] = limit_to_load(datasets, library[HYSTERESIS])
+    if SATURATION in library and all('wrench' in d.measured.streams for d in datasets):
+        least = np.max([_range_reached(d.measured.values('wrench')) for d in datasets], axis=0)
+        library[SATURATION] = _narrowed(library[SATURATION], {
+            name: max(q.low, min(q.high, float(x))) for name, x in zip(FORCES, least)
+            for q in library[SATURATION].parameters if q.name == name})
+    return library
+
+
+def limit_to_load(datasets: Sequence[Dataset], effect: Effect) -> Effect:
+    """Keep a hysteresis as narrow as the load's range."""
+    widest = max(float(np.ptp(dataset.nominal.wrench[:, :3], axis=0).max())
+                 for dataset in datasets)
+    return effect._replace(parameters=tuple(
+        q if q.name != 'width' else q._replace(
+            high=max(q.low, min(q.high, widest)),
+            starts=tuple(s for s in q.starts if s <= widest) or q.starts[:1])
+        for q in effect.parameters))
+
+
+def _narrowed(effect: Effect, lowest: Mapping[str, float]) -> Effect:
+    return effect._replace(parameters=tuple(
+        q._replace(low=lowest.get(q.name, q.low)) for q in effect.parameters))
+
+
+def _range_reached(values: Array) -> Array:
+    """Return what the magnitude of each channel reaches, its noise allowed for."""
+    noise = np.diff(values, axis=0).std(axis=0) / np.sqrt(2.0)
+    return np.asarray(np.quantile(np.abs(values), RANGE_QUANTILE, axis=0) - RANGE_SIGMA * noise)
+
+
+def split_by_recording(train: Dataset, held: Dataset) -> tuple[Dataset, Dataset]:
+    """Fit on all of one recording, judge on all of another."""
+    return train, replace(held, train=held.held, held=held.train)
+
+
+def split_by_phase(dataset: Dataset) -> Dataset:
+    """
+    Hold out parts of every phase of one recording.
+
+    Phases that occur more than once alternate; the last half of every other one is held out.
+    """
+    held, t = np.zeros(len(dataset.groups), dtype=bool), dataset.times
+    count: dict[str, int] = {}
+    for phase in dataset.phases:
+        rows = (t >= phase.start) & (t < phase.end)
+        several = sum(p.name == phase.name for p in dataset.phases) > 1
+        turn = count[phase.name] = count.get(phase.name, -1) + 1
+        if not several:
+            rows &= t >= 0.5 * (phase.start + phase.end)
+        if not several or turn % 2:
+            held |= rows
+    if not held.any():
+        held = t >= t.mean()
+    return replace(dataset, train=~held, held=held)
+
+
+def infer_phases(groups: NDArray[np.intp], start: float) -> tuple[Phase, ...]:
+    """Name the phases of a recording that does not say them, by its kinds of motion."""
+    words = ('measure', 'move', 'contact')
+    edges = [0, *(np.flatnonzero(np.diff(groups)) + 1), len(groups)]
+    return tuple(Phase(words[groups[i]], start + BLOCK * i, start + BLOCK * j)
+                 for i, j in pairwise(edges))
+
+
+MIN_MOTION_S = 3.0
+"""Length of a recording without commands, at least, that can be diagnosed [s]."""
+
+EDGE_S = 0.03
+"""Time left out at both ends, so that one sensor may be so late behind another [s]."""
+
+MIN_SPEEDS = (0.005, 0.002)
+"""Angular speed [rad/s] and speed [m/s] from which the robot moves: noisy poses show less."""
+
+
+def require_wrench_and_pose(recording: Recording, otherwise: str) -> None:
+    """Refuse a recording without them in some words."""
+    wrench, pose = recording.wrench, recording.pose
+    if wrench is None or pose is None or len(wrench) < 100 or len(pose) < 20:
+        raise DataError(otherwise)
+
+
+def span(*recordings: Recording) -> tuple[float, int]:
+    """Return when all streams are there, and how many blocks they last."""
+    streams = [s.t for r in recordings for s in (r.wrench, r.pose, r.accelerometer)
+               if s is not None]
+    first = max(float(t[0]) for t in streams) + EDGE_S
+    last = min(float(t[-1]) for t in streams) - EDGE_S
+    if last - first < MIN_MOTION_S:
+        raise DataError(f'wrench and motion overlap for {below(max(0.0, last - first), MIN_MOTION_S)} s; at '
+                        f'least {MIN_MOTION_S:g} s are needed: record a longer motion')
+    return first, int((last - first) / BLOCK)
+
+
+def moves(datasets: Sequence[Dataset]) -> bool:
+    """Return whether the robot moves in each recording."""
+    return all((c.groups == 1).any() for c in datasets)
+
+
+def split_datasets(datasets: Sequence[Dataset]) -> tuple[Dataset, ...]:
+    """Judge on the second recording or, of one, on every other second."""
+    if len(datasets) > 1:
+        return split_by_recording(*datasets)
+    one, = datasets
+    held = np.floor(one.times - one.measured.start).astype(int) % 2 == 1
+    return (replace(one, train=~held, held=held),)
+
+
+def motion_groups(signals: Signals) -> NDArray[np.intp]:
+    """Sort blocks into rest (0) and motion or near it (1), by means: a pose is noisy."""
+    means = [uniform_filter1d(block_means(rows), REST_AFTER_BLOCKS // 2, axis=0, mode='nearest')
+             for rows in (signals.omega, signals.velocity)]
+    speed = np.maximum(*(np.linalg.norm(m, axis=1) / s for m, s in zip(means, MIN_SPEEDS)))
+    near = maximum_filter1d((speed > 1.0).astype(float), 2 * REST_AFTER_BLOCKS + 1)
+    return np.asarray(near, dtype=np.intp)

@@ -1,1 +1,0 @@
-"""What a recording becomes before it is compared: checked, on one clock, in blocks."""

@@ -1,0 +1,602 @@
+"""What to record for a diagnosis: a sequence, what it shows, what separates two effects."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+import math
+from typing import Any, NamedTuple
+
+from forcecal_ros.core.errors import DataError, ForcecalError, MotionError
+from forcecal_ros.core.geometry import Array, rotation_about
+from forcecal_ros.core.quantity import rounded, scaled
+from forcecal_ros.core.streams import Phase, PoseStream, Recording
+from forcecal_ros.diagnose.dataset import split_by_phase
+from forcecal_ros.diagnose.model.hypotheses import hypotheses, Hypothesis
+from forcecal_ros.diagnose.model.linearised import linearised_model, LinearisedModel
+from forcecal_ros.diagnose.result import Diagnosis
+from forcecal_ros.diagnose.sources.rig import prepare_commanded
+from forcecal_ros.effects import applicable, EFFECTS, with_effects
+from forcecal_ros.effects.rig import Rig
+from forcecal_ros.motion.limits import check_move, Limits, pace_within, share_allowed
+from forcecal_ros.motion.optimal_design import sequencer_parameters
+from forcecal_ros.motion.plan import diagnosis_plan, prepare, preview, Segment, Timing
+from forcecal_ros.motion.poses import nominal_poses, orientation, step_goal
+from forcecal_ros.motion.profiles import Move, Pace, Pose, shortest_duration
+from forcecal_ros.sim.rig.simulator import simulate
+from forcecal_ros.sim.signals import UNSEEN
+import numpy as np
+from numpy.typing import NDArray
+
+VISIBLE_ENERGY = 25.0
+"""Whitened energy from which a plan shows an effect."""
+
+CLEAR_ENERGY = 80.0
+"""Whitened energy from which a plan shows an effect clearly."""
+
+CONFOUNDED_DEG = 20.0
+"""Angle below which the directions of two effects are confounded: hard to tell apart [deg]."""
+
+
+class Visibility(NamedTuple):
+    """
+    How well one effect shows.
+
+    Attributes
+    ----------
+    size : str
+        Of the parameter that shows best: what the energy is stated at.
+    energy : float
+        Whitened, nuisances taken out as far as their tolerances allow; NaN where stamps or values
+        show it without a model.
+    weakest : str
+        Parameter of it that shows worst.
+    excited_by : tuple of str
+        Phases.
+    """
+
+    name: str
+    size: str
+    energy: float
+    weakest: str
+    weakest_energy: float
+    excited_by: tuple[str, ...]
+
+    @property
+    def word(self) -> str:
+        """How well, in a word."""
+        if np.isnan(self.energy):
+            return 'by its stamps or values'
+        return ('clearly' if self.energy >= CLEAR_ENERGY else
+                'just so' if self.energy >= VISIBLE_ENERGY else 'not')
+
+
+class Alias(NamedTuple):
+    """Two effects that come close to each other, and the angle between them."""
+
+    one: str
+    other: str
+    angle_deg: float
+
+
+class Excitation(NamedTuple):
+    """
+    What a sequence is good for.
+
+    Attributes
+    ----------
+    shown : tuple of Visibility
+        Every effect that applies to the rig.
+    aliases : tuple of Alias
+        Closest first.
+    """
+
+    shown: tuple[Visibility, ...]
+    aliases: tuple[Alias, ...]
+
+
+def excitation(rig: Rig, target: PoseStream, phases: tuple[Phase, ...]) -> Excitation:
+    """
+    Judge a sequence for a rig by simulating it.
+
+    Parameters
+    ----------
+    target : PoseStream
+        Commands.
+    """
+    recording = replace(simulate(rig, target, seed=0), phases=phases)
+    p = linearised_model(rig, (split_by_phase(prepare_commanded(recording, rig)),))
+    found = hypotheses(p)
+    information, parts = _information(p, found)
+    shown = [_visibility(h, information, parts[h.name]) for h in found]
+    accelerometer = p.datasets[0].simulation.accelerometer
+    there = {h.name for h in found}
+    for name, effect in EFFECTS.items():
+        if name not in there and applicable(effect, rig, accelerometer):
+            energy = np.nan if name in UNSEEN or name.endswith('saturation') else 0.0
+            shown.append(Visibility(name, '', energy, '', energy, effect.excited_by))
+    order = list(EFFECTS)
+    return Excitation(tuple(sorted(shown, key=lambda s: order.index(s.name))),
+                      _aliases(found, information, parts))
+
+
+def _information(model: LinearisedModel, found: list[Hypothesis]) -> tuple[Array,
+                                                                           dict[str,
+                                                                                NDArray[np.intp]]]:
+    """
+    Return the information of all typical sizes, nuisances within nominal tolerances taken out.
+
+    An effect that lifts a nuisance's prior has its own column beside the nuisance's.
+    """
+    m, index, extra = len(model.nuisances), {n.name: i for i, n in enumerate(model.nuisances)}, []
+    parts: dict[str, NDArray[np.intp]] = {}
+    scale: list[float] = []
+    position = m
+    for h in found:
+        columns = ([model.jacobian[0][index[n]] for n in _released(model, h)] if h.releases
+                   else list(h.atoms[0].columns[0]))
+        scale += _typical(model, h) if h.releases else [1.0] * len(columns)
+        extra += columns
+        parts[h.name] = np.arange(position, position + len(columns))
+        position += len(columns)
+    train, held = model.grams([extra])
+    matrix = train.matrix + held.matrix
+    size = np.concatenate([np.ones(m), scale])
+    matrix = matrix * np.outer(size, size)
+    nuisance = np.arange(m)
+    cross = matrix[:, nuisance]
+    inner = matrix[np.ix_(nuisance, nuisance)] + np.eye(m)
+    projected = matrix - cross @ np.linalg.solve(inner, cross.T)
+    return np.asarray(projected), parts
+
+
+def _released(model: LinearisedModel, h: Hypothesis) -> list[str]:
+    return [n.name for n in model.nuisances if n.name in h.releases[0]]
+
+
+def _typical(model: LinearisedModel, h: Hypothesis) -> list[float]:
+    sizes = {n.name: float(s) for n, s in zip(model.nuisances, model.prior_std)}
+    return [(q.typical - q.nominal) / sizes[name]
+            for q, name in zip(h.effect.parameters, _released(model, h))]
+
+
+def _visibility(h: Hypothesis, information: Array, part: NDArray[np.intp]) -> Visibility:
+    energy = np.diag(information)[part]
+    moved = range(len(part)) if h.releases else h.atoms[0].free
+    quantities = [h.effect.parameters[i] for i in moved]
+    best, worst = int(energy.argmax()), int(energy.argmin())
+    q = quantities[best]
+    size = q.typical if h.releases else float(h.atoms[0].start[moved[best]])
+    shown, factor = scaled(size, q.unit)
+    return Visibility(h.name, f'{q.name} {factor * size:.3g} {shown}', float(energy[best]),
+                 quantities[worst].name, float(energy[worst]), h.effect.excited_by)
+
+
+def _aliases(found: list[Hypothesis], information: Array, parts: dict[str, NDArray[np.intp]]
+             ) -> tuple[Alias, ...]:
+    bases = {}
+    for h in found:
+        part = parts[h.name]
+        seen = part[np.diag(information)[part] > VISIBLE_ENERGY]
+        if len(seen):
+            bases[h.name] = seen
+    names, out = list(bases), []
+    for i, one in enumerate(names):
+        for other in names[i + 1:]:
+            angle = _angle(information, bases[one], bases[other])
+            if angle < CONFOUNDED_DEG:
+                out.append(Alias(one, other, angle))
+    return tuple(sorted(out, key=lambda a: a.angle_deg))
+
+
+def _angle(information: Array, one: NDArray[np.intp], other: NDArray[np.intp]) -> float:
+    """Smallest angle between what two effects can do [deg]."""
+    cosines = np.linalg.svd(_whitened(information, one).T
+                            @ information[np.ix_(one, other)]
+                            @ _whitened(information, other), compute_uv=False)
+    return float(np.degrees(np.arccos(np.clip(cosines.max(), 0.0, 1.0))))
+
+
+def _whitened(information: Array, part: NDArray[np.intp]) -> Array:
+    values, vectors = np.linalg.eigh(information[np.ix_(part, part)])
+    kept = values > 1e-9 * values.max()
+    return np.asarray(vectors[:, kept] / np.sqrt(values[kept]))
+
+
+PRESS_M = 0.006
+"""How far the tip is sent beyond the wall [m]."""
+
+SETTLE_S = 0.5
+"""How long the tool is expected to settle [s]."""
+
+
+LONG_REST_S = 15.0
+"""Rest at the beginning where effects are asked for that only time shows [s]: a drift of 0.02 N/s
+adds up to 0.3 N, the tolerance of a bias."""
+
+PARTS_OF_PHASE: Mapping[str, frozenset[str]] = {
+    'measure': frozenset({'poses'}), 'step': frozenset({'steps'}),
+    'sweep': frozenset({'sweeps', 'turns'}), 'reverse': frozenset({'reversals'})}
+"""Parts of a sequence by the phase as which they are recorded."""
+
+
+class PlannedMotion(NamedTuple):
+    """
+    A sequence as it will be commanded.
+
+    Attributes
+    ----------
+    limits : Limits
+        Those of the sequencer.
+    reach : float
+        How far out in X the box has to go for contact [m]; -inf without.
+    left_out : tuple of str
+        Poses that the limits forbid.
+    """
+
+    poses: Mapping[str, Pose]
+    timing: Timing
+    limits: Limits
+    pace: Pace
+    target: PoseStream
+    phases: tuple[Phase, ...]
+    reach: float = -np.inf
+    left_out: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A sequence, what it shows, and the effects that it was asked for; none: all."""
+
+    motion: PlannedMotion
+    excitation: Excitation
+    asked: tuple[str, ...] = ()
+
+    @property
+    def unclear(self) -> list[str]:
+        """Effects asked for that do not show clearly, or look like another one of them."""
+        asked = [s for s in self.excitation.shown if s.name in self.asked]
+        confounded = {name for a in self.excitation.aliases if {a.one, a.other} <= set(self.asked)
+                      for name in (a.one, a.other)}
+        return [s.name for s in asked if s.name in confounded or (
+            s.energy < CLEAR_ENERGY and set(s.excited_by) & {p.name for p in self.motion.phases})]
+
+
+def plan_for(rig: Rig, *, contact: bool, effects: Collection[str] = (),
+             limits: Limits | None = None) -> Planned:
+    """
+    Plan a recording for a rig, as :func:`motion_for` does, and say what it shows.
+
+    Where effects are asked for, it has the parts that they need, and all parts where one of them
+    shows clearly with all alone.
+    """
+    def planned(names: Collection[str]) -> Planned:
+        motion = motion_for(rig, contact=contact, effects=names, limits=limits)
+        return Planned(motion, excitation(rig, motion.target, motion.phases), tuple(effects))
+
+    brief = planned(effects)
+    if not effects or not brief.unclear:
+        return brief
+    full = planned(())
+    return full if len(full.unclear) < len(brief.unclear) else brief
+
+
+def parts_for(effects: Collection[str]) -> frozenset[str]:
+    """Return the parts of a sequence that effects need; without any, all of them."""
+    if not effects:
+        return frozenset({'poses', 'shakes'}).union(*PARTS_OF_PHASE.values())
+    parts: frozenset[str] = frozenset()
+    for phases in (frozenset(EFFECTS[name].excited_by) for name in effects):
+        if {'measure', 'move', 'sweep', 'reverse'} <= phases:  # any motion shows it
+            parts |= {'poses', 'sweeps', 'turns'}
+            continue
+        parts = parts.union(*(PARTS_OF_PHASE.get(phase, frozenset()) for phase in phases))
+        if 'measure' in phases and 'sweep' not in phases:
+            parts |= {'rest'}
+        if 'step' in phases and 'reverse' not in phases:  # lags, which quick moves tell apart
+            parts |= {'shakes'}
+    return parts
+
+
+def timing_for(effects: Collection[str]) -> Timing:
+    """Return the timing of a sequence with the parts that effects need."""
+    parts, usual = parts_for(effects), Timing(measure=1.0)
+    counts = {name: getattr(usual, name) if name in parts else 0
+              for name in ('steps', 'sweeps', 'shakes', 'turns', 'reversals')}
+    return replace(usual, **counts, rest=LONG_REST_S if 'rest' in parts else usual.rest)
+
+
+def motion_for(rig: Rig, *, contact: bool, brief: bool = False, effects: Collection[str] = (),
+               limits: Limits | None = None) -> PlannedMotion:
+    """
+    Plan the motion that shows a diagnosis what it needs.
+
+    Parameters
+    ----------
+    rig : Rig
+        From whose home it starts.
+    contact : bool
+        Whether the wall is to be touched.
+    brief : bool
+        Without slow reversals and turns, and with one touch instead of two.
+    effects : collection of str
+        It is to show; none: all.
+    limits : Limits, optional
+        Of the robot; distances and angles are reduced to what they allow. The default is that of
+        the sequencer.
+
+    Raises
+    ------
+    DataError
+        The wall is not in front of the tool.
+    MotionError
+        The rig's home leaves no room within the limits.
+    """
+    timing, limits = timing_for(effects), limits or Limits(tip=np.array(rig.tool.tip))
+    if brief:
+        timing = replace(timing, reversals=0, turns=0)
+    poses = poses_of(rig) if 'poses' in parts_for(effects) else {'v': home_of(rig)}
+    home, pace = home_of(rig), pace_within(limits)
+    poses, left_out = _allowed_poses(poses, pace, limits)
+    far = -np.inf
+    if contact:
+        timing, far = _timing_with_contact(rig, replace(timing, contacts=2 - brief))
+
+    def segments(timing: Timing) -> tuple[Segment, ...]:
+        return diagnosis_plan(poses, step_goal(home, timing.contact_distance), timing)
+
+    timing = replace(timing, amplitude=_amplitude(segments(timing), limits))
+    wide = replace(limits, workspace_max=np.maximum(limits.workspace_max, [far, -np.inf, -np.inf]))
+    target, phases = preview(prepare(segments(timing), home, pace, wide),
+                             1.0 / rig.robot.period, SETTLE_S)
+    return PlannedMotion(poses, timing, limits, pace, target, phases, far, left_out)
+
+
+def _timing_with_contact(rig: Rig, timing: Timing) -> tuple[Timing, float]:
+    """Return how far the wall is, and the X that the box has to reach beyond it [m]."""
+    home = home_of(rig)
+    reach = home.position + home.R_base_sensor @ np.array(rig.tool.tip)
+    way = rig.wall.position + PRESS_M - float(reach[0])
+    if not 0.0 < way < 0.5 or home.R_base_sensor[0, 0] < 0.9:
+        raise DataError(f'the wall at X = {rig.wall.position:g} m is not in front of the tip '
+                        f'at X = {reach[0]:.3f} m; plan without contact')
+    return replace(timing, contact_distance=round(way, 4)), float(reach[0]) + way + 0.004
+
+
+def _amplitude(segments: tuple[Segment, ...], limits: Limits) -> float:
+    """Return the share of all distances and angles that the limits allow, at most 1."""
+    shares, here = [1.0], segments[0].goal
+    for segment in segments:
+        if segment.goal is None:
+            continue
+        if segment.phase in ('step', 'sweep', 'reverse') and segment.duration:
+            assert isinstance(here, Pose) and isinstance(segment.goal, Pose)
+            shares.append(share_allowed(Move(here, segment.goal, segment.duration), limits))
+        here = segment.goal
+    return float(np.floor(1e4 * min(shares)) / 1e4)
+
+
+def _allowed_poses(poses: Mapping[str, Pose], pace: Pace, limits: Limits
+             ) -> tuple[dict[str, Pose], tuple[str, ...]]:
+    """Return the poses that may be gone to, one after the other and back, and the other names."""
+    home, *others = poses.items()
+    allowed = dict([home])
+    for name, pose in others:
+        try:
+            for one, other in (list(allowed.values())[-1], pose), (pose, home[1]):
+                check_move(Move(one, other, shortest_duration(one, other, pace)), limits, name)
+        except MotionError:
+            continue
+        allowed[name] = pose
+    return allowed, tuple(name for name in poses if name not in allowed)
+
+
+def home_of(rig: Rig) -> Pose:
+    """Return the pose that a rig starts at."""
+    return Pose(np.array(rig.home.position), rig.home.R_base_sensor)
+
+
+def poses_of(rig: Rig) -> dict[str, Pose]:
+    """Place the paper's poses at the rig's home, and three more that turn gravity sideways."""
+    place, home = home_of(rig)
+    nominal = nominal_poses()
+    first = nominal['v'].R_base_sensor
+    turns = {'v': np.eye(3), 'h': first.T @ nominal['h'].R_base_sensor,
+             'tilt': first.T @ orientation(np.radians(-60.0), np.radians(105.0)),
+             'left': rotation_about('x', 0.9), 'right': rotation_about('x', -0.9)}
+    return {name: Pose(place, home @ turn) for name, turn in turns.items()}
+
+
+NEEDS_CONTACT = 'it shows in contact only: add --contact'
+COLUMNS = ('effect', 'at a size of', 'std. errors', 'shows', 'weakest')
+"""What an effect's energy is the square of: how many standard errors of its parameter it is."""
+
+
+def plan_text(planned: Planned) -> str:
+    """Return what a sequence shows as a table, then what it could not show or tell apart."""
+    shown = [s for s in planned.excitation.shown if not planned.asked or s.name in planned.asked]
+    rows = [COLUMNS, *(_row(s) for s in shown)]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(COLUMNS))]
+    lines = ['  '.join(cell.rjust(w) if i == 2 else cell.ljust(w)
+                       for i, (cell, w) in enumerate(zip(row, widths))).rstrip() for row in rows]
+    lines += ['', f'closer than {CONFOUNDED_DEG:g} deg to each other, hard to tell apart:']
+    lines += [f'  {a.one} / {a.other}: {a.angle_deg:.1f} deg' for a in aliases(planned)] \
+        or ['  none']
+    return '\n'.join([*lines, *limitations(planned)])
+
+
+def aliases(planned: Planned) -> list[Alias]:
+    """Return the pairs that are hard to tell apart, of the effects asked for."""
+    return [a for a in planned.excitation.aliases
+            if not planned.asked or {a.one, a.other} & set(planned.asked)]
+
+
+def limitations(planned: Planned) -> list[str]:
+    """Say which of the effects asked for do not show, and what the limits took away."""
+    lines, motion = [], planned.motion
+    shown = {s.name: s for s in planned.excitation.shown}
+    for name in planned.asked or shown:
+        if name not in shown:
+            lines.append(f'{name}: a rig with a rigid tool cannot have it')
+        elif shown[name].energy < VISIBLE_ENERGY:
+            why = (NEEDS_CONTACT if EFFECTS[name].excited_by == ('contact',) and not
+                   motion.timing.contacts else 'these limits leave too little motion')
+            lines.append(f'{name}: does not show; {why}')
+    if motion.timing.amplitude < 1.0:
+        lines.append(f'the limits allow {motion.timing.amplitude:.0%} of the usual distances')
+    if motion.left_out:
+        lines.append(f'outside the limits and left out: {", ".join(motion.left_out)}')
+    return lines
+
+
+def plan_document(planned: Planned) -> dict[str, Any]:
+    """Return a plan as a dictionary."""
+    return {
+        'format': 'forcecal-plan/1',
+        'duration': float(planned.motion.target.t[-1] - planned.motion.target.t[0]),
+        'effects': [{
+            'name': s.name, 'size': s.size, 'shows': s.word, 'excited_by': list(s.excited_by),
+            'energy': None if math.isnan(s.energy) else s.energy, 'weakest': s.weakest,
+            'weakest_energy': None if math.isnan(s.weakest_energy) else s.weakest_energy,
+        } for s in planned.excitation.shown if not planned.asked or s.name in planned.asked],
+        'alike': [{'effects': [a.one, a.other], 'angle_deg': a.angle_deg}
+                  for a in aliases(planned)],
+        'cannot': limitations(planned)}
+
+
+def plan_parameters(planned: Planned) -> str:
+    """
+    Return a plan as a parameter file of the sequencer; the table stands in its comments.
+
+    Returns
+    -------
+    str
+        YAML.
+    """
+    m = planned.motion
+    heading = f'Recording for forcecal diagnose.\n{plan_text(planned)}'
+    return (sequencer_parameters('diagnose', m.poses, m.timing, m.pace, m.limits, heading)
+            + wider_box(m.limits, m.reach))
+
+
+def wider_box(limits: Limits, reach: float) -> str:
+    """Return the comment with the box that contact needs, where that of the limits is smaller."""
+    x, y, z = limits.workspace_max.tolist()
+    if reach <= x:
+        return ''
+    return ('    # The way to the wall passes the box. Look whether the cell is free that far,\n'
+            '    # then take the comment signs away.\n    # limits:\n'
+            f'    #   workspace_max: [{reach:.3f}, {y}, {z}]\n')
+
+
+def _row(s: Visibility) -> tuple[str, str, str, str, str]:
+    if math.isnan(s.energy):
+        return s.name, '', '', s.word, ''
+    weak = (f'{s.weakest}: {rounded(math.sqrt(s.weakest_energy))}'
+            if s.weakest_energy < s.energy else '')
+    return s.name, s.size, rounded(math.sqrt(s.energy)), s.word, weak
+
+
+COMPARED_STREAMS = ('wrench', 'accelerometer', 'optidrive')
+
+PHASE_OPTIONS = {'contact': ' --contact'}
+"""Options of forcecal plan that add phases which it leaves out otherwise."""
+
+
+def advice(diagnosis: Diagnosis, rig: Rig) -> str:
+    """
+    Say what to record next.
+
+    Parameters
+    ----------
+    rig : Rig
+        As given, without what was found.
+
+    Returns
+    -------
+    str
+        One sentence with one phase of the planned sequence; empty where nothing is missing.
+    """
+    return _advice_to_separate(diagnosis, rig) or _advice_to_show(diagnosis.not_excited)
+
+
+def _advice_to_show(names: Sequence[str]) -> str:
+    shown: dict[str, list[str]] = {}
+    for name in names:
+        for phase in EFFECTS[name].excited_by if name in EFFECTS else ():
+            shown.setdefault(phase, []).append(name)
+    if not shown:
+        return ''
+    phase = max(shown, key=lambda one: len(shown[one]))
+    return (f'{_phase_to_record(phase)}: it shows {_listed(shown[phase])}, which this recording '
+            'cannot show.')
+
+
+def _advice_to_separate(diagnosis: Diagnosis, rig: Rig) -> str:
+    named = [e.name for e in diagnosis.effects if e.name in EFFECTS]
+    same = {tie.other for tie in diagnosis.ties}  # no motion tells them apart
+    others = [n for n, _ in diagnosis.candidates if n in EFFECTS and n not in {*named, *same}]
+    if diagnosis.verdict != 'ambiguous' or not named:
+        return ''
+    for other in others:
+        try:
+            phase, energy = separating(rig, named[0], other)[0]
+        except ForcecalError:
+            continue
+        return (f'{_phase_to_record(phase)}: it tells {named[0]} from {other}; at typical sizes '
+                f'they differ there by {float(f"{energy:.2g}"):,.12g} times the energy of the '
+                'noise.')
+    return ''
+
+
+def _phase_to_record(phase: str) -> str:
+    command = f'forcecal plan{PHASE_OPTIONS.get(phase, "")} -o plan.yaml'
+    return f'Record phase {phase} of the sequence that {command} writes'
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ' and '.join(', '.join(names).rsplit(', ', 1))
+
+
+def separating(rig: Rig, one: str, other: str) -> list[tuple[str, float]]:
+    """
+    Rank the motions of the planned sequence by how far apart two effects come in them.
+
+    Parameters
+    ----------
+    one, other : str
+        Effects, taken at their typical sizes.
+
+    Returns
+    -------
+    list of (str, float)
+        Phase and whitened energy of what the one does beyond the other's best imitation, best
+        first.
+    """
+    motion = motion_for(rig, contact=False)
+    target, phases = motion.target, motion.phases
+    nominal = simulate(rig, target, noise=False)
+    deltas = [_whitened_change(simulate(_with_typical(rig, name), target, noise=False),
+                               nominal, rig) for name in (one, other)]
+    overlap = sum(float(a.ravel() @ b.ravel()) for a, b in zip(*(d.values() for d in deltas)))
+    size = sum(float(np.sum(b ** 2)) for b in deltas[1].values())
+    share = overlap / size if size > 0.0 else 0.0
+    energy: dict[str, float] = {}
+    for role, a in deltas[0].items():
+        t = getattr(nominal, role).t
+        rest = np.sum((a - share * deltas[1][role]) ** 2, axis=1)
+        for phase in phases:
+            rows = (t >= phase.start) & (t < phase.end)
+            energy[phase.name] = energy.get(phase.name, 0.0) + float(rest[rows].sum())
+    return sorted(energy.items(), key=lambda pair: -pair[1])
+
+
+def _with_typical(rig: Rig, name: str) -> Rig:
+    return with_effects(rig, {name: {q.name: q.typical for q in EFFECTS[name].parameters}})
+
+
+def _whitened_change(changed: Recording, nominal: Recording, rig: Rig) -> dict[str, Array]:
+    """Return what an effect does to each sensor, in its noise."""
+    force, torque = rig.wrench_sensor.force_noise, rig.wrench_sensor.torque_noise
+    noise = {'wrench': np.repeat([force, torque], 3), 'accelerometer': rig.accelerometer.noise,
+             'optidrive': rig.optidrive.noise if rig.optidrive else 1.0}
+    return {role: (getattr(changed, role).values - getattr(nominal, role).values) / noise[role]
+            for role in COMPARED_STREAMS if getattr(nominal, role) is not None}

@@ -1,1 +1,0 @@
-"""A recording sequence for a diagnosis, and which effects it would show."""

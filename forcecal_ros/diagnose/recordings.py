@@ -1,0 +1,654 @@
+"""Recordings made comparable: one clock, bridged pauses, accelerometers, joints, commands."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple, TypeVar
+
+from forcecal_ros.checks.clocks import Clock, clocks, dropouts, skew_between
+from forcecal_ros.checks.entry import checked
+from forcecal_ros.checks.hypotheses import judge, Known
+from forcecal_ros.checks.messages import Stated
+from forcecal_ros.checks.signals import pauses, SENSORS
+from forcecal_ros.core.calibration import Accelerometer
+from forcecal_ros.core.errors import below, DataError
+from forcecal_ros.core.geometry import Array, rotation_vector
+from forcecal_ros.core.stamps import with_even_stamps
+from forcecal_ros.core.streams import JointStream, PoseStream, Recording, Stream
+from forcecal_ros.core.topics import ROLES
+from forcecal_ros.effects.rig import AccelerometerModel, Rig
+from forcecal_ros.sim.rig.replay import Replay
+from forcecal_ros.sim.rigid_tool import RigidTool
+from forcecal_ros.sim.signals import RATE
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, RotationSpline, Slerp
+
+
+class Corrected(NamedTuple):
+    """
+    A recording on one clock.
+
+    Attributes
+    ----------
+    clocks : tuple of Clock
+        As they were found.
+    skew : dict of str to float
+        Of the streams whose stamps were corrected.
+    lost : dict of str to float
+        Fraction of lost samples by stream.
+    notes : tuple of str
+        What had to be left out.
+    stamped : Recording
+        Before its clocks were correct_clocks.
+    """
+
+    recording: Recording
+    clocks: tuple[Clock, ...]
+    skew: dict[str, float]
+    lost: dict[str, float]
+    notes: tuple[str, ...] = ()
+    stamped: Recording = Recording()
+
+
+def correct_clocks(recording: Recording, rig: Rig, shortest: float) -> Corrected:
+    """
+    Bring all streams to the clock of the commands.
+
+    Parameters
+    ----------
+    shortest : float
+        For how long commands and sensors have to be there together [s].
+
+    Raises
+    ------
+    DataError
+        Commands or sensors are missing, not finite, or do not overlap.
+    """
+    stamped, changed = _even_streams(recording)
+    # what is no reading has a stamp all the same: it is not lost
+    found = clocks(replace(recording, **changed), _rates(rig))
+    _require_commands(stamped)
+    require_overlap(stamped, 'target', shortest)
+    whole = bridge_pauses(stamped)
+    skew = skew_between(found)
+    start = float(whole.target.t[0]) if whole.target is not None else 0.0
+    aligned = {}
+    for name, value in skew.items():
+        stream = getattr(whole, name)
+        aligned[name] = replace(stream, t=start + (stream.t - start) / (1.0 + value))
+    return Corrected(replace(whole, **aligned), found, skew, dropouts(found),
+                     _added_notes(recording, stamped), whole)
+
+
+def even_stamps(recording: Recording) -> Corrected:
+    """
+    Take all streams to be on one clock already, as where no commands were recorded.
+
+    Raises
+    ------
+    DataError
+        A stream cannot be used.
+    """
+    stamped, _ = _even_streams(recording)
+    return Corrected(stamped, (), {}, {}, _added_notes(recording, stamped), stamped)
+
+
+def _added_notes(before: Recording, after: Recording) -> tuple[str, ...]:
+    return after.notes[len(before.notes):]
+
+
+def _even_streams(recording: Recording) -> tuple[Recording, dict[str, Any]]:
+    """Check a recording and even sensors that jitter around instants; return these apart too."""
+    recording = checked(recording).recording
+    changed: dict[str, Any] = {}
+    notes = []
+    for name in SENSORS:
+        stream = getattr(recording, name)
+        if stream is None or len(stream) < 2:
+            continue
+        even, jitter = with_even_stamps(stream)
+        if even is not stream:
+            changed[name] = even
+            notes.append(f'{name}: stamps jittered by {1e3 * jitter.std:.2f} ms and were evened')
+    return replace(recording, **changed, notes=(*recording.notes, *notes)), changed
+
+
+def _rates(rig: Rig) -> dict[str, float]:
+    rates = {'wrench': rig.wrench_sensor.rate, 'accelerometer': rig.accelerometer.rate,
+             'pose': rig.pose_sensor.rate, 'target': 1.0 / rig.robot.period}
+    return rates | ({'optidrive': rig.optidrive.rate} if rig.optidrive else {})
+
+
+def _require_commands(recording: Recording) -> None:
+    target = recording.target
+    if target is None or not len(target):
+        raise DataError('the recording holds no commands (target_frame); record them, the '
+                        'simulator replays them')
+    if recording.wrench is None and recording.accelerometer is None:
+        raise DataError('the recording holds neither wrench nor accelerometer; record at least '
+                        'one of them')
+
+
+MAX_PAUSE_S = 60.0
+"""Pause of a recording, at most, that is bridged [s]."""
+
+SETTLE_AFTER_PAUSE_S = 1.0
+"""Time after a pause that is left out: the robot went there nobody knows how [s]."""
+
+STAGES_OF_STREAM = {'wrench': 'wrench_sensor and environment', 'accelerometer': 'accelerometer'}
+"""Stages that only one stream shows, by that stream."""
+
+
+def require_same_sensors(recordings: Sequence[Recording]) -> None:
+    """
+    Refuse a second recording that lacks a sensor of the first, or has one more.
+
+    Raises
+    ------
+    DataError
+        With the sensors.
+    """
+    there = [{name for name in SENSORS if _has(r, name)} for r in recordings]
+    for other in there[1:]:
+        if odd := there[0] ^ other:
+            raise DataError(f'only one of the two recordings holds {", ".join(sorted(odd))}; '
+                            'record the same topics in both')
+
+
+def require_axes_of(rig: Rig, recordings: Iterable[Recording], by: str = 'rig') -> None:
+    """
+    Refuse wrenches whose frame, axes or units are not those of a rig.
+
+    Parameters
+    ----------
+    recordings : iterable of Recording
+        Checked.
+    by : str
+        ``rig`` or ``calibration``: where the model is.
+
+    Raises
+    ------
+    DataError
+        Names cause and remedy.
+    """
+    for recording in recordings:
+        gravity = np.array(rig.gravity)
+        judge(recording, gravity, Stated(gravity / np.linalg.norm(gravity),
+                                         sensor_from_pose=recording.sensor_from_pose, by=by),
+              Known(rig.tool.mass, np.array(rig.tool.com)))
+
+
+def require_overlap(recording: Recording, reference: str, shortest: float) -> None:
+    """
+    Refuse sensors that were recorded for too short a time together with another stream.
+
+    Parameters
+    ----------
+    reference : str
+        That stream.
+    shortest : float
+        [s]
+
+    Raises
+    ------
+    DataError
+        With the sensors.
+    """
+    clock = getattr(recording, reference)
+    if clock is None or not len(clock):
+        return
+    short = {}
+    for name in SENSORS:
+        if name != reference and _has(recording, name):
+            t = getattr(recording, name).t
+            common = float(min(t[-1], clock.t[-1]) - max(t[0], clock.t[0]))
+            if common < min(shortest, clock.t[-1] - clock.t[0]):
+                short[name] = max(0.0, common)
+    if short:
+        listed = ', '.join(f'{name} {below(common, shortest)} s' for name, common in short.items())
+        raise DataError(f'too little was recorded together with {ROLES[reference].topic}: '
+                        f'{listed}; {shortest:g} s are needed, record all topics throughout')
+
+
+def missing_streams(recording: Recording) -> str:
+    """
+    Say which stages a recording cannot show because a stream is missing.
+
+    Returns
+    -------
+    str
+        To be put behind a sentence; empty where nothing is missing.
+    """
+    missing = [f'{stages} (no {name} to compare)' for name, stages in STAGES_OF_STREAM.items()
+               if not _has(recording, name)]
+    return f'; not looked at: {", ".join(missing)}' if missing else ''
+
+
+def _has(recording: Recording, name: str) -> bool:
+    stream = getattr(recording, name)
+    return stream is not None and len(stream) > 0
+
+
+def bridge_pauses(recording: Recording) -> Recording:
+    """
+    Go over pauses of the whole recording, in which it is not known what was commanded.
+
+    The robot is taken from the last command to the next one, and what sensors say until it has
+    settled there is left out.
+
+    Parameters
+    ----------
+    recording : Recording
+        With commands.
+
+    Raises
+    ------
+    DataError
+        A pause is too long.
+    """
+    changed: dict[str, Any] = {n: getattr(recording, n) for n in SENSORS if _has(recording, n)}
+    target = recording.target
+    assert target is not None
+    for start, end in pauses(recording):
+        if end - start > MAX_PAUSE_S:
+            raise DataError(f'nothing was recorded for {end - start:.0f} s from {start:.1f} s on; '
+                            'cut the recording there, and give one part as --heldout')
+        target = _fill_commands(target, start, end)
+        changed = {name: _cut(s, start, end + SETTLE_AFTER_PAUSE_S) for name, s in changed.items()}
+    return replace(recording, target=target, **changed)
+
+
+def _fill_commands(target: PoseStream, start: float, end: float) -> PoseStream:
+    """Fill a pause with commands, in step with those before it, that lead to the next one."""
+    i = int(np.searchsorted(target.t, start, side='right')) - 1
+    if i < 0 or i + 1 >= len(target):
+        return target
+    period = float(np.median(np.diff(target.t)))
+    t = float(target.t[i]) + period * np.arange(1, np.ceil((end - target.t[i]) / period - 0.5))
+    t = t[t > start]
+    u = (t - start) / (end - start)
+    share = u ** 3 * (10.0 - 15.0 * u + 6.0 * u ** 2)
+    way = target.position[i + 1] - target.position[i]
+    turned = Slerp([0.0, 1.0], Rotation.from_matrix(target.R_base_sensor[i:i + 2]))(share)
+    return replace(
+        target, t=np.insert(target.t, i + 1, t),
+        position=np.insert(target.position, i + 1,
+                           target.position[i] + share[:, np.newaxis] * way, axis=0),
+        R_base_sensor=np.insert(target.R_base_sensor, i + 1, turned.as_matrix(), axis=0))
+
+
+def _cut(stream: Stream | PoseStream, start: float, end: float) -> Stream | PoseStream:
+    return stream.rows((stream.t <= start) | (stream.t >= end))
+
+
+def apply_accelerometer_calibration(recording: Recording,
+                                    accelerometer: Accelerometer | None) -> Recording:
+    """
+    Bring an accelerometer's readings to m/s^2 along the axes of ft_sensor.
+
+    Parameters
+    ----------
+    accelerometer : Accelerometer or None
+        As calibrated; without, its readings are left out.
+
+    Raises
+    ------
+    DataError
+        It was calibrated in another unit.
+    """
+    stream = recording.accelerometer
+    if stream is None or accelerometer is None:
+        return replace(recording, accelerometer=None)
+    if recording.accelerometer_unit != accelerometer.unit:
+        raise DataError(f'the accelerometer speaks {recording.accelerometer_unit}, it was '
+                        f'calibrated in {accelerometer.unit}; calibrate with this one')
+    f = np.linalg.solve(accelerometer.matrix,
+                        (stream.values - accelerometer.offset.value).T).T
+    return replace(recording, accelerometer=replace(stream, values=f),
+                   accelerometer_unit='m/s^2')
+
+
+def recognise_accelerometer(recording: Recording, rig: Rig) -> str:
+    """Return which accelerometer was mounted: the one whose volts at the start fit better."""
+    stream, name = recording.accelerometer, rig.accelerometer.mounted
+    pose = recording.pose or recording.target
+    if stream is None or recording.accelerometer_unit != 'V' or pose is None or not len(stream):
+        return name
+    first = stream.values[:max(1, int(0.3 * stream.rate))].mean(axis=0)
+    up = -pose.R_base_sensor[0].T @ np.array(rig.gravity)
+
+    def miss(candidate: str) -> float:
+        model = rig.accelerometer.model(candidate)
+        f = up if model.highpass == 0.0 else np.zeros(3)
+        volts = np.array(model.gain) * f + model.offset
+        return float(np.linalg.norm(first - volts))
+
+    best = min(('acc1', 'acc2'), key=miss)
+    return best if miss(best) < 0.5 * miss(name) else name
+
+
+def convert_to_volts(recording: Recording, rig: Rig, name: str) -> Recording:
+    """
+    Bring an accelerometer that speaks m/s^2 to volts.
+
+    A driver that converts volts takes the rig's offset off; a sensor that speaks m/s^2 by itself
+    does not know of it, and its readings hold it. What it says at the start tells which it is.
+    """
+    model, stream = rig.accelerometer.model(name), recording.accelerometer
+    if stream is None or recording.accelerometer_unit == 'V' or not len(stream):
+        return recording
+    offset = np.array(model.offset)
+    pose = recording.pose or recording.target
+    if pose is not None and len(pose) and not model.highpass:
+        first = stream.values[:max(1, int(0.3 * stream.rate))].mean(axis=0)
+        rest = (first + pose.R_base_sensor[0].T @ np.array(rig.gravity)) * np.array(model.gain)
+        if np.linalg.norm(rest - offset) < 0.5 * np.linalg.norm(rest):
+            offset = np.zeros(3)
+    return scale_to_volts(recording, np.array(model.gain), offset)
+
+
+def scale_to_volts(recording: Recording, gain: Array, offset: Array) -> Recording:
+    """Return volts where an accelerometer speaks m/s^2, by a gain and an offset."""
+    stream = recording.accelerometer
+    if stream is None or recording.accelerometer_unit == 'V':
+        return recording
+    return replace(recording, accelerometer=replace(stream, values=stream.values * gain + offset),
+                   accelerometer_unit='V')
+
+
+IMU_OFFSET, IMU_GAIN = 0.03, 0.005
+"""Of an Imu, 1 sigma [m/s^2] and relative: 3 mg and half a percent, as data sheets of MEMS say."""
+
+IMU_NOISE = 0.05
+"""Of an Imu [m/s^2], where it does not matter how much it is."""
+
+MAX_GRAVITY_ANGLE = 0.2
+"""Angle between gravity as felt and as the pose says it from which axes are others [rad]."""
+
+SomeTool = TypeVar('SomeTool', bound=RigidTool)
+
+
+def add_imu(tool: SomeTool) -> SomeTool:
+    """Give a tool an accelerometer in its origin that speaks m/s^2."""
+    plain = AccelerometerModel((1.0, 1.0, 1.0), (0.0, 0.0, 0.0), 0.0)
+    return replace(
+        tool,
+        accelerometer=replace(tool.accelerometer, mounted='acc1', acc1=plain, noise=IMU_NOISE,
+                              position=(0.0, 0.0, 0.0)),
+        spreads=replace(tool.spreads, accelerometer_offset=IMU_OFFSET,
+                        accelerometer_gain=IMU_GAIN))
+
+
+def keep_comparable_imus(real: Recording, simulated: Recording
+                         ) -> tuple[Recording, Recording, str]:
+    """
+    Keep the accelerometers of two recordings where they can be compared.
+
+    Parameters
+    ----------
+    real, simulated : Recording
+        With measured pose.
+
+    Returns
+    -------
+    real, simulated : Recording
+    note : str
+        Why they are left out; empty where they are not, or one of them is not there.
+    """
+    note = ''
+    if real.accelerometer is not None and simulated.accelerometer is not None:
+        found = ((_reason_not_comparable(one), whose) for one, whose in (
+            (real, "the robot's"), (simulated, "the simulator's")))
+        note = next((f'accelerometer not compared: {whose} {why}' for why, whose in found if why),
+                    '')
+        if not note:
+            return real, simulated, ''
+    return replace(real, accelerometer=None), replace(simulated, accelerometer=None), note
+
+
+def keep_compared_streams(recording: Recording, streams: tuple[str, ...]) -> Recording:
+    """Leave an accelerometer out of what was recorded where it is none of the streams compared."""
+    if 'accelerometer' in streams:
+        return recording
+    return replace(recording, accelerometer=None)
+
+
+def _reason_not_comparable(recording: Recording) -> str:
+    stream, pose = recording.accelerometer, recording.pose
+    assert stream is not None
+    assert pose is not None
+    if recording.accelerometer_unit != 'm/s^2':
+        return 'speaks volts; record an Imu'
+    angle = angle_from_gravity(stream, pose)
+    if angle > MAX_GRAVITY_ANGLE:
+        return (f'feels gravity {np.degrees(angle):.0f} deg from where the pose has it; publish '
+                'it along the axes of the frame of the wrench')
+    return ''
+
+
+def angle_from_gravity(stream: Stream, pose: PoseStream) -> float:
+    """Return the median angle between what is felt and up by the pose [rad]."""
+    inside = (stream.t >= pose.t[0]) & (stream.t <= pose.t[-1])
+    felt: Array = stream.values[inside]
+    up = Slerp(pose.t, Rotation.from_matrix(np.array(pose.R_base_sensor)))(
+        stream.t[inside]).inv().apply([0.0, 0.0, 1.0])
+    cosine = np.sum(felt * up, axis=1) / np.maximum(np.linalg.norm(felt, axis=1), 1e-9)
+    return float(np.median(np.arccos(np.clip(cosine, -1.0, 1.0)))) if len(felt) else np.pi
+
+
+ON_GRID_S = 2e-5
+"""Commands stamped this close to the pose's grid hold from their stamp on [s]."""
+
+MIN_CONCENTRATION = 0.3
+"""Mean of unit vectors, one a stamp, below which stamps keep no grid; even ones give 1, or 0."""
+
+REPLAYED_S = 20.0
+"""Length of a recording, at most, that is replayed to choose among whole periods [s]."""
+
+
+def estimate_start(recording: Recording, rig: Rig, accelerometer: str) -> float:
+    """
+    Find when the robot's period 0 began.
+
+    Stamps of the measured pose lie on the grid of the robot's periods, or on a finer one where
+    there are several in each. Commands on the same grid hold from their stamp on; others from one
+    of the grid's next points, chosen by the pose.
+
+    Parameters
+    ----------
+    recording : Recording
+        With commands.
+
+    Returns
+    -------
+    float
+        [s]
+
+    Raises
+    ------
+    DataError
+        There are no commands.
+    """
+    target, pose, period = recording.target, recording.pose, rig.robot.period
+    if target is None or not target.has_position:
+        raise DataError('the recording holds no commands (target_frame); record them, the '
+                        'simulator replays them')
+    first = float(target.t[0])
+    if pose is None or len(pose) < 50 or not pose.has_position:
+        return first
+    grid = min(period, float(np.median(np.diff(pose.t))))
+    shift = grid_shift(target.t, pose.t, period)
+    if not shift:
+        return first
+    starts = [first + shift + k * grid for k in range(-1, 1 + round(period / grid))]
+    return min(starts, key=lambda start: _pose_error(rig, target, pose, start, accelerometer))
+
+
+def grid_shift(commands: Array, poses: Array, period: float) -> float:
+    """
+    Return how long after a command's stamp the grid of the poses has a point [s].
+
+    0 where both are on one grid, or where one has none.
+    """
+    grid = min(period, float(np.median(np.diff(poses))))
+    if min(_concentration(commands, grid), _concentration(poses, grid)) < MIN_CONCENTRATION:
+        return 0.0
+    shift = (_phase(poses, grid) - _phase(commands, grid)) % grid
+    return 0.0 if min(shift, grid - shift) < ON_GRID_S else shift
+
+
+def _concentration(t: Array, period: float) -> float:
+    return float(np.abs(np.mean(np.exp(2j * np.pi * (t - t[0]) / period))))
+
+
+def _phase(t: Array, period: float) -> float:
+    angle = 2.0 * np.pi * (t - t[0]) / period
+    mean = np.angle(np.mean(np.exp(1j * angle)))
+    return float((t[0] + mean * period / (2.0 * np.pi)) % period)
+
+
+def _pose_error(rig: Rig, target: PoseStream, pose: PoseStream, start: float,
+                accelerometer: str) -> float:
+    speed = np.linalg.norm(np.diff(target.position, axis=0), axis=1)
+    moving = target.t[1:][speed > 0.1 * speed.max()] if speed.max() > 0.0 else target.t
+    end = min(float(pose.t[-1]), float(moving[0]) + REPLAYED_S)
+    replayed = Replay(rig, target, start, end, accelerometer).signals(rig)
+    times = start + (1.0 + np.arange(len(replayed.position))) * 1e-3
+    part = pose.between(float(times[0]), float(times[-1]))
+    return float(sum(np.sum((part.position[:, i] - np.interp(
+        part.t, times, replayed.position[:, i])) ** 2) for i in range(3)))
+
+
+SPARSE_PERIODS = 1.5
+"""Distance of commands, in periods of the rig, from which periods without one are the rule."""
+
+MIN_POSES_SPARSE = 50
+"""Measured poses from which they tell how the robot went on between two commands."""
+
+INTERPOLATED_RATIO = 0.5
+"""
+Misfit of the poses with commands interpolated, in that with commands held, from which they were
+not held: of poses at 20 Hz 0.006 where 250 Hz were thinned to that, 200 where 20 Hz were held.
+"""
+
+MIN_POSE_NOISE = 1e-6
+"""Noise of poses, at least [m], [rad]: an encoder of 22 bits, and no robot's pose is finer."""
+
+
+def refuse_sparse_commands(recording: Recording, rig: Rig, accelerometer: str) -> None:
+    """
+    Refuse commands of which most are missing, as the measured poses show.
+
+    A robot that was told something only now and then holds that, as the rig does. One that went
+    smoothly from one recorded command to the next was told more than was recorded; what is known
+    of its way is then good enough to tell that, but not for the forces along it.
+
+    Parameters
+    ----------
+    recording : Recording
+        With commands.
+
+    Raises
+    ------
+    DataError
+        With how far commands and periods are apart.
+    """
+    target, pose, period = recording.target, recording.pose, rig.robot.period
+    if (target is None or not target.has_position or len(target) < MIN_POSES_SPARSE or pose is None
+            or len(pose) < MIN_POSES_SPARSE or not pose.has_position):
+        return
+    apart = float(np.median(np.diff(target.t)))
+    if apart < SPARSE_PERIODS * period:
+        return
+    held, led = (_pose_misfit(replace(recording, target=one), rig, accelerometer)
+                 for one in (target, _interpolated(target, period)))
+    if led < INTERPOLATED_RATIO * held:
+        raise DataError(
+            f'commands were recorded every {1e3 * apart:.3g} ms, the rig takes one every '
+            f'{1e3 * period:.3g} ms, and the measured poses show that the robot did not hold each '
+            f'so long, but was told more in between: {held:.0f} times their noise away with '
+            f'commands held, {led:.2g} with commands interpolated, and along a guessed way no '
+            'force is known; give --calibration, to compare the wrench with the measured motion')
+
+
+def _interpolated(target: PoseStream, period: float) -> PoseStream:
+    """Return commands in each period, on a smooth way through those there are."""
+    t = np.arange(target.t[0], target.t[-1], period)
+    turned = RotationSpline(target.t, Rotation.from_matrix(np.array(target.R_base_sensor)))
+    return replace(target, t=t, position=CubicSpline(target.t, target.position)(t),
+                   R_base_sensor=turned(t).as_matrix())
+
+
+def _pose_misfit(recording: Recording, rig: Rig, accelerometer: str) -> float:
+    """RMS of measured less replayed poses, in their noise; NaN where there are too few."""
+    target, pose, sensor = recording.target, recording.pose, rig.pose_sensor
+    assert target is not None
+    assert pose is not None
+    start = estimate_start(recording, rig, accelerometer)
+    replayed = Replay(rig, target, start, float(target.t[-1]), accelerometer).signals(rig)
+    t = start + (1.0 + np.arange(len(replayed.position))) / RATE
+    seen = pose.between(float(t[0]), float(t[-1]))
+    if len(seen) < MIN_POSES_SPARSE:
+        return np.nan
+    nearest = np.clip(np.rint((seen.t - t[0]) * RATE).astype(np.intp), 0, len(t) - 1)
+    turn = rotation_vector(np.swapaxes(replayed.R_base_sensor[nearest], 1, 2)
+                           @ seen.R_base_sensor)
+    shift = seen.position - replayed.position[nearest]
+    return float(np.sqrt(0.5 * (
+        np.mean((shift / max(sensor.position_noise, MIN_POSE_NOISE)) ** 2)
+        + np.mean((turn / max(sensor.orientation_noise, MIN_POSE_NOISE)) ** 2))))
+
+
+def joint_names(joints: JointStream | None) -> tuple[str, ...]:
+    """Return the names of the joints that a simulator may be compared with."""
+    return () if joints is None or not len(joints) else joints.names
+
+
+def keep_common_joints(recordings: Sequence[Recording]) -> list[Recording]:
+    """Leave joints out of recordings that do not all hold the same, in one order."""
+    if len({joint_names(one.joints) for one in recordings}) == 1:
+        return list(recordings)
+    return [replace(one, joints=None) for one in recordings]
+
+
+def select_joints(joints: JointStream | None, names: Sequence[str]) -> JointStream | None:
+    """
+    Keep the joints that a simulator has, and samples of which each is a number.
+
+    Parameters
+    ----------
+    joints : JointStream or None
+        Measured.
+    names : sequence of str
+        The simulator's, some of the measured.
+
+    Returns
+    -------
+    JointStream or None
+        None where there is nothing to compare.
+    """
+    if joints is None or not len(joints) or not names:
+        return None
+    rows = joints.values[:, [joints.names.index(name) for name in names]]
+    good = np.isfinite(rows).all(axis=1)
+    if not good.any():
+        return None
+    return replace(joints, t=joints.t[good], values=rows[good], names=tuple(names))
+
+
+def joint_channel_notes(names: Sequence[str], recordings: Sequence[Recording]) -> Iterator[str]:
+    """Say by which names the channels of joints go."""
+    listed = [one.joints for one in recordings if one.joints is not None]
+    if listed:
+        yield 'joints compared: ' + ', '.join(
+            f'joint.{i} {name}' for i, name in enumerate(names))
+
+
+def missing_joint_notes(measured: Sequence[str], names: Sequence[str]) -> Iterator[str]:
+    """Say which measured joints a simulator lacks."""
+    if measured and not names:
+        yield (f'it simulates none of the joints in joint_states ({", ".join(measured)}): what '
+               'friction and gains of joints do is seen in the pose alone; return joints, named '
+               'as measured')
+    elif missing := [name for name in measured if name not in names]:
+        yield f'not compared, as it does not simulate them: joints {", ".join(missing)}'

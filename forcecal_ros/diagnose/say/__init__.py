@@ -1,1 +1,0 @@
-"""The diagnosis in words and as documents."""

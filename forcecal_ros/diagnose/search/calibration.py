@@ -1,0 +1,71 @@
+"""
+How likely an effect is the cause: one calibration for all effects.
+
+A logistic regression on what the search found, fitted by ``benchmark/calibrate_probabilities.py``
+on development cases and stored with its cross-validation in ``calibration.json``.
+"""
+
+from functools import cache
+import json
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+UNKNOWN = 'unknown'
+
+FILE = Path(__file__).with_name('calibration.json')
+
+
+class Features(NamedTuple):
+    """
+    What the probability of an accepted effect follows from.
+
+    Attributes
+    ----------
+    gain : float
+        Log-evidence with the effect above that without it.
+    missing : float
+        Log-evidence that a model without any flaw would have more.
+    explained : float
+        Part of the held-out energy above the noise that the effect removes.
+    parameters : int
+        Of the effect, estimated.
+    effects : int
+        Of the explanation.
+    lead : float
+        Log-evidence above the likeliest explanation without the effect.
+    """
+
+    gain: float
+    missing: float
+    explained: float
+    parameters: int
+    effects: int
+    lead: float
+
+    def row(self) -> tuple[float, ...]:
+        """Return the regressors, in the order of the file."""
+        gain = max(self.gain, 0.0)
+        return (math.log10(1.0 + gain), math.log10((1.0 + gain) / (1.0 + self.missing)),
+                min(1.0, max(0.0, self.explained)), math.log10(self.parameters),
+                self.effects - 1.0, math.log10(1.0 + max(self.lead, 0.0)))
+
+    @property
+    def temperature(self) -> float:
+        """Return the log-evidence by which odds change by e, errors of form allowed for."""
+        stored = _stored()
+        return float(stored['temperature'] + stored['form'] * max(self.gain, 0.0)
+                     + stored['taken_up'] * self.missing)
+
+
+@cache
+def _stored() -> dict[str, float]:
+    return dict(json.loads(FILE.read_text()))
+
+
+def probability(features: Features) -> float:
+    """Return the probability that an effect is the cause."""
+    stored = _stored()
+    x = stored['intercept'] + sum(w * v for w, v in zip(stored['weights'], features.row()))
+    most = stored['largest']
+    return float(min(most, max(1.0 - most, 1.0 / (1.0 + math.exp(-x)))))

@@ -1,0 +1,361 @@
+"""Effects that begin or end during a recording: which, and at which instant."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import product
+from typing import NamedTuple
+
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.diagnose.dataset import CHANNELS, STREAM_SLICES
+from forcecal_ros.diagnose.model.compact import stacked
+from forcecal_ros.diagnose.model.evidence import Prior
+from forcecal_ros.diagnose.model.gates import Gate
+from forcecal_ros.diagnose.model.hypotheses import Atom, bounds_of, Hypothesis, nominal_of
+from forcecal_ros.diagnose.model.jacobian import Column, column
+from forcecal_ros.diagnose.model.linearised import Diverged, EFFECT, LinearisedModel
+from forcecal_ros.diagnose.search.joint_fit import JointFit
+from forcecal_ros.diagnose.search.model_comparison import Accepted, Candidate, estimated
+from forcecal_ros.sim.signals import BLOCK
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cholesky, solve_triangular
+
+COVERED = 0.95
+"""Probability that the interval of an instant covers."""
+
+
+def interval(log_likelihood: Array, temperature: float = 1.0) -> tuple[int, int, int]:
+    """Return, by position, where an interval begins, its likeliest instant, where it ends."""
+    weight = np.cumsum(np.exp((log_likelihood - log_likelihood.max()) / temperature))
+    share, last = weight / weight[-1], len(weight) - 1
+    low, high = (min(last, int(np.searchsorted(share, 0.5 + sign * 0.5 * COVERED)))
+                 for sign in (-1.0, 1.0))
+    return low, int(log_likelihood.argmax()), high
+
+
+class Fits(NamedTuple):
+    """
+    Fits of some columns that begin, or end, at each of some instants.
+
+    Attributes
+    ----------
+    evidence : ndarray, shape (instants,)
+        Log-evidence against that without them.
+    x : ndarray, shape (instants, p)
+        Coefficients.
+    """
+
+    evidence: Array
+    x: Array
+
+
+class _Beside(NamedTuple):
+    """
+    Inner products of columns over parts of recordings, beside what is fitted along: they add up.
+
+    Attributes
+    ----------
+    inner : ndarray, shape (..., k, k)
+        Among each other.
+    taken : ndarray, shape (..., m, k)
+        With what is fitted along, by the root of its information.
+    right : ndarray, shape (..., k)
+        With the residual that it leaves.
+    """
+
+    inner: Array
+    taken: Array
+    right: Array
+
+    @classmethod
+    def of(cls, products: Array, root: Array, left: Array) -> '_Beside':
+        m = len(root)
+        cross = np.moveaxis(products[..., 1:1 + m, :], -2, 0)
+        taken = solve_triangular(root, cross.reshape(m, -1), lower=True).reshape(cross.shape)
+        taken = np.moveaxis(taken, 0, -2)
+        return cls(products[..., 1 + m:, :], taken, products[..., 0, :] - left @ taken)
+
+    def some(self, columns: NDArray[np.intp]) -> '_Beside':
+        return _Beside(self.inner[..., columns[:, np.newaxis], columns],
+                       self.taken[..., columns], self.right[..., columns])
+
+    def plus(self, other: '_Beside', times: float = 1.0) -> '_Beside':
+        return _Beside(*(a + times * b for a, b in zip(self, other)))
+
+
+class Instants:
+    """
+    Inner products of columns over what comes after each of some instants of one recording.
+
+    A column that begins at an instant is whitened as all of it is, but for a few samples.
+
+    Parameters
+    ----------
+    beside : sequence of sequence of Column
+        What is fitted along all the time, of each recording.
+    prior : Prior
+        Of those.
+    columns : sequence of sequence of Column
+        What may begin or end, of each recording.
+    residuals : sequence of ndarray, shape (n, channels)
+    recording : int
+        In which it begins or ends.
+    length : int
+        Blocks from one instant to the next.
+    """
+
+    def __init__(self, model: LinearisedModel, beside: Sequence[Sequence[Column]], prior: Prior,
+                 columns: Sequence[Sequence[Column]], residuals: Sequence[Array],
+                 recording: int, length: int) -> None:
+        m, k = len(beside[0]), len(columns[0])
+        self.length = length
+        n = len(residuals[recording])
+        self.blocks = np.arange(1, n // length) * length
+        whole, others = np.zeros((1 + m + k,) * 2), np.zeros((1 + m + k,) * 2)
+        parts = np.zeros((1 + m + k, k, n // length))
+        for i, (r, fixed, own) in enumerate(zip(residuals, beside, columns)):
+            for c in range(len(CHANNELS)):
+                if not model.noise[i].sigma[:, c].any():
+                    continue
+                there = [j for j, one in enumerate((*fixed, *own)) if c in one]
+                index = np.array([0, *(1 + j for j in there)])
+                free = np.flatnonzero(index > m)
+                signals = stacked(r[:, c], [(*fixed, *own)[j][c] for j in there])
+                for rows, white in model.noise[i].whiten_in_pieces(signals, c, length):
+                    products = white @ white.T
+                    whole[np.ix_(index, index)] += products
+                    if i != recording:
+                        others[np.ix_(index, index)] += products
+                    elif len(free):
+                        here = parts[..., rows.start // length:rows.stop // length]
+                        here[np.ix_(index, index[free] - 1 - m)] += _by_parts(
+                            white, white[free], length)
+        root = cholesky(whole[1:1 + m, 1:1 + m] + np.diag(prior.precision), lower=True)
+        gradient = whole[1:1 + m, 0] - prior.precision * prior.centre
+        left = solve_triangular(root, gradient, lower=True)
+        # the last samples, too few for a part, count with the last one
+        total = (whole - others)[:, 1 + m:]
+        np.cumsum(parts, axis=2, out=parts)
+        after = np.subtract(total[..., np.newaxis], parts, out=parts)[..., :-1]
+        after = np.moveaxis(after, 2, 0)
+        self._whole, self._after, self._others = (
+            _Beside.of(one, root, left) for one in (total, after, others[:, 1 + m:]))
+
+    def fits(self, of: Sequence[int], ends: bool, elsewhere: bool) -> Fits:
+        """
+        Fit some of the columns.
+
+        Parameters
+        ----------
+        of : sequence of int
+            Which.
+        ends : bool
+            They act until each instant, not from it on.
+        elsewhere : bool
+            They act in the other recordings.
+        """
+        chosen = np.array(of)
+        there = self._after.some(chosen)
+        if ends:
+            there = self._whole.some(chosen).plus(there, -1.0)
+        if elsewhere:
+            there = there.plus(self._others.some(chosen))
+        inner = there.inner - np.swapaxes(there.taken, 1, 2) @ there.taken
+        inner = 0.5 * (inner + np.swapaxes(inner, 1, 2)) + EFFECT * np.eye(len(chosen))
+        x = np.linalg.solve(inner, there.right[..., np.newaxis])[..., 0]
+        volume = np.linalg.slogdet(inner / EFFECT)[1]
+        return Fits(0.5 * np.einsum('ti,ti->t', x, there.right) - 0.5 * volume, x)
+
+
+def _by_parts(left: Array, right: Array, length: int) -> Array:
+    """Return inner products over each part, shape (rows of left, rows of right, parts)."""
+    n = left.shape[1] // length
+    a = np.moveaxis(left[:, :n * length].reshape(len(left), n, length), 1, 0)
+    b = np.moveaxis(right[:, :n * length].reshape(len(right), n, length), 1, 0)
+    return np.moveaxis(a @ np.swapaxes(b, 1, 2), 0, 2)
+
+
+INSTANTS = 600
+"""Instants of one recording at which beginnings are looked for, at most: 0.1 s in a minute."""
+
+SHORTEST = 25
+"""Blocks between two of them, at least: 0.1 s, the error that is allowed of an instant."""
+
+NEAR = 10
+"""Blocks about the likeliest instants in which each sample's stamp is tried."""
+
+MANY = 50
+"""Blocks among which an instant may lie from which its samples are not told apart."""
+
+TEMPERATURE = 2.0
+"""Of log-likelihoods of instants, as of hypotheses: noise and form are not quite as modelled."""
+
+
+class Instant(NamedTuple):
+    """An instant, and between which it lies with 95 % [s]."""
+
+    at: float
+    low: float
+    high: float
+
+
+def screen_change_points(now: JointFit, found: Sequence[Hypothesis]) -> list[Candidate]:
+    """
+    Find the likeliest change point of each hypothesis, as linear as its columns are.
+
+    Parameters
+    ----------
+    now : JointFit
+        What is explained already.
+    found : sequence of Hypothesis
+        Of :func:`~forcecal_ros.diagnose.model.hypotheses.everywhere`.
+
+    Returns
+    -------
+    list of Candidate
+        The likeliest first; the evidence is averaged over the instants.
+    """
+    model, explained = now.model, now.explained()
+    distinct = {id(c): j for j, c in enumerate(
+        {id(c): c for h in found for a in h.atoms for c in a.columns[0]}.values())}
+    places = {(id(h), i): [distinct[id(c)] for c in a.columns[0]]
+              for h in found for i, a in enumerate(h.atoms)}
+    several: list[list[Column]] = [[{} for _ in distinct] for _ in model.datasets]
+    for h in found:
+        for i, a in enumerate(h.atoms):
+            for j, columns in enumerate(zip(*a.columns)):
+                for k, one in enumerate(columns):
+                    several[k][places[id(h), i][j]] = one
+    beside = [[*own, *more] for own, more in zip(model.jacobian, explained.extra)]
+    best: dict[str, Candidate] = {}
+    for recording, dataset in enumerate(model.datasets):
+        n = len(dataset.groups)
+        length = max(SHORTEST, -(-n // INSTANTS))
+        if n < 4 * length:
+            continue
+        instants = Instants(model, beside, explained.null_prior, several, model.residuals,
+                            recording, length)
+        for h in found:
+            for one in _of_one(model, instants, h, [places[id(h), i] for i in range(
+                    len(h.atoms))], recording):
+                if h.name not in best or one.evidence > best[h.name].evidence:
+                    best[h.name] = one
+    return sorted(best.values(), key=lambda t: -t.evidence)
+
+
+def _of_one(model: LinearisedModel, instants: Instants, h: Hypothesis,
+            places: Sequence[Sequence[int]], recording: int) -> list[Candidate]:
+    """List a hypothesis' change points in one recording, one for each start and way."""
+    several, out = len(model.datasets) > 1, []
+    start = model.datasets[recording].measured.start
+    for atom, of in zip(h.atoms, places):
+        for ends, elsewhere in product((False, True), (False, True) if several else (False,)):
+            evidence, x = instants.fits(of, ends, elsewhere)
+            theta = _theta(h, atom, x)
+            evidence = np.where(_possible(h, atom, theta), evidence, -np.inf)
+            b = int(np.argmax(evidence))
+            if not np.isfinite(evidence[b]):
+                continue
+            at = start + BLOCK * float(instants.blocks[b])
+            gate = (Gate(recording, None, at, elsewhere) if ends
+                    else Gate(recording, at, None, elsewhere))
+            mean = float(np.logaddexp.reduce(evidence)
+                         - np.log(len(evidence) * len(h.atoms) * 2))
+            low, high = bounds_of(h.effect)
+            effect = Accepted(h.name, np.clip(theta[b], low, high), np.zeros(len(low)),
+                              estimated(h.effect, atom), frozenset())
+            ways = 2 * len(evidence) * len(h.atoms)
+            out.append(Candidate(effect, mean, ways, np.zeros(len(model.nuisances)),
+                                 model.discrepancy_scales, gate))
+    return out
+
+
+def _theta(h: Hypothesis, atom: Atom, x: Array) -> Array:
+    """Return the parameters that coefficients stand for, shape (instants, p)."""
+    nominal = nominal_of(h.effect)
+    out = np.repeat(atom.start[np.newaxis], len(x), axis=0)
+    out[:, atom.free] = nominal[atom.free] + x * (atom.start - nominal)[atom.free]
+    return out
+
+
+def _possible(h: Hypothesis, atom: Atom, theta: Array) -> Array:
+    """Say at which instants one number alone is within its limits; several are clipped."""
+    if len(atom.free) > 1:
+        return np.ones(len(theta), dtype=bool)
+    low, high = bounds_of(h.effect)
+    return np.asarray(((theta >= low - 1e-12) & (theta <= high + 1e-12)).all(axis=1))
+
+
+def instant_of(now: JointFit, name: str) -> Instant:
+    """
+    Find the instant at which an accepted effect begins or ends, to a sample where that shows.
+
+    Parameters
+    ----------
+    now : JointFit
+        With the effect, beginning or ending near there.
+    """
+    model, gate = now.model, now.model.gates[name]
+    added = [column(model.added(name, model.effects, i), model.level)
+             for i in range(len(model.datasets))]
+    rows = [gate.rows(one.measured, i) for i, one in enumerate(model.datasets)]
+    residuals = [r + a * _dense(c, len(r)) for r, a, c in zip(model.residuals, rows, added)]
+    predicted = model.whitened_discrepancy().predicted(model.residuals)
+    residuals = [r - p for r, p in zip(residuals, predicted)]
+    explained = now._replace(jacobians=[j for j in now.jacobians if j.name != name]).explained()
+    beside = [[*own, *more] for own, more in zip(model.jacobian, explained.extra)]
+    i, one = gate.recording, model.datasets[gate.recording].measured
+    coarse = Instants(model, beside, explained.null_prior, [[c] for c in added], residuals, i, 1)
+    evidence = coarse.fits([0], gate.begin is None, gate.elsewhere).evidence
+    t = one.start + BLOCK * coarse.blocks
+    low, at, high = interval(evidence, TEMPERATURE)
+    closer = None if high - low > MANY else _to_a_sample(
+        model, gate, added[i], residuals[i], t[low], t[high])
+    return closer or Instant(float(t[at]), float(t[low]), float(t[high]))
+
+
+def _dense(one: Column, n: int) -> Array:
+    out = np.zeros((n, len(CHANNELS)))
+    for c, rows in one.items():
+        out[:, c] = rows.values()
+    return out
+
+
+def _to_a_sample(model: LinearisedModel, gate: Gate, added: Column, residual: Array, low: float,
+                 high: float) -> Instant | None:
+    """Try the stamp of each sample between two instants; nothing where there is none."""
+    measured, noise = model.datasets[gate.recording].measured, model.noise[gate.recording]
+    signals = {c: one.values() for c, one in added.items()}
+    most = max(signals, key=lambda c: float(np.ptp(signals[c]) / model.level[c]))
+    stream = CHANNELS[most].stream
+    t = measured.times(stream)
+    near = np.flatnonzero((t > low - BLOCK * NEAR) & (t < high + BLOCK * NEAR))
+    near = near[near > 0]
+    if not len(near):
+        return None
+    acts = np.stack([measured.since(stream, s) for s in t[near]])
+    if gate.begin is None:
+        acts = 1.0 - acts
+    slices = STREAM_SLICES[stream]
+    product_, square = np.zeros(len(near)), np.full(len(near), 1e-12)
+    for c in (c for c in signals if slices.start <= c < slices.stop):
+        white = noise.whiten(np.concatenate([residual[np.newaxis, :, c], acts * signals[c]]), c)
+        product_ += white[1:] @ white[0]
+        square += np.sum(white[1:] ** 2, axis=1)
+    # its size is known from all of the recording: only where it begins or ends is asked
+    first, best, last = interval(product_ - 0.5 * square, TEMPERATURE)
+    before, at = t[near - 1], t[near]
+    return Instant(float(0.5 * (before[best] + at[best])), float(before[first]), float(at[last]))
+
+
+def moved(model: LinearisedModel, name: str, instant: Instant) -> LinearisedModel:
+    """Let an effect begin or end at another instant."""
+    gate = model.gates[name]
+    gate = (gate._replace(end=instant.at) if gate.begin is None
+            else gate._replace(begin=instant.at))
+    out = replace(model, gates={**model.gates, name: gate})
+    try:
+        out.evaluate()
+    except Diverged:
+        return model
+    return out

@@ -1,0 +1,300 @@
+"""
+The posterior over explanations of recordings: nothing, one effect, several.
+
+Every explanation is scored by the marginal likelihood of all data, nuisances and discrepancy
+integrated out. Effects that act all the time and effects that begin or end are candidates of the
+same table. The best are fitted on simulations, beside each explanation of a small beam; each
+effect is tried to be removed or exchanged again.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from types import MappingProxyType
+from typing import NamedTuple
+
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.diagnose.dataset import STREAM_SLICES
+from forcecal_ros.diagnose.model.gates import BIAS
+from forcecal_ros.diagnose.model.hypotheses import EffectJacobian, everywhere, Hypothesis
+from forcecal_ros.diagnose.model.linearised import LinearisedModel
+from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY
+from forcecal_ros.diagnose.search.calibration import Features, probability
+from forcecal_ros.diagnose.search.change_points import (
+    Instant,
+    instant_of,
+    moved,
+    screen_change_points,
+)
+from forcecal_ros.diagnose.search.joint_fit import joint_fit_if_finite, JointFit, without_effect
+from forcecal_ros.diagnose.search.model_comparison import Accepted, Candidate
+import numpy as np
+
+BEAM = 3
+"""Explanations that are extended at each step."""
+
+REFINED = 4
+"""Candidates that are fitted on simulations beside each explanation."""
+
+MOST_EFFECTS = 4
+"""Effects of one explanation, at most."""
+
+WORTH = 8.0
+"""Log-evidence that an effect has to bring: 3,000 to one, for some hundred that are tried."""
+
+
+NAMED = 0.5
+"""Probability from which an effect is named: likelier than not."""
+
+
+class Explanation(NamedTuple):
+    """
+    Effects as fitted together, and what they are worth.
+
+    Attributes
+    ----------
+    evidence : float
+        Log marginal likelihood of all data, beside the noise of ``fit``; the number of ways that
+        were tried is allowed for.
+    missing : float
+        Log-evidence that a model without any flaw would have more.
+    excess : float
+        Held-out whitened energy above the noise.
+    ways : float
+        Logarithm of the number of ways that were tried.
+    """
+
+    fit: JointFit
+    evidence: float
+    missing: float
+    excess: float
+    ways: float = 0.0
+
+    @property
+    def names(self) -> frozenset[str]:
+        """The effects, by name."""
+        return frozenset(a.name for a in self.fit.accepted)
+
+
+class Posterior(NamedTuple):
+    """
+    Outcome of the search.
+
+    Attributes
+    ----------
+    model : LinearisedModel
+        With the accepted effects, at the joint fit.
+    features : dict of str to Features
+        Of each accepted effect: what its probability follows from.
+    alternatives : dict of str to dict of str to float
+        Log-evidence of each other effect in the place of an accepted one, against that one.
+    nearest : dict of str to float
+        Log-evidence of effects that come closest, if none was accepted.
+    missing_by_stream : ndarray, shape (streams,)
+        Log-evidence that is still missing in each stream.
+    discrepancy_evidence : float
+        Log-likelihood of a discrepancy, and of what else is unexplained.
+    instants : dict of str to Instant
+        When effects begin or end that do not act all the time.
+    """
+
+    model: LinearisedModel
+    accepted: tuple[Accepted, ...]
+    jacobians: tuple[EffectJacobian, ...]
+    features: Mapping[str, Features] = MappingProxyType({})
+    alternatives: Mapping[str, Mapping[str, float]] = MappingProxyType({})
+    nearest: Mapping[str, float] = MappingProxyType({})
+    missing_by_stream: Array = np.zeros(len(STREAM_SLICES))
+    discrepancy_evidence: float = 0.0
+    instants: Mapping[str, Instant] = MappingProxyType({})
+
+    @property
+    def odds(self) -> dict[str, dict[str, float]]:
+        """Odds of each other effect in the place of an accepted one, against that one."""
+        return {name: {other: float(np.exp(min(0.0, value) / self.features[name].temperature))
+                       for other, value in others.items()}
+                for name, others in self.alternatives.items()}
+
+    @property
+    def beside_discrepancy(self) -> bool:
+        """Whether the effects were weighed beside a discrepancy."""
+        return self.model.discrepancy_scales != NO_DISCREPANCY
+
+
+class _Table:
+    """All effects, for all of the time and for a part of it."""
+
+    def __init__(self, model: LinearisedModel, found: Sequence[Hypothesis]) -> None:
+        self.found = found
+        self.parts = {h.name: h for h in everywhere(model, found)}
+
+    def candidates(self, now: JointFit) -> list[Candidate]:
+        """List what may be added to an explanation, the likeliest first, by linear evidence."""
+        model, taken = now.model, {a.name for a in now.accepted}
+        comparison = now.comparison()
+        screened = comparison.screen([h for h in self.found if h.name not in taken])
+        # of an effect that begins or ends a part shows as if it acted all the time
+        likely = [t.effect.name for t in screened if t.evidence > WORTH][:2 * REFINED]
+        bias = [self.parts[BIAS.name]._replace(name=_further_step(model))
+                ] if BIAS.name in self.parts else []
+        parts = [self.parts[n] for n in likely if n in self.parts]
+        changes = screen_change_points(now, [*bias, *parts])
+        # what acts all the time needs no change point
+        least = {t.effect.name: t.evidence + WORTH for t in screened}
+        return sorted([*screened, *(t for t in changes if t.evidence > least.get(
+            t.effect.name, WORTH))], key=lambda t: -t.evidence)
+
+
+def _further_step(model: LinearisedModel) -> str:
+    """Name the next step of a bias: a recording may have several."""
+    n = sum(name.startswith(BIAS.name) for name in model.effects)
+    return BIAS.name if n == 0 else f'{BIAS.name}.{n + 1}'
+
+
+def weigh(fit: JointFit, ways: float = 0.0) -> Explanation:
+    """Score an explanation beside its noise."""
+    comparison = fit.comparison()
+    fit.model.discrepancy_scales = comparison.scales
+    return Explanation(fit, comparison.null_evidence - ways, comparison.missing_evidence,
+                       comparison.excess, ways)
+
+
+def extended(parent: Explanation, table: _Table) -> list[Explanation]:
+    """Add one effect to an explanation: the likeliest few, fitted on simulations."""
+    now = parent.fit
+    likely = [t for t in table.candidates(now)[:REFINED] if t.evidence > WORTH]
+    # features are whitened anew for each noise, which takes seconds: all of one noise at once
+    changes = [(t, _placed(now, t)) for t in likely if t.gate is not None]
+    fits = [(t, _with(now, t)) for t in likely if t.gate is None]
+    for t, placed in changes:
+        fits.append((t, placed and joint_fit_if_finite(
+            replace(placed.model, noise=now.model.noise), placed.accepted)))
+    return [weigh(fit, parent.ways + float(np.log(t.ways))) for t, fit in fits if fit is not None]
+
+
+def _with(now: JointFit, t: Candidate) -> JointFit | None:
+    """Fit a candidate beside an explanation; None if its simulation diverges."""
+    model, name = now.model, t.effect.name
+    gates = {n: g for n, g in model.gates.items() if n in model.effects}
+    if t.gate is not None:
+        gates[name] = t.gate
+    library = {**model.library, name: BIAS} if name.startswith(BIAS.name) else model.library
+    model = replace(model, gates=gates, library=library, discrepancy_scales=t.scales)
+    return joint_fit_if_finite(model, [*now.accepted, t.effect], t.nuisances)
+
+
+def _placed(now: JointFit, t: Candidate) -> JointFit | None:
+    """
+    Fit a candidate that begins or ends, and its change point, beside white noise.
+
+    Noise that was fitted to a residual in which an effect begins whitens its beginning away.
+    """
+    model = now.model
+    fit = _with(now._replace(model=replace(model, noise=model.white_noise(model.residuals))), t)
+    if fit is None:
+        return None
+    return fit._replace(model=moved(fit.model, t.effect.name, instant_of(fit, t.effect.name)))
+
+
+def _without(start: LinearisedModel, now: Explanation, name: str) -> Explanation:
+    """Remove an effect and fit the others anew."""
+    less = without_effect(start, now.fit, name)
+    refitted = joint_fit_if_finite(less.model, less.accepted) if less.accepted else less
+    return weigh(refitted or less, now.ways)
+
+
+def _with_refitted_noise(best: Explanation) -> Explanation:
+    """Fit the noise to the residual, and everything beside that noise, linearised there."""
+    model = replace(best.fit.model)
+    if any(n.name in model.released and n.acts_on == 'rig' for n in model.nuisances):
+        model.linearise()  # a wall that is elsewhere bends what all others do
+        model = (joint_fit_if_finite(model, best.fit.accepted) or best.fit).model
+    model.refit_noise(np.zeros(len(model.nuisances)))
+    fit = joint_fit_if_finite(model, best.fit.accepted) or best.fit
+    return weigh(fit, best.ways)
+
+
+def _beside(other: Explanation, best: Explanation) -> Explanation:
+    """Weigh an explanation beside the noise of the best one."""
+    model = replace(other.fit.model, noise=best.fit.model.noise)
+    return weigh(other.fit._replace(model=model), other.ways)
+
+
+def _likeliest(pool: Sequence[Explanation]) -> list[Explanation]:
+    """Keep each set of effects once, the likeliest first."""
+    out: dict[frozenset[str], Explanation] = {}
+    for e in sorted(pool, key=lambda one: len(one.fit.model.gates) * WORTH - one.evidence):
+        out.setdefault(e.names, e)
+    return sorted(out.values(), key=lambda one: -one.evidence)
+
+
+def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
+    """
+    Search for the explanations of recordings.
+
+    Parameters
+    ----------
+    model : LinearisedModel
+        Recalibrated, no effect accepted.
+    found : sequence of Hypothesis
+        Effects of the library, as they act all the time.
+    """
+    table = _Table(model, found)
+    best = weigh(JointFit(model, [], []))
+    beam, children = [best], []
+    features: dict[str, Features] = {}
+    alternatives: dict[str, dict[str, float]] = {}
+    nearest: dict[str, float] = {}
+    for _ in range(2 * MOST_EFFECTS):
+        if len(best.names) == MOST_EFFECTS:
+            break
+        children = _likeliest([e for parent in beam for e in extended(parent, table)])
+        less = {best.names: best}
+        for a in children[0].fit.accepted[:-1] if children else ():
+            # one of several may be the shadow of another
+            shorter = _without(model, children[0], a.name)
+            less[shorter.names] = shorter
+            children += [shorter, *extended(shorter, table)]
+        children = _likeliest(children)
+        if not best.names:
+            nearest = {name: e.evidence - children[0].evidence
+                       for e in children for name in e.names}
+        if not children or children[0].evidence < best.evidence + WORTH:
+            break
+        chosen = children[0]
+        own = {}
+        for a in chosen.fit.accepted:
+            others = chosen.names - {a.name}
+            if others not in less:
+                less[others] = _without(model, chosen, a.name)
+            own[a.name] = features_of(chosen, less[others], a, children)
+        instead = {name: _instead(chosen, children, name) for name in chosen.names}
+        if min(probability(f) for f in own.values()) < NAMED:
+            break
+        features, alternatives = own, instead
+        temperature = max(f.temperature for f in own.values())
+        best = _with_refitted_noise(chosen)
+        beam = [best, *(_beside(e, best) for e in children[1:BEAM] if len(e.names) == len(
+            best.names) and e.evidence > chosen.evidence - 3.0 * temperature)]
+    last = best.fit.comparison()
+    return Posterior(best.fit.model, tuple(best.fit.accepted), tuple(best.fit.jacobians),
+                     features, alternatives, {} if features else nearest, last.missing_by_stream,
+                     last.discrepancy_evidence,
+                     {name: instant_of(best.fit, name) for name in best.names
+                      if name in best.fit.model.gates})
+
+
+def features_of(full: Explanation, less: Explanation, added: Accepted,
+                others: Sequence[Explanation]) -> Features:
+    """Return what the probability of an effect follows from."""
+    gain = full.evidence - less.evidence
+    rivals = [e.evidence for e in others if added.name not in e.names]
+    lead = min(gain, full.evidence - max(rivals, default=less.evidence))
+    return Features(gain, full.missing, 1.0 - full.excess / max(less.excess, 1.0),
+                    added.degrees, len(full.names), lead)
+
+
+def _instead(chosen: Explanation, others: Sequence[Explanation], name: str) -> dict[str, float]:
+    """Return the log-evidence of others in the place of an effect, against that one."""
+    rest = chosen.names - {name}
+    return {next(iter(e.names - rest)): e.evidence - chosen.evidence for e in others
+            if rest < e.names and len(e.names) == len(chosen.names) and name not in e.names}

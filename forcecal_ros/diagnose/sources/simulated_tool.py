@@ -1,0 +1,243 @@
+"""The tool of a simulator that cannot be asked: by the wrench and the motion that it recorded."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+from forcecal_ros.calibrate.moving_tool import inertia_regressor, symmetric
+from forcecal_ros.checks.hypotheses import judge, Known
+from forcecal_ros.checks.messages import as_in_base, Stated
+from forcecal_ros.core.errors import DataError, UnobservableError
+from forcecal_ros.core.geometry import Array, skew
+from forcecal_ros.core.streams import phase_spans, Recording, TOUCHING
+from forcecal_ros.diagnose.recordings import add_imu
+from forcecal_ros.effects.nuisances import possible, rows_of
+from forcecal_ros.effects.rig import NominalTolerances, Rig, Tool
+from forcecal_ros.sim.rigid_tool import CarriedTool, GYRATION, rigid_tool_of_rig, RigidTool
+from forcecal_ros.sim.signals import BLOCK, block_means, RATE
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+LIGHTEST = 0.02
+"""Mass of a tool, at least, that a wrench sensor shows [kg]: 0.2 N, the noise of most."""
+
+OTHER_SIGN = 'give --simulated-wrench-sign -1 (1 where -1 is given)'
+"""How a recorded wrench of the other sign is turned."""
+
+TURN = 'turn it in the simulator'
+"""How that of a simulator that is run is turned."""
+
+DRAWN = (0.01, 0.001)
+"""
+How well a tool is known by its drawing, 1 sigma of mass (relative) and centre of mass [m]: cables
+and screws are missing there.
+"""
+
+ZERO = (10.0, 1.0)
+"""
+Zero of the robot's sensor, 1 sigma [N], [N m], beyond the median difference that is taken off: as
+much as a tool's weight would move that.
+"""
+
+OUTLIER = 1.345
+"""Residual, in its scale, from which it counts linearly: Huber's, 95 % efficient on Gaussians."""
+
+
+SIMULATE_IT = 'simulate what hung there'
+"""What to do where another tool hung on the robot than in the simulation."""
+
+
+class SimulatedTool(NamedTuple):
+    """
+    A simulator's tool.
+
+    Attributes
+    ----------
+    unexplained : tuple of float
+        RMS of what it leaves of the simulated wrench [N], [N m].
+    zero : tuple of float
+        Of the robot's sensor beyond the simulator's, taken off already [N], [N m].
+    """
+
+    rigid_tool: RigidTool
+    unexplained: tuple[float, float]
+    zero: tuple[float, ...] = (0.0,) * 6
+
+    def with_accelerometer(self) -> 'SimulatedTool':
+        """Give it an accelerometer that speaks m/s^2."""
+        return self._replace(rigid_tool=add_imu(self.rigid_tool))
+
+    @property
+    def simulated(self) -> RigidTool:
+        """The tool as simulated, with no zero of the robot's sensor."""
+        sensor = self.rigid_tool.wrench_sensor
+        bias = tuple((np.array(sensor.bias) - self.zero).tolist())
+        return replace(self.rigid_tool, wrench_sensor=replace(sensor, bias=bias))
+
+    def zeroed(self, apart: Array) -> 'SimulatedTool':
+        """Take off what the middle of the robot's wrench less the simulated is, shape (n, 6)."""
+        zero = np.nanmedian(apart, axis=0)
+        sensor = self.rigid_tool.wrench_sensor
+        moved = replace(sensor, bias=tuple((zero + sensor.bias).tolist()))
+        return self._replace(zero=tuple(zero.tolist()),
+                             rigid_tool=replace(self.rigid_tool, wrench_sensor=moved))
+
+
+def simulated_tool(simulated: Recording, start: float, n_blocks: int, rig: Rig,
+                   turn: str = OTHER_SIGN) -> SimulatedTool:
+    """
+    Tell the tool of a simulator from its wrench and motion.
+
+    Parameters
+    ----------
+    simulated : Recording
+        Wrench and pose.
+    start : float
+        When block 0 begins [s].
+    rig : Rig
+        Gives the tolerances.
+    turn : str
+        How a wrench of the other sign is turned.
+
+    Returns
+    -------
+    SimulatedTool
+        Its accelerometer does not count.
+
+    Raises
+    ------
+    DataError
+        The wrench holds no weight, or that of a tool that falls up, or is in another frame.
+    """
+    vertical = _require_own_axes(simulated, rig)
+    motion = CarriedTool(simulated, start, n_blocks, 'acc1')
+    tool, bias, unexplained = tool_along(motion, simulated, rig)
+    if tool[0] < -LIGHTEST:
+        raise DataError("the simulated wrench has the other sign: at rest it must be the tool's "
+                        f'weight, pointing down, and shows {tool[0]:.2f} kg; {turn}')
+    if tool[0] < LIGHTEST:
+        raise DataError(f'the simulated wrench holds no weight of a tool ({tool[0]:.3f} kg)'
+                        f'{vertical}; let the simulator publish the wrench in the frame of its '
+                        'sensor, without compensation')
+    rigid_tool = rigid_tool_of_rig(replace(
+        rig, tool=with_moments(rig.tool, tool), effects=(), optidrive=None,
+        wrench_sensor=replace(rig.wrench_sensor, gain=(1.0,) * 6, bias=tuple(bias.tolist())),
+        spreads=_of_a_drawing(rig.spreads)))
+    spreads = replace(rigid_tool.spreads, own_inertia=float(tool[0]) * GYRATION ** 2)
+    force, torque = (float(np.sqrt(np.mean(unexplained[:, part] ** 2)))
+                     for part in (slice(0, 3), slice(3, 6)))
+    return SimulatedTool(replace(rigid_tool, spreads=spreads), (force, torque))
+
+
+def _require_own_axes(simulated: Recording, rig: Rig) -> str:
+    """Refuse a simulated wrench in another frame than its pose; say if it stays vertical."""
+    gravity = np.array(rig.gravity)
+    try:
+        judge(simulated, gravity, Stated(gravity / np.linalg.norm(gravity)))
+    except UnobservableError:
+        pass  # the fit of the tool says it better
+    except DataError as error:
+        if 'opposite sign' not in str(error) and 'removes the weight' not in str(error):
+            cause = str(error).rpartition(';')[0]
+            raise DataError(f'the simulated {cause}; let the simulator publish it in the frame '
+                            'of its pose') from error
+    if simulated.wrench is None or not len(simulated.wrench):
+        return ''
+    return as_in_base(simulated.wrench.values[:, :3], gravity)
+
+
+def refuse_other_wrench(real: Recording, tool: SimulatedTool) -> None:
+    """
+    Refuse a robot's wrench whose frame, axes, sign or units are not those of a simulator's tool.
+
+    Parameters
+    ----------
+    real : Recording
+        The robot's, with a pose.
+
+    Raises
+    ------
+    DataError
+        Names cause and remedy.
+    """
+    rigid = tool.rigid_tool
+    gravity = np.array(rigid.gravity)
+    judge(real, gravity, Stated(gravity / np.linalg.norm(gravity),
+                                sensor_from_pose=real.sensor_from_pose, by='rig'),
+          Known(rigid.tool.mass, np.array(rigid.tool.com), None, SIMULATE_IT))
+
+
+def tool_along(motion: CarriedTool, recording: Recording, rig: Rig
+               ) -> tuple[Array, Array, Array]:
+    """
+    Fit a tool to the wrench along a motion, robustly.
+
+    Parameters
+    ----------
+    motion : CarriedTool
+        Of the recording.
+    rig : Rig
+        Gives gravity.
+
+    Returns
+    -------
+    tool : ndarray, shape (10,)
+        Mass [kg], first moments [kg m], six elements of the inertia about the origin [kg m^2].
+    bias : ndarray, shape (6,)
+    unexplained : ndarray, shape (n, 6)
+        Of the wrench in free motion.
+    """
+    n_blocks = len(motion.t) // round(BLOCK * RATE)
+    start = float(motion.t[0]) - 1.0 / RATE
+    rows, wrench = _rows(motion, rig), block_means(motion.recorded_wrench(recording))
+    free = _free(recording, start, n_blocks)
+    scale = np.array([1.0] * 3 + [0.1] * 3)  # a newton counts as much as a tenth of a newton metre
+    a = (rows / scale[:, np.newaxis])[free].reshape(-1, rows.shape[2])
+    b = (wrench / scale)[free].ravel()
+    theta = np.linalg.lstsq(a, b, rcond=1e-8)[0]
+    spread = float(np.median(np.abs(b - a @ theta))) / 0.6745
+    theta = least_squares(lambda x: a @ x - b, theta, lambda x: a, loss='huber',
+                          f_scale=OUTLIER * max(spread, 1e-6)).x
+    return theta[:10], theta[10:], (wrench - rows @ theta)[free]
+
+
+def with_moments(tool: Tool, moments: Array) -> Tool:
+    """Give a tool the mass, first and second moments of :func:`tool_along`."""
+    mass = float(moments[0])
+    com = moments[1:4] / mass
+    W = skew(com)
+    inertia = symmetric(moments[4:10]) + mass * W @ W
+    changed: Tool = replace(tool, mass=mass, com=tuple(com.tolist()),
+                            inertia=rows_of(possible(inertia)))
+    return changed
+
+
+def _of_a_drawing(spreads: NominalTolerances) -> NominalTolerances:
+    return replace(spreads, mass=DRAWN[0], com=DRAWN[1], force_bias=ZERO[0], torque_bias=ZERO[1])
+
+
+def _rows(motion: CarriedTool, rig: Rig) -> Array:
+    """
+    Return the wrench's derivatives by mass, first and second moments and bias, (n, 6, 16).
+
+    F = -m f - L m c + b_F, n = -m c x f - I alpha - omega x I omega + b_n, f the specific force
+    in the sensor's origin, L = [alpha]x + [omega]x^2, I about that origin.
+    """
+    f, lever = motion.specific_force_of_origin(rig), motion.lever
+    n = len(block_means(f))
+    rows = np.zeros((n, 6, 16))
+    rows[:, :3, 0] = -block_means(f)
+    rows[:, :3, 1:4] = -block_means(lever.reshape(-1, 9)).reshape(-1, 3, 3)
+    rows[:, 3:, 1:4] = skew(block_means(f))
+    turning = inertia_regressor(motion.omega, motion.alpha)
+    rows[:, 3:, 4:10] = -block_means(turning.reshape(-1, 18)).reshape(-1, 3, 6)
+    rows[:, :, 10:] = np.eye(6)
+    return rows
+
+
+def _free(recording: Recording, start: float, n_blocks: int) -> NDArray[np.bool_]:
+    t = start + BLOCK * (0.5 + np.arange(n_blocks))
+    free = np.ones(n_blocks, dtype=bool)
+    for begin, end in phase_spans(recording.phases, TOUCHING):
+        free &= (t < begin) | (t >= end)
+    return free

@@ -1,0 +1,525 @@
+"""A third-party simulator, run with the recorded commands and with other numbers."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+import time
+from typing import Any, NamedTuple
+
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.quantity import size
+from forcecal_ros.core.streams import Recording
+from forcecal_ros.diagnose.dataset import (
+    Dataset,
+    make_dataset,
+    motion_groups,
+    require_wrench_and_pose,
+    span,
+)
+from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
+from forcecal_ros.diagnose.imitations import judged_beside, tried
+from forcecal_ros.diagnose.judge.named_effects import AT_BOUND
+from forcecal_ros.diagnose.recordings import (
+    Corrected,
+    even_stamps,
+    joint_channel_notes,
+    joint_names,
+    keep_common_joints,
+    keep_comparable_imus,
+    keep_compared_streams,
+    missing_joint_notes,
+    select_joints,
+)
+from forcecal_ros.diagnose.refit import Bent, bent, refitted, widened
+from forcecal_ros.diagnose.result import NO_MOTION
+from forcecal_ros.diagnose.sources.simulated_tool import (
+    refuse_other_wrench,
+    simulated_tool,
+    SimulatedTool,
+    TURN,
+)
+from forcecal_ros.diagnose.sources.source import Ready, RECALIBRATION_SIGMA, Source
+from forcecal_ros.diagnose.verdict import FIRST, FURTHER
+from forcecal_ros.effects.nuisances import LIMIT
+from forcecal_ros.effects.rig import Rig
+from forcecal_ros.sim.protocol import Inputs
+from forcecal_ros.sim.rerun import INTEGRATION_STEP, Rerun, simulated_robot, SimulatedRobot
+from forcecal_ros.sim.rigid_tool import beyond
+from forcecal_ros.sim.runs import (
+    MAX_RUNS,
+    Numbers,
+    refuse_too_many,
+    refuse_unsteady,
+    Runs,
+    runs_short,
+)
+from forcecal_ros.sim.signals import BLOCK
+from forcecal_ros.sim.third_party import STREAMS, ThirdParty
+import numpy as np
+
+MAX_ROUNDS = 2
+"""
+Times that all parameters are tried, at the nominal ones and then at those found: 30 parameters and
+two recordings then take 124 runs.
+"""
+
+MAX_LINEAR_ERROR = 0.1
+"""
+Misfit of the linear prediction at the parameters found, in that of the nominal ones, from which
+they are all tried again there: a tenth leaves the explained share within a hundredth.
+"""
+
+MAX_SHORTFALL = 0.05
+"""
+Share of the misfit that is gone in the prediction and not when the simulator is run, from which
+all parameters are tried again: the width of most confidence intervals of that share.
+"""
+
+MAX_SHIFT_STD = 1.0
+"""
+Standard errors that a number would still move, where the simulator was run as it was found, from
+which it is fitted once more about there: half of what chance makes of it.
+"""
+
+MAX_REFITS = 3
+"""
+Times that numbers named are fitted once more: each leaves the square of what was left before, so
+that three settle whatever two rounds came near.
+"""
+
+IMPACTS = ('for {:.1f} s the simulated tool hits something, or sticks and slips, so that half '
+           'the step of its integration changes its wrench by more than 1 N: left out, as that is '
+           'chance; touch more softly or slide less')
+"""Note on contact that identifies no number of a simulator."""
+
+
+class Changed(NamedTuple):
+    """
+    A parameter of the simulator as it was, as it should be, and its standard error.
+
+    Where it is at its bound, that says nothing.
+    """
+
+    name: str
+    unit: str
+    before: float
+    after: float
+    std: float
+    at_bound: bool = False
+
+    def __str__(self) -> str:
+        unit = '' if self.unit == '1' else f' {self.unit}'
+        moved = f'{self.name} {self.before:.4g} -> {self.after:.4g}'
+        if self.at_bound or self.std == 0.0:
+            return f'{moved}{unit} ({AT_BOUND})'
+        return f'{moved} +- {self.std:.2g}{unit}'
+
+
+@dataclass(frozen=True, kw_only=True)
+class RerunReady(Ready):
+    """A recording made ready, and the simulator under its commands."""
+
+    runs: Runs
+    simulation: Rerun
+    tool: SimulatedTool
+    robot: SimulatedRobot
+    remarks: tuple[str, ...] = ()
+
+    def run(self, numbers: Numbers) -> None:
+        """Run the simulator with these numbers: its signals are then exact there."""
+        self.runs.exact(numbers)
+        self.simulation.forget()
+
+    def try_all(self, numbers: Numbers) -> None:
+        """Linearise the simulator in all parameters about these numbers."""
+        self.runs.try_all(numbers)
+        self.simulation.forget()
+
+
+class SimulatorSource(Source):
+    """
+    Runs a third-party simulator with the recorded commands.
+
+    Recordings hold commands, wrench and pose; an accelerometer in m/s^2 along ft_sensor.
+
+    Parameters
+    ----------
+    simulator : ThirdParty
+    rig : Rig
+        Gives the tolerances of tool and sensors.
+
+    Raises
+    ------
+    ConfigError
+        By ``diagnose``: the simulator does not keep to the protocol, does not repeat itself, or
+        has so many parameters that it would be run too often.
+    """
+
+    def __init__(self, simulator: ThirdParty, rig: Rig) -> None:
+        super().__init__(rig, 'm/s^2')
+        self.simulator = simulator
+        self.explained_by = simulator.name
+        self.task = f'running {simulator.name} with other numbers'
+        self._recomputed: float | None = None
+        self._runs: tuple[Runs, ...] = ()
+
+    def prepare(self, recordings: Sequence[Recording]) -> list[Ready]:
+        """Run the simulator as it is, and identify its tool."""
+        recordings = keep_common_joints(recordings)
+        for one in recordings:
+            require_wrench_and_pose(one, 'the recording lacks wrench or measured pose; record '
+                                    'wrench and current_pose beside the commands')
+        stamps = [even_stamps(one) for one in recordings]
+        self.simulator = self.simulator.acting([inputs_of(one.recording) for one in stamps])
+        refuse_too_many(self.simulator, len(recordings))
+        ready: list[Ready] = []
+        tool = None
+        for given, stamp in zip(recordings, stamps):
+            prepared = self._prepare(given, stamp, tool)
+            tool = prepared.tool
+            ready.append(prepared)
+        return ready
+
+    def _prepare(self, given: Recording, stamps: Corrected, tool: SimulatedTool | None
+                 ) -> RerunReady:
+        real, simulator = stamps.recording, self.simulator
+        start, n = span(real)
+        assert real.pose is not None
+        inputs = inputs_of(real)
+        runs = Runs(simulator, inputs, real.pose)
+        made = runs.exact(simulator.nominal)
+        known = tool or simulated_tool(replace(made, accelerometer=None), start, n, self.rig,
+                                       TURN).with_accelerometer()
+        refuse_other_wrench(real, known)
+        simulation = Rerun(runs, start, n, known.simulated)
+        imus, _, note = keep_comparable_imus(real, made)
+        simulation.accelerated = imus.accelerometer is not None
+        compared = replace(real, target=None, optidrive=None, accelerometer=imus.accelerometer,
+                           joints=select_joints(real.joints, simulation.joints))
+        robot = simulated_robot(known.rigid_tool, simulator.parameters)
+        if tool is None:
+            known = known.zeroed(beyond(real, simulation.signals(robot)))
+            robot = replace(robot, wrench_sensor=known.rigid_tool.wrench_sensor)
+        dataset = make_dataset(real, compared, simulation, robot,
+                               motion_groups(simulation.signals(robot)))
+        impacts = simulation.knocking(robot)
+        dataset.measured.present[impacts] = False
+        left_out = IMPACTS.format(BLOCK * float(impacts.sum())) if impacts.any() else ''
+        given = replace(keep_compared_streams(given, dataset.measured.streams),
+                        joints=select_joints(given.joints, simulation.joints))
+        return RerunReady(dataset, stamps, given, tuple(filter(None, (note, left_out))), runs=runs,
+                          simulation=simulation, tool=known, robot=robot,
+                          remarks=simulator.remarks(inputs))
+
+    def search(self, ready: Sequence[Ready]) -> Outcome:
+        """Try all parameters, at their values and, if these are too far off, at those found."""
+        return self._search([one for one in ready if isinstance(one, RerunReady)])
+
+    def _search(self, ready: Sequence[RerunReady]) -> Outcome:
+        self._runs, self._recomputed = tuple(one.runs for one in ready), None
+        refuse_unsteady(ready[0].runs)
+        judged = self.split([one.dataset for one in ready])
+        robot = ready[0].robot
+        outcome, point, short = Outcome(NO_MOTION, robot), robot.numbers, ''
+        squares = np.zeros(3)
+        for _ in range(MAX_ROUNDS):
+            if short := runs_short(self.simulator, self._runs):
+                break
+            for one in ready:
+                one.try_all(point)
+            outcome = diagnose_datasets(robot, judged, [one.stamps for one in ready],
+                                        [one.given for one in ready])
+            if not isinstance(outcome.rig, SimulatedRobot):
+                return outcome
+            point, named = outcome.rig.numbers, self.changes(outcome)
+            linear = _is_linear(ready, point)  # before it is run there
+            squares = _squares(ready, judged, outcome) if named else np.zeros(3)
+            # what is unexplained may be what a line about the nominal numbers leaves
+            if linear and not _falls_short(outcome, squares) \
+                    and outcome.diagnosis.verdict != 'unknown':
+                break
+        if self.changes(outcome):
+            outcome, squares = self._refit(ready, judged, outcome, squares, again=not short)
+            self._recomputed = _recomputed(outcome, squares)
+            other = tried([one.simulation for one in ready], judged, outcome, self.simulator)
+            if other is not None:
+                outcome = judged_beside(outcome, other, squares)
+        return self._explained(ready, outcome, short)
+
+    def _explained(self, ready: Sequence[RerunReady], outcome: Outcome, short: str) -> Outcome:
+        """Add what the user should know of simulator and numbers."""
+        d = outcome.diagnosis
+        remarks = tuple(dict.fromkeys(x for one in ready for x in one.remarks))
+        notes = (*self.simulator.notes, *remarks, *recalibrated_notes(self.simulator, outcome),
+                 *dict.fromkeys(filter(None, [*(x for one in ready for x in one.notes), short])),
+                 *joint_channel_notes(ready[0].simulation.joints, [one.given for one in ready]))
+        reason = d.reason
+        if d.verdict == 'no_gap' and (limited := at_tolerance(self.simulator, outcome)):
+            word, semicolon, more = reason.partition('; ')
+            reason = (f'{word}, with {" and ".join(limited)} as far off as three sigma allow'
+                      f'{semicolon}{more}')
+        if remarks and d.verdict in ('unknown', 'partial'):
+            reason = f'{reason}; {FIRST}{remarks[0]}'
+        return replace(outcome, diagnosis=replace(d, reason=reason, notes=(*d.notes, *notes)))
+
+    def _refit(self, ready: Sequence[RerunReady], judged: tuple[Dataset, ...], outcome: Outcome,
+               squares: Array, *, again: bool) -> tuple[Outcome, Array]:
+        """Fit the numbers named about where they were found; widen by what a line leaves wrong."""
+        off = _shifts(ready, outcome)
+        for _ in range(MAX_REFITS if again else 0):
+            moves = any(abs(one.shift) > MAX_SHIFT_STD * one.std for one in off.values())
+            if not (moves or _falls_short(outcome, squares)) \
+                    or runs_short(self.simulator, self._runs):
+                break
+            assert isinstance(outcome.rig, SimulatedRobot)
+            for one in ready:
+                one.try_all(outcome.rig.numbers)
+            anew = refitted(outcome)
+            # half the step of integration may differ there: both are computed with it
+            squares, there = (_squares(ready, judged, one) for one in (outcome, anew))
+            if there[-1] >= squares[-1]:
+                break
+            outcome, squares, off = anew, there, _shifts(ready, anew)
+        return widened(outcome, off), squares
+
+    def changes(self, outcome: Outcome) -> tuple[Changed, ...]:
+        """List the parameters that a named effect moves."""
+        found = {e.name: e.parameters['value'] for e in outcome.diagnosis.effects
+                 if 'value' in e.parameters}
+        return tuple(
+            Changed(p.name, p.unit, p.nominal, found[p.name].value, found[p.name].std,
+                    found[p.name].at_bound) for p in self.simulator.parameters if p.name in found)
+
+    def not_compared(self, ready: Sequence[Ready]) -> tuple[str, ...]:
+        """Report impacts."""
+        blocks = sum(float((~one.dataset.measured.present).all(axis=1).sum()) for one in ready
+                     if any('hits something' in note for note in one.notes))
+        return (f'{BLOCK * blocks:.1f} s of impacts and slipping contact',) if blocks else ()
+
+    def details(self, ready: Sequence[Ready], outcome: Outcome) -> dict[str, Any]:
+        """Return the numbers to change, how often it was run, and what that explains when run."""
+        return {'parameters': [one._asdict() for one in self.changes(outcome)],
+                'runs': sum(one.count for one in self._runs) if ready else 0,
+                'recomputed': self._recomputed if ready else None,
+                'model': next(iter(self.files(outcome)), None)}
+
+    def files(self, outcome: Outcome) -> dict[str, str]:
+        """Return the model with what was found, if the simulator writes one."""
+        if not self.changes(outcome) or not isinstance(outcome.rig, SimulatedRobot):
+            return {}
+        text = self.simulator.patched(outcome.rig.numbers)
+        return {} if text is None else {'model_patched.xml': text}
+
+    def actions(self, outcome: Outcome) -> tuple[str, ...]:
+        """Return the numbers to change."""
+        return tuple(f'change {one}' for one in self.changes(outcome))
+
+
+def at_tolerance(simulator: ThirdParty, outcome: Outcome) -> list[str]:
+    """List the parameters, not named, that would move further than three of their sigma."""
+    named = {e.name for e in outcome.diagnosis.effects}
+    return [p.name for p in simulator.parameters if p.name not in named and abs(
+        outcome.recalibrations.get(p.name, (0.0, 0.0))[0]) > 0.999 * LIMIT * p.sigma]
+
+
+def recalibrated_notes(simulator: ThirdParty, outcome: Outcome) -> Iterator[str]:
+    """Say which parameters are off by no more than they may be."""
+    named = {e.name for e in outcome.diagnosis.effects}
+    limited, told = at_tolerance(simulator, outcome), []
+    for p in simulator.parameters:
+        x, std = outcome.recalibrations.get(p.name, (0.0, 0.0))
+        if p.name not in (*named, *limited) and abs(x) > RECALIBRATION_SIGMA * std:
+            told.append(str(Changed(p.name, p.unit, p.nominal, p.nominal + x, std)))
+    if told:
+        yield f'recalibrated, within three of their sigma: {"; ".join(told)}'
+    if limited:
+        yield (f'{", ".join(limited)} {FURTHER}, and next to what else is there is not certain '
+               'enough for a name')
+    finer, std = outcome.recalibrations.get(INTEGRATION_STEP, (0.0, 0.0))
+    if abs(finer) > RECALIBRATION_SIGMA * std:
+        yield (f'the step of its integration makes {_sure(finer, std)} times what half the '
+               'step changes, and that was taken out: a smaller step is nearer to the robot')
+    late, std = outcome.recalibrations.get('robot.delay', (0.0, 0.0))
+    if 'robot_delay' not in named and abs(late) > RECALIBRATION_SIGMA * std:
+        yield f'the robot is {_sure(1e3 * late, 1e3 * std)} ms later than its simulation'
+
+
+def _sure(value: float, std: float) -> str:
+    """Write a number and its standard error, or that it could go no further."""
+    return f'{value:.2g} +- {std:.1g}' if std > 0.0 else f'{value:.2g} ({AT_BOUND})'
+
+
+def inputs_of(recording: Recording) -> Inputs:
+    """
+    Take the commands of a recording, from its first stamp to its last.
+
+    Raises
+    ------
+    DataError
+        It holds none.
+    """
+    commands = [s for s in (recording.target, recording.joint_commands)
+                if s is not None and len(s)]
+    if not commands:
+        raise DataError('the recording holds no commands; record those of the joints, and name '
+                        'them with --topic joint_commands=NAME')
+    streams = [s.t for s in (recording.wrench, recording.pose) if s is not None]
+    start = min(float(commands[0].t[0]), *(float(t[0]) for t in streams))
+    return Inputs(start, max(float(t[-1]) for t in streams), recording.target,
+                  recording.joint_commands, joint_names(recording.joints))
+
+
+def _shifts(ready: Sequence[RerunReady], outcome: Outcome) -> dict[str, Bent]:
+    """Run the simulator as it was found, and return how far its named numbers would still move."""
+    if outcome.selection is None or not isinstance(outcome.rig, SimulatedRobot):
+        return {}
+    for one in ready:
+        one.run(outcome.rig.numbers)
+    return bent(outcome.selection)
+
+
+def _is_linear(ready: Sequence[RerunReady], point: Numbers) -> bool:
+    """Return whether the linear prediction holds at the parameters found."""
+    for one in ready:
+        linear, nominal = one.runs.at(point), one.runs.exact(one.robot.numbers)
+        for a, b, c in zip(*map(_rows, (linear, one.runs.exact(point), nominal))):
+            if np.linalg.norm(a - b) > MAX_LINEAR_ERROR * np.linalg.norm(b - c):
+                return False
+    return True
+
+
+def _falls_short(outcome: Outcome, squares: Array) -> bool:
+    """Return whether a run with what was found leaves more than was predicted."""
+    gap, recomputed = outcome.diagnosis.gap, _recomputed(outcome, squares)
+    return gap is not None and recomputed is not None and recomputed < gap.closed - MAX_SHORTFALL
+
+
+def _rows(recording: Recording) -> tuple[Array, Array]:
+    assert recording.wrench is not None
+    assert recording.pose is not None
+    return recording.wrench.values, recording.pose.position
+
+
+def _recomputed(outcome: Outcome, squares: Array) -> float | None:
+    """
+    Say which share of the misfit is gone where the simulator is run with what was found.
+
+    The share that the diagnosis states, times what the run explains of the squares on judged
+    blocks for what its linear prediction explains of them.
+    """
+    gap, (before, linear, exact) = outcome.diagnosis.gap, squares.tolist()
+    explained = before - linear
+    return gap.closed * (before - exact) / explained if gap and explained > 0.0 else None
+
+
+def _squares(ready: Sequence[RerunReady], judged: Sequence[Dataset], outcome: Outcome) -> Array:
+    """Sum the squares on judged blocks: recalibrated, as predicted and as it is when run."""
+    noise, robot, squares = outcome.noise, outcome.rig, np.zeros(3)
+    assert isinstance(robot, SimulatedRobot)
+    assert noise is not None
+    for one, dataset, before, linear in zip(ready, judged, outcome.recalibrated,
+                                            outcome.explained):
+        one.run(robot.numbers)
+        exact = dataset.measured.residual(one.simulation.signals(robot))
+        for i, blocks in enumerate((before, linear, exact)):
+            rows = np.where(dataset.measured.present, blocks, 0.0)[dataset.held]
+            squares[i] += float(np.sum((rows / np.where(noise > 0.0, noise, np.inf)) ** 2))
+    return squares
+
+
+class Sensitivity(NamedTuple):
+    """What one sigma of a parameter does, RMS [N], [N m], [m], [rad]; to all joints [rad]."""
+
+    name: str
+    force: float
+    torque: float
+    position: float
+    turn: float
+    joints: float = 0.0
+
+
+class Conformance(NamedTuple):
+    """
+    How a simulator does under recorded commands.
+
+    Attributes
+    ----------
+    seconds : float
+        Processor time of one run [s].
+    length : float
+        Of the recording [s].
+    """
+
+    name: str
+    seconds: float
+    length: float
+    streams: tuple[str, ...]
+    sensitivity: tuple[Sensitivity, ...]
+    notes: tuple[str, ...] = ()
+
+    def document(self) -> dict[str, Any]:
+        """Return what ``--json`` prints."""
+        return {**self._asdict(), 'sensitivity': [s._asdict() for s in self.sensitivity]}
+
+    def __str__(self) -> str:
+        runs = min(MAX_RUNS, 2 * (len(self.sensitivity) + 2))
+        return '\n'.join([
+            f'{self.name}: keeps to the protocol and does the same again',
+            f'simulates {", ".join(self.streams)}',
+            f'{self.length:.0f} s of commands take {self.seconds:.2g} s',
+            f'a diagnosis runs it at most {runs} times a recording: {runs * self.seconds:.0f} s',
+            'one sigma of a parameter moves, RMS:',
+            *(f'  {s.name}  ' + '  '.join(self._moves(s)) for s in self.sensitivity),
+            *(f'note: {note}' for note in self.notes)])
+
+    def _moves(self, s: Sensitivity) -> Iterator[str]:
+        for value, unit in ((s.force, 'N'), (s.torque, 'N m'), (s.position, 'm'), (s.turn, 'rad')):
+            yield size(value, unit)
+        if 'joints' in self.streams:
+            yield f'joints {size(s.joints, "rad")}'
+        if not any(s[1:]):
+            yield '(nothing)'
+
+
+def conformance(simulator: ThirdParty, recording: Recording, rig: Rig) -> Conformance:
+    """
+    Run a simulator a few times, and say whether a diagnosis can rely on it.
+
+    Parameters
+    ----------
+    recording : Recording
+        With commands, wrench and pose; its joints, where it has any, are simulated, too.
+    rig : Rig
+        Gives the tolerances.
+
+    Raises
+    ------
+    ConfigError
+        It does not keep to the protocol, or answers otherwise the second time.
+    DataError
+        The recording holds no commands, or the wrench no weight of a tool.
+    """
+    real = even_stamps(recording).recording
+    start, n = span(real)
+    assert real.pose is not None
+    inputs = inputs_of(real)
+    simulator = simulator.acting([inputs])
+    runs = Runs(simulator, inputs, real.pose)
+    began = time.process_time()
+    made = runs.exact(simulator.nominal)
+    seconds = time.process_time() - began
+    refuse_unsteady(runs)
+    simulated_tool(replace(made, accelerometer=None), start, n, rig, TURN)
+    runs.try_all(simulator.nominal)
+    streams = tuple(name for name in (*STREAMS, 'joints') if getattr(made, name) is not None)
+    lacking = missing_joint_notes(inputs.measured_joints,
+                            () if made.joints is None else made.joints.names)
+    return Conformance(simulator.name, seconds, inputs.end - inputs.start, streams, tuple(
+        Sensitivity(p.name, _rms(c.wrench[:, :3]), _rms(c.wrench[:, 3:]), _rms(c.position),
+                    _rms(c.turn), 0.0 if c.joints is None else _rms(c.joints))
+        for p, c in zip(simulator.parameters, runs.changes(simulator.nominal))),
+        (*simulator.notes, *lacking))
+
+
+def _rms(rows: Array) -> float:
+    return float(np.sqrt(np.mean(np.sum(rows ** 2, axis=1))))

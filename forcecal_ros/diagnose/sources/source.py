@@ -1,0 +1,217 @@
+"""The adapter between a simulation and the engine, and what a diagnosis of it consists of."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+import re
+from typing import Any
+
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.streams import Recording
+from forcecal_ros.diagnose.dataset import Dataset, moves, split_datasets, units
+from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
+from forcecal_ros.diagnose.judge.named_effects import AT_BOUND
+from forcecal_ros.diagnose.recordings import Corrected, require_same_sensors
+from forcecal_ros.diagnose.result import Diagnosis, NO_MOTION, to_document
+from forcecal_ros.effects.rig import Rig
+from forcecal_ros.effects.signals import FORCES
+
+RECALIBRATION_SIGMA = 3.0
+"""Standard errors of a recalibration from which it is reported: once in 400 by chance."""
+
+_UNITS = {'accelerometer.delay': ' s', 'tool.com': ' m', 'tool.inertia': ' kg m^2'}
+"""Units of nuisances by their names without axis; those that are not listed are relative."""
+
+_VOLTS = re.compile(r'(?<=\d) V(?= RMS in accel)')
+
+
+@dataclass(frozen=True)
+class Ready:
+    """
+    A recording made ready for the engine.
+
+    Attributes
+    ----------
+    stamps : Corrected
+        What its stamps and values show.
+    given : Recording
+        As recorded, with the streams that are compared.
+    notes : tuple of str
+    """
+
+    dataset: Dataset
+    stamps: Corrected
+    given: Recording
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Diagnosed:
+    """
+    A diagnosis and what belongs to its source.
+
+    Attributes
+    ----------
+    unit : str
+        Of the accelerometer.
+    details : dict
+        Further keys of ``diagnosis.json``.
+    files : dict of str to str
+        Name and text of what is written next to it.
+    actions : tuple of str
+        What to change, a line each.
+    """
+
+    outcome: Outcome
+    ready: tuple[Ready, ...] = ()
+    unit: str = 'V'
+    details: dict[str, Any] = field(default_factory=dict)
+    files: dict[str, str] = field(default_factory=dict)
+    actions: tuple[str, ...] = ()
+
+    @property
+    def diagnosis(self) -> Diagnosis:
+        """The diagnosis alone."""
+        return self.outcome.diagnosis
+
+    def document(self) -> dict[str, Any]:
+        """Return ``diagnosis.json`` as a dictionary."""
+        rig = next((name for name in self.files if name.startswith('rig')), None)
+        return {**to_document(self.diagnosis, units(self.unit), rig), **self.details}
+
+
+class Source:
+    """
+    What recordings are compared with.
+
+    A child makes recordings ready: each gets a simulation, whose signals, nuisances with priors
+    and library of effects the engine uses, and the blocks of its residual.
+
+    Parameters
+    ----------
+    rig : Rig
+        Nominal model; of a third-party simulator its tolerances.
+
+    Attributes
+    ----------
+    task : str
+        What it does, for a progress bar.
+    explained_by : str
+        What the recording is compared with, in ``diagnosis.json``; empty for a rig.
+    requires_motion : bool
+        Whether a robot at rest shows it nothing.
+    """
+
+    task = 'comparing'
+    explained_by = ''
+    requires_motion = True
+
+    def __init__(self, rig: Rig, unit: str = 'V') -> None:
+        self.rig, self.unit = rig, unit
+
+    def diagnose(self, recording: Recording, heldout: Recording | None = None) -> Diagnosed:
+        """
+        Find where, why and how far a recording departs from the simulation.
+
+        Parameters
+        ----------
+        recording : Recording
+            To fit on.
+        heldout : Recording or None
+            To judge on; parts of ``recording`` if None.
+
+        Returns
+        -------
+        Diagnosed
+            ``invalid_data`` with its reason if the data cannot answer.
+        """
+        given = [one for one in (recording, heldout) if one is not None]
+        try:
+            require_same_sensors(given)
+            ready = tuple(self.prepare(given))
+        except DataError as error:
+            return self._diagnosed(Outcome(Diagnosis('invalid_data', str(error)), self.rig), ())
+        if self.requires_motion and not moves([one.dataset for one in ready]):
+            return self._diagnosed(Outcome(NO_MOTION, self.rig), ())
+        outcome = self.search(ready)
+        if outcome.diagnosis.verdict != 'invalid_data':
+            d = express_in_unit(self.unit, outcome.diagnosis)
+            d = replace(d, notes=(*d.notes, *self.notes(ready, outcome)),
+                        not_compared=self.not_compared(ready))
+            outcome = replace(outcome, diagnosis=replace(d, reason=self.reason(d, ready, outcome)))
+        return self._diagnosed(outcome, ready)
+
+    def _diagnosed(self, outcome: Outcome, ready: tuple[Ready, ...]) -> Diagnosed:
+        explained = {'explained_by': self.explained_by} if self.explained_by else {}
+        return Diagnosed(outcome, ready, self.unit, {**explained, **self.details(ready, outcome)},
+                         self.files(outcome), self.actions(outcome))
+
+    def prepare(self, recordings: Sequence[Recording]) -> Sequence[Ready]:
+        """Make recordings ready; a DataError becomes ``invalid_data``."""
+        raise NotImplementedError
+
+    def split(self, datasets: Sequence[Dataset]) -> tuple[Dataset, ...]:
+        """Divide blocks into those to fit on and those to judge on."""
+        return split_datasets(datasets)
+
+    def search(self, ready: Sequence[Ready]) -> Outcome:
+        """Search for effects and judge them."""
+        datasets = [one.dataset for one in ready]
+        return diagnose_datasets(datasets[0].rig, self.split(datasets),
+                                 [one.stamps for one in ready], [one.given for one in ready])
+
+    def notes(self, ready: Sequence[Ready], outcome: Outcome) -> Sequence[str]:
+        """Return what the user should know of the comparison."""
+        return ()
+
+    def reason(self, diagnosis: Diagnosis, ready: Sequence[Ready], outcome: Outcome) -> str:
+        """Return the verdict in one sentence."""
+        return diagnosis.reason
+
+    def not_compared(self, ready: Sequence[Ready]) -> tuple[str, ...]:
+        """Return what of the recordings was left out."""
+        return ()
+
+    def details(self, ready: Sequence[Ready], outcome: Outcome) -> dict[str, Any]:
+        """Return further keys of ``diagnosis.json``."""
+        return {}
+
+    def files(self, outcome: Outcome) -> dict[str, str]:
+        """Return files with the numbers found, text by name."""
+        return {}
+
+    def actions(self, outcome: Outcome) -> tuple[str, ...]:
+        """Return what to change, a line each."""
+        return ()
+
+
+def express_in_unit(unit: str, diagnosis: Diagnosis) -> Diagnosis:
+    """Give accelerations in sentence, notes and parameters the unit that was compared."""
+    def words(text: str) -> str:
+        return _VOLTS.sub(f' {unit}', text)
+
+    return replace(
+        diagnosis, reason=words(diagnosis.reason), notes=tuple(map(words, diagnosis.notes)),
+        effects=tuple(replace(e, parameters={
+            k: replace(p, unit=unit) if p.unit == 'V' else p for k, p in e.parameters.items()})
+            for e in diagnosis.effects))
+
+
+def recalibration_notes(outcome: Outcome, unit: str) -> Iterator[str]:
+    """List what was recalibrated significantly; accelerometers in ``unit``."""
+    for name, (value, std) in outcome.recalibrations.items():
+        if abs(value) > RECALIBRATION_SIGMA * std and not name.startswith('wrench.step'):
+            error, bound = (f' +- {std:.2g}', '') if std else ('', f' ({AT_BOUND})')
+            stem, _, axis = name.rpartition('.')
+            axes = FORCES if stem.startswith('wrench') else 'xyz'
+            words = f'{stem}.{axes[int(axis)]}' if axis.isdigit() else name
+            yield (f'recalibrated: {words} by {value:+.3g}{error}'
+                   f'{_unit_of(name, unit)}{bound}')
+
+
+def _unit_of(name: str, accelerometer: str) -> str:
+    stem, _, axis = name.rpartition('.')
+    if stem == 'wrench.bias':
+        return ' N' if int(axis) < 3 else ' N m'
+    if stem == 'accelerometer.offset':
+        return f' {accelerometer}'
+    return _UNITS.get(name) or _UNITS.get(stem, '')

@@ -1,0 +1,113 @@
+"""The verdict in one word and one sentence."""
+
+from collections.abc import Sequence
+from math import inf
+
+from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
+from forcecal_ros.diagnose.search.calibration import UNKNOWN
+
+NAMED = 0.8
+"""Explained share from which effects are named although more is unexplained."""
+
+MIN_EXPLAINED_WHOLE = 0.95
+"""Explained share from which what is unexplained does not matter beside it."""
+
+MAX_UNEXPLAINED_RATIO = 10.0
+"""Ratio of the unexplained part from which it matters beside any explained share."""
+
+MIN_EXPLAINED_BESIDE = 0.5
+"""Explained share below which effects that are sure leave more than they explain."""
+
+FURTHER = 'would move by more than three sigma'
+"""What a note says of a simulator's numbers that only their tolerance holds."""
+
+FIRST = 'look first at this: '
+"""Before what a simulator says of its own run, where that may be why nothing explains the gap."""
+
+
+def percent(share: float) -> str:
+    """Write a share; what is not all is never called 100 %, what is not nothing never 0 %."""
+    whole = round(100.0 * share)
+    if whole == 100 and share < 1.0:
+        return 'over 99 %'
+    return 'under 1 %' if whole == 0 and share > 0.0 else f'{whole} %'
+
+
+def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
+            part: UnexplainedPart, closed: float | None, excited: bool, whole: bool = True,
+            with_discrepancy: bool = False, slow_noise: bool = False, band: float = inf,
+            certain: Sequence[str] = (),
+            at_limit: Sequence[str] = ()) -> tuple[str, str]:
+    """
+    Say it in one word and one sentence.
+
+    Parameters
+    ----------
+    named : sequence of str
+        Accepted effects.
+    closed : float or None
+        Share of the gap that the effects close; None where they show in stamps and values alone.
+    excited : bool
+        Whether the recording moves enough to tell effects apart.
+    whole : bool
+        Whether every stream could be looked at.
+    with_discrepancy : bool
+        Whether the effects were weighed beside a discrepancy, which then is what remains.
+    slow_noise : bool
+        Whether what varies slowly is taken for noise, and may be none.
+    band : float
+        Up to which frequency the simulation is meant to hold [Hz].
+    certain : sequence of str
+        Which of the effects stamps or values show: they are there whatever else is.
+    at_limit : sequence of str
+        Numbers of accepted effects that would be larger if their limits let them.
+    """
+    listed = ' and '.join(named)
+    closest = f'{listed} {"come" if len(named) > 1 else "comes"} closest'
+    significant = part.ratio >= 1.0
+    if not excited:
+        return 'not_excited', ('the recording moves too little to tell effects apart; record '
+                               'what forcecal plan writes')
+    if not named:
+        if significant:
+            return 'unknown', (f'there is a gap that no effect of the library explains: '
+                               f'{part.words}')
+        what = 'the recording' if whole else 'what could be looked at'
+        below = f' below {band:g} Hz' if band < inf else ''
+        slow = ', if what varies slowly is noise' if slow_noise else ''
+        return 'no_gap', f'the recalibrated rig explains {what}{below} down to its noise{slow}'
+    if closed is not None and closed < 0.0:
+        more = f'; unexplained: {part.words}' if significant else ''
+        return 'unknown', (f'no effect of the library explains the gap: adding {listed} makes '
+                           f'what was held out worse{more}')
+    if at_limit:
+        return 'unknown', (f'no effect of the library explains the gap: {closest}, but '
+                           f'{" and ".join(at_limit)} is as large as that can be: another '
+                           'robot, tool or unit was recorded than it is compared with')
+    end = '' if len(named) > 1 else 's'
+    done = f'explain{end} {percent(closed or 0.0)} of the misfit'
+    if closed is None:
+        done, closed = f'show{end} in stamps and values', 1.0
+    doubtful = dict(candidates).get(UNKNOWN, 0.0) > 0.5
+    beside = with_discrepancy and not doubtful
+    if not beside and significant and (closed < NAMED or doubtful) and not certain:
+        nearly = (f'{closest} and would explain {percent(closed)} of the misfit'
+                  ', too little to be named; unexplained: ') if closed > 0.0 else ''
+        return 'unknown', (f'no effect of the library explains the gap: {nearly}'
+                           f'{part.words}')
+    rest = ''
+    if significant:
+        rest = f'; {"what remains" if beside else "unexplained"}: {part.words}'
+    others = [name for name in named if name not in certain]
+    if doubtful and others:
+        these = ' and '.join(others) if certain else 'these together'
+        rest += f'; one effect that is not in the library is likelier than {these}'
+    partly = doubtful or (significant and (
+        closed < MIN_EXPLAINED_WHOLE or part.ratio > MAX_UNEXPLAINED_RATIO))
+    if closed < MIN_EXPLAINED_BESIDE if beside else partly:
+        return 'partial', f'{listed} {done}{rest}'
+    rivals = [n for n, _ in candidates if n not in named and n != UNKNOWN]
+    if rivals:
+        return 'ambiguous', (f'{listed} {done}, but {" or ".join(rivals)} explains it '
+                             f'about as well{rest}')
+    return 'identified', f'{listed} {done}{rest}'

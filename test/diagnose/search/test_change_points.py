@@ -1,0 +1,75 @@
+"""Effects that begin or end during a recording: named, with their instant, and no others."""
+
+from dataclasses import replace
+import json
+from types import SimpleNamespace
+
+from forcecal_ros.core.streams import PoseStream
+from forcecal_ros.diagnose.dataset import CHANNELS
+from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
+from forcecal_ros.diagnose.model.compact import Compact
+from forcecal_ros.diagnose.result import Diagnosis, load_diagnosis, to_document
+from forcecal_ros.diagnose.search.change_points import _to_a_sample
+from forcecal_ros.diagnose.sources.rig import RigSource
+from forcecal_ros.effects import with_effects
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.simulator import simulate
+import numpy as np
+import pytest
+from rig_recordings import FREE, motion, PERIOD
+
+ENDED = NamedEffect('tool_mass', {'change': Parameter(0.1, 0.001, '1')}, 0.9,
+                    end=4.5, end_ci95=(4.49, 4.52))
+UNITS = {c.name: c.unit for c in CHANNELS}
+
+
+def _switched(effects, at, ends, seed):
+    """Simulate a motion whose tool has effects from an instant on, or until it."""
+    positions, rotations, phases = motion(FREE)
+    target = PoseStream(PERIOD * np.arange(len(positions)), positions, rotations)
+    rig = load_rig()
+    ways = [simulate(one, target, seed=seed) for one in (rig, with_effects(rig, effects))]
+    before, after = reversed(ways) if ends else ways
+    streams = {}
+    for name in ('wrench', 'accelerometer', 'optidrive'):
+        a, b = getattr(before, name), getattr(after, name)
+        streams[name] = replace(a, values=np.where(a.t[:, np.newaxis] < at, a.values, b.values))
+    return replace(before, phases=phases, **streams)
+
+
+@pytest.mark.parametrize(('effects', 'ends', 'at'), [
+    ({'tool_mass': {'change': 0.1}}, True, 4.2),
+    # while force.z is loaded: from 2.5 to 4.5 s it is zero, and no instant would show
+    pytest.param({'wrench_crosstalk': {'fx_of_fz': 0.05}}, False, 5.0, marks=pytest.mark.long)])
+def test_an_effect_of_half_a_recording_is_named_with_its_instant(effects, ends, at):
+    (name, values), = effects.items()
+    diagnosis = RigSource(load_rig()).diagnose(_switched(effects, at, ends, 31)).diagnosis
+    assert diagnosis.verdict in ('identified', 'ambiguous')
+    effect, = (e for e in to_document(diagnosis, UNITS, None)['effects'] if e['name'] == name)
+    word, other = ('to', 'from') if ends else ('from', 'to')
+    assert abs(effect[word] - at) < 0.1 and other not in effect
+    low, high = effect[f'{word}_ci95']
+    assert low - (high - low) <= at <= high + (high - low)
+    for key, value in values.items():
+        found = effect['parameters'][key]
+        assert found['value'] == pytest.approx(value, abs=4.0 * found['std'])
+    assert f'{name} {"until" if ends else "from"} {effect[word]:.3f} s' in diagnosis.reason
+
+
+def test_an_instant_is_written_and_read_again(tmp_path):
+    document = to_document(Diagnosis('identified', 'tool_mass', (ENDED,)), UNITS, None)
+    effect, = document['effects']
+    assert effect['to'] == 4.5 and effect['to_ci95'] == [4.49, 4.52] and effect['recording'] == 0
+    assert 'from' not in effect
+    file = tmp_path / 'diagnosis.json'
+    file.write_text(json.dumps(document))
+    assert load_diagnosis(file)[0].effects[0].end == 4.5
+
+
+def test_where_no_sample_is_near_an_instant_stays_as_coarse_as_its_blocks():
+    ended = SimpleNamespace(times=lambda stream: np.arange(0.0, 10.0, 0.008))
+    model = SimpleNamespace(datasets=[SimpleNamespace(measured=ended)], noise=[None],
+                            level=np.ones(len(CHANNELS)))
+    gate = SimpleNamespace(recording=0, begin=20.0)
+    added = {6: Compact.of(np.array([0.0, 1.0]))}
+    assert _to_a_sample(model, gate, added, None, 20.0, 20.1) is None

@@ -1,0 +1,59 @@
+"""Explanations ranked by marginal likelihood: effects that rules of a search once exchanged."""
+
+from dataclasses import replace
+
+from forcecal_ros.core.streams import PoseStream
+from forcecal_ros.diagnose.by_commands import diagnose
+from forcecal_ros.diagnose.search import posterior
+from forcecal_ros.diagnose.search.posterior import Explanation
+from forcecal_ros.effects import with_effects
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.simulator import simulate
+import numpy as np
+import pytest
+from rig_recordings import motion, PERIOD
+
+
+def recorded(effects, seed=3):
+    """Record the nominal rig with effects along poses, a step and a contact, then a sweep."""
+    positions, rotations, phases = motion()
+    t = PERIOD * np.arange(len(positions))
+    sweep = np.clip(t - t[-1] + 4.0, 0.0, 4.0)
+    positions[:, 1:] += 0.005 * np.sin(2.0 * np.pi * 0.75 * sweep ** 2)[:, np.newaxis]
+    target = PoseStream(t, positions, rotations)
+    return replace(simulate(with_effects(load_rig(), effects), target, seed=seed), phases=phases,
+                   contact_truth=None)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(('name', 'values'), [
+    ('wrench_crosstalk', {'fx_of_fz': 0.03}),
+    ('robot_resonance', {'gain': 0.2, 'frequency': 9.0, 'damping': 0.06}),
+    ('accel_resonance', {'amplitude': 1.0, 'frequency': 60.0, 'damping': 0.1})])
+def test_the_effect_with_the_evidence_is_named_and_no_other(name, values):
+    found = diagnose(recorded({name: values}), None, load_rig()).diagnosis
+    assert [e.name for e in found.effects] == [name]
+    assert found.verdict in ('identified', 'ambiguous', 'partial')
+    assert found.gap.closed > 0.7
+
+
+def explanation(names, evidence, gates=0):
+    fit = type('Fit', (), {'accepted': [type('A', (), {'name': n}) for n in names],
+                           'model': type('M', (), {'gates': dict.fromkeys(range(gates))})})
+    return Explanation(fit, evidence, 0.0, 0.0)
+
+
+def test_a_change_point_has_to_bring_what_any_effect_has_to():
+    for more, gates in ((0.5, 0), (1.5, 1)):
+        always = explanation(['tool_mass'], 100.0)
+        changes = explanation(['tool_mass'], 100.0 + more * posterior.WORTH, gates=1)
+        kept, = posterior._likeliest([changes, always])
+        assert len(kept.fit.model.gates) == gates
+
+
+def test_alternatives_are_those_in_the_place_of_one_effect():
+    chosen = explanation(['a', 'b'], 50.0)
+    others = [explanation(['a', 'c'], 40.0), explanation(['b', 'c'], 45.0),
+              explanation(['a'], 10.0)]
+    assert posterior._instead(chosen, others, 'b') == {'c': -10.0}
+    assert posterior._instead(chosen, others, 'a') == {'c': -5.0}

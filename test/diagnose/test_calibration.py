@@ -1,0 +1,41 @@
+"""Probabilities of effects: one calibration, no constant that belongs to one effect."""
+
+import json
+
+from forcecal_ros.diagnose.judge.judgement import weighed
+from forcecal_ros.diagnose.judge.ties import ties_of
+from forcecal_ros.diagnose.search.calibration import Features, FILE, probability, UNKNOWN
+from forcecal_ros.diagnose.search.posterior import Posterior
+import numpy as np
+import pytest
+
+STRONG = Features(2000.0, 50.0, 0.97, 1, 1, 800.0)
+
+
+def test_the_file_says_how_it_was_fitted_and_how_well_it_does_on_what_it_was_not_fitted_to():
+    stored = json.loads(FILE.read_text())
+    assert stored['cases'] > 30 and stored['provenance']
+    assert stored['cross_validation']['log_score'] > np.log(0.5)
+    assert len(stored['weights']) == len(STRONG.row()) == 6
+
+
+def test_the_more_is_missing_the_less_likely_an_effect_is():
+    values = [probability(STRONG._replace(missing=m)) for m in (0.0, 200.0, 2000.0, 20000.0)]
+    assert values == sorted(values, reverse=True)
+    assert values[0] > 0.8 and values[-1] < 0.5
+
+
+def test_effects_that_are_alike_share_the_probability_and_are_tied():
+    found = Posterior(None, (), (), {'wrench_delay': STRONG},
+                      {'wrench_delay': {'wrench_lowpass': -0.1, 'tool_mass': -1000.0}})
+    named, candidates = weighed(found, False)
+    assert dict(candidates)['wrench_lowpass'] == pytest.approx(named['wrench_delay'], rel=0.05)
+    assert 'tool_mass' not in dict(candidates)
+    assert ties_of(found)['wrench_delay'].other == 'wrench_lowpass'
+
+
+def test_a_gap_without_an_effect_is_unknown_and_what_comes_closest_is_listed():
+    found = Posterior(None, (), (), nearest={'cable_force': 0.0, 'tool_mass': -100.0})
+    assert weighed(found, False)[1] == []
+    candidates = weighed(found, True)[1]
+    assert candidates[0][0] == UNKNOWN and candidates[1][0] == 'cable_force'

@@ -1,0 +1,57 @@
+"""What a recording is compared with is named, or stated by the recording itself."""
+
+from dataclasses import replace
+
+from forcecal_ros.cli.main import main
+from forcecal_ros.core.streams import JointStream
+from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
+from forcecal_ros.diagnose.result import Diagnosis
+from forcecal_ros.diagnose.sources.pair import align
+from forcecal_ros.diagnose.sources.source import express_in_unit
+from forcecal_ros.io.bags import write_recording
+from forcecal_ros.report.diagnosis import next_step
+import numpy as np
+from own_arm import real, simulated
+import pytest
+from rig_recordings import FREE, own_recording
+
+
+def test_a_recording_that_states_no_model_is_refused_with_the_options(tmp_path, capsys):
+    write_recording(tmp_path / 'bag', replace(own_recording(parts=FREE), contact_truth=None))
+    out = tmp_path / 'out'
+    assert main(['diagnose', str(tmp_path / 'bag'), '-o', str(out)]) == 2
+    message = capsys.readouterr().err
+    for option in ('--calibration', '--rig FILE', '--rig nominal', '--simulated', '--mujoco',
+                   '--simulator'):
+        assert option in message
+    assert not out.exists()
+
+
+def test_a_recording_of_the_simulated_rig_states_its_model(tmp_path):
+    write_recording(tmp_path / 'bag', own_recording(parts=FREE))
+    assert main(['diagnose', str(tmp_path / 'bag'), '-o', str(tmp_path / 'out')]) == 0
+
+
+def test_two_recordings_with_joint_commands_are_aligned_by_these():
+    t = 0.008 * np.arange(1500)
+    q = np.stack([np.sin(1.3 * t), np.cos(0.7 * t) - 1.0], axis=1)
+    robot = replace(real({}), target=None, joint_commands=JointStream(t, q, '', ('a', 'b')))
+    other = replace(simulated(start=77.0), target=None, joint_commands=JointStream(
+        t + 77.0, q[:, ::-1], '', ('b', 'a')))
+    _, alignment = align(robot, other)
+    assert alignment.by == 'joint_commands'
+    assert alignment.shift == pytest.approx(-77.0, abs=1e-4)
+
+
+def test_an_imu_is_in_its_own_unit_in_sentence_notes_and_numbers():
+    words = 'a part without a name, 0.011 V RMS in accel.x'
+    found = express_in_unit('m/s^2', Diagnosis('unknown', words, notes=(words,), effects=(
+        NamedEffect('accel_bias', {'x': Parameter(0.1, 0.01, 'V')}, 0.9),)))
+    assert found.reason == found.notes[0] == words.replace('V', 'm/s^2')
+    assert found.effects[0].parameters['x'].unit == 'm/s^2'
+
+
+def test_no_gap_beside_contact_that_was_left_out_says_so():
+    found = Diagnosis('no_gap', 'nothing', not_compared=('6.4 s of contact',))
+    assert next_step(found, 'bag', 'out', ()).words == (
+        'Nothing has to be changed in what was compared. Not compared: 6.4 s of contact.')
