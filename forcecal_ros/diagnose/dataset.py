@@ -460,7 +460,8 @@ def span(*recordings: Recording) -> tuple[float, int]:
     first = max(float(t[0]) for t in streams) + EDGE_S
     last = min(float(t[-1]) for t in streams) - EDGE_S
     if last - first < MIN_MOTION_S:
-        raise DataError(f'wrench and motion overlap for {below(max(0.0, last - first), MIN_MOTION_S)} s; at '
+        common = below(max(0.0, last - first), MIN_MOTION_S)
+        raise DataError(f'wrench and motion overlap for {common} s; at '
                         f'least {MIN_MOTION_S:g} s are needed: record a longer motion')
     return first, int((last - first) / BLOCK)
 
