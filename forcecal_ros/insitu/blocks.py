@@ -4,9 +4,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-from forcecal_ros.checks import limits
-from forcecal_ros.checks.clipping import Extreme
-from forcecal_ros.checks.repeats import refuse_stuck
+from forcecal_ros.checks.signals import CLIPPED, CLIPPED_IN_STEPS, Extreme, refuse_stuck
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.white import difference_gain
@@ -340,7 +338,7 @@ def _clipped(tally: Tally, samples: int) -> Mask:
     One whose neighbouring samples are alike in most blocks repeats its extreme as any other value.
     """
     alike = np.median(tally.alike[:, :tally.low.shape[1]], axis=0) / max(1, samples - 1)
-    least = np.where(alike > IN_STEPS, limits.CLIPPED_IN_STEPS, limits.CLIPPED)
+    least = np.where(alike > IN_STEPS, CLIPPED_IN_STEPS, CLIPPED)
     clipped = np.zeros(tally.low.shape, dtype=bool)
     for extreme, count, again, end in (
             (tally.low, tally.at_low, tally.low_again, tally.low.min(axis=0)),

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
-from forcecal_ros.checks.repeats import REMEDY
+from forcecal_ros.checks.signals import REMEDY
 from forcecal_ros.core.errors import DataError, ForcecalError
 from forcecal_ros.core.geometry import Array, STANDARD_GRAVITY
 from forcecal_ros.insitu.blocks import Blocks, Mask, Mounting, prepare, Source, to_blocks

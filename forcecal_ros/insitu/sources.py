@@ -6,9 +6,7 @@ from itertools import chain, islice
 from pathlib import Path
 from typing import NamedTuple, TextIO
 
-from forcecal_ros.checks import limits
-from forcecal_ros.checks.clocks import refuse_apart
-from forcecal_ros.checks.values import Unreadable
+from forcecal_ros.checks.signals import ABSURD_RAW, refuse_apart, Unreadable
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.insitu.blocks import Chunk
@@ -62,7 +60,7 @@ class TableSource:
         """Yield the table's rows in SI units, clean."""
         ends = np.cumsum([len(part) for part in self._parts])[:-1]
         names = [f'column {name}' for part in self._parts[1:] for name in part]
-        unreadable = Unreadable(self._path.name, names, limits.ABSURD_RAW)
+        unreadable = Unreadable(self._path.name, names, ABSURD_RAW)
         accelerometer, gyro = self._spec.accelerometer.scale, self._spec.gyro
         self.left_out, row, first, last = 0, 0, np.inf, -np.inf
         for rows in self._rows([column for part in self._parts for column in part]):
@@ -228,7 +226,7 @@ def readable_chunks(chunks: Iterable[tuple[str, Array, Array]],
     DataError
         After the last piece: too many were left out, or the clocks of topics are apart.
     """
-    counted = {topic: Unreadable(topic, fields, limits.ABSURD_RAW)
+    counted = {topic: Unreadable(topic, fields, ABSURD_RAW)
                for topic, fields in topics.items()}
     spans: dict[str, tuple[float, float]] = {}
     for topic, t, values in chunks:

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from forcecal_ros.calibrate.agreement import refuse_disagreeing
+from forcecal_ros.checks.calibrated import refuse_disagreeing
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
@@ -31,7 +31,9 @@ def recorded(mass=float(C.mass), bias=0.0, contact=0.0, seed=0, accelerometer=No
     if accelerometer is not None:
         a = C.accelerometer
         specific = Stream(T, (a.offset.value + G * R[:, 2] @ a.matrix.T) @ accelerometer)
-    return Recording(wrench=Stream(T, np.hstack([force, 0.1 * force])), pose=pose,
+    torque = np.cross(C.com.value, -mass * G * R[:, 2]) + C.wrench_bias.value[3:]
+    torque += 0.03 * rng.standard_normal((len(T), 3))
+    return Recording(wrench=Stream(T, np.hstack([force, torque])), pose=pose,
                      accelerometer=specific, accelerometer_unit=C.accelerometer.unit)
 
 

@@ -3,12 +3,15 @@
 from bisect import bisect_left
 from typing import Any, NamedTuple
 
-from forcecal_ros.checks import limits
 from forcecal_ros.core.errors import DataError
 import numpy as np
 from numpy.typing import NDArray
 
 Integers = NDArray[np.int64]
+
+MAX_APART_S, MAX_BACK_S = 1.0, 1.0
+"""Clocks that are farther apart, or go back by more, twice, are other clocks; by less, messages
+are out of order [s]."""
 
 FEWEST = 50
 """Fewer messages tell nothing of how a topic is stamped."""
@@ -89,7 +92,7 @@ def usable_stamps(name: str, stamps: Integers, log: Integers, values: NDArray[An
         _refuse_milliseconds(name, len(stamps), passed, took)
         return Stamped(stamps, '')
     apart = abs(float(np.median(log - stamps))) / 1e9
-    if abs(passed - took) < ALIKE * took + 1e9 * SECOND and apart < limits.APART + SECOND and (
+    if abs(passed - took) < ALIKE * took + 1e9 * SECOND and apart < MAX_APART_S + SECOND and (
             len(np.unique(log)) == len(log)):
         return Stamped(log, f'{name}: {why}; the times of recording were used')
     if len(np.unique(stamps)) > HALF * len(stamps):
@@ -143,7 +146,7 @@ def refuse_two_senders(name: str, values: NDArray[Any]) -> None:
     known = np.flatnonzero(np.isfinite(values).all(axis=0))  # poses may say no place
     values = values[:, known]
     next_one, one_after = (np.median(np.abs(values[k:] - values[:-k]), axis=0) for k in (1, 2))
-    moving = one_after > limits.TINY
+    moving = one_after > 0.0
     apart = moving & (next_one > ALTERNATES * one_after)
     if moving.any() and apart.sum() >= max(2, CHANNELS * moving.sum()):
         j = int(np.argmax(next_one))
@@ -153,7 +156,7 @@ def refuse_two_senders(name: str, values: NDArray[Any]) -> None:
             'drivers publish on one topic; give each its own, and record again')
 
 
-_BACK = round(limits.BACK * 1e9)
+_BACK = round(MAX_BACK_S * 1e9)
 _DAY = 86400 * 10**9
 
 
