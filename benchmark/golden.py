@@ -296,9 +296,6 @@ def compare(pinned: Answer, now: Answer) -> tuple[str, list[str]]:
     lines : list of str
         What has changed.
     """
-    lines = [f'{key}: {pinned.get(key)} -> {now.get(key)}'
-             for key in ('grade', 'verdict', 'effects', 'candidates', 'cause', 'message', 'off')
-             if pinned.get(key) != now.get(key)]
     was, there = pinned.get('values', {}), now.get('values', {})
     moved = [f'{key}: {was[key][0]} -> {there[key][0]} (std {was[key][1]})' for key in was
              if key in there and abs(was[key][0] - there[key][0]) > MOVED * was[key][1]
@@ -311,6 +308,11 @@ def compare(pinned: Answer, now: Answer) -> tuple[str, list[str]]:
         word = 'lower' if lower else 'higher'
     else:
         word = 'moved' if moved else 'same'
+    keys = ['grade', 'verdict', 'effects', 'cause']
+    if word not in ('same', 'moved'):  # a reworded message alone is not worth a line
+        keys += ['candidates', 'message', 'off']
+    lines = [f'{key}: {pinned.get(key)} -> {now.get(key)}' for key in keys
+             if pinned.get(key) != now.get(key)]
     return word, lines + moved[:6] + [f'... {len(moved)} values moved'] * (len(moved) > 6)
 
 
@@ -345,7 +347,7 @@ def report(pinned: dict[str, Answer], answers: dict[str, Answer], cases: list[Ca
             words['altered recordings'] += 1
             print(f'RECORDING of {case.name} differs from the pinned one: its making has changed')
         if word != 'same' or lines:
-            print(f'{word.upper() if word == "worse" else word} {case.name}  {case.truth}')
+            print(f'{word.upper() if word == "worse" else word} {case.name}, truth {case.truth}')
             print(''.join(f'    {line}\n' for line in lines), end='')
     print('\n' + table(answers, cases))
     pairs = [(pinned[name]['seconds'], one['seconds']) for name, one in answers.items()
