@@ -29,11 +29,13 @@ import json
 import os
 from pathlib import Path
 import re
+import resource
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
-import time
+import threading
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -53,6 +55,9 @@ NO_ACCOUNT = {'mass': 0.005, 'com': 0.001, 'wrench_bias': 0.05, 'tool': 10.0}
 
 MOVED = 0.1
 """Standard errors by which a value may differ from the pinned one without being listed."""
+
+WAITING = 10
+"""Time that a command may take, in its limit of processor time."""
 
 ALIASES = (
     {'wrench_delay', 'wrench_lowpass'}, {'accel_delay', 'accel_resonance'},
@@ -159,17 +164,15 @@ def run(words: list[str], folder: Path, limit: float) -> tuple[int | None, str, 
         process = subprocess.Popen([FORCECAL, *words], cwd=folder, stdout=subprocess.DEVNULL,
                                    stderr=messages, env={**os.environ, 'OMP_NUM_THREADS': '1',
                                                          'OPENBLAS_NUM_THREADS': '1'})
-        deadline, done = time.monotonic() + limit, 0
-        while not done:
-            done, status, usage = os.wait4(process.pid, os.WNOHANG)
-            if not done and time.monotonic() > deadline:
-                process.kill()
-                deadline = float('inf')
-                limit = 0.0
-            time.sleep(0.05)
-        messages.seek(0)
+        resource.prlimit(process.pid, resource.RLIMIT_CPU, (round(limit), round(limit)))
+        watch = threading.Timer(WAITING * limit, process.kill)  # where it sleeps for ever
+        watch.start()
+        _, status, usage = os.wait4(process.pid, 0)
+        watch.cancel()
         process.returncode = os.waitstatus_to_exitcode(status)
-        return (process.returncode if limit else None, messages.read(),
+        messages.seek(0)
+        killed = process.returncode in (-signal.SIGKILL, -signal.SIGXCPU)
+        return (None if killed else process.returncode, messages.read(),
                 usage.ru_utime + usage.ru_stime)
 
 
@@ -409,7 +412,8 @@ def parsed(words: list[str] | None) -> argparse.Namespace:
     parser.add_argument('--part', choices=('calibrations', 'diagnoses'))
     parser.add_argument('--only', metavar='PATTERN', help='names that match, as rig/wrench_*')
     parser.add_argument('--jobs', type=int, default=2, help='how many at once (2)')
-    parser.add_argument('--timeout', type=float, default=600.0, help='of each command [s] (600)')
+    parser.add_argument('--timeout', type=float, default=300.0,
+                        help='processor time of each command [s] (300)')
     parser.add_argument('--anew', action='store_true', help='make: pin again what is pinned')
     parser.add_argument('--list', action='store_true', help='print the cases, run nothing')
     parser.add_argument('--recordings', type=Path, metavar='DIR', default=Path(os.environ.get(
