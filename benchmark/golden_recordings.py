@@ -175,11 +175,14 @@ def rig(folder, seed, effects, still=(), noise=1.5, nominal=False, heldout=False
 JOINTS = ('pan', 'lift', 'twist')
 ARM = {'mass': 1.5, 'com': (0.01, 0.0, 0.05), 'friction': (0.5, 0.5, 0.5), 'kp': (4000.0,) * 3,
        'tilt': (0.0, 0.0), 'pull': 0.0}
+STEP = 0.002
+"""Of simulation, commands and samples [s]."""
+
 HOOK = np.array([0.6, 0.5, 0.9])
 """Where a cable is fixed, in base [m]."""
 
 
-def mjcf(arm, step, integrator):
+def mjcf(arm):
     x, y = arm['tilt']
     down = G * np.array([np.sin(y), -np.sin(x), -np.cos(x) * np.cos(y)])
     links = ''.join(
@@ -191,7 +194,7 @@ def mjcf(arm, step, integrator):
     driven = ''.join(f'<position joint="{j}" kp="{k}" kv="150"/>'
                      for j, k in zip(JOINTS, arm['kp']))
     com = ' '.join(map(str, arm['com']))
-    return (f'<mujoco><option timestep="{step}" integrator="{integrator}" '
+    return (f'<mujoco><option timestep="{STEP}" '
             f'gravity="{down[0]} {down[1]} {down[2]}"/><worldbody>{links}<body name="gripper" '
             f'pos="0.1 0 0" quat="0 0.6 0 0.8"><inertial pos="{com}" mass="{arm["mass"]}" '
             'diaginertia="3e-3 3e-3 2e-3"/><site name="ft"/></body></body></body></body>'
@@ -200,37 +203,32 @@ def mjcf(arm, step, integrator):
             'objname="ft"/></sensor></mujoco>')
 
 
-def arm_commands(seed, seconds=14.0):
-    """Joint commands at 100 Hz that begin and end at rest."""
-    rng, t = np.random.default_rng([seed, 13]), 0.01 * np.arange(round(seconds * 100))
+def arm_commands(seed, seconds=7.0):
+    """Joint commands, one a step, that begin and end at rest."""
+    rng, t = np.random.default_rng([seed, 13]), STEP * np.arange(round(seconds / STEP))
     u = np.clip(np.minimum(t - 1.0, seconds - 1.0 - t), 0.0, 1.0)
     waves = [size * np.sin(2 * np.pi * rng.uniform(*band) * (t - 1.0)) for size, band in (
         (0.5, (0.15, 0.3)), (0.3, (0.3, 0.45)), (1.2, (0.2, 0.35)))]
     return t, (u**2 * (3 - 2 * u) * np.array(waves)).T
 
 
-def run_arm(arm, told, step=0.002, integrator='Euler'):
-    """Return wrench on the wire (n, 6), position, R, joints at 500 Hz."""
+def run_arm(arm, told):
+    """Return wrench on the wire (n, 6), position, R, joints, after two seconds at rest."""
     import mujoco
 
-    model = mujoco.MjModel.from_xml_string(mjcf(arm, step, integrator))
+    model = mujoco.MjModel.from_xml_string(mjcf(arm))
     data = mujoco.MjData(model)
-    t, q = told
-    body, found = model.body('gripper').id, []
-    data.ctrl[:] = q[0]
-    for k in range(round((2.0 + t[-1]) / step)):
-        now = max(0.0, k * step - 2.0)
-        data.ctrl[:] = q[int(now / 0.01 + 1e-6)]
-        force = arm['pull'] * (HOOK - data.site_xpos[0]) if k else np.zeros(3)
+    body, found, rest = model.body('gripper').id, [], np.repeat(told[:1], round(2.0 / STEP), 0)
+    for command in np.concatenate([rest, told]):
+        data.ctrl[:] = command
+        mujoco.mj_kinematics(model, data)
+        force = arm['pull'] * (HOOK - data.site_xpos[0])
         data.xfrc_applied[body] = np.concatenate(
             [force, np.cross(data.site_xpos[0] - data.xipos[body], force)])
-        if k * step >= 2.0 - 1e-9 and k % round(0.002 / step) == 0:
-            joints = data.qpos.copy()
-            mujoco.mj_step(model, data)
-            found.append(np.concatenate([data.sensordata, joints]))
-        else:
-            mujoco.mj_step(model, data)
-    found = np.array(found)
+        joints = data.qpos.copy()
+        mujoco.mj_step(model, data)  # whose sensors are of the state before
+        found.append(np.concatenate([data.sensordata, joints]))
+    found = np.array(found[len(rest):])
     R = Rotation.from_quat(np.roll(found[:, 9:13], -1, axis=1)).as_matrix()
     return -found[:, :6], found[:, 6:9], R, found[:, 13:]
 
@@ -241,7 +239,7 @@ def sensed(t, wrench, name, size):
     if name == 'wrench_delay':
         out = np.stack([np.interp(t - lag, t, one) for one in wrench.T], axis=1)
     elif name == 'wrench_lowpass':
-        share = -np.expm1(-0.002 / size)
+        share = -np.expm1(-STEP / size)
         for k in range(1, len(t)):
             out[k] = out[k - 1] + share * (wrench[k] - out[k - 1])
     elif name == 'wrench_gain':
@@ -261,8 +259,8 @@ def arm(folder, seed, changes=None, sensor='', size=0.0):
     """Record the arm, its model as MJCF, and what another simulation of it gives."""
     rng, told = np.random.default_rng([seed, 17]), arm_commands(seed)
     true = {**ARM, 'kp': tuple(4000.0 * (1 + 0.02 * rng.standard_normal(3))), **(changes or {})}
-    wrench, position, R, joints = run_arm(true, told, 0.001, 'implicitfast')
-    t = 0.002 * np.arange(len(wrench))
+    wrench, position, R, joints = run_arm(true, told[1])
+    t = told[0]
     wrench = sensed(t, wrench, sensor, size) + np.array([1.0, -2.0, 1.5, 0.1, -0.05, 0.08])
     wrench += np.repeat([0.15, 0.006], 3) * rng.standard_normal(wrench.shape)
     R_seen = R @ Rotation.from_rotvec(1e-4 * rng.standard_normal((len(t), 3))).as_matrix()
@@ -272,11 +270,11 @@ def arm(folder, seed, changes=None, sensor='', size=0.0):
         pose=PoseStream(t, position + 1e-4 * rng.standard_normal(position.shape), R_seen),
         joints=JointStream(t, joints + 3e-5 * rng.standard_normal(joints.shape), '', JOINTS))
     write_recording(folder / 'a', real)
-    wrench, position, R, joints = run_arm(ARM, told)
+    wrench, position, R, joints = run_arm(ARM, told[1])
     write_recording(folder / 'simulated', Recording(
-        wrench=Stream(t, wrench[:len(t)], 'ft_sensor'), start_ns=START_NS,
-        pose=PoseStream(t, position[:len(t)], R[:len(t)]), joint_commands=commanded))
-    (folder / 'arm.xml').write_text(mjcf(ARM, 0.002, 'Euler'))
+        wrench=Stream(t, wrench, 'ft_sensor'), start_ns=START_NS,
+        pose=PoseStream(t, position, R), joint_commands=commanded))
+    (folder / 'arm.xml').write_text(mjcf(ARM))
 
 
 # opened cases of the blind check
