@@ -103,7 +103,7 @@ def make_recording(job: tuple[Case, Path]) -> str:
             {'truth': truth or {}, 'digest': digest(scratch)}))
         shutil.rmtree(folder, ignore_errors=True)
         scratch.replace(folder)
-    except Exception as error:  # noqa: BLE001 - a case that cannot be made is reported, not fatal
+    except Exception as error:
         shutil.rmtree(scratch, ignore_errors=True)
         return f'{type(error).__name__}: {error}'
     return ''
