@@ -4,8 +4,8 @@
     python benchmark/calibrate_probabilities.py cases.jsonl [--write]
 
 One row a step of a search: the effect that was added last, right or not. The logistic regression
-has a prior about a rule that is known to work, and is cross-validated by generator: each kind of effect, and recordings with
-none, are predicted by a fit to the others.
+has a prior about a rule that is known to work, and is cross-validated by generator: each kind of
+effect, and recordings with none, are predicted by a fit to the others.
 """
 
 import argparse

@@ -26,7 +26,7 @@ import time
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / 'test' / 'helpers')]
 
-from forcecal_ros.core.errors import UnobservableError
+from forcecal_ros.core.errors import ForcecalError
 from forcecal_ros.insitu import calibrate, Chunk, DataSet, Mounting, Options
 from insitu_by_paper import by_paper
 import insitu_leg
@@ -61,7 +61,7 @@ def arm(name, seeds):
     for seed in range(seeds):
         try:
             result = calibrated(leg, seed, options, mounting)
-        except UnobservableError:
+        except ForcecalError:
             warnings['refused'] += 1
             continue
         rows.append(errors(result))
@@ -136,7 +136,7 @@ def long_table(samples):
 
 def read_long(path):
     from forcecal_ros.insitu import load_spec
-    from forcecal_ros.insitu.tables import TableSource
+    from forcecal_ros.insitu.sources import TableSource
     import yaml
 
     spec_path = Path(path).with_suffix('.yaml')

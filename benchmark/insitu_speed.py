@@ -2,7 +2,7 @@
 
     python benchmark/insitu_speed.py [SAMPLES]
 
-A table of 10^7 samples (by default), nine columns of float32 in a .npy file, is mapped into memory
+A table of 10^7 samples (by default), nine columns of float32 in a .npy file, is read
 and calibrated, the filter off and on. Against it: numpy over the same columns, chunk by chunk,
 X^T X of the constant, gravity and the raw channels. Memory is that of a process of its own.
 """
@@ -22,8 +22,8 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / 'test' / 'helpers'))
 
 from forcecal_ros.insitu import calibrate, DataSet, load_spec, Mounting
-from forcecal_ros.insitu.smoothing import PAPER_WINDOW
-from forcecal_ros.insitu.tables import TableSource
+from forcecal_ros.insitu.moments import PAPER_WINDOW
+from forcecal_ros.insitu.sources import TableSource
 import insitu_leg
 from insitu_leg import Leg
 import numpy as np
@@ -82,7 +82,7 @@ def main() -> None:
         status = Path('/proc/self/status').read_text()
         private = int(status.partition('VmHWM:')[2].split()[0]) / 1024
         mapped = args.memory.stat().st_size / 1e6
-        print(f'{private:.0f} MB (the file, which is mapped, has {mapped:.0f})')
+        print(f'{private:.0f} MB (the file has {mapped:.0f})')
         return
     samples = int(args.samples)
     with tempfile.TemporaryDirectory() as folder:
@@ -99,7 +99,7 @@ def main() -> None:
                 '5' if name.endswith('off') else '')
         share = 1 - times['calibrate, filter off'] / times['calibrate, filter on']
         row('share of the filter', f'{share:.0%}', '', '')
-        row('most memory, filter off', most_memory(path), '', 'constant')
+        row('most memory, filter off', most_memory(path), '', '')
         write_table(path, samples // 10)
         row('the same for a tenth of the samples', most_memory(path), '', '')
 

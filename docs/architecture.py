@@ -25,6 +25,7 @@ PART_OF = {'entry': 'cli'}
 """Modules next to the packages that belong to one: ``entry`` loads others by name."""
 
 HOLDS = {
+    'api': 'the same\nfrom Python',
     'calibrate': 'tool, sensors and noise\n[Gamez2005]',
     'checks': 'what a recording\ncan have wrong',
     'cli': 'the command line:\none module a command',
@@ -39,7 +40,6 @@ HOLDS = {
     'nodes': 'ROS 2: thin, the only\nusers of rclpy',
     'observe': 'contact wrench: one\nstep, many filters',
     'report': 'tables, pictures,\nHTML pages',
-    'reproduce': "the papers' own\nexperiments",
     'rig_fit': "a rig of a\nuser's robot",
     'sim': 'the rig; shares no\nphysics with calibrate',
 }

@@ -8,6 +8,7 @@ Calibrate wrist force/torque sensors, estimate contact forces, and explain sim-t
 >>> gap = fc.diagnose(recording, against=calibration)
 """
 
+from importlib import import_module
 import sys
 from types import ModuleType
 from typing import Any
@@ -31,9 +32,7 @@ sys.modules[__name__].__class__ = _Package
 
 def __getattr__(name: str) -> Any:
     if name in API:
-        from forcecal_ros import api
-
-        return getattr(api, name)
+        return getattr(import_module('forcecal_ros.api'), name)
     raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
 
 

@@ -1,4 +1,4 @@
-"""Error analysis, [Gamez2005] Eq. 23 to 27: how errors of orientation and of one estimate travel.
+"""Error analysis, [Gamez2005] Eq. 21 to 27: how errors of orientation and of one estimate travel.
 
 The paper writes R P for the x component in ft_sensor of a vector P given in the world, so here
 ``x_of(R, P)`` is the first element of R_base_sensor^T P. e_v in its Eq. 27 is its e_o.
@@ -11,6 +11,57 @@ import numpy as np
 def x_of(R_base_sensor: Array, vector_base: Array) -> float:
     """X component in ft_sensor of a vector in base, the R P of the paper."""
     return float(R_base_sensor[:, 0] @ vector_base)
+
+
+def mass_from_weight(R_h: Array, R_v: Array, weight_h: Array, weight_v: Array,
+                     gravity: float) -> float:
+    """
+    Mass from the weight along x in two orientations, [Gamez2005] Eq. 21, [Gamez2005] Eq. 22.
+
+    Parameters
+    ----------
+    R_h, R_v : ndarray, shape (3, 3)
+        R_base_sensor of steps 1 and 3: the real ones (Eq. 21) or those assumed (Eq. 22).
+    weight_h, weight_v : ndarray, shape (3,)
+        The paper's P_z and P_x: tool weight in base as carried in each pose [N].
+    gravity : float
+        Magnitude [m/s^2].
+
+    Returns
+    -------
+    float
+        [kg]
+    """
+    return (x_of(R_h, weight_h) - x_of(R_v, weight_v)) / gravity
+
+
+def gain_error(volts: float, offset: float, u: float, u_assumed: float, mass: float,
+               offset_error: float, mass_error: float) -> float:
+    """
+    Error of the gain, [Gamez2005] Eq. 25, its dimensions put right.
+
+    Printed is (R u - V_o m) / (R a m), newtons less volts times kilograms, over newtons. What
+    steps 5 to 8 compute, by Eq. 2 and a = R u / m, is (V - V_o) m / (R u), of which the error is
+    taken here.
+
+    Parameters
+    ----------
+    volts, offset : float
+        V and V_o [V].
+    u, u_assumed : float
+        Force along x by the real and by the assumed orientation, R u in the paper [N].
+    mass : float
+        [kg]
+    offset_error, mass_error : float
+        e_v, which is the paper's e_o, and e_m.
+
+    Returns
+    -------
+    float
+        [V/(m/s^2)]; zero where both orientations are as assumed and both errors are zero.
+    """
+    found = (volts - offset - offset_error) * (mass + mass_error) / u_assumed
+    return (volts - offset) * mass / u - found
 
 
 def mass_error(R_h: Array, R_h_assumed: Array, R_v: Array, R_v_assumed: Array,

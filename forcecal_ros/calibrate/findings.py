@@ -86,7 +86,8 @@ class Finding(NamedTuple):
 
 def findings(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
     """Make every check of this module."""
-    yield from slightly_turned(stages)
+    if stages.slight_misfit:
+        yield Finding(stages.slight_misfit, STANDSTILL)
     yield from poses_disagree(stages, settings)
     yield from samples_disagree(stages, settings)
     yield from torque_departs(stages, settings)
@@ -98,12 +99,6 @@ def findings(stages: Stages, settings: IdentificationSettings) -> Iterator[Findi
     yield from pose_astray(stages.recording, stages)
     yield from clips_or_drifts(stages, settings)
     yield from moves_in_one_pose(stages, settings)
-
-
-def slightly_turned(stages: Stages) -> Iterator[Finding]:
-    """Name a turn of the sensor or a tilt of the base that forces at rest show for certain."""
-    if stages.slight_misfit:
-        yield Finding(stages.slight_misfit, STANDSTILL)
 
 
 def poses_disagree(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:

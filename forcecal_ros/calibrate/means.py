@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from forcecal_ros.calibrate.poses import StaticPose
 from forcecal_ros.calibrate.settings import IdentificationSettings
-from forcecal_ros.checks.clipping import resolution
+from forcecal_ros.checks.signals import resolution
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.kinematics import (

@@ -41,8 +41,8 @@ from forcecal_ros.calibrate.result import (
 from forcecal_ros.calibrate.ringing import RingFit
 from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.calibrate.static_readings import (
+    check_weight,
     gravity_spread,
-    slight_misfit,
     Statics,
     TurnedWrench,
 )
@@ -50,11 +50,12 @@ from forcecal_ros.calibrate.statics import read_statics, ring_of, Sag, sag_of, w
 from forcecal_ros.calibrate.tool import identify_tool, ToolFit, weigh, Weight
 from forcecal_ros.calibrate.touched import what_touches
 from forcecal_ros.calibrate.unsettled import mode_of, settled, without_ringing
-from forcecal_ros.checks.clipping import clipped
+from forcecal_ros.checks.accelerometer import refuse_on_another_link, refuse_other_unit
 from forcecal_ros.checks.entry import checked
-from forcecal_ros.checks.inertia import other_point
-from forcecal_ros.checks.units import refuse_on_another_link, refuse_other_unit
-from forcecal_ros.core.axes import in_axes_of_pose, level_from_base, levelled
+from forcecal_ros.checks.hypotheses import judge, slight_misfit
+from forcecal_ros.checks.messages import Stated
+from forcecal_ros.checks.signals import clipped
+from forcecal_ros.core.axes import DOWN, in_axes_of_pose, level_from_base, levelled
 from forcecal_ros.core.calibration import Calibration, Estimate, Noise, ObserverGain
 from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.geometry import Array
@@ -173,12 +174,6 @@ def _same_orientation(recording: Recording, settings: IdentificationSettings) ->
     return bool(spread[0] < LEAST_SPREAD)
 
 
-def _with_other_point(recording: Recording, tool: ToolFit) -> Recording:
-    """Note where torques and inertia show different centres of mass."""
-    said = other_point(recording, tool.com, np.sqrt(np.diag(tool.covariance))[4:7])
-    return replace(recording, notes=(*recording.notes, said)) if said else recording
-
-
 def _unit(direction: Vector3 | None) -> Vector3 | None:
     """Return the unit vector of a direction that is not plainly down."""
     if direction is None or level_from_base(direction) is None:
@@ -219,8 +214,9 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
         As :func:`identify`.
     """
     recording, removed = checked(recording)
-    recording = _evened(levelled(recording, settings.gravity_direction))
     require_wrench(recording)
+    recording, slight = _judged(_evened(recording), settings)
+    recording = levelled(recording, settings.gravity_direction)
     poses = static_poses(recording)
     stops = clipped(recording)
     refuse_poses_at_a_limit(recording, stops, poses)
@@ -228,7 +224,7 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
     _refuse_other_unit(recording, poses, settings)
     gridded = grid_recording(recording, poses, settings)
     statics = read_statics(recording, poses, settings, gridded)
-    slight = slight_misfit(poses, statics, settings, recording.sensor_from_pose)
+    check_weight(statics.gravity, settings.thresholds.condition)
     if gridded is None:
         return replace(_single_samples(recording, removed, poses, statics, settings),
                        slight_misfit=slight, stops=stops)
@@ -245,9 +241,21 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
         recording = replace(recording, notes=(*recording.notes, (
             f'{touched}; inertia is not taken from it')))
     turn = gridded.kinematics.angular(late[0] if late else 0.0)
-    return Stages(_with_other_point(recording, tool), removed, poses, statics, tool, sag, ring,
+    return Stages(recording, removed, poses, statics, tool, sag, ring,
                   _accelerometer(recording, gridded, tool, turn, settings), inertia, late,
                   ToolMotion(gridded, slide, turn), slight, stops)
+
+
+def _judged(recording: Recording, settings: IdentificationSettings) -> tuple[Recording, str]:
+    """Refuse a recording that another hypothesis explains better; name what is slight."""
+    level = level_from_base(settings.gravity_direction)
+    down = DOWN if level is None else level.T @ DOWN
+    stated = Stated(down, settings.wrench_sign, settings.sensor_rotation,
+                    recording.sensor_from_pose)
+    judged = in_axes_of_pose(recording, settings.sensor_rotation)
+    notes = judge(judged, settings.gravity * down, stated)
+    return (replace(recording, notes=(*recording.notes, *notes)),
+            slight_misfit(judged, settings.gravity * down, stated))
 
 
 def _settled(recording: Recording, poses: list[StaticPose], statics: Statics,

@@ -1,10 +1,10 @@
 """Static poses: how the paper orients the sensor, and where a recording stands still."""
 
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from typing import NamedTuple
 
-from forcecal_ros.checks import limits
-from forcecal_ros.checks.motion import rest_within
+from forcecal_ros.checks.signals import PAUSE_PERIODS, PAUSE_S
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array, rotation_about, rotation_from_vector, rotation_vector
 from forcecal_ros.core.streams import PoseStream, Recording, STILL, Stream
@@ -155,7 +155,7 @@ def _recorded_throughout(wrench: Stream, windows: list[tuple[float, float]]
     """Keep what the wrench was recorded in throughout: of its pauses the checks tell."""
     if not len(wrench):
         return []
-    pause = max(limits.PAUSE, limits.PAUSE_PERIODS / wrench.rate) if len(wrench) > 1 else np.inf
+    pause = max(PAUSE_S, PAUSE_PERIODS / wrench.rate) if len(wrench) > 1 else np.inf
     kept = []
     for start, end in windows:
         start, end = max(start, float(wrench.t[0])), min(end, float(wrench.t[-1]))
@@ -263,3 +263,54 @@ def _mean_rotation(R: Array) -> tuple[Array, float]:
         return mean, np.nan
     scatter = rotation_vector(mean.T @ R)
     return mean, float((scatter**2).sum() / (3 * (len(R) - 1)) / len(R))
+
+
+SLICE_S, SHORTEST_REST_S = 0.1, 0.3
+"""Speeds are differences of means over the first, which evens out a pose's noise; so much of a
+phase at rest is kept."""
+
+
+def rest_within(pose: PoseStream, start: float, end: float) -> tuple[float, float]:
+    """
+    Cut off where the measured pose still, or already, moves in a phase at rest.
+
+    Parameters
+    ----------
+    start, end : float
+        Of the phase [s].
+
+    Returns
+    -------
+    tuple of float
+        Start and end [s] of the longest rest; those given where the pose does not move, and where
+        it moves nearly all along, which is for the fit to judge.
+    """
+    origin = start - 0.2  # a motion that ends so shortly before still rings [s]
+    cut = pose.between(origin, end)
+    slices = int((end - origin) / SLICE_S)
+    edges = np.searchsorted(cut.t, origin + SLICE_S * np.arange(slices + 1))
+    if slices < 4 or np.diff(edges).min() < 3:
+        return start, end
+    moving = _moving(cut, edges)
+    borders = np.flatnonzero(np.diff(np.concatenate([[True], moving, [True]]).astype(int)))
+    if not moving.any() or not len(borders):
+        return start, end
+    begins, ends = borders[::2], borders[1::2]
+    i = int(np.argmax(ends - begins))
+    stop = end if ends[i] == len(moving) else float(origin + SLICE_S * ends[i])
+    stopped = float(origin + SLICE_S * (begins[i] + 1)) if begins[i] else -np.inf
+    if stop - max(start, stopped) < SHORTEST_REST_S:
+        return start, end
+    return max(start, min(stopped + 0.5, stop - SHORTEST_REST_S)), stop
+
+
+def _moving(cut: PoseStream, edges: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Say of each pair of neighbouring slices whether the pose moves from one to the next."""
+    turned = rotation_vector(cut.R_base_sensor[len(cut) // 2].T @ cut.R_base_sensor)
+    rows = np.hstack([turned / 0.01, np.nan_to_num(cut.position) / 0.005])
+    steps = np.diff(rows, axis=0)
+    noise = 1.48 / np.sqrt(2.0) * np.median(np.abs(steps - np.median(steps, axis=0)), axis=0)
+    means = np.array([rows[i:j].mean(axis=0) for i, j in pairwise(edges)])
+    doubt = 5.0 * noise * np.sqrt(2.0 / np.diff(edges).min())
+    way = np.maximum(np.abs(np.diff(means, axis=0)) - doubt, 0.0)
+    return np.asarray(np.linalg.norm(way, axis=1) > SLICE_S)

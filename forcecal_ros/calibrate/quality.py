@@ -23,7 +23,7 @@ from forcecal_ros.calibrate.poses import orientation_h, orientation_v, StaticPos
 from forcecal_ros.calibrate.rejection import pose_errors, rejected
 from forcecal_ros.calibrate.result import Stages
 from forcecal_ros.calibrate.settings import IdentificationSettings
-from forcecal_ros.checks.units import doubt_of_force_unit, doubt_of_torque_unit
+from forcecal_ros.checks.hypotheses import questions_of
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import phase_spans
@@ -64,9 +64,7 @@ def quality_of(stages: Stages, calibration: Calibration, settings: Identificatio
     quality: dict[str, Any] = {
         'warnings': [*weak_estimates(calibration, settings), *(finding.line for finding in found)],
         'suspect': [key for key in ALL if any(key in finding.suspect for finding in found)],
-        'questions': [one for one in (
-            doubt_of_force_unit(tool.mass),
-            doubt_of_torque_unit(float(np.linalg.norm(tool.com)))) if one],
+        'questions': list(questions_of(tool.mass, float(np.linalg.norm(tool.com)))),
         'notes': [*stages.recording.notes, *_notes(stages, calibration, plain)],
         'poses': [{'start': round(p.start, 3), 'gravity': g, 'residual': r} for p, g, r in
                   zip(stages.poses, stages.statics.gravity, tool.residuals)],

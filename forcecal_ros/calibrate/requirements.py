@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 from forcecal_ros.calibrate.poses import StaticPose
-from forcecal_ros.checks.clipping import Clipping, columns
+from forcecal_ros.checks.signals import Clipping, columns
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array

@@ -21,7 +21,7 @@ from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.calibrate.static_readings import Statics
 from forcecal_ros.calibrate.statics import Sag
 from forcecal_ros.calibrate.tool import ToolFit
-from forcecal_ros.checks.clipping import Clipping
+from forcecal_ros.checks.signals import Clipping
 from forcecal_ros.core.calibration import (
     Accelerometer,
     Estimate,
@@ -52,7 +52,7 @@ class Stages:
     motion : ToolMotion or None
         None where the poses were single samples.
     slight_misfit : str
-        What the forces at rest say of a small turn of the sensor or tilt of the base.
+        What the forces show of a small rotation of the sensor or tilt of the base.
     stops : tuple of Clipping
         Where channels stop at a limit.
     """

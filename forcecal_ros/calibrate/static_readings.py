@@ -2,25 +2,8 @@
 
 from typing import NamedTuple
 
-from forcecal_ros.calibrate.poses import StaticPose
-from forcecal_ros.calibrate.settings import IdentificationSettings
-from forcecal_ros.checks.frame_faults import (
-    refuse_other_frame,
-    refuse_unexplained,
-    refuse_weightless,
-    slightly_off,
-    Stated,
-)
-from forcecal_ros.checks.frames import Forces, judge
-from forcecal_ros.checks.orientations import (
-    refuse_other_orientation,
-    simpler_reading,
-)
-from forcecal_ros.checks.torques import refuse_exchanged, refuse_other_torques
-from forcecal_ros.core.axes import DOWN, level_from_base
 from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.schema import Vector7
 import numpy as np
 
 
@@ -167,47 +150,3 @@ def refuse_negative(mass: float) -> None:
     if mass <= 0:
         raise TurnedWrench(
             f'the mass comes out as {mass:.4g} kg: the wrench has the opposite sign')
-
-
-def slight_misfit(poses: list[StaticPose], statics: Statics, settings: IdentificationSettings,
-                  sensor_from_pose: Vector7 | None = None) -> str:
-    """
-    Name a small turn of the sensor or tilt of the base; empty: there is none.
-
-    Parameters
-    ----------
-    sensor_from_pose : tuple of 7 float or None
-        By which the poses were taken to ft_sensor, x y z [m] qx qy qz qw.
-
-    Raises
-    ------
-    UnobservableError
-        The poses do not tell mass from bias, or show no weight.
-    DataError
-        The wrench is in another frame, has other axes, its torques other ones than its forces,
-        or base is far from level.
-    """
-    if len(poses) == 1:  # which no frame fits better than another
-        check_weight(statics.gravity, settings.thresholds.condition)
-    R_level_base = level_from_base(settings.gravity_direction)
-    back: Array = np.eye(3) if R_level_base is None else R_level_base.T
-    believed = back @ DOWN
-    noise = None
-    if statics.covariance is not None:
-        noise = np.sqrt(np.trace(statics.covariance[:, :3, :3], axis1=1, axis2=2) / 3.0)
-    forces = Forces(back @ np.stack([pose.R_base_sensor for pose in poses]),
-                    statics.wrench[:, :3], settings.gravity * believed, noise)
-    judgement = judge(forces)
-    refuse_exchanged(forces, statics.wrench[:, 3:])
-    refuse_other_orientation(forces, judgement)
-    refuse_other_frame(judgement, Stated(
-        believed, settings.wrench_sign, settings.sensor_rotation, sensor_from_pose),
-        simpler_reading(forces, judgement))
-    check_weight(statics.gravity, settings.thresholds.condition)
-    refuse_weightless(judgement)
-    refuse_unexplained(judgement)
-    torque_noise = None if statics.covariance is None else np.sqrt(np.diagonal(
-        statics.covariance[:, 3:, 3:], axis1=1, axis2=2).mean(axis=0))
-    refuse_other_torques(judgement.plain.mass * statics.gravity, statics.wrench[:, 3:],
-                         torque_noise, forces.R_base_sensor)
-    return slightly_off(judgement, believed)

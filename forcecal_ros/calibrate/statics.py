@@ -8,7 +8,7 @@ from forcecal_ros.calibrate.requirements import require_wrench
 from forcecal_ros.calibrate.ringing import RingFit, rings, stiffness_and_damping
 from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.calibrate.static_readings import Statics
-from forcecal_ros.checks.clipping import resolution
+from forcecal_ros.checks.signals import resolution
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.autocovariance import noise_of_windows

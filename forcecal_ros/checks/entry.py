@@ -1,33 +1,18 @@
-"""Every check of a recording, in order, once, where it enters."""
+"""Every check of the signals of a recording, in order, once, where it enters."""
 
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from forcecal_ros.checks import limits
-from forcecal_ros.checks.clipping import clipped, refuse_wrapped, resolution
-from forcecal_ros.checks.clocks import (
-    lost_messages,
-    refuse_clocks_apart,
-    refuse_offset,
-    silences,
-)
-from forcecal_ros.checks.held import dead_bands, lost_packets, without_held
-from forcecal_ros.checks.interpolated import interpolated
-from forcecal_ros.checks.motion import refuse_frozen_pose, refuse_silent_pose
-from forcecal_ros.checks.pace import refuse_degrees_a_second, refuse_other_pace
-from forcecal_ros.checks.repeats import refuse_dead, refuse_stuck
-from forcecal_ros.checks.slowness import lag_note
-from forcecal_ros.checks.values import readable, startup
+from forcecal_ros.checks import signals
 from forcecal_ros.core.errors import DataError
-from forcecal_ros.core.streams import CHANNELS, PoseStream, Recording, Stream
+from forcecal_ros.core.streams import CHANNELS, Recording
 import numpy as np
 
-SENSORS = ('wrench', 'accelerometer', 'optidrive', 'angular_velocity')
-"""Streams whose values are a sensor's."""
+COARSE_PLACE_M = 1e-3
+"""Positions in larger steps show no acceleration: robots report tenths of a millimetre."""
 
-OPTIONAL = ('optidrive', 'angular_velocity')
-"""Signals that messages and simulators hold as zeros where nothing measures them."""
+_ALL = ('wrench', 'accelerometer', 'optidrive', 'angular_velocity', 'pose', 'target')
 
 
 class Checked(NamedTuple):
@@ -48,7 +33,9 @@ class Checked(NamedTuple):
 
 def checked(recording: Recording, raw_wrench: bool = False) -> Checked:
     """
-    Check everything that a recording holds, whatever will be made of it.
+    Check every signal of a recording, whatever will be made of it.
+
+    What the signals mean together is judged by :func:`forcecal_ros.checks.hypotheses.judge`.
 
     It runs once: a recording that was checked is returned as it is, with what was removed then.
 
@@ -68,62 +55,29 @@ def checked(recording: Recording, raw_wrench: bool = False) -> Checked:
     if recording.wrench is not None and not len(recording.wrench):
         raise DataError('wrench: no message was recorded; look at its topic and its driver, and '
                         'record again')
-    recording, removed = _readable(_begun(_without_absent(recording)), raw_wrench)
-    refuse_other_pace(recording)
-    refuse_clocks_apart(recording)
-    refuse_degrees_a_second(recording)
-    for name in SENSORS:
+    recording, removed = _readable(_begun(_measured(recording)), raw_wrench)
+    signals.refuse_other_pace(recording)
+    signals.refuse_clocks_apart(recording)
+    signals.refuse_degrees_a_second(recording)
+    for name in _ALL[:4]:
         stream = getattr(recording, name)
         if stream is not None:
-            refuse_dead(stream, name, CHANNELS[name])
-            refuse_stuck(stream, name, CHANNELS[name], recording.pose or recording.target)
+            signals.refuse_dead(stream, name)
+            signals.refuse_stuck(stream, name, CHANNELS[name], recording.pose or recording.target)
     if recording.wrench is not None and recording.pose is not None and len(recording.pose):
-        refuse_wrapped(recording.wrench, CHANNELS['wrench'], recording.pose)
-    refuse_frozen_pose(recording)
-    refuse_silent_pose(recording)
-    recording = without_held(recording)
-    follows = _how_it_follows(recording) if not raw_wrench else ''
-    if not raw_wrench:
-        refuse_offset(recording, 'smooths' in follows)
-    notes = (*([follows] if follows else []), *_coarse(recording), *silences(recording),
-             *lost_messages(recording),
-             *(str(one) for one in clipped(recording)))
+        signals.refuse_wrapped(recording.wrench, recording.pose)
+    signals.refuse_frozen_pose(recording)
+    for name in ('wrench', 'pose'):
+        stream = getattr(recording, name)
+        if stream is not None:
+            keep, note = signals.without_repetitions(stream, name)
+            recording = _without(recording, name, keep, note)
+    notes = (*_coarse(recording), *signals.silences(recording), *signals.lost_messages(recording),
+             *(str(one) for one in signals.clipped(recording)))
     fresh = [note for note in notes if note not in recording.notes]
     # raw channels are checked once more as a wrench, after their matrix
     return Checked(replace(recording, notes=(*recording.notes, *fresh),
                            removed=None if raw_wrench else removed), removed)
-
-
-def _how_it_follows(recording: Recording) -> str:
-    wrench, pose = recording.wrench, recording.pose
-    return lag_note(wrench, pose) if wrench is not None and pose is not None else ''
-
-
-def _coarse(recording: Recording) -> Iterator[str]:
-    """Name dead bands, and poses that come in steps or on straight lines."""
-    wrench, pose = recording.wrench, recording.pose
-    if wrench is not None:
-        yield from dead_bands(wrench.values, CHANNELS['wrench'])
-    if pose is not None and (straight := interpolated(pose)):
-        yield straight
-    if pose is not None and recording.accelerometer is None and pose.has_position:
-        step = max(resolution(column) for column in pose.position.T)
-        if step > limits.COARSE_PLACE:
-            yield (f'pose: its position comes in steps of {1e3 * step:.3g} mm: accelerations that '
-                   'are taken from it jump; publish it with more digits')
-
-
-def _begun(recording: Recording) -> Recording:
-    """Leave out what drivers publish before their sensors answer: no numbers, or zeros."""
-    changed: dict[str, Any] = {}
-    notes = []
-    for name in ('wrench', 'accelerometer'):
-        stream = getattr(recording, name)
-        if stream is not None and (first := startup(stream)):
-            changed[name] = stream.rows(slice(first, None))
-            notes.append(f'{name}: its first {first} samples hold no reading, up to '
-                         f'{stream.t[first]:.2f} s; left out')
-    return replace(recording, **changed, notes=(*recording.notes, *notes)) if notes else recording
 
 
 def computed(recording: Recording) -> Recording:
@@ -132,56 +86,72 @@ def computed(recording: Recording) -> Recording:
 
     Its sensors may well repeat themselves to the last bit, and clip nowhere.
     """
-    return _readable(_without_absent(recording), raw_wrench=False)[0]
+    return _readable(_measured(recording), raw_wrench=False)[0]
+
+
+def _without(recording: Recording, name: str, keep: signals.Mask, note: str) -> Recording:
+    """Leave samples of one stream out, and note why."""
+    if not note:
+        return recording
+    changed: dict[str, Any] = {name: getattr(recording, name).rows(keep)}
+    return replace(recording, **changed, notes=(*recording.notes, note))
+
+
+def _coarse(recording: Recording) -> Iterator[str]:
+    """Name dead bands, and poses that come in steps or on straight lines."""
+    wrench, pose = recording.wrench, recording.pose
+    for channel, column in zip(CHANNELS['wrench'], () if wrench is None else wrench.values.T):
+        if limit := signals.dead_band(column):
+            yield (f'{channel} is never between 0 and {limit:.3g}: a dead band of its driver sets '
+                   'small readings to zero; switch it off, as weight and bias are read wrongly')
+    if pose is not None and (straight := signals.interpolated(pose)):
+        yield straight
+    if pose is not None and recording.accelerometer is None and pose.has_position:
+        step = max(signals.resolution(column) for column in pose.position.T)
+        if step > COARSE_PLACE_M:
+            yield (f'pose: its position comes in steps of {1e3 * step:.3g} mm: accelerations that '
+                   'are taken from it jump; publish it with more digits')
+
+
+def _begun(recording: Recording) -> Recording:
+    """Leave out what drivers publish before their sensors answer: no numbers, or zeros."""
+    for name in ('wrench', 'accelerometer'):
+        stream = getattr(recording, name)
+        if stream is not None and (first := signals.startup(stream)):
+            recording = _without(
+                recording, name, np.arange(len(stream)) >= first,
+                f'{name}: its first {first} samples hold no reading, up to '
+                f'{stream.t[first]:.2f} s; left out')
+    return recording
 
 
 def _readable(recording: Recording, raw_wrench: bool) -> tuple[Recording, dict[str, int]]:
     """Leave out samples that are no readings."""
-    changed: dict[str, Any] = {}
-    removed, notes = {}, []
-    for name in (*SENSORS, 'pose', 'target'):
+    removed = {}
+    for name in _ALL:
         stream = getattr(recording, name)
-        if stream is None:
-            continue
-        limit = limits.ABSURD_RAW if raw_wrench and name == 'wrench' else limits.ABSURD
-        good, note = readable(stream, name, CHANNELS[name], limit)
-        if note:
-            changed[name], removed[name] = stream.rows(good), int((~good).sum())
-            notes.append(note)
-    if changed:
-        recording = replace(recording, **changed, notes=(*recording.notes, *notes))
-    return _without_lost_packets(recording, removed), removed
+        if stream is not None:
+            limit = signals.ABSURD_RAW if raw_wrench and name == 'wrench' else signals.ABSURD
+            good, note = signals.readable(stream, name, limit)
+            if note:
+                removed[name] = int((~good).sum())
+                recording = _without(recording, name, good, note)
+    if recording.wrench is not None:
+        lost = signals.lost_packets(recording.wrench.values)
+        if lost.any():
+            removed['wrench'] = removed.get('wrench', 0) + int(lost.sum())
+            recording = _without(
+                recording, 'wrench', ~lost,
+                f'wrench: {int(lost.sum())} messages are zero in all channels between others that '
+                'are not, as of lost packets; left out')
+    return recording, removed
 
 
-def _without_lost_packets(recording: Recording, removed: dict[str, int]) -> Recording:
-    """Leave out zeros that drivers send where a packet was lost."""
-    wrench = recording.wrench
-    lost = None if wrench is None else lost_packets(wrench.values)
-    if wrench is None or lost is None or not lost.any():
-        return recording
-    removed['wrench'] = removed.get('wrench', 0) + int(lost.sum())
-    return replace(recording, wrench=wrench.rows(~lost), notes=(*recording.notes, (
-        f'wrench: {int(lost.sum())} messages are zero in all channels between others that are '
-        'not, as of lost packets; left out')))
-
-
-def _without_absent(recording: Recording) -> Recording:
+def _measured(recording: Recording) -> Recording:
     """Take streams for not measured that are empty, or hold what messages hold then."""
-    found = {name: why for name in (*SENSORS, 'pose', 'target') if (why := _absence(
-        name, getattr(recording, name)))}
-    absent: dict[str, Any] = dict.fromkeys(found)
-    notes = [f'{name}: {why}; taken as not measured' for name, why in found.items()]
-    return replace(recording, **absent, notes=(*recording.notes, *notes)) if found else recording
-
-
-def _absence(name: str, stream: Stream | PoseStream | None) -> str:
-    """Say why a stream is none; empty: it is one, or never was."""
-    if stream is None or name == 'wrench':
-        return ''
-    if not len(stream):
-        return 'no message'
-    if name not in OPTIONAL or not isinstance(stream, Stream):
-        return ''
-    if name == 'angular_velocity' and np.isnan(stream.values).all():
-        return 'no number throughout'
-    return '' if stream.values.any() else 'zero throughout'
+    for name in _ALL:
+        if why := signals.absence(name, getattr(recording, name)):
+            changed: dict[str, Any] = {name: None}
+            recording = replace(recording, **changed, notes=(
+                *recording.notes, f'{name}: {why}; taken as not measured'))
+    return recording

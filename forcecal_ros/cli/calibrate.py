@@ -173,7 +173,7 @@ def _with_mounting(calibration: 'Calibration', args: argparse.Namespace) -> 'Cal
 def _write(calibration: 'Calibration', args: argparse.Namespace, notes: tuple[str, ...]
            ) -> Answer:
     """Write a calibration, and return what is in it."""
-    from forcecal_ros.checks.units import refuse_other_mass
+    from forcecal_ros.checks.hypotheses import refuse_other_mass
     from forcecal_ros.core.quantity import quantity
     from forcecal_ros.io.calibration_file import save, to_document
     from forcecal_ros.report.rows import as_text, promises, residuals, table

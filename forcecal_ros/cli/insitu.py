@@ -12,7 +12,7 @@ from forcecal_ros.cli.outputs import add_output, RESULTS
 from forcecal_ros.core.files import write_results
 
 if TYPE_CHECKING:
-    from forcecal_ros.insitu.prepare import Chunk, Source
+    from forcecal_ros.insitu.blocks import Chunk, Source
     from forcecal_ros.insitu.result import SensorResult
     from forcecal_ros.insitu.spec import Spec
 
@@ -92,8 +92,7 @@ def earlier(folder: Path) -> list[str]:
 
 def _source(args: argparse.Namespace, spec: 'Spec', name: str, path: Path) -> 'Source':
     """Return what reads one data set for one sensor: a table, or else a recording."""
-    from forcecal_ros.insitu.streams import join, readable_chunks, topics_of
-    from forcecal_ros.insitu.tables import TableSource
+    from forcecal_ros.insitu.sources import join, readable_chunks, TableSource, topics_of
     from forcecal_ros.io.bags import read_chunks
 
     sensor = spec.sensors[name]

@@ -27,3 +27,15 @@ class UnobservableError(ForcecalError):
 
 class MotionError(ForcecalError):
     """A motion was refused before it began, or stopped on its way."""
+
+
+def below(value: float, limit: float, digits: int = 3) -> str:
+    """
+    Print a value that is below a limit so that it reads below it.
+
+    Digits are added until the rounded value is on its side of the limit.
+    """
+    for more in range(digits, 17):
+        if float(f'{value:.{more}g}') < limit:
+            return f'{value:.{more}g}'
+    return f'just under {limit:g}'

@@ -6,7 +6,7 @@ from itertools import pairwise
 from typing import NamedTuple, Protocol
 from weakref import ref
 
-from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.errors import below, DataError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import Phase, Recording, TOUCHING
 from forcecal_ros.effects import Effect
@@ -460,7 +460,8 @@ def span(*recordings: Recording) -> tuple[float, int]:
     first = max(float(t[0]) for t in streams) + EDGE_S
     last = min(float(t[-1]) for t in streams) - EDGE_S
     if last - first < MIN_MOTION_S:
-        raise DataError(f'wrench and motion overlap for {max(0.0, last - first):.1f} s; at '
+        common = below(max(0.0, last - first), MIN_MOTION_S)
+        raise DataError(f'wrench and motion overlap for {common} s; at '
                         f'least {MIN_MOTION_S:g} s are needed: record a longer motion')
     return first, int((last - first) / BLOCK)
 

@@ -4,12 +4,13 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeVar
 
-from forcecal_ros.checks.at_rest import refuse_other_axes
-from forcecal_ros.checks.clocks import Clock, clocks, dropouts, pauses, SENSORS, skew_between
+from forcecal_ros.checks.clocks import Clock, clocks, dropouts, skew_between
 from forcecal_ros.checks.entry import checked
-from forcecal_ros.checks.inertia import shown_in_metres
+from forcecal_ros.checks.hypotheses import judge, Known
+from forcecal_ros.checks.messages import Stated
+from forcecal_ros.checks.signals import pauses, SENSORS
 from forcecal_ros.core.calibration import Accelerometer
-from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.errors import below, DataError
 from forcecal_ros.core.geometry import Array, rotation_vector
 from forcecal_ros.core.stamps import with_even_stamps
 from forcecal_ros.core.streams import JointStream, PoseStream, Recording, Stream
@@ -99,7 +100,6 @@ def _added_notes(before: Recording, after: Recording) -> tuple[str, ...]:
 def _even_streams(recording: Recording) -> tuple[Recording, dict[str, Any]]:
     """Check a recording and even sensors that jitter around instants; return these apart too."""
     recording = checked(recording).recording
-    shown_in_metres(recording)
     changed: dict[str, Any] = {}
     notes = []
     for name in SENSORS:
@@ -172,8 +172,10 @@ def require_axes_of(rig: Rig, recordings: Iterable[Recording], by: str = 'rig') 
         Names cause and remedy.
     """
     for recording in recordings:
-        refuse_other_axes(recording, rig.tool.mass, np.array(rig.tool.com), np.array(rig.gravity),
-                          by=by)
+        gravity = np.array(rig.gravity)
+        judge(recording, gravity, Stated(gravity / np.linalg.norm(gravity),
+                                         sensor_from_pose=recording.sensor_from_pose, by=by),
+              Known(rig.tool.mass, np.array(rig.tool.com)))
 
 
 def require_overlap(recording: Recording, reference: str, shortest: float) -> None:
@@ -203,7 +205,7 @@ def require_overlap(recording: Recording, reference: str, shortest: float) -> No
             if common < min(shortest, clock.t[-1] - clock.t[0]):
                 short[name] = max(0.0, common)
     if short:
-        listed = ', '.join(f'{name} {common:.1f} s' for name, common in short.items())
+        listed = ', '.join(f'{name} {below(common, shortest)} s' for name, common in short.items())
         raise DataError(f'too little was recorded together with {ROLES[reference].topic}: '
                         f'{listed}; {shortest:g} s are needed, record all topics throughout')
 

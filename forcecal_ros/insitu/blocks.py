@@ -1,19 +1,128 @@
-"""A recording of any length as at most a few thousand blocks: means, noise, suspicious samples."""
+"""From readings of the devices to regressors, and to at most some thousand blocks of them."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
-from forcecal_ros.checks import limits
-from forcecal_ros.checks.clipping import Extreme
-from forcecal_ros.checks.repeats import refuse_stuck
+from forcecal_ros.checks.signals import CLIPPED, CLIPPED_IN_STEPS, Extreme, refuse_stuck
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.white import difference_gain
 from forcecal_ros.core.streams import Stream
-from forcecal_ros.insitu.prepare import Prepared
-from forcecal_ros.insitu.tally import joined, merged, Tally, tally_of, TINY, usual_power
+from forcecal_ros.insitu.equations import moving_regressors
 import numpy as np
 from numpy.typing import NDArray
+from scipy import signal
+
+GYRO_WINDOW = 0.21
+"""Window over which the angular rate is smoothed and differentiated [s]."""
+
+GYRO_ORDER = 3
+"""Order of the polynomial by which it is."""
+
+
+class Chunk(NamedTuple):
+    """
+    Consecutive samples as the devices sent them, in SI units, each in its own axes.
+
+    ``t`` (n,) [s], ``raw`` (n, k) channels, ``accelerometer`` (n, 3) specific force [m/s^2],
+    ``gyro`` (n, 3) [rad/s] or None.
+    """
+
+    t: Array
+    raw: Array
+    accelerometer: Array
+    gyro: Array | None
+
+
+class Prepared(NamedTuple):
+    """``t`` (n,) [s], ``regressors`` (n, 3 or 13) in the sensor frame, ``raw`` (n, k)."""
+
+    t: Array
+    regressors: Array
+    raw: Array
+
+
+Source = Callable[[], Iterable[Chunk]]
+"""Reads a recording from its beginning, every time it is called."""
+
+
+@dataclass(frozen=True)
+class Mounting:
+    """
+    Where the accelerometer sits.
+
+    Attributes
+    ----------
+    R_sensor_accelerometer : ndarray, shape (3, 3)
+        Identity where the accelerometer's frame serves as the sensor's.
+    position : ndarray, shape (3,)
+        Of the accelerometer in the sensor frame [m]; matters in motion only.
+    gravity_offset : ndarray, shape (3,)
+        What measured gravity is off by, in the sensor frame [m/s^2].
+    """
+
+    R_sensor_accelerometer: Array = field(default_factory=lambda: np.eye(3))
+    position: Array = field(default_factory=lambda: np.zeros(3))
+    gravity_offset: Array = field(default_factory=lambda: np.zeros(3))
+
+    def gravity(self, specific_force: Array) -> Array:
+        """Gravity in the sensor frame from specific force (n, 3) in the accelerometer's."""
+        return np.asarray(-specific_force @ self.R_sensor_accelerometer.T - self.gravity_offset)
+
+    def shifted(self, gravity_offset: Array) -> 'Mounting':
+        """Return the same with a further offset to take off."""
+        return replace(self, gravity_offset=self.gravity_offset + gravity_offset)
+
+
+def prepare(chunks: Iterable[Chunk], mounting: Mounting, moving: bool) -> Prepared:
+    """
+    Turn a recording into regressors and raw channels.
+
+    Parameters
+    ----------
+    moving : bool
+        Use the gyro: thirteen regressors instead of three; half a window is lost at each end.
+
+    Raises
+    ------
+    DataError
+        There are no samples, or motion was asked for and there is no gyro.
+    """
+    t, raw, accelerometer, gyro = _joined(chunks)
+    gravity = mounting.gravity(accelerometer)
+    if not moving:
+        return Prepared(t, gravity, raw)
+    if gyro is None:
+        raise DataError('motion needs an angular rate; name the gyro in the SPEC')
+    period = float(np.median(np.diff(t))) if len(t) > 1 else np.inf
+    half = max(2, round(GYRO_WINDOW / period / 2))
+    if len(t) < 2 * half + 2:
+        raise DataError(f'{len(t)} samples are too few to differentiate the angular rate')
+    rate = gyro @ mounting.R_sensor_accelerometer.T
+    omega, alpha = (_differentiate(rate, 2 * half + 1, period, order) for order in (0, 1))
+    inside = slice(half, -half)
+    return Prepared(t[inside], moving_regressors(gravity[inside], omega, alpha, mounting.position),
+                    raw[inside])
+
+
+def _joined(chunks: Iterable[Chunk]) -> Chunk:
+    parts = list(chunks)
+    if not parts:
+        raise DataError('there are no samples in it; look at its file')
+    gyros = [one.gyro for one in parts if one.gyro is not None]
+    t, raw, accelerometer = (np.concatenate(arrays).astype(float, copy=False)
+                             for arrays in list(zip(*parts))[:3])
+    return Chunk(t, raw, accelerometer, np.concatenate(gyros) if gyros else None)
+
+
+def _differentiate(values: Array, window: int, period: float, order: int) -> Array:
+    taps = signal.savgol_coeffs(window, GYRO_ORDER, deriv=order, delta=period)
+    return np.asarray(signal.oaconvolve(values, taps[:, None], mode='valid', axes=0))
+
+
+TINY = 1e-200
+"""Least power that anything is divided by."""
 
 BLOCK = 0.25
 """Length of a block [s], doubled as often as :data:`MOST_BLOCKS` wants."""
@@ -27,8 +136,8 @@ than rounding makes it, the step of its counts over the root of 12.
 """
 IN_STEPS = 0.05
 """A channel comes in steps if that share of its samples repeats the one before."""
-BEFORE = 4096
-"""So many samples before a piece tell what its channels do when they do not stick."""
+AT_ONCE = 16384
+"""Samples that are looked at together: ten columns of so many fit a second-level cache."""
 
 Mask = NDArray[np.bool_]
 
@@ -101,10 +210,30 @@ class Blocks:
                        square=np.full(len(self), magnitude ** 2))
 
 
-def to_blocks(chunks: Iterable[Prepared], window: tuple[float, float] | None = None,
+class Tally(NamedTuple):
+    """
+    What is averaged, counted or compared in each block; the first axis is the block.
+
+    ``power`` (b, n + 3) of the third differences of raw channels and gravity; ``again`` where an
+    extreme repeats the sample before; ``alike`` where any value does.
+    """
+
+    means: Array
+    square: Array
+    power: Array
+    low: Array
+    high: Array
+    at_low: Array
+    at_high: Array
+    low_again: Array
+    high_again: Array
+    alike: Array
+
+
+def to_blocks(recording: Prepared, window: tuple[float, float] | None = None,
               poses: bool = False) -> Blocks:
     """
-    Reduce a recording to blocks in one pass and constant memory.
+    Reduce a recording to blocks.
 
     Parameters
     ----------
@@ -118,75 +247,75 @@ def to_blocks(chunks: Iterable[Prepared], window: tuple[float, float] | None = N
     DataError
         There are fewer samples than a block has, or a channel sticks.
     """
-    tallies: list[Tally] = []
-    correlation: Array = np.zeros(())
-    loudness: Array | None = None
-    held: Prepared | None = None
-    before: Prepared | None = None
-    samples, period = 0, float('nan')
-    for chunk in chunks:
-        held = chunk if held is None or not len(held.t) else Prepared(
-            *(np.concatenate(pair) for pair in zip(held, chunk)))
-        if not samples:
-            if len(held.t) < 3:
-                continue
-            period = float(np.median(np.diff(held.t[:100_000])))
-            samples = 1 if poses else max(1, round(BLOCK / period))
-        whole = len(held.t) // samples
-        if whole:
-            chunk = held.take(slice(whole * samples))
-            if loudness is None:
-                loudness = usual_power(chunk, samples)
-            tally, covariance, stands = tally_of(chunk, samples, loudness)
-            tallies.append(tally)
-            if samples > 1 and stands:
-                _refuse_stuck(before, chunk, window)
-            before = chunk.take(slice(-BEFORE, None))
-            correlation = correlation + covariance
-            held = held.take(slice(whole * samples, None))
-        if sum(len(tally.start) for tally in tallies) > MOST_BLOCKS:
-            tallies = [merged(joined(tallies))]
-            samples *= 2
-    if not tallies:
-        if held is None:
-            raise DataError('there are no samples in it; look at its file')
-        raise DataError(f'{len(held.t)} samples are too few for one block '
-                        f'of {BLOCK:g} s; is the time in seconds?')
-    return _finish(joined(tallies), samples, period, correlation)
+    t = recording.t
+    period = float(np.median(np.diff(t[:100_000]))) if len(t) > 2 else np.inf
+    samples = 1 if poses and len(t) > 2 else max(1, round(min(BLOCK / period, 1e9)))
+    while len(t) // samples > MOST_BLOCKS:
+        samples *= 2
+    count = len(t) // samples
+    if len(t) < 3 or not count:
+        raise DataError(f'{len(t)} samples are too few for one block of {BLOCK:g} s; is the time '
+                        'in seconds?')
+    tallies, correlation, loudness = [], np.zeros(()), np.zeros(())
+    for start in range(0, count, max(1, AT_ONCE // samples)):
+        part = slice(start * samples, min(count, start + max(1, AT_ONCE // samples)) * samples)
+        tally, rough = _tally(recording.regressors[part], recording.raw[part], samples)
+        tallies.append(tally)
+        if not start:
+            loudness = np.maximum(np.median(tally.power, axis=0), TINY)
+        ratio = np.maximum((tally.power / loudness).mean(axis=1), TINY)
+        loud = (rough / ratio[:, None]).reshape(len(rough), -1)
+        correlation = correlation + loud @ rough.reshape(len(rough), -1).T
+    whole = Tally(*(np.concatenate(arrays) for arrays in zip(*tallies)))
+    if samples > 1 and (whole.alike == samples - 1).any():
+        _refuse_stuck(recording, window)
+    noise, roughness = _noise(whole, samples, correlation)
+    n = recording.raw.shape[1]
+    stamps = t[:count * samples].reshape(count, samples)
+    steps = np.diff(t[:count * samples], prepend=t[0] - period).reshape(count, samples)
+    return Blocks(
+        samples, period, stamps[:, 0].copy(), stamps[:, -1].copy(), whole.means[:, :-n],
+        whole.means[:, -n:], whole.square - np.trace(noise[n:, n:]), noise[:n, :n],
+        noise[n:, n:], roughness, steps.max(axis=1) > GAP * period, _clipped(whole, samples))
 
 
-def _refuse_stuck(before: Prepared | None, chunk: Prepared, window: tuple[float, float] | None
-                  ) -> None:
+def _tally(regressors: Array, raw: Array, samples: int) -> tuple[Tally, Array]:
+    """Look at some blocks; their third differences (n + 3, b, samples - 3) come along."""
+    m = regressors.shape[1]
+    x = np.vstack([regressors.T, raw.T]).reshape(m + raw.shape[1], -1, samples)
+    y = x[m:]
+    both = np.concatenate([y, x[:3]])
+    rough = both[..., 3:] - both[..., :-3] - 3.0 * (both[..., 2:-1] - both[..., 1:-2])
+    low, high = y.min(axis=2), y.max(axis=2)
+    at_low, at_high = y == low[..., None], y == high[..., None]
+    again = both[..., 1:] == both[..., :-1]
+    counts = [one.sum(axis=2) for one in (
+        at_low, at_high, at_low[..., 1:] & again[:-3], at_high[..., 1:] & again[:-3], again)]
+    return Tally(*(one.T for one in (
+        x.mean(axis=2), (x[:3] ** 2).sum(axis=0).mean(axis=1), (rough ** 2).sum(axis=2), low, high,
+        *counts))), rough
+
+
+def _refuse_stuck(recording: Prepared, window: tuple[float, float] | None) -> None:
     """Look closer where a channel or the accelerometer repeats itself for a whole block."""
-    both = [chunk] if before is None else [before, chunk]
-    t = np.concatenate([one.t for one in both])
+    n = recording.raw.shape[1]
     for name, channels, values in (
-            ('the sensor', [f'channel {k + 1}' for k in range(chunk.raw.shape[1])],
-             np.concatenate([one.raw for one in both])),
+            ('the sensor', [f'channel {k + 1}' for k in range(n)], recording.raw),
             ('accelerometer', [f'gravity along {axis}' for axis in 'xyz'],
-             np.concatenate([one.regressors[:, :3] for one in both]))):
-        used = Stream(t, values) if window is None else Stream(t, values).between(*window)
+             recording.regressors[:, :3])):
+        stream = Stream(recording.t, values)
+        used = stream if window is None else stream.between(*window)
         if len(used) > 1:
             refuse_stuck(used, name, channels)
 
 
-def _finish(tally: Tally, samples: int, period: float, correlation: Array) -> Blocks:
-    n = tally.low.shape[1]
-    means = tally.sums / samples
-    noise, roughness = _noise(tally, samples, n, correlation)
-    before = np.concatenate([[period], tally.start[1:] - tally.end[:-1]])
-    return Blocks(
-        samples, period, tally.start, tally.end, means[:, :-n], means[:, -n:],
-        tally.square / samples - np.trace(noise[n:, n:]), noise[:n, :n], noise[n:, n:], roughness,
-        np.maximum(tally.step, before) > GAP * period, _clipped(tally, samples))
-
-
-def _noise(tally: Tally, samples: int, n: int, correlation: Array) -> tuple[Array, Array]:
+def _noise(tally: Tally, samples: int, correlation: Array) -> tuple[Array, Array]:
     """Return the noise covariance of raw and gravity, and the roughness of each block."""
+    n = tally.low.shape[1]
     extremes = np.concatenate([tally.low, tally.high])
     floor = np.append(np.maximum((FLOOR * np.ptp(extremes, axis=0)) ** 2,
                                  [_step(column) ** 2 / 12 for column in extremes.T]), np.zeros(3))
-    power = tally.differences.astype(float) / max(1, difference_gain(3) * (samples - 3))
+    power = tally.power / max(1, difference_gain(3) * (samples - 3))
     level = np.maximum(power, floor)
     typical = np.maximum(np.median(level, axis=0), TINY)
     roughness = np.sqrt((level[:, :n] / typical[:n]).mean(axis=1))
@@ -208,8 +337,8 @@ def _clipped(tally: Tally, samples: int) -> Mask:
 
     One whose neighbouring samples are alike in most blocks repeats its extreme as any other value.
     """
-    alike = np.median(tally.still, axis=0) / max(1, samples - 1)
-    least = np.where(alike > IN_STEPS, limits.CLIPPED_IN_STEPS, limits.CLIPPED)
+    alike = np.median(tally.alike[:, :tally.low.shape[1]], axis=0) / max(1, samples - 1)
+    least = np.where(alike > IN_STEPS, CLIPPED_IN_STEPS, CLIPPED)
     clipped = np.zeros(tally.low.shape, dtype=bool)
     for extreme, count, again, end in (
             (tally.low, tally.at_low, tally.low_again, tally.low.min(axis=0)),

@@ -6,20 +6,20 @@ from dataclasses import replace
 from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.insitu.advice import affine_misfit, bent, misfits_of, offsets_of, warnings_of
-from forcecal_ros.insitu.departure import causes, hidden_covariance
-from forcecal_ros.insitu.excitation import excitation
-from forcecal_ros.insitu.known import with_known_wrenches
-from forcecal_ros.insitu.matrix import Load
+from forcecal_ros.insitu.blocks import Mounting
+from forcecal_ros.insitu.equations import Load, MOVING, STATIC
+from forcecal_ros.insitu.fit import MatrixProblem, with_known_wrenches, with_matrix
+from forcecal_ros.insitu.loads import contradiction, MASS, require
 from forcecal_ros.insitu.moments import Moments
-from forcecal_ros.insitu.motion import MOVING, STATIC
-from forcecal_ros.insitu.offset import offset_of, shared_offset
-from forcecal_ros.insitu.offset_moves import explained, jump_within, offset_moves
-from forcecal_ros.insitu.prepare import Mounting
-from forcecal_ros.insitu.problem import MatrixProblem, with_matrix
-from forcecal_ros.insitu.rank import require
+from forcecal_ros.insitu.offset import (
+    excitation,
+    explained,
+    jump_within,
+    offset_moves,
+    offset_of,
+    shared_offset,
+)
 from forcecal_ros.insitu.reduce import (
-    AGREEING,
     DataSet,
     LITTLE,
     Options,
@@ -27,10 +27,18 @@ from forcecal_ros.insitu.reduce import (
     Reduced,
     without_hysteresis,
 )
-from forcecal_ros.insitu.result import DataSetResult, SensorResult
-from forcecal_ros.insitu.stated import contradiction, MASS
+from forcecal_ros.insitu.result import (
+    affine_misfit,
+    bent,
+    DataSetResult,
+    offsets_of,
+    SensorResult,
+    warnings_of,
+)
 from forcecal_ros.insitu.uncertainty import (
+    causes,
     doubt_covariance,
+    hidden_covariance,
     Residual,
     residuals,
     score_covariance,
@@ -47,8 +55,8 @@ by twice its range, next to none of noise."""
 RIDGE = 1e-6
 """Share of the white noise that keeps the noise of few blocks, less than channels, invertible."""
 
-UNTOLD = ('the stated loads contradict each other, or seem to, as the sensor is far from linear '
-          'or drifts: what is wrong cannot be told')
+AGREEING = 3
+"""Data sets from which on a common hysteresis is taken off: drift or touch is not common."""
 
 GROSS = 0.05
 """Share of the known wrenches left over from which on contradicting loads give no calibration:
@@ -83,14 +91,13 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
         if options.body:
             require(loads, MOVING if options.moving else STATIC)
     reduced, found_norm = reduce(data_sets, mounting, options)
+    coarse = max(r.blocks.length for r in reduced) > COARSE
     _check_channels(data_sets, [r.moments for r in reduced], options, manufacturer_matrix)
     coarse = max(r.blocks.length for r in reduced) > COARSE
     found_causes = None if options.moving or coarse else causes(
         [(r.blocks, r.use) for r in reduced])
-    compensate = (options.compensate_hysteresis and options.body
-                  and len(data_sets) >= AGREEING)
-    unlagged = reduced
-    if found_causes and compensate:
+    as_measured = reduced
+    if found_causes and options.body and len(data_sets) >= AGREEING:
         reduced = without_hysteresis(reduced, found_causes.lags)
     moments = [r.moments for r in reduced]
     excited = excitation(moments, options.gravity)
@@ -113,8 +120,8 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
         offset_moves=np.zeros(len(moments)) if options.moving else offset_moves(
             [(r.blocks, r.use) for r in reduced]),
         jumps=() if options.moving or options.poses or coarse else tuple(
-            jump_within(r.blocks, r.use) for r in unlagged),
-        causes=found_causes, compensated=compensate,
+            jump_within(r.blocks, r.use) for r in as_measured),
+        causes=found_causes,
         data_sets=tuple(_data_set(d, r, options) for d, r in zip(data_sets, reduced)),
         manufacturer_matrix=manufacturer_matrix)
     if options.matrix:
@@ -127,13 +134,11 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
                 result, data_sets, reduced)
         except UnobservableError as error:
             raise UnobservableError('; '.join([
-                *offsets_of(result), str(error), *misfits_of(result), *affine_misfit(result),
-                *_cut_down(reduced)])) from error
-        found = contradiction(problem.stated(options.body))
-        if found and bent(result):
-            found = found._replace(words=UNTOLD, explained=False)
-        result = replace(result, contradiction=found)
-    _require_possible(result)
+                *offsets_of(result), str(error), *affine_misfit(result), *_cut_down(reduced)]
+            )) from error
+        if not bent(result):
+            result = replace(result, contradiction=contradiction(problem.stated(options.body)))
+    _require_possible(result, reduced)
     return replace(result, warnings=warnings_of(result))
 
 
@@ -145,12 +150,13 @@ def _cut_down(reduced: Sequence[Reduced]) -> Iterator[str]:
                'cut: contact, joints that move, or a sensor that is not linear')
 
 
-def _require_possible(result: SensorResult) -> None:
+def _require_possible(result: SensorResult, reduced: Sequence[Reduced]) -> None:
     """Refuse loads that contradict each other grossly, and masses below zero."""
-    causes = [*offsets_of(result), *misfits_of(result), *affine_misfit(result)]
+    causes = [*offsets_of(result), *affine_misfit(result)]
     found = result.contradiction
-    if found and found.explained and found.share > GROSS:
-        raise DataError('; '.join([*offsets_of(result), found.words, *affine_misfit(result)]))
+    if found and found.share > GROSS:
+        raise DataError('; '.join([*_cut_down(reduced), *offsets_of(result), found.words,
+                                   *affine_misfit(result)]))
     careful = MASS * max(d.load.mass if d.load else 0.0 for d in result.data_sets)
     masses = [('the body', result.mass, 0.0), *(
         (f'what was added in {d.name}', d.added_mass, careful) for d in result.data_sets)]

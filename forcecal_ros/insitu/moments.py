@@ -1,21 +1,16 @@
 """A data set of any length as one small matrix of sums: all that least squares needs of it."""
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
-from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.jit import compiled_in_any_order
-from forcecal_ros.insitu.prepare import Prepared
-from forcecal_ros.insitu.smoothing import smooth
+from forcecal_ros.insitu.blocks import Prepared
 import numpy as np
+from scipy import signal
 
 TRUNCATE = 1e-10
 """Directions of the regressors with less than this share of the largest moment are not used."""
-
-PIECE = 64
-"""Samples that are summed at a time: twenty columns of so many fit a first-level cache."""
-
 
 @dataclass(frozen=True)
 class Moments:
@@ -78,11 +73,11 @@ class Moments:
         return float(self.count - self.ones @ self.ones)
 
 
-def accumulate(chunks: Iterable[Prepared], kept: tuple[tuple[float, float], ...], window: int,
+def accumulate(recording: Prepared, kept: tuple[tuple[float, float], ...], window: int,
                order: int, raw_noise: Array, gravity_noise: Array, magnitude: float | None
                ) -> Moments:
     """
-    Filter the kept stretches and fold all samples into their moments, in constant memory.
+    Filter the kept stretches and fold all samples into their moments.
 
     At rest the accelerometer tells a direction only: its readings are scaled to the magnitude of
     gravity, before the filter, which is linear and so keeps what holds for a sample. The rest
@@ -107,23 +102,27 @@ def accumulate(chunks: Iterable[Prepared], kept: tuple[tuple[float, float], ...]
     DataError
         No sample lies in the stretches, or gravity has no scatter beyond its noise.
     """
-    size = None if magnitude is None else magnitude + np.trace(gravity_noise) / (3 * magnitude)
-    reference: Array | None = None
-    gain = 0.0
-    for run in _runs(chunks, kept, size):
-        for part in smooth(run, window, order):
-            if reference is None:
-                reference = part.values[0].copy()
-                reference[:-len(raw_noise)] = 0.0
-                gram = np.zeros((1 + len(reference), 1 + len(reference)))
-            _add_products(part.values, reference, gram)
-            gain += part.noise_gain
-    if reference is None:
+    n, gain, gram = len(raw_noise), 0.0, np.zeros(())
+    runs = [slice(*np.searchsorted(recording.t, ends)) for ends in kept]
+    runs = [run for run in runs if run.stop > run.start]
+    if not runs:
         raise DataError('no sample lies in the stretches that are used')
-    gram = np.tril(gram) + np.tril(gram, -1).T
+    reference = np.zeros(recording.regressors.shape[1] + n)
+    reference[-n:] = recording.raw[runs[0].start]
+    for run in runs:
+        rows = np.hstack([recording.regressors[run], recording.raw[run]]) - reference
+        if magnitude is not None:
+            # noise across gravity makes its mean shorter
+            size = magnitude + np.trace(gravity_noise) / (3 * magnitude)
+            rows[:, :3] *= size / np.linalg.norm(rows[:, :3], axis=1, keepdims=True)
+        rows, more = smooth(rows, window, order)
+        ones = rows.sum(axis=0)
+        gram = gram + np.block([[np.full((1, 1), len(rows)), ones[None]],
+                                [ones[:, None], rows.T @ rows]])
+        gain += more
     if magnitude is not None:
         gravity_noise = _tangential(gram, gravity_noise, magnitude)
-    return _moments(gram, reference[-len(raw_noise):], gain, raw_noise, gravity_noise)
+    return _moments(gram, reference, gain, raw_noise, gravity_noise)
 
 
 def _tangential(gram: Array, gravity_noise: Array, magnitude: float) -> Array:
@@ -132,71 +131,10 @@ def _tangential(gram: Array, gravity_noise: Array, magnitude: float) -> Array:
     return np.asarray(np.trace(gravity_noise) / 3 * (np.eye(3) - along))
 
 
-def _runs(chunks: Iterable[Prepared], kept: tuple[tuple[float, float], ...],
-          magnitude: float | None) -> Iterator[Iterator[Array]]:
-    """
-    Yield each kept stretch as an iterator over chunks of [regressors, raw]; read in order.
-
-    Measured gravity is scaled to ``magnitude`` [m/s^2]; noise across it makes its mean shorter.
-    """
-    source = iter(chunks)
-    held: list[Prepared] = []
-
-    def stretch(start: float, end: float) -> Iterator[Array]:
-        while True:
-            chunk = held.pop() if held else next(source, None)
-            if chunk is None:
-                return
-            i, j = np.searchsorted(chunk.t, [start, end])
-            if j > i:
-                yield _rows(chunk.regressors[i:j], chunk.raw[i:j], magnitude or np.nan)
-            if j < len(chunk.t):
-                held.append(chunk.take(slice(j, None)))
-                return
-
-    for start, end in kept:
-        yield stretch(start, end)
-
-
-@compiled_in_any_order
-def _rows(regressors: Array, raw: Array, magnitude: float) -> Array:
-    """Put raw channels beside regressors, gravity of a magnitude unless that is NaN."""
-    m, n = regressors.shape[1], raw.shape[1]
-    rows = np.empty((len(raw), m + n))
-    for i in range(len(raw)):
-        x, y, z = regressors[i, 0], regressors[i, 1], regressors[i, 2]
-        scale = magnitude / np.sqrt(x * x + y * y + z * z)
-        for k in range(m):
-            rows[i, k] = regressors[i, k]
-        if not np.isnan(magnitude):
-            for k in range(3):
-                rows[i, k] *= scale
-        for k in range(n):
-            rows[i, m + k] = raw[i, k]
-    return rows
-
-
-@compiled_in_any_order
-def _add_products(rows: Array, reference: Array, gram: Array) -> None:
-    """Add to the lower half of X^T X, X = [1, rows - reference], piece by piece."""
-    n = len(reference)
-    x = np.ones((1 + n, PIECE))
-    for start in range(0, len(rows), PIECE):
-        size = min(PIECE, len(rows) - start)
-        for i in range(size):
-            for k in range(n):
-                x[1 + k, i] = rows[start + i, k] - reference[k]
-        for k in range(1 + n):
-            for j in range(k + 1):
-                total = 0.0
-                for i in range(size):
-                    total += x[k, i] * x[j, i]
-                gram[k, j] += total
-
-
 def _moments(gram: Array, reference: Array, gain: float, raw_noise: Array,
              gravity_noise: Array) -> Moments:
-    n = len(reference)
+    n = len(raw_noise)
+    reference = reference[-n:]
     m = len(gram) - 1 - n
     count = gram[0, 0]
     covariance = (gram[1:, 1:] - np.outer(gram[0, 1:], gram[0, 1:]) / count) / count
@@ -218,3 +156,116 @@ def _moments(gram: Array, reference: Array, gain: float, raw_noise: Array,
         ones=combine.T @ gram[1:m + 1, 0],
         combine=combine,
         spread=spread)
+
+
+PAPER_WINDOW = 3.01
+"""Length of the paper's window [s]: 301 samples at 100 Hz."""
+
+PAPER_ORDER = 3
+"""Order of the paper's polynomial."""
+
+
+SLOW = 5.0
+"""Lower rates are doubted [Hz]: 5 kHz come out so where ms are taken for s."""
+
+
+class Smoothed(NamedTuple):
+    """Filtered samples, shape (n, k), and the sum of their noise gains (1 each, unfiltered)."""
+
+    values: Array
+    noise_gain: float
+
+
+def window_samples(window: float, order: int, rate: float) -> int:
+    """
+    Scale the paper's window to a rate: an odd number of samples, [Traversaro2014] IV.
+
+    Parameters
+    ----------
+    window : float
+        [s]; 0 for no filter.
+    order : int
+        Of the polynomial.
+    rate : float
+        [Hz]
+
+    Returns
+    -------
+    int
+        1 for no filter.
+
+    Raises
+    ------
+    ConfigError
+        The window holds too few samples for the polynomial.
+    """
+    if not window:
+        return 1
+    samples = 2 * round((window * rate - 1) / 2) + 1
+    if samples <= order:
+        raise ConfigError(
+            f'filter: a window of {window:g} s holds {samples} samples at {rate:g} Hz, order '
+            f'{order} needs more than {order}; widen it'
+            + (', if time is in s; else state its unit (ms, us)' if rate < SLOW else ''))
+    return samples
+
+
+def projection(window: int, order: int) -> Array:
+    """
+    Least-squares polynomial over a window: row i maps the samples to the fit at sample i.
+
+    The middle row holds the filter's coefficients, the others serve the first and last half
+    window of a stream; the diagonal holds the gain on white noise power.
+
+    Returns
+    -------
+    ndarray, shape (window, window)
+    """
+    x = np.linspace(-1.0, 1.0, window) if window > 1 else np.zeros(1)
+    q, _ = np.linalg.qr(np.polynomial.legendre.legvander(x, min(order, window - 1)))
+    return np.asarray(q @ q.T)
+
+
+def smooth(run: Array, window: int, order: int) -> Smoothed:
+    """
+    Filter one gapless run of samples, with polynomial ends; as many come out as go in.
+
+    Parameters
+    ----------
+    run : ndarray, shape (n, k)
+    window : int
+        Odd number of samples; 1 passes everything as it is.
+    """
+    n = len(run)
+    if window == 1:
+        return Smoothed(run, float(n))
+    hat = projection(min(n, window), order)
+    if n <= window:
+        return Smoothed(hat @ run, float(np.trace(hat)))
+    half = window // 2
+    out = np.empty(run.shape)
+    out[half:n - half] = signal.oaconvolve(np.ascontiguousarray(run.T), hat[half:half + 1],
+                                           mode='valid', axes=1).T
+    out[:half], out[n - half:] = hat[:half] @ run[:window], hat[half + 1:] @ run[-window:]
+    return Smoothed(out, float(2 * np.trace(hat[:half, :half])
+                               + (n - 2 * half) * hat[half, half]))
+
+
+def gathered(run: Array, window: int, order: int) -> Array:
+    """
+    Apply the transpose of the filter to one gapless run: sum x smooth(y) is sum gathered(x) y.
+
+    Parameters
+    ----------
+    run : ndarray, shape (n, k)
+    window : int
+        Odd number of samples, more than one.
+    """
+    n = len(run)
+    if n < window + 1:
+        return np.asarray(projection(n, order) @ run)
+    hat, half = projection(window, order), window // 2
+    out = signal.oaconvolve(run[half:n - half], hat[half][:, None], mode='full', axes=0)
+    out[:window] += hat[:half].T @ run[:half]
+    out[-window:] += hat[half + 1:].T @ run[-half:]
+    return np.asarray(out)

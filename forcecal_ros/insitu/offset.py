@@ -7,11 +7,15 @@ on the measured gravity, not the fit of a quadric to the cloud.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
-from forcecal_ros.core.errors import UnobservableError
+from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.noise.autocovariance import noise_of_residuals
+from forcecal_ros.insitu.blocks import Blocks, Mask, TINY
 from forcecal_ros.insitu.moments import Moments
 import numpy as np
+from scipy.special import chdtrc
 
 
 @dataclass(frozen=True)
@@ -170,3 +174,239 @@ def shared_offset(data_sets: Sequence[Moments]) -> Array:
     if not (weights > 0).all():
         raise UnobservableError('gravity does not move beyond its noise; tilt the body further')
     return np.average([offset_of(moments) for moments in data_sets], axis=0, weights=weights)
+
+
+MISFITS = 4.0
+"""Moves that are fewer misfits of a data set's own affine map than this are not told from them."""
+
+
+EXPLAINS, DRIFTS = 0.5, 1.2
+"""A jump is told where it explains this share of what an affine map leaves, and so many times what
+a steady drift explains: half-way a drift explains three quarters of a jump, and a jump of a drift.
+Of the hysteresis and bends of usual sensors a jump explains a fifth."""
+
+SIDE = 0.15
+"""Share of a data set on either side of a jump, at least."""
+
+
+class Jump(NamedTuple):
+    """From when on [s] channels are off by up to which share of what gravity moves them."""
+
+    start: float
+    share: float
+
+
+def jump_within(blocks: Blocks, use: Mask) -> Jump | None:
+    """Find the instant from which on a data set's channels are off, however gravity turns."""
+    g, raw, start = blocks.regressors[use, :3], blocks.raw[use], blocks.start[use]
+    n = len(raw)
+    root = np.linalg.cholesky(blocks.raw_noise / blocks.samples)
+    white = np.linalg.solve(root, (raw - raw.mean(axis=0)).T).T
+    q, _ = np.linalg.qr(np.column_stack([np.ones(n), g]))
+    off = white - q @ (q.T @ white)
+    splits = np.arange(max(1, round(SIDE * n)), n - round(SIDE * n))
+    if not len(splits):
+        return None
+    # what follows a split less its affine part, by sums from there on: memory grows with n only
+    after_q, after_off = (np.cumsum(x[::-1], axis=0)[::-1][splits] for x in (q, off))
+    size = n - splits - (after_q**2).sum(axis=1)
+    gains = (after_off**2).sum(axis=1) / np.maximum(size, TINY)
+    drift = np.arange(n) / n
+    drift -= q @ (q.T @ drift)
+    steady = ((drift @ off)**2).sum() / max(float(drift @ drift), TINY)
+    best = int(np.argmax(gains))
+    if gains[best] < max(EXPLAINS * float((off**2).sum()), DRIFTS * steady):
+        return None
+    jump = np.abs(root @ after_off[best] / size[best])
+    span = np.maximum(affine(g, raw)[2], 1e-12)
+    return Jump(float(start[splits[best]]), float((jump / span).max()))
+
+
+def offset_moves(data_sets: Sequence[tuple[Blocks, Mask]]) -> Array:
+    """
+    Compare each data set's own offset with the median of all.
+
+    Unlike the residuals under one shared offset, those of own affine maps do not hold the move.
+
+    Parameters
+    ----------
+    data_sets : sequence of (Blocks, ndarray of bool)
+
+    Returns
+    -------
+    ndarray, shape (k,)
+        Largest move of a channel over its span; zero where misfits explain it.
+    """
+    fits = [affine(blocks.regressors[use, :3], blocks.raw[use]) for blocks, use in data_sets]
+    offsets = np.array([offset for offset, *_ in fits])
+    span = np.max([size for _, _, size in fits], axis=0)
+    moves = np.abs(offsets - np.median(offsets, axis=0))
+    levers = [_lever(blocks.regressors[use, :3]) for blocks, use in data_sets]
+    sure = moves > MISFITS * np.array([lever * rms for lever, (_, rms, _) in zip(levers, fits)])
+    return np.asarray((np.where(sure, moves, 0.0) / np.maximum(span, 1e-12)).max(axis=1))
+
+
+def explained(data_sets: Sequence[tuple[Blocks, Mask]]) -> Array:
+    """Share of each channel's variance that own affine maps of gravity explain, shape (n,)."""
+    used = [(blocks.regressors[use, :3], blocks.raw[use]) for blocks, use in data_sets]
+    residual = np.sum([len(raw) * affine(gravity, raw)[1] ** 2 for gravity, raw in used], axis=0)
+    whole = np.sum([len(raw) * raw.var(axis=0, ddof=1) for _, raw in used], axis=0)
+    return np.asarray(1 - residual / np.maximum(whole, 1e-24))
+
+
+def affine(gravity: Array, raw: Array) -> tuple[Array, Array, Array]:
+    """Offset, RMS of the misfit, and span of each channel's own affine map of gravity."""
+    x = np.column_stack([np.ones(len(gravity)), gravity])
+    theta = np.linalg.lstsq(x, raw, rcond=None)[0]
+    rms = np.linalg.norm(raw - x @ theta, axis=0) / np.sqrt(max(len(x) - x.shape[1], 1))
+    return theta[0], rms, np.ptp(x @ theta, axis=0)
+
+
+def _lever(gravity: Array) -> float:
+    """How far a misfit of RMS 1 may move the offset."""
+    x = np.column_stack([np.ones(len(gravity)), gravity])
+    return float(np.sqrt(len(x) * np.linalg.pinv(x.T @ x)[0, 0]))
+
+
+WEAK = 0.07
+"""Spread of gravity along a direction, over its magnitude, below which it is weak: 4 deg."""
+
+BLIND = 0.01
+"""Spread of gravity along a direction, over its magnitude, below which nothing is estimated."""
+
+WRONG_UNIT = 0.2
+"""Share by which measured and stated gravity may differ, unless the unit is wrong."""
+
+TRUSTED = 0.02
+"""Largest standard error at which an accelerometer offset found from |g| is used [m/s^2]."""
+
+SIGNIFICANT = 1e-3
+"""Probability by chance below which such an offset is taken to be there."""
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """
+    How far gravity moves in the sensor frame.
+
+    Attributes
+    ----------
+    spreads : ndarray, shape (3,)
+        Standard deviations along its principal directions, largest first [m/s^2].
+    directions : ndarray, shape (3, 3)
+        Those directions, one a row.
+    gravity : float
+        Magnitude of gravity [m/s^2].
+    """
+
+    spreads: Array
+    directions: Array
+    gravity: float
+
+    @property
+    def weak(self) -> bool:
+        """Whether the offset along the last direction is hardly more than extrapolated."""
+        return bool(self.spreads[2] < WEAK * self.gravity)
+
+    @property
+    def weakest(self) -> str:
+        """The last direction in words: an axis, or a vector."""
+        v = self.directions[2]
+        axis = int(np.abs(v).argmax())
+        if abs(v[axis]) > 0.9:
+            return 'xyz'[axis]
+        return '(' + ', '.join(f'{value:.2f}' for value in v) + ')'
+
+
+def excitation(data_sets: Sequence[Moments], gravity: float) -> Excitation:
+    """
+    Spread of measured gravity within the data sets, the accelerometer's noise taken off.
+
+    Parameters
+    ----------
+    gravity : float
+        [m/s^2]
+
+    Raises
+    ------
+    UnobservableError
+        Gravity does not move in three dimensions.
+    """
+    counts = [moments.count for moments in data_sets]
+    spread = np.average([moments.spread for moments in data_sets], axis=0, weights=counts)
+    values, vectors = np.linalg.eigh(spread)
+    found = Excitation(np.sqrt(np.maximum(values[::-1], 0.0)), vectors[:, ::-1].T, gravity)
+    if found.spreads[2] < BLIND * gravity:
+        raise UnobservableError(
+            f'gravity moves by {found.spreads[0]:.3g}, {found.spreads[1]:.3g}, '
+            f'{found.spreads[2]:.2g} m/s^2 along its principal directions in the sensor frame, '
+            f'too little along {found.weakest} (at least {BLIND * gravity:.2g} is needed); tilt '
+            'the body about a second axis, and further')
+    return found
+
+
+@dataclass(frozen=True)
+class Norm:
+    """
+    What the magnitude of measured gravity says of the accelerometer.
+
+    Attributes
+    ----------
+    offset : ndarray, shape (3,)
+        That makes the magnitude the same in all directions, sensor frame [m/s^2].
+    std : ndarray, shape (3,)
+    magnitude : float
+        That is then the same in all directions [m/s^2].
+    p : float
+        Chance of such an offset from noise alone.
+    """
+
+    offset: Array
+    std: Array
+    magnitude: float
+    p: float
+
+    @property
+    def usable(self) -> bool:
+        """Whether the offset is there and known well enough to be taken off."""
+        return self.p < SIGNIFICANT and bool(self.std.max() < TRUSTED) and bool(
+            np.linalg.norm(self.offset) < WRONG_UNIT * self.magnitude)
+
+
+def norm(data_sets: Sequence[tuple[Blocks, Mask]], gravity: float) -> Norm:
+    """
+    Fit a sphere to measured gravity: |g|^2 = 2 b g + const for an accelerometer offset b.
+
+    Parameters
+    ----------
+    gravity : float
+        Stated magnitude [m/s^2].
+
+    Raises
+    ------
+    DataError
+        The magnitude has nothing to do with the stated one.
+    """
+    g = np.vstack([blocks.regressors[use, :3] for blocks, use in data_sets])
+    square = np.concatenate([blocks.square[use] for blocks, use in data_sets])
+    typical = float(np.sqrt(np.median(square)))
+    if abs(typical / gravity - 1) > WRONG_UNIT:
+        raise DataError(f'the accelerometer shows {typical:.4g} m/s^2 at rest, gravity is '
+                        f'{gravity:g}; state its unit in the SPEC (m/s^2 or g)')
+    x = np.column_stack([2 * g, np.ones(len(g))])
+    theta, _, rank, _ = np.linalg.lstsq(x, square, rcond=1e-6)
+    if rank < 4:
+        return Norm(np.zeros(3), np.full(3, np.inf), typical, 1.0)
+    residual = square - x @ theta
+    variance = _long_run(residual) * len(g) / max(len(g) - 4, 1)
+    covariance = np.linalg.inv(x.T @ x)[:3, :3] * max(variance, 1e-20)
+    b = theta[:3]
+    wald = float(b @ np.linalg.solve(covariance, b))
+    return Norm(b, np.sqrt(np.diag(covariance)), float(np.sqrt(max(theta[3] + b @ b, 0.0))),
+                float(chdtrc(3, wald)))
+
+
+def _long_run(residual: Array) -> float:
+    """Long-run variance of a scalar residual, at least its variance."""
+    noise = noise_of_residuals(residual[:, None], max(1, int(2 * len(residual) ** (1 / 3))))
+    return float(max(noise.covariance[0, 0], noise.long_run[0, 0]))

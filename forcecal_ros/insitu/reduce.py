@@ -4,34 +4,31 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
-from forcecal_ros.checks.repeats import REMEDY
+from forcecal_ros.checks.signals import REMEDY
 from forcecal_ros.core.errors import DataError, ForcecalError
 from forcecal_ros.core.geometry import Array, STANDARD_GRAVITY
-from forcecal_ros.insitu.blocks import Blocks, Mask, to_blocks
-from forcecal_ros.insitu.departure import causes, Departure, departure
-from forcecal_ros.insitu.excitation import Norm, norm
-from forcecal_ros.insitu.matrix import Load
-from forcecal_ros.insitu.moments import accumulate, Moments
-from forcecal_ros.insitu.prepare import Mounting, prepare, Source
+from forcecal_ros.insitu.blocks import Blocks, Mask, Mounting, prepare, Source, to_blocks
+from forcecal_ros.insitu.equations import Load
+from forcecal_ros.insitu.moments import (
+    accumulate,
+    Moments,
+    PAPER_ORDER,
+    PAPER_WINDOW,
+    window_samples,
+)
+from forcecal_ros.insitu.offset import Norm, norm
 from forcecal_ros.insitu.screen import (
     given_window,
-    MOST_LIMIT,
     screen,
     Screening,
     untouched,
     whole,
 )
-from forcecal_ros.insitu.smoothing import PAPER_ORDER, PAPER_WINDOW, window_samples
+from forcecal_ros.insitu.uncertainty import Departure, departure
 import numpy as np
 
-AGREEING = 3
-"""Data sets from which on a common hysteresis is taken off: drift or touch is not common."""
-
 LITTLE = 0.5
-"""Screening that leaves less than this share of all data sets is asked whether all bend alike."""
-
-MOSTLY = 0.75
-"""Share of the misfit that a bending and a hysteresis common to all must explain: half its RMS."""
+"""Screening that leaves less than this share of all data sets is said, or not done."""
 
 
 @dataclass(frozen=True)
@@ -58,8 +55,6 @@ class Options:
         Something unknown hangs there beside the added masses.
     level_accelerometer : bool
         Take off the accelerometer's offset where |g| shows it (at rest only).
-    compensate_hysteresis : bool
-        Take off the hysteresis of the raw channels where they show it (at rest only).
     accelerometer_noise : float or None
         White noise of a sample [m/s^2]; None: measured.
     raw_unit : str
@@ -78,7 +73,6 @@ class Options:
     matrix: bool = True
     body: bool = True
     level_accelerometer: bool = True
-    compensate_hysteresis: bool = True
     accelerometer_noise: float | None = None
     raw_unit: str = 'raw'
     mass_error: float = 0.0
@@ -211,38 +205,24 @@ def _require_signal(blocks: Blocks) -> None:
 
 def _screen_all(all_blocks: Sequence[Blocks], data_sets: Sequence[DataSet], options: Options
                 ) -> list[Screening]:
-    """Screen each data set by itself, or none where all bend and lag in the same way."""
+    """
+    Screen each data set by itself.
+
+    Not where every wrench is known and little would be left: errors of data sets left out hold it.
+    """
     screenings: list[Screening] = []
+    known = options.screening and not options.body and not any(d.window for d in data_sets)
     try:
         for blocks, data_set in zip(all_blocks, data_sets):
             with _named(data_set):
                 screenings.append(_screen(blocks, data_set, options))
     except DataError:
-        if not _is_sensor_error(all_blocks, data_sets, options):
+        if not known:
             raise
-        return [untouched(blocks) for blocks in all_blocks]
     used = sum(int(screening.use.sum()) for screening in screenings)
-    if used < LITTLE * sum(map(len, all_blocks)) and _is_sensor_error(
-            all_blocks, data_sets, options):
+    if known and used < LITTLE * sum(map(len, all_blocks)):
         return [untouched(blocks) for blocks in all_blocks]
     return screenings
-
-
-def _is_sensor_error(all_blocks: Sequence[Blocks], data_sets: Sequence[DataSet],
-                     options: Options) -> bool:
-    """
-    Whether what screening would cut is no contact but the sensor.
-
-    One bending and one hysteresis, common to all, explain it; or every wrench is known, and then
-    the errors of data sets left out hold it.
-    """
-    if (options.moving or options.poses or not options.screening or len(data_sets) < AGREEING
-            or any(data_set.window for data_set in data_sets)):
-        return False
-    if not options.body:
-        return True
-    found = causes([(blocks, untouched(blocks).use) for blocks in all_blocks])
-    return found is not None and found.explained > MOSTLY and found.unexplained < MOST_LIMIT
 
 
 def _screen(blocks: Blocks, data_set: DataSet, options: Options) -> Screening:

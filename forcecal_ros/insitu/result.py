@@ -1,5 +1,6 @@
 """What an in-situ calibration yields for one sensor, and its documents."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -7,14 +8,12 @@ from forcecal_ros.core.calibration import Calibration, Estimate
 from forcecal_ros.core.errors import UnobservableError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.schema import plain
-from forcecal_ros.insitu.departure import Cause, Causes, Departure
-from forcecal_ros.insitu.excitation import Excitation, Norm
-from forcecal_ros.insitu.matrix import Load, LoadEstimate
-from forcecal_ros.insitu.offset_moves import Jump
-from forcecal_ros.insitu.rank import RankReport
+from forcecal_ros.insitu.equations import Load, LoadEstimate
+from forcecal_ros.insitu.loads import Contradiction, MASS, PLACE, RankReport
+from forcecal_ros.insitu.offset import affine, Excitation, Jump, Norm
 from forcecal_ros.insitu.reduce import Options
 from forcecal_ros.insitu.screen import Cut
-from forcecal_ros.insitu.stated import Contradiction
+from forcecal_ros.insitu.uncertainty import Cause, Causes, Departure
 import numpy as np
 
 
@@ -93,11 +92,9 @@ class SensorResult:
         How far each data set's own offset is from the usual one, as a share of what gravity moves.
     jumps : tuple of Jump or None
         Of the offset within each data set; empty in motion and of poses.
+    manufacturer_matrix : ndarray or None, shape (6, n)
     causes : Causes or None
         What the residuals of the affine maps of gravity come from; None in motion.
-    compensated : bool
-        Whether hysteresis, where there is some, was taken off.
-    manufacturer_matrix : ndarray or None, shape (6, n)
     matrix : Estimate or None, shape (6, n)
         Wire wrench = matrix (raw - offset).
     wrench_bias : Estimate or None, shape (6,)
@@ -121,7 +118,6 @@ class SensorResult:
     offset_scatter: Array
     offset_moves: Array
     causes: Causes | None
-    compensated: bool
     data_sets: tuple[DataSetResult, ...]
     manufacturer_matrix: Array | None
     matrix: Estimate | None = None
@@ -224,3 +220,199 @@ def to_calibration(result: SensorResult, frame: str, source: str) -> Calibration
         quality={'warnings': list(result.warnings), 'rank': result.rank.rank,
                  'unknowns': result.rank.unknowns},
         source={'method': 'forcecal insitu', 'recording': source})
+
+
+MOVES = 0.1
+"""Scatter of |g| above which a recording counts as moving [m/s^2]."""
+
+DISAGREES = 5.0
+"""A data set whose own offset is more standard errors from the shared one is warned of."""
+
+MOVED = 0.05
+"""Share of what gravity moves a channel by which offsets may differ: a bent sensor's by 0.03."""
+
+FAR_OFF = 5.0
+"""Standard errors from which on a load that was kept back is not as stated: once in a million."""
+
+ALIKE = 0.1
+"""Share by which two matrices' forces may differ and still be the same but for sign and unit."""
+
+FACTORS = {2.2046: 'are forces of the manufacturer in lbf, or masses stated twice converted?',
+           0.45359: 'are added masses stated in lb?', 1e-3: 'are added masses stated in g?',
+           1 / 9.80665: "are the manufacturer's in kgf?"}
+"""Forces by the manufacturer over those by the matrix found, and what makes them so."""
+
+BENT = 0.05
+"""The same of half of the data sets from which on loads are not blamed: sensors have 0.02."""
+
+LIMITS = 0.02
+"""Share of the range by which the linear model may be off unnamed: that of a poor sensor."""
+
+OFF_GRAVITY = 0.005
+"""Share by which measured |g| may differ from the stated one without a warning."""
+
+
+def warnings_of(result: SensorResult) -> tuple[str, ...]:
+    """Collect what is weak, cut, suspicious or contradictory."""
+    return (*offsets_of(result), *_contradictions(result), *_by_manufacturer(result),
+            *_excitation(result), *_accelerometer(result), *_cuts(result), *_subspace(result))
+
+
+def _excitation(result: SensorResult) -> Iterator[str]:
+    e = result.excitation
+    if e.weak:
+        yield (f'gravity hardly moves along {e.weakest} of the sensor frame: {e.spreads[2]:.2g} '
+               f'm/s^2 against {e.spreads[0]:.3g} along the best direction; what hangs on it is '
+               'weakly determined, see its standard errors, and tilt further that way')
+
+
+def _accelerometer(result: SensorResult) -> Iterator[str]:
+    found, stated = result.norm, result.options.gravity
+    if found is None:
+        return
+    if found.usable:
+        b = ', '.join(f'{value:+.3f}' for value in found.offset)
+        done = 'taken off' if result.options.level_accelerometer else 'left in'
+        yield f'|g| shows an accelerometer offset of ({b}) m/s^2 in the sensor frame; {done}'
+    if abs(found.magnitude / stated - 1) > OFF_GRAVITY:
+        yield (f'measured |g| is {found.magnitude:.4g} m/s^2, stated {stated:.6g}: the '
+               "accelerometer's gain or the stated gravity is off, and all masses with it")
+    for d in result.data_sets:
+        if d.gravity_scatter > MOVES:
+            yield (f'{d.name}: |g| scatters by {d.gravity_scatter:.2g} m/s^2, the body '
+                   'accelerates; move slower')
+
+
+def _by_manufacturer(result: SensorResult) -> Iterator[str]:
+    """Compare total forces with those by the manufacturer's matrix: a sign, a unit of mass."""
+    maker = result.manufacturer_matrix
+    if result.matrix is None or maker is None:
+        return
+    raw = np.vstack([d.raw for d in result.data_sets]) - result.offset.value
+    mine, other = (raw @ matrix[:3].T for matrix in (result.matrix.value, maker))
+    ratio = float((mine * other).sum() / (mine ** 2).sum())
+    if np.linalg.norm(other - ratio * mine) > ALIKE * np.linalg.norm(other):
+        return
+    if ratio < 0:
+        yield ("forces by the manufacturer's matrix point the other way: `measures` of the "
+               'accelerometer is specific_force where it shows gravity, or the reverse, or the '
+               'manufacturer counts forces on the environment')
+    for factor, unit in FACTORS.items():
+        if abs(abs(ratio) / factor - 1) < ALIKE:
+            yield (f"forces by the manufacturer's matrix are {abs(ratio):.4g} times as large: "
+                   f'{unit}')
+
+
+def _cuts(result: SensorResult) -> Iterator[str]:
+    for d in result.data_sets:
+        for cut in d.cuts:
+            inside = any(start <= cut.start and cut.end < end for start, end in d.kept)
+            yield (f'{d.name}: {cut.start:.2f}..{cut.end:.2f} s '
+                   f'{"should be" if inside else "was"} cut: {cut.reason}')
+
+
+def _subspace(result: SensorResult) -> Iterator[str]:
+    leaving = [d for d in result.data_sets if d.departure and d.departure.significant]
+    if leaving:
+        worst = max(leaving, key=_times)
+        yield (f'the raw measurements leave their three-dimensional subspace in {len(leaving)} of '
+               f'{len(result.data_sets)} data sets, most in {worst.name}: {_times(worst):.1f} '
+               'times the noise of a block')
+    causes = result.causes
+    if causes and causes.bending.significant:
+        yield ('channels leave the subspace with the square of gravity by up to '
+               f'{_size(result, causes.bending)}: something bends under load, a joint (lock the '
+               'knee) or the mount of sensor or accelerometer; the standard errors are widened by '
+               'what an affine fit hides of it')
+    if causes and causes.hysteresis.significant:
+        yield (f'channels depend by up to {_size(result, causes.hysteresis)} on where they come '
+               'from: hysteresis, which is taken off where three data sets or more agree')
+    yield from affine_misfit(result)
+
+
+def affine_misfit(result: SensorResult) -> Iterator[str]:
+    """Name a misfit of the linear model that is large against what the sensor shows."""
+    found = result.nonlinearity
+    shares = {d.name: _off_affine(d) for d in result.data_sets}
+    worst = max(shares, key=lambda name: shares[name])
+    if result.contradiction and shares[worst] < LIMITS:
+        return  # what such loads leave over is not the sensor's
+    if found is not None and found.share > LIMITS:
+        more = 'squares of the channels would make them smaller' if found.squares else \
+            'squares of the channels do not make them smaller for data sets left out'
+        yield (f'wrenches are off the linear map by {found.share:.0%} of their range (RMS): the '
+               'sensor is not linear, or has hysteresis or drift; this, not noise, limits the '
+               f'calibration, and the standard errors hold it; {more}')
+    if found is not None:
+        return
+    if shares[worst] > LIMITS:
+        yield (f'{worst}: the raw channels are off an affine map of gravity by '
+               f'{shares[worst]:.0%} of their range (RMS): a sensor that is not linear, '
+               'hysteresis, drift, a dead or clipped channel, or a bend; this, not noise, limits '
+               'the calibration; where nothing hangs there but the added mass, `body: none` '
+               'asks less of it')
+
+
+def bent(result: SensorResult) -> bool:
+    """Whether most data sets, each by itself, are far from an affine map of gravity."""
+    return float(np.median([_off_affine(d) for d in result.data_sets])) > BENT
+
+
+def _off_affine(data_set: DataSetResult) -> float:
+    """RMS of the residual of a data set's own affine map over the range, worst channel."""
+    _, rms, _ = affine(data_set.gravity, data_set.raw)
+    return float((rms / np.maximum(np.ptp(data_set.raw, axis=0), 1e-12)).max())
+
+
+def _times(data_set: DataSetResult) -> float:
+    return data_set.departure.times_noise if data_set.departure else 0.0
+
+
+def _size(result: SensorResult, cause: Cause) -> str:
+    rms = np.sqrt(np.diag(cause.covariance))
+    return f'{rms.max():.2g} {result.options.raw_unit} (RMS, channel {int(rms.argmax()) + 1})'
+
+
+def offsets_of(result: SensorResult) -> Iterator[str]:
+    """Say that the offset moved between data sets, or within one."""
+    for d, jump in zip(result.data_sets, result.jumps):
+        if jump is not None:
+            yield (f'{d.name}: from {jump.start:.1f} s on channels are off by up to '
+                   f'{jump.share:.1%} of what gravity moves them, however it points: a tare, or a '
+                   'driver started anew, within it; use either part alone (window)')
+    if len(result.data_sets) < 2:
+        return
+    worst = int(result.offset_moves.argmax())
+    if result.offset_moves[worst] > MOVED:
+        yield (f'the offset moved between data sets, that of {result.data_sets[worst].name} by '
+               f'{result.offset_moves[worst]:.0%} of what gravity moves a channel: a tare (leave '
+               'it out, and what the driver does at its start), temperature, a cable, or channels '
+               'in another order')
+        return
+    worst = int(result.offset_scatter.argmax())
+    if result.offset_scatter[worst] > DISAGREES:
+        yield (f'the offset of {result.data_sets[worst].name} alone is '
+               f'{result.offset_scatter[worst]:.0f} standard errors from the shared one: it moved '
+               '(temperature, a cable), or what the standard errors leave out did')
+
+
+def _contradictions(result: SensorResult) -> Iterator[str]:
+    """Stated loads that cannot be, of data sets to train on and of those kept back."""
+    if result.contradiction:
+        yield result.contradiction.words
+    heaviest = max((d.load.mass for d in result.data_sets if d.load), default=0.0)
+    for d in result.data_sets:
+        if d.train or d.load is None or d.added_mass is None:
+            continue
+        off = float(d.added_mass.value) - d.load.mass
+        careful = np.hypot(float(d.added_mass.std), MASS * heaviest)
+        if abs(off) > FAR_OFF * careful:
+            yield (f'{d.name}: the calibrated sensor finds {float(d.added_mass.value):.3f} kg '
+                   f'added, stated {d.load.mass:g} kg; look at which mass was on in that '
+                   'recording')
+        elif d.position is not None and d.load.mass:
+            away = d.position.value - d.load.position
+            if (np.abs(away) > FAR_OFF * np.hypot(d.position.std, PLACE)).any():
+                yield (f'{d.name}: the calibrated sensor finds the added mass '
+                       f'{1000 * np.linalg.norm(away):.0f} mm from its stated place; look at '
+                       'where it was in that recording')

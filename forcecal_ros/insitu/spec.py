@@ -17,10 +17,10 @@ from forcecal_ros.core.schema import (
     TEXT,
     Vector3,
 )
-from forcecal_ros.insitu.matrix import Load
-from forcecal_ros.insitu.prepare import Mounting
+from forcecal_ros.insitu.blocks import Mounting
+from forcecal_ros.insitu.equations import Load
+from forcecal_ros.insitu.moments import PAPER_ORDER, PAPER_WINDOW
 from forcecal_ros.insitu.reduce import Options
-from forcecal_ros.insitu.smoothing import PAPER_ORDER, PAPER_WINDOW
 from forcecal_ros.io.csv_import.specification import Written
 from forcecal_ros.io.csv_import.table import Column, contradiction, NANOSECONDS, UNITS
 import numpy as np

@@ -10,13 +10,25 @@ from itertools import islice, pairwise
 from math import asin, inf, isfinite, sqrt
 from typing import Annotated, NamedTuple, TypeAlias
 
-from forcecal_ros.checks import limits
-from forcecal_ros.checks.limits import ABSURD, VISIBLE_TRAVEL, VISIBLE_TURN
+from forcecal_ros.checks.signals import ABSURD
 from forcecal_ros.core.errors import DataError, MotionError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.schema import Row
 from forcecal_ros.motion.limits import Limits
 import numpy as np
+
+VISIBLE_TRAVEL, VISIBLE_TURN = 1e-3, 5e-3
+"""Readings that repeat count as frozen only once the commands have moved that far [m], [rad]. A
+pose published with four digits changes every 0.1 mm, and at the default pace the commands are
+1 mm ahead of a robot that lags by 50 ms: what lags more shows as an error of tracking."""
+
+SURELY_FROZEN = 5.0
+"""Readings at rest that repeat for so many times as long as they use to are frozen: live, a false
+alarm ends a motion, a miss is found in the recording."""
+
+HABIT_EXCEPTIONS, HABIT_CHANGES = 2, 20
+"""So many of the longest repetitions before a start are no habit: a sensor that had frozen; fewer
+changes than the second show none."""
 
 Timed: TypeAlias = tuple[float, tuple[float, ...]]
 """A time [s] and the values at that time."""
@@ -86,9 +98,9 @@ class Channel:
             if values != before:
                 changes.append(stamp)
         same = sorted(end - begin for begin, end in pairwise(changes))
-        if len(same) >= limits.HABIT_CHANGES:
-            usual = same[-1 - limits.HABIT_EXCEPTIONS]
-            self.rest_timeout = max(shortest, limits.SURELY_FROZEN * usual)
+        if len(same) >= HABIT_CHANGES:
+            usual = same[-1 - HABIT_EXCEPTIONS]
+            self.rest_timeout = max(shortest, SURELY_FROZEN * usual)
 
     @property
     def span(self) -> float:

@@ -1,7 +1,7 @@
 """Clocks against a rig's rates, and limits of coarse readings."""
 
-from forcecal_ros.checks.clipping import clipping, quantisation, refuse_wrapped
 from forcecal_ros.checks.clocks import clocks, skew_between
+from forcecal_ros.checks.signals import clipping, quantisation, refuse_wrapped
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.streams import CHANNELS, PoseStream, Recording, Stream
 import numpy as np
@@ -38,5 +38,5 @@ def counted(bits):
 
 def test_counts_of_eight_bits_wrap_and_four_steps_are_noise():
     with pytest.raises(DataError, match='its counts wrap around'):
-        refuse_wrapped(counted(8)[0], ['torque.z'], counted(8)[1])
-    refuse_wrapped(counted(2)[0], ['torque.z'], counted(2)[1])
+        refuse_wrapped(*counted(8))
+    refuse_wrapped(*counted(2))

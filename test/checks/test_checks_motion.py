@@ -4,7 +4,8 @@ from dataclasses import replace
 
 from calibration_runs import run
 from forcecal_ros.calibrate.pipeline import identify
-from forcecal_ros.checks.motion import refuse_frozen_pose, rest_within
+from forcecal_ros.calibrate.poses import rest_within
+from forcecal_ros.checks.signals import refuse_frozen_pose
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream
 import numpy as np
@@ -78,7 +79,8 @@ def test_other_sensors_say_that_a_robot_moves_where_no_commands_are(exact, sourc
                    :, :3] / 130.0)}
     alone = Recording(pose=held(exact.pose, 6.0, np.inf), phases=exact.phases,
                       **{source: streams[source]})
-    with pytest.raises(DataError, match=f'while the {source.replace("_", " ")} says that the rob'):
+    name = source.replace('_', ' ')
+    with pytest.raises(DataError, match=f'while the {name} shows that the robot moves'):
         refuse_frozen_pose(alone)
     refuse_frozen_pose(replace(alone, pose=exact.pose))
 

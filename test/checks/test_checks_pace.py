@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from forcecal_ros.checks.entry import checked
-from forcecal_ros.checks.pace import refuse_degrees_a_second, refuse_other_pace
+from forcecal_ros.checks.signals import refuse_degrees_a_second, refuse_other_pace
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import rotation_from_vector, rotation_vector
 from forcecal_ros.core.streams import PoseStream, Recording, Stream

@@ -1,28 +1,33 @@
-"""Torques about other axes than the forces are told, cables and contact are not taken for them."""
+"""Torques about other axes than the forces are named; cables and contact are not."""
 
-from forcecal_ros.checks.torques import refuse_other_torques
-from forcecal_ros.checks.units import doubt_of_torque_unit
+from forcecal_ros.checks.hypotheses import judge
 from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.streams import PoseStream, Recording, Stream
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
+
+G = np.array([0.0, 0.0, -9.80665])
 
 
-def readings(seed, poses=8, com=(0.01, -0.005, 0.07), pull=0.0):
+def readings(seed, poses=8, com=(0.01, -0.005, 0.07), pull=0.0, order=(0, 1, 2), signs=(1, 1, 1)):
     rng = np.random.default_rng(seed)
-    down = rng.standard_normal((poses, 3))
-    weight = 13.0 * down / np.linalg.norm(down, axis=1)[:, None]
+    R = Rotation.random(poses, random_state=rng).as_matrix()
+    weight = 1.3 * (G @ R)
     torque = np.cross(com, weight) + [0.1, -0.2, 0.05] + 1e-3 * rng.standard_normal((poses, 3))
-    return weight, torque + pull * rng.standard_normal((poses, 3))
+    torque += pull * rng.standard_normal((poses, 3))
+    force = weight + 1e-2 * rng.standard_normal((poses, 3))
+    t = np.arange(poses, dtype=float)
+    return Recording(wrench=Stream(t, np.hstack([force, torque[:, order] * signs])),
+                     pose=PoseStream(t, np.full((poses, 3), np.nan), R))
 
 
-@pytest.mark.parametrize('poses', [4, 8, 20])
+@pytest.mark.parametrize('poses', [6, 8, 20])
 @pytest.mark.parametrize('pull', [0.0, 0.05, 1.0])
 def test_sound_torques_pass_with_whatever_pulls_besides(poses, pull):
-    for seed in range(60):
-        weight, torque = readings(seed, poses, pull=pull)
-        refuse_other_torques(weight, torque, np.full(3, 1e-3))
-        weight, torque = readings(seed, poses, (0.0, 0.0, 0.07), pull)
-        refuse_other_torques(weight, torque, None)
+    for seed in range(40):
+        assert judge(readings(seed, poses, pull=pull), G) == ()
+        assert judge(readings(seed, poses, (0.0, 0.0, 0.07), pull), G) == ()
 
 
 @pytest.mark.parametrize('order, signs, shown', [
@@ -30,11 +35,6 @@ def test_sound_torques_pass_with_whatever_pulls_besides(poses, pull):
     ([2, 0, 1], [1, -1, 1], 'z, -x, y'), ([0, 1, 2], [-1, -1, 1], 'x, y, -z')])
 def test_mirrored_and_swapped_torques_are_named(order, signs, shown):
     for seed in range(20):
-        weight, torque = readings(seed)
-        with pytest.raises(DataError, match=f'x, y, z show {shown}, or all three the other way'):
-            refuse_other_torques(weight, torque[:, order] * signs, np.full(3, 1e-3))
-
-
-def test_a_centre_of_mass_that_is_far_away_is_questioned():
-    assert 'if it is 0.07 m, the torques are in lbf in' in doubt_of_torque_unit(0.07 / 0.11298)
-    assert not doubt_of_torque_unit(0.2)
+        with pytest.raises(DataError, match=f'x, y, z show {shown}, or all three the other way|'
+                                            'torques are not about the axes'):
+            judge(readings(seed, 12, order=order, signs=signs), G)

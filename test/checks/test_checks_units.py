@@ -1,10 +1,7 @@
 """An accelerometer at rest tells its unit; a light tool is asked whether its newtons are any."""
 
-from forcecal_ros.checks.units import (
-    doubt_of_force_unit,
-    refuse_on_another_link,
-    refuse_other_unit,
-)
+from forcecal_ros.checks.accelerometer import refuse_on_another_link, refuse_other_unit
+from forcecal_ros.checks.hypotheses import questions_of
 from forcecal_ros.core.errors import DataError
 import numpy as np
 import pytest
@@ -42,11 +39,17 @@ def test_no_gravity_is_the_drivers_doing_unless_it_decays():
         refuse_other_unit(at_rest(0.01), G, decays=True)
 
 
-def test_a_tool_of_a_kilogram_in_kgf_is_questioned():
-    assert 'weigh the tool and give --tool-mass' in doubt_of_force_unit(0.932 / 9.80665)
-    assert 'if it weighs 0.932 kg, the wrench is in kgf' in doubt_of_force_unit(0.932 / 9.80665)
-    assert 'if 0.932 kg, in lbf' in doubt_of_force_unit(0.932 / 4.4482)
-    assert not doubt_of_force_unit(0.932)
+def test_a_tool_of_a_kilogram_in_another_unit_is_questioned():
+    question, = questions_of(0.932 / 9.80665, 0.1)
+    assert 'give --tool-mass' in question
+    assert 'if it weighs 0.932 kg, the wrench is in kgf' in question
+    question, = questions_of(0.932 / 4.448, 0.1)
+    assert 'if 0.932 kg, in lbf' in question
+    question, = questions_of(1300.0, 0.1)
+    assert 'counts of a converter' in question
+    question, = questions_of(1.0, 0.07 / 0.11298)
+    assert 'if it is 0.07 m, the torques are in lbf in' in question
+    assert not [*questions_of(0.932, 0.2), *questions_of(90.0, 0.0)]
 
 
 def test_an_accelerometer_that_does_not_turn_with_the_pose_is_on_another_link():

@@ -2,19 +2,16 @@
 
 from dataclasses import replace
 
-from forcecal_ros.checks.at_rest import refuse_other_lever
-from forcecal_ros.checks.clipping import clipped
 from forcecal_ros.checks.entry import checked
-from forcecal_ros.checks.header_stamps import usable_stamps
-from forcecal_ros.checks.inertia import other_point, shown_in_metres
-from forcecal_ros.checks.slowness import lag_note
-from forcecal_ros.checks.units import force_unit_of, lever_units_of
+from forcecal_ros.checks.hypotheses import force_unit_of, judge, torque_units_of
+from forcecal_ros.checks.signals import clipped
 from forcecal_ros.core.errors import DataError
+from forcecal_ros.io.bags.header_stamps import usable_stamps
 import numpy as np
 import pytest
 from wrong_recordings import COM, log, RECEIVED, recording_of, work, WRONG
 
-STD = np.full(3, 1e-4)
+DOWN = np.array([0.0, 0.0, -9.80665])
 
 
 def spoilt(name, one):
@@ -23,47 +20,32 @@ def spoilt(name, one):
 
 @pytest.mark.parametrize('make', [log, work])
 @pytest.mark.parametrize('factor, said', [
-    (100.0, 'it is in cm; multiply by 0.01 '), (1.0 / 0.0254, 'it is in inches'),
-    (1e-3, 'they are in m and taken for mm')])
+    (100.0, 'it is in cm|position is in cm'), (1.0 / 0.0254, 'position is in inches'),
+    (1e-3, 'they are in m and taken for mm|in m and taken for mm')])
 def test_positions_in_another_length_are_told_by_inertia(make, factor, said):
     recording = recording_of(make(1))
-    shown_in_metres(recording)
+    assert judge(recording, DOWN) == ()
     other = replace(recording.pose, position=factor * recording.pose.position)
-    with pytest.raises(DataError, match=f'^pose: .*{said}'):
-        shown_in_metres(replace(recording, pose=other))
+    with pytest.raises(DataError, match=f'^pose: .*({said})'):
+        judge(replace(recording, pose=other), DOWN)
 
 
-@pytest.mark.parametrize('name', [
-    'weight taken off by the driver', 'poses of two digits', 'played at half speed, stamped anew'])
-def test_inertia_that_is_off_for_another_reason_is_no_other_length(name):
-    for seed in (2, 302):
-        shown_in_metres(spoilt(name, work(seed)))
-
-
-@pytest.mark.parametrize('factor, said', [
-    (1e3, 'torques are in N mm'), (1e2, 'torques are in N cm'), (8.8507, 'torques are in lbf in'),
-    (1e-3, 'torques are in kN m'), (9.80665, 'forces are in kgf .* and its torques in N m'),
-    (4.4482, 'forces are in lbf'), (1e-3, 'forces are in mN')])
-def test_levers_in_another_unit_are_told_by_inertia(factor, said):
+@pytest.mark.parametrize('column, factor, said', [
+    (3, 1e3, 'torques are in N mm'), (3, 1e2, 'torques are in N cm'),
+    (3, 8.8507, 'torques are in lbf in'), (3, 1e-3, 'torques are in kN m'),
+    (0, 1 / 9.80665, 'forces are in kgf .* and its torques in N m'),
+    (0, 1 / 4.4482, 'forces are in lbf'), (0, 1e3, 'forces are in mN')])
+def test_levers_in_another_unit_are_told_by_inertia(column, factor, said):
     recording = recording_of(log(1))
-    assert not other_point(recording, COM, STD)
+    values = np.array(recording.wrench.values)
+    values[:, column:column + 3] *= factor
     with pytest.raises(DataError, match=said):
-        other_point(recording, factor * COM, STD)
+        judge(replace(recording, wrench=replace(recording.wrench, values=values)), DOWN)
 
 
-def test_torques_about_another_point_are_in_no_other_unit():
-    assert 'torques are about a point' in other_point(
-        recording_of(log(1)), COM - [0.0, 0.0, 0.15], STD)
-    assert not lever_units_of(COM - [0.0, 0.0, 0.15], COM, forces=True)
-    assert not lever_units_of(COM, COM, forces=True)
-    assert not lever_units_of(np.zeros(3), COM, forces=True)
-
-
-def test_levers_are_compared_with_those_of_a_calibration():
-    weight = 12.7 * np.random.default_rng(0).standard_normal((20, 3))
-    refuse_other_lever(weight, np.cross(COM, weight), COM)
-    with pytest.raises(DataError, match='its torques are in N cm .multiply by 0.01.'):
-        refuse_other_lever(weight, 100.0 * np.cross(COM, weight), COM)
+def test_another_point_is_no_other_unit():
+    for shown in (COM - [0.0, 0.0, 0.15], COM, np.zeros(3)):
+        assert not torque_units_of(shown, COM, 1e-4, forces=True)
 
 
 def test_kilonewtons_are_a_unit_of_force():
@@ -114,5 +96,5 @@ def test_regular_stamps_are_no_rounded_ones():
 
 def test_a_mean_over_one_second_is_told_at_any_seed():
     for seed in (302, 702):
-        recording = spoilt('wrench averaged over 1 s', work(seed))
-        assert 'as averaged over 1 s' in lag_note(recording.wrench, recording.pose)
+        note, *_ = judge(spoilt('wrench averaged over 1 s', work(seed)), DOWN)
+        assert 'its driver smooths it' in note

@@ -3,18 +3,13 @@
 import json
 from pathlib import Path
 import re
-import tracemalloc
 
 from forcecal_ros.cli.insitu import earlier
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.core.streams import Stream
-from forcecal_ros.insitu import Chunk, load_spec, Mounting
-from forcecal_ros.insitu.blocks import to_blocks
-from forcecal_ros.insitu.moments import accumulate
-from forcecal_ros.insitu.offset import offset_of
-from forcecal_ros.insitu.prepare import prepare
-from forcecal_ros.insitu.tables import TableSource
+from forcecal_ros.insitu import load_spec
+from forcecal_ros.insitu.sources import TableSource
 from forcecal_ros.io.bags import write_signals
 from forcecal_ros.io.calibration_file import load
 import insitu_leg
@@ -380,30 +375,6 @@ def test_time_that_runs_back_and_rows_that_are_repeated_leave_the_result_alone(
     assert 'set2.csv: 500 rows' in said and 'set3.csv: 2000 rows' in said
     mine, other = load(tmp_path / 'out/calibration.yaml'), load(done / 'calibration.yaml')
     np.testing.assert_allclose(mine.matrix.value, other.matrix.value, rtol=1e-9)
-
-
-def peak_of(samples):
-    """Return the most memory that a data set of so many samples takes [bytes]."""
-    log = record(PROTOCOL[0], Leg(duration=50.0), 2)
-
-    def chunks():
-        for k in range(samples // len(log.t)):
-            to_and_fro = slice(None, None, 1 if k % 2 == 0 else -1)
-            yield Chunk(log.t + k * 50.0, log.raw[to_and_fro], log.accel[to_and_fro], None)
-    tracemalloc.start()
-    blocks = to_blocks(prepare(chunks(), Mounting(), False))
-    moments = accumulate(prepare(chunks(), Mounting(), False), ((-np.inf, np.inf),), 301, 3,
-                         blocks.raw_noise, blocks.gravity_noise, insitu_leg.G)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert moments.count == samples
-    assert np.abs(np.linalg.inv(GAUGES) @ (offset_of(moments) - OFFSET)).max() < 0.2
-    return peak
-
-
-def test_memory_does_not_grow_with_the_number_of_samples(monkeypatch):
-    monkeypatch.setattr('forcecal_ros.insitu.blocks.MOST_BLOCKS', 1024)
-    assert peak_of(1_000_000) < 1.2 * peak_of(250_000)
 
 
 def test_names_of_an_earlier_run_lead_nowhere_else(tmp_path):

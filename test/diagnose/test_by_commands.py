@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-from forcecal_ros.checks.clipping import quantisation
 from forcecal_ros.checks.clocks import clocks, dropouts, skew_between
+from forcecal_ros.checks.signals import quantisation
 from forcecal_ros.core.streams import CHANNELS, PoseStream, Recording, Stream
 from forcecal_ros.diagnose import localise
 from forcecal_ros.diagnose.dataset import CHANNELS as DIAGNOSED

@@ -4,6 +4,7 @@ from dataclasses import replace
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
+from forcecal_ros.calibrate.error_analysis import gain_error, mass_from_weight
 from forcecal_ros.calibrate.paper import step_gain
 from forcecal_ros.calibrate.poses import orientation_h, orientation_v
 from forcecal_ros.core.errors import ConfigError
@@ -15,7 +16,7 @@ from forcecal_ros.sim.rig.file import load_rig, true_calibration
 from forcecal_ros.sim.rig.simulator import Simulator
 from gamez_assess import Figures, losses, rms, settling_time
 from gamez_figures import _cells, pictures, text
-from gamez_gains import error_poles, gain_error, mass_from_weight, with_printed_gain
+from gamez_gains import error_poles, with_printed_gain
 from gamez_loop import feedback_of
 import numpy as np
 import pytest

@@ -7,15 +7,13 @@ import numpy as np
 MANUFACTURER = np.linalg.inv(GAUGES)
 
 
-def chunks_of(log, size=None):
-    size = size or len(log.t)
-    return [Chunk(*(array[i:i + size] for array in (log.t, log.raw, log.accel, log.gyro)))
-            for i in range(0, len(log.t), size)]
+def chunks_of(log):
+    return [Chunk(log.t, log.raw, log.accel, log.gyro)]
 
 
-def data_set(log, load=None, name='one', train=True, window=None, size=None):
+def data_set(log, load=None, name='one', train=True, window=None):
     stated = None if load is None else Load(load.mass, load.position)
-    return DataSet(name, lambda: chunks_of(log, size), stated, train, window)
+    return DataSet(name, lambda: chunks_of(log), stated, train, window)
 
 
 def protocol_sets(leg, seed, protocol=PROTOCOL):

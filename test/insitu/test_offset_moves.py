@@ -1,10 +1,8 @@
 """An offset that jumps within a data set is told with its instant; bends and drift are none."""
 
-import tracemalloc
 
-from forcecal_ros.insitu.blocks import to_blocks
-from forcecal_ros.insitu.offset_moves import jump_within
-from forcecal_ros.insitu.prepare import Chunk, Mounting, prepare
+from forcecal_ros.insitu.blocks import Chunk, Mounting, prepare, to_blocks
+from forcecal_ros.insitu.offset import jump_within
 from insitu_leg import Leg, PROTOCOL, REAL, record
 import numpy as np
 import pytest
@@ -39,19 +37,3 @@ def test_noise_bends_hysteresis_and_drift_are_no_jump(leg):
     for seed in range(3):
         assert jump(lambda t: 0.0 * t[:, None], leg, seed) is None
     assert jump(lambda t: t[:, None] / t[-1] * TARE, leg) is None
-
-
-def test_the_look_for_a_jump_takes_memory_as_the_recording_is_long():
-    def most(blocks):
-        tracemalloc.start()
-        jump_within(blocks, np.ones(len(blocks), dtype=bool))
-        peak = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-        return peak
-
-    log = record(PROTOCOL[1], LEG, 1)
-    few, many = (to_blocks(prepare([Chunk(
-        np.arange(n * len(log.t)) / 100, np.tile(log.raw, (n, 1)), np.tile(log.accel, (n, 1)),
-        None)], Mounting(), False)) for n in (4, 16))
-    # all splits at once took the square: 16 times for 4 times the blocks
-    assert most(many) < 6 * most(few)

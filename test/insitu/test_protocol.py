@@ -61,15 +61,6 @@ def test_with_bias_hysteresis_and_flex_standard_errors_hold(real):
     assert well_covered(sigmas(real, REAL))
 
 
-@pytest.mark.long
-def test_ten_times_as_much_is_no_contact_and_standard_errors_hold():
-    leg = replace(REAL, accelerometer_bias=tuple(10 * np.array(REAL.accelerometer_bias)),
-                  hysteresis=10 * REAL.hysteresis, flex=10 * REAL.flex)
-    result = calibrated(leg, 1)
-    assert not any(found.cuts for found in result.data_sets)
-    assert well_covered(sigmas(result, leg))
-
-
 def test_the_flex_is_reported_as_what_leaves_the_subspace(real):
     assert any('bends under load' in warning and 'leave the subspace' in warning
                for warning in real.warnings)
@@ -90,11 +81,11 @@ def test_blocks_as_long_as_the_motion_bias_nothing(monkeypatch):
     assert np.abs(sigmas(result, leg)).max() < 4.0
 
 
-def test_hysteresis_that_is_taken_off_leaves_smaller_errors():
+def test_hysteresis_that_is_taken_off_leaves_smaller_errors(monkeypatch):
     leg = Leg(hysteresis=0.005)
-    without, compensated = (
-        np.array([errors(calibrated(leg, seed, Options(compensate_hysteresis=on)))
-                  for seed in (1, 2)]).max(axis=0) for on in (False, True))
+    compensated = np.max([errors(calibrated(leg, seed)) for seed in (1, 2)], axis=0)
+    monkeypatch.setattr('forcecal_ros.insitu.uncertainty.ENOUGH', np.inf)
+    without = np.max([errors(calibrated(leg, seed)) for seed in (1, 2)], axis=0)
     assert (compensated < 0.7 * without).all()
 
 

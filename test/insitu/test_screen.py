@@ -4,10 +4,9 @@ from dataclasses import replace
 
 from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.insitu import Chunk, DataSet
-from forcecal_ros.insitu.blocks import to_blocks
-from forcecal_ros.insitu.departure import causes, departure
-from forcecal_ros.insitu.prepare import Mounting, prepare
+from forcecal_ros.insitu.blocks import Mounting, prepare, to_blocks
 from forcecal_ros.insitu.screen import screen
+from forcecal_ros.insitu.uncertainty import causes, departure
 import insitu_leg
 from insitu_leg import GAUGES, Leg, Load, OFFSET, record
 from insitu_runs import chunks_of, data_set, offset_only

@@ -11,9 +11,9 @@ from bag_samples import (
     wrench_message,
     write_messages,
 )
-from forcecal_ros.checks.header_stamps import increasing
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.io.bags import read_recording, write_recording
+from forcecal_ros.io.bags.header_stamps import increasing
 from hypothesis import given, HealthCheck, settings
 from hypothesis import strategies as st
 import numpy as np

@@ -4,7 +4,7 @@ from dataclasses import replace
 import pickle
 
 from forcecal_ros.calibrate.gain import observer_model, riccati_gain
-from forcecal_ros.checks.limits import ABSURD
+from forcecal_ros.checks.signals import ABSURD
 from forcecal_ros.core.errors import ForcecalError
 from forcecal_ros.observe import (
     on_accelerometer,

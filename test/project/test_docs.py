@@ -13,7 +13,8 @@ import pytest
 from rig_recordings import FREE, own_recording
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *sorted((ROOT / 'docs').glob('*.md'))]
+PAGES = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *sorted((ROOT / 'docs').rglob('*.md'))]
+HAND_WRITTEN = [page for page in PAGES if page.name not in ('nodes.md', 'commands.md')]
 
 
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
@@ -32,7 +33,8 @@ def test_every_page_is_in_the_contents_of_the_site():
 
 @pytest.mark.long
 def test_the_example_from_python_runs(tmp_path, monkeypatch, capsys):
-    block, = re.findall(r'```python\n(.*?)```', (ROOT / 'docs/api.md').read_text(), re.DOTALL)
+    page = (ROOT / 'docs/reference/api.md').read_text()
+    block, = re.findall(r'```python\n(.*?)```', page, re.DOTALL)
     write_recording(tmp_path / 'my_bag', own_recording(1, FREE))
     monkeypatch.chdir(tmp_path)
     exec(block, {})  # noqa: S102  a page of ours
@@ -40,8 +42,13 @@ def test_the_example_from_python_runs(tmp_path, monkeypatch, capsys):
     assert (tmp_path / 'calibration.yaml').is_file()
 
 
-def test_the_readme_is_read_in_four_minutes():
-    assert len((ROOT / 'README.md').read_text().split()) <= 900
+def test_the_readme_has_at_most_500_words():
+    assert len((ROOT / 'README.md').read_text().split()) <= 500
+
+
+def test_all_pages_have_at_most_22000_words():
+    pages = [*PAGES, ROOT / 'CHANGELOG.md']
+    assert sum(len(page.read_text().split()) for page in pages) <= 22_000
 
 
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
@@ -57,16 +64,10 @@ def test_every_command_named_exists_with_its_options(page):
             assert option in usage, f'{command} {option}'
 
 
-def test_every_command_is_in_the_readme():
-    text = (ROOT / 'README.md').read_text()
-    for command in COMMANDS:
-        assert re.search(rf'forcecal {command}\b|`{command}`|run {command}\b', text), command
-
-
 def test_every_effect_and_each_of_its_parameters_is_catalogued():
-    text = (ROOT / 'docs/effects.md').read_text()
+    text = (ROOT / 'docs/reference/effects.md').read_text()
     rows = dict(re.findall(r'^\| `(\w+)` \|(.*)$', text, re.MULTILINE))
-    assert list(rows) and set(rows) == set(EFFECTS)
+    assert list(rows) and set(rows) == {*EFFECTS, 'wrench_bias_step'}
     for name, effect in EFFECTS.items():
         _, plain, shape, _ = rows[name].split('|')
         words = {True: re.findall(r'\w+', ' '.join(re.findall('`(.+?)`', shape))),
@@ -78,6 +79,7 @@ def test_every_effect_and_each_of_its_parameters_is_catalogued():
 PARAMETERS = {row.name for table in (
     'gap', 'impedance', 'observer_settings', 'sequencer_settings', 'sim')
     for row in import_module(f'forcecal_ros.nodes.{table}').PARAMETERS}
+FILES = ('.yaml', '.json', '.html', '.md', '.py', '.csv', '.xml', '.svg')
 GROUPS = {name.partition('.')[0] for name in PARAMETERS if '.' in name} - {
     path.stem for path in (ROOT / 'forcecal_ros').iterdir()}
 
@@ -86,7 +88,7 @@ GROUPS = {name.partition('.')[0] for name in PARAMETERS if '.' in name} - {
 def test_every_parameter_named_is_one_of_a_node(page):
     for word in re.findall(r'`([a-z]+\.[a-z_*/.]+)`', page.read_text()):
         group, _, rest = word.partition('.')
-        if group in GROUPS:
+        if group in GROUPS and not word.endswith(FILES):
             first, *more = rest.split('/')
             stem = first.rpartition('_')[0]
             for name in (first, *(f'{stem}_{part}' for part in more)):

@@ -61,7 +61,7 @@ def called(source):
         if isinstance(f, ast.Attribute) and isinstance(f.value, ast.Name)]
 
 
-ROWS = ROW.findall((ROOT / 'docs/equations.md').read_text())
+ROWS = ROW.findall((ROOT / 'docs/reference/equations.md').read_text())
 
 
 def test_there_is_a_table():

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-TUTORIAL = Path(__file__).resolve().parents[2] / 'docs' / 'tutorial.md'
+TUTORIAL = Path(__file__).resolve().parents[2] / 'docs' / 'tutorials' / 'first-calibration.md'
 ANSWER = re.compile(r'^(identified: \w+|no_gap)', re.MULTILINE)
 
 

@@ -646,7 +646,7 @@ def test_effects_of_any_usual_size_are_no_other_frame(sample, factors, change):
         real = recorded(arm, factors, seed)
         real = replace(real, wrench=replace(real.wrench, values=change(real.wrench.values)))
         made = arm.run(inputs_of(real), arm.nominal)
-        refuse_other_wrench(real, simulated_tool(made, *span(real), rig), made)
+        refuse_other_wrench(real, simulated_tool(made, *span(real), rig))
 
 
 def test_a_drive_with_play_leaves_its_joint_until_the_command_has_crossed_it(model):

@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from forcecal_ros.checks import limits
-from forcecal_ros.checks.clipping import clipping, quantisation
+from forcecal_ros.checks.clocks import JITTER
+from forcecal_ros.checks.signals import clipping, quantisation
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.model.gates import BIAS, nuisances_of, physical
@@ -202,7 +202,7 @@ def from_checks(stamps: Sequence[Corrected], noise: Array, model: AccelerometerM
             effects[name] = {k: replace(p, value=abs(p.value)) for k, p in found.items()}
     notes += [str(x) for x in stops if str(x) not in notes]
     notes += [f'stamps of {c.stream} scatter by {1e3 * c.jitter:.2f} ms' for one in stamps
-              for c in one.clocks if c.jitter * c.rate > limits.JITTER]
+              for c in one.clocks if c.jitter * c.rate > JITTER]
     # of commands that come unevenly, or of a limit that no sensor has, there is a note, no effect
     possible = {name: _possible(name, found) for name, found in effects.items()}
     return {name: found for name, found in possible.items() if found}, tuple(notes)

@@ -27,6 +27,7 @@ from forcecal_ros.diagnose.search.change_points import (
 )
 from forcecal_ros.diagnose.search.joint_fit import joint_fit_if_finite, JointFit, without_effect
 from forcecal_ros.diagnose.search.model_comparison import Accepted, Candidate
+from forcecal_ros.sim.signals import BLOCK
 import numpy as np
 
 BEAM = 3
@@ -192,7 +193,12 @@ def _placed(now: JointFit, t: Candidate) -> JointFit | None:
     fit = _with(now._replace(model=replace(model, noise=model.white_noise(model.residuals))), t)
     if fit is None:
         return None
-    return fit._replace(model=moved(fit.model, t.effect.name, instant_of(fit, t.effect.name)))
+    instant = instant_of(fit, t.effect.name)
+    assert t.gate is not None
+    length = BLOCK * len(model.datasets[t.gate.recording].groups)
+    if instant.high - instant.low > 0.5 * length:
+        return None  # a change point that the recording does not locate is none
+    return fit._replace(model=moved(fit.model, t.effect.name, instant))
 
 
 def _without(start: LinearisedModel, now: Explanation, name: str) -> Explanation:

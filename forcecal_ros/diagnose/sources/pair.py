@@ -178,7 +178,7 @@ def prepare_pair(recording: Recording, simulated: Recording, tool: SimulatedTool
     first, n = span(recording, simulated)
     known = tool or simulated_tool(
         replace(simulated, accelerometer=None), first, n, rig).with_accelerometer()
-    refuse_other_wrench(recording, known, simulated)
+    refuse_other_wrench(recording, known)
     moved = replace(recording, accelerometer=None)
     simulation = RecordedSimulation(moved, simulated, first, n, 'acc1', known.simulated)
     if tool is None:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 
-from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.errors import below, DataError
 from forcecal_ros.core.streams import PoseStream, Recording
 from forcecal_ros.diagnose.dataset import (
     Dataset,
@@ -151,7 +151,8 @@ def prepare_commanded(recording: Recording, rig: Rig, accelerometer: str | None 
                         'record at least the wrench')
     end = min(max(float(t[-1]) for t in sensed), float(recording.target.t[-1]) + BLOCK)
     if end - max(start, min(float(t[0]) for t in sensed)) < MIN_COMMANDED_S:
-        raise DataError(f'commands and sensors overlap for {max(0.0, end - start):.1f} s; at '
+        common = below(max(0.0, end - start), MIN_COMMANDED_S)
+        raise DataError(f'commands and sensors overlap for {common} s; at '
                         f'least {MIN_COMMANDED_S:g} s are needed: record a longer sequence')
     replay = Replay(rig, recording.target, start, end, name)
     compared = convert_to_volts(replace(recording, joints=None), rig, name)

@@ -4,16 +4,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from forcecal_ros.calibrate.moving_tool import inertia_regressor, symmetric
-from forcecal_ros.checks.at_rest import (
-    beside_simulated,
-    is_elsewhere,
-    refuse_other_axes,
-    refuse_other_forces,
-    untouched_at_rest,
-)
-from forcecal_ros.checks.frame_faults import as_in_base, refuse_other_frame, Stated
-from forcecal_ros.checks.frames import judge
-from forcecal_ros.core.errors import DataError
+from forcecal_ros.checks.hypotheses import judge, Known
+from forcecal_ros.checks.messages import as_in_base, Stated
+from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.geometry import Array, skew
 from forcecal_ros.core.streams import phase_spans, Recording, TOUCHING
 from forcecal_ros.diagnose.recordings import add_imu
@@ -49,19 +42,6 @@ much as a tool's weight would move that.
 OUTLIER = 1.345
 """Residual, in its scale, from which it counts linearly: Huber's, 95 % efficient on Gaussians."""
 
-
-OTHER_FRAME = 0.05
-"""
-Share of a simulated weight's changes that its own frame must leave before another is believed: as
-much as a turn by 3 degrees leaves.
-"""
-
-HARDLY_BETTER = 0.5
-"""
-Share of what a weight of the other sign leaves that another frame may leave to be believed: of a
-tool's weight in a moving arm the best other frame left 0.94 to 1 where the sign alone was wrong,
-and 0.07 where x and y were exchanged.
-"""
 
 SIMULATE_IT = 'simulate what hung there'
 """What to do where another tool hung on the robot than in the simulation."""
@@ -152,26 +132,21 @@ def simulated_tool(simulated: Recording, start: float, n_blocks: int, rig: Rig,
 def _require_own_axes(simulated: Recording, rig: Rig) -> str:
     """Refuse a simulated wrench in another frame than its pose; say if it stays vertical."""
     gravity = np.array(rig.gravity)
-    found = untouched_at_rest(simulated, gravity, short=True)
-    if found is None:
-        return ''
-    judgement = judge(found.forces)
-    best, plain = judgement.likely[0], judgement.plain
-    # a weight that falls up in its own frame has the other sign, and is told so by its mass
-    upside_down = plain.mass < 0.0 and best.rms > HARDLY_BETTER * plain.rms
-    # without noise another frame always fits a little better than rounding
-    if is_elsewhere(judgement) and not upside_down and plain.rms > OTHER_FRAME * judgement.changes:
-        try:
-            refuse_other_frame(judgement, Stated(gravity / np.linalg.norm(gravity)))
-        except DataError as error:
+    try:
+        judge(simulated, gravity, Stated(gravity / np.linalg.norm(gravity)))
+    except UnobservableError:
+        pass  # the fit of the tool says it better
+    except DataError as error:
+        if 'opposite sign' not in str(error) and 'removes the weight' not in str(error):
             cause = str(error).rpartition(';')[0]
             raise DataError(f'the simulated {cause}; let the simulator publish it in the frame '
                             'of its pose') from error
-    return as_in_base(judgement)
+    if simulated.wrench is None or not len(simulated.wrench):
+        return ''
+    return as_in_base(simulated.wrench.values[:, :3], gravity)
 
 
-def refuse_other_wrench(real: Recording, tool: SimulatedTool, simulated: Recording | None = None
-                        ) -> None:
+def refuse_other_wrench(real: Recording, tool: SimulatedTool) -> None:
     """
     Refuse a robot's wrench whose frame, axes, sign or units are not those of a simulator's tool.
 
@@ -179,8 +154,6 @@ def refuse_other_wrench(real: Recording, tool: SimulatedTool, simulated: Recordi
     ----------
     real : Recording
         The robot's, with a pose.
-    simulated : Recording, optional
-        The tool's, of the same commands: what it accelerates is then no doubt.
 
     Raises
     ------
@@ -188,13 +161,10 @@ def refuse_other_wrench(real: Recording, tool: SimulatedTool, simulated: Recordi
         Names cause and remedy.
     """
     rigid = tool.rigid_tool
-    mass, com, gravity = rigid.tool.mass, np.array(rigid.tool.com), np.array(rigid.gravity)
-    found = simulated and beside_simulated(real, simulated, mass, gravity)
-    if found:
-        refuse_other_forces(found, mass, com, SIMULATE_IT, Stated(
-            gravity / np.linalg.norm(gravity), sensor_from_pose=real.sensor_from_pose, by='rig'))
-    else:
-        refuse_other_axes(real, mass, com, gravity, SIMULATE_IT, short=True)
+    gravity = np.array(rigid.gravity)
+    judge(real, gravity, Stated(gravity / np.linalg.norm(gravity),
+                                sensor_from_pose=real.sensor_from_pose, by='rig'),
+          Known(rigid.tool.mass, np.array(rigid.tool.com), None, SIMULATE_IT))
 
 
 def tool_along(motion: CarriedTool, recording: Recording, rig: Rig

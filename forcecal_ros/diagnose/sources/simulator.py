@@ -190,7 +190,7 @@ class SimulatorSource(Source):
         made = runs.exact(simulator.nominal)
         known = tool or simulated_tool(replace(made, accelerometer=None), start, n, self.rig,
                                        TURN).with_accelerometer()
-        refuse_other_wrench(real, known, made)
+        refuse_other_wrench(real, known)
         simulation = Rerun(runs, start, n, known.simulated)
         imus, _, note = keep_comparable_imus(real, made)
         simulation.accelerated = imus.accelerometer is not None

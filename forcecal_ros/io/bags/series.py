@@ -4,11 +4,11 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from forcecal_ros.checks.header_stamps import increasing, usable_stamps
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.topics import POSE, Topic
 from forcecal_ros.io.bags.files import Batch, Integers, Notes
+from forcecal_ros.io.bags.header_stamps import increasing, usable_stamps
 from forcecal_ros.io.bags.messages import CdrError, Decoder, Group
 from forcecal_ros.io.bags.storage import Bag
 import numpy as np

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 from itertools import groupby, pairwise
 from pathlib import Path
 
-from forcecal_ros.checks.orientations import read_from_w
 from forcecal_ros.core.errors import ConfigError, DataError
-from forcecal_ros.core.geometry import Array, matrix_from_quaternion
+from forcecal_ros.core.geometry import Array, matrix_from_quaternion, read_from_w
 from forcecal_ros.core.streams import (
     JointStream,
     Phase,

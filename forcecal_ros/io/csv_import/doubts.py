@@ -2,8 +2,6 @@
 
 from collections.abc import Iterator, Mapping
 
-from forcecal_ros.checks.limits import FEW, SPOILT
-from forcecal_ros.checks.orientations import other_reading
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import PoseStream, Stream
@@ -26,6 +24,14 @@ radians."""
 
 MOST = 2000
 """Rows that are looked at."""
+
+SPOILT, FEW = 0.01, 5
+"""Share of rows, and number of them, that later commands leave out at most where they are no
+readings (:mod:`forcecal_ros.checks.signals`)."""
+
+FOLLOWS, WORSE = 0.1, 10.0
+"""Share of the changes of force that a weight leaves at most where it is what turns there, and how
+many times as much it leaves by the orientation as it was read."""
 
 
 def doubtful_rate(rows: int, span: float, what: str, unit: str) -> Iterator[str]:
@@ -125,3 +131,43 @@ def refuse_other_reading(wrench: Stream, pose: PoseStream, others: Mapping[str, 
     if words := other_reading(force, pose.R_base_sensor[inside],
                               {name: R[inside] for name, R in others.items()}):
         raise DataError(f'{key}: {words}; state what it is')
+
+
+def other_reading(force: Array, R_base_sensor: Array, others: Mapping[str, Array]) -> str:
+    """
+    Say by which other reading of orientations forces turn as a weight; empty: by none.
+
+    Parameters
+    ----------
+    force : ndarray, shape (n, 3)
+        [N]
+    others : mapping of str to ndarray, shape (n, 3, 3)
+        R_base_sensor by other readings, and how these are said.
+    """
+    mine, _ = _unexplained_share(force, R_base_sensor)
+    fits = [(*_unexplained_share(force, R), words) for words, R in others.items()]
+    for unexplained, (weight, bias), words in sorted(fits, key=lambda fit: fit[0]):
+        if unexplained < FOLLOWS and WORSE * unexplained < mine and (
+                _is_vertical(weight) or not _is_vertical(bias)):
+            return (f'force turns as a weight does if {words} ({1 - unexplained:.0%} of its '
+                    f'changes follow), not as stated ({1 - mine:.0%})')
+    return ''
+
+
+def _unexplained_share(force: Array, R: Array) -> tuple[float, Array]:
+    """Share of the changes of force that a constant one in base and a bias leave; these two."""
+    x = np.concatenate([R.transpose(0, 2, 1), np.broadcast_to(np.eye(3), R.shape)], axis=2)
+    x, y = x.reshape(-1, 6), force.ravel()
+    found = np.linalg.lstsq(x, y, rcond=1e-9)[0]
+    unexplained = float(((y - x @ found) ** 2).sum() / ((force - force.mean(axis=0)) ** 2).sum())
+    return unexplained, found.reshape(2, 3)
+
+
+def _is_vertical(force: Array) -> bool:
+    """
+    Whether a force is a weight's, were base level.
+
+    A wrench expressed in base fits orientations the other way round, with weight and bias
+    exchanged; that is for the checks of frames to say.
+    """
+    return bool(np.hypot(force[0], force[1]) < 0.1 * np.linalg.norm(force))

@@ -3,8 +3,9 @@
 from dataclasses import replace
 import warnings
 
-from forcecal_ros.checks.clocks import clocks, dropouts, silences, skew_between
+from forcecal_ros.checks.clocks import clocks, dropouts, skew_between
 from forcecal_ros.checks.entry import checked
+from forcecal_ros.checks.signals import silences
 from forcecal_ros.core.geometry import rotation_about
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from forcecal_ros.diagnose.judge.named_effects import from_checks

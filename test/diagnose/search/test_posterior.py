@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 from forcecal_ros.core.streams import PoseStream
-from forcecal_ros.diagnose.sources.rig import rig_source
 from forcecal_ros.diagnose.search import posterior
 from forcecal_ros.diagnose.search.posterior import Explanation
+from forcecal_ros.diagnose.sources.rig import rig_source
 from forcecal_ros.effects import with_effects
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import simulate

@@ -1,0 +1,702 @@
+"""
+What a recording can have wrong: one table of hypotheses, judged by one robust fit.
+
+Every row turns the streams back into what they would be without one fault. Each of them gets the
+fit of :mod:`forcecal_ros.checks.evidence`; the difference in log evidence decides:
+
+- another row beats the recording as it is by :data:`MARGIN`: refused by its name, with a remedy;
+- it leads by less: one note lists both;
+- else the recording is as it says.
+
+What is continuous is estimated with its standard error: rotation of the sensor, tilt of base,
+clock offset, time of a change; and by comparison of estimates: lengths and time by the inertial
+mass over the weight, torques' units, signs and points by the two centres of mass.
+
+Physics cannot tell a unit that forces and torques share: the mass scales with it. A known mass
+does (a calibration, ``--tool-mass``); without one, masses and biases that no wrist sensor has are
+refused or questioned. At rest it does not tell the sign of all torques, nor the point that they
+are about.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+from forcecal_ros.checks import messages
+from forcecal_ros.checks.evidence import biases, explain, Explained, Motion, on_grid, STEP_S
+from forcecal_ros.checks.messages import SLIGHT, Stated
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import (
+    Array,
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    rotation_from_vector,
+    skew,
+    STANDARD_GRAVITY,
+)
+from forcecal_ros.core.streams import Recording, Stream
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+MARGIN = float(np.log(300 * 20))
+"""Log odds: one in 300 sound recordings may be refused, by any of twenty rows."""
+
+MIN_GAIN = 2.0
+"""Log likelihood for each independent sample, at least: half of the residual. What fits less well
+is no explanation, however many samples there are."""
+
+SPANNED = 0.1
+"""Spread of the directions of gravity, gravity taken as 1, from which they determine a weight."""
+
+CERTAINLY_BETTER = 0.9
+"""Share of the residual that a slight rotation or tilt leaves at most: beside cables, gains and
+drifts it explains less."""
+
+MAX_OFFSET_S, MIN_OFFSET_S, MIN_DELAY_S = 30.0, 0.1, 2e-3
+"""Clock offsets that are looked for; smaller ones are a delay, which the fit estimates, and of
+which nothing is said below the last: tools on springs show as much."""
+
+SMOOTHINGS_S = (0.1, 0.2, 0.35, 0.6, 1.0, 1.7, -0.35, -0.6, -1.0, -1.7)
+"""Time constants of a driver's low-pass that are tried, and lengths of means (below 0):
+neighbours differ by less than twice."""
+
+SURE = 10.0
+"""Standard errors by which an estimate contradicts: they come from one recording's residuals."""
+
+
+class Hypothesis(NamedTuple):
+    """
+    One row: how streams would be without a fault.
+
+    Attributes
+    ----------
+    name : str
+    undo : callable
+        Takes a Motion, returns it without the fault; None: it cannot be told from this motion.
+    unknowns : int
+        Beyond those of the fit.
+    is_note : bool
+        Said in a note where the tool is known: the recording can be used all the same.
+    is_costly : bool
+        Fitted only if no other row explains the recording.
+    """
+
+    name: str
+    undo: Callable[[Motion], Motion | None]
+    unknowns: int = 0
+    is_note: bool = False
+    is_costly: bool = False
+
+
+class Known(NamedTuple):
+    """A tool that is known: mass [kg], centre of mass [m], bias [N, N m], each from before."""
+
+    mass: float
+    com: Array | None = None
+    bias: Array | None = None
+    other_tool: str = 'calibrate what hung there (forcecal calibrate) and give --calibration'
+
+
+class Candidate(NamedTuple):
+    """One row, fitted."""
+
+    name: str
+    motion: Motion
+    fit: Explained
+    evidence: float
+    row: Hypothesis
+
+
+def judge(recording: Recording, gravity: Array, stated: Stated = Stated(),
+          known: Known | None = None) -> tuple[str, ...]:
+    """
+    Refuse a recording that another hypothesis than its own words explains clearly better.
+
+    Parameters
+    ----------
+    recording : Recording
+        Checked by :func:`forcecal_ros.checks.entry.checked`.
+    gravity : ndarray, shape (3,)
+        In base [m/s^2].
+    stated : Stated
+        What options or a calibration say of sensor and base.
+    known : Known, optional
+        The tool that hangs there.
+
+    Returns
+    -------
+    tuple of str
+        What is undecided, or too slight to refuse.
+
+    Raises
+    ------
+    DataError
+        Names the fault with its evidence and the remedy.
+    UnobservableError
+        The forces show no weight.
+    """
+    motion = on_grid(recording, gravity)
+    if motion is None or motion.usable.sum() < 3:
+        return ()
+    spread = _spread(motion.in_sensor[motion.usable][:, None], gravity)
+    if spread[0] < SPANNED:
+        return ()
+    found = candidates(motion)
+    plain, best = found[0], max(found, key=lambda one: one.evidence)
+    lead = best.evidence - plain.evidence
+    gain = sum(getattr(best.fit, part).mean_log - getattr(plain.fit, part).mean_log
+               for part in ('force', 'torque'))
+    if best is not plain and lead > MARGIN and gain > MIN_GAIN:
+        close = [one for one in found if one is not best and one is not plain
+                 and best.evidence - one.evidence < MARGIN]
+        message = messages.of(best, plain, stated, close)
+        if message and not (known and best.row.is_note):
+            raise DataError(message)
+        if message or best.name == 'smoothed':
+            return (message or messages.slight(best, stated),)
+    if not known:
+        messages.refuse_weightless(plain)
+    notes = _of_estimates(motion, plain.fit, recording, known)
+    if best is not plain and lead > 0.5 * MARGIN and gain > MIN_GAIN and (
+            said := messages.of(best, plain, stated, [])):
+        notes = (*notes, f'undecided: as recorded, or {said}')
+    return notes
+
+
+def slight_misfit(recording: Recording, gravity: Array, stated: Stated = Stated()) -> str:
+    """
+    Name a rotation of the sensor or a tilt of the base within tolerance, that is certain.
+
+    Parameters
+    ----------
+    gravity : ndarray, shape (3,)
+        In base [m/s^2].
+
+    Returns
+    -------
+    str
+        Empty where there is none, or the recording does not determine it.
+    """
+    motion = on_grid(recording, gravity)
+    plain = None if motion is None or motion.usable.sum() < 4 else explain(motion)
+    if motion is None or plain is None or plain.mass < SURE * plain.mass_std:
+        return ''
+    tilted, turned = _tilted(motion), None
+    if _spread(motion.in_sensor[motion.usable][:, None], gravity)[1] > SPANNED:
+        turned = _refined(motion, np.eye(3))
+    found = []
+    for row, one in ((TABLE_BY_NAME['tilted'], tilted), (TABLE_BY_NAME['rotated'], turned)):
+        fit = None if one is None else explain(one)
+        if one is not None and fit is not None:
+            found.append((fit.force.scale, Candidate(row.name, one, fit, 0.0, row)))
+    best = min(found, key=lambda one: one[0], default=None)
+    if best is None or best[0] > CERTAINLY_BETTER * plain.force.scale:
+        return ''
+    angle, std = messages.angle_of(best[1], stated)
+    return messages.slight(best[1], stated) if angle > SURE * std else ''
+
+
+def candidates(motion: Motion) -> list[Candidate]:
+    """Fit every row; the first is the recording as it is."""
+    plain = explain(motion)
+    if plain is None:
+        raise DataError('wrench and pose have no three samples in common')
+    fits = [(TABLE[0], motion, plain)]
+    if not explains(plain):
+        for row in TABLE[1:]:
+            if row.is_costly and any(explains(fit) for _, _, fit in fits[1:]):
+                break  # nothing is left that it could explain better
+            undone = row.undo(motion)
+            fit = None if undone is None else explain(undone)
+            if undone is not None and fit is not None and fit.mass > 3.0 * fit.mass_std:
+                fits.append((row, undone, fit))
+    first = max((fit for _, _, fit in fits),
+                key=lambda fit: fit.force.mean_log + fit.torque.mean_log)
+    effective = first.force.effective, first.torque.effective
+    return [Candidate(row.name, undone, fit, fit.force.evidence(effective[0])
+                      + fit.torque.evidence(effective[1])
+                      - 0.5 * row.unknowns * float(np.log(effective[0])), row)
+            for row, undone, fit in fits]
+
+
+def explains(fit: Explained) -> bool:
+    """Whether a fit leaves no more than sensors are true to."""
+    return fit.mass > 0.0 and all(
+        part.scale <= part.floor for part in (fit.force, fit.torque))
+
+
+def _spread(rows: Array, gravity: Array) -> Array:
+    """Singular values of (n, j, k) about their mean, per root of n, gravity taken as 1."""
+    about = (rows - rows.mean(axis=0)).reshape(-1, rows.shape[2]) / np.linalg.norm(gravity)
+    return np.asarray(np.linalg.svd(about, compute_uv=False) / np.sqrt(len(rows)))
+
+
+# Estimates that contradict each other -----------------------------------------------------------
+
+FORCE_UNITS = {'kgf': STANDARD_GRAVITY, 'lbf': 4.4482216, 'mN': 1e-3, 'kN': 1e3}
+"""[N]"""
+
+TORQUE_UNITS = {'N mm': 1e-3, 'N cm': 1e-2, 'dN m': 0.1, 'lbf in': 0.1129848,
+                'kgf cm': 1e-2 * STANDARD_GRAVITY, 'kN m': 1e3}
+"""[N m]"""
+
+LENGTH_UNITS = {'mm': 1e-3, 'cm': 1e-2, 'inches': 0.0254}
+"""[m]"""
+
+MAX_BIAS_N, MAX_MASS_KG, MIN_MASS_KG = 5e3, 200.0, 0.25
+"""A wrist sensor's bias is within its range, of 2.5 kN in the largest ones of arms; arms carry
+200 kg at most, and grippers weigh 0.3 kg with their coupling."""
+
+FAR_M = 0.3
+"""A centre of mass so far away is questioned: grippers and hands have theirs within 0.2 m."""
+
+SAME = 0.05
+"""Share to which a unit explains a ratio: another tool does so by chance once in ten times."""
+
+ELSEWHERE_M = 0.05
+"""Points of torques are apart by less where nothing is wrong: soft tools, late poses."""
+
+
+def _of_estimates(motion: Motion, fit: Explained, recording: Recording, known: Known | None
+                  ) -> tuple[str, ...]:
+    """Compare what should agree: masses, biases, centres of mass, inertia and weight."""
+    late = float(fit.force.theta[5] / fit.mass) if motion.step else 0.0
+    if abs(late) > MIN_DELAY_S:  # beyond what a line through no delay shows
+        wrench = Stream(motion.t, motion.wrench).at(motion.t + late)
+        fit = explain(replace(motion, wrench=wrench)) or fit
+    _refuse_counts(fit)
+    if known is not None and (note := _other_tool(fit, known)):
+        return (note,)
+    return tuple(note for note in (
+        _other_time(fit), _late(fit, late, recording),
+        _other_point(fit, recording, known)) if note)
+
+
+def _refuse_counts(fit: Explained) -> None:
+    bias = np.abs(fit.force.theta[-3:]).max()
+    if bias > MAX_BIAS_N:
+        raise DataError(
+            f'wrench: a bias of {bias:.3g} N is beyond the range of any wrist sensor '
+            f'({MAX_BIAS_N:g} N): these are raw counts of a converter; divide them by the counts '
+            "a newton, or record the driver's topic in newtons")
+
+
+def force_unit_of(shown: float, mass: float) -> tuple[str, float] | None:
+    """Name the unit in which forces make a known mass [kg] that shown [kg], and its newtons."""
+    return next(((unit, size) for unit, size in FORCE_UNITS.items()
+                 if abs(shown * size / mass - 1.0) < SAME), None)
+
+
+def refuse_other_mass(found: float, std: float, stated: float) -> None:
+    """
+    Refuse a mass [kg], with its standard error, that is not what a scale says.
+
+    Raises
+    ------
+    DataError
+        Names the unit of the forces that explains it, or what else may.
+    """
+    if abs(found - stated) < SAME * stated + 3.0 * std:
+        return
+    unit = force_unit_of(found, stated)
+    why = (f'its forces are in {unit[0]}; {corrected(unit[1], unit[0])}' if unit else
+           'no unit explains it; put all on the scale that hangs below the sensor, couplings too. '
+           'If the mass was right, the driver takes a load off or its gain is another')
+    raise DataError(f'wrench: a tool of {stated:.4g} kg weighs {found:.4g} +- {std:.2g} kg in it: '
+                    f'{why}')
+
+
+def corrected(factor: float, unit: str) -> str:
+    """Say how readings in a unit become SI: where they are made, or where a table was read."""
+    return (f'multiply by {factor:.6g} in the driver (where forcecal import read a table, write '
+            f'"unit: {unit}" into its specification instead)')
+
+
+def questions_of(mass: float, away: float) -> Iterator[str]:
+    """
+    Question a mass [kg] or a distance of the centre of mass [m] that is odd for a tool.
+
+    A unit that all readings share makes them so, and no recording tells it.
+    """
+    if mass > MAX_MASS_KG:
+        yield (f'a mass of {mass:.3g} kg is much for a wrist to carry: weigh the tool and give '
+               f'--tool-mass, which tells the unit; if it weighs {mass / 1000:.3g} kg, the wrench '
+               'is in mN, else in counts of a converter: divide them by the counts a newton')
+    if mass < MIN_MASS_KG:
+        yield (f'a mass of {mass:.3g} kg is little for a wrist to carry: weigh the tool and give '
+               '--tool-mass, which tells the unit; if it weighs '
+               f'{mass * STANDARD_GRAVITY:.3g} kg, the wrench is in kgf, if '
+               f'{mass * 4.448:.3g} kg, in lbf')
+    if away > FAR_M:
+        yield (f'a centre of mass {away:.3g} m away from the sensor is far: measure it; if it is '
+               f'{away * 0.113:.2g} m, the torques are in lbf in (multiply by 0.11298), if '
+               f'{away / 10:.2g} m, in dN m; if {away / 4.448:.2g} or '
+               f'{away / STANDARD_GRAVITY:.2g} m, the forces are in lbf or kgf and the torques in '
+               'N m')
+
+
+def _other_tool(fit: Explained, known: Known) -> str:
+    """Compare weight and bias with known ones; empty: they agree."""
+    mass, g = known.mass, float(np.linalg.norm(fit.gravity, axis=1).mean())
+    shown = f'wrench: the tool of {mass:.4g} kg weighs {fit.mass:.4g} kg in this recording'
+    about = np.linalg.norm(fit.gravity - fit.gravity.mean(axis=0), axis=1)
+    if fit.force.scale > 0.5 * mass * float(np.sqrt((about**2).mean() / 3.0)):
+        return (f'a weight of {fit.mass:.3g} +- {fit.mass_std:.2g} kg leaves '
+                f'{fit.force.scale:.2g} N RMS of the forces: pose and wrench do not belong to '
+                'each other, or the tool touches all along; name the pose with --topic '
+                'pose=NAME')
+    if (unit := force_unit_of(fit.mass, mass)) and fit.mass > SURE * fit.mass_std:
+        raise DataError(f'{shown}: its forces are in {unit[0]}; {corrected(unit[1], unit[0])}')
+    if fit.mass < SLIGHT * mass:
+        raise DataError(f'{shown}: the driver takes its weight off; let it leave the weight in '
+                        f'(where nothing hung there, {known.other_tool} instead)')
+    off = np.zeros(3) if known.bias is None else fit.force.theta[-3:] - known.bias[:3]
+    size = abs(fit.mass - mass) * g + float(np.linalg.norm(off))
+    if size < SLIGHT * mass * g + 3.0 * fit.force.scale / np.sqrt(fit.force.effective):
+        return ''
+    if known.bias is None:  # a model, which may be off
+        if fit.mass < 0.5 * mass:
+            raise DataError(f'{shown}: another one hung there; {known.other_tool}')
+        return ''
+    return (f'what weighs on the sensor all along is {fit.mass:.4g} +- {fit.mass_std:.2g} kg '
+            f'and a bias {" ".join(f"{x:+.2g}" for x in off)} N off, {mass:.4g} kg by the '
+            'calibration: another tool, a payload, a sensor tared since, or one whose zero '
+            'drifts; calibrate again')
+
+
+def _other_time(fit: Explained) -> str:
+    """Compare inertia with weight: units of length, and the speed of time."""
+    times, std = fit.inertial
+    if not fit.moving or abs(times - 1.0) < SURE * std or 0.3 < times < 1.5:
+        return ''
+    for unit, size in LENGTH_UNITS.items():
+        if abs(times / size - 1.0) < 0.4:
+            raise DataError(
+                f'pose: forces show {times:.2g} of the inertia that its accelerations make: its '
+                f'position is in {unit}; {corrected(size, unit)}')
+        if abs(times * size - 1.0) < 0.4 and size < 0.02:
+            raise DataError(
+                f'pose: forces show {times:.2g} times the inertia that its accelerations make: '
+                f'its positions are in m and taken for {unit}; state their unit as m')
+    if times < 1.5:
+        return ''
+    return (f'wrench shows {times:.2g} +- {std:.1g} times the inertia that the '
+            'accelerations of the pose make: the stamps run at some '
+            f'{times**-0.5:.2g} of the speed of time, as of a log that was played slowly '
+            'and stamped anew; inertia counts as contact: use the log as it was recorded')
+
+
+def _late(fit: Explained, late: float, recording: Recording) -> str:
+    """Say that forces are late by what adds more to them than noise does; empty: they are not."""
+    if not late or recording.wrench is None:
+        return ''
+    std = float(fit.force.std[5] / fit.mass)
+    if abs(late) > MIN_DELAY_S:
+        late += float(fit.force.theta[5] / fit.mass)
+    steps = np.abs(np.diff(recording.wrench.values[:, :3], axis=0))
+    noise = float(np.linalg.norm(np.median(steps, axis=0))) / 0.954  # of differences, Gaussian
+    turning = float(np.sqrt(((np.gradient(fit.gravity, axis=0) / STEP_S)**2).sum(1).mean()))
+    size = abs(late) * fit.mass * turning
+    if abs(late) < max(SURE * std, MIN_DELAY_S) or size < noise:
+        return ''
+    return (f'wrench shows the weight turn {1e3 * abs(late):.0f} +- {1e3 * std:.0f} ms '
+            f'{"later" if late > 0 else "earlier"} than the pose, which leaves {size:.2g} N RMS '
+            'as contact while the robot turns: a low-pass of its driver, or stamps; switch the '
+            'filter off, and stamp both when they are measured')
+
+
+def _other_point(fit: Explained, recording: Recording, known: Known | None) -> str:
+    """Compare centres of mass by torques with the known one or that by inertia."""
+    shown, shown_cov = fit.com_by_torque
+    if known is not None and known.com is not None:
+        com, cov, whose = np.asarray(known.com), 1e-6 * np.eye(3), 'the model has it'
+    elif (found := fit.com_by_force) is not None and 0.8 < fit.inertial[0] < 1.5:
+        (com, cov), whose = found, 'inertia in motion'
+    else:
+        return ''
+    error = float(np.sqrt(np.trace(cov + shown_cov)))
+    off = shown - com
+    if not np.ptp(fit.torque.residual) or np.linalg.norm(off) < max(
+            0.01 if known else ELSEWHERE_M, SURE * error):
+        return ''
+    at = (f'its torques put the centre of mass at {_metres(shown)}, {whose} at '
+          f'{_metres(com)}')
+    if known is None:
+        at = f'torques put the centre of mass at {_metres(shown)}, {whose} at {_metres(com)}'
+    if unit := torque_units_of(shown, com, error, known is None):
+        raise DataError(f'wrench: {at}: {unit}; correct the driver (where forcecal import read a '
+                        'table, state their unit in its specification)')
+    if np.linalg.norm(shown + com) < max(0.2 * np.linalg.norm(com), 4.0 * error):
+        raise DataError(f'wrench: {at}: they have the opposite sign of the forces; correct their '
+                        'sign in the driver')
+    return (f'{at}: torques are about a point {_metres(-off)} away, which moves the centre of '
+            f'mass by {1e3 * np.linalg.norm(off):.0f} mm; calibrate again with --sensor-from-pose '
+            f'{_sensor_at(recording, -off)}, which puts the sensor there')
+
+
+def torque_units_of(shown: Array, com: Array, error: float = 0.0, forces: bool = False) -> str:
+    """
+    Name the units of torques in which a centre of mass is where they show it; empty: none does.
+
+    Parameters
+    ----------
+    shown, com : ndarray, shape (3,)
+        By torques and forces, and as it is known otherwise [m].
+    error : float
+        Standard error of ``com`` [m].
+    forces : bool
+        The forces may be in another unit, too.
+    """
+    def explains(times: float) -> bool:
+        allowed = SAME * np.linalg.norm(com) * (6.0 if max(times, 1 / times) > 20.0 else 1.0)
+        return bool(np.linalg.norm(shown / times - com) < max(float(allowed), 3.0 * error) and (
+            np.linalg.norm(com) > 5.0 * error))
+
+    found = [f'its torques are in {unit} (multiply by {size:.5g})'
+             for unit, size in TORQUE_UNITS.items() if explains(1.0 / size)]
+    if forces:
+        found += [f'its forces are in {unit} (multiply by {size:.6g}) and its torques in N m'
+                  for unit, size in FORCE_UNITS.items() if explains(size)]
+    return ', or '.join(found)
+
+
+def _sensor_at(recording: Recording, place: Array) -> str:
+    """Say the transform from the recorded pose to a place in what it was taken to [m]."""
+    x, y, z, *q = recording.sensor_from_pose or (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    there = np.array([x, y, z]) + matrix_from_quaternion(q) @ place
+    return ' '.join([*(f'{v:.3f}' for v in there), *(f'{v:.6g}' for v in q)])
+
+
+def _metres(place: Array) -> str:
+    return f'({" ".join(f"{x:.3f}" for x in place)}) m'
+
+
+# Rows ------------------------------------------------------------------------------------------
+
+
+def _mapped(motion: Motion, force: Array, torque: Array | None = None) -> Motion:
+    """Map force and torque by matrices (3, 3) or (n, 3, 3)."""
+    torque = force if torque is None else torque
+    parts = [np.einsum('nij,nj->ni', np.broadcast_to(M, (len(motion.t), 3, 3)), part)
+             for M, part in ((force, motion.wrench[:, :3]), (torque, motion.wrench[:, 3:]))]
+    return replace(motion, wrench=np.hstack(parts))
+
+
+def _inverted(motion: Motion) -> Motion:
+    R = np.swapaxes(motion.R, 1, 2)
+    place = motion.position
+    return replace(motion, R=R, position=None if place is None else -np.einsum(
+        'nij,nj->ni', R, place))
+
+
+def _from_w(motion: Motion) -> Motion:
+    q = quaternion_from_matrix(motion.R)
+    q *= np.cumprod(np.append(1.0, np.where((q[1:] * q[:-1]).sum(axis=1) < 0, -1, 1)))[:, None]
+    return replace(motion, R=matrix_from_quaternion(q[:, [1, 2, 3, 0]]))
+
+
+def _few(motion: Motion, most: int = 400) -> Array:
+    rows = np.flatnonzero(motion.usable)
+    return rows[np.linspace(0, len(rows) - 1, min(most, len(rows))).astype(int)]
+
+
+def _axes(motion: Motion, hand: float) -> Motion | None:
+    """Rotate the wire's axes (``hand`` 1) or mirror them (-1) as gravity shows them best."""
+    rows = _few(motion)
+    u, read = motion.in_sensor[rows], motion.wrench[rows, :3]
+    if len(rows) < 3 or _spread(u[:, None], motion.gravity)[1] < SPANNED:
+        return None
+    return _refined(motion, _procrustes(u, read, hand)[0])
+
+
+def _procrustes(u: Array, read: Array, hand: float, rounds: int = 10) -> tuple[Array, float]:
+    """Rotation or mirror Q with read = m Q u + b (Wahba 1965, Umeyama 1991), contact left out."""
+    weight = np.ones(len(u))
+    for _ in range(rounds):
+        a, b = (x - weight @ x / weight.sum() for x in (u, read))
+        U, S, Vt = np.linalg.svd((b * weight[:, None]).T @ a)
+        last = hand * np.linalg.det(U @ Vt)
+        Q = U @ np.diag([1.0, 1.0, last]) @ Vt
+        mass = float((S[0] + S[1] + last * S[2]) / (weight @ (a**2).sum(axis=1)))
+        off = np.linalg.norm(b - mass * a @ Q.T, axis=1)
+        weight = 1.0 / np.maximum(off, 0.1 * np.median(off) + 1e-300)
+    return np.asarray(Q), float(weight @ off**2)
+
+
+def _refined(motion: Motion, Q: Array) -> Motion | None:
+    """Estimate a small rotation on top of Q together with all else, and its standard error."""
+    for _ in range(2):
+        mapped = _mapped(motion, Q.T)
+        weight = mapped.in_sensor
+        if motion.free_gravity:
+            fit = explain(mapped)
+            if fit is None:
+                return None
+            weight = fit.force.theta[:3] @ motion.R
+        fit = explain(replace(mapped, extra=-skew(weight)))
+        if fit is None:
+            return None
+        k = len(fit.force.theta) - 6
+        size = 1.0 if motion.free_gravity else fit.mass
+        Q = Q @ rotation_from_vector(fit.force.theta[k:k + 3] / size)
+    std = float(np.linalg.norm(fit.force.std[k:k + 3])) / np.sqrt(3.0) / abs(size)
+    return replace(_mapped(motion, Q.T), axes=Q, axes_std=std)
+
+
+def _tilted(motion: Motion) -> Motion | None:
+    tells = _spread(np.swapaxes(motion.R[motion.usable], 1, 2), np.ones(1))[-1] > SPANNED
+    return replace(motion, free_gravity=True) if tells else None
+
+
+def _rotated_and_tilted(motion: Motion) -> Motion | None:
+    """Rotate the wire's axes and let gravity point anywhere: each in turn, from 24 starts."""
+    rows = _few(motion, 100)
+    tilted = _tilted(motion)
+    if len(rows) < 4 or tilted is None:
+        return None
+    R, read = motion.R[rows], motion.wrench[rows, :3]
+    found = []
+    for Q in Rotation.create_group('O').as_matrix():
+        for _ in range(8):
+            columns = np.concatenate([np.swapaxes(R, 1, 2), np.broadcast_to(
+                Q.T, (len(R), 3, 3))], axis=2).reshape(-1, 6)
+            w = np.linalg.lstsq(columns, (read @ Q).ravel(), rcond=1e-9)[0][:3]
+            Q, off = _procrustes(w @ R, read, 1.0, rounds=1)
+        found.append((off, Q))
+    return _refined(tilted, min(found, key=lambda one: one[0])[1])
+
+
+def _exchanged(motion: Motion) -> Motion:
+    return replace(motion, wrench=motion.wrench[:, [3, 4, 5, 0, 1, 2]])
+
+
+def _torque_axes(motion: Motion) -> Motion | None:
+    """Choose the order and signs of the torques by which a weight at one place makes them."""
+    rows = _few(motion)
+    if len(rows) < 4:
+        return None
+    columns = np.concatenate([-skew(motion.wrench[rows, :3]), np.broadcast_to(
+        np.eye(3), (len(rows), 3, 3))], axis=2).reshape(-1, 6)
+    found = []
+    for Q in Rotation.create_group('O').as_matrix():  # -Q is a centre of mass on the other side
+        turned = (motion.wrench[rows, 3:] @ Q.T).ravel()
+        left = turned - columns @ np.linalg.lstsq(columns, turned, rcond=1e-9)[0]
+        found.append((float(np.abs(left).sum()), Q))
+    Q = min(found, key=lambda one: one[0])[1]
+    return None if np.allclose(Q, np.eye(3)) else replace(
+        _mapped(motion, np.eye(3), Q), axes=Q.T)
+
+
+def _other_clock(motion: Motion) -> Motion | None:
+    """Shift the wrench to where gravity explains it best, by whatever matrix."""
+    if not motion.step:
+        return None
+    every = max(1, round(0.1 / motion.step), len(motion.t) // 2000)
+    down, read = motion.in_sensor[::every], motion.wrench[::every, :3]
+    most = min(round(MAX_OFFSET_S / motion.step / every), len(down) // 4)
+
+    def left(lag: int) -> float:
+        f, g = (read[lag:], down[:len(down) - lag]) if lag >= 0 else (read[:lag], down[-lag:])
+        f, g = f - f.mean(axis=0), g - g.mean(axis=0)
+        gf = g.T @ f
+        explained = (gf * (np.linalg.pinv(g.T @ g, rcond=1e-6) @ gf)).sum()
+        return float(1.0 - explained / (f**2).sum())
+
+    lag = min(range(-most, most + 1), key=left) * every
+    if abs(lag) * motion.step < MIN_OFFSET_S:
+        return None
+    return _shifted(motion, lag)
+
+
+def _shifted(motion: Motion, lag: int) -> Motion:
+    wrench, usable = np.roll(motion.wrench, -lag, axis=0), motion.usable & np.roll(
+        motion.usable, -lag)
+    usable[len(usable) - lag if lag > 0 else 0:len(usable) if lag > 0 else -lag] = False
+    return replace(motion, wrench=wrench, usable=usable, t=motion.t + lag * motion.step)
+
+
+def _filtered(motion: Motion) -> Motion | None:
+    if not motion.step:
+        return None
+    every = [replace(motion, smoothing=tau) for tau in SMOOTHINGS_S if abs(tau) > 2 * motion.step]
+    fits = [(fit.force.mean_log, i) for i, one in enumerate(every) if (fit := explain(one))]
+    return every[max(fits)[1]] if fits else None
+
+
+def _zeroed_in_poses(motion: Motion) -> Motion | None:
+    """Compare each stretch from a rest to the next with where it began."""
+    if not motion.step:
+        return None
+    turning = np.linalg.norm(np.gradient(motion.R, motion.step, axis=0), axis=(1, 2)) > 0.02
+    begins = np.flatnonzero(np.diff(turning.astype(int)) < 0) + 1
+    if len(begins) < 2:
+        return None
+    part = np.searchsorted(begins, np.arange(len(turning)), side='right')
+    return replace(motion, zeroed=np.append(0, begins)[part])
+
+
+def _change(kind: str) -> Callable[[Motion], Motion | None]:
+    """Return a row in which bias, load or the vertical changes once, to the end."""
+    def undo(motion: Motion) -> Motion | None:
+        rows = _few(motion, 200)
+        few = replace(motion, t=motion.t[rows], R=motion.R[rows], wrench=motion.wrench[rows])
+        inside = few.t[len(rows) // 5:-len(rows) // 5]
+        if len(inside) < 4:
+            return None
+        first, last = float(inside[0]), float(inside[-1])
+        for _ in range(2):  # coarse, then between the neighbours of the best
+            times = np.linspace(first, last, min(40, max(3, len(inside))))
+            left = [_left(_changed(few, kind, float(t))) for t in times]
+            i = int(np.argmin(left))
+            first, last = float(times[max(0, i - 1)]), float(times[min(len(times) - 1, i + 1)])
+        return _changed(motion, kind, float(times[i]))
+    return undo
+
+
+def _changed(motion: Motion, kind: str, at: float) -> Motion:
+    after = motion.t >= at
+    if kind == 'bias':
+        return replace(motion, part=after.astype(int))
+    columns = motion.in_sensor[:, :, None] if kind == 'load' else np.swapaxes(
+        motion.R, 1, 2)[:, :, :2]
+    return replace(motion, extra=columns * after[:, None, None])
+
+
+def _left(motion: Motion) -> float:
+    """Sum of what weight, biases and further columns leave of the forces."""
+    extra = [] if motion.extra is None else [motion.extra]
+    X = np.concatenate([motion.in_sensor[:, :, None], *extra, biases(motion)], axis=2)
+    y, weight = motion.wrench[:, :3], np.ones(len(X))
+    X = X.reshape(-1, X.shape[2])
+    for _ in range(4):
+        W = np.repeat(weight, 3)[:, None]
+        theta = np.linalg.solve((X * W).T @ X + 1e-9 * np.eye(X.shape[1]),
+                                (X * W).T @ y.ravel())
+        off = np.linalg.norm(y - (X @ theta).reshape(-1, 3), axis=1)
+        weight = 1.0 / np.maximum(off, 0.1 * np.median(off) + 1e-300)
+    return float(off.sum())
+
+
+TABLE = (
+    Hypothesis('as recorded', lambda motion: motion),
+    Hypothesis('sign', lambda motion: _mapped(motion, -np.eye(3))),
+    Hypothesis('base', lambda motion: _mapped(motion, np.swapaxes(motion.R, 1, 2))),
+    Hypothesis('inverted', _inverted),
+    Hypothesis('wxyz', _from_w),
+    Hypothesis('rotated', lambda motion: _axes(motion, 1.0), 3),
+    Hypothesis('mirrored', lambda motion: _axes(motion, -1.0), 3),
+    Hypothesis('tilted', _tilted, is_note=True),
+    Hypothesis('exchanged', _exchanged),
+    Hypothesis('torque in base', lambda motion: _mapped(
+        motion, np.eye(3), np.swapaxes(motion.R, 1, 2))),
+    Hypothesis('torque axes', _torque_axes, 3),
+    Hypothesis('rotated and tilted', _rotated_and_tilted, 3, is_costly=True),
+    Hypothesis('clock', _other_clock, 1, is_costly=True),
+    Hypothesis('smoothed', _filtered, 1, True, True),
+    Hypothesis('zeroed in poses', _zeroed_in_poses, is_costly=True),
+    Hypothesis('bias changes', _change('bias'), 1, True, True),
+    Hypothesis('load changes', _change('load'), 1, True, True),
+    Hypothesis('vertical changes', _change('tilt'), 1, True, True),
+)
+
+TABLE_BY_NAME = {row.name: row for row in TABLE}

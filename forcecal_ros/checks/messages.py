@@ -1,0 +1,322 @@
+"""Messages of the table of hypotheses: each with its numbers and one remedy."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from forcecal_ros.core.axes import DOWN, pose_from_wire
+from forcecal_ros.core.errors import DataError, UnobservableError
+from forcecal_ros.core.geometry import (
+    Array,
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    rotation_vector,
+)
+from forcecal_ros.core.schema import Vector7
+import numpy as np
+
+TOLERANCE_DEG = 3.0
+"""Rotations and tilts below are tolerances of mounts and floors, and noted: flanges are pinned to
+0.1 deg, floors level to 1, and 3 deg take 0.2 % off the mass."""
+
+EXPLAINED = 0.5
+"""Share of the changes of forces at rest that a weight explains at least, in sum of squares: of
+sound recordings it explains 0.98 or more, of wrenches of other poses 0.3 or less."""
+
+SLIGHT = 0.05
+"""Share of a weight by which bias, load or vertical may change without a refusal: drift."""
+
+VERTICAL_RAD = 0.1
+"""A mean force this close to the vertical of base may be a weight; a bias points so by chance
+once in four hundred times."""
+
+NO_NOISE_N = 1.0
+"""Forces without weight that change by more change for another reason."""
+
+ITSELF: Vector7 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+
+FIXED = {
+    'inverted': ('pose: it is that of base in the sensor', ('publish the pose of the sensor in '
+                 'base')),
+    'wxyz': ('pose: its quaternions are in the order w, x, y, z', ('fill x, y, z and w by their '
+             'names')),
+    'base': ('wrench: it is expressed in base, not in the frame of the sensor',
+             "set the driver to publish in the sensor's frame"),
+    'exchanged': ('wrench: force and torque are exchanged', 'correct their order in the driver'),
+    'torque in base': ('wrench: its torques are expressed in base, its forces in the sensor',
+                       "set the driver to publish both in the sensor's frame"),
+    'zeroed in poses': ('wrench: it is zeroed at every rest, which removes the weight',
+                        'record without taring between poses'),
+}
+"""Cause and remedy of hypotheses that have no numbers of their own."""
+
+
+class Stated(NamedTuple):
+    """
+    What was stated of sensor and base, by which a recording is judged.
+
+    Attributes
+    ----------
+    down : ndarray, shape (3,)
+        Unit vector of gravity in base.
+    wrench_sign : int
+        What the readings were multiplied by.
+    sensor_rotation : sequence of 3 float or None
+        What they were turned by [rad].
+    sensor_from_pose : tuple of 7 float or None
+        By which the poses were taken to ft_sensor, x y z [m] qx qy qz qw.
+    by : str
+        Where it is stated: '' in options of this command, or in a ``calibration`` or a ``rig``.
+    """
+
+    down: Array = DOWN
+    wrench_sign: int = 1
+    sensor_rotation: Sequence[float] | None = None
+    sensor_from_pose: Vector7 | None = None
+    by: str = ''
+
+
+def of(best: Any, plain: Any, stated: Stated, close: Sequence[Any]) -> str:
+    """
+    Say which hypothesis holds; empty: it is within tolerance, or never refused.
+
+    Parameters
+    ----------
+    best, plain : Candidate
+        The likeliest one, and the recording as it is.
+    close : sequence of Candidate
+        Others that the recording does not separate from the best.
+    """
+    named = [found for one in (best, *close) if (found := _cause(one, plain, stated))]
+    if len(named) < 1 + len(close) or not named:
+        return ''
+    part, unit = ('torque', 'N m') if best.name.startswith('torque') else ('force', 'N')
+    then, now = (getattr(one.fit, part).scale for one in (best, plain))
+    recorded = f' with a mass of {plain.fit.mass:.4g} kg' if plain.fit.mass < 0.0 else ''
+    cause = ', or '.join(dict.fromkeys(one for one, _ in named))
+    others = '; poses in more directions tell whether it is the other' * (len(named) > 1)
+    return (f'{cause}; residual {part}s {then:.2g} {unit} RMS then, {now:.2g} {unit}{recorded} '
+            f'as recorded; {named[0][1]}{others}')
+
+
+def slight(best: Any, stated: Stated) -> str:
+    """Name what is too slight to be refused."""
+    if best.name == 'smoothed':
+        tau = best.motion.smoothing
+        how = f'behind a low-pass of {0.5 / np.pi / tau:.2g} Hz' if tau > 0.0 else (
+            f'averaged over {-tau:.2g} s')
+        return (f'wrench follows gravity as {how}: its '
+                'driver smooths it; contacts are as smooth, and weight is removed too early while '
+                'the robot moves; switch the filter off')
+    parts = []
+    if 'tilted' in best.name:
+        parts.append(f'gravity is {_tilt(best, stated)} off {_numbers(stated.down)} of base, as '
+                     f'--gravity-direction {_numbers(_down(best))} would state')
+    if 'rotated' in best.name:
+        parts.append(f'the sensor is turned by {_turn(best.motion.axes, _turn_std(best))} against '
+                     'its pose')
+    return f'{" and ".join(parts)}, by the forces' if parts else ''
+
+
+def angle_of(one: Any, stated: Stated) -> tuple[float, float]:
+    """Return the angle of a rotation or a tilt, with its standard error [rad]."""
+    if one.name == 'tilted':
+        return np.radians(_angle_between(_down(one), stated.down)), _turn_std(one)
+    return np.radians(_angle(one.motion.axes)), _turn_std(one)
+
+
+def refuse_weightless(plain: Any) -> None:
+    """
+    Refuse forces that do not turn with the sensor as a weight does.
+
+    Raises
+    ------
+    UnobservableError, DataError
+        Says what mass they show, and how much of the forces a weight explains.
+    """
+    fit, motion = plain.fit, plain.motion
+    force = motion.wrench[motion.usable, :3]
+    changes = float((force - force.mean(axis=0)).std())
+    residual = fit.force.scale if motion.step else float(
+        np.sqrt((fit.force.residual**2).mean()))
+    q, q_std = fit.inertial
+    if fit.moving and abs(q) > max(5.0, 10.0 * q_std) and fit.mass < 10.0 * fit.mass_std and (
+            changes > NO_NOISE_N):
+        raise DataError(
+            f'wrench: it shows the inertia of {q * fit.mass:.3g} kg and the weight of '
+            f'{fit.mass:.3g} kg: the driver removes the weight; let it leave the weight in, or '
+            "record the sensor's own readings")
+    if abs(fit.mass) < 3.0 * fit.mass_std:
+        if residual > NO_NOISE_N:
+            raise DataError(
+                f'the forces change by {changes:.2g} N, and not as a weight does (mass '
+                f'{fit.mass:.3g} +- {fit.mass_std:.2g} kg, residual RMS {residual:.2g} N), in '
+                'whatever frame: the weight was taken off, as from what a robot says of external '
+                'forces, or wrench and pose are not of the same robot or of the same time; '
+                "record the sensor's own readings, or compare them pose by pose")
+        raise UnobservableError(
+            'the forces show no weight that turns with the sensor (mass '
+            f'{fit.mass:.3g} +- {fit.mass_std:.2g} kg, residual RMS {residual:.2g} N)'
+            f'{as_in_base(force, motion.gravity)}; hang the tool on the sensor, add poses, and '
+            "look whether the driver publishes in the sensor's frame")
+    explained = 1.0 - (residual / max(changes, 1e-300))**2
+    if explained < EXPLAINED and residual > 3.0 * fit.force.floor and not fit.moving:
+        raise DataError(
+            f'a weight explains {explained:.0%} of how the forces change (residual RMS '
+            f'{residual:.2g} of {changes:.2g} N), in whatever frame: orientations and wrenches '
+            'are not of the same poses, or something else pulls; compare them pose by pose')
+
+
+def as_in_base(force: Array, gravity: Array) -> str:
+    """Say where a force (n, 3) that never changes would be a weight, were it in base."""
+    mean = force.mean(axis=0)
+    weight = float(mean @ gravity) / float(gravity @ gravity)
+    if weight <= 0.0 or np.linalg.norm(mean - weight * gravity) > VERTICAL_RAD * (
+            np.linalg.norm(mean)):
+        return ''
+    return (f', but a force that stays vertical in base, as of {weight:.3g} kg in a wrench '
+            'expressed in base')
+
+
+def _cause(one: Any, plain: Any, stated: Stated) -> tuple[str, str] | None:
+    """Cause and remedy of what is beyond tolerance; None: within it, or no reason to refuse."""
+    name = one.name
+    if name in FIXED:
+        return FIXED[name]
+    if name == 'sign' or (name == 'mirrored' and _angle(-one.motion.axes) < TOLERANCE_DEG):
+        sign = -stated.wrench_sign
+        return ('wrench: it has the opposite sign', (f'set wrench.sign to {sign} (--wrench-sign '
+                f'{sign}), unless the robot hangs upside down: then '
+                f'{_level(-stated.down, stated)}'))
+    if name == 'mirrored':
+        return (f'wrench: its axes are mirrored (left-handed){_order(one.motion.axes)}',
+                'correct the order and the signs of its axes in the driver')
+    if name == 'torque axes':
+        Q = one.motion.axes
+        return ((f'wrench: its torques are not about the axes of its forces{_order(Q)}, or all '
+                'three the other way round'),
+                'correct the order and the signs of the torques in the driver')
+    if name == 'clock':
+        late = float(one.motion.t[0] - plain.motion.t[0])
+        side = 'later' if late > 0 else 'earlier'
+        cause = f'wrench shows gravity turn {abs(late):.2f} s {side} than the pose, by its stamps'
+        return (cause,
+                ('set the clocks of all computers by one (PTP or chrony) and record again; '
+                f'{-late:+.2f} s on all stamps of wrench correct this recording'))
+    if name.endswith('changes'):
+        return _changed(one)
+    causes = []
+    if 'rotated' in name and _angle(Q := one.motion.axes) > TOLERANCE_DEG:
+        causes.append(((f"wrench: its axes are turned by {_turn(Q, _turn_std(one))} against the "
+                       f"sensor's pose{_order(Q)}"), _rotation_option(Q, stated)))
+    if 'tilted' in name and _angle_between(_down(one), stated.down) > TOLERANCE_DEG:
+        causes.append((f'base is not level, gravity in it is {_tilt(one, stated)} off',
+                       _level(_down(one), stated)))
+    return (' and '.join(cause for cause, _ in causes),
+            ' and '.join(remedy for _, remedy in causes)) if causes else None
+
+
+def _changed(one: Any) -> tuple[str, str] | None:
+    """Say what changes half-way, when and by how much."""
+    motion, theta = one.motion, one.fit.force.theta
+    g = float(np.linalg.norm(motion.gravity))
+    weight = g * one.fit.mass
+    if one.name == 'bias changes':
+        at = motion.t[int(np.argmax(motion.part))]
+        x, y, z = theta[-3:] - theta[-6:-3]
+        if np.linalg.norm([x, y, z]) < SLIGHT * weight:
+            return None
+        return ((f'from {at:.1f} s on the wrench is {x:+.2g} {y:+.2g} {z:+.2g} N off, however the '
+                'sensor turns: it was tared, overloaded, or its driver started anew, while this '
+                'was recorded; that is no contact'), 'use either part alone')
+    at = motion.t[int(np.argmax(motion.extra.any(axis=(1, 2))))]
+    k = motion.extra.shape[2]
+    found = theta[-3 - k:-3]
+    if np.linalg.norm(found) * (g if k == 1 else 1.0) < SLIGHT * weight:
+        return None
+    if one.name == 'load changes':
+        return ((f'from {at:.1f} s on the sensor carries {abs(found[0]):.3g} kg '
+                f'{"more" if found[0] > 0 else "less"}: something was gripped or let go; its '
+                'weight counts as contact'), 'use either part alone (--track-tool follows it)')
+    return ((f'from {at:.1f} s on a force of {np.linalg.norm(found):.2g} N keeps its direction '
+            'across the vertical of base, however the sensor turns: the base is not level any '
+            'more (it tilted, or drives over a slope), or something pulls steadily'),
+            'its pull counts as contact; use either part alone')
+
+
+def _turn_std(one: Any) -> float:
+    """Return the standard error of a rotation, or of the vertical [rad]."""
+    return float(one.motion.axes_std or one.fit.mass_std / max(abs(one.fit.mass), 1e-300))
+
+
+def _rotation_option(Q: Array, stated: Stated) -> str:
+    given = stated.sensor_from_pose or (ITSELF if stated.by == 'rig' else None)
+    if given is not None:
+        right = quaternion_from_matrix(matrix_from_quaternion(given[3:]) @ Q.T)
+        return _stating(f'--sensor-from-pose {_numbers(np.append(given[:3], right))}', stated)
+    before = pose_from_wire(stated.sensor_rotation)
+    vector = rotation_vector(Q.T if before is None else Q.T @ before)
+    option = f'--sensor-rotation {_numbers(np.degrees(vector))}'
+    if not stated.by and before is None:
+        option += (' (where the pose is that of a flange: --sensor-from-pose X Y Z '
+                   f'{_numbers(quaternion_from_matrix(Q.T))}, with the place of the sensor in it)')
+    return _stating(option, stated)
+
+
+def _stating(option: str, stated: Stated) -> str:
+    return f'{"calibrate again with" if stated.by == "calibration" else "state"} {option}'
+
+
+def _level(down: Array, stated: Stated) -> str:
+    if stated.by == 'rig':
+        return f'turn gravity in the rig along {_numbers(down)}'
+    return _stating(f'--gravity-direction {_numbers(down)}', stated)
+
+
+def _order(Q: Array) -> str:
+    """Say which axes of the sensor the channels show, if they show one each."""
+    nearest = np.where(np.abs(Q) > np.cos(np.radians(TOLERANCE_DEG)), np.sign(Q), 0.0)
+    if np.abs(nearest).sum() != 3.0:
+        return ''
+    names = (f'{"-" * bool(row.sum() < 0.0)}{"xyz"[int(np.argmax(np.abs(row)))]}'
+             for row in nearest)
+    return f': x, y, z show {", ".join(names)}'
+
+
+def _turn(Q: Array, std: float) -> str:
+    """Say how the wire's axes are turned, seen from the frame of the pose."""
+    vector = np.degrees(rotation_vector(Q.T))
+    angle = max(float(np.linalg.norm(vector)), 1e-300)
+    axis = vector / angle
+    i = int(np.argmax(np.abs(axis)))
+    about = f'({_numbers(axis)})'
+    if np.abs(axis[i]) > 0.99 and (1.0 - np.abs(axis[i])) * angle < TOLERANCE_DEG:
+        angle, about = angle * float(np.sign(axis[i])), 'xyz'[i]
+    return f'{_deg(angle, std)} about {about}'
+
+
+def _deg(angle: float, std: float) -> str:
+    """Say an angle [deg] with its standard error [rad], to the digits that this warrants."""
+    error = float(np.degrees(std))
+    decimals = int(np.clip(1 - np.floor(np.log10(max(error, 1e-300))), 0, 3))
+    return f'{angle:.{decimals}f} +- {error:.{decimals}f} deg'
+
+
+def _angle(Q: Array) -> float:
+    return float(np.degrees(np.linalg.norm(rotation_vector(Q))))
+
+
+def _angle_between(a: Array, b: Array) -> float:
+    return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
+
+
+def _down(one: Any) -> Array:
+    weight = one.fit.force.theta[:3]
+    return np.asarray(weight / np.linalg.norm(weight))
+
+
+def _tilt(one: Any, stated: Stated) -> str:
+    return _deg(_angle_between(_down(one), stated.down), _turn_std(one))
+
+
+def _numbers(vector: Array) -> str:
+    return ' '.join(f'{x + 0.0:.4g}' for x in np.round(vector, 4))

@@ -1,0 +1,845 @@
+"""
+What a signal can have wrong by itself: values, repetitions, limits, gaps, pace.
+
+Every check refuses with numbers and a remedy, leaves out what is no reading, or notes. Noise is
+estimated from third differences, which motion does not reach.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise, permutations
+from typing import NamedTuple
+
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import Array, rotation_vector
+from forcecal_ros.core.noise.white import difference_gain
+from forcecal_ros.core.stamps import jitter_of
+from forcecal_ros.core.streams import (
+    CHANNELS,
+    FREE,
+    phase_spans,
+    PoseStream,
+    Recording,
+    STILL,
+    Stream,
+)
+from forcecal_ros.core.topics import ROLES
+import numpy as np
+from numpy.typing import NDArray
+
+Mask = NDArray[np.bool_]
+
+ABSURD, ABSURD_RAW = 1e6, 2.0**32
+"""A reading beyond is none, in N, N m, V, m/s^2 or m: no wrist sensor reads a meganewton; counts
+of a converter have 32 bits at most."""
+
+SPOILT, FEW = 0.01, 5
+"""From this share of samples on that are no readings a stream is not to be used: ten a second of
+1 kHz. So few may be missing of any stream: of 24 static poses one would be 4 %."""
+
+MAX_STARTUP_S = 20.0
+"""A driver that publishes before its sensor answers sends nothing, or zeros, for so long."""
+
+STUCK_S, STUCK_SAMPLES, DEAD = 0.5, 50, 100
+"""Noise of one resolution repeats itself for so long, or so often, once in 10^20 times; static
+sets have fewer samples than the last."""
+
+HABIT = 20.0
+"""Stuck is what repeats itself so many times as long as 95 % of the signal does."""
+
+NOISE_GOES_ON = 0.2
+"""Changes just before a channel sticks, over the usual ones: noise goes on until it sticks; the
+signal of a simulator without noise comes to rest by ever smaller changes."""
+
+COARSE = 0.1
+"""Resolution over the usual change from which a channel may stand still at rest."""
+
+CLIPPED, CLIPPED_IN_STEPS = 5, 40
+"""Samples at the very same extreme, half of them in a row: noise reaches it once, and rounded
+noise now and then."""
+
+RESOLVED = 0.17
+"""Step of values, in RMS of the noise, from which its rounding is 5 % of the noise."""
+
+PAUSE_S, PAUSE_PERIODS = 0.5, 5.0
+"""Silence for so long, and so many periods, is a pause and no lost sample."""
+
+MAX_APART_S = 1.0
+"""Streams that are so far apart do not overlap because their clocks differ."""
+
+FROZEN_S, MAX_LATE_S = 0.3, 1.0
+"""A pose that repeats itself for less is a slow driver; a robot follows commands so much later."""
+
+MOVED_M, TURNED_RAD = 0.002, 0.01
+"""So far a tool has moved for certain: reported poses resolve a tenth or better."""
+
+MAX_RATE_HZ, MAX_SPEED, MAX_TURN, CREEP = 5e4, 30.0, 30.0, 0.02
+"""What no sensor, hand and wrist exceeds [Hz], [m/s], [rad/s]: the fastest arms do 10 m/s and
+12 rad/s; and what an arm that turns about exceeds [rad/s]."""
+
+OPTIONAL = ('optidrive', 'angular_velocity')
+"""Signals that messages and simulators hold as zeros where nothing measures them."""
+
+SENSORS = ('wrench', 'accelerometer', 'optidrive', 'pose')
+STREAMS = (*SENSORS, 'target')
+
+REMEDY = 'check the sensor, its cable and its driver, and record again'
+
+_STATE_UNIT = ('state its unit in the specification of forcecal import, or correct the stamps in '
+               'the driver')
+
+
+# Values ----------------------------------------------------------------------------------------
+
+
+class Unreadable:
+    """
+    The samples of one stream that are no readings, counted piece by piece.
+
+    Parameters
+    ----------
+    stream : str
+        For messages.
+    channels : sequence of str
+        Names of the columns, for messages.
+    limit : float
+        Largest reading.
+    """
+
+    def __init__(self, stream: str, channels: Sequence[str], limit: float = ABSURD) -> None:
+        self.count = self.total = 0
+        self._stream, self._channels, self._limit = stream, channels, limit
+        self._first, self._finite = '', True
+
+    def add(self, t: Array, values: Array) -> Mask:
+        """Count the samples of a piece; return which are readings."""
+        self.total += len(values)
+        good = np.abs(values) < self._limit
+        whole: Mask = good.all(axis=1)
+        if not whole.all():
+            self.count += int((~whole).sum())
+            self._finite &= bool(np.isfinite(values).all())
+            i = int(np.argmin(whole))
+            j = int(np.argmin(good[i]))
+            channel = self._channels[j] if j < len(self._channels) else f'column {j + 1}'
+            self._first = self._first or f'{channel} from {t[i]:.2f} s on'
+        return whole
+
+    def note(self) -> str:
+        """
+        Say what has to be left out; empty: nothing.
+
+        Raises
+        ------
+        DataError
+            Too much.
+        """
+        if not self.count:
+            return ''
+        what = f'not finite or beyond {self._limit:g}'
+        if self._finite and self.count == self.total:
+            raise DataError(f'{self._stream}: all samples are beyond {self._limit:g} '
+                            f'({self._first}): they are counts of a converter; divide them '
+                            'by the counts of each unit in the driver')
+        if self.count == self.total or self.count > max(FEW, SPOILT * self.total):
+            raise DataError(f'{self._stream}: {100.0 * self.count / self.total:.1f} % of the '
+                            f'samples are {what} ({self._first}); check the driver and record '
+                            'again')
+        return f'{self._stream}: {self.count} samples are {what} and left out'
+
+
+def readable(stream: Stream | PoseStream, name: str, limit: float = ABSURD) -> tuple[Mask, str]:
+    """
+    Say which samples are readings, and what has to be left out.
+
+    Raises
+    ------
+    DataError
+        Too much would have to be left out.
+    """
+    if isinstance(stream, Stream):
+        values = stream.values
+    else:  # of a pose the orientation may be all there is: its position is NaN then
+        place = np.nan_to_num(stream.position, nan=0.0, posinf=np.inf, neginf=-np.inf)
+        values = np.hstack([place, stream.R_base_sensor.reshape(len(stream), 9)])
+    counted = Unreadable(name, CHANNELS[name], limit)
+    return counted.add(stream.t, values), counted.note()
+
+
+def startup(stream: Stream) -> int:
+    """Count the samples before a sensor's first reading: not finite, or zero in all channels."""
+    for nothing in (~np.isfinite(stream.values).all(axis=1), ~stream.values.any(axis=1)):
+        first = int(np.argmin(nothing))
+        if first > FEW and not nothing[first:].any() and 2 * first < len(stream) and (
+                stream.t[first] - stream.t[0] < MAX_STARTUP_S):
+            return first
+    return 0
+
+
+def absence(name: str, stream: Stream | PoseStream | None) -> str:
+    """Say why a stream was not measured; empty: it was, or there is none."""
+    if stream is None or name == 'wrench':
+        return ''
+    if not len(stream):
+        return 'no message'
+    if name not in OPTIONAL or not isinstance(stream, Stream):
+        return ''
+    if name == 'angular_velocity' and np.isnan(stream.values).all():
+        return 'no number throughout'
+    return '' if stream.values.any() else 'zero throughout'
+
+
+# Repetitions -----------------------------------------------------------------------------------
+
+
+def runs(rows: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the first sample of each run of equal rows (n, k), and how many it has."""
+    first = np.flatnonzero(np.append(True, (rows[1:] != rows[:-1]).any(axis=1)))
+    return first, np.diff(np.append(first, len(rows)))
+
+
+def rows_of(stream: Stream | PoseStream) -> Array:
+    """Return all columns of a stream."""
+    if isinstance(stream, Stream):
+        return stream.values
+    return np.hstack([stream.R_base_sensor.reshape(len(stream), 9),
+                      np.nan_to_num(stream.position)])
+
+
+def without_repetitions(stream: Stream | PoseStream, name: str) -> tuple[Mask, str]:
+    """Say which samples are new, where each is sent several times; and a note."""
+    rows, keep = rows_of(stream), np.ones(len(stream), dtype=bool)
+    if len(stream) < 60:
+        return keep, ''
+    first, count = runs(rows)
+    usual = count[stream.t[first + count - 1] - stream.t[first] < FROZEN_S]
+    every = int(np.median(usual)) if len(usual) >= 20 else 0
+    if every >= 3 and (np.abs(usual - every) <= max(1, every // 4)).mean() > 0.8:
+        keep[:] = False
+        for i, n in zip(first.tolist(), count.tolist()):
+            keep[i:i + n - every // 2:every] = True
+        rate = (len(stream) - 1) / float(stream.t[-1] - stream.t[0]) / every
+        return keep, (f'{name}: each reading is sent {every} times: it comes at {rate:.3g} Hz; '
+                      'repetitions are left out')
+    if name == 'wrench' and (count == 1).mean() > 0.9:
+        steps = np.abs(np.diff(rows, axis=0))
+        usual_step = np.median(steps[steps.any(axis=1)], axis=0)
+        for i, n in zip(first[count >= 10].tolist(), count[count >= 10].tolist()):
+            before = steps[max(0, i - 5):i]
+            if len(before) and (before.mean(axis=0) > NOISE_GOES_ON * usual_step).all():
+                keep[i + 1:i + n] = False
+    if keep.all():
+        return keep, ''
+    return keep, (f'{name}: {int((~keep).sum())} messages repeat all channels of the one before, '
+                  'as where the line to the sensor fails; left out')
+
+
+def lost_packets(values: Array) -> Mask:
+    """Return which readings are zero in all channels, alone between others far from it."""
+    zero = ~values.any(axis=1)
+    lost: Mask = np.zeros(len(values), dtype=bool)
+    if not zero.any() or zero.mean() > 0.5:
+        return lost
+    first, count = runs(zero[:, None].astype(float))
+    for i, n in zip(first.tolist(), count.tolist()):
+        lost[i:i + n] = zero[i] and n <= 5
+    step = np.median(np.abs(np.diff(values[~zero], axis=0)), axis=0)
+    leaps = np.median(np.abs(values[~zero]), axis=0) > 20.0 * np.maximum(step, 1e-300)
+    return lost if leaps.any() else np.zeros(len(values), dtype=bool)
+
+
+def dead_band(column: Array) -> float:
+    """Return below what size readings are set to zero; 0: nowhere."""
+    zero = column == 0.0
+    others = column[~zero]
+    if len(others) < 0.1 * len(column) or zero.mean() < 0.02:
+        return 0.0
+    limit = float(np.abs(others).min())
+    step = float(np.median(np.abs(np.diff(others))))
+    entered = np.abs(column[:-1][zero[1:] & ~zero[:-1]])
+    cut = limit > 10.0 * step > 0.0 and len(entered) and np.median(entered) < 1.5 * limit
+    return limit if cut else 0.0
+
+
+def refuse_dead(stream: Stream, name: str) -> None:
+    """
+    Refuse a sensor that never changes, or a channel of it while others change all the time.
+
+    Raises
+    ------
+    DataError
+        Names the channels and their values.
+    """
+    if len(stream) <= DEAD:
+        return
+    changing = (np.diff(stream.values, axis=0) != 0).mean(axis=0)
+    if not changing.any():
+        raise DataError(f'{name}: the values never change; {REMEDY}')
+    if changing.max() > 0.5 and not changing.all():
+        dead = '; '.join(f'{CHANNELS[name][j]} stands at {stream.values[0, j]:.6g} throughout'
+                         for j in np.flatnonzero(changing == 0).tolist())
+        raise DataError(f'{dead}; {REMEDY}')
+
+
+def refuse_stuck(stream: Stream, name: str, channels: Sequence[str],
+                 pose: PoseStream | None = None) -> None:
+    """
+    Refuse a sensor, or a channel of it, that sticks for some time or from some time on.
+
+    A channel that comes with noise never repeats itself for long; one that does not resolve its
+    noise may at rest, and so may a simulator's without noise. Both are told from one that sticks
+    by how it comes to repeat itself and by what the other channels do meanwhile.
+
+    Parameters
+    ----------
+    pose : PoseStream, optional
+        Measured or commanded: no sensor of forces repeats itself while it turns by 0.1 rad.
+
+    Raises
+    ------
+    DataError
+        Names each channel, its value, and from when to when.
+    """
+    values, t = stream.values, stream.t
+    steps = np.abs(np.diff(values, axis=0))
+    found = []
+    for j in (-1, *range(values.shape[1])):
+        hold = _longest(t, values if j < 0 else values[:, [j]])
+        if hold is None:
+            continue
+        first, last = hold
+        if j < 0:
+            turns = False
+            if pose is not None and name in ('wrench', 'accelerometer'):
+                R = pose.between(float(t[first]), float(t[last])).R_base_sensor
+                turns = len(R) > 0 and bool(np.abs(R - R[0]).max() > 0.1)
+            if turns or any(_sticks(stream, steps, k, hold, False)
+                            for k in range(values.shape[1])):
+                found = [(f'{name}: every channel repeats itself from {t[first]:.2f} s to '
+                         f'{t[last]:.2f} s')]
+                break
+        elif steps[first:last].any(axis=1).sum() >= STUCK_SAMPLES and _sticks(
+                stream, steps, j, hold, True):
+            found.append(f'{channels[j]} repeats {values[first, j]:.6g} from {t[first]:.2f} s to '
+                         f'{t[last]:.2f} s while other channels change')
+    if found:
+        raise DataError(f'{"; ".join(found)}; {REMEDY}')
+
+
+def _longest(t: Array, rows: Array) -> tuple[int, int] | None:
+    """Return first and last sample of the longest run, if it is longer than any habit."""
+    first, count = runs(rows)
+    last = first + count - 1
+    spans = t[last] - t[first]
+    i = int(np.argmax(spans))
+    if spans[i] < STUCK_S or count[i] < STUCK_SAMPLES or len(spans) < 2:
+        return None
+    others = np.arange(len(spans)) != i
+    order = np.argsort(spans[others])
+    share = np.cumsum(count[others][order]) / count[others].sum()
+    usual = float(spans[others][order][np.searchsorted(share, 0.95)])
+    return (int(first[i]), int(last[i])) if spans[i] > HABIT * usual else None
+
+
+def _sticks(stream: Stream, steps: Array, j: int, hold: tuple[int, int], alone: bool) -> bool:
+    """Say whether neither a limit, a dead band nor rest is why channel j repeats itself."""
+    (first, last), column, own = hold, stream.values[:, j], steps[:, j]
+    outside = np.ones(len(steps), dtype=bool)
+    outside[first:last] = False
+    usual = own[outside & (own > 0)]
+    near = own[:first][own[:first] > 0][-5:] if first else own[last:][own[last:] > 0][:5]
+    if not len(near) or near.mean() < NOISE_GOES_ON * np.median(usual):
+        return False
+    if not column.min() < column[first] < column.max():  # at its limit, and back from it
+        elsewhere = int((column == column[first]).sum()) - (last - first + 1)
+        if last + 1 < len(column) or elsewhere >= CLIPPED:
+            return False
+    if column[first] == 0.0 and dead_band(column):
+        return False
+    if usual.min() < COARSE * np.median(usual):
+        return True
+    others = np.delete(steps, j, axis=1)  # coarse: it may rest, unless the others go on
+    inside, all_along = others[first:last].mean(axis=0), others[outside].mean(axis=0)
+    return alone and bool((inside > 0.5 * all_along).all() and (all_along > 0).all())
+
+
+# Limits and steps of values --------------------------------------------------------------------
+
+
+class Steps(NamedTuple):
+    """Values of one channel that are multiples of a step."""
+
+    channel: str
+    step: float
+
+
+class Clipping(NamedTuple):
+    """Values of one channel that stop at a limit: how many, and when the first of them."""
+
+    channel: str
+    limit: float
+    samples: int
+    start: float = 0.0
+
+    def __str__(self) -> str:
+        return (f'{self.channel} stops at {self.limit:.4g} ({self.samples} samples, the first '
+                f'at {self.start:.2f} s)')
+
+
+class Extreme(NamedTuple):
+    """How often a channel reaches its extreme, and how often twice in a row."""
+
+    samples: int
+    repeated: int
+
+    def is_limit(self, least: int = CLIPPED) -> bool:
+        """Whether it stops there: that often, and half of the time in a row."""
+        return self.samples >= least and self.repeated >= 0.5 * self.samples
+
+
+def columns(recording: Recording) -> Iterator[tuple[str, Array, Array]]:
+    """Name, stamps and values of each channel of a sensor."""
+    for name in SENSORS[:3]:
+        stream: Stream | None = getattr(recording, name)
+        if stream is not None and len(stream):
+            for channel, values in zip(CHANNELS[name], stream.values.T):
+                yield channel, stream.t, values
+
+
+def noise_of(recording: Recording) -> dict[str, float]:
+    """Return the RMS of each channel's noise, by third differences: white to motion."""
+    scale = 0.6745 * np.sqrt(difference_gain(3))
+    return {name: float(np.median(np.abs(np.diff(values, n=3)))) / scale if len(values) > 3
+            else 0.0 for name, _, values in columns(recording)}
+
+
+def resolution(values: Array) -> float:
+    """Return the step whose multiples values are; 0: they are none, or too few."""
+    different = np.unique(values)
+    if len(different) > 0.5 * len(values) or len(different) < 3:
+        return 0.0
+    gaps = np.diff(different)
+    step = float(np.percentile(gaps[gaps > 1e-9 * np.abs(different).max()], 10))
+    turns = (different - different[0]) / step
+    step *= float(turns[-1] / np.rint(turns[-1])) if turns[-1] > 0.5 else 1.0
+    off = (different - different[0]) / step
+    return step if np.sqrt(np.mean((off - np.rint(off))**2)) < 0.1 else 0.0
+
+
+def quantisation(recording: Recording, noise: Mapping[str, float]) -> tuple[Steps, ...]:
+    """
+    Find channels whose values are multiples of a step that matters.
+
+    Parameters
+    ----------
+    noise : mapping of str to float
+        RMS of one sample of each channel.
+    """
+    return tuple(Steps(name, step) for name, _, values in columns(recording)
+                 if (step := resolution(values)) > RESOLVED * noise[name]
+                 and np.ptp(values) > 2.0 * step)
+
+
+def clipping(recording: Recording, steps: tuple[Steps, ...], noise: Mapping[str, float]
+             ) -> tuple[Clipping, ...]:
+    """
+    Find channels that stop at a limit.
+
+    Parameters
+    ----------
+    steps : tuple of Steps
+        Channels that come in steps repeat values; those of twice the noise decide nothing.
+    noise : mapping of str to float
+        RMS of one sample of each channel.
+    """
+    coarse, found = {s.channel: s.step for s in steps}, []
+    for name, t, values in columns(recording):
+        if coarse.get(name, 0.0) > 2.0 * noise[name] or not np.ptp(values) > 0.0:
+            continue
+        for extreme in (values.max(), values.min()):
+            at = values == extreme
+            if Extreme(int(at.sum()), int(np.sum(at[1:] & at[:-1]))).is_limit(
+                    CLIPPED_IN_STEPS if name in coarse else CLIPPED):
+                found.append(Clipping(name, float(extreme), int(at.sum()),
+                                      float(t[np.argmax(at)])))
+    return tuple(found)
+
+
+def clipped(recording: Recording) -> tuple[Clipping, ...]:
+    """
+    Find channels that stop at a limit, by the noise that they show themselves.
+
+    One that mostly repeats itself, without noise or in coarse steps, rests at its extreme; zeros
+    of a dead band are no end of the range.
+    """
+    noise = noise_of(recording)
+    banded = {name for name, _, values in columns(recording) if dead_band(values)}
+    return tuple(one for one in clipping(recording, quantisation(recording, noise), noise)
+                 if noise[one.channel] > 1e-9 * abs(one.limit)
+                 and (one.limit or one.channel not in banded))
+
+
+def refuse_wrapped(stream: Stream, pose: PoseStream) -> None:
+    """
+    Refuse channels that leap from one end of their range to the other, as counts that wrap do.
+
+    Raises
+    ------
+    DataError
+        Names the channels and the ends.
+    """
+    found = [f'{channel} leaps from one end of its range to the other ({values.min():.4g}, '
+             f'{values.max():.4g}) {count} times'
+             for channel, values in zip(CHANNELS['wrench'], stream.values.T)
+             if (count := _wraps(stream.t, values, pose))]
+    if found:
+        raise DataError(f'{"; ".join(found)}: its counts wrap around; raise the range of the '
+                        'sensor')
+
+
+def _wraps(t: Array, values: Array, pose: PoseStream) -> int:
+    """Count leaps between the ends of a range at which a smooth channel stays; 0: none."""
+    span, steps = float(np.ptp(values)), np.abs(np.diff(values))
+    at = np.flatnonzero(steps > 0.8 * span)
+    if len(values) <= DEAD or not len(at) or np.median(steps) > 0.02 * span or (
+            span < 64 * resolution(values)):
+        return 0
+    upper, crossed = values > 0.5 * (values.max() + values.min()), 0
+    first = np.concatenate([[True], np.diff(at) >= 5])
+    for begin, end in zip(at[first], at[np.concatenate([first[1:], [True]])]):
+        before, after = upper[:begin + 1][-5:], upper[end + 1:][:5]
+        crossed += bool((before.all() and not after.any()) or (after.all() and not before.any()))
+    before, after = values[:at[0] + 1][-DEAD:], values[at[0] + 1:][:DEAD]
+    once = abs(values.max() + values.min()) < 0.01 * span and abs(
+        np.median(after) - np.median(before)) > 0.5 * span
+    if crossed < 2 and not once:  # noise leaps to and fro, spikes stay at one end only
+        return 0
+    ends = np.sort(np.stack([values[at], values[at + 1]]), axis=0)
+    off = np.maximum(ends[0] - values.min(), values.max() - ends[1])
+    R = [pose.R_base_sensor[np.searchsorted(pose.t, t[i]).clip(max=len(pose) - 1)]
+         for i in (at, at + 1)]
+    still = np.median(np.linalg.norm(R[1] - R[0], axis=(1, 2))) < 0.05
+    return len(at) if np.median(off) < 0.02 * span and still else 0
+
+
+# Gaps and clocks -------------------------------------------------------------------------------
+
+
+def refuse_apart(spans: Mapping[str, tuple[float, float]]) -> None:
+    """
+    Refuse streams, each by its first and last stamp [s], that do not overlap with most others.
+
+    Raises
+    ------
+    DataError
+        Names them, and how far off they begin.
+    """
+    meets = {name: {other for other in spans if max(
+        spans[name][0] - spans[other][1], spans[other][0] - spans[name][1]) < MAX_APART_S}
+        for name in spans}
+    most = max(spans, key=lambda name: len(meets[name]), default='')
+    apart = [name for name in spans if name not in meets[most]]
+    if apart:
+        listed = ', '.join(f'{name} {spans[name][0] - spans[most][0]:+.1f} s' for name in apart)
+        raise DataError(f'stamps begin too far from those of {most}: {listed}; set the clocks of '
+                        'all computers by one (PTP or chrony), and record again')
+
+
+def refuse_clocks_apart(recording: Recording) -> None:
+    """Refuse streams that do not overlap with the others because their clocks differ."""
+    spans = {}
+    for name in (*STREAMS, 'angular_velocity'):
+        stream = getattr(recording, name)
+        if stream is not None and len(stream):
+            topic = ROLES[name].topic if name in ROLES else name
+            spans[name if topic == name else f'{name} ({topic})'] = (
+                float(stream.t[0]), float(stream.t[-1]))
+    refuse_apart(spans)
+
+
+Gap = tuple[float, float]
+"""Stamps of the last sample before and the first after [s]."""
+
+
+def _gaps(t: Array, period: float) -> list[Gap]:
+    least = max(PAUSE_S, PAUSE_PERIODS * period)
+    return [(float(t[i]), float(t[i + 1])) for i in np.flatnonzero(np.diff(t) > least)]
+
+
+def _period(t: Array) -> float:
+    return float(np.median(np.diff(t))) if len(t) > 1 else np.inf
+
+
+def pauses(recording: Recording) -> list[Gap]:
+    """List when no stream published anything."""
+    streams = [stream.t for name in STREAMS
+               if (stream := getattr(recording, name)) is not None and len(stream)]
+    return _gaps(np.sort(np.concatenate(streams)), min(map(_period, streams))) if streams else []
+
+
+def silences(recording: Recording) -> Iterator[str]:
+    """Note when single sensors, or all streams, published nothing for a while."""
+    common = pauses(recording)
+    found = [('all streams', common)]
+    for name in SENSORS:
+        stream = getattr(recording, name)
+        own = _gaps(stream.t, _period(stream.t)) if stream is not None else []
+        found.append((name, [gap for gap in own if not any(
+            start < gap[1] and gap[0] < end for start, end in common)]))
+    for who, gaps in found:
+        if len(gaps) > 5:
+            start, end = max(gaps, key=lambda gap: gap[1] - gap[0])
+            yield (f'{who}: {len(gaps)} pauses in which nothing was recorded, the longest of '
+                   f'{end - start:.1f} s from {start:.1f} s on')
+        else:
+            yield from (f'{who}: nothing was recorded for {end - start:.1f} s from {start:.1f} s '
+                        'on' for start, end in gaps)
+
+
+def lost_messages(recording: Recording) -> Iterator[str]:
+    """Note which of wrench and pose miss more than 5 % of their messages besides pauses."""
+    for name in ('wrench', 'pose'):
+        stream = getattr(recording, name)
+        if stream is None or len(stream) <= DEAD:
+            continue
+        jitter = jitter_of(stream.t)
+        short = np.diff(stream.t) < max(PAUSE_S, PAUSE_PERIODS * jitter.period)
+        missing = int((np.diff(jitter.number) - 1)[short].sum())
+        if missing > 0.05 * (missing + len(stream)):
+            yield (f'{name}: {missing / (missing + len(stream)):.0%} of its messages are missing: '
+                   'record on the computer that sends them')
+
+
+# Poses -----------------------------------------------------------------------------------------
+
+
+def refuse_frozen_pose(recording: Recording) -> None:
+    """
+    Refuse a pose that repeats itself to the last bit, or ends, while the robot moves.
+
+    A robot that was late to move goes on from where it stood; a pose that had been frozen jumps,
+    or repeats itself to the end.
+
+    Raises
+    ------
+    DataError
+        Says when, and what moved.
+    """
+    pose = recording.pose
+    if pose is None or len(pose) < 3:
+        return
+    first, count = runs(rows_of(pose))
+    where = recording.source or 'the recording'
+    for i, j in zip(first.tolist(), (first + count - 1).tolist()):
+        start, end, goes_on = float(pose.t[i]), float(pose.t[j]), j + 1 < len(pose)
+        if end - start < FROZEN_S or (goes_on and not _jumps(pose, j)):
+            continue
+        if what := _what_moves(recording, start, end - MAX_LATE_S / (2 if goes_on else 1)):
+            raise DataError(f'current_pose repeats itself to the last bit from {start:.2f} s to '
+                            f'{end:.2f} s of {where}, while {what}; look at its driver')
+    start = float(pose.t[-1])
+    others = [stream.t[-1] for stream in (recording.wrench, recording.accelerometer)
+              if stream is not None and len(stream)]
+    if others and (what := _what_moves(recording, start, float(max(others)) - MAX_LATE_S)):
+        raise DataError(f'current_pose has no message from {start:.2f} s on of {where}, while '
+                        f'{what}; look at its driver')
+
+
+def _way(pose: PoseStream, i: int, j: int) -> float:
+    """Way between two samples, in what has moved for certain; 0 beyond the end."""
+    if j >= len(pose):
+        return 0.0
+    turned = np.linalg.norm(rotation_vector(pose.R_base_sensor[i].T @ pose.R_base_sensor[j]))
+    moved = np.linalg.norm(np.nan_to_num(pose.position[j] - pose.position[i]))
+    return float(max(turned / TURNED_RAD, moved / MOVED_M))
+
+
+def _jumps(pose: PoseStream, last: int) -> bool:
+    """Say whether a pose goes on after ``last`` as none that had stood there could."""
+    there, then = _way(pose, last, last + 1), _way(pose, last + 1, last + 2)
+    t = np.append(pose.t, 2 * pose.t[-1] - pose.t[-2])
+    return there > 1.0 and there / (t[last + 1] - t[last]) > 2.0 * then / (
+        t[last + 2] - t[last + 1])
+
+
+def _what_moves(recording: Recording, start: float, end: float) -> str:
+    """Say what moves in a stretch of time, by the commands if there are any; empty: nothing."""
+    target = recording.target
+    if target is not None and len(target) and target.t[0] < end:
+        held = max(0, int(np.searchsorted(target.t, start, side='right')) - 1)
+        sent = target.between(float(target.t[held]), end)
+        moves = any(_way(sent, 0, i) > 1.0 for i in range(1, len(sent), max(1, len(sent) // 50)))
+        return 'the commands move' if moves or (
+            len(sent) > 1 and _way(sent, 0, len(sent) - 1) > 1.0) else ''
+    for name in ('angular_velocity', 'accelerometer', 'wrench'):
+        stream: Stream | None = getattr(recording, name)
+        # the tool may ring for a second after the robot has stopped
+        if stream is not None and _changes(stream, name, recording, start + 1.0, end):
+            return f'the {name.replace("_", " ")} shows that the robot moves'
+    return ''
+
+
+def _changes(stream: Stream, name: str, recording: Recording, start: float, end: float) -> bool:
+    """Say whether a sensor shows motion; a wrench does where phases say that nothing touches."""
+    spans = [(-np.inf, np.inf)] if name != 'wrench' else phase_spans(
+        recording.phases, (*FREE, *STILL))
+    means, _ = _quarter_seconds(stream, float(stream.t[0]), float(stream.t[-1]))
+    if not len(means):
+        return False
+    usual = np.ptp(means, axis=0)
+    if name == 'accelerometer':  # 3 deg of tilt
+        usual = np.maximum(usual, 0.2 * np.linalg.norm(means.mean(axis=0)))
+    for begin, stop in spans:
+        means, errors = _quarter_seconds(stream, max(start, begin), min(end, stop))
+        if len(means) > 1:
+            change = np.ptp(means, axis=0)
+            if ((change > 20.0 * np.median(errors, axis=0)) & (change > 0.25 * usual)).any():
+                return True
+    return False
+
+
+def _quarter_seconds(stream: Stream, start: float, end: float) -> tuple[Array, Array]:
+    """Means over a quarter of a second each, with their standard errors for white noise."""
+    count = max(0, int((end - start) / 0.25))
+    edges = np.searchsorted(stream.t, start + 0.25 * np.arange(count + 1))
+    parts = [stream.values[i:j] for i, j in pairwise(edges) if j - i > 3]
+    if not parts:
+        return np.empty((0, stream.values.shape[1])), np.empty((0, stream.values.shape[1]))
+    return (np.array([part.mean(axis=0) for part in parts]),
+            np.array([part.std(axis=0) / np.sqrt(len(part)) for part in parts]))
+
+
+def interpolated(pose: PoseStream) -> str:
+    """Note that poses lie on straight lines between few, to the last bit; empty: they do not."""
+    if not pose.has_position or len(pose) < 40:
+        return ''
+    t, place = pose.t, pose.position
+    share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
+    way = np.linalg.norm(place[2:] - place[:-2], axis=1)
+    off = np.linalg.norm(place[1:-1] - place[:-2] - share * (place[2:] - place[:-2]), axis=1)
+    bent = (way > 0.0) & (off > 1e-6 * way)
+    corners = np.flatnonzero(bent & ~np.roll(bent, 1) & ~np.roll(bent, -1)) + 1
+    if len(corners) < 20 or bent.sum() > 0.25 * (way > 0.0).sum():
+        return ''
+    apart = np.diff(t[corners])
+    period = float(np.median(apart))
+    even = np.abs(apart / period - 1.0) < 0.2
+    R = pose.R_base_sensor[corners]
+    turned = rotation_vector(np.swapaxes(R[:-1], 1, 2) @ R[1:])
+    # a chord of two intervals' change of speed: h^2 a / 8
+    changes = np.linalg.norm(np.diff(turned, axis=0), axis=1)[even[1:] & even[:-1]] / 8.0
+    astray = float(np.quantile(changes, 0.9)) if len(changes) else 0.0
+    if even.mean() < 0.5 or astray < 0.01:  # 0.1 N for 1 kg
+        return ''
+    return (f'pose: between {1.0 / period:.3g} poses a second it moves along straight lines, so '
+            f'that orientations were interpolated, and some {astray:.2g} rad off in between: '
+            'weight and inertia are removed wrongly while the robot moves; record every pose')
+
+
+# Pace ------------------------------------------------------------------------------------------
+
+
+def refuse_other_pace(recording: Recording) -> None:
+    """
+    Refuse times and angles in another unit: rates and speeds that no sensor and no arm has.
+
+    Raises
+    ------
+    DataError
+        Names rate or speed, and the unit that they show.
+    """
+    streams = {name: stream for name in SENSORS
+               if (stream := getattr(recording, name)) is not None and len(stream) >= DEAD}
+    rates = {name: (n := min(50, len(s) - 1)) / max(float(np.median(s.t[n:] - s.t[:-n])), 1e-300)
+             for name, s in streams.items()}
+    if not rates:
+        return
+    fastest = max(rates, key=lambda name: rates[name])
+    if rates[fastest] > MAX_RATE_HZ:
+        raise DataError(
+            f'{fastest}: {rates[fastest]:.3g} readings a second, more than any sensor or robot '
+            f'sends: its time is in another unit (s taken for ms, or ms for us); {_STATE_UNIT}')
+    last = {name: float(one.t[-1] - one.t[0]) for name, one in streams.items()}
+    for (long, span), (short, less) in permutations(last.items(), 2):
+        for factor, unit in ((1e3, 'ms'), (1e6, 'us')):
+            if abs(span / less / factor - 1.0) < 0.05:
+                raise DataError(
+                    f'{long}: its {len(streams[long])} readings last {span:.3g} s, the '
+                    f'{len(streams[short])} of {short} {less:.3g} s: time is in {unit} in one and '
+                    f'in s in the other; {_STATE_UNIT}')
+    if 'pose' in streams:
+        _refuse_other_speed(streams['pose'], fastest, rates)
+
+
+def _refuse_other_speed(pose: PoseStream, fastest: str, rates: Mapping[str, float]) -> None:
+    """Refuse poses that creep, whirl or fly."""
+    def each(seconds: float) -> int:
+        return max(1, min(round(seconds * rates['pose']), len(pose) // DEAD))
+
+    R, t = pose.R_base_sensor[::each(0.02)], pose.t[::each(0.02)]
+    turned = np.linalg.norm(rotation_vector(np.swapaxes(R[:-1], 1, 2) @ R[1:]), axis=1)
+    took = np.diff(t).clip(min=0.5 * each(0.02) / rates['pose'])  # of poses in bursts
+    speed = turned / took
+    if rates[fastest] < 5.0 and turned.sum() > 0.3 and turned.max() < 0.35 and (
+            speed.max() < CREEP):
+        raise DataError(
+            f'{fastest}: {rates[fastest]:.2g} readings a second, and the pose turns by '
+            f'{speed.max():.2g} rad/s where it turns fastest, as of no robot: time is in ms or us '
+            f'and taken for s, or counts rows; {_STATE_UNIT} (rate: where rows are evenly apart)')
+    turning, moving = float(np.quantile(speed, 0.9)), 0.0
+    if pose.has_position:
+        n = each(0.1)
+        place, at = (x[:len(pose) // n * n].reshape(len(pose) // n, n, -1).mean(axis=1)
+                     for x in (pose.position, pose.t))
+        moving = float(np.quantile(np.linalg.norm(np.diff(place, axis=0), axis=1) / np.diff(
+            at[:, 0]).clip(min=0.5 * n / rates['pose']), 0.9))
+    if turning > MAX_TURN and moving > MAX_SPEED:
+        why = 'time is in s and taken for ms or us'
+    elif turning > MAX_TURN:
+        why = ('its angles are in degrees and taken for radians, or time is in s and taken for '
+               'ms')
+    elif moving > MAX_SPEED:
+        raise DataError(f'pose: its position moves at {moving:.3g} m/s for a tenth of the '
+                        'recording, which no arm does: it is in mm; multiply by 0.001 in the '
+                        'driver (where forcecal import read a table, write "unit: mm" into its '
+                        'specification instead)')
+    else:
+        return
+    raise DataError(f'pose: it turns by {turning:.3g} rad/s and moves at {moving:.3g} m/s for a '
+                    f'tenth of the recording, as no arm does: {why}; {_STATE_UNIT}')
+
+
+def refuse_degrees_a_second(recording: Recording) -> None:
+    """
+    Refuse a gyro that turns 57 times as fast as the pose, or as gravity in the accelerometer.
+
+    Raises
+    ------
+    DataError
+        Says how many times.
+    """
+    gyro, pose, force = recording.angular_velocity, recording.pose, recording.accelerometer
+    if gyro is None or len(gyro) < DEAD:
+        return
+    times = 0.0
+    if pose is not None and len(pose) >= DEAD:
+        edges = np.arange(max(pose.t[0], gyro.t[0]), min(pose.t[-1], gyro.t[-1]), 0.1)
+        if len(edges) >= DEAD:
+            R = pose.R_base_sensor[np.searchsorted(pose.t, edges)]
+            turning = np.linalg.norm(rotation_vector(np.swapaxes(R[:-1], 1, 2) @ R[1:]),
+                                     axis=1) / 0.1
+            read = np.linalg.norm(gyro.at((edges[1:] + edges[:-1]) / 2.0), axis=1)
+            moves = turning > 0.1
+            times = float(np.median(read[moves] / turning[moves])) if moves.any() else 0.0
+    elif force is not None and len(force) >= DEAD and recording.accelerometer_unit != 'V':
+        t = np.arange(max(force.t[0], gyro.t[0]), min(force.t[-1], gyro.t[-1]), 0.1)
+        if len(t) >= DEAD:
+            f = force.at(t)
+            change = (f[2:] - f[:-2]) / 0.2
+            expected = -np.cross(gyro.at(t), f)[1:-1]
+            both, own, others = ((change * expected).sum(), (change**2).sum(),
+                                 (expected**2).sum())
+            times = float(others / both) if both > 0.7 * np.sqrt(own * others) else 0.0
+    if abs(times / np.degrees(1.0) - 1.0) < 0.25:
+        raise DataError(f'angular_velocity: it is {times:.3g} times as fast as the tool turns: it '
+                        'is in deg/s; multiply by 0.0174533 in the driver (where forcecal import '
+                        'read a table, write "unit: deg/s" into its specification instead)')

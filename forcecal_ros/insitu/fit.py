@@ -1,0 +1,422 @@
+"""Matrix, body and estimates of the loads, from a few measured numbers and their errors.
+
+Every data set has been reduced to as many pseudo-samples as its regressors have directions; with
+the offset they are all that [Traversaro2014] III-C and its tables need, and the errors of these
+numbers are all that their standard errors come from.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+from forcecal_ros.core.calibration import Estimate
+from forcecal_ros.core.errors import UnobservableError
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.insitu import equations as eq
+from forcecal_ros.insitu.equations import (
+    estimate_load,
+    inertia_matrix,
+    inertia_vector,
+    Load,
+    LoadEstimate,
+    MatrixFit,
+    PHYSICAL,
+    STATIC,
+    total_map,
+)
+from forcecal_ros.insitu.loads import data_rank, off_by, RankReport, Stated
+from forcecal_ros.insitu.moments import Moments
+from forcecal_ros.insitu.reduce import DataSet, Reduced
+from forcecal_ros.insitu.result import DataSetResult, NonLinearity, SensorResult
+from forcecal_ros.insitu.uncertainty import propagate
+import numpy as np
+
+
+class Training(NamedTuple):
+    """The data sets to train on: raw pseudo-samples, regressors and loads, and which they are."""
+
+    raw: list[Array]
+    gravity: list[Array]
+    loads: list[Load]
+    numbers: list[int]
+
+
+class Fitted(NamedTuple):
+    """``matrix`` (6, n), ``body`` (4,) or (16,), ``offset`` (n,)."""
+
+    matrix: Array
+    body: Array
+    offset: Array
+
+    def pack(self) -> Array:
+        """Return all numbers in a row."""
+        return np.concatenate([part.ravel() for part in self])
+
+    def unpack(self, flat: Array) -> 'Fitted':
+        """Give numbers in a row the shapes of this fit."""
+        ends = np.cumsum([part.size for part in self])[:-1]
+        return Fitted(*(one.reshape(part.shape)
+                        for one, part in zip(np.split(flat, ends), self)))
+
+
+@dataclass(frozen=True)
+class MatrixProblem:
+    """
+    What was measured, in the order offset, pseudo-samples of the first data set, of the second...
+
+    Attributes
+    ----------
+    offset : ndarray, shape (n,)
+        Zero in motion, where it is a result of the fit.
+    noise : ndarray, shape (n, n)
+        Covariance that the raw channels are scaled by.
+    covariance : ndarray
+        Of the measured numbers.
+    gravity : float
+        Magnitude [m/s^2].
+    """
+
+    data_sets: tuple[DataSet, ...]
+    moments: tuple[Moments, ...]
+    offset: Array
+    noise: Array
+    covariance: Array
+    gravity: float
+
+    def part(self, number: int) -> slice:
+        """Return where the pseudo-samples of a data set stand among the measured numbers."""
+        start = len(self.offset) + sum(m.raw.size for m in self.moments[:number])
+        return slice(start, start + self.moments[number].raw.size)
+
+    def training(self) -> Training:
+        """Return the data sets to train on, the offset taken off."""
+        chosen = [(k, m, d.load) for k, (m, d) in enumerate(zip(self.moments, self.data_sets))
+                  if d.train and d.load is not None]
+        return Training([m.raw - np.outer(m.ones, self.offset) for _, m, _ in chosen],
+                        [m.directions for _, m, _ in chosen], [load for *_, load in chosen],
+                        [k for k, *_ in chosen])
+
+    def fit(self) -> Fitted:
+        """Return matrix and body, [Traversaro2014] Eq. 21."""
+        return self._solved(self.training())
+
+    def _solved(self, train: Training) -> Fitted:
+        found = eq.solve(train.raw, train.gravity, train.loads,
+                         eq.six_channels(train.raw, self.noise))
+        return Fitted(found.matrix, found.body, self._offset(found))
+
+    def _offset(self, found: MatrixFit) -> Array:
+        if len(found.body) <= PHYSICAL:
+            return self.offset
+        return np.asarray(np.linalg.pinv(found.matrix) @ found.body[PHYSICAL:])
+
+    def sensitivity(self, fitted: Fitted) -> Array:
+        """
+        How the fit changes with the measured numbers, its residual taken to be small.
+
+        Returns
+        -------
+        ndarray
+            One row for each number of :meth:`Fitted.pack`, one column for each measured one.
+        """
+        train, n, size = self.training(), len(self.offset), len(fitted.body)
+        channels = eq.six_channels(train.raw, self.noise)
+        design, _ = eq.system([r @ channels for r in train.raw], train.gravity, train.loads)
+        scale = np.linalg.norm(design, axis=0)
+        scale[scale == 0] = 1.0
+        inverse = np.linalg.pinv(design / scale, rcond=1e-10) / scale[:, None]
+        change = -(inverse.reshape(len(scale), -1, 6) @ fitted.matrix)
+        of_matrix = np.einsum('jiqn,cj->icqn', change[:36].reshape(6, 6, -1, n), channels)
+        change = np.concatenate([of_matrix.reshape(6 * n, -1, n), change[36:]])
+        out = np.zeros((6 * n + size + n, len(self.covariance)))
+        first = 0
+        for k, raw in zip(train.numbers, train.raw):
+            columns = change[:, first:first + len(raw)]
+            out[:len(change), self.part(k)] = columns.reshape(len(change), -1)
+            out[:len(change), :n] -= np.tensordot(columns, self.moments[k].ones, (1, 0))
+            first += len(raw)
+        if size <= PHYSICAL:
+            out[-n:, :n] = np.eye(n)
+        else:
+            constant, matrix = out[6 * n + PHYSICAL:6 * n + size], out[:6 * n].reshape(6, n, -1)
+            out[-n:] = np.linalg.pinv(fitted.matrix) @ (
+                constant - np.einsum('ink,n->ik', matrix, fitted.offset))
+        return out
+
+    def load_errors(self, fitted: Fitted, mass: float, place: float) -> Array:
+        """
+        How the fit changes with each stated mass and place, by one of their standard errors.
+
+        Parameters
+        ----------
+        mass : float
+            Share.
+        place : float
+            [m]
+
+        Returns
+        -------
+        ndarray
+            One row for each number of :meth:`Fitted.pack`.
+        """
+        train, size = self.training(), len(fitted.body)
+        changes = []
+        for k, load in enumerate(train.loads):
+            for change in off_by(load, mass * load.mass, place):
+                loads = [*train.loads[:k], change, *train.loads[k + 1:]]
+                found = self._solved(train._replace(loads=loads))
+                changes.append(found.pack() - fitted.pack())
+        return np.array(changes).T.reshape(fitted.matrix.size + size + len(fitted.offset), -1)
+
+    def load(self, number: int, fitted: Fitted, raw: Array, matrix: Array) -> LoadEstimate:
+        """Tables I to III for one data set, by a matrix."""
+        m, stated = self.moments[number], self.data_sets[number].load
+        wrench = (raw - np.outer(m.ones, fitted.offset)) @ matrix.T
+        return estimate_load(wrench, m.directions, fitted.body, self.gravity,
+                             stated is not None and stated.mass > 0)
+
+    def stated(self, body: bool) -> Stated:
+        """Return what is stated of the data sets to train on, beside what was measured there."""
+        train = self.training()
+        channels = eq.six_channels(train.raw, self.noise)
+        n = len(self.offset)
+        numbers = np.concatenate([np.arange(n), *(
+            np.arange(self.part(k).start, self.part(k).stop) for k in train.numbers)])
+        covariance = self.covariance[np.ix_(numbers, numbers)].reshape((len(numbers) // n, n) * 2)
+        covariance = np.einsum('anbm,ni,mj->aibj', covariance, channels, channels)
+        size = 6 * len(covariance)
+        values, vectors = np.linalg.eigh(covariance.reshape(size, size))
+        return Stated(
+            tuple(self.data_sets[k].name for k in train.numbers),
+            tuple(raw @ channels for raw in train.raw), tuple(train.gravity),
+            tuple(self.moments[k].ones for k in train.numbers), tuple(train.loads),
+            vectors * np.sqrt(np.maximum(values, 0.0)), body)
+
+    def rank(self) -> RankReport:
+        """
+        Return the rank of the unknowns on the data.
+
+        Raises
+        ------
+        UnobservableError
+            More than the body's inertia stays open.
+        """
+        train = self.training()
+        channels = eq.six_channels(train.raw, self.noise)
+        report = data_rank([r @ channels for r in train.raw], train.gravity, train.loads)
+        if set(report.undetermined) - {'inertia of the body'}:
+            raise UnobservableError(
+                f'the data give rank {report.rank} of {report.unknowns} beyond noise and misfit: '
+                f'{", ".join(report.undetermined)} not determined; add a data set with a '
+                'heavier mass off the line of the others, tilted further')
+        return report
+
+
+def with_matrix(result: SensorResult, problem: MatrixProblem) -> SensorResult:
+    """
+    Add matrix, body and tables to a result, each number with its standard error.
+
+    Raises
+    ------
+    UnobservableError
+        The data do not determine the matrix.
+    """
+    rank, fitted, options = problem.rank(), problem.fit(), result.options
+    change = problem.sensitivity(fitted)
+    of_loads = problem.load_errors(fitted, options.mass_error, options.place_error)
+    spread = change @ problem.covariance @ change.T + of_loads @ of_loads.T
+    std = fitted.unpack(np.sqrt(np.diag(spread)))
+    n, unit, at = len(fitted.offset), options.raw_unit, fitted.matrix.size
+    bias = fitted.matrix @ spread[-n:, -n:] @ fitted.matrix.T
+    body = _named(fitted.body)
+    body_std = np.sqrt(np.diag(propagate(
+        _named, fitted.body, spread[at:at + len(fitted.body), at:at + len(fitted.body)])))
+    known = len(body) > 4 and rank.rank == rank.unknowns
+    return replace(
+        result, rank=rank, offset=Estimate(fitted.offset, std.offset, unit),
+        matrix=Estimate(fitted.matrix, std.matrix, f'N/{unit}, N m/{unit}'),
+        wrench_bias=Estimate(np.zeros(6), np.sqrt(np.diag(bias)), 'N, N m'),
+        mass=Estimate(body[0], body_std[0], 'kg'), com=Estimate(body[1:4], body_std[1:4], 'm'),
+        inertia=Estimate(inertia_matrix(body[4:]), inertia_matrix(body_std[4:]), 'kg m^2')
+        if known else None,
+        data_sets=tuple(_tables(result, problem, fitted, change, of_loads)))
+
+
+def _named(body: Array) -> Array:
+    """Body parameters of common use: mass, centre of mass, in motion inertia about it."""
+    inertia = eq.inertia_about_com(body)
+    parts = [body[:1], eq.centre_of_mass(body)]
+    return np.concatenate(parts if inertia is None else [*parts, inertia_vector(inertia)])
+
+
+def _tables(result: SensorResult, problem: MatrixProblem, fitted: Fitted, change: Array,
+            of_loads: Array) -> Iterator[DataSetResult]:
+    count = len(change)
+    for k, data_set in enumerate(result.data_sets):
+        shape, part = problem.moments[k].raw.shape, problem.part(k)
+
+        def tables(numbers: Array, k: int = k, shape: tuple[int, ...] = shape) -> Array:
+            fit = fitted.unpack(numbers[:count])
+            found = problem.load(k, fit, numbers[count:].reshape(shape), fit.matrix)
+            return np.concatenate([found.semi_axes, [found.mass], found.position])
+
+        own = np.vstack([change, np.eye(len(problem.covariance))[part]])
+        spread = own @ problem.covariance @ own.T
+        spread[:count, :count] += of_loads @ of_loads.T
+        numbers = np.concatenate([fitted.pack(), problem.moments[k].raw.ravel()])
+        value = tables(numbers)
+        std = np.sqrt(np.diag(propagate(tables, numbers, spread)))
+        maker = result.manufacturer_matrix
+        yield replace(
+            data_set, semi_axes=Estimate(value[:3], std[:3], 'N'),
+            added_mass=Estimate(value[3], std[3], 'kg'),
+            position=Estimate(value[4:], std[4:], 'm') if np.isfinite(value[4:]).all() else None,
+            by_manufacturer=None if maker is None else problem.load(
+                k, fitted, problem.moments[k].raw, maker))
+
+
+RELATIVE = 1e-6
+"""Singular values of all known wrenches below this share of the largest are rounding."""
+
+NOTHING = np.zeros(4)
+"""The body."""
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Blocks of one data set: ``gravity`` (b, 3), ``raw`` (b, n), ``wrench`` (b, 6)."""
+
+    gravity: Array
+    raw: Array
+    wrench: Array
+
+
+@dataclass(frozen=True)
+class _Map:
+    """Wrench = matrix raw + constant."""
+
+    matrix: Array
+    constant: Array
+
+    def __call__(self, raw: Array) -> Array:
+        return np.asarray(raw @ self.matrix.T + self.constant)
+
+    @property
+    def offset(self) -> Array:
+        """Raw channels without load: of all that give no wrench, the nearest to zero."""
+        return -np.linalg.pinv(self.matrix) @ self.constant
+
+
+def with_known_wrenches(result: SensorResult, data_sets: Sequence[DataSet],
+                        reduced: Sequence[Reduced]) -> SensorResult:
+    """
+    Add the matrix and the tables to a result, each number with its standard error.
+
+    Raises
+    ------
+    UnobservableError
+        Known wrenches, or those without one data set, do not span forces and torques.
+    """
+    rows = [_rows(d.load, r) for d, r in zip(data_sets, reduced)]
+    train = [k for k, d in enumerate(data_sets) if d.train]
+    fitted = _fit([rows[k] for k in train])
+    without = [_fit([rows[j] for j in train if j != k]) for k in train]
+    held_out = [_held_out(one, rows[k], data_sets[k].load) for one, k in zip(without, train)]
+    off = np.sqrt(np.mean(held_out, axis=0))
+    unit, n = result.options.raw_unit, fitted.matrix.shape[1]
+    std = _jackknife([one.matrix for one in without])
+    offset_std = _jackknife([one.offset for one in without])
+    bias = _jackknife([one.constant - fitted.constant + (one.matrix - fitted.matrix)
+                       @ fitted.offset for one in without])
+    return replace(
+        result, offset=Estimate(fitted.offset, offset_std, unit),
+        matrix=Estimate(fitted.matrix, std, f'N/{unit}, N m/{unit}'),
+        wrench_bias=Estimate(np.zeros(6), bias, 'N, N m'),
+        mass=Estimate(0.0, 0.0, 'kg'), com=Estimate(np.zeros(3), np.zeros(3), 'm'),
+        rank=RankReport(6 * n + 6, 6 * n + 6, (), np.zeros(0)),
+        nonlinearity=_nonlinearity([rows[k] for k in train], fitted),
+        data_sets=tuple(_known_tables(result, rows, fitted, off)))
+
+
+def _rows(load: Load | None, reduced: Reduced) -> _Rows:
+    blocks, use = reduced.blocks, reduced.use
+    gravity = blocks.regressors[use, :STATIC]
+    wrench = gravity @ total_map(NOTHING, load, STATIC).T if load else np.zeros((len(gravity), 6))
+    return _Rows(gravity, blocks.raw[use], wrench)
+
+
+def _fit(rows: Sequence[_Rows]) -> _Map:
+    wrench = np.vstack([one.wrench for one in rows])
+    raw = np.vstack([one.raw for one in rows])
+    spread = wrench - wrench.mean(axis=0)
+    strength = np.linalg.svd(spread / np.maximum(np.abs(spread).max(axis=0), 1e-12),
+                             compute_uv=False)
+    rank = int((strength > RELATIVE * strength[0]).sum())
+    if rank < 6 or len(wrench) <= raw.shape[1] + 1:
+        raise UnobservableError(
+            f'{len(wrench)} known wrenches of {len(rows)} data sets (one is left out for the '
+            f'standard errors) have rank {rank} of 6; add a data set with the mass at another '
+            f'place, off the line of the others, and at least {raw.shape[1] + 2} poses in all')
+    centre = raw.mean(axis=0)
+    matrix = np.linalg.lstsq(raw - centre, spread, rcond=1e-9)[0].T
+    return _Map(matrix, wrench.mean(axis=0) - matrix @ centre)
+
+
+def _jackknife(values: Sequence[Array]) -> Array:
+    """Return the standard error from estimates without one data set each."""
+    return np.asarray(np.sqrt((len(values) - 1) * np.var(values, axis=0)))
+
+
+def _estimate(fitted: _Map, rows: _Rows) -> LoadEstimate:
+    size = float(np.linalg.norm(rows.gravity, axis=1).mean())
+    return estimate_load(fitted(rows.raw), rows.gravity, NOTHING, size, True)
+
+
+def _held_out(fitted: _Map, rows: _Rows, load: Load | None) -> Array:
+    """Squared errors of mass, three semi-axes and the position's moment of a set left out."""
+    assert load is not None
+    found = _estimate(fitted, rows)
+    size = float(np.linalg.norm(rows.gravity, axis=1).mean())
+    moment = found.mass * found.position - load.mass * np.array(load.position)
+    return np.concatenate([[found.mass - load.mass], found.semi_axes - load.mass * size,
+                           moment]) ** 2
+
+
+def _known_tables(result: SensorResult, rows: Sequence[_Rows], fitted: _Map, off: Array
+            ) -> Iterator[DataSetResult]:
+    """Tables I to III; their standard errors are the errors of the data sets left out."""
+    for data_set, one in zip(result.data_sets, rows):
+        found = _estimate(fitted, one)
+        nothing = data_set.load is not None and not data_set.load.mass
+        place = np.sqrt(off[4:] ** 2 + (found.position * off[0]) ** 2) / abs(found.mass)
+        yield replace(data_set, added_mass=Estimate(found.mass, off[0], 'kg'),
+                      semi_axes=Estimate(found.semi_axes, off[1:4], 'N'),
+                      position=None if nothing else Estimate(found.position, place, 'm'))
+
+
+def _nonlinearity(rows: Sequence[_Rows], fitted: _Map) -> NonLinearity:
+    """How far wrenches are off the map, as shares of their range; and what squares would do."""
+    wrench = np.vstack([one.wrench for one in rows])
+    off = wrench - fitted(np.vstack([one.raw for one in rows]))
+    gains = np.array([_gain(rows, k) for k in range(len(rows))])
+    better = gains.mean() > 2 * gains.std(ddof=1) / np.sqrt(len(gains))
+    return NonLinearity(float((off.std(axis=0) / np.maximum(np.ptp(wrench, axis=0), 1e-12)).max()),
+                        bool(better))
+
+
+def _gain(rows: Sequence[_Rows], k: int) -> float:
+    """By how much squares of the channels make the squared error of a set left out smaller."""
+    others = [one for j, one in enumerate(rows) if j != k]
+    raw = np.vstack([one.raw for one in others])
+    centre, span = raw.mean(axis=0), np.ptp(raw, axis=0)
+
+    def squared(one: _Rows) -> _Rows:
+        return replace(one, raw=np.hstack([one.raw, ((one.raw - centre) / span) ** 2]))
+
+    scale = np.maximum(np.vstack([one.wrench for one in rows]).std(axis=0), 1e-12)
+    if len(raw) <= 2 * raw.shape[1] + 1:
+        return 0.0
+    plain, more = _fit(others), _fit([squared(one) for one in others])
+    one = rows[k]
+    return float((((plain(one.raw) - one.wrench) / scale) ** 2).mean()
+                 - (((more(squared(one).raw) - one.wrench) / scale) ** 2).mean())

@@ -1,0 +1,102 @@
+"""A calibration of other axes, another unit or another tool than a recording's is told."""
+
+from dataclasses import replace
+
+from forcecal_ros.checks.calibrated import refuse_disagreeing
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import rotation_from_vector
+from forcecal_ros.core.streams import PoseStream, Recording, Stream
+import numpy as np
+import pytest
+from whole_calibration import whole_calibration
+
+T = np.arange(0.0, 60.0, 0.02)
+G = 9.80665
+C = replace(whole_calibration(), gravity=G, gravity_direction=None, sensor_rotation=None,
+            wrench_sign=1)
+C = replace(C, accelerometer=replace(C.accelerometer, coupling='dc', cutoff=None))
+
+
+def recorded(mass=float(C.mass), bias=0.0, contact=0.0, seed=0, accelerometer=None):
+    """Return a minute of reorientations with a push every six seconds."""
+    rng = np.random.default_rng(seed)
+    ways = rng.standard_normal((21, 3)).repeat(2, axis=0)
+    times = np.sort(np.concatenate([3.0 * np.arange(21) - 0.8, 3.0 * np.arange(21) + 0.8]))
+    R = rotation_from_vector(np.stack([np.interp(T, times, way) for way in ways.T], axis=1))
+    force = -mass * G * R[:, 2] + C.wrench_bias.value[:3] + bias
+    force += 0.3 * rng.standard_normal((len(T), 3))
+    force[T % 6.0 < 1.5] += contact
+    pose = PoseStream(T, np.zeros((len(T), 3)), R)
+    specific = None
+    if accelerometer is not None:
+        a = C.accelerometer
+        specific = Stream(T, (a.offset.value + G * R[:, 2] @ a.matrix.T) @ accelerometer)
+    torque = np.cross(C.com.value, -mass * G * R[:, 2]) + C.wrench_bias.value[3:]
+    torque += 0.03 * rng.standard_normal((len(T), 3))
+    return Recording(wrench=Stream(T, np.hstack([force, torque])), pose=pose,
+                     accelerometer=specific, accelerometer_unit=C.accelerometer.unit)
+
+
+def mapped(recording, change):
+    wrench = recording.wrench
+    return replace(recording, wrench=replace(wrench, values=change(np.array(wrench.values))))
+
+
+@pytest.mark.parametrize('contact', [0.0, 3.0, np.array([30.0, -20.0, 60.0])])
+def test_the_tool_that_was_calibrated_passes_with_or_without_pushes(contact):
+    for seed in range(10):
+        assert refuse_disagreeing(recorded(contact=contact, seed=seed, accelerometer=np.eye(3)),
+                              C) == ()
+
+
+def test_a_push_all_along_or_a_sensor_that_hardly_turns_says_nothing():
+    always = recorded()
+    wander = 20.0 * np.sin(T / 3.0)[:, None] * [1.0, 0.5, -1.0]
+    assert refuse_disagreeing(mapped(always, lambda w: w + np.hstack([wander, wander])), C) == ()
+    still = replace(always, pose=replace(always.pose, R_base_sensor=np.broadcast_to(
+        np.eye(3), (len(T), 3, 3))))
+    assert refuse_disagreeing(still, C) == ()
+
+
+@pytest.mark.parametrize('change, said', [
+    (lambda w: -w, 'opposite sign'), (lambda w: w[:, [1, 0, 2, 4, 3, 5]], 'axes are mirrored'),
+    (lambda w: w[:, [1, 2, 0, 4, 5, 3]], 'its axes are turned by'),
+    (lambda w: w / G, 'forces are in kgf; multiply by 9.8066')])
+def test_other_axes_and_units_are_refused_by_cause(change, said):
+    with pytest.raises(DataError, match=said):
+        refuse_disagreeing(mapped(recorded(contact=5.0), change), C)
+
+
+def test_another_tool_and_a_sensor_tared_since_are_said_with_their_size():
+    note, = refuse_disagreeing(recorded(mass=float(C.mass) + 2.0), C)
+    assert 'is 15 +- ' in note and 'another tool, a payload' in note
+    note, = refuse_disagreeing(recorded(bias=np.array([40.0, 0.0, -60.0])), C)
+    assert 'bias +40 ' in note and ' -60 N off' in note
+
+
+def test_a_tare_and_a_payload_half_way_are_told_with_time_and_size():
+    for seed in range(10):
+        recording = recorded(contact=5.0, seed=seed)
+        after = T[:, None] > 31.0
+        tared = np.pad(after * [40.0, 0.0, -60.0], ((0, 0), (0, 3)))
+        note, = refuse_disagreeing(mapped(recording, lambda w, tared=tared: w + tared), C)
+        assert 'it was tared' in note and ' +40 ' in note and ' -60 N off' in note
+        assert abs(float(note.split()[1]) - 31.0) <= 1.5
+        weight = after * -3.0 * G * recording.pose.R_base_sensor[:, 2]
+        weight = np.pad(weight, ((0, 0), (0, 3)))
+        note, = refuse_disagreeing(mapped(recording, lambda w, weight=weight: w + weight), C)
+        assert ' kg more' in note and abs(float(note.split(' carries ')[1].split()[0]) - 3.0) < 0.1
+
+
+def test_poses_turned_the_other_way_round_are_refused():
+    recording = recorded()
+    inverse = np.swapaxes(recording.pose.R_base_sensor, 1, 2)
+    with pytest.raises(DataError, match='it is that of base in the sensor'):
+        refuse_disagreeing(replace(recording, pose=replace(
+            recording.pose, R_base_sensor=inverse)), C)
+
+
+def test_an_accelerometer_in_another_unit_or_mount_is_refused():
+    for change in (np.eye(3) / G, np.diag([-1.0, -1.0, 1.0])):
+        with pytest.raises(DataError, match='its unit or its mount is another than calibrated'):
+            refuse_disagreeing(recorded(accelerometer=change), C)

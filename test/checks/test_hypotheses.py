@@ -1,0 +1,156 @@
+"""Each row of the table is found on an arm that never rests, on rests, and beside a known tool."""
+
+from dataclasses import replace
+
+from forcecal_ros.checks.hypotheses import judge, Known, refuse_other_mass
+from forcecal_ros.checks.messages import Stated
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.geometry import rotation_from_vector
+import moving_arm
+from moving_arm import moving
+import numpy as np
+import pytest
+from static_sets import static_set
+import wrong_recordings
+from wrong_recordings import log, recording_of, work, WRONG
+
+DOWN = np.array([0.0, 0.0, -9.80665])
+SWAPPED = [1, 0, 2, 4, 3, 5]
+TURN = rotation_from_vector(np.radians([0.0, 0.0, 30.0]))
+QUARTER = rotation_from_vector(np.radians([0.0, 0.0, 90.0]))
+LEANING = rotation_from_vector(np.radians([10.0, 0.0, 0.0]))
+
+
+def mapped(change):
+    return lambda one: replace(one, wrench=change(one.wrench))
+
+
+def wrong(name):
+    return lambda one: WRONG[name].make(one, np.random.default_rng(5))
+
+
+def turned(Q):
+    return mapped(lambda w: w @ np.kron(np.eye(2), Q).T)
+
+
+def leaning(one):
+    q = wrong_recordings.quaternion_from_matrix(LEANING @ wrong_recordings.orientations(one))
+    return replace(one, q=q, place=one.place @ LEANING.T)
+
+
+def jump(one):
+    step = np.array([4.0, -2.0, 3.0, 0.1, 0.0, 0.0])
+    return replace(one, wrench=one.wrench + step * wrong_recordings.half(one)[:, None])
+
+
+def picked_up(one):
+    R = wrong_recordings.at_wrench(one)
+    return replace(one, wrench=one.wrench + 0.5 * wrong_recordings.half(one)[:, None] * np.hstack(
+        [-9.80665 * R[:, 2], np.zeros((len(R), 3))]))
+
+
+def late(one, seconds=1.5):
+    return replace(one, stamp=one.stamp + round(1e9 * seconds))
+
+
+ROWS = {
+    'sign': (mapped(lambda w: -w), 'opposite sign'),
+    'sign of the forces': (mapped(lambda w: w * np.repeat([-1, 1], 3)), 'opposite sign'),
+    'base': (lambda one: replace(one, wrench=wrong_recordings.in_base(
+        one, np.full(len(one.t), True))), 'expressed in base, not in the frame'),
+    'inverted': (wrong('pose of base in the sensor'), 'that of base in the sensor'),
+    'wxyz': (wrong('quaternions w first'), 'in the order w, x, y, z'),
+    '30 deg': (turned(TURN), r'turned by -?(30|29)\.\d+ \+- 0\.\d+ deg about z'),
+    '90 deg': (turned(QUARTER), r'turned by -?(90|89)\.\d+ .* about z.*: x, y, z show'),
+    'swapped': (mapped(lambda w: w[:, SWAPPED]), 'mirrored .*x, y, z show y, x, z'),
+    'leaning': (leaning, r'not level, gravity in it is (10\.|9\.9)'),
+    'exchanged': (wrong('force and torque exchanged'), 'force and torque are exchanged'),
+    'torque in base': (wrong('torque in base, force not'), 'torques are expressed in base'),
+    'torque axes': (mapped(lambda w: w[:, [0, 1, 2, 4, 5, 3]]), 'torques are not about the axes'),
+    'clock': (late, r'gravity turn 1\.5\d? s later'),
+    'jump': (jump, r'N off, however the sensor turns'),
+    'picked up': (picked_up, r'carries 0\.[45]\d* kg more'),
+}
+LOGS = {'arm': lambda: moving(1), 'rests': lambda: log(1, hold=2.0, move=1.2, rate=100.0)}
+
+
+@pytest.mark.parametrize('which', LOGS)
+@pytest.mark.parametrize('row', ROWS)
+def test_a_fault_is_refused_by_its_name(which, row):
+    spoil, said = ROWS[row]
+    with pytest.raises(DataError, match=said):
+        judge(recording_of(spoil(LOGS[which]())), DOWN)
+
+
+@pytest.mark.parametrize('seed', range(10))
+def test_sound_recordings_are_as_they_are(seed):
+    for one in (moving(seed), log(seed, hold=2.0, move=1.2, rate=100.0),
+                work(seed, poses=10, rate=100.0)):
+        assert judge(recording_of(one), DOWN) == ()
+    for rate in (0.0, 100.0):
+        assert judge(static_set(seed, rate)[0], DOWN) == ()
+
+
+KNOWN = Known(moving_arm.MASS, moving_arm.COM, moving_arm.BIAS)
+BY_TOOL = {
+    'kgf': (mapped(lambda w: w * np.repeat([1 / 9.80665, 1], 3)), 'forces are in kgf'),
+    'N mm': (mapped(lambda w: w * np.repeat([1, 1e3], 3)), 'torques are in N mm'),
+    'lbf in': (mapped(lambda w: w * np.repeat([1, 8.8507], 3)), 'torques are in lbf in'),
+    'sign of the torques': (mapped(lambda w: w * np.repeat([1, -1], 3)), 'opposite sign of the f'),
+    'weight removed': (lambda one: replace(one, wrench=one.wrench - np.hstack(
+        [-moving_arm.MASS * 9.80665 * wrong_recordings.at_wrench(one)[:, 2],
+         np.zeros((len(one.t), 3))])), 'takes its weight off'),
+}
+
+
+@pytest.mark.parametrize('row', BY_TOOL)
+def test_a_known_tool_tells_units_and_signs_while_the_arm_moves(row):
+    spoil, said = BY_TOOL[row]
+    with pytest.raises(DataError, match=said):
+        judge(recording_of(spoil(moving(2))), DOWN, Stated(by='calibration'), KNOWN)
+
+
+def test_a_known_tool_passes_and_another_one_is_noted():
+    assert judge(recording_of(moving(3)), DOWN, Stated(by='calibration'), KNOWN) == ()
+    note, = judge(recording_of(moving(3, mass=1.4)), DOWN, Stated(by='calibration'), KNOWN)
+    assert 'is 1.4 +- ' in note and 'another tool' in note
+
+
+@pytest.mark.parametrize('factor, said', [
+    (1e3, 'in mm'), (1e2, 'in cm'), (1 / 0.0254, 'in inches'), (1e-3, 'in m and taken for mm')])
+def test_lengths_of_positions_are_told_by_inertia(factor, said):
+    one = moving(4)
+    with pytest.raises(DataError, match=said):
+        judge(recording_of(replace(one, place=factor * one.place)), DOWN)
+
+
+def test_a_log_that_was_played_slowly_is_noted():
+    note, = judge(recording_of(wrong('played at half speed, stamped anew')(moving(5))), DOWN)
+    assert '0.5 of the speed of time' in note
+
+
+def test_torques_about_another_point_are_noted_with_the_point():
+    spoilt = wrong_recordings.about_another_point(moving(6), [0.0, 0.0, 0.15])
+    note, = judge(recording_of(spoilt), DOWN)
+    place = note.split('about a point (')[1].split(')')[0]
+    np.testing.assert_allclose([float(x) for x in place.split()], [0.0, 0.0, 0.15], atol=0.01)
+
+
+def test_a_delay_is_noted_as_one_and_not_as_smoothing():
+    note, = judge(recording_of(late(moving(7), 0.03)), DOWN)
+    assert '30 +- ' in note and 'later' in note and 'smooths' not in note
+    assert judge(recording_of(mapped(lambda w: w + 0.03 * w[:, [2, 2, 2, 5, 5, 5]] * [
+        1, 0, 0, 0, 0, 0])(moving(7))), DOWN) == ()
+
+
+def test_raw_counts_are_refused_by_their_bias():
+    counts = mapped(lambda w: 30.0 * w + [20_000.0, 20_000.0, 20_000.0, 0, 0, 0])
+    with pytest.raises(DataError, match='raw counts'):
+        judge(recording_of(counts(moving(8))), DOWN)
+
+
+def test_a_scale_decides_what_the_unit_is():
+    refuse_other_mass(1.31, 0.002, 1.3)
+    for found, said in ((1.3 / 9.80665, 'its forces are in kgf'), (0.9, 'takes a load off')):
+        with pytest.raises(DataError, match=said):
+            refuse_other_mass(found, 0.002, 1.3)

@@ -1,0 +1,79 @@
+"""The comparison of pinned answers, and the list of their cases."""
+
+from pathlib import Path
+import subprocess
+import sys
+
+import golden
+from golden_cases import all_cases, Case
+import pytest
+
+BENCHMARK = Path(__file__).resolve().parents[2] / 'benchmark'
+
+DELAY = Case('rig/delay', 'diagnoses', 'rig', 'rig', {}, 'rig', {'effects': ['wrench_delay']})
+NONE = DELAY._replace(truth={'effects': []})
+
+
+def diagnosed(grade, **values):
+    return {'grade': grade, 'verdict': 'identified', 'values': values, 'seconds': 1.0,
+            'digest': 'a'}
+
+
+def found(verdict, *effects, candidates=()):
+    return {'verdict': verdict, 'effects': list(effects), 'candidates': dict(candidates)}
+
+
+@pytest.mark.parametrize('before, after, word', [
+    ('exact', 'wrong', 'worse'), ('alias', 'missed', 'worse'), ('refused', 'off', 'worse'),
+    ('exact', 'crashed', 'worse'), ('silent', 'time-out', 'worse'), ('wrong', 'first', 'better'),
+    ('falsely refused', 'values', 'better'), ('exact', 'alias', 'lower'),
+    ('refused', 'values', 'higher'), ('exact', 'exact', 'same'), ('wrong', 'missed', 'same')])
+def test_an_answer_is_worse_when_it_was_right_and_is_not(before, after, word):
+    assert golden.compare(diagnosed(before), diagnosed(after))[0] == word
+
+
+def test_a_value_has_moved_when_it_differs_by_more_than_a_tenth_of_a_standard_error():
+    one = diagnosed('exact', mass=[2.0, 0.1])
+    assert golden.compare(one, diagnosed('exact', mass=[2.005, 0.1]))[0] == 'same'
+    word, lines = golden.compare(one, diagnosed('exact', mass=[2.02, 0.1]))
+    assert word == 'moved'
+    assert 'mass: 2.0 -> 2.02' in lines[0]
+
+
+@pytest.mark.parametrize('after, status', [('wrong', 1), ('alias', 0), ('exact', 0)])
+def test_the_exit_status_is_1_for_a_worse_answer_only(after, status, capsys):
+    pinned = {DELAY.name: diagnosed('exact')}
+    assert golden.report(pinned, {DELAY.name: diagnosed(after)}, [DELAY]) == status
+    assert ('WORSE rig/delay' in capsys.readouterr().out) == bool(status)
+
+
+def test_an_altered_recording_is_reported(capsys):
+    altered = {**diagnosed('exact'), 'digest': 'b'}
+    golden.report({DELAY.name: diagnosed('exact')}, {DELAY.name: altered}, [DELAY])
+    assert 'RECORDING of rig/delay differs' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize('case, answer, grade', [
+    (DELAY, found('identified', 'wrench_delay'), 'exact'),
+    (DELAY, found('partial', 'wrench_delay', 'tool_com'), 'first'),
+    (DELAY, found('ambiguous', 'wrench_lowpass', candidates={'wrench_delay': 0.3}), 'alias'),
+    (DELAY, found('identified', 'wrench_lowpass'), 'wrong'),
+    (DELAY, found('unknown', 'unknown'), 'missed'),
+    (NONE, found('no_gap'), 'silent'), (NONE, found('unknown', 'unknown'), 'unknown'),
+    (NONE, found('identified', 'tool_com'), 'false')])
+def test_grades_of_diagnoses(case, answer, grade):
+    assert golden.grade_of_diagnosis(case.truth, answer) == grade
+
+
+def test_a_calibration_is_off_beyond_3_5_standard_errors_and_where_a_number_is_missing():
+    truth = {'mass': 1.0, 'com.0': 0.01}
+    assert not golden.errors({'mass': [1.03, 0.01], 'com.0': [0.01, 1e-4]}, truth)
+    assert set(golden.errors({'mass': [1.05, 0.01]}, truth)) == {'mass', 'com.0'}
+
+
+def test_list_prints_every_case():
+    done = subprocess.run([sys.executable, BENCHMARK / 'golden.py', 'list'], check=True,
+                          capture_output=True, text=True)
+    names = [line.split('\t')[0] for line in done.stdout.splitlines()]
+    assert names == [case.name for case in all_cases()]
+    assert len(set(names)) == len(names) > 150
