@@ -8,7 +8,7 @@ from forcecal_ros.calibrate.quality import weak_estimates
 from forcecal_ros.calibrate.requirements import require_wrench
 from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.calibrate.static_readings import refuse_negative
-from forcecal_ros.checks.units import doubt_of_force_unit, doubt_of_torque_unit
+from forcecal_ros.checks.hypotheses import questions_of
 from forcecal_ros.core.calibration import Calibration, Estimate
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import Recording
@@ -72,9 +72,7 @@ def calibrate_by_motion(recording: Recording, settings: IdentificationSettings, 
             f'and pose, and record free of contact; suspect: {", ".join(suspect)}')
     quality = {
         'method': 'motion', 'warnings': warnings, 'suspect': suspect,
-        'questions': [one for one in (
-            doubt_of_force_unit(float(found.theta[0])),
-            doubt_of_torque_unit(float(np.linalg.norm(found.com)))) if one],
+        'questions': list(questions_of(float(found.theta[0]), float(np.linalg.norm(found.com)))),
         'notes': [*recording.notes, f'{why}: estimated from motion'],
         'residual_rms': np.repeat(found.fit.scale, 3),
         'specific_force_spread': found.spread,

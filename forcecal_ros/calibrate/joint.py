@@ -184,8 +184,8 @@ def _require_tool(theta: Array, std: Array, fit: RobustFit, explained: Array, mo
     share = float(fit.scale[0]) / varies
     if share > most:
         raise DataError(
-            f'forces differ from those of a rigid tool by {fit.scale[0]:.3g} N RMS, {share:.0%} of '
-            f'the variation of its weight ({varies:.3g} N; at most {most:.0%} can be '
+            f'forces differ from those of a rigid tool by {fit.scale[0]:.3g} N RMS, {share:.0%} '
+            f'of the variation of its weight ({varies:.3g} N; at most {most:.0%} can be '
             'accepted); compare the axes of the wrench with those of the pose, and record free of '
             'contact')
     return share

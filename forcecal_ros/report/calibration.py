@@ -208,8 +208,8 @@ def in_words(quality: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     if quality.get('method') == 'motion':
         force, torque = (float(quality['residual_rms'][i]) for i in (0, 3))
         yield 'Residual in motion', (
-            f'{size(force, "N", 2)} and {size(torque, "N m", 2)} RMS of an axis between the wrench '
-            'below 4 Hz and one rigid tool, without contact.')
+            f'{size(force, "N", 2)} and {size(torque, "N m", 2)} RMS of an axis between the '
+            'wrench below 4 Hz and one rigid tool, without contact.')
     elif 'residual_rms' in quality:
         yield 'Residual at rest', (
             f'{sizes(quality["residual_rms"][:3], "N")} and '

@@ -2,8 +2,10 @@
 
 from dataclasses import replace
 
+from forcecal_ros.calibrate.by_motion import calibrate_by_motion
 from forcecal_ros.calibrate.joint import joint_fit
 from forcecal_ros.calibrate.pipeline import identify
+from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.geometry import rotation_from_vector
@@ -111,7 +113,10 @@ def test_forces_of_no_rigid_tool_are_refused(moving):
 def test_rotated_axes_make_the_estimates_suspect(moving):
     R = rotation_from_vector(np.array([0.1, 0.0, 0.2]))
     turned = replace(moving.wrench, values=moving.wrench.values @ np.kron(np.eye(2), R))
-    quality = identify(replace(moving, wrench=turned)).quality
+    recording = replace(moving, wrench=turned)
+    with pytest.raises(DataError, match='its axes are turned'):
+        identify(recording)
+    quality = calibrate_by_motion(recording, IdentificationSettings(), 'it moves')['quality']
     assert 'mass' in quality['suspect'] and any('suspect: mass' in one for one in quality[
         'warnings'])
 
