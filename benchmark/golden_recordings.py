@@ -18,10 +18,10 @@ import yaml
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / 'benchmark'), str(ROOT / 'test' / 'helpers')]
 
-from forcecal_ros.recording.bags import write_recording
-from forcecal_ros.recording.streams import JointStream, Phase, PoseStream, Recording, Stream
-from forcecal_ros.simulators.rig.file import load_rig
-from forcecal_ros.simulators.rig.offline import simulate
+from forcecal_ros.core.streams import JointStream, Phase, PoseStream, Recording, Stream
+from forcecal_ros.io.bags import write_recording
+from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.simulator import simulate
 
 PERIOD = 0.004
 """Of commands [s]."""

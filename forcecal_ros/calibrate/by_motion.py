@@ -55,7 +55,7 @@ def calibrate_by_motion(recording: Recording, settings: IdentificationSettings, 
     refuse_negative(float(found.theta[0]))
     inertia = inertia_about_com(found)
     size = float(np.trace(inertia.value)) / 3
-    known = 0.0 < size and float(inertia.std.max()) < LARGEST_INERTIA_ERROR * size
+    known = size > 0.0 and float(inertia.std.max()) < LARGEST_INERTIA_ERROR * size
     fields: dict[str, Any] = {
         'mass': Estimate(found.theta[0], found.std[0], 'kg'),
         'com': Estimate(found.com, found.com_std, 'm'),

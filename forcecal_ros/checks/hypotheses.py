@@ -497,7 +497,7 @@ def _from_w(motion: Motion) -> Motion:
 
 def _few(motion: Motion, most: int = 400) -> Array:
     rows = np.flatnonzero(motion.usable)
-    return rows[np.linspace(0, len(rows) - 1, min(most, len(rows))).astype(int)]
+    return np.asarray(rows[np.linspace(0, len(rows) - 1, min(most, len(rows))).astype(int)])
 
 
 def _axes(motion: Motion, hand: float) -> Motion | None:
@@ -525,6 +525,7 @@ def _procrustes(u: Array, read: Array, hand: float, rounds: int = 10) -> tuple[A
 
 def _refined(motion: Motion, Q: Array) -> Motion | None:
     """Estimate a small rotation on top of Q together with all else, and its standard error."""
+    fit: Explained | None = None
     for _ in range(2):
         mapped = _mapped(motion, Q.T)
         weight = mapped.in_sensor
@@ -539,6 +540,7 @@ def _refined(motion: Motion, Q: Array) -> Motion | None:
         k = len(fit.force.theta) - 6
         size = 1.0 if motion.free_gravity else fit.mass
         Q = Q @ rotation_from_vector(fit.force.theta[k:k + 3] / size)
+    assert fit is not None
     std = float(np.linalg.norm(fit.force.std[k:k + 3])) / np.sqrt(3.0) / abs(size)
     return replace(_mapped(motion, Q.T), axes=Q, axes_std=std)
 

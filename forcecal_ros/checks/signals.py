@@ -506,8 +506,8 @@ def _wraps(t: Array, values: Array, pose: PoseStream) -> int:
     upper, crossed = values > 0.5 * (values.max() + values.min()), 0
     first = np.concatenate([[True], np.diff(at) >= 5])
     for begin, end in zip(at[first], at[np.concatenate([first[1:], [True]])]):
-        before, after = upper[:begin + 1][-5:], upper[end + 1:][:5]
-        crossed += bool((before.all() and not after.any()) or (after.all() and not before.any()))
+        start, stop = upper[:begin + 1][-5:], upper[end + 1:][:5]
+        crossed += bool((start.all() and not stop.any()) or (stop.all() and not start.any()))
     before, after = values[:at[0] + 1][-DEAD:], values[at[0] + 1:][:DEAD]
     once = abs(values.max() + values.min()) < 0.01 * span and abs(
         np.median(after) - np.median(before)) > 0.5 * span

@@ -100,7 +100,6 @@ def regressor(motion: BodyMotion, slide: Array | None = None) -> Array:
 
     Notes
     -----
-
     F = m f - (alpha x + omega x omega x) m c and T = m c x f - I alpha - omega x I omega, with
     specific force f, first moments m c and inertia I about the sensor's origin (xx, yy, zz, xy,
     xz, yz).

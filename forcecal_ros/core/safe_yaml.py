@@ -71,7 +71,8 @@ def load_yaml(text: str | bytes, name: str, largest: int = LARGEST) -> Any:
     ConfigError
         It is too large, nested too deep, has aliases, tags or a key twice, or is no YAML.
     """
-    if ('\0' if isinstance(text, str) else b'\0') in text[:1024]:
+    head = text[:1024]
+    if '\0' in head if isinstance(head, str) else b'\0' in head:
         raise ConfigError(f'{name}: not a text but binary data, expected YAML; name the YAML file')
     if len(text) > largest:
         raise ConfigError(f'{name}: larger than {largest} bytes')

@@ -208,9 +208,10 @@ class Stated:
         keep = [k for k in range(len(self.names)) if k != number]
         owner = np.concatenate([np.full(6, -1), *(
             np.full(raw.size, k) for k, raw in enumerate(self.raw))])
-        names, raw, gravity, ones, loads = (tuple(one[k] for k in keep) for one in (
-            self.names, self.raw, self.gravity, self.ones, self.loads))
-        return Stated(names, raw, gravity, ones, loads, self.root[owner != number], self.body)
+        return Stated(
+            tuple(self.names[k] for k in keep), tuple(self.raw[k] for k in keep),
+            tuple(self.gravity[k] for k in keep), tuple(self.ones[k] for k in keep),
+            tuple(self.loads[k] for k in keep), self.root[owner != number], self.body)
 
     @cached_property
     def equations(self) -> tuple[Array, Array]:

@@ -539,9 +539,9 @@ class Monitor:
                 (now, target, distance_between(pose.values, seen), POSITIONING_ERROR[0], 'm'),
                 (now[3:], target[3:], angle_between(pose.values[3:], seen[3:]),
                  POSITIONING_ERROR[1], 'rad')):
-            target = distance_between(a, b) if unit == 'm' else angle_between(a, b)
-            if done < ARRIVED * target - error:
-                return (f'{pose.topic}: has done {done:.3g} of the {target:.3g} {unit} that it '
+            way = distance_between(a, b) if unit == 'm' else angle_between(a, b)
+            if done < ARRIVED * way - error:
+                return (f'{pose.topic}: has done {done:.3g} of the {way:.3g} {unit} that it '
                         'was commanded')
         return ''
 

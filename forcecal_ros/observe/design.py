@@ -404,8 +404,8 @@ def accuracy(calibration: Calibration, model: Model,
     error = R * k / (2 - k) + np.diag(walk) * (1 - k) ** 2 / (k * (2 - k))
     _, by_alpha = load_maps(calibration)
     corner = model.rotation_poles.real
-    turning = acceleration_variance(settings.pose_rotation_std, corner, settings)
-    turning = turning * by_alpha @ by_alpha.T
+    turning = (acceleration_variance(settings.pose_rotation_std, corner, settings)
+               * by_alpha @ by_alpha.T)
     fast = fast_share(model.rate / corner)
     bandwidth = model.rate / tau
     return Accuracy(bandwidth, rise_time(bandwidth), error + (1 - fast) * turning,

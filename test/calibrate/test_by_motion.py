@@ -70,8 +70,8 @@ def test_static_poses_of_one_orientation_leave_it_to_the_motion(whole):
 def test_contact_for_a_third_of_the_time(moving):
     values = moving.wrench.values.copy()
     n = len(values) // 9
-    for i, load in enumerate(([0, 20, 30, 2, 0, 0], [15, -10, 20, 0, 2, 1], [0, 0, 40, -3, 1, 0])):
-        values[(3 * i + 1) * n:(3 * i + 2) * n] += load
+    for i, push in enumerate(([0, 20, 30, 2, 0, 0], [15, -10, 20, 0, 2, 1], [0, 0, 40, -3, 1, 0])):
+        values[(3 * i + 1) * n:(3 * i + 2) * n] += push
     assert_nominal(identify(replace(moving, wrench=replace(moving.wrench, values=values))))
 
 

@@ -9,7 +9,7 @@ from functools import cache
 import json
 import math
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 UNKNOWN = 'unknown'
 
@@ -59,7 +59,7 @@ class Features(NamedTuple):
 
 
 @cache
-def _stored() -> dict[str, float]:
+def _stored() -> dict[str, Any]:
     return dict(json.loads(FILE.read_text()))
 
 
