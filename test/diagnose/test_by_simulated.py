@@ -154,7 +154,8 @@ def test_frame_sign_and_units_of_the_robots_wrench_are_asked_before_effects(chan
 
 
 @pytest.mark.parametrize('change, said', [
-    (lambda w, R: -w, '--simulated-wrench-sign -1'), (in_base, 'vertical in base, as of 1.2 kg'),
+    (lambda w, R: -w, '--simulated-wrench-sign -1'),
+    (in_base, 'the simulated wrench: it is expressed in base'),
     (wrench_turned('z', 90.0), r'simulated wrench: its axes are turned by -(89|90)\S* .* about z'),
     (lambda w, R: w[:, [1, 0, 2, 4, 3, 5]], 'the simulated wrench: its axes are mirrored')])
 def test_frame_and_sign_of_the_simulated_wrench_are_asked_before_its_tool(change, said):
