@@ -35,9 +35,13 @@ def diagnosed(tmp_path_factory):
     return folder
 
 
-def test_who_names_no_robot_is_told_what_it_was_compared_with(diagnosed):
-    document = json.loads((diagnosed / 'out' / 'diagnosis.json').read_text())
-    assert 'the rig that this package simulates' in document['notes'][0]
+def test_who_names_no_model_is_told_which_may_be_given(diagnosed, capsys):
+    assert main(['diagnose', str(diagnosed / 'bag'), '-o', str(diagnosed / 'none')]) == 2
+    said = capsys.readouterr().err
+    assert 'nothing states what was recorded' in said
+    for option in ('--calibration', '--rig', '--simulated', '--mujoco', '--simulator'):
+        assert option in said
+    assert not (diagnosed / 'none').exists()
 
 
 def gap_rms(measured: Recording, simulated: np.ndarray, held: np.ndarray, noise: np.ndarray):
