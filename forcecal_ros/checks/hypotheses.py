@@ -52,6 +52,10 @@ CERTAINLY_BETTER = 0.9
 """Share of the residual that a slight rotation or tilt leaves at most: beside cables, gains and
 drifts it explains less."""
 
+CERTAIN = 7.0
+"""Standard errors of a slight rotation or tilt from which it is noted: a real arm's tilt of
+1.2 deg is 9 in 24 poses, what is left of its level base 4."""
+
 MAX_OFFSET_S, MIN_OFFSET_S, MIN_DELAY_S = 30.0, 0.1, 2e-3
 """Clock offsets that are looked for; smaller ones are a delay, which the fit estimates, and of
 which nothing is said below the last: tools on springs show as much."""
@@ -195,7 +199,7 @@ def slight_misfit(recording: Recording, gravity: Array, stated: Stated = Stated(
     if best is None or best[0] > CERTAINLY_BETTER * plain.force.scale:
         return ''
     angle, std = messages.angle_of(best[1], stated)
-    return messages.slight(best[1], stated) if angle > SURE * std else ''
+    return messages.slight(best[1], stated) if angle > CERTAIN * std else ''
 
 
 def candidates(motion: Motion) -> list[Candidate]:

@@ -177,7 +177,7 @@ def refuse_unexplained(one: Any) -> None:
 
 
 def _changes(one: Any) -> tuple[Array, float, float]:
-    """Return forces (n, 3), how much they change, and what a weight leaves of them [N]."""
+    """Return forces (n, 3), how much they change, and what a weight leaves of it [N]."""
     force = one.motion.wrench[one.motion.usable, :3]
     residual = one.fit.force.scale if one.motion.step else float(
         np.sqrt((one.fit.force.residual**2).mean()))
