@@ -39,7 +39,7 @@ with depth 100 or more; *reliable* is RELIABLE with depth 10.
 | | publishes | `sequencer/observer_gain` | std_msgs/Float64MultiArray | latched | K, 2 x 3 |
 | | publishes | `sequencer/tool_inertia` | geometry_msgs/InertiaStamped | latched | sensor frame |
 | | serves | `sequencer/preview`, `/start`, `/abort`, `/save_calibration` | std_srvs/Trigger | | |
-| observer (lifecycle) | subscribes | `wrench`, accelerometer, `current_pose`, `optidrive` as above | | sensor | |
+| observer (lifecycle) | subscribes | `wrench`, `accelerometer/raw` or `imu/data_raw` or `accel`, `current_pose`, `optidrive` | as above | sensor | |
 | | subscribes | `sequencer/calibration` | std_msgs/String | latched | |
 | | subscribes | `observer/tool` | InertiaStamped | latched | with `tool: tracked` |
 | | publishes | `observer/contact_wrench` | WrenchStamped | reliable | each wrench; sensor frame, about its origin |
@@ -51,7 +51,7 @@ with depth 100 or more; *reliable* is RELIABLE with depth 10.
 | | serves | `observer/tare`, `/reset`, `/reload_calibration` | std_srvs/Trigger | | |
 | sim | subscribes | `target_frame` | PoseStamped | reliable | 250 Hz |
 | | publishes | `wrench`, `accelerometer/raw`, `current_pose`, `optidrive`, `sim/contact_wrench`; `imu/data_raw` and `/clock` if enabled | | reliable | rates of the rig |
-| gap | subscribes | `target_frame` and all sensors | | sensor | |
+| gap | subscribes | `target_frame`, `wrench`, `accelerometer/raw` or `imu/data_raw` or `accel`, `current_pose`, `optidrive` | as above | sensor | |
 | | publishes | `/diagnostics` | DiagnosticArray | reliable | 1 Hz: excess of each channel in noise RMS |
 | | serves | `gap/reset` | std_srvs/Trigger | | |
 | impedance | subscribes | `wrench`, `observer/contact_wrench`, `current_pose`, `optidrive`, `deadman` | | sensor | |

@@ -13,7 +13,7 @@ Student's t of two degrees of freedom (contacts are its tails), isotropic, so th
 does not depend on the axes.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array, skew
@@ -295,6 +295,8 @@ def explain(motion: Motion) -> Explained | None:
         g = np.linalg.norm(motion.gravity)
         mass = float(np.linalg.norm(fit.theta[:3]) / g)
         mass_std = float(np.linalg.norm(fit.std[:3]) / g)
+        if mass:
+            motion = replace(motion, gravity=fit.theta[:3] / mass)  # torques are of that weight
     elif mass < 0.0:  # no tool falls up: the boundary of what is possible
         bound = robust(columns[rows][:, :, weights:], force)
         fit = fit._replace(mean_log=bound.mean_log)

@@ -134,10 +134,7 @@ def refuse_weightless(plain: Any) -> None:
         Says what mass they show, and how much of the forces a weight explains.
     """
     fit, motion = plain.fit, plain.motion
-    force = motion.wrench[motion.usable, :3]
-    changes = float((force - force.mean(axis=0)).std())
-    residual = fit.force.scale if motion.step else float(
-        np.sqrt((fit.force.residual**2).mean()))
+    force, changes, residual = _changes(plain)
     q, q_std = fit.inertial
     if fit.moving and abs(q) > max(5.0, 10.0 * q_std) and fit.mass < 10.0 * fit.mass_std and (
             changes > NO_NOISE_N):
@@ -158,12 +155,33 @@ def refuse_weightless(plain: Any) -> None:
             f'{fit.mass:.3g} +- {fit.mass_std:.2g} kg, residual RMS {residual:.2g} N)'
             f'{as_in_base(force, motion.gravity)}; hang the tool on the sensor, add poses, and '
             "look whether the driver publishes in the sensor's frame")
+    refuse_unexplained(plain)
+
+
+def refuse_unexplained(one: Any) -> None:
+    """
+    Refuse forces of which a weight explains too little.
+
+    Raises
+    ------
+    DataError
+        Says how much it explains.
+    """
+    _, changes, residual = _changes(one)
     explained = 1.0 - (residual / max(changes, 1e-300))**2
-    if explained < EXPLAINED and residual > 3.0 * fit.force.floor and not fit.moving:
+    if explained < EXPLAINED and residual > 3.0 * one.fit.force.floor and not one.fit.moving:
         raise DataError(
             f'a weight explains {explained:.0%} of how the forces change (residual RMS '
             f'{residual:.2g} of {changes:.2g} N), in whatever frame: orientations and wrenches '
             'are not of the same poses, or something else pulls; compare them pose by pose')
+
+
+def _changes(one: Any) -> tuple[Array, float, float]:
+    """Return forces (n, 3), how much they change, and what a weight leaves of it [N]."""
+    force = one.motion.wrench[one.motion.usable, :3]
+    residual = one.fit.force.scale if one.motion.step else float(
+        np.sqrt((one.fit.force.residual**2).mean()))
+    return force, float((force - force.mean(axis=0)).std()), residual
 
 
 def as_in_base(force: Array, gravity: Array) -> str:

@@ -45,7 +45,7 @@ def test_levers_in_another_unit_are_told_by_inertia(column, factor, said):
 
 def test_another_point_is_no_other_unit():
     for shown in (COM - [0.0, 0.0, 0.15], COM, np.zeros(3)):
-        assert not torque_units_of(shown, COM, 1e-4, forces=True)
+        assert not torque_units_of(shown, COM, 3e-9 * np.eye(3), np.zeros((3, 3)), True)
 
 
 def test_kilonewtons_are_a_unit_of_force():

@@ -96,7 +96,7 @@ REFUSED = {
          r'\S+, while the commands move')),
     'a pose that falls silent while commands move': (
         lambda r: replace(r, pose=r.pose.between(0.0, 6.0)),
-        r'current_pose says nothing from 6\.00 s on of \S+, while the commands move'),
+        r'current_pose has no message from 6\.00 s on of \S+, while the commands move'),
     'an empty wrench': (lambda r: replace(r, wrench=r.wrench.between(0.0, 0.0)),
                         'wrench: no message was recorded'),
     'clocks apart': (

@@ -29,7 +29,7 @@ import numpy as np
 from own_arm import commands, SECONDS, TOLERANCES
 import pytest
 
-PAGE = Path(__file__).resolve().parents[2] / 'docs/own_simulator.md'
+PAGE = Path(__file__).resolve().parents[2] / 'docs/how-to/own-simulator.md'
 INPUTS = Inputs(0.0, SECONDS, commands())
 
 
@@ -64,7 +64,7 @@ def measured(simulator, payload, lag):
 
 def test_the_commands_of_the_page_say_what_to_change(example, robot, monkeypatch, capsys):
     monkeypatch.chdir(example[1])
-    diagnose = re.search('^    forcecal (diagnose .+make.*)$', PAGE.read_text(),
+    diagnose = re.search('^    forcecal (diagnose .+make -o .+)$', PAGE.read_text(),
                          re.MULTILINE).group(1).split()
     check = [*diagnose, '--check']
     write_recording('real', measured(robot, 1.272, 0.0735))

@@ -149,4 +149,7 @@ def test_a_hypothesis_whose_simulation_diverges_is_rejected():
     with pytest.raises(Diverged):
         p.simulate({**p.effects, name: {'cubic': -7e4}}, 0)
     effect = Accepted(name, np.array([-7e4]), np.zeros(1), np.array([0]), frozenset())
-    assert joint_fit_if_finite(p, [effect]) is None
+    pulled = np.array([p.effects['cable_force'].get(q.name, q.nominal)
+                       for q in p.library['cable_force'].parameters])
+    cable = Accepted('cable_force', pulled, np.zeros(len(pulled)), np.array([0, 3]), frozenset())
+    assert joint_fit_if_finite(p, [cable, effect]) is None

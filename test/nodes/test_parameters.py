@@ -20,7 +20,7 @@ from std_msgs.msg import String
 TABLES = {'sim': 'sim', 'sequencer': 'sequencer_settings', 'observer': 'observer_settings',
           'gap': 'gap', 'impedance': 'impedance'}
 NOT_OURS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
-PAGE = Path(__file__).parents[2] / 'docs/robot.md'
+PAGE = Path(__file__).parents[2] / 'docs/reference/nodes.md'
 NUMBERS = (ParameterType.PARAMETER_INTEGER, ParameterType.PARAMETER_DOUBLE)
 
 
@@ -90,9 +90,13 @@ def test_every_bound_and_choice_is_held_when_set(described, node):
 
 def documented(node):
     """Return what the page's table says that a node hears, says and serves, names in full."""
-    row = re.search(rf'^\| `{node}`.*\|$', PAGE.read_text(), re.MULTILINE)[0]
-    _, _, hears, says, services, _ = row.split('|')
-    hears, says, services = (re.findall('`(.+?)`', cell) for cell in (hears, says, services))
+    rows, owner = {'subscribes': [], 'publishes': [], 'serves': []}, ''
+    for line in re.findall(r'^\| .*\|$', PAGE.read_text(), re.MULTILINE):
+        first, direction, names = (cell.strip() for cell in line.split('|')[1:4])
+        owner = first.partition(' ')[0] or owner
+        if owner == node and direction in rows:
+            rows[direction] += re.findall('`(.+?)`', names)
+    hears, says, services = rows.values()
     prefix = services[0].partition('/')[0] if services else ''
     return hears, says, [name if name[0] != '/' else prefix + name for name in services]
 

@@ -22,7 +22,7 @@ from rclpy.qos import qos_profile_sensor_data, qos_profile_system_default
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
-PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'robots.md'
+PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'how-to' / 'robots.md'
 CHECKS = {'sequencer': sequencer_settings, 'observer': observer_settings,
           'impedance': impedance_settings}
 ARGUMENTS = {'wrench', 'current_pose', 'target_frame', 'joint_states', 'joint_trajectory',

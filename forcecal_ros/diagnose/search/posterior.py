@@ -208,6 +208,17 @@ def _without(start: LinearisedModel, now: Explanation, name: str) -> Explanation
     return weigh(refitted or less, now.ways)
 
 
+def _all_the_time(now: Explanation) -> Explanation:
+    """Remove the change point of the newest effect; keep it only where it is worth its place."""
+    model, name = now.fit.model, now.fit.accepted[-1].name
+    if name not in model.gates or name.startswith(BIAS.name):
+        return now
+    gates = {n: g for n, g in model.gates.items() if n != name}
+    fit = joint_fit_if_finite(replace(model, gates=gates), now.fit.accepted)
+    other = fit and weigh(fit, now.ways)
+    return other if other and other.evidence > now.evidence - WORTH else now
+
+
 def _with_refitted_noise(best: Explanation) -> Explanation:
     """Fit the noise to the residual, and everything beside that noise, linearised there."""
     model = replace(best.fit.model)
@@ -266,7 +277,7 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
                        for e in children for name in e.names}
         if not children or children[0].evidence < best.evidence + WORTH:
             break
-        chosen = children[0]
+        chosen = children[0] = _all_the_time(children[0])
         own = {}
         for a in chosen.fit.accepted:
             others = chosen.names - {a.name}

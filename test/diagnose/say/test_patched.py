@@ -35,9 +35,13 @@ def diagnosed(tmp_path_factory):
     return folder
 
 
-def test_who_names_no_robot_is_told_what_it_was_compared_with(diagnosed):
-    document = json.loads((diagnosed / 'out' / 'diagnosis.json').read_text())
-    assert 'the rig that this package simulates' in document['notes'][0]
+def test_who_names_no_model_is_told_which_may_be_given(diagnosed, capsys):
+    assert main(['diagnose', str(diagnosed / 'bag'), '-o', str(diagnosed / 'none')]) == 2
+    said = capsys.readouterr().err
+    assert 'nothing states what was recorded' in said
+    for option in ('--calibration', '--rig', '--simulated', '--mujoco', '--simulator'):
+        assert option in said
+    assert not (diagnosed / 'none').exists()
 
 
 def gap_rms(measured: Recording, simulated: np.ndarray, held: np.ndarray, noise: np.ndarray):
@@ -72,11 +76,11 @@ def test_the_patched_rig_shrinks_the_gap_as_claimed(diagnosed):
 
 def test_the_report_is_one_file_with_all_parts(diagnosed):
     page = (diagnosed / 'out' / 'report.html').read_text()
-    assert 'The wrench comes ' in page and ' ms late (' in page
+    assert 'The measured wrench lags the simulated one by 6.0' in page
     for part in ('Where it shows most', 'How far', 'Where else', 'Signals', 'Residuals',
                  'Spectra', 'What it may be', 'Its numbers'):
         assert f'<h2>{part}' in page
     words = re.sub('</?span>', '', page)  # that keep a command from breaking within a word
-    assert words.index('come late (wrench_delay)') < words.index('forcecal simulate --rig')
+    assert words.index('come late (wrench_delay)') < words.index('forcecal diagnose NEW_BAG')
     assert page.count('src="data:image/png;base64,') == 5
     assert not re.search(r'(?:src|href)="(?!data:)', page)

@@ -1,0 +1,68 @@
+"""Growth is a decision: code lines of each package, files and constants have a budget."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parents[2] / 'forcecal_ros'
+
+BUDGETS = {
+    'calibrate': 3100, 'checks': 1650, 'cli': 3150, 'core': 2100, 'diagnose': 5600,
+    'effects': 830, 'fleet': 400, 'impedance': 940, 'insitu': 2400, 'io': 2750, 'motion': 1550,
+    'nodes': 4050, 'observe': 3200, 'report': 1630, 'rig_fit': 600, 'sim': 3100}
+"""Code lines; less is better: lower a number with the code."""
+
+MOST_FILES, MOST_CONSTANTS = 285, 900
+"""Of the whole package; a constant is a number bound to an upper-case name of a module."""
+
+FILES = sorted(PACKAGE.rglob('*.py'))
+
+
+def code_lines(path):
+    """Count lines that are neither blank, comment nor docstring."""
+    text = path.read_text()
+    documented = sum(
+        one.end_lineno - one.lineno + 1 for node in ast.walk(ast.parse(text))
+        if isinstance(getattr(node, 'body', None), list) for one in node.body
+        if isinstance(one, ast.Expr) and isinstance(one.value, ast.Constant)
+        and isinstance(one.value.value, str))
+    lines = [line.strip() for line in text.splitlines()]
+    return sum(bool(line) and not line.startswith('#') for line in lines) - documented
+
+
+def constants(path):
+    """Count numbers that are bound to upper-case names at module level."""
+    count = 0
+    for node in ast.parse(path.read_text()).body:
+        targets = node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(
+            node, ast.AnnAssign) else []
+        value = getattr(node, 'value', None)
+        if value is None or isinstance(value, (ast.Dict, ast.Call)) or not any(
+                isinstance(one, ast.Constant) and type(one.value) in (int, float)
+                for one in ast.walk(value)):
+            continue
+        count += sum(isinstance(name, ast.Name) and name.id.isupper()
+                     for target in targets for name in getattr(target, 'elts', [target]))
+    return count
+
+
+def test_a_docstring_and_a_comment_are_no_code(tmp_path):
+    path = tmp_path / 'one.py'
+    path.write_text('"""Doc.\nMore.\n"""\n# why\nX, Y = 1, 2\n"""Of X."""\n\n\n'
+                    'def f():\n    return 1\n')
+    assert (code_lines(path), constants(path)) == (3, 2)
+
+
+@pytest.mark.parametrize('package', BUDGETS)
+def test_a_package_keeps_its_budget(package):
+    assert sum(map(code_lines, (PACKAGE / package).rglob('*.py'))) <= BUDGETS[package]
+
+
+def test_every_package_has_a_budget():
+    assert {path.parent.name for path in PACKAGE.glob('*/__init__.py')} == set(BUDGETS)
+
+
+def test_files_and_constants_keep_their_budget():
+    assert len(FILES) <= MOST_FILES
+    assert sum(map(constants, FILES)) <= MOST_CONSTANTS
