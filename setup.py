@@ -4,6 +4,7 @@ import sys
 from setuptools import find_packages, setup
 
 PACKAGE = 'forcecal_ros'
+FRAMES = ['pandas>=2.0']
 MUJOCO = ["mujoco>=3.11; python_version >= '3.11'"]
 PLOTS = ['plotly>=5.15']
 NODES = ['gap', 'impedance', 'observer', 'sequencer', 'sim']
@@ -47,6 +48,8 @@ setup(
         'tqdm>=4.66',
     ],
     extras_require={
+        # results as tables of pandas: to_dataframe
+        'frames': FRAMES,
         # models in MuJoCo: --mujoco; older ones mount sensors so
         'mujoco': MUJOCO,
         # many recordings on many machines: --dask
@@ -67,6 +70,7 @@ setup(
             'pytest-timeout>=2.1',
             'pytest-xdist>=3.7',  # orders groups by their place, not their number
             'hypothesis>=6.98',
+            *FRAMES,
             *MUJOCO,
             *PLOTS,
             *SCALE,

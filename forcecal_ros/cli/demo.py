@@ -27,7 +27,7 @@ def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(
         subparsers, 'demo',
-        example='forcecal demo --accelerometer acc2 --out my_demo')
+        example='forcecal demo --accelerometer acc2 --output my_demo')
     parser.add_argument('--accelerometer', choices=('acc1', 'acc2'), default='acc1',
                         help='acc1: DC response, acc2: AC-coupled')
     add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR',

@@ -6,16 +6,12 @@ costs nothing but time: its work is done again.
 
 import argparse
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import as_completed, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 import json
-from multiprocessing import get_context
 import os
 from pathlib import Path
 import signal
 from threading import Lock
-from traceback import extract_tb
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from forcecal_ros.cli.common import (
@@ -107,6 +103,8 @@ def attempt(work: Callable[[T], R], index: int, item: T) -> Outcome[R]:
     except ForcecalError as error:
         return Outcome(index, error=str(error))
     except Exception as error:  # noqa: BLE001 - of one recording, and the others go on
+        from traceback import extract_tb
+
         at = extract_tb(error.__traceback__)[-1]
         return Outcome(
             index, error=f'{type(error).__name__}: {error} ({at.filename}:{at.lineno})')
@@ -114,6 +112,10 @@ def attempt(work: Callable[[T], R], index: int, item: T) -> Outcome[R]:
 
 def _on_cores(work: Callable[[T], R], items: Sequence[T], jobs: int) -> Iterator[Outcome[R]]:
     """Work in processes; after a death, the items that may have caused it are done alone."""
+    from concurrent.futures import as_completed, ProcessPoolExecutor
+    from concurrent.futures.process import BrokenProcessPool
+    from multiprocessing import get_context
+
     for threads in ('OMP', 'OPENBLAS', 'MKL'):  # more would round in another order
         os.environ.setdefault(f'{threads}_NUM_THREADS', '1')
     left, suspects, deaths = list(range(len(items))), list[int](), 0

@@ -278,7 +278,7 @@ def design_calibration(robot: Robot, sensors: Sensors, duration: float,
     value, sequence = planner.search(criterion, (3, 4, 5))
     if not np.isfinite(value):
         raise MotionError(f'no three poses fit into {duration:g} s: give more time '
-                          '(--time)')
+                          '(--duration)')
     measure = float(np.floor(100 * planner.measure(sequence)) / 100)
     names = ['home', *(f'pose_{k}' for k in range(1, len(sequence)))]
     return Design(robot, sensors, {name: poses[i] for name, i in zip(names, sequence)},

@@ -420,7 +420,7 @@ def test_a_robot_that_has_not_set_off_is_not_still_yet(bench):
     for _ in range(100):
         bench.tick()
     verdict = bench.monitor.stillness()
-    assert not verdict.still and 'of the 0.01 m that it was told to' in verdict.detail
+    assert not verdict.still and 'of the 0.01 m that it was commanded' in verdict.detail
     bench.position = HOME.position + [0.0098, 0, 0]
     for _ in range(100):
         bench.tick()

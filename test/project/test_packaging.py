@@ -25,8 +25,8 @@ ROSDEP_KEYS = {  # name in an import -> key
     'scipy': 'python3-scipy', 'yaml': 'python3-yaml',
 }
 PIP_NAMES = {'yaml': 'pyyaml', 'backports': 'backports-zstd'}
-OPTIONAL = {'scale': {'distributed', 'joblib'}, 'plots': {'plotly'},
-            'mujoco': {'mujoco'}}
+OPTIONAL = {'scale': {'distributed'}, 'plots': {'plotly'}, 'mujoco': {'mujoco'},
+            'frames': {'pandas'}}
 """Extra -> what it brings."""
 
 
@@ -74,7 +74,7 @@ def test_version_is_the_same_everywhere():
     wanted = re.search(r"^__version__ = '(.+)'$", source, re.MULTILINE)[1]
     assert _setup('--version') == wanted
     assert _manifest().findtext('version') == wanted
-    assert f'## [{wanted}]' in (ROOT / 'CHANGELOG.md').read_text()
+    assert f'## {wanted}, ' in (ROOT / 'CHANGELOG.md').read_text()
 
 
 def test_package_xml_passes_the_checks_of_catkin_pkg():

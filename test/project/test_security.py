@@ -17,7 +17,7 @@ FORBIDDEN_MODULES = {'pickle', 'marshal', 'shelve', 'dill', 'joblib.numpy_pickle
                      'ftplib', 'http.server', 'socketserver', 'xmlrpc'}
 FORBIDDEN_CALLS = {('os', 'system'), ('os', 'popen'), ('yaml', 'safe_load'), ('yaml', 'full_load'),
                    ('yaml', 'unsafe_load')}
-LOADER = 'safe_yaml.py'
+LOADER = 'core/safe_yaml.py'
 LISTENING = {('nodes/live.py', 'http.server')}
 """Tested by a browser, in ``test_live.py``."""
 

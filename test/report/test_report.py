@@ -89,7 +89,7 @@ def test_quality_is_said_in_words():
     said = dict(in_words({'condition': 1.7361, 'residual_rms': [0.0036, 0.0055, 0.0039, 3e-4] + [
         6e-5, 1e-4], 'chi_square': {'value': 3.789, 'degrees': 8, 'probability': 0.0012},
         'notes': ['x points along +x'], 'questions': []}))
-    assert said['Left over at rest'].startswith('3.6, 5.5, 3.9 mN and 0.30, ')
+    assert said['Residual at rest'].startswith('3.6, 5.5, 3.9 mN and 0.30, ')
     assert said['Fit of the poses'] == ('They do not fit one rigid tool: chi-square 3.79 for 8 '
                                         'degrees of freedom (probability 0.0012).')
     assert said['Note'] == 'X points along +x.' and not dict(in_words({}))

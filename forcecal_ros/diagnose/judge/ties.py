@@ -39,7 +39,7 @@ def ties_of(found: Posterior) -> dict[str, Tie]:
     for name, others in found.odds.items():
         other = max(others, key=lambda one: others[one], default='')
         if other and others[other] > ODDS:
-            by = SEPARATED_BY.get(frozenset((name, other)), 'what forcecal plan --after writes')
+            by = SEPARATED_BY.get(frozenset((name, other)), 'what forcecal plan writes')
             out[name] = Tie(other, others[other], f'{name} and {other} explain these recordings '
                             f'about as well; they are separated by {by}')
     return out
