@@ -36,7 +36,6 @@ def diagnosed(tmp_path_factory):
 
 
 def test_who_names_no_model_is_told_which_may_be_given(diagnosed, capsys):
-    from forcecal_ros.io.bags import read_recording, write_recording
     foreign = replace(read_recording(diagnosed / 'bag'), contact_truth=None)
     write_recording(diagnosed / 'foreign', foreign)
     assert main(['diagnose', str(diagnosed / 'foreign'), '-o', str(diagnosed / 'none')]) == 2
