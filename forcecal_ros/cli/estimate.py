@@ -175,7 +175,7 @@ def _settings_of(args: argparse.Namespace) -> 'ObserverSettings':
     return ObserverSettings(
         filter=None if args.filter == 'observer' else args.filter, bandwidth_hz=args.bandwidth,
         **bandwidth_of(args), learning=FilterSettings(
-            states=args.states, covariances=args.covariances, **learning))
+            states=args.states, covariances=args.covariances, **learning))  # type: ignore[arg-type]
 
 
 def _needs_imu(args: argparse.Namespace, recording: 'Recording') -> bool:
