@@ -27,6 +27,7 @@ from pathlib import Path
 import sys
 import tempfile
 import time
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
@@ -235,7 +236,8 @@ def _fitted(effect, seed, folder):
 def _compared(real, joints, arm):
     simulated = shift_times(run(arm, joints), 1234.5)
     found = PairSource(load_rig('rigid_tool.yaml'), simulated).diagnose(real)
-    tracking = found.ready[0].tracking
+    ready: Any = found.ready[0]
+    tracking = ready.tracking
     return {**_said(found.diagnosis),
             'translation': [1e3 * x for x in tracking.translation[:4]],
             'rotation': [1e3 * x for x in tracking.rotation[:4]]}

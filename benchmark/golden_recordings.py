@@ -264,7 +264,7 @@ def arm(folder, seed, changes=None, sensor='', size=0.0):
     wrench = sensed(t, wrench, sensor, size) + np.array([1.0, -2.0, 1.5, 0.1, -0.05, 0.08])
     wrench += np.repeat([0.15, 0.006], 3) * rng.standard_normal(wrench.shape)
     R_seen = R @ Rotation.from_rotvec(1e-4 * rng.standard_normal((len(t), 3))).as_matrix()
-    commanded = JointStream(*told, '', JOINTS)
+    commanded = JointStream(told[0], told[1], '', JOINTS)
     real = Recording(
         wrench=Stream(t, wrench, 'ft_sensor'), joint_commands=commanded, start_ns=START_NS,
         pose=PoseStream(t, position + 1e-4 * rng.standard_normal(position.shape), R_seen),

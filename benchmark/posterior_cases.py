@@ -139,7 +139,8 @@ def run(case: dict[str, Any]) -> dict[str, Any]:
         return f
 
     posterior.features_of = watched
-    searched = engine.search
+    module: Any = engine
+    searched = module.search
 
     def timed(*args):
         began = time.process_time()
@@ -147,13 +148,13 @@ def run(case: dict[str, Any]) -> dict[str, Any]:
         timing['search'] = time.process_time() - began
         return out
 
-    engine.search = timed
+    module.search = timed
     try:
         began = time.process_time()
         outcome = RigSource(load_rig()).diagnose(recording).outcome
         d = outcome.diagnosis
     finally:
-        posterior.features_of, engine.search = inner, searched
+        posterior.features_of, module.search = inner, searched
     return case | {'steps': steps, 'verdict': d.verdict, 'named': [e.name for e in d.effects],
                    'candidates': list(d.candidates), 'reason': d.reason,
                    'closed': d.gap.closed if d.gap else None,

@@ -52,7 +52,8 @@ def moving(seed, seconds=20.0, rate=500.0, contact=False):
 @pytest.mark.parametrize('contact', [False, True])
 def test_tells_the_tool_from_motion_without_rest(contact):
     """Mass to 0.2 %, centre of mass to 1 mm, delay to 1 ms, also with contact for a sixth."""
-    fit = joint_fit(*moving(1, contact=contact), GRAVITY)
+    wrench, pose = moving(1, contact=contact)
+    fit = joint_fit(wrench, pose, GRAVITY)
     assert fit.theta[0] == pytest.approx(MASS, rel=2e-3)
     np.testing.assert_allclose(fit.com, COM, atol=1e-3)
     assert fit.delay == pytest.approx(DELAY, abs=1e-3)
@@ -70,7 +71,8 @@ def test_standard_errors_cover():
     """Of twelve seeds with mass, centre of mass and delay, 85 % or more are within 2."""
     z = []
     for seed in range(12):
-        fit = joint_fit(*moving(seed), GRAVITY)
+        wrench, pose = moving(seed)
+        fit = joint_fit(wrench, pose, GRAVITY)
         z += [(fit.theta[0] - MASS) / fit.std[0], *(fit.com - COM) / fit.com_std,
               (fit.delay - DELAY) / fit.delay_std]
     assert np.mean(np.abs(z) < 2) > 0.85, np.round(z, 1)

@@ -5,6 +5,7 @@ from importlib.util import module_from_spec, spec_from_file_location
 import json
 from pathlib import Path
 import re
+from typing import Any
 
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import ConfigError, DataError
@@ -122,7 +123,8 @@ def in_numbers(column):
 
 def test_what_a_parameter_changes_is_the_same_wherever_it_is_and_not_simulated_again(
         robot, monkeypatch):
-    one, = SimulatorSource(robot, TOLERANCES).prepare([measured(robot, 1.2, 0.072)])
+    ready: Any = SimulatorSource(robot, TOLERANCES).prepare([measured(robot, 1.2, 0.072)])
+    one, = ready
     one.runs.try_all(robot.nominal)
     one.simulation.forget()
     model = linearised_model(one.robot, split_datasets([one.dataset]))
@@ -154,7 +156,8 @@ def test_what_a_parameter_changes_is_the_same_wherever_it_is_and_not_simulated_a
 
 def of_payload(robot, payload):
     """Return the model of a recording with another payload, recalibrated."""
-    one, = SimulatorSource(robot, TOLERANCES).prepare([measured(robot, payload, 0.0705)])
+    ready: Any = SimulatorSource(robot, TOLERANCES).prepare([measured(robot, payload, 0.0705)])
+    one, = ready
     one.runs.try_all(robot.nominal)
     one.simulation.forget()
     return linearised_model(one.robot, split_datasets([one.dataset]))
