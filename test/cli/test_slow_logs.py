@@ -98,6 +98,15 @@ def test_rows_that_are_not_valid_are_written_marked_and_left_out_of_the_figures(
     assert document['std'] == pytest.approx(written.values[~inside].std(axis=0), abs=1e-9)
 
 
+def test_a_filter_that_learns_refuses_a_recording_without_gravity(capsys, tmp_path):
+    write_recording(tmp_path / 'bag', replace(slow_log(20.0, 20.0)[1], pose=None))
+    save(arm.calibrate(np.random.default_rng(2))[0], tmp_path / 'c.yaml')
+    assert main(['estimate', str(tmp_path / 'bag'), '--filter', 'ukf', '--calibration',
+                 str(tmp_path / 'c.yaml'), '-o', str(tmp_path / 'out')]) == 1
+    assert 'shows gravity neither by a pose nor by accelerometer' in capsys.readouterr().err
+    assert not (tmp_path / 'out').exists()
+
+
 @pytest.mark.parametrize('name', [name for name in FILTERS if name != 'ukf'])
 def test_without_any_valid_row_there_are_no_figures(capsys, folder, tmp_path, name):
     write_recording(tmp_path / 'bag', replace(slow_log(20.0, 20.0)[1], pose=None))
