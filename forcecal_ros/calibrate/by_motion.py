@@ -14,14 +14,14 @@ from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import Recording
 import numpy as np
 
-LARGEST_INERTIA_ERROR = 0.3
+MAX_RELATIVE_INERTIA_STD = 0.3
 """Largest standard error of an element of inertia, of its mean moment: above, it is left out."""
 
 
-SUSPECT = ('mass', 'com', 'wrench_bias', 'inertia')
+ESTIMATED_KEYS = ('mass', 'com', 'wrench_bias', 'inertia')
 """Keys that are estimated from motion."""
 
-MUCH_UNEXPLAINED = 0.1
+SUSPECT_UNEXPLAINED = 0.1
 """Share of the weight's variation in the residual above which estimates are suspect: axes that
 are rotated by 6 deg have as much."""
 
@@ -55,7 +55,7 @@ def calibrate_by_motion(recording: Recording, settings: IdentificationSettings, 
     refuse_negative(float(found.theta[0]))
     inertia = inertia_about_com(found)
     size = float(np.trace(inertia.value)) / 3
-    known = size > 0.0 and float(inertia.std.max()) < LARGEST_INERTIA_ERROR * size
+    known = size > 0.0 and float(inertia.std.max()) < MAX_RELATIVE_INERTIA_STD * size
     fields: dict[str, Any] = {
         'mass': Estimate(found.theta[0], found.std[0], 'kg'),
         'com': Estimate(found.com, found.com_std, 'm'),
@@ -64,7 +64,7 @@ def calibrate_by_motion(recording: Recording, settings: IdentificationSettings, 
     warnings = [*weak_estimates(Calibration(**fields), settings, 'rotate further and for longer',
                                 'rotate further about two horizontal axes'),
                 *_not_identified(recording, None if known else inertia, size)]
-    suspect = [key for key in SUSPECT if found.unexplained > MUCH_UNEXPLAINED]
+    suspect = [key for key in ESTIMATED_KEYS if found.unexplained > SUSPECT_UNEXPLAINED]
     if suspect:
         warnings.append(
             f'forces differ from those of a rigid tool by {found.fit.scale[0]:.2g} N RMS, '
@@ -75,7 +75,7 @@ def calibrate_by_motion(recording: Recording, settings: IdentificationSettings, 
         'questions': list(questions_of(float(found.theta[0]), float(np.linalg.norm(found.com)))),
         'notes': [*recording.notes, f'{why}: estimated from motion'],
         'residual_rms': np.repeat(found.fit.scale, 3),
-        'specific_force_spread': found.spread,
+        'apparent_gravity_spread': found.spread,
         'rejection': {'threshold': settings.thresholds.probability, 'pose': None, 'poses': []},
         'pose_delay': -found.delay, 'pose_delay_std': found.delay_std}
     return {**fields, 'quality': quality}

@@ -17,27 +17,27 @@ THINNING = 3
 """Every third row is fitted, one a `LOWPASS_S`: of what the low-pass leaves 0.7 % is above half
 their rate."""
 
-COARSE_ROWS = 1000
+MAX_COARSE_ROWS = 1000
 """Rows at most by which the nearest of the delays that are tried first is found."""
 
-SHORTEST_S = 5.0
+MIN_OVERLAP_S = 5.0
 """Least time in which wrench and pose overlap [s]: blocks for standard errors are then 0.1 s."""
 
-LEAST_SPREAD = 0.02
-"""Least RMS variation of the specific force in a second direction of ft_sensor, of gravity: 1.1
+MIN_GRAVITY_SPREAD = 0.02
+"""Least RMS variation of g - a in a second direction of ft_sensor, of gravity: 1.1
 deg of rotation about a second axis, of which errors of the pose by 1 mrad are 5 %."""
 
-MOST_UNEXPLAINED = 0.25
+MAX_UNEXPLAINED = 0.25
 """Largest share of the variation of a weight in the residual: a wrench with one mirrored axis has
 0.3, a free tool 0.01. Where positions are missing, accelerations count as residual: 1."""
 
-CERTAIN = 5.0
+MIN_MASS_SIGMA = 5.0
 """Standard errors by which a mass must differ from zero."""
 
 
 class JointFit(NamedTuple):
     """
-    What a recording tells of its tool.
+    Tool, biases and delay of one recording.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class JointFit(NamedTuple):
     delay, delay_std : float
         By which the wrench is late [s].
     spread : ndarray, shape (3,)
-        RMS variation of the specific force along its principal directions, of gravity.
+        RMS variation of g - a along its principal directions, of gravity.
     unexplained : float
         Residual force over the variation of the explained force.
     """
@@ -91,10 +91,10 @@ def joint_fit(wrench: Stream, pose: PoseStream, gravity: Array, largest_delay: f
     step = max(STEP_S, float(np.median(np.diff(pose.t))), float(np.median(np.diff(wrench.t))))
     first = max(wrench.t[0], pose.t[0])
     last = min(wrench.t[-1], pose.t[-1])
-    if last - first < SHORTEST_S:
+    if last - first < MIN_OVERLAP_S:
         raise UnobservableError(
             f'wrench and pose overlap for {max(last - first, 0.0):.3g} s, and motion shows a tool '
-            f'in {SHORTEST_S:g} s at least; record longer')
+            f'in {MIN_OVERLAP_S:g} s at least; record longer')
     starts = np.arange(first + largest_delay, last - largest_delay - step, step)
     width = LOWPASS_S / STEP_S  # in steps: slower recordings are smoothed over as many samples
     edge = int(4 * width) + 4
@@ -107,7 +107,7 @@ def joint_fit(wrench: Stream, pose: PoseStream, gravity: Array, largest_delay: f
     if optidrive is not None and len(optidrive) > 1:
         slide = block_means(optidrive.t, optidrive.values, starts, step)[:, 0]
         motion = sliding(motion, slide, step)
-    spread = _require_rotation(smooth(motion.specific_force)[rows] / np.linalg.norm(gravity))
+    spread = _require_rotation(smooth(motion.apparent_gravity)[rows] / np.linalg.norm(gravity))
     X = smooth(regressor(motion, slide))
     if not pose.has_position:
         X[:, :, 4:] = 0.0
@@ -124,7 +124,7 @@ def joint_fit(wrench: Stream, pose: PoseStream, gravity: Array, largest_delay: f
                           tolerance=1e-5 if every == 1 else 1e-2)
 
     coarse = np.linspace(-largest_delay, largest_delay, 11)
-    tried = [fitted(delay, None, 2 + len(X) // COARSE_ROWS) for delay in coarse]
+    tried = [fitted(delay, None, 2 + len(X) // MAX_COARSE_ROWS) for delay in coarse]
     best = int(np.argmin([np.log(one.scale).sum() for one in tried]))
     delay, fit = float(coarse[best]), tried[best]
     for _ in range(4):
@@ -136,7 +136,7 @@ def joint_fit(wrench: Stream, pose: PoseStream, gravity: Array, largest_delay: f
     theta, std, C = fit.theta[:16], fit.std[:16], fit.covariance
     if not pose.has_position:
         std[4:INERTIAL] = np.inf
-    most = MOST_UNEXPLAINED if pose.has_position else 1.0
+    most = MAX_UNEXPLAINED if pose.has_position else 1.0
     unexplained = _require_tool(theta, std, fit, X @ theta[:INERTIAL], most)
     if abs(delay) >= 0.95 * largest_delay:
         raise DataError(
@@ -154,10 +154,10 @@ def _require_rotation(force: Array) -> Array:
     """Return the spread of specific forces (n, 3), of gravity; refuse that about one axis only."""
     _, spread, directions = np.linalg.svd(force - force.mean(axis=0), full_matrices=False)
     spread = spread / np.sqrt(len(force))
-    if spread[1] >= LEAST_SPREAD:
+    if spread[1] >= MIN_GRAVITY_SPREAD:
         return np.asarray(spread)
     degrees = np.degrees(spread)
-    if spread[0] < LEAST_SPREAD:
+    if spread[0] < MIN_GRAVITY_SPREAD:
         raise UnobservableError(
             f'gravity turns by {degrees[0]:.2g} deg RMS in ft_sensor, so that mass, centre of '
             'mass and biases are not observable; rotate the sensor by 20 deg or more about two '
@@ -168,7 +168,7 @@ def _require_rotation(force: Array) -> Array:
     raise UnobservableError(
         f'the sensor turns about one axis only, near its {axis}: gravity moves by '
         f'{degrees[0]:.2g} deg RMS one way and {degrees[1]:.2g} deg across, and '
-        f'{np.degrees(LEAST_SPREAD):.2g} deg are needed for centre of mass and torque bias; '
+        f'{np.degrees(MIN_GRAVITY_SPREAD):.2g} deg are needed for centre of mass and torque bias; '
         f'rotate about {other} as well, by 10 deg or more')
 
 
@@ -176,10 +176,10 @@ def _require_tool(theta: Array, std: Array, fit: RobustFit, explained: Array, mo
                   ) -> float:
     """Refuse a mass that is chance, and forces that are not a rigid tool's; return the share."""
     mass = float(theta[0])
-    if not abs(mass) > CERTAIN * std[0]:
+    if not abs(mass) > MIN_MASS_SIGMA * std[0]:
         raise UnobservableError(
             f'the mass is {mass:.3g} kg with a standard error of {std[0]:.2g} kg, and '
-            f'{CERTAIN:g} standard errors are needed; rotate further, or attach the tool')
+            f'{MIN_MASS_SIGMA:g} standard errors are needed; rotate further, or attach the tool')
     varies = float(np.sqrt(explained[:, :3].var(axis=0).mean()))
     share = float(fit.scale[0]) / varies
     if share > most:

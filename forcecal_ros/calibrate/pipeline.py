@@ -12,7 +12,7 @@ from forcecal_ros.calibrate.accelerometer import (
 from forcecal_ros.calibrate.accelerometer_model import lowpassed, MotionBlocks, ToolPart
 from forcecal_ros.calibrate.by_motion import calibrate_by_motion
 from forcecal_ros.calibrate.delay import pose_delay
-from forcecal_ros.calibrate.joint import LEAST_SPREAD
+from forcecal_ros.calibrate.joint import MIN_GRAVITY_SPREAD
 from forcecal_ros.calibrate.means import (
     DRIFT,
     drift,
@@ -168,10 +168,10 @@ def _by_motion(recording: Recording, settings: IdentificationSettings, why: str
 
 
 def _same_orientation(recording: Recording, settings: IdentificationSettings) -> bool:
-    """Whether all static poses point gravity the same way, within `LEAST_SPREAD`."""
+    """Whether all static poses point gravity the same way, within `MIN_GRAVITY_SPREAD`."""
     poses = static_poses(levelled(recording, settings.gravity_direction))
     spread, _ = gravity_spread(np.stack([pose.gravity(settings.gravity) for pose in poses]))
-    return bool(spread[0] < LEAST_SPREAD)
+    return bool(spread[0] < MIN_GRAVITY_SPREAD)
 
 
 def _unit(direction: Vector3 | None) -> Vector3 | None:

@@ -1,6 +1,6 @@
 """Unit and place of an accelerometer, by gravity at rest."""
 
-from forcecal_ros.checks.hypotheses import corrected, SPANNED
+from forcecal_ros.checks.hypotheses import corrected, MIN_GRAVITY_SPREAD
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array, STANDARD_GRAVITY
 import numpy as np
@@ -65,7 +65,7 @@ def refuse_on_another_link(at_rest: Array, gravity: Array) -> None:
     """
     shown, wanted = (float(np.linalg.norm(x.std(axis=0))) for x in (at_rest, gravity))
     g = float(np.linalg.norm(gravity, axis=1).mean())
-    if wanted > SPANNED * g and shown < 0.5 * wanted:
+    if wanted > MIN_GRAVITY_SPREAD * g and shown < 0.5 * wanted:
         raise DataError(
             f'accelerometer: gravity changes by {shown:.2g} m/s^2 from pose to pose in it, by '
             f'{wanted:.2g} m/s^2 as the pose turns: it does not sit on the tool; name the one '

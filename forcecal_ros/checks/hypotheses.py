@@ -45,14 +45,14 @@ MIN_GAIN = 2.0
 """Log likelihood for each independent sample, at least: half of the residual. What fits less well
 is no explanation, however many samples there are."""
 
-SPANNED = 0.1
+MIN_GRAVITY_SPREAD = 0.1
 """Spread of the directions of gravity, gravity taken as 1, from which they determine a weight."""
 
-CERTAINLY_BETTER = 0.9
+MAX_RESIDUAL_RATIO = 0.9
 """Share of the residual that a slight rotation or tilt leaves at most: beside cables, gains and
 drifts it explains less."""
 
-CERTAIN = 7.0
+SLIGHT_SIGMA = 7.0
 """Standard errors of a slight rotation or tilt from which it is noted: a real arm's tilt of
 1.2 deg is 9 in 24 poses, what is left of its level base 4."""
 
@@ -64,7 +64,7 @@ SMOOTHINGS_S = (0.1, 0.2, 0.35, 0.6, 1.0, 1.7, -0.35, -0.6, -1.0, -1.7)
 """Time constants of a driver's low-pass that are tried, and lengths of means (below 0):
 neighbours differ by less than twice."""
 
-SURE = 10.0
+CONTRADICTION_SIGMA = 10.0
 """Standard errors by which an estimate contradicts: they come from one recording's residuals."""
 
 
@@ -143,7 +143,7 @@ def judge(recording: Recording, gravity: Array, stated: Stated = Stated(),
     if motion is None or motion.usable.sum() < 3:
         return ()
     spread = _spread(motion.in_sensor[motion.usable][:, None], gravity)
-    if spread[0] < SPANNED:
+    if spread[0] < MIN_GRAVITY_SPREAD:
         return ()
     found = candidates(motion)
     plain, best = found[0], max(found, key=lambda one: one.evidence)
@@ -185,10 +185,10 @@ def slight_misfit(recording: Recording, gravity: Array, stated: Stated = Stated(
     """
     motion = on_grid(recording, gravity)
     plain = None if motion is None or motion.usable.sum() < 4 else explain(motion)
-    if motion is None or plain is None or plain.mass < SURE * plain.mass_std:
+    if motion is None or plain is None or plain.mass < CONTRADICTION_SIGMA * plain.mass_std:
         return ''
     tilted, turned = _tilted(motion), None
-    if _spread(motion.in_sensor[motion.usable][:, None], gravity)[1] > SPANNED:
+    if _spread(motion.in_sensor[motion.usable][:, None], gravity)[1] > MIN_GRAVITY_SPREAD:
         turned = _refined(motion, np.eye(3))
     found = []
     for row, one in ((TABLE_BY_NAME['tilted'], tilted), (TABLE_BY_NAME['rotated'], turned)):
@@ -196,10 +196,10 @@ def slight_misfit(recording: Recording, gravity: Array, stated: Stated = Stated(
         if one is not None and fit is not None:
             found.append((fit.force.scale, Candidate(row.name, one, fit, 0.0, row)))
     best = min(found, key=lambda one: one[0], default=None)
-    if best is None or best[0] > CERTAINLY_BETTER * plain.force.scale:
+    if best is None or best[0] > MAX_RESIDUAL_RATIO * plain.force.scale:
         return ''
     angle, std = messages.angle_of(best[1], stated)
-    return messages.slight(best[1], stated) if angle > CERTAIN * std else ''
+    return messages.slight(best[1], stated) if angle > SLIGHT_SIGMA * std else ''
 
 
 def candidates(motion: Motion) -> list[Candidate]:
@@ -359,7 +359,7 @@ def _other_tool(fit: Explained, known: Known) -> str:
                 f'{fit.force.scale:.2g} N RMS of the forces: pose and wrench do not belong to '
                 'each other, or the tool touches all along; name the pose with --topic '
                 'pose=NAME')
-    if (unit := force_unit_of(fit.mass, mass)) and fit.mass > SURE * fit.mass_std:
+    if (unit := force_unit_of(fit.mass, mass)) and fit.mass > CONTRADICTION_SIGMA * fit.mass_std:
         raise DataError(f'{shown}: its forces are in {unit[0]}; {corrected(unit[1], unit[0])}')
     if fit.mass < SLIGHT * mass:
         raise DataError(f'{shown}: the driver takes its weight off; let it leave the weight in '
@@ -381,7 +381,7 @@ def _other_tool(fit: Explained, known: Known) -> str:
 def _other_time(fit: Explained) -> str:
     """Compare inertia with weight: units of length, and the speed of time."""
     times, std = fit.inertial
-    if not fit.moving or abs(times - 1.0) < SURE * std or 0.3 < times < 1.5:
+    if not fit.moving or abs(times - 1.0) < CONTRADICTION_SIGMA * std or 0.3 < times < 1.5:
         return ''
     for unit, size in LENGTH_UNITS.items():
         if abs(times / size - 1.0) < 0.4:
@@ -411,7 +411,7 @@ def _late(fit: Explained, late: float, recording: Recording) -> str:
     noise = float(np.linalg.norm(np.median(steps, axis=0))) / 0.954  # of differences, Gaussian
     turning = float(np.sqrt(((np.gradient(fit.gravity, axis=0) / STEP_S)**2).sum(1).mean()))
     size = abs(late) * fit.mass * turning
-    if abs(late) < max(SURE * std, MIN_DELAY_S) or size < noise:
+    if abs(late) < max(CONTRADICTION_SIGMA * std, MIN_DELAY_S) or size < noise:
         return ''
     return (f'wrench shows the weight turn {1e3 * abs(late):.0f} +- {1e3 * std:.0f} ms '
             f'{"later" if late > 0 else "earlier"} than the pose, which leaves {size:.2g} N RMS '
@@ -431,7 +431,7 @@ def _other_point(fit: Explained, recording: Recording, known: Known | None) -> s
     error = float(np.sqrt(np.trace(cov + shown_cov)))
     off = shown - com
     if not np.ptp(fit.torque.residual) or np.linalg.norm(off) < max(
-            0.01 if known else ELSEWHERE_M, SURE * error):
+            0.01 if known else ELSEWHERE_M, CONTRADICTION_SIGMA * error):
         return ''
     at = (f'its torques put the centre of mass at {_metres(shown)}, {whose} at '
           f'{_metres(com)}')
@@ -522,7 +522,7 @@ def _axes(motion: Motion, hand: float) -> Motion | None:
     """Rotate the wire's axes (``hand`` 1) or mirror them (-1) as gravity shows them best."""
     rows = _few(motion)
     u, read = motion.in_sensor[rows], motion.wrench[rows, :3]
-    if len(rows) < 3 or _spread(u[:, None], motion.gravity)[1] < SPANNED:
+    if len(rows) < 3 or _spread(u[:, None], motion.gravity)[1] < MIN_GRAVITY_SPREAD:
         return None
     return _refined(motion, _procrustes(u, read, hand)[0])
 
@@ -564,8 +564,8 @@ def _refined(motion: Motion, Q: Array) -> Motion | None:
 
 
 def _tilted(motion: Motion) -> Motion | None:
-    tells = _spread(np.swapaxes(motion.R[motion.usable], 1, 2), np.ones(1))[-1] > SPANNED
-    return replace(motion, free_gravity=True) if tells else None
+    spread = _spread(np.swapaxes(motion.R[motion.usable], 1, 2), np.ones(1))
+    return replace(motion, free_gravity=True) if spread[-1] > MIN_GRAVITY_SPREAD else None
 
 
 def _rotated_and_tilted(motion: Motion) -> Motion | None:

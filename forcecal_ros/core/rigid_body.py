@@ -19,14 +19,14 @@ class BodyMotion(NamedTuple):
     ----------
     t : ndarray, shape (n,)
         [s]
-    specific_force : ndarray, shape (n, 3)
+    apparent_gravity : ndarray, shape (n, 3)
         Gravity minus acceleration of the sensor's origin [m/s^2].
     omega, alpha : ndarray, shape (n, 3)
         [rad/s], [rad/s^2]
     """
 
     t: Array
-    specific_force: Array
+    apparent_gravity: Array
     omega: Array
     alpha: Array
 
@@ -86,7 +86,7 @@ def sliding(motion: BodyMotion, slide: Array, length: float) -> BodyMotion:
     W = skew(motion.omega)
     accel = (rate_of_change(speed, length) + 2 * np.cross(motion.omega, speed)
              + np.einsum('nij,nj->ni', skew(motion.alpha) + W @ W, s))
-    return motion._replace(specific_force=motion.specific_force - accel)
+    return motion._replace(apparent_gravity=motion.apparent_gravity - accel)
 
 
 def regressor(motion: BodyMotion, slide: Array | None = None) -> Array:
@@ -100,16 +100,16 @@ def regressor(motion: BodyMotion, slide: Array | None = None) -> Array:
 
     Notes
     -----
-    F = m f - (alpha x + omega x omega x) m c and T = m c x f - I alpha - omega x I omega, with
-    specific force f, first moments m c and inertia I about the sensor's origin (xx, yy, zz, xy,
-    xz, yz).
+    F = m u - (alpha x + omega x omega x) m c and T = m c x u - I alpha - omega x I omega, with
+    apparent gravity u = g - a, first moments m c and inertia I about the sensor's origin (xx, yy,
+    zz, xy, xz, yz).
     """
     W = skew(motion.omega)
     X = np.zeros((len(motion.t), 6, INERTIAL))
-    X[:, :3, 0] = motion.specific_force
+    X[:, :3, 0] = motion.apparent_gravity
     X[:, :3, 1:4] = -(skew(motion.alpha) + W @ W)
-    X[:, 3:, 1:4] = -skew(motion.specific_force)
+    X[:, 3:, 1:4] = -skew(motion.apparent_gravity)
     if slide is not None:
-        X[:, 3:, 0] = slide[:, None] * np.cross([1.0, 0.0, 0.0], motion.specific_force)
+        X[:, 3:, 0] = slide[:, None] * np.cross([1.0, 0.0, 0.0], motion.apparent_gravity)
     X[:, 3:, 4:] = -(inertia_columns(motion.alpha) + W @ inertia_columns(motion.omega))
     return X
