@@ -1,39 +1,38 @@
 """
 Offset, sensitivity, delay and place of the accelerometer.
 
-V(t + delay) = V0 + M f(t),     f = f_c + (alpha x + omega x omega x) (q - c)
+V(t + delay) = V0 + M f(t),     f = a - g + (alpha x + omega x omega x) q
 
-While the robot stands, f = -g_S by the pose. While it moves freely, the force sensor says what
-the tool feels, f_c = (b_F - F) / m whatever the tool's slide does: the regressor Y = u / m of
-[Gamez2005] Eq. 17 on three axes, with u taken from the unloaded reading so that neither bias
-nor taring enters. Moving through gravity spans what three poses cannot.
-
-The regressor is noisy. Its noise is known from standstill, so what it adds to the normal
-equations is taken off again (errors in variables). An AC-coupled sensor shows f less its own
-low-passed past.
+The motion of the pose, and of a tool that is displaced, says what the accelerometer feels at its
+place q: the regressor of [Gamez2005] Eq. 17 on three axes. Moving through gravity spans what three
+poses cannot. An AC-coupled sensor shows f less its own low-passed past.
 """
 
-from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
-from forcecal_ros.calibrate.accelerometer_model import (
-    AccelerometerModel,
-    DEFAULT_CUTOFF,
-    fading,
-    MotionBlocks,
-    ToolPart,
+from forcecal_ros.calibrate.joint import (
+    Blocks,
+    ITERATIONS,
+    nearest_delay,
+    noise_at_rest,
+    smooth,
 )
-from forcecal_ros.calibrate.estimating import jacobian, solve_score
-from forcecal_ros.calibrate.residuals import Residuals
+from forcecal_ros.calibrate.poses import StaticPose
 from forcecal_ros.calibrate.static_readings import gravity_spread
 from forcecal_ros.core.errors import UnobservableError
+from forcecal_ros.core.estimation import robust_fit, RobustFit
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.noise.autocovariance import Autocovariance, noise_of_windows
+from forcecal_ros.core.noise.autocovariance import Autocovariance
+from forcecal_ros.core.streams import Stream
+from forcecal_ros.core.time_grid import Averager
 import numpy as np
-from scipy.optimize import minimize_scalar
 
-_DELAY_STEP = 0.001
-"""Step of the coarse search for the delay [s]."""
+CUTOFFS = 0.01 * np.exp(np.linspace(-2.3, 2.3, 13))
+"""Corners of a high-pass that are tried before the best is refined [Hz]."""
+
+PLACE_M = 1.0
+"""Prior of the accelerometer's place, 1 sigma [m]: on a wrist."""
 
 
 class AccelerometerFit(NamedTuple):
@@ -52,14 +51,10 @@ class AccelerometerFit(NamedTuple):
         In ft_sensor [m]; NaN where not estimated.
     covariance : ndarray, shape (17, 17)
         Of offset, matrix (row by row), delay, cutoff, position; NaN where not estimated.
+    residual : ndarray, shape (m, 3), or None
+        Of the rows of `blocks` [V]; None where the poses were single samples.
     noise : Autocovariance or None
-        Of blocks of the volts; None where the poses were single samples.
-    chi_square, degrees : float
-        Of the residuals of the static poses' means by that noise.
-    misfit : float
-        The largest of these residuals [V].
-    residuals : Residuals or None
-        Of all blocks, moving and still [V]; times in blocks' lengths since the first.
+        Of blocks at rest.
     """
 
     offset: Array
@@ -68,183 +63,107 @@ class AccelerometerFit(NamedTuple):
     cutoff: float
     position: Array
     covariance: Array
-    noise: Autocovariance | None
-    chi_square: float
-    degrees: int
-    misfit: float
-    residuals: Residuals | None = None
+    residual: Array | None = None
+    blocks: Blocks | None = None
+    noise: Autocovariance | None = None
+
+    @property
+    def std(self) -> Array:
+        """Standard errors, shape (17,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
 
 
-def identify_accelerometer(
-        motion: MotionBlocks, volts: Callable[[float], Array], tool: ToolPart,
-        coupling: str = 'dc', cutoff: float | None = None, place: Array | None = None,
-        largest_delay: float = 0.02) -> AccelerometerFit:
+def accelerometer_fit(stream: Stream, blocks: Blocks, coupling: str = 'dc',
+                      cutoff: float | None = None, place: Array | None = None,
+                      largest_delay: float = 0.05) -> AccelerometerFit:
     """
-    Fit offset, sensitivity, delay and place to everything that moved freely or stood.
+    Fit an accelerometer to the motion of the pose.
 
     Parameters
     ----------
-    volts : callable
-        Block means of the readings, shape (n, 3), the blocks shifted by a delay [s].
+    stream : Stream
+        Readings, shape (n, 3).
+    blocks : Blocks
+        Of accelerometer and pose.
     coupling : str
         ``dc`` or ``ac``.
-    cutoff : float, optional
+    cutoff : float or None
         Corner of the high-pass where known [Hz].
-    place : ndarray, shape (3,), optional
+    place : ndarray, shape (3,), or None
         Of the accelerometer where known [m].
     largest_delay : float
-        [s]
-
-    Raises
-    ------
-    UnobservableError
-        The specific force did not span three directions.
+        Delays after the pose up to this are looked for [s].
     """
-    model = AccelerometerModel(motion, volts, tool, coupling, cutoff, place)
-    theta = _start(model, largest_delay)
-    noise = _noise_at_standstill(model, model.residuals(theta, tool.vector))
-    for _ in range(2):
-        matrix = theta[3:12].reshape(3, 3)
-        weight = model.weights(matrix, noise.covariance)
-        theta, derivative = solve_score(
-            # called before weight changes
-            lambda p: model.score(p, tool.vector, weight),  # noqa: B023
-            lambda p: model.slope(p, tool.vector, weight), theta)  # noqa: B023
-        noise = _noise_at_standstill(model, model.residuals(theta, tool.vector))
-    return _result(model, theta, derivative, weight, noise)
+    rows, step, n = blocks.rows, blocks.length, len(blocks.rows)
+    eye, whole, readings = np.eye(3), blocks.lever, Averager(stream.t, stream.values)
+    lever = whole if place is None else np.zeros_like(whole)
+    plain = -smooth(blocks.motion.apparent_gravity)
+    known = np.zeros(3) if place is None else place
+    if place is not None:
+        plain = plain + whole @ place
+    prior = np.zeros(20)
+    prior[12:15], prior[15], prior[16:] = PLACE_M**-2, largest_delay**-2, 0.0
 
+    def fitted(delay: float, theta: Array | None, every: int = 1, corner: float | None = cutoff
+               ) -> RobustFit:
+        """Fit map, offset, place, delay, initial state and corner, linear about theta."""
+        y = smooth(readings.interpolated(blocks.starts + delay, step))[rows]
+        q = np.zeros(3) if theta is None else theta[12:15]
+        felt = plain + lever @ q
+        shown = _highpassed(felt, step, corner)
+        X = np.zeros((n, 3, 20))
+        X[:, :, :9] = np.einsum('ij,nk->nijk', eye, shown[rows]).reshape(n, 3, 9)
+        X[:, :, 9:12] = eye
+        if corner is not None:
+            X[:, :, 16:19] = fading(len(felt), step, corner)[rows, None, None] * eye
+        if theta is not None:
+            M = theta[:9].reshape(3, 3)
+            X[:, :, 12:15] = M @ _highpassed(lever, step, corner)[rows]
+            X[:, :, 15] = -np.gradient(shown, step, axis=0)[rows] @ M.T
+            if corner is not None and cutoff is None:
+                X[:, :, 19] = _by_corner(felt, step, corner, M, theta[16:19])[rows]
+            y = y + X[:, :, 12:15] @ q
+        return robust_fit(X[::every], y[::every], prior, tolerance=1e-5 if every == 1 else 1e-2,
+                          groups=blocks.groups[::every])
 
-def _start(model: AccelerometerModel, largest_delay: float) -> Array:
-    """Least squares for the linear unknowns, over a search of delay and cutoff."""
-    layout = model.layout
-    delay, cutoff = 0.0, model.known_cutoff or DEFAULT_CUTOFF
-    _require_span(model, cutoff)
-    search = layout.cutoff.stop > layout.cutoff.start
-    if search:
-        cutoff = _nearest_cutoff(model, delay)
-    if model.tells_delay:
-        delays = np.arange(-largest_delay, largest_delay + 1e-9, _DELAY_STEP)
-        delay = min(delays, key=lambda d: _linear(model, d, cutoff)[1])
-        if search:
-            cutoff = _nearest_cutoff(model, delay)
-    solution, _ = _linear(model, delay, cutoff)
-    theta = np.zeros(layout.size)
-    theta[:3], theta[3:12], theta[12] = solution[0], solution[1:4].T.ravel(), delay
-    if model.ac:
-        theta[layout.decay] = solution[4]
-    theta[layout.cutoff] = cutoff
-    return theta
-
-
-def _columns(model: AccelerometerModel, cutoff: float) -> Array:
-    specific_force = model.specific_force(model.tool.vector, np.zeros(3))
-    columns = [np.ones(len(specific_force)), *model.high_passed(specific_force, cutoff).T]
-    if model.ac:
-        columns.append(fading(len(specific_force), model.motion.length, cutoff))
-    return np.stack(columns, axis=1)
-
-
-def _linear(model: AccelerometerModel, delay: float, cutoff: float) -> tuple[Array, float]:
-    """Solve for offset, map and decay; return them and the mean square residual."""
-    volts = model.volts(delay)
-    whole = model.use & np.isfinite(volts).all(1)
-    rows = _columns(model, cutoff)[whole]
-    solution = np.linalg.lstsq(rows, volts[whole], rcond=None)[0]
-    return solution, float(((volts[whole] - rows @ solution)**2).mean())
-
-
-def _nearest_cutoff(model: AccelerometerModel, delay: float) -> float:
-    """Search the corner over two decades, then closely."""
-    def misfit(logarithm: float) -> float:
-        return _linear(model, delay, float(np.exp(logarithm)))[1]
-
-    grid = np.log(DEFAULT_CUTOFF) + np.linspace(-2.3, 2.3, 13)
-    best = min(grid, key=misfit)
-    step = grid[1] - grid[0]
-    fit = minimize_scalar(misfit, bounds=(best - step, best + step), method='bounded',
-                          options={'xatol': 1e-4})
-    return float(np.exp(fit.x))
-
-
-def _require_span(model: AccelerometerModel, cutoff: float) -> None:
-    rows = _columns(model, cutoff)[model.use]
-    if len(rows) < 20 or np.linalg.svd(
-            rows / np.linalg.norm(rows, axis=0), compute_uv=False)[-1] < 1e-4:
-        raise UnobservableError(
-            "the accelerometer's map is not observable: gravity spans fewer than three "
-            'directions of ft_sensor in the poses and the motion between them; add a pose')
-
-
-def _noise_at_standstill(model: AccelerometerModel, residuals: Array) -> Autocovariance:
-    """Noise of the volts' blocks as the residuals at standstill show it."""
-    still = model.motion.still
-    return noise_of_windows([
-        np.where(model.use[still == i, None], residuals[still == i], np.nan)
-        for i in range(still.max() + 1)])
-
-
-def _result(model: AccelerometerModel, theta: Array, derivative: Array, weight: Array,
-            noise: Autocovariance) -> AccelerometerFit:
-    tool = model.tool
-    matrix = theta[3:12].reshape(3, 3)
-    X = weight @ model.derivatives(theta, tool.vector)
-    by_force = model.motion.force_noise.mapped(matrix / tool.mass)
-    meat = noise.covariance_of_sum(X) + by_force.covariance_of_sum(
-        X * model.moving[:, None, None])
-    inverse = np.linalg.inv(derivative)
-    by_tool = -inverse @ jacobian(lambda v: model.score(theta, v, weight), tool.vector,
-                                  np.array([1e-3] + [1e-2] * 3 + [1e-4] * 3))
-    layout = model.layout
-    # estimated, then the tool's own unknowns, so that position = lever + com carries both
-    n = layout.size
-    joint = np.zeros((n + 7, n + 7))
-    joint[:n, :n] = inverse @ meat @ inverse.T + by_tool @ tool.covariance @ by_tool.T
-    joint[:n, n:] = by_tool @ tool.covariance
-    joint[n:, :n] = joint[:n, n:].T
-    joint[n:, n:] = tool.covariance
-    pick = np.full((17, n + 7), np.nan)
-    pick[:12] = np.eye(12, n + 7)
-    if model.tells_delay:
-        pick[12] = np.eye(n + 7)[12]
-    if layout.cutoff.stop > layout.cutoff.start:
-        pick[13] = np.eye(n + 7)[layout.cutoff.start]
-    position = np.full(3, np.nan)
-    if model.place is not None:
-        position = model.place
-    elif model.lever:
-        position = theta[layout.lever] + tool.com
-        pick[14:] = np.eye(n + 7)[layout.lever] + np.eye(n + 7)[n + 4:]
-    cutoff = model.split(theta)[5] if model.ac else np.nan
+    corner = cutoff
+    if coupling == 'ac' and cutoff is None:
+        every = 2 + n // 1000
+        corner = float(min(CUTOFFS, key=lambda f: np.log(
+            fitted(0.0, None, every, f).scale).sum()))
+    delay, fit = nearest_delay(largest_delay, blocks, lambda d, theta, every: fitted(
+        d, theta, every, corner))
+    theta = fit.theta
+    for _ in range(ITERATIONS):
+        fit = fitted(delay, theta, 1, corner)
+        delay = float(np.clip(delay + fit.theta[15], -largest_delay, largest_delay))
+        if coupling == 'ac' and cutoff is None and corner is not None:
+            corner *= float(np.exp(np.clip(fit.theta[19], -1.0, 1.0)))
+        theta = fit.theta
+    pick = [9, 10, 11, *range(9), 15, 19, 12, 13, 14]
+    C = fit.covariance[np.ix_(pick, pick)].copy()
+    if corner is not None:
+        C[13], C[:, 13] = C[13] * corner, C[:, 13] * corner
+    shown = _highpassed(plain + lever @ theta[12:15], step, corner)
+    explained = shown @ theta[:9].reshape(3, 3).T
+    if corner is not None:
+        explained = explained + np.outer(fading(len(shown), step, corner), theta[16:19])
+    noise = noise_at_rest(readings.interpolated(blocks.starts + delay, step) - explained, blocks)
     return AccelerometerFit(
-        theta[:3], matrix, float(theta[12]) if model.tells_delay else np.nan, cutoff,
-        position, pick @ joint @ pick.T, noise, *_static_misfit(model, theta, noise),
-        _residuals(model, theta, weight, noise))
+        theta[9:12], theta[:9].reshape(3, 3), delay, np.nan if corner is None else corner,
+        theta[12:15] + known, C, fit.residual.reshape(-1, 3), blocks, noise)
 
 
-def _residuals(model: AccelerometerModel, theta: Array, weight: Array, noise: Autocovariance
-               ) -> Residuals:
-    values = model.residuals(theta, model.tool.vector)
-    variance = np.diagonal(np.linalg.inv(weight), axis1=1, axis2=2)
-    sigma = np.sqrt(variance)
-    inflation = noise.inflation.clip(min=float(model.motion.force_noise.inflation.max()))
-    times = np.arange(len(values), dtype=np.float64) * model.motion.length
-    return Residuals(times, values, np.broadcast_to(sigma, values.shape), inflation,
-                     model.use)
+def _highpassed(felt: Array, step: float, corner: float | None) -> Array:
+    """Output of the high-pass, starting from state 0; the input for a sensor that shows DC."""
+    return felt if corner is None else np.asarray(felt - lowpassed(felt, step, corner))
 
 
-def _static_misfit(model: AccelerometerModel, theta: Array, noise: Autocovariance
-                   ) -> tuple[float, int, float]:
-    """Chi-square of the static poses' mean residuals, how many numbers it sums, the largest."""
-    residuals, still = model.residuals(theta, model.tool.vector), model.motion.still
-    precision = np.linalg.inv(noise.at_least_white)
-    total, means = 0.0, []
-    for i in range(still.max() + 1):
-        rows = residuals[model.use & (still == i)]
-        if len(rows):
-            mean = rows.mean(axis=0)
-            means.append(mean)
-            total += float(mean @ precision @ mean) * len(rows)
-    return total, 3 * len(means), float(np.abs(means).max())
+def _by_corner(felt: Array, step: float, corner: float, M: Array, state: Array) -> Array:
+    """Differentiate what is shown by the logarithm of the corner, (n, 3)."""
+    more, less = (_highpassed(felt, step, f) @ M.T + np.outer(fading(len(felt), step, f), state)
+                  for f in (1.001 * corner, corner / 1.001))
+    return np.asarray((more - less) / (2 * np.log(1.001)))
 
 
 def identify_static_accelerometer(
@@ -290,5 +209,76 @@ def identify_static_accelerometer(
     full = np.full((17, 17), np.nan)
     full[:12, :12] = covariance[order[0][:, None], order[1][:, None], order[0], order[1]]
     nan = float('nan')
-    return AccelerometerFit(solution[0], solution[1:].T, nan, nan, np.full(3, nan), full, None,
-                            nan, 3 * n - 12, float(np.abs(residuals).max()))
+    return AccelerometerFit(solution[0], solution[1:].T, nan, nan, np.full(3, nan), full)
+
+
+def lowpassed(f: Array, length: float, cutoff: float) -> Array:
+    """
+    Block means of what a first-order high-pass takes off, starting from state 0.
+
+    The output of the high-pass is f minus this, but for its unknown initial state w0, which adds
+    ``w0 * fading(...)``; within a block f is taken as constant.
+
+    Parameters
+    ----------
+    f : ndarray, shape (n, ...)
+        Block means of consecutive blocks.
+    length : float
+        Of the blocks [s].
+    cutoff : float
+        Corner [Hz].
+
+    Returns
+    -------
+    ndarray, shape (n, ...)
+    """
+    from scipy.signal import lfilter  # takes a second, which a node does not start with
+
+    x = 2 * np.pi * cutoff * length
+    keep = np.exp(-x)
+    at_start = lfilter([0.0, 1 - keep], [1.0, -keep], f, axis=0)
+    return np.asarray(f + (at_start - f) * (1 - keep) / x)
+
+
+def fading(n: int, length: float, cutoff: float) -> Array:
+    """
+    Block means of exp(-2 pi cutoff t), t from the start of the first block.
+
+    Parameters
+    ----------
+    length, cutoff : float
+        [s], [Hz]
+
+    Returns
+    -------
+    ndarray, shape (n,)
+    """
+    x = 2 * np.pi * cutoff * length
+    return np.asarray(np.exp(-x * np.arange(n)) * (1 - np.exp(-x)) / x)
+
+
+def without_fading(stream: Stream, poses: list[StaticPose], cutoff: float) -> Stream:
+    """
+    Take off what fades in each static pose, once it is fitted as a * exp(-2 pi cutoff t).
+
+    Parameters
+    ----------
+    stream : Stream
+        Behind the high-pass.
+    cutoff : float
+        Corner [Hz].
+
+    Returns
+    -------
+    Stream
+        The same outside the poses.
+    """
+    values = stream.values.copy()
+    for pose in poses:
+        i, j = np.searchsorted(stream.t, [pose.start, pose.end])
+        shape = np.exp(-2 * np.pi * cutoff * (stream.t[i:j] - pose.start))
+        x = np.column_stack([shape, np.ones_like(shape)])
+        good = np.isfinite(values[i:j]).all(axis=1)
+        size = np.linalg.lstsq(x[good], values[i:j][good], rcond=None)[0][0]
+        values[i:j] -= np.outer(shape, size)
+    return replace(stream, values=values)

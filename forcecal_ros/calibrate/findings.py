@@ -11,8 +11,8 @@ gravity, or a force that never changes: they look like another mass and another 
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from forcecal_ros.calibrate.joint import Blocks, INFLATION, row_noise, THINNING
 from forcecal_ros.calibrate.means import DRIFT, drift, restless
-from forcecal_ros.calibrate.moving_tool import inertia_regressor, unexplained_torque
 from forcecal_ros.calibrate.rejection import pose_errors, rejected, what_changed
 from forcecal_ros.calibrate.residuals import (
     FARTHEST,
@@ -24,7 +24,6 @@ from forcecal_ros.calibrate.residuals import (
 from forcecal_ros.calibrate.result import Stages
 from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.core.geometry import Array, rotation_vector
-from forcecal_ros.core.noise.autocovariance import noise_of_windows
 from forcecal_ros.core.streams import CHANNELS, Recording
 import numpy as np
 from scipy.special import chdtrc
@@ -45,24 +44,25 @@ _RESTLESS = 5.0
 """So many times as much as in the others a signal moves in a pose where something changed; in
 sound runs 2.2 times at most, behind a high-pass that settles, where jumps hid 10 and more."""
 
-_MISSING = 0.005
-"""Share of missing blocks that an AC-coupled accelerometer's model bears."""
-
-_COARSE = 2.5
-"""Blocks this many times as long as asked for are too long for that model."""
-
 _SMALL = 1e-4
 """Residuals below this share of the tool's weight or of gravity are not worth a warning."""
 
 _ASTRAY = 3e-3
 """Commanded and measured orientation may differ by this much from pose to pose [rad]."""
 
-_TURNS_SLOWLY = 0.01
-"""Angular speed below which inertia does not show [rad/s]."""
+_FOREIGN = 0.1
+"""Share of the variation of the weight that a free tool leaves at most: axes that are rotated by
+6 deg leave as much."""
 
 _RESOLVED = 5
 """Blocks that a derivative of the pose reaches over: where commands were held back for a moment
 the turning is abrupter than it can show, within fewer."""
+
+
+NO_ACCELEROMETER = (
+    'accelerometer: not identified, gravity spans fewer than three directions of ft_sensor in the '
+    'poses and the motion between them; add a pose, or rotate further about two horizontal axes')
+"""Why readings of an accelerometer are not used, and what would help."""
 
 
 class Finding(NamedTuple):
@@ -93,7 +93,7 @@ def findings(stages: Stages, settings: IdentificationSettings) -> Iterator[Findi
     yield from torque_departs(stages, settings)
     yield from accelerometer_disagrees(stages, settings)
     yield from accelerometer_departs(stages, settings)
-    yield from gaps_behind_highpass(stages, settings)
+    yield from motion_departs(stages)
     yield from ringing_departs(stages)
     yield from delays_too_long(stages, settings)
     yield from pose_astray(stages.recording, stages)
@@ -146,53 +146,31 @@ def samples_disagree(stages: Stages, settings: IdentificationSettings) -> Iterat
                       ALL)
 
 
-def torque_residuals(stages: Stages) -> Residuals | None:
-    """Torques that neither force nor turning explains, where free or still; None: unknown."""
-    if stages.motion is None:
-        return None
-    gridded, slide, angular = stages.motion
-    tool, grid = stages.tool, gridded.grid
-    theta = np.concatenate([[tool.mass], tool.force_bias, tool.com, tool.torque_bias])
-    values = unexplained_torque(gridded.wrench, slide, theta)
-    use = (grid.free | (grid.still >= 0)) & np.isfinite(values).all(axis=1)
-    use &= np.isfinite(angular.alpha).all(axis=1)
-    if stages.inertia is None:
-        use &= np.linalg.norm(angular.omega, axis=1) < _TURNS_SLOWLY
-    else:
-        values = values + inertia_regressor(angular.omega, angular.alpha) @ stages.inertia.elements
-    noise = noise_of_windows([values[grid.still == i] for i in range(grid.still.max() + 1)])
-    moment = 0.0 if stages.inertia is None else np.linalg.norm(
-        inertia_regressor(np.zeros((3, 3)), np.eye(3)) @ stages.inertia.elements, axis=1).max()
-    sigma = np.broadcast_to(np.sqrt(np.diag(noise.covariance)), values.shape)
-    off = np.hypot(moment * gridded.alpha_error[:, None],
-                   _torque_error(gridded.wrench, slide, theta, tool.covariance))
-    return Residuals(grid.starts + grid.length / 2, values, sigma, noise.inflation, use, off)
-
-
-def _torque_error(wrench: Array, slide: Array, theta: Array, covariance: Array) -> Array:
-    """Return the standard error (n, 3) of what a tool explains of the torque [N m]."""
-    size = np.sqrt(np.diag(covariance))
-    columns = [unexplained_torque(wrench, slide, theta + step)
-               - unexplained_torque(wrench, slide, theta) for step in np.diag(size)]
-    scaled = covariance / np.outer(np.maximum(size, 1e-300), np.maximum(size, 1e-300))
-    variance = np.einsum('ink,jnk,ij->nk', columns, columns, scaled)
-    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+def residuals_of(values: Array, blocks: Blocks, noise: Array) -> Residuals:
+    """Return residuals (m, k) of rows; in motion their noise is what half of them show."""
+    moving, sigma = blocks.groups == 1, np.tile(noise, (len(values), 1))
+    if moving.any():
+        scatter = np.median(np.abs(values[moving]), axis=0) / 0.6745
+        sigma[moving] = np.maximum(sigma[moving], scatter)
+    return Residuals(blocks.times, values, sigma, np.full(values.shape[1], INFLATION),
+                     np.ones(len(values), dtype=bool))
 
 
 def torque_departs(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
     """Look for torques in motion and at rest that one tool does not explain."""
-    residuals = torque_residuals(stages)
-    if residuals is None or stages.motion is None:
+    fit = stages.joint
+    if fit is None or fit.noise is None:
         return
-    turns = np.linalg.norm(stages.motion.angular.omega, axis=1) > _TURNS_SLOWLY
+    residuals = residuals_of(fit.residual[:, 3:], fit.blocks, row_noise(fit.noise)[3:])
+    moves = fit.blocks.groups == 1
     by_motion = stages.tool.condition > settings.thresholds.condition
     small = _SMALL * stages.tool.mass * settings.gravity * np.linalg.norm(stages.tool.com)
     said = False
     for where, part, shortest, suspect in (
-            ('at rest', ~turns, 1, ALL),
-            ('in motion', turns, _RESOLVED, ALL if by_motion else MOTION),
-            ('on the whole', np.ones_like(turns), _RESOLVED, ALL)):
-        found = largest_deviation(residuals._replace(use=residuals.use & part), shortest)
+            ('at rest', ~moves, 1, ALL),
+            ('in motion', moves, _RESOLVED, ALL if by_motion else MOTION),
+            ('on the whole', np.ones_like(moves), _RESOLVED, ALL)):
+        found = largest_deviation(residuals._replace(use=part), shortest)
         if found.is_chance or abs(found.size) <= small or (
                 said and where == 'on the whole'):
             continue
@@ -204,17 +182,41 @@ def torque_departs(stages: Stages, settings: IdentificationSettings) -> Iterator
             'again, compare the stamps of pose and wrench', suspect)
 
 
+def motion_departs(stages: Stages) -> Iterator[Finding]:
+    """Look for forces in motion that are not those of a rigid tool."""
+    fit = stages.joint
+    if fit is None or fit.noise is None or not (fit.blocks.groups == 1).any():
+        return
+    noise = float(np.sqrt((row_noise(fit.noise)[:3]**2).mean()))
+    if fit.unexplained > _FOREIGN and fit.scale[0] > _RESTLESS * noise:
+        yield Finding(
+            f'in motion, forces differ from those of a rigid tool by {fit.scale[0]:.2g} N RMS, '
+            f'{fit.unexplained:.0%} of the variation of its weight: something touches the tool; '
+            'move it with nothing that touches it', MOTION)
+
+
 def accelerometer_disagrees(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
     """Compare the accelerometer with gravity in the static poses."""
     fit = stages.accelerometer
-    if fit is None or not np.isfinite(fit.chi_square):
+    if fit is None and stages.joint is not None and stages.recording.accelerometer is not None:
+        yield Finding(NO_ACCELEROMETER)
+    if fit is None or fit.residual is None or fit.blocks is None or fit.noise is None:
         return
-    probability = float(chdtrc(max(fit.degrees, 1), fit.chi_square))
-    if probability < settings.thresholds.probability and fit.misfit > _small_volts(
+    at = fit.blocks.pose
+    parts = [fit.residual[at == i] for i in range(at.max(initial=-1) + 1) if (at == i).any()]
+    if not parts:
+        return
+    precision = np.linalg.inv(fit.noise.at_least_white) * THINNING
+    means = np.array([part.mean(axis=0) for part in parts])
+    chi_square = float(sum(len(part) * mean @ precision @ mean
+                           for part, mean in zip(parts, means)))
+    misfit, degrees = float(np.abs(means).max()), 3 * len(parts)
+    probability = float(chdtrc(degrees, chi_square))
+    if probability < settings.thresholds.probability and misfit > _small_volts(
             fit.matrix, settings):
         yield Finding(
             f'the accelerometer does not follow gravity in the static poses (chi-square '
-            f'{fit.chi_square:.3g} for {fit.degrees} readings, up to {fit.misfit:.2g} '
+            f'{chi_square:.3g} for {degrees} readings, up to {misfit:.2g} '
             f'{stages.recording.accelerometer_unit}); {_mend_accelerometer(stages, settings)}',
             ACCELEROMETER)
 
@@ -234,38 +236,18 @@ def _small_volts(matrix: Array, settings: IdentificationSettings) -> float:
 
 
 def accelerometer_departs(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
-    """Look for readings of the accelerometer that the force does not explain."""
+    """Look for readings of the accelerometer that the motion does not explain."""
     fit = stages.accelerometer
-    if fit is None or fit.residuals is None or stages.motion is None:
+    if fit is None or fit.residual is None or fit.blocks is None or fit.noise is None:
         return
-    lever = np.linalg.norm(np.nan_to_num(fit.position))
-    off = np.abs(fit.matrix).max(axis=1) * lever * stages.motion.gridded.alpha_error[:, None]
-    found = largest_deviation(fit.residuals._replace(
-        model_error=np.broadcast_to(off, fit.residuals.values.shape)))
+    found = largest_deviation(
+        residuals_of(fit.residual, fit.blocks, row_noise(fit.noise)), _RESOLVED)
     if not found.is_chance and abs(found.size) > _small_volts(fit.matrix, settings):
-        grid = stages.motion.gridded.grid
         yield Finding(
             f'accelerometer {"xyz"[found.channel]} is off by {found.size:+.2g} '
             f'{stages.recording.accelerometer_unit} ({found.sigmas:.0f} standard errors) about '
-            f'{grid.starts[0] + found.time:.2f} s; look what touches the tool then. Nothing: '
+            f'{found.time:.2f} s; look what touches the tool then. Nothing: '
             f'{_mend_accelerometer(stages, settings)}', MOTION)
-
-
-def gaps_behind_highpass(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
-    """Look for pauses that a high-pass, which remembers all that was, does not see through."""
-    if settings.coupling != 'ac' or stages.accelerometer is None or stages.motion is None:
-        return
-    gridded = stages.motion.gridded
-    missing = gridded.untouched & ~np.isfinite(gridded.wrench).all(axis=1)
-    wanted = int((gridded.untouched | (gridded.grid.still >= 0)).sum())
-    share = int(missing.sum()) / max(1, wanted)
-    if share > _MISSING:
-        yield Finding(f'wrench pauses for {share:.1%} of the motion, which an AC-coupled '
-                      'accelerometer remembers; record it without gaps', ACCELEROMETER)
-    elif gridded.grid.length > _COARSE * settings.block:
-        yield Finding(f'a sensor is so slow that readings are averaged over '
-                      f'{gridded.grid.length:.2g} s, too long for an AC-coupled accelerometer; '
-                      'record it faster', ACCELEROMETER)
 
 
 def ringing_departs(stages: Stages) -> Iterator[Finding]:

@@ -1,28 +1,44 @@
-"""Tool, biases, accelerometer and delays from any motion, by one robust fit each."""
+"""
+Tool, accelerometer and delays from any motion, by one robust fit each.
 
-from collections.abc import Callable
+Wrench and regressor pass the same low-pass, so that what a derivative of the pose adds to the
+noise is small where the motion is. Rows at rest and rows in motion have a scale each: a hand that
+guides the tool spoils the motion alone.
+"""
+
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from forcecal_ros.core.errors import below, DataError, UnobservableError
 from forcecal_ros.core.estimation import robust_fit, RobustFit
 from forcecal_ros.core.geometry import Array, skew
-from forcecal_ros.core.rigid_body import block_means, body_motion, INERTIAL, regressor, sliding
-from forcecal_ros.core.streams import PoseStream, Stream
+from forcecal_ros.core.noise.autocovariance import Autocovariance, noise_of_windows, SHORTEST
+from forcecal_ros.core.rigid_body import body_motion, BodyMotion, INERTIAL, regressor, sliding
+from forcecal_ros.core.streams import Phase, PoseStream, Stream
+from forcecal_ros.core.time_grid import Averager, labelled
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
+from numpy.typing import NDArray
+from scipy.ndimage import binary_erosion, gaussian_filter1d
 
 STEP_S, LOWPASS_S = 0.01, 0.03
 """Grid, and standard deviation of the low-pass that wrench and regressor pass [s]."""
 
-ROWS = slice(16, -16, 3)
-"""Rows that are fitted: without the low-pass's ends, one a `LOWPASS_S`, as 0.7 % of what it leaves
-is above half their rate."""
+LOWPASS = LOWPASS_S / STEP_S
+"""The same in steps: slower recordings are smoothed over as many samples."""
+
+REACH = 16
+"""Steps that the low-pass and derivatives of the pose reach to either side."""
+
+THINNING = 3
+"""Every third row is fitted, one a `LOWPASS_S`: of what the low-pass leaves 0.7 % is above half
+their rate."""
 
 MAX_COARSE_ROWS = 1000
 """Rows at most by which the nearest of the delays that are tried first is found."""
 
 MIN_OVERLAP_S = 5.0
-"""Least time in which wrench and pose overlap [s]: blocks for standard errors are then 0.1 s."""
+"""Least time in which a stream without rests overlaps the pose [s]: blocks for standard errors are
+then 0.1 s."""
 
 MIN_GRAVITY_SPREAD = 0.02
 """Least RMS variation of g - a in a second direction of ft_sensor, of gravity: 1.1
@@ -35,10 +51,116 @@ MAX_UNEXPLAINED = 0.25
 MIN_MASS_SIGMA = 5.0
 """Standard errors by which a mass must differ from zero."""
 
+INFLATION = 2 * np.sqrt(np.pi) * LOWPASS / THINNING
+"""Variance of the mean of n low-passed rows of white noise, times n, over that of one."""
 
-ACCELEROMETER_ITERATIONS = 6
-"""Steps of the fit of map, place and delay, each linear in the others: the second is exact to
-1e-3 of a standard error."""
+ITERATIONS = 6
+"""Steps of fits that are linear in all but delay and place: the third is exact to 1e-3 of a
+standard error."""
+
+
+class Blocks(NamedTuple):
+    """
+    Motion of ft_sensor in blocks of equal length, and which of them are fitted.
+
+    Attributes
+    ----------
+    starts : ndarray, shape (n,)
+        [s]
+    length : float
+        [s]
+    motion : BodyMotion
+        Of the tool's origin, its displacement included.
+    displacement : ndarray, shape (n,), or None
+        Of the tool along x [m].
+    still : ndarray of int, shape (n,)
+        Which static pose a block lies in; -1 for none.
+    rows : ndarray of int, shape (m,)
+        Blocks that are fitted.
+    pose : ndarray of int, shape (m,)
+        Which static pose a row lies in with all that the low-pass takes in; -1 for none.
+    gravity : float
+        Magnitude [m/s^2].
+    """
+
+    starts: Array
+    length: float
+    motion: BodyMotion
+    displacement: Array | None
+    still: NDArray[np.intp]
+    rows: NDArray[np.intp]
+    pose: NDArray[np.intp]
+    gravity: float
+
+    @property
+    def groups(self) -> NDArray[np.intp]:
+        """Of the rows: 0 at rest, 1 in motion."""
+        return (self.pose < 0).astype(np.intp)
+
+    @property
+    def times(self) -> Array:
+        """Of the rows, in the middle of their blocks [s]."""
+        return np.asarray(self.starts[self.rows] + self.length / 2)
+
+    @property
+    def lever(self) -> Array:
+        """Acceleration of a place by the place, low-passed, (n, 3, 3) [1/s^2]."""
+        W = skew(self.motion.omega)
+        return smooth(skew(self.motion.alpha) + W @ W)
+
+
+def row_noise(noise: Autocovariance) -> Array:
+    """Return the standard deviation of low-passed rows (k,) from the noise of blocks."""
+    return np.asarray(np.sqrt(
+        np.diag(noise.at_least_white) / (2 * np.sqrt(np.pi) * LOWPASS)))
+
+
+def smooth(values: Array) -> Array:
+    """Low-pass consecutive blocks (n, ...)."""
+    return np.asarray(gaussian_filter1d(values, LOWPASS, axis=0))
+
+
+def blocks_of(stream: Stream, pose: PoseStream, gravity: Array, largest_delay: float = 0.05,
+              optidrive: Stream | None = None, windows: Sequence[tuple[float, float]] = (),
+              phases: tuple[Phase, ...] = ()) -> Blocks:
+    """
+    Lay blocks over the time in which a stream overlaps the pose.
+
+    Parameters
+    ----------
+    gravity : ndarray, shape (3,)
+        In base [m/s^2].
+    largest_delay : float
+        Of the stream, either way [s].
+    optidrive : Stream or None
+        Displacement of the tool along x [m].
+    windows : sequence of tuple of float
+        Start and end of each static pose [s].
+    phases : tuple of Phase
+        Of a sequencer: blocks in which the tool may touch something are not fitted.
+    """
+    periods = [float(np.median(np.diff(one.t))) for one in (pose, stream)]
+    step = max(STEP_S, *periods)
+    first, last = max(stream.t[0], pose.t[0]), min(stream.t[-1], pose.t[-1])
+    starts = np.arange(first + largest_delay, last - largest_delay - step, step)
+    if len(starts) <= 4:
+        starts = np.empty(0)
+    motion, slide = body_motion(pose, starts, step, gravity), None
+    if optidrive is not None and len(optidrive) > 1 and len(starts):
+        slide = Averager(optidrive.t, optidrive.values).interpolated(starts, step)[:, 0]
+        motion = sliding(motion, slide, step)
+    still, free = labelled(starts, step, list(windows), phases)
+    whole = free | (still >= 0)
+    for one, period, late in ((pose, periods[0], 0.0), (stream, periods[1], largest_delay)):
+        # straight lines do for gaps that are shorter than the low-pass
+        wide = np.flatnonzero(np.diff(one.t) > max(2.5 * period, LOWPASS * step))
+        for begin, end in zip(one.t[wide], one.t[wide + 1]):
+            whole &= (starts + step <= begin - late) | (starts >= end + late)
+    rows = np.flatnonzero(binary_erosion(whole, iterations=REACH))[::THINNING]
+    rests = binary_erosion(still >= 0, iterations=int(3 * LOWPASS))
+    pose_of = np.where(rests, still, -1)[rows]
+    return Blocks(starts, step, motion, slide, still, rows, pose_of,
+                  float(np.linalg.norm(gravity)))
 
 
 class JointFit(NamedTuple):
@@ -47,195 +169,173 @@ class JointFit(NamedTuple):
 
     Attributes
     ----------
-    theta, std : ndarray, shape (16,)
+    theta, covariance : ndarray, shape (18,), (18, 18)
         Mass [kg], first moments [kg m], inertia about the sensor (xx, yy, zz, xy, xz, yz)
-        [kg m^2], biases [N, N m]. Without positions the inertia is 0 and its error infinite.
-    com, com_std : ndarray, shape (3,)
-        [m]
-    delay, delay_std : float
-        By which the wrench is late [s].
+        [kg m^2], biases [N, N m], delay of the wrench after the pose [s], and square of the mass
+        over a stiffness that nothing measures, or 0 [kg^2 m/N].
     spread : ndarray, shape (3,)
         RMS variation of g - a along its principal directions, of gravity.
     unexplained : float
         Residual force over the variation of the explained force.
+    residual : ndarray, shape (m, 6)
+        Of the rows of `blocks` [N, N m].
+    scale : ndarray, shape (2,)
+        Of residual forces [N] and torques [N m], in motion where there is motion.
+    noise : Autocovariance or None
+        Of blocks at rest; None where the robot never rests.
     """
 
     theta: Array
-    std: Array
-    com: Array
-    com_std: Array
-    delay: float
-    delay_std: float
+    covariance: Array
     spread: Array
     unexplained: float
-    fit: RobustFit
+    residual: Array
+    scale: Array
+    blocks: Blocks
+    noise: Autocovariance | None
+
+    @property
+    def std(self) -> Array:
+        """Standard errors, shape (18,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def com(self) -> Array:
+        """Centre of mass, shape (3,) [m]."""
+        return np.asarray(self.theta[1:4] / self.theta[0])
+
+    @property
+    def com_std(self) -> Array:
+        """Its standard errors, shape (3,) [m]."""
+        J = np.column_stack([-self.com, np.eye(3)]) / self.theta[0]
+        return np.asarray(np.sqrt(np.diag(J @ self.covariance[:4, :4] @ J.T)))
+
+    @property
+    def delay(self) -> float:
+        """By which the wrench is late after the pose [s]."""
+        return float(self.theta[16])
+
+    @property
+    def delay_std(self) -> float:
+        """Its standard error [s]."""
+        return float(self.std[16])
 
 
-def joint_fit(wrench: Stream, pose: PoseStream, gravity: Array, largest_delay: float = 0.05,
-              optidrive: Stream | None = None) -> JointFit:
+def joint_fit(wrench: Stream, blocks: Blocks, has_position: bool, largest_delay: float = 0.05,
+              sag: bool = False) -> JointFit:
     """
     Fit a rigid tool to wrench and pose, moving or at rest.
 
     Parameters
     ----------
-    pose : PoseStream
-        Without positions, accelerations of the sensor are taken as 0 and inertia is not fitted.
-    gravity : ndarray, shape (3,)
-        In base [m/s^2].
+    blocks : Blocks
+        Of wrench and pose.
+    has_position : bool
+        Where the pose has none, accelerations of the sensor are taken as 0 and inertia is not
+        fitted.
     largest_delay : float
         Delays up to this are looked for [s].
-    optidrive : Stream or None
-        Displacement of the tool along x [m].
-
-    Raises
-    ------
-    UnobservableError
-        The recording is too short, or its motion does not determine the tool.
-    DataError
-        Pose and wrench are too far apart in time, or a rigid tool does not explain the wrench.
+    sag : bool
+        Whether the tool is displaced along x by its weight, with nothing that measures it.
     """
-    starts, step = _grid('wrench', wrench, pose, largest_delay)
-    motion, slide = body_motion(pose, starts, step, gravity), None
-    if optidrive is not None and len(optidrive) > 1:
-        slide = block_means(optidrive.t, optidrive.values, starts, step)[:, 0]
-        motion = sliding(motion, slide, step)
-    spread = _require_rotation(_smooth(motion.apparent_gravity)[ROWS] / np.linalg.norm(gravity))
-    X = _smooth(regressor(motion, slide))
-    if not pose.has_position:
+    rows, step = blocks.rows, blocks.length
+    X = smooth(regressor(blocks.motion, blocks.displacement))
+    if not has_position:
         X[:, :, 4:] = 0.0
-    rates = -np.gradient(X, step, axis=0)[ROWS]
-    X = X[ROWS]
-    bias = np.broadcast_to(np.eye(6), (len(X), 6, 6))
+    rates = -np.gradient(X, step, axis=0)[rows]
+    whole, bias = X, np.broadcast_to(np.eye(6), (len(rows), 6, 6))
+    X = X[rows]
+    prior = np.zeros(18)
+    prior[16] = largest_delay**-2
+    readings, compliance = Averager(wrench.t, wrench.values), np.zeros((len(X), 6, 1))
+    if sag:
+        u = smooth(blocks.motion.apparent_gravity)[rows]
+        compliance[:, 3:, 0] = u[:, :1] * np.cross([1.0, 0.0, 0.0], u)
 
     def fitted(delay: float, theta: Array | None, every: int = 1) -> RobustFit:
-        y = _smooth(block_means(wrench.t, wrench.values, starts + delay, step))[ROWS]
-        columns = [X, bias]
-        if theta is not None:
-            columns.append((rates @ theta[:INERTIAL])[:, :, None])
-        return robust_fit(np.concatenate(columns, axis=2)[::every], y[::every],
-                          tolerance=1e-5 if every == 1 else 1e-2)
+        y = smooth(readings.interpolated(blocks.starts + delay, step))[rows]
+        rate = np.zeros((len(X), 6, 1)) if theta is None else (
+            rates @ theta[:INERTIAL])[:, :, None]
+        columns = np.concatenate([X, bias, rate, compliance], axis=2)[::every]
+        return robust_fit(columns, y[::every], prior,
+                          tolerance=1e-5 if every == 1 else 1e-2, groups=blocks.groups[::every])
 
-    delay, fit = _nearest_delay(largest_delay, len(X), fitted)
-    for _ in range(4):
+    delay, fit = nearest_delay(largest_delay, blocks, fitted)
+    for _ in range(ITERATIONS):
         fit = fitted(delay, fit.theta)
         change = float(fit.theta[16])
         delay = float(np.clip(delay + change, -largest_delay, largest_delay))
         if abs(change) < 1e-6:
             break
-    theta, std, C = fit.theta[:16], fit.std[:16], fit.covariance
-    if not pose.has_position:
-        std[4:INERTIAL] = np.inf
-    most = MAX_UNEXPLAINED if pose.has_position else 1.0
-    unexplained = _require_tool(theta, std, fit, X @ theta[:INERTIAL], most)
-    if abs(delay) >= 0.95 * largest_delay:
-        raise DataError(
-            f'pose and wrench fit best {1e3 * abs(delay):.3g} ms apart, the limit of what is '
-            f'looked for ({1e3 * largest_delay:.3g} ms), so that their stamps are of different '
-            'clocks; stamp both by one clock')
-    com = theta[1:4] / theta[0]
-    J = np.column_stack([-com, np.eye(3)]) / theta[0]
-    com_std = np.sqrt(np.diag(J @ C[:4, :4] @ J.T))
-    return JointFit(theta, std, com, com_std, delay, float(fit.std[16]), spread, unexplained,
-                    fit)
+    theta = np.array([*fit.theta[:16], delay, fit.theta[17]])
+    C = fit.covariance.copy()
+    if not has_position:
+        C[range(4, INERTIAL), range(4, INERTIAL)] = np.inf
+    explained = (X @ theta[:INERTIAL])[:, :3]
+    varies = float(np.sqrt(explained.var(axis=0).mean()))
+    shown = smooth(blocks.motion.apparent_gravity)[rows] / blocks.gravity
+    spread = np.linalg.svd(shown - shown.mean(axis=0), compute_uv=False) / np.sqrt(len(shown))
+    return JointFit(theta, C, spread, float(fit.scale[-1, 0]) / max(varies, 1e-12),
+                    fit.residual.reshape(-1, 6), fit.scale[-1], blocks, noise_at_rest(
+                        readings.interpolated(blocks.starts + delay, step)
+                        - whole @ theta[:INERTIAL], blocks))
 
 
-class AccelerometerFit(NamedTuple):
+def noise_at_rest(residual: Array, blocks: Blocks) -> Autocovariance | None:
     """
-    Accelerometer of one recording, reading = offset + matrix (a - g) at its place.
-
-    Attributes
-    ----------
-    theta, covariance : ndarray, shape (16,), (16, 16)
-        Matrix (9, row by row) [unit/(m/s^2)], offset (3) [unit], place in ft_sensor (3) [m], and
-        by how much it is late after the pose [s].
-    """
-
-    theta: Array
-    covariance: Array
-
-
-def accelerometer_fit(stream: Stream, pose: PoseStream, gravity: Array,
-                      largest_delay: float = 0.05, optidrive: Stream | None = None
-                      ) -> AccelerometerFit:
-    """
-    Fit an accelerometer to the motion of the pose.
+    Measure the noise of blocks at rest, but for a constant in each static pose.
 
     Parameters
     ----------
-    stream : Stream
-        Readings, shape (n, 3).
-    pose, gravity, largest_delay, optidrive
-        As for :func:`joint_fit`; the pose has positions.
+    residual : ndarray, shape (n, k)
+        Readings of all blocks less what the motion explains.
+    """
+    windows = [residual[blocks.still == i] for i in range(blocks.still.max(initial=-1) + 1)]
+    windows = [window for window in windows if len(window) >= SHORTEST]
+    return noise_of_windows(windows) if windows else None
+
+
+def nearest_delay(largest: float, blocks: Blocks, fitted: Callable[..., RobustFit]
+                  ) -> tuple[float, RobustFit]:
+    """Try eleven delays on a few of the rows; return the best with its fit."""
+    every = 2 + len(blocks.rows) // MAX_COARSE_ROWS
+    share = np.bincount(blocks.groups[::every], minlength=1)
+    share = share[share > 0]
+    coarse = np.linspace(-largest, largest, 11)
+    tried = [fitted(delay, None, every) for delay in coarse]
+    best = int(np.argmin([share @ np.log(one.scale).sum(axis=1) for one in tried]))
+    return float(coarse[best]), tried[best]
+
+
+def require_overlap(wrench: Stream, pose: PoseStream) -> None:
+    """
+    Refuse a recording without rests that is too short.
 
     Raises
     ------
     UnobservableError
-        The recording is too short.
     """
-    starts, step = _grid('accelerometer', stream, pose, largest_delay)
-    motion = body_motion(pose, starts, step, gravity)
-    if optidrive is not None and len(optidrive) > 1:
-        motion = sliding(
-            motion, block_means(optidrive.t, optidrive.values, starts, step)[:, 0], step)
-    W = skew(motion.omega)
-    lever = _smooth(skew(motion.alpha) + W @ W)
-    force = -_smooth(motion.apparent_gravity)
-    n, eye = len(force[ROWS]), np.eye(3)
-
-    def fitted(delay: float, theta: Array | None, every: int = 1) -> RobustFit:
-        y = _smooth(block_means(stream.t, stream.values, starts + delay, step))[ROWS]
-        place = np.zeros(3) if theta is None else theta[12:15]
-        at_place = force + lever @ place
-        columns = [np.einsum('ij,nk->nijk', eye, at_place[ROWS]).reshape(n, 3, 9),
-                   np.broadcast_to(eye, (n, 3, 3))]
-        if theta is not None:
-            matrix = theta[:9].reshape(3, 3)
-            columns += [matrix @ lever[ROWS],
-                        -(np.gradient(at_place, step, axis=0)[ROWS] @ matrix.T)[:, :, None]]
-            y = y + lever[ROWS] @ place @ matrix.T
-        return robust_fit(np.concatenate(columns, axis=2)[::every], y[::every],
-                          tolerance=1e-5 if every == 1 else 1e-2)
-
-    delay, fit = _nearest_delay(largest_delay, n, fitted)
-    theta = np.concatenate([fit.theta, np.zeros(3)])
-    for _ in range(ACCELEROMETER_ITERATIONS):
-        fit = fitted(delay, theta)
-        delay = float(np.clip(delay + fit.theta[15], -largest_delay, largest_delay))
-        theta = fit.theta[:15]
-    return AccelerometerFit(np.append(theta, delay), fit.covariance)
-
-
-def _grid(role: str, stream: Stream, pose: PoseStream, largest_delay: float
-          ) -> tuple[Array, float]:
-    """Return starts and length of blocks [s] in which a stream overlaps the pose."""
-    step = max(STEP_S, float(np.median(np.diff(pose.t))), float(np.median(np.diff(stream.t))))
-    first, last = max(stream.t[0], pose.t[0]), min(stream.t[-1], pose.t[-1])
-    if last - first < MIN_OVERLAP_S:
+    overlap = max(min(wrench.t[-1], pose.t[-1]) - max(wrench.t[0], pose.t[0]), 0.0)
+    if overlap < MIN_OVERLAP_S:
         raise UnobservableError(
-            f'{role} and pose overlap for {below(max(last - first, 0.0), MIN_OVERLAP_S)} s, and '
-            f'motion shows a tool in {MIN_OVERLAP_S:g} s at least; record longer')
-    return np.arange(first + largest_delay, last - largest_delay - step, step), step
+            f'wrench and pose overlap for {below(overlap, MIN_OVERLAP_S)} s, and motion shows a '
+            f'tool in {MIN_OVERLAP_S:g} s at least; record longer')
 
 
-def _smooth(values: Array) -> Array:
-    return np.asarray(gaussian_filter1d(values, LOWPASS_S / STEP_S, axis=0))
+def require_rotation(blocks: Blocks) -> None:
+    """
+    Refuse motion that turns gravity about one axis of ft_sensor only.
 
-
-def _nearest_delay(largest: float, n: int, fitted: Callable[..., RobustFit]
-                   ) -> tuple[float, RobustFit]:
-    """Try eleven delays on every few of n rows; return the best with its fit."""
-    coarse = np.linspace(-largest, largest, 11)
-    tried = [fitted(delay, None, 2 + n // MAX_COARSE_ROWS) for delay in coarse]
-    best = int(np.argmin([np.log(one.scale).sum() for one in tried]))
-    return float(coarse[best]), tried[best]
-
-
-def _require_rotation(force: Array) -> Array:
-    """Return the spread of specific forces (n, 3), of gravity; refuse that about one axis only."""
+    Raises
+    ------
+    UnobservableError
+        Names the axis, and what to rotate about.
+    """
+    force = smooth(blocks.motion.apparent_gravity)[blocks.rows] / blocks.gravity
     _, spread, directions = np.linalg.svd(force - force.mean(axis=0), full_matrices=False)
     spread = spread / np.sqrt(len(force))
     if spread[1] >= MIN_GRAVITY_SPREAD:
-        return np.asarray(spread)
+        return
     degrees = np.degrees(spread)
     if spread[0] < MIN_GRAVITY_SPREAD:
         raise UnobservableError(
@@ -252,20 +352,29 @@ def _require_rotation(force: Array) -> Array:
         f'rotate about {other} as well, by 10 deg or more')
 
 
-def _require_tool(theta: Array, std: Array, fit: RobustFit, explained: Array, most: float
-                  ) -> float:
-    """Refuse a mass that is chance, and forces that are not a rigid tool's; return the share."""
-    mass = float(theta[0])
-    if not abs(mass) > MIN_MASS_SIGMA * std[0]:
+def require_tool(fit: JointFit, has_position: bool, largest_delay: float) -> None:
+    """
+    Refuse a mass that is chance, forces that are not a rigid tool's, and clocks apart.
+
+    Raises
+    ------
+    UnobservableError, DataError
+    """
+    mass, std = float(fit.theta[0]), float(fit.std[0])
+    most = MAX_UNEXPLAINED if has_position else 1.0
+    if not abs(mass) > MIN_MASS_SIGMA * std:
         raise UnobservableError(
-            f'the mass is {mass:.3g} kg with a standard error of {std[0]:.2g} kg, and '
+            f'the mass is {mass:.3g} kg with a standard error of {std:.2g} kg, and '
             f'{MIN_MASS_SIGMA:g} standard errors are needed; rotate further, or attach the tool')
-    varies = float(np.sqrt(explained[:, :3].var(axis=0).mean()))
-    share = float(fit.scale[0]) / varies
-    if share > most:
+    if fit.unexplained > most:
+        varies = float(fit.scale[0]) / fit.unexplained
         raise DataError(
-            f'forces differ from those of a rigid tool by {fit.scale[0]:.3g} N RMS, {share:.0%} '
-            f'of the variation of its weight ({varies:.3g} N; at most {most:.0%} can be '
-            'accepted); compare the axes of the wrench with those of the pose, and record free of '
-            'contact')
-    return share
+            f'forces differ from those of a rigid tool by {fit.scale[0]:.3g} N RMS, '
+            f'{fit.unexplained:.0%} of the variation of its weight ({varies:.3g} N; at most '
+            f'{most:.0%} can be accepted); compare the axes of the wrench with those of the pose, '
+            'and record free of contact')
+    if abs(fit.delay) >= 0.95 * largest_delay:
+        raise DataError(
+            f'pose and wrench fit best {1e3 * abs(fit.delay):.3g} ms apart, the limit of what is '
+            f'looked for ({1e3 * largest_delay:.3g} ms), so that their stamps are of different '
+            'clocks; stamp both by one clock')

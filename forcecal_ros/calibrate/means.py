@@ -1,24 +1,14 @@
-"""Averages of a recording: over the static poses, and block by block."""
+"""Signals in static poses: their means, and what moves in them."""
 
 from typing import NamedTuple
 
-from forcecal_ros.calibrate.poses import StaticPose
-from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.checks.signals import resolution
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.kinematics import (
-    ABRUPT,
-    acceleration_error,
-    AngularMotion,
-    PoseKinematics,
-)
-from forcecal_ros.core.noise.autocovariance import Autocovariance, noise_of_windows, SHORTEST
+from forcecal_ros.core.noise.autocovariance import noise_of_windows
 from forcecal_ros.core.noise.white import white_covariance
-from forcecal_ros.core.streams import Recording, Stream
-from forcecal_ros.core.time_grid import Averager, block_length, make_time_grid, TimeGrid
+from forcecal_ros.core.streams import Stream
 import numpy as np
-from numpy.typing import NDArray
 
 _WINDOWS, _SAMPLES = 3, 10
 """Fewer windows have no usual one among them, fewer samples in one do not show how they move."""
@@ -144,73 +134,3 @@ def _detrended(blocks: Array) -> Array:
     """Take a line off, which is drift and no noise."""
     t = np.linspace(-1.0, 1.0, len(blocks))
     return np.asarray(blocks - blocks.mean(axis=0) - np.outer(t, t @ blocks / (t @ t)))
-
-
-class GriddedRecording(NamedTuple):
-    """
-    What the fits to motion work on.
-
-    Attributes
-    ----------
-    wrench : ndarray, shape (n, 6)
-        Block means on the wire; NaN where missing [N, N m].
-    noise : Autocovariance
-        Of these at standstill.
-    alpha_error : ndarray, shape (n,)
-        How far angular accelerations may be off [rad/s^2].
-    untouched : ndarray of bool, shape (n,)
-        Whether nothing touched the tool; of these the grid counts as free what was not abrupt.
-    ringing : list of ndarray, shape (n_i, 2), or None
-        How the tool rings in the blocks of each static pose, by two shapes; None: not known.
-    """
-
-    grid: TimeGrid
-    wrench: Array
-    noise: Autocovariance
-    kinematics: PoseKinematics
-    alpha_error: Array
-    untouched: NDArray[np.bool_]
-    ringing: list[Array] | None = None
-
-
-class ToolMotion(NamedTuple):
-    """
-    How tool and sensor moved in each block.
-
-    Attributes
-    ----------
-    slide : ndarray, shape (n,)
-        Displacement of the tool along x of ft_sensor [m].
-    """
-
-    gridded: GriddedRecording
-    slide: Array
-    angular: AngularMotion
-
-
-def grid_recording(recording: Recording, poses: list[StaticPose], settings: IdentificationSettings
-                   ) -> GriddedRecording | None:
-    """Average a recording over blocks; None where its poses are too short to show any noise."""
-    wrench, pose = recording.wrench, recording.pose
-    assert wrench is not None and pose is not None
-    if len(wrench) < 20 or len(pose) < 10:
-        return None
-    streams = [s for s in (wrench, recording.accelerometer, recording.optidrive, pose)
-               if s is not None and len(s) > 1]
-    length = block_length(settings.block, *(float(np.median(np.diff(s.t))) for s in streams))
-    grid = make_time_grid(wrench.t, length, [(p.start, p.end) for p in poses], recording.phases)
-    if not any((grid.still == i).sum() > SHORTEST for i in range(len(poses))):
-        return None
-    averager, kinematics = Averager(wrench.t, wrench.values), PoseKinematics(pose, grid)
-    error = acceleration_error(kinematics.angular().omega, grid.length, grid.still >= 0)
-    untouched = grid.free
-    grid = grid._replace(free=untouched & (error < 2 * ABRUPT))
-    return GriddedRecording(
-        grid, averager.means(grid.starts, grid.length),
-        noise_of_windows(windows_of(averager, grid)), kinematics, error, untouched)
-
-
-def windows_of(averager: Averager, grid: TimeGrid) -> list[Array]:
-    """Block means of each static pose."""
-    return [averager.means(grid.starts[grid.still == i], grid.length)
-            for i in range(grid.still.max() + 1) if (grid.still == i).any()]

@@ -1,27 +1,26 @@
 """From a recording to a calibration: every step of the procedure in its order."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime, timezone
 from typing import Any
 
 from forcecal_ros.calibrate.accelerometer import (
+    accelerometer_fit,
     AccelerometerFit,
-    identify_accelerometer,
     identify_static_accelerometer,
 )
-from forcecal_ros.calibrate.accelerometer_model import lowpassed, MotionBlocks, ToolPart
 from forcecal_ros.calibrate.by_motion import calibrate_by_motion
-from forcecal_ros.calibrate.delay import pose_delay
-from forcecal_ros.calibrate.joint import MIN_GRAVITY_SPREAD
-from forcecal_ros.calibrate.means import (
-    DRIFT,
-    drift,
-    grid_recording,
-    GriddedRecording,
-    ToolMotion,
-    window_mean,
+from forcecal_ros.calibrate.joint import (
+    blocks_of,
+    joint_fit,
+    JointFit,
+    MIN_GRAVITY_SPREAD,
+    require_overlap,
+    require_rotation,
+    require_tool,
 )
-from forcecal_ros.calibrate.moving_tool import identify_inertia, identify_moving_tool, InertiaFit
+from forcecal_ros.calibrate.means import DRIFT, drift, window_mean
 from forcecal_ros.calibrate.poses import NeverAtRest, static_poses, StaticPose
 from forcecal_ros.calibrate.quality import quality_of
 from forcecal_ros.calibrate.requirements import (
@@ -33,23 +32,29 @@ from forcecal_ros.calibrate.requirements import (
 from forcecal_ros.calibrate.result import (
     accelerometer_of,
     inertia_of,
+    known_inertia,
     noise_of,
     observer_of,
     Stages,
     tool_of,
 )
-from forcecal_ros.calibrate.ringing import RingFit
 from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.calibrate.static_readings import (
+    check_poses,
     check_weight,
     gravity_spread,
+    refuse_negative,
     Statics,
     TurnedWrench,
 )
-from forcecal_ros.calibrate.statics import read_statics, ring_of, Sag, sag_of, with_ring
-from forcecal_ros.calibrate.tool import identify_tool, ToolFit, weigh, Weight
-from forcecal_ros.calibrate.touched import what_touches
-from forcecal_ros.calibrate.unsettled import mode_of, settled, without_ringing
+from forcecal_ros.calibrate.statics import (
+    displacement,
+    read_statics,
+    ring_of,
+    sag_of,
+    with_noise,
+)
+from forcecal_ros.calibrate.tool import identify_tool, tool_of_motion
 from forcecal_ros.checks.accelerometer import refuse_on_another_link, refuse_other_unit
 from forcecal_ros.checks.entry import checked
 from forcecal_ros.checks.hypotheses import judge, slight_misfit
@@ -58,13 +63,21 @@ from forcecal_ros.checks.signals import clipped
 from forcecal_ros.core.axes import DOWN, in_axes_of_pose, level_from_base, levelled
 from forcecal_ros.core.calibration import Calibration, Estimate, Noise, ObserverGain
 from forcecal_ros.core.errors import DataError, UnobservableError
-from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.kinematics import AngularMotion
+from forcecal_ros.core.noise.autocovariance import SHORTEST
 from forcecal_ros.core.schema import Vector3
 from forcecal_ros.core.stamps import with_even_stamps
-from forcecal_ros.core.streams import Recording
-from forcecal_ros.core.time_grid import Averager
+from forcecal_ros.core.streams import Recording, Stream
 import numpy as np
+
+MIN_SAMPLES = 20
+"""Of a stream that is fitted in motion: poses of fewer are single samples."""
+
+MAX_RELATIVE_MAP_STD = 0.05
+"""Largest standard error of an element of the accelerometer's map, of its largest: above, it is
+not identified."""
+
+MAX_COM_STD = 0.1
+"""Standard error from which a centre of mass is not identified [m]: the size of tools."""
 
 
 def identify(recording: Recording, settings: IdentificationSettings = IdentificationSettings()
@@ -111,8 +124,9 @@ def identify(recording: Recording, settings: IdentificationSettings = Identifica
         com=Estimate(tool.com, std[4:7], 'm'),
         wrench_bias=Estimate(np.concatenate([tool.force_bias, tool.torque_bias]),
                              std[[1, 2, 3, 7, 8, 9]], 'N, N m'),
-        inertia=inertia_of(stages, settings),
-        accelerometer=accelerometer_of(stages, settings),
+        inertia=known_inertia(stages.inertia, settings.thresholds.inertia),
+        accelerometer=accelerometer_of(stages.accelerometer, recording.accelerometer_unit,
+                                       settings),
         tool=tool_of(stages),
         noise=noise,
         observer=_observer(stages, noise, settings),
@@ -164,7 +178,15 @@ def _stages_or_motion(recording: Recording, settings: IdentificationSettings
 def _by_motion(recording: Recording, settings: IdentificationSettings, why: str
                ) -> dict[str, Any]:
     recording = _evened(levelled(recording, settings.gravity_direction))
-    return calibrate_by_motion(in_axes_of_pose(recording, settings.sensor_rotation), settings, why)
+    recording = in_axes_of_pose(recording, settings.sensor_rotation)
+    joint = fit_motion(recording, settings)
+    assert joint is not None and recording.pose is not None
+    require_tool(joint, recording.pose.has_position, settings.largest_delay)
+    slide = None if settings.tool_compliance == 'no' else recording.optidrive
+    felt = None
+    if recording.pose.has_position and settings.coupling == 'dc':
+        felt = fit_accelerometer(recording, settings, joint, (), slide)
+    return calibrate_by_motion(recording, settings, joint, felt, why)
 
 
 def _same_orientation(recording: Recording, settings: IdentificationSettings) -> bool:
@@ -222,28 +244,95 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
     refuse_poses_at_a_limit(recording, stops, poses)
     recording = in_axes_of_pose(recording, settings.sensor_rotation)
     _refuse_other_unit(recording, poses, settings)
-    gridded = grid_recording(recording, poses, settings)
-    statics = read_statics(recording, poses, settings, gridded)
+    statics = read_statics(recording, poses, settings)
     check_weight(statics.gravity, settings.thresholds.condition)
-    if gridded is None:
+    joint = fit_motion(recording, settings, poses)
+    if joint is None:
         return replace(_single_samples(recording, removed, poses, statics, settings),
                        slight_misfit=slight, stops=stops)
-    weight, sag, ring = _ringing(recording, poses, statics, gridded, settings)
+    spans = np.array([pose.end - pose.start for pose in poses])
+    ring, sag = None, None
+    assert joint.noise is not None
+    if settings.tool_compliance != 'no':
+        sag = sag_of(joint, require_wrench(recording))
+        density = float(joint.noise.at_least_white[0, 0]) * joint.blocks.length
+        ring = ring_of(recording, statics, joint, density, sag, spans)
+    slide = recording.optidrive
     if ring is not None:
-        gridded, statics = _settled(recording, poses, statics, gridded, weight.mass, ring,
-                                    settings)
-        weight, sag, ring = _ringing(recording, poses, statics, gridded, settings)
-    statics = with_ring(statics, weight.mass, ring, settings)
-    slide = _slide(recording, gridded, weight, ring)
-    touched = what_touches(gridded, weight, settings.gravity)
-    tool, inertia, late = _tool(gridded, statics, weight, slide, touched, settings)
-    if touched:
-        recording = replace(recording, notes=(*recording.notes, (
-            f'{touched}; inertia is not taken from it')))
-    turn = gridded.kinematics.angular(late[0] if late else 0.0)
+        slide = displacement(recording, ring, joint)
+        joint = fit_motion(recording, settings, poses, slide) or joint
+        if not statics.slide.any():
+            statics = statics._replace(slide=np.array([
+                window_mean(slide, pose.start, pose.end)[0] for pose in poses]))
+    elif joint.theta[17]:
+        statics = statics._replace(
+            slide=joint.theta[17] / joint.theta[0] * statics.gravity[:, 0])
+    statics = with_noise(statics, joint, recording, poses)
+    refuse_negative(float(joint.theta[0]))
+    tool = tool_of_motion(joint, statics)
+    if not np.sqrt(np.diag(tool.covariance)[4:7].max()) < MAX_COM_STD:
+        check_poses(statics.gravity, settings.thresholds.condition)
+    moves = bool((joint.blocks.groups == 1).any())
+    late = (-joint.delay, joint.delay_std)
+    known = moves and joint.delay_std < settings.largest_delay / 10
     return Stages(recording, removed, poses, statics, tool, sag, ring,
-                  _accelerometer(recording, gridded, tool, turn, settings), inertia, late,
-                  ToolMotion(gridded, slide, turn), slight, stops)
+                  fit_accelerometer(recording, settings, joint, poses, slide),
+                  inertia_of(joint) if moves else None, late if known else None, joint, slight,
+                  stops)
+
+
+def fit_motion(recording: Recording, settings: IdentificationSettings,
+               poses: Sequence[StaticPose] = (), slide: Stream | None = None) -> JointFit | None:
+    """
+    Fit the tool to a recording; None where its poses are too short for that.
+
+    Parameters
+    ----------
+    slide : Stream or None
+        Displacement of the tool, as far as it is better known than by the Optidrive [m].
+    """
+    wrench, pose = require_wrench(recording), recording.pose
+    assert pose is not None
+    if len(wrench) < MIN_SAMPLES or len(pose) < MIN_SAMPLES:
+        return None
+    if slide is None and settings.tool_compliance != 'no':
+        slide = recording.optidrive
+    sag = settings.tool_compliance == 'yes' and slide is None
+    blocks = blocks_of(wrench, pose, np.array([0.0, 0.0, -settings.gravity]),
+                       settings.largest_delay, slide, [(p.start, p.end) for p in poses],
+                       recording.phases if poses else ())
+    at = np.bincount(blocks.pose + 1, minlength=len(poses) + 1)[1:]
+    held = np.bincount(blocks.still + 1, minlength=len(poses) + 1)[1:]
+    if len(poses) and (at.min() < 1 or held.max() < SHORTEST):
+        return None
+    if not len(poses):
+        require_overlap(wrench, pose)
+        require_rotation(blocks)
+    return joint_fit(wrench, blocks, pose.has_position, settings.largest_delay, sag)
+
+
+def fit_accelerometer(recording: Recording, settings: IdentificationSettings, joint: JointFit,
+                      poses: Sequence[StaticPose] = (), slide: Stream | None = None
+                      ) -> AccelerometerFit | None:
+    """Fit the accelerometer to a recording; its delay is that after the wrench."""
+    stream, pose = recording.accelerometer, recording.pose
+    assert pose is not None
+    if stream is None or len(stream) < MIN_SAMPLES:
+        return None
+    blocks = blocks_of(stream, pose, np.array([0.0, 0.0, -settings.gravity]),
+                       2 * settings.largest_delay, slide, [(p.start, p.end) for p in poses],
+                       recording.phases if poses else ())
+    place = settings.accelerometer_position
+    fit = accelerometer_fit(stream, blocks, settings.coupling, settings.cutoff,
+                            None if place is None else np.array(place),
+                            2 * settings.largest_delay)
+    if fit.std[3:12].max() > MAX_RELATIVE_MAP_STD * np.abs(fit.matrix).max():
+        return None
+    C = fit.covariance.copy()
+    C[12, 12] += joint.covariance[16, 16]
+    late = fit.delay - joint.delay
+    return fit._replace(delay=late if np.sqrt(C[12, 12]) < settings.largest_delay / 10 else np.nan,
+                        covariance=C)
 
 
 def _judged(recording: Recording, settings: IdentificationSettings) -> tuple[Recording, str]:
@@ -256,30 +345,6 @@ def _judged(recording: Recording, settings: IdentificationSettings) -> tuple[Rec
     notes = judge(judged, settings.gravity * down, stated)
     return (replace(recording, notes=(*recording.notes, *notes)),
             slight_misfit(judged, settings.gravity * down, stated))
-
-
-def _settled(recording: Recording, poses: list[StaticPose], statics: Statics,
-             gridded: GriddedRecording, mass: float, ring: RingFit,
-             settings: IdentificationSettings) -> tuple[GriddedRecording, Statics]:
-    """Take what still rings off the poses' means; off their noise only where off all means."""
-    if (mode := mode_of(ring, mass)) is not None:
-        quiet = without_ringing(gridded, mode)
-        read = settled(read_statics(recording, poses, settings, quiet), recording, poses, mass,
-                       ring)
-        if read.ringing is not None and read.ringing.any(axis=1).all():
-            return quiet, read
-    return gridded, settled(statics, recording, poses, mass, ring)
-
-
-def _ringing(recording: Recording, poses: list[StaticPose], statics: Statics,
-             gridded: GriddedRecording, settings: IdentificationSettings
-             ) -> tuple[Weight, Sag | None, RingFit | None]:
-    """Return mass and force bias, and what static sag and ringing say of the tool's spring."""
-    weight = weigh(statics, settings.thresholds.condition)
-    sag = sag_of(statics, weight.mass)
-    if settings.tool_compliance == 'no':
-        return weight, sag, None
-    return weight, sag, ring_of(recording, poses, statics, weight.mass, sag, gridded)
 
 
 def _evened(recording: Recording) -> Recording:
@@ -323,72 +388,3 @@ def _single_samples(recording: Recording, removed: dict[str, int], poses: list[S
         accelerometer = identify_static_accelerometer(statics.gravity, volts, condition)
     return Stages(recording, removed, poses, statics, tool, None, None, accelerometer, None, None,
                   None)
-
-
-def _tool(gridded: GriddedRecording, statics: Statics, weight: Weight, slide: Array,
-          touched: str, settings: IdentificationSettings
-          ) -> tuple[ToolFit, InertiaFit | None, tuple[float, float] | None]:
-    """
-    Tool and inertia; the centre of mass by the motion where the poses do not tell it.
-
-    What is ``touched`` in motion shows neither, nor a delay.
-    """
-    grid, condition = gridded.grid, settings.thresholds.condition
-    spread, _ = gravity_spread(statics.gravity)
-    by_motion = spread[1] * condition < spread[0] and bool(grid.free.any())
-    if touched and by_motion:
-        raise UnobservableError(
-            'centre of mass and torque bias are not observable from '
-            f'{len(statics.gravity)} static poses, and {touched}; add a pose tilted about another '
-            'axis of ft_sensor, or move it with nothing that touches it')
-    tool = None if by_motion else identify_tool(statics, condition)
-    if touched and tool is not None:
-        return tool, None, None
-    late = pose_delay(
-        gridded.kinematics, gridded.wrench[:, :3], slide, grid, weight.mass, weight.force_bias,
-        np.zeros(3) if tool is None else tool.com, settings.gravity, settings.largest_delay)
-    turn = gridded.kinematics.angular(late[0] if late else 0.0)
-    if tool is None:
-        return *identify_moving_tool(weight, statics, gridded.wrench, slide, turn, grid.free,
-                                     grid.still, condition), late
-    theta = np.concatenate([[tool.mass], tool.force_bias, tool.com, tool.torque_bias])
-    return tool, identify_inertia(gridded.wrench, slide, turn.omega, turn.alpha, grid.free,
-                                  grid.still, theta, tool.covariance), late
-
-
-def _slide(recording: Recording, gridded: GriddedRecording, weight: Weight,
-           ring: RingFit | None) -> Array:
-    """Displacement of the tool in each block [m]: measured, by the spring, or none."""
-    optidrive, grid = recording.optidrive, gridded.grid
-    if optidrive is not None and len(optidrive) > 1:
-        delay = ring.slide_delay if ring else 0.0
-        means = Averager(optidrive.t, optidrive.values).means(grid.starts + delay, grid.length)
-        return np.asarray(means[:, 0])
-    force = gridded.wrench[:, 0] - weight.force_bias[0]
-    if ring is None:
-        return np.zeros(len(force))
-    # k s + d ds/dt = F: the slide follows the force through a first-order low-pass
-    whole = np.isfinite(force)
-    filled = np.interp(grid.starts, grid.starts[whole], force[whole])
-    start = filled[0] / ring.stiffness
-    corner = ring.stiffness / (2 * np.pi * ring.damping)
-    slide = start + lowpassed(filled / ring.stiffness - start, grid.length, corner)
-    return np.where(whole, slide, np.nan)
-
-
-def _accelerometer(recording: Recording, gridded: GriddedRecording, tool: ToolFit,
-                   turn: AngularMotion, settings: IdentificationSettings
-                   ) -> AccelerometerFit | None:
-    stream, grid = recording.accelerometer, gridded.grid
-    if stream is None or len(stream) < 20:
-        return None
-    motion = MotionBlocks(grid.length, -settings.gravity * turn.R_base_sensor[:, 2],
-                    gridded.wrench[:, :3], turn.lever, grid.still, grid.free,
-                    gridded.untouched, gridded.noise.mapped(np.eye(3, 6)))
-    volts = Averager(stream.t, stream.values)
-    place = settings.accelerometer_position
-    return identify_accelerometer(
-        motion, lambda delay: volts.means(grid.starts + delay, grid.length),
-        ToolPart(tool.mass, tool.force_bias, tool.com, tool.covariance[:7, :7]),
-        settings.coupling, settings.cutoff, None if place is None else np.array(place),
-        settings.largest_delay)

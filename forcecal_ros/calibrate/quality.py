@@ -17,7 +17,6 @@ from forcecal_ros.calibrate.error_analysis import (
     offset_error,
 )
 from forcecal_ros.calibrate.findings import ALL, Finding, findings, MOTION
-from forcecal_ros.calibrate.moving_tool import ELEMENTS
 from forcecal_ros.calibrate.paper import Alignment, Plain, plain_procedure
 from forcecal_ros.calibrate.poses import orientation_h, orientation_v, StaticPose
 from forcecal_ros.calibrate.rejection import pose_errors, rejected
@@ -217,8 +216,8 @@ def _without_inertia(stages: Stages) -> str:
     """Say why no inertia was found, and the remedy."""
     remedy = 'rotate about all three axes between the poses'
     if stages.inertia is not None:
-        i = int(np.argmax(np.abs(stages.inertia.weakest)))
-        return f'the motion hardly shows J_{ELEMENTS[i]}; {remedy}'
+        i, j = np.unravel_index(int(np.argmax(stages.inertia.std)), (3, 3))
+        return f'the motion hardly shows J_{"".join(sorted("xyz"[i] + "xyz"[j]))}; {remedy}'
     pose, wrench = stages.recording.pose, stages.recording.wrench
     if pose is None or wrench is None or not _between(stages.poses, pose.t):
         return f'no rotation was recorded; {remedy}'

@@ -52,8 +52,6 @@ def pose_errors(statics: Statics, tool: ToolFit) -> list[PoseError]:
     for k, L in enumerate(lower):
         part = slice(6 * k, 6 * k + 6)
         rows[part], right[part] = np.linalg.solve(L, rows[part]), np.linalg.solve(L, right[part])
-    if statics.sag is not None:
-        rows[-1], right[-1] = rows[-1] / statics.sag[1]**0.5, right[-1] / statics.sag[1]**0.5
     basis = np.linalg.qr(rows / np.linalg.norm(rows, axis=0))[0]
     residual = right - basis @ (basis.T @ right)
     return [_error(residual[6 * k:6 * k + 6], basis[6 * k:6 * k + 6], L, g)

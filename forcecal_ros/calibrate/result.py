@@ -2,8 +2,7 @@
 
 from dataclasses import dataclass
 
-from forcecal_ros.calibrate.accelerometer import AccelerometerFit
-from forcecal_ros.calibrate.accelerometer_model import without_fading
+from forcecal_ros.calibrate.accelerometer import AccelerometerFit, without_fading
 from forcecal_ros.calibrate.axes import split_matrix
 from forcecal_ros.calibrate.covariance import (
     measurement_covariance,
@@ -13,8 +12,7 @@ from forcecal_ros.calibrate.covariance import (
 )
 from forcecal_ros.calibrate.estimating import jacobian
 from forcecal_ros.calibrate.gain import observer_model, pole_gain, riccati_gain, with_unit_k23
-from forcecal_ros.calibrate.means import ToolMotion
-from forcecal_ros.calibrate.moving_tool import InertiaFit
+from forcecal_ros.calibrate.joint import JointFit
 from forcecal_ros.calibrate.poses import StaticPose
 from forcecal_ros.calibrate.ringing import RingFit
 from forcecal_ros.calibrate.settings import IdentificationSettings
@@ -30,6 +28,7 @@ from forcecal_ros.core.calibration import (
     Tool,
 )
 from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.rigid_body import symmetric
 from forcecal_ros.core.streams import Recording, Stream
 import numpy as np
 
@@ -49,7 +48,7 @@ class Stages:
         See the modules of the same names; None where the recording did not hold what they need.
     pose_delay : tuple of float or None
         How much later than the wrench the pose shows the same instant, and its error [s].
-    motion : ToolMotion or None
+    joint : JointFit or None
         None where the poses were single samples.
     slight_misfit : str
         What the forces show of a small rotation of the sensor or tilt of the base.
@@ -65,9 +64,9 @@ class Stages:
     sag: Sag | None
     ring: RingFit | None
     accelerometer: AccelerometerFit | None
-    inertia: InertiaFit | None
+    inertia: Estimate | None
     pose_delay: tuple[float, float] | None
-    motion: ToolMotion | None
+    joint: JointFit | None
     slight_misfit: str = ''
     stops: tuple[Clipping, ...] = ()
 
@@ -83,25 +82,35 @@ def tool_of(stages: Stages) -> Tool | None:
     return Tool(Estimate(ring.stiffness, k_std, 'N/m'), Estimate(ring.damping, d_std, 'N s/m'))
 
 
-def inertia_of(stages: Stages, settings: IdentificationSettings) -> Estimate | None:
-    """Inertia where every element of it is known well enough, else None."""
-    fit = stages.inertia
-    if fit is None:
-        return None
-    size = float(np.trace(fit.matrix)) / 3
-    if size <= 0 or fit.std.max() > settings.thresholds.inertia * size:
-        return None
-    return Estimate(fit.matrix, fit.std, 'kg m^2')
+def inertia_of(found: JointFit) -> Estimate:
+    """Return the inertia about the centre of mass, with its standard error [kg m^2]."""
+    def about(p: Array) -> Array:
+        first = p[1:4]
+        offset = (first @ first * np.eye(3) - np.outer(first, first)) / p[0]
+        return np.asarray(symmetric(p[4:]) - offset).ravel()
+
+    p, C = found.theta[:10], found.covariance[:10, :10]
+    if not np.isfinite(C).all():
+        return Estimate(about(p).reshape(3, 3), np.inf, 'kg m^2')
+    J = jacobian(about, p, 1e-4 * np.maximum(np.sqrt(np.diag(C)), 1e-12))
+    std = np.sqrt(np.maximum(np.einsum('ij,jk,ik->i', J, C, J), 0.0))
+    return Estimate(about(p).reshape(3, 3), std.reshape(3, 3), 'kg m^2')
 
 
-def accelerometer_of(stages: Stages, settings: IdentificationSettings) -> Accelerometer | None:
+def known_inertia(inertia: Estimate | None, threshold: float) -> Estimate | None:
+    """Return an inertia whose standard errors are below a share of its mean moment, else None."""
+    if inertia is None:
+        return None
+    size = float(np.trace(inertia.value)) / 3
+    return inertia if size > 0 and inertia.std.max() <= threshold * size else None
+
+
+def accelerometer_of(fit: AccelerometerFit | None, unit: str, settings: IdentificationSettings
+                     ) -> Accelerometer | None:
     """Accelerometer as the calibration has it."""
-    fit = stages.accelerometer
     if fit is None:
         return None
-    unit = stages.recording.accelerometer_unit
-    scaled = unit != 'V'
-    std = np.sqrt(np.diag(fit.covariance))
+    scaled, std = unit != 'V', fit.std
     axes = split_matrix(fit.matrix, fit.covariance[3:12, 3:12], scaled)
     known = np.isfinite(fit.delay)
     place = None

@@ -19,39 +19,17 @@ class Statics(NamedTuple):
         Mean on the wire [N, N m].
     covariance : ndarray, shape (n, 6, 6), or None
         Of these means; None: not known, taken from the residuals.
-    slide : ndarray, shape (n,), or None
-        Mean displacement of the tool along x; zeros for a rigid one, None where it slides
-        unobserved [m].
+    slide : ndarray, shape (n,)
+        Mean displacement of the tool along x; zeros for a rigid one [m].
     slide_variance : ndarray, shape (n,)
         Of these means [m^2].
-    sag : tuple of float or None
-        m^2 / k and its variance where the stiffness is known otherwise [kg^2 m/N].
-    ringing : ndarray, shape (n, 2), or None
-        Mean of what the tool still rings along x: displacement, which is a share of ``slide``,
-        and acceleration [m, m/s^2]; None: not known.
     """
 
     gravity: Array
     wrench: Array
     covariance: Array | None
-    slide: Array | None
+    slide: Array
     slide_variance: Array
-    sag: tuple[float, float] | None = None
-    ringing: Array | None = None
-
-    @property
-    def carried(self) -> Array:
-        """Gravity less the tool's own acceleration: the sensor's load over mass, (n, 3)."""
-        if self.ringing is None:
-            return self.gravity
-        return np.asarray(self.gravity - self.ringing[:, 1:] * [1.0, 0.0, 0.0])
-
-    @property
-    def slide_at_rest(self) -> Array | None:
-        """Displacement that the weight alone gives, shape (n,) [m]."""
-        if self.slide is None or self.ringing is None:
-            return self.slide
-        return np.asarray(self.slide - self.ringing[:, 0])
 
 
 def gravity_spread(gravity: Array) -> tuple[Array, Array]:

@@ -1,31 +1,42 @@
-"""What the static poses, the tool's sag and its ringing say about the tool, put together."""
+"""What static poses and ringing show of a tool that is displaced along x of ft_sensor."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
-from forcecal_ros.calibrate.means import GriddedRecording, window_mean, windows_of
+from forcecal_ros.calibrate.accelerometer import lowpassed
+from forcecal_ros.calibrate.joint import JointFit, smooth
+from forcecal_ros.calibrate.means import window_mean
 from forcecal_ros.calibrate.poses import StaticPose
 from forcecal_ros.calibrate.requirements import require_wrench
 from forcecal_ros.calibrate.ringing import RingFit, rings, stiffness_and_damping
 from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.calibrate.static_readings import Statics
+from forcecal_ros.calibrate.tool import design_of
 from forcecal_ros.checks.signals import resolution
 from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.estimation import robust_fit
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.noise.autocovariance import noise_of_windows
-from forcecal_ros.core.noise.white import rounding_variance
+from forcecal_ros.core.noise.white import rounding_variance, white_covariance
+from forcecal_ros.core.rigid_body import rate_of_change
 from forcecal_ros.core.streams import phase_spans, Recording, Stream
 from forcecal_ros.core.time_grid import Averager
 import numpy as np
 
+MIN_SAG = 0.05
+"""Least variation of the weight along x, of the weight, that shows a stiffness."""
+
+SAG_SIGMA = 5.0
+"""Standard errors by which a compliance differs from zero."""
+
 
 class Sag(NamedTuple):
     """
-    Compliance as the static poses show it, s = (m / k) g_x + zero.
+    Compliance at rest, F_x = k (s - zero) + d ds/dt + bias.
 
     Attributes
     ----------
     stiffness, variance : float
-        [N/m] and its square; the mass' uncertainty left out.
+        [N/m] and its square.
     zero : float
         What the Optidrive reads without load [m].
     """
@@ -35,73 +46,81 @@ class Sag(NamedTuple):
     zero: float
 
 
-def stiffness_from_sag(statics: Statics, mass: float) -> Sag | None:
+def sag_of(fit: JointFit, wrench: Stream) -> Sag | None:
     """
-    Stiffness of the tool from how far it sags in each pose, [Gamez2005] Eq. 29 at rest.
-
-    Parameters
-    ----------
-    statics : Statics
-        With a slide.
-    mass : float
-        [kg]
+    Fit the stiffness of a tool to force and displacement along x at rest, [Gamez2005] Eq. 29.
 
     Returns
     -------
     Sag or None
-        None where the poses hardly load x.
+        None without an Optidrive, or where the poses hardly load x.
 
     Raises
     ------
     DataError
         The tool slides against its load.
     """
-    slide = statics.slide_at_rest
-    assert slide is not None
-    weight = mass * statics.gravity[:, 0]
-    rows = np.stack([weight, np.ones(len(weight))], axis=1)
-    if np.ptp(weight) < 0.05 * mass * np.linalg.norm(statics.gravity[0]):
+    blocks = fit.blocks
+    rest = blocks.rows[blocks.groups == 0]
+    if blocks.displacement is None or not blocks.displacement.any() or len(rest) < 10:
         return None
-    (compliance, zero), *_ = np.linalg.lstsq(rows, slide, rcond=None)
-    bread = np.linalg.inv(rows.T @ rows)
-    slope = (bread @ (rows.T * statics.slide_variance) @ rows @ bread)[0, 0]
-    if compliance**2 < 25 * slope:
+    weight = fit.theta[0] * blocks.motion.apparent_gravity[rest, 0]
+    if np.ptp(weight) < MIN_SAG * fit.theta[0] * blocks.gravity:
         return None
-    if compliance < 0:
+    s = blocks.displacement[:, None]
+    force = Averager(wrench.t, wrench.values[:, :1]).interpolated(
+        blocks.starts + fit.delay, blocks.length)
+    rate = rate_of_change(s, blocks.length)
+    columns = smooth(np.concatenate([s, rate, np.ones_like(s)], axis=1))
+    # one channel in three places of the robust fit's group of three
+    X = np.repeat(columns[rest, None, :], 3, axis=1)
+    found = robust_fit(X, np.repeat(smooth(force)[rest], 3, axis=1))
+    stiffness, variance = float(found.theta[0]), float(found.covariance[0, 0])
+    if stiffness**2 < SAG_SIGMA**2 * variance:
+        return None
+    if stiffness < 0:
         raise DataError('optidrive: the tool slides against its load '
-                        f'({1e3 * compliance:.3g} mm for each N); turn the sign of the optidrive')
-    return Sag(float(1 / compliance), float(slope / compliance**4), float(zero))
+                        f'({1e3 / stiffness:.3g} mm for each N); turn the sign of the optidrive')
+    zero = (fit.theta[10] - found.theta[2]) / stiffness
+    return Sag(stiffness, variance, float(zero))
 
 
-def read_statics(recording: Recording, poses: list[StaticPose], settings: IdentificationSettings,
-                 gridded: GriddedRecording | None) -> Statics:
+def read_statics(recording: Recording, poses: list[StaticPose], settings: IdentificationSettings
+                 ) -> Statics:
     """
     Take the means of the static poses, [Gamez2005] Eq. 11 and Eq. 14 in all six axes.
 
-    Parameters
-    ----------
-    gridded : GriddedRecording or None
-        Where the noise is measured; None: the poses are single samples.
+    Returns
+    -------
+    Statics
+        Without covariance.
     """
     wrench, optidrive = require_wrench(recording), recording.optidrive
     means = np.stack([window_mean(wrench, p.start, p.end, 'wrench') for p in poses])
     gravity = np.stack([p.gravity(settings.gravity) for p in poses])
-    spans = np.array([p.end - p.start for p in poses])
-    covariance = None
-    if gridded is not None:
-        covariance = gridded.noise.at_least_white * (gridded.grid.length / spans)[:, None, None]
-        covariance = covariance + np.diag(_rounding(wrench, poses))
     rigid = np.zeros(len(poses))
     if settings.tool_compliance == 'no' or optidrive is None or not len(optidrive):
-        return Statics(gravity, means, covariance, rigid, rigid)
+        return Statics(gravity, means, None, rigid, rigid)
     slide = np.array([window_mean(optidrive, p.start, p.end, 'optidrive')[0] for p in poses])
+    parts = [part for p in poses if len(part := optidrive.between(p.start, p.end).values) > 2]
     variance = rigid
-    if gridded is not None:
-        blocks = windows_of(Averager(optidrive.t, optidrive.values), gridded.grid)
-        noise = noise_of_windows(blocks, gridded.ringing)
-        density = noise.at_least_white[0, 0] * gridded.grid.length
-        variance = float(density) / spans
-    return Statics(gravity, means, covariance, slide, variance)
+    if parts:
+        density = max(float(white_covariance(part, 1)[0, 0]) for part in parts) / optidrive.rate
+        variance = density / np.array([p.end - p.start for p in poses])
+    return Statics(gravity, means, None, slide, variance)
+
+
+def with_noise(statics: Statics, fit: JointFit, recording: Recording, poses: list[StaticPose]
+               ) -> Statics:
+    """Give static poses their covariance, and take off what the tool still moves in them."""
+    assert fit.noise is not None
+    spans = np.array([p.end - p.start for p in poses])
+    covariance = fit.noise.at_least_white * (fit.blocks.length / spans)[:, None, None]
+    covariance = covariance + np.diag(_rounding(require_wrench(recording), poses))
+    left = np.stack([fit.residual[fit.blocks.pose == i].mean(axis=0) for i in range(len(poses))])
+    theta = fit.theta[[0, 10, 11, 12, 1, 2, 3, 13, 14, 15]]
+    wrench = (design_of(statics)[0] @ theta).reshape(-1, 6) + left
+    return statics._replace(covariance=covariance, wrench=wrench)
 
 
 def _rounding(wrench: Stream, poses: list[StaticPose]) -> Array:
@@ -112,17 +131,19 @@ def _rounding(wrench: Stream, poses: list[StaticPose]) -> Array:
                      for values, variance in zip(wrench.values.T, within)])
 
 
-def ring_of(recording: Recording, poses: list[StaticPose], statics: Statics, mass: float,
-            sag: Sag | None, gridded: GriddedRecording) -> RingFit | None:
+def ring_of(recording: Recording, statics: Statics, fit: JointFit, force_density: float,
+            sag: Sag | None, spans: Array) -> RingFit | None:
     """
     Fit what rings after the step.
 
     Parameters
     ----------
-    mass : float
-        [kg]
+    force_density : float
+        Of the noise of the force along x [N^2 s].
     sag : Sag or None
-        Stiffness as the static poses show it.
+        Stiffness at rest.
+    spans : ndarray, shape (n,)
+        Durations of the static poses [s].
 
     Returns
     -------
@@ -130,45 +151,26 @@ def ring_of(recording: Recording, poses: list[StaticPose], statics: Statics, mas
         None where nothing rang.
     """
     optidrive, density = None, 1.0
-    if slides(statics):
+    if statics.slide.any():
         optidrive = recording.optidrive
-        density = float(statics.slide_variance[0]) * (poses[0].end - poses[0].start)
+        density = float(statics.slide_variance[0] * spans[0])
     ringing = rings(phase_spans(recording.phases, ('step',)), require_wrench(recording), optidrive,
                     recording.pose, recording.target)
-    return stiffness_and_damping(
-        ringing, mass, gridded.noise.at_least_white[0, 0] * gridded.grid.length, density,
-        (sag.stiffness, sag.variance) if sag else None)
+    return stiffness_and_damping(ringing, float(fit.theta[0]), force_density, density,
+                                 (sag.stiffness, sag.variance) if sag else None)
 
 
-def slides(statics: Statics) -> bool:
-    """Whether an Optidrive shows the tool's slide."""
-    return statics.slide is not None and bool(statics.slide.any())
-
-
-def with_ring(statics: Statics, mass: float, ring: RingFit | None,
-              settings: IdentificationSettings) -> Statics:
+def displacement(recording: Recording, ring: RingFit, fit: JointFit) -> Stream:
     """
-    Say by the ringing how far the tool slides where no Optidrive does.
+    Return the displacement of the tool by the pose's clock: measured, or by the spring.
 
-    Parameters
-    ----------
-    mass : float
-        [kg]
-
-    Returns
-    -------
-    Statics
-        As it was for a rigid tool or with an Optidrive.
+    k s + d ds/dt = F: the displacement follows the force through a first-order low-pass.
     """
-    if slides(statics) or (ring is None and settings.tool_compliance != 'yes'):
-        return statics
-    sag = None
-    if ring is not None:
-        value = mass**2 / ring.stiffness
-        sag = (value, value**2 * ring.covariance[0, 0] / ring.stiffness**2)
-    return statics._replace(slide=None, sag=sag)
-
-
-def sag_of(statics: Statics, mass: float) -> Sag | None:
-    """Stiffness from the static slide; None without an Optidrive that moves."""
-    return stiffness_from_sag(statics, mass) if slides(statics) else None
+    measured, wrench = recording.optidrive, require_wrench(recording)
+    if measured is not None and len(measured) > 1:
+        return replace(measured, t=measured.t - ring.slide_delay - fit.delay)
+    period = float(np.median(np.diff(wrench.t)))
+    t = np.arange(wrench.t[0], wrench.t[-1], period)
+    s = (np.interp(t, wrench.t, wrench.values[:, 0]) - fit.theta[10]) / ring.stiffness
+    corner = ring.stiffness / (2 * np.pi * ring.damping)
+    return Stream(t - fit.delay, (s[0] + lowpassed(s - s[0], period, corner))[:, None])

@@ -1,20 +1,19 @@
 """
-The tool from static poses: its mass alone, and jointly with centre of mass and six biases.
+The tool as static poses show it: how well its readings fit one tool, and single samples.
 
 At rest and unloaded the wire reads, gravity g_S in ft_sensor and the tool slid by s along x,
 
     F = m g_S + b_F
     n = (c + s x_hat) x m g_S + b_n = m s (x_hat x g_S) - [g_S]x (m c) + b_n
 
-which is linear in m, b_F, m c and b_n once s is known. Without an Optidrive s = m g_x / k, and
-m^2 / k is one more unknown.
+which is linear in m, b_F, m c and b_n once s is known.
 """
 
 from typing import NamedTuple
 
+from forcecal_ros.calibrate.joint import JointFit
 from forcecal_ros.calibrate.static_readings import (
     check_poses,
-    check_weight,
     gravity_spread,
     refuse_negative,
     Statics,
@@ -32,12 +31,12 @@ WIDENED = 1e-3
 warning: it costs one sound recording in a thousand errors that are 1.6 times too large."""
 
 _NAMES = ('mass', 'force bias x', 'force bias y', 'force bias z', 'com x', 'com y', 'com z',
-          'torque bias x', 'torque bias y', 'torque bias z', 'sag')
+          'torque bias x', 'torque bias y', 'torque bias z')
 
 
 class ToolFit(NamedTuple):
     """
-    Result of the static poses.
+    Mass, biases and centre of mass, and the static poses beside them.
 
     Attributes
     ----------
@@ -74,9 +73,37 @@ class ToolFit(NamedTuple):
     condition: float
 
 
+def tool_of_motion(fit: JointFit, statics: Statics) -> ToolFit:
+    """
+    Return the tool of a joint fit, and judge the static poses by it.
+
+    Parameters
+    ----------
+    statics : Statics
+        With covariance.
+    """
+    n, mass = len(statics.wrench), float(fit.theta[0])
+    pick = [0, 10, 11, 12, 1, 2, 3, 13, 14, 15]
+    theta, C = fit.theta[pick], fit.covariance[np.ix_(pick, pick)]
+    design, reading = design_of(statics)
+    assert statics.covariance is not None
+    noise = block_diag(*(statics.covariance + mass**2 * slide_noise(statics)))
+    residuals = reading - design @ theta
+    lower = np.linalg.cholesky(noise)
+    rows, right = np.linalg.solve(lower, design), np.linalg.solve(lower, reading)
+    alone, _, rank, _ = np.linalg.lstsq(rows, right, rcond=1e-9)
+    chi_square, degrees = float(((right - rows @ alone)**2).sum()), 6 * n - int(rank)
+    chance = float(chdtrc(degrees, chi_square)) if degrees > 0 else np.nan
+    if chance < WIDENED:
+        times = _left_over(residuals, noise, design, chi_square / degrees)
+        wider = np.repeat([times[0], times[3]], [4, 6])
+        C = C * np.outer(wider, wider)
+    return _tool(theta, C, statics, residuals, chi_square, chance, degrees)
+
+
 def identify_tool(statics: Statics, condition: float = 100.0) -> ToolFit:
     """
-    Fit mass, centre of mass and biases to all static poses at once.
+    Fit mass, centre of mass and biases to static poses that are single samples.
 
     Parameters
     ----------
@@ -92,44 +119,35 @@ def identify_tool(statics: Statics, condition: float = 100.0) -> ToolFit:
     """
     check_poses(statics.gravity, condition)
     design, reading = design_of(statics)
-    n = len(statics.wrench)
-    degrees = 6 * n + (statics.sag is not None) - design.shape[1]
-    if statics.covariance is None:
-        theta, covariance = _fit_scatter(design, reading)
-        chi_square = chance = np.nan
-    else:
-        theta, covariance, chi_square, chance = _fit_weighted(statics, design, reading)
+    theta, covariance = _fit_scatter(design, reading)
     refuse_negative(theta[0])
-    residuals = (reading - design @ theta)[:6 * n].reshape(n, 6)
+    return _tool(theta, covariance, statics, reading - design @ theta, np.nan, np.nan,
+                 len(reading) - 10)
+
+
+def _tool(theta: Array, covariance: Array, statics: Statics, residuals: Array, chi_square: float,
+          chance: float, degrees: int) -> ToolFit:
+    """Turn mass, force bias, first moments and torque bias into a tool."""
     spread, _ = gravity_spread(statics.gravity)
     mass, com = float(theta[0]), theta[4:7] / theta[0]
     to_com = np.eye(10)
     to_com[4:7, 4:7] /= mass
     to_com[4:7, 0] = -com / mass
     return ToolFit(
-        mass, theta[1:4], com, theta[7:10], to_com @ covariance[:10, :10] @ to_com.T, residuals,
-        chi_square, chance, degrees, spread, float(spread[0] / spread[1]))
+        mass, theta[1:4], com, theta[7:10], to_com @ covariance @ to_com.T,
+        residuals.reshape(-1, 6), chi_square, chance, degrees, spread,
+        float(spread[0] / max(spread[1], 1e-12)))
 
 
 def design_of(statics: Statics) -> tuple[Array, Array]:
-    """Rows of the linear system in [m, b_F, m c, b_n] (and m^2 / k), six a pose; readings."""
-    n = len(statics.wrench)
-    unobserved = statics.slide is None
-    design = np.zeros((n, 6, 11 if unobserved else 10))
-    g = statics.carried
-    lever = np.cross(X_HAT, g)
+    """Rows of the linear system in [m, b_F, m c, b_n], six a pose; readings."""
+    n, g = len(statics.wrench), statics.gravity
+    design = np.zeros((n, 6, 10))
     design[:, :3, 0] = g
     design[:, :3, 1:4] = design[:, 3:, 7:10] = np.eye(3)
     design[:, 3:, 4:7] = -skew(g)
-    if statics.slide is None:
-        design[:, 3:, 10] = g[:, :1] * lever
-    else:
-        design[:, 3:, 0] = statics.slide[:, None] * lever
-    rows, reading = design.reshape(6 * n, -1), statics.wrench.reshape(-1)
-    if statics.sag is not None:
-        rows = np.vstack([rows, np.eye(rows.shape[1])[-1:]])
-        reading = np.append(reading, statics.sag[0])
-    return rows, reading
+    design[:, 3:, 0] = statics.slide[:, None] * np.cross(X_HAT, g)
+    return design.reshape(6 * n, 10), statics.wrench.reshape(-1)
 
 
 def slide_noise(statics: Statics) -> Array:
@@ -150,37 +168,6 @@ def _require_rank(design: Array) -> None:
             f'{worst} is not observable from the static poses (condition '
             f'{sigma[0] / max(sigma[-1], 1e-16):.2g}); add poses that turn gravity to other '
             'directions of ft_sensor')
-
-
-def _fit_weighted(statics: Statics, design: Array, reading: Array
-                  ) -> tuple[Array, Array, float, float]:
-    """
-    Least squares, each channel weighted by its own noise; the slide's comes in by the mass.
-
-    Returns the unknowns, their covariance, chi-square and how probable as much is.
-
-    The covariance takes the noise as it is, correlated between channels. Weighing by measured
-    correlations would make the fit follow the error of their measurement.
-    """
-    assert statics.covariance is not None
-    mass = 0.0
-    for _ in range(2):
-        blocks = statics.covariance + mass**2 * slide_noise(statics)
-        noise = block_diag(*blocks, *([[statics.sag[1]]] if statics.sag else []))
-        weight = 1 / np.sqrt(np.diag(noise))
-        rows, right = design * weight[:, None], reading * weight
-        _require_rank(rows)
-        theta = np.linalg.lstsq(rows, right, rcond=None)[0]
-        mass = float(theta[0])
-    bread = np.linalg.inv(rows.T @ rows) @ (rows * weight[:, None]).T
-    residuals = reading - design @ theta
-    chi_square = float(residuals @ np.linalg.solve(noise, residuals))
-    degrees = len(reading) - design.shape[1]
-    chance = float(chdtrc(degrees, chi_square)) if degrees > 0 else np.nan
-    if chance < WIDENED:
-        times = _left_over(residuals, noise, design, chi_square / degrees)
-        noise = noise * np.outer(times, times)
-    return theta, bread @ noise @ bread.T, chi_square, chance
 
 
 def _left_over(residuals: Array, noise: Array, design: Array, whole: float) -> Array:
@@ -257,55 +244,3 @@ def mass_from_tilt(u_h: float, u_v: float, gravity: float, theta: float = 0.0) -
             f'x of ft_sensor carries {share:.2g} of the weight at theta = {theta:.3g} rad, '
             'too little to weigh with; take theta nearer to 0')
     return float(abs(u_v - u_h) / (gravity * share))
-
-
-class Weight(NamedTuple):
-    """
-    Mass [kg] and force bias (3,) [N] from the forces alone.
-
-    Attributes
-    ----------
-    force_bias : ndarray, shape (3,)
-    covariance : ndarray, shape (4, 4)
-    chi_square, degrees : float, int
-        Of the residuals.
-    """
-
-    mass: float
-    force_bias: Array
-    covariance: Array
-    chi_square: float
-    degrees: int
-
-
-def weigh(statics: Statics, condition: float = 100.0) -> Weight:
-    """
-    Fit mass and force bias to the forces of the static poses.
-
-    Parameters
-    ----------
-    statics : Statics
-        With covariance.
-    condition : float
-        See :func:`check_weight`.
-
-    Raises
-    ------
-    UnobservableError, DataError
-        As :func:`identify_tool`.
-    """
-    assert statics.covariance is not None
-    check_weight(statics.gravity, condition)
-    n = len(statics.gravity)
-    design = np.zeros((n, 3, 4))
-    design[:, :, 0] = statics.carried
-    design[:, :, 1:] = np.eye(3)
-    noise = block_diag(*statics.covariance[:, :3, :3])
-    weight = 1 / np.diag(noise)
-    rows, reading = design.reshape(3 * n, 4), statics.wrench[:, :3].ravel()
-    bread = np.linalg.solve((rows * weight[:, None]).T @ rows, (rows * weight[:, None]).T)
-    theta = bread @ reading
-    refuse_negative(theta[0])
-    residual = reading - rows @ theta
-    return Weight(float(theta[0]), theta[1:], bread @ noise @ bread.T,
-                  float(residual @ np.linalg.solve(noise, residual)), 3 * n - 4)

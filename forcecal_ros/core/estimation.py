@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
 import numpy as np
+from numpy.typing import NDArray
 
 FREEDOM = 4.0
 """Degrees of freedom of Student's t: contact is its tails."""
@@ -11,6 +12,9 @@ FREEDOM = 4.0
 BLOCKS = 40
 """Blocks of a recording that are taken as independent of each other."""
 
+RIDGE = 1e-12
+"""Share of the largest diagonal element that is added to all: rounding. What the rows do not
+determine gets a standard error a million times that of what they do."""
 
 CHUNK = 96
 """Rows of one matrix product, too few for threads, which take longer to meet than to multiply."""
@@ -26,8 +30,8 @@ class RobustFit(NamedTuple):
     covariance : ndarray, shape (k, k)
         Sandwich over blocks.
     residual : ndarray, shape (n, c, 3)
-    scale : ndarray, shape (c,)
-        Of one channel's residual in each group of three channels.
+    scale : ndarray, shape (g, c)
+        Of one channel's residual in each group of rows and of three channels.
     """
 
     theta: Array
@@ -42,7 +46,7 @@ class RobustFit(NamedTuple):
 
 
 def robust_fit(X: Array, y: Array, prior: Array | None = None, blocks: int = BLOCKS,
-               tolerance: float = 1e-5) -> RobustFit:
+               tolerance: float = 1e-5, groups: NDArray[np.intp] | None = None) -> RobustFit:
     """
     Fit y (n, 3 c) by X (n, 3 c, k) with Student's t on each group of three channels.
 
@@ -54,9 +58,13 @@ def robust_fit(X: Array, y: Array, prior: Array | None = None, blocks: int = BLO
         Independent blocks of rows for the covariance.
     tolerance : float
         Relative change of the scales at which iterations end.
+    groups : ndarray of int, shape (n,), or None
+        Which rows share a scale, 0, 1, ...; None: all.
     """
     n, c, k = len(y), y.shape[1] // 3, X.shape[2]
-    size = np.sqrt(np.einsum('nij,nij->j', X, X) / n) + 1e-300
+    groups = np.zeros(n, dtype=np.intp) if groups is None else np.unique(groups, True, True)[2]
+    members = np.arange(groups.max() + 1)[:, None] == groups  # (g, n)
+    size = np.sqrt(np.einsum('nij,nij->j', X, X) / n) + 1e-150
     X = (X / size).reshape(-1, k)
     y = y.reshape(n, c, 3)
     short = -len(X) % CHUNK
@@ -67,19 +75,21 @@ def robust_fit(X: Array, y: Array, prior: Array | None = None, blocks: int = BLO
         shares = np.pad(np.repeat(weight, 3), (0, short)).reshape(-1, CHUNK, 1)
         return np.asarray((np.swapaxes(chunks * shares, 1, 2) @ right).sum(axis=0))
 
-    ridge = np.diag(1e-12 * np.ones(k) if prior is None else prior / size**2 + 1e-12)
+    stated = np.zeros(k) if prior is None else prior / size**2
     weight = np.ones((n, c)) / np.maximum(np.var(y, axis=(0, 2)), 1e-300)
-    scale = np.zeros(c)
+    scale = np.zeros((len(members), c))
     for _ in range(50):
         before = scale
-        theta = np.linalg.solve(product(weight, chunks) + ridge, product(weight, readings))[:, 0]
+        normal = product(weight, chunks)
+        ridge = np.diag(stated + RIDGE * normal.diagonal().max())
+        theta = np.linalg.solve(normal + ridge, product(weight, readings))[:, 0]
         residual = y - np.einsum('ij,j->i', X, theta).reshape(n, c, 3)
-        square = (residual**2).sum(axis=2) + 1e-300
+        square = (residual**2).sum(axis=2) + 1e-150
         if not before.any():
-            scale = np.median(square, axis=0) / 2.366  # of three Gaussian channels
-        share = (FREEDOM + 3) / (FREEDOM + square / scale)
-        scale = (share * square).mean(axis=0) / 3
-        weight = share / scale
+            scale = np.stack([np.median(square[rows], axis=0) for rows in members]) / 2.366
+        share = (FREEDOM + 3) / (FREEDOM + square / scale[groups])
+        scale = np.stack([(share * square)[rows].mean(axis=0) for rows in members]) / 3
+        weight = share / scale[groups]
         if before.any() and np.all(np.abs(scale - before) < tolerance * scale):
             break
     score = (X * (weight[:, :, None] * residual).reshape(-1, 1)).reshape(n, -1, k).sum(axis=1)
@@ -87,9 +97,9 @@ def robust_fit(X: Array, y: Array, prior: Array | None = None, blocks: int = BLO
     sums = np.add.reduceat(score, edges, axis=0)
     spread = sums.T @ sums * len(edges) / max(len(edges) - k, 1)  # k sums of scores are zero
     # curvature of Student's t: what weights lose beside the plain weighted squares
-    unit = square / scale
+    unit = square / scale[groups]
     bend = weight * np.maximum(1 - 2 * unit / (3 * (FREEDOM + unit)), 0.1)
-    H = product(bend, chunks) + ridge
-    inverse = np.linalg.pinv(H, rcond=1e-12, hermitian=True)
-    covariance = inverse @ spread @ inverse / np.outer(size, size)
+    inverse = np.linalg.inv(product(bend, chunks) + ridge)
+    with np.errstate(over='ignore'):
+        covariance = inverse @ (spread + ridge) @ inverse / np.outer(size, size)
     return RobustFit(theta / size, covariance, residual, np.sqrt(scale))

@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array, skew
-from forcecal_ros.core.kinematics import rate_of_change
 from forcecal_ros.core.streams import PoseStream
+from forcecal_ros.core.time_grid import Averager
 import numpy as np
 
 INERTIAL = 10
@@ -31,18 +31,11 @@ class BodyMotion(NamedTuple):
     alpha: Array
 
 
-def block_means(t: Array, values: Array, starts: Array, length: float) -> Array:
-    """Return means of the straight lines through samples over [start, start + length]."""
-    area = np.vstack([np.zeros(values.shape[1]),
-                      np.cumsum((values[1:] + values[:-1]) / 2 * np.diff(t)[:, None], axis=0)])
-
-    def integral(at: Array) -> Array:
-        i = np.searchsorted(t, at, side='right').clip(1, len(t) - 1) - 1
-        part = ((at - t[i]) / (t[i + 1] - t[i]))[:, None]
-        end = values[i] + part * (values[i + 1] - values[i])
-        return np.asarray(area[i] + (values[i] + end) / 2 * (at - t[i])[:, None])
-
-    return np.asarray((integral(starts + length) - integral(starts)) / length)
+def rate_of_change(means: Array, length: float) -> Array:
+    """Differentiate means (n, k) of blocks of length [s], to fourth order; 0 in the outer two."""
+    out = np.zeros_like(means)
+    out[2:-2] = (8 * (means[3:-1] - means[1:-3]) - (means[4:] - means[:-4])) / (12 * length)
+    return out
 
 
 def body_motion(pose: PoseStream, starts: Array, length: float, gravity: Array) -> BodyMotion:
@@ -58,7 +51,7 @@ def body_motion(pose: PoseStream, starts: Array, length: float, gravity: Array) 
     gravity : ndarray, shape (3,)
         In base [m/s^2].
     """
-    means = block_means(pose.t, pose.R_base_sensor.reshape(-1, 9), starts, length)
+    means = Averager(pose.t, pose.R_base_sensor.reshape(-1, 9)).interpolated(starts, length)
     U, _, Vt = np.linalg.svd(means.reshape(-1, 3, 3))
     R = U @ Vt
     rate = np.swapaxes(R, 1, 2) @ rate_of_change(R.reshape(-1, 9), length).reshape(-1, 3, 3)
@@ -66,7 +59,7 @@ def body_motion(pose: PoseStream, starts: Array, length: float, gravity: Array) 
                       rate[:, 1, 0] - rate[:, 0, 1]], axis=1) / 2
     accel = np.zeros((len(starts), 3))
     if pose.has_position:
-        place = block_means(pose.t, pose.position - pose.position[0], starts, length)
+        place = Averager(pose.t, pose.position - pose.position[0]).interpolated(starts, length)
         accel = rate_of_change(rate_of_change(place, length), length)
     force = np.einsum('nij,ni->nj', R, gravity - accel)
     return BodyMotion(starts + length / 2, force, omega, rate_of_change(omega, length))
@@ -77,6 +70,11 @@ def inertia_columns(v: Array) -> Array:
     x, y, z, o = *v.T, np.zeros(len(v))
     return np.stack([np.stack([x, o, o, y, z, o], 1), np.stack([o, y, o, x, o, z], 1),
                      np.stack([o, o, z, o, x, y], 1)], axis=1)
+
+
+def symmetric(e: Array) -> Array:
+    """Return the matrix of elements xx, yy, zz, xy, xz, yz, shape (3, 3)."""
+    return np.array([[e[0], e[3], e[4]], [e[3], e[1], e[5]], [e[4], e[5], e[2]]])
 
 
 def sliding(motion: BodyMotion, slide: Array, length: float) -> BodyMotion:

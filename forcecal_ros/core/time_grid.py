@@ -5,10 +5,9 @@ continuous signals holds between their block means, whatever each sensor's rate;
 a fraction of a sample is a shift of the stretch.
 """
 
-from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.streams import FREE, Phase, phase_spans
+from forcecal_ros.core.streams import FREE, Phase, phase_spans, STILL
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, make_interp_spline
@@ -17,8 +16,8 @@ _GAP = 2.5
 """Stamps further apart than this many median periods leave the blocks between them empty."""
 
 _TOO_CLOSE = 0.2
-"""Stamps that follow each other by less, in median periods, are joined by straight lines: a cubic
-spline through noise at such instants swings by many times the noise."""
+"""Where stamps follow each other by less, in median periods, or with a gap, readings are joined by
+straight lines: a cubic spline through noise at such instants swings by many times the noise."""
 
 _MIN_SAMPLES = 5
 """Of the slowest sensor in a block: fewer do not average its noise."""
@@ -37,13 +36,18 @@ class Averager:
 
     def __init__(self, t: Array, values: Array) -> None:
         period = float(np.median(np.diff(t)))
-        smooth = np.diff(t).min() > _TOO_CLOSE * period
-        curve = CubicSpline(t, values) if smooth else make_interp_spline(t, values, k=1)
+        steps = np.diff(t) / period
+        even = steps.min() > _TOO_CLOSE and steps.max() < _GAP
+        curve = CubicSpline(t, values) if even else make_interp_spline(t, values, k=1)
         self._integral = curve.antiderivative()
         wide = np.flatnonzero(np.diff(t) > _GAP * period)
         self._gap_start = np.concatenate([t[wide], [t[-1] + period / 2]])
         self._gap_end = np.concatenate([t[wide + 1], [np.inf]])
         self._first = float(t[0] - period / 2)
+
+    def interpolated(self, starts: Array, length: float) -> Array:
+        """Average as :meth:`means`, across gaps along straight lines."""
+        return np.asarray((self._integral(starts + length) - self._integral(starts)) / length)
 
     def means(self, starts: Array, length: float) -> Array:
         """
@@ -62,33 +66,11 @@ class Averager:
             NaN where samples are missing.
         """
         ends = starts + length
-        means = (self._integral(ends) - self._integral(starts)) / length
+        means = self.interpolated(starts, length)
         missing = (np.searchsorted(self._gap_start, ends - 1e-9)
                    > np.searchsorted(self._gap_end, starts + 1e-9))
         means[missing | (starts < self._first - 1e-9)] = np.nan
         return np.asarray(means)
-
-
-class TimeGrid(NamedTuple):
-    """
-    Consecutive blocks of equal length.
-
-    Attributes
-    ----------
-    starts : ndarray, shape (n,)
-        [s]
-    length : float
-        Of each block [s].
-    still : ndarray of int, shape (n,)
-        Which static pose a block lies in; -1 for none.
-    free : ndarray of bool, shape (n,)
-        Moving, or settling, with nothing touching the tool.
-    """
-
-    starts: Array
-    length: float
-    still: NDArray[np.intp]
-    free: NDArray[np.bool_]
 
 
 def block_length(shortest: float, *periods: float) -> float:
@@ -102,35 +84,34 @@ def block_length(shortest: float, *periods: float) -> float:
     return float(np.ceil(wanted / periods[0] - 1e-6) * periods[0])
 
 
-def make_time_grid(t: Array, length: float, windows: list[tuple[float, float]],
-                   phases: tuple[Phase, ...]) -> TimeGrid:
+def labelled(starts: Array, length: float, windows: list[tuple[float, float]],
+             phases: tuple[Phase, ...]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     """
-    Lay blocks over a recording and say what happens in each.
+    Say what happens in blocks.
 
     Parameters
     ----------
-    t : ndarray, shape (n,)
-        Stamps of the wrench [s]; blocks start half-way between two samples.
-    length : float
-        [s]
+    starts : ndarray, shape (n,)
+        Of blocks of `length` [s].
     windows : list of tuple of float
         Start and end of each static pose [s].
     phases : tuple of Phase
         Empty where none was recorded: all but the windows counts as free motion.
+
+    Returns
+    -------
+    still : ndarray of int, shape (n,)
+        Which static pose a block lies in; -1 for none.
+    free : ndarray of bool, shape (n,)
+        Moving, or settling, with nothing touching the tool.
     """
-    period = float(np.median(np.diff(t)))
-    n = max(0, int((t[-1] - t[0]) / length))
-    starts = t[0] + period / 2 + length * np.arange(n)
-    still = np.full(n, -1)
+    still = np.full(len(starts), -1)
     for i, (begin, end) in enumerate(windows):
         still[_within(starts, length, begin, end)] = i
-    free = np.zeros(n, dtype=bool)
-    for begin, end in phase_spans(phases, FREE) if phases else [(-np.inf, np.inf)]:
+    free = np.zeros(len(starts), dtype=bool)
+    for begin, end in phase_spans(phases, (*FREE, *STILL)) if phases else [(-np.inf, np.inf)]:
         free |= _within(starts, length, begin, end)
-    touched = np.zeros(n, dtype=bool)
-    for begin, end in windows:
-        touched |= (starts + length > begin) & (starts < end)
-    return TimeGrid(starts, length, still, free & ~touched)
+    return still, free & (still < 0)
 
 
 def _within(starts: Array, length: float, begin: float, end: float) -> NDArray[np.bool_]:

@@ -1,6 +1,6 @@
 """High-passes of block means."""
 
-from forcecal_ros.calibrate.accelerometer_model import fading, lowpassed
+from forcecal_ros.calibrate.accelerometer import fading, lowpassed
 import numpy as np
 
 

@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 from forcecal_ros.calibrate.by_motion import calibrate_by_motion
-from forcecal_ros.calibrate.joint import joint_fit
-from forcecal_ros.calibrate.pipeline import identify
+from forcecal_ros.calibrate.joint import require_tool
+from forcecal_ros.calibrate.pipeline import fit_motion, identify
 from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import DataError, UnobservableError
@@ -20,7 +20,6 @@ import numpy as np
 import pytest
 
 RIG = load_rig()
-GRAVITY = np.array(RIG.gravity)
 
 
 def shortened(recording, start, end):
@@ -46,6 +45,13 @@ def whole():
 @pytest.fixture(scope='module')
 def moving(whole):
     return shortened(whole, 1.5, 18.5)
+
+
+def fitted(recording, settings=IdentificationSettings()):
+    """Fit a recording that is not checked."""
+    fit = fit_motion(recording, settings)
+    require_tool(fit, True, settings.largest_delay)
+    return fit
 
 
 def assert_nominal(calibration):
@@ -101,17 +107,17 @@ def test_too_short_a_recording_is_refused(moving):
 def test_clocks_apart_are_refused(moving):
     late = Stream(moving.wrench.t + 0.08, moving.wrench.values)
     with pytest.raises(DataError, match='limit of what is looked for'):
-        joint_fit(late, moving.pose, GRAVITY, 0.05, moving.optidrive)
+        fitted(replace(moving, wrench=late), IdentificationSettings(largest_delay=0.05))
 
 
 def test_forces_of_no_rigid_tool_are_refused(moving):
     noise = np.random.default_rng(3).normal(size=(34, 6))
     pushes = np.repeat(noise, len(moving.wrench) // 34 + 1, axis=0)[:len(moving.wrench)]
     with pytest.raises(UnobservableError, match='standard error of'):
-        joint_fit(Stream(moving.wrench.t, 50.0 * pushes), moving.pose, GRAVITY)
+        fitted(replace(moving, wrench=Stream(moving.wrench.t, 50.0 * pushes)))
     mirrored = Stream(moving.wrench.t, moving.wrench.values * [1, 1, -1, 1, 1, -1])
     with pytest.raises(DataError, match='forces differ from those of a rigid tool'):
-        joint_fit(mirrored, moving.pose, GRAVITY)
+        fitted(replace(moving, wrench=mirrored))
 
 
 def test_rotated_axes_make_the_estimates_suspect(moving):
@@ -120,7 +126,9 @@ def test_rotated_axes_make_the_estimates_suspect(moving):
     recording = replace(moving, wrench=turned)
     with pytest.raises(DataError, match='its axes are turned'):
         identify(recording)
-    quality = calibrate_by_motion(recording, IdentificationSettings(), 'it moves')['quality']
+    settings = IdentificationSettings()
+    quality = calibrate_by_motion(
+        recording, settings, fitted(recording), None, 'it moves')['quality']
     assert 'mass' in quality['suspect'] and any('suspect: mass' in one for one in quality[
         'warnings'])
 

@@ -4,11 +4,9 @@ from functools import cache
 
 from forcecal_ros.calibrate.axes import in_words, split_matrix
 from forcecal_ros.calibrate.creep import Creep, follow
-from forcecal_ros.calibrate.moving_tool import inertia_regressor
 from forcecal_ros.calibrate.ringing import Ring, stiffness_and_damping
 from forcecal_ros.calibrate.static_readings import gravity_spread, Statics
-from forcecal_ros.calibrate.statics import stiffness_from_sag
-from forcecal_ros.calibrate.tool import identify_tool, weigh
+from forcecal_ros.calibrate.tool import identify_tool
 from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.geometry import rotation_from_vector
 from hypothesis import given
@@ -51,60 +49,11 @@ def test_leaving_the_sag_out_moves_the_centre_of_mass_by_millimetres():
     assert MASS * G * np.sin(np.pi / 4) / K == pytest.approx(0.018, abs=3e-4)
 
 
-def test_an_unobserved_sag_is_solved_for_jointly():
-    fit = identify_tool(statics_of(FOUR)._replace(slide=None))
-    np.testing.assert_allclose(fit.com, COM, atol=1e-10)
-
-
-def test_a_known_stiffness_stands_in_for_the_sag():
-    statics = statics_of(THREE)._replace(slide=None, sag=(MASS**2 / K, 1e-12))
-    np.testing.assert_allclose(identify_tool(statics).com, COM, atol=1e-9)
-
-
-def test_errors_of_the_tool_hold():
-    off = []
-    for seed in range(300):
-        fit = identify_tool(statics_of(FOUR, 1.0, seed))
-        found = np.concatenate([[fit.mass], fit.force_bias, fit.com, fit.torque_bias])
-        true = np.concatenate([[MASS], FORCE_BIAS, COM, TORQUE_BIAS])
-        off.append((found - true) / np.sqrt(np.diag(fit.covariance)))
-    spread = np.sqrt((np.array(off)**2).mean(axis=0))
-    assert (np.abs(spread - 1) < 4 / np.sqrt(2 * 300)).all()
-
-
-def test_chi_square_of_a_good_fit_is_that_of_its_degrees_of_freedom():
-    fits = [identify_tool(statics_of(FOUR, 1.0, seed)) for seed in range(200)]
-    assert fits[0].degrees == 24 - 10
-    mean = np.mean([fit.chi_square for fit in fits])
-    assert mean == pytest.approx(14, abs=4 * np.sqrt(2 * 14 / 200))
-    assert np.mean([fit.probability for fit in fits]) == pytest.approx(0.5, abs=0.1)
-
-
-@pytest.mark.parametrize('channel, pull, wider, same', [
-    (1, 1.0, slice(0, 4), slice(7, 10)), (4, 0.1, slice(4, 10), slice(0, 4))])
-def test_a_pose_that_disagrees_widens_the_errors_of_what_it_tells(channel, pull, wider, same):
-    statics = statics_of(FOUR, 1.0)._replace(slide=np.zeros(4))
-    statics = statics._replace(wrench=statics.wrench - statics_of(FOUR).wrench
-                               + statics_of(FOUR, slide=False).wrench)
-    wrench = statics.wrench.copy()
-    wrench[1, channel] += pull
-    wide, narrow = identify_tool(statics._replace(wrench=wrench)), identify_tool(statics)
-    ratio = np.sqrt(np.diag(wide.covariance) / np.diag(narrow.covariance))
-    assert wide.probability < 1e-6
-    assert (ratio[wider] > 20.0).all()
-    np.testing.assert_allclose(ratio[same], 1.0, rtol=0.05)
-
-
 @pytest.mark.parametrize('directions, axis', [([[0, 0, 1], [1, 0, 0]], 'x'),
                                               ([[0, 0, 1], [0, 1, 0]], 'y')])
 def test_poses_along_one_line_name_the_axis_to_tilt_about(directions, axis):
     with pytest.raises(UnobservableError, match=f'tilted about {axis} of ft_sensor'):
         identify_tool(statics_of(np.array(directions, dtype=float)))
-
-
-def test_one_direction_does_not_weigh():
-    with pytest.raises(UnobservableError, match='mass and bias cannot be told apart'):
-        weigh(statics_of(np.array([[0.0, 0.0, 1.0]] * 3)))
 
 
 def test_a_turned_wrench_is_refused():
@@ -113,23 +62,9 @@ def test_a_turned_wrench_is_refused():
         identify_tool(statics._replace(wrench=-statics.wrench))
 
 
-def test_forces_alone_weigh_as_all_six_do():
-    statics = statics_of(FOUR, 1.0, 3)
-    weight, tool = weigh(statics), identify_tool(statics)
-    assert weight.mass == pytest.approx(tool.mass, abs=3 * np.sqrt(weight.covariance[0, 0]))
-    np.testing.assert_allclose(np.sqrt(np.diag(weight.covariance)),
-                               np.sqrt(np.diag(tool.covariance)[:4]), rtol=0.05)
-
-
 def test_spread_of_the_six_directions_is_even():
     spread, _ = gravity_spread(np.vstack([np.eye(3), -np.eye(3)]) * G)
     np.testing.assert_allclose(spread, np.sqrt(1 / 3))
-
-
-def test_the_static_sag_gives_the_stiffness_whatever_the_optidrives_zero():
-    statics = statics_of(THREE)
-    sag = stiffness_from_sag(statics._replace(slide=statics.slide + 0.002), MASS)
-    assert sag.stiffness == pytest.approx(K, rel=1e-9) and sag.zero == pytest.approx(0.002)
 
 
 @cache
@@ -211,14 +146,6 @@ def test_noise_does_not_ring():
 
 
 VECTOR = st.lists(st.floats(-5, 5), min_size=3, max_size=3).map(np.array)
-
-
-@given(VECTOR, VECTOR, st.lists(st.floats(-1, 1), min_size=6, max_size=6))
-def test_the_regressor_of_the_inertia_is_eulers_equation(omega, alpha, e):
-    J = np.array([[e[0], e[3], e[4]], [e[3], e[1], e[5]], [e[4], e[5], e[2]]])
-    np.testing.assert_allclose(
-        inertia_regressor(omega[None], alpha[None])[0] @ np.array(e),
-        J @ alpha + np.cross(omega, J @ omega), atol=1e-9)
 
 
 @given(VECTOR, st.sampled_from([-0.3, 0.25]))

@@ -1,7 +1,7 @@
 """Blocks over a recording, and means over them."""
 
 from forcecal_ros.core.streams import Phase
-from forcecal_ros.core.time_grid import Averager, block_length, make_time_grid
+from forcecal_ros.core.time_grid import Averager, block_length, labelled
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
@@ -47,7 +47,7 @@ def test_blocks_hold_five_samples_of_the_slowest_sensor():
 def test_contact_and_idle_are_neither_still_nor_free():
     phases = (Phase('idle', 0, 1), Phase('measure', 1, 2), Phase('move', 2, 3),
               Phase('settle', 3, 4), Phase('contact', 4, 5))
-    grid = make_time_grid(np.arange(0, 5, 0.001), 0.02, [(1.0, 2.0)], phases)
+    grid = labelled(np.arange(0, 5, 0.001), 0.02, [(1.0, 2.0)], phases)
     seconds = (grid.starts + 0.01).astype(int)
     assert (seconds[grid.still == 0] == 1).all() and (grid.still == 0).sum() >= 48
     assert set(seconds[grid.free]) == {2, 3}

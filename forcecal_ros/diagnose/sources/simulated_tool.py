@@ -3,11 +3,11 @@
 from dataclasses import replace
 from typing import NamedTuple
 
-from forcecal_ros.calibrate.moving_tool import inertia_regressor, symmetric
 from forcecal_ros.checks.hypotheses import judge, Known
 from forcecal_ros.checks.messages import as_in_base, Stated
 from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.geometry import Array, skew
+from forcecal_ros.core.rigid_body import inertia_columns, symmetric
 from forcecal_ros.core.streams import phase_spans, Recording, TOUCHING
 from forcecal_ros.diagnose.recordings import add_imu
 from forcecal_ros.effects.nuisances import possible, rows_of
@@ -229,7 +229,7 @@ def _rows(motion: CarriedTool, rig: Rig) -> Array:
     rows[:, :3, 0] = -block_means(f)
     rows[:, :3, 1:4] = -block_means(lever.reshape(-1, 9)).reshape(-1, 3, 3)
     rows[:, 3:, 1:4] = skew(block_means(f))
-    turning = inertia_regressor(motion.omega, motion.alpha)
+    turning = inertia_columns(motion.alpha) + skew(motion.omega) @ inertia_columns(motion.omega)
     rows[:, 3:, 4:10] = -block_means(turning.reshape(-1, 18)).reshape(-1, 3, 6)
     rows[:, :, 10:] = np.eye(6)
     return rows
