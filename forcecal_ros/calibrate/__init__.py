@@ -1,5 +1,6 @@
-"""From a recording to a calibration: one function an equation, :mod:`pipeline` puts them together.
+"""From a recording to a calibration; :mod:`pipeline` has the order.
 
-poses -> means -> tool (mass, centre of mass, biases, sag) -> ringing (stiffness, damping)
--> accelerometer (offset, map, delay) -> inertia -> covariance -> gain
+joint (tool, biases, delay) and accelerometer, from motion and rests alike; statics and ringing
+(stiffness, damping) of a tool that is displaced; noise and observer gain at rest; then how far
+the estimates can be trusted.
 """

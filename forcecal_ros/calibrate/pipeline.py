@@ -24,6 +24,7 @@ from forcecal_ros.calibrate.means import DRIFT, drift, window_mean
 from forcecal_ros.calibrate.poses import NeverAtRest, static_poses, StaticPose
 from forcecal_ros.calibrate.quality import quality_of
 from forcecal_ros.calibrate.requirements import (
+    refuse_far_displacement,
     refuse_poses_at_a_limit,
     refuse_unnatural,
     require_wrench,
@@ -180,7 +181,7 @@ def _by_motion(recording: Recording, settings: IdentificationSettings, why: str
     recording = _evened(levelled(recording, settings.gravity_direction))
     recording = in_axes_of_pose(recording, settings.sensor_rotation)
     joint = fit_motion(recording, settings)
-    assert joint is not None and recording.pose is not None
+    assert joint is not None and recording.pose is not None  # without poses it is one or refused
     require_tool(joint, recording.pose.has_position, settings.largest_delay)
     slide = None if settings.tool_compliance == 'no' else recording.optidrive
     felt = None
@@ -244,6 +245,7 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
     refuse_poses_at_a_limit(recording, stops, poses)
     recording = in_axes_of_pose(recording, settings.sensor_rotation)
     _refuse_other_unit(recording, poses, settings)
+    refuse_far_displacement(recording.optidrive)
     statics = read_statics(recording, poses, settings)
     check_weight(statics.gravity, settings.thresholds.condition)
     joint = fit_motion(recording, settings, poses)
@@ -251,6 +253,7 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
         return replace(_single_samples(recording, removed, poses, statics, settings),
                        slight_misfit=slight, stops=stops)
     spans = np.array([pose.end - pose.start for pose in poses])
+    refuse_negative(float(joint.theta[0]))
     ring, sag = None, None
     assert joint.noise is not None
     if settings.tool_compliance != 'no':
@@ -267,8 +270,8 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
     elif joint.theta[17]:
         statics = statics._replace(
             slide=joint.theta[17] / joint.theta[0] * statics.gravity[:, 0])
-    statics = with_noise(statics, joint, recording, poses)
     refuse_negative(float(joint.theta[0]))
+    statics = with_noise(statics, joint, recording, poses)
     tool = tool_of_motion(joint, statics)
     if not np.sqrt(np.diag(tool.covariance)[4:7].max()) < MAX_COM_STD:
         check_poses(statics.gravity, settings.thresholds.condition)
@@ -293,7 +296,12 @@ def fit_motion(recording: Recording, settings: IdentificationSettings,
     """
     wrench, pose = require_wrench(recording), recording.pose
     assert pose is not None
-    if len(wrench) < MIN_SAMPLES or len(pose) < MIN_SAMPLES:
+    if not len(poses):
+        require_overlap(wrench, pose)
+    if min(len(wrench), len(pose)) < MIN_SAMPLES:
+        if not len(poses):
+            raise UnobservableError(f'{len(wrench)} readings of the wrench and {len(pose)} poses '
+                                    f'do not show motion; record {MIN_SAMPLES} or more of each')
         return None
     if slide is None and settings.tool_compliance != 'no':
         slide = recording.optidrive
@@ -306,7 +314,6 @@ def fit_motion(recording: Recording, settings: IdentificationSettings,
     if len(poses) and (at.min() < 1 or held.max() < SHORTEST):
         return None
     if not len(poses):
-        require_overlap(wrench, pose)
         require_rotation(blocks)
     return joint_fit(wrench, blocks, pose.has_position, settings.largest_delay, sag)
 

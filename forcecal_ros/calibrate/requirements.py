@@ -68,6 +68,23 @@ _CERTAIN = 5.0
 """An inertia is that of no body by so many standard errors: one identification in a million."""
 
 
+def refuse_far_displacement(optidrive: Stream | None) -> None:
+    """
+    Refuse a tool that is displaced farther than any is long.
+
+    Raises
+    ------
+    DataError
+        Names the displacement and its likely unit.
+    """
+    if optidrive is None or not len(optidrive):
+        return
+    away = float(np.nanmedian(np.abs(optidrive.values)))
+    if away > FARTHEST:
+        raise DataError(f'optidrive: the tool is displaced by {away:.3g} m, expected {FARTHEST:g} '
+                        'm at most; is the displacement in mm? Multiply it by 0.001')
+
+
 def refuse_unnatural(c: Calibration) -> None:
     """
     Refuse what no tool can be.
