@@ -21,8 +21,13 @@ from forcecal_ros.insitu.blocks import Mounting
 from forcecal_ros.insitu.equations import Load
 from forcecal_ros.insitu.moments import PAPER_ORDER, PAPER_WINDOW
 from forcecal_ros.insitu.reduce import Options
-from forcecal_ros.io.csv_import.specification import Written
-from forcecal_ros.io.csv_import.table import Column, contradiction, NANOSECONDS, UNITS
+from forcecal_ros.io.csv_import.specification import (
+    Column,
+    contradiction,
+    NANOSECONDS,
+    UNITS,
+    Written,
+)
 import numpy as np
 
 FORMAT = 'forcecal-insitu/1'
