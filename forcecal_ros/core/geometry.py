@@ -108,7 +108,7 @@ def quaternion_of(rotation: Array) -> tuple[float, float, float, float]:
     """
     Return the xyzw quaternion of one exact rotation matrix, in plain floats for fast streams.
 
-    Thirty times quicker than :func:`quaternion_from_matrix`, which also mends what is not quite
+    Thirty times quicker than :func:`quaternion_from_matrix`, which also corrects what is not quite
     a rotation.
 
     Parameters

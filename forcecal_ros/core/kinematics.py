@@ -50,7 +50,7 @@ class AngularMotion(NamedTuple):
 
 
 class PoseKinematics:
-    """Derivatives of the measured pose on a time grid, whatever its delay."""
+    """Derivatives of the measured pose on a time grid, for any delay."""
 
     def __init__(self, pose: PoseStream, grid: TimeGrid) -> None:
         self._spline = RotationSpline(pose.t, Rotation.from_matrix(np.array(pose.R_base_sensor)))

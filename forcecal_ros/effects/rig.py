@@ -31,7 +31,7 @@ class _Effects(Row):
 
 
 def _check_equation(where: str, feedback: Vector3, feedforward: Vector3) -> None:
-    """Refuse a difference equation that is unstable or rests elsewhere than told to."""
+    """Refuse a difference equation that is unstable or rests elsewhere than commanded."""
     poles = np.roots([1.0, *(-c for c in feedback)])
     if np.abs(poles).max(initial=0.0) >= 1.0:
         raise ConfigError(f'{where}.feedback: unstable, a pole of magnitude '
@@ -39,7 +39,7 @@ def _check_equation(where: str, feedback: Vector3, feedforward: Vector3) -> None
     gain = sum(feedforward) / (1.0 - sum(feedback))
     if abs(gain - 1.0) > _GAIN_TOLERANCE:
         raise ConfigError(f'{where}.feedforward: static gain {gain:.6f}; it must be 1, so that '
-                          'the robot rests where it is told to')
+                          'the robot rests where it is commanded to')
 
 
 Directions = tuple[Vector6, Vector6, Vector6, Vector6, Vector6]
@@ -87,7 +87,7 @@ class Robot(Section):
     y: Annotated[Axis | None, Row('in place of Eq. 28', omit=True)] = None
     z: Annotated[Axis | None, Row('in place of Eq. 28', omit=True)] = None
     unexplained: Annotated[Unexplained | None, Row(
-        'RMS of measured less simulated motion, noise taken off', omit=True)] = None
+        'RMS of measured less simulated motion, noise subtracted', omit=True)] = None
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -83,7 +83,7 @@ def render(entries: Sequence[Entry], robots: Sequence[Robot], run_length: float)
         compare = shlex.join(('forcecal', 'compare', series.entries[change.onset - 1].path,
                               series.entries[change.noticed].path))
     return render_page(
-        'fleet.html.j2', 'Fleet', tone='doubt' if changed else 'bad' if failed else 'good',
+        'fleet.html.j2', 'Fleet', tone='warn' if changed else 'bad' if failed else 'good',
         word=f'{len(changed)} of {len(robots)} robots changed', headline=headline(robots),
         run_length=run_length, compare=compare, failed=failed,
         origin=[f'{len(entries) - len(failed)} results of {len(robots)} robots'],

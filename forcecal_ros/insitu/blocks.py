@@ -71,7 +71,7 @@ class Mounting:
         return np.asarray(-specific_force @ self.R_sensor_accelerometer.T - self.gravity_offset)
 
     def shifted(self, gravity_offset: Array) -> 'Mounting':
-        """Return the same with a further offset to take off."""
+        """Return the same with a further offset to subtract."""
         return replace(self, gravity_offset=self.gravity_offset + gravity_offset)
 
 
@@ -87,7 +87,7 @@ def prepare(chunks: Iterable[Chunk], mounting: Mounting, moving: bool) -> Prepar
     Raises
     ------
     DataError
-        There are no samples, or motion was asked for and there is no gyro.
+        There are no samples, or motion was requested and there is no gyro.
     """
     t, raw, accelerometer, gyro = _joined(chunks)
     gravity = mounting.gravity(accelerometer)
@@ -125,7 +125,7 @@ TINY = 1e-200
 """Least power that anything is divided by."""
 
 BLOCK = 0.25
-"""Length of a block [s], doubled as often as :data:`MOST_BLOCKS` wants."""
+"""Length of a block [s], doubled as often as :data:`MOST_BLOCKS` requires."""
 MOST_BLOCKS = 65536
 GAP = 5.0
 """A step of the stamps longer than this many median periods is a gap."""
@@ -158,7 +158,7 @@ class Blocks:
     regressors, raw : ndarray, shape (b, m), (b, n)
         Means.
     square : ndarray, shape (b,)
-        Mean of |g|^2 over the samples, noise taken off [(m/s^2)^2].
+        Mean of |g|^2 over the samples, noise subtracted [(m/s^2)^2].
     raw_noise, gravity_noise : ndarray, shape (n, n), (3, 3)
         Covariance of a sample's white noise, from third differences in quiet blocks.
     roughness : ndarray, shape (b,)

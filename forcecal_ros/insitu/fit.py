@@ -89,7 +89,7 @@ class MatrixProblem:
         return slice(start, start + self.moments[number].raw.size)
 
     def training(self) -> Training:
-        """Return the data sets to train on, the offset taken off."""
+        """Return the data sets to train on, the offset subtracted."""
         chosen = [(k, m, d.load) for k, (m, d) in enumerate(zip(self.moments, self.data_sets))
                   if d.train and d.load is not None]
         return Training([m.raw - np.outer(m.ones, self.offset) for _, m, _ in chosen],

@@ -119,7 +119,7 @@ def topics_of(spec: Spec, sensor: str) -> dict[str, Sequence[str]]:
     DataError
         The SPEC names no topic.
     """
-    wanted: dict[str, Sequence[str]] = {}
+    fields_of: dict[str, Sequence[str]] = {}
     for channels, name in ((spec.sensors[sensor], sensor), (spec.accelerometer, 'accelerometer'),
                            (spec.gyro, 'gyro')):
         if channels is None:
@@ -127,8 +127,8 @@ def topics_of(spec: Spec, sensor: str) -> dict[str, Sequence[str]]:
         if channels.topic is None:
             raise DataError(f'{spec.path}: a data set is a recording; name the topic of the '
                             f'{name}')
-        wanted[channels.topic] = (*wanted.get(channels.topic, ()), *channels.fields)
-    return wanted
+        fields_of[channels.topic] = (*fields_of.get(channels.topic, ()), *channels.fields)
+    return fields_of
 
 
 def readable_chunks(chunks: Iterable[tuple[str, Array, Array]],

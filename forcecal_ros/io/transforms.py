@@ -61,7 +61,7 @@ class TransformReader:
         Raises
         ------
         struct.error
-            It is shorter than it says.
+            It is shorter than it states.
         """
         return transforms_of(*self.laid_out(raw))
 
@@ -72,7 +72,7 @@ class TransformReader:
         Raises
         ------
         struct.error
-            It is shorter than it says.
+            It is shorter than it states.
         """
         key = raw[1], len(raw)
         layout = self._layouts.get(key)
@@ -115,7 +115,7 @@ def _layout(raw: bytes) -> Layout:
         parts.append(f'{padding}x7d')
         at += padding + 56
         if at > len(raw):
-            raise StructError('a message is shorter than it says')
+            raise StructError('a message is shorter than it states')
     struct = Struct(''.join(parts))
     values = struct.unpack_from(raw)
     names = _names(values)
@@ -159,7 +159,7 @@ def route(parents: Mapping[str, str], base: str, frame: str, name: str, source: 
     parents : mapping of str to str
         Frame to parent.
     name, source : str
-        What asked for it, and what holds the frames, for messages.
+        What requested it, and what holds the frames, for messages.
 
     Raises
     ------

@@ -5,7 +5,7 @@ from collections import deque
 from typing import Any, Generic, TypeVar
 
 from builtin_interfaces.msg import Duration
-from forcecal_ros.core.errors import ConfigError, DataError, MotionError
+from forcecal_ros.core.errors import above, ConfigError, DataError, MotionError
 from forcecal_ros.core.geometry import Array, matrix_from_quaternion, quaternion_of
 from forcecal_ros.motion.plan import Goal
 from forcecal_ros.motion.profiles import JointSetpoint, Pose, Setpoint, twist_towards
@@ -203,8 +203,8 @@ class JointTrajectories(Backend[JointSetpoint]):
         joint = int(np.argmax(nearest))
         if nearest[joint] <= limit:
             return ''
-        return (f'joint_states: {self._names[joint]} is {nearest[joint]:.3f} rad from the '
-                f'command, limits.tracking_angle is {limit:g} rad')
+        return (f'joint_states: {self._names[joint]} is {above(nearest[joint], limit)} rad from '
+                f'the command, limits.tracking_angle is {limit:g} rad')
 
     def send(self, stamp_ns: int, command: JointSetpoint) -> None:
         """

@@ -167,7 +167,7 @@ def render(results: Sequence[SensorResult], drawn: Mapping[str, Mapping[str, byt
     sensors = [{
         'name': r.name, 'warnings': r.warnings, 'headline': conclusion(r),
         'facts': list(_facts(r, written.get(r.name, ''))),
-        'tone': 'doubt' if r.warnings else 'good', 'tables': list(tables(r)),
+        'tone': 'warn' if r.warnings else 'good', 'tables': list(tables(r)),
         'figures': [picture(title.replace('_', ' ').capitalize(), WORDS[title], image)
                     for title, image in drawn[r.name].items()],
     } for r in results]
@@ -178,8 +178,8 @@ def _facts(result: SensorResult, file: str) -> Iterator[Fact]:
     """Say how large, how sure, and what to do next."""
     if result.matrix is not None and result.mass is not None and result.com is not None:
         yield Fact('Body', (
-            f'What hangs on the sensor besides weighs {_estimate(result.mass)} kg, its centre of '
-            f'mass at {_pairs(1e3 * result.com.value, 1e3 * result.com.std)} mm (x, y, z).'))
+            f'The rest of what hangs on the sensor weighs {_estimate(result.mass)} kg, its centre '
+            f'of mass at {_pairs(1e3 * result.com.value, 1e3 * result.com.std)} mm (x, y, z).'))
     if result.warnings:
         yield Fact('Next', 'Do what the warnings below say, and calibrate again.')
     elif result.matrix is None:
@@ -194,7 +194,7 @@ def conclusion(result: SensorResult) -> str:
     """Say in a sentence or two what was calibrated, and how well it does on what it never saw."""
     if result.matrix is None:
         return (f'The offset of {len(result.offset.value)} channels is known; the matrix is not, '
-                'for want of stated added masses.')
+                'because no added masses are stated.')
     judged = [(d, d.load.mass, float(d.added_mass)) for d in result.data_sets
               if not d.train and d.load is not None and d.added_mass is not None
               and d.load.mass > 0.0]
@@ -202,13 +202,13 @@ def conclusion(result: SensorResult) -> str:
         return ('Matrix and offset are calibrated. No recording with an added mass was kept back '
                 'to check them.')
     d, stated, found = max(judged, key=lambda one: abs(one[2] / one[1] - 1.0))
-    said = (f'Matrix and offset are calibrated. Added masses that were kept back come out '
+    text = (f'Matrix and offset are calibrated. Added masses that were kept back come out '
             f'within {_share(found / stated)} (data set {d.name}: {rounded(found, 4)} kg of '
             f'{stated:g} kg)')
     maker = [abs(d.by_manufacturer.mass / stated - 1.0) for d, stated, _ in judged
              if d.by_manufacturer is not None]
-    return f'{said}; by the manufacturer’s matrix, {_share(1.0 + max(maker))}.' if (
-        maker) else f'{said}.'
+    return f'{text}; by the manufacturer’s matrix, {_share(1.0 + max(maker))}.' if (
+        maker) else f'{text}.'
 
 
 def _share(ratio: float) -> str:

@@ -24,7 +24,7 @@ class Step(NamedTuple):
 
 
 def estimated_by(bag: str, calibration: str, how: Sequence[str] = ()) -> Step:
-    """Say how a calibration is put to use; ``how``: what the command says of the recording."""
+    """Say how a calibration is put to use; ``how``: what the command states of the recording."""
     return Step('Take weight, inertia and bias off this recording, or another one:', shlex.join(
         ('forcecal', 'estimate', bag, '--calibration', calibration, *how, '-o', 'contact')))
 

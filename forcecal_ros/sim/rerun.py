@@ -50,7 +50,7 @@ ADDABLE = frozenset({'robot_delay', 'tool_mass', 'tool_com', 'base_tilt', CABLE}
 @dataclass(frozen=True)
 class SimulatedRobot(RigidTool):
     """
-    A tool and sensors behind somebody's simulator.
+    A tool and sensors behind a third-party simulator.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class SimulatedRobot(RigidTool):
     zeros : tuple of float
         Of the measured joints against the simulated [rad].
     late : float
-        How much later than its simulation the robot does what it is told [s].
+        How much later than its simulation the robot does what it is commanded [s].
     finer : float
         What an integration of endless patience changes, in what half the step does.
     finest : float
@@ -88,7 +88,7 @@ def library_of(parameters: tuple[Parameter, ...]) -> dict[str, Effect]:
     List what a robot may have beside what is simulated: parameters that are off, and effects.
 
     A parameter's effect exceeds the nuisance of its name, and takes the place of the effects that
-    it stands for.
+    it represents.
     """
     made = {name for p in parameters for name in p.stands_for}
     own = {p.name: _effect(p) for p in parameters}
@@ -189,7 +189,7 @@ class _Carried(NamedTuple):
 
 class Rerun:
     """
-    One recording's commands, simulated by somebody's simulator as often as needed.
+    One recording's commands, simulated by a third-party simulator as often as needed.
 
     Parameters
     ----------
@@ -258,7 +258,7 @@ class Rerun:
         return other
 
     def forget(self) -> None:
-        """Let what was predicted be asked for anew, where the simulator was run meanwhile."""
+        """Let what was predicted be requested anew, where the simulator was run meanwhile."""
         self._carried = {}
 
     def signals(self, rig: Rig) -> Signals:
@@ -304,7 +304,7 @@ class Rerun:
             accel, joints = (None if one is None else one.at(carried.t)
                             for one in (made.accelerometer, made.joints))
             self._carried[key] = _Carried(carried, accel, joints)
-        # the point that all others are compared with is asked for most, and is not to go first
+        # the point that all others are compared with is requested most, and is not to go first
         found = self._carried.pop(key)
         self._carried[key] = found
         return found

@@ -84,7 +84,7 @@ def record(load: Load, rng: np.random.Generator) -> Log:
 
 
 SECONDS, PERIOD = 20.0, 0.008
-"""Length of the motion, and between commands: 125 Hz, as many controllers are told [s]."""
+"""Length of the motion, and between commands: 125 Hz, as for many controllers [s]."""
 
 REST, RISE = 1.0, 2.0
 """At rest at either end, and until the motion has its full size [s]."""

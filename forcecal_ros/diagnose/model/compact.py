@@ -75,7 +75,7 @@ def stacked(first: Array, others: Sequence[Compact | None]) -> Callable[[slice],
     ----------
     first : ndarray, shape (n,)
     others : sequence of Compact or None
-        None stands for nothing but 0.
+        None represents nothing but 0.
     """
     def at(rows: slice) -> Array:
         out = np.zeros((1 + len(others), rows.stop - rows.start))

@@ -263,7 +263,7 @@ def _transposed(columns: list[list[Column]]) -> tuple[list[Column], ...]:
 
 
 FAR = 20.0
-"""A nominal value so many times the typical one stands for no limit at all."""
+"""A nominal value so many times the typical one represents no limit at all."""
 
 
 class EffectJacobian(NamedTuple):

@@ -35,7 +35,7 @@ SLOWEST = 2.5
 
 SHORT_STEP, LONG_STEP = 1_500_000, 20_000_000
 """Stamps in steps between these are rounded [ns]: below, a turn is off by little, beyond, nothing
-tells whether they are rounded or cut off, and by half of so much."""
+shows whether they are rounded or cut off, and by half of so much."""
 
 EVENLY = 0.5
 """Messages come more evenly than their stamps say where their intervals scatter by less than this
@@ -54,7 +54,7 @@ CHANNELS = 0.5
 
 
 class Stamped(NamedTuple):
-    """Stamps to use [ns], and what is said of it; empty: they are those of the headers."""
+    """Stamps to use [ns], and a note on it; empty: they are those of the headers."""
 
     stamps: Integers
     note: str
@@ -131,7 +131,7 @@ def _refuse_milliseconds(name: str, count: int, passed: float, took: float) -> N
     if slow and took > 0.0 and abs(passed / took / 1000.0 - 1.0) < ALIKE:
         raise DataError(
             f'{name}: its stamps pass 1000 times as fast as its messages came: they hold '
-            'milliseconds where seconds belong; mend the driver, and record again')
+            'milliseconds where seconds belong; fix the driver, and record again')
 
 
 def refuse_two_senders(name: str, values: NDArray[Any]) -> None:

@@ -43,7 +43,7 @@ _REMEMBERED = 32
 
 
 class CdrError(Exception):
-    """A message is shorter than its type says, or laid out in a way that is not understood."""
+    """A message is shorter than its type requires, or laid out in a way that is not understood."""
 
 
 class Numbers(NamedTuple):
@@ -416,7 +416,7 @@ def encode(
     -------
     ndarray of uint8, shape (n, length)
         One row a message. Sequences are as long as fields and text name elements of them;
-        whatever is not named is zero or empty.
+        the rest is zero or empty.
 
     Raises
     ------
@@ -502,7 +502,7 @@ FIELDS: Mapping[str, tuple[str, ...]] = {
 
 JOINTS: Mapping[str, str] = {
     JOINT_STATE: 'position', CONTROLLER_STATE: 'reference.positions', MULTI_ARRAY: 'data'}
-"""Which array of a message holds what joints are told."""
+"""Which array of a message holds the commands of joints."""
 
 JOINT_NAMES: Mapping[str, str] = {JOINT_STATE: 'name', CONTROLLER_STATE: 'joint_names'}
 """Which array names them; other messages do not."""

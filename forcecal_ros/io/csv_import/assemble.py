@@ -70,7 +70,7 @@ def assemble(specification: Specification) -> Imported:
     Raises
     ------
     DataError
-        A file, column or cell is not what the specification says; file and line are named.
+        A file, column or cell does not fit the specification; file and line are named.
     ConfigError
         A table gives no signal, or two give the same.
     """
@@ -165,7 +165,7 @@ def _other_angles(name: str, angles: Array, stated: str) -> Mapping[str, Array]:
     unit = 'deg' if stated == 'rad' else 'rad'
     size = UNITS['angle'][unit] / UNITS['angle'][stated]
     others = {f'its unit is {unit}': _turn(name, size * angles),
-              'it is that of base in the sensor, whose transpose is wanted':
+              'it is that of base in the sensor, whose transpose is required':
                   _turn(name, angles).transpose(0, 2, 1)}
     if name != 'rotation_vector':
         others['its columns are in the order yaw, pitch, roll'] = _turn(name, angles[:, ::-1])
@@ -192,8 +192,8 @@ def _stamps(specification: TableSpecification, table: Table) -> NDArray[np.int64
     rows = np.arange(len(table)) / rate + start
     stamps = np.rint(rows * 1e9).astype(np.int64)
     if (np.diff(stamps) <= 0).any():
-        raise DataError(f'{table.path}: rows at {rate:g} Hz from {start:g} s on cannot be told '
-                        'apart in nanoseconds')
+        raise DataError(f'{table.path}: rows at {rate:g} Hz from {start:g} s on are not distinct '
+                        'in nanoseconds')
     return stamps
 
 
@@ -279,12 +279,12 @@ def _phases(specification: TableSpecification, table: Table, t: Array) -> tuple[
 
 def _spoken(table: Table, column: str, t: Array, end: float) -> tuple[Phase, ...]:
     """Phases from a column that holds their words."""
-    said = [cell.strip() for cell in table.cells(column)]
-    for row, word in enumerate(said):
+    found = [cell.strip() for cell in table.cells(column)]
+    for row, word in enumerate(found):
         if word not in PHASES:
             raise DataError(f'{table.place(row)}: {word[:40]!r} in column {column!r} is not a '
                             f'phase; use {", ".join(PHASES)}')
-    changes = [next(same) for _, same in groupby(zip(t.tolist(), said), key=lambda one: one[1])]
+    changes = [next(same) for _, same in groupby(zip(t.tolist(), found), key=lambda one: one[1])]
     if changes[-1][1] != 'done':
         changes.append((end, 'done'))
     return tuple(Phase(word, start, stop)

@@ -94,7 +94,7 @@ def refuse_other_reading(wrench: Stream, pose: PoseStream, others: Mapping[str, 
     Parameters
     ----------
     others : mapping of str to ndarray, shape (n, 3, 3)
-        R_base_sensor by other readings, and how these are said.
+        R_base_sensor by other readings, and how messages call them.
     key : str
         What the specification calls it.
     """
@@ -120,7 +120,7 @@ def other_reading(force: Array, R_base_sensor: Array, others: Mapping[str, Array
     force : ndarray, shape (n, 3)
         [N]
     others : mapping of str to ndarray, shape (n, 3, 3)
-        R_base_sensor by other readings, and how these are said.
+        R_base_sensor by other readings, and how messages call them.
     """
     mine, _ = _unexplained_share(force, R_base_sensor)
     fits = [(*_unexplained_share(force, R), words) for words, R in others.items()]

@@ -50,7 +50,7 @@ def contradiction(columns: Sequence[str], unit: str, units: Mapping[str, float])
     for column in columns:
         named = named_unit(column, units)
         if named is not None and units[named] != units[unit]:
-            return f'{named}, as the name of column {column!r} says'
+            return f'{named}, as the name of column {column!r} states'
     return ''
 
 
@@ -101,15 +101,15 @@ class _Columns(Row):
         plain = self.quantity == 'number'
         entry = read(_Entry, {'columns': value, 'unit': '1'} if plain else value, where)
         units, width = UNITS[self.quantity], self.width or len(entry.columns)
-        for key, right, wanted in (
+        for key, right, expected in (
                 ('columns', len(entry.columns) == width > 0, f'a list of {width} columns'),
                 ('unit', entry.unit in units, f'a unit of {self.quantity}: {", ".join(units)}'),
                 ('signs', not entry.signs or (len(entry.signs) == width
                  and set(entry.signs) <= {1, -1}), f'{width} times 1 or -1')):
             if not right:
-                raise Mismatch(where if plain else path(where, key), getattr(entry, key), wanted)
-        if said := contradiction(entry.columns, entry.unit, units):
-            raise Mismatch(path(where, 'unit'), entry.unit, said)
+                raise Mismatch(where if plain else path(where, key), getattr(entry, key), expected)
+        if other := contradiction(entry.columns, entry.unit, units):
+            raise Mismatch(path(where, 'unit'), entry.unit, other)
         if self.width == 4 and not is_xyzw(entry.columns):
             raise Mismatch(where, entry.columns, 'the columns of x, y, z and w in this order')
         return Part(entry.columns, tuple(units[entry.unit] * sign for sign in
@@ -240,8 +240,8 @@ class Time(Section):
         if self.unit == DATE and self.nanoseconds is not None:
             raise self.wrong('nanoseconds', 'none: a date has its own fractions of a second')
         if self.unit != DATE and (
-                said := contradiction((self.column,), self.unit, NANOSECONDS)):
-            raise self.wrong('unit', said)
+                other := contradiction((self.column,), self.unit, NANOSECONDS)):
+            raise self.wrong('unit', other)
 
 
 @dataclass(frozen=True)
@@ -274,10 +274,10 @@ class Long(Section):
 class Written(Section):
     """How a table is written; without a header its columns are called 0, 1, 2 ..."""
 
-    delimiter: Annotated[str, Row('', pattern='[^"\r\n]', wanted='one character')] = ','
+    delimiter: Annotated[str, Row('', pattern='[^"\r\n]', wording='one character')] = ','
     decimal: Annotated[str, Row('Of numbers', words=('.', ','))] = '.'
     comment: Annotated[str, Row('Begins what is left out of a line', pattern='.?',
-                                wanted='one character')] = ''
+                                wording='one character')] = ''
     header: Annotated[int, Row('Line that names the columns; 0: none', low=0)] = 1
     skip: Annotated[int, Row('Lines between that and the numbers, as one of units', low=0)] = 0
 
@@ -340,7 +340,7 @@ def load_specification(path: Path | str, folder: Path | str | None = None) -> Sp
     Raises
     ------
     ConfigError
-        The file cannot be read, or says what makes no sense; the key is named.
+        The file cannot be read, or contradicts itself; the key is named.
     """
     path = Path(path)
     document = load(_Document, path, form=FORMAT, remedy='compare with config/examples')

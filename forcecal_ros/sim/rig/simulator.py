@@ -367,7 +367,7 @@ def waits_for_compiler() -> bool:
 
 
 def warm_up() -> None:
-    """Compile whatever is not compiled yet, which may take some seconds after an install."""
+    """Compile what is not compiled yet, which may take some seconds after an install."""
     Simulator(load_rig()).advance()
 
 
