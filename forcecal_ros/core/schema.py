@@ -58,8 +58,6 @@ TEXT = '.+'
 Shape = tuple[int | None, ...]
 """Lengths of an array along its axes; None: any."""
 
-_MOST_SHOWN = 80
-"""Characters of a wrong value that a message repeats: one line of a terminal with the rest."""
 
 _SWITCH: Mapping[Any, bool] = {'on': True, 'off': False}
 
@@ -81,7 +79,7 @@ class Mismatch(ConfigError):
 def shown(value: Any) -> str:
     """Return a value as it may stand in a message: short, and in one line for any content."""
     text = repr(value)
-    return text if len(text) <= _MOST_SHOWN else f'{text[:_MOST_SHOWN - 3]}...'
+    return text if len(text) <= 80 else f'{text[:77]}...'
 
 
 def is_optional(kind: Any) -> bool:
@@ -301,8 +299,6 @@ UNKNOWN = 'not identified'
 """What a document holds in place of a value that is None."""
 
 _ABSENT = dataclasses.MISSING
-_LONGEST_NAME = 40
-"""Characters of a key that a message repeats."""
 
 
 class Column(NamedTuple):
@@ -401,7 +397,7 @@ def path(where: str, key: str) -> str:
 def name(key: Any) -> str:
     """Return a key as it may stand in a message, for any content of a document."""
     text = str(key)
-    return (text if text.isprintable() else repr(text))[:_LONGEST_NAME]
+    return (text if text.isprintable() else repr(text))[:40]
 
 
 def instead(given: Any, known: Iterable[str]) -> str:

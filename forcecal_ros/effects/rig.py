@@ -15,12 +15,6 @@ from forcecal_ros.core.schema import Matrix3, Row, Section, Vector3, Vector4, Ve
 from forcecal_ros.effects.library import Chosen, chosen_effects, SLIDE_ONLY
 import numpy as np
 
-_RATE_TOLERANCE = 1e-6
-"""Largest deviation of a sensor's samples per period from a whole number that is rounding."""
-
-_GAIN_TOLERANCE = 1e-6
-"""Largest deviation of the robot's static gain from 1 that counts as rounding."""
-
 
 class _Effects(Row):
     """Row of the effects; their own rows are those of the library."""
@@ -37,7 +31,7 @@ def _check_equation(where: str, feedback: Vector3, feedforward: Vector3) -> None
         raise ConfigError(f'{where}.feedback: unstable, a pole of magnitude '
                           f'{np.abs(poles).max():.4f}; all must lie below 1')
     gain = sum(feedforward) / (1.0 - sum(feedback))
-    if abs(gain - 1.0) > _GAIN_TOLERANCE:
+    if abs(gain - 1.0) > 1e-6:
         raise ConfigError(f'{where}.feedforward: static gain {gain:.6f}; it must be 1, so that '
                           'the robot rests where it is commanded to')
 
@@ -300,7 +294,7 @@ class Rig(Section):
             if section is None:
                 continue
             samples = section.rate * self.robot.period
-            if samples < 0.5 or abs(samples - round(samples)) > _RATE_TOLERANCE:
+            if samples < 0.5 or abs(samples - round(samples)) > 1e-6:
                 raise ConfigError(f'{name}.rate: {section.rate:g} Hz is no whole multiple of '
                                   f'{1.0 / self.robot.period:g} Hz, the rate of robot.period')
 

@@ -137,10 +137,6 @@ class Task:
                        * max(1, cycles))
 
 
-STEPS = 8
-"""Number of end points that are tried for a stop, from the farthest back to the gentlest."""
-
-
 class LineMotion(NamedTuple):
     """Position [m], velocity [m/s] and acceleration [m/s^2] along one line."""
 
@@ -208,8 +204,8 @@ def to_rest(motion: LineMotion, duration: float, retract: float, acceleration: f
     gentlest = motion.position + 0.5 * motion.velocity * duration
     if not retract > 0.0:
         return Withdrawal(motion, gentlest, duration)
-    for share in range(STEPS, 0, -1):
-        back = share / STEPS
+    for share in range(8, 0, -1):
+        back = share / 8
         goal = min(motion.position - retract, gentlest)
         chosen = Withdrawal(motion, gentlest + back * (goal - gentlest), duration)
         if _peak_acceleration(chosen) <= acceleration:

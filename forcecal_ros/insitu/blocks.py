@@ -136,8 +136,6 @@ than rounding makes it, the step of its counts over the root of 12.
 """
 IN_STEPS = 0.05
 """A channel comes in steps if that share of its samples repeats the one before."""
-AT_ONCE = 16384
-"""Samples that are looked at together: ten columns of so many fit a second-level cache."""
 
 Mask = NDArray[np.bool_]
 
@@ -257,8 +255,8 @@ def to_blocks(recording: Prepared, window: tuple[float, float] | None = None,
         raise DataError(f'{len(t)} samples are too few for one block of {BLOCK:g} s; is the time '
                         'in seconds?')
     tallies, correlation, loudness = [], np.zeros(()), np.zeros(())
-    for start in range(0, count, max(1, AT_ONCE // samples)):
-        part = slice(start * samples, min(count, start + max(1, AT_ONCE // samples)) * samples)
+    for start in range(0, count, max(1, 16384 // samples)):
+        part = slice(start * samples, min(count, start + max(1, 16384 // samples)) * samples)
         tally, rough = _tally(recording.regressors[part], recording.raw[part], samples)
         tallies.append(tally)
         if not start:

@@ -52,8 +52,6 @@ ALIVE = 0.2
 """Share of a channel's changes that gravity explains at least: 0.4 of those of a sensor that bends
 by twice its range, next to none of noise."""
 
-RIDGE = 1e-6
-"""Share of the white noise that keeps the noise of few blocks, less than channels, invertible."""
 
 AGREEING = 3
 """Data sets from which on a common hysteresis is removed: drift or touch is not common."""
@@ -125,7 +123,7 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
         data_sets=tuple(_data_set(d, r, options) for d, r in zip(data_sets, reduced)),
         manufacturer_matrix=manufacturer_matrix)
     if options.matrix:
-        noise = np.mean([one.long_run for one in held_out], axis=0) + RIDGE * np.diag(
+        noise = np.mean([one.long_run for one in held_out], axis=0) + 1e-6 * np.diag(
             np.mean([np.diag(r.blocks.raw_noise) for r in reduced], axis=0))
         problem = MatrixProblem(tuple(data_sets), tuple(moments), offset, noise, covariance,
                                 options.gravity)

@@ -275,9 +275,6 @@ def _tables(result: SensorResult, problem: MatrixProblem, fitted: Fitted, change
                 k, fitted, problem.moments[k].raw, maker))
 
 
-RELATIVE = 1e-6
-"""Singular values of all known wrenches below this share of the largest are rounding."""
-
 NOTHING = np.zeros(4)
 """The body."""
 
@@ -351,7 +348,7 @@ def _fit(rows: Sequence[_Rows]) -> _Map:
     spread = wrench - wrench.mean(axis=0)
     strength = np.linalg.svd(spread / np.maximum(np.abs(spread).max(axis=0), 1e-12),
                              compute_uv=False)
-    rank = int((strength > RELATIVE * strength[0]).sum())
+    rank = int((strength > 1e-6 * strength[0]).sum())
     if rank < 6 or len(wrench) <= raw.shape[1] + 1:
         raise UnobservableError(
             f'{len(wrench)} known wrenches of {len(rows)} data sets (one is left out for the '

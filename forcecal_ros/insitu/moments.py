@@ -9,8 +9,6 @@ from forcecal_ros.insitu.blocks import Prepared
 import numpy as np
 from scipy import signal
 
-TRUNCATE = 1e-10
-"""Directions of the regressors with less than this share of the largest moment are not used."""
 
 @dataclass(frozen=True)
 class Moments:
@@ -143,7 +141,7 @@ def _moments(gram: Array, reference: Array, gain: float, raw_noise: Array,
     second = gram[1:m + 1, 1:m + 1].copy()
     second[:3, :3] -= gain * gravity_noise
     values, vectors = np.linalg.eigh(second)
-    strong = values > TRUNCATE * values[-1]
+    strong = values > 1e-10 * values[-1]
     root, vectors = np.sqrt(values[strong]), vectors[:, strong]
     combine = vectors / root
     return Moments(

@@ -30,9 +30,6 @@ STRETCH = 6.0
 MOST_STRETCHES = 200
 """Number of stretches at most: those of longer recordings are longer."""
 
-NOTHING = 1e-9
-"""Share of a constant that is taken for rounding: in motion the constant is a regressor itself."""
-
 
 class Sums(NamedTuple):
     """Least-squares sums of blocks: of [1, weights] with itself (u, u) and with raw (u, n)."""
@@ -45,7 +42,7 @@ class Sums(NamedTuple):
         """What the blocks know of a constant beside the regressors, in blocks."""
         s, G = self.normal[0, 1:], self.normal[1:, 1:]
         weight = self.normal[0, 0] - s @ np.linalg.lstsq(G, s, rcond=None)[0]
-        return float(weight) if weight > NOTHING * self.normal[0, 0] else 0.0
+        return float(weight) if weight > 1e-9 * self.normal[0, 0] else 0.0
 
     @property
     def weighted_constant(self) -> Array:

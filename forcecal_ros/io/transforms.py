@@ -16,10 +16,6 @@ DEEPEST = 200
 """Transforms from a frame to the root of its tree: more go round in a circle."""
 
 
-REMEMBERED = 100
-"""Layouts that are kept: more than a robot has publishers of transforms."""
-
-
 class Transform(NamedTuple):
     """Where a frame is in its parent: x y z [m] qx qy qz qw, at a stamp [ns]."""
 
@@ -78,7 +74,7 @@ class TransformReader:
         layout = self._layouts.get(key)
         values = layout.unpack(raw) if layout else ()
         if layout is None or _names(values) != layout.names:
-            if len(self._layouts) > REMEMBERED:
+            if len(self._layouts) > 100:
                 self._layouts.clear()
             layout = self._layouts[key] = _layout(raw)
             values = layout.unpack(raw)

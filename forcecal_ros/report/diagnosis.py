@@ -36,9 +36,6 @@ FAINT = 0.05
 LOOKED_AT = 2.0
 """What is shown at most of a phase that is twice as long [s]: some 500 block means."""
 
-PERIODS = 8
-"""Of the lowest frequency of a band, that are seen at first: of the highest they are some twenty,
-each of 15 px on a phone."""
 
 _INDEX = {c.name: i for i, c in enumerate(CHANNELS)}
 
@@ -100,7 +97,7 @@ class View:
         span, place = self.span(), self.focus()
         if span is None or place is None or place.band[0] <= 0.0:
             return None
-        parts = _parts(span, PERIODS / place.band[0])
+        parts = _parts(span, 8 / place.band[0])
         return self._worst(place.channel, parts) if len(parts) > 1 else None
 
     def _worst(self, channel: int, parts: list[Phase]) -> Phase | None:
@@ -556,9 +553,6 @@ def _numbers(d: Diagnosis) -> list[tuple[str, str, str, str, str]]:
 SHOWN = 4
 """Number of channels that are drawn."""
 
-AROUND = 0.25
-"""Part of the plainest phase that is shown before and after it."""
-
 
 def heat_map(view: View) -> Figure | None:
     """Draw the excess of every channel, phase and octave over the noise, by stage."""
@@ -598,7 +592,7 @@ def closest(view: View) -> Shown | None:
     span, place, part = view.span(), view.focus(), view.closer()
     if span is None or place is None:
         return None
-    margin = AROUND * (span.end - span.start)
+    margin = 0.25 * (span.end - span.start)
     start, end = span.start - margin, span.end + margin
     for at in begun(view):
         start, end = min(start, at - margin), max(end, at + margin)

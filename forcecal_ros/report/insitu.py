@@ -17,14 +17,9 @@ from matplotlib.figure import Figure
 import numpy as np
 
 CALIBRATED, MANUFACTURER, TRUE = '#009E73', '#D55E00', '#555555'
-POINTS = 600
-"""Most points of a cloud; more would hide each other."""
 
 COLUMNS = 4
 """Most pictures side by side."""
-
-HEAD = 0.7
-"""Of a picture, for title and legend [in]."""
 
 
 def subspace_clouds(result: SensorResult) -> Figure:
@@ -91,9 +86,9 @@ def singular_values(result: SensorResult) -> Figure:
 def _grid(data_sets: Sequence[DataSetResult]) -> tuple[Figure, list[Any]]:
     columns = min(len(data_sets), COLUMNS)
     rows = -(-len(data_sets) // columns)
-    height = 2.7 * rows + HEAD
+    height = 2.7 * rows + 0.7
     figure = Figure(figsize=(max(2.6 * columns, 4.5), height))
-    figure.subplots_adjust(0.02, 0.02, 0.92, 1 - (HEAD + 0.2) / height, 0.2, 0.12)
+    figure.subplots_adjust(0.02, 0.02, 0.92, 1 - 0.9 / height, 0.2, 0.12)
     axes = [figure.add_subplot(rows, columns, k + 1, projection='3d')
             for k in range(len(data_sets))]
     for one in axes:
@@ -116,7 +111,7 @@ def _map(gravity: Array, values: Array) -> Array:
 
 
 def _cloud(axes: Any, points: Array, colour: str, label: str) -> None:
-    points = points[::-(-len(points) // POINTS)]
+    points = points[::-(-len(points) // 600)]
     axes.scatter(*points.T, s=3, color=colour, label=label, depthshade=False)
 
 

@@ -112,9 +112,6 @@ _FOOTER_SIZE = 9 + 20 + 8
 _LARGEST = 1 << 28
 """Bytes that a record or an unpacked chunk may have: a length beyond it is damage."""
 
-_BLOCK = 1 << 22
-"""Bytes of messages outside chunks that are gathered before they are handed on, about."""
-
 
 class McapFile:
     """
@@ -206,7 +203,7 @@ class McapFile:
                     elif opcode in (_SCHEMA, _CHANNEL):
                         self._learn(opcode, file.read(min(size, _LARGEST)))
                     position = end
-                if len(loose) * 128 > _BLOCK:
+                if len(loose) * 128 > 1 << 22:
                     yield from self._messages(b''.join(loose), channels)
                     loose = []
             yield from self._messages(b''.join(loose), channels)
@@ -299,10 +296,6 @@ def _decompressor(compression: str) -> Any:
     raise ValueError(f'unknown compression {compression!r}')
 
 
-_ROWS = 8192
-"""Messages that are read from the database at a time."""
-
-
 class SqliteFile:
     """
     The messages of one file.
@@ -382,7 +375,7 @@ class SqliteFile:
         try:
             for row in cursor:
                 rows.append(row)
-                if len(rows) == _ROWS:
+                if len(rows) == 8192:
                     yield rows
                     rows = []
         except sqlite3.DatabaseError:

@@ -38,9 +38,6 @@ NUMBERS = {
 }
 """Primitive types of messages as numpy writes them."""
 
-_REMEMBERED = 32
-"""Layouts of one topic that are kept to be matched; strings of changing length make new ones."""
-
 
 class CdrError(Exception):
     """A message is shorter than its type requires, or laid out in a way that is not understood."""
@@ -161,7 +158,7 @@ class Decoder:
                 self.undecodable += 1
                 unread = unread[1:]
                 continue
-            self._known = [*self._known[-_REMEMBERED:], layout]
+            self._known = [*self._known[-32:], layout]
             unread, group = _match(batch, unread, layout)
             if group is not None:
                 yield group

@@ -21,7 +21,6 @@ import numpy as np
 
 _STREAMS = ('wrench', 'accelerometer', 'imu', 'accel', 'pose', 'target', 'optidrive',
             'contact_truth', 'joint_commands')
-_DAY = 86400.0
 
 
 def read_recording(
@@ -138,10 +137,10 @@ def _of_one_clock(series: dict[Topic, Series], notes: Notes) -> dict[Topic, Seri
             kept[topic] = one
             continue
         apart = max(one.stamp_ns[0] - longest[-1], longest[0] - one.stamp_ns[-1]) / 1e9
-        if apart < _DAY:
+        if apart < 86400.0:
             kept[topic] = one
         else:
-            notes.add(f'{topic.name} is stamped {apart / _DAY:.0f} days from the other topics, '
+            notes.add(f'{topic.name} is stamped {apart / 86400.0:.0f} days from the other topics, '
                       'by another clock: left out')
     return kept
 
@@ -233,10 +232,6 @@ def _phases(series: Series | None, start_ns: int, end: float) -> tuple[Phase, ..
                  for (start, name), (stop, _) in pairwise([*changes, (end, '')]))
 
 
-ROWS = 50_000
-"""About how many messages of a topic make a piece."""
-
-
 class BagChunk(NamedTuple):
     """Some messages of one topic: its name as requested, stamps (n,) [s], values (n, k)."""
 
@@ -288,7 +283,7 @@ def read_chunks(path: Path | str, topics: Mapping[str, Sequence[str]]) -> Iterat
         for batch in bag.batches(set(chosen)):
             collectors[batch.topic].add(batch)
             waiting[batch.topic] += len(batch.start)
-            if waiting[batch.topic] >= ROWS:
+            if waiting[batch.topic] >= 50_000:
                 yield from flush(batch.topic)
         for topic, count in waiting.items():
             if count:

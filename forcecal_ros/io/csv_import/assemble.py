@@ -29,8 +29,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-_SECOND = 10**9
-_DAY = 86400 * _SECOND
 _NOT_A_ROTATION = 1e-2
 """A matrix or quaternion that is further from orthogonal or from norm 1 is no rotation."""
 _TOO_FAR = 4 * np.pi
@@ -104,8 +102,8 @@ def assemble(specification: Specification) -> Imported:
         topics.update({role: signal.topic for role, signal in one.signals.given.items()
                        if signal.topic is not None})
     _refuse_other_readings(tables, signals)
-    shift = max(0, 1 - start // _SECOND)
-    return Imported(signals, topics, start + shift * _SECOND, shift, tuple(notes))
+    shift = max(0, 1 - start // 10**9)
+    return Imported(signals, topics, start + shift * 10**9, shift, tuple(notes))
 
 
 def _table(specification: TableSpecification) -> Table:
@@ -201,9 +199,10 @@ def _check_time_base(specification: Specification, stamps: Sequence[NDArray[np.i
     order = sorted(range(len(stamps)), key=lambda i: int(stamps[i][0]))
     for one, other in pairwise(order):
         gap = int(stamps[other][0]) - max(int(stamps[i][-1]) for i in order[:order.index(other)])
-        if gap > _DAY:
+        days = gap / (86400 * 10**9)
+        if days > 1.0:
             raise DataError(
-                f'{specification.tables[other].file} begins {gap / _DAY:.0f} days after '
+                f'{specification.tables[other].file} begins {days:.0f} days after '
                 f'{specification.tables[one].file} ends: not one recording, or a wrong unit of '
                 'time')
 

@@ -26,7 +26,6 @@ _DATE_AND_TIME = re.compile(
     r'(?:[.,](\d{1,9}))?\s*(Z|[+-]\d{2}:?\d{2})?')
 """As ISO 8601 and its neighbours write them; year first, because others are ambiguous."""
 
-_SECOND, _HOUR, _DAY = 10**9, 3600 * 10**9, 86400 * 10**9
 _MAX_TIME = 1 << 62
 """Later times are out of range of 64 bits once they are shifted [ns]."""
 
@@ -357,7 +356,7 @@ def nanoseconds(table: Table, name: str, unit: str, further: str | None = None) 
     """
     stamps = _times(table, name, unit)
     if further is not None:
-        if (stamps % _SECOND).any():
+        if (stamps % 10**9).any():
             raise DataError(f'{table.path}: column {name!r} is not in whole seconds, on top of '
                             f'which {further!r} could come; name one of them')
         more = _times(table, further, 'ns')
@@ -386,13 +385,13 @@ def _times(table: Table, name: str, unit: str) -> Times:
 
 def _require_nanoseconds(table: Table, name: str, more: Times, seconds: int) -> None:
     """Refuse what is no part of a second, and parts of one that are in a larger unit."""
-    if more.min() < 0 or more.max() >= _SECOND:
+    if more.min() < 0 or more.max() >= 10**9:
         raise DataError(f'{table.path}: column {name!r} holds {more.min()} to {more.max()}, '
                         'not nanoseconds within a second')
     if len(more) < max(50, 3 * seconds):
         return
     for unit, factor in (('milliseconds', 10**6), ('microseconds', 10**3)):
-        if more.max() * factor < _SECOND:
+        if more.max() * factor < 10**9:
             raise DataError(f'{table.path}: column {name!r} never exceeds {more.max()}: these '
                             f'are {unit}; multiply them by {factor}')
 
@@ -404,7 +403,7 @@ def _disorder(table: Table, stamps: Times, name: str) -> str:
     cells = table.cells(name)
     where = (f'{table.place(row)}: time {cells[row]} in column {name!r} is not after '
              f'{cells[row - 1]} in the row before')
-    if steps[row - 1] < _HOUR - _DAY:
+    if steps[row - 1] < -23 * 3600 * 10**9:
         return f'{where}: a time of day that passed midnight; add a day from there on'
     if _lacks_zeros(cells):
         return (f'{where}: behind the point stand nanoseconds without their leading zeros; write '
@@ -439,7 +438,7 @@ def _date(cell: str) -> int:
     if zone and zone != 'Z':
         hours, minutes = int(zone[1:3]), int(zone[-2:])
         at -= (1 if zone[0] == '+' else -1) * timedelta(hours=hours, minutes=minutes)
-    return (at - _EPOCH) // timedelta(seconds=1) * _SECOND + int((fraction or '').ljust(9, '0'))
+    return (at - _EPOCH) // timedelta(seconds=1) * 10**9 + int((fraction or '').ljust(9, '0'))
 
 
 def _exact(cell: str, unit: int) -> int:
