@@ -21,6 +21,9 @@ Quaternion = tuple[float, float, float, float]
 ZERO: Vector = (0.0, 0.0, 0.0)
 
 
+POSE_LENGTH = 7
+"""A pose is so many numbers in a flat list: x y z [m], qx qy qz qw."""
+
 STANDARD_GRAVITY = 9.80665
 """Magnitude of gravity where nothing else is stated [m/s^2]."""
 

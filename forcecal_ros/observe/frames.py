@@ -13,6 +13,7 @@ from forcecal_ros.core.geometry import (
     Array,
     compose,
     matrix_from_quaternion,
+    POSE_LENGTH,
     Quaternion,
     rotate,
     rotate_back,
@@ -23,10 +24,6 @@ from forcecal_ros.core.schema import Vector7
 from forcecal_ros.core.streams import PoseStream, Recording
 from forcecal_ros.observe.sample import Wrench
 import numpy as np
-
-POSE_LENGTH = 7
-"""A pose is so many numbers in a flat list: x y z [m], qx qy qz qw."""
-
 
 NAME = re.compile(r'[A-Za-z_]\w*(/[A-Za-z_]\w*)*', re.ASCII)
 """What a topic may be called by."""
