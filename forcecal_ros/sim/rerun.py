@@ -1,8 +1,9 @@
 """A simulator that can be run again, as what a diagnosis changes and compares a recording with."""
 
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Hashable, Mapping
 from copy import copy
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from typing import Annotated, NamedTuple
 
 from forcecal_ros.core.geometry import Array, rotation_from_vector
@@ -123,57 +124,18 @@ def nuisances_of(parameters: tuple[Parameter, ...], joints: int = 0, *, finer: b
     finest : bool
         Whether it is known what a still finer one changes beyond that.
     """
-    found = [Nuisance(p.name, p.name, _number(i), least=p.low - p.nominal, prior_std=p.sigma)
-             for i, p in enumerate(parameters)]
-    found.append(Nuisance('robot.delay', 'late', _later, prior_std=DELAY_STD))
-    if finer:
-        found.append(Nuisance(INTEGRATION_STEP, 'finer', _finer, prior_std=INTEGRATION_STD))
-    if finest:
-        found.append(Nuisance(INTEGRATION_BEND, 'finest', _finest, prior_std=INTEGRATION_STD))
-    found += [Nuisance(f'mounting.{i}', 'mounting', _mounting(i), prior_std=MOUNTING_STD[i // 3])
-              for i in range(6)]
-    return found + [Nuisance(f'joint.zero.{i}', 'zeros', _zero(i), prior_std=JOINT_BIAS_STD)
-                    for i in range(joints)]
-
-
-def _number(index: int) -> Callable[[Rig, float], Rig]:
-    def apply(rig: Rig, x: float) -> Rig:
-        assert isinstance(rig, SimulatedRobot)
-        return replace(rig, numbers=_added(rig.numbers, index, x))
-    return apply
-
-
-def _finer(rig: Rig, x: float) -> Rig:
-    assert isinstance(rig, SimulatedRobot)
-    return replace(rig, finer=rig.finer + x)
-
-
-def _finest(rig: Rig, x: float) -> Rig:
-    assert isinstance(rig, SimulatedRobot)
-    return replace(rig, finest=rig.finest + x)
-
-
-def _mounting(index: int) -> Callable[[Rig, float], Rig]:
-    def apply(rig: Rig, x: float) -> Rig:
-        assert isinstance(rig, SimulatedRobot)
-        return replace(rig, mounting=_added(rig.mounting, index, x))
-    return apply
-
-
-def _zero(index: int) -> Callable[[Rig, float], Rig]:
-    def apply(rig: Rig, x: float) -> Rig:
-        assert isinstance(rig, SimulatedRobot)
-        return replace(rig, zeros=_added(rig.zeros, index, x))
-    return apply
-
-
-def _later(rig: Rig, x: float) -> Rig:
-    assert isinstance(rig, SimulatedRobot)
-    return replace(rig, late=rig.late + x)
-
-
-def _added(values: tuple[float, ...], index: int, x: float) -> tuple[float, ...]:
-    return (*values[:index], values[index] + x, *values[index + 1:])
+    change = partial(shifted, '')
+    found = [Nuisance(p.name, p.name, change('numbers', i), least=p.low - p.nominal,
+                      prior_std=p.sigma) for i, p in enumerate(parameters)]
+    found.append(Nuisance('robot.delay', 'late', change('late'), prior_std=DELAY_STD))
+    for known, name, key in ((finer, INTEGRATION_STEP, 'finer'),
+                             (finest, INTEGRATION_BEND, 'finest')):
+        if known:
+            found.append(Nuisance(name, key, change(key), prior_std=INTEGRATION_STD))
+    found += [Nuisance(f'mounting.{i}', 'mounting', change('mounting', i),
+                       prior_std=MOUNTING_STD[i // 3]) for i in range(6)]
+    return found + [Nuisance(f'joint.zero.{i}', 'zeros', change('zeros', i),
+                             prior_std=JOINT_BIAS_STD) for i in range(joints)]
 
 
 CACHED_MOTIONS = 6
