@@ -687,12 +687,14 @@ def test_a_table_with_one_row_a_signal_is_the_same_as_one_with_a_column_a_signal
     rows = ['t,signal,v', *(f'{k}.5,{name},{10 * k + j}' for j, name in enumerate(names)
                             for k in (9, 10)), '9.75,q,180']
     joint = {'joint_states': {'names': ['a'], 'position': {'columns': ['q'], 'unit': 'deg'}}}
-    found = imported(tmp_path, {**table('\n'.join(rows) + '\n', tmp_path, signals={
-        'wrench': WRENCH, **joint}), **LONG})
+    one = {**table('\n'.join(rows) + '\n', tmp_path, signals={'wrench': WRENCH, **joint}), **LONG}
+    found = imported(tmp_path, one)
     wrench, q = found.signals['wrench'], found.signals['joint_states']
     assert wrench.t.tolist() == [0.0, 1.0] and q.t.tolist() == [0.25]
     assert wrench.values.tolist() == [[90, 91, 92, 93, 94, 95], [100, 101, 102, 103, 104, 105]]
     assert q.values.tolist() == [[np.pi]]
+    np.testing.assert_array_equal(
+        run_import(tmp_path / 'spec.yaml', tmp_path / 'bag').wrench.values, wrench.values)
 
 
 @pytest.mark.parametrize('row, message', [
@@ -722,6 +724,8 @@ def test_variables_of_a_matlab_file_are_columns(tmp_path):
     wrench = found.signals['wrench']
     np.testing.assert_array_equal(wrench.values, np.hstack([force, torque.T]))
     np.testing.assert_allclose(wrench.t, t - 5.0, atol=1e-9)  # stamps are whole nanoseconds
+    np.testing.assert_array_equal(
+        run_import(tmp_path / 'spec.yaml', tmp_path / 'bag').wrench.values, wrench.values)
 
 
 def test_a_matlab_file_that_lacks_a_variable_is_refused_by_name(tmp_path):
