@@ -163,12 +163,7 @@ def extended(parent: Explanation, table: _Table) -> list[Explanation]:
     """Add one effect to an explanation: the likeliest few, fitted on simulations."""
     now = parent.fit
     likely = [t for t in table.candidates(now)[:REFINED] if t.evidence > WORTH]
-    # features are whitened anew for each noise, which takes seconds: all of one noise at once
-    changes = [(t, _placed(now, t)) for t in likely if t.gate is not None]
-    fits = [(t, _with(now, t)) for t in likely if t.gate is None]
-    for t, placed in changes:
-        fits.append((t, placed and joint_fit_if_finite(
-            replace(placed.model, noise=now.model.noise), placed.accepted)))
+    fits = [(t, _with(now, t) if t.gate is None else _with_change_point(now, t)) for t in likely]
     return [weigh(fit, parent.ways + float(np.log(t.ways))) for t, fit in fits if fit is not None]
 
 
@@ -183,14 +178,16 @@ def _with(now: JointFit, t: Candidate) -> JointFit | None:
     return joint_fit_if_finite(model, [*now.accepted, t.effect], t.nuisances)
 
 
-def _placed(now: JointFit, t: Candidate) -> JointFit | None:
+def _with_change_point(now: JointFit, t: Candidate) -> JointFit | None:
     """
-    Fit a candidate that begins or ends, and its change point, beside white noise.
+    Fit a candidate that begins or ends, once its change point is found beside white noise alone.
 
-    Noise that was fitted to a residual in which an effect begins whitens its beginning away.
+    Noise and a discrepancy that are fitted to a residual in which an effect begins take its
+    beginning for their own.
     """
     model = now.model
-    fit = _with(now._replace(model=replace(model, noise=model.white_noise(model.residuals))), t)
+    alone = replace(model, noise=model.white_noise(model.residuals), discrepancy=None)
+    fit = _with(now._replace(model=alone), t._replace(scales=NO_DISCREPANCY))
     if fit is None:
         return None
     instant = instant_of(fit, t.effect.name)
@@ -198,7 +195,9 @@ def _placed(now: JointFit, t: Candidate) -> JointFit | None:
     length = BLOCK * len(model.datasets[t.gate.recording].groups)
     if instant.high - instant.low > 0.5 * length:
         return None  # a change point that the recording does not locate is none
-    return fit._replace(model=moved(fit.model, t.effect.name, instant))
+    placed = moved(fit.model, t.effect.name, instant)
+    return joint_fit_if_finite(replace(placed, noise=model.noise, discrepancy=model.discrepancy),
+                               fit.accepted)
 
 
 def _without(start: LinearisedModel, now: Explanation, name: str) -> Explanation:
