@@ -1,8 +1,9 @@
 """Effects that begin or end during a recording: which, and at which instant."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
+from types import MappingProxyType
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
@@ -160,8 +161,18 @@ class Instants:
             there = self._whole.some(chosen).plus(there, -1.0)
         if elsewhere:
             there = there.plus(self._others.some(chosen))
+        return self._fitted(there)
+
+    def always(self, of: Sequence[int]) -> float:
+        """Return the log-evidence of some of the columns, if they act all the time."""
+        chosen = np.array(of)
+        whole = self._whole.some(chosen).plus(self._others.some(chosen))
+        return float(self._fitted(_Beside(*(one[np.newaxis] for one in whole))).evidence[0])
+
+    @staticmethod
+    def _fitted(there: _Beside) -> Fits:
         inner = there.inner - np.swapaxes(there.taken, 1, 2) @ there.taken
-        inner = 0.5 * (inner + np.swapaxes(inner, 1, 2)) + EFFECT * np.eye(len(chosen))
+        inner = 0.5 * (inner + np.swapaxes(inner, 1, 2)) + EFFECT * np.eye(there.right.shape[-1])
         x = np.linalg.solve(inner, there.right[..., np.newaxis])[..., 0]
         volume = np.linalg.slogdet(inner / EFFECT)[1]
         return Fits(0.5 * np.einsum('ti,ti->t', x, there.right) - 0.5 * volume, x)
@@ -199,7 +210,8 @@ class Instant(NamedTuple):
     high: float
 
 
-def screen_change_points(now: JointFit, found: Sequence[Hypothesis]) -> list[Candidate]:
+def screen_change_points(now: JointFit, found: Sequence[Hypothesis],
+                         always: Mapping[str, float] = MappingProxyType({})) -> list[Candidate]:
     """
     Find the likeliest change point of each hypothesis, as linear as its columns are.
 
@@ -209,6 +221,9 @@ def screen_change_points(now: JointFit, found: Sequence[Hypothesis]) -> list[Can
         What is explained already.
     found : sequence of Hypothesis
         Of :func:`~forcecal_ros.diagnose.model.hypotheses.everywhere`.
+    always : mapping of str to float
+        Log-evidence of hypotheses that act all the time, beside a discrepancy, which is too large
+        to be fitted at each instant: to this is added what a change point is better than that.
 
     Returns
     -------
@@ -236,8 +251,10 @@ def screen_change_points(now: JointFit, found: Sequence[Hypothesis]) -> list[Can
         instants = Instants(model, beside, explained.null_prior, several, model.residuals,
                             recording, length)
         for h in found:
-            for one in _of_one(model, instants, h, [places[id(h), i] for i in range(
-                    len(h.atoms))], recording):
+            own = [places[id(h), i] for i in range(len(h.atoms))]
+            offset = always[h.name] - max(map(instants.always, own)) if h.name in always else 0.0
+            for one in _of_one(model, instants, h, own, recording):
+                one = one._replace(evidence=one.evidence + offset)
                 if h.name not in best or one.evidence > best[h.name].evidence:
                     best[h.name] = one
     return sorted(best.values(), key=lambda t: -t.evidence)

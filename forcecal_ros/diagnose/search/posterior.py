@@ -34,7 +34,7 @@ BEAM = 3
 """Explanations that are extended at each step."""
 
 REFINED = 4
-"""Candidates that are fitted on simulations beside each explanation."""
+"""Effects that are fitted on simulations beside each explanation."""
 
 MOST_EFFECTS = 4
 """Effects of one explanation, at most."""
@@ -60,15 +60,15 @@ class Explanation(NamedTuple):
         Log-evidence that a model without any flaw would have more.
     excess : float
         Held-out whitened energy above the noise.
-    ways : float
-        Logarithm of the number of ways that were tried.
+    ways : mapping of str to float
+        Logarithm of the number of ways in which each effect was tried.
     """
 
     fit: JointFit
     evidence: float
     missing: float
     excess: float
-    ways: float = 0.0
+    ways: Mapping[str, float] = MappingProxyType({})
 
     @property
     def names(self) -> frozenset[str]:
@@ -138,11 +138,11 @@ class _Table:
         bias = [self.parts[BIAS.name]._replace(name=_further_step(model))
                 ] if BIAS.name in self.parts else []
         parts = [self.parts[n] for n in likely if n in self.parts]
-        changes = screen_change_points(now, [*bias, *parts])
+        always = {t.effect.name: t.evidence for t in screened}
+        changes = screen_change_points(now, [*bias, *parts], always)
         # what acts all the time needs no change point
-        least = {t.effect.name: t.evidence + WORTH for t in screened}
-        return sorted([*screened, *(t for t in changes if t.evidence > least.get(
-            t.effect.name, WORTH))], key=lambda t: -t.evidence)
+        return sorted([*screened, *(t for t in changes if t.evidence > WORTH + always.get(
+            t.effect.name, 0.0))], key=lambda t: -t.evidence)
 
 
 def _further_step(model: LinearisedModel) -> str:
@@ -151,20 +151,24 @@ def _further_step(model: LinearisedModel) -> str:
     return BIAS.name if n == 0 else f'{BIAS.name}.{n + 1}'
 
 
-def weigh(fit: JointFit, ways: float = 0.0) -> Explanation:
+def weigh(fit: JointFit, ways: Mapping[str, float] = MappingProxyType({})) -> Explanation:
     """Score an explanation beside its noise."""
     comparison = fit.comparison()
     fit.model.discrepancy_scales = comparison.scales
-    return Explanation(fit, comparison.null_evidence - ways, comparison.missing_evidence,
+    tried = sum(ways.get(a.name, 0.0) for a in fit.accepted)
+    return Explanation(fit, comparison.null_evidence - tried, comparison.missing_evidence,
                        comparison.excess, ways)
 
 
 def extended(parent: Explanation, table: _Table) -> list[Explanation]:
     """Add one effect to an explanation: the likeliest few, fitted on simulations."""
     now = parent.fit
-    likely = [t for t in table.candidates(now)[:REFINED] if t.evidence > WORTH]
-    fits = [(t, _with(now, t) if t.gate is None else _with_change_point(now, t)) for t in likely]
-    return [weigh(fit, parent.ways + float(np.log(t.ways))) for t, fit in fits if fit is not None]
+    likely = [t for t in table.candidates(now) if t.evidence > WORTH]
+    names = list(dict.fromkeys(t.effect.name for t in likely))[:REFINED]
+    fits = [(t, _with(now, t) if t.gate is None else _with_change_point(now, t))
+            for t in likely if t.effect.name in names]
+    return [weigh(fit, {**parent.ways, t.effect.name: float(np.log(t.ways))})
+            for t, fit in fits if fit is not None]
 
 
 def _with(now: JointFit, t: Candidate) -> JointFit | None:
@@ -205,6 +209,26 @@ def _without(start: LinearisedModel, now: Explanation, name: str) -> Explanation
     less = without_effect(start, now.fit, name)
     refitted = joint_fit_if_finite(less.model, less.accepted) if less.accepted else less
     return weigh(refitted or less, now.ways)
+
+
+def _with_what_is_worth(start: LinearisedModel, now: Explanation, best: Explanation
+                        ) -> tuple[Explanation, dict[str, Explanation]]:
+    """
+    Remove each effect that is not worth its place beside the others.
+
+    Returns
+    -------
+    Explanation
+    less : dict of str to Explanation
+        Without each of its effects; ``best`` where that is such a one.
+    """
+    while True:
+        less = {name: best if now.names - {name} == best.names else _without(start, now, name)
+                for name in now.names}
+        shorter = max(less.values(), key=lambda one: one.evidence)
+        if len(now.names) == 1 or shorter.evidence < now.evidence - WORTH:
+            return now, less
+        now = shorter
 
 
 def _all_the_time(now: Explanation) -> Explanation:
@@ -264,33 +288,30 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
         if len(best.names) == MOST_EFFECTS:
             break
         children = _likeliest([e for parent in beam for e in extended(parent, table)])
-        less = {best.names: best}
         for a in children[0].fit.accepted[:-1] if children else ():
             # one of several may be the shadow of another
             shorter = _without(model, children[0], a.name)
-            less[shorter.names] = shorter
             children += [shorter, *extended(shorter, table)]
         children = _likeliest(children)
         if not best.names:
             nearest = {name: e.evidence - children[0].evidence
                        for e in children for name in e.names}
-        if not children or children[0].evidence < best.evidence + WORTH:
+        if not children:
             break
-        chosen = children[0] = _all_the_time(children[0])
-        own = {}
-        for a in chosen.fit.accepted:
-            others = chosen.names - {a.name}
-            if others not in less:
-                less[others] = _without(model, chosen, a.name)
-            own[a.name] = features_of(chosen, less[others], a, children)
+        chosen, less = _with_what_is_worth(model, _all_the_time(children[0]), best)
+        if chosen.evidence < best.evidence + WORTH:
+            break
+        own = {a.name: features_of(chosen, less[a.name], a, children)
+               for a in chosen.fit.accepted}
         instead = {name: _instead(chosen, children, name) for name in chosen.names}
         if min(probability(f) for f in own.values()) < NAMED:
             break
         features, alternatives = own, instead
         temperature = max(f.temperature for f in own.values())
         best = _with_refitted_noise(chosen)
-        beam = [best, *(_beside(e, best) for e in children[1:BEAM] if len(e.names) == len(
-            best.names) and e.evidence > chosen.evidence - 3.0 * temperature)]
+        beam = [best, *(_beside(e, best) for e in children[:BEAM] if e.names != best.names
+                        and len(e.names) == len(best.names)
+                        and e.evidence > chosen.evidence - 3.0 * temperature)]
     last = best.fit.comparison()
     return Posterior(best.fit.model, tuple(best.fit.accepted), tuple(best.fit.jacobians),
                      features, alternatives, {} if features else nearest, last.missing_by_stream,
