@@ -1,9 +1,8 @@
 """Effects that begin or end during a recording: which, and at which instant."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
-from types import MappingProxyType
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
@@ -11,11 +10,17 @@ from forcecal_ros.diagnose.dataset import CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.model.compact import stacked
 from forcecal_ros.diagnose.model.evidence import Prior
 from forcecal_ros.diagnose.model.gates import Gate
-from forcecal_ros.diagnose.model.hypotheses import Atom, bounds_of, Hypothesis, nominal_of
-from forcecal_ros.diagnose.model.jacobian import Column, column
+from forcecal_ros.diagnose.model.hypotheses import (
+    Atom,
+    bounds_of,
+    for_a_part,
+    Hypothesis,
+    nominal_of,
+)
+from forcecal_ros.diagnose.model.jacobian import Column, column, combined
 from forcecal_ros.diagnose.model.linearised import Diverged, EFFECT, LinearisedModel
 from forcecal_ros.diagnose.search.joint_fit import JointFit
-from forcecal_ros.diagnose.search.model_comparison import Accepted, Candidate, estimated
+from forcecal_ros.diagnose.search.model_comparison import Candidate, ModelComparison
 from forcecal_ros.sim.signals import BLOCK
 import numpy as np
 from numpy.typing import NDArray
@@ -161,18 +166,8 @@ class Instants:
             there = self._whole.some(chosen).plus(there, -1.0)
         if elsewhere:
             there = there.plus(self._others.some(chosen))
-        return self._fitted(there)
-
-    def always(self, of: Sequence[int]) -> float:
-        """Return the log-evidence of some of the columns, if they act all the time."""
-        chosen = np.array(of)
-        whole = self._whole.some(chosen).plus(self._others.some(chosen))
-        return float(self._fitted(_Beside(*(one[np.newaxis] for one in whole))).evidence[0])
-
-    @staticmethod
-    def _fitted(there: _Beside) -> Fits:
         inner = there.inner - np.swapaxes(there.taken, 1, 2) @ there.taken
-        inner = 0.5 * (inner + np.swapaxes(inner, 1, 2)) + EFFECT * np.eye(there.right.shape[-1])
+        inner = 0.5 * (inner + np.swapaxes(inner, 1, 2)) + EFFECT * np.eye(len(chosen))
         x = np.linalg.solve(inner, there.right[..., np.newaxis])[..., 0]
         volume = np.linalg.slogdet(inner / EFFECT)[1]
         return Fits(0.5 * np.einsum('ti,ti->t', x, there.right) - 0.5 * volume, x)
@@ -210,25 +205,28 @@ class Instant(NamedTuple):
     high: float
 
 
-def screen_change_points(now: JointFit, found: Sequence[Hypothesis],
-                         always: Mapping[str, float] = MappingProxyType({})) -> list[Candidate]:
+def screen_change_points(now: JointFit, comparison: ModelComparison, found: Sequence[Hypothesis]
+                         ) -> list[Candidate]:
     """
     Find the likeliest change point of each hypothesis, as linear as its columns are.
+
+    The change point is found beside white noise alone, and what it is worth beside all that is
+    explained already: noise and a discrepancy that are fitted to a residual in which an effect
+    begins take its beginning for their own.
 
     Parameters
     ----------
     now : JointFit
         What is explained already.
+    comparison : ModelComparison
+        Of that.
     found : sequence of Hypothesis
         Of :func:`~forcecal_ros.diagnose.model.hypotheses.everywhere`.
-    always : mapping of str to float
-        Log-evidence of hypotheses that act all the time, beside a discrepancy, which is too large
-        to be fitted at each instant: to this is added what a change point is better than that.
 
     Returns
     -------
     list of Candidate
-        The likeliest first; the evidence is averaged over the instants.
+        The likeliest first.
     """
     model, explained = now.model, now.explained()
     distinct = {id(c): j for j, c in enumerate(
@@ -242,48 +240,74 @@ def screen_change_points(now: JointFit, found: Sequence[Hypothesis],
                 for k, one in enumerate(columns):
                     several[k][places[id(h), i][j]] = one
     beside = [[*own, *more] for own, more in zip(model.jacobian, explained.extra)]
-    best: dict[str, Candidate] = {}
+    alone = replace(model, noise=model.white_noise(model.residuals), discrepancy=None)
+    best: dict[str, _Change] = {}
     for recording, dataset in enumerate(model.datasets):
         n = len(dataset.groups)
         length = max(SHORTEST, -(-n // INSTANTS))
         if n < 4 * length:
             continue
-        instants = Instants(model, beside, explained.null_prior, several, model.residuals,
+        instants = Instants(alone, beside, explained.null_prior, several, model.residuals,
                             recording, length)
         for h in found:
-            own = [places[id(h), i] for i in range(len(h.atoms))]
-            offset = always[h.name] - max(map(instants.always, own)) if h.name in always else 0.0
-            for one in _of_one(model, instants, h, own, recording):
-                one = one._replace(evidence=one.evidence + offset)
+            for one in _changes(model, instants, h, [places[id(h), i] for i in range(
+                    len(h.atoms))], recording):
                 if h.name not in best or one.evidence > best[h.name].evidence:
                     best[h.name] = one
-    return sorted(best.values(), key=lambda t: -t.evidence)
+    parts = [for_a_part(model, one.hypothesis, one.located(alone)) for one in best.values()]
+    screened = [(t, best[t.effect.name]) for t in comparison.screen(parts)] if parts else []
+    return [t._replace(gate=one.located(alone), ways=one.ways,
+                       evidence=t.evidence - float(np.log(one.ways))) for t, one in screened]
 
 
-def _of_one(model: LinearisedModel, instants: Instants, h: Hypothesis,
-            places: Sequence[Sequence[int]], recording: int) -> list[Candidate]:
+class _Change(NamedTuple):
+    """
+    A hypothesis at one start, when it may begin or end, and in how many ways that was tried.
+
+    Attributes
+    ----------
+    x : ndarray, shape (k,)
+        Coefficients of its columns.
+    near : float
+        By how much the instant may be off [s].
+    """
+
+    evidence: float
+    hypothesis: Hypothesis
+    gate: Gate
+    ways: int
+    x: Array
+    near: float
+
+    def located(self, model: LinearisedModel) -> Gate:
+        """Return the gate, its instant as the samples nearby tell it."""
+        gate = self.gate
+        i, at = gate.recording, gate.begin if gate.end is None else gate.end
+        assert at is not None
+        n, atom = len(model.residuals[i]), self.hypothesis.atoms[0]
+        added = column(combined(atom.columns[i], self.x, n), model.level)
+        found = added and _to_a_sample(model, gate, added, model.residuals[i], at - self.near,
+                                       at + self.near)
+        return moved_to(gate, found.at) if found else gate
+
+
+def _changes(model: LinearisedModel, instants: Instants, h: Hypothesis,
+             places: Sequence[Sequence[int]], recording: int) -> list[_Change]:
     """List a hypothesis' change points in one recording, one for each start and way."""
     several, out = len(model.datasets) > 1, []
     start = model.datasets[recording].measured.start
     for atom, of in zip(h.atoms, places):
         for ends, elsewhere in product((False, True), (False, True) if several else (False,)):
             evidence, x = instants.fits(of, ends, elsewhere)
-            theta = _theta(h, atom, x)
-            evidence = np.where(_possible(h, atom, theta), evidence, -np.inf)
+            evidence = np.where(_possible(h, atom, _theta(h, atom, x)), evidence, -np.inf)
             b = int(np.argmax(evidence))
-            if not np.isfinite(evidence[b]):
-                continue
-            at = start + BLOCK * float(instants.blocks[b])
-            gate = (Gate(recording, None, at, elsewhere) if ends
-                    else Gate(recording, at, None, elsewhere))
-            mean = float(np.logaddexp.reduce(evidence)
-                         - np.log(len(evidence) * len(h.atoms) * 2))
-            low, high = bounds_of(h.effect)
-            effect = Accepted(h.name, np.clip(theta[b], low, high), np.zeros(len(low)),
-                              estimated(h.effect, atom), frozenset())
-            ways = 2 * len(evidence) * len(h.atoms)
-            out.append(Candidate(effect, mean, ways, np.zeros(len(model.nuisances)),
-                                 model.discrepancy_scales, gate))
+            if np.isfinite(evidence[b]):
+                at = start + BLOCK * float(instants.blocks[b])
+                gate = (Gate(recording, None, at, elsewhere) if ends
+                        else Gate(recording, at, None, elsewhere))
+                out.append(_Change(float(evidence[b]), h._replace(atoms=(atom,)), gate,
+                                   2 * len(evidence) * len(h.atoms), x[b],
+                                   BLOCK * instants.length))
     return out
 
 
@@ -365,12 +389,15 @@ def _to_a_sample(model: LinearisedModel, gate: Gate, added: Column, residual: Ar
     return Instant(float(0.5 * (before[best] + at[best])), float(before[first]), float(at[last]))
 
 
+def moved_to(gate: Gate, at: float) -> Gate:
+    """Let a gate open or close at another instant."""
+    return gate._replace(end=at) if gate.begin is None else gate._replace(begin=at)
+
+
 def moved(model: LinearisedModel, name: str, instant: Instant) -> LinearisedModel:
     """Let an effect begin or end at another instant."""
-    gate = model.gates[name]
-    gate = (gate._replace(end=instant.at) if gate.begin is None
-            else gate._replace(begin=instant.at))
-    out = replace(model, gates={**model.gates, name: gate})
+    gates = {**model.gates, name: moved_to(model.gates[name], instant.at)}
+    out = replace(model, gates=gates)
     try:
         out.evaluate()
     except Diverged:

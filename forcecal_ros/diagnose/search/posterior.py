@@ -139,7 +139,7 @@ class _Table:
                 ] if BIAS.name in self.parts else []
         parts = [self.parts[n] for n in likely if n in self.parts]
         always = {t.effect.name: t.evidence for t in screened}
-        changes = screen_change_points(now, [*bias, *parts], always)
+        changes = screen_change_points(now, comparison, [*bias, *parts])
         # what acts all the time needs no change point
         return sorted([*screened, *(t for t in changes if t.evidence > WORTH + always.get(
             t.effect.name, 0.0))], key=lambda t: -t.evidence)
