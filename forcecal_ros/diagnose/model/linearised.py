@@ -282,11 +282,6 @@ class LinearisedModel:
         train, _ = self.grams([[] for _ in self.datasets])
         return fit(train, self.prior())
 
-    def fit_nuisances_to_all(self) -> Fit:
-        """Fit the nuisances alone on all blocks."""
-        train, held = self.grams([[] for _ in self.datasets])
-        return fit(train + held, self.prior())
-
     def log_posterior(self, square: float | None = None) -> float:
         """
         Log-likelihood of the training blocks, and prior, with everything as it is.

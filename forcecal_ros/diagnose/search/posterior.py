@@ -12,8 +12,6 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple
 
-from forcecal_ros.core.geometry import Array
-from forcecal_ros.diagnose.dataset import STREAM_SLICES
 from forcecal_ros.diagnose.model.gates import BIAS
 from forcecal_ros.diagnose.model.hypotheses import EffectJacobian, everywhere, Hypothesis
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
@@ -90,8 +88,6 @@ class Posterior(NamedTuple):
         Log-evidence of each other effect in the place of an accepted one, against that one.
     nearest : dict of str to float
         Log-evidence of effects that come closest, if none was accepted.
-    missing_by_stream : ndarray, shape (streams,)
-        Log-evidence that is still missing in each stream.
     discrepancy_evidence : float
         Log-likelihood of a discrepancy, and of what else is unexplained.
     instants : dict of str to Instant
@@ -104,7 +100,6 @@ class Posterior(NamedTuple):
     features: Mapping[str, Features] = MappingProxyType({})
     alternatives: Mapping[str, Mapping[str, float]] = MappingProxyType({})
     nearest: Mapping[str, float] = MappingProxyType({})
-    missing_by_stream: Array = np.zeros(len(STREAM_SLICES))
     discrepancy_evidence: float = 0.0
     instants: Mapping[str, Instant] = MappingProxyType({})
 
@@ -314,7 +309,7 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
                         and e.evidence > chosen.evidence - 3.0 * temperature)]
     last = best.fit.comparison()
     return Posterior(best.fit.model, tuple(best.fit.accepted), tuple(best.fit.jacobians),
-                     features, alternatives, {} if features else nearest, last.missing_by_stream,
+                     features, alternatives, {} if features else nearest,
                      last.discrepancy_evidence,
                      {name: instant_of(best.fit, name) for name in best.names
                       if name in best.fit.model.gates})
