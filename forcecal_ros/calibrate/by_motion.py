@@ -3,20 +3,25 @@
 from collections.abc import Iterator
 from typing import Any
 
-from forcecal_ros.calibrate.joint import joint_fit, JointFit
+from forcecal_ros.calibrate.axes import split_matrix
+from forcecal_ros.calibrate.joint import accelerometer_fit, joint_fit, JointFit
 from forcecal_ros.calibrate.quality import weak_estimates
 from forcecal_ros.calibrate.requirements import require_wrench
 from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.calibrate.static_readings import refuse_negative
 from forcecal_ros.checks.hypotheses import questions_of
-from forcecal_ros.core.calibration import Calibration, Estimate
+from forcecal_ros.core.calibration import Accelerometer, Calibration, Estimate
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.streams import Recording
+from forcecal_ros.core.streams import Recording, Stream
 import numpy as np
 
 MAX_RELATIVE_INERTIA_STD = 0.3
 """Largest standard error of an element of inertia, of its mean moment: above, it is left out."""
 
+
+MAX_RELATIVE_MAP_STD = 0.05
+"""Largest standard error of an element of the accelerometer's map, of its largest: above, it is
+left out."""
 
 ESTIMATED_KEYS = ('mass', 'com', 'wrench_bias', 'inertia')
 """Keys that are estimated from motion."""
@@ -41,7 +46,7 @@ def calibrate_by_motion(recording: Recording, settings: IdentificationSettings, 
     Returns
     -------
     dict
-        Fields of a :class:`Calibration`. Its noise and accelerometer are not identified.
+        Fields of a :class:`Calibration`. Its noise is not identified.
 
     Raises
     ------
@@ -50,20 +55,24 @@ def calibrate_by_motion(recording: Recording, settings: IdentificationSettings, 
     """
     assert recording.pose is not None
     wrench, slide = require_wrench(recording), recording.optidrive
-    found = joint_fit(wrench, recording.pose, np.array([0.0, 0.0, -settings.gravity]),
-                      settings.largest_delay, None if settings.tool_compliance == 'no' else slide)
+    if settings.tool_compliance == 'no':
+        slide = None
+    gravity = np.array([0.0, 0.0, -settings.gravity])
+    found = joint_fit(wrench, recording.pose, gravity, settings.largest_delay, slide)
     refuse_negative(float(found.theta[0]))
     inertia = inertia_about_com(found)
     size = float(np.trace(inertia.value)) / 3
     known = size > 0.0 and float(inertia.std.max()) < MAX_RELATIVE_INERTIA_STD * size
+    accelerometer, missing = _accelerometer(recording, settings, gravity, slide, found)
     fields: dict[str, Any] = {
+        'accelerometer': accelerometer,
         'mass': Estimate(found.theta[0], found.std[0], 'kg'),
         'com': Estimate(found.com, found.com_std, 'm'),
         'wrench_bias': Estimate(found.theta[10:], found.std[10:], 'N, N m'),
         'inertia': inertia if known else None}
     warnings = [*weak_estimates(Calibration(**fields), settings, 'rotate further and for longer',
                                 'rotate further about two horizontal axes'),
-                *_not_identified(recording, None if known else inertia, size)]
+                *_not_identified(recording, None if known else inertia, size), *missing]
     suspect = [key for key in ESTIMATED_KEYS if found.unexplained > SUSPECT_UNEXPLAINED]
     if suspect:
         warnings.append(
@@ -110,6 +119,35 @@ def _not_identified(recording: Recording, inertia: Estimate | None, size: float)
         share = f' ({error / size:.0%} of the mean moment)' if size > 0.0 else ''
         yield (f'inertia: not identified, its standard error is {error:.2g} kg m^2{share}; rotate '
                'faster about all three axes')
-    if recording.accelerometer is not None:
-        yield ('accelerometer: not identified from motion without rest; hold 4 poses of '
-               'different orientation for 2 s each')
+
+
+def _accelerometer(recording: Recording, settings: IdentificationSettings, gravity: Array,
+                   slide: Stream | None, found: JointFit
+                   ) -> tuple[Accelerometer | None, tuple[str, ...]]:
+    """Return what motion shows of the accelerometer, or a line that says why it shows none."""
+    stream, pose, unit = recording.accelerometer, recording.pose, recording.accelerometer_unit
+    assert pose is not None
+    if stream is None or len(stream) < 2:
+        return None, ()
+    if settings.coupling == 'ac' or not pose.has_position:
+        why = ('the pose has no position; record it as well' if settings.coupling == 'dc' else
+               'an AC-coupled one is identified beside rests only; hold 4 poses for 2 s each')
+        return None, (f'accelerometer: not identified, {why}',)
+    fit = accelerometer_fit(stream, pose, gravity, settings.largest_delay, slide)
+    std = np.sqrt(np.diag(fit.covariance))
+    matrix, size = fit.theta[:9].reshape(3, 3), float(np.abs(fit.theta[:9]).max())
+    if std[:9].max() > MAX_RELATIVE_MAP_STD * size:
+        why = f'the standard error of its gains is {std[:9].max() / size:.0%}'
+        why += '; rotate further about two horizontal axes'
+        return None, (f'accelerometer: not identified, {why}',)
+    axes = split_matrix(matrix, fit.covariance[:9, :9], unit != 'V')
+    place = Estimate(fit.theta[12:15], std[12:15], 'm')
+    if settings.accelerometer_position is not None:
+        place = Estimate(settings.accelerometer_position, 0.0, 'm')
+    known = place.std.max() <= settings.thresholds.position
+    return Accelerometer(
+        offset=Estimate(fit.theta[9:12], std[9:12], unit),
+        gain=Estimate(axes.gain, axes.gain_std, '1' if unit != 'V' else 'V/(m/s^2)'),
+        map=Estimate(axes.map, axes.map_std, '1'),
+        delay=Estimate(fit.theta[15] - found.delay, np.hypot(std[15], found.delay_std), 's'),
+        position=place if known else None), ()

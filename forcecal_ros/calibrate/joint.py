@@ -1,10 +1,11 @@
-"""Tool, biases and delay from any motion, by one robust fit."""
+"""Tool, biases, accelerometer and delays from any motion, by one robust fit each."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
-from forcecal_ros.core.errors import DataError, UnobservableError
+from forcecal_ros.core.errors import below, DataError, UnobservableError
 from forcecal_ros.core.estimation import robust_fit, RobustFit
-from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.geometry import Array, skew
 from forcecal_ros.core.rigid_body import block_means, body_motion, INERTIAL, regressor, sliding
 from forcecal_ros.core.streams import PoseStream, Stream
 import numpy as np
@@ -13,9 +14,9 @@ from scipy.ndimage import gaussian_filter1d
 STEP_S, LOWPASS_S = 0.01, 0.03
 """Grid, and standard deviation of the low-pass that wrench and regressor pass [s]."""
 
-THINNING = 3
-"""Every third row is fitted, one a `LOWPASS_S`: of what the low-pass leaves 0.7 % is above half
-their rate."""
+ROWS = slice(16, -16, 3)
+"""Rows that are fitted: without the low-pass's ends, one a `LOWPASS_S`, as 0.7 % of what it leaves
+is above half their rate."""
 
 MAX_COARSE_ROWS = 1000
 """Rows at most by which the nearest of the delays that are tried first is found."""
@@ -33,6 +34,11 @@ MAX_UNEXPLAINED = 0.25
 
 MIN_MASS_SIGMA = 5.0
 """Standard errors by which a mass must differ from zero."""
+
+
+ACCELEROMETER_ITERATIONS = 6
+"""Steps of the fit of map, place and delay, each linear in the others: the second is exact to
+1e-3 of a standard error."""
 
 
 class JointFit(NamedTuple):
@@ -88,45 +94,28 @@ def joint_fit(wrench: Stream, pose: PoseStream, gravity: Array, largest_delay: f
     DataError
         Pose and wrench are too far apart in time, or a rigid tool does not explain the wrench.
     """
-    step = max(STEP_S, float(np.median(np.diff(pose.t))), float(np.median(np.diff(wrench.t))))
-    first = max(wrench.t[0], pose.t[0])
-    last = min(wrench.t[-1], pose.t[-1])
-    if last - first < MIN_OVERLAP_S:
-        raise UnobservableError(
-            f'wrench and pose overlap for {max(last - first, 0.0):.3g} s, and motion shows a tool '
-            f'in {MIN_OVERLAP_S:g} s at least; record longer')
-    starts = np.arange(first + largest_delay, last - largest_delay - step, step)
-    width = LOWPASS_S / STEP_S  # in steps: slower recordings are smoothed over as many samples
-    edge = int(4 * width) + 4
-    rows = slice(edge, -edge, THINNING)
-
-    def smooth(values: Array) -> Array:
-        return np.asarray(gaussian_filter1d(values, width, axis=0))
-
+    starts, step = _grid('wrench', wrench, pose, largest_delay)
     motion, slide = body_motion(pose, starts, step, gravity), None
     if optidrive is not None and len(optidrive) > 1:
         slide = block_means(optidrive.t, optidrive.values, starts, step)[:, 0]
         motion = sliding(motion, slide, step)
-    spread = _require_rotation(smooth(motion.apparent_gravity)[rows] / np.linalg.norm(gravity))
-    X = smooth(regressor(motion, slide))
+    spread = _require_rotation(_smooth(motion.apparent_gravity)[ROWS] / np.linalg.norm(gravity))
+    X = _smooth(regressor(motion, slide))
     if not pose.has_position:
         X[:, :, 4:] = 0.0
-    rates = -np.gradient(X, step, axis=0)[rows]
-    X = X[rows]
+    rates = -np.gradient(X, step, axis=0)[ROWS]
+    X = X[ROWS]
     bias = np.broadcast_to(np.eye(6), (len(X), 6, 6))
 
     def fitted(delay: float, theta: Array | None, every: int = 1) -> RobustFit:
-        y = smooth(block_means(wrench.t, wrench.values, starts + delay, step))[rows]
+        y = _smooth(block_means(wrench.t, wrench.values, starts + delay, step))[ROWS]
         columns = [X, bias]
         if theta is not None:
             columns.append((rates @ theta[:INERTIAL])[:, :, None])
         return robust_fit(np.concatenate(columns, axis=2)[::every], y[::every],
                           tolerance=1e-5 if every == 1 else 1e-2)
 
-    coarse = np.linspace(-largest_delay, largest_delay, 11)
-    tried = [fitted(delay, None, 2 + len(X) // MAX_COARSE_ROWS) for delay in coarse]
-    best = int(np.argmin([np.log(one.scale).sum() for one in tried]))
-    delay, fit = float(coarse[best]), tried[best]
+    delay, fit = _nearest_delay(largest_delay, len(X), fitted)
     for _ in range(4):
         fit = fitted(delay, fit.theta)
         change = float(fit.theta[16])
@@ -148,6 +137,97 @@ def joint_fit(wrench: Stream, pose: PoseStream, gravity: Array, largest_delay: f
     com_std = np.sqrt(np.diag(J @ C[:4, :4] @ J.T))
     return JointFit(theta, std, com, com_std, delay, float(fit.std[16]), spread, unexplained,
                     fit)
+
+
+class AccelerometerFit(NamedTuple):
+    """
+    Accelerometer of one recording, reading = offset + matrix (a - g) at its place.
+
+    Attributes
+    ----------
+    theta, covariance : ndarray, shape (16,), (16, 16)
+        Matrix (9, row by row) [unit/(m/s^2)], offset (3) [unit], place in ft_sensor (3) [m], and
+        by how much it is late after the pose [s].
+    """
+
+    theta: Array
+    covariance: Array
+
+
+def accelerometer_fit(stream: Stream, pose: PoseStream, gravity: Array,
+                      largest_delay: float = 0.05, optidrive: Stream | None = None
+                      ) -> AccelerometerFit:
+    """
+    Fit an accelerometer to the motion of the pose.
+
+    Parameters
+    ----------
+    stream : Stream
+        Readings, shape (n, 3).
+    pose, gravity, largest_delay, optidrive
+        As for :func:`joint_fit`; the pose has positions.
+
+    Raises
+    ------
+    UnobservableError
+        The recording is too short.
+    """
+    starts, step = _grid('accelerometer', stream, pose, largest_delay)
+    motion = body_motion(pose, starts, step, gravity)
+    if optidrive is not None and len(optidrive) > 1:
+        motion = sliding(
+            motion, block_means(optidrive.t, optidrive.values, starts, step)[:, 0], step)
+    W = skew(motion.omega)
+    lever = _smooth(skew(motion.alpha) + W @ W)
+    force = -_smooth(motion.apparent_gravity)
+    n, eye = len(force[ROWS]), np.eye(3)
+
+    def fitted(delay: float, theta: Array | None, every: int = 1) -> RobustFit:
+        y = _smooth(block_means(stream.t, stream.values, starts + delay, step))[ROWS]
+        place = np.zeros(3) if theta is None else theta[12:15]
+        at_place = force + lever @ place
+        columns = [np.einsum('ij,nk->nijk', eye, at_place[ROWS]).reshape(n, 3, 9),
+                   np.broadcast_to(eye, (n, 3, 3))]
+        if theta is not None:
+            matrix = theta[:9].reshape(3, 3)
+            columns += [matrix @ lever[ROWS],
+                        -(np.gradient(at_place, step, axis=0)[ROWS] @ matrix.T)[:, :, None]]
+            y = y + lever[ROWS] @ place @ matrix.T
+        return robust_fit(np.concatenate(columns, axis=2)[::every], y[::every],
+                          tolerance=1e-5 if every == 1 else 1e-2)
+
+    delay, fit = _nearest_delay(largest_delay, n, fitted)
+    theta = np.concatenate([fit.theta, np.zeros(3)])
+    for _ in range(ACCELEROMETER_ITERATIONS):
+        fit = fitted(delay, theta)
+        delay = float(np.clip(delay + fit.theta[15], -largest_delay, largest_delay))
+        theta = fit.theta[:15]
+    return AccelerometerFit(np.append(theta, delay), fit.covariance)
+
+
+def _grid(role: str, stream: Stream, pose: PoseStream, largest_delay: float
+          ) -> tuple[Array, float]:
+    """Return starts and length of blocks [s] in which a stream overlaps the pose."""
+    step = max(STEP_S, float(np.median(np.diff(pose.t))), float(np.median(np.diff(stream.t))))
+    first, last = max(stream.t[0], pose.t[0]), min(stream.t[-1], pose.t[-1])
+    if last - first < MIN_OVERLAP_S:
+        raise UnobservableError(
+            f'{role} and pose overlap for {below(max(last - first, 0.0), MIN_OVERLAP_S)} s, and '
+            f'motion shows a tool in {MIN_OVERLAP_S:g} s at least; record longer')
+    return np.arange(first + largest_delay, last - largest_delay - step, step), step
+
+
+def _smooth(values: Array) -> Array:
+    return np.asarray(gaussian_filter1d(values, LOWPASS_S / STEP_S, axis=0))
+
+
+def _nearest_delay(largest: float, n: int, fitted: Callable[..., RobustFit]
+                   ) -> tuple[float, RobustFit]:
+    """Try eleven delays on every few of n rows; return the best with its fit."""
+    coarse = np.linspace(-largest, largest, 11)
+    tried = [fitted(delay, None, 2 + n // MAX_COARSE_ROWS) for delay in coarse]
+    best = int(np.argmin([np.log(one.scale).sum() for one in tried]))
+    return float(coarse[best]), tried[best]
 
 
 def _require_rotation(force: Array) -> Array:

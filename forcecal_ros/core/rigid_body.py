@@ -111,5 +111,6 @@ def regressor(motion: BodyMotion, slide: Array | None = None) -> Array:
     X[:, 3:, 1:4] = -skew(motion.apparent_gravity)
     if slide is not None:
         X[:, 3:, 0] = slide[:, None] * np.cross([1.0, 0.0, 0.0], motion.apparent_gravity)
+        X[:, 3:, 1:4] += slide[:, None, None] * (skew(np.array([1.0, 0.0, 0.0])) @ X[:, :3, 1:4])
     X[:, 3:, 4:] = -(inertia_columns(motion.alpha) + W @ inertia_columns(motion.omega))
     return X

@@ -11,14 +11,6 @@ from forcecal_ros.core.calibration import Calibration, Estimate
 from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.geometry import Array, rotation_vector
 from forcecal_ros.core.streams import PoseStream, Recording
-from forcecal_ros.diagnose.dataset import span
-from forcecal_ros.diagnose.recordings import (
-    angle_from_gravity,
-    IMU_GAIN,
-    IMU_OFFSET,
-    MAX_GRAVITY_ANGLE,
-)
-from forcecal_ros.diagnose.sources.simulated_tool import DRAWN, LIGHTEST, tool_along, with_moments
 from forcecal_ros.effects.nuisances import possible, rows_of
 from forcecal_ros.effects.rig import (
     Accelerometer,
@@ -27,8 +19,7 @@ from forcecal_ros.effects.rig import (
     Optidrive,
     Rig,
 )
-from forcecal_ros.sim.low_pass import slowed
-from forcecal_ros.sim.rigid_tool import CarriedTool, GYRATION
+from forcecal_ros.sim.rigid_tool import GYRATION
 import numpy as np
 
 MOST_TURNED = 0.02
@@ -50,21 +41,21 @@ def fit_tool(rig: Rig, recordings: Sequence[Recording], settings: Identification
     """
     Give a rig the tool and the sensors of a robot.
 
-    Static poses tell them as in a calibration; without enough of them, the motion tells the tool.
+    The first recording that can be calibrated gives them.
 
     Raises
     ------
-    DataError
-        The wrench holds no weight, or the accelerometer sits turned.
+    DataError, UnobservableError
+        No recording can be calibrated, or the accelerometer is rotated against the sensor.
     """
+    refused: DataError | UnobservableError | None = None
     for one in recordings:
         try:
             return _calibrated(rig, one, identify(one, settings))
-        except UnobservableError as error:
-            why = str(error)
-        except DataError as error:
-            why = str(error)
-    return _by_motion(rig, recordings[0], why)
+        except (DataError, UnobservableError) as error:
+            refused = refused or error
+    assert refused is not None
+    raise refused
 
 
 def _calibrated(rig: Rig, recording: Recording, c: Calibration) -> ToolFit:
@@ -139,51 +130,6 @@ def _with_accelerometer(rig: Rig, a: CalibratedAccelerometer, notes: tuple[str, 
     spreads = _no_surer(rig.spreads, accelerometer_gain=of_gain,
                         accelerometer_offset=_std(a.offset).max())
     return ToolFit(replace(rig, accelerometer=mounted, spreads=spreads), notes)
-
-
-def _with_imu(rig: Rig, recording: Recording, motion: CarriedTool) -> Rig:
-    """Mount an accelerometer that speaks m/s^2, its place and offset as the motion tells them."""
-    stream = recording.accelerometer
-    if stream is None or len(stream) < 2 or recording.accelerometer_unit != 'm/s^2':
-        return rig
-    assert recording.pose is not None
-    turned = angle_from_gravity(stream, recording.pose)
-    if turned > MAX_GRAVITY_ANGLE:
-        raise DataError(f'accelerometer: it feels gravity {np.degrees(turned):.0f} deg from where '
-                        'the pose has it, expected along the axes of ft_sensor; record it in that '
-                        'frame')
-    felt = slowed(stream)(np.clip(motion.t, stream.t[0], stream.t[-1]))
-    offsets = np.broadcast_to(np.eye(3), motion.lever.shape)
-    columns = np.concatenate([motion.lever, offsets], axis=2)
-    told = np.linalg.lstsq(columns.reshape(-1, 6),
-                           (felt - motion.specific_force_of_origin(rig)).ravel(), rcond=1e-6)[0]
-    model = AccelerometerModel((1.0, 1.0, 1.0), tuple(told[3:].tolist()), 0.0)
-    mounted: Accelerometer = replace(rig.accelerometer, mounted='acc1', acc1=model,
-                                     position=tuple(told[:3].tolist()))
-    return replace(rig, accelerometer=mounted, spreads=replace(
-        rig.spreads, accelerometer_offset=IMU_OFFSET, accelerometer_gain=IMU_GAIN))
-
-
-def _by_motion(rig: Rig, recording: Recording, why: str) -> ToolFit:
-    """Take the tool that explains the wrench along the measured motion best."""
-    first, n = span(replace(recording, accelerometer=None))
-    motion = CarriedTool(replace(recording, accelerometer=None), first, n, 'acc1', clear=True)
-    moments, bias, left = tool_along(motion, recording, rig)
-    mass = float(moments[0])
-    if mass < LIGHTEST:
-        raise DataError(f'wrench: it shows a tool of {mass:.2f} kg, expected its weight, pointing '
-                        'down, at rest; ' + ('give --wrench-sign -1' if mass < -LIGHTEST else
-                                             'record it without compensation'))
-    tool = with_moments(rig.tool, moments)
-    spreads = _no_surer(rig.spreads, mass=DRAWN[0], com=DRAWN[1], inertia=UNKNOWN_INERTIA)
-    force, torque = (float(np.sqrt(np.mean(left[:, part] ** 2)))
-                     for part in (slice(0, 3), slice(3, 6)))
-    rig = replace(rig, tool=replace(tool, tip=tool.com), spreads=spreads,
-                  wrench_sensor=replace(rig.wrench_sensor, bias=tuple(bias.tolist())))
-    return ToolFit(
-        _with_imu(rig, recording, motion),
-        ((f'the tool is told by the motion, which leaves {force:.2g} N and {torque:.2g} N m RMS; '
-         f'static poses would tell it better ({why})'),))
 
 
 _SMOOTHEST = (1.0, -4.0, 6.0, -4.0, 1.0)
