@@ -1,6 +1,6 @@
 """Effects that begin or end during a recording: which, and at which instant."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
@@ -184,6 +184,9 @@ def _by_parts(left: Array, right: Array, length: int) -> Array:
 INSTANTS = 600
 """Instants of one recording at which beginnings are looked for, at most: 0.1 s in a minute."""
 
+CLOSER = 6000
+"""Instants of one recording at which what was found there is located: 4 ms in 24 s."""
+
 SHORTEST = 25
 """Blocks between two of them, at least: 0.1 s, the error that is allowed of an instant."""
 
@@ -210,9 +213,9 @@ def screen_change_points(now: JointFit, comparison: ModelComparison, found: Sequ
     """
     Find the likeliest change point of each hypothesis, as linear as its columns are.
 
-    The change point is found beside white noise alone, and what it is worth beside all that is
-    explained already: noise and a discrepancy that are fitted to a residual in which an effect
-    begins take its beginning for their own.
+    Of two change points, likeliest beside the noise and beside white noise, the better one beside
+    all that is explained already counts: noise that is fitted to a residual in which an effect
+    begins takes its beginning for its own, and white noise what else is slow for an effect.
 
     Parameters
     ----------
@@ -241,23 +244,29 @@ def screen_change_points(now: JointFit, comparison: ModelComparison, found: Sequ
                     several[k][places[id(h), i][j]] = one
     beside = [[*own, *more] for own, more in zip(model.jacobian, explained.extra)]
     alone = replace(model, noise=model.white_noise(model.residuals), discrepancy=None)
-    best: dict[str, _Change] = {}
-    for recording, dataset in enumerate(model.datasets):
-        n = len(dataset.groups)
-        length = max(SHORTEST, -(-n // INSTANTS))
-        if n < 4 * length:
-            continue
-        instants = Instants(alone, beside, explained.null_prior, several, model.residuals,
-                            recording, length)
-        for h in found:
-            for one in _changes(model, instants, h, [places[id(h), i] for i in range(
-                    len(h.atoms))], recording):
-                if h.name not in best or one.evidence > best[h.name].evidence:
-                    best[h.name] = one
-    parts = [for_a_part(model, one.hypothesis, one.located(alone)) for one in best.values()]
-    screened = [(t, best[t.effect.name]) for t in comparison.screen(parts)] if parts else []
-    return [t._replace(gate=one.located(alone), ways=one.ways,
-                       evidence=t.evidence - float(np.log(one.ways))) for t, one in screened]
+    out: dict[str, Candidate] = {}
+    for beside_noise in (model, alone):
+        best: dict[str, _Change] = {}
+        for recording, dataset in enumerate(model.datasets):
+            n = len(dataset.groups)
+            length = max(SHORTEST, -(-n // INSTANTS))
+            if n < 4 * length:
+                continue
+            instants = Instants(beside_noise, beside, explained.null_prior, several,
+                                model.residuals, recording, length)
+            for h in found:
+                for one in _changes(model, instants, h, [places[id(h), i] for i in range(
+                        len(h.atoms))], recording):
+                    if h.name not in best or one.evidence > best[h.name].evidence:
+                        best[h.name] = one
+        gates = _located(alone, beside, explained.null_prior, best)
+        parts = [for_a_part(model, one.hypothesis, gates[n]) for n, one in best.items()]
+        for t in comparison.screen(parts) if parts else ():
+            name, ways = t.effect.name, best[t.effect.name].ways
+            t = t._replace(gate=gates[name], ways=ways, evidence=t.evidence - float(np.log(ways)))
+            if name not in out or t.evidence > out[name].evidence:
+                out[name] = t
+    return sorted(out.values(), key=lambda t: -t.evidence)
 
 
 class _Change(NamedTuple):
@@ -279,16 +288,25 @@ class _Change(NamedTuple):
     x: Array
     near: float
 
-    def located(self, model: LinearisedModel) -> Gate:
-        """Return the gate, its instant as the samples nearby tell it."""
-        gate = self.gate
-        i, at = gate.recording, gate.begin if gate.end is None else gate.end
-        assert at is not None
-        n, atom = len(model.residuals[i]), self.hypothesis.atoms[0]
-        added = column(combined(atom.columns[i], self.x, n), model.level)
-        found = added and _to_a_sample(model, gate, added, model.residuals[i], at - self.near,
-                                       at + self.near)
-        return moved_to(gate, found.at) if found else gate
+
+def _located(model: LinearisedModel, beside: Sequence[Sequence[Column]], prior: Prior,
+             changes: Mapping[str, _Change]) -> dict[str, Gate]:
+    """Find the instants more closely, each effect as large as it was found; return the gates."""
+    gates = {name: one.gate for name, one in changes.items()}
+    for i in {gate.recording for gate in gates.values()}:
+        own = {name: one for name, one in changes.items() if one.gate.recording == i}
+        added = [[column(combined(one.hypothesis.atoms[0].columns[k], one.x, len(r)), model.level)
+                  for one in own.values()] for k, r in enumerate(model.residuals)]
+        length = -(-len(model.residuals[i]) // CLOSER)
+        close = Instants(model, beside, prior, added, model.residuals, i, length)
+        t = model.datasets[i].measured.start + BLOCK * close.blocks
+        for j, (name, one) in enumerate(own.items()):
+            evidence = close.fits([j], one.gate.begin is None, one.gate.elsewhere).evidence
+            at = one.gate.end if one.gate.begin is None else one.gate.begin
+            assert at is not None
+            evidence = np.where(np.abs(t - at) <= one.near, evidence, -np.inf)
+            gates[name] = moved_to(one.gate, float(t[np.argmax(evidence)]))
+    return gates
 
 
 def _changes(model: LinearisedModel, instants: Instants, h: Hypothesis,
