@@ -109,14 +109,6 @@ def hypotheses(model: LinearisedModel, line: float | None = None) -> list[Hypoth
     return found
 
 
-def releases(model: LinearisedModel) -> list[Hypothesis]:
-    """List those hypotheses only that lift the prior of nuisances; nothing is simulated."""
-    simulation = model.datasets[0].simulation
-    return [h for name, effect in model.library.items()
-            if effect.nuisance and name not in model.fixed
-            and simulation.can_show(name, model.rig) for h in _released(model, name, effect)]
-
-
 def _released(model: LinearisedModel, name: str, effect: Effect) -> list[Hypothesis]:
     own = [n.name for n in model.nuisances if n.key == effect.nuisance]
     if not own:
