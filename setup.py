@@ -4,7 +4,6 @@ import sys
 from setuptools import find_packages, setup
 
 PACKAGE = 'forcecal_ros'
-FRAMES = ['pandas>=2.0']
 MUJOCO = ["mujoco>=3.11; python_version >= '3.11'"]
 PLOTS = ['plotly>=5.15']
 NODES = ['gap', 'impedance', 'observer', 'sequencer', 'sim']
@@ -42,14 +41,13 @@ setup(
         'matplotlib>=3.6',
         'numba>=0.58',
         'numpy>=1.26',
+        'pandas>=2.0',
         'pyyaml>=6.0',
         'rosbags>=0.11',
         'scipy>=1.11',
         'tqdm>=4.66',
     ],
     extras_require={
-        # results as tables of pandas: to_dataframe
-        'frames': FRAMES,
         # models in MuJoCo: --mujoco; older ones mount sensors so
         'mujoco': MUJOCO,
         # many recordings on many machines: --dask
@@ -70,7 +68,6 @@ setup(
             'pytest-timeout>=2.1',
             'pytest-xdist>=3.7',  # orders groups by their place, not their number
             'hypothesis>=6.98',
-            *FRAMES,
             *MUJOCO,
             *PLOTS,
             *SCALE,

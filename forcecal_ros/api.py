@@ -57,22 +57,8 @@ class Result(NamedTuple):
         return dict(self.document)
 
     def to_dataframe(self) -> 'pd.DataFrame':
-        """
-        Return the table as a pandas DataFrame; an estimate, sample by sample.
-
-        Raises
-        ------
-        ConfigError
-            The extra ``frames`` is not installed.
-        """
-        try:
-            import pandas as pd
-        except ModuleNotFoundError as error:
-            from forcecal_ros.core.errors import ConfigError
-            from forcecal_ros.core.extras import installing
-
-            raise ConfigError('to_dataframe requires the Python package pandas; install it by '
-                              f'{installing("frames", "pandas")}') from error
+        """Return the table as a pandas DataFrame; an estimate, sample by sample."""
+        import pandas as pd
 
         if hasattr(self.value, 'contact'):
             frame = pd.DataFrame(self.value.contact, self.value.t, ['fx', 'fy', 'fz',

@@ -8,13 +8,10 @@ import sys
 from types import FrameType
 from typing import Any
 
-INTERRUPTED = 130
-"""Exit status of a command after SIGINT, as shells have it."""
-
 
 def forcecal() -> int:
     """Run a command line."""
-    return int(loaded('cli.main', INTERRUPTED)())
+    return int(loaded('cli.main', 130)())
 
 
 def gap() -> int:

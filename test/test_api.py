@@ -6,7 +6,6 @@ import subprocess
 import sys
 
 import forcecal_ros as fc
-from forcecal_ros.core.errors import ConfigError
 from matplotlib.figure import Figure
 import pytest
 
@@ -56,12 +55,6 @@ def test_results_print_as_tables_and_draw(cells, name):
 def test_results_become_data_frames(cells):
     assert list(cells['calibration'].to_dataframe()) == ['estimate', 'value', 'std', 'unit']
     assert len(cells['contact'].to_dataframe()) == cells['contact'].to_dict()['samples']
-
-
-def test_without_pandas_one_line_says_how_to_install_it(cells, monkeypatch):
-    monkeypatch.setitem(sys.modules, 'pandas', None)
-    with pytest.raises(ConfigError, match=r'requires the Python package pandas; .*pip install .*'):
-        cells['calibration'].to_dataframe()
 
 
 def test_a_calibration_is_saved_and_loaded(cells, tmp_path):

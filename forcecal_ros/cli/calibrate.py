@@ -79,7 +79,7 @@ def add_identification(parser: argparse.ArgumentParser) -> None:
                        help='of the accelerometer in ft_sensor [m] (default: estimated)')
     observer = group(parser, 'observer')
     observer.add_argument('--filter', choices=('kalman', 'newton'), default='kalman',
-                          help='filter that the calibration asks for')
+                          help='filter that the calibration requires')
     add_bandwidth(observer, DEFAULTS)
     observer.add_argument('--design', choices=('kalman', 'poles'), default='kalman',
                           help='design of the gain of [Gamez2005]: Riccati equation or pole '

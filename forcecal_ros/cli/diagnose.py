@@ -303,7 +303,7 @@ def _written(args: argparse.Namespace, recordings: list[Any], found: Any, rig: A
 
 
 def _status(args: argparse.Namespace, verdict: str) -> int:
-    """Return 1 for data that cannot be used, and what ``--fail-on`` asks for."""
+    """Return 1 for data that cannot be used, and what ``--fail-on`` requires."""
     if verdict == 'invalid_data':
         return 1
     return FOUND if args.fail_on and verdict != 'no_gap' else 0

@@ -145,9 +145,9 @@ def answer(args: argparse.Namespace) -> Answer:
     about += assumed
     with with_notes_of(recording):
         estimate, followed = _estimate(args, recording, calibration, settings, by_imu)
-    also = [name for name, wanted in (
+    also = [name for name, requested in (
         ('inertial', args.inertial_wrench),
-        ('innovation', args.innovation or args.filter in LEARNING)) if wanted]
+        ('innovation', args.innovation or args.filter in LEARNING)) if requested]
     write_estimate(args.output, estimate, calibration, recording.start_ns, also, followed)
     if args.payload and not by_imu:
         about.append('--payload is not used: the pose gives gravity')

@@ -22,8 +22,6 @@ TILT_DEG = 40.0
 """Of the proposed poses from the present one: tilts about two axes separate mass, centre of mass
 and biases, and most wrists reach them."""
 
-DOWN = (1.0, 0.0, 0.0, 0.0)
-"""Orientation of a sensor whose z points down, xyzw."""
 
 MARGIN_M = 0.15
 """Of the proposed workspace around the present position of the sensor."""
@@ -77,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
     for node in ('sequencer', 'observer'):
         values = {key: value for one in presets for key, value in one.get(node, {}).items()}
         if node == 'sequencer':
-            values = {**_poses(DOWN), **found.get('joints', {}), **values,
+            values = {**_poses((1.0, 0.0, 0.0, 0.0)), **found.get('joints', {}), **values,
                       **found.get('poses', {})}
         texts.append(parameter_file(
             node, [row._replace(default=values.get(row.name, row.default))

@@ -33,9 +33,6 @@ example:
   forcecal diagnose sample/late -o diagnosis
 """
 
-NAME_COLUMNS = 11
-"""Columns for names of commands in the help: the longest and two more."""
-
 
 class StoreOnce(argparse.Action):
     """Stores a value; a second, different one is refused, since either may have been meant."""
@@ -109,8 +106,8 @@ def command_list() -> str:
     lines = []
     for purpose, commands in GROUPS.items():
         lines.append(f'{purpose}:')
-        lines += [fill(one.summary, 79, initial_indent=f'  {name:<{NAME_COLUMNS}}',
-                       subsequent_indent=' ' * (NAME_COLUMNS + 2))
+        lines += [fill(one.summary, 79, initial_indent=f'  {name:<11}',
+                       subsequent_indent=' ' * 13)
                   for name, one in commands.items()]
     return '\n'.join(lines)
 

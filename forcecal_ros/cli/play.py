@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
     first = next(messages, None)
     if first is None:
         raise DataError(f'{args.bag}: no messages to publish'
-                        + (f' besides {_named(left_out)}' if left_out else ''))
+                        + (f' and {_named(left_out)}' if left_out else ''))
     begin = first.log_ns + int(args.start * 1e9)
     commands = [topic for topic in named if topic.is_command]
     with temporary_node('play') as ros:
@@ -123,7 +123,7 @@ def refuse_missing(topics: Iterable['Topic'], args: argparse.Namespace) -> None:
 
 def chosen(topics: Iterable['Topic'], args: argparse.Namespace
            ) -> tuple[list['Topic'], list['Topic']]:
-    """Return the topics of a recording to publish, and those that would have to be asked for."""
+    """Return the topics of a recording to publish, and those that would have to be requested."""
     only = {f'/{name.lstrip("/")}' for name in args.only}
     published: list[Topic] = []
     left_out: list[Topic] = []
@@ -131,9 +131,9 @@ def chosen(topics: Iterable['Topic'], args: argparse.Namespace
         if (only and topic.name not in only) or (
                 not only and topic.name == '/clock' and args.clock):
             continue
-        asked = args.with_commands or (not topic.is_command and (
+        published_too = args.with_commands or (not topic.is_command and (
             args.with_outputs or bool(only) or not topic.is_output))
-        (published if asked else left_out).append(topic)
+        (published if published_too else left_out).append(topic)
     return published, left_out
 
 
@@ -153,7 +153,7 @@ def _consented(player: 'Player', commands: Sequence['Topic']) -> bool:
     Returns
     -------
     bool
-        False where nobody listens, so that there was nothing to ask.
+        False where no one listens, so that there was nothing to ask.
 
     Raises
     ------

@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
         recorder = StreamRecorder(ros.node, writer, lambda name, msgtype: (
             args.all or name in names or (not args.only and of_this_package(name, msgtype))))
         end = time.monotonic() + args.duration if args.duration is not None else None
-        with suppress(KeyboardInterrupt):  # what is recorded counts, whatever ends it
+        with suppress(KeyboardInterrupt):  # what is recorded counts, however it ends
             while not ros.interrupted and (end is None or time.monotonic() < end):
                 recorder.subscribe_to_new_topics()
                 ros.spin(PERIOD if end is None else max(min(PERIOD, end - time.monotonic()),

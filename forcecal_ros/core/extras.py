@@ -7,7 +7,7 @@ import sys
 
 PACKAGE = 'forcecal_ros'
 
-BESIDE_APT = {'backports', 'control', 'lz4', 'numba', 'rosbags', 'tqdm'}
+BESIDE_APT = {'backports', 'control', 'lz4', 'numba', 'pandas', 'rosbags', 'tqdm'}
 """Modules that the nodes on a robot do without, and that package.xml therefore does not name."""
 
 
@@ -26,10 +26,10 @@ def installing(extra: str, module: str = '') -> str:
         lines = requires(PACKAGE) or []
     except PackageNotFoundError:
         lines = []
-    wanted = [line.partition(';')[0].strip() for line in lines
+    lines = [line.partition(';')[0].strip() for line in lines
               if re.search(rf"""extra == ['"]{extra}['"]""", line)]
-    exact = [line for line in wanted if re.split(r'[^\w-]', line)[0] == module]
-    parts = exact or wanted or [f'{PACKAGE}[{extra}]']
+    exact = [line for line in lines if re.split(r'[^\w-]', line)[0] == module]
+    parts = exact or lines or [f'{PACKAGE}[{extra}]']
     return shlex.join([sys.executable, '-m', 'pip', 'install', *parts])
 
 
@@ -40,7 +40,7 @@ def missing(error: ModuleNotFoundError) -> str:
     Returns
     -------
     str
-        Empty where it is none of :data:`BESIDE_APT`: a mistake of somebody's, not a missing
+        Empty where it is none of :data:`BESIDE_APT`: a programming error, not a missing
         package.
     """
     module = (error.name or '').partition('.')[0]

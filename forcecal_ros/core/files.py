@@ -24,9 +24,6 @@ STANDARD_OUTPUT = Path('/proc/self/fd/1')
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """Errors of a file system without room."""
 
-MAX_LINKS = 40
-"""Links that Linux follows in one path."""
-
 
 def write_text(path: Path | str, text: str) -> None:
     """Replace a text file; see :func:`write_bytes`."""
@@ -188,7 +185,7 @@ def target_of(path: Path, *, folder: bool = False) -> tuple[Path, bool]:
 def descriptor_of(path: Path) -> int | None:
     """Return the number of the open file that a path such as /dev/stdout means, or None."""
     own = Path('/proc/self/fd').resolve()
-    for _ in range(MAX_LINKS):
+    for _ in range(40):
         if path.name.isdigit() and path.parent.resolve() == own:
             return int(path.name)
         if not path.is_symlink():

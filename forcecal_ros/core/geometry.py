@@ -21,6 +21,9 @@ Quaternion = tuple[float, float, float, float]
 ZERO: Vector = (0.0, 0.0, 0.0)
 
 
+POSE_LENGTH = 7
+"""A pose is so many numbers in a flat list: x y z [m], qx qy qz qw."""
+
 STANDARD_GRAVITY = 9.80665
 """Magnitude of gravity where nothing else is stated [m/s^2]."""
 
@@ -108,7 +111,7 @@ def quaternion_of(rotation: Array) -> tuple[float, float, float, float]:
     """
     Return the xyzw quaternion of one exact rotation matrix, in plain floats for fast streams.
 
-    Thirty times quicker than :func:`quaternion_from_matrix`, which also mends what is not quite
+    Thirty times quicker than :func:`quaternion_from_matrix`, which also corrects what is not quite
     a rotation.
 
     Parameters

@@ -33,48 +33,10 @@ def compiled(function: F) -> F:
     -------
     callable
     """
-    return _compile(function)
-
-
-def compiled_in_any_order(function: F) -> F:
-    """
-    Compile as :func:`compiled` does, but let sums be added in any order.
-
-    The processor then adds several numbers at once; the last digits differ from those of a loop.
-
-    Parameters
-    ----------
-    function : callable
-
-    Returns
-    -------
-    callable
-    """
-    return _compile(function, fastmath={'reassoc', 'contract'})
-
-
-def compiled_for_numbers(function: F) -> F:
-    """
-    Compile as :func:`compiled_in_any_order` does what never meets a NaN.
-
-    The processor then finds several extremes at once.
-
-    Parameters
-    ----------
-    function : callable
-
-    Returns
-    -------
-    callable
-    """
-    return _compile(function, fastmath={'reassoc', 'contract', 'nnan', 'nsz'})
-
-
-def _compile(function: F, **options: Any) -> F:
     try:
-        return cast(F, njit(cache=True, nogil=True, **options)(function))
+        return cast(F, njit(cache=True, nogil=True)(function))
     except RuntimeError:  # no folder to keep it: compile anew in each process
-        return cast(F, njit(nogil=True, **options)(function))
+        return cast(F, njit(nogil=True)(function))
 
 
 def waits_for_compiler(*functions: Callable[..., Any]) -> bool:
@@ -89,7 +51,7 @@ def waits_for_compiler(*functions: Callable[..., Any]) -> bool:
     Returns
     -------
     bool
-        False as well where numba does not tell.
+        False as well if numba does not show it.
     """
     files = (getattr(getattr(one, '_cache', None), '_cache_file', None) for one in functions)
     # numba has no public way to ask whether machine code is there

@@ -10,9 +10,6 @@ import numpy as np
 
 T = TypeVar('T')
 
-_WIDTH = 99
-_DIGITS = 12
-"""After the point, in files: what is beyond is rounding of a quaternion."""
 
 _FLOATS = 'ROS takes a number for a float only when it is written with a point.'
 
@@ -122,11 +119,11 @@ def _lines(name: str, parameter: Parameter, indent: str) -> Iterator[str]:
 
 
 def _comment(text: str, indent: str) -> list[str]:
-    return wrap(text, _WIDTH, initial_indent=f'{indent}# ', subsequent_indent=f'{indent}# ',
+    return wrap(text, 99, initial_indent=f'{indent}# ', subsequent_indent=f'{indent}# ',
                 break_long_words=False, break_on_hyphens=False)
 
 
 def _rounded(value: Any) -> Any:
     if isinstance(value, list):
         return [_rounded(one) for one in value]
-    return round(value, _DIGITS) + 0.0 if isinstance(value, float) else value
+    return round(value, 12) + 0.0 if isinstance(value, float) else value

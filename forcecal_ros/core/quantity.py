@@ -17,9 +17,6 @@ SCALES = {
 }
 """SI unit -> (below which size, unit that is shown, factor); other units stay as they are."""
 
-LARGE = 1e5
-"""From here on a number is written with its power of ten."""
-
 
 def quantity(value: float, std: float, unit: str, *, signed: bool = False) -> str:
     """
@@ -42,7 +39,7 @@ def quantity(value: float, std: float, unit: str, *, signed: bool = False) -> st
     shown, factor = scaled(value, unit, std)
     value, std = value * factor, std * factor
     sign = '+' if signed and value > 0 else ''
-    if abs(value) >= LARGE:
+    if abs(value) >= 1e5:
         power = floor(log10(abs(value)))
         return (f'({sign}{pair(value / 10 ** power, std / 10 ** power)}) x 10^{power} {shown}')
     return f'{sign}{pair(value, std)} {shown}'

@@ -43,7 +43,7 @@ class _Loader(yaml.SafeLoader):
         return mapping
 
 
-# YAML 1.2, in which 2e-5 is a number; PyYAML asks for a point and a sign
+# YAML 1.2, in which 2e-5 is a number; PyYAML requires a point and a sign
 _Loader.add_implicit_resolver('tag:yaml.org,2002:float', re.compile(
     r'[-+]?(\.\d+|\d+(\.\d*)?)[eE][-+]?\d+$', re.ASCII), list('-+.0123456789'))
 _Loader.add_constructor('tag:yaml.org,2002:int', _Loader.construct_yaml_int)

@@ -3,8 +3,8 @@
 A row is the annotation of a dataclass field, as in
 ``mass: Annotated[float, Row('Of the tool', 'kg', above=0.0)] = 1.0``: name, type and default are
 the field's own. From the rows are made the reader of a YAML file (:func:`load`), the check
-whenever a :class:`Section` is made, the line that says what was expected, the text that is written
-(:func:`plain`), and the ROS parameters with their descriptors and files.
+whenever a :class:`Section` is made, the line that states what was expected, the text that is
+written (:func:`plain`), and the ROS parameters with their descriptors and files.
 
 Why no library: of those that Ubuntu 24.04 brings, attrs 23.2 with cattrs 23.2 and pydantic 1.10
 were tried on the rig. Both take ``true`` and ``'1'`` for a number unless every type gets a hook of
@@ -58,14 +58,12 @@ TEXT = '.+'
 Shape = tuple[int | None, ...]
 """Lengths of an array along its axes; None: any."""
 
-_MOST_SHOWN = 80
-"""Characters of a wrong value that a message repeats: one line of a terminal with the rest."""
 
 _SWITCH: Mapping[Any, bool] = {'on': True, 'off': False}
 
 
 class Mismatch(ConfigError):
-    """A value is not what its row says; the message names key, value and what was expected."""
+    """A value does not fit its row; the message names key, value and what was expected."""
 
     def __init__(self, where: str, value: Any, expected: str, hint: str = '') -> None:
         self.where, self._rest = where, f' is {shown(value)}, expected {expected}{hint}'
@@ -79,9 +77,9 @@ class Mismatch(ConfigError):
 
 
 def shown(value: Any) -> str:
-    """Return a value as it may stand in a message: short, and in one line whatever is in it."""
+    """Return a value as it may stand in a message: short, and in one line for any content."""
     text = repr(value)
-    return text if len(text) <= _MOST_SHOWN else f'{text[:_MOST_SHOWN - 3]}...'
+    return text if len(text) <= 80 else f'{text[:77]}...'
 
 
 def is_optional(kind: Any) -> bool:
@@ -114,7 +112,7 @@ class Row:
         The only values there are; empty: any.
     shape : Shape or None
         Of an array, whose type does not say it; None: any of up to two axes.
-    pattern, wanted : str
+    pattern, wording : str
         What a text has to match, and that in words.
     finite : bool
         Whether NaN and infinity are refused.
@@ -133,7 +131,7 @@ class Row:
     words: tuple[Any, ...] = ()
     shape: Shape | None = ()
     pattern: str = ''
-    wanted: str = ''
+    wording: str = ''
     finite: bool = True
     key: str = ''
     omit: bool = False
@@ -167,8 +165,8 @@ class Row:
 
     def expected(self, kind: Any) -> str:
         """Say what is expected, with unit and range."""
-        if self.wanted:
-            return self.wanted
+        if self.wording:
+            return self.wording
         if self.words:
             return f'{"one of " * (len(self.words) > 1)}{", ".join(map(str, self.words))}'
         if kind is bool:
@@ -269,11 +267,11 @@ def _holds(kind: Any) -> Any:
     return _holds(get_args(kind)[0]) if get_origin(kind) is tuple else kind
 
 
-def _fits(shape: tuple[int, ...], wanted: Shape | None) -> bool:
-    if wanted is None:
+def _fits(shape: tuple[int, ...], expected: Shape | None) -> bool:
+    if expected is None:
         return len(shape) <= 2
-    return len(shape) == len(wanted) and all(
-        n == want if want is not None else n > 0 for n, want in zip(shape, wanted))
+    return len(shape) == len(expected) and all(
+        n == need if need is not None else n > 0 for n, need in zip(shape, expected))
 
 
 def _shortly(bound: float) -> str:
@@ -298,11 +296,9 @@ def _converted(to: Any, value: Any) -> Any:
 T = TypeVar('T')
 
 UNKNOWN = 'not identified'
-"""What a document says in place of a value that is None."""
+"""What a document holds in place of a value that is None."""
 
 _ABSENT = dataclasses.MISSING
-_LONGEST_NAME = 40
-"""Characters of a key that a message repeats."""
 
 
 class Column(NamedTuple):
@@ -341,7 +337,7 @@ class Section:
     Base of dataclasses that check every row whenever they are made.
 
     A subclass with a check across its fields extends ``__post_init__`` and raises
-    :meth:`wrong`. ``class Wanted(Section, name='impedance')`` is what messages put before the
+    :meth:`wrong`. ``class Target(Section, name='impedance')`` is what messages put before the
     name of a field.
     """
 
@@ -399,15 +395,15 @@ def path(where: str, key: str) -> str:
 
 
 def name(key: Any) -> str:
-    """Return a key as it may stand in a message, whatever a document has there."""
+    """Return a key as it may stand in a message, for any content of a document."""
     text = str(key)
-    return (text if text.isprintable() else repr(text))[:_LONGEST_NAME]
+    return (text if text.isprintable() else repr(text))[:40]
 
 
-def instead(wanted: Any, known: Iterable[str]) -> str:
+def instead(given: Any, known: Iterable[str]) -> str:
     """Say what may be meant by a name that is not known."""
     known = list(known)
-    close = get_close_matches(str(wanted), known, n=3)
+    close = get_close_matches(str(given), known, n=3)
     return (f'did you mean {" or ".join(close)}?' if close
             else f'expected one of {", ".join(known)}')
 
@@ -431,7 +427,7 @@ def read(kind: type[T], document: Any, where: str = '', *, extra: bool = False) 
     Raises
     ------
     ConfigError
-        A key is missing, unknown, or its value is not what its row says; without the file's name.
+        A key is missing, unknown, or its value does not fit its row; without the file's name.
     """
     rows = columns(kind)
     if not isinstance(document, Mapping):

@@ -38,7 +38,7 @@ def sensor_matrix(calibration: Calibration) -> SensorMatrix | None:
     matrix, offset = calibration.matrix.value, calibration.matrix_offset.value
     if matrix.shape != (6, 6):
         raise ConfigError(f'matrix is {matrix.shape[0]} x {matrix.shape[1]}; a wrench topic '
-                          'carries six raw channels, so 6 x 6 is wanted')
+                          'carries six raw channels, so 6 x 6 is required')
     o = offset.tolist()
     return SensorMatrix(tuple(matrix.ravel().tolist()), (o[0], o[1], o[2], o[3], o[4], o[5]))
 

@@ -101,7 +101,7 @@ def _with_clear_pauses(t: Array, jitter: Jitter) -> Jitter:
     """
     Count the samples lost in pauses that single intervals show.
 
-    How many they are is said by what the samples on either side are late on average: one interval
+    How many they are follows from the mean lateness of the samples on either side: one interval
     is off by the jitter of its two ends.
     """
     longer = np.diff(t) - jitter.period

@@ -20,7 +20,7 @@ PHASES = (
     'idle', 'settle', 'move', 'measure', 'step', 'sweep', 'reverse', 'approach', 'contact',
     'retract', 'done', 'aborted',
 )
-"""The words a sequencer says; see ``sequencer/phase``."""
+"""The words that a sequencer publishes; see ``sequencer/phase``."""
 
 FREE = ('move', 'settle', 'step', 'sweep', 'reverse')
 """Phases in which nothing touches the tool while the robot moves, or may."""
@@ -45,7 +45,7 @@ CHANNELS = {
 
 
 def _frozen(values: object) -> Array:
-    """Return the values so that nobody can change them: a copy, unless that is so already."""
+    """Return the values so that they cannot be changed: a copy, unless that is so already."""
     array = (np.asarray if _is_frozen(values) else np.array)(values, dtype=float)
     array.setflags(write=False)
     return array
@@ -67,7 +67,7 @@ class Stream:
     t : ndarray, shape (n,)
         Header stamps, strictly increasing [s] since the recording's start.
     values : ndarray, shape (n, k)
-        One row a sample; unit and frame as the owner says.
+        One row a sample; unit and frame as the owner states.
     frame : str
         frame_id of the messages.
     """
@@ -126,7 +126,7 @@ class JointStream(Stream):
     Attributes
     ----------
     names : tuple of str
-        Of the columns; empty where nobody said them.
+        Of the columns; empty if not known.
     """
 
     names: tuple[str, ...] = ()
@@ -148,7 +148,7 @@ class PoseStream:
     frame : str
         frame_id of the messages.
     of : str
-        The frame whose pose it is, where the recording says so; a PoseStamped does not.
+        The frame whose pose it is, if the recording states it; a PoseStamped does not.
     """
 
     t: Array
@@ -199,7 +199,7 @@ class Phase:
 @dataclass(frozen=True)
 class Recording:
     """
-    Everything one recording holds, whatever it came from.
+    Everything one recording holds, of any source.
 
     Attributes
     ----------
@@ -219,17 +219,17 @@ class Recording:
     angular_velocity : Stream or None
         (n, 3) of an IMU's gyro, in its frame [rad/s].
     joint_commands : JointStream or None
-        What a controller of joints was told.
+        What a controller of joints was commanded.
     joints : JointStream or None
         Measured, of the joints that are commanded where these are named.
     phases : tuple of Phase
         In order, without gaps or overlaps; empty where none was recorded.
     start_ns : int
-        Stamp that t = 0 stands for [ns since the epoch].
+        Stamp that t = 0 represents [ns since the epoch].
     source : str
         Where it came from, for messages to the user.
     notes : tuple of str
-        What reading had to leave out or mend, one plain sentence each.
+        What reading had to leave out or correct, one plain sentence each.
     candidates : mapping of str to tuple of str
         Role without a topic -> topics of the recording whose type fits it and that nothing uses.
     sensor_from_pose : tuple of 7 float or None

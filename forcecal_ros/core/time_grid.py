@@ -1,7 +1,7 @@
 """Block means: every sensor averaged over the same stretches of time, shifted where it lags.
 
 Averaging commutes with everything linear, so a relation that holds between samples of
-continuous signals holds between their block means, whatever each sensor's rate; and a delay of
+continuous signals holds between their block means, at any sensor's rate; and a delay of
 a fraction of a sample is a shift of the stretch.
 """
 
@@ -78,10 +78,10 @@ def block_length(shortest: float, *periods: float) -> float:
     Choose the length of the blocks [s].
 
     It is a multiple of the first period that holds at least five samples of each sensor, and no
-    shorter than asked for.
+    shorter than requested.
     """
-    wanted = max(shortest, _MIN_SAMPLES * max(periods))
-    return float(np.ceil(wanted / periods[0] - 1e-6) * periods[0])
+    target = max(shortest, _MIN_SAMPLES * max(periods))
+    return float(np.ceil(target / periods[0] - 1e-6) * periods[0])
 
 
 def labelled(starts: Array, length: float, windows: list[tuple[float, float]],

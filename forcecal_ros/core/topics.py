@@ -217,13 +217,13 @@ def require(recording: Recording, roles: Collection[str]) -> None:
     missing = [role for role in roles if not _there(recording, role)]
     if not missing:
         return
-    said = [note for note in recording.notes
+    reported = [note for note in recording.notes
             if any(ROLES[role].topic in note for role in missing)]
     raise DataError(
         f'{recording.source or "the recording"}: no messages of '
         f'{", ".join(f"{ROLES[role].topic} ({role})" for role in missing)}; '
         + ' and '.join(naming(recording, role) for role in missing)
-        + ''.join(f'; {note}' for note in said))
+        + ''.join(f'; {note}' for note in reported))
 
 
 def _there(recording: Recording, role: str) -> bool:

@@ -367,7 +367,7 @@ def possible_effects(datasets: Sequence[Dataset]) -> Mapping[str, Effect]:
     Narrow the library by what recordings show without a model.
 
     A hysteresis is no wider than its load's range: a wider one is a gain by another name. A range
-    ends nowhere that the readings go beyond.
+    has no end that the readings go beyond.
     """
     library = dict(datasets[0].simulation.library)
     if HYSTERESIS in library:

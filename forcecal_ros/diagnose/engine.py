@@ -85,7 +85,7 @@ class Outcome:
     selection : Posterior or None
         What was accepted, at its fit.
     checks : Checks or None
-        What the data said before.
+        The data without it.
     """
 
     diagnosis: Diagnosis

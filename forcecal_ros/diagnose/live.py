@@ -154,7 +154,7 @@ class LiveGap:
         origin : float
             When the robot's period 0 began, by the recording's times [s].
         until : float
-            All sensors have been heard up to then [s].
+            All sensors have been received up to then [s].
         """
         n = int(np.floor((until - origin) / self._period + 1e-6)) - self._periods
         if n > 0:
@@ -180,12 +180,12 @@ class LiveGap:
         self._take(_Block(nominal, columns, measured.present, touching))
 
     def _commands(self, recording: Recording, start: float, n: int) -> tuple[Array, Array]:
-        """Return what is commanded in n periods; where nothing is said, the last command holds."""
+        """Return what is commanded in n periods; without a new one, the last command holds."""
         target = recording.target
         if target is None and self._command is not None:
             return np.tile(self._command[0], (n, 1)), np.tile(self._command[1], (n, 1))
         if target is None:
-            raise DataError('no commands were heard; target_frame is what the simulator follows')
+            raise DataError('no commands were received; the simulator follows target_frame')
         positions, xyzw = checked_commands(target.position, target.R_base_sensor)
         if self._command is None:
             self._command = positions[0], xyzw[0]

@@ -22,11 +22,11 @@ POSE_WINDOW_S = 0.02
 """Standard deviation of the window that poses are averaged over [s]."""
 
 SEGMENTS = 12
-"""Segments of a recording, whose scatter tells the standard error of the delay."""
+"""Segments of a recording, whose scatter gives the standard error of the delay."""
 
 MIN_SPEED = (1e-3, 5e-3)
 """
-Speeds below which a segment tells nothing of a delay, RMS [m/s], [rad/s]: in 10 ms as far as the
+Speeds below which a segment does not identify a delay, RMS [m/s], [rad/s]: in 10 ms as far as the
 noise of a pose.
 """
 
@@ -41,7 +41,7 @@ class Difference(NamedTuple):
         Of the difference [m] or [rad].
     delay, delay_std : float
         By how much the robot is later [s]; NaN if the two motions were aligned with each
-        other for want of commands, or do not identify it.
+        other without commands, or do not identify it.
     unexplained : float
         RMS without that delay, and without a fixed offset [m] or [rad].
     """
@@ -52,7 +52,7 @@ class Difference(NamedTuple):
     unexplained: float
 
     def document(self) -> dict[str, float | None]:
-        """Return what ``diagnosis.json`` says of it; what is not known is null."""
+        """Return what ``diagnosis.json`` holds of it; what is not known is null."""
         numbers = {'rms': self.rms, 'delay': self.delay, 'delay_std': self.delay_std,
                    'left': self.unexplained}
         return {k: v if np.isfinite(v) else None for k, v in numbers.items()}
@@ -239,7 +239,7 @@ def _level_bursts(white: Array) -> Array:
 
 def _expected_colour(octaves: list[tuple[Array, Array]]) -> Array:
     """
-    Follow a channel's noise to low frequencies, where a short rest says nothing about it.
+    Follow a channel's noise to low frequencies, where a short rest shows nothing of it.
 
     Noise grows steadily from octave to octave and is there in most phases; shape (bands,).
     """

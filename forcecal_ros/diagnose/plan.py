@@ -33,7 +33,7 @@ CLEAR_ENERGY = 80.0
 """Whitened energy from which a plan shows an effect clearly."""
 
 CONFOUNDED_DEG = 20.0
-"""Angle below which the directions of two effects are confounded: hard to tell apart [deg]."""
+"""Angle below which the directions of two effects are confounded: hard to separate [deg]."""
 
 
 class Visibility(NamedTuple):
@@ -209,7 +209,7 @@ SETTLE_S = 0.5
 
 
 LONG_REST_S = 15.0
-"""Rest at the beginning where effects are asked for that only time shows [s]: a drift of 0.02 N/s
+"""Rest at the beginning where effects are requested that only time shows [s]: a drift of 0.02 N/s
 adds up to 0.3 N, the tolerance of a bias."""
 
 PARTS_OF_PHASE: Mapping[str, frozenset[str]] = {
@@ -244,19 +244,19 @@ class PlannedMotion(NamedTuple):
 
 @dataclass(frozen=True)
 class Planned:
-    """A sequence, what it shows, and the effects that it was asked for; none: all."""
+    """A sequence, what it shows, and the effects that it was requested; none: all."""
 
     motion: PlannedMotion
     excitation: Excitation
-    asked: tuple[str, ...] = ()
+    requested: tuple[str, ...] = ()
 
     @property
     def unclear(self) -> list[str]:
-        """Effects asked for that do not show clearly, or look like another one of them."""
-        asked = [s for s in self.excitation.shown if s.name in self.asked]
-        confounded = {name for a in self.excitation.aliases if {a.one, a.other} <= set(self.asked)
-                      for name in (a.one, a.other)}
-        return [s.name for s in asked if s.name in confounded or (
+        """Effects requested that do not show clearly, or look like another one of them."""
+        requested = [s for s in self.excitation.shown if s.name in self.requested]
+        confounded = {name for a in self.excitation.aliases
+                      if {a.one, a.other} <= set(self.requested) for name in (a.one, a.other)}
+        return [s.name for s in requested if s.name in confounded or (
             s.energy < CLEAR_ENERGY and set(s.excited_by) & {p.name for p in self.motion.phases})]
 
 
@@ -265,7 +265,7 @@ def plan_for(rig: Rig, *, contact: bool, effects: Collection[str] = (),
     """
     Plan a recording for a rig, as :func:`motion_for` does, and say what it shows.
 
-    Where effects are asked for, it has the parts that they need, and all parts where one of them
+    Where effects are requested, it has the parts that they need, and all parts where one of them
     shows clearly with all alone.
     """
     def planned(names: Collection[str]) -> Planned:
@@ -410,30 +410,35 @@ COLUMNS = ('effect', 'at a size of', 'std. errors', 'shows', 'weakest')
 """What an effect's energy is the square of: how many standard errors of its parameter it is."""
 
 
+def _requested(planned: Planned) -> list[Any]:
+    return [s for s in planned.excitation.shown
+            if not planned.requested or s.name in planned.requested]
+
+
 def plan_text(planned: Planned) -> str:
-    """Return what a sequence shows as a table, then what it could not show or tell apart."""
-    shown = [s for s in planned.excitation.shown if not planned.asked or s.name in planned.asked]
+    """Return what a sequence shows as a table, then what it could not show or separate."""
+    shown = _requested(planned)
     rows = [COLUMNS, *(_row(s) for s in shown)]
     widths = [max(len(row[i]) for row in rows) for i in range(len(COLUMNS))]
     lines = ['  '.join(cell.rjust(w) if i == 2 else cell.ljust(w)
                        for i, (cell, w) in enumerate(zip(row, widths))).rstrip() for row in rows]
-    lines += ['', f'closer than {CONFOUNDED_DEG:g} deg to each other, hard to tell apart:']
+    lines += ['', f'closer than {CONFOUNDED_DEG:g} deg to each other, hard to separate:']
     lines += [f'  {a.one} / {a.other}: {a.angle_deg:.1f} deg' for a in aliases(planned)] \
         or ['  none']
     return '\n'.join([*lines, *limitations(planned)])
 
 
 def aliases(planned: Planned) -> list[Alias]:
-    """Return the pairs that are hard to tell apart, of the effects asked for."""
+    """Return the pairs that are hard to separate, of the effects requested."""
     return [a for a in planned.excitation.aliases
-            if not planned.asked or {a.one, a.other} & set(planned.asked)]
+            if not planned.requested or {a.one, a.other} & set(planned.requested)]
 
 
 def limitations(planned: Planned) -> list[str]:
-    """Say which of the effects asked for do not show, and what the limits took away."""
+    """Say which of the effects requested do not show, and what the limits took away."""
     lines, motion = [], planned.motion
     shown = {s.name: s for s in planned.excitation.shown}
-    for name in planned.asked or shown:
+    for name in planned.requested or shown:
         if name not in shown:
             lines.append(f'{name}: a rig with a rigid tool cannot have it')
         elif shown[name].energy < VISIBLE_ENERGY:
@@ -456,7 +461,7 @@ def plan_document(planned: Planned) -> dict[str, Any]:
             'name': s.name, 'size': s.size, 'shows': s.word, 'excited_by': list(s.excited_by),
             'energy': None if math.isnan(s.energy) else s.energy, 'weakest': s.weakest,
             'weakest_energy': None if math.isnan(s.weakest_energy) else s.weakest_energy,
-        } for s in planned.excitation.shown if not planned.asked or s.name in planned.asked],
+        } for s in _requested(planned)],
         'alike': [{'effects': [a.one, a.other], 'angle_deg': a.angle_deg}
                   for a in aliases(planned)],
         'cannot': limitations(planned)}
@@ -532,7 +537,7 @@ def _advice_to_show(names: Sequence[str]) -> str:
 
 def _advice_to_separate(diagnosis: Diagnosis, rig: Rig) -> str:
     named = [e.name for e in diagnosis.effects if e.name in EFFECTS]
-    same = {tie.other for tie in diagnosis.ties}  # no motion tells them apart
+    same = {tie.other for tie in diagnosis.ties}  # no motion separates them
     others = [n for n, _ in diagnosis.candidates if n in EFFECTS and n not in {*named, *same}]
     if diagnosis.verdict != 'ambiguous' or not named:
         return ''
@@ -541,9 +546,9 @@ def _advice_to_separate(diagnosis: Diagnosis, rig: Rig) -> str:
             phase, energy = separating(rig, named[0], other)[0]
         except ForcecalError:
             continue
-        return (f'{_phase_to_record(phase)}: it tells {named[0]} from {other}; at typical sizes '
-                f'they differ there by {float(f"{energy:.2g}"):,.12g} times the energy of the '
-                'noise.')
+        return (f'{_phase_to_record(phase)}: it separates {named[0]} from {other}; at typical '
+                f'sizes they differ there by {float(f"{energy:.2g}"):,.12g} times the energy of '
+                'the noise.')
     return ''
 
 

@@ -133,7 +133,7 @@ MAX_PAUSE_S = 60.0
 """Pause of a recording, at most, that is bridged [s]."""
 
 SETTLE_AFTER_PAUSE_S = 1.0
-"""Time after a pause that is left out: the robot went there nobody knows how [s]."""
+"""Time after a pause that is left out: the motion to there is not known [s]."""
 
 STAGES_OF_STREAM = {'wrench': 'wrench_sensor and environment', 'accelerometer': 'accelerometer'}
 """Stages that only one stream shows, by that stream."""
@@ -332,7 +332,7 @@ def convert_to_volts(recording: Recording, rig: Rig, name: str) -> Recording:
     Bring an accelerometer that speaks m/s^2 to volts.
 
     A driver that converts volts takes the rig's offset off; a sensor that speaks m/s^2 by itself
-    does not know of it, and its readings hold it. What it says at the start tells which it is.
+    does not know of it, and its readings hold it. Its value at the start shows which it is.
     """
     model, stream = rig.accelerometer.model(name), recording.accelerometer
     if stream is None or recording.accelerometer_unit == 'V' or not len(stream):
@@ -363,7 +363,7 @@ IMU_NOISE = 0.05
 """Of an Imu [m/s^2], where it does not matter how much it is."""
 
 MAX_GRAVITY_ANGLE = 0.2
-"""Angle between gravity as felt and as the pose says it from which axes are others [rad]."""
+"""Angle between gravity as measured and by the pose from which axes are others [rad]."""
 
 SomeTool = TypeVar('SomeTool', bound=RigidTool)
 
@@ -427,13 +427,13 @@ def _reason_not_comparable(recording: Recording) -> str:
 
 
 def angle_from_gravity(stream: Stream, pose: PoseStream) -> float:
-    """Return the median angle between what is felt and up by the pose [rad]."""
+    """Return the median angle between what is measured and up by the pose [rad]."""
     inside = (stream.t >= pose.t[0]) & (stream.t <= pose.t[-1])
-    felt: Array = stream.values[inside]
+    measured: Array = stream.values[inside]
     up = Slerp(pose.t, Rotation.from_matrix(np.array(pose.R_base_sensor)))(
         stream.t[inside]).inv().apply([0.0, 0.0, 1.0])
-    cosine = np.sum(felt * up, axis=1) / np.maximum(np.linalg.norm(felt, axis=1), 1e-9)
-    return float(np.median(np.arccos(np.clip(cosine, -1.0, 1.0)))) if len(felt) else np.pi
+    cosine = np.sum(measured * up, axis=1) / np.maximum(np.linalg.norm(measured, axis=1), 1e-9)
+    return float(np.median(np.arccos(np.clip(cosine, -1.0, 1.0)))) if len(measured) else np.pi
 
 
 ON_GRID_S = 2e-5
@@ -539,9 +539,9 @@ def refuse_sparse_commands(recording: Recording, rig: Rig, accelerometer: str) -
     """
     Refuse commands of which most are missing, as the measured poses show.
 
-    A robot that was told something only now and then holds that, as the rig does. One that went
-    smoothly from one recorded command to the next was told more than was recorded; what is known
-    of its way is then good enough to tell that, but not for the forces along it.
+    A robot that was commanded only now and then holds that, as the rig does. One that went
+    smoothly from one recorded command to the next was commanded more than was recorded: its known
+    way shows that, but is not good enough for the forces along it.
 
     Parameters
     ----------
@@ -566,7 +566,7 @@ def refuse_sparse_commands(recording: Recording, rig: Rig, accelerometer: str) -
         raise DataError(
             f'commands were recorded every {1e3 * apart:.3g} ms, the rig takes one every '
             f'{1e3 * period:.3g} ms, and the measured poses show that the robot did not hold each '
-            f'so long, but was told more in between: {held:.0f} times their noise away with '
+            f'so long, but was commanded more in between: {held:.0f} times their noise away with '
             f'commands held, {led:.2g} with commands interpolated, and along a guessed way no '
             'force is known; give --calibration, to compare the wrench with the measured motion')
 

@@ -69,7 +69,7 @@ def bent(selection: Posterior) -> dict[str, Bent]:
     Parameters
     ----------
     selection : Posterior
-        Whose simulations now say at its point what a run of them says, not what a line does.
+        Whose simulations now give at its point what a run of them gives, not what a line does.
 
     Returns
     -------

@@ -50,7 +50,7 @@ class Diagnosis:
     used : dict of str to float
         Part of each stream's samples that counts.
     ties : tuple of Tie
-        What no motion tells from effects accepted; notes say so in ``diagnosis.json``.
+        What no motion separates from effects accepted; notes say so in ``diagnosis.json``.
     not_compared : tuple of str
         What of the recordings was left out.
     """
@@ -197,7 +197,7 @@ def patched_calibration(calibration: Calibration, rigid_tool: RigidTool, delay_s
     rigid_tool : RigidTool
         With what was recalibrated, and the effects.
     delay_std : float or None
-        Standard error of the delay between the sensors [s]; None where nothing told it.
+        Standard error of the delay between the sensors [s]; None if not identifiable.
     inertia_std : tuple of 3 float or None
         The same of the inertia about each axis [kg m^2].
     """

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from math import inf
 
+from forcecal_ros.diagnose.judge.judgement import EXPLAINED
 from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
 from forcecal_ros.diagnose.search.calibration import UNKNOWN
 
@@ -15,14 +16,11 @@ MIN_EXPLAINED_WHOLE = 0.95
 MAX_UNEXPLAINED_RATIO = 10.0
 """Ratio of the unexplained part from which it matters beside any explained share."""
 
-MIN_EXPLAINED_BESIDE = 0.5
-"""Explained share below which effects that are sure leave more than they explain."""
-
 FURTHER = 'would move by more than three sigma'
-"""What a note says of a simulator's numbers that only their tolerance holds."""
+"""What a note states of a simulator's numbers that only their tolerance holds."""
 
 FIRST = 'look first at this: '
-"""Before what a simulator says of its own run, where that may be why nothing explains the gap."""
+"""Before what a simulator reports of its own run, which may be why nothing explains the gap."""
 
 
 def percent(share: float) -> str:
@@ -58,7 +56,7 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
     band : float
         Up to which frequency the simulation is meant to hold [Hz].
     certain : sequence of str
-        Which of the effects stamps or values show: they are there whatever else is.
+        Which of the effects stamps or values show: they are there in any case.
     at_limit : sequence of str
         Numbers of accepted effects that would be larger if their limits let them.
     """
@@ -88,9 +86,9 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
     done = f'explain{end} {percent(closed or 0.0)} of the misfit'
     if closed is None:
         done, closed = f'show{end} in stamps and values', 1.0
-    doubtful = dict(candidates).get(UNKNOWN, 0.0) > 0.5
-    beside = with_discrepancy and not doubtful
-    if not beside and significant and (closed < NAMED or doubtful) and not certain:
+    unknown = dict(candidates).get(UNKNOWN, 0.0) > 0.5
+    beside = with_discrepancy and not unknown
+    if not beside and significant and (closed < NAMED or unknown) and not certain:
         nearly = (f'{closest} and would explain {percent(closed)} of the misfit'
                   ', too little to be named; unexplained: ') if closed > 0.0 else ''
         return 'unknown', (f'no effect of the library explains the gap: {nearly}'
@@ -99,12 +97,12 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
     if significant:
         rest = f'; {"what remains" if beside else "unexplained"}: {part.words}'
     others = [name for name in named if name not in certain]
-    if doubtful and others:
+    if unknown and others:
         these = ' and '.join(others) if certain else 'these together'
         rest += f'; one effect that is not in the library is likelier than {these}'
-    partly = doubtful or (significant and (
+    partly = unknown or (significant and (
         closed < MIN_EXPLAINED_WHOLE or part.ratio > MAX_UNEXPLAINED_RATIO))
-    if closed < MIN_EXPLAINED_BESIDE if beside else partly:
+    if closed < EXPLAINED if beside else partly:
         return 'partial', f'{listed} {done}{rest}'
     rivals = [n for n, _ in candidates if n not in named and n != UNKNOWN]
     if rivals:

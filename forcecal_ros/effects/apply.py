@@ -95,7 +95,7 @@ def applicable(effect: Effect, rig: Rig, accelerometer: str | None = None) -> bo
 
 def with_effects(rig: Rig, effects: Values) -> Rig:
     """
-    Give a rig some effects besides those it has; one that it has already gets the new values.
+    Add effects to a rig; one that it has already gets the new values.
 
     Parameters
     ----------

@@ -57,7 +57,7 @@ class Effect(NamedTuple):
     excited_by : tuple of str
         Phases of a recording that show it.
     smooth : bool
-        False: its output has kinks in the parameters, which wants finite steps and several
+        False: its output has kinks in the parameters, which requires finite steps and several
         starts.
     where : str
         ``rig``: it changes the physics; ``signal``: it acts on a sampled signal; ``stamps``: on

@@ -55,21 +55,24 @@ class Nuisance(NamedTuple):
     limit: float = LIMIT
 
 
-def scaled(section: str, name: str) -> Callable[[Rig, float], Rig]:
-    """Change a number of a section in proportion."""
-    def apply(rig: Rig, x: float) -> Rig:
-        part = getattr(rig, section)
-        return replace(rig, **{section: replace(part, **{name: getattr(part, name) * (1 + x)})})
-    return apply
+def scaled(section: str, name: str, index: int | None = None) -> Callable[[Rig, float], Rig]:
+    """Change a number of a section, or one of a vector, by a relative amount."""
+    return _changed(section, name, index, lambda value, x: value * (1 + x))
 
 
 def shifted(section: str, name: str, index: int | None = None) -> Callable[[Rig, float], Rig]:
-    """Change a number of a section, or one of a vector, by a difference."""
+    """Change a number of a section, or one of a vector, by a difference; '': of the rig itself."""
+    return _changed(section, name, index, lambda value, x: value + x)
+
+
+def _changed(section: str, name: str, index: int | None, by: Callable[[float, float], float]
+             ) -> Callable[[Rig, float], Rig]:
     def apply(rig: Rig, x: float) -> Rig:
-        part = getattr(rig, section)
+        part: Any = getattr(rig, section) if section else rig
         value = getattr(part, name)
-        value = value + x if index is None else _set(value, index, value[index] + x)
-        return replace(rig, **{section: replace(part, **{name: value})})
+        part = replace(part, **{
+            name: by(value, x) if index is None else _set(value, index, by(value[index], x))})
+        return replace(rig, **{section: part}) if section else part
     return apply
 
 
@@ -105,14 +108,6 @@ def possible(inertia: Array) -> Array:
 def rows_of(matrix: Array) -> Any:
     """Return a matrix as a section holds it."""
     return tuple(map(tuple, matrix.tolist()))
-
-
-def _gain(index: int) -> Callable[[Rig, float], Rig]:
-    def apply(rig: Rig, x: float) -> Rig:
-        sensor = rig.wrench_sensor
-        gain = _set(sensor.gain, index, sensor.gain[index] * (1 + x))
-        return replace(rig, wrench_sensor=replace(sensor, gain=gain))
-    return apply
 
 
 def _accelerometer(field: str, index: int, name: str) -> Callable[[Rig, float], Rig]:
@@ -187,7 +182,8 @@ def of_sensors(accelerometer: str, streams: tuple[str, ...]) -> list[Nuisance]:
         keys = ['force_bias'] * 3 + ['torque_bias'] * 3
         found += [Nuisance(f'wrench.bias.{i}', key, shifted('wrench_sensor', 'bias', i),
                            'wrench', i, limit=NAMELESS) for i, key in enumerate(keys)]
-        found += [Nuisance(f'wrench.gain.{i}', 'wrench_gain', _gain(i), 'wrench', i)
+        found += [Nuisance(f'wrench.gain.{i}', 'wrench_gain', scaled('wrench_sensor', 'gain', i),
+                           'wrench', i)
                   for i in range(6)]
     if 'accelerometer' in streams:
         found += [Nuisance(f'accelerometer.{field}.{i}', f'accelerometer_{field}',

@@ -15,12 +15,6 @@ from forcecal_ros.core.schema import Matrix3, Row, Section, Vector3, Vector4, Ve
 from forcecal_ros.effects.library import Chosen, chosen_effects, SLIDE_ONLY
 import numpy as np
 
-_RATE_TOLERANCE = 1e-6
-"""Largest deviation of a sensor's samples per period from a whole number that is rounding."""
-
-_GAIN_TOLERANCE = 1e-6
-"""Largest deviation of the robot's static gain from 1 that counts as rounding."""
-
 
 class _Effects(Row):
     """Row of the effects; their own rows are those of the library."""
@@ -31,15 +25,15 @@ class _Effects(Row):
 
 
 def _check_equation(where: str, feedback: Vector3, feedforward: Vector3) -> None:
-    """Refuse a difference equation that is unstable or rests elsewhere than told to."""
+    """Refuse a difference equation that is unstable or rests elsewhere than commanded."""
     poles = np.roots([1.0, *(-c for c in feedback)])
     if np.abs(poles).max(initial=0.0) >= 1.0:
         raise ConfigError(f'{where}.feedback: unstable, a pole of magnitude '
                           f'{np.abs(poles).max():.4f}; all must lie below 1')
     gain = sum(feedforward) / (1.0 - sum(feedback))
-    if abs(gain - 1.0) > _GAIN_TOLERANCE:
+    if abs(gain - 1.0) > 1e-6:
         raise ConfigError(f'{where}.feedforward: static gain {gain:.6f}; it must be 1, so that '
-                          'the robot rests where it is told to')
+                          'the robot rests where it is commanded to')
 
 
 Directions = tuple[Vector6, Vector6, Vector6, Vector6, Vector6]
@@ -87,7 +81,7 @@ class Robot(Section):
     y: Annotated[Axis | None, Row('in place of Eq. 28', omit=True)] = None
     z: Annotated[Axis | None, Row('in place of Eq. 28', omit=True)] = None
     unexplained: Annotated[Unexplained | None, Row(
-        'RMS of measured less simulated motion, noise taken off', omit=True)] = None
+        'RMS of measured less simulated motion, noise subtracted', omit=True)] = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -300,7 +294,7 @@ class Rig(Section):
             if section is None:
                 continue
             samples = section.rate * self.robot.period
-            if samples < 0.5 or abs(samples - round(samples)) > _RATE_TOLERANCE:
+            if samples < 0.5 or abs(samples - round(samples)) > 1e-6:
                 raise ConfigError(f'{name}.rate: {section.rate:g} Hz is no whole multiple of '
                                   f'{1.0 / self.robot.period:g} Hz, the rate of robot.period')
 

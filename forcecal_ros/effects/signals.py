@@ -434,7 +434,7 @@ class StampEffects:
         return any(self._lost.values())
 
     def stamps(self, stream: str, t: Array) -> Array:
-        """Return what the stream's clock says at times since the start [s]."""
+        """Return what the stream's clock shows at times since the start [s]."""
         return t * (1.0 + self._skew.get(stream, 0.0))
 
     def arrived(self, stream: str, n: int) -> NDArray[np.bool_]:

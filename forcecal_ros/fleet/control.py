@@ -1,10 +1,9 @@
 """Control limits of a number that is estimated again and again: a self-starting CUSUM.
 
-Nobody knows beforehand what a robot's number is, nor how far it scatters from night to night. Each
-new estimate is therefore compared with those before it ([Hawkins1987]), weighted by their standard
-errors, which are taken to be right up to a common factor: what no calibration knows of itself
-scatters, too. While nothing changes the scores are independent and standard normal, exactly, from
-the third estimate on; what they add up to is compared with a limit.
+A robot's number and its scatter from night to night are not known beforehand. Each new estimate is
+compared with those before it ([Hawkins1987]), weighted by their standard errors, which are assumed
+to be right up to a common factor. While nothing changes, the scores are independent and standard
+normal, exactly, from the third estimate on; their sum is compared with a limit.
 """
 
 from collections.abc import Sequence
@@ -12,6 +11,8 @@ from math import copysign, exp, inf, isfinite, sqrt
 from statistics import median
 from typing import NamedTuple
 
+from forcecal_ros.core.geometry import Array
+import numpy as np
 from scipy.optimize import brentq
 from scipy.special import ndtri, stdtr
 
@@ -19,26 +20,23 @@ SLACK = 0.5
 """Half the shift that is found soonest, in standard deviations of an estimate: 0.5 finds one of 1
 soonest ([Page1954])."""
 
-LONE = 0.7
-"""Share of the limit that a single estimate may fill: one bad recording is no change, two are."""
+SINGLE_FRACTION = 0.7
+"""Fraction of the limit that one estimate may fill: one bad recording is not a change, two are."""
 
-HEAVIEST = 1e6
-"""Weight of one estimate beside the usual: a standard error of a thousandth is a slip."""
-
-LEAST = 3
-"""Estimates before the first score: two tell no scatter."""
+MAX_WEIGHT = 1e6
+"""Of one estimate relative to the median: a standard error of a thousandth is not accepted."""
 
 
 class Change(NamedTuple):
     """
-    A number that did not stay what it was.
+    A change of a number.
 
     Attributes
     ----------
     onset : int
-        Index of the first estimate that is counted to what is so now.
+        Index of the first estimate after it.
     noticed : int
-        Index of the one at which the limit was passed.
+        Index of the estimate at which the limit was passed.
     before : float
         Weighted mean before the onset.
     after, std : float
@@ -102,66 +100,40 @@ def chart(values: Sequence[float], stds: Sequence[float], h: float) -> Chart:
     values : sequence of float
         In the order of time.
     stds : sequence of float
-        Standard errors; where one is not known, all count the same.
+        Standard errors; if one is not known, all count the same.
     h : float
         Of :func:`limit`.
     """
     known = len(stds) > 0 and all(isfinite(s) and s > 0.0 for s in stds)
     usual = median(stds) if known else 0.0
-    weights = [min(max((usual / s) * (usual / s), 1.0 / HEAVIEST), HEAVIEST) if known else 1.0
+    weights = [min(max((usual / s) * (usual / s), 1.0 / MAX_WEIGHT), MAX_WEIGHT) if known else 1.0
                for s in stds]
     levels, odd, changes = list[float](), list[int](), list[Change]()
-    while len(levels) < len(values):
-        run = _run(values, weights, h, len(levels), usual)
-        levels += run.level
-        odd += run.odd
-        changes += run.changes
-    return Chart(tuple(levels), tuple(odd), tuple(changes))
-
-
-def _run(values: Sequence[float], weights: Sequence[float], h: float, begin: int, usual: float
-         ) -> Chart:
-    """Follow a series from one estimate on until it changes."""
-    base, most = _Base(usual), LONE * h + SLACK
-    up = down = 0.0
-    levels, odd = list[float](), list[int]()
-    for i in range(begin, len(values)):
-        score = base.score(values[i], weights[i])
+    begin, base, up, down = 0, _Base(usual), 0.0, 0.0
+    most = SINGLE_FRACTION * h + SLACK
+    for i, (value, weight) in enumerate(zip(values, weights)):
+        score = base.score(value, weight)
         up = max(0.0, up + min(score, most) - SLACK)
         down = max(0.0, down - max(score, -most) - SLACK)
         levels.append(max(up, down) / h)
         if max(up, down) >= h:
-            found = _change(values, weights, begin, i, base.scale)
-            return Chart(tuple(levels), tuple(odd), (found,))
-        if abs(score) >= most:
+            changes.append(_change(np.array(values[begin:i + 1]), np.array(weights[begin:i + 1]),
+                                   begin, base.scale))
+            begin, base, up, down = i + 1, _Base(usual), 0.0, 0.0
+        elif abs(score) >= most:
             odd.append(i)
         else:
-            base.add(values[i], weights[i])
-    return Chart(tuple(levels), tuple(odd), ())
+            base.add(value, weight)
+    return Chart(tuple(levels), tuple(odd), tuple(changes))
 
 
-def _change(values: Sequence[float], weights: Sequence[float], begin: int, noticed: int,
-            scale: float) -> Change:
+def _change(x: Array, w: Array, begin: int, scale: float) -> Change:
     """Find the likeliest onset: the two means on either side explain most of the scatter."""
-    def split(at: int) -> Change:
-        (before, one), (after, other) = (
-            _mean(values[part], weights[part])
-            for part in (slice(begin, at), slice(at, noticed + 1)))
-        return Change(at, noticed, before, after, scale * sqrt(1.0 / one + 1.0 / other))
-
-    whole = _mean(values[begin:noticed + 1], weights[begin:noticed + 1])[1]
-
-    def explained(change: Change) -> float:
-        one = sum(weights[begin:change.onset])
-        return (change.after - change.before) ** 2 * one * (whole - one)
-
-    return max(map(split, range(begin + 1, noticed + 1)), key=explained)
-
-
-def _mean(values: Sequence[float], weights: Sequence[float]) -> tuple[float, float]:
-    """Return the weighted mean, and the sum of the weights."""
-    total = sum(weights)
-    return sum(w * x for w, x in zip(weights, values)) / total, total
+    one, other = np.cumsum(w)[:-1], np.cumsum(w[::-1])[-2::-1]
+    before, after = np.cumsum(w * x)[:-1] / one, np.cumsum((w * x)[::-1])[-2::-1] / other
+    at = int(np.argmax((after - before) ** 2 * one * other))
+    return Change(begin + at + 1, begin + len(x) - 1, float(before[at]), float(after[at]),
+                  scale * sqrt(1.0 / one[at] + 1.0 / other[at]))
 
 
 class _Base:
@@ -173,13 +145,13 @@ class _Base:
 
     @property
     def scale(self) -> float:
-        """Standard deviation of an estimate of weight 1; where none scattered, as they say."""
+        """Standard deviation of an estimate of weight 1; without scatter, the median error."""
         scatter = sqrt(self._squares / (self._n - 1)) if self._n > 1 else 0.0
         return scatter or self._usual
 
     def score(self, value: float, weight: float) -> float:
         """Return how far an estimate is off, as a standard normal number."""
-        if self._n < LEAST - 1 or value == self._mean:
+        if self._n < 2 or value == self._mean:
             return 0.0
         spread = self.scale * sqrt(1.0 / weight + 1.0 / self._weight)
         off = (value - self._mean) / spread if spread else copysign(inf, value - self._mean)

@@ -65,10 +65,6 @@ class DesignSettings(Section, name='design'):
             raise self.wrong('wall_stiffness', 'the smaller number first')
 
 
-_FREQUENCIES = 600
-"""Points of the frequency response that the margins are read from."""
-
-
 class Loop(NamedTuple):
     """The loop opened at the command: x_(k+1) = A x_k + B u_k; C x_k would be commanded."""
 
@@ -152,7 +148,7 @@ def margins(open_loop: Loop, period: float, wall_stiffness: float = 0.0) -> Marg
     """
     import control  # loads matplotlib too: seconds, which a node does not start with
 
-    frequency = np.geomspace(0.1, 0.999 * np.pi / period, _FREQUENCIES)
+    frequency = np.geomspace(0.1, 0.999 * np.pi / period, 600)
     z = np.exp(1j * frequency * period)[:, np.newaxis, np.newaxis]
     states = np.linalg.solve(z * np.eye(len(open_loop.B)) - open_loop.A,
                              open_loop.B[:, np.newaxis].astype(complex))
@@ -167,8 +163,6 @@ def margins(open_loop: Loop, period: float, wall_stiffness: float = 0.0) -> Marg
 STIFFEST = 1e6
 """Stiffest wall for which stability is checked beyond the stated range [N/m]."""
 
-WALLS = 60
-"""Number of wall stiffnesses checked within the stated range, and as many beyond it."""
 
 AGREEMENT = 1.0
 """Highest frequency at which the impedance is compared with the target one [Hz]."""
@@ -274,8 +268,8 @@ def _against(law: Law, plant: Plant, settings: DesignSettings, stiffness: float)
 
 def _unstable_from(law: Law, plant: Plant, settings: DesignSettings) -> float:
     low, high = settings.wall_stiffness
-    walls = {*np.geomspace(low, high, WALLS).tolist(), high,
-             *np.geomspace(high, max(high, STIFFEST), WALLS).tolist()}
+    walls = {*np.geomspace(low, high, 60).tolist(), high,
+             *np.geomspace(high, max(high, STIFFEST), 60).tolist()}
     return next((k for k in sorted(walls)
                  if _against(law, plant, settings, k).radius >= 1.0), np.inf)
 

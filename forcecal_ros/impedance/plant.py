@@ -95,10 +95,6 @@ class Plant:
     slide: Slide
 
 
-_REAL = 1e-6
-"""Largest imaginary part of a matrix logarithm, relative, that counts as rounding."""
-
-
 class StateSpace(NamedTuple):
     """
     dX/dt = A X + B x_r, and C X are the positions of S and of the tool.
@@ -140,7 +136,7 @@ def state_space(plant: Plant) -> StateSpace | None:
     if np.linalg.matrix_rank(discrete) <= n:
         return None
     continuous = np.asarray(logm(discrete)) / robot.period
-    if np.abs(np.imag(continuous)).max() > _REAL * np.abs(continuous).max():
+    if np.abs(np.imag(continuous)).max() > 1e-6 * np.abs(continuous).max():
         return None
     A_r, B_r = np.real(continuous)[:n, :n], np.real(continuous)[:n, n]
     C_r = np.append(b, np.zeros(n - len(b)))

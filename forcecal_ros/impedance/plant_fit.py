@@ -26,20 +26,8 @@ import numpy as np
 from scipy.signal import lfilter
 import yaml
 
-_WEIGHTED_ROUNDS = 20
-"""Most rounds of weighted least squares, which give the Gauss-Newton search its start."""
-
-_NEWTON_ROUNDS = 30
-"""Most Gauss-Newton steps."""
-
 _STEPS = tuple(0.5**i for i in range(7))
 """Shares of a Gauss-Newton step that are tried in turn until one lowers the squared error."""
-
-_CONVERGED = 1e-9
-"""Relative change of the squared error below which a search ends."""
-
-_NEGLIGIBLE = 1e-13
-"""Relative singular value below which a direction of the parameters is not excited."""
 
 
 class OutputError(NamedTuple):
@@ -154,7 +142,7 @@ def _weighted_least_squares(command: Array, position: Array, order: int, delay: 
                             used: Any) -> Array:
     """Start: least squares of the equation error, filtered by the denominator found before."""
     feedback, theta, best = np.zeros(order), np.zeros(2 * order + 1), np.inf
-    for _ in range(_WEIGHTED_ROUNDS):
+    for _ in range(20):
         below = np.append(1.0, -feedback)
         y, r, one = (lfilter([1.0], below, signal)
                      for signal in (position, command, np.ones(len(position))))
@@ -167,7 +155,7 @@ def _weighted_least_squares(command: Array, position: Array, order: int, delay: 
         change, worst = best - cost, best
         if cost < best:
             theta, best = found, cost
-        if np.isfinite(worst) and abs(change) <= _CONVERGED * worst:
+        if np.isfinite(worst) and abs(change) <= 1e-9 * worst:
             break
     return theta
 
@@ -176,7 +164,7 @@ def _solved(columns: Array, values: Array) -> Array:
     """Least squares of tall columns, scaled to the same length."""
     size = np.linalg.norm(columns, axis=0)
     reduced = np.linalg.qr(np.column_stack([columns / size, values]), mode='r')
-    solution = np.linalg.lstsq(reduced[:, :-1], reduced[:, -1], rcond=_NEGLIGIBLE)[0]
+    solution = np.linalg.lstsq(reduced[:, :-1], reduced[:, -1], rcond=1e-13)[0]
     return np.asarray(solution / size)
 
 
@@ -202,7 +190,7 @@ def _gauss_newton(theta: Array, command: Array, position: Array, order: int, del
     residual = _residual(theta, command, position, order, delay)[used]
     if not np.isfinite(residual).all():
         raise DataError(f'no stable model of order {order} fits; move more')
-    for _ in range(_NEWTON_ROUNDS):
+    for _ in range(30):
         change = _solved(_jacobian(theta, command, order, delay)[used], residual)
         cost = float(residual @ residual)
         for step in _STEPS:
@@ -211,7 +199,7 @@ def _gauss_newton(theta: Array, command: Array, position: Array, order: int, del
             if _is_stable(trial[:order]) and new @ new < cost:
                 theta, residual = trial, new
                 break
-        if cost - residual @ residual <= _CONVERGED * cost:
+        if cost - residual @ residual <= 1e-9 * cost:
             break
     return theta
 
@@ -246,9 +234,6 @@ MIN_SAMPLES = 500
 
 CANCELLING = 0.05
 """A pole and a zero nearly cancel where they change the frequency response by less, relatively."""
-
-_ROUNDING = 1e-12
-"""Relative rounding error by which two exact models may differ."""
 
 
 class Pair(NamedTuple):
@@ -374,7 +359,7 @@ def _smallest_of_the_best(candidates: Sequence[Candidate], power: float) -> Cand
     best = min(candidates, key=lambda one: one.error)
     for candidate in candidates:
         worse = candidate.squares - best.squares
-        chance = float(np.std(worse)) / np.sqrt(len(worse)) + _ROUNDING**2 * power
+        chance = float(np.std(worse)) / np.sqrt(len(worse)) + 1e-24 * power
         if float(worse.mean()) <= chance:
             return candidate
     return best
@@ -516,9 +501,6 @@ def _two_stage(columns: Array, values: Array, instruments: Array) -> tuple[Array
 MOST_TURN = 0.01
 """Largest rotation of the sensor within a recording that a plant is identified from [rad]."""
 
-_DIGITS = 9
-"""Decimals of a period, the median of stamp differences, in seconds."""
-
 
 class PlantFit(NamedTuple):
     """Robot and slide with the quality of their fits."""
@@ -578,7 +560,7 @@ def _sampled(target: PoseStream, pose: PoseStream, axis: Array) -> tuple[float, 
     """Return period, commands and positions, one a period, from the first command on."""
     if len(target) < 2:
         raise DataError(f'{len(target)} commands; record target_frame while the robot moves')
-    period = round(float(np.median(np.diff(target.t))), _DIGITS)
+    period = round(float(np.median(np.diff(target.t))), 9)
     end = min(target.t[-1], pose.t[-1])
     t = np.arange(max(target.t[0], pose.t[0]), end + 0.5 * period, period)
     held = np.maximum(np.searchsorted(target.t, t + 0.5 * period, side='right') - 1, 0)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, NamedTuple
 
-from forcecal_ros.core.errors import ConfigError, MotionError
+from forcecal_ros.core.errors import above, ConfigError, MotionError
 from forcecal_ros.core.schema import Row
 from forcecal_ros.impedance.law import Controller, Measurement, Reference
 from forcecal_ros.motion.profiles import quintic
@@ -137,10 +137,6 @@ class Task:
                        * max(1, cycles))
 
 
-STEPS = 8
-"""Number of end points that are tried for a stop, from the farthest back to the gentlest."""
-
-
 class LineMotion(NamedTuple):
     """Position [m], velocity [m/s] and acceleration [m/s^2] along one line."""
 
@@ -208,8 +204,8 @@ def to_rest(motion: LineMotion, duration: float, retract: float, acceleration: f
     gentlest = motion.position + 0.5 * motion.velocity * duration
     if not retract > 0.0:
         return Withdrawal(motion, gentlest, duration)
-    for share in range(STEPS, 0, -1):
-        back = share / STEPS
+    for share in range(8, 0, -1):
+        back = share / 8
         goal = min(motion.position - retract, gentlest)
         chosen = Withdrawal(motion, gentlest + back * (goal - gentlest), duration)
         if _peak_acceleration(chosen) <= acceleration:
@@ -474,13 +470,16 @@ class Session:
         bounds, force = self._bounds, abs(measured.force)
         tool = measured.position + measured.slide
         if force > bounds.force:
-            return f'contact force {force:.1f} N exceeds limits.force {bounds.force:g} N'
+            return (f'contact force {above(force, bounds.force)} N exceeds limits.force '
+                    f'{bounds.force:g} N')
         expected = reference.phase != 'free' and tool > self._wall - bounds.margin
         if not expected and force > bounds.free_force:
-            return (f'contact force {force:.1f} N {self._wall - tool:.3f} m before the wall is '
+            return (f'contact force {above(force, bounds.free_force)} N '
+                    f'{self._wall - tool:.3f} m before the wall is '
                     f'expected; limits.free_force is {bounds.free_force:g} N')
-        if not abs(command - reference.position) <= bounds.deviation:
-            return (f'the command is {command - reference.position:.3f} m from the reference, '
+        off = abs(command - reference.position)
+        if not off <= bounds.deviation:
+            return (f'the command is {above(off, bounds.deviation)} m from the reference, '
                     f'limits.deviation is {bounds.deviation:g} m; the loop is not stable here')
         return ''
 

@@ -71,7 +71,7 @@ class Mounting:
         return np.asarray(-specific_force @ self.R_sensor_accelerometer.T - self.gravity_offset)
 
     def shifted(self, gravity_offset: Array) -> 'Mounting':
-        """Return the same with a further offset to take off."""
+        """Return the same with a further offset to subtract."""
         return replace(self, gravity_offset=self.gravity_offset + gravity_offset)
 
 
@@ -87,7 +87,7 @@ def prepare(chunks: Iterable[Chunk], mounting: Mounting, moving: bool) -> Prepar
     Raises
     ------
     DataError
-        There are no samples, or motion was asked for and there is no gyro.
+        There are no samples, or motion was requested and there is no gyro.
     """
     t, raw, accelerometer, gyro = _joined(chunks)
     gravity = mounting.gravity(accelerometer)
@@ -125,7 +125,7 @@ TINY = 1e-200
 """Least power that anything is divided by."""
 
 BLOCK = 0.25
-"""Length of a block [s], doubled as often as :data:`MOST_BLOCKS` wants."""
+"""Length of a block [s], doubled as often as :data:`MOST_BLOCKS` requires."""
 MOST_BLOCKS = 65536
 GAP = 5.0
 """A step of the stamps longer than this many median periods is a gap."""
@@ -136,8 +136,6 @@ than rounding makes it, the step of its counts over the root of 12.
 """
 IN_STEPS = 0.05
 """A channel comes in steps if that share of its samples repeats the one before."""
-AT_ONCE = 16384
-"""Samples that are looked at together: ten columns of so many fit a second-level cache."""
 
 Mask = NDArray[np.bool_]
 
@@ -158,7 +156,7 @@ class Blocks:
     regressors, raw : ndarray, shape (b, m), (b, n)
         Means.
     square : ndarray, shape (b,)
-        Mean of |g|^2 over the samples, noise taken off [(m/s^2)^2].
+        Mean of |g|^2 over the samples, noise subtracted [(m/s^2)^2].
     raw_noise, gravity_noise : ndarray, shape (n, n), (3, 3)
         Covariance of a sample's white noise, from third differences in quiet blocks.
     roughness : ndarray, shape (b,)
@@ -257,8 +255,8 @@ def to_blocks(recording: Prepared, window: tuple[float, float] | None = None,
         raise DataError(f'{len(t)} samples are too few for one block of {BLOCK:g} s; is the time '
                         'in seconds?')
     tallies, correlation, loudness = [], np.zeros(()), np.zeros(())
-    for start in range(0, count, max(1, AT_ONCE // samples)):
-        part = slice(start * samples, min(count, start + max(1, AT_ONCE // samples)) * samples)
+    for start in range(0, count, max(1, 16384 // samples)):
+        part = slice(start * samples, min(count, start + max(1, 16384 // samples)) * samples)
         tally, rough = _tally(recording.regressors[part], recording.raw[part], samples)
         tallies.append(tally)
         if not start:

@@ -37,11 +37,11 @@ from forcecal_ros.insitu.result import (
 )
 from forcecal_ros.insitu.uncertainty import (
     causes,
-    doubt_covariance,
     hidden_covariance,
     Residual,
     residuals,
     score_covariance,
+    screening_covariance,
 )
 import numpy as np
 
@@ -52,11 +52,9 @@ ALIVE = 0.2
 """Share of a channel's changes that gravity explains at least: 0.4 of those of a sensor that bends
 by twice its range, next to none of noise."""
 
-RIDGE = 1e-6
-"""Share of the white noise that keeps the noise of few blocks, less than channels, invertible."""
 
 AGREEING = 3
-"""Data sets from which on a common hysteresis is taken off: drift or touch is not common."""
+"""Data sets from which on a common hysteresis is removed: drift or touch is not common."""
 
 GROSS = 0.05
 """Share of the known wrenches left over from which on contradicting loads give no calibration:
@@ -107,8 +105,8 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
     used = [(r.moments, r.blocks, r.use) for r in reduced]
     held_out = residuals(used, 0.0 if options.poses else options.filter_window,
                          options.filter_order)
-    covariance = _covariance(moments, held_out) + doubt_covariance(
-        used, [r.screening.doubts for r in reduced])
+    covariance = _covariance(moments, held_out) + screening_covariance(
+        used, [r.screening.alternatives for r in reduced])
     hidden = hidden_covariance(moments, found_causes)
     covariance = covariance if hidden is None else covariance + hidden
     offset_covariance = covariance[:len(offset), :len(offset)]
@@ -125,7 +123,7 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
         data_sets=tuple(_data_set(d, r, options) for d, r in zip(data_sets, reduced)),
         manufacturer_matrix=manufacturer_matrix)
     if options.matrix:
-        noise = np.mean([one.long_run for one in held_out], axis=0) + RIDGE * np.diag(
+        noise = np.mean([one.long_run for one in held_out], axis=0) + 1e-6 * np.diag(
             np.mean([np.diag(r.blocks.raw_noise) for r in reduced], axis=0))
         problem = MatrixProblem(tuple(data_sets), tuple(moments), offset, noise, covariance,
                                 options.gravity)

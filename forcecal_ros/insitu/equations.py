@@ -370,7 +370,7 @@ class LoadEstimate(NamedTuple):
 
 def force_map(wrench: Array, gravity: Array, total: Array) -> Array:
     """
-    Linear map from gravity to the measured force, what motion adds taken off.
+    Linear map from gravity to the measured force, what motion adds removed.
 
     Parameters
     ----------
@@ -408,7 +408,7 @@ def semi_axes(linear: Array, magnitude: float) -> Array:
 
 
 def estimate_load(wrench: Array, gravity: Array, body: Array, magnitude: float,
-                  position_wanted: bool) -> LoadEstimate:
+                  with_position: bool) -> LoadEstimate:
     """
     Estimate the added mass and its position from a calibrated sensor. Tables I to III.
 
@@ -421,11 +421,11 @@ def estimate_load(wrench: Array, gravity: Array, body: Array, magnitude: float,
         Without the added mass.
     magnitude : float
         Of gravity [m/s^2].
-    position_wanted : bool
+    with_position : bool
         False where nothing was added.
     """
     total = body_of(wrench, gravity)
     added = total - body
-    position = added[1:4] / added[0] if position_wanted and added[0] else np.full(3, np.nan)
+    position = added[1:4] / added[0] if with_position and added[0] else np.full(3, np.nan)
     axes = semi_axes(force_map(wrench, gravity, total), magnitude)
     return LoadEstimate(axes, float(added[0]), position)

@@ -89,7 +89,7 @@ class MatrixProblem:
         return slice(start, start + self.moments[number].raw.size)
 
     def training(self) -> Training:
-        """Return the data sets to train on, the offset taken off."""
+        """Return the data sets to train on, the offset subtracted."""
         chosen = [(k, m, d.load) for k, (m, d) in enumerate(zip(self.moments, self.data_sets))
                   if d.train and d.load is not None]
         return Training([m.raw - np.outer(m.ones, self.offset) for _, m, _ in chosen],
@@ -275,9 +275,6 @@ def _tables(result: SensorResult, problem: MatrixProblem, fitted: Fitted, change
                 k, fitted, problem.moments[k].raw, maker))
 
 
-RELATIVE = 1e-6
-"""Singular values of all known wrenches below this share of the largest are rounding."""
-
 NOTHING = np.zeros(4)
 """The body."""
 
@@ -351,7 +348,7 @@ def _fit(rows: Sequence[_Rows]) -> _Map:
     spread = wrench - wrench.mean(axis=0)
     strength = np.linalg.svd(spread / np.maximum(np.abs(spread).max(axis=0), 1e-12),
                              compute_uv=False)
-    rank = int((strength > RELATIVE * strength[0]).sum())
+    rank = int((strength > 1e-6 * strength[0]).sum())
     if rank < 6 or len(wrench) <= raw.shape[1] + 1:
         raise UnobservableError(
             f'{len(wrench)} known wrenches of {len(rows)} data sets (one is left out for the '

@@ -1,7 +1,7 @@
 """Whether the added masses determine the matrix: the rank of the 40 unknowns.
 
 [Traversaro2014] Lemma 2 (three data sets at least) is necessary, not sufficient. The rank of
-Eq. 21 says it. With a body of unknown mass, three data sets do when the total masses are not all
+Eq. 21 states it. With a body of unknown mass, three data sets do when the total masses are not all
 equal and the total centres of mass are not on one line.
 """
 
@@ -121,7 +121,7 @@ def require(loads: Sequence[Load], regressors: int = STATIC) -> RankReport:
     Raises
     ------
     UnobservableError
-        The rank is short; the message says by how much, what is open and what to add.
+        The rank is short; the message states by how much, what is open and what to add.
     """
     report = structural_rank(loads, regressors)
     if report.rank < report.unknowns:
@@ -166,7 +166,7 @@ def _advice(loads: Sequence[Load], regressors: int) -> str:
 
 MASS, PLACE, TILT = 0.003, 0.002, np.deg2rad(0.5)
 """Errors of masses (share), of places [m] and of the direction of gravity [rad] that careful hands
-make: kitchen scales, calipers to a centre of mass that nobody marked, pinned mounts."""
+make: kitchen scales, calipers to a centre of mass without a mark, pinned mounts."""
 
 CHANCE = 1e-6
 """Stated loads contradict each other where chance leaves so much over less often than that."""

@@ -9,13 +9,11 @@ from forcecal_ros.insitu.blocks import Prepared
 import numpy as np
 from scipy import signal
 
-TRUNCATE = 1e-10
-"""Directions of the regressors with less than this share of the largest moment are not used."""
 
 @dataclass(frozen=True)
 class Moments:
     """
-    Sums over the samples of a data set, noise of the accelerometer taken off.
+    Sums over the samples of a data set, noise of the accelerometer removed.
 
     Attributes
     ----------
@@ -26,7 +24,7 @@ class Moments:
     mean : ndarray, shape (n,)
         Of the raw measurements, Eq. 9.
     scatter : ndarray, shape (n, n)
-        Covariance of the raw measurements, their white noise taken off.
+        Covariance of the raw measurements, their white noise subtracted.
     directions : ndarray, shape (q, m)
         As many pseudo-samples of the regressors as they have excited directions; their outer
         products add up to the sum over all samples.
@@ -37,7 +35,7 @@ class Moments:
     combine : ndarray, shape (m, q)
         Regressors of a sample times this are its weights in the pseudo-samples.
     spread : ndarray, shape (3, 3)
-        Covariance of measured gravity, noise taken off [(m/s^2)^2].
+        Covariance of measured gravity, noise subtracted [(m/s^2)^2].
     """
 
     count: int
@@ -79,10 +77,10 @@ def accumulate(recording: Prepared, kept: tuple[tuple[float, float], ...], windo
     """
     Filter the kept stretches and fold all samples into their moments.
 
-    At rest the accelerometer tells a direction only: its readings are scaled to the magnitude of
+    At rest the accelerometer gives a direction only: its readings are scaled to the magnitude of
     gravity, before the filter, which is linear and so keeps what holds for a sample. The rest
     of its noise is an error in the regressor: its share of the second moments, scaled by the
-    filter's gain, is taken off before anything is regressed on them.
+    filter's gain, is removed before anything is regressed on them.
 
     Parameters
     ----------
@@ -143,7 +141,7 @@ def _moments(gram: Array, reference: Array, gain: float, raw_noise: Array,
     second = gram[1:m + 1, 1:m + 1].copy()
     second[:3, :3] -= gain * gravity_noise
     values, vectors = np.linalg.eigh(second)
-    strong = values > TRUNCATE * values[-1]
+    strong = values > 1e-10 * values[-1]
     root, vectors = np.sqrt(values[strong]), vectors[:, strong]
     combine = vectors / root
     return Moments(

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from forcecal_ros.core.errors import DataError, UnobservableError
+from forcecal_ros.core.errors import below, DataError, UnobservableError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.autocovariance import noise_of_residuals
 from forcecal_ros.insitu.blocks import Blocks, Mask, TINY
@@ -61,7 +61,7 @@ def principal_directions(raw: Array) -> tuple[Array, Array]:
 
 def from_scatter(mean: Array, scatter: Array) -> Subspace:
     """
-    Subspace from a covariance; Eq. 10 without the samples, and with noise taken off.
+    Subspace from a covariance; Eq. 10 without the samples, and with noise subtracted.
 
     Parameters
     ----------
@@ -177,11 +177,11 @@ def shared_offset(data_sets: Sequence[Moments]) -> Array:
 
 
 MISFITS = 4.0
-"""Moves that are fewer misfits of a data set's own affine map than this are not told from them."""
+"""Moves of fewer misfits of a data set's own affine map than this are not separated from them."""
 
 
 EXPLAINS, DRIFTS = 0.5, 1.2
-"""A jump is told where it explains this share of what an affine map leaves, and so many times what
+"""A jump is detected if it explains this share of what an affine map leaves and so many times what
 a steady drift explains: half-way a drift explains three quarters of a jump, and a jump of a drift.
 Of the hysteresis and bends of usual sensors a jump explains a fifth."""
 
@@ -320,7 +320,7 @@ class Excitation:
 
 def excitation(data_sets: Sequence[Moments], gravity: float) -> Excitation:
     """
-    Spread of measured gravity within the data sets, the accelerometer's noise taken off.
+    Spread of measured gravity within the data sets, the accelerometer's noise subtracted.
 
     Parameters
     ----------
@@ -339,8 +339,9 @@ def excitation(data_sets: Sequence[Moments], gravity: float) -> Excitation:
     if found.spreads[2] < BLIND * gravity:
         raise UnobservableError(
             f'gravity moves by {found.spreads[0]:.3g}, {found.spreads[1]:.3g}, '
-            f'{found.spreads[2]:.2g} m/s^2 along its principal directions in the sensor frame, '
-            f'too little along {found.weakest} (at least {BLIND * gravity:.2g} is needed); tilt '
+            f'{below(found.spreads[2], BLIND * gravity)} m/s^2 along its principal directions in '
+            f'the sensor frame, too little along {found.weakest} (at least '
+            f'{BLIND * gravity:.3g} is needed); tilt '
             'the body about a second axis, and further')
     return found
 
@@ -348,7 +349,7 @@ def excitation(data_sets: Sequence[Moments], gravity: float) -> Excitation:
 @dataclass(frozen=True)
 class Norm:
     """
-    What the magnitude of measured gravity says of the accelerometer.
+    What the magnitude of measured gravity shows of the accelerometer.
 
     Attributes
     ----------
@@ -368,7 +369,7 @@ class Norm:
 
     @property
     def usable(self) -> bool:
-        """Whether the offset is there and known well enough to be taken off."""
+        """Whether the offset is there and known well enough to be removed."""
         return self.p < SIGNIFICANT and bool(self.std.max() < TRUSTED) and bool(
             np.linalg.norm(self.offset) < WRONG_UNIT * self.magnitude)
 

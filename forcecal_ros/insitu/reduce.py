@@ -28,7 +28,7 @@ from forcecal_ros.insitu.uncertainty import Departure, departure
 import numpy as np
 
 LITTLE = 0.5
-"""Screening that leaves less than this share of all data sets is said, or not done."""
+"""Screening that leaves less than this share of all data sets is reported, or not done."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Options:
     body : bool
         Something unknown hangs there beside the added masses.
     level_accelerometer : bool
-        Take off the accelerometer's offset where |g| shows it (at rest only).
+        Subtract the accelerometer's offset where |g| shows it (at rest only).
     accelerometer_noise : float or None
         White noise of a sample [m/s^2]; None: measured.
     raw_unit : str
@@ -93,7 +93,7 @@ class DataSet:
         What was added, in the sensor frame; None where it is not known.
     train : bool
     window : (float, float) or None
-        To use, as the user says [s].
+        To use, as the user states [s].
     """
 
     name: str
@@ -133,7 +133,7 @@ def reduce(data_sets: Sequence[DataSet], mounting: Mounting, options: Options
     -------
     list of Reduced
     Norm or None
-        What |g| says of the accelerometer; None in motion.
+        What |g| shows of the accelerometer; None in motion.
 
     Raises
     ------

@@ -83,7 +83,7 @@ class SensorResult:
     Attributes
     ----------
     norm : Norm or None
-        What |g| says of the accelerometer; None in motion.
+        What |g| shows of the accelerometer; None in motion.
     offset : Estimate, shape (n,)
         [raw units]
     offset_scatter : ndarray, shape (k,)
@@ -272,7 +272,7 @@ def _accelerometer(result: SensorResult) -> Iterator[str]:
         return
     if found.usable:
         b = ', '.join(f'{value:+.3f}' for value in found.offset)
-        done = 'taken off' if result.options.level_accelerometer else 'left in'
+        done = 'removed' if result.options.level_accelerometer else 'left in'
         yield f'|g| shows an accelerometer offset of ({b}) m/s^2 in the sensor frame; {done}'
     if abs(found.magnitude / stated - 1) > OFF_GRAVITY:
         yield (f'measured |g| is {found.magnitude:.4g} m/s^2, stated {stated:.6g}: the '
@@ -326,7 +326,7 @@ def _subspace(result: SensorResult) -> Iterator[str]:
                'what an affine fit hides of it')
     if causes and causes.hysteresis.significant:
         yield (f'channels depend by up to {_size(result, causes.hysteresis)} on where they come '
-               'from: hysteresis, which is taken off where three data sets or more agree')
+               'from: hysteresis, which is removed where three data sets or more agree')
     yield from affine_misfit(result)
 
 
@@ -350,7 +350,7 @@ def affine_misfit(result: SensorResult) -> Iterator[str]:
                f'{shares[worst]:.0%} of their range (RMS): a sensor that is not linear, '
                'hysteresis, drift, a dead or clipped channel, or a bend; this, not noise, limits '
                'the calibration; where nothing hangs there but the added mass, `body: none` '
-               'asks less of it')
+               'needs less of it')
 
 
 def bent(result: SensorResult) -> bool:

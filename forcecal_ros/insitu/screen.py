@@ -33,7 +33,7 @@ SHORTEST_SEGMENT = 3.0
 EDGE = 1.5
 """By how much a found end of a window may be off [s]."""
 UNMISTAKABLE = 10.0
-"""Residual over its limit beyond which a block is no part of the window, by any doubt."""
+"""Residual over its limit beyond which a block is no part of the window, by any measure."""
 POSITIONS = 60
 """Number of positions at which a window's ends are tried before they are refined."""
 
@@ -60,14 +60,14 @@ class Screening:
         What lies between and around them; of a window that the user gave, what should be cut.
     use : ndarray of bool, shape (b,)
         The blocks inside the stretches.
-    doubts : tuple of (ndarray of bool, ndarray of bool)
+    alternatives : tuple of (ndarray of bool, ndarray of bool)
         For every end that was found, the blocks inside if it lay further in, and further out.
     """
 
     kept: tuple[tuple[float, float], ...]
     cuts: tuple[Cut, ...]
     use: Mask
-    doubts: tuple[tuple[Mask, Mask], ...] = ()
+    alternatives: tuple[tuple[Mask, Mask], ...] = ()
 
 
 def screen(blocks: Blocks) -> Screening:
@@ -95,12 +95,12 @@ def screen(blocks: Blocks) -> Screening:
         raise DataError(_refusal(fit))
     use &= ~fit.out(use)
     return Screening(tuple(_stretches(blocks, use)), tuple(_cuts(fit, use)), use,
-                     tuple(_doubts(fit, use)))
+                     tuple(_alternatives(fit, use)))
 
 
 def given_window(blocks: Blocks, start: float, end: float) -> Screening:
     """
-    Use a window as the user says; what should be cut in it is named, not cut.
+    Use a window as the user states; what should be cut in it is named, not cut.
 
     Parameters
     ----------
@@ -237,7 +237,7 @@ def _runs(mask: Mask) -> Iterator[slice]:
         yield slice(int(a), int(b))
 
 
-def _doubts(fit: _Fit, use: Mask) -> Iterator[tuple[Mask, Mask]]:
+def _alternatives(fit: _Fit, use: Mask) -> Iterator[tuple[Mask, Mask]]:
     """Move each found end in, and out as far as the blocks there are not unmistakably others."""
     residual, limit, _ = fit.residual(use)
     hopeless = fit.bad | (np.linalg.norm(residual, axis=1) > UNMISTAKABLE * limit)

@@ -1,25 +1,14 @@
 """Tables of any length as chunks: CSV text, or a two-dimensional array in a .npy file."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-import csv
-from itertools import chain, islice
 from pathlib import Path
-from typing import NamedTuple, TextIO
 
 from forcecal_ros.checks.signals import ABSURD_RAW, refuse_apart, Unreadable
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.insitu.blocks import Chunk
 from forcecal_ros.insitu.spec import DEFAULT_RATE, Spec
-from forcecal_ros.io.csv_import.doubts import doubtful_rate
-from forcecal_ros.io.csv_import.table import (
-    Column,
-    Dialect,
-    not_a_number,
-    place_of,
-    require_width,
-    rows_of,
-)
+from forcecal_ros.io.csv_import.specification import Column
 import numpy as np
 
 ROWS = 50_000
@@ -91,49 +80,20 @@ class TableSource:
             yield (f'{name}: {self.left_out} rows without numbers or not in order of time were '
                    'left out')
         if time and self._spec.rows == 'samples':
-            yield from doubtful_rate(rows, span, f'{name}, column {time.column!r}', time.unit)
+            from forcecal_ros.io.csv_import.plausibility import question_rate
+
+            yield from question_rate(rows, span, f'{name}, column {time.column!r}', time.unit)
 
     def _rows(self, columns: Sequence[Column]) -> Iterator[Array]:
         if self._path.suffix == '.npy':
             yield from self._array_rows(columns)
             return
-        try:
-            with self._path.open(encoding='utf-8-sig', newline='') as file:
-                yield from self._text_rows(file, columns)
-        except OSError as error:
-            raise DataError(f'{self._path}: cannot be read ({error.strerror}); paths count from '
-                            'the folder of the SPEC') from error
-        except (UnicodeDecodeError, csv.Error) as error:
-            raise DataError(f'{self._path}: not a table of text ({error})') from error
+        from forcecal_ros.io.csv_import.table import read_tables
 
-    def _text_rows(self, file: TextIO, columns: Sequence[Column]) -> Iterator[Array]:
-        dialect = self._spec.dialect
-        by_number = all(isinstance(column, int) for column in columns)
-        rows = rows_of(file, dialect._replace(skip=0))
-        skipped = list(islice(rows, dialect.skip)) if by_number else []
-        header, names = next(rows, (0, []))
-        places = [column if isinstance(column, int) else place_of(
-            column, [name.strip() for name in names], self._path) for column in columns]
-        if max(places) >= len(names):
-            raise DataError(f'{self._path}: {len(names)} columns, counted from 0; no column '
-                            f'{max(places)}')
-        skipped = skipped if by_number else list(islice(rows, dialect.skip))
-        wanted = _Wanted(self._path, places, columns, len(names), header, dialect)
-        if by_number:
-            yield wanted.of_cells([(header, names)])
-        before = max(header, skipped[-1][0] if skipped else 0)
-        while lines := list(islice(file, ROWS)):
-            found = wanted.of_lines(lines)
-            if found is None:
-                # a cell in quotes may go on in the next block
-                whole = chain(lines, file) if any('"' in line for line in lines) else lines
-                rows = ((before + line, cells)
-                        for line, cells in rows_of(whole, dialect._replace(header=1, skip=0)))
-                while part := list(islice(rows, ROWS)):
-                    yield wanted.of_cells(part)
-            else:
-                yield found
-            before += len(lines)
+        named = not all(isinstance(column, int) for column in columns)
+        for table in read_tables(self._path, self._spec, named=named, rows=ROWS,
+                                 text=False):
+            yield table.numbers(columns)
 
     def _array_rows(self, columns: Sequence[Column]) -> Iterator[Array]:
         if not all(isinstance(column, int) for column in columns):
@@ -150,51 +110,6 @@ class TableSource:
             raise DataError(f'{self._path}: cannot be read ({error})') from error
 
 
-class _Wanted(NamedTuple):
-    """Columns of a table of text: their places, their names, and how it is written."""
-
-    path: Path
-    places: Sequence[int]
-    columns: Sequence[Column]
-    width: int
-    header: int
-    dialect: Dialect
-
-    def of_lines(self, lines: Sequence[str]) -> Array | None:
-        """Read lines of plain numbers at once; None where some have to be looked at."""
-        delimiter = self.dialect.delimiter
-        if self.dialect.decimal != '.' or self.dialect.comment or any(
-                line.count(delimiter) != self.width - 1 or '"' in line for line in lines):
-            return None
-        try:
-            return np.loadtxt(lines, delimiter=delimiter, usecols=self.places, ndmin=2,
-                              comments=None)
-        except ValueError:
-            return None
-
-    def of_cells(self, rows: Sequence[tuple[int, list[str]]]) -> Array:
-        """
-        Read rows cell by cell, each with its line.
-
-        Raises
-        ------
-        DataError
-            Names the first cell that is no number.
-        """
-        require_width(self.path, rows, self.width, self.header)
-        of_column = [[(line, cells[place].replace(self.dialect.decimal, '.'))
-                      for line, cells in rows] for place in self.places]
-        return np.stack([_numbers(self.path, cells, column)
-                         for cells, column in zip(of_column, self.columns)], axis=1)
-
-
-def _numbers(path: Path, cells: Sequence[tuple[int, str]], column: Column) -> Array:
-    try:
-        return np.array([cell for _, cell in cells], dtype=float)
-    except ValueError:
-        raise not_a_number(path, cells, column, float) from None
-
-
 def topics_of(spec: Spec, sensor: str) -> dict[str, Sequence[str]]:
     """
     Return which fields of which topics a sensor's calibration needs.
@@ -204,7 +119,7 @@ def topics_of(spec: Spec, sensor: str) -> dict[str, Sequence[str]]:
     DataError
         The SPEC names no topic.
     """
-    wanted: dict[str, Sequence[str]] = {}
+    fields_of: dict[str, Sequence[str]] = {}
     for channels, name in ((spec.sensors[sensor], sensor), (spec.accelerometer, 'accelerometer'),
                            (spec.gyro, 'gyro')):
         if channels is None:
@@ -212,8 +127,8 @@ def topics_of(spec: Spec, sensor: str) -> dict[str, Sequence[str]]:
         if channels.topic is None:
             raise DataError(f'{spec.path}: a data set is a recording; name the topic of the '
                             f'{name}')
-        wanted[channels.topic] = (*wanted.get(channels.topic, ()), *channels.fields)
-    return wanted
+        fields_of[channels.topic] = (*fields_of.get(channels.topic, ()), *channels.fields)
+    return fields_of
 
 
 def readable_chunks(chunks: Iterable[tuple[str, Array, Array]],

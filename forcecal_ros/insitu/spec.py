@@ -21,8 +21,13 @@ from forcecal_ros.insitu.blocks import Mounting
 from forcecal_ros.insitu.equations import Load
 from forcecal_ros.insitu.moments import PAPER_ORDER, PAPER_WINDOW
 from forcecal_ros.insitu.reduce import Options
-from forcecal_ros.io.csv_import.specification import Written
-from forcecal_ros.io.csv_import.table import Column, contradiction, NANOSECONDS, UNITS
+from forcecal_ros.io.csv_import.specification import (
+    Column,
+    contradiction,
+    NANOSECONDS,
+    UNITS,
+    Written,
+)
 import numpy as np
 
 FORMAT = 'forcecal-insitu/1'
@@ -84,13 +89,13 @@ class Channels(Section):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        least, most, wanted = self.counts
+        least, most, expected = self.counts
         for name in ('columns', 'fields'):
             if getattr(self, name) and not least <= len(getattr(self, name)) <= most:
-                raise self.wrong(name, wanted)
+                raise self.wrong(name, expected)
         unit, names = getattr(self, 'unit', ''), [str(name) for name in self.columns]
-        if self.quantity and (said := contradiction(names, unit, UNITS[self.quantity])):
-            raise self.wrong('unit', said)
+        if self.quantity and (other := contradiction(names, unit, UNITS[self.quantity])):
+            raise self.wrong('unit', other)
 
     @property
     def named(self) -> bool:
@@ -121,7 +126,7 @@ class Accelerometer(Channels):
     noise: Annotated[float | None, Row(
         'White noise of a sample; None: measured', 'm/s^2', above=0.0)] = None
     offset: Annotated[str, Row(
-        'Whether it is taken off where |g| shows it', words=('estimate', 'ignore'))] = 'estimate'
+        'Whether it is removed where |g| shows it', words=('estimate', 'ignore'))] = 'estimate'
     gyro: Gyro = Gyro()
 
     quantity = 'acceleration'
@@ -226,8 +231,8 @@ class Time(Section):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if said := contradiction((str(self.column),), self.unit, NANOSECONDS):
-            raise self.wrong('unit', said)
+        if other := contradiction((str(self.column),), self.unit, NANOSECONDS):
+            raise self.wrong('unit', other)
 
     @property
     def scale(self) -> float:
@@ -237,7 +242,7 @@ class Time(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class Spec(Written, name=''):
-    """Everything a SPEC says."""
+    """The content of a SPEC."""
 
     gravity: Annotated[float, Row('Magnitude there', 'm/s^2', above=0.0)] = STANDARD_GRAVITY
     estimate: Annotated[str | None, Row(
@@ -335,7 +340,7 @@ def load_spec(path: Path | str) -> Spec:
     Raises
     ------
     ConfigError
-        It cannot be read, or says what makes no sense; the key is named.
+        It cannot be read, or contradicts itself; the key is named.
     """
     path = Path(path)
     spec = load(Spec, path, form=FORMAT, remedy='compare with config/examples')

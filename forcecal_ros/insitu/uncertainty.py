@@ -30,9 +30,6 @@ STRETCH = 6.0
 MOST_STRETCHES = 200
 """Number of stretches at most: those of longer recordings are longer."""
 
-NOTHING = 1e-9
-"""Share of a constant that is taken for rounding: in motion the constant is a regressor itself."""
-
 
 class Sums(NamedTuple):
     """Least-squares sums of blocks: of [1, weights] with itself (u, u) and with raw (u, n)."""
@@ -45,7 +42,7 @@ class Sums(NamedTuple):
         """What the blocks know of a constant beside the regressors, in blocks."""
         s, G = self.normal[0, 1:], self.normal[1:, 1:]
         weight = self.normal[0, 0] - s @ np.linalg.lstsq(G, s, rcond=None)[0]
-        return float(weight) if weight > NOTHING * self.normal[0, 0] else 0.0
+        return float(weight) if weight > 1e-9 * self.normal[0, 0] else 0.0
 
     @property
     def weighted_constant(self) -> Array:
@@ -123,14 +120,14 @@ def _as_filtered(x: Array, use: Mask, window: int, order: int) -> Array:
     return out
 
 
-def doubt_covariance(data_sets: Sequence[tuple[Moments, Blocks, Mask]],
-                     doubts: Sequence[Sequence[tuple[Mask, Mask]]]) -> Array:
+def screening_covariance(data_sets: Sequence[tuple[Moments, Blocks, Mask]],
+                     alternatives: Sequence[Sequence[tuple[Mask, Mask]]]) -> Array:
     """
     Say what found ends of windows, which may lie further in or out, add to the covariance.
 
     Parameters
     ----------
-    doubts : sequence of sequence of (ndarray of bool, ndarray of bool)
+    alternatives : sequence of sequence of (ndarray of bool, ndarray of bool)
         Of every data set, the narrower and the wider choice of blocks at each found end.
 
     Returns
@@ -150,7 +147,7 @@ def doubt_covariance(data_sets: Sequence[tuple[Moments, Blocks, Mask]],
     size = len(numbers(sums))
     total = np.zeros((size, size))
     for k, (_, blocks, _) in enumerate(data_sets):
-        for pair in doubts[k]:
+        for pair in alternatives[k]:
             narrow, wide = (numbers([*sums[:k], _sums(x[k][use], blocks.raw[use]), *sums[k + 1:]])
                             for use in pair)
             total += np.outer(wide - narrow, wide - narrow) / 4
@@ -410,7 +407,7 @@ def hidden_covariance(moments: Sequence[Moments], causes: Causes | None) -> Arra
     Parameters
     ----------
     causes : Causes or None
-        None where they could not be told.
+        None where they are not identifiable.
 
     Returns
     -------

@@ -144,7 +144,7 @@ def from_document(document: dict[str, Any], name: str) -> Calibration:
     """
     Turn what :func:`to_document` returns into a calibration again.
 
-    ``name`` says where it is from, for messages.
+    ``name`` is where it is from, for messages.
 
     Raises
     ------

@@ -1,5 +1,5 @@
 """
-Calibrations of other packages: read as a Calibration, written as what each of them wants.
+Calibrations of other packages: read as a Calibration, written as what each of them requires.
 
 A reading at rest is ``sign (m g + bias)`` on the wire; what each consumer makes of it decides.
 
@@ -66,7 +66,7 @@ class Consumer(NamedTuple):
 
 def export(calibration: Calibration, consumer: str, place: Place | None = None) -> str:
     """
-    Write the snippet that a consumer wants.
+    Write the snippet that a consumer requires.
 
     Parameters
     ----------
@@ -209,7 +209,7 @@ CONSUMERS: Mapping[str, Consumer] = {
         _gravity_filter, turns=True, reads_raw=False),
     'admittance': Consumer(
         'admittance_controller (ros2_controllers): takes the weight off; CoG.force is m g.\n'
-        'It removes no bias: feed it a sensor whose bias is taken off.',
+        'It removes no bias: feed it a sensor whose bias is removed.',
         _admittance, turns=False, reads_raw=True),
     'ur': Consumer(
         'Request of ur_msgs/srv/SetPayload (/io_and_status_controller/set_payload), in the frame\n'

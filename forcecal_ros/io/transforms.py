@@ -16,10 +16,6 @@ DEEPEST = 200
 """Transforms from a frame to the root of its tree: more go round in a circle."""
 
 
-REMEMBERED = 100
-"""Layouts that are kept: more than a robot has publishers of transforms."""
-
-
 class Transform(NamedTuple):
     """Where a frame is in its parent: x y z [m] qx qy qz qw, at a stamp [ns]."""
 
@@ -61,7 +57,7 @@ class TransformReader:
         Raises
         ------
         struct.error
-            It is shorter than it says.
+            It is shorter than it states.
         """
         return transforms_of(*self.laid_out(raw))
 
@@ -72,13 +68,13 @@ class TransformReader:
         Raises
         ------
         struct.error
-            It is shorter than it says.
+            It is shorter than it states.
         """
         key = raw[1], len(raw)
         layout = self._layouts.get(key)
         values = layout.unpack(raw) if layout else ()
         if layout is None or _names(values) != layout.names:
-            if len(self._layouts) > REMEMBERED:
+            if len(self._layouts) > 100:
                 self._layouts.clear()
             layout = self._layouts[key] = _layout(raw)
             values = layout.unpack(raw)
@@ -115,7 +111,7 @@ def _layout(raw: bytes) -> Layout:
         parts.append(f'{padding}x7d')
         at += padding + 56
         if at > len(raw):
-            raise StructError('a message is shorter than it says')
+            raise StructError('a message is shorter than it states')
     struct = Struct(''.join(parts))
     values = struct.unpack_from(raw)
     names = _names(values)
@@ -159,7 +155,7 @@ def route(parents: Mapping[str, str], base: str, frame: str, name: str, source: 
     parents : mapping of str to str
         Frame to parent.
     name, source : str
-        What asked for it, and what holds the frames, for messages.
+        What requested it, and what holds the frames, for messages.
 
     Raises
     ------

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
-from forcecal_ros.core.errors import ConfigError, MotionError
+from forcecal_ros.core.errors import above, below, ConfigError, MotionError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.schema import Row
 from forcecal_ros.motion.profiles import (
@@ -94,8 +94,8 @@ class Limits:
         if needed > getattr(self, limit) * 1.05:
             raise ConfigError(
                 f'limits.{speed} {getattr(self, speed):g} stops within limits.stop_duration '
-                f'{self.stop_duration:g} s at {needed:.3g}, above limits.{limit} '
-                f'{getattr(self, limit):g}; lower limits.{speed}')
+                f'{self.stop_duration:g} s at {above(needed, getattr(self, limit))}, above '
+                f'limits.{limit} {getattr(self, limit):g}; lower limits.{speed}')
 
 
 def check_move(move: Move, limits: Limits, name: str = 'the move') -> None:
@@ -140,8 +140,8 @@ def check_rates(peaks: Sequence[float], limits: Limits, name: str) -> None:
     """
     for (key, unit), planned, limit in zip(RATES, peaks, rate_limits(limits)):
         if not planned <= limit:
-            raise MotionError(f'{name} needs {planned:.4g} {unit}, limits.{key} is {limit:g} '
-                              f'{unit}; give it more time')
+            raise MotionError(f'{name} needs {above(planned, limit, 4)} {unit}, limits.{key} '
+                              f'is {limit:g} {unit}; give it more time')
 
 
 def _peaks(move: Move, limits: Limits) -> tuple[float, ...]:
@@ -178,13 +178,13 @@ def check_workspace(points: Array, limits: Limits, name: str) -> None:
     MotionError
         With the farthest point, the face and its key.
     """
-    for key, bound, beyond in (
-            ('workspace_min', limits.workspace_min, limits.workspace_min - points),
-            ('workspace_max', limits.workspace_max, points - limits.workspace_max)):
+    for key, side, bound, beyond in (
+            ('workspace_min', below, limits.workspace_min, limits.workspace_min - points),
+            ('workspace_max', above, limits.workspace_max, points - limits.workspace_max)):
         i, axis = np.unravel_index(np.argmax(beyond), beyond.shape)
         if not beyond[i, axis] <= 0:
             raise MotionError(
-                f'{name} would reach {"xyz"[axis]} = {points[i, axis]:.4f} m, '
+                f'{name} would reach {"xyz"[axis]} = {side(points[i, axis], bound[axis], 4)} m, '
                 f'limits.{key} is {bound[axis]:g} m there; move the pose')
 
 
@@ -211,5 +211,6 @@ def check_joint_move(move: JointMove, limits: Limits, name: str) -> None:
              'rad/s^2'),
             ('joint_jerk', distance * peak.jerk, limits.joint_jerk, 'rad/s^3')):
         if not planned <= limit:
-            raise MotionError(f'{name} needs {planned:.4g} {unit} of joint {joint + 1}, '
+            raise MotionError(f'{name} needs {above(planned, limit, 4)} {unit} of joint '
+                              f'{joint + 1}, '
                               f'limits.{key} is {limit:g} {unit}; give it more time')

@@ -11,7 +11,7 @@ from math import asin, inf, isfinite, sqrt
 from typing import Annotated, NamedTuple, TypeAlias
 
 from forcecal_ros.checks.signals import ABSURD
-from forcecal_ros.core.errors import DataError, MotionError
+from forcecal_ros.core.errors import above, below, DataError, MotionError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.schema import Row
 from forcecal_ros.motion.limits import Limits
@@ -270,11 +270,13 @@ class Monitor:
         fx, fy, fz, nx, ny, nz = values
         limits = self.limits
         if fx * fx + fy * fy + fz * fz > limits.force * limits.force:
-            self._fault(f'{channel.topic}: force {sqrt(fx * fx + fy * fy + fz * fz):.1f} N '
-                        f'exceeds limits.force {limits.force:g} N')
+            force = above(sqrt(fx * fx + fy * fy + fz * fz), limits.force)
+            self._fault(f'{channel.topic}: force {force} N exceeds limits.force '
+                        f'{limits.force:g} N')
         if nx * nx + ny * ny + nz * nz > limits.torque * limits.torque:
-            self._fault(f'{channel.topic}: torque {sqrt(nx * nx + ny * ny + nz * nz):.2f} N m '
-                        f'exceeds limits.torque {limits.torque:g} N m')
+            torque = above(sqrt(nx * nx + ny * ny + nz * nz), limits.torque)
+            self._fault(f'{channel.topic}: torque {torque} N m exceeds '
+                        f'limits.torque {limits.torque:g} N m')
         channel.keep()
 
     def pose(self, stamp: float, values: tuple[float, ...]) -> None:
@@ -313,8 +315,9 @@ class Monitor:
         for axis, x, low, high in zip('xyz', position, limits.workspace_min,
                                       limits.workspace_max):
             if not low - WORKSPACE_SLACK <= x <= high + WORKSPACE_SLACK:
-                self._fault(f'{channel.topic}: {axis} = {x:.4f} m of {name} is outside '
-                            f'limits.workspace_min/max {low:g} to {high:g} m')
+                self._fault(f'{channel.topic}: {axis} = '
+                            f'{below(x, low, 4) if x < low else above(x, high, 4)} m of {name} is '
+                            f'outside limits.workspace_min/max {low:g} to {high:g} m')
 
     def _check_speed(self, channel: Channel) -> None:
         now, values = channel.recent[-1]
@@ -327,10 +330,14 @@ class Monitor:
         speed = distance_between(values, before) / span
         turning = angle_between(values[3:], before[3:]) / span
         if speed > limits.overspeed * limits.speed:
-            self._fault(f'{channel.topic}: moves at {speed:.3f} m/s, above limits.overspeed '
-                        f'{limits.overspeed:g} times limits.speed {limits.speed:g} m/s')
+            self._fault(f'{channel.topic}: moves at '
+                        f'{above(speed, limits.overspeed * limits.speed)} m/s, above '
+                        f'limits.overspeed {limits.overspeed:g} times limits.speed '
+                        f'{limits.speed:g} m/s')
         if turning > limits.overspeed * limits.angular_speed:
-            self._fault(f'{channel.topic}: turns at {turning:.3f} rad/s, above limits.overspeed '
+            self._fault(f'{channel.topic}: turns at '
+                        f'{above(turning, limits.overspeed * limits.angular_speed)} rad/s, above '
+                        'limits.overspeed '
                         f'{limits.overspeed:g} times limits.angular_speed '
                         f'{limits.angular_speed:g} rad/s')
 
@@ -346,7 +353,8 @@ class Monitor:
                 ('jerk', rates(acceleration), limits.jerk, 'm/s^3')):
             found = sqrt(sum(x * x for x in rows[0][1]))
             if found > limits.overspeed * limit:
-                self._fault(f'{channel.topic}: {key} of {found:.3g} {unit}, above '
+                self._fault(f'{channel.topic}: {key} of '
+                            f'{above(found, limits.overspeed * limit)} {unit}, above '
                             f'limits.overspeed {limits.overspeed:g} times limits.{key} '
                             f'{limit:g} {unit}')
 
@@ -452,11 +460,11 @@ class Monitor:
         off = distance_between(pose.values, commanded)
         angle = angle_between(pose.values[3:], commanded[3:])
         if off > limits.tracking_error:
-            return (f'{pose.topic}: {off:.4f} m from the command, limits.tracking_error is '
-                    f'{limits.tracking_error:g} m')
+            return (f'{pose.topic}: {above(off, limits.tracking_error)} m from the command, '
+                    f'limits.tracking_error is {limits.tracking_error:g} m')
         if angle > limits.tracking_angle:
-            return (f'{pose.topic}: {angle:.3f} rad from the command, limits.tracking_angle is '
-                    f'{limits.tracking_angle:g} rad')
+            return (f'{pose.topic}: {above(angle, limits.tracking_angle)} rad from the command, '
+                    f'limits.tracking_angle is {limits.tracking_angle:g} rad')
         return ''
 
     def begin(self, ros_now: float) -> None:

@@ -16,14 +16,14 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 from forcecal_ros.core.errors import MotionError
-from forcecal_ros.core.geometry import Array, rotation_from_vector
+from forcecal_ros.core.geometry import Array, POSE_LENGTH, rotation_from_vector
 from forcecal_ros.core.parameters import parameters_of
 from forcecal_ros.core.quantity import size, sizes
 from forcecal_ros.core.schema import yaml_value
 from forcecal_ros.motion.information import at_rest, in_motion, Information, nothing, Sensors
 from forcecal_ros.motion.limits import check_move, Limits, pace_within, share_allowed
 from forcecal_ros.motion.plan import Timing
-from forcecal_ros.motion.poses import flatten_poses, POSE_LENGTH, step_goal
+from forcecal_ros.motion.poses import flatten_poses, step_goal
 from forcecal_ros.motion.profiles import Move, Pace, Pose, shortest_duration
 import numpy as np
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
-from forcecal_ros.core.errors import MotionError
+from forcecal_ros.core.errors import above, MotionError
 from forcecal_ros.core.geometry import Array, rotation_from_vector, STANDARD_GRAVITY
 from forcecal_ros.core.schema import Row
 from forcecal_ros.core.streams import Phase, PoseStream
@@ -236,9 +236,9 @@ def check_wrench(plan: Sequence[PlannedSegment], wrench: Array, limits: Limits) 
     for key, value, limit, unit in (('force', force, limits.force, 'N'),
                                     ('torque', torque, limits.torque, 'N m')):
         if not value <= limit:
-            raise MotionError(f'the sensor reads {value:.4g} {unit} at rest, limits.{key} is '
-                              f'{limit:g} {unit}; see that nothing touches the tool, then '
-                              'raise the limit')
+            raise MotionError(f'the sensor reads {above(value, limit, 4)} {unit} at rest, '
+                              f'limits.{key} is {limit:g} {unit}; see that nothing touches '
+                              'the tool, then raise the limit')
     for part in plan:
         if part.move is None or isinstance(part.move, JointMove):
             continue

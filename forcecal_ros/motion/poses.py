@@ -7,6 +7,7 @@ from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.core.geometry import (
     Array,
     matrix_from_quaternion,
+    POSE_LENGTH,
     quaternion_from_matrix,
     rotation_about,
     rotation_from_vector,
@@ -15,9 +16,6 @@ from forcecal_ros.core.streams import Recording
 from forcecal_ros.motion.profiles import Pose
 import numpy as np
 from numpy.typing import ArrayLike
-
-POSE_LENGTH = 7
-"""A pose is so many numbers in a flat list: x y z [m], qx qy qz qw."""
 
 
 def orientation(alpha: float, delta: float, theta: float = 0.0) -> Array:

@@ -21,8 +21,6 @@ PEAK_SPEED = 15 / 8
 PEAK_ACCELERATION = 10 / np.sqrt(3)
 """Peak of d2s/dt2 of the quintic, times its duration squared."""
 
-PEAK_JERK = 60.0
-"""Peak of d3s/dt3 of the quintic, times its duration cubed."""
 
 PEAK_STOP = 1.5
 """Peak deceleration of a stop from unit speed, times its duration."""
@@ -253,7 +251,7 @@ def peak_rates(duration: float, stop_duration: float) -> PeakRates:
     return PeakRates(float(rate.max()),
                      max(float(np.abs(acceleration).max()),
                          float(PEAK_ACCELERATION) / duration**2),
-                     max(float(np.abs(jerk).max()), PEAK_JERK / duration**3))
+                     max(float(np.abs(jerk).max()), 60.0 / duration**3))
 
 
 class JointSetpoint(NamedTuple):

@@ -5,7 +5,7 @@ from collections import deque
 from typing import Any, Generic, TypeVar
 
 from builtin_interfaces.msg import Duration
-from forcecal_ros.core.errors import ConfigError, DataError, MotionError
+from forcecal_ros.core.errors import above, ConfigError, DataError, MotionError
 from forcecal_ros.core.geometry import Array, matrix_from_quaternion, quaternion_of
 from forcecal_ros.motion.plan import Goal
 from forcecal_ros.motion.profiles import JointSetpoint, Pose, Setpoint, twist_towards
@@ -20,14 +20,6 @@ from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-
-RECENT_COMMANDS = 50
-"""Joints follow if they are near any of so many newest commands: a controller may lag by 0.2 s at
-250 Hz."""
-
-OWN_MESSAGES = 128
-"""So many messages that were sent are kept to recognise them where they come back: half a second
-at 250 Hz. Others on the topic are those of another node."""
 
 UNCHECKED = ('where joint vectors lead is not known beforehand: limits.workspace, speed, force '
              'and torque are checked while the robot moves, not in the plan')
@@ -54,7 +46,7 @@ class Backend(ABC, Generic[CommandT]):
         self.topic = topic
         self.commands_of_others = 0
         self._sensors = sensors
-        self._own: deque[bytes] = deque(maxlen=OWN_MESSAGES)
+        self._own: deque[bytes] = deque(maxlen=128)
         self._publisher = node.create_publisher(message_type, topic, OUTPUT)
         inbox.subscribe(message_type, topic, self._on_command)
 
@@ -168,7 +160,7 @@ class JointTrajectories(Backend[JointSetpoint]):
         self._names = names
         self._period_ns = 0
         self._positions: dict[str, float] = {}
-        self._sent: deque[Array] = deque(maxlen=RECENT_COMMANDS)
+        self._sent: deque[Array] = deque(maxlen=50)  # 0.2 s at 250 Hz
         node.create_subscription(JointState, 'joint_states', self._on_joints, SENSOR)
 
     def _on_joints(self, message: JointState) -> None:
@@ -203,8 +195,8 @@ class JointTrajectories(Backend[JointSetpoint]):
         joint = int(np.argmax(nearest))
         if nearest[joint] <= limit:
             return ''
-        return (f'joint_states: {self._names[joint]} is {nearest[joint]:.3f} rad from the '
-                f'command, limits.tracking_angle is {limit:g} rad')
+        return (f'joint_states: {self._names[joint]} is {above(nearest[joint], limit)} rad from '
+                f'the command, limits.tracking_angle is {limit:g} rad')
 
     def send(self, stamp_ns: int, command: JointSetpoint) -> None:
         """

@@ -146,8 +146,6 @@ LATCHED_NAMES = ('tf_static', 'robot_description',
                  *(role.topic for role in ROLES.values() if role.latched))
 """Topics that are published with transient-local durability."""
 
-DEPTH = 1000
-"""Queue of a publisher: a second of a topic at 1 kHz."""
 
 SHORTEST_WAIT, LONGEST_WAIT = 0.0005, 0.02
 """Bounds of a wait for the next message [s]: half the period of a topic at 1 kHz, and the delay of
@@ -262,7 +260,7 @@ class Player:
             return None
         latched = topic.name.endswith(tuple(f'/{name}' for name in LATCHED_NAMES))
         return self._host.node.create_publisher(kind, self._renamed(topic.name), QoSProfile(
-            depth=1 if latched else DEPTH, reliability=ReliabilityPolicy.RELIABLE,
+            depth=1 if latched else 1000, reliability=ReliabilityPolicy.RELIABLE,
             durability=(DurabilityPolicy.TRANSIENT_LOCAL if latched
                         else DurabilityPolicy.VOLATILE)))
 

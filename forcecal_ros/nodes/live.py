@@ -219,8 +219,6 @@ NAMES = (HERE, 'localhost')
 PERIOD = 0.1
 """Between two messages to a page [s]: a delay that a person hardly notices."""
 
-READERS = 16
-"""Pages that may be open at once; each costs a thread."""
 
 SLOW = 30.0
 """A browser that takes nothing for so long has gone [s]."""
@@ -252,7 +250,7 @@ class LivePage(ThreadingHTTPServer):
         self.token, self.nonce = secrets.token_urlsafe(), secrets.token_urlsafe()
         self.view: LiveView | None = None
         self.page = b''
-        self.ended, self.readers = Event(), Semaphore(READERS)
+        self.ended, self.readers = Event(), Semaphore(16)
         try:
             super().__init__((HERE, port), _Reader)
         except OSError as error:

@@ -85,9 +85,6 @@ CLOCK_CHECK = 0.02
 """Period of the checks of a simulated clock that drives the motion: a fifth of the default of
 ``watch.clock_timeout`` [s]."""
 
-JITTER_WINDOW = 15_000
-"""Number of newest command periods whose jitter /diagnostics reports: a minute at 250 Hz."""
-
 
 SettingsT = TypeVar('SettingsT', bound=MotionSettings)
 
@@ -116,7 +113,7 @@ class MotionNode(Node, Generic[SettingsT]):
         self._stream: StreamClock | None = None
         self._announced = ''
         self._sent = 0
-        self._periods: deque[int] = deque(maxlen=JITTER_WINDOW)
+        self._periods: deque[int] = deque(maxlen=15_000)  # a minute at 250 Hz
 
     def _values(self) -> dict[str, Any]:
         return {row.name: self.get_parameter(row.name).value for row in self._table}

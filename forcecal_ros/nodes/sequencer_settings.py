@@ -13,7 +13,7 @@ from forcecal_ros.calibrate.settings import (
     MODES,
 )
 from forcecal_ros.core.errors import ConfigError
-from forcecal_ros.core.geometry import Array, STANDARD_GRAVITY
+from forcecal_ros.core.geometry import Array, POSE_LENGTH, STANDARD_GRAVITY
 from forcecal_ros.core.parameters import Parameter, parameters_of, section_of
 from forcecal_ros.core.safe_yaml import LARGEST, load_yaml
 from forcecal_ros.motion.limits import Limits
@@ -23,7 +23,6 @@ from forcecal_ros.motion.poses import (
     anchor,
     flatten_poses,
     nominal_poses,
-    POSE_LENGTH,
     read_poses,
     step_goal,
 )

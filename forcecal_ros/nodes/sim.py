@@ -173,12 +173,6 @@ LONGEST_BACKLOG = 0.5
 """Time is skipped instead of caught up after a longer stall or a jump of the clock; to catch up
 with this takes 0.25 s [s]."""
 
-SILENCE = 10**12
-"""Time since the last command before there was one: beyond any timeout [ns]."""
-
-NO_DATA = -1.0
-"""First element of a covariance of Imu, by which its definition marks what is not measured."""
-
 
 class Sim(Node):
     """A simulated rig, live."""
@@ -202,7 +196,7 @@ class Sim(Node):
         self._make_publishers(value)
         self._read = Reader(PoseStamped)
         self._checked_frame = b''
-        self._ignored, self._received = 0, -SILENCE
+        self._ignored, self._received = 0, -10**12
         self._last_command: Sequence[float] | None = None
         self._faults = Faults(self, value['seed'] if value['seed'] >= 0 else None,
                               self._jump if self._own_clock else None)
@@ -375,7 +369,7 @@ class Sim(Node):
 
     def _publish_imu(self, publisher: Publisher, stamps: Sequence[int], samples: Samples
                      ) -> None:
-        nothing = (NO_DATA, *(0.0,) * 8)
+        nothing = (-1.0, *(0.0,) * 8)
         variance = (self._rig.accelerometer.noise / self._imu_gain) ** 2
         known = (variance, 0.0, 0.0, 0.0, variance, 0.0, 0.0, 0.0, variance)
         for stamp, force in zip(stamps, samples.specific_force.tolist()):

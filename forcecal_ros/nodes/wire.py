@@ -38,12 +38,6 @@ FIRST = {Imu: 25}
 READ_COUNT = {Imu: 3, AccelStamped: 3}
 """Number of doubles to read, where not all."""
 
-REMEMBERED = 20
-"""Lists of joints that are kept: more than a robot has publishers of joint states."""
-
-_ENCAPSULATION = 4
-"""Bytes before the CDR data, from whose end alignment counts."""
-
 
 class Sample(NamedTuple):
     """Header stamp [ns] and the numbers of one message."""
@@ -54,7 +48,7 @@ class Sample(NamedTuple):
 
 def _aligned(position: int, size: int) -> int:
     """Return the next offset aligned to ``size``, counted behind the encapsulation."""
-    return position + (_ENCAPSULATION - position) % size
+    return position + (4 - position) % size
 
 
 class Reader:
@@ -170,7 +164,7 @@ class JointsReader:
             text = names[position + 4:position + 4 + length]
             found.append(text.rstrip(b'\0').decode(errors='replace'))
             position += 4 + length
-        if len(self._layouts) > REMEMBERED:
+        if len(self._layouts) > 20:
             self._layouts.clear()
         layout = tuple(found), tuple(
             found.index(joint) if joint in found else -1 for joint in self._joints)
@@ -232,11 +226,6 @@ class JointWriter:
                           self._head, position, 0, 0)
 
 
-MOST = 500
-"""Messages of one topic taken in one go at most, 2.5 times the queue of a sensor topic, so that no
-flood starves the node."""
-
-
 class PolledSubscription:
     """
     A subscription outside any executor, which would wake up for every message.
@@ -259,7 +248,7 @@ class PolledSubscription:
     def drain(self) -> None:
         """Take the messages that have arrived."""
         with self._handle:
-            for _ in range(MOST):
+            for _ in range(500):
                 message = self._handle.take_message(self._message_type, True)
                 if message is None:
                     break

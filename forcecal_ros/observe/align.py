@@ -20,8 +20,6 @@ from forcecal_ros.core.geometry import Array
 SAME_STAMP_S = 1e-7
 """Stamps closer than this are one instant; a float holds them better than clocks do [s]."""
 
-_PRUNED_AT_ONCE = 6
-"""Samples are dropped that many at once: every tuple that is made anew costs the step time."""
 
 Entry = tuple[Any, ...]
 """(time, usable from, values...)"""
@@ -189,7 +187,7 @@ def pruned(samples: tuple[Entry, ...], t: float) -> tuple[Entry, ...]:
 def pruned_channel(channel: Channel, t: float) -> Channel:
     """Drop the samples that no instant from ``t`` on needs, a handful at a time."""
     samples, last, highpass = channel
-    if len(samples) <= _PRUNED_AT_ONCE or samples[_PRUNED_AT_ONCE][0] > t:
+    if len(samples) <= 6 or samples[6][0] > t:
         return channel
     return Channel(pruned(samples, t), last, highpass)
 

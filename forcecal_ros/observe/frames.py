@@ -13,6 +13,7 @@ from forcecal_ros.core.geometry import (
     Array,
     compose,
     matrix_from_quaternion,
+    POSE_LENGTH,
     Quaternion,
     rotate,
     rotate_back,
@@ -23,13 +24,6 @@ from forcecal_ros.core.schema import Vector7
 from forcecal_ros.core.streams import PoseStream, Recording
 from forcecal_ros.observe.sample import Wrench
 import numpy as np
-
-POSE_LENGTH = 7
-"""A pose is so many numbers in a flat list: x y z [m], qx qy qz qw."""
-
-KEPT_POSES = 64
-"""Poses among which that of a wrench is looked for: a wrench waits 0.05 s at most, 50 poses at
-1 kHz."""
 
 NAME = re.compile(r'[A-Za-z_]\w*(/[A-Za-z_]\w*)*', re.ASCII)
 """What a topic may be called by."""
@@ -117,7 +111,7 @@ class Frames:
         self._fixed = {name: _placed(name, numbers[POSE_LENGTH * i:POSE_LENGTH * (i + 1)])
                        for i, name in enumerate(self.names[:rows])}
         self.base = self.names[-1] if len(self.names) > rows else ''
-        self._poses: deque[tuple[float, Placement]] = deque(maxlen=KEPT_POSES)
+        self._poses: deque[tuple[float, Placement]] = deque(maxlen=64)
 
     def note(self, t: float, pose: tuple[float, ...]) -> None:
         """Note a measured pose, x y z qx qy qz qw, with its stamp [s]."""

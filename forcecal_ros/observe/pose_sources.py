@@ -34,8 +34,6 @@ CLOCK_JUMP_NS = 1_000_000_000
 """Stamps that go back by more are of a clock that was set, or of a recording that begins again;
 by less, of messages that overtook each other [ns]."""
 
-UNIT_TOLERANCE = 1e-12
-"""Squares of quaternions that are off one by more are scaled: rounding makes some 1e-15."""
 
 NEVER_NS = -2**63
 """Before any stamp [ns]."""
@@ -259,7 +257,7 @@ def _chained(chain: Chain, values: tuple[Any, ...], sec: int, nanosec: int) -> P
         else:
             s, n, _, _, _, _, px, py, pz, a, b, c, d = values[k:k + FIELDS]
             if (s != sec or n != nanosec
-                    or not -UNIT_TOLERANCE < a * a + b * b + c * c + d * d - 1.0 < UNIT_TOLERANCE):
+                    or not -1e-12 < a * a + b * b + c * c + d * d - 1.0 < 1e-12):
                 return None
         u, v, w = 2 * (b * z - c * y), 2 * (c * x - a * z), 2 * (a * y - b * x)
         x, y, z = (px + x + d * u + b * w - c * v, py + y + d * v + c * u - a * w,

@@ -71,13 +71,13 @@ class ObserverSettings(Section, name='observer'):
     them stops.
     """
 
-    filter: Annotated[str | None, Row('None: as the calibration says', words=FILTERS)] = None
+    filter: Annotated[str | None, Row('None: as the calibration states', words=FILTERS)] = None
     bandwidth_hz: Annotated[float | None, Row(
         'Corner of the contact wrench in filter kalman; None: by the next three and the noise, '
         'see observe.bandwidth', 'Hz', above=0.0)] = None
     contact_walk: Annotated[float | None, Row(
         'How fast a contact force is expected to wander, as a random walk; None, as for the two '
-        'below: as the calibration says, or CONTACT_WALK', 'N/sqrt(s)', above=0.0)] = None
+        'below: as the calibration states, or CONTACT_WALK', 'N/sqrt(s)', above=0.0)] = None
     bandwidth_min_hz: Annotated[float | None, Row(
         'Slowest corner that may follow from walk and noise', 'Hz', above=0.0)] = None
     bandwidth_max_hz: Annotated[float | None, Row(

@@ -25,7 +25,7 @@ from forcecal_ros.report.rows import (
 from matplotlib.figure import Figure
 import numpy as np
 
-MEND = Step('Do what the warnings below say, and calibrate again; what they do not name can be '
+REPEAT = Step('Do what the warnings below say, and calibrate again; what they do not name can be '
             'used.')
 
 
@@ -66,7 +66,7 @@ def render(recording: Recording, calibration: Calibration, contact: Stream | Non
     free = free_motion(recording, calibration, contact)
     return render_page(
         'calibration.html.j2', 'Calibration report', origin=_origin(recording, calibration),
-        tone='doubt' if warnings else 'good',
+        tone='warn' if warnings else 'good',
         word=f'calibrated, {len(warnings)} to look at' if warnings else 'calibrated',
         headline=_headline(calibration, free), facts=_facts(calibration, free, warnings, step),
         warnings=warnings,
@@ -121,7 +121,7 @@ def _facts(c: Calibration, free: Free | None, warnings: list[str], step: Step | 
         facts.append(Fact('Accelerometer', f'{_begun(delay)}.'))
     if warnings:
         return [*facts, Fact('Checks', f'{len(warnings)} did not pass; see below.'),
-                Fact('Next', MEND.words)]
+                Fact('Next', REPEAT.words)]
     facts.append(Fact('Checks', 'Every estimate passed its checks.'))
     return [*facts, Fact('Next', *step)] if step else facts
 
@@ -150,7 +150,7 @@ def _cells(row: Row, with_truth: bool) -> list[str]:
 
 
 def forces(recording: Recording, c: Calibration, contact: Stream) -> Shown:
-    """Show the force of sensor and observer, and the true one where a simulator says it."""
+    """Show the force of sensor and observer, and the true one if a simulator states it."""
     wrench, truth = recording.wrench, recording.contact_truth
     assert wrench is not None
     panels = tuple(Panel(f'force {axis}', 'N', (
@@ -192,7 +192,7 @@ def _pictures(recording: Recording, calibration: Calibration, contact: Stream | 
             yield picture(title, words, figure, dpi=130)
 
 
-DOUBTFUL = 0.01
+MIN_CHANCE = 0.01
 """Probability of a chi-square below which its fit is called a poor one, as warnings do."""
 
 
@@ -245,7 +245,7 @@ def _fit(chi_square: Mapping[str, Any]) -> str:
     p = float(chi_square['probability'])
     if not np.isfinite(p):
         return 'Not tested: the recording does not tell how noisy a reading is at rest.'
-    fits = 'do not fit one rigid tool' if p < DOUBTFUL else 'fit one rigid tool'
+    fits = 'do not fit one rigid tool' if p < MIN_CHANCE else 'fit one rigid tool'
     return (f'They {fits}: chi-square {rounded(float(chi_square["value"]))} for '
             f'{chi_square["degrees"]:g} degrees of freedom (probability {rounded(p, 2)}).')
 

@@ -71,7 +71,7 @@ class Comparison:
     changes : tuple of Change
         Every number that both hold, whether it changed or not.
     settings : dict
-        Key -> what each says, where they differ; units among them.
+        Key -> what each states, if they differ; units among them.
     only_first, only_second : tuple of str
         Keys that one of them holds alone.
     """
@@ -99,15 +99,15 @@ def compare_diagnoses(first: 'Diagnosis', second: 'Diagnosis') -> Comparison:
                     (*effect_rows(second), *gap_rows(second)), _verdict(first), _verdict(second))
 
 
-def _compare(one: Iterable[Row], other: Iterable[Row], said: Mapping[str, Any],
-             says: Mapping[str, Any]) -> Comparison:
+def _compare(one: Iterable[Row], other: Iterable[Row], first: Mapping[str, Any],
+             second: Mapping[str, Any]) -> Comparison:
     before, after = ({row.key: row for row in found} for found in (one, other))
     units = {key: (before[key].unit, after[key].unit) for key in before
              if key in after and before[key].unit != after[key].unit}
     return Comparison(
         tuple(Change(row, after[key]) for key, row in before.items()
               if key in after and key not in units),
-        {**{key: (said[key], says[key]) for key in said if said[key] != says[key]},
+        {**{key: (first[key], second[key]) for key in first if first[key] != second[key]},
          **{f'{key}.unit': both for key, both in units.items()}},
         tuple(key for key in before if key not in after),
         tuple(key for key in after if key not in before))
@@ -136,7 +136,7 @@ def gap_rows(d: 'Diagnosis') -> Iterator[Row]:
 
 
 def _verdict(d: 'Diagnosis') -> dict[str, Any]:
-    """Return what a diagnosis says besides numbers."""
+    """Return what a diagnosis states in addition to numbers."""
     place = d.localisation[0] if d.localisation else None
     return {'verdict': d.verdict, 'effects': [effect.name for effect in d.effects] or None,
             'candidates': [name for name, _ in d.candidates] or None,
@@ -223,7 +223,7 @@ def to_document(comparison: Comparison) -> dict[str, Any]:
         'only_first': list(comparison.only_first), 'only_second': list(comparison.only_second)}
 
 
-def _word(said: Any) -> str:
-    if isinstance(said, list):
-        return ', '.join(map(str, said))
-    return 'not stated' if said is None else str(said)
+def _word(value: Any) -> str:
+    if isinstance(value, list):
+        return ', '.join(map(str, value))
+    return 'not stated' if value is None else str(value)

@@ -36,9 +36,6 @@ FAINT = 0.05
 LOOKED_AT = 2.0
 """What is shown at most of a phase that is twice as long [s]: some 500 block means."""
 
-PERIODS = 8
-"""Of the lowest frequency of a band, that are seen at first: of the highest they are some twenty,
-each of 15 px on a phone."""
 
 _INDEX = {c.name: i for i, c in enumerate(CHANNELS)}
 
@@ -100,7 +97,7 @@ class View:
         span, place = self.span(), self.focus()
         if span is None or place is None or place.band[0] <= 0.0:
             return None
-        parts = _parts(span, PERIODS / place.band[0])
+        parts = _parts(span, 8 / place.band[0])
         return self._worst(place.channel, parts) if len(parts) > 1 else None
 
     def _worst(self, channel: int, parts: list[Phase]) -> Phase | None:
@@ -133,7 +130,7 @@ def _parts(phase: Phase, length: float) -> list[Phase]:
 
 
 def view_without_signals(diagnosis: Diagnosis) -> View:
-    """Show a diagnosis of data that cannot answer: what its verdict says is all there is."""
+    """Show a diagnosis of data that cannot answer: its verdict is all there is."""
     nothing = np.zeros((0, len(CHANNELS)))
     return View(diagnosis, '', units(), np.zeros(0), (), np.zeros(0, np.intp),
                 np.zeros(nothing.shape, np.bool_), nothing, nothing, nothing, nothing, ())
@@ -176,7 +173,7 @@ def _means(s: Signals, n: int) -> Array:
 
 
 NAMED = ('identified', 'ambiguous', 'partial')
-"""Verdicts that name effects: of these alone a share of the misfit is said."""
+"""Verdicts that name effects: of these alone an explained fraction is stated."""
 
 HEADS = {
     'no_gap': 'The simulation explains this recording down to its noise.',
@@ -186,7 +183,7 @@ HEADS = {
 }
 """First sentence of the verdicts that name no effect; the reason follows a colon."""
 
-UNTOLD = {
+UNDECIDED = {
     'not_excited': ('Not known: what hardly moves shows no gap.',
                     'Not at all: an effect of its usual size need not have shown.'),
     'invalid_data': ('Not known: nothing was compared.',
@@ -195,13 +192,13 @@ UNTOLD = {
 """How large and how sure a gap is that was not looked for."""
 
 SHARE = ' of the misfit'
-"""A verdict of effects that show in stamps and values alone says no share, nor does its page."""
+"""A verdict of effects that show in stamps and values alone has no explained fraction."""
 
 AS_WELL = 'explains it about as well'
 """How the verdict ends of an effect that others could replace."""
 
-SAID = (SHARE, AS_WELL, 'explains the recording down to its noise')
-"""A verdict that ends so says no more than its first sentence on the page."""
+COMPLETE = (SHARE, AS_WELL, 'explains the recording down to its noise')
+"""A verdict that ends so adds nothing to its first sentence on the page."""
 
 FEW = 6
 """Effects that one line of the first screen lists, and how many more there are."""
@@ -230,7 +227,7 @@ def headline(d: Diagnosis) -> str:
 
 
 def _cause_and_remedy(d: Diagnosis) -> tuple[str, str]:
-    """Part the reason of a recording that tells nothing into what is wrong and what to do."""
+    """Part the reason of a recording that identifies nothing into what is wrong and what to do."""
     cause, _, remedy = d.reason.rpartition('; ')
     apart = cause and remedy.count('(') == remedy.count(')')  # not within parentheses
     return (cause, remedy) if apart and HEADS[d.verdict].endswith(' ') else (d.reason, '')
@@ -242,7 +239,7 @@ def explained(d: Diagnosis) -> str:
         return ''
     low, high = d.gap.closed_ci95
     them = 'it' if len(d.effects) == 1 else 'them'
-    # a name that is no effect's is a number of somebody's simulator
+    # a name that is no effect's is a number of a third-party simulator
     do = 'Adding' if any(e.name in WORDS for e in d.effects) else 'Changing'
     return (f'{do} {them} explains {percent(d.gap.closed)} of the misfit (95 % interval: '
             f'{max(0.0, 100.0 * low):.0f} to {100.0 * high:.0f} %).')
@@ -275,14 +272,14 @@ def _begun(words: str) -> str:
 
 
 def _in_full(d: Diagnosis) -> Fact:
-    """Return the verdict's own sentence, as far as it says more than what stands above."""
-    if HEADS.get(d.verdict, '').endswith(' ') or d.reason.endswith(SAID):
+    """Return the verdict's own sentence, as far as it adds to what stands above."""
+    if HEADS.get(d.verdict, '').endswith(' ') or d.reason.endswith(COMPLETE):
         return Fact('In full', '')
     _, share, more = d.reason.partition(SHARE)
     if d.verdict == 'ambiguous':  # the first sentence names the others
         more = more.partition(AS_WELL)[2]
     if share and d.verdict in NAMED:
-        return Fact('Besides', _begun(f'{more.lstrip(",; ")}.'))
+        return Fact('In addition', _begun(f'{more.lstrip(",; ")}.'))
     return Fact('In full', _begun(f'{d.reason}.'))
 
 
@@ -378,8 +375,8 @@ def _held(d: Diagnosis) -> str:
 
 def _how_large(view: View) -> str:
     d, parts = view.diagnosis, []
-    if d.verdict in UNTOLD:
-        return UNTOLD[d.verdict][0]
+    if d.verdict in UNDECIDED:
+        return UNDECIDED[d.verdict][0]
     if d.gap is None:
         return ''
     _, before, after = d.gap.contact_force
@@ -402,14 +399,14 @@ def _how_sure(d: Diagnosis) -> str:
     if d.verdict == 'no_gap':
         hidden = f', except {_few(d.not_excited)}' if d.not_excited else ''
         return f'Every effect looked for would have shown at its usual size{hidden}.'
-    if d.verdict in UNTOLD:
-        return UNTOLD[d.verdict][1]
+    if d.verdict in UNDECIDED:
+        return UNDECIDED[d.verdict][1]
     if not d.candidates:
         return ''
     named = {e.name for e in d.effects}
-    said = ', '.join(f'{percent(p)} {_called(name, named)}' for name, p in d.candidates)
+    text = ', '.join(f'{percent(p)} {_called(name, named)}' for name, p in d.candidates)
     together = sum(p for _, p in d.candidates) > 1.0 + ROUNDED
-    return f'{said}{"; several may act at once" if together else ""}.'
+    return f'{text}{"; several may act at once" if together else ""}.'
 
 
 def _few(names: Sequence[str]) -> str:
@@ -421,8 +418,8 @@ def _called(name: str, named: Collection[str]) -> str:
     """Call an effect by its name, and say what it is where that does not stand above."""
     if name == 'unknown':
         return 'none of the known effects'
-    said = phrase(name)
-    return name if name in named or name in said else f'{name} ({said})'
+    text = phrase(name)
+    return name if name in named or name in text else f'{name} ({text})'
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -430,8 +427,8 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def _explained_name(name: str) -> str:
-    said = phrase(name)
-    return said if name in said else f'{said} ({name})'
+    text = phrase(name)
+    return text if name in text else f'{text} ({name})'
 
 
 def _where(view: View) -> str:
@@ -461,7 +458,7 @@ def _in_time(word: str, at: float, between: tuple[float, float]) -> str:
     return f'from {at:.2f} s on {interval}' if word == 'from' else f'until {at:.2f} s {interval}'
 
 
-TONES = {'no_gap': 'good', 'identified': 'known', 'ambiguous': 'doubt', 'partial': 'doubt',
+TONES = {'no_gap': 'good', 'identified': 'known', 'ambiguous': 'warn', 'partial': 'warn',
          'unknown': 'bad', 'not_excited': 'plain', 'invalid_data': 'bad'}
 """Colour of each verdict."""
 
@@ -545,7 +542,7 @@ def _with_error(p: Parameter) -> tuple[str, str]:
 
 
 def _numbers(d: Diagnosis) -> list[tuple[str, str, str, str, str]]:
-    """Return every number that was found, in SI units, as a rig file wants them."""
+    """Return every number that was found, in SI units, as a rig file requires them."""
     out = [(e.name, name, *_with_error(p), '' if p.unit == '1' else p.unit)
            for e in d.effects for name, p in e.parameters.items()
            if p.value or p.std or p.at_bound]
@@ -555,9 +552,6 @@ def _numbers(d: Diagnosis) -> list[tuple[str, str, str, str, str]]:
 
 SHOWN = 4
 """Number of channels that are drawn."""
-
-AROUND = 0.25
-"""Part of the plainest phase that is shown before and after it."""
 
 
 def heat_map(view: View) -> Figure | None:
@@ -598,7 +592,7 @@ def closest(view: View) -> Shown | None:
     span, place, part = view.span(), view.focus(), view.closer()
     if span is None or place is None:
         return None
-    margin = AROUND * (span.end - span.start)
+    margin = 0.25 * (span.end - span.start)
     start, end = span.start - margin, span.end + margin
     for at in begun(view):
         start, end = min(start, at - margin), max(end, at + margin)

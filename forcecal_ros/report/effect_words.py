@@ -8,7 +8,7 @@ from forcecal_ros.effects.library import EFFECTS, Quantity
 from forcecal_ros.report.rows import HALF
 
 ALL = '{all}'
-"""Stands for every number of an effect that is beyond chance, with its name."""
+"""Represents every number of an effect that is beyond chance, with its name."""
 
 BEYOND = 2.0
 """Standard errors from which a number is one of those: 95 % of chance stays below."""
@@ -107,7 +107,7 @@ WORDS = {
     'unknown': Words('something that is none of the known effects',
                      'It is none of the known effects'),
 }
-"""By name of the effect; all others are parameters of somebody's simulator."""
+"""By name of the effect; all others are parameters of a third-party simulator."""
 
 
 def phrase(name: str) -> str:
@@ -117,12 +117,12 @@ def phrase(name: str) -> str:
 
 def sentence(effect: NamedEffect) -> str:
     """Say what was found and how large it is, without the full stop."""
-    if effect.name not in WORDS:  # a parameter of somebody's simulator
+    if effect.name not in WORDS:  # a parameter of a third-party simulator
         return f'{effect.name} should be {sizes(effect).removeprefix("value ")}'
-    said = WORDS[effect.name].sentence
+    text = WORDS[effect.name].sentence
     for name, p in effect.parameters.items():
-        said = said.replace(f'{{{name}}}', number(effect.name, name, p))
-    return said.replace(ALL, sizes(effect))
+        text = text.replace(f'{{{name}}}', number(effect.name, name, p))
+    return text.replace(ALL, sizes(effect))
 
 
 def sizes(effect: NamedEffect) -> str:
@@ -139,9 +139,9 @@ def number(effect: str, name: str, p: Parameter) -> str:
     plain = _shapes(effect, name) or effect not in WORDS
     known = _quantities(effect).get(name)
     signed = known is None or known.low < 0.0 <= known.high
-    said = quantity(p.value, 0.0 if p.at_bound else HALF * p.std, '' if p.unit == '1' and plain
+    text = quantity(p.value, 0.0 if p.at_bound else HALF * p.std, '' if p.unit == '1' and plain
                     else p.unit, signed=signed and not plain).strip()
-    return f'{said} ({AT_BOUND})' if p.at_bound else said
+    return f'{text} ({AT_BOUND})' if p.at_bound else text
 
 
 def _called(name: str) -> str:

@@ -13,8 +13,6 @@ import numpy as np
 from scipy import signal
 
 MEASURED, ESTIMATED, TRUE = '#0072B2', '#D55E00', '#555555'
-WIDTH = 8.0
-"""Width of the figures of calibration and contact reports [in]."""
 
 
 def gravity_in_sensor(pose: PoseStream, t: Array, gravity: float) -> Array:
@@ -172,7 +170,7 @@ def headed(axes: Axes, title: str, columns: int = 3) -> None:
 def axes_grid(rows: int, columns: int, *, height: float, sharex: bool = False,
               sharey: bool = False) -> tuple[Figure, list[Any]]:
     """Return a figure of the reports' width and its axes, row by row."""
-    figure = Figure(figsize=(WIDTH, height), layout='constrained')
+    figure = Figure(figsize=(8.0, height), layout='constrained')
     axes = figure.subplots(rows, columns, squeeze=False, sharex=sharex, sharey=sharey)
     for one in axes.flat:
         one.grid(alpha=0.25)

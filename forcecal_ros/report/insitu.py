@@ -17,14 +17,9 @@ from matplotlib.figure import Figure
 import numpy as np
 
 CALIBRATED, MANUFACTURER, TRUE = '#009E73', '#D55E00', '#555555'
-POINTS = 600
-"""Most points of a cloud; more would hide each other."""
 
 COLUMNS = 4
 """Most pictures side by side."""
-
-HEAD = 0.7
-"""Of a picture, for title and legend [in]."""
 
 
 def subspace_clouds(result: SensorResult) -> Figure:
@@ -91,9 +86,9 @@ def singular_values(result: SensorResult) -> Figure:
 def _grid(data_sets: Sequence[DataSetResult]) -> tuple[Figure, list[Any]]:
     columns = min(len(data_sets), COLUMNS)
     rows = -(-len(data_sets) // columns)
-    height = 2.7 * rows + HEAD
+    height = 2.7 * rows + 0.7
     figure = Figure(figsize=(max(2.6 * columns, 4.5), height))
-    figure.subplots_adjust(0.02, 0.02, 0.92, 1 - (HEAD + 0.2) / height, 0.2, 0.12)
+    figure.subplots_adjust(0.02, 0.02, 0.92, 1 - 0.9 / height, 0.2, 0.12)
     axes = [figure.add_subplot(rows, columns, k + 1, projection='3d')
             for k in range(len(data_sets))]
     for one in axes:
@@ -116,7 +111,7 @@ def _map(gravity: Array, values: Array) -> Array:
 
 
 def _cloud(axes: Any, points: Array, colour: str, label: str) -> None:
-    points = points[::-(-len(points) // POINTS)]
+    points = points[::-(-len(points) // 600)]
     axes.scatter(*points.T, s=3, color=colour, label=label, depthshade=False)
 
 
@@ -167,7 +162,7 @@ def render(results: Sequence[SensorResult], drawn: Mapping[str, Mapping[str, byt
     sensors = [{
         'name': r.name, 'warnings': r.warnings, 'headline': conclusion(r),
         'facts': list(_facts(r, written.get(r.name, ''))),
-        'tone': 'doubt' if r.warnings else 'good', 'tables': list(tables(r)),
+        'tone': 'warn' if r.warnings else 'good', 'tables': list(tables(r)),
         'figures': [picture(title.replace('_', ' ').capitalize(), WORDS[title], image)
                     for title, image in drawn[r.name].items()],
     } for r in results]
@@ -178,8 +173,8 @@ def _facts(result: SensorResult, file: str) -> Iterator[Fact]:
     """Say how large, how sure, and what to do next."""
     if result.matrix is not None and result.mass is not None and result.com is not None:
         yield Fact('Body', (
-            f'What hangs on the sensor besides weighs {_estimate(result.mass)} kg, its centre of '
-            f'mass at {_pairs(1e3 * result.com.value, 1e3 * result.com.std)} mm (x, y, z).'))
+            f'The rest of what hangs on the sensor weighs {_estimate(result.mass)} kg, its centre '
+            f'of mass at {_pairs(1e3 * result.com.value, 1e3 * result.com.std)} mm (x, y, z).'))
     if result.warnings:
         yield Fact('Next', 'Do what the warnings below say, and calibrate again.')
     elif result.matrix is None:
@@ -194,7 +189,7 @@ def conclusion(result: SensorResult) -> str:
     """Say in a sentence or two what was calibrated, and how well it does on what it never saw."""
     if result.matrix is None:
         return (f'The offset of {len(result.offset.value)} channels is known; the matrix is not, '
-                'for want of stated added masses.')
+                'because no added masses are stated.')
     judged = [(d, d.load.mass, float(d.added_mass)) for d in result.data_sets
               if not d.train and d.load is not None and d.added_mass is not None
               and d.load.mass > 0.0]
@@ -202,13 +197,13 @@ def conclusion(result: SensorResult) -> str:
         return ('Matrix and offset are calibrated. No recording with an added mass was kept back '
                 'to check them.')
     d, stated, found = max(judged, key=lambda one: abs(one[2] / one[1] - 1.0))
-    said = (f'Matrix and offset are calibrated. Added masses that were kept back come out '
+    text = (f'Matrix and offset are calibrated. Added masses that were kept back come out '
             f'within {_share(found / stated)} (data set {d.name}: {rounded(found, 4)} kg of '
             f'{stated:g} kg)')
     maker = [abs(d.by_manufacturer.mass / stated - 1.0) for d, stated, _ in judged
              if d.by_manufacturer is not None]
-    return f'{said}; by the manufacturer’s matrix, {_share(1.0 + max(maker))}.' if (
-        maker) else f'{said}.'
+    return f'{text}; by the manufacturer’s matrix, {_share(1.0 + max(maker))}.' if (
+        maker) else f'{text}.'
 
 
 def _share(ratio: float) -> str:

@@ -24,7 +24,7 @@ class Step(NamedTuple):
 
 
 def estimated_by(bag: str, calibration: str, how: Sequence[str] = ()) -> Step:
-    """Say how a calibration is put to use; ``how``: what the command says of the recording."""
+    """Say how a calibration is put to use; ``how``: what the command states of the recording."""
     return Step('Take weight, inertia and bias off this recording, or another one:', shlex.join(
         ('forcecal', 'estimate', bag, '--calibration', calibration, *how, '-o', 'contact')))
 
@@ -37,10 +37,6 @@ class Fact(NamedTuple):
     command: str = ''
 
 
-DATED = 10 ** 18
-"""Stamps before this, of 2001, are of a clock that began with the simulation [ns]."""
-
-
 def origin(recordings: Sequence[Recording]) -> list[str]:
     """Say of each recording which one it is, when it was made and how long it is."""
     return [' · '.join(part for part in (one.source, _made(one), _lasting(one)) if part)
@@ -48,7 +44,7 @@ def origin(recordings: Sequence[Recording]) -> list[str]:
 
 
 def _made(recording: Recording) -> str:
-    if recording.start_ns < DATED:
+    if recording.start_ns < 10 ** 18:  # 2001: of a clock that began with the simulation
         return 'on simulated time'
     return datetime.fromtimestamp(recording.start_ns / 1e9, timezone.utc).strftime(
         '%Y-%m-%d %H:%M:%S UTC')

@@ -28,15 +28,6 @@ MOST_POINTS = 2400
 LABELLED = 0.05
 """Share of the time shown from which a phase has room for its name."""
 
-ON_A_PHONE = 0.2
-"""The same on a page of 400 px: the longest name, approach, is a fifth of the picture there."""
-
-WIDTH, HEIGHT = 9.0, 1.9
-"""Of a picture, and of each panel in it [in]."""
-
-TALL, FRAME = 190, 90
-"""Of a panel that zooms, and of what is around the panels [px]."""
-
 
 class Line(NamedTuple):
     """One line: what it is called, its role, times [s] and values."""
@@ -128,7 +119,7 @@ def drawn(shown: Shown) -> Figure:
     """Draw a picture; the legend stands above the panels."""
     n = len(shown.panels)
     shown = shown._replace(start=shown.visible[0], end=shown.visible[1])
-    figure = Figure(figsize=(WIDTH, 0.7 + HEIGHT * n), layout='constrained')
+    figure = Figure(figsize=(9.0, 0.7 + 1.9 * n), layout='constrained')
     rows = list(np.atleast_1d(figure.subplots(n, 1, sharex=True)))
     for axes, panel in zip(rows, shown.panels):
         for line in panel.lines:
@@ -180,7 +171,7 @@ def live(shown: Shown) -> dict[str, Any]:
     n = len(shown.panels)
     height = (1.0 - 0.06 * (n - 1)) / n
     layout: dict[str, Any] = {
-        'height': FRAME + TALL * n, 'margin': {'l': 56, 'r': 8, 't': 44, 'b': 40},
+        'height': 90 + 190 * n, 'margin': {'l': 56, 'r': 8, 't': 44, 'b': 40},
         'autosize': True, 'hovermode': 'x unified', 'dragmode': 'zoom', 'uirevision': 'kept',
         'paper_bgcolor': 'rgba(0,0,0,0)', 'plot_bgcolor': 'rgba(0,0,0,0)',
         'font': {'color': 'var(ink)', 'size': 12},
@@ -234,7 +225,7 @@ def _labels(shown: Shown) -> Iterator[dict[str, Any]]:
     for phase, start, end in _visible(shown._replace(start=first, end=last)):
         share = (end - start) / (last - first)
         if share > LABELLED:
-            yield {'name': phase if share > ON_A_PHONE else '', 'text': phase,
+            yield {'name': phase if share > 0.2 else '', 'text': phase,
                    'x': 0.5 * (start + end), 'xref': 'x', 'y': 1, 'yref': 'paper',
                    'showarrow': False, 'yanchor': 'bottom',
                    'font': {'size': 10, 'color': 'var(quiet)'}}

@@ -12,8 +12,8 @@ HALF = 1.96
 """Standard errors from the middle of a 95 % interval to its end."""
 
 MOST_DECIMALS = 7
-"""Of a number in a table: the part of a unit vector along its axis would have ten, which nobody
-knows."""
+"""Of a number in a table: the part of a unit vector along its axis would have ten, which is not
+known."""
 
 FINEST = 0.5 * 10.0 ** -MOST_DECIMALS
 """Standard error below which a table shows none of it."""

@@ -48,7 +48,7 @@ STRONG = 100.0
 @dataclass(frozen=True)
 class RigFit:
     """
-    A rig of somebody's robot.
+    A rig of a user's robot.
 
     Attributes
     ----------
@@ -120,7 +120,7 @@ def fit_rig(recordings: Sequence[Recording], heldout: Recording | None, base: Ri
     found = fit_tool(rig, given, settings)
     notes = [f'axis {name} never moved, and follows like the one that moved most'
              for name, axis in zip('xyz', axes) if not axis.order]
-    if not rotation.told:
+    if not rotation.identified:
         notes.append('orientation never turned, and follows as late as the position')
     sensor = found.rig.pose_sensor
     return RigFit(found.rig, tuple(axes), rotation,
@@ -196,7 +196,7 @@ def _heldout_error(rig: Rig, ready: Sequence[Followed]) -> tuple[Unexplained, fl
 
 
 def _beyond_noise(rows: Array) -> float:
-    """Return the RMS of vectors, what is white among it taken off."""
+    """Return the RMS of vectors, what is white among it removed."""
     noise = noise_of(rows)
     return float(np.sqrt(max(0.0, float(np.mean(np.sum(rows ** 2, axis=1))) - 3.0 * noise ** 2)))
 
@@ -225,7 +225,7 @@ def document(fit: RigFit, path: str) -> dict[str, Any]:
         'rig': path, 'period': fit.rig.robot.period,
         'axes': {name: {'order': a.order, 'lag': a.lag, 'lag_std': a.lag_std}
                  for name, a in zip('xyz', fit.axes)},
-        'orientation': {'told': fit.rotation.told, 'lag': fit.rotation.lag},
+        'orientation': {'identified': fit.rotation.identified, 'lag': fit.rotation.lag},
         'unexplained': {'position': left.position, 'orientation': left.orientation,
                         'position_offset': left.position_offset,
                         'orientation_offset': left.orientation_offset,

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.errors import above, below, DataError
 from forcecal_ros.core.geometry import Array, quaternion_from_matrix, rotation_vector
 from forcecal_ros.core.schema import Matrix3, Vector6
 from forcecal_ros.core.streams import phase_spans, Recording, TOUCHING
@@ -92,8 +92,8 @@ def followed(recording: Recording, period: float) -> Followed:
     seen = starts + period >= pose.t[0]
     if seen.sum() * period < SHORTEST:
         raise DataError(f'{recording.source}: commands (target_frame) and poses (current_pose) '
-                        f'overlap for {seen.sum() * period:.1f} s, expected {SHORTEST:g} s at '
-                        'least; record a longer motion')
+                        f'overlap for {below(seen.sum() * period, SHORTEST, 2)} s, expected '
+                        f'{SHORTEST:g} s at least; record a longer motion')
     held = held_commands(target.t, starts, period / 2.0)
     reached, R = pose_at(pose, np.clip(starts + period, pose.t[0], pose.t[-1]))
     free = seen & (starts > max(start, float(pose.t[0])) + SETTLING)
@@ -135,7 +135,7 @@ of any bandwidth and damping that are tried. Positions are exact at any step.
 """
 
 SURE = 1.0
-"""Standard error of an axis's lag, in periods, up to which its delay is told."""
+"""Standard error of an axis's lag, in periods, up to which its delay is identified."""
 
 
 class AxisFit(NamedTuple):
@@ -174,7 +174,8 @@ def fit_translation(rig: Rig, followed: Sequence[Followed]) -> list[AxisFit]:
     strokes = np.max([np.ptp(one.position[one.used], axis=0) for one in followed
                       if one.used.any()], axis=0)
     if strokes.max() < MOVED:
-        raise DataError(f'target_frame: the commands move by {1e3 * strokes.max():.2g} mm, '
+        raise DataError(f'target_frame: the commands move by '
+                        f'{below(1e3 * strokes.max(), 1e3 * MOVED, 2)} mm, '
                         f'expected {1e3 * MOVED:g} mm at least along one axis; record a motion')
     smooth = [through_servo(rig, one) for one in followed]
     found = {axis: _fit_axis(rig, followed, smooth, axis)
@@ -224,12 +225,13 @@ def _fit_axis(rig: Rig, followed: Sequence[Followed], smooth: Sequence[Array], a
         candidates.append(min(tried.values(), key=lambda one: one.error))
     # not the smallest that is hardly worse: what it leaves would be in the forces, and what the
     # greater one does not know of itself is in its tolerance
-    told = [one for one in candidates if _lag(one.model)[1] < SURE]
-    if not told:
+    known = [one for one in candidates if _lag(one.model)[1] < SURE]
+    if not known:
         surest = min(_lag(one.model)[1] for one in candidates)
-        raise DataError(f'target_frame: the lag of axis {"xyz"[axis]} is not told by its motion '
-                        f'(known to {surest:.2g} periods, expected {SURE:g}); move it farther')
-    chosen = min(told, key=lambda one: one.error)
+        raise DataError(f'target_frame: the lag of axis {"xyz"[axis]} is not identifiable: it is '
+                        f'known to {above(surest, SURE, 2)} periods, expected less than '
+                        f'{SURE:g}; move it farther')
+    chosen = min(known, key=lambda one: one.error)
     lag, std = _lag(chosen.model)
     # a command is reached at the end of its period, without servo and equation
     servo = 3.0 / rig.servo.position_bandwidth + period
@@ -365,10 +367,10 @@ def _numerator(feedback: Array, command: Array, position: Array, delay: int, use
     columns = delayed(lfilter([1.0], np.append(1.0, -feedback), command), delay, order)
     # the last number makes the static gain 1
     free = np.column_stack([columns[:, :-1] - columns[:, -1:], np.ones(len(command))])
-    wanted = position - gain * columns[:, -1]
-    solution = np.linalg.lstsq(free[used], wanted[used], rcond=None)[0]
+    target = position - gain * columns[:, -1]
+    solution = np.linalg.lstsq(free[used], target[used], rcond=None)[0]
     rest = np.concatenate([solution[:-1], [gain - solution[:-1].sum()], solution[-1:]])
-    return rest, np.asarray(wanted - free @ solution)
+    return rest, np.asarray(target - free @ solution)
 
 
 TURNED = 0.01
@@ -388,14 +390,14 @@ class RotationFit(NamedTuple):
     Attributes
     ----------
     servo : Servo
-    told : bool
+    identified : bool
         Whether it turned.
     lag : float
         From the stamp of a slow command to the orientation [s].
     """
 
     servo: Servo
-    told: bool
+    identified: bool
     lag: float
 
 

@@ -8,7 +8,7 @@ from forcecal_ros.calibrate.pipeline import identify
 from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.core.calibration import Accelerometer as CalibratedAccelerometer
 from forcecal_ros.core.calibration import Calibration, Estimate
-from forcecal_ros.core.errors import DataError, UnobservableError
+from forcecal_ros.core.errors import above, DataError, UnobservableError
 from forcecal_ros.core.geometry import Array, rotation_vector
 from forcecal_ros.core.streams import PoseStream, Recording
 from forcecal_ros.effects.nuisances import possible, rows_of
@@ -26,7 +26,7 @@ MOST_TURNED = 0.02
 """Of an accelerometer against ft_sensor [rad]: that reads 2 % of gravity on another axis."""
 
 UNKNOWN_INERTIA = 1.0
-"""Relative tolerance of an inertia that nothing tells."""
+"""Relative tolerance of an inertia that is not identifiable."""
 
 
 class ToolFit(NamedTuple):
@@ -62,8 +62,8 @@ def _calibrated(rig: Rig, recording: Recording, c: Calibration) -> ToolFit:
     mass, usual, notes = float(c.mass), rig.spreads, []
     inertia, relative = mass * GYRATION ** 2 * np.eye(3), UNKNOWN_INERTIA
     if c.inertia is None:
-        notes.append(f'nothing tells the inertia of the tool; that of a gripper of {mass:.3g} kg '
-                     'is taken')
+        notes.append(f'the inertia of the tool is not identifiable; that of a gripper of '
+                     f'{mass:.3g} kg is taken')
     else:
         inertia = possible(c.inertia.value)
         known = np.diag(_std(c.inertia)) / np.maximum(np.diag(inertia), 1e-9)
@@ -77,7 +77,8 @@ def _calibrated(rig: Rig, recording: Recording, c: Calibration) -> ToolFit:
                           inertia=relative, force_bias=_std(c.wrench_bias)[:3].max(),
                           torque_bias=_std(c.wrench_bias)[3:].max()))
     if c.tool is not None and rig.optidrive is None:
-        notes.append('the tool gives, and no Optidrive says how far; it is taken as rigid')
+        notes.append('the tool gives, and no displacement sensor measures how far; it is taken '
+                     'as rigid')
     if c.accelerometer is None:
         return ToolFit(rig, (*notes, 'no accelerometer was recorded; the rig has the nominal one'))
     return _with_accelerometer(rig, c.accelerometer, tuple(notes))
@@ -107,13 +108,14 @@ def _with_accelerometer(rig: Rig, a: CalibratedAccelerometer, notes: tuple[str, 
     turned = float(np.linalg.norm(rotation_vector(a.map.value)))
     if turned > MOST_TURNED:
         raise DataError(
-            f'accelerometer: its axes are turned by {np.degrees(turned):.1f} deg against '
-            f'ft_sensor, expected {np.degrees(MOST_TURNED):.1f} deg at most, as a rig mounts it '
+            f'accelerometer: its axes are turned by '
+            f'{above(np.degrees(turned), np.degrees(MOST_TURNED))} deg against ft_sensor, '
+            f'expected {np.degrees(MOST_TURNED):.3g} deg at most, as a rig mounts it '
             'along the sensor; record it in that frame')
     position = rig.tool.com
     if a.position is None:
-        notes = (*notes, ('nothing tells where the accelerometer sits; it is put into the centre '
-                 'of mass'))
+        notes = (*notes, ('the place of the accelerometer is not identifiable; it is put into '
+                 'the centre of mass'))
     else:
         x, y, z = a.position.value.tolist()
         position = (x, y, z)
@@ -136,7 +138,7 @@ _SMOOTHEST = (1.0, -4.0, 6.0, -4.0, 1.0)
 """Fourth difference: of a motion within 10 Hz at 250 Hz it leaves less than a hundredth."""
 
 FEWEST = 50
-"""Samples from which rate and noise are told."""
+"""Samples from which rate and noise are estimated."""
 
 ROUND = 1e-3
 """Of a rate: as far from a whole number of hertz as computers' clocks are apart at most."""

@@ -14,9 +14,6 @@ WINDOW = 4.0
 CLEAR = 10.0
 """Factor above its floor from which the power of a signal is no noise."""
 
-ORDER = 4
-"""Order of the low-pass, there and back: a quarter of its corner passes to 1e-5, half to 0.4 %."""
-
 
 def clear_band(rows: Array, rate: float) -> float:
     """
@@ -55,7 +52,7 @@ def slow(rows: Array, rate: float, band: float = MOST) -> Array:
     if rate <= 2.0 * band or len(rows) < rate:
         return rows
     return np.asarray(sosfiltfilt(
-        butter(ORDER, band, fs=rate, output='sos'), rows, axis=0))
+        butter(4, band, fs=rate, output='sos'), rows, axis=0))
 
 
 def slowed(stream: Stream, band: float = MOST) -> CubicSpline:

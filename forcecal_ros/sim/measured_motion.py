@@ -171,7 +171,7 @@ class MeasuredMotion:
         self._unclear = self._full.wire(rigid_tool) - self._clear.wire(rigid_tool)
 
     def can_show(self, effect: str, rig: Rig) -> bool:
-        """Say whether an effect can show: a delay that nobody knows is estimated along instead."""
+        """Say whether an effect can show: a delay that is not known is estimated along instead."""
         if effect == 'accel_delay' and isinstance(rig, RigidTool):
             return rig.spreads.accel_behind < UNKNOWN_DELAY
         return effect in EFFECTS_SHOWN
@@ -276,7 +276,7 @@ class RecordedSimulation(MeasuredMotion):
                        else self._carried_over(accel.at(own.t), own, rigid_tool))
 
     def _carried_over(self, accel: Array, own: CarriedTool, rigid_tool: RigidTool) -> Array:
-        """Take what is felt without weight, where the Imu is, to the robot's motion, (n, 3)."""
+        """Take the Imu's reading without weight to the robot's motion, (n, 3)."""
         f = own.specific_force_of_origin(rigid_tool)
         place = np.linalg.lstsq(own.lever.reshape(-1, 3), (accel - f).ravel(), rcond=1e-6)[0]
         there = self._full.specific_force_of_origin(rigid_tool) + self._full.lever @ place

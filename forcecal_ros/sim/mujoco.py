@@ -46,7 +46,7 @@ SAMPLE_PERIOD_S = 0.002
 STEP_PARTS = (2, 4, 8, 16)
 """
 Parts of a time step that are tried where a simulation is unstable: the step that a stiff joint
-bears is told to a factor of two, and 16 parts take as long as a diagnosis' first 16 runs.
+bears is known to a factor of two, and 16 parts take as long as a diagnosis' first 16 runs.
 """
 @dataclass
 class MujocoRobot:
@@ -61,7 +61,7 @@ class MujocoRobot:
     tool : str
         Body of the force-torque site.
     drives : tuple of Drive
-        Actuators that joints can be told positions by.
+        Actuators that take positions of joints.
     chain : tuple of str
         Joints that move the tool, or a part of it.
     turned : ndarray, shape (3, 3) or None
@@ -102,8 +102,8 @@ class MujocoRobot:
         """Say which drives are at the limit of their force, and whether the arm rests at first."""
         seen = self._looked_at(inputs)
         # a drive that is too weak to hold its joint is why that moves
-        return (list(seen.forces.said(float(self.model.opt.timestep)))
-                or list(seen.swing.said(SETTLING_S)))
+        return (list(seen.forces.notes(float(self.model.opt.timestep)))
+                or list(seen.swing.notes(SETTLING_S)))
 
     def imitation(self, name: str, change: float) -> Imitation | None:
         """Say that play in the drive of a joint looks like more friction of that joint."""
@@ -145,7 +145,7 @@ class MujocoRobot:
         found, warning = self._simulated(inputs, parameters, 1)
         if warning:
             raise ConfigError(
-                f'--mujoco {self.path}: the simulation is unstable or incomplete, MuJoCo says '
+                f'--mujoco {self.path}: the simulation is unstable or incomplete, MuJoCo reports '
                 f'"{warning}"; {self._steadier(inputs, parameters)}')
         return found
 
@@ -165,7 +165,7 @@ class MujocoRobot:
         found, warning = self._in_parts(inputs, parameters, parts)
         if warning:
             raise ConfigError(f'--mujoco {self.path}: with {share} its timestep the simulation is '
-                              f'unstable, MuJoCo says "{warning}"; mend the model')
+                              f'unstable, MuJoCo reports "{warning}"; fix the model')
         return found
 
     def _steadier(self, inputs: Inputs, parameters: Mapping[str, float]) -> str:
@@ -284,7 +284,7 @@ def _commands(mujoco: Any, model: Any, drives: Sequence[Drive], joints: JointStr
     """Return the commands, and what each column drives."""
     if joints is None:
         raise ConfigError('--mujoco drives joints, and the recording holds no commands of any; '
-                          'record what the controller is told and name it with --topic '
+                          'record what the controller is commanded and name it with --topic '
                           'joint_commands=NAME')
     driven = {one.joint: one for one in drives}
     if not joints.names:
@@ -295,14 +295,14 @@ def _commands(mujoco: Any, model: Any, drives: Sequence[Drive], joints: JointStr
     for name in joints.names:
         if name not in driven:
             raise ConfigError(f'joint {name} is commanded, but '
-                              f'{reason_not_driven(mujoco, model, name)}; what can be told '
+                              f'{reason_not_driven(mujoco, model, name)}; what can be commanded '
                               f'positions is {", ".join(driven)}')
     return joints, [driven[name] for name in joints.names]
 
 
 MIN_OVER_READING = 1.05
 """
-Factor by which implicit integrators make MuJoCo's force sensor over-read, from which that is told:
+Factor by which implicit integrators make MuJoCo's force sensor over-read that is reported:
 0.05 of a tool's inertial force is the noise of a good sensor at 10 m/s^2 and 0.5 kg.
 """
 
@@ -329,7 +329,7 @@ def load_mujoco(path: str, ft_site: str | None = None, imu: str | None = None) -
     try:
         import mujoco
     except ImportError:
-        raise ConfigError(f'--mujoco wants MuJoCo: {installing("mujoco")}') from None
+        raise ConfigError(f'--mujoco requires MuJoCo: {installing("mujoco")}') from None
     mujoco.set_mju_user_warning(_ignore)
     if not Path(path).is_file():
         raise ConfigError(f'--mujoco {path}: no such file; name the model, an MJCF')
@@ -345,7 +345,8 @@ def load_mujoco(path: str, ft_site: str | None = None, imu: str | None = None) -
             _add_accelerometer(mujoco, spec, path, body, imu)
         model = spec.compile()
     except ValueError as error:
-        raise ConfigError(f'--mujoco {path}: MuJoCo says {" ".join(str(error).split())}') from None
+        why = ' '.join(str(error).split())
+        raise ConfigError(f'--mujoco {path}: MuJoCo reports {why}') from None
     drives = found_drives(mujoco, model, path)
     own = of_same_tree(model, drives, body.name)
     limits = limits_of(model, own)

@@ -64,7 +64,7 @@ class Drive(NamedTuple):
 
 def found_drives(mujoco: Any, model: Any, path: str) -> list[Drive]:
     """
-    Find the actuators that joints can be told positions by, one of each joint.
+    Find the actuators that take positions of joints, one of each joint.
 
     Raises
     ------
@@ -80,13 +80,13 @@ def found_drives(mujoco: Any, model: Any, path: str) -> list[Drive]:
             if before is None or (drive.kind in holds and before.kind not in holds):
                 able[drive.joint] = drive
     if not able:
-        raise ConfigError(f'--mujoco {path}: no actuator that a joint can be told positions by; '
+        raise ConfigError(f'--mujoco {path}: no actuator that takes the position of a joint; '
                           f'{_requirements(mujoco, model) or "it has none on a joint"}')
     return sorted(able.values(), key=lambda one: one.actuator)
 
 
 def reason_not_driven(mujoco: Any, model: Any, joint: str) -> str:
-    """Say which actuators a joint has, and what they want."""
+    """Say which actuators a joint has, and what they require."""
     return _requirements(mujoco, model, joint) or 'no actuator of the model drives it'
 
 
@@ -195,7 +195,7 @@ def is_scalar(mujoco: Any, model: Any, joint: int) -> bool:
 
 class Controller:
     """
-    Tells actuators the positions of their joints.
+    Commands actuators the positions of their joints.
 
     Parameters
     ----------
@@ -290,11 +290,11 @@ class Swing:
         self._drives, self._speeds = drives, np.zeros(0)
 
     def look(self, data: Any) -> None:
-        """See how fast the joints are, the first time that it is asked."""
+        """See how fast the joints are, at the first call."""
         if not len(self._speeds):
             self._speeds = np.abs(data.qvel[[one.dof for one in self._drives]])
 
-    def said(self, after: float) -> Iterator[str]:
+    def notes(self, after: float) -> Iterator[str]:
         """Say which joint still swings so many seconds after the start [s]."""
         if len(self._speeds) and self._speeds.max() > REST_SPEED:
             k = int(self._speeds.argmax())
@@ -329,8 +329,8 @@ def warning_of(mujoco: Any, data: Any) -> str:
     found = [(int(kind), data.warning[int(kind)]) for kind in (
         kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC, kinds.mjWARN_BADCTRL,
         kinds.mjWARN_INERTIA, kinds.mjWARN_CONTACTFULL, kinds.mjWARN_CNSTRFULL)]
-    said = (mujoco.mju_warningText(kind, int(one.lastinfo)) for kind, one in found if one.number)
-    return next(said, '').rstrip('.')
+    texts = (mujoco.mju_warningText(kind, int(one.lastinfo)) for kind, one in found if one.number)
+    return next(texts, '').rstrip('.')
 
 
 MASS_SIGMA, COM_SIGMA = 0.01, 0.001
@@ -340,7 +340,7 @@ JOINT_FRICTION_SIGMA = (0.1, 0.1)
 """Of dry friction, 1 sigma: part of the model's, and beside it [N m] or [N]: what warmth makes."""
 
 GAIN_SIGMA = (0.05, 0.1)
-"""Of the gains kp and kv of a position actuator, 1 sigma, relative: as controllers are told."""
+"""Of the gains kp and kv of a position actuator, 1 sigma, relative: as controllers are set."""
 
 TILT_SIGMA = 0.003
 """Tilt of a base that was levelled by hand, 1 sigma [rad]."""
@@ -442,7 +442,7 @@ def _of_joints(mujoco: Any, model: Any, drives: Sequence[Drive]) -> list[Number]
 
 
 def _of_controller(model: Any, letter: str, drive: Drive, at: int) -> Number:
-    """Return a gain of the controller that tells an actuator its velocity or torque."""
+    """Return a gain of the controller that commands an actuator its velocity or torque."""
     name, gain = f'{letter}[{drive.joint}]', float(model.numeric_data[at])
     if gain <= 0.0:
         raise ConfigError(f'numeric {name}: got {gain:g}, expected a gain above zero')
@@ -525,7 +525,7 @@ def _integral(i: int) -> _Both:
 
 
 LIMIT_SIGMA = 0.1
-"""Of a drive's limit, 1 sigma, relative: currents and torque constants are told to a tenth."""
+"""Of a drive's limit, 1 sigma, relative: currents and torque constants are known to a tenth."""
 
 NEAR_LIMIT = 1.0 - LIMIT_SIGMA
 """Part of its limit from which a drive may be at it, were the limit lower by one sigma."""
@@ -660,7 +660,7 @@ class Forces:
         """List the limits that a drive comes to, or would come to if they were a little lower."""
         return [one for one, part in zip(self._limits, self.most) if part > NEAR_LIMIT]
 
-    def said(self, step: float) -> Iterator[str]:
+    def notes(self, step: float) -> Iterator[str]:
         """Say which drives are at their limit, and for how long; the step in s."""
         for i in map(int, np.argsort(-self.reached, kind='stable')):
             if self.reached[i]:

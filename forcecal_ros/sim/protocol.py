@@ -64,19 +64,19 @@ class Imitation(NamedTuple):
 @dataclass(frozen=True)
 class Inputs:
     """
-    What the robot was told, and when to begin and to end.
+    What the robot was commanded, and when to begin and to end.
 
     Attributes
     ----------
     start, end : float
-        All that is simulated is wanted between them [s]. The robot rests at ``start``.
+        All that is simulated is needed between them [s]. The robot rests at ``start``.
     target : PoseStream or None
         Commanded poses of ft_sensor in base.
     joints : JointStream or None
         Commanded positions of joints, and their names [rad] or [m].
     measured_joints : tuple of str
         Joints whose measured positions a simulator may be compared with, in the order of the
-        columns wanted.
+        columns required.
     """
 
     start: float
@@ -88,7 +88,7 @@ class Inputs:
 
 class Simulator(Protocol):
     """
-    A robot with its tool and sensors, which does the same whenever it is told the same.
+    A robot with its tool and sensors, which does the same whenever it is commanded the same.
 
     What ``simulate`` returns maps the name of a stream to its stamps [s], on the clock of the
     inputs, and its rows: ``wrench`` (n, 6) of all but the arm on the tool, so that at rest it is

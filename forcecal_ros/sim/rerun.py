@@ -1,8 +1,9 @@
 """A simulator that can be run again, as what a diagnosis changes and compares a recording with."""
 
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Hashable, Mapping
 from copy import copy
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from typing import Annotated, NamedTuple
 
 from forcecal_ros.core.geometry import Array, rotation_from_vector
@@ -50,7 +51,7 @@ ADDABLE = frozenset({'robot_delay', 'tool_mass', 'tool_com', 'base_tilt', CABLE}
 @dataclass(frozen=True)
 class SimulatedRobot(RigidTool):
     """
-    A tool and sensors behind somebody's simulator.
+    A tool and sensors behind a third-party simulator.
 
     Attributes
     ----------
@@ -61,7 +62,7 @@ class SimulatedRobot(RigidTool):
     zeros : tuple of float
         Of the measured joints against the simulated [rad].
     late : float
-        How much later than its simulation the robot does what it is told [s].
+        How much later than its simulation the robot does what it is commanded [s].
     finer : float
         What an integration of endless patience changes, in what half the step does.
     finest : float
@@ -88,7 +89,7 @@ def library_of(parameters: tuple[Parameter, ...]) -> dict[str, Effect]:
     List what a robot may have beside what is simulated: parameters that are off, and effects.
 
     A parameter's effect exceeds the nuisance of its name, and takes the place of the effects that
-    it stands for.
+    it represents.
     """
     made = {name for p in parameters for name in p.stands_for}
     own = {p.name: _effect(p) for p in parameters}
@@ -123,57 +124,18 @@ def nuisances_of(parameters: tuple[Parameter, ...], joints: int = 0, *, finer: b
     finest : bool
         Whether it is known what a still finer one changes beyond that.
     """
-    found = [Nuisance(p.name, p.name, _number(i), least=p.low - p.nominal, prior_std=p.sigma)
-             for i, p in enumerate(parameters)]
-    found.append(Nuisance('robot.delay', 'late', _later, prior_std=DELAY_STD))
-    if finer:
-        found.append(Nuisance(INTEGRATION_STEP, 'finer', _finer, prior_std=INTEGRATION_STD))
-    if finest:
-        found.append(Nuisance(INTEGRATION_BEND, 'finest', _finest, prior_std=INTEGRATION_STD))
-    found += [Nuisance(f'mounting.{i}', 'mounting', _mounting(i), prior_std=MOUNTING_STD[i // 3])
-              for i in range(6)]
-    return found + [Nuisance(f'joint.zero.{i}', 'zeros', _zero(i), prior_std=JOINT_BIAS_STD)
-                    for i in range(joints)]
-
-
-def _number(index: int) -> Callable[[Rig, float], Rig]:
-    def apply(rig: Rig, x: float) -> Rig:
-        assert isinstance(rig, SimulatedRobot)
-        return replace(rig, numbers=_added(rig.numbers, index, x))
-    return apply
-
-
-def _finer(rig: Rig, x: float) -> Rig:
-    assert isinstance(rig, SimulatedRobot)
-    return replace(rig, finer=rig.finer + x)
-
-
-def _finest(rig: Rig, x: float) -> Rig:
-    assert isinstance(rig, SimulatedRobot)
-    return replace(rig, finest=rig.finest + x)
-
-
-def _mounting(index: int) -> Callable[[Rig, float], Rig]:
-    def apply(rig: Rig, x: float) -> Rig:
-        assert isinstance(rig, SimulatedRobot)
-        return replace(rig, mounting=_added(rig.mounting, index, x))
-    return apply
-
-
-def _zero(index: int) -> Callable[[Rig, float], Rig]:
-    def apply(rig: Rig, x: float) -> Rig:
-        assert isinstance(rig, SimulatedRobot)
-        return replace(rig, zeros=_added(rig.zeros, index, x))
-    return apply
-
-
-def _later(rig: Rig, x: float) -> Rig:
-    assert isinstance(rig, SimulatedRobot)
-    return replace(rig, late=rig.late + x)
-
-
-def _added(values: tuple[float, ...], index: int, x: float) -> tuple[float, ...]:
-    return (*values[:index], values[index] + x, *values[index + 1:])
+    change = partial(shifted, '')
+    found = [Nuisance(p.name, p.name, change('numbers', i), least=p.low - p.nominal,
+                      prior_std=p.sigma) for i, p in enumerate(parameters)]
+    found.append(Nuisance('robot.delay', 'late', change('late'), prior_std=DELAY_STD))
+    for known, name, key in ((finer, INTEGRATION_STEP, 'finer'),
+                             (finest, INTEGRATION_BEND, 'finest')):
+        if known:
+            found.append(Nuisance(name, key, change(key), prior_std=INTEGRATION_STD))
+    found += [Nuisance(f'mounting.{i}', 'mounting', change('mounting', i),
+                       prior_std=MOUNTING_STD[i // 3]) for i in range(6)]
+    return found + [Nuisance(f'joint.zero.{i}', 'zeros', change('zeros', i),
+                             prior_std=JOINT_BIAS_STD) for i in range(joints)]
 
 
 CACHED_MOTIONS = 6
@@ -189,7 +151,7 @@ class _Carried(NamedTuple):
 
 class Rerun:
     """
-    One recording's commands, simulated by somebody's simulator as often as needed.
+    One recording's commands, simulated by a third-party simulator as often as needed.
 
     Parameters
     ----------
@@ -258,7 +220,7 @@ class Rerun:
         return other
 
     def forget(self) -> None:
-        """Let what was predicted be asked for anew, where the simulator was run meanwhile."""
+        """Let what was predicted be requested anew, where the simulator was run meanwhile."""
         self._carried = {}
 
     def signals(self, rig: Rig) -> Signals:
@@ -304,7 +266,7 @@ class Rerun:
             accel, joints = (None if one is None else one.at(carried.t)
                             for one in (made.accelerometer, made.joints))
             self._carried[key] = _Carried(carried, accel, joints)
-        # the point that all others are compared with is asked for most, and is not to go first
+        # the point that all others are compared with is requested most, and is not to go first
         found = self._carried.pop(key)
         self._carried[key] = found
         return found

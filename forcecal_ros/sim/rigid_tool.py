@@ -19,7 +19,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 UNKNOWN_DELAY = 0.01
-"""Delay between two sensors that no calibration tells, 1 sigma [s]; three are a slow driver."""
+"""Delay between two sensors that no calibration gives, 1 sigma [s]; three are a slow driver."""
 
 GYRATION = 0.05
 """Radius of gyration of a tool whose inertia is not known, 1 sigma: a gripper's [m]."""
@@ -154,7 +154,7 @@ class CarriedTool:
     slide : ndarray, shape (n,)
         Of the tool along x [m].
     beyond : ndarray, shape (n, 6)
-        What the wrench holds besides a rigid tool's.
+        What the wrench holds in addition to a rigid tool's.
     """
 
     def __init__(self, recording: Recording, start: float, n_blocks: int, accelerometer: str,
@@ -205,11 +205,11 @@ class CarriedTool:
 
     @property
     def accelerated(self) -> bool:
-        """Whether an accelerometer says how it moves."""
+        """Whether an accelerometer measures how it moves."""
         return self._volts is not None
 
     def wire(self, rig: Rig) -> Array:
-        """Return the wrench that its sensor says, with all of a rig's effects, shape (n, 6)."""
+        """Return the wrench of its sensor, with all of a rig's effects, shape (n, 6)."""
         rigid_tool = physical_rig(rig)
         wrench = self._wrench(rigid_tool, self.specific_force(rig))
         out = np.asarray(wrench * rigid_tool.wrench_sensor.gain + rigid_tool.wrench_sensor.bias

@@ -143,11 +143,11 @@ class Runs:
         return other
 
     def keep(self, numbers: Numbers, made: Recording) -> None:
-        """Take this for what it says there."""
+        """Take this as its result there."""
         self._exact = {**self._exact, numbers: made}
 
     def at(self, numbers: Numbers) -> Recording:
-        """Return what it says with other parameters, as far as that is linear in them."""
+        """Return its result with other parameters, as far as that is linear in them."""
         if numbers in self._exact or not self._changes:
             return self.exact(numbers)
         near = self.near(numbers)
@@ -155,7 +155,7 @@ class Runs:
         return _moved(self._exact[near], self._changes[near], away)
 
     def integrated(self, numbers: Numbers, finer: float, finest: float = 0.0) -> Recording:
-        """Return what it says if its step made so many times what half and a quarter of it do."""
+        """Return its result if its step made so many times what half and a quarter of it do."""
         made = self.at(numbers)
         if not self._finer or not (finer or finest):
             return made
@@ -181,7 +181,7 @@ def _arrays(made: Recording) -> list[Array]:
 
 
 def _of_one_length(here: Recording, finer: Recording) -> tuple[Recording, Recording]:
-    """Let the last row stand for one that a finer run lacks, whose last step may end earlier."""
+    """Let the last row represent one that a finer run lacks, whose last step may end earlier."""
     def padded_as(one: Any, like: Any) -> Any:
         rows = np.minimum(np.arange(len(like)), len(one) - 1)
         return replace(one.rows(rows), t=like.t)
@@ -270,7 +270,7 @@ Runs of a simulator in one diagnosis: two recordings with 30 parameters that are
 
 EXTRA_RUNS = 3
 """
-Runs of each recording beside those of its parameters: as it is, once found, as told. With half
+Runs of each recording beside those of its parameters: as it is, once found, as proposed. With half
 its step of integration, where it can be run so, it is run once more, and once with a quarter.
 """
 
@@ -304,4 +304,4 @@ def runs_short(simulator: ThirdParty, runs: Sequence[Runs]) -> str:
         return ''
     return (f'the simulator was run {done} times, of at most {MAX_RUNS}, so its {n} parameters '
             'were not tried again at the numbers found, where its signals are not those of a '
-            'straight line: change it as told and diagnose again')
+            'straight line: change it as proposed and diagnose again')

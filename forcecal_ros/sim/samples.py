@@ -4,13 +4,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
-from forcecal_ros.core.geometry import Array, rotation_from_vector
+from forcecal_ros.core.geometry import Array, rotation_from_vector, STANDARD_GRAVITY
 from forcecal_ros.core.streams import JointStream, Recording
 from forcecal_ros.sim.protocol import Inputs
 from forcecal_ros.sim.third_party import ThirdParty
 import numpy as np
 
-GRAVITY = 9.80665
 RATE, DURATION = 100.0, 60.0
 """[Hz], [s]: a minute, as [Traversaro2014] took for each added mass."""
 
@@ -73,7 +72,7 @@ def record(load: Load, rng: np.random.Generator) -> Log:
     pitch, roll = (amplitude * np.sin(2.0 * np.pi * (t / period + rng.uniform()))
                    for amplitude, period in SWINGS)
     # the limb hangs along z of the sensor
-    gravity = GRAVITY * np.stack([-np.sin(pitch), np.cos(pitch) * np.sin(roll),
+    gravity = STANDARD_GRAVITY * np.stack([-np.sin(pitch), np.cos(pitch) * np.sin(roll),
                                   np.cos(pitch) * np.cos(roll)], axis=1)
     moment = MASS * COM + load.mass * np.array(load.position)
     wrench = np.hstack([(MASS + load.mass) * gravity, np.cross(moment, gravity)])
@@ -84,7 +83,7 @@ def record(load: Load, rng: np.random.Generator) -> Log:
 
 
 SECONDS, PERIOD = 20.0, 0.008
-"""Length of the motion, and between commands: 125 Hz, as many controllers are told [s]."""
+"""Length of the motion, and between commands: 125 Hz, as for many controllers [s]."""
 
 REST, RISE = 1.0, 2.0
 """At rest at either end, and until the motion has its full size [s]."""

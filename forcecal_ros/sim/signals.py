@@ -1,4 +1,4 @@
-"""What is asked of any simulation: the signals that noise-free sensors would give."""
+"""What any simulation provides: the signals that noise-free sensors would give."""
 
 from collections.abc import Hashable, Mapping
 from typing import NamedTuple, Protocol
@@ -99,7 +99,7 @@ class Simulation(Protocol):
         Whether noise is first taken for white: where a recording is all motion, nothing shows
         the noise by itself.
     usual_tolerances : bool
-        Whether tolerances are usual ones, as of somebody's simulator, and not those of a file.
+        Whether tolerances are usual ones, as of a third-party simulator, and not those of a file.
     library : mapping of str to Effect
         What a recording may have beside what is simulated.
     """

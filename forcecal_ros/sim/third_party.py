@@ -36,7 +36,7 @@ UNIT = 1e-3
 @dataclass(frozen=True)
 class ThirdParty:
     """
-    Somebody's simulator, whose every answer is checked.
+    A third-party simulator, whose every answer is checked.
 
     Attributes
     ----------
@@ -78,12 +78,12 @@ class ThirdParty:
         Raises
         ------
         ConfigError
-            It raised an exception, or answers otherwise than the protocol says.
+            It raised an exception, or answers otherwise than the protocol requires.
         """
         return self._recording(inputs, 'simulate', values, beside)
 
     def acting(self, inputs: Sequence[Inputs]) -> 'ThirdParty':
-        """Leave out parameters that, as it says, can act under none of these commands."""
+        """Leave out parameters that, as it states, can act under none of these commands."""
         idle = getattr(self.simulator, 'idle', None)
         if idle is None:
             return self
@@ -93,7 +93,7 @@ class ThirdParty:
             p for p in self.parameters if p.name not in never))
 
     def remarks(self, inputs: Inputs) -> tuple[str, ...]:
-        """Return what it says of a run under these commands, where it has such a method."""
+        """Return what it reports of a run under these commands, where it has such a method."""
         say = getattr(self.simulator, 'remarks', None)
         if say is None:
             return ()
@@ -300,12 +300,12 @@ def _poses(name: str, stream: Stream) -> PoseStream:
 
 @contextmanager
 def _blamed(what: str) -> Iterator[None]:
-    """Say in one line what somebody else's code raises, and where."""
+    """Say in one line what third-party code raises, and where."""
     try:
         yield
     except ForcecalError:
         raise
-    except Exception as error:  # whatever that code may raise
+    except Exception as error:  # any error of that code
         at = traceback.extract_tb(error.__traceback__)[-1]
         raise ConfigError(f'{what} raised {type(error).__name__}: {error} '
                           f'({at.filename}:{at.lineno})') from error

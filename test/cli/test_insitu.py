@@ -302,9 +302,9 @@ def test_tables_of_other_programs_hold_the_same_numbers(tmp_path, keys, change):
 
 
 @pytest.mark.parametrize('old, new, words', [
-    ('\n3,', '\n3,three,', 'line 4: 11 cells, but 10 columns in line 1'),
+    ('\n3,', '\n3,three,', 'line 4: more cells than the 10 columns of the header'),
     ('\n3,3', '\n3,three', "a.csv line 4: 'three' in column 'r0' is not a number"),
-    ('\n3,3', '\n3,', "line 4: '' in column 'r0' is not a number; take out rows with empty")])
+    ('\n3,3', '\n3,', "line 4: '' in column 'r0' is not a number; remove rows with empty")])
 def test_a_cell_that_is_no_number_is_named_with_its_line(tmp_path, old, new, words):
     names = COLUMNS[:7] + COLUMNS[13:16]
     text = '\n'.join([','.join(names), *(','.join([str(k)] * len(names)) for k in range(1, 9))])
@@ -335,7 +335,7 @@ def test_units_in_the_names_of_columns_hold(tmp_path):
             load_spec(write_spec(tmp_path, document(**change)))
 
 @pytest.mark.parametrize('spoil, said', [
-    (lambda rows: rows[:0], 'there are no samples in it'),
+    (lambda rows: rows[:0], 'set2.csv: no rows'),
     (lambda rows: np.where(np.arange(len(rows))[:, None] > 1000, rows[1000], rows)
      * (np.arange(10) == 8) + rows * (np.arange(10) != 8),
      r'gravity along y repeats \S+ from 10.0'),

@@ -40,7 +40,7 @@ ANYTHING = st.recursive(
     (str, Row(words=('kalman', 'newton')), 'magic', 'expected one of kalman, newton'),
     (int, Row(words=(1, -1)), True, 'x is True, expected one of 1, -1'),
     (str, Row(), 3, "x is 3, expected a text; put it in quotes: '3'"),
-    (str, Row(pattern='.', wanted='one character'), ';;', "x is ';;', expected one character"),
+    (str, Row(pattern='.', wording='one character'), ';;', "x is ';;', expected one character"),
     (bool, Row(), 'maybe', "x is 'maybe', expected on or off"),
     (tuple[str, ...], Row(), 'abc', "x is 'abc', expected a list of one or more texts"),
 ])

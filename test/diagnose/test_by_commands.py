@@ -123,8 +123,6 @@ def test_the_end_of_an_accelerometers_range_is_told_though_its_gain_is_off():
     assert effect.parameters['z'].value == pytest.approx(13.0, rel=0.002)
 
 
-@pytest.mark.xfail(strict=True, reason='the verdict is right, the size is not: a channel that is '
-                                       'predicted in part has no residual beyond that part')
 def test_what_no_effect_explains_is_unknown_and_stays_out_of_the_rig(sample):
     rig = load_rig()
     pose, wrench = sample.pose, sample.wrench

@@ -3,18 +3,19 @@
 import argparse
 import json
 from pathlib import Path
+import re
 
 from forcecal_ros.cli import import_csv
 from forcecal_ros.core.errors import ConfigError, DataError, ForcecalError
 from forcecal_ros.core.streams import Phase
 from forcecal_ros.io.bags import read_recording
 from forcecal_ros.io.csv_import import assemble, load_specification
-from forcecal_ros.io.csv_import.specification import ORIENTATIONS
-from forcecal_ros.io.csv_import.table import UNITS
+from forcecal_ros.io.csv_import.specification import ORIENTATIONS, UNITS
 from hypothesis import given, HealthCheck, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 import yaml
 
@@ -263,14 +264,16 @@ def test_tables_of_other_programs_hold_the_same_numbers(tmp_path, text, dialect)
 @pytest.mark.parametrize('text, message', [
     (ROWS.replace('8', '"8,5"'), "line 3: '8,5' in column 'fy' is not a number.*decimal: ','"),
     (ROWS.replace('\n2,', '\n2024-05-06T07:08:09Z,'), 'of times that are dates the unit is date'),
-    ('# 2019\n' + ROWS, 'line 2: 7 cells, but 1 columns in line 1.*comment'),
+    ('# 2019\n' + ROWS, 'line 2: more cells than the 1 columns of the header.*comment'),
     (ROWS.replace('8', 'eight'), "log.csv line 3: 'eight' in column 'fy' is not a number"),
     (ROWS.replace('\n2,', '\n1,'), "line 3: time 1 in column 't' is not after 1"),
     (ROWS.replace('\n2,', '\n0.5,'), 'line 3: time 0.5 .* is not after 1'),
     (ROWS.replace('\n2,', '\nnoon,'), "line 3: 'noon' in column 't' is not a number"),
     (ROWS.replace('\n2,', '\n1e400,'), 'out of range; is the unit right'),
     (ROWS.replace('\n2,', '\n4e9,'), 'between 1970 and 2038'),
-    (ROWS.replace(',12', ''), 'line 3: 6 cells, but 7 columns'),
+    (ROWS.replace(',12', ''), "line 3: '' in column 'tz' is not a number"),
+    (ROWS.replace(',12', ',12,13'), 'line 3: more cells than the 7 columns of the header'),
+    (ROWS.replace(',12', ',12,13,14'), 'line 3: more cells than the 7 columns of the header'),
     (ROWS.replace('12', ''), "line 3: '' in column 'tz' is not a number"),
     (ROWS.replace('fx', 'fX'), "no column 'fx'; there are t, fX, fy"),
     (ROWS.replace('fx,fy', 'fx,fx'), "several columns 'fx'|no column 'fy'"),
@@ -300,8 +303,8 @@ def test_rows_that_are_none_of_their_own_are_told(tmp_path):
     twice = ROWS + ROWS.splitlines()[-1] + '\n3,7,8'
     result = imported(tmp_path, table(twice, tmp_path))
     assert len(result.signals['wrench']) == 2
-    repeated, cut = result.notes
-    assert '1 rows repeat the row before' in repeated and 'line 5: the last line is cut' in cut
+    cut, repeated = result.notes
+    assert '1 rows repeat stamp and cells' in repeated and 'line 5: the last line is cut' in cut
     of_rate = imported(tmp_path, table(twice[:-6], tmp_path, rate=10))
     assert len(of_rate.signals['wrench']) == 3 and not of_rate.notes
 
@@ -586,7 +589,7 @@ def test_a_rate_that_no_sensor_has_is_questioned(tmp_path):
 def test_cells_that_are_nan_are_counted_and_many_refused(tmp_path):
     text = rows_at(range(1, 1001)).replace('\n7,1,', '\n7,nan,')
     note, = (one for one in imported(tmp_path, table(text, tmp_path, unit='ms')).notes)
-    assert '1 of 1000 rows of wrench are not finite, first in line 8' in note
+    assert '1 of 1000 rows of wrench are not finite' in note and 'log.csv line 8;' in note
     with pytest.raises(DataError, match='1000 of 1000 rows of wrench are not finite'):
         imported(tmp_path, table(rows_at(range(1, 1001), 'nan'), tmp_path, unit='ms'))
 
@@ -594,7 +597,8 @@ def test_cells_that_are_nan_are_counted_and_many_refused(tmp_path):
 def test_lines_that_skip_leaves_out_are_counted(tmp_path, capsys):
     text = ROWS.replace(HEADER, HEADER + 's,N,N,N,Nm,Nm,Nm\n')
     run_import(specify(tmp_path, table(text, tmp_path, skip=2)), tmp_path / 'bag')
-    assert 'skip leaves out 2 lines; line 3 holds numbers' in capsys.readouterr().err
+    assert re.search('skip leaves out 2 lines; .*log.csv line 3 holds numbers',
+                     capsys.readouterr().err)
     note, = imported(tmp_path, table(text, tmp_path, skip=1)).notes
     assert note.endswith('skip leaves out 1 line')
 
@@ -672,3 +676,65 @@ def test_joints_have_a_name_each(tmp_path, names):
     joints = {'names': names, 'position': {'columns': ['fx', 'fy'], 'unit': 'rad'}}
     with pytest.raises(ConfigError, match='names.*2 different names, one a column'):
         imported(tmp_path, table(ROWS, tmp_path, signals={'joint_states': joints}))
+
+
+LONG = {'time': {'column': 't', 'unit': 's'}, 'long': {'name': 'signal', 'value': 'v'}}
+
+
+def test_a_table_with_one_row_a_signal_is_the_same_as_one_with_a_column_a_signal(tmp_path):
+    # signal by signal, so that times begin again with each
+    names = HEADER.strip().split(',')[1:]
+    rows = ['t,signal,v', *(f'{k}.5,{name},{10 * k + j}' for j, name in enumerate(names)
+                            for k in (9, 10)), '9.75,q,180']
+    joint = {'joint_states': {'names': ['a'], 'position': {'columns': ['q'], 'unit': 'deg'}}}
+    one = {**table('\n'.join(rows) + '\n', tmp_path, signals={'wrench': WRENCH, **joint}), **LONG}
+    found = imported(tmp_path, one)
+    wrench, q = found.signals['wrench'], found.signals['joint_states']
+    assert wrench.t.tolist() == [0.0, 1.0] and q.t.tolist() == [0.25]
+    assert wrench.values.tolist() == [[90, 91, 92, 93, 94, 95], [100, 101, 102, 103, 104, 105]]
+    assert q.values.tolist() == [[np.pi]]
+    np.testing.assert_array_equal(
+        run_import(tmp_path / 'spec.yaml', tmp_path / 'bag').wrench.values, wrench.values)
+
+
+@pytest.mark.parametrize('row, message', [
+    ('1,fx,2', "line 9: 'fx' at time 1 for the second time"),
+    ('2,fx,two', "line 9: 'two' in column 'fx' is not a number"),
+    ('noon,fx,2', "line 9: 'noon' in column 't' is not a number")])
+def test_a_faulty_row_of_one_signal_is_named(tmp_path, row, message):
+    names = HEADER.strip().split(',')[1:]
+    text = 't,signal,v\n' + ''.join(f'1,{name},1\n' for name in names) + '3,other,4\n' + row + '\n'
+    with pytest.raises(DataError, match=message):
+        imported(tmp_path, {**table(text, tmp_path), **LONG})
+
+
+def matlab(folder, unit='s', **variables):
+    savemat(folder / 'log.mat', variables)
+    wrench = {'frame': 'ft', 'force': {'columns': [f'log.f({k})' for k in (1, 2, 3)], 'unit': 'N'},
+              'torque': {'columns': ['tx', 'ty', 'tz'], 'unit': 'N m'}}
+    return imported(folder, {'file': 'log.mat', 'time': {'column': 't', 'unit': unit},
+                             'signals': {'wrench': wrench}})
+
+
+def test_variables_of_a_matlab_file_are_columns(tmp_path):
+    rng = np.random.default_rng(1)
+    force, torque, t = rng.normal(size=(5, 3)), rng.normal(size=(3, 5)), 5.0 + np.arange(5) / 3.0
+    found = matlab(tmp_path, t=t[:, None], log={'f': force}, tx=torque[0], ty=torque[1],
+                   tz=torque[2], other=np.zeros((2, 2, 2)))
+    wrench = found.signals['wrench']
+    np.testing.assert_array_equal(wrench.values, np.hstack([force, torque.T]))
+    np.testing.assert_allclose(wrench.t, t - 5.0, atol=1e-9)  # stamps are whole nanoseconds
+    np.testing.assert_array_equal(
+        run_import(tmp_path / 'spec.yaml', tmp_path / 'bag').wrench.values, wrench.values)
+
+
+def test_a_matlab_file_that_lacks_a_variable_is_refused_by_name(tmp_path):
+    ramp = np.arange(4.0)
+    with pytest.raises(DataError, match=r"no column 'log.f\(1\)'; there are t, tx, ty, tz"):
+        matlab(tmp_path, t=ramp, tx=ramp, ty=ramp, tz=ramp)
+    with pytest.raises(DataError, match='expected one length'):
+        matlab(tmp_path, t=ramp, log={'f': np.ones((4, 3))}, tx=ramp, ty=ramp, tz=ramp[1:])
+    (tmp_path / 'log.mat').write_bytes(b'MATLAB 7.3 MAT-file, but damaged' * 9)
+    spec = json.loads((tmp_path / 'spec.yaml').read_text())
+    with pytest.raises(DataError, match='log.mat: .*MATLAB'):
+        imported(tmp_path, *spec['tables'])

@@ -47,14 +47,14 @@ def default_errors():
 
 
 def test_predicted_standard_errors_are_those_of_the_identification_or_larger(calibration):
-    """The prediction counts static poses; motion adds to tool and biases, by half at most."""
+    """The prediction counts static poses; motion adds to tool and biases; stds from 40 blocks scatter."""
     errors, found = default_errors(), calibration
     for name, std in (('mass', found.mass.std), ('com', found.com.std),
                       ('force bias', found.wrench_bias.std[:3]),
                       ('torque bias', found.wrench_bias.std[3:]),
                       ('offset', found.accelerometer.offset.std),
                       ('gain', found.accelerometer.gain.std)):
-        assert (std < 1.25 * errors.std(name)).all(), name
+        assert (std < 1.5 * errors.std(name)).all(), name
         assert np.max(std / errors.std(name)) > 0.3, name
 
 

@@ -2,6 +2,7 @@
 
 from copy import copy
 from itertools import pairwise
+import re
 
 from forcecal_ros.core.errors import DataError, MotionError
 from forcecal_ros.core.geometry import (
@@ -565,6 +566,13 @@ def test_an_orientation_that_is_none_is_named(bench):
     assert fault == 'current_pose: a quaternion has norm 0, not 1'
 
 
+def test_a_force_just_above_its_limit_reads_above_it():
+    monitor = Monitor(WATCH, LIMITS, TOPICS)
+    monitor.wrench(0.0, (LIMITS.force * (1 + 1e-6), 0.0, 0.0, 0.0, 0.0, 0.0))
+    found, limit = re.search(r'force (\S+) N exceeds limits.force (\S+) N', monitor.fault).groups()
+    assert float(found) > float(limit)
+
+
 def test_a_robot_that_leaves_the_box_is_named(bench):
     bench.position[2] = 1.41
     fault, _ = bench.until_fault(3)
@@ -577,11 +585,11 @@ def test_a_robot_that_does_not_follow_is_named(bench):
     bench.monitor.command(now + 0.01, (*(HOME.position + [0.03, 0, 0]), *bench.quaternion))
     assert not bench.tick(True)
     fault, _ = bench.until_fault(5)
-    assert '0.0300 m from the command' in fault
+    assert '0.03 m from the command' in fault
     turned = quaternion_from_matrix(HOME.R_base_sensor @ rotation_from_vector([0.3, 0, 0]))
     bench.monitor.command(bench.ms * 1e-3, (*HOME.position, *turned))
     fault, _ = bench.until_fault(5)
-    assert '0.300 rad from the command' in fault
+    assert '0.3 rad from the command' in fault
 
 
 def test_begin_names_the_topic_that_was_never_heard():

@@ -25,8 +25,7 @@ ROSDEP_KEYS = {  # name in an import -> key
     'scipy': 'python3-scipy', 'yaml': 'python3-yaml',
 }
 PIP_NAMES = {'yaml': 'pyyaml', 'backports': 'backports-zstd'}
-OPTIONAL = {'scale': {'distributed'}, 'plots': {'plotly'}, 'mujoco': {'mujoco'},
-            'frames': {'pandas'}}
+OPTIONAL = {'scale': {'distributed'}, 'plots': {'plotly'}, 'mujoco': {'mujoco'}}
 """Extra -> what it brings."""
 
 

@@ -123,13 +123,13 @@ def test_other_causes_are_explained_and_an_ambiguous_verdict_says_what_tells_the
     said = {one.label: one.words for one in facts(view_without_signals(two), NEXT)}
     assert said['How sure'] == ('70 % wrench_delay, 30 % wrench_lowpass (force and torque are '
                                 'smoothed by a filter).')
-    assert 'In full' not in said and 'Besides' not in said  # the first sentence says it
+    assert 'In full' not in said and 'In addition' not in said  # the first sentence says it
     rest = replace(two, reason=f'{two.reason}; what remains: force.x in step')
     said = {one.label: one.words for one in facts(view_without_signals(rest), NEXT)}
-    assert said['Besides'] == 'What remains: force.x in step.'
+    assert said['In addition'] == 'What remains: force.x in step.'
     left = replace(IDENTIFIED, reason=f'{IDENTIFIED.reason}; what remains: force.x in step')
     said = {one.label: one.words for one in facts(view_without_signals(left), NEXT)}
-    assert said['Besides'] == 'What remains: force.x in step.'
+    assert said['In addition'] == 'What remains: force.x in step.'
     step = next_step(two, 'bag', 'out', ('rig_patched.yaml',), 'Record phase step: why; more.')
     assert step == Step('Record phase step: why.')
 

@@ -252,7 +252,7 @@ def test_what_mujoco_would_clip_or_begin_anew_in_silence_is_refused(tmp_path):
         robot.simulate(inputs, nominal(robot))
     path.write_text(mjcf().replace('kp="4000"', 'kp="4e7"'))
     robot = load_mujoco(str(path))
-    with pytest.raises(ConfigError, match='unstable .* MuJoCo says "Nan, Inf or huge'):
+    with pytest.raises(ConfigError, match='unstable .* MuJoCo reports "Nan, Inf or huge'):
         robot.simulate(inputs, nominal(robot))
 
 
@@ -402,11 +402,11 @@ ON_LINK = '<site name="ft"/>'
 @pytest.mark.parametrize('changes, why', [
     ({'tool': ON_LINK}, 'site ft is on link2, which joint twist moves'),
     ({'sensor': ''}, '0 sites have a force sensor; say which with --ft-site, one of ft'),
-    ({'actuator': 'motor'}, 'no actuator that a joint can be told positions by; joint pan has'),
+    ({'actuator': 'motor'}, 'no actuator that takes the position of a joint; joint pan has'),
     ({'tool': TOOL + '</body></body></body><site name="rail"/><body><body><body>',
       'sensor': '<force site="rail"/>'}, 'site rail is on base, which no joint moves'),
     ({'tool': '<body><site name="ft"/></body>'}, 'body tool below site ft weighs nothing'),
-    ({'integrator': 'nothing'}, 'MuJoCo says')])
+    ({'integrator': 'nothing'}, 'MuJoCo reports')])
 def test_a_model_that_will_not_do_is_refused_in_one_line(model, changes, why):
     with pytest.raises(ConfigError, match=why) as refused:
         load_mujoco(model(**changes))

@@ -146,7 +146,7 @@ def noise_of_windows(windows: list[Array], shapes: list[Array] | None = None) ->
     """
     Measure the noise of block means while nothing moves.
 
-    The mean of each window is taken off, and the bias that leaves behind is put right. As many
+    The mean of each window is removed, and the bias that leaves behind is put right. As many
     lags are kept as stand out of what white noise would show: none for white noise, whose
     long-run variance they would only make worse.
 
@@ -201,7 +201,7 @@ def _basis(shape: Array, whole: NDArray[np.bool_]) -> Array:
 
 def noise_of_residuals(residuals: Array, lags: int, samples: int | None = None) -> Autocovariance:
     """
-    Measure the noise that a fit leaves, its misfit included: no mean is taken off.
+    Measure the noise that a fit leaves, its misfit included: no mean is subtracted.
 
     Parameters
     ----------
@@ -281,7 +281,7 @@ def last_correlated_lag(lags: Array, samples: int) -> int:
     most = (len(lags) - 1) // 2
     for m in range(most):
         if not stands_out[m + 1:m + 1 + _QUIET_RUN].any():
-            # what has begun to fade goes on for a while below what can be told from nothing
+            # what has begun to fade goes on for a while below what is significant
             return min(m + 1, most) if m else 0
     return most
 
@@ -303,7 +303,7 @@ def andrews_lags(residuals: Array, samples: int) -> int:
 
 
 def _persistence(residuals: Array, lag: int, samples: int) -> float:
-    """AR(1) coefficient that the correlation at a lag stands for; later lags see past noise."""
+    """AR(1) coefficient that the correlation at a lag represents; later lags see past noise."""
     power = (residuals ** 2).sum(axis=0)
     products = (residuals[lag:] * residuals[:-lag]).sum(axis=0)
     strongest = float((products[power > 0] / power[power > 0]).max(initial=0.0))

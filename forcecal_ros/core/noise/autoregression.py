@@ -290,7 +290,7 @@ def white(residual: Array, present: BoolArray, groups: IntArray) -> Autoregressi
     """
     Take noise for white, and as strong as neighbouring samples differ by.
 
-    Whatever else a residual holds changes slowly: a noise that was fitted to it would whiten a
+    The rest of a residual changes slowly: a noise that was fitted to it would whiten a
     drift away. Parameters and return as of :func:`fit_autoregression`.
     """
     fitted = fit_autoregression(residual, present, groups)
@@ -361,7 +361,7 @@ def unpredicted(values: Array, rows: NDArray[np.bool_]) -> float:
     Sum of squares that the means of the past do not predict.
 
     A heterogeneous autoregression (Corsi, J. Financial Econometrics 7, 2009): four means over
-    ever longer spans stand for the thousand coefficients of a long memory.
+    ever longer spans represent the thousand coefficients of a long memory.
 
     Parameters
     ----------

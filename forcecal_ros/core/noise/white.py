@@ -15,7 +15,7 @@ def white_covariance(values: Array, order: int = 2) -> Array:
     """
     Covariance of the white noise in a signal that is smooth otherwise.
 
-    Differences take off what is smooth, the better the higher their order; vibration near the
+    Differences subtract what is smooth, the better the higher their order; vibration near the
     sampling rate counts as noise.
 
     Parameters

@@ -115,11 +115,10 @@ def gap(datasets: tuple[Dataset, ...], arms: list[Arms], noise: Array, cell_ener
     w = np.array(weights)
     left /= w.sum()
     there = noise > 0.0
-    # what a prediction stands for is not counted again
-    cells = np.maximum(cell_energy - np.maximum(table[2].sum(axis=0) / w.sum(), 0.0), 0.0)
 
     def means(chosen: NDArray[np.intp], wrong: Array, beside: Array) -> Array:
-        energy = np.maximum(table[:, chosen].sum(axis=1) / w[chosen].sum() + cells + wrong, 0.0)
+        energy = np.maximum(table[:, chosen].sum(axis=1) / w[chosen].sum() + cell_energy + wrong,
+                            0.0)
         if beside.any():  # no more was taken for the effects than they explain
             energy[2] = np.minimum(energy[2] + beside, np.maximum(energy[1], energy[2]))
         return np.asarray(np.sqrt(energy))
@@ -240,14 +239,14 @@ def unpredictable(model: LinearisedModel, bins: list[TimeFrequencyBin],
     Returns
     -------
     ndarray, shape (channels,)
-        0 where a channel has no strong bin, or a predicted part that stands for it.
+        0 where a channel has no strong bin.
     """
     energy = np.zeros(len(CHANNELS))
     for c in {x.channel for x in bins if x.z > BIN_SIGMA}:
-        if not any(x[:, c].any() for x in predictable):
-            held = [b[dataset.held, c] for b, dataset in zip(model.residuals, model.datasets)]
-            level = np.mean([n.rms(0)[c] ** 2 for n in model.noise])
-            energy[c] = max(0.0, float(np.mean(np.concatenate(held) ** 2) - level))
+        held = [(b - p)[dataset.held, c] for b, p, dataset in zip(
+            model.residuals, predictable, model.datasets)]
+        level = np.mean([n.rms(0)[c] ** 2 for n in model.noise])
+        energy[c] = max(0.0, float(np.mean(np.concatenate(held) ** 2) - level))
     return energy
 
 
@@ -273,10 +272,10 @@ def measured_gap(model: LinearisedModel, selection: Posterior, summary: Residual
     final, arms, contact = selection.model, [], []
     moved = predictions(summary.predictability)
     errors = parameter_errors(final, selection.jacobians)
-    energy = unpredictable(final, summary.strongest, moved)
-    without_name = 0.0 if selection.accepted else energy
+    without_name = 0.0 if selection.accepted else unpredictable(final, summary.strongest, moved)
     noise = sample_noise(final, errors.expected() + without_name, moved)
     beside = moved if errors.predicted is None else errors.predicted.rows
+    energy = unpredictable(final, summary.strongest, beside)
     for i, (dataset, rows) in enumerate(zip(model.datasets, beside)):
         simulated, means = model.signals(i), dataset.measured.of_wrench
         nominal, before = (observed[i].residual(s) for s in (dataset.nominal, simulated))

@@ -21,9 +21,6 @@ COSINES = 13
 SLOW_MOTION = 0.05
 """Part of the RMS speed below which friction is seen to turn over."""
 
-NEGLIGIBLE = 1e-9
-"""Part of its group's largest RMS below which a feature does not vary."""
-
 
 class Basis(NamedTuple):
     """
@@ -78,7 +75,7 @@ def _scaled(rows: Sequence[Sequence[Array]]) -> list[Compact]:
     flat = [[row - mean for row, mean in zip(own, means)] for own in rows]
     size = np.array([np.sqrt(sum(float(row @ row) for row in feature) / n)
                      for feature in zip(*flat)])
-    kept = np.flatnonzero(size > max(NEGLIGIBLE * size.max(), 1e-15))
+    kept = np.flatnonzero(size > max(1e-9 * size.max(), 1e-15))
     return [Compact.of(np.array([own[i] / size[i] for i in kept]).reshape(
         len(kept), len(own[0]))) for own in flat]
 

@@ -11,9 +11,6 @@ from numpy.typing import NDArray
 LARGEST = 32767
 """Largest whole number of sixteen bits."""
 
-NOTHING = 1e-30
-"""Largest value of a signal that counts as 0: single precision ends at 1e-38."""
-
 
 @dataclass(frozen=True, eq=False)
 class Compact:
@@ -33,7 +30,7 @@ class Compact:
     def of(cls, signals: Array | NDArray[np.float32]) -> 'Compact':
         """Round signals, time last."""
         unit = np.abs(signals).max(axis=-1, keepdims=True, initial=0.0).astype(np.float32)
-        unit = np.where(unit > NOTHING, unit / np.float32(LARGEST), np.float32(1.0))
+        unit = np.where(unit > 1e-30, unit / np.float32(LARGEST), np.float32(1.0))
         scaled = signals * (1.0 / unit)
         return cls(np.rint(scaled, out=scaled).astype(np.int16), unit)
 
@@ -75,7 +72,7 @@ def stacked(first: Array, others: Sequence[Compact | None]) -> Callable[[slice],
     ----------
     first : ndarray, shape (n,)
     others : sequence of Compact or None
-        None stands for nothing but 0.
+        None represents nothing but 0.
     """
     def at(rows: slice) -> Array:
         out = np.zeros((1 + len(others), rows.stop - rows.start))

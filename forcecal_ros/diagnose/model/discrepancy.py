@@ -1,7 +1,7 @@
 """
 What no model has: a smooth function of the motion beside noise, integrated out.
 
-[KennedyOHagan2001], [BrynjarsdottirOHagan2014]: every channel carries, besides noise and
+[KennedyOHagan2001], [BrynjarsdottirOHagan2014]: every channel carries, in addition to noise and
 nuisances, a combination of the basis' features, the same in all recordings, its weights normal
 with a standard deviation that is a small part of the channel's signal. What of a hypothesis such
 a function could do as well counts for little, and what it does beyond counts in full.
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, LinAlgError
 
 LEAST_WEIGHT = 1e-3
-"""Variance of a combination of features, in its noise's, below which it says nothing."""
+"""Variance of a combination of features, in its noise's, below which it shows nothing."""
 
 MEMORY = 2e8
 """
@@ -216,7 +216,7 @@ class WhitenedDiscrepancy:
             Of each recording, as many in each.
         residual : sequence of ndarray, shape (n, channels)
         absent : bool
-            Whether they are wanted for a size of 0 only.
+            Whether they are needed for a size of 0 only.
         """
         k = len(columns[0])
         out = []

@@ -74,7 +74,7 @@ class Prior(NamedTuple):
 ROUNDED = 1e-7
 """
 Share of the largest information below which a direction is lost in rounding: products with the
-features of a discrepancy, which are taken off, are held in single precision.
+features of a discrepancy, which are removed, are held in single precision.
 """
 
 
@@ -104,7 +104,7 @@ def fit(gram: Gram, prior: Prior) -> Fit:
     """
     Fit with Gaussian priors, parameters kept within their bounds by an active set.
 
-    After as many turns as there are parameters none is taken off its bound any more.
+    After as many turns as there are parameters none is released from its bound any more.
     """
     k = len(gram.vector)
     hessian = gram.matrix + np.diag(prior.precision)

@@ -5,7 +5,7 @@ from itertools import product
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.diagnose.model.gates import BIAS, Gate, gated, nuisances_of, physical
+from forcecal_ros.diagnose.model.gates import BIAS, nuisances_of, physical
 from forcecal_ros.diagnose.model.jacobian import Column, column
 from forcecal_ros.diagnose.model.linearised import Diverged, LinearisedModel
 from forcecal_ros.diagnose.model.saturation import CLIPPING, limit_starts
@@ -107,14 +107,6 @@ def hypotheses(model: LinearisedModel, line: float | None = None) -> list[Hypoth
         if atoms:
             found.append(Hypothesis(name, effect, (), atoms))
     return found
-
-
-def releases(model: LinearisedModel) -> list[Hypothesis]:
-    """List those hypotheses only that lift the prior of nuisances; nothing is simulated."""
-    simulation = model.datasets[0].simulation
-    return [h for name, effect in model.library.items()
-            if effect.nuisance and name not in model.fixed
-            and simulation.can_show(name, model.rig) for h in _released(model, name, effect)]
 
 
 def _released(model: LinearisedModel, name: str, effect: Effect) -> list[Hypothesis]:
@@ -250,20 +242,12 @@ def _of_nuisances(model: LinearisedModel, h: Hypothesis) -> Hypothesis:
     return h._replace(releases=(), atoms=tuple(_sparse([atom], h.effect)))
 
 
-def for_a_part(model: LinearisedModel, h: Hypothesis, gate: Gate) -> Hypothesis:
-    """Let a hypothesis of :func:`everywhere` act for a part of the time only."""
-    rows = [gate.rows(one.measured, i) for i, one in enumerate(model.datasets)]
-    return h._replace(atoms=tuple(
-        atom._replace(columns=tuple(gated(one, acts) for one, acts in zip(atom.columns, rows)))
-        for atom in h.atoms))
-
-
 def _transposed(columns: list[list[Column]]) -> tuple[list[Column], ...]:
     return tuple(list(one) for one in zip(*columns))
 
 
 FAR = 20.0
-"""A nominal value so many times the typical one stands for no limit at all."""
+"""A nominal value so many times the typical one represents no limit at all."""
 
 
 class EffectJacobian(NamedTuple):

@@ -10,9 +10,6 @@ from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.signals import Signals
 import numpy as np
 
-NOTHING = 1e-7
-"""Part of a channel's noise below which a step changes nothing in it."""
-
 Column = dict[int, Compact]
 """Channel index -> blocks of one recording; channels that nothing happens to are left out."""
 
@@ -29,7 +26,7 @@ def column(difference: Array, level: Array) -> Column:
     """
     largest = np.maximum(difference.max(axis=0), -difference.min(axis=0))
     return {c: Compact.of(difference[:, c]) for c in range(len(CHANNELS))
-            if largest[c] > NOTHING * level[c]}
+            if largest[c] > 1e-7 * level[c]}
 
 
 def nuisance_column(dataset: Dataset, nuisance: Nuisance, size: float, rig: Rig,

@@ -30,8 +30,6 @@ RELEASED = 1.0 / 15.0 ** 2
 MOST_ROUNDS = 4
 """Steps of recalibration, at most."""
 
-ENDLESS = 1e9
-"""Residual in any unit from which a simulation has diverged; no sensor reads that much."""
 
 QUIETEST = 1e-5
 """
@@ -196,7 +194,7 @@ class LinearisedModel:
     def _residual(self, dataset: int, signals: Signals) -> Array:
         """Return measured less simulated of one recording, (n, channels)."""
         out = self.datasets[dataset].measured.residual(signals)
-        if not np.isfinite(out).all() or np.abs(out).max(initial=0.0) > ENDLESS:
+        if not np.isfinite(out).all() or np.abs(out).max(initial=0.0) > 1e9:
             raise Diverged('a simulation is not finite')
         return out
 
@@ -281,11 +279,6 @@ class LinearisedModel:
         """Fit the nuisances alone on the training blocks."""
         train, _ = self.grams([[] for _ in self.datasets])
         return fit(train, self.prior())
-
-    def fit_nuisances_to_all(self) -> Fit:
-        """Fit the nuisances alone on all blocks."""
-        train, held = self.grams([[] for _ in self.datasets])
-        return fit(train + held, self.prior())
 
     def log_posterior(self, square: float | None = None) -> float:
         """

@@ -142,31 +142,6 @@ class Products:
         streams = [STREAM[one.channel] for one in self.parts]
         return np.bincount(streams, minlength=len(STREAM_SLICES))
 
-    def unexplained(self, x: Array, scales: Scales) -> tuple[Array, Array]:
-        """
-        Return what columns leave unexplained in each stream, in the order of STREAM_SLICES.
-
-        Parameters
-        ----------
-        x : ndarray, shape (k,)
-            Of the columns.
-
-        Returns
-        -------
-        cost : ndarray, shape (streams,)
-            Negative log-likelihood of all samples, less that of pure noise's constant.
-        n : ndarray, shape (streams,)
-            Samples.
-        """
-        cost, n = np.zeros((2, len(STREAM_SLICES)))
-        for one in self.parts:
-            stream = STREAM[one.channel]
-            own, log_det = self._part(one, False, scales[stream])
-            left = np.append(1.0, -x[one.there])
-            cost[stream] += 0.5 * (float(left @ own @ left) + log_det)
-            n[stream] += one.all.n
-        return cost, n
-
     def streams(self) -> list[int]:
         """List the streams, by their place among scales, that there are."""
         return sorted({STREAM[one.channel] for one in self.parts})

@@ -1,6 +1,6 @@
 """Effects that begin or end during a recording: which, and at which instant."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
@@ -10,11 +10,17 @@ from forcecal_ros.diagnose.dataset import CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.model.compact import stacked
 from forcecal_ros.diagnose.model.evidence import Prior
 from forcecal_ros.diagnose.model.gates import Gate
-from forcecal_ros.diagnose.model.hypotheses import Atom, bounds_of, Hypothesis, nominal_of
-from forcecal_ros.diagnose.model.jacobian import Column, column
+from forcecal_ros.diagnose.model.hypotheses import (
+    Atom,
+    bounds_of,
+    for_a_part,
+    Hypothesis,
+    nominal_of,
+)
+from forcecal_ros.diagnose.model.jacobian import Column, column, combined
 from forcecal_ros.diagnose.model.linearised import Diverged, EFFECT, LinearisedModel
 from forcecal_ros.diagnose.search.joint_fit import JointFit
-from forcecal_ros.diagnose.search.model_comparison import Accepted, Candidate, estimated
+from forcecal_ros.diagnose.search.model_comparison import Candidate, ModelComparison
 from forcecal_ros.sim.signals import BLOCK
 import numpy as np
 from numpy.typing import NDArray
@@ -178,6 +184,9 @@ def _by_parts(left: Array, right: Array, length: int) -> Array:
 INSTANTS = 600
 """Instants of one recording at which beginnings are looked for, at most: 0.1 s in a minute."""
 
+CLOSER = 6000
+"""Instants of one recording at which what was found there is located: 4 ms in 24 s."""
+
 SHORTEST = 25
 """Blocks between two of them, at least: 0.1 s, the error that is allowed of an instant."""
 
@@ -199,21 +208,28 @@ class Instant(NamedTuple):
     high: float
 
 
-def screen_change_points(now: JointFit, found: Sequence[Hypothesis]) -> list[Candidate]:
+def screen_change_points(now: JointFit, comparison: ModelComparison, found: Sequence[Hypothesis]
+                         ) -> list[Candidate]:
     """
     Find the likeliest change point of each hypothesis, as linear as its columns are.
+
+    Of two change points, likeliest beside the noise and beside white noise, the better one beside
+    all that is explained already counts: noise that is fitted to a residual in which an effect
+    begins takes its beginning for its own, and white noise what else is slow for an effect.
 
     Parameters
     ----------
     now : JointFit
         What is explained already.
+    comparison : ModelComparison
+        Of that.
     found : sequence of Hypothesis
         Of :func:`~forcecal_ros.diagnose.model.hypotheses.everywhere`.
 
     Returns
     -------
     list of Candidate
-        The likeliest first; the evidence is averaged over the instants.
+        The likeliest first.
     """
     model, explained = now.model, now.explained()
     distinct = {id(c): j for j, c in enumerate(
@@ -227,46 +243,89 @@ def screen_change_points(now: JointFit, found: Sequence[Hypothesis]) -> list[Can
                 for k, one in enumerate(columns):
                     several[k][places[id(h), i][j]] = one
     beside = [[*own, *more] for own, more in zip(model.jacobian, explained.extra)]
-    best: dict[str, Candidate] = {}
-    for recording, dataset in enumerate(model.datasets):
-        n = len(dataset.groups)
-        length = max(SHORTEST, -(-n // INSTANTS))
-        if n < 4 * length:
-            continue
-        instants = Instants(model, beside, explained.null_prior, several, model.residuals,
-                            recording, length)
-        for h in found:
-            for one in _of_one(model, instants, h, [places[id(h), i] for i in range(
-                    len(h.atoms))], recording):
-                if h.name not in best or one.evidence > best[h.name].evidence:
-                    best[h.name] = one
-    return sorted(best.values(), key=lambda t: -t.evidence)
+    alone = replace(model, noise=model.white_noise(model.residuals), discrepancy=None)
+    out: dict[str, Candidate] = {}
+    for beside_noise in (model, alone):
+        best: dict[str, _Change] = {}
+        for recording, dataset in enumerate(model.datasets):
+            n = len(dataset.groups)
+            length = max(SHORTEST, -(-n // INSTANTS))
+            if n < 4 * length:
+                continue
+            instants = Instants(beside_noise, beside, explained.null_prior, several,
+                                model.residuals, recording, length)
+            for h in found:
+                for one in _changes(model, instants, h, [places[id(h), i] for i in range(
+                        len(h.atoms))], recording):
+                    if h.name not in best or one.evidence > best[h.name].evidence:
+                        best[h.name] = one
+        gates = _located(alone, beside, explained.null_prior, best)
+        parts = [for_a_part(model, one.hypothesis, gates[n]) for n, one in best.items()]
+        for t in comparison.screen(parts) if parts else ():
+            name, ways = t.effect.name, best[t.effect.name].ways
+            t = t._replace(gate=gates[name], ways=ways, evidence=t.evidence - float(np.log(ways)))
+            if name not in out or t.evidence > out[name].evidence:
+                out[name] = t
+    return sorted(out.values(), key=lambda t: -t.evidence)
 
 
-def _of_one(model: LinearisedModel, instants: Instants, h: Hypothesis,
-            places: Sequence[Sequence[int]], recording: int) -> list[Candidate]:
+class _Change(NamedTuple):
+    """
+    A hypothesis at one start, when it may begin or end, and in how many ways that was tried.
+
+    Attributes
+    ----------
+    x : ndarray, shape (k,)
+        Coefficients of its columns.
+    near : float
+        By how much the instant may be off [s].
+    """
+
+    evidence: float
+    hypothesis: Hypothesis
+    gate: Gate
+    ways: int
+    x: Array
+    near: float
+
+
+def _located(model: LinearisedModel, beside: Sequence[Sequence[Column]], prior: Prior,
+             changes: Mapping[str, _Change]) -> dict[str, Gate]:
+    """Find the instants more closely, each effect as large as it was found; return the gates."""
+    gates = {name: one.gate for name, one in changes.items()}
+    for i in {gate.recording for gate in gates.values()}:
+        own = {name: one for name, one in changes.items() if one.gate.recording == i}
+        added = [[column(combined(one.hypothesis.atoms[0].columns[k], one.x, len(r)), model.level)
+                  for one in own.values()] for k, r in enumerate(model.residuals)]
+        length = -(-len(model.residuals[i]) // CLOSER)
+        close = Instants(model, beside, prior, added, model.residuals, i, length)
+        t = model.datasets[i].measured.start + BLOCK * close.blocks
+        for j, (name, one) in enumerate(own.items()):
+            evidence = close.fits([j], one.gate.begin is None, one.gate.elsewhere).evidence
+            at = one.gate.end if one.gate.begin is None else one.gate.begin
+            assert at is not None
+            evidence = np.where(np.abs(t - at) <= one.near, evidence, -np.inf)
+            gates[name] = moved_to(one.gate, float(t[np.argmax(evidence)]))
+    return gates
+
+
+def _changes(model: LinearisedModel, instants: Instants, h: Hypothesis,
+             places: Sequence[Sequence[int]], recording: int) -> list[_Change]:
     """List a hypothesis' change points in one recording, one for each start and way."""
     several, out = len(model.datasets) > 1, []
     start = model.datasets[recording].measured.start
     for atom, of in zip(h.atoms, places):
         for ends, elsewhere in product((False, True), (False, True) if several else (False,)):
             evidence, x = instants.fits(of, ends, elsewhere)
-            theta = _theta(h, atom, x)
-            evidence = np.where(_possible(h, atom, theta), evidence, -np.inf)
+            evidence = np.where(_possible(h, atom, _theta(h, atom, x)), evidence, -np.inf)
             b = int(np.argmax(evidence))
-            if not np.isfinite(evidence[b]):
-                continue
-            at = start + BLOCK * float(instants.blocks[b])
-            gate = (Gate(recording, None, at, elsewhere) if ends
-                    else Gate(recording, at, None, elsewhere))
-            mean = float(np.logaddexp.reduce(evidence)
-                         - np.log(len(evidence) * len(h.atoms) * 2))
-            low, high = bounds_of(h.effect)
-            effect = Accepted(h.name, np.clip(theta[b], low, high), np.zeros(len(low)),
-                              estimated(h.effect, atom), frozenset())
-            ways = 2 * len(evidence) * len(h.atoms)
-            out.append(Candidate(effect, mean, ways, np.zeros(len(model.nuisances)),
-                                 model.discrepancy_scales, gate))
+            if np.isfinite(evidence[b]):
+                at = start + BLOCK * float(instants.blocks[b])
+                gate = (Gate(recording, None, at, elsewhere) if ends
+                        else Gate(recording, at, None, elsewhere))
+                out.append(_Change(float(evidence[b]), h._replace(atoms=(atom,)), gate,
+                                   2 * len(evidence) * len(h.atoms), x[b],
+                                   BLOCK * instants.length))
     return out
 
 
@@ -348,12 +407,15 @@ def _to_a_sample(model: LinearisedModel, gate: Gate, added: Column, residual: Ar
     return Instant(float(0.5 * (before[best] + at[best])), float(before[first]), float(at[last]))
 
 
+def moved_to(gate: Gate, at: float) -> Gate:
+    """Let a gate open or close at another instant."""
+    return gate._replace(end=at) if gate.begin is None else gate._replace(begin=at)
+
+
 def moved(model: LinearisedModel, name: str, instant: Instant) -> LinearisedModel:
     """Let an effect begin or end at another instant."""
-    gate = model.gates[name]
-    gate = (gate._replace(end=instant.at) if gate.begin is None
-            else gate._replace(begin=instant.at))
-    out = replace(model, gates={**model.gates, name: gate})
+    gates = {**model.gates, name: moved_to(model.gates[name], instant.at)}
+    out = replace(model, gates=gates)
     try:
         out.evaluate()
     except Diverged:

@@ -15,8 +15,11 @@ from forcecal_ros.diagnose.model.linearised import Diverged, LinearisedModel
 from forcecal_ros.diagnose.search.model_comparison import Accepted, Explained, ModelComparison
 import numpy as np
 
-ROUNDS = 3
-"""Gauss-Newton steps of a joint refit, at most."""
+ROUNDS = 10
+"""Gauss-Newton steps of a joint refit, at most: a resonance that starts an octave off takes 8."""
+
+SETTLED = 0.1
+"""Log-posterior that a step has to bring for another one to follow: half a standard error."""
 
 SHORTEST = 0.02
 """Fraction of a Gauss-Newton step below which it is given up."""
@@ -67,20 +70,20 @@ def joint_fit(model: LinearisedModel, accepted: Sequence[Accepted], step: Array 
         jacobians = [_jacobian(out, a) for a in now if len(a.theta)]
         comparison = ModelComparison(out, jacobians)
         out.discrepancy_scales = comparison.scales
-        before, fraction = out.log_posterior(comparison.train.square), 1.0
+        before, fraction, gained = out.log_posterior(comparison.train.square), 1.0, -np.inf
         while fraction > SHORTEST:
             moved = _moved(now, jacobians, comparison, fraction)
             tried = replace(out, centre=out.moved(fraction * comparison.null.x[:m]),
                             effects=_effects(out, moved))
-            if _evaluates(tried) and tried.log_posterior() > before - 0.1:
-                out, now = tried, moved
-                break
+            if _evaluates(tried):
+                gained = tried.log_posterior() - before
+                if gained > -SETTLED:
+                    out, now = tried, moved
+                    break
             fraction *= 0.3
-        step = np.abs(comparison.null.x)
-        if fraction <= SHORTEST \
-                or (step[m:].max(initial=0.0) < 1e-3 and step[:m].max(initial=0.0) < 0.1):
+        if gained < SETTLED:
             break
-        if out.is_far(step[:m]):
+        if out.is_far(comparison.null.x[:m]):
             out.linearise()
         elif released:
             out.retake(released)

@@ -200,21 +200,6 @@ class ModelComparison(Explained):
         return max(0.0, missed) + min(self._gained, FLAWED * float(self._products.channels.sum()))
 
     @cached_property
-    def unexplained(self) -> Array:
-        """Negative log-likelihood of each stream, beside the discrepancy, shape (streams,)."""
-        return self._products.unexplained(self._all[1].x, self.scales)[0]
-
-    @cached_property
-    def missing_by_stream(self) -> Array:
-        """Stream by stream, ``missing_evidence`` but for priors, shape (streams,)."""
-        none = next(level for level in self.levels if level.scales == NO_DISCREPANCY)
-        bare, n = self._products.unexplained(fit(none.train + none.held, self.null_prior).x,
-                                             NO_DISCREPANCY)
-        missed = self.unexplained - 0.5 * n - [_by_chance(each) for each in n]
-        gained = np.clip(bare - self.unexplained, 0.0, FLAWED * self._products.channels)
-        return np.maximum(missed, 0.0) + gained
-
-    @cached_property
     def _all(self) -> tuple[Gram, Fit]:
         """All samples, and what explains them already."""
         every = self.train + self.held

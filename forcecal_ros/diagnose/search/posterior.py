@@ -12,8 +12,6 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple
 
-from forcecal_ros.core.geometry import Array
-from forcecal_ros.diagnose.dataset import STREAM_SLICES
 from forcecal_ros.diagnose.model.gates import BIAS
 from forcecal_ros.diagnose.model.hypotheses import EffectJacobian, everywhere, Hypothesis
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
@@ -34,7 +32,7 @@ BEAM = 3
 """Explanations that are extended at each step."""
 
 REFINED = 4
-"""Candidates that are fitted on simulations beside each explanation."""
+"""Effects that are fitted on simulations beside each explanation."""
 
 MOST_EFFECTS = 4
 """Effects of one explanation, at most."""
@@ -60,15 +58,15 @@ class Explanation(NamedTuple):
         Log-evidence that a model without any flaw would have more.
     excess : float
         Held-out whitened energy above the noise.
-    ways : float
-        Logarithm of the number of ways that were tried.
+    ways : mapping of str to float
+        Logarithm of the number of ways in which each effect was tried.
     """
 
     fit: JointFit
     evidence: float
     missing: float
     excess: float
-    ways: float = 0.0
+    ways: Mapping[str, float] = MappingProxyType({})
 
     @property
     def names(self) -> frozenset[str]:
@@ -90,8 +88,6 @@ class Posterior(NamedTuple):
         Log-evidence of each other effect in the place of an accepted one, against that one.
     nearest : dict of str to float
         Log-evidence of effects that come closest, if none was accepted.
-    missing_by_stream : ndarray, shape (streams,)
-        Log-evidence that is still missing in each stream.
     discrepancy_evidence : float
         Log-likelihood of a discrepancy, and of what else is unexplained.
     instants : dict of str to Instant
@@ -104,7 +100,6 @@ class Posterior(NamedTuple):
     features: Mapping[str, Features] = MappingProxyType({})
     alternatives: Mapping[str, Mapping[str, float]] = MappingProxyType({})
     nearest: Mapping[str, float] = MappingProxyType({})
-    missing_by_stream: Array = np.zeros(len(STREAM_SLICES))
     discrepancy_evidence: float = 0.0
     instants: Mapping[str, Instant] = MappingProxyType({})
 
@@ -138,11 +133,11 @@ class _Table:
         bias = [self.parts[BIAS.name]._replace(name=_further_step(model))
                 ] if BIAS.name in self.parts else []
         parts = [self.parts[n] for n in likely if n in self.parts]
-        changes = screen_change_points(now, [*bias, *parts])
+        always = {t.effect.name: t.evidence for t in screened}
+        changes = screen_change_points(now, comparison, [*bias, *parts])
         # what acts all the time needs no change point
-        least = {t.effect.name: t.evidence + WORTH for t in screened}
-        return sorted([*screened, *(t for t in changes if t.evidence > least.get(
-            t.effect.name, WORTH))], key=lambda t: -t.evidence)
+        return sorted([*screened, *(t for t in changes if t.evidence > WORTH + always.get(
+            t.effect.name, 0.0))], key=lambda t: -t.evidence)
 
 
 def _further_step(model: LinearisedModel) -> str:
@@ -151,25 +146,24 @@ def _further_step(model: LinearisedModel) -> str:
     return BIAS.name if n == 0 else f'{BIAS.name}.{n + 1}'
 
 
-def weigh(fit: JointFit, ways: float = 0.0) -> Explanation:
+def weigh(fit: JointFit, ways: Mapping[str, float] = MappingProxyType({})) -> Explanation:
     """Score an explanation beside its noise."""
     comparison = fit.comparison()
     fit.model.discrepancy_scales = comparison.scales
-    return Explanation(fit, comparison.null_evidence - ways, comparison.missing_evidence,
+    tried = sum(ways.get(a.name, 0.0) for a in fit.accepted)
+    return Explanation(fit, comparison.null_evidence - tried, comparison.missing_evidence,
                        comparison.excess, ways)
 
 
 def extended(parent: Explanation, table: _Table) -> list[Explanation]:
     """Add one effect to an explanation: the likeliest few, fitted on simulations."""
     now = parent.fit
-    likely = [t for t in table.candidates(now)[:REFINED] if t.evidence > WORTH]
-    # features are whitened anew for each noise, which takes seconds: all of one noise at once
-    changes = [(t, _placed(now, t)) for t in likely if t.gate is not None]
-    fits = [(t, _with(now, t)) for t in likely if t.gate is None]
-    for t, placed in changes:
-        fits.append((t, placed and joint_fit_if_finite(
-            replace(placed.model, noise=now.model.noise), placed.accepted)))
-    return [weigh(fit, parent.ways + float(np.log(t.ways))) for t, fit in fits if fit is not None]
+    likely = [t for t in table.candidates(now) if t.evidence > WORTH]
+    names = list(dict.fromkeys(t.effect.name for t in likely))[:REFINED]
+    fits = [(t, _with(now, t) if t.gate is None else _with_change_point(now, t))
+            for t in likely if t.effect.name in names]
+    return [weigh(fit, {**parent.ways, t.effect.name: float(np.log(t.ways))})
+            for t, fit in fits if fit is not None]
 
 
 def _with(now: JointFit, t: Candidate) -> JointFit | None:
@@ -183,14 +177,16 @@ def _with(now: JointFit, t: Candidate) -> JointFit | None:
     return joint_fit_if_finite(model, [*now.accepted, t.effect], t.nuisances)
 
 
-def _placed(now: JointFit, t: Candidate) -> JointFit | None:
+def _with_change_point(now: JointFit, t: Candidate) -> JointFit | None:
     """
-    Fit a candidate that begins or ends, and its change point, beside white noise.
+    Fit a candidate that begins or ends, once its change point is found beside white noise alone.
 
-    Noise that was fitted to a residual in which an effect begins whitens its beginning away.
+    Noise and a discrepancy that are fitted to a residual in which an effect begins take its
+    beginning for their own.
     """
     model = now.model
-    fit = _with(now._replace(model=replace(model, noise=model.white_noise(model.residuals))), t)
+    alone = replace(model, noise=model.white_noise(model.residuals), discrepancy=None)
+    fit = _with(now._replace(model=alone), t._replace(scales=NO_DISCREPANCY))
     if fit is None:
         return None
     instant = instant_of(fit, t.effect.name)
@@ -198,7 +194,9 @@ def _placed(now: JointFit, t: Candidate) -> JointFit | None:
     length = BLOCK * len(model.datasets[t.gate.recording].groups)
     if instant.high - instant.low > 0.5 * length:
         return None  # a change point that the recording does not locate is none
-    return fit._replace(model=moved(fit.model, t.effect.name, instant))
+    placed = moved(fit.model, t.effect.name, instant)
+    return joint_fit_if_finite(replace(placed, noise=model.noise, discrepancy=model.discrepancy),
+                               fit.accepted)
 
 
 def _without(start: LinearisedModel, now: Explanation, name: str) -> Explanation:
@@ -206,6 +204,26 @@ def _without(start: LinearisedModel, now: Explanation, name: str) -> Explanation
     less = without_effect(start, now.fit, name)
     refitted = joint_fit_if_finite(less.model, less.accepted) if less.accepted else less
     return weigh(refitted or less, now.ways)
+
+
+def _with_what_is_worth(start: LinearisedModel, now: Explanation, best: Explanation
+                        ) -> tuple[Explanation, dict[str, Explanation]]:
+    """
+    Remove each effect that is not worth its place beside the others.
+
+    Returns
+    -------
+    Explanation
+    less : dict of str to Explanation
+        Without each of its effects; ``best`` where that is such a one.
+    """
+    while True:
+        less = {name: best if now.names - {name} == best.names else _without(start, now, name)
+                for name in now.names}
+        shorter = max(less.values(), key=lambda one: one.evidence)
+        if len(now.names) == 1 or shorter.evidence < now.evidence - WORTH:
+            return now, less
+        now = shorter
 
 
 def _all_the_time(now: Explanation) -> Explanation:
@@ -265,36 +283,33 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
         if len(best.names) == MOST_EFFECTS:
             break
         children = _likeliest([e for parent in beam for e in extended(parent, table)])
-        less = {best.names: best}
         for a in children[0].fit.accepted[:-1] if children else ():
             # one of several may be the shadow of another
             shorter = _without(model, children[0], a.name)
-            less[shorter.names] = shorter
             children += [shorter, *extended(shorter, table)]
         children = _likeliest(children)
         if not best.names:
             nearest = {name: e.evidence - children[0].evidence
                        for e in children for name in e.names}
-        if not children or children[0].evidence < best.evidence + WORTH:
+        if not children:
             break
-        chosen = children[0] = _all_the_time(children[0])
-        own = {}
-        for a in chosen.fit.accepted:
-            others = chosen.names - {a.name}
-            if others not in less:
-                less[others] = _without(model, chosen, a.name)
-            own[a.name] = features_of(chosen, less[others], a, children)
+        chosen, less = _with_what_is_worth(model, _all_the_time(children[0]), best)
+        if chosen.evidence < best.evidence + WORTH:
+            break
+        own = {a.name: features_of(chosen, less[a.name], a, children)
+               for a in chosen.fit.accepted}
         instead = {name: _instead(chosen, children, name) for name in chosen.names}
         if min(probability(f) for f in own.values()) < NAMED:
             break
         features, alternatives = own, instead
         temperature = max(f.temperature for f in own.values())
         best = _with_refitted_noise(chosen)
-        beam = [best, *(_beside(e, best) for e in children[1:BEAM] if len(e.names) == len(
-            best.names) and e.evidence > chosen.evidence - 3.0 * temperature)]
+        beam = [best, *(_beside(e, best) for e in children[:BEAM] if e.names != best.names
+                        and len(e.names) == len(best.names)
+                        and e.evidence > chosen.evidence - 3.0 * temperature)]
     last = best.fit.comparison()
     return Posterior(best.fit.model, tuple(best.fit.accepted), tuple(best.fit.jacobians),
-                     features, alternatives, {} if features else nearest, last.missing_by_stream,
+                     features, alternatives, {} if features else nearest,
                      last.discrepancy_evidence,
                      {name: instant_of(best.fit, name) for name in best.names
                       if name in best.fit.model.gates})

@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
 from forcecal_ros.checks.entry import computed
-from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.errors import below, DataError
 from forcecal_ros.core.geometry import Array, rotation_vector
 from forcecal_ros.core.streams import JointStream, Phase, PoseStream, Recording, Stream
 from forcecal_ros.diagnose.dataset import Dataset, motion_groups, require_wrench_and_pose, span
@@ -292,8 +292,8 @@ def align(recording: Recording, simulated: Recording) -> tuple[Recording, Alignm
     if correlation < MIN_CORRELATION:
         raise DataError(
             f'the {what} of the simulated recording are not those of the robot: their speeds '
-            f'correlate by {correlation:.2f}, expected {MIN_CORRELATION:g} or more; run the '
-            'simulator with the recorded commands')
+            f'correlate by {below(correlation, MIN_CORRELATION, 2)}, expected {MIN_CORRELATION:g} '
+            'or more; run the simulator with the recorded commands')
     return shift_times(simulated, shift), Alignment(shift, by, correlation)
 
 

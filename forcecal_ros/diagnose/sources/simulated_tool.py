@@ -1,4 +1,4 @@
-"""The tool of a simulator that cannot be asked: by the wrench and the motion that it recorded."""
+"""The tool of a simulator that cannot be run: by the wrench and the motion that it recorded."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -35,7 +35,7 @@ and screws are missing there.
 
 ZERO = (10.0, 1.0)
 """
-Zero of the robot's sensor, 1 sigma [N], [N m], beyond the median difference that is taken off: as
+Zero of the robot's sensor, 1 sigma [N], [N m], beyond the median difference that is removed: as
 much as a tool's weight would move that.
 """
 
@@ -56,7 +56,7 @@ class SimulatedTool(NamedTuple):
     unexplained : tuple of float
         RMS of what it leaves of the simulated wrench [N], [N m].
     zero : tuple of float
-        Of the robot's sensor beyond the simulator's, taken off already [N], [N m].
+        Of the robot's sensor beyond the simulator's, removed already [N], [N m].
     """
 
     rigid_tool: RigidTool
@@ -75,7 +75,7 @@ class SimulatedTool(NamedTuple):
         return replace(self.rigid_tool, wrench_sensor=replace(sensor, bias=bias))
 
     def zeroed(self, apart: Array) -> 'SimulatedTool':
-        """Take off what the middle of the robot's wrench less the simulated is, shape (n, 6)."""
+        """Subtract what the middle of the robot's wrench less the simulated is, shape (n, 6)."""
         zero = np.nanmedian(apart, axis=0)
         sensor = self.rigid_tool.wrench_sensor
         moved = replace(sensor, bias=tuple((zero + sensor.bias).tolist()))
@@ -135,7 +135,7 @@ def _require_own_axes(simulated: Recording, rig: Rig) -> str:
     try:
         judge(simulated, gravity, Stated(gravity / np.linalg.norm(gravity)))
     except UnobservableError:
-        pass  # the fit of the tool says it better
+        pass  # the fit of the tool reports it better
     except DataError as error:
         if 'opposite sign' not in str(error) and 'removes the weight' not in str(error):
             cause = str(error).rpartition(';')[0]

@@ -84,7 +84,7 @@ which it is fitted once more about there: half of what chance makes of it.
 MAX_REFITS = 3
 """
 Times that numbers named are fitted once more: each leaves the square of what was left before, so
-that three settle whatever two rounds came near.
+that three settle what two rounds came near.
 """
 
 IMPACTS = ('for {:.1f} s the simulated tool hits something, or sticks and slips, so that half '
@@ -97,7 +97,7 @@ class Changed(NamedTuple):
     """
     A parameter of the simulator as it was, as it should be, and its standard error.
 
-    Where it is at its bound, that says nothing.
+    Where it is at its bound, that shows nothing.
     """
 
     name: str
@@ -325,13 +325,13 @@ def at_tolerance(simulator: ThirdParty, outcome: Outcome) -> list[str]:
 def recalibrated_notes(simulator: ThirdParty, outcome: Outcome) -> Iterator[str]:
     """Say which parameters are off by no more than they may be."""
     named = {e.name for e in outcome.diagnosis.effects}
-    limited, told = at_tolerance(simulator, outcome), []
+    limited, changes = at_tolerance(simulator, outcome), []
     for p in simulator.parameters:
         x, std = outcome.recalibrations.get(p.name, (0.0, 0.0))
         if p.name not in (*named, *limited) and abs(x) > RECALIBRATION_SIGMA * std:
-            told.append(str(Changed(p.name, p.unit, p.nominal, p.nominal + x, std)))
-    if told:
-        yield f'recalibrated, within three of their sigma: {"; ".join(told)}'
+            changes.append(str(Changed(p.name, p.unit, p.nominal, p.nominal + x, std)))
+    if changes:
+        yield f'recalibrated, within three of their sigma: {"; ".join(changes)}'
     if limited:
         yield (f'{", ".join(limited)} {FURTHER}, and next to what else is there is not certain '
                'enough for a name')

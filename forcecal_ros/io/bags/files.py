@@ -29,13 +29,13 @@ Integers = NDArray[np.int64]
 
 
 class Notes:
-    """Plain sentences on what reading had to leave out or mend, each said once."""
+    """Plain sentences on what reading had to leave out or correct, each once."""
 
     def __init__(self) -> None:
         self._sentences: dict[str, None] = {}
 
     def add(self, sentence: str) -> None:
-        """Add a sentence, unless a hundred were said before."""
+        """Add a sentence, unless there are a hundred."""
         if len(self._sentences) < 100:
             self._sentences[sentence] = None
 
@@ -111,9 +111,6 @@ _FOOTER_SIZE = 9 + 20 + 8
 
 _LARGEST = 1 << 28
 """Bytes that a record or an unpacked chunk may have: a length beyond it is damage."""
-
-_BLOCK = 1 << 22
-"""Bytes of messages outside chunks that are gathered before they are handed on, about."""
 
 
 class McapFile:
@@ -206,7 +203,7 @@ class McapFile:
                     elif opcode in (_SCHEMA, _CHANNEL):
                         self._learn(opcode, file.read(min(size, _LARGEST)))
                     position = end
-                if len(loose) * 128 > _BLOCK:
+                if len(loose) * 128 > 1 << 22:
                     yield from self._messages(b''.join(loose), channels)
                     loose = []
             yield from self._messages(b''.join(loose), channels)
@@ -299,10 +296,6 @@ def _decompressor(compression: str) -> Any:
     raise ValueError(f'unknown compression {compression!r}')
 
 
-_ROWS = 8192
-"""Messages that are read from the database at a time."""
-
-
 class SqliteFile:
     """
     The messages of one file.
@@ -355,23 +348,23 @@ class SqliteFile:
 
     def batches(self, topics: set[Topic]) -> Iterator[Batch]:
         """Yield the messages of some topics, some thousands at a time, in the file's order."""
-        wanted = [number for number, topic in self.topics.items() if topic in topics]
+        chosen = [number for number, topic in self.topics.items() if topic in topics]
         query = ('SELECT id, topic_id, timestamp, data FROM messages '  # noqa: S608 - of ?
-                 f'WHERE topic_id IN ({", ".join("?" * len(wanted))}) AND id > ? ')
+                 f'WHERE topic_id IN ({", ".join("?" * len(chosen))}) AND id > ? ')
         last = -1
         try:
-            for rows in self._rows(query + 'ORDER BY id', (*wanted, last)):
+            for rows in self._rows(query + 'ORDER BY id', (*chosen, last)):
                 last = rows[-1][0]
                 yield from self._group(rows)
         except sqlite3.DatabaseError as error:
             self._notes.add(f'{self._path.name} is damaged or cut off ({error}): some messages '
                             'were left out')
-            yield from self._backwards(query, wanted, last)
+            yield from self._backwards(query, chosen, last)
 
-    def _backwards(self, query: str, wanted: list[int], last: int) -> Iterator[Batch]:
+    def _backwards(self, query: str, chosen: list[int], last: int) -> Iterator[Batch]:
         """Yield what lies behind the damage, from the end."""
         try:
-            for rows in self._rows(query + 'ORDER BY id DESC', (*wanted, last)):
+            for rows in self._rows(query + 'ORDER BY id DESC', (*chosen, last)):
                 yield from self._group(rows[::-1])
         except sqlite3.DatabaseError:
             return
@@ -382,7 +375,7 @@ class SqliteFile:
         try:
             for row in cursor:
                 rows.append(row)
-                if len(rows) == _ROWS:
+                if len(rows) == 8192:
                     yield rows
                     rows = []
         except sqlite3.DatabaseError:

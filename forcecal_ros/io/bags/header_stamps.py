@@ -35,14 +35,12 @@ SLOWEST = 2.5
 
 SHORT_STEP, LONG_STEP = 1_500_000, 20_000_000
 """Stamps in steps between these are rounded [ns]: below, a turn is off by little, beyond, nothing
-tells whether they are rounded or cut off, and by half of so much."""
+shows whether they are rounded or cut off, and by half of so much."""
 
 EVENLY = 0.5
 """Messages come more evenly than their stamps say where their intervals scatter by less than this
 share: the same messages lost from both leave them alike."""
 
-IN_MICROSECONDS = 10**6
-"""Nanoseconds of stamps that are all below it, several a second, are microseconds [ns]."""
 
 ALTERNATES = 5.0
 """Messages of two senders differ from the next by so many times what they differ from the one
@@ -54,7 +52,7 @@ CHANNELS = 0.5
 
 
 class Stamped(NamedTuple):
-    """Stamps to use [ns], and what is said of it; empty: they are those of the headers."""
+    """Stamps to use [ns], and a note on it; empty: they are those of the headers."""
 
     stamps: Integers
     note: str
@@ -120,7 +118,7 @@ def _cut_off(stamps: Integers, values: NDArray[Any]) -> str:
         return (f'{share:.0%} of the messages bear the stamp of the one before and hold other '
                 'values: stamps are cut off, to whole seconds or to single precision')
     nanoseconds, seconds = stamps % 10**9, len(np.unique(stamps // 10**9))
-    if 2 < seconds < len(stamps) / 2 and 0 < nanoseconds.max() < IN_MICROSECONDS:
+    if 2 < seconds < len(stamps) / 2 and 0 < nanoseconds.max() < 10**6:
         unit = 'micro' if nanoseconds.max() > 1000 else 'milli'
         return f'nanosec of its stamps holds {unit}seconds'
     return ''
@@ -131,7 +129,7 @@ def _refuse_milliseconds(name: str, count: int, passed: float, took: float) -> N
     if slow and took > 0.0 and abs(passed / took / 1000.0 - 1.0) < ALIKE:
         raise DataError(
             f'{name}: its stamps pass 1000 times as fast as its messages came: they hold '
-            'milliseconds where seconds belong; mend the driver, and record again')
+            'milliseconds where seconds belong; fix the driver, and record again')
 
 
 def refuse_two_senders(name: str, values: NDArray[Any]) -> None:
@@ -157,7 +155,6 @@ def refuse_two_senders(name: str, values: NDArray[Any]) -> None:
 
 
 _BACK = round(MAX_BACK_S * 1e9)
-_DAY = 86400 * 10**9
 
 
 class Order(NamedTuple):
@@ -192,7 +189,8 @@ def increasing(stamps: Integers) -> Order:
     stamps : ndarray of int, shape (n,)
         In the order of recording [ns].
     """
-    if not len(stamps) or ((np.diff(stamps) > 0).all() and stamps[-1] - stamps[0] < _DAY):
+    if not len(stamps) or ((np.diff(stamps) > 0).all()
+                           and stamps[-1] - stamps[0] < 86400 * 10**9):
         return Order(np.arange(len(stamps)), 0, 0)
     cuts = np.flatnonzero(np.abs(np.diff(stamps.astype(float))) > _BACK) + 1
     bounds = np.concatenate([[0], cuts, [len(stamps)]])
@@ -236,6 +234,6 @@ def _largest_chain(first: Integers, last: Integers, weight: Integers) -> list[in
 
 def _same_day(stamps: Integers, index: Integers) -> Integers:
     """Keep the largest group of stamps that no gap of a day or more splits."""
-    cuts = np.flatnonzero(np.diff(stamps[index].astype(float)) > _DAY) + 1
+    cuts = np.flatnonzero(np.diff(stamps[index].astype(float)) > 86400 * 10**9) + 1
     groups = np.split(index, cuts)
     return max(groups, key=len)

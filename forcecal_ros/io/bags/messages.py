@@ -38,12 +38,9 @@ NUMBERS = {
 }
 """Primitive types of messages as numpy writes them."""
 
-_REMEMBERED = 32
-"""Layouts of one topic that are kept to be matched; strings of changing length make new ones."""
-
 
 class CdrError(Exception):
-    """A message is shorter than its type says, or laid out in a way that is not understood."""
+    """A message is shorter than its type requires, or laid out in a way that is not understood."""
 
 
 class Numbers(NamedTuple):
@@ -161,7 +158,7 @@ class Decoder:
                 self.undecodable += 1
                 unread = unread[1:]
                 continue
-            self._known = [*self._known[-_REMEMBERED:], layout]
+            self._known = [*self._known[-32:], layout]
             unread, group = _match(batch, unread, layout)
             if group is not None:
                 yield group
@@ -416,7 +413,7 @@ def encode(
     -------
     ndarray of uint8, shape (n, length)
         One row a message. Sequences are as long as fields and text name elements of them;
-        whatever is not named is zero or empty.
+        the rest is zero or empty.
 
     Raises
     ------
@@ -502,7 +499,7 @@ FIELDS: Mapping[str, tuple[str, ...]] = {
 
 JOINTS: Mapping[str, str] = {
     JOINT_STATE: 'position', CONTROLLER_STATE: 'reference.positions', MULTI_ARRAY: 'data'}
-"""Which array of a message holds what joints are told."""
+"""Which array of a message holds the commands of joints."""
 
 JOINT_NAMES: Mapping[str, str] = {JOINT_STATE: 'name', CONTROLLER_STATE: 'joint_names'}
 """Which array names them; other messages do not."""

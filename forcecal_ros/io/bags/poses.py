@@ -224,7 +224,7 @@ def refuse_degrees(joints: Iterable[Joint], positions: Mapping[str, Array], topi
 
 
 def _reported_joints(bag: Bag, topic: Topic, drivers: set[str], named: str) -> dict[str, Series]:
-    """Return what joints were said to be at, in whatever messages and order."""
+    """Return the reported positions of joints, in any messages and order."""
     series = _series(bag, topic, {
         joint: Collector(bag, topic, [f'position[{joint}]']) for joint in sorted(drivers)})
     reported = {joint: one for joint, one in series.items() if one is not None}
@@ -232,7 +232,7 @@ def _reported_joints(bag: Bag, topic: Topic, drivers: set[str], named: str) -> d
         raise DataError(f'{named}: {topic.name} holds no joint {", ".join(missing)}; joints are '
                         f'{", ".join(sorted(_names(bag, topic))) or "none"}')
     if short := sorted(joint for joint, one in reported.items() if len(one.stamp_ns) < 2):
-        raise DataError(f'{named}: {topic.name} tells {", ".join(short)} less than twice')
+        raise DataError(f'{named}: {topic.name} holds {", ".join(short)} less than twice')
     return reported
 
 

@@ -21,7 +21,6 @@ import numpy as np
 
 _STREAMS = ('wrench', 'accelerometer', 'imu', 'accel', 'pose', 'target', 'optidrive',
             'contact_truth', 'joint_commands')
-_DAY = 86400.0
 
 
 def read_recording(
@@ -59,9 +58,9 @@ def read_recording(
     named = dict(topics or {})
     chain = named.pop('pose') if named.get('pose', '').startswith((FROM_TF, URDF)) else ''
     with Bag(path) as bag:
-        # two arms' joint states are ambiguous only to who wants them
-        wanted = ('joint_states',) if joints or chain.startswith(URDF) else ()
-        found, mismatches = find_topics(bag.topics, named, (*_STREAMS, 'phase', *wanted))
+        # two arms' joint states are ambiguous only if they are needed
+        chosen = ('joint_states',) if joints or chain.startswith(URDF) else ()
+        found, mismatches = find_topics(bag.topics, named, (*_STREAMS, 'phase', *chosen))
         joint_states = found.get('joint_states') if joints else found.pop('joint_states', None)
         for mismatch in mismatches:
             bag.notes.add(mismatch)
@@ -94,7 +93,7 @@ def _pose_of_transforms(bag: Bag, chain: str, found: dict[str, Topic],
 
 def _choose_accelerometer(
         found: dict[str, Topic], given: Mapping[str, str], notes: Notes) -> None:
-    """Let one topic be the accelerometer; an IMU keeps its gyro besides."""
+    """Let one topic be the accelerometer; an IMU keeps its gyro."""
     sources = [role for role in ('accelerometer', 'imu', 'accel') if role in found]
     sources.sort(key=lambda role: role not in given)
     if not sources:
@@ -138,25 +137,25 @@ def _of_one_clock(series: dict[Topic, Series], notes: Notes) -> dict[Topic, Seri
             kept[topic] = one
             continue
         apart = max(one.stamp_ns[0] - longest[-1], longest[0] - one.stamp_ns[-1]) / 1e9
-        if apart < _DAY:
+        if apart < 86400.0:
             kept[topic] = one
         else:
-            notes.add(f'{topic.name} is stamped {apart / _DAY:.0f} days from the other topics, '
+            notes.add(f'{topic.name} is stamped {apart / 86400.0:.0f} days from the other topics, '
                       'by another clock: left out')
     return kept
 
 
 def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Series],
                wrench_sign: int, pose_of: str) -> Recording:
-    heard = [one.stamp_ns for one in series.values() if len(one.stamp_ns)]
-    if not heard:
+    received = [one.stamp_ns for one in series.values() if len(one.stamp_ns)]
+    if not received:
         names = ', '.join(sorted(topic.name for topic in bag.topics))
         what = f'it holds {names}; name the topics with --topic role=NAME' if names else (
             'it holds no topics; record again')
         raise DataError(f'{bag.path}: nothing to read; {what}'
                         + ''.join(f'; {note}' for note in bag.notes))
-    start_ns = int(min(stamps[0] for stamps in heard))
-    end = float(max(stamps[-1] for stamps in heard) - start_ns) / 1e9
+    start_ns = int(min(stamps[0] for stamps in received))
+    end = float(max(stamps[-1] for stamps in received) - start_ns) / 1e9
 
     def stream(role: str, columns: slice = slice(None), scale: int = 1) -> Stream | None:
         one = series.get(found[role]) if role in found else None
@@ -227,18 +226,14 @@ def _phases(series: Series | None, start_ns: int, end: float) -> tuple[Phase, ..
     """Turn changes, with or without repeats, into spans up to the next change or the end."""
     if series is None:
         return ()
-    said = zip(series.seconds(start_ns).tolist(), series.values[:, 0].tolist())
-    changes = [next(same) for _, same in groupby(said, key=lambda one: one[1])]
+    words = zip(series.seconds(start_ns).tolist(), series.values[:, 0].tolist())
+    changes = [next(same) for _, same in groupby(words, key=lambda one: one[1])]
     return tuple(Phase(name, start, stop)
                  for (start, name), (stop, _) in pairwise([*changes, (end, '')]))
 
 
-ROWS = 50_000
-"""About how many messages of a topic make a piece."""
-
-
 class BagChunk(NamedTuple):
-    """Some messages of one topic: its name as asked for, stamps (n,) [s], values (n, k)."""
+    """Some messages of one topic: its name as requested, stamps (n,) [s], values (n, k)."""
 
     topic: str
     t: Array
@@ -264,12 +259,12 @@ def read_chunks(path: Path | str, topics: Mapping[str, Sequence[str]]) -> Iterat
         A topic is missing, or its type has no usual fields.
     """
     with Bag(path) as bag:
-        wanted = {_topic(bag, name): name for name in topics}
+        chosen = {_topic(bag, name): name for name in topics}
         collectors = {topic: Collector(bag, topic, topics[name] or _usual_fields(bag, topic))
-                      for topic, name in wanted.items()}
-        waiting = dict.fromkeys(wanted, 0)
+                      for topic, name in chosen.items()}
+        waiting = dict.fromkeys(chosen, 0)
         start_ns: int | None = None
-        last = dict.fromkeys(wanted, -np.inf)
+        last = dict.fromkeys(chosen, -np.inf)
 
         def flush(topic: Topic) -> Iterator[BagChunk]:
             nonlocal start_ns
@@ -282,13 +277,13 @@ def read_chunks(path: Path | str, topics: Mapping[str, Sequence[str]]) -> Iterat
             later = t > last[topic]
             if later.any():
                 last[topic] = float(t[-1])
-                yield BagChunk(wanted[topic], t[later],
+                yield BagChunk(chosen[topic], t[later],
                             np.asarray(series.values[later], dtype=float))
 
-        for batch in bag.batches(set(wanted)):
+        for batch in bag.batches(set(chosen)):
             collectors[batch.topic].add(batch)
             waiting[batch.topic] += len(batch.start)
-            if waiting[batch.topic] >= ROWS:
+            if waiting[batch.topic] >= 50_000:
                 yield from flush(batch.topic)
         for topic, count in waiting.items():
             if count:
@@ -318,13 +313,13 @@ class Columns(NamedTuple):
     t : ndarray, shape (n,)
         Header stamps, or times of recording for types without header [s] since ``start_ns``.
     values : ndarray, shape (n, k)
-        One column a number, in the order of the fields asked for.
+        One column a number, in the order of the requested fields.
     frame : str
         frame_id of most messages.
     start_ns : int
-        Stamp that t = 0 stands for [ns since the epoch].
+        Stamp that t = 0 represents [ns since the epoch].
     notes : tuple of str
-        What had to be left out or mended.
+        What had to be left out or corrected.
     """
 
     t: Array
@@ -425,7 +420,7 @@ def read_topics(path: Path | str) -> tuple[Topic, ...]:
         return bag.topics
 
 
-def read_messages(path: Path | str, wanted: Callable[[Topic], bool] = lambda topic: True
+def read_messages(path: Path | str, chosen: Callable[[Topic], bool] = lambda topic: True
                   ) -> Iterator[Raw]:
     """
     Read the messages of a recording, split, compressed or not, in the order of recording.
@@ -434,8 +429,8 @@ def read_messages(path: Path | str, wanted: Callable[[Topic], bool] = lambda top
     ----------
     path : Path or str
         rosbag2 folder or file.
-    wanted : callable
-        Says which topics are read.
+    chosen : callable
+        Whether a topic is read.
 
     Raises
     ------
@@ -445,7 +440,7 @@ def read_messages(path: Path | str, wanted: Callable[[Topic], bool] = lambda top
     with Bag(path) as bag:
         heap: list[tuple[int, int, Topic, bytes]] = []
         count, newest = 0, 0
-        for batch in bag.batches({topic for topic in bag.topics if wanted(topic)}):
+        for batch in bag.batches({topic for topic in bag.topics if chosen(topic)}):
             stamps = batch.log_ns.tolist()
             for start, length, log_ns in zip(batch.start.tolist(), batch.length.tolist(), stamps):
                 heappush(heap, (log_ns, count, batch.topic, batch.buffer[start:start + length]))

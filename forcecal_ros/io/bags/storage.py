@@ -1,4 +1,4 @@
-"""Find the files of a recording, whatever holds it, and hand out their messages."""
+"""Find the files of a recording, in any storage, and hand out their messages."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -42,13 +42,13 @@ class Bag:
     """
     A recording opened for reading; use it as a context.
 
-    Whatever a decoder raises over damaged bytes within that context leaves it as a DataError, so
+    Any error that a decoder raises over damaged bytes within that context becomes a DataError, so
     that no reader has to know what rosbags, NumPy, SQLite, zstd or lz4 raise.
 
     Attributes
     ----------
     notes : Notes
-        What had to be left out or mended so far.
+        What had to be left out or corrected so far.
     """
 
     def __init__(self, path: Path | str) -> None:

@@ -37,8 +37,6 @@ _KNOWN = '0.11.'
 _HEAD = Struct('<BQHIQQ')
 """Of a message in MCAP: opcode, length, channel, sequence, when logged and when published."""
 
-_CHUNK = 2**20
-"""Size from which rosbags closes a chunk [bytes]."""
 
 _FOREVER = QosTime(9223372036, 854775807)
 """How rosbag2 writes an unlimited duration: 2^63 - 1 ns."""
@@ -176,7 +174,7 @@ def _append(writer: Writer, storage: McapWriter,
         chunk.bio.write(_HEAD.pack(5, length + 22, connection.id, 0, stamp, stamp))
         chunk.bio.write(data)
         at += _HEAD.size + length
-        if at > _CHUNK:
+        if at > 2**20:
             storage.close_chunk()
             chunk, at = storage.chunk, 0
     writer.min_timestamp = storage.message_start_time = earliest

@@ -14,7 +14,7 @@ from forcecal_ros.core.streams import (
     PoseStream,
     Stream,
 )
-from forcecal_ros.io.csv_import import doubts
+from forcecal_ros.io.csv_import import plausibility
 from forcecal_ros.io.csv_import.specification import (
     ANGLES,
     Joints,
@@ -22,14 +22,13 @@ from forcecal_ros.io.csv_import.specification import (
     Signal,
     Specification,
     TableSpecification,
+    UNITS,
 )
-from forcecal_ros.io.csv_import.table import nanoseconds, Table, UNITS
+from forcecal_ros.io.csv_import.table import nanoseconds, read_table, Table
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-_SECOND = 10**9
-_DAY = 86400 * _SECOND
 _NOT_A_ROTATION = 1e-2
 """A matrix or quaternion that is further from orthogonal or from norm 1 is no rotation."""
 _TOO_FAR = 4 * np.pi
@@ -69,7 +68,7 @@ def assemble(specification: Specification) -> Imported:
     Raises
     ------
     DataError
-        A file, column or cell is not what the specification says; file and line are named.
+        A file, column or cell does not fit the specification; file and line are named.
     ConfigError
         A table gives no signal, or two give the same.
     """
@@ -82,61 +81,56 @@ def assemble(specification: Specification) -> Imported:
     notes: list[str] = []
     for (one, table), times in zip(tables, stamps):
         t = (times - start) / 1e9
-        found: dict[str, Stream | PoseStream | tuple[Phase, ...]] = {
-            role: _signal(*_having(table, t, signal), signal)
-            for role, signal in one.signals.given.items()}
+        notes.extend(table.notes)
+        if one.time is not None:
+            notes.extend(plausibility.question_rate(
+                len(t), float(t[-1] - t[0]), f'{table.path}, column {one.time.column!r}',
+                one.time.unit))
+        found: dict[str, Stream | PoseStream | tuple[Phase, ...]] = {}
+        for role, signal in one.signals.given.items():
+            found[role] = value = _signal(*_having(table, t, signal), signal)
+            notes.extend(_notes(role, signal, table, value, timed=one.time is not None))
         if one.phases:
             found['phase'] = _phases(one, table, t)
         if not found:
             raise ConfigError(f'{specification.path}: {one.file} has neither signals nor phases; '
-                              'say which columns are which signals')
+                              'state which columns are which signals')
         if repeated := sorted(found.keys() & signals.keys()):
             raise ConfigError(f'{specification.path}: {", ".join(repeated)} in more than one '
                               'table; import them into recordings of their own')
         signals.update(found)
-        notes.extend(_notes(one, table, t, found))
         topics.update({role: signal.topic for role, signal in one.signals.given.items()
                        if signal.topic is not None})
     _refuse_other_readings(tables, signals)
-    shift = max(0, 1 - start // _SECOND)
-    return Imported(signals, topics, start + shift * _SECOND, shift, tuple(notes))
+    shift = max(0, 1 - start // 10**9)
+    return Imported(signals, topics, start + shift * 10**9, shift, tuple(notes))
 
 
 def _table(specification: TableSpecification) -> Table:
     """Read a table, less rows whose stamp and signals are those of the row before."""
-    table = Table(Path(specification.file), specification.dialect,
-                  timed=specification.time is not None)
-    time, phases = specification.time, specification.phases
-    if time is None:
-        return table
-    names = [time.column, *([time.nanoseconds] if time.nanoseconds else []),
-             *([phases.column] if phases and phases.column else []),
+    time, phases, long = specification.time, specification.phases, specification.long
+    names = [*(filter(None, (time.column, time.nanoseconds) if time else ())),
              *(name for signal in specification.signals.given.values()
                for part in signal.parts.values() for name in part.columns)]
-    return table.renewed(names)
+    if phases and phases.column:
+        names.append(phases.column)
+    table = read_table(Path(specification.file), specification, names)
+    if long is not None and time is not None:
+        return table.widened(time.column, time.unit, long.name, long.value)
+    return table if time is None else table.renewed(names)
 
 
-def _notes(specification: TableSpecification, table: Table, t: Array,
-           signals: Mapping[str, Stream | PoseStream | tuple[Phase, ...]]) -> Iterator[str]:
-    yield from doubts.skipped_lines(table)
-    yield from doubts.left_out(table)
-    if specification.time is not None:
-        yield from doubts.doubtful_rate(
-            len(t), float(t[-1] - t[0]),
-            f'{table.path}, column {specification.time.column!r}', specification.time.unit)
-    for role, signal in signals.items():
-        if isinstance(signal, tuple):
-            continue
-        given = specification.signals.given[role]
-        part, _ = _having(table, t, given)
-        if len(part) < len(table):
-            yield f'{table.path}: {len(part)} of {len(table)} rows have cells of {role}'
-        if isinstance(signal, Stream):
-            yield from doubts.missing(part, role, signal.values)
-        elif specification.time is not None and (name := _orientation(given)) in ANGLES:
-            doubts.refuse_degrees_and_radians(
-                part, signal.t, name, part.numbers(given.parts[name].columns),
-                given.parts[name].unit, signal.R_base_sensor)
+def _notes(role: str, given: Signal, table: Table, signal: Stream | PoseStream, *, timed: bool
+           ) -> Iterator[str]:
+    part, _ = _having(table, np.zeros(len(table)), given)
+    if len(part) < len(table):
+        yield f'{table.path}: {len(part)} of {len(table)} rows have cells of {role}'
+    if isinstance(signal, Stream):
+        yield from plausibility.missing(part, role, signal.values)
+    elif timed and (name := _orientation(given)) in ANGLES:
+        plausibility.refuse_degrees_and_radians(
+            part, signal.t, name, part.numbers(given.parts[name].columns), given.parts[name].unit,
+            signal.R_base_sensor)
 
 
 def _refuse_other_readings(tables: Sequence[tuple[TableSpecification, Table]],
@@ -147,7 +141,7 @@ def _refuse_other_readings(tables: Sequence[tuple[TableSpecification, Table]],
     table, signal = next((table, one.signals.pose) for one, table in tables if one.signals.pose)
     table, _ = _having(table, np.zeros(len(table)), signal)
     name = _orientation(signal)
-    doubts.refuse_other_reading(wrench, pose, _other_readings(table, signal, name),
+    plausibility.refuse_other_reading(wrench, pose, _other_readings(table, signal, name),
                                 f'{table.path}: {name}')
 
 
@@ -169,7 +163,7 @@ def _other_angles(name: str, angles: Array, stated: str) -> Mapping[str, Array]:
     unit = 'deg' if stated == 'rad' else 'rad'
     size = UNITS['angle'][unit] / UNITS['angle'][stated]
     others = {f'its unit is {unit}': _turn(name, size * angles),
-              'it is that of base in the sensor, whose transpose is wanted':
+              'it is that of base in the sensor, whose transpose is required':
                   _turn(name, angles).transpose(0, 2, 1)}
     if name != 'rotation_vector':
         others['its columns are in the order yaw, pitch, roll'] = _turn(name, angles[:, ::-1])
@@ -196,8 +190,8 @@ def _stamps(specification: TableSpecification, table: Table) -> NDArray[np.int64
     rows = np.arange(len(table)) / rate + start
     stamps = np.rint(rows * 1e9).astype(np.int64)
     if (np.diff(stamps) <= 0).any():
-        raise DataError(f'{table.path}: rows at {rate:g} Hz from {start:g} s on cannot be told '
-                        'apart in nanoseconds')
+        raise DataError(f'{table.path}: rows at {rate:g} Hz from {start:g} s on are not distinct '
+                        'in nanoseconds')
     return stamps
 
 
@@ -205,17 +199,18 @@ def _check_time_base(specification: Specification, stamps: Sequence[NDArray[np.i
     order = sorted(range(len(stamps)), key=lambda i: int(stamps[i][0]))
     for one, other in pairwise(order):
         gap = int(stamps[other][0]) - max(int(stamps[i][-1]) for i in order[:order.index(other)])
-        if gap > _DAY:
+        days = gap / (86400 * 10**9)
+        if days > 1.0:
             raise DataError(
-                f'{specification.tables[other].file} begins {gap / _DAY:.0f} days after '
+                f'{specification.tables[other].file} begins {days:.0f} days after '
                 f'{specification.tables[one].file} ends: not one recording, or a wrong unit of '
                 'time')
 
 
 def _having(table: Table, t: Array, signal: Signal) -> tuple[Table, Array]:
     """Return the rows that hold anything of a signal, and their times."""
-    part, rows = table.having([name for one in signal.parts.values() for name in one.columns])
-    return part, t[rows]
+    rows = table.having([name for one in signal.parts.values() for name in one.columns])
+    return table.select(rows), t[rows]
 
 
 def _part(table: Table, signal: Signal, name: str) -> Array:
@@ -258,8 +253,8 @@ def _rotations(table: Table, signal: Signal) -> Array:
 def _refuse(table: Table, wrong: NDArray[np.bool_], what: str) -> None:
     if wrong.any():
         row = int(np.argmax(wrong))
-        raise DataError(f'{table.path} line {table.line(row)}: the orientation is {what} '
-                        f'({int(wrong.sum())} such rows)')
+        raise DataError(f'{table.place(row)}: the orientation is {what} ({int(wrong.sum())} such '
+                        'rows)')
 
 
 def _phases(specification: TableSpecification, table: Table, t: Array) -> tuple[Phase, ...]:
@@ -283,12 +278,12 @@ def _phases(specification: TableSpecification, table: Table, t: Array) -> tuple[
 
 def _spoken(table: Table, column: str, t: Array, end: float) -> tuple[Phase, ...]:
     """Phases from a column that holds their words."""
-    said = [cell.strip() for cell in table.cells(column)]
-    for row, word in enumerate(said):
+    found = [cell.strip() for cell in table.cells(column)]
+    for row, word in enumerate(found):
         if word not in PHASES:
-            raise DataError(f'{table.path} line {table.line(row)}: {word[:40]!r} in column '
-                            f'{column!r} is no phase; use {", ".join(PHASES)}')
-    changes = [next(same) for _, same in groupby(zip(t.tolist(), said), key=lambda one: one[1])]
+            raise DataError(f'{table.place(row)}: {word[:40]!r} in column {column!r} is not a '
+                            f'phase; use {", ".join(PHASES)}')
+    changes = [next(same) for _, same in groupby(zip(t.tolist(), found), key=lambda one: one[1])]
     if changes[-1][1] != 'done':
         changes.append((end, 'done'))
     return tuple(Phase(word, start, stop)

@@ -1,20 +1,68 @@
 """What the columns of tables mean: a YAML file that names signals, units and frames."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import pi
 from pathlib import Path
+import re
 from typing import Annotated, Any, NamedTuple
 
+from forcecal_ros.core.geometry import STANDARD_GRAVITY
 from forcecal_ros.core.schema import columns, load, Mismatch, path, read, Row, Section, TEXT
 from forcecal_ros.core.streams import PHASES
-from forcecal_ros.io.csv_import.table import (
-    contradiction,
-    DATE,
-    Dialect,
-    is_xyzw,
-    NANOSECONDS,
-    UNITS,
-)
+
+UNITS: Mapping[str, Mapping[str, float]] = {
+    'force': {'N': 1.0, 'mN': 1e-3, 'kN': 1e3, 'kgf': STANDARD_GRAVITY, 'lbf': 4.4482216152605},
+    'torque': {'N m': 1.0, 'Nm': 1.0, 'mN m': 1e-3, 'N mm': 1e-3, 'kN m': 1e3,
+               'lbf in': 0.1129848290276167},
+    'acceleration': {'m/s^2': 1.0, 'mm/s^2': 1e-3, 'g': STANDARD_GRAVITY,
+                     'mg': 1e-3 * STANDARD_GRAVITY},
+    'voltage': {'V': 1.0, 'mV': 1e-3},
+    'angular velocity': {'rad/s': 1.0, 'deg/s': pi / 180},
+    'length': {'m': 1.0, 'cm': 1e-2, 'mm': 1e-3, 'um': 1e-6},
+    'angle': {'rad': 1.0, 'deg': pi / 180},
+    'number': {'1': 1.0},
+}
+"""Quantity -> unit -> its size in SI."""
+
+NANOSECONDS: Mapping[str, int] = {'s': 10**9, 'ms': 10**6, 'us': 10**3, 'ns': 1}
+"""Nanoseconds in a unit of time."""
+
+DATE = 'date'
+"""In place of a unit of time: year, month, day, hour, minute and second, as ISO 8601 has them."""
+
+
+_IN_BRACKETS = re.compile(r'[\[(]([^\])]*)[\])]\s*$')
+_SUFFIX = re.compile(r'_([A-Za-z]{2,})$')
+"""One letter is no unit: ``accel_g`` may as well be gravity."""
+_LETTER = re.compile(r'([wxyz])\s*$', re.IGNORECASE)
+
+
+def named_unit(column: str, units: Mapping[str, float]) -> str | None:
+    """Return which of the units a name ends with, as ``x [mm]``, ``x (mm)`` or ``x_mm``."""
+    found = _IN_BRACKETS.search(column) or _SUFFIX.search(column)
+    word = found.group(1).replace(' ', '') if found else ''
+    return next((unit for unit in units if unit.replace(' ', '') == word), None)
+
+
+def contradiction(columns: Sequence[str], unit: str, units: Mapping[str, float]) -> str:
+    """Return which column names another unit, as words; empty where none does."""
+    for column in columns:
+        named = named_unit(column, units)
+        if named is not None and units[named] != units[unit]:
+            return f'{named}, as the name of column {column!r} states'
+    return ''
+
+
+def is_xyzw(columns: Sequence[str]) -> bool:
+    """Whether names that end with the letters w, x, y and z have them in the order xyzw."""
+    found = [_LETTER.search(column) for column in columns]
+    letters = ''.join(one.group(1).lower() for one in found if one)
+    return sorted(letters) != list('wxyz') or letters == 'xyzw'
+
+
+Column = str | int
+"""Name of a column, or its number from 0 in tables without names."""
 
 FORMAT = 'forcecal-import/1'
 ANGLES = ('rpy', 'euler_xyz', 'rotation_vector')
@@ -53,15 +101,15 @@ class _Columns(Row):
         plain = self.quantity == 'number'
         entry = read(_Entry, {'columns': value, 'unit': '1'} if plain else value, where)
         units, width = UNITS[self.quantity], self.width or len(entry.columns)
-        for key, right, wanted in (
+        for key, right, expected in (
                 ('columns', len(entry.columns) == width > 0, f'a list of {width} columns'),
                 ('unit', entry.unit in units, f'a unit of {self.quantity}: {", ".join(units)}'),
                 ('signs', not entry.signs or (len(entry.signs) == width
                  and set(entry.signs) <= {1, -1}), f'{width} times 1 or -1')):
             if not right:
-                raise Mismatch(where if plain else path(where, key), getattr(entry, key), wanted)
-        if said := contradiction(entry.columns, entry.unit, units):
-            raise Mismatch(path(where, 'unit'), entry.unit, said)
+                raise Mismatch(where if plain else path(where, key), getattr(entry, key), expected)
+        if other := contradiction(entry.columns, entry.unit, units):
+            raise Mismatch(path(where, 'unit'), entry.unit, other)
         if self.width == 4 and not is_xyzw(entry.columns):
             raise Mismatch(where, entry.columns, 'the columns of x, y, z and w in this order')
         return Part(entry.columns, tuple(units[entry.unit] * sign for sign in
@@ -192,8 +240,8 @@ class Time(Section):
         if self.unit == DATE and self.nanoseconds is not None:
             raise self.wrong('nanoseconds', 'none: a date has its own fractions of a second')
         if self.unit != DATE and (
-                said := contradiction((self.column,), self.unit, NANOSECONDS)):
-            raise self.wrong('unit', said)
+                other := contradiction((self.column,), self.unit, NANOSECONDS)):
+            raise self.wrong('unit', other)
 
 
 @dataclass(frozen=True)
@@ -214,13 +262,22 @@ class Phases(Section):
             raise self.wrong('between', 'another word than each_row, to tell the rows apart')
 
 
+@dataclass(frozen=True)
+class Long(Section):
+    """The columns of a table with one row a signal: its name and its value."""
+
+    name: Annotated[str, Row(pattern=TEXT)]
+    value: Annotated[str, Row(pattern=TEXT)]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Written(Section):
-    """How tables are written."""
+    """How a table is written; without a header its columns are called 0, 1, 2 ..."""
 
-    delimiter: Annotated[str, Row('', pattern='[^"\r\n]', wanted='one character')] = ','
+    delimiter: Annotated[str, Row('', pattern='[^"\r\n]', wording='one character')] = ','
     decimal: Annotated[str, Row('Of numbers', words=('.', ','))] = '.'
-    comment: Annotated[str, Row('Lines that begin with it are left out')] = ''
+    comment: Annotated[str, Row('Begins what is left out of a line', pattern='.?',
+                                wording='one character')] = ''
     header: Annotated[int, Row('Line that names the columns; 0: none', low=0)] = 1
     skip: Annotated[int, Row('Lines between that and the numbers, as one of units', low=0)] = 0
 
@@ -228,11 +285,6 @@ class Written(Section):
         super().__post_init__()
         if self.decimal == self.delimiter:
             raise self.wrong('delimiter', 'another character than decimal')
-
-    @property
-    def dialect(self) -> Dialect:
-        """How the table is written."""
-        return Dialect(self.delimiter, self.decimal, self.comment, self.header, self.skip)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -250,6 +302,7 @@ class TableSpecification(Written, _File):
     rate: Annotated[float | None, Row('Rows a second', 'Hz', above=0.0)] = None
     start: Annotated[float | None, Row('Time of the first row of a table without time', 's')
                      ] = None
+    long: Long | None = None
     phases: Phases | None = None
     signals: Signals
 
@@ -260,6 +313,8 @@ class TableSpecification(Written, _File):
                                      'table without time)')
         if self.time is not None and self.start is not None:
             raise self.wrong('start', 'none: start is for tables without time')
+        if self.long is not None and (self.time is None or self.time.nanoseconds is not None):
+            raise self.wrong('long', 'a time in one column')
 
 
 @dataclass(frozen=True)
@@ -285,7 +340,7 @@ def load_specification(path: Path | str, folder: Path | str | None = None) -> Sp
     Raises
     ------
     ConfigError
-        The file cannot be read, or says what makes no sense; the key is named.
+        The file cannot be read, or contradicts itself; the key is named.
     """
     path = Path(path)
     document = load(_Document, path, form=FORMAT, remedy='compare with config/examples')

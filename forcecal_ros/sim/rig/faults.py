@@ -1,6 +1,6 @@
 """Faults of single sensors, switched on and off while the rig runs: failure injection.
 
-An effect of the library is how a rig departs from its model; a fault is what nobody models. Both
+An effect of the library is how a rig departs from its model; a fault is what is not modelled. Both
 the ``sim`` node and recordings made offline take them from here.
 """
 
@@ -18,7 +18,7 @@ SENSORS = tuple(SIGNALS)
 
 FAULTS = {
     'none': 'healthy',
-    'off': 'says nothing',
+    'off': 'publishes nothing',
     'stuck': 'repeats its last reading, freshly stamped',
     'garbage': 'any number of any size, one reading in ten not a number',
     'wrong': 'plausible, but shifted by a constant',
@@ -102,14 +102,14 @@ class SensorFault:
             'intermittent': lambda block: block.where(block.t % CYCLE >= SILENCE)}
 
     def __call__(self, samples: Samples) -> Samples:
-        """Pass on the next samples of all sensors, those of this one as it says them."""
+        """Pass on the next samples of all sensors, those of this one as it reports them."""
         stamps, *names = SIGNALS[self.sensor]
         block = self.block(_Block(getattr(samples, stamps),
                                   {name: getattr(samples, name) for name in names}))
         return samples._replace(**{stamps: block.t}, **block.fields)
 
     def block(self, block: _Block) -> _Block:
-        """Return what the sensor says instead of its next samples."""
+        """Return what the sensor reports instead of its next samples."""
         if self.kind != 'delayed':
             self._held = None
         if self.kind != 'none':
@@ -151,7 +151,7 @@ class SensorFault:
 
 class RobotFault:
     """
-    What a robot can be made to do besides following its commands.
+    What a robot can be made to do in addition to following its commands.
 
     Attributes
     ----------
@@ -164,7 +164,7 @@ class RobotFault:
         self._away = 0.0
 
     def __call__(self, position: Array, period: float) -> Array | None:
-        """Return where the robot goes instead of ``position`` (3,) [m]; None: nowhere."""
+        """Return where the robot goes instead of ``position`` (3,) [m]; None: no place."""
         if self.kind == 'stuck':
             return None
         self._away = self._away + RUNAWAY * period if self.kind == 'runaway' else 0.0

@@ -15,12 +15,6 @@ from forcecal_ros.effects.rig import AccelerometerModel, Rig
 from forcecal_ros.motion.information import Sensors
 import numpy as np
 
-_COLUMN = 44
-"""Where the comments of numbers begin."""
-
-_GROUP_COLUMN = 25
-"""Where the comments of groups begin."""
-
 _EXAMPLE: Chosen = chosen_effects({'wrench_delay': {'delay': 0.004}})
 """What a file without effects shows as a comment."""
 
@@ -74,24 +68,24 @@ def _lines(section: Section, indent: str) -> Iterator[str]:
         elif column.holds_sections:
             note = row.meaning or column.kind.__doc__.split('\n')[0].rstrip('.')
             yield from [] if indent else ['']
-            yield f'{start}:{" null" * (value is None)}'.ljust(_GROUP_COLUMN) + f' # {note}'
+            yield f'{start}:{" null" * (value is None)}'.ljust(25) + f' # {note}'
             yield from [] if value is None else _lines(value, indent + '  ')
         else:
             note = ', '.join(filter(None, (row.unit, row.meaning)))
             yield from [] if indent else ['']
-            yield f'{start}: {yaml_value(value)}'.ljust(_COLUMN) + f' # {note}'
+            yield f'{start}: {yaml_value(value)}'.ljust(44) + f' # {note}'
 
 
 def _effect_lines(chosen: Chosen) -> Iterator[str]:
     comment = '' if chosen else '# '
     yield ''
-    yield f'{comment}effects:'.ljust(_GROUP_COLUMN) + (
+    yield f'{comment}effects:'.ljust(25) + (
         ' # in what the rig differs from the above; docs/effects.md lists them')
     for name, values in named_effects(chosen or _EXAMPLE).items():
         effect = EFFECTS[name]
-        yield f'{comment}  {name}:'.ljust(_GROUP_COLUMN) + f' # {effect.stage}'
+        yield f'{comment}  {name}:'.ljust(25) + f' # {effect.stage}'
         for q in effect.parameters:
-            yield f'{comment}    {q.name}: {yaml_value(values[q.name])}'.ljust(_COLUMN) + \
+            yield f'{comment}    {q.name}: {yaml_value(values[q.name])}'.ljust(44) + \
                 f' # {q.unit}'
 
 

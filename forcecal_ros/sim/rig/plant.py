@@ -39,7 +39,7 @@ SLIDE_EFFECTS = (
     ('spindle_rate', 'f8'),               # [rad/s]
     ('spindle_point', 'f8', 3),           # [m] in S, tool undisplaced
 )
-"""Fields of the record; :mod:`forcecal_ros.sim.rig.tool` says what they do."""
+"""Fields of the record; :mod:`forcecal_ros.sim.rig.tool` documents what they do."""
 
 USUAL = 0.015
 """Displacement up to which the integration resolves a stiffening spring [m]."""

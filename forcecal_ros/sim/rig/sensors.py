@@ -23,7 +23,7 @@ class Response(NamedTuple):
     Attributes
     ----------
     wrench : ndarray, shape (n, 6)
-        Wrench that the tool asks of the sensor: environment on tool, in S [N], [N m].
+        Wrench that the tool exerts on the sensor: environment on tool, in S [N], [N m].
     contact : ndarray, shape (n, 6)
         The environment's part of it.
     specific_force : ndarray, shape (n, 3)

@@ -20,9 +20,6 @@ from forcecal_ros.sim.rig.tool import Slide, slide_along
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-OLDEST = 1_000_000_000
-"""Age beyond which a stamp is of another clock, and the arrival of its command counts [ns]."""
-
 LONGEST_LAG = 250
 """Most periods that a late stream lags behind; commands beyond that are dropped."""
 
@@ -72,7 +69,7 @@ class CommandSchedule:
             Compared with the one before: where they are equal the robot rests.
         """
         frontier = self._start + next_period * self._period
-        if not frontier - OLDEST <= stamp_ns <= now_ns:
+        if not frontier - 10**9 <= stamp_ns <= now_ns:
             stamp_ns = now_ns
         if command == self._newest:
             self._lag = 0
@@ -124,10 +121,6 @@ class CommandSchedule:
         while self._queue and self._queue[0][0] <= period:
             newest = self._queue.popleft()[1]
         return newest
-
-
-ORTHONORMAL = 1e-6
-"""Largest deviation of R^T R from 1 for a commanded rotation R: rounding."""
 
 
 class Samples(NamedTuple):
@@ -355,7 +348,7 @@ def checked_commands(positions: Array, R_base_sensor: Array) -> tuple[Array, Arr
         raise MotionError('a commanded pose is not finite; send numbers only')
     squares = np.swapaxes(R_base_sensor, -1, -2) @ R_base_sensor
     worst = float(np.abs(squares - np.eye(3)).max())
-    if worst > ORTHONORMAL or (np.linalg.det(R_base_sensor) < 0.0).any():
+    if worst > 1e-6 or (np.linalg.det(R_base_sensor) < 0.0).any():
         raise MotionError(f'a commanded orientation is no rotation (R^T R departs from 1 by '
                           f'{worst:.2g}, or it is left-handed); send unit quaternions')
     return positions, quaternion_from_matrix(R_base_sensor)
@@ -367,7 +360,7 @@ def waits_for_compiler() -> bool:
 
 
 def warm_up() -> None:
-    """Compile whatever is not compiled yet, which may take some seconds after an install."""
+    """Compile what is not compiled yet, which may take some seconds after an install."""
     Simulator(load_rig()).advance()
 
 

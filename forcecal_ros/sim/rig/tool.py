@@ -29,8 +29,6 @@ TOOL_STATE = np.dtype([
 MOST_EVENTS = 8
 """Most beginnings and ends of contact that are located within one step."""
 
-BISECTIONS = 40
-"""Halvings of a step that locate a beginning or end of contact, to 1e-12 of the step."""
 
 FURTHEST = 1.0
 """Largest displacement at which equilibrium is looked for [m]."""
@@ -113,7 +111,7 @@ def _rest_with_effects(p: Record, position: Array, R_base_sensor: Array) -> floa
 
     def edge(least: float) -> float:
         low, high = -FURTHEST, FURTHEST
-        for _ in range(BISECTIONS):
+        for _ in range(40):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if force(middle) > least else (low, middle)
         return 0.5 * (low + high)
@@ -312,7 +310,7 @@ def _step(p: Record, state: Record, f: Array, h: float, at: Array) -> None:
         if _touches(p, f, 2, s_end, v_end) == touching:
             break
         low, high = begin, 1.0
-        for _ in range(BISECTIONS):
+        for _ in range(40):
             middle = 0.5 * (low + high)
             s_end, v_end = _advance(p, f, begin, middle, h, s, v, touching, anchor, at)
             _interpolate(f, middle, at, 3)

@@ -3,8 +3,9 @@
 from types import SimpleNamespace
 
 from forcecal_ros.diagnose.dataset import CHANNELS
-from forcecal_ros.diagnose.judge.gap import Arms, gap, OFF, SECOND
+from forcecal_ros.diagnose.judge.gap import Arms, gap, OFF, SECOND, unpredictable
 from forcecal_ros.diagnose.judge.parameter_errors import Errors
+from forcecal_ros.diagnose.localise import BIN_SIGMA, TimeFrequencyBin
 from forcecal_ros.diagnose.model.own_size import Predicted
 import numpy as np
 import pytest
@@ -80,12 +81,17 @@ def test_no_more_is_missed_than_effects_leave():
     assert found.closed == pytest.approx(0.9, abs=0.01)
 
 
-def test_a_prediction_of_what_a_bin_shows_is_not_counted_twice():
+@pytest.mark.parametrize('share', [0.0, 1.0, 10.0])
+def test_what_a_bin_shows_counts_once_however_well_it_is_predicted(share):
     n, k = 8 * SECOND, len(CHANNELS)
     rng = np.random.default_rng(5)
     held = SimpleNamespace(held=np.ones(n, dtype=bool))
     effect, left = rng.standard_normal((n, k)), 0.3 * rng.standard_normal((n, k))
-    arms = [Arms(effect + left, np.zeros((n, k)), effect, left)]
-    alone = gap((held,), arms, np.ones(k), np.zeros(k))
-    assert gap((held,), arms, np.ones(k), np.full(k, 0.08)).closed == pytest.approx(alone.closed)
-    assert gap((held,), arms, np.ones(k), np.full(k, 0.2)).closed < alone.closed - 0.05
+    noise = 0.1 * rng.standard_normal((n, k))
+    level = SimpleNamespace(rms=lambda group: np.full(k, 0.1))
+    model = SimpleNamespace(residuals=[left + noise], datasets=(held,), noise=[level])
+    bins = [TimeFrequencyBin(c, 'move', (8.0, 16.0), 3.0, 2.0 * BIN_SIGMA) for c in range(k)]
+    energy = unpredictable(model, bins, [share * left])
+    arms = [Arms(effect + left + noise, np.zeros((n, k)), effect, share * left)]
+    found = gap((held,), arms, np.ones(k), energy)
+    assert found.explained == pytest.approx(0.3, rel=0.02)

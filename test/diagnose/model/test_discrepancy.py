@@ -4,7 +4,7 @@ import tracemalloc
 
 from forcecal_ros.core.noise.autoregression import Autoregression, ORDER
 from forcecal_ros.core.noise.pieces import AT_ONCE
-from forcecal_ros.diagnose.dataset import CHANNELS, STREAM_SLICES
+from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.model.basis import Basis, basis
 from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.model.discrepancy import Discrepancy
@@ -63,18 +63,6 @@ def test_evidence_is_that_of_the_dense_gaussian_for_training_blocks_and_for_all(
         dense(rows, column, flat, trained, size), abs=1e-3)
     assert fit(train + held, prior).log_evidence == pytest.approx(
         dense(rows, column, flat, np.full(sum(N), True), size), abs=1e-3)
-
-
-def test_what_the_streams_leave_unexplained_sums_up_to_the_likelihood_of_all():
-    _, columns, residual, of = setting(3)
-    products = of.whitened([white(n) for n in N]).products(columns, residual)
-    scales = (1e-3,) * len(STREAM_SLICES)
-    every = products.at(scales)[0] + products.at(scales)[1]
-    x = np.array([0.3])
-    cost, n = products.unexplained(x, scales)
-    assert cost[0] == pytest.approx(0.5 * (every.residual_squares(x) + every.log_det))
-    assert n[0] == sum(N)
-    assert not cost[1:].any() and not n[1:].any()
 
 
 def test_held_out_squares_are_those_beside_what_the_training_blocks_told():

@@ -38,9 +38,7 @@ def _switched(effects, at, ends, seed):
 
 
 @pytest.mark.parametrize(('effects', 'ends', 'at'), [
-    pytest.param({'tool_mass': {'change': 0.1}}, True, 4.2, marks=pytest.mark.xfail(
-        strict=True, reason='known limit: a tool mass that changes in the first half of a 9 s '
-                            'recording is a gap that is found, but answered by unknown')),
+    ({'tool_mass': {'change': 0.1}}, True, 4.2),
     # while force.z is loaded: from 2.5 to 4.5 s it is zero, and no instant would show
     pytest.param({'wrench_crosstalk': {'fx_of_fz': 0.05}}, False, 5.0, marks=pytest.mark.long)])
 def test_an_effect_of_half_a_recording_is_named_with_its_instant(effects, ends, at):

@@ -35,6 +35,10 @@ def test_the_effect_with_the_evidence_is_named_and_no_other(name, values):
     assert [e.name for e in found.effects] == [name]
     assert found.verdict in ('identified', 'ambiguous', 'partial')
     assert found.gap.closed > 0.7
+    # a fit that stops before it settles leaves a resonance half an octave off
+    for key, value in values.items():
+        p = found.effects[0].parameters[key]
+        assert p.value == pytest.approx(value, abs=4.0 * p.std)
 
 
 def explanation(names, evidence, gates=0):
@@ -49,6 +53,17 @@ def test_a_change_point_has_to_bring_what_any_effect_has_to():
         changes = explanation(['tool_mass'], 100.0 + more * posterior.WORTH, gates=1)
         kept, = posterior._likeliest([changes, always])
         assert len(kept.fit.model.gates) == gates
+
+
+@pytest.mark.parametrize('brings, kept', [(0.5, {'a'}), (1.5, {'a', 'b'})])
+def test_an_effect_is_kept_only_if_it_is_worth_its_place_beside_the_others(
+        monkeypatch, brings, kept):
+    alone = {'a': 100.0 - brings * posterior.WORTH, 'b': 60.0}
+    monkeypatch.setattr(posterior, '_without', lambda start, now, name: explanation(
+        sorted(now.names - {name}), alone.get(''.join(now.names - {name}), 0.0)))
+    both, none = explanation(['a', 'b'], 100.0), explanation([], 0.0)
+    found, less = posterior._with_what_is_worth(None, both, none)
+    assert found.names == kept == set(less)
 
 
 def test_alternatives_are_those_in_the_place_of_one_effect():

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import PoseStream, Stream
-from forcecal_ros.io.csv_import.table import is_number, Table
+from forcecal_ros.io.csv_import.table import Table
 import numpy as np
 
 SLOW, MANY = 2.5, 1000
@@ -34,7 +34,7 @@ FOLLOWS, WORSE = 0.1, 10.0
 many times as much it leaves by the orientation as it was read."""
 
 
-def doubtful_rate(rows: int, span: float, what: str, unit: str) -> Iterator[str]:
+def question_rate(rows: int, span: float, what: str, unit: str) -> Iterator[str]:
     """Question a rate that no sensor has; ``span`` from the first row to the last [s]."""
     if rows >= MANY and rows <= SLOW * span:
         yield (f'{what}: {rows} rows over {span / 3600:.2g} h, {rows / span:.3g} a second; if '
@@ -42,28 +42,6 @@ def doubtful_rate(rows: int, span: float, what: str, unit: str) -> Iterator[str]
     if rows >= MANY and rows > FASTEST * span:
         yield (f'{what}: {rows} rows in {span:.3g} s, more than any sensor sends; if time is '
                f'not in {unit}, state the unit that it is in')
-
-
-def skipped_lines(table: Table) -> Iterator[str]:
-    """Say how many lines the key skip left out, and whether they hold numbers."""
-    numbers = [line for line, cells in table.skipped if all(map(is_number, cells))]
-    if table.skipped:
-        yield (f'{table.path}: skip leaves out {len(table.skipped)} '
-               f'line{"s" * (len(table.skipped) > 1)}'
-               + (f'; line {numbers[0]} holds numbers, not names or units: is skip too large?'
-                  if numbers else ''))
-
-
-def left_out(table: Table) -> Iterator[str]:
-    """Say which rows are no rows of their own."""
-    if table.repeated:
-        yield (f'{table.path}: {table.repeated} rows repeat the row before to the last character '
-               'and are left out')
-    if table.held:
-        yield (f'{table.path}: {table.held} rows repeat stamp and cells of the row before: '
-               'messages that had not been renewed are left out')
-    if table.cut:
-        yield f'{table.path} line {table.cut}: the last line is cut short and left out'
 
 
 def missing(table: Table, role: str, values: Array) -> Iterator[str]:
@@ -78,10 +56,10 @@ def missing(table: Table, role: str, values: Array) -> Iterator[str]:
     bad = ~np.isfinite(values).all(axis=1)
     if not bad.any():
         return
-    where = (f'{table.path}: {int(bad.sum())} of {len(bad)} rows of {role} are not finite, first '
-             f'in line {table.line(int(np.argmax(bad)))}')
+    where = (f'{int(bad.sum())} of {len(bad)} rows of {role} are not finite, first in '
+             f'{table.place(int(np.argmax(bad)))}')
     if bad.all() or bad.sum() > max(FEW, SPOILT * len(bad)):
-        raise DataError(f'{where}; take out what is no reading')
+        raise DataError(f'{where}; remove what is not a reading')
     yield f'{where}; they are left out where the recording is used'
 
 
@@ -104,7 +82,7 @@ def refuse_degrees_and_radians(table: Table, t: Array, name: str, angles: Array,
     jumps = turned & (size[1:] > low) & (size[:-1] > low)
     if unit == 'deg' and size.max() <= high and jumps.any():
         row = int(np.argmax(jumps.any(axis=1))) + 1
-        raise DataError(f'{table.path} line {table.line(row)}: {name} jumps from one end of +-pi '
+        raise DataError(f'{table.place(row)}: {name} jumps from one end of +-pi '
                         'to the other and never exceeds it; is it in radians (unit: rad)?')
 
 
@@ -116,7 +94,7 @@ def refuse_other_reading(wrench: Stream, pose: PoseStream, others: Mapping[str, 
     Parameters
     ----------
     others : mapping of str to ndarray, shape (n, 3, 3)
-        R_base_sensor by other readings, and how these are said.
+        R_base_sensor by other readings, and how messages call them.
     key : str
         What the specification calls it.
     """
@@ -142,7 +120,7 @@ def other_reading(force: Array, R_base_sensor: Array, others: Mapping[str, Array
     force : ndarray, shape (n, 3)
         [N]
     others : mapping of str to ndarray, shape (n, 3, 3)
-        R_base_sensor by other readings, and how these are said.
+        R_base_sensor by other readings, and how messages call them.
     """
     mine, _ = _unexplained_share(force, R_base_sensor)
     fits = [(*_unexplained_share(force, R), words) for words, R in others.items()]
