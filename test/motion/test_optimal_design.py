@@ -47,7 +47,7 @@ def default_errors():
 
 
 def test_predicted_standard_errors_are_those_of_the_identification_or_larger(calibration):
-    """The prediction counts static poses; motion adds to tool and biases; stds from 40 blocks scatter."""
+    """Motion adds to static poses; standard errors of 40 blocks scatter by a fifth."""
     errors, found = default_errors(), calibration
     for name, std in (('mass', found.mass.std), ('com', found.com.std),
                       ('force bias', found.wrench_bias.std[:3]),

@@ -5,7 +5,7 @@ from itertools import product
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.diagnose.model.gates import BIAS, nuisances_of, physical
+from forcecal_ros.diagnose.model.gates import BIAS, Gate, gated, nuisances_of, physical
 from forcecal_ros.diagnose.model.jacobian import Column, column
 from forcecal_ros.diagnose.model.linearised import Diverged, LinearisedModel
 from forcecal_ros.diagnose.model.saturation import CLIPPING, limit_starts
@@ -240,6 +240,14 @@ def _of_nuisances(model: LinearisedModel, h: Hypothesis) -> Hypothesis:
         return h._replace(releases=(), atoms=())
     atom = Atom(start, np.array(free), _transposed(several))
     return h._replace(releases=(), atoms=tuple(_sparse([atom], h.effect)))
+
+
+def for_a_part(model: LinearisedModel, h: Hypothesis, gate: Gate) -> Hypothesis:
+    """Let a hypothesis of :func:`everywhere` act for a part of the time only."""
+    rows = [gate.rows(one.measured, i) for i, one in enumerate(model.datasets)]
+    return h._replace(atoms=tuple(
+        atom._replace(columns=tuple(gated(one, acts) for one, acts in zip(atom.columns, rows)))
+        for atom in h.atoms))
 
 
 def _transposed(columns: list[list[Column]]) -> tuple[list[Column], ...]:
