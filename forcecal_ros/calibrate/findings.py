@@ -271,8 +271,8 @@ def delays_too_long(stages: Stages, settings: IdentificationSettings) -> Iterato
             ('accelerometer', fit.delay if fit and np.isfinite(fit.delay) else 0.0, MOTION),
             ('optidrive', ring.slide_delay if ring else 0.0, MOTION)):
         if abs(delay) >= 0.95 * limit:
-            yield Finding(f'{name}: {1e3 * delay:.1f} ms behind the wrench is not plausible '
-                          f'(largest_delay {1e3 * limit:.0f} ms); set the clocks right', suspect)
+            yield Finding(f'{name}: {1e3 * delay:.1f} ms behind the wrench is as far as delays '
+                          f'are looked for ({1e3 * limit:.0f} ms); set the clocks right', suspect)
 
 
 def pose_astray(recording: Recording, stages: Stages) -> Iterator[Finding]:

@@ -9,7 +9,7 @@ guides the tool spoils the motion alone.
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from forcecal_ros.core.errors import below, DataError, UnobservableError
+from forcecal_ros.core.errors import above, below, DataError, UnobservableError
 from forcecal_ros.core.estimation import robust_fit, RobustFit
 from forcecal_ros.core.geometry import Array, skew
 from forcecal_ros.core.noise.autocovariance import Autocovariance, noise_of_windows, SHORTEST
@@ -370,9 +370,9 @@ def require_tool(fit: JointFit, has_position: bool, largest_delay: float) -> Non
         varies = float(fit.scale[0]) / fit.unexplained
         raise DataError(
             f'forces differ from those of a rigid tool by {fit.scale[0]:.3g} N RMS, '
-            f'{fit.unexplained:.0%} of the variation of its weight ({varies:.3g} N; at most '
-            f'{most:.0%} can be accepted); compare the axes of the wrench with those of the pose, '
-            'and record free of contact')
+            f'{above(100 * fit.unexplained, 100 * most)} % of the variation of its weight '
+            f'({varies:.3g} N; at most {100 * most:g} % can be accepted); compare the axes of the '
+            'wrench with those of the pose, and record free of contact')
     if abs(fit.delay) >= 0.95 * largest_delay:
         raise DataError(
             f'pose and wrench fit best {1e3 * abs(fit.delay):.3g} ms apart, the limit of what is '

@@ -24,6 +24,7 @@ from forcecal_ros.calibrate.result import Stages
 from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.checks.hypotheses import questions_of
 from forcecal_ros.core.calibration import Calibration
+from forcecal_ros.core.errors import above
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import phase_spans
 import numpy as np
@@ -146,7 +147,8 @@ def weak_estimates(c: Calibration, settings: IdentificationSettings,
                   'make a larger step and let it ring out')]
     for name, std, threshold, unit, remedy in rows:
         if not std <= threshold:
-            yield (f'{name}: {"relative " * (not unit)}standard error {std:.2g}{unit} is above '
+            size = above(std, threshold, 2)
+            yield (f'{name}: {"relative " * (not unit)}standard error {size}{unit} is above '
                    f'the threshold {threshold:.2g}{unit}; {remedy}')
 
 
