@@ -198,6 +198,8 @@ def answer(case: Case, recordings: Path, limit: float) -> Answer:
             text_of = path.read_text()
             found = (of_diagnosis(json.loads(text_of)) if name.endswith('json')
                      else of_calibration(yaml.safe_load(text_of)))
+        elif status == 0 and (folder / 'out' / 'insitu.json').exists():
+            found = {'verdict': 'refused', 'message': text}  # loads that determine no matrix
     lines = [line for line in text.splitlines() if line.startswith('forcecal: ')
              and not line.startswith('forcecal: note')]
     if status is None:

@@ -329,9 +329,9 @@ def spoilt() -> Iterator[Case]:
         yield case(name, 'demo', {'seed': 1, 'fault': name}, 'calibrate', cause)
     for name, cause in INSITU_FAULTS.items():
         yield case(f'in situ, {name}', 'insitu', {'seed': 1, 'fault': name}, 'insitu', cause)
-    for name in ('kuka', 'icub'):
-        yield Case(f'real/{name}', 'calibrations', 'real', name, {},
-                   'kuka' if name == 'kuka' else 'insitu', {'spoilt': False}, name == 'kuka')
+    yield Case('real/kuka', 'calibrations', 'real', 'kuka', {}, 'kuka', {'spoilt': False}, True)
+    yield Case('real/icub', 'calibrations', 'real', 'icub', {}, 'insitu',
+               {'spoilt': True, 'cause': 'off an affine map of gravity'}, False)
 
 
 def all_cases() -> list[Case]:
