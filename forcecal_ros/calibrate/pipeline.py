@@ -273,9 +273,9 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
     refuse_negative(float(joint.theta[0]))
     statics = with_noise(statics, joint, recording, poses)
     tool = tool_of_motion(joint, statics)
-    if not np.sqrt(np.diag(tool.covariance)[4:7].max()) < MAX_COM_STD:
-        check_poses(statics.gravity, settings.thresholds.condition)
     moves = bool((joint.blocks.groups == 1).any())
+    if not moves or not np.sqrt(np.diag(tool.covariance)[4:7].max()) < MAX_COM_STD:
+        check_poses(statics.gravity, settings.thresholds.condition)
     late = (-joint.delay, joint.delay_std)
     known = moves and joint.delay_std < settings.largest_delay / 10
     return Stages(recording, removed, poses, statics, tool, sag, ring,
