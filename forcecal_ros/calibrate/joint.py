@@ -48,6 +48,9 @@ MAX_UNEXPLAINED = 0.25
 """Largest share of the variation of a weight in the residual: a wrench with one mirrored axis has
 0.3, a free tool 0.01. Where positions are missing, accelerations count as residual: 1."""
 
+PRIOR_INERTIA = 10.0
+"""Prior of an element of inertia, 1 sigma [kg m^2]: 100 kg with a radius of gyration of 0.3 m."""
+
 MIN_MASS_SIGMA = 5.0
 """Standard errors by which a mass must differ from zero."""
 
@@ -246,7 +249,7 @@ def joint_fit(wrench: Stream, blocks: Blocks, has_position: bool, largest_delay:
     whole, bias = X, np.broadcast_to(np.eye(6), (len(rows), 6, 6))
     X = X[rows]
     prior = np.zeros(18)
-    prior[16] = largest_delay**-2
+    prior[4:INERTIAL], prior[16] = PRIOR_INERTIA**-2, largest_delay**-2
     readings, compliance = Averager(wrench.t, wrench.values), np.zeros((len(X), 6, 1))
     if sag:
         u = smooth(blocks.motion.apparent_gravity)[rows]
