@@ -25,6 +25,10 @@ import numpy as np
 MIN_SAG = 0.05
 """Least variation of the weight along x, of the weight, that shows a stiffness."""
 
+SAG_BLOCKS = 12
+"""Blocks of the rows at rest for the standard error of a stiffness: 0.5 s each in the sequence,
+five times as long as the low-pass correlates them."""
+
 SAG_SIGMA = 5.0
 """Standard errors by which a compliance differs from zero."""
 
@@ -74,7 +78,7 @@ def sag_of(fit: JointFit, wrench: Stream) -> Sag | None:
     columns = smooth(np.concatenate([s, rate, np.ones_like(s)], axis=1))
     # one channel in three places of the robust fit's group of three
     X = np.repeat(columns[rest, None, :], 3, axis=1)
-    found = robust_fit(X, np.repeat(smooth(force)[rest], 3, axis=1))
+    found = robust_fit(X, np.repeat(smooth(force)[rest], 3, axis=1), blocks=SAG_BLOCKS)
     stiffness, variance = float(found.theta[0]), float(found.covariance[0, 0])
     if stiffness**2 < SAG_SIGMA**2 * variance:
         return None
