@@ -3,9 +3,9 @@ Offset, sensitivity, delay and place of the accelerometer.
 
 V(t + delay) = V0 + M f(t),     f = a - g + (alpha x + omega x omega x) q
 
-The motion of the pose, and of a tool that is displaced, says what the accelerometer feels at its
-place q: the regressor of [Gamez2005] Eq. 17 on three axes. Moving through gravity spans what three
-poses cannot. An AC-coupled sensor shows f less its own low-passed past.
+The motion of the pose, and of a tool that is displaced, gives the specific force f at the place q:
+the regressor of [Gamez2005] Eq. 17 on three axes. Moving through gravity spans what three poses
+cannot. An AC-coupled sensor shows f less its own low-passed past.
 """
 
 from dataclasses import replace
@@ -109,28 +109,27 @@ def accelerometer_fit(stream: Stream, blocks: Blocks, coupling: str = 'dc',
         """Fit map, offset, place, delay, initial state and corner, linear about theta."""
         y = smooth(readings.interpolated(blocks.starts + delay, step))[rows]
         q = np.zeros(3) if theta is None else theta[12:15]
-        felt = plain + lever @ q
-        shown = _highpassed(felt, step, corner)
+        force = plain + lever @ q
+        shown = _highpassed(force, step, corner)
         X = np.zeros((n, 3, 20))
         X[:, :, :9] = np.einsum('ij,nk->nijk', eye, shown[rows]).reshape(n, 3, 9)
         X[:, :, 9:12] = eye
         if corner is not None:
-            X[:, :, 16:19] = fading(len(felt), step, corner)[rows, None, None] * eye
+            X[:, :, 16:19] = fading(len(force), step, corner)[rows, None, None] * eye
         if theta is not None:
             M = theta[:9].reshape(3, 3)
             X[:, :, 12:15] = M @ _highpassed(lever, step, corner)[rows]
             X[:, :, 15] = -np.gradient(shown, step, axis=0)[rows] @ M.T
             if corner is not None and cutoff is None:
-                X[:, :, 19] = _by_corner(felt, step, corner, M, theta[16:19])[rows]
+                X[:, :, 19] = _by_corner(force, step, corner, M, theta[16:19])[rows]
             y = y + X[:, :, 12:15] @ q
         return robust_fit(X[::every], y[::every], prior, tolerance=1e-5 if every == 1 else 1e-2,
                           groups=blocks.groups[::every])
 
     corner = cutoff
     if coupling == 'ac' and cutoff is None:
-        every = 2 + n // 1000
         corner = float(min(CUTOFFS, key=lambda f: np.log(
-            fitted(0.0, None, every, f).scale).sum()))
+            fitted(0.0, None, blocks.every, f).scale).sum()))
     delay, fit = nearest_delay(largest_delay, blocks, lambda d, theta, every: fitted(
         d, theta, every, corner))
     theta = fit.theta
@@ -154,14 +153,14 @@ def accelerometer_fit(stream: Stream, blocks: Blocks, coupling: str = 'dc',
         theta[12:15] + known, C, fit.residual.reshape(-1, 3), blocks, noise)
 
 
-def _highpassed(felt: Array, step: float, corner: float | None) -> Array:
+def _highpassed(force: Array, step: float, corner: float | None) -> Array:
     """Output of the high-pass, starting from state 0; the input for a sensor that shows DC."""
-    return felt if corner is None else np.asarray(felt - lowpassed(felt, step, corner))
+    return force if corner is None else np.asarray(force - lowpassed(force, step, corner))
 
 
-def _by_corner(felt: Array, step: float, corner: float, M: Array, state: Array) -> Array:
+def _by_corner(force: Array, step: float, corner: float, M: Array, state: Array) -> Array:
     """Differentiate what is shown by the logarithm of the corner, (n, 3)."""
-    more, less = (_highpassed(felt, step, f) @ M.T + np.outer(fading(len(felt), step, f), state)
+    more, less = (_highpassed(force, step, f) @ M.T + np.outer(fading(len(force), step, f), state)
                   for f in (1.001 * corner, corner / 1.001))
     return np.asarray((more - less) / (2 * np.log(1.001)))
 

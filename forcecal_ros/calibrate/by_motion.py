@@ -5,11 +5,11 @@ from typing import Any
 
 from forcecal_ros.calibrate.accelerometer import AccelerometerFit
 from forcecal_ros.calibrate.findings import NO_ACCELEROMETER
-from forcecal_ros.calibrate.joint import JointFit
+from forcecal_ros.calibrate.joint import JointFit, SUSPECT_UNEXPLAINED
 from forcecal_ros.calibrate.quality import weak_estimates
 from forcecal_ros.calibrate.result import accelerometer_of, inertia_of, known_inertia
 from forcecal_ros.calibrate.settings import IdentificationSettings
-from forcecal_ros.calibrate.static_readings import refuse_negative
+from forcecal_ros.calibrate.static_readings import principal_spread, refuse_negative
 from forcecal_ros.checks.hypotheses import questions_of
 from forcecal_ros.core.calibration import Calibration, Estimate
 from forcecal_ros.core.streams import Recording
@@ -18,17 +18,12 @@ import numpy as np
 MAX_RELATIVE_INERTIA_STD = 0.3
 """Largest standard error of an element of inertia, of its mean moment: above, it is left out."""
 
-
 ESTIMATED_KEYS = ('mass', 'com', 'wrench_bias', 'inertia')
 """Keys that are estimated from motion."""
 
-SUSPECT_UNEXPLAINED = 0.1
-"""Share of the weight's variation in the residual above which estimates are suspect: axes that
-are rotated by 6 deg have as much."""
-
 
 def calibrate_by_motion(recording: Recording, settings: IdentificationSettings, found: JointFit,
-                        felt: AccelerometerFit | None, why: str) -> dict[str, Any]:
+                        accelerometer: AccelerometerFit | None, why: str) -> dict[str, Any]:
     """
     Return what motion shows of tool and accelerometer, and what it does not.
 
@@ -59,10 +54,10 @@ def calibrate_by_motion(recording: Recording, settings: IdentificationSettings, 
         'wrench_bias': Estimate(found.theta[10:16], std[10:16], 'N, N m'),
         'inertia': known,
         'accelerometer': accelerometer_of(
-            felt, recording.accelerometer_unit, settings)}
+            accelerometer, recording.accelerometer_unit, settings)}
     warnings = [*weak_estimates(Calibration(**fields), settings, 'rotate further and for longer',
                                 'rotate further about two horizontal axes'),
-                *_not_identified(recording, None if known else inertia, felt)]
+                *_not_identified(recording, None if known else inertia, accelerometer)]
     suspect = [key for key in ESTIMATED_KEYS if found.unexplained > SUSPECT_UNEXPLAINED]
     if suspect:
         warnings.append(
@@ -74,14 +69,14 @@ def calibrate_by_motion(recording: Recording, settings: IdentificationSettings, 
         'questions': list(questions_of(mass, float(np.linalg.norm(found.com)))),
         'notes': [*recording.notes, f'{why}: estimated from motion'],
         'residual_rms': np.repeat(found.scale, 3),
-        'apparent_gravity_spread': found.spread,
+        'apparent_gravity_spread': principal_spread(found.blocks.apparent_gravity)[0],
         'rejection': {'threshold': settings.thresholds.probability, 'pose': None, 'poses': []},
         'pose_delay': -found.delay, 'pose_delay_std': found.delay_std}
     return {**fields, 'quality': quality}
 
 
-def _not_identified(recording: Recording, inertia: Estimate | None, felt: AccelerometerFit | None
-                    ) -> Iterator[str]:
+def _not_identified(recording: Recording, inertia: Estimate | None,
+                    accelerometer: AccelerometerFit | None) -> Iterator[str]:
     """Name what this motion does not show, and the motion that would."""
     assert recording.pose is not None
     if not recording.pose.has_position:
@@ -92,5 +87,5 @@ def _not_identified(recording: Recording, inertia: Estimate | None, felt: Accele
         share = f' ({error / size:.0%} of the mean moment)' if size > 0.0 else ''
         yield (f'inertia: not identified, its standard error is {error:.2g} kg m^2{share}; rotate '
                'faster about all three axes')
-    if felt is None and recording.accelerometer is not None:
+    if accelerometer is None and recording.accelerometer is not None:
         yield NO_ACCELEROMETER

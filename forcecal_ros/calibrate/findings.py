@@ -11,7 +11,13 @@ gravity, or a force that never changes: they look like another mass and another 
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from forcecal_ros.calibrate.joint import Blocks, INFLATION, row_noise, THINNING
+from forcecal_ros.calibrate.joint import (
+    Blocks,
+    INFLATION,
+    row_noise,
+    SUSPECT_UNEXPLAINED,
+    THINNING,
+)
 from forcecal_ros.calibrate.means import DRIFT, drift, restless
 from forcecal_ros.calibrate.rejection import pose_errors, rejected, what_changed
 from forcecal_ros.calibrate.residuals import (
@@ -49,10 +55,6 @@ _SMALL = 1e-4
 
 _ASTRAY = 3e-3
 """Commanded and measured orientation may differ by this much from pose to pose [rad]."""
-
-_FOREIGN = 0.1
-"""Share of the variation of the weight that a free tool leaves at most: axes that are rotated by
-6 deg leave as much."""
 
 _RESOLVED = 5
 """Blocks that a derivative of the pose reaches over: where commands were held back for a moment
@@ -188,7 +190,7 @@ def motion_departs(stages: Stages) -> Iterator[Finding]:
     if fit is None or fit.noise is None or not (fit.blocks.groups == 1).any():
         return
     noise = float(np.sqrt((row_noise(fit.noise)[:3]**2).mean()))
-    if fit.unexplained > _FOREIGN and fit.scale[0] > _RESTLESS * noise:
+    if fit.unexplained > SUSPECT_UNEXPLAINED and fit.scale[0] > _RESTLESS * noise:
         yield Finding(
             f'in motion, forces differ from those of a rigid tool by {fit.scale[0]:.2g} N RMS, '
             f'{fit.unexplained:.0%} of the variation of its weight: something touches the tool; '

@@ -9,6 +9,7 @@ guides the tool spoils the motion alone.
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+from forcecal_ros.calibrate.static_readings import principal_spread
 from forcecal_ros.core.errors import above, below, DataError, UnobservableError
 from forcecal_ros.core.estimation import robust_fit, RobustFit
 from forcecal_ros.core.geometry import Array, skew
@@ -26,8 +27,9 @@ STEP_S, LOWPASS_S = 0.01, 0.03
 LOWPASS = LOWPASS_S / STEP_S
 """The same in steps: slower recordings are smoothed over as many samples."""
 
-REACH = 16
-"""Steps that the low-pass and derivatives of the pose reach to either side."""
+REACH = int(4 * LOWPASS) + 4
+"""Steps to either side that are taken in by the low-pass, four standard deviations, and by two
+derivatives of the pose."""
 
 THINNING = 3
 """Every third row is fitted, one a `LOWPASS_S`: of what the low-pass leaves 0.7 % is above half
@@ -48,6 +50,10 @@ MAX_UNEXPLAINED = 0.25
 """Largest share of the variation of a weight in the residual: a wrench with one mirrored axis has
 0.3, a free tool 0.01. Where positions are missing, accelerations count as residual: 1."""
 
+SUSPECT_UNEXPLAINED = 0.1
+"""Share of the weight's variation in the residual above which estimates from motion are suspect:
+axes that are rotated by 6 deg have as much."""
+
 PRIOR_INERTIA = 10.0
 """Prior of an element of inertia, 1 sigma [kg m^2]: 100 kg with a radius of gyration of 0.3 m."""
 
@@ -60,6 +66,9 @@ INFLATION = 2 * np.sqrt(np.pi) * LOWPASS / THINNING
 ITERATIONS = 6
 """Steps of fits that are linear in all but delay and place: the third is exact to 1e-3 of a
 standard error."""
+
+AT_REST = [0, 10, 11, 12, 1, 2, 3, 13, 14, 15]
+"""Parameters that static poses show: mass, force bias, first moments, torque bias."""
 
 
 class Blocks(NamedTuple):
@@ -99,6 +108,16 @@ class Blocks(NamedTuple):
     def groups(self) -> NDArray[np.intp]:
         """Of the rows: 0 at rest, 1 in motion."""
         return (self.pose < 0).astype(np.intp)
+
+    @property
+    def every(self) -> int:
+        """Of so many rows one suffices to choose between delays, or between corners."""
+        return 2 + len(self.rows) // MAX_COARSE_ROWS
+
+    @property
+    def apparent_gravity(self) -> Array:
+        """Of the rows, low-passed, as a share of gravity, (m, 3)."""
+        return smooth(self.motion.apparent_gravity)[self.rows] / self.gravity
 
     @property
     def times(self) -> Array:
@@ -176,8 +195,6 @@ class JointFit(NamedTuple):
         Mass [kg], first moments [kg m], inertia about the sensor (xx, yy, zz, xy, xz, yz)
         [kg m^2], biases [N, N m], delay of the wrench after the pose [s], and square of the mass
         over a stiffness that nothing measures, or 0 [kg^2 m/N].
-    spread : ndarray, shape (3,)
-        RMS variation of g - a along its principal directions, of gravity.
     unexplained : float
         Residual force over the variation of the explained force.
     residual : ndarray, shape (m, 6)
@@ -190,7 +207,6 @@ class JointFit(NamedTuple):
 
     theta: Array
     covariance: Array
-    spread: Array
     unexplained: float
     residual: Array
     scale: Array
@@ -252,7 +268,7 @@ def joint_fit(wrench: Stream, blocks: Blocks, has_position: bool, largest_delay:
     prior[4:INERTIAL], prior[16] = PRIOR_INERTIA**-2, largest_delay**-2
     readings, compliance = Averager(wrench.t, wrench.values), np.zeros((len(X), 6, 1))
     if sag:
-        u = smooth(blocks.motion.apparent_gravity)[rows]
+        u = blocks.gravity * blocks.apparent_gravity
         compliance[:, 3:, 0] = u[:, :1] * np.cross([1.0, 0.0, 0.0], u)
 
     def fitted(delay: float, theta: Array | None, every: int = 1) -> RobustFit:
@@ -276,9 +292,7 @@ def joint_fit(wrench: Stream, blocks: Blocks, has_position: bool, largest_delay:
         C[range(4, INERTIAL), range(4, INERTIAL)] = np.inf
     explained = (X @ theta[:INERTIAL])[:, :3]
     varies = float(np.sqrt(explained.var(axis=0).mean()))
-    shown = smooth(blocks.motion.apparent_gravity)[rows] / blocks.gravity
-    spread = np.linalg.svd(shown - shown.mean(axis=0), compute_uv=False) / np.sqrt(len(shown))
-    return JointFit(theta, C, spread, float(fit.scale[-1, 0]) / max(varies, 1e-12),
+    return JointFit(theta, C, float(fit.scale[-1, 0]) / max(varies, 1e-12),
                     fit.residual.reshape(-1, 6), fit.scale[-1], blocks, noise_at_rest(
                         readings.interpolated(blocks.starts + delay, step)
                         - whole @ theta[:INERTIAL], blocks))
@@ -301,7 +315,7 @@ def noise_at_rest(residual: Array, blocks: Blocks) -> Autocovariance | None:
 def nearest_delay(largest: float, blocks: Blocks, fitted: Callable[..., RobustFit]
                   ) -> tuple[float, RobustFit]:
     """Try eleven delays on a few of the rows; return the best with its fit."""
-    every = 2 + len(blocks.rows) // MAX_COARSE_ROWS
+    every = blocks.every
     share = np.bincount(blocks.groups[::every], minlength=1)
     share = share[share > 0]
     coarse = np.linspace(-largest, largest, 11)
@@ -334,9 +348,8 @@ def require_rotation(blocks: Blocks) -> None:
     UnobservableError
         Names the axis, and what to rotate about.
     """
-    force = smooth(blocks.motion.apparent_gravity)[blocks.rows] / blocks.gravity
-    _, spread, directions = np.linalg.svd(force - force.mean(axis=0), full_matrices=False)
-    spread = spread / np.sqrt(len(force))
+    force = blocks.apparent_gravity
+    spread, directions = principal_spread(force)
     if spread[1] >= MIN_GRAVITY_SPREAD:
         return
     degrees = np.degrees(spread)
@@ -355,6 +368,11 @@ def require_rotation(blocks: Blocks) -> None:
         f'rotate about {other} as well, by 10 deg or more')
 
 
+def most_unexplained(has_position: bool) -> float:
+    """Return the largest share of the variation of a weight in the residual of a tool's motion."""
+    return MAX_UNEXPLAINED if has_position else 1.0
+
+
 def require_tool(fit: JointFit, has_position: bool, largest_delay: float) -> None:
     """
     Refuse a mass that is chance, forces that are not a rigid tool's, and clocks apart.
@@ -364,7 +382,7 @@ def require_tool(fit: JointFit, has_position: bool, largest_delay: float) -> Non
     UnobservableError, DataError
     """
     mass, std = float(fit.theta[0]), float(fit.std[0])
-    most = MAX_UNEXPLAINED if has_position else 1.0
+    most = most_unexplained(has_position)
     if not abs(mass) > MIN_MASS_SIGMA * std:
         raise UnobservableError(
             f'the mass is {mass:.3g} kg with a standard error of {std:.2g} kg, and '

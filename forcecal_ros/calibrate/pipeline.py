@@ -16,6 +16,7 @@ from forcecal_ros.calibrate.joint import (
     joint_fit,
     JointFit,
     MIN_GRAVITY_SPREAD,
+    most_unexplained,
     require_overlap,
     require_rotation,
     require_tool,
@@ -24,7 +25,6 @@ from forcecal_ros.calibrate.means import DRIFT, drift, window_mean
 from forcecal_ros.calibrate.poses import NeverAtRest, static_poses, StaticPose
 from forcecal_ros.calibrate.quality import quality_of
 from forcecal_ros.calibrate.requirements import (
-    refuse_far_displacement,
     refuse_poses_at_a_limit,
     refuse_unnatural,
     require_wrench,
@@ -180,14 +180,14 @@ def _by_motion(recording: Recording, settings: IdentificationSettings, why: str
                ) -> dict[str, Any]:
     recording = _evened(levelled(recording, settings.gravity_direction))
     recording = in_axes_of_pose(recording, settings.sensor_rotation)
-    joint = fit_motion(recording, settings)
+    slide = optidrive_of(recording, settings)
+    joint = fit_motion(recording, settings, (), slide)
     assert joint is not None and recording.pose is not None  # without poses it is one or refused
     require_tool(joint, recording.pose.has_position, settings.largest_delay)
-    slide = None if settings.tool_compliance == 'no' else recording.optidrive
-    felt = None
+    accelerometer = None
     if recording.pose.has_position and settings.coupling == 'dc':
-        felt = fit_accelerometer(recording, settings, joint, (), slide)
-    return calibrate_by_motion(recording, settings, joint, felt, why)
+        accelerometer = fit_accelerometer(recording, settings, joint, (), slide)
+    return calibrate_by_motion(recording, settings, joint, accelerometer, why)
 
 
 def _same_orientation(recording: Recording, settings: IdentificationSettings) -> bool:
@@ -245,10 +245,11 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
     refuse_poses_at_a_limit(recording, stops, poses)
     recording = in_axes_of_pose(recording, settings.sensor_rotation)
     _refuse_other_unit(recording, poses, settings)
-    refuse_far_displacement(recording.optidrive)
     statics = read_statics(recording, poses, settings)
     check_weight(statics.gravity, settings.thresholds.condition)
-    joint = fit_motion(recording, settings, poses)
+    slide = optidrive_of(recording, settings)
+    joint = fit_motion(recording, settings, poses, slide)
+    assert recording.pose is not None
     if joint is None:
         return replace(_single_samples(recording, removed, poses, statics, settings),
                        slight_misfit=slight, stops=stops)
@@ -260,7 +261,6 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
         sag = sag_of(joint, require_wrench(recording))
         density = float(joint.noise.at_least_white[0, 0]) * joint.blocks.length
         ring = ring_of(recording, statics, joint, density, sag, spans)
-    slide = recording.optidrive
     if ring is not None:
         slide = displacement(recording, ring, joint)
         joint = fit_motion(recording, settings, poses, slide) or joint
@@ -274,7 +274,8 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
     statics = with_noise(statics, joint, recording, poses)
     tool = tool_of_motion(joint, statics)
     moves = bool((joint.blocks.groups == 1).any())
-    if not moves or not np.sqrt(np.diag(tool.covariance)[4:7].max()) < MAX_COM_STD:
+    shows = moves and joint.unexplained <= most_unexplained(recording.pose.has_position)
+    if not shows or not np.sqrt(np.diag(tool.covariance)[4:7].max()) < MAX_COM_STD:
         check_poses(statics.gravity, settings.thresholds.condition)
     late = (-joint.delay, joint.delay_std)
     known = moves and joint.delay_std < settings.largest_delay / 10
@@ -282,6 +283,11 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
                   fit_accelerometer(recording, settings, joint, poses, slide),
                   inertia_of(joint) if moves else None, late if known else None, joint, slight,
                   stops)
+
+
+def optidrive_of(recording: Recording, settings: IdentificationSettings) -> Stream | None:
+    """Return the measured displacement of the tool; None for one that is stated to be rigid."""
+    return None if settings.tool_compliance == 'no' else recording.optidrive
 
 
 def fit_motion(recording: Recording, settings: IdentificationSettings,
@@ -292,7 +298,7 @@ def fit_motion(recording: Recording, settings: IdentificationSettings,
     Parameters
     ----------
     slide : Stream or None
-        Displacement of the tool, as far as it is better known than by the Optidrive [m].
+        Displacement of the tool along x [m].
     """
     wrench, pose = require_wrench(recording), recording.pose
     assert pose is not None
@@ -303,8 +309,6 @@ def fit_motion(recording: Recording, settings: IdentificationSettings,
             raise UnobservableError(f'{len(wrench)} readings of the wrench and {len(pose)} poses '
                                     f'do not show motion; record {MIN_SAMPLES} or more of each')
         return None
-    if slide is None and settings.tool_compliance != 'no':
-        slide = recording.optidrive
     sag = settings.tool_compliance == 'yes' and slide is None
     blocks = blocks_of(wrench, pose, np.array([0.0, 0.0, -settings.gravity]),
                        settings.largest_delay, slide, [(p.start, p.end) for p in poses],

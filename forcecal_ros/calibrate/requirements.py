@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 from forcecal_ros.calibrate.poses import StaticPose
-from forcecal_ros.checks.signals import Clipping, columns
+from forcecal_ros.checks.signals import Clipping, columns, FARTHEST
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
@@ -60,29 +60,8 @@ def _stands(t: Array, values: Array, pose: StaticPose, limit: float) -> bool:
     return len(at) > 0 and bool(at.mean() >= MOSTLY)
 
 
-FARTHEST = 1.0
-"""Centre of mass and radius of gyration beyond this are none of what hangs on a wrist [m]: of a
-kilogram there already most wrist sensors are overloaded by the torque."""
-
 _CERTAIN = 5.0
 """An inertia is that of no body by so many standard errors: one identification in a million."""
-
-
-def refuse_far_displacement(optidrive: Stream | None) -> None:
-    """
-    Refuse a tool that is displaced farther than any is long.
-
-    Raises
-    ------
-    DataError
-        Names the displacement and its likely unit.
-    """
-    if optidrive is None or not len(optidrive):
-        return
-    away = float(np.nanmedian(np.abs(optidrive.values)))
-    if away > FARTHEST:
-        raise DataError(f'optidrive: the tool is displaced by {away:.3g} m, expected {FARTHEST:g} '
-                        'm at most; is the displacement in mm? Multiply it by 0.001')
 
 
 def refuse_unnatural(c: Calibration) -> None:

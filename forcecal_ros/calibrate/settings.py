@@ -82,9 +82,6 @@ class IdentificationSettings(Section, name=''):
         'What the readings were multiplied by when they were read', words=(1, -1))] = 1
     largest_delay: Annotated[float, Row(
         'Delays between sensors are looked for up to this', 's', above=0.0)] = 0.02
-    block: Annotated[float, Row(
-        "Readings are averaged over blocks of this length: well below the tool's period, well "
-        "above the sensors'; longer where a sensor is too slow for it", 's', above=0.0)] = 0.02
     observer_mode: Annotated[str, Row('Who publishes the contact wrench', words=MODES)] = 'kalman'
     observer_design: Annotated[str, Row(
         "Of the paper's gain: kalman is Eq. 18, 19", words=DESIGNS)] = 'kalman'

@@ -48,11 +48,14 @@ def gravity_spread(gravity: Array) -> tuple[Array, Array]:
     directions : ndarray, shape (3, 3)
         Rows: the directions they belong to, in ft_sensor.
     """
-    unit = gravity / np.linalg.norm(gravity, axis=1, keepdims=True)
-    centred = unit - unit.mean(axis=0)
-    padded = np.vstack([centred, np.zeros((3, 3))])
-    _, spread, directions = np.linalg.svd(padded, full_matrices=False)
-    return spread / np.sqrt(len(gravity)), directions
+    return principal_spread(gravity / np.linalg.norm(gravity, axis=1, keepdims=True))
+
+
+def principal_spread(vectors: Array) -> tuple[Array, Array]:
+    """Return the RMS variation (3,) of vectors (n, 3), and its principal directions (3, 3)."""
+    padded = np.vstack([vectors - vectors.mean(axis=0), np.zeros((3, 3))])
+    _, size, directions = np.linalg.svd(padded, full_matrices=False)
+    return size / np.sqrt(len(vectors)), directions
 
 
 def check_weight(gravity: Array, condition: float) -> None:

@@ -4,7 +4,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from forcecal_ros.calibrate.accelerometer import lowpassed
-from forcecal_ros.calibrate.joint import JointFit, smooth
+from forcecal_ros.calibrate.joint import AT_REST, JointFit, smooth
 from forcecal_ros.calibrate.means import window_mean
 from forcecal_ros.calibrate.poses import StaticPose
 from forcecal_ros.calibrate.requirements import require_wrench
@@ -76,9 +76,7 @@ def sag_of(fit: JointFit, wrench: Stream) -> Sag | None:
         blocks.starts + fit.delay, blocks.length)
     rate = rate_of_change(s, blocks.length)
     columns = smooth(np.concatenate([s, rate, np.ones_like(s)], axis=1))
-    # one channel in three places of the robust fit's group of three
-    X = np.repeat(columns[rest, None, :], 3, axis=1)
-    found = robust_fit(X, np.repeat(smooth(force)[rest], 3, axis=1), blocks=SAG_BLOCKS)
+    found = robust_fit(columns[rest, None, :], smooth(force)[rest], blocks=SAG_BLOCKS, channels=1)
     stiffness, variance = float(found.theta[0]), float(found.covariance[0, 0])
     if stiffness**2 < SAG_SIGMA**2 * variance:
         return None
@@ -122,8 +120,7 @@ def with_noise(statics: Statics, fit: JointFit, recording: Recording, poses: lis
     covariance = fit.noise.at_least_white * (fit.blocks.length / spans)[:, None, None]
     covariance = covariance + np.diag(_rounding(require_wrench(recording), poses))
     left = np.stack([fit.residual[fit.blocks.pose == i].mean(axis=0) for i in range(len(poses))])
-    theta = fit.theta[[0, 10, 11, 12, 1, 2, 3, 13, 14, 15]]
-    wrench = (design_of(statics)[0] @ theta).reshape(-1, 6) + left
+    wrench = (design_of(statics)[0] @ fit.theta[AT_REST]).reshape(-1, 6) + left
     return statics._replace(covariance=covariance, wrench=wrench)
 
 

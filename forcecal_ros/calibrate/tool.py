@@ -11,7 +11,7 @@ which is linear in m, b_F, m c and b_n once s is known.
 
 from typing import NamedTuple
 
-from forcecal_ros.calibrate.joint import JointFit
+from forcecal_ros.calibrate.joint import AT_REST, JointFit
 from forcecal_ros.calibrate.static_readings import (
     check_poses,
     gravity_spread,
@@ -83,8 +83,7 @@ def tool_of_motion(fit: JointFit, statics: Statics) -> ToolFit:
         With covariance.
     """
     n, mass = len(statics.wrench), float(fit.theta[0])
-    pick = [0, 10, 11, 12, 1, 2, 3, 13, 14, 15]
-    theta, C = fit.theta[pick], fit.covariance[np.ix_(pick, pick)]
+    theta, C = fit.theta[AT_REST], fit.covariance[np.ix_(AT_REST, AT_REST)]
     design, reading = design_of(statics)
     assert statics.covariance is not None
     noise = block_diag(*(statics.covariance + mass**2 * slide_noise(statics)))
@@ -96,7 +95,10 @@ def tool_of_motion(fit: JointFit, statics: Statics) -> ToolFit:
     chance = float(chdtrc(degrees, chi_square)) if degrees > 0 else np.nan
     if chance < WIDENED:
         times = _left_over(residuals, noise, design, chi_square / degrees)
-        wider = np.repeat([times[0], times[3]], [4, 6])
+        # blocks of residuals show some of it already: no less than static poses alone would state
+        stated = np.sqrt(np.diag(np.linalg.pinv(rows.T @ rows, hermitian=True)))
+        stated *= np.repeat([times[0], times[3]], [4, 6])
+        wider = np.maximum(1.0, stated / np.sqrt(np.diag(C)))
         C = C * np.outer(wider, wider)
     return _tool(theta, C, statics, residuals, chi_square, chance, degrees)
 

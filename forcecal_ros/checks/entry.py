@@ -59,6 +59,7 @@ def checked(recording: Recording, raw_wrench: bool = False) -> Checked:
     signals.refuse_other_pace(recording)
     signals.refuse_clocks_apart(recording)
     signals.refuse_degrees_a_second(recording)
+    signals.refuse_far_displacement(recording.optidrive)
     for name in _ALL[:4]:
         stream = getattr(recording, name)
         if stream is not None:

@@ -82,6 +82,10 @@ OPTIONAL = ('optidrive', 'angular_velocity')
 SENSORS = ('wrench', 'accelerometer', 'optidrive', 'pose')
 STREAMS = (*SENSORS, 'target')
 
+FARTHEST = 1.0
+"""Centre of mass, radius of gyration and displacement beyond this are none of what is attached to
+a wrist [m]: 1 kg at this distance already overloads most wrist sensors by its torque."""
+
 REMEDY = 'check the sensor, its cable and its driver, and record again'
 
 _STATE_UNIT = ('state its unit in the specification of forcecal import, or correct the stamps in '
@@ -843,3 +847,20 @@ def refuse_degrees_a_second(recording: Recording) -> None:
         raise DataError(f'angular_velocity: it is {times:.3g} times as fast as the tool turns: it '
                         'is in deg/s; multiply by 0.0174533 in the driver (where forcecal import '
                         'read a table, write "unit: deg/s" into its specification instead)')
+
+
+def refuse_far_displacement(optidrive: Stream | None) -> None:
+    """
+    Refuse a tool that is displaced farther than any is long.
+
+    Raises
+    ------
+    DataError
+        Names the displacement and its likely unit.
+    """
+    if optidrive is None or not len(optidrive):
+        return
+    away = float(np.nanmedian(np.abs(optidrive.values)))
+    if away > FARTHEST:
+        raise DataError(f'optidrive: the tool is displaced by {away:.3g} m, expected {FARTHEST:g} '
+                        'm at most; is the displacement in mm? Multiply it by 0.001')

@@ -5,6 +5,7 @@ from typing import NamedTuple
 from forcecal_ros.core.geometry import Array
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 FREEDOM = 4.0
 """Degrees of freedom of Student's t: contact is its tails."""
@@ -29,9 +30,9 @@ class RobustFit(NamedTuple):
     theta : ndarray, shape (k,)
     covariance : ndarray, shape (k, k)
         Sandwich over blocks.
-    residual : ndarray, shape (n, c, 3)
+    residual : ndarray, shape (n, c, d)
     scale : ndarray, shape (g, c)
-        Of one channel's residual in each group of rows and of three channels.
+        Of one channel's residual in each group of rows and of channels.
     """
 
     theta: Array
@@ -46,9 +47,10 @@ class RobustFit(NamedTuple):
 
 
 def robust_fit(X: Array, y: Array, prior: Array | None = None, blocks: int = BLOCKS,
-               tolerance: float = 1e-5, groups: NDArray[np.intp] | None = None) -> RobustFit:
+               tolerance: float = 1e-5, groups: NDArray[np.intp] | None = None, channels: int = 3
+               ) -> RobustFit:
     """
-    Fit y (n, 3 c) by X (n, 3 c, k) with Student's t on each group of three channels.
+    Fit y (n, c d) by X (n, c d, k) with Student's t on each group of d channels.
 
     Parameters
     ----------
@@ -60,19 +62,23 @@ def robust_fit(X: Array, y: Array, prior: Array | None = None, blocks: int = BLO
         Relative change of the scales at which iterations end.
     groups : ndarray of int, shape (n,), or None
         Which rows share a scale, 0, 1, ...; None: all.
+    channels : int
+        In a group of channels, d.
     """
-    n, c, k = len(y), y.shape[1] // 3, X.shape[2]
-    groups = np.zeros(n, dtype=np.intp) if groups is None else np.unique(groups, True, True)[2]
+    n, d, k = len(y), channels, X.shape[2]
+    c = y.shape[1] // d
+    groups = (np.zeros(n, dtype=np.intp) if groups is None
+              else np.unique(groups, return_inverse=True)[1])
     members = np.arange(groups.max() + 1)[:, None] == groups  # (g, n)
     size = np.sqrt(np.einsum('nij,nij->j', X, X) / n) + 1e-150
     X = (X / size).reshape(-1, k)
-    y = y.reshape(n, c, 3)
+    y = y.reshape(n, c, d)
     short = -len(X) % CHUNK
     chunks = np.pad(X, ((0, short), (0, 0))).reshape(-1, CHUNK, k)
     readings = np.pad(y.ravel(), (0, short)).reshape(-1, CHUNK, 1)
 
     def product(weight: Array, right: Array) -> Array:
-        shares = np.pad(np.repeat(weight, 3), (0, short)).reshape(-1, CHUNK, 1)
+        shares = np.pad(np.repeat(weight, d), (0, short)).reshape(-1, CHUNK, 1)
         return np.asarray((np.swapaxes(chunks * shares, 1, 2) @ right).sum(axis=0))
 
     stated = np.zeros(k) if prior is None else prior / size**2
@@ -83,12 +89,13 @@ def robust_fit(X: Array, y: Array, prior: Array | None = None, blocks: int = BLO
         normal = product(weight, chunks)
         ridge = np.diag(stated + RIDGE * normal.diagonal().max())
         theta = np.linalg.solve(normal + ridge, product(weight, readings))[:, 0]
-        residual = y - np.einsum('ij,j->i', X, theta).reshape(n, c, 3)
+        residual = y - np.einsum('ij,j->i', X, theta).reshape(n, c, d)
         square = (residual**2).sum(axis=2) + 1e-150
         if not before.any():
-            scale = np.stack([np.median(square[rows], axis=0) for rows in members]) / 2.366
-        share = (FREEDOM + 3) / (FREEDOM + square / scale[groups])
-        scale = np.stack([(share * square)[rows].mean(axis=0) for rows in members]) / 3
+            middle = np.stack([np.median(square[rows], axis=0) for rows in members])
+            scale = middle / chdtri(d, 0.5)  # of d Gaussian channels
+        share = (FREEDOM + d) / (FREEDOM + square / scale[groups])
+        scale = np.stack([(share * square)[rows].mean(axis=0) for rows in members]) / d
         weight = share / scale[groups]
         if before.any() and np.all(np.abs(scale - before) < tolerance * scale):
             break
@@ -98,7 +105,7 @@ def robust_fit(X: Array, y: Array, prior: Array | None = None, blocks: int = BLO
     spread = sums.T @ sums * len(edges) / max(len(edges) - k, 1)  # k sums of scores are zero
     # curvature of Student's t: what weights lose beside the plain weighted squares
     unit = square / scale[groups]
-    bend = weight * np.maximum(1 - 2 * unit / (3 * (FREEDOM + unit)), 0.1)
+    bend = weight * np.maximum(1 - 2 * unit / (d * (FREEDOM + unit)), 0.1)
     inverse = np.linalg.inv(product(bend, chunks) + ridge)
     with np.errstate(over='ignore'):
         covariance = inverse @ (spread + ridge) @ inverse / np.outer(size, size)

@@ -18,7 +18,7 @@ from forcecal_ros.diagnose.judge.named_effects import (
 )
 from forcecal_ros.diagnose.judge.ties import Tie
 from forcecal_ros.diagnose.localise import Location
-from forcecal_ros.diagnose.model.gates import BIAS
+from forcecal_ros.diagnose.model.gates import BIAS, kind_of
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.search.posterior import Posterior
 from forcecal_ros.effects import named_effects, physical_rig, with_effects
@@ -226,7 +226,7 @@ def patched_calibration(calibration: Calibration, rigid_tool: RigidTool, delay_s
 def _lasts(model: LinearisedModel, name: str) -> bool:
     """Say whether a rig still has an effect when the recordings end, and can be given it."""
     gate = model.gates.get(name)
-    return name != BIAS.name and (gate is None or gate.end is None)
+    return kind_of(name) != BIAS.name and (gate is None or gate.end is None)
 
 
 def patched_rig(model: LinearisedModel, selection: Posterior, checks: Checks) -> Rig:

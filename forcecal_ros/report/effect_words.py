@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 from forcecal_ros.core.quantity import quantity
 from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, NamedEffect, Parameter
+from forcecal_ros.diagnose.model.gates import kind_of
 from forcecal_ros.effects.library import EFFECTS, Quantity
 from forcecal_ros.report.rows import HALF
 
@@ -112,14 +113,16 @@ WORDS = {
 
 def phrase(name: str) -> str:
     """Say what an effect is, without numbers."""
-    return WORDS[name].phrase if name in WORDS else f'{name} is not what the simulator has'
+    known = WORDS.get(kind_of(name))
+    return known.phrase if known else f'{name} is not what the simulator has'
 
 
 def sentence(effect: NamedEffect) -> str:
     """Say what was found and how large it is, without the full stop."""
-    if effect.name not in WORDS:  # a parameter of a third-party simulator
+    known = WORDS.get(kind_of(effect.name))
+    if known is None:  # a parameter of a third-party simulator
         return f'{effect.name} should be {sizes(effect).removeprefix("value ")}'
-    text = WORDS[effect.name].sentence
+    text = known.sentence
     for name, p in effect.parameters.items():
         text = text.replace(f'{{{name}}}', number(effect.name, name, p))
     return text.replace(ALL, sizes(effect))

@@ -368,13 +368,17 @@ def test_poses_are_found_without_phases(recording):
     assert_within(found, {k: v for k, v in truth.items() if not k.startswith('tool')})
 
 
-def test_a_pull_in_one_pose_is_named(recording):
+def test_a_pull_in_one_pose_is_named_and_widens_the_errors_of_what_it_shows(
+        recording, calibration):
     wrench = recording.wrench
     pose = [p for p in recording.phases if p.name == 'measure'][1]
     pulled = np.array(wrench.values)
     pulled[(wrench.t >= pose.start) & (wrench.t < pose.end), 1] += 0.3
-    warnings = identify(replace(recording, wrench=Stream(wrench.t, pulled))).quality['warnings']
-    assert any('pose 2 is off' in line and 'without pose 2' in line for line in warnings)
+    found = identify(replace(recording, wrench=Stream(wrench.t, pulled)))
+    assert any('pose 2 is off' in line and 'without pose 2' in line
+               for line in found.quality['warnings'])
+    assert 5.0 < found.mass.std / calibration.mass.std < 50.0
+    assert abs(float(found.mass) - RIG.tool.mass) < 2e-4 * RIG.tool.mass
 
 
 def test_a_weak_estimate_is_named_with_where_to_look(recording):

@@ -15,7 +15,6 @@ from typing import NamedTuple
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
 SHORTEST = 10
@@ -80,27 +79,6 @@ class Autocovariance(NamedTuple):
         """How many times correlation enlarges the variance of a mean, at least 1, shape (k,)."""
         return np.maximum(1.0, np.diag(self.long_run) / np.diag(self.covariance))
 
-    def mapped(self, matrix: Array) -> 'Autocovariance':
-        """Noise of ``matrix @ e``."""
-        return self._replace(lags=matrix @ self.lags @ matrix.T)
-
-    def covariance_of_sum(self, rows: Array) -> Array:
-        """
-        Covariance of the sum of ``rows[n].T @ e[n]``.
-
-        Parameters
-        ----------
-        rows : ndarray, shape (n, k, p)
-            Of consecutive samples; zero where one does not count.
-
-        Returns
-        -------
-        ndarray, shape (p, p)
-        """
-        n = len(rows)
-        return self._over_lags(lambda lag: np.asarray(np.tensordot(
-            rows[:n - lag], self.lags[lag] @ rows[lag:], ((0, 1), (0, 1)))))
-
     def covariance_of_products(self, regressors: Array) -> Array:
         """
         Covariance of the sum of ``kron(regressors[n], e[n])``, the scores of a linear regression.
@@ -142,7 +120,7 @@ def _bounded(total: Array, white: Array, least: float) -> Array:
     return np.asarray((out * np.maximum(ratio, least)) @ out.T)
 
 
-def noise_of_windows(windows: list[Array], shapes: list[Array] | None = None) -> Autocovariance:
+def noise_of_windows(windows: list[Array]) -> Autocovariance:
     """
     Measure the noise of block means while nothing moves.
 
@@ -154,35 +132,24 @@ def noise_of_windows(windows: list[Array], shapes: list[Array] | None = None) ->
     ----------
     windows : list of ndarray, shape (n_i, k)
         Consecutive blocks of each window; NaN rows are left out.
-    shapes : list of ndarray, shape (n_i, q), optional
-        What else is no noise in each window, of unknown size in every channel: fitted and taken
-        off. What of white noise goes with it is put back.
 
     Raises
     ------
     DataError
         No window is long enough.
     """
-    none = [np.empty((len(w), 0)) for w in windows] if shapes is None else shapes
-    kept = [(w, shape) for w, shape in zip(windows, none, strict=True)
-            if np.isfinite(w).all(1).sum() >= SHORTEST]
-    windows = [w for w, _ in kept]
+    windows = [w for w in windows if np.isfinite(w).all(1).sum() >= SHORTEST]
     if not windows:
         raise DataError(f'the robot stood still for less than {SHORTEST} blocks at a time; '
                         'hold each pose for a second or more')
     whole = [np.isfinite(w).all(1) for w in windows]
     clean = [np.where(ok[:, None], w - w[ok].mean(axis=0), 0.0) for w, ok in zip(windows, whole)]
-    bases = [_basis(shape, ok) for (_, shape), ok in zip(kept, whole)]
-    clean = [c - basis @ (basis.T @ c) for c, basis in zip(clean, bases)]
     n = sum(int(ok.sum()) for ok in whole)
     longest = min(MOST_LAGS, min(len(w) for w in windows) // 3)
     pairs = np.array([max(1, sum(int((ok[:len(ok) - lag] & ok[lag:]).sum()) for ok in whole))
                       for lag in range(longest + 1)])
     lags = np.stack([np.asarray(sum(_lagged(c, lag) for c in clean)) / pairs[lag]
                      for lag in range(longest + 1)])
-    gone = np.array([sum(float(np.trace(_lagged(basis, lag))) for basis in bases)
-                     for lag in range(longest + 1)]) / pairs
-    lags = lags + gone[:, None, None] * lags[0] / (1.0 - gone[0])
     finest = (_FINEST * max(float(np.nanmax(np.abs(w))) for w in windows))**2
     lags[0] += max(finest, 1e-300) * np.eye(lags.shape[1])
     # the mean of a window of T blocks takes a T-th of the variance off every lag of white noise
@@ -190,13 +157,6 @@ def noise_of_windows(windows: list[Array], shapes: list[Array] | None = None) ->
     raw = Autocovariance(lags[:1 + 2 * m], flat_top(m), _LEAST)
     shortfall = raw.long_run / max(n / len(windows) - (1 + 2 * raw.weights.sum()), 1.0)
     return raw._replace(lags=raw.lags + shortfall)
-
-
-def _basis(shape: Array, whole: NDArray[np.bool_]) -> Array:
-    """Orthonormal columns that span what shapes add to a mean, zero where nothing was read."""
-    centred = np.where(whole[:, None], shape - shape[whole].mean(axis=0), 0.0)
-    u, size, _ = np.linalg.svd(centred, full_matrices=False)
-    return np.asarray(u[:, size > 1e-9 * size.max(initial=1e-300)])
 
 
 def noise_of_residuals(residuals: Array, lags: int, samples: int | None = None) -> Autocovariance:

@@ -7,7 +7,7 @@ from forcecal_ros.checks.clocks import JITTER
 from forcecal_ros.checks.signals import clipping, quantisation
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.dataset import CHANNELS
-from forcecal_ros.diagnose.model.gates import BIAS, nuisances_of, physical
+from forcecal_ros.diagnose.model.gates import BIAS, kind_of, nuisances_of, physical
 from forcecal_ros.diagnose.model.linearised import EFFECT, LinearisedModel, RELEASED
 from forcecal_ros.diagnose.model.saturation import CLIPPING
 from forcecal_ros.diagnose.recordings import Corrected
@@ -268,7 +268,7 @@ def in_time(effects: Sequence[NamedEffect]) -> str:
 def _said(e: NamedEffect, word: str, at: str) -> str:
     if word == 'to':
         return f'{e.name} until {at}'
-    if e.name != BIAS.name:
+    if kind_of(e.name) != BIAS.name:
         return f'{e.name} from {at} on'
     by = ', '.join(f'{k} by {p.value:+.3g} {p.unit}' for k, p in e.parameters.items())
     return f'{e.name}: {by} at {at}'

@@ -19,6 +19,11 @@ BIAS = Effect('wrench_bias_step', 'wrench_sensor', (
 """A bias that is there for a part of the time; one for all of it is a nuisance."""
 
 
+def kind_of(name: str) -> str:
+    """Return the effect that a name stands for: a recording may have several bias steps."""
+    return BIAS.name if name.startswith(BIAS.name) else name
+
+
 class Gate(NamedTuple):
     """
     When an effect acts.

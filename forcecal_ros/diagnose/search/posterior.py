@@ -9,10 +9,11 @@ effect is tried to be removed or exchanged again.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import count
 from types import MappingProxyType
 from typing import NamedTuple
 
-from forcecal_ros.diagnose.model.gates import BIAS
+from forcecal_ros.diagnose.model.gates import BIAS, kind_of
 from forcecal_ros.diagnose.model.hypotheses import EffectJacobian, everywhere, Hypothesis
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY
@@ -142,8 +143,8 @@ class _Table:
 
 def _further_step(model: LinearisedModel) -> str:
     """Name the next step of a bias: a recording may have several."""
-    n = sum(name.startswith(BIAS.name) for name in model.effects)
-    return BIAS.name if n == 0 else f'{BIAS.name}.{n + 1}'
+    names = (BIAS.name if n == 1 else f'{BIAS.name}.{n}' for n in count(1))
+    return next(name for name in names if name not in model.effects)
 
 
 def weigh(fit: JointFit, ways: Mapping[str, float] = MappingProxyType({})) -> Explanation:
@@ -172,7 +173,7 @@ def _with(now: JointFit, t: Candidate) -> JointFit | None:
     gates = {n: g for n, g in model.gates.items() if n in model.effects}
     if t.gate is not None:
         gates[name] = t.gate
-    library = {**model.library, name: BIAS} if name.startswith(BIAS.name) else model.library
+    library = {**model.library, name: BIAS} if kind_of(name) == BIAS.name else model.library
     model = replace(model, gates=gates, library=library, discrepancy_scales=t.scales)
     return joint_fit_if_finite(model, [*now.accepted, t.effect], t.nuisances)
 
@@ -229,7 +230,7 @@ def _with_what_is_worth(start: LinearisedModel, now: Explanation, best: Explanat
 def _all_the_time(now: Explanation) -> Explanation:
     """Remove the change point of the newest effect; keep it only where it is worth its place."""
     model, name = now.fit.model, now.fit.accepted[-1].name
-    if name not in model.gates or name.startswith(BIAS.name):
+    if name not in model.gates or kind_of(name) == BIAS.name:
         return now
     gates = {n: g for n, g in model.gates.items() if n != name}
     fit = joint_fit_if_finite(replace(model, gates=gates), now.fit.accepted)

@@ -10,8 +10,10 @@ from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
 from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.result import Diagnosis, load_diagnosis, to_document
 from forcecal_ros.diagnose.search.change_points import _to_a_sample
+from forcecal_ros.diagnose.search.posterior import _further_step
 from forcecal_ros.diagnose.sources.rig import RigSource
 from forcecal_ros.effects import with_effects
+from forcecal_ros.report.effect_words import phrase
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
@@ -73,3 +75,12 @@ def test_where_no_sample_is_near_an_instant_stays_as_coarse_as_its_blocks():
     gate = SimpleNamespace(recording=0, begin=20.0)
     added = {6: Compact.of(np.array([0.0, 1.0]))}
     assert _to_a_sample(model, gate, added, None, 20.0, 20.1) is None
+
+
+def test_a_further_step_of_the_bias_takes_the_name_that_is_free():
+    assert [_further_step(SimpleNamespace(effects=dict.fromkeys(names))) for names in (
+        (), ('wrench_bias_step',), ('wrench_bias_step', 'wrench_bias_step.2'),
+        ('wrench_bias_step.2',))] == [
+            'wrench_bias_step', 'wrench_bias_step.2', 'wrench_bias_step.3', 'wrench_bias_step']
+    step = NamedEffect('wrench_bias_step.2', {}, 0.9)
+    assert phrase(step.name) == phrase('wrench_bias_step') != phrase('other')
