@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array, skew
+from forcecal_ros.core.rigid_body import acceleration_of_slide, inertia_columns
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +78,8 @@ class Motion:
         From true axes to those that were recorded.
     axes_std : float
         Standard error of their rotation [rad].
+    displacement : ndarray, shape (n,), or None
+        Of the tool along x of ft_sensor [m].
     """
 
     t: Array
@@ -93,6 +96,7 @@ class Motion:
     extra: Array | None = None
     axes: Array | None = None
     axes_std: float = 0.0
+    displacement: Array | None = None
 
     @property
     def in_sensor(self) -> Array:
@@ -193,11 +197,14 @@ def on_grid(recording: Recording, gravity: Array) -> Motion | None:
     position = None
     if pose.has_position:
         position, _ = _means(pose.t, pose.position - pose.position[0], edges)
+    displacement, optidrive = None, recording.optidrive
+    if optidrive is not None and len(optidrive) > 1:
+        displacement = _means(optidrive.t, optidrive.values, edges)[0][:, 0]
     reach = int(np.ceil(2.0 * SMOOTHING_STEPS))
     usable = np.convolve(~(sampled & posed), np.ones(2 * reach + 1), 'same') == 0
     usable[:reach] = usable[-reach:] = False
     return Motion((edges[1:] + edges[:-1]) / 2.0, R.reshape(-1, 3, 3), position, force, usable,
-                  gravity, step)
+                  gravity, step, displacement=displacement)
 
 
 def _static(wrench: Stream, pose: PoseStream, gravity: Array) -> Motion:
@@ -220,9 +227,9 @@ def _means(t: Array, values: Array, edges: Array) -> tuple[Array, NDArray[np.boo
                     axis=1), near
 
 
-def _design(motion: Motion, scale: float) -> tuple[Array, Array]:
+def _design(motion: Motion, scale: float) -> tuple[Array, Array, Array]:
     """
-    Columns of forces (n, 3, j) and torques (n, 3, k).
+    Columns of forces (n, 3, j) and torques (n, 3, k); torques of a displacement by mass (n, 3).
 
     Parameters
     ----------
@@ -235,7 +242,7 @@ def _design(motion: Motion, scale: float) -> tuple[Array, Array]:
     extra = [] if motion.extra is None else [motion.extra]
     if not step:
         return (np.concatenate([weight, *extra, biases(motion)], axis=2),
-                np.concatenate([-skew(u), biases(motion)], axis=2))
+                np.concatenate([-skew(u), biases(motion)], axis=2), np.zeros((n, 3)))
     omega_x = np.swapaxes(R, 1, 2) @ np.gradient(R, step, axis=0)
     omega = np.stack([omega_x[:, 2, 1] - omega_x[:, 1, 2], omega_x[:, 0, 2] - omega_x[:, 2, 0],
                       omega_x[:, 1, 0] - omega_x[:, 0, 1]], axis=1) / 2.0
@@ -244,21 +251,18 @@ def _design(motion: Motion, scale: float) -> tuple[Array, Array]:
     if motion.position is not None:
         base = np.gradient(np.gradient(motion.position, step, axis=0), step, axis=0)
         accel = np.einsum('nij,ni->nj', R, base)
+    displaced = np.zeros((n, 3))
+    if motion.displacement is not None:
+        accel = accel + acceleration_of_slide(motion.displacement, omega, alpha, step)
+        displaced = np.cross(motion.displacement[:, None] * [1.0, 0.0, 0.0], u - scale * accel)
     W = skew(omega)
-    columns = _of_inertia(alpha) + W @ _of_inertia(omega)
+    columns = inertia_columns(alpha) + W @ inertia_columns(omega)
     late = -np.gradient(u, step, axis=0)
     force = [weight, -accel[:, :, None], -(skew(alpha) + W @ W), late[:, :, None], *extra]
     torque = [-skew(u - scale * accel), -columns]
     parts = [np.concatenate([_smoothed(np.concatenate(one, axis=2), motion.smoothing / step),
                              biases(motion)], axis=2) for one in (force, torque)]
-    return parts[0], parts[1]
-
-
-def _of_inertia(v: Array) -> Array:
-    """Return I v by the six elements xx, yy, zz, xy, xz, yz of I, shape (n, 3, 6)."""
-    x, y, z, o = *v.T, np.zeros(len(v))
-    return np.stack([np.stack([x, o, o, y, z, o], 1), np.stack([o, y, o, x, o, z], 1),
-                     np.stack([o, o, z, o, x, y], 1)], axis=1)
+    return parts[0], parts[1], _smoothed(displaced, motion.smoothing / step)
 
 
 def _smoothed(values: Array, constant: float = 0.0) -> Array:
@@ -287,7 +291,7 @@ def explain(motion: Motion) -> Explained | None:
     rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), MAX_ROWS)).astype(int)]
     wrench = _smoothed(motion.wrench) if motion.step else motion.wrench
     force, torque = wrench[rows, :3], wrench[rows, 3:]
-    columns, _ = _design(motion, 1.0)
+    columns, _, _ = _design(motion, 1.0)
     weights = 3 if motion.free_gravity else 1
     fit = robust(columns[rows], force)
     mass, mass_std = float(fit.theta[0]), float(fit.std[0])
@@ -303,7 +307,8 @@ def explain(motion: Motion) -> Explained | None:
     moving = bool(motion.step) and motion.position is not None and bool(
         abs(fit.theta[weights]) > 5.0 * fit.std[weights] > 0.0)
     q = float(fit.theta[weights]) if moving else mass
-    _, columns = _design(motion, float(np.clip(q / mass, 0.0, 1e4)) if mass else 1.0)
+    _, columns, displaced = _design(motion, float(np.clip(q / mass, 0.0, 1e4)) if mass else 1.0)
+    torque = torque - mass * displaced[rows]
     return Explained(fit, robust(columns[rows], torque), mass, mass_std, moving,
                      motion.in_sensor[rows])
 

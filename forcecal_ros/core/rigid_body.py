@@ -79,12 +79,16 @@ def symmetric(e: Array) -> Array:
 
 def sliding(motion: BodyMotion, slide: Array, length: float) -> BodyMotion:
     """Return the motion of a tool that is displaced along x by `slide` (n,) [m]."""
-    s = slide[:, None] * [1.0, 0.0, 0.0]
-    speed = rate_of_change(s, length)
-    W = skew(motion.omega)
-    accel = (rate_of_change(speed, length) + 2 * np.cross(motion.omega, speed)
-             + np.einsum('nij,nj->ni', skew(motion.alpha) + W @ W, s))
+    accel = acceleration_of_slide(slide, motion.omega, motion.alpha, length)
     return motion._replace(apparent_gravity=motion.apparent_gravity - accel)
+
+
+def acceleration_of_slide(slide: Array, omega: Array, alpha: Array, length: float) -> Array:
+    """Return the acceleration (n, 3) of a point at `slide` (n,) along x against the origin."""
+    s = slide[:, None] * [1.0, 0.0, 0.0]
+    speed, W = rate_of_change(s, length), skew(omega)
+    return np.asarray(rate_of_change(speed, length) + 2 * np.cross(omega, speed)
+                      + np.einsum('nij,nj->ni', skew(alpha) + W @ W, s))
 
 
 def regressor(motion: BodyMotion, slide: Array | None = None) -> Array:

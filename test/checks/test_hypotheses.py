@@ -2,10 +2,14 @@
 
 from dataclasses import replace
 
+from calibration_runs import run
+from forcecal_ros.checks.entry import checked
+from forcecal_ros.checks.evidence import explain, on_grid
 from forcecal_ros.checks.hypotheses import judge, Known, refuse_other_mass
 from forcecal_ros.checks.messages import Stated
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import rotation_from_vector
+from forcecal_ros.sim.rig.file import load_rig
 import moving_arm
 from moving_arm import moving
 import numpy as np
@@ -154,3 +158,13 @@ def test_a_scale_decides_what_the_unit_is():
     for found, said in ((1.3 / 9.80665, 'its forces are in kgf'), (0.9, 'takes a load off')):
         with pytest.raises(DataError, match=said):
             refuse_other_mass(found, 0.002, 1.3)
+
+
+def test_a_tool_that_is_displaced_is_explained_with_its_displacement():
+    """Without it, inertia put the centre of mass 54 mm away in a sound recording of the demo."""
+    recording, tool = checked(run(seed=1)).recording, load_rig().tool
+    found = explain(on_grid(recording, DOWN))
+    for com, covariance in (found.com_by_force, found.com_by_torque):
+        np.testing.assert_allclose(com, tool.com, atol=1e-3)
+        assert np.trace(covariance) < 1e-6
+    assert not judge(recording, DOWN)
