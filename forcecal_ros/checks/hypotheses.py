@@ -527,6 +527,13 @@ def _axes(motion: Motion, hand: float) -> Motion | None:
     return _refined(motion, _procrustes(u, read, hand)[0])
 
 
+def _force_axes(motion: Motion) -> Motion | None:
+    """Mirror the axes of the forces, and leave those of the torques as they are."""
+    mirrored = _axes(motion, -1.0)
+    return None if mirrored is None else replace(
+        mirrored, wrench=np.hstack([mirrored.wrench[:, :3], motion.wrench[:, 3:]]))
+
+
 def _procrustes(u: Array, read: Array, hand: float, rounds: int = 10) -> tuple[Array, float]:
     """Rotation or mirror Q with read = m Q u + b (Wahba 1965, Umeyama 1991), contact left out."""
     weight = np.ones(len(u))
@@ -708,6 +715,7 @@ TABLE = (
     Hypothesis('wxyz', _from_w),
     Hypothesis('rotated', lambda motion: _axes(motion, 1.0), 3),
     Hypothesis('mirrored', lambda motion: _axes(motion, -1.0), 3),
+    Hypothesis('force axes', _force_axes, 3),
     Hypothesis('tilted', _tilted, is_note=True),
     Hypothesis('exchanged', _exchanged),
     Hypothesis('torque in base', lambda motion: _mapped(

@@ -208,6 +208,10 @@ def _cause(one: Any, plain: Any, stated: Stated) -> tuple[str, str] | None:
     if name == 'mirrored':
         return (f'wrench: its axes are mirrored (left-handed){_order(one.motion.axes)}',
                 'correct the order and the signs of its axes in the driver')
+    if name == 'force axes':
+        return ((f'wrench: the axes of its forces are mirrored{_order(one.motion.axes)}, those '
+                 'of its torques are not'),
+                'correct the order and the signs of the forces in the driver')
     if name == 'torque axes':
         Q = one.motion.axes
         return ((f'wrench: its torques are not about the axes of its forces{_order(Q)}, or all '

@@ -67,6 +67,7 @@ ROWS = {
     '30 deg': (turned(TURN), r'turned by -?(30|29)\.\d+ \+- 0\.\d+ deg about z'),
     '90 deg': (turned(QUARTER), r'turned by -?(90|89)\.\d+ .* about z.*: x, y, z show'),
     'swapped': (mapped(lambda w: w[:, SWAPPED]), 'mirrored .*x, y, z show y, x, z'),
+    'one force axis': (mapped(lambda w: w * [1, -1, 1, 1, 1, 1]), 'forces are mirrored.*x, -y, z'),
     'leaning': (leaning, r'not level, gravity in it is (10\.|9\.9)'),
     'exchanged': (wrong('force and torque exchanged'), 'force and torque are exchanged'),
     'torque in base': (wrong('torque in base, force not'), 'torques are expressed in base'),
