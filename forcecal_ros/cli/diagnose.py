@@ -12,6 +12,7 @@ from forcecal_ros.cli.common import (
     group,
     MODEL,
     new_parser,
+    positive,
     read,
     read_likewise,
     show,
@@ -59,6 +60,9 @@ def add_parser(subparsers: Any) -> None:
                                 'parts of every phase of the first)')
     recording.add_argument('--accelerometer', choices=('acc1', 'acc2'),
                            help='which one is mounted (default: recognised by its volts)')
+    recording.add_argument('--tolerance', metavar='X', type=positive, default=0.1,
+                           help="what is unexplained and smaller than X times a channel's noise "
+                                '(RMS) does not matter: it is no gap (default: 0.1)')
     recording.add_argument('--robot', metavar='NAME',
                            help='name of the robot, kept in diagnosis.json for forcecal fleet')
     model = group(parser, MODEL)
@@ -180,6 +184,7 @@ def answer(args: argparse.Namespace) -> Answer:
     """Diagnose one recording."""
     with stages(args) as stage:
         source, recordings, rig = _source_of(args, stage)
+        source.tolerance = args.tolerance
         stage(source.task)
         return _written(args, recordings, source.diagnose(*recordings), rig)
 

@@ -45,7 +45,7 @@ from forcecal_ros.diagnose.localise import (
     stage_of,
 )
 from forcecal_ros.diagnose.model.hypotheses import hypotheses
-from forcecal_ros.diagnose.model.linearised import linearised_model, LinearisedModel
+from forcecal_ros.diagnose.model.linearised import linearised_model, LinearisedModel, TOLERANCE
 from forcecal_ros.diagnose.model.saturation import CLIPPING
 from forcecal_ros.diagnose.recordings import convert_to_volts, Corrected, missing_streams
 from forcecal_ros.diagnose.result import Diagnosis, patched_rig
@@ -100,7 +100,7 @@ class Outcome:
 
 
 def diagnose_datasets(rig: Rig, datasets: tuple[Dataset, ...], stamps: Sequence[Corrected],
-                      given: Sequence[Recording]) -> Outcome:
+                      given: Sequence[Recording], tolerance: float = TOLERANCE) -> Outcome:
     """
     Diagnose recordings that are ready.
 
@@ -112,10 +112,12 @@ def diagnose_datasets(rig: Rig, datasets: tuple[Dataset, ...], stamps: Sequence[
         What their stamps and values show.
     given : sequence of Recording
         As recorded.
+    tolerance : float
+        RMS of what is unexplained, in that of a channel's noise, that does not matter.
     """
     observed = [_observed(c, s.stamped, rig) if s.skew else c.measured
                 for c, s in zip(datasets, stamps)]
-    first = linearised_model(rig, datasets)
+    first = linearised_model(rig, datasets, tolerance)
     try:
         refuse_unjudged(first)
     except DataError as error:
@@ -206,14 +208,16 @@ def _say(model: LinearisedModel, found: Posterior, judged: Judged, checks: Check
     sentence += in_time(judged.effects) \
         + missing_streams(final.datasets[0].recording) + unjudged(model)
     summary, ties = judged.summary, tuple(judged.ties.values())
-    notes = (*checks.notes, *summary.notes,
+    within = (judged.part.within,) if judged.part.within and word != 'no_gap' else ()
+    notes = (*checks.notes, *summary.notes, *within,
              *(note for a in found.accepted for note in untold(final, a)),
              *(tie.note for tie in ties))
     return Diagnosis(
         word, sentence, judged.effects, tuple(judged.candidates), gap=judged.gap, notes=notes,
         ties=ties,
         remainder={'ceiling_sigma': float(summary.predictability.z.max()),
-                   'cell_sigma': summary.strongest[0].z, 'ratio': judged.part.ratio})
+                   'cell_sigma': summary.strongest[0].z, 'ratio': judged.part.ratio,
+                   'tolerance': final.tolerance})
 
 
 def _outcome(first: LinearisedModel, model: LinearisedModel, found: Posterior, judged: Judged,

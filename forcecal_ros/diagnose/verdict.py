@@ -19,6 +19,9 @@ MAX_UNEXPLAINED_RATIO = 10.0
 FURTHER = 'would move by more than three sigma'
 """What a note states of a simulator's numbers that only their tolerance holds."""
 
+WITHIN = 'within tolerance'
+"""How much of a recording is explained whose residual is more than noise but does not matter."""
+
 FIRST = 'look first at this: '
 """Before what a simulator reports of its own run, which may be why nothing explains the gap."""
 
@@ -73,6 +76,9 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
         what = 'the recording' if whole else 'what could be looked at'
         below = f' below {band:g} Hz' if band < inf else ''
         slow = ', if what varies slowly is noise' if slow_noise else ''
+        if part.within:
+            return 'no_gap', (f'the recalibrated rig explains {what}{below} {WITHIN}{slow}: '
+                              f'{part.within}')
         return 'no_gap', f'the recalibrated rig explains {what}{below} down to its noise{slow}'
     if closed is not None and closed < 0.0:
         more = f'; unexplained: {part.words}' if significant else ''

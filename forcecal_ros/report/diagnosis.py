@@ -14,7 +14,7 @@ from forcecal_ros.diagnose.engine import Outcome
 from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, instants, Parameter
 from forcecal_ros.diagnose.localise import BANDS, BLOCK_RATE, time_frequency_bins, TimeFrequencyBin
 from forcecal_ros.diagnose.result import Diagnosis
-from forcecal_ros.diagnose.verdict import FIRST, FURTHER, percent
+from forcecal_ros.diagnose.verdict import FIRST, FURTHER, percent, WITHIN
 from forcecal_ros.report.effect_words import phrase, sentence, WORDS
 from forcecal_ros.report.page import Fact, Picture, picture, render_page, Step
 from forcecal_ros.report.panels import COLOURS, joined, Line, Panel, Shown
@@ -221,6 +221,8 @@ def headline(d: Diagnosis) -> str:
     """
     if d.verdict not in NAMED:
         head = HEADS[d.verdict]
+        if WITHIN in d.reason:
+            head = head.replace('down to its noise', WITHIN)
         return f'{head}{_cause_and_remedy(d)[0]}.' if head.endswith(' ') else head
     found = ' '.join(f'{sentence(e)} (probability {percent(e.probability)}).' for e in d.effects)
     return ' '.join(part for part in (found, explained(d), *_but(d)) if part)

@@ -15,7 +15,6 @@ from forcecal_ros.diagnose.judge.named_effects import (
     parameters_of,
 )
 from forcecal_ros.diagnose.judge.residual_summary import (
-    fitted_to_all,
     ResidualSummary,
     summarise_residual,
     unexplained,
@@ -64,8 +63,7 @@ def judge(first: LinearisedModel, found: Posterior, checks: Checks,
           observed: list[MeasuredBlocks]) -> Judged:
     """Weigh what was found."""
     final = found.model
-    summary = summarise_residual(fitted_to_all(final, found.jacobians),
-                                 found.discrepancy_evidence)
+    summary = summarise_residual(final, found.discrepancy_evidence)
     part = unexplained(summary)
     gap, noise, errors = measured_gap(first, found, summary, observed)
     checked = tuple(NamedEffect(n, v, CHECKED) for n, v in checks.effects.items())

@@ -1,7 +1,8 @@
 """What a fitted model leaves of the recordings, and whether that is more than noise."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from math import inf
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
@@ -21,14 +22,13 @@ from forcecal_ros.diagnose.localise import (
     time_frequency_bins,
     TimeFrequencyBin,
 )
-from forcecal_ros.diagnose.model.evidence import fit
-from forcecal_ros.diagnose.model.hypotheses import EffectJacobian, VIBRATION
-from forcecal_ros.diagnose.model.jacobian import combined
+from forcecal_ros.diagnose.model.hypotheses import VIBRATION
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY
-from forcecal_ros.diagnose.search.model_comparison import FLAWED, ModelComparison
-from forcecal_ros.sim.signals import SMALL
+from forcecal_ros.diagnose.search.model_comparison import FLAWED
 import numpy as np
+
+_INDEX = {c.name: i for i, c in enumerate(CHANNELS)}
 
 WANDERING = 0.03
 """Part of a vibration's frequency within which its speed may wander."""
@@ -68,6 +68,10 @@ class ResidualSummary(NamedTuple):
         Log-evidence of the discrepancy.
     slow_noise : bool
         Whether slow noise is counted as noise that a discrepancy may be, too.
+    level : ndarray, shape (channels,)
+        RMS of the noise at rest.
+    tolerance : float
+        RMS of what is unexplained, in that of a channel's noise, that does not matter.
     """
 
     predictability: Predictability
@@ -77,6 +81,8 @@ class ResidualSummary(NamedTuple):
     notes: tuple[str, ...]
     discrepancy_evidence: float = 0.0
     slow_noise: bool = False
+    level: Array = np.ones(len(CHANNELS))
+    tolerance: float = 0.0
 
 
 class UnexplainedPart(NamedTuple):
@@ -89,10 +95,13 @@ class UnexplainedPart(NamedTuple):
         Largest statistic over its threshold: more than noise from 1 on.
     words : str
         What it is.
+    within : str
+        What is more than noise, but no more than is tolerated; empty where something matters.
     """
 
     ratio: float
     words: str
+    within: str = ''
 
 
 def summarise_residual(model: LinearisedModel,
@@ -117,11 +126,13 @@ def summarise_residual(model: LinearisedModel,
     lines, wanders = _other_lines(lines_of(model), model)
     impulses = np.asarray(sum(count_impulses(n, b) for n, b in zip(model.noise, model.residuals)))
     strongest = sorted(bins, key=lambda c: -c.z) or [NOWHERE]
+    level = np.max([n.rms() for n in model.noise], axis=0)
     if found is None:
-        return ResidualSummary(predictability_of(model), strongest,
-                               lines, impulses, wanders)
+        return ResidualSummary(predictability_of(model), strongest, lines, impulses, wanders,
+                               level=level, tolerance=model.tolerance)
     summary = ResidualSummary(_as_predictability(model, found, discrepancy_evidence), strongest,
-                              lines, impulses, wanders, discrepancy_evidence)
+                              lines, impulses, wanders, discrepancy_evidence, level=level,
+                              tolerance=model.tolerance)
     if discrepancy_evidence < WITHOUT_NAME <= seen:
         summary = summary._replace(notes=(*wanders, 'slow noise, or else ' + _discrepancy_in_words(
             summary) + ': the recording is too short to tell'), slow_noise=True)
@@ -188,40 +199,6 @@ def _as_predictability(model: LinearisedModel, found: list[Array],
     return Predictability(np.where(seen, sigmas, 0.0), size, tuple(found))
 
 
-def fitted_to_all(model: LinearisedModel,
-                  jacobians: Sequence[EffectJacobian] = ()) -> LinearisedModel:
-    """
-    Take off what nuisances and effects explain when they are fitted to all blocks.
-
-    What training blocks hardly show (an inertia, where they hold no turn about its axis) is known
-    poorly from them, and shows on the others: that is no gap, but an error of the fit.
-
-    Parameters
-    ----------
-    model : LinearisedModel
-        At a fit to its training blocks.
-    jacobians : sequence of EffectJacobian
-        Of its effects.
-
-    Returns
-    -------
-    LinearisedModel
-        With the residuals, and their noise, of the fit to all; all else as it was.
-    """
-    out = replace(model, residuals=_left_by_all(ModelComparison(model, jacobians)))
-    out.refit_noise(np.zeros(len(model.nuisances)))
-    return out
-
-
-def _left_by_all(comparison: ModelComparison) -> list[Array]:
-    """Return what nuisances and effects leave if they are fitted to all blocks."""
-    model = comparison.model
-    x = fit(comparison.train + comparison.held, comparison.null_prior).x
-    return [b - combined([*columns, *extra], x, len(b)) * c.measured.present
-            for b, columns, extra, c in zip(model.residuals, model.jacobian, comparison.extra,
-                                            model.datasets)]
-
-
 def lines_of(model: LinearisedModel) -> tuple[Line, ...]:
     """Find spectral lines in the residual, at the full sampling rate."""
     lines: list[Line] = []
@@ -236,28 +213,48 @@ def lines_of(model: LinearisedModel) -> tuple[Line, ...]:
 
 
 def unexplained(summary: ResidualSummary) -> UnexplainedPart:
-    """Find the strongest of the tests of a residual, as a multiple of its threshold."""
-    predictability, strongest = summary.predictability, summary.strongest[0]
-    impulses = summary.impulses
-    z = np.where(predictability.size > SMALL, predictability.z, 0.0)
-    c = int(z.argmax())
+    """Find the strongest of the tests of a residual, of those of what matters."""
+    options = list(_tests(summary))
+    ratio, _, words = max((one for one in options if one[1] > summary.tolerance),
+                          default=(0.0, 0.0, ''))
+    below = max((one for one in options if one[1] <= summary.tolerance and one[0] >= 1.0),
+                default=None)
+    if ratio >= 1.0 or below is None:
+        return UnexplainedPart(ratio, words)
+    return UnexplainedPart(ratio, words, f'{below[2]}, is {below[1]:.2g} of its noise, of which '
+                           f'{summary.tolerance:.2g} is tolerated')
+
+
+def _tests(summary: ResidualSummary) -> Iterator[tuple[float, float, str]]:
+    """
+    Give each test of a residual.
+
+    Yields
+    ------
+    ratio : float
+        Statistic over its threshold.
+    size : float
+        RMS of what it found, in that of the channel's noise.
+    words : str
+    """
+    found, impulses = summary.predictability, summary.impulses
+    if summary.discrepancy_evidence:
+        yield (summary.discrepancy_evidence / WITHOUT_NAME, float(found.size.max()),
+               _discrepancy_in_words(summary))
+    else:
+        for c in np.flatnonzero(found.z > 0.0):
+            yield (float(found.z[c]) / PREDICTABLE_SIGMA, float(found.size[c]),
+                   f'{CHANNELS[c].name}, predictable from the motion ({found.z[c]:.1f} sigma)')
+    for one in summary.strongest:
+        low, high = one.band
+        yield (one.z / BIN_SIGMA, one.excess, f'{CHANNELS[one.channel].name} in {one.phase}, '
+               f'{low:g} to {high:g} Hz ({one.z:.1f} sigma)')
     several = int(impulses.max())
-    line = max(summary.lines, key=lambda one: one.power, default=None)
-    low, high = strongest.band
-    options = [
-        (summary.discrepancy_evidence / WITHOUT_NAME * (z[c] > 0.0),
-         _discrepancy_in_words(summary)) if summary.discrepancy_evidence else
-        (float(z[c]) / PREDICTABLE_SIGMA,
-         f'{CHANNELS[c].name}, predictable from the motion ({z[c]:.1f} sigma)'),
-        (strongest.z / BIN_SIGMA,
-         (f'{CHANNELS[strongest.channel].name} in {strongest.phase}, {low:g} to {high:g} Hz '
-          f'({strongest.z:.1f} sigma)')),
-        (several / MIN_IMPULSES,
-         f'{several} impulses in {CHANNELS[int(impulses.argmax())].name}')]
-    if line is not None:
-        options.append((line.power / LINE_RATIO,
-                        f'a line at {line.frequency:.2f} Hz in {line.channel}'))
-    return UnexplainedPart(*max(options))
+    yield (several / MIN_IMPULSES, inf,
+           f'{several} impulses in {CHANNELS[int(impulses.argmax())].name}')
+    for line in summary.lines:
+        yield (line.power / LINE_RATIO, line.amplitude / np.sqrt(2.0) / max(
+            1e-12, summary.level[_INDEX[line.channel]]), f'a line at {line.frequency:.2f} Hz in {line.channel}')
 
 
 def _discrepancy_in_words(summary: ResidualSummary) -> str:
@@ -282,5 +279,5 @@ def _other_lines(lines: tuple[Line, ...], model: LinearisedModel
 
 def predictions(predictability: Predictability) -> list[Array]:
     """Return what motion predicts of each residual, where significant, shape (n, channels)."""
-    real = (predictability.z > PREDICTABLE_SIGMA) & (predictability.size > SMALL)
+    real = predictability.z > PREDICTABLE_SIGMA
     return [np.where(real, one, 0.0) for one in predictability.prediction]

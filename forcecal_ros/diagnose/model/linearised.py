@@ -53,6 +53,9 @@ gears turn by so much more or less in each turn, and a load of the tool that is 
 the arm, a cable's say, moves no joint: a tenth of a millimetre at arm's length, as poses have.
 """
 
+TOLERANCE = 0.1
+"""RMS of what is unexplained, in that of a channel's noise, that does not matter by default."""
+
 Values = Mapping[str, Mapping[str, float]]
 """Values by effect and parameter."""
 
@@ -90,6 +93,8 @@ class LinearisedModel:
         Part of the signals that the discrepancy may have, stream by stream.
     gates : mapping of str to Gate
         When effects act that do not act all the time.
+    tolerance : float
+        RMS of what is unexplained, in that of a channel's noise, that does not matter.
     """
 
     rig: Rig
@@ -108,6 +113,7 @@ class LinearisedModel:
     discrepancy_scales: Scales = NO_DISCREPANCY
     library: Mapping[str, Effect] = EFFECTS
     gates: Mapping[str, Gate] = field(default_factory=dict)
+    tolerance: float = TOLERANCE
     _calibrated: tuple[bytes, Rig] | None = None
     _straight: dict[Hashable, Column] = field(default_factory=dict)
 
@@ -276,13 +282,13 @@ class LinearisedModel:
                                        [c.train for c in self.datasets])
 
     def fit_nuisances(self) -> Fit:
-        """Fit the nuisances alone on the training blocks."""
-        train, _ = self.grams([[] for _ in self.datasets])
-        return fit(train, self.prior())
+        """Fit the nuisances alone."""
+        train, held = self.grams([[] for _ in self.datasets])
+        return fit(train + held, self.prior())
 
     def log_posterior(self, square: float | None = None) -> float:
         """
-        Log-likelihood of the training blocks, and prior, with everything as it is.
+        Log-likelihood of all blocks, and prior, with everything as it is.
 
         Parameters
         ----------
@@ -290,7 +296,8 @@ class LinearisedModel:
             Of the residual's Gram, where that is known.
         """
         if square is None:
-            square = self.residual_products().at(self.discrepancy_scales)[0].square
+            square = sum(one.square for one in self.residual_products().at(
+                self.discrepancy_scales))
         return -0.5 * (square + self._cost())
 
     def residual_products(self) -> Products:
@@ -382,13 +389,15 @@ def noise_level(rig: Rig, streams: tuple[str, ...], accelerometer: str) -> Array
     return np.maximum(np.array(level) / 2.0, 1e-12)
 
 
-def linearised_model(rig: Rig, datasets: tuple[Dataset, ...]) -> LinearisedModel:
+def linearised_model(rig: Rig, datasets: tuple[Dataset, ...], tolerance: float = TOLERANCE
+                     ) -> LinearisedModel:
     """Set up a diagnosis, recalibrated."""
     name, streams = datasets[0].simulation.accelerometer, datasets[0].measured.streams
     found = datasets[0].simulation.nuisances(rig, streams)
     out = LinearisedModel(rig, datasets, found, np.array(prior_std(rig, found)),
                           noise_level(rig, streams, name), centre=np.zeros(len(found)),
-                          library=possible_effects(datasets))
+                          library=possible_effects(datasets),
+                          tolerance=max(tolerance, datasets[0].simulation.exact))
     out.linearise()
     out.allow_discrepancy()
     out.recalibrate()

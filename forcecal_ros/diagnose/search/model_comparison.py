@@ -1,7 +1,6 @@
-"""Fits hypotheses on training data beside what is explained already; judges on the rest."""
+"""Fits hypotheses beside what is explained already, and weighs them, on all blocks."""
 
 from collections.abc import Sequence
-from functools import cached_property
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
@@ -17,7 +16,7 @@ from forcecal_ros.diagnose.model.hypotheses import (
     Hypothesis,
     nominal_of,
 )
-from forcecal_ros.diagnose.model.jacobian import Column
+from forcecal_ros.diagnose.model.jacobian import Column, combined
 from forcecal_ros.diagnose.model.linearised import EFFECT, LinearisedModel
 from forcecal_ros.diagnose.model.products import ascended
 from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY, SCALES, Scales
@@ -109,7 +108,11 @@ class _Level(NamedTuple):
     train: Gram
     held: Gram
     null: Fit
-    evidence: float
+
+    @property
+    def evidence(self) -> float:
+        """Log marginal likelihood of all blocks."""
+        return self.null.log_evidence
 
     @property
     def excess(self) -> float:
@@ -155,6 +158,24 @@ class Explained:
                      np.concatenate([own.precision, np.full(len(away), EFFECT)]),
                      np.concatenate([own.low, -endless]), np.concatenate([own.high, endless]))
 
+    def by_training(self) -> list[Array]:
+        """
+        Return what a fit to the training blocks alone does otherwise than one to all blocks.
+
+        What training blocks do not identify stays as all blocks have it.
+
+        Returns
+        -------
+        list of ndarray, shape (n, channels)
+            In each recording: the simulation by the training blocks less that by all.
+        """
+        p = self.null_prior
+        about = Prior(np.zeros(self.base), p.precision, p.low - p.centre, p.high - p.centre)
+        train, held = self.model.grams(self.extra)
+        x = fit(train, about).x - fit(train + held, about).x
+        return [combined([*own, *more], x, len(r)) * c.measured.present for own, more, r, c in zip(
+            self.model.jacobian, self.extra, self.model.residuals, self.model.datasets)]
+
 
 class ModelComparison(Explained):
     """Compares hypotheses with what is explained already, by marginal likelihood."""
@@ -165,7 +186,8 @@ class ModelComparison(Explained):
         self._products = model.products(self.extra)
         self.levels = self._usual()
         best = max(self.levels, key=lambda level: level.evidence)
-        self.scales, self.train, self.held, self.null, self.null_evidence = best
+        self.scales, self.train, self.held, self.null = best
+        self.null_evidence, self.every = self.null.log_evidence, self.train + self.held
 
     def _usual(self) -> list['_Level']:
         """Return levels of one scale in all streams, and the likeliest of any."""
@@ -177,8 +199,7 @@ class ModelComparison(Explained):
 
     def _level(self, scales: Scales) -> '_Level':
         train, held = self._products.at(scales)
-        null = fit(train, self.null_prior)
-        return _Level(scales, train, held, null, fit(train + held, self.null_prior).log_evidence)
+        return _Level(scales, train, held, fit(train + held, self.null_prior))
 
     @property
     def excess(self) -> float:
@@ -188,22 +209,15 @@ class ModelComparison(Explained):
     @property
     def discrepancy_evidence(self) -> float:
         """Log-likelihood of a discrepancy against none, and what is unexplained beyond it."""
-        every, found = self._all
-        excess = every.residual_squares(found.x) - every.n
-        return self._gained + max(0.0, 0.5 * excess - _by_chance(every.n))
+        excess = self.every.residual_squares(self.null.x) - self.every.n
+        return self._gained + max(0.0, 0.5 * excess - _by_chance(self.every.n))
 
     @property
     def missing_evidence(self) -> float:
         """Log-evidence that a model with nothing wrong would have more, noise allowed for."""
-        every, found = self._all
-        missed = -found.log_evidence - found.volume - 0.5 * every.n - _by_chance(every.n)
+        n = self.every.n
+        missed = -self.null_evidence - self.null.volume - 0.5 * n - _by_chance(n)
         return max(0.0, missed) + min(self._gained, FLAWED * float(self._products.channels.sum()))
-
-    @cached_property
-    def _all(self) -> tuple[Gram, Fit]:
-        """All samples, and what explains them already."""
-        every = self.train + self.held
-        return every, fit(every, self.null_prior)
 
     @property
     def _gained(self) -> float:
@@ -218,7 +232,8 @@ class ModelComparison(Explained):
         places = {one: self.base + j for j, one in enumerate(shared)}
         products = self.model.products([[*own, *(c[i] for c in shared.values())]
                                         for i, own in enumerate(self.extra)])
-        grams = [products.at(level.scales) for level in self.levels]
+        grams = [train + held for train, held in (
+            products.at(level.scales) for level in self.levels)]
         train, held = products.at(self.scales)
         both = train + held
         best: dict[str, Candidate] = {}
@@ -226,7 +241,7 @@ class ModelComparison(Explained):
         def keep(h: Hypothesis, atom: Atom | None, released: frozenset[str],
                  columns: NDArray[np.intp]) -> None:
             index = np.concatenate([np.arange(self.base), columns])
-            result = self._judge(h, atom, released, _of(grams, index))
+            result = self._judge(h, atom, released, [one.of(index) for one in grams])
             if h.name not in best or result.evidence > best[h.name].evidence:
                 best[h.name] = result
 
@@ -261,13 +276,13 @@ class ModelComparison(Explained):
         return np.array(sorted(chosen), dtype=np.intp)
 
     def _judge(self, h: Hypothesis, atom: Atom | None, released: frozenset[str],
-               grams: Sequence[tuple[Gram, Gram]]) -> Candidate:
-        """Fit a hypothesis as linear as its columns are."""
-        k = len(grams[0][0].vector) - self.base
+               grams: Sequence[Gram]) -> Candidate:
+        """Fit a hypothesis as linear as its columns are, the discrepancy as large as likeliest."""
+        k = len(grams[0].vector) - self.base
         prior = self._prior(released, np.zeros(k))
-        level, (train, _), joint = self._likeliest(grams, prior)
-        found = fit(train, prior)
-        evidence = joint.log_evidence - self.null_evidence - np.log(h.ways)
+        found, level = max(((fit(one, prior), level) for one, level in zip(grams, self.levels)),
+                           key=lambda pair: pair[0].log_evidence)
+        evidence = found.log_evidence - self.null_evidence - np.log(h.ways)
         theta = np.zeros(0)
         free = np.zeros(0, dtype=np.intp)
         if atom is not None:
@@ -284,14 +299,3 @@ class ModelComparison(Explained):
             theta = np.clip(theta, low, high)
         effect = Accepted(h.name, theta, np.zeros(len(theta)), free, released)
         return Candidate(effect, float(evidence), h.ways, found.x[:self.m], level.scales)
-
-    def _likeliest(self, grams: Sequence[tuple[Gram, Gram]], prior: Prior
-                   ) -> tuple['_Level', tuple[Gram, Gram], Fit]:
-        """Return the scale of the discrepancy that makes a hypothesis likeliest, and its fit."""
-        fits = [fit(train + held, prior) for train, held in grams]
-        i = max(range(len(fits)), key=lambda j: fits[j].log_evidence)
-        return self.levels[i], grams[i], fits[i]
-
-
-def _of(grams: Sequence[tuple[Gram, Gram]], index: NDArray[np.intp]) -> list[tuple[Gram, Gram]]:
-    return [(train.of(index), held.of(index)) for train, held in grams]
