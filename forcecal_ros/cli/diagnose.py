@@ -60,6 +60,9 @@ def add_parser(subparsers: Any) -> None:
                                 'parts of every phase of the first)')
     recording.add_argument('--accelerometer', choices=('acc1', 'acc2'),
                            help='which one is mounted (default: recognised by its volts)')
+    recording.add_argument('--prior', metavar='DIR',
+                           help='results of an earlier recording of the same robot, against the '
+                                'same model, from which this diagnosis continues')
     recording.add_argument('--tolerance', metavar='X', type=positive, default=0.1,
                            help="what is unexplained and smaller than X times a channel's noise "
                                 '(RMS) does not matter: it is no gap (default: 0.1)')
@@ -102,8 +105,8 @@ def add_parser(subparsers: Any) -> None:
                help='folder for diagnosis.json, report.html and rig_patched.yaml (or '
                     'calibration_patched.yaml, or model_patched.xml); earlier results are '
                     'kept as NAME~; of several BAGs, a folder of such folders')
-    parser.set_defaults(run=run, inputs=('bag', 'heldout', 'rig', 'calibration', 'simulated',
-                                         'heldout_simulated', 'mujoco', 'priors'))
+    parser.set_defaults(run=run, inputs=('bag', 'heldout', 'prior', 'rig', 'calibration',
+                                         'simulated', 'heldout_simulated', 'mujoco', 'priors'))
 
 
 def run(args: argparse.Namespace) -> int:
@@ -185,8 +188,23 @@ def answer(args: argparse.Namespace) -> Answer:
     with stages(args) as stage:
         source, recordings, rig = _source_of(args, stage)
         source.tolerance = args.tolerance
+        if args.prior:
+            source.earlier = _earlier(args.prior, source.explained_by)
         stage(source.task)
         return _written(args, recordings, source.diagnose(*recordings), rig)
+
+
+def _earlier(folder: str, explained_by: str) -> Any:
+    """Read what an earlier diagnosis found, against the same kind of model."""
+    from forcecal_ros.diagnose.result import load_diagnosis
+
+    found, document = load_diagnosis(folder)
+    other = document.get('explained_by', '')
+    if other != explained_by:
+        raise UsageError(f'--prior {folder}: compared with {other or "a rig"}, this recording '
+                         f'with {explained_by or "a rig"}; give a diagnosis against the same '
+                         'model')
+    return found.earlier
 
 
 def _source_of(args: argparse.Namespace, stage: Callable[[str], None]

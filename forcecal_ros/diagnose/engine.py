@@ -44,6 +44,7 @@ from forcecal_ros.diagnose.localise import (
     Predictability,
     stage_of,
 )
+from forcecal_ros.diagnose.model.evidence import Earlier, FIRST_RECORDING
 from forcecal_ros.diagnose.model.hypotheses import hypotheses
 from forcecal_ros.diagnose.model.linearised import linearised_model, LinearisedModel, TOLERANCE
 from forcecal_ros.diagnose.model.saturation import CLIPPING
@@ -100,7 +101,8 @@ class Outcome:
 
 
 def diagnose_datasets(rig: Rig, datasets: tuple[Dataset, ...], stamps: Sequence[Corrected],
-                      given: Sequence[Recording], tolerance: float = TOLERANCE) -> Outcome:
+                      given: Sequence[Recording], tolerance: float = TOLERANCE,
+                      earlier: Earlier = FIRST_RECORDING) -> Outcome:
     """
     Diagnose recordings that are ready.
 
@@ -114,10 +116,12 @@ def diagnose_datasets(rig: Rig, datasets: tuple[Dataset, ...], stamps: Sequence[
         As recorded.
     tolerance : float
         RMS of what is unexplained, in that of a channel's noise, that does not matter.
+    earlier : Earlier
+        What earlier recordings of the same robot found.
     """
     observed = [_observed(c, s.stamped, rig) if s.skew else c.measured
                 for c, s in zip(datasets, stamps)]
-    first = linearised_model(rig, datasets, tolerance)
+    first = linearised_model(rig, datasets, tolerance, earlier)
     try:
         refuse_unjudged(first)
     except DataError as error:
@@ -214,7 +218,7 @@ def _say(model: LinearisedModel, found: Posterior, judged: Judged, checks: Check
              *(tie.note for tie in ties))
     return Diagnosis(
         word, sentence, judged.effects, tuple(judged.candidates), gap=judged.gap, notes=notes,
-        ties=ties,
+        ties=ties, earlier=found.earlier(),
         remainder={'ceiling_sigma': float(summary.predictability.z.max()),
                    'cell_sigma': summary.strongest[0].z, 'ratio': judged.part.ratio,
                    'tolerance': final.tolerance})

@@ -126,7 +126,7 @@ def summarise_residual(model: LinearisedModel,
     lines, wanders = _other_lines(lines_of(model), model)
     impulses = np.asarray(sum(count_impulses(n, b) for n, b in zip(model.noise, model.residuals)))
     strongest = sorted(bins, key=lambda c: -c.z) or [NOWHERE]
-    level = np.max([n.rms() for n in model.noise], axis=0)
+    level = np.asarray(np.max([n.rms() for n in model.noise], axis=0))
     if found is None:
         return ResidualSummary(predictability_of(model), strongest, lines, impulses, wanders,
                                level=level, tolerance=model.tolerance)
@@ -247,14 +247,15 @@ def _tests(summary: ResidualSummary) -> Iterator[tuple[float, float, str]]:
                    f'{CHANNELS[c].name}, predictable from the motion ({found.z[c]:.1f} sigma)')
     for one in summary.strongest:
         low, high = one.band
-        yield (one.z / BIN_SIGMA, one.excess, f'{CHANNELS[one.channel].name} in {one.phase}, '
-               f'{low:g} to {high:g} Hz ({one.z:.1f} sigma)')
+        where = f'{CHANNELS[one.channel].name} in {one.phase}, {low:g} to {high:g} Hz'
+        yield one.z / BIN_SIGMA, one.excess, f'{where} ({one.z:.1f} sigma)'
     several = int(impulses.max())
     yield (several / MIN_IMPULSES, inf,
            f'{several} impulses in {CHANNELS[int(impulses.argmax())].name}')
     for line in summary.lines:
-        yield (line.power / LINE_RATIO, line.amplitude / np.sqrt(2.0) / max(
-            1e-12, summary.level[_INDEX[line.channel]]), f'a line at {line.frequency:.2f} Hz in {line.channel}')
+        level = max(1e-12, summary.level[_INDEX[line.channel]])
+        yield (line.power / LINE_RATIO, line.amplitude / np.sqrt(2.0) / level,
+               f'a line at {line.frequency:.2f} Hz in {line.channel}')
 
 
 def _discrepancy_in_words(summary: ResidualSummary) -> str:

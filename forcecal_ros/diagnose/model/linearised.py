@@ -10,7 +10,7 @@ from forcecal_ros.diagnose.dataset import CHANNELS, Dataset, possible_effects, S
 from forcecal_ros.diagnose.model.basis import Basis, basis
 from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.model.discrepancy import Discrepancy, WhitenedDiscrepancy
-from forcecal_ros.diagnose.model.evidence import Fit, fit, Gram, Prior
+from forcecal_ros.diagnose.model.evidence import Earlier, FIRST_RECORDING, Fit, fit, Gram, Prior
 from forcecal_ros.diagnose.model.gates import departed, Gate, nuisances_of
 from forcecal_ros.diagnose.model.jacobian import Column, column, combined, nuisance_column
 from forcecal_ros.diagnose.model.products import Products
@@ -95,6 +95,8 @@ class LinearisedModel:
         When effects act that do not act all the time.
     tolerance : float
         RMS of what is unexplained, in that of a channel's noise, that does not matter.
+    earlier : Earlier
+        What earlier recordings of the same robot found.
     """
 
     rig: Rig
@@ -114,6 +116,7 @@ class LinearisedModel:
     library: Mapping[str, Effect] = EFFECTS
     gates: Mapping[str, Gate] = field(default_factory=dict)
     tolerance: float = TOLERANCE
+    earlier: Earlier = FIRST_RECORDING
     _calibrated: tuple[bytes, Rig] | None = None
     _straight: dict[Hashable, Column] = field(default_factory=dict)
 
@@ -389,15 +392,16 @@ def noise_level(rig: Rig, streams: tuple[str, ...], accelerometer: str) -> Array
     return np.maximum(np.array(level) / 2.0, 1e-12)
 
 
-def linearised_model(rig: Rig, datasets: tuple[Dataset, ...], tolerance: float = TOLERANCE
-                     ) -> LinearisedModel:
+def linearised_model(rig: Rig, datasets: tuple[Dataset, ...], tolerance: float = TOLERANCE,
+                     earlier: Earlier = FIRST_RECORDING) -> LinearisedModel:
     """Set up a diagnosis, recalibrated."""
     name, streams = datasets[0].simulation.accelerometer, datasets[0].measured.streams
     found = datasets[0].simulation.nuisances(rig, streams)
     out = LinearisedModel(rig, datasets, found, np.array(prior_std(rig, found)),
                           noise_level(rig, streams, name), centre=np.zeros(len(found)),
                           library=possible_effects(datasets),
-                          tolerance=max(tolerance, datasets[0].simulation.exact))
+                          tolerance=max(tolerance, datasets[0].simulation.exact),
+                          earlier=earlier)
     out.linearise()
     out.allow_discrepancy()
     out.recalibrate()

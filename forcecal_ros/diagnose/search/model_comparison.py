@@ -146,6 +146,7 @@ class Explained:
         self.extra: list[list[Column]] = [
             [c for t in jacobians for c in t.columns[i]] for i in range(len(model.datasets))]
         self._away = np.concatenate([np.zeros(0), *(t.away for t in jacobians)])
+        self._precision = np.concatenate([np.zeros(0), *(t.precision for t in jacobians)])
         self.base = len(model.nuisances) + len(self.extra[0])
         self.null_prior = self._prior(frozenset(), np.zeros(0))
 
@@ -155,7 +156,8 @@ class Explained:
         away = np.concatenate([self._away, centre])
         endless = np.full(len(away), np.inf)
         return Prior(np.concatenate([own.centre, away]),
-                     np.concatenate([own.precision, np.full(len(away), EFFECT)]),
+                     np.concatenate([own.precision, self._precision,
+                                     np.full(len(centre), EFFECT)]),
                      np.concatenate([own.low, -endless]), np.concatenate([own.high, endless]))
 
     def by_training(self) -> list[Array]:
