@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from math import inf
 
-from forcecal_ros.diagnose.judge.judgement import EXPLAINED
 from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
 from forcecal_ros.diagnose.search.calibration import UNKNOWN
 
@@ -15,6 +14,9 @@ MIN_EXPLAINED_WHOLE = 0.95
 
 MAX_UNEXPLAINED_RATIO = 10.0
 """Ratio of the unexplained part from which it matters beside any explained share."""
+
+LEAST_EXPLAINED = 0.5
+"""Explained share below which effects beside a discrepancy leave more than they explain."""
 
 FURTHER = 'would move by more than three sigma'
 """What a note states of a simulator's numbers that only their tolerance holds."""
@@ -108,7 +110,7 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
         rest += f'; one effect that is not in the library is likelier than {these}'
     partly = unknown or (significant and (
         closed < MIN_EXPLAINED_WHOLE or part.ratio > MAX_UNEXPLAINED_RATIO))
-    if closed < EXPLAINED if beside else partly:
+    if closed < LEAST_EXPLAINED if beside else partly:
         return 'partial', f'{listed} {done}{rest}'
     rivals = [n for n, _ in candidates if n not in named and n != UNKNOWN]
     if rivals:

@@ -32,9 +32,6 @@ CHECKED = 0.99
 CANDIDATES = 0.95
 """Probability that the candidate set covers."""
 
-EXPLAINED = 0.5
-"""Share of the misfit below which effects leave more than they explain."""
-
 NEAREST, NEAREST_TEMPERATURE = 0.3, 10.0
 """
 Probability that effects share that come closest to an unexplained recording, and the log-evidence
@@ -69,7 +66,7 @@ def judge(first: LinearisedModel, found: Posterior, checks: Checks,
     checked = tuple(NamedEffect(n, v, CHECKED) for n, v in checks.effects.items())
     numbers = {a.name: parameters_of(final, a) for a in found.accepted}
     ties = ties_of(found)
-    probabilities, candidates = weighed(found, part.ratio >= 1.0, gap.closed)
+    probabilities, candidates = weighed(found, part.ratio >= 1.0)
     stated = with_taken(final, found.accepted, numbers, errors, gap.closed)
     named = [begun_or_ended(NamedEffect(name, values, probabilities[name]), final, found.instants)
              for name, values in stated.items()]
@@ -78,25 +75,19 @@ def judge(first: LinearisedModel, found: Posterior, checks: Checks,
                   listed_once(candidates))
 
 
-def weighed(found: Posterior, is_gap: bool, closed: float
-            ) -> tuple[dict[str, float], list[tuple[str, float]]]:
+def weighed(found: Posterior, is_gap: bool) -> tuple[dict[str, float], list[tuple[str, float]]]:
     """
     Return the probability of each accepted effect, and the candidates.
-
-    Effects that leave more than they explain are no likelier than the share that they explain.
 
     Parameters
     ----------
     is_gap : bool
         Whether something is unexplained.
-    closed : float
-        Share of the misfit that accepted effects explain.
     """
-    most = max(0.0, closed) if is_gap and closed < EXPLAINED else 1.0
     named: dict[str, float] = {}
     chosen: list[tuple[str, float]] = []
     for name, features in found.features.items():
-        whole, weight = min(most, probability(features)), found.odds[name]
+        whole, weight = probability(features), found.odds[name]
         shares = {k: whole * w / (1.0 + sum(weight.values())) for k, w in weight.items()}
         named[name] = whole - sum(shares.values())
         chosen += _covering({name: named[name], UNKNOWN: 1.0 - whole, **shares})

@@ -114,11 +114,6 @@ class _Level(NamedTuple):
         """Log marginal likelihood of all blocks."""
         return self.null.log_evidence
 
-    @property
-    def excess(self) -> float:
-        """Held-out whitened energy above the noise and the discrepancy."""
-        return self.held.residual_squares(self.null.x) - self.held.n
-
 
 def _by_chance(n: float) -> float:
     return CHANCE * float(np.sqrt(0.5 * n))
@@ -204,22 +199,26 @@ class ModelComparison(Explained):
         return _Level(scales, train, held, fit(train + held, self.null_prior))
 
     @property
-    def excess(self) -> float:
-        """Held-out whitened energy above the noise, without a discrepancy."""
-        return next(level.excess for level in self.levels if level.scales == NO_DISCREPANCY)
-
-    @property
     def discrepancy_evidence(self) -> float:
         """Log-likelihood of a discrepancy against none, and what is unexplained beyond it."""
         excess = self.every.residual_squares(self.null.x) - self.every.n
         return self._gained + max(0.0, 0.5 * excess - _by_chance(self.every.n))
 
-    @property
-    def missing_evidence(self) -> float:
-        """Log-evidence that a model with nothing wrong would have more, noise allowed for."""
+    def missing(self) -> tuple[float, float]:
+        """
+        Return the log-evidence that a model with nothing wrong would have more.
+
+        Returns
+        -------
+        missing : float
+            Noise allowed for.
+        flawed : float
+            The part of it that may be due to noise that is not quite what it is taken for.
+        """
         n = self.every.n
-        missed = -self.null_evidence - self.null.volume - 0.5 * n - _by_chance(n)
-        return max(0.0, missed) + min(self._gained, FLAWED * float(self._products.channels.sum()))
+        missed = max(0.0, -self.null_evidence - self.null.volume - 0.5 * n - _by_chance(n))
+        most = FLAWED * float(self._products.channels.sum())
+        return missed + self._gained, missed + min(self._gained, most)
 
     @property
     def _gained(self) -> float:

@@ -58,8 +58,8 @@ class Explanation(NamedTuple):
         were tried is allowed for.
     missing : float
         Log-evidence that a model without any flaw would have more.
-    excess : float
-        Held-out whitened energy above the noise.
+    flawed : float
+        The part of it that noise may be due to that is not quite what it is taken for.
     ways : mapping of str to float
         Logarithm of the number of ways in which each effect was tried.
     """
@@ -67,7 +67,7 @@ class Explanation(NamedTuple):
     fit: JointFit
     evidence: float
     missing: float
-    excess: float
+    flawed: float
     ways: Mapping[str, float] = MappingProxyType({})
 
     @property
@@ -171,8 +171,9 @@ def weigh(fit: JointFit, ways: Mapping[str, float] = MappingProxyType({})) -> Ex
     fit.model.discrepancy_scales = comparison.scales
     known = earlier.of({a.name for a in fit.accepted}) - sum(
         ways.get(a.name, 0.0) for a in fit.accepted)
-    return Explanation(fit, comparison.null_evidence + known,
-                       comparison.missing_evidence + earlier.missing, comparison.excess, ways)
+    missing, flawed = comparison.missing()
+    return Explanation(fit, comparison.null_evidence + known, missing + earlier.missing, flawed,
+                       ways)
 
 
 def extended(parent: Explanation, table: _Table) -> list[Explanation]:
@@ -315,8 +316,7 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
         chosen, less = _with_what_is_worth(model, _all_the_time(children[0]), best)
         if chosen.evidence < best.evidence + WORTH:
             break
-        own = {a.name: features_of(chosen, less[a.name], a, children)
-               for a in chosen.fit.accepted}
+        own = {name: features_of(chosen, less[name]) for name in chosen.names}
         instead = {name: _instead(chosen, children, name) for name in chosen.names}
         if min(probability(f) for f in own.values()) < NAMED:
             break
@@ -334,14 +334,9 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
                       if name in best.fit.model.gates})
 
 
-def features_of(full: Explanation, less: Explanation, added: Accepted,
-                others: Sequence[Explanation]) -> Features:
-    """Return what the probability of an effect follows from."""
-    gain = full.evidence - less.evidence
-    rivals = [e.evidence for e in others if added.name not in e.names]
-    lead = min(gain, full.evidence - max(rivals, default=less.evidence))
-    return Features(gain, full.missing, 1.0 - full.excess / max(less.excess, 1.0),
-                    added.degrees, len(full.names), lead)
+def features_of(full: Explanation, less: Explanation) -> Features:
+    """Return what the probability of an effect follows from: an explanation with and without."""
+    return Features(full.evidence - less.evidence, full.missing, full.flawed)
 
 
 def _instead(chosen: Explanation, others: Sequence[Explanation], name: str) -> dict[str, float]:
