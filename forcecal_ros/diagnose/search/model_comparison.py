@@ -105,14 +105,8 @@ class _Level(NamedTuple):
     """What is explained already, with a discrepancy of one scale: its fit and its evidence."""
 
     scales: Scales
-    train: Gram
-    held: Gram
+    every: Gram
     null: Fit
-
-    @property
-    def evidence(self) -> float:
-        """Log marginal likelihood of all blocks."""
-        return self.null.log_evidence
 
 
 def _by_chance(n: float) -> float:
@@ -182,21 +176,21 @@ class ModelComparison(Explained):
         self.m = len(model.nuisances)
         self._products = model.products(self.extra)
         self.levels = self._usual()
-        best = max(self.levels, key=lambda level: level.evidence)
-        self.scales, self.train, self.held, self.null = best
-        self.null_evidence, self.every = self.null.log_evidence, self.train + self.held
+        self.scales, self.every, self.null = max(
+            self.levels, key=lambda level: level.null.log_evidence)
+        self.null_evidence = self.null.log_evidence
 
     def _usual(self) -> list['_Level']:
         """Return levels of one scale in all streams, and the likeliest of any."""
         levels = [self._level((size,) * len(STREAM_SLICES)) for size in SCALES]
-        start = max(levels, key=lambda level: level.evidence).scales
+        start = max(levels, key=lambda level: level.null.log_evidence).scales
         best = ascended(self._products, lambda grams: fit(
             grams[0] + grams[1], self.null_prior).log_evidence, start)
         return levels if best == start else [*levels, self._level(best)]
 
     def _level(self, scales: Scales) -> '_Level':
         train, held = self._products.at(scales)
-        return _Level(scales, train, held, fit(train + held, self.null_prior))
+        return _Level(scales, train + held, fit(train + held, self.null_prior))
 
     @property
     def discrepancy_evidence(self) -> float:
@@ -222,8 +216,8 @@ class ModelComparison(Explained):
 
     @property
     def _gained(self) -> float:
-        none = next(level.evidence for level in self.levels if level.scales == NO_DISCREPANCY)
-        return self.null_evidence - none
+        none = next(one.null for one in self.levels if one.scales == NO_DISCREPANCY)
+        return self.null_evidence - none.log_evidence
 
     def screen(self, hypotheses: Sequence[Hypothesis]) -> list[Candidate]:
         """Judge all hypotheses on the Jacobian, the best start of each, likeliest first."""

@@ -25,6 +25,11 @@ def test_a_line_beside_that_of_an_explained_vibration_is_its_own():
     assert _other_lines((beside, other), nominal) == ((beside, other), ())
 
 
+LEFT = ('a part that follows the motion but matches no effect of the library, 0.0024 V RMS in '
+        'accel.x')
+WITHIN = f'within tolerance: {LEFT}, is 0.08 of its noise, of which 0.1 is tolerated'
+
+
 def left(size=0.08, evidence=3.0 * WITHOUT_NAME, tolerance=0.1, excess=0.0):
     """Return the summary of a discrepancy in accel.x, of noise, and of one bin."""
     rows = np.zeros((100, len(CHANNELS)))
@@ -37,9 +42,8 @@ def left(size=0.08, evidence=3.0 * WITHOUT_NAME, tolerance=0.1, excess=0.0):
 
 
 @pytest.mark.parametrize('tolerance, excess, word, said', [
-    (0.1, 0.0, 'no_gap', 'within tolerance: a part that follows the motion but matches no effect '
-     'of the library, 0.0024 V RMS in accel.x, is 0.08 of its noise, of which 0.1 is tolerated'),
-    (0.05, 0.0, 'unknown', '0.0024 V RMS in accel.x'),
+    (0.1, 0.0, 'no_gap', WITHIN),
+    (0.05, 0.0, 'unknown', LEFT),
     (0.1, 0.2, 'unknown', 'force.z in move, 4 to 8 Hz (20.0 sigma)')])
 def test_what_is_smaller_than_tolerated_is_no_gap_and_that_is_said_with_its_size(
         tolerance, excess, word, said):
