@@ -22,7 +22,6 @@ from forcecal_ros.diagnose.judge.coverage import (
 from forcecal_ros.diagnose.judge.gap import measured_gap, sample_noise
 from forcecal_ros.diagnose.judge.judgement import judge, Judged
 from forcecal_ros.diagnose.judge.named_effects import (
-    at_limit,
     channel_affected_most,
     Checks,
     from_checks,
@@ -208,7 +207,7 @@ def _say(model: LinearisedModel, found: Posterior, judged: Judged, checks: Check
         with_discrepancy=found.beside_discrepancy,
         slow_noise=judged.summary.slow_noise, band=model.datasets[0].simulation.band,
         certain=tuple(checks.effects),
-        at_limit=[x for name, values in judged.numbers.items() for x in at_limit(name, values)])
+        at_limit=judged.limits)
     sentence += in_time(judged.effects) \
         + missing_streams(final.datasets[0].recording) + unjudged(model)
     summary, ties = judged.summary, tuple(judged.ties.values())

@@ -6,9 +6,6 @@ from math import inf
 from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
 from forcecal_ros.diagnose.search.calibration import UNKNOWN
 
-NAMED = 0.8
-"""Explained share from which effects are named although more is unexplained."""
-
 MIN_EXPLAINED_WHOLE = 0.95
 """Explained share from which what is unexplained does not matter beside it."""
 
@@ -66,7 +63,6 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
         Numbers of accepted effects that would be larger if their limits let them.
     """
     listed = ' and '.join(named)
-    closest = f'{listed} {"come" if len(named) > 1 else "comes"} closest'
     significant = part.ratio >= 1.0
     if not excited:
         return 'not_excited', ('the recording moves too little to tell effects apart; record '
@@ -82,25 +78,19 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
             return 'no_gap', (f'the recalibrated rig explains {what}{below} {WITHIN}{slow}: '
                               f'{part.within}')
         return 'no_gap', f'the recalibrated rig explains {what}{below} down to its noise{slow}'
-    if closed is not None and closed < 0.0:
+    unknown = dict(candidates).get(UNKNOWN, 0.0) > 0.5
+    if at_limit or (unknown and not certain):
+        why = (f'{" and ".join(at_limit)} is as large as that can be: another robot, tool or unit '
+               'was recorded than it is compared with' if at_limit else
+               'what was held out is worse with it')
         more = f'; unexplained: {part.words}' if significant else ''
-        return 'unknown', (f'no effect of the library explains the gap: adding {listed} makes '
-                           f'what was held out worse{more}')
-    if at_limit:
-        return 'unknown', (f'no effect of the library explains the gap: {closest}, but '
-                           f'{" and ".join(at_limit)} is as large as that can be: another '
-                           'robot, tool or unit was recorded than it is compared with')
+        return 'unknown', (f'no effect of the library explains the gap: {listed} '
+                           f'{"come" if len(named) > 1 else "comes"} closest, but {why}{more}')
     end = '' if len(named) > 1 else 's'
     done = f'explain{end} {percent(closed or 0.0)} of the misfit'
     if closed is None:
         done, closed = f'show{end} in stamps and values', 1.0
-    unknown = dict(candidates).get(UNKNOWN, 0.0) > 0.5
     beside = with_discrepancy and not unknown
-    if not beside and significant and (closed < NAMED or unknown) and not certain:
-        nearly = (f'{closest} and would explain {percent(closed)} of the misfit'
-                  ', too little to be named; unexplained: ') if closed > 0.0 else ''
-        return 'unknown', (f'no effect of the library explains the gap: {nearly}'
-                           f'{part.words}')
     rest = ''
     if significant:
         rest = f'; {"what remains" if beside else "unexplained"}: {part.words}'

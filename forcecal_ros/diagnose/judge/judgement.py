@@ -8,6 +8,7 @@ from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.dataset import MeasuredBlocks
 from forcecal_ros.diagnose.judge.gap import Gap, measured_gap
 from forcecal_ros.diagnose.judge.named_effects import (
+    at_limit,
     begun_or_ended,
     Checks,
     NamedEffect,
@@ -43,7 +44,8 @@ class Judged(NamedTuple):
     """
     What was found, weighed: each effect, the whole, and what is unexplained.
 
-    ``numbers`` are those of accepted effects as the fit knows them.
+    ``numbers`` are those of accepted effects as the fit knows them; ``limits`` those of them that
+    would be larger if the library let them.
     """
 
     summary: ResidualSummary
@@ -54,6 +56,7 @@ class Judged(NamedTuple):
     effects: tuple[NamedEffect, ...]
     ties: dict[str, Tie]
     candidates: list[tuple[str, float]]
+    limits: list[str]
 
 
 def judge(first: LinearisedModel, found: Posterior, checks: Checks,
@@ -66,16 +69,19 @@ def judge(first: LinearisedModel, found: Posterior, checks: Checks,
     checked = tuple(NamedEffect(n, v, CHECKED) for n, v in checks.effects.items())
     numbers = {a.name: parameters_of(final, a) for a in found.accepted}
     ties = ties_of(found)
-    probabilities, candidates = weighed(found, part.ratio >= 1.0)
+    limits = [x for name, values in numbers.items() for x in at_limit(name, values)]
+    probabilities, candidates = weighed(found, part.ratio >= 1.0,
+                                        possible=gap.closed >= 0.0 and not limits)
     stated = with_taken(final, found.accepted, numbers, errors, gap.closed)
     named = [begun_or_ended(NamedEffect(name, values, probabilities[name]), final, found.instants)
              for name, values in stated.items()]
     candidates += [(e.name, e.probability) for e in checked]
     return Judged(summary, part, gap, noise, numbers, (*named, *checked), ties,
-                  listed_once(candidates))
+                  listed_once(candidates), limits)
 
 
-def weighed(found: Posterior, is_gap: bool) -> tuple[dict[str, float], list[tuple[str, float]]]:
+def weighed(found: Posterior, is_gap: bool, *, possible: bool = True
+            ) -> tuple[dict[str, float], list[tuple[str, float]]]:
     """
     Return the probability of each accepted effect, and the candidates.
 
@@ -83,11 +89,13 @@ def weighed(found: Posterior, is_gap: bool) -> tuple[dict[str, float], list[tupl
     ----------
     is_gap : bool
         Whether something is unexplained.
+    possible : bool
+        Whether accepted effects can be the cause: they do no harm, and no number is at its limit.
     """
     named: dict[str, float] = {}
     chosen: list[tuple[str, float]] = []
     for name, features in found.features.items():
-        whole, weight = probability(features), found.odds[name]
+        whole, weight = possible * probability(features), found.odds[name]
         shares = {k: whole * w / (1.0 + sum(weight.values())) for k, w in weight.items()}
         named[name] = whole - sum(shares.values())
         chosen += _covering({name: named[name], UNKNOWN: 1.0 - whole, **shares})
