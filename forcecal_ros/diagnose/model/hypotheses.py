@@ -202,8 +202,8 @@ def fewer(effect: Effect, atom: Atom, part: NDArray[np.intp]) -> Atom:
     return Atom(start, atom.free[part], tuple([one[j] for j in part] for one in atom.columns))
 
 
-UNGATED = (*CLIPPING, 'wrench_bias_drift')
-"""Effects that are not looked for in a part of a recording: a drift begins by itself."""
+DRIFT = 'wrench_bias_drift'
+"""An effect that begins by itself, and so acts in all of a recording or not at all."""
 
 
 def everywhere(model: LinearisedModel, found: Sequence[Hypothesis]) -> list[Hypothesis]:
@@ -218,7 +218,7 @@ def everywhere(model: LinearisedModel, found: Sequence[Hypothesis]) -> list[Hypo
     # numbers of a simulator that is run cannot change while it runs
     own = {n.key for n in model.nuisances if n.prior_std is not None}
     out = [_of_nuisances(model, h) if h.releases else h
-           for h in found if h.name not in UNGATED and h.effect.where != 'stamps'
+           for h in found if h.name not in CLIPPING and h.effect.where != 'stamps'
            and h.effect.nuisance not in own]
     bias = Hypothesis(BIAS.name, BIAS, (), ())
     return [h for h in (*out, _of_nuisances(model, bias)) if h.atoms]

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from forcecal_ros.diagnose.model.evidence import Earlier, FIRST_RECORDING
 from forcecal_ros.diagnose.model.gates import BIAS, kind_of
-from forcecal_ros.diagnose.model.hypotheses import EffectJacobian, everywhere, Hypothesis
+from forcecal_ros.diagnose.model.hypotheses import DRIFT, EffectJacobian, everywhere, Hypothesis
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY
 from forcecal_ros.diagnose.search.calibration import Features, probability
@@ -146,6 +146,7 @@ class _Table:
         screened = comparison.screen([h for h in self.found if h.name not in taken])
         # of an effect that begins or ends a part shows as if it acted all the time
         likely = [t.effect.name for t in screened if t.evidence > WORTH][:2 * REFINED]
+        likely += [DRIFT] if len(model.datasets) > 1 and DRIFT not in (*likely, *taken) else []
         bias = [self.parts[BIAS.name]._replace(name=_further_step(model))
                 ] if BIAS.name in self.parts else []
         parts = [self.parts[n] for n in likely if n in self.parts]
