@@ -186,12 +186,12 @@ def _check_simulator(args: argparse.Namespace) -> int:
 def answer(args: argparse.Namespace) -> Answer:
     """Diagnose one recording."""
     with stages(args) as stage:
-        source, recordings, rig = _source_of(args, stage)
+        source, recordings = _source_of(args, stage)
         source.tolerance = args.tolerance
         if args.prior:
             source.earlier = _earlier(args.prior, source.explained_by)
         stage(source.task)
-        return _written(args, recordings, source.diagnose(*recordings), rig)
+        return _written(args, recordings, source.diagnose(*recordings))
 
 
 def _earlier(folder: str, explained_by: str) -> Any:
@@ -208,8 +208,8 @@ def _earlier(folder: str, explained_by: str) -> Any:
 
 
 def _source_of(args: argparse.Namespace, stage: Callable[[str], None]
-               ) -> tuple[Any, list[Any], Any]:
-    """Return what the options compare with, the recordings, and the rig of the tolerances."""
+               ) -> tuple[Any, list[Any]]:
+    """Return what the options compare with, and the recordings."""
     from forcecal_ros.diagnose.sources.pair import PairSource
     from forcecal_ros.diagnose.sources.rig import rig_source
     from forcecal_ros.diagnose.sources.simulator import SimulatorSource
@@ -228,26 +228,24 @@ def _source_of(args: argparse.Namespace, stage: Callable[[str], None]
     simulator = _simulator_of(args) if args.simulator or args.mujoco else None
     recordings = [read_one(bag) for bag in (args.bag, args.heldout) if bag]
     if simulator is not None:
-        rig = load_rig(RIGID)
-        return SimulatorSource(simulator, rig), recordings, rig
+        return SimulatorSource(simulator, load_rig(RIGID)), recordings
     if args.simulated:
-        rig = load_rig(RIGID)
-        return PairSource(rig, *(
+        return PairSource(load_rig(RIGID), *(
             read_one(bag, 'simulated-', args.simulated_wrench_sign)
-            for bag in (args.simulated, args.heldout_simulated) if bag)), recordings, rig
+            for bag in (args.simulated, args.heldout_simulated) if bag)), recordings
     if args.calibration:
         calibration, rig = load(args.calibration), load_rig(args.rig or RIGID)
         recordings = [as_calibrated(one, calibration, args.calibration, args.wrench_sign)
                       for one in recordings]
         tool = rigid_tool_of_calibration(calibration, rig)
-        return ToolSource(tool, calibration, args.accelerometer), recordings, rig
+        return ToolSource(tool, calibration, args.accelerometer), recordings
     if not args.rig:
         _require_simulated_rig(args, recordings)
     rig = load_rig(None if args.rig in (None, NOMINAL) else args.rig)
     if not recordings[0].target:
-        return ToolSource(rigid_tool_of_rig(rig), None, args.accelerometer), recordings, rig
+        return ToolSource(rigid_tool_of_rig(rig), None, args.accelerometer), recordings
     warn_if_compiling(waits_for_compiler(), 'the simulator')
-    return rig_source(rig, args.accelerometer), recordings, rig
+    return rig_source(rig, args.accelerometer), recordings
 
 
 def _require_simulated_rig(args: argparse.Namespace, recordings: list[Any]) -> None:
@@ -290,7 +288,7 @@ def _source(args: argparse.Namespace, recording: Any) -> dict[str, str]:
             'created': datetime.now(timezone.utc).isoformat(timespec='seconds')}
 
 
-def _written(args: argparse.Namespace, recordings: list[Any], found: Any, rig: Any) -> Answer:
+def _written(args: argparse.Namespace, recordings: list[Any], found: Any) -> Answer:
     """Write what was found, a report of it, and other files."""
     import json
 
@@ -307,10 +305,9 @@ def _written(args: argparse.Namespace, recordings: list[Any], found: Any, rig: A
 
     diagnosis, folder, document = found.diagnosis, args.output, found.document()
     document['source'] = _source(args, recordings[0])
-    view = (view_of(found.outcome, advice(diagnosis, rig), units(found.unit))
+    view = (view_of(found.outcome, advice(diagnosis), units(found.unit))
             if found.outcome.datasets else view_without_signals(diagnosis))
-    step = next_step(diagnosis, args.bag, folder, tuple(found.files), view.advice,
-                     read_likewise(args))
+    step = next_step(diagnosis, args.bag, folder, tuple(found.files), read_likewise(args))
     write_results(folder, {
         'diagnosis.json': json.dumps(document, indent=2, allow_nan=False) + '\n',
         'report.html': render(

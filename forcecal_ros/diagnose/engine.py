@@ -31,7 +31,6 @@ from forcecal_ros.diagnose.judge.named_effects import (
 )
 from forcecal_ros.diagnose.judge.residual_summary import (
     lines_of,
-    predictions,
     summarise_residual,
     WANDERING,
 )
@@ -40,7 +39,6 @@ from forcecal_ros.diagnose.localise import (
     Line,
     localise,
     Location,
-    Predictability,
     stage_of,
 )
 from forcecal_ros.diagnose.model.evidence import Earlier, FIRST_RECORDING
@@ -137,7 +135,7 @@ def diagnose_datasets(rig: Rig, datasets: tuple[Dataset, ...], stamps: Sequence[
         tried = hypotheses(model, frequencies[0] if frequencies else None)
         found = search(model, tried)
         judged = judge(first, found, checks, observed)
-        where = _localised(found, judged.summary.predictability, checks)
+        where = _localised(found, judged.summary.predicted, checks)
         diagnosis = replace(_say(model, found, judged, checks), localisation=where,
                             not_excited=tuple(not_excited(model, tried)),
                             used=shares(model, given))
@@ -173,13 +171,13 @@ def _observed(dataset: Dataset, recording: Recording, rig: Rig) -> MeasuredBlock
                           dataset.measured.start, dataset.measured.n_blocks)
 
 
-def _localised(selection: Posterior, predictability: Predictability, checks: Checks
+def _localised(selection: Posterior, predicted: Sequence[Array], checks: Checks
                ) -> tuple[Location, ...]:
     """Say where the effects change the simulation, and where else the residual is no noise."""
     final = selection.model
     before = final.without_effects().residuals
     differences = [b - a + more for b, a, more in zip(
-        before, final.residuals, predictions(predictability))]
+        before, final.residuals, predicted)]
     stages = {final.library[n].stage
               for n in (*(a.name for a in selection.accepted), *checks.effects)}
 
@@ -218,7 +216,7 @@ def _say(model: LinearisedModel, found: Posterior, judged: Judged, checks: Check
     return Diagnosis(
         word, sentence, judged.effects, tuple(judged.candidates), gap=judged.gap, notes=notes,
         ties=ties, earlier=found.earlier(),
-        remainder={'ceiling_sigma': float(summary.predictability.z.max()),
+        remainder={'discrepancy': summary.discrepancy_evidence,
                    'cell_sigma': summary.strongest[0].z, 'ratio': judged.part.ratio,
                    'tolerance': final.tolerance})
 

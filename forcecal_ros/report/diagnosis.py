@@ -15,6 +15,7 @@ from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, instants, Parame
 from forcecal_ros.diagnose.localise import BANDS, BLOCK_RATE, time_frequency_bins, TimeFrequencyBin
 from forcecal_ros.diagnose.result import Diagnosis
 from forcecal_ros.diagnose.verdict import FIRST, FURTHER, percent, WITHIN
+from forcecal_ros.effects import EFFECTS
 from forcecal_ros.report.effect_words import phrase, sentence, WORDS
 from forcecal_ros.report.page import Fact, Picture, picture, render_page, Step
 from forcecal_ros.report.panels import COLOURS, joined, Line, Panel, Shown
@@ -285,7 +286,7 @@ def _in_full(d: Diagnosis) -> Fact:
     return Fact('In full', _begun(f'{d.reason}.'))
 
 
-def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str], advice: str = '',
+def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
               how: Sequence[str] = ()) -> Step:
     """
     Say what to do with a diagnosis.
@@ -296,13 +297,13 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str], advice:
         The recording that was diagnosed, and where the results are.
     files : sequence of str
         What lies there beside the report.
-    advice : str
-        Which motion to record next; empty where none would tell more.
     how : sequence of str
         What a command has to say of the recording to find the same in it.
     """
-    if d.verdict == 'ambiguous' and advice:
-        return Step(_begun(f'{advice.partition(";")[0].rstrip(".")}.'))
+    if d.verdict == 'ambiguous' and {name for name, _ in d.candidates} & EFFECTS.keys():
+        return Step(f'Record a motion that separates these causes (then diagnose it with --prior '
+                    f'{folder}):', shlex.join(
+                        ('forcecal', 'plan', '--after', folder, '-o', 'plan.yaml')))
     if d.verdict == 'invalid_data' and (remedy := _cause_and_remedy(d)[1]):
         return Step(f'{_begun(remedy)}. Then diagnose again.')
     rig, calibration, model = (

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.dataset import CHANNELS, Dataset, MeasuredBlocks
 from forcecal_ros.diagnose.judge.parameter_errors import Errors, parameter_errors
-from forcecal_ros.diagnose.judge.residual_summary import predictions, ResidualSummary
+from forcecal_ros.diagnose.judge.residual_summary import ResidualSummary
 from forcecal_ros.diagnose.localise import BIN_SIGMA, TimeFrequencyBin
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.search.model_comparison import Explained, ModelComparison
@@ -277,7 +277,7 @@ def measured_gap(model: LinearisedModel, selection: Posterior, summary: Residual
     """
     arms, contact = [], []
     comparison = ModelComparison(selection.model, selection.jacobians)
-    moved, errors = predictions(summary.predictability), parameter_errors(comparison)
+    moved, errors = summary.predicted, parameter_errors(comparison)
     final = replace(selection.model, residuals=[r - by for r, by in zip(
         selection.model.residuals, comparison.by_training())])
     recalibrated = Explained(model).by_training()

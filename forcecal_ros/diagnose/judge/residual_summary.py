@@ -15,9 +15,6 @@ from forcecal_ros.diagnose.localise import (
     Line,
     LINE_RATIO,
     MIN_IMPULSES,
-    Predictability,
-    predictability_of,
-    PREDICTABLE_SIGMA,
     spectral_lines,
     time_frequency_bins,
     TimeFrequencyBin,
@@ -56,8 +53,10 @@ class ResidualSummary(NamedTuple):
 
     Attributes
     ----------
-    predictability : Predictability
-        Of the discrepancy, where there is one.
+    discrepancy : tuple of ndarray, shape (n, channels)
+        What follows the motion without a name, in each recording.
+    size : ndarray, shape (channels,)
+        Its RMS in that of the noise, in the worst kind of motion.
     strongest : list of TimeFrequencyBin
         The strongest first.
     lines : tuple of Line
@@ -72,9 +71,12 @@ class ResidualSummary(NamedTuple):
         RMS of the noise at rest.
     tolerance : float
         RMS of what is unexplained, in that of a channel's noise, that does not matter.
+    exact : float
+        The same, up to which the simulation is meant to be right.
     """
 
-    predictability: Predictability
+    discrepancy: tuple[Array, ...]
+    size: Array
     strongest: list[TimeFrequencyBin]
     lines: tuple[Line, ...]
     impulses: Array
@@ -83,6 +85,13 @@ class ResidualSummary(NamedTuple):
     slow_noise: bool = False
     level: Array = np.ones(len(CHANNELS))
     tolerance: float = 0.0
+    exact: float = 0.0
+
+    @property
+    def predicted(self) -> list[Array]:
+        """What of each residual is no noise; 0 where a simulation is not that exact."""
+        seen = (self.size > self.exact) & (self.discrepancy_evidence >= WITHOUT_NAME)
+        return [np.where(seen, one, 0.0) for one in self.discrepancy]
 
 
 class UnexplainedPart(NamedTuple):
@@ -114,25 +123,21 @@ def summarise_residual(model: LinearisedModel,
     discrepancy_evidence : float
         Log-evidence of its discrepancy.
     """
-    found, seen = None, discrepancy_evidence
-    if model.discrepancy_scales != NO_DISCREPANCY:
-        found = discrepant(model)
-        beyond = _without(model, found)
-        if discrepancy_evidence > 0.0:
-            discrepancy_evidence = _but_for_slow_noise(model, beyond, discrepancy_evidence)
-        model = beyond
-    bins = [c for dataset, n, b in zip(model.datasets, model.noise, model.residuals)
+    found, seen = discrepant(model), discrepancy_evidence
+    if model.discrepancy_scales == NO_DISCREPANCY:
+        discrepancy_evidence = seen = 0.0
+    beyond = _without(model, found)
+    if discrepancy_evidence > 0.0:
+        discrepancy_evidence = _but_for_slow_noise(model, beyond, discrepancy_evidence)
+    bins = [c for dataset, n, b in zip(beyond.datasets, beyond.noise, beyond.residuals)
             for c in time_frequency_bins(dataset, n, b) if c.band[0] < dataset.simulation.band]
-    lines, wanders = _other_lines(lines_of(model), model)
-    impulses = np.asarray(sum(count_impulses(n, b) for n, b in zip(model.noise, model.residuals)))
-    strongest = sorted(bins, key=lambda c: -c.z) or [NOWHERE]
-    level = np.asarray(np.max([n.rms() for n in model.noise], axis=0))
-    if found is None:
-        return ResidualSummary(predictability_of(model), strongest, lines, impulses, wanders,
-                               level=level, tolerance=model.tolerance)
-    summary = ResidualSummary(_as_predictability(model, found, discrepancy_evidence), strongest,
-                              lines, impulses, wanders, discrepancy_evidence, level=level,
-                              tolerance=model.tolerance)
+    lines, wanders = _other_lines(lines_of(beyond), beyond)
+    summary = ResidualSummary(
+        tuple(found), _sizes(model, found), sorted(bins, key=lambda c: -c.z) or [NOWHERE], lines,
+        np.asarray(sum(count_impulses(n, b) for n, b in zip(model.noise, beyond.residuals))),
+        wanders, discrepancy_evidence, level=np.asarray(np.max(
+            [n.rms() for n in model.noise], axis=0)), tolerance=model.tolerance,
+        exact=model.datasets[0].simulation.exact)
     if discrepancy_evidence < WITHOUT_NAME <= seen:
         summary = summary._replace(notes=(*wanders, 'slow noise, or else ' + _discrepancy_in_words(
             summary) + ': the recording is too short to tell'), slow_noise=True)
@@ -183,9 +188,8 @@ def discrepant(model: LinearisedModel, trained: bool = True) -> list[Array]:
     return model.whitened_discrepancy().of_weights(weights, [b.shape for b in model.residuals])
 
 
-def _as_predictability(model: LinearisedModel, found: list[Array],
-                       discrepancy_evidence: float) -> Predictability:
-    """Say of each channel that shows a discrepancy how significant all of it is."""
+def _sizes(model: LinearisedModel, found: Sequence[Array]) -> Array:
+    """Return the RMS of a discrepancy in that of the noise, in the worst kind of motion."""
     size = np.zeros(len(CHANNELS))
     for one, noise, dataset in zip(found, model.noise, model.datasets):
         for g in range(3):
@@ -194,9 +198,7 @@ def _as_predictability(model: LinearisedModel, found: list[Array],
                 rms = noise.rms(g)
                 size = np.maximum(size, np.sqrt(np.mean(one[rows] ** 2, axis=0))
                                   / np.where(rms > 0.0, rms, np.inf))
-    sigmas = float(np.sqrt(2.0 * max(0.0, discrepancy_evidence)))
-    seen = size > model.datasets[0].simulation.exact
-    return Predictability(np.where(seen, sigmas, 0.0), size, tuple(found))
+    return size
 
 
 def lines_of(model: LinearisedModel) -> tuple[Line, ...]:
@@ -237,21 +239,15 @@ def _tests(summary: ResidualSummary) -> Iterator[tuple[float, float, str]]:
         RMS of what it found, in that of the channel's noise.
     words : str
     """
-    found, impulses = summary.predictability, summary.impulses
-    if summary.discrepancy_evidence:
-        yield (summary.discrepancy_evidence / WITHOUT_NAME, float(found.size.max()),
-               _discrepancy_in_words(summary))
-    else:
-        for c in np.flatnonzero(found.z > 0.0):
-            yield (float(found.z[c]) / PREDICTABLE_SIGMA, float(found.size[c]),
-                   f'{CHANNELS[c].name}, predictable from the motion ({found.z[c]:.1f} sigma)')
+    yield (summary.discrepancy_evidence / WITHOUT_NAME, float(summary.size.max()),
+           _discrepancy_in_words(summary))
     for one in summary.strongest:
         low, high = one.band
         where = f'{CHANNELS[one.channel].name} in {one.phase}, {low:g} to {high:g} Hz'
         yield one.z / BIN_SIGMA, one.excess, f'{where} ({one.z:.1f} sigma)'
-    several = int(impulses.max())
+    several = int(summary.impulses.max())
     yield (several / MIN_IMPULSES, inf,
-           f'{several} impulses in {CHANNELS[int(impulses.argmax())].name}')
+           f'{several} impulses in {CHANNELS[int(summary.impulses.argmax())].name}')
     for line in summary.lines:
         level = max(1e-12, summary.level[_INDEX[line.channel]])
         yield (line.power / LINE_RATIO, line.amplitude / np.sqrt(2.0) / level,
@@ -260,8 +256,8 @@ def _tests(summary: ResidualSummary) -> Iterator[tuple[float, float, str]]:
 
 def _discrepancy_in_words(summary: ResidualSummary) -> str:
     """Say where a discrepancy is strongest beside the noise, and how large it is there."""
-    c = int(summary.predictability.size.argmax())
-    total = np.concatenate([one[:, c] for one in summary.predictability.prediction])
+    c = int(summary.size.argmax())
+    total = np.concatenate([one[:, c] for one in summary.discrepancy])
     rms = float(np.sqrt(np.mean(total ** 2)))
     return (f'a part that follows the motion but matches no effect of the library, '
             f'{rms:.2g} {CHANNELS[c].unit} RMS in {CHANNELS[c].name}')
@@ -276,9 +272,3 @@ def _other_lines(lines: tuple[Line, ...], model: LinearisedModel
     others = tuple(x for x in lines if abs(x.frequency - speed) > WANDERING * speed)
     note = f'{VIBRATION}: its speed wanders about {speed:.2f} Hz; one speed explains a part of it'
     return others, (note,) if len(others) < len(lines) else ()
-
-
-def predictions(predictability: Predictability) -> list[Array]:
-    """Return what motion predicts of each residual, where significant, shape (n, channels)."""
-    real = predictability.z > PREDICTABLE_SIGMA
-    return [np.where(real, one, 0.0) for one in predictability.prediction]

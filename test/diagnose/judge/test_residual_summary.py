@@ -7,7 +7,7 @@ from forcecal_ros.diagnose.judge.residual_summary import (
     unexplained,
     WITHOUT_NAME,
 )
-from forcecal_ros.diagnose.localise import Line, Predictability, TimeFrequencyBin
+from forcecal_ros.diagnose.localise import Line, TimeFrequencyBin
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.verdict import verdict
 from forcecal_ros.sim.rig.file import load_rig
@@ -35,9 +35,8 @@ def left(size=0.08, evidence=3.0 * WITHOUT_NAME, tolerance=0.1, excess=0.0):
     rows = np.zeros((100, len(CHANNELS)))
     rows[:, 6] = 0.03 * size
     sizes = np.where(np.arange(len(CHANNELS)) == 6, size, 0.0)
-    found = Predictability(np.where(sizes > 0.0, 8.0, 0.0), sizes, (rows,))
     one = TimeFrequencyBin(2, 'move', (4.0, 8.0), excess, 20.0 if excess else 0.0)
-    return ResidualSummary(found, [one], (), np.zeros(len(CHANNELS)), (), evidence,
+    return ResidualSummary((rows,), sizes, [one], (), np.zeros(len(CHANNELS)), (), evidence,
                            level=np.full(len(CHANNELS), 0.03), tolerance=tolerance)
 
 
