@@ -20,6 +20,7 @@ from forcecal_ros.effects.nuisances import apply_all, Nuisance, prior_std, ROBOT
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.signals import block_means, JOINTS, Signals
 import numpy as np
+from numpy.typing import NDArray
 
 EFFECT = 1.0 / 3.0 ** 2
 """Prior precision of an effect's parameter, in units of its typical size."""
@@ -323,6 +324,9 @@ class LinearisedModel:
             predicted = self.whitened_discrepancy().predicted(residuals)
             residuals = [r - p for r, p in zip(residuals, predicted)]
         floor = self._quietest()
+        # to a drift an autoregression finds a root near 1, as to a step, and whitens it away
+        residuals = [_without_trend(r, c.measured.present)
+                     for r, c in zip(residuals, self.datasets)]
         fitted = [_no_less(fit_autoregression(r, c.measured.present, c.groups), floor)
                   for r, c in zip(residuals, self.datasets)]
         # features are whitened anew for each noise, which takes seconds
@@ -406,6 +410,15 @@ def linearised_model(rig: Rig, datasets: tuple[Dataset, ...], tolerance: float =
     out.allow_discrepancy()
     out.recalibrate()
     return out
+
+
+def _without_trend(residual: Array, present: NDArray[np.bool_]) -> Array:
+    """Remove a line from each channel of a residual, shape (n, channels)."""
+    t = np.linspace(-1.0, 1.0, len(residual))[:, np.newaxis]
+    n = np.maximum(present.sum(axis=0), 1)
+    away = np.where(present, t - (t * present).sum(axis=0) / n, 0.0)
+    slope = (away * residual).sum(axis=0) / np.maximum((away ** 2).sum(axis=0), 1e-300)
+    return np.asarray(residual - away * slope)
 
 
 def _no_less(noise: Autoregression, floor: Array) -> Autoregression:

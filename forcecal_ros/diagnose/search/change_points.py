@@ -321,7 +321,7 @@ def _changes(model: LinearisedModel, instants: Instants, h: Hypothesis,
             # from the first block on is all the time, or all of one recording of several
             if h.name == DRIFT:
                 evidence[1:] = -np.inf
-            elif not several:
+            if ends or not several:
                 evidence[0] = -np.inf
             b = int(np.argmax(evidence))
             if np.isfinite(evidence[b]):
