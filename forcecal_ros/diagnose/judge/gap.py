@@ -278,9 +278,10 @@ def measured_gap(model: LinearisedModel, selection: Posterior, summary: Residual
     arms, contact = [], []
     comparison = ModelComparison(selection.model, selection.jacobians)
     moved, errors = summary.predicted, parameter_errors(comparison)
-    final = replace(selection.model, residuals=[r - by for r, by in zip(
-        selection.model.residuals, comparison.by_training())])
-    recalibrated = Explained(model).by_training()
+    changed = comparison.by_training()
+    recalibrated = Explained(model).by_training() if selection.accepted else changed
+    final = replace(selection.model, residuals=[
+        r - by for r, by in zip(selection.model.residuals, changed)])
     without_name = 0.0 if selection.accepted else unpredictable(final, summary.strongest, moved)
     noise = sample_noise(final, errors.expected() + without_name, moved)
     beside = moved if errors.predicted is None else errors.predicted.rows
