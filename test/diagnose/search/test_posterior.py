@@ -3,6 +3,9 @@
 from dataclasses import replace
 import json
 
+from forcecal_ros.cli.diagnose import _earlier
+from forcecal_ros.cli.plan import _candidates
+from forcecal_ros.core.errors import UsageError
 from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
 from forcecal_ros.diagnose.result import _from_document, Diagnosis, to_document
@@ -89,3 +92,15 @@ def test_a_further_recording_continues_from_what_was_as_likely():
     # neither none nor what was not listed was likelier than the least of those listed
     assert earlier.of([]) == earlier.of(['tool_mass']) == -90.4
     assert earlier.missing == 4.0 and earlier.numbers['wrench_delay']['delay'] == (0.004, 1e-4)
+
+
+def test_a_prior_against_another_model_is_refused_and_candidates_are_planned_for(tmp_path):
+    found = Diagnosis('ambiguous', 'either', candidates=(('wrench_delay', 0.6), ('unknown', 0.3)))
+    (tmp_path / 'diagnosis.json').write_text(json.dumps(to_document(found, {}, None)))
+    with pytest.raises(UsageError, match='compared with a rig, this recording with measured'):
+        _earlier(str(tmp_path), 'measured motion')
+    assert _candidates(str(tmp_path)) == ('wrench_delay',)
+    (tmp_path / 'diagnosis.json').write_text(json.dumps(to_document(
+        replace(found, verdict='no_gap', candidates=()), {}, None)))
+    with pytest.raises(UsageError, match='no_gap without candidates'):
+        _candidates(str(tmp_path))
