@@ -106,7 +106,7 @@ def rig_run(tmp_path_factory):
 @pytest.fixture(scope='session')
 def second_rig(tmp_path_factory):
     """Return a folder with ``bag`` and ``clean.npz``: the same motion run by the second rig."""
-    if not (ROOT / 'blind').is_dir():
+    if not (ROOT / 'benchmark' / 'blind').is_dir():
         pytest.skip('the second rig is not part of what is installed')
     from rig_recordings import write_second
     return write_second(tmp_path_factory.mktemp('second_rig'))
