@@ -25,7 +25,7 @@ def readings(seed, poses=8, com=(0.01, -0.005, 0.07), pull=0.0, order=(0, 1, 2),
 @pytest.mark.parametrize('poses', [6, 8, 20])
 @pytest.mark.parametrize('pull', [0.0, 0.05, 1.0])
 def test_sound_torques_pass_with_whatever_pulls_besides(poses, pull):
-    for seed in range(4):
+    for seed in range(2):
         assert judge(readings(seed, poses, pull=pull), G) == ()
         assert judge(readings(seed, poses, (0.0, 0.0, 0.07), pull), G) == ()
 
