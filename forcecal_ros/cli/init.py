@@ -18,11 +18,6 @@ from forcecal_ros.cli.common import (
 )
 from forcecal_ros.cli.outputs import add_output, FILE, stdout_is_taken
 
-TILT_DEG = 40.0
-"""Of the proposed poses from the present one: tilts about two axes separate mass, centre of mass
-and biases, and most wrists reach them."""
-
-
 MARGIN_M = 0.15
 """Of the proposed workspace around the present position of the sensor."""
 
@@ -145,7 +140,9 @@ def _poses(orientation: Sequence[float]) -> dict[str, Any]:
     )
     import numpy as np
 
-    R, tilt = matrix_from_quaternion(np.array(orientation)), np.radians(TILT_DEG)
+    # tilt: of the proposed poses from the present one: tilts about two axes separate mass, centre
+    # of mass and biases, and most wrists reach them
+    R, tilt = matrix_from_quaternion(np.array(orientation)), np.radians(40.0)
     tilts = {'upright': (0, 0, 0), 'tilt_x': (tilt, 0, 0), 'tilt_y': (0, tilt, 0),
              'tilt_back': (-tilt, 0, 0)}
     return {'poses.names': list(tilts), 'poses.values': [

@@ -32,9 +32,6 @@ from forcecal_ros.core.files import naming, set_aside
 T = TypeVar('T')
 R = TypeVar('R')
 
-CONNECT_S = 10.0
-"""How long a Dask scheduler may take to answer."""
-
 MAX_DEATHS = 2
 """Processes that an item may kill, alone on the machine, before it is given up."""
 
@@ -156,7 +153,8 @@ def _on_cluster(work: Callable[[T], R], items: Sequence[T], scheduler: str
         raise ConfigError('--dask requires the Python package distributed; install it by '
                           f'{installing("scale", "distributed")}') from error
     try:
-        client = Client(scheduler, timeout=CONNECT_S, set_as_default=False)
+        # connect: how long a Dask scheduler may take to answer
+        client = Client(scheduler, timeout=10.0, set_as_default=False)
     except (OSError, ValueError) as error:
         raise ConfigError(f'no Dask scheduler answers at {scheduler} ({error}); start one with '
                           '`dask scheduler`, and workers with `dask worker`') from error

@@ -11,9 +11,6 @@ from forcecal_ros.core.files import make_folder, write_results, write_text
 LATE = {'wrench_delay': {'delay': 0.004}}
 """In what the robot of the second recording differs from the rig file."""
 
-SHAKEN = 30.0
-"""Length of the recording that is shaken [s]: enough for the model to choose its order by."""
-
 BEGUN = 1_700_000_000 * 10 ** 9
 """Stamp at which recordings begin [ns], of a day like any other."""
 
@@ -129,7 +126,9 @@ def _shaken(args: argparse.Namespace) -> int:
     rig, folder = load_rig(), Path(args.output)
     warn_if_compiling(waits_for_compiler(), 'the simulator')
     R, period = rig.home.R_base_sensor, rig.robot.period
-    along_x = excitation_commands(SHAKEN, period, seed=args.seed)
+    # shaken: length of the recording that is shaken [s]: enough for the model to choose its order
+    # by
+    along_x = excitation_commands(30.0, period, seed=args.seed)
     t = np.arange(len(along_x), dtype=float) * period
     recording = simulate(rig, PoseStream(
         t, rig.home.position + np.outer(along_x, R[:, 0]), np.broadcast_to(R, (len(t), 3, 3))),

@@ -125,10 +125,6 @@ def _filter(A: Array, before: Array, after: Array, output: Array, through: float
             out[i, k] = y
 
 
-SHARP = 0.02
-"""Softness up to which a hysteresis counts as elasto-plastic: exponents of 50 and more."""
-
-
 class Hysteresis:
     """
     A signal less the part that friction inside the sensor holds back.
@@ -150,7 +146,9 @@ class Hysteresis:
 
     def __init__(self, height: float, width: float, softness: float = 0.0) -> None:
         self._ratio, self._width = height / width, width
-        self._exponent = 1.0 / softness if softness > SHARP else 0.0
+        # sharp: softness up to which a hysteresis counts as elasto-plastic: exponents of 50 and
+        # more
+        self._exponent = 1.0 / softness if softness > 0.02 else 0.0
         self._last: Array | None = None
         self(np.zeros((1, 1)))  # compiles, before it is needed in real time
         self._last = None

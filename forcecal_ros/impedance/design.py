@@ -160,14 +160,6 @@ def margins(open_loop: Loop, period: float, wall_stiffness: float = 0.0) -> Marg
                    float(np.abs(1.0 + response).min()), open_loop.radius)
 
 
-STIFFEST = 1e6
-"""Stiffest wall for which stability is checked beyond the stated range [N/m]."""
-
-
-AGREEMENT = 1.0
-"""Highest frequency at which the impedance is compared with the target one [Hz]."""
-
-
 class Relation(NamedTuple):
     """The impedance relation as a row: e = X . C + D u + F f - K x_r, in N."""
 
@@ -268,8 +260,9 @@ def _against(law: Law, plant: Plant, settings: DesignSettings, stiffness: float)
 
 def _unstable_from(law: Law, plant: Plant, settings: DesignSettings) -> float:
     low, high = settings.wall_stiffness
+    # stiffest: stiffest wall for which stability is checked beyond the stated range [N/m]
     walls = {*np.geomspace(low, high, 60).tolist(), high,
-             *np.geomspace(high, max(high, STIFFEST), 60).tolist()}
+             *np.geomspace(high, max(high, 1e6), 60).tolist()}
     return next((k for k in sorted(walls)
                  if _against(law, plant, settings, k).radius >= 1.0), np.inf)
 
@@ -352,7 +345,8 @@ def _disagreement(law: Law, free: Process, target: TargetImpedance, settings: De
     A = open_loop.A + np.outer(open_loop.B, open_loop.C)
     passed = 1.0 - np.exp(-law.period / settings.force_lag)
     B = np.concatenate([free.F, [passed], np.zeros(n)])
-    frequency = np.linspace(0.02, 1.0, 50) * AGREEMENT * 2.0 * np.pi
+    # agreement: highest frequency at which the impedance is compared with the target one [Hz]
+    frequency = np.linspace(0.02, 1.0, 50) * 2.0 * np.pi
     z = np.exp(1j * frequency * law.period)[:, np.newaxis, np.newaxis]
     states = np.linalg.solve(z * np.eye(len(B)) - A, B[:, np.newaxis].astype(complex))[..., 0]
     compliance = states[:, :n] @ free.tool

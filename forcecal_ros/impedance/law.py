@@ -10,10 +10,6 @@ OK = 'ok'
 COASTING = 'coasting'
 LATE = 'late'
 
-LONGEST = 250
-"""Longest gap that one step predicts over [periods]: 1 s at 250 Hz."""
-
-
 class Law(NamedTuple):
     """
     Everything the step needs in addition to its state; along x of ft_sensor, from the start.
@@ -121,7 +117,8 @@ def step(law: Law, state: State, measured: Measurement, position: float, velocit
     if not (all(map(isfinite, measured)) and isfinite(position) and isfinite(velocity)):
         status = COASTING
     estimate = state.estimate
-    for _ in range(min(max(periods, 1), LONGEST)):
+    # longest: longest gap that one step predicts over [periods]: 1 s at 250 Hz
+    for _ in range(min(max(periods, 1), 250)):
         estimate = law.A @ estimate + law.B * state.command + law.F * state.force
     force = measured.force if isfinite(measured.force) else state.force
     goal = position + law.lead * velocity

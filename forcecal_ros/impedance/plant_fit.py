@@ -223,18 +223,8 @@ ORDERS = (1, 2, 3, 4, 5, 6)
 DELAYS = (1, 2, 3)
 """Delays from command to position that are tried [periods]."""
 
-SETTLING_S = 0.25
-"""Start of a recording in which errors do not count, since the robot may have moved before [s]."""
-
-HELD_OUT = 1.0 / 3.0
-"""Last share of a recording, not fitted: it chooses the order and judges the model."""
-
 MIN_SAMPLES = 500
 """Fewest samples that a robot is identified from: 2 s at 250 Hz."""
-
-CANCELLING = 0.05
-"""A pole and a zero nearly cancel where they change the frequency response by less, relatively."""
-
 
 class Pair(NamedTuple):
     """
@@ -324,8 +314,11 @@ def identify_robot(command: Array, position: Array, period: float, *,
     if n < MIN_SAMPLES or not np.ptp(command) > 0.0 or not np.ptp(position) > 0.0:
         raise DataError(f'{n} commands over {1e3 * np.ptp(command) if n else 0.0:.3g} mm do not '
                         f"tell the robot's model; record {MIN_SAMPLES} or more that move it")
-    held_out = slice(round(n * (1.0 - HELD_OUT)), n)
-    used = slice(round(SETTLING_S / period), held_out.start)
+    # held out: last share of a recording, not fitted: it chooses the order and judges the model
+    held_out = slice(round(n * 2.0 / 3.0), n)
+    # settling: start of a recording in which errors do not count, since the robot may have
+    # moved before [s]
+    used = slice(round(0.25 / period), held_out.start)
     candidates = [min((judged(
         fit_output_error(command, position, order, delay, used), order, command, position,
         held_out) for delay in delays), key=lambda one: one.error) for order in orders]
@@ -377,7 +370,9 @@ def cancelling_pairs(robot: Robot) -> tuple[Pair, ...]:
         if len(robot.zeros):
             zero = min(robot.zeros, key=lambda z: abs(z - pole))
             effect = float(abs(pole - zero) / (1.0 - abs(pole)))
-            if effect < CANCELLING:
+            # cancelling: a pole and a zero nearly cancel where they change the frequency response
+            # by less, relatively
+            if effect < 0.05:
                 pairs.append(Pair(complex(pole), complex(zero), effect))
     return tuple(pairs)
 

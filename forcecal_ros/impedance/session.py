@@ -217,13 +217,6 @@ def _peak_acceleration(withdrawal: Withdrawal) -> float:
     return max(abs(withdrawal.at(withdrawal.duration * k / 16).acceleration) for k in range(17))
 
 
-WITHDRAWING = 0.25
-"""Duration of each slow withdrawal after a stop, while the tool still presses [s]."""
-
-COMPRESSED = 5e-4
-"""Displacement beyond which the tool counts as pressed in, for any force [m]."""
-
-
 @dataclass(frozen=True)
 class Bounds:
     """Limits of the command of S, and forces that end the task."""
@@ -424,7 +417,9 @@ class Session:
                 goal = max(goal, min(here, 0.0))
             if goal < here:
                 self._withdrawn, self._time = measured, 0.0
-                self._stop = Withdrawal(self._motion, goal, WITHDRAWING)
+                # withdrawing: duration of each slow withdrawal after a stop, while the tool
+                # still presses [s]
+                self._stop = Withdrawal(self._motion, goal, 0.25)
                 return
         self._stop = None
         self._closing = max(2, round(self._bounds.closing / self._period))
@@ -433,7 +428,9 @@ class Session:
         """Say whether the tool touches, or may do so by a force that comes late."""
         touches = -measured.force > self._bounds.touch
         if self._withdrawn is None:
-            return touches or self._pressed or measured.slide < -COMPRESSED
+            # compressed: displacement beyond which the tool counts as pressed in, for
+            # any force [m]
+            return touches or self._pressed or measured.slide < -5e-4
         # the very same numbers again are those of sensors that fell silent
         return touches and measured != self._withdrawn
 

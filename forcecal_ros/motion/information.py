@@ -21,9 +21,6 @@ from forcecal_ros.core.geometry import Array, rotation_from_vector, skew, STANDA
 from forcecal_ros.motion.profiles import Move, quintic
 import numpy as np
 
-SPACING = 0.02
-"""Moves are sampled that densely [s]: the block length of the identification."""
-
 _TOOL, _ACCELEROMETER = 10, 16
 
 
@@ -150,7 +147,8 @@ def in_motion(move: Move, sensors: Sensors) -> Information:
     """Return the information of a move, or of settling where it has no distance."""
     if not sensors.has_accelerometer:
         return nothing()
-    n = max(2, round(move.duration / SPACING))
+    # spacing: moves are sampled that densely [s]: the block length of the identification
+    n = max(2, round(move.duration / 0.02))
     s, rate, change = quintic((np.arange(n) + 0.5) / n)
     omega = rate[:, None] * move.turn / move.duration
     alpha = change[:, None] * move.turn / move.duration**2

@@ -22,14 +22,6 @@ VISIBLE_TRAVEL, VISIBLE_TURN = 1e-3, 5e-3
 pose published with four digits changes every 0.1 mm, and at the default pace the commands are
 1 mm ahead of a robot that lags by 50 ms: what lags more shows as an error of tracking."""
 
-SURELY_FROZEN = 5.0
-"""Readings at rest that repeat for so many times as long as they use to are frozen: live, a false
-alarm ends a motion, a miss is found in the recording."""
-
-HABIT_EXCEPTIONS, HABIT_CHANGES = 2, 20
-"""So many of the longest repetitions before a start are no habit: a sensor that had frozen; fewer
-changes than the second show none."""
-
 Timed: TypeAlias = tuple[float, tuple[float, ...]]
 """A time [s] and the values at that time."""
 
@@ -98,9 +90,13 @@ class Channel:
             if values != before:
                 changes.append(stamp)
         same = sorted(end - begin for begin, end in pairwise(changes))
-        if len(same) >= HABIT_CHANGES:
-            usual = same[-1 - HABIT_EXCEPTIONS]
-            self.rest_timeout = max(shortest, SURELY_FROZEN * usual)
+        # two of the longest repetitions before a start are no habit but a sensor that had frozen;
+        # fewer than 20 changes show no habit
+        if len(same) >= 20:
+            usual = same[-3]
+            # surely frozen: readings at rest that repeat for so many times as long as they use to
+            # are frozen: live, a false alarm ends a motion, a miss is found in the recording
+            self.rest_timeout = max(shortest, 5.0 * usual)
 
     @property
     def span(self) -> float:
@@ -153,34 +149,15 @@ def distance_between(a: tuple[float, ...], b: tuple[float, ...]) -> float:
     return sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
 
 
-LONGEST_TICK = 0.01
-"""Of the time between two ticks no more than that counts as silence of the sensors: a caller that
-ticks every 4 ms and was away for longer has not listened to them [s]."""
-
 LATE_PATIENCE = 0.02
 """A sensor is late only where its stamps stay too old for that long: a caller that was late itself
 first works off its queue, in five periods at 250 Hz [s]."""
-
-SPEED_WINDOW = 0.04
-"""Measured speeds are difference quotients over at least that long: ten poses at 250 Hz [s]."""
-
-CHANGE_WINDOW = 0.02
-"""Measured accelerations and jerks are difference quotients of positions that far apart: five
-poses at 250 Hz, whose noise they would amplify otherwise [s]."""
 
 WORKSPACE_SLACK = 0.002
 """A measured position may be that far outside the workspace, to which plans may go: a robot there
 overshoots a little [m]."""
 
-UNIT_NORM = 1e-2
-"""Largest departure of the squared norm of a measured quaternion from 1: rounding and single
-precision stay far below it."""
-
-ARRIVED = 0.9
-"""A robot that has done this share of the commanded motion has arrived: its gain may be below
-1."""
-
-POSITIONING_ERROR = 5e-4, 2e-3
+POSITIONING_ERROR = (5e-4, 2e-3)
 """Error with which a robot may reach its command, however short the motion [m], [rad]."""
 
 NAMES = {'wrench': ('force.x', 'force.y', 'force.z', 'torque.x', 'torque.y', 'torque.z'),
@@ -283,7 +260,9 @@ class Monitor:
         """Take one measured pose, x y z [m] qx qy qz qw, at ``stamp`` [s]."""
         channel = self._take('pose', stamp, values)
         norm = sum(x * x for x in values[3:])
-        if not abs(norm - 1.0) <= UNIT_NORM:
+        # unit norm: largest departure of the squared norm of a measured quaternion from 1:
+        # rounding and single precision stay far below it
+        if not abs(norm - 1.0) <= 1e-2:
             self._fault(f'{channel.topic}: a quaternion has norm {sqrt(max(norm, 0.0)):.3g}, '
                         'not 1')
             return
@@ -322,7 +301,9 @@ class Monitor:
     def _check_speed(self, channel: Channel) -> None:
         now, values = channel.recent[-1]
         for stamp, before in reversed(channel.recent):
-            if now - stamp >= SPEED_WINDOW:
+            # speed window: measured speeds are difference quotients over at least that long: ten
+            # poses at 250 Hz [s]
+            if now - stamp >= 0.04:
                 break
         else:
             return
@@ -343,7 +324,9 @@ class Monitor:
 
     def _check_changes(self, channel: Channel) -> None:
         """Check acceleration and jerk by difference quotients of the newest positions."""
-        spaced = channel.spaced(CHANGE_WINDOW, 4)
+        # change window: measured accelerations and jerks are difference quotients of positions
+        # that far apart: five poses at 250 Hz, whose noise they would amplify otherwise [s]
+        spaced = channel.spaced(0.02, 4)
         if len(spaced) < 4:
             return
         limits = self.limits
@@ -362,7 +345,10 @@ class Monitor:
 
     def tick(self, now: float) -> None:
         """Advance the clock on which silence is measured to ``now`` of a steady clock [s]."""
-        self._now += min(max(now - self._ticked, 0.0), LONGEST_TICK)
+        # longest tick: of the time between two ticks no more than that counts as silence of the
+        # sensors: a caller that ticks every 4 ms and was away for longer has not listened
+        # to them [s]
+        self._now += min(max(now - self._ticked, 0.0), 0.01)
         self._ticked = now
 
     def command(self, stamp: float, pose: tuple[float, ...]) -> None:
@@ -548,7 +534,9 @@ class Monitor:
                 (now[3:], target[3:], angle_between(pose.values[3:], seen[3:]),
                  POSITIONING_ERROR[1], 'rad')):
             way = distance_between(a, b) if unit == 'm' else angle_between(a, b)
-            if done < ARRIVED * way - error:
+            # arrived: a robot that has done this share of the commanded motion has arrived: its
+            # gain may be below 1
+            if done < 0.9 * way - error:
                 return (f'{pose.topic}: has done {done:.3g} of the {way:.3g} {unit} that it '
                         'was commanded')
         return ''

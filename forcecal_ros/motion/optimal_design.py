@@ -30,9 +30,6 @@ import numpy as np
 SETTLE = 0.5
 """How long the tool is expected to settle after each move [s]: 0.3 to 0.6 s on the nominal rig."""
 
-SHORTEST_MEASUREMENT = 0.4
-"""Of a pose [s]: 20 blocks of the identification, twice as many as its noise is measured on."""
-
 LONGEST_TURN = np.radians(165.0)
 """Largest rotation between two poses [rad], as far from half a turn as a base may be tilted."""
 
@@ -228,7 +225,9 @@ class Planner:
     def value(self, sequence: Sequence[int], criterion: Criterion) -> float:
         """Return the criterion; infinite where the sequence does not fit."""
         measure = self.measure(sequence)
-        if not measure >= SHORTEST_MEASUREMENT:
+        # shortest measurement: of a pose [s]: 20 blocks of the identification, twice as many as
+        # its noise is measured on
+        if not measure >= 0.4:
             return np.inf
         return criterion(self.errors(sequence, measure))
 

@@ -28,9 +28,6 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-PATIENCE = 5.0
-"""Time from SIGINT to SIGKILL [s], ten times what a node takes to come to rest."""
-
 
 class Processes:
     """
@@ -86,7 +83,9 @@ class Processes:
                 process.send_signal(signal.SIGINT)
         for process in self._running.values():
             try:
-                process.wait(PATIENCE)
+                # patience: time from SIGINT to SIGKILL [s], ten times what a node takes to come
+                # to rest
+                process.wait(5.0)
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
@@ -187,13 +186,6 @@ def temporary_node(name: str) -> Iterator[TemporaryNode]:
 NODES = ('sequencer', 'observer', 'sim', 'gap', 'impedance')
 """Names of this package's nodes, in the order of a report."""
 
-SETTLED = 0.3
-"""From where the service is known here until this client is known there, without which its answer
-is lost: three times what Fast DDS waits by itself [s]."""
-
-SPIN = 0.02
-"""Delay of an answer that is not noticed [s]."""
-
 WORDS = {level: word for word, level in LEVELS.items()}
 
 
@@ -217,7 +209,9 @@ def ask(ros: TemporaryNode, service: str, patience: float) -> Trigger.Response:
     if not _until(ros, client.service_is_ready, patience):
         raise DataError(f'{service} is not there after {patience:g} s; start its node with '
                         'the same ROS_DOMAIN_ID and --namespace')
-    ros.spin(SETTLED)
+    # settled: from where the service is known here until this client is known there, without
+    # which its answer is lost: three times what Fast DDS waits by itself [s]
+    ros.spin(0.3)
     answer = client.call_async(Trigger.Request())
     if not _until(ros, answer.done, patience):
         raise DataError(f'{service} has not answered within {patience:g} s, and may have done '
@@ -245,7 +239,8 @@ def _until(ros: TemporaryNode, condition: Callable[[], bool], patience: float) -
     while not condition() and time.monotonic() < end:
         if ros.interrupted:
             raise KeyboardInterrupt
-        ros.spin(SPIN)
+        # spin: delay of an answer that is not noticed [s]
+        ros.spin(0.02)
     return condition()
 
 

@@ -32,10 +32,6 @@ RECORDED = ('wrench', 'accelerometer', 'optidrive', 'pose', 'target', 'contact_t
 START_TIMEOUT = 120.0
 """Time in which a node has to answer: a first run compiles the simulator before [s]."""
 
-READY_TIMEOUT = 30.0
-"""Time in which a start has to be accepted: the sequencer first requires samples of every sensor
-[s]."""
-
 ON_TIME = {'clock.publish': True, 'clock.wait': 0.5}
 """
 Rig parameters: the others go by its clock, which waits for commands, so that a busy computer makes
@@ -158,7 +154,9 @@ class DemoNode(Node):
         answer = self.call(self._set, request, each).results[0]
         if not answer.successful:
             raise MotionError(f'sequence {name}: {answer.reason}')
-        end = time.monotonic() + READY_TIMEOUT
+        # ready timeout: time in which a start has to be accepted: the sequencer first requires
+        # samples of every sensor [s]
+        end = time.monotonic() + 30.0
         while not (answer := self.call(self._start, Trigger.Request(), each)).success:
             if time.monotonic() > end:
                 raise MotionError(f'sequence {name}: {answer.message}')

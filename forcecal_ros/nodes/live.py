@@ -36,14 +36,6 @@ SHOWN = {'wrench': 'wrench', 'contact': 'observer/contact_wrench',
          'inertial': 'observer/inertial_wrench'}
 """Name in a row, and topic; the first may be called otherwise."""
 
-BIN = 0.04
-"""Of what arrives within this time the least and the greatest are shown [s]: 25 pictures a second
-are a film."""
-
-KEPT = 750
-"""Bins that a page may ask for: half a minute, as long as a person remembers what it looked
-like."""
-
 SILENT = 5.0
 """A node that speaks once a second and has not for so long is silent [s], not just late."""
 
@@ -72,7 +64,9 @@ class LiveView:
         self._node, self._inbox, self._lock = node, Inbox(node), Lock()
         self._requested: deque[str] = deque(maxlen=1)
         self._samples: dict[str, list[tuple[float, ...]]] = {name: [] for name in SHOWN}
-        self._rows: deque[list[Any]] = deque(maxlen=KEPT)
+        # kept: bins that a page may ask for: half a minute, as long as a person remembers what it
+        # looked like
+        self._rows: deque[list[Any]] = deque(maxlen=750)
         self._count, self._phase, self._reason, self._answer = 0, '', '', ''
         self._states: dict[str, tuple[int, DiagnosticStatus]] = {}
         for name, topic in {**SHOWN, 'wrench': wrench}.items():
@@ -81,7 +75,9 @@ class LiveView:
         node.create_subscription(DiagnosticArray, self._named('sequencer/phase'), self._on_phase,
                                  OUTPUT)
         node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, OUTPUT)
-        node.create_timer(BIN, self._on_bin, clock=STEADY)
+        # bin: of what arrives within this time the least and the greatest are shown [s]: 25
+        # pictures a second are a film
+        node.create_timer(0.04, self._on_bin, clock=STEADY)
         if simulated:
             self._set = node.create_client(SetParameters, 'sequencer/set_parameters')
             self._move = {verb: node.create_client(Trigger, f'sequencer/{verb}')

@@ -81,11 +81,6 @@ class MotionSource(Protocol):
         """Start again from rest, after a silence in which the robot came to a stop."""
 
 
-CLOCK_CHECK = 0.02
-"""Period of the checks of a simulated clock that drives the motion: a fifth of the default of
-``watch.clock_timeout`` [s]."""
-
-
 SettingsT = TypeVar('SettingsT', bound=MotionSettings)
 
 
@@ -131,7 +126,9 @@ class MotionNode(Node, Generic[SettingsT]):
         self.create_service(Trigger, '~/abort', self._on_abort)
         clock = None if self._simulated else STEADY
         self._timer = self.create_timer(period_ns / SECOND, self._tick, clock=clock)
-        self.create_timer(CLOCK_CHECK, self._watch_clock, clock=STEADY)
+        # clock check: period of the checks of a simulated clock that drives the motion: a fifth
+        # of the default of ``watch.clock_timeout`` [s]
+        self.create_timer(0.02, self._watch_clock, clock=STEADY)
         self.create_timer(1.0, self._report, clock=STEADY)
         self._publish_phase()
         self.get_logger().info(f'ready: {self.get_name()}/start begins')

@@ -36,10 +36,6 @@ SIGNAL_CHECK = 0.02
 """Period in which a spinning executor returns to check for signals: a delay that is not noticed
 [s]."""
 
-GRACE = 0.5
-"""Silence of the commands after which a node that received a signal to end no longer waits to come
-to rest: five times what a clock that drives the motion may stand by default [s]."""
-
 OUTPUT = QoSProfile(depth=10, history=HistoryPolicy.KEEP_LAST,
                     reliability=ReliabilityPolicy.RELIABLE)
 """QoS of commands and results: a reliable publisher serves any subscription."""
@@ -243,8 +239,11 @@ def _spin(node: Node, interrupt: Interrupt) -> None:
 def _come_to_rest(node: Stoppable, executor: Executor) -> None:
     node.stop()
     requested_ns = STEADY.now().nanoseconds
+    # grace: silence of the commands after which a node that received a signal to end no longer
+    # waits to come to rest: five times what a clock that drives the motion may stand
+    # by default [s]
     while not node.at_rest and (
-            STEADY.now().nanoseconds < max(requested_ns, node.sent_ns) + int(GRACE * 1e9)):
+            STEADY.now().nanoseconds < max(requested_ns, node.sent_ns) + int(0.5 * 1e9)):
         executor.spin_until_future_complete(Future(), timeout_sec=SIGNAL_CHECK)
 
 

@@ -38,10 +38,6 @@ from forcecal_ros.nodes.parameters import live_parameter as _live
 from forcecal_ros.nodes.runtime import EXECUTOR
 import numpy as np
 
-LATENCY = 0.05
-"""Latency that sensors may have: settling lasts that much longer than the window of stillness, so
-that all readings in it were taken at rest [s]."""
-
 _WATCH = WatchSettings()
 
 
@@ -148,9 +144,11 @@ def settings_of(value: Mapping[str, Any]) -> SequencerSettings:
     watch = replace(section_of(WatchSettings, value, 'watch'), **{
         name: value[f'settle.{name}'] for name in (
             'window', 'factor', 'force_floor', 'torque_floor', 'position_floor')})
+    # latency: latency that sensors may have: settling lasts that much longer than the window of
+    # stillness, so that all readings in it were taken at rest [s]
     stream = StreamSettings(
         rate=value['motion.rate'], stop_duration=limits.stop_duration,
-        settle_minimum=watch.window + LATENCY, settle_timeout=value['settle.timeout'])
+        settle_minimum=watch.window + 0.05, settle_timeout=value['settle.timeout'])
     poses = _poses(value)
     joints, away = _joint_vectors(list(poses), value)
     return SequencerSettings(

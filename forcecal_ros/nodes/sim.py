@@ -165,10 +165,6 @@ PARAMETERS = (
     *FAULT_PARAMETERS,
 )
 
-CATCH_UP = 3
-"""Periods simulated in one tick at most, so that a late node catches up at three times the speed;
-its own clock runs no faster than that."""
-
 LONGEST_BACKLOG = 0.5
 """Time is skipped instead of caught up after a longer stall or a jump of the clock; to catch up
 with this takes 0.25 s [s]."""
@@ -218,7 +214,9 @@ class Sim(Node):
         self._wait_ns = round(value['clock.wait'] * 1e9)
         self._latency_ns = round(value['latency'] * 1e9 * self._speed)
         self._period_ns = round(self._rig.robot.period * 1e9)
-        self._most = max(CATCH_UP, round(2 * self._speed))
+        # catch up: periods simulated in one tick at most, so that a late node catches up at three
+        # times the speed; its own clock runs no faster than that
+        self._most = max(3, round(2 * self._speed))
         self._ticked = STEADY.now().nanoseconds
         self._own_time = SYSTEM.now().nanoseconds
         self._schedule: CommandSchedule | None = None

@@ -22,10 +22,6 @@ ROTATION_CORNERS = (30.0, 150.0)
 """Slowest and fastest corner of the filter that follows the orientation: it lags by 2/corner, 13
 to 67 ms, and its angular acceleration is as noisy as corner^2.5 [rad/s]."""
 
-MOTION_CORNERS = (20.0, 100.0)
-"""The same of the filter that finds the acceleration where there is no accelerometer, from
-positions that are noisier than orientations [rad/s]."""
-
 _MIN_DENSITY = 1e-12
 """Least density: the noise of simulations without noise is rounding, of which no
 gain can be made [N^2 s] and so on."""
@@ -408,5 +404,7 @@ def motion_corner(levels: NoiseLevels, mass: float, rate: float, settings: Obser
     """Find the same for the acceleration that stands in where there is no accelerometer."""
     variance = levels.force * rate / 2 / mass ** 2
     density = settings.pose_position_std ** 2 / settings.pose_rate
-    low, high = MOTION_CORNERS
+    # motion corners: the same of the filter that finds the acceleration where there is no
+    # accelerometer, from positions that are noisier than orientations [rad/s]
+    low, high = 20.0, 100.0
     return float(min(max((3 * variance / density) ** 0.2, low), high, 0.6 * settings.pose_rate))

@@ -39,18 +39,6 @@ SMOOTHING_TIME_S = 0.004
 """A third of the rise of a contact by the nominal rig's noise, and more than half a period of
 vibrations above 100 Hz [s]."""
 
-MAX_PAUSE_S = 0.1
-"""``Model.pause`` of live wrenches: sensors send at 100 Hz and more, so that ten or more are lost
-[s]."""
-
-KEEP_S = 0.005
-"""``Model.keep`` of live streams: more than one period of a wrench at 200 Hz and faster [s]."""
-
-_REACH_M = 0.3
-"""Where no pose shows the position it is taken to stay; an arm that works in place keeps within
-about this of it, which is the noise of such a position [m]."""
-
-
 Gain = tuple[float, float, float, float, float, float]
 
 
@@ -273,6 +261,12 @@ def design(calibration: Calibration, settings: ObserverSettings = ObserverSettin
                          accelerometer is not None and accelerometer_comes, settings)
     slow = 1 - fast_share(1 / settings.learning.contact_window / corner)
     timeout = settings.accelerometer_timeout
+    # max pause: ``Model.pause`` of live wrenches: sensors send at 100 Hz and more, so that ten or
+    # more are lost [s]
+    # keep: ``Model.keep`` of live streams: more than one period of a wrench at 200 Hz
+    # and faster [s]
+    # reach: where no pose shows the position it is taken to stay; an arm that works in place
+    # keeps within about this of it, which is the noise of such a position [m]
     return with_reach(Model(
         filter={'kalman': KALMAN, 'newton': NEWTON}.get(name, UNFILTERED),
         bias_filter=(bias_model(calibration, settings.learning, by_pose, slow * by_pose)
@@ -291,9 +285,9 @@ def design(calibration: Calibration, settings: ObserverSettings = ObserverSettin
         rotation_poles=butterworth(corner),
         offset_poles=offset_poles(levels, settings, settings.pose_position_std),
         motion_poles=butterworth(motion),
-        reach_poles=offset_poles(levels, settings, _REACH_M), K=_gain(calibration),
-        pause=MAX_PAUSE_S, timeout=timeout, displacement_timeout=timeout,
-        pose_timeout=settings.pose_timeout, skew=settings.skew, keep=KEEP_S, reach=0.0, memory=0.0,
+        reach_poles=offset_poles(levels, settings, 0.3), K=_gain(calibration),
+        pause=0.1, timeout=timeout, displacement_timeout=timeout,
+        pose_timeout=settings.pose_timeout, skew=settings.skew, keep=0.005, reach=0.0, memory=0.0,
         limited=settings.wrench_limit is not None,
         wrench_limit=settings.wrench_limit or (inf,) * 6,
         accelerometer_limit=(settings.accelerometer_limit or inf,) * 3))

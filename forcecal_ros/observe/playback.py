@@ -66,15 +66,8 @@ MAX_STEP = 2.0
 """Periods of the pose above this over the corner of the pose filter leave it deadbeat, at the
 mercy of each pose: with the corner of 150 rad/s that quiet sensors allow, below 75 Hz [1]."""
 
-POSE_STEP_S = 1 / 250
-"""Slow poses are interpolated to this period at most, the one that the pose filters are designed
-for [s]."""
-
 POSES_PER_BLOCK = 50
 """Poses of a block that noise is measured in: known to 12 % there [1]."""
-
-MIN_SPLINE_POSES = 4
-"""A spline needs as many; shorter runs are left as they are."""
 
 MIN_NOISE_SAMPLES = 100
 """Samples that a covariance is taken from: it is then known to 14 % in each direction."""
@@ -344,9 +337,12 @@ def _between(run: PoseStream) -> PoseStream:
     from scipy.interpolate import CubicSpline
     from scipy.spatial.transform import Rotation, RotationSpline
 
-    if len(run) < MIN_SPLINE_POSES:
+    # min spline poses: a spline needs as many; shorter runs are left as they are
+    if len(run) < 4:
         return run
-    parts = np.ceil(np.diff(run.t) / POSE_STEP_S - 1e-6).astype(int)
+    # pose step: slow poses are interpolated to this period at most, the one that the pose filters
+    # are designed for [s]
+    parts = np.ceil(np.diff(run.t) / (1 / 250) - 1e-6).astype(int)
     t = np.append(np.concatenate([
         start + (end - start) * np.arange(n) / n
         for start, end, n in zip(run.t[:-1], run.t[1:], parts)]), run.t[-1])

@@ -11,10 +11,6 @@ from forcecal_ros.report.rows import HALF
 ALL = '{all}'
 """Represents every number of an effect that is beyond chance, with its name."""
 
-BEYOND = 2.0
-"""Standard errors from which a number is one of those: 95 % of chance stays below."""
-
-
 class Words(NamedTuple):
     """
     How one speaks of an effect.
@@ -131,8 +127,9 @@ def sentence(effect: NamedEffect) -> str:
 def sizes(effect: NamedEffect) -> str:
     """List the numbers of an effect that are beyond chance, or all where none is."""
     real = {k: p for k, p in effect.parameters.items() if not _shapes(effect.name, k)}
+    # beyond: standard errors from which a number is one of those: 95 % of chance stays below
     sure = {k: p for k, p in real.items()
-            if p.at_bound or abs(p.value - _nominal(effect.name, k)) > BEYOND * p.std}
+            if p.at_bound or abs(p.value - _nominal(effect.name, k)) > 2.0 * p.std}
     return ', '.join(f'{_called(k)} {number(effect.name, k, p)}' for k, p in
                      (sure or real or effect.parameters).items())
 

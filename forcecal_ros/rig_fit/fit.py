@@ -32,18 +32,6 @@ from forcecal_ros.rig_fit.tool import (
 import numpy as np
 from scipy.signal import welch
 
-SERVO = 1.2
-"""Bandwidth of the position's servo times the period: that of the nominal rig."""
-
-AWAY = 10.0
-"""Where the wall is put, beyond home [m]: a recording in free space does not tell it."""
-
-SMALL = 0.1
-"""Part of the motion that the model may leave at a frequency, in amplitude."""
-
-STRONG = 100.0
-"""Power of the motion over that of the noise, from which a frequency counts as moved."""
-
 
 @dataclass(frozen=True)
 class RigFit:
@@ -166,11 +154,13 @@ def _measured(base: Rig, recording: Recording, period: float, settings: Identifi
     robot = replace(base.robot, period=period, x=own, y=own, z=own)
     home = replace(base.home, position=tuple(target.position[0].tolist()),
                    orientation_xyzw=quaternion_of(target.R_base_sensor[0]))
+    # servo: bandwidth of the position's servo times the period: that of the nominal rig
+    # away: where the wall is put, beyond home [m]: a recording in free space does not tell it
     return replace(
-        base, robot=robot, servo=replace(base.servo, position_bandwidth=SERVO / period),
+        base, robot=robot, servo=replace(base.servo, position_bandwidth=1.2 / period),
         wrench_sensor=sensor, pose_sensor=poses, accelerometer=accelerometer, optidrive=None,
         gravity=tuple(gravity.tolist()), home=home, effects=(),
-        wall=replace(base.wall, position=float(target.position[:, 0].max()) + AWAY))
+        wall=replace(base.wall, position=float(target.position[:, 0].max()) + 10.0))
 
 
 def _multiple(rate: float, period: float) -> float:
@@ -206,10 +196,12 @@ def _good_up_to(left: Array, moved: Array, period: float) -> tuple[float, float]
     f, of_left = welch(left, 1.0 / period, nperseg=size, axis=0)
     _, of_motion = welch(moved, 1.0 / period, nperseg=size, axis=0)
     rest, motion = of_left.sum(axis=1), of_motion.sum(axis=1)
-    strong = motion > STRONG * np.median(motion[len(f) // 2:])
+    # strong: power of the motion over that of the noise, from which a frequency counts as moved
+    strong = motion > 100.0 * np.median(motion[len(f) // 2:])
     weak = np.flatnonzero(~strong[1:])
     last = int(weak[0]) if len(weak) else len(f) - 1
-    bad = np.flatnonzero(rest[1:last + 1] > SMALL ** 2 * motion[1:last + 1])
+    # small: part of the motion that the model may leave at a frequency, in amplitude
+    bad = np.flatnonzero(rest[1:last + 1] > 0.1 ** 2 * motion[1:last + 1])
     return (float(f[1 + bad[0]]) if len(bad) else np.inf), float(f[max(1, last)])
 
 

@@ -32,9 +32,6 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares, OptimizeResult
 from scipy.signal import lfilter
 
-SETTLING = 0.5
-"""Start of a recording whose errors do not count, since the robot may have moved before [s]."""
-
 SHORTEST = 10.0
 """Commands and poses that a robot is fitted to, at least [s]: some ten of its slowest motions."""
 
@@ -96,7 +93,9 @@ def followed(recording: Recording, period: float) -> Followed:
                         f'{SHORTEST:g} s at least; record a longer motion')
     held = held_commands(target.t, starts, period / 2.0)
     reached, R = pose_at(pose, np.clip(starts + period, pose.t[0], pose.t[-1]))
-    free = seen & (starts > max(start, float(pose.t[0])) + SETTLING)
+    # settling: start of a recording whose errors do not count, since the robot may have
+    # moved before [s]
+    free = seen & (starts > max(start, float(pose.t[0])) + 0.5)
     for begin, end in phase_spans(recording.phases, TOUCHING):
         free &= (starts + period < begin) | (starts >= end)
     late = np.floor(starts - start).astype(int) % EVERY == EVERY - 1
@@ -116,17 +115,11 @@ def fit_and_judge(recordings: Sequence[Recording], heldout: Recording | None, pe
             last._replace(used=np.zeros_like(last.used), held=last.used | last.held)]
 
 
-ORDERS = (1, 2, 3)
-"""Of the difference equation that are tried: a rig holds three."""
-
 MOST_DELAY = 0.25
 """From command to position, at most [s]; robots' controllers take 10 to 100 ms."""
 
 MOVED = 1e-3
 """Stroke of the commands from which an axis counts as moved [m]: ten times a pose's noise."""
-
-PAUSE = 0.5
-"""Rest that is put between recordings, in which one's motion dies away [s]."""
 
 COARSE = 0.002
 """
@@ -205,7 +198,8 @@ def at_ends(rig: Rig, one: Followed) -> Motion:
 def _fit_axis(rig: Rig, followed: Sequence[Followed], smooth: Sequence[Array], axis: int
               ) -> AxisFit:
     period = rig.robot.period
-    gap = np.zeros(round(PAUSE / period))
+    # pause: rest that is put between recordings, in which one's motion dies away [s]
+    gap = np.zeros(round(0.5 / period))
     command = np.concatenate([np.append(s[:, axis] - s[0, axis], gap) for s in smooth])
     position = np.concatenate([np.append(one.reached[:, axis] - one.reached[0, axis], gap)
                                for one in followed])
@@ -213,7 +207,8 @@ def _fit_axis(rig: Rig, followed: Sequence[Followed], smooth: Sequence[Array], a
                   for name in ('used', 'held'))
     most = _shift(command, position, used, round(MOST_DELAY / period))
     candidates = []
-    for order in ORDERS:
+    # orders: of the difference equation that are tried: a rig holds three
+    for order in (1, 2, 3):
         tried: dict[int, Candidate] = {}
         for delay in sorted({0, most // 3, 2 * most // 3, most}):
             _try(tried, order, delay, command, position, used, held)
@@ -373,15 +368,8 @@ def _numerator(feedback: Array, command: Array, position: Array, delay: int, use
     return rest, np.asarray(target - free @ solution)
 
 
-TURNED = 0.01
-"""Turn of the commands from which orientation counts as moved [rad]: ten times a pose's noise."""
-
 LIMITS = ((2.0, 0.3), (300.0, 3.0))
 """Bandwidth [rad/s] and damping that are tried: the integration is right within them."""
-
-PATIENCE = 2
-"""Longer delays, each worse than the best, that end the search for it."""
-
 
 class RotationFit(NamedTuple):
     """
@@ -413,7 +401,9 @@ def fit_rotation(rig: Rig, followed: Sequence[Followed], lag: float) -> Rotation
         Of the position, taken where nothing turned [s].
     """
     turn = max(float(np.linalg.norm(_away(one), axis=1).max()) for one in followed)
-    if turn < TURNED:
+    # turned: turn of the commands from which orientation counts as moved [rad]: ten times a
+    # pose's noise
+    if turn < 0.01:
         rest = max(lag - rig.robot.period, 2.0 * COARSE)
         servo = replace(rig.servo, orientation_bandwidth=2.0 / rest)
         return RotationFit(servo, False, lag)
@@ -433,7 +423,8 @@ def _best(rig: Rig, followed: Sequence[Followed], late: float) -> tuple[float, O
         found.append((k * period, _searched(rig, followed, k * period, start)))
         start = found[-1][1].x.tolist()
         costs = [float(one.cost) for _, one in found]
-        if len(costs) - 1 - int(np.argmin(costs)) >= PATIENCE:
+        # patience: longer delays, each worse than the best, that end the search for it
+        if len(costs) - 1 - int(np.argmin(costs)) >= 2:
             break
     return min(found, key=lambda one: float(one[1].cost))
 

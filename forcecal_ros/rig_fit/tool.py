@@ -140,12 +140,6 @@ _SMOOTHEST = (1.0, -4.0, 6.0, -4.0, 1.0)
 FEWEST = 50
 """Samples from which rate and noise are estimated."""
 
-ROUND = 1e-3
-"""Of a rate: as far from a whole number of hertz as computers' clocks are apart at most."""
-
-IRREGULAR = 0.1
-"""Share of intervals between commands that may be off by half a period: some get lost."""
-
 TENTH = 1e-4
 """Periods that are no whole number of hertz are taken in these steps [s]."""
 
@@ -173,11 +167,14 @@ def command_period(t: Array) -> float:
     steps = np.diff(t) / period
     off = float(np.mean(np.abs(steps - np.maximum(1.0, np.round(steps))) > 0.5 - 1e-9)
                 + np.mean(steps > 1.5))
-    if off > IRREGULAR:
+    # irregular: share of intervals between commands that may be off by half a period: some get
+    # lost
+    if off > 0.1:
         raise DataError(f'target_frame: {100.0 * off:.0f} % of the commands come irregularly, '
                         f'expected one every {1e3 * period:.3g} ms; stream them at a fixed rate')
     rate = round(1.0 / period)
-    if rate and abs(rate * period - 1.0) < ROUND:
+    # round: of a rate: as far from a whole number of hertz as computers' clocks are apart at most
+    if rate and abs(rate * period - 1.0) < 1e-3:
         return 1.0 / rate
     return round(period / TENTH) * TENTH
 

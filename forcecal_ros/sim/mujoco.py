@@ -40,9 +40,6 @@ from numpy.typing import NDArray
 SETTLING_S = 2.0
 """Simulated at the first command before the recording begins [s]: until an arm hangs still."""
 
-SAMPLE_PERIOD_S = 0.002
-"""Between samples, at least [s]: the wrench is compared up to far below 250 Hz."""
-
 STEP_PARTS = (2, 4, 8, 16)
 """
 Parts of a time step that are tried where a simulation is unstable: the step that a stiff joint
@@ -208,7 +205,9 @@ class MujocoRobot:
         for _ in range(round(SETTLING_S / step)):
             controller.hold(data)
             mujoco.mj_step(model, data)
-        rows, places, skipped = [], [], parts * max(1, round(SAMPLE_PERIOD_S / (parts * step)))
+        # sample period: between samples, at least [s]: the wrench is compared up to far below 250
+        # Hz
+        rows, places, skipped = [], [], parts * max(1, round(0.002 / (parts * step)))
         for k in range(len(t)):
             controller.tell(data, k)
             if k % skipped == 0:
@@ -298,13 +297,6 @@ def _commands(mujoco: Any, model: Any, drives: Sequence[Drive], joints: JointStr
                               f'{reason_not_driven(mujoco, model, name)}; what can be commanded '
                               f'positions is {", ".join(driven)}')
     return joints, [driven[name] for name in joints.names]
-
-
-MIN_OVER_READING = 1.05
-"""
-Factor by which implicit integrators make MuJoCo's force sensor over-read that is reported:
-0.05 of a tool's inertial force is the noise of a good sensor at 10 m/s^2 and 0.5 kg.
-"""
 
 
 def load_mujoco(path: str, ft_site: str | None = None, imu: str | None = None) -> MujocoRobot:
@@ -467,4 +459,7 @@ def _over_reading_note(mujoco: Any, model: Any, drives: Sequence[Drive]) -> list
         * model.actuator_biasprm[one.actuator, 2]) / model.dof_M0[one.dof] for one in drives)
     note = (f'its integrator lets the force sensor over-read accelerations, up to {factor:.2f} '
             'times; Euler does not')
-    return [note] if factor >= MIN_OVER_READING else []
+    # min over reading: factor by which implicit integrators make MuJoCo's force sensor over-read
+    # that is reported: 0.05 of a tool's inertial force is the noise of a good sensor at 10 m/s^2
+    # and 0.5 kg
+    return [note] if factor >= 1.05 else []

@@ -14,13 +14,6 @@ _Write = Callable[[Any, float], None]
 POSITION, INTEGRATED, VELOCITY, TORQUE = 'position', 'integrated velocity', 'velocity', 'torque'
 PID = 'position and rate'
 
-RANGE_MARGIN = 1e-3
-"""
-Part of an actuator's range by which commands may leave it: a controller's rounding of a joint at
-its limit, and less than any noise of a joint.
-"""
-
-
 class Drive(NamedTuple):
     """
     An actuator of one joint.
@@ -276,13 +269,6 @@ def _follow_backlash(q: Array, play: float) -> Array:
     return out
 
 
-REST_SPEED = 2e-3
-"""
-Speed of a joint [rad/s], [m/s] above which an arm that was to rest swings: at 5 Hz that is
-0.06 mrad, the noise of a joint.
-"""
-
-
 class Swing:
     """Sees whether joints rest when the commands begin."""
 
@@ -296,7 +282,9 @@ class Swing:
 
     def notes(self, after: float) -> Iterator[str]:
         """Say which joint still swings so many seconds after the start [s]."""
-        if len(self._speeds) and self._speeds.max() > REST_SPEED:
+        # rest speed: speed of a joint [rad/s], [m/s] above which an arm that was to rest swings:
+        # at 5 Hz that is 0.06 mrad, the noise of a joint
+        if len(self._speeds) and self._speeds.max() > 2e-3:
             k = int(self._speeds.argmax())
             yield (f'in the model {self._drives[k].joint} still moves at {self._speeds[k]:.2g} '
                    f'rad/s after {after:g} s at the first command: damp its drive (kv) or the '
@@ -309,7 +297,9 @@ def _refuse_beyond(model: Any, one: Drive, given: Array) -> None:
         return
     low, high = (float(x) for x in model.actuator_ctrlrange[one.ctrl])
     least, most = float(given.min()), float(given.max())
-    room = RANGE_MARGIN * (high - low)
+    # range margin: part of an actuator's range by which commands may leave it: a controller's
+    # rounding of a joint at its limit, and less than any noise of a joint
+    room = 1e-3 * (high - low)
     if least < low - room or most > high + room:
         raise ConfigError(f'joint {one.joint} is commanded from {least:.4g} to {most:.4g}, and '
                           f'the ctrlrange of its actuator is {low:.4g} to {high:.4g}, where '
@@ -333,17 +323,11 @@ def warning_of(mujoco: Any, data: Any) -> str:
     return next(texts, '').rstrip('.')
 
 
-MASS_SIGMA, COM_SIGMA = 0.01, 0.001
-"""How well a tool is known by its drawing: mass (relative) and centre of mass [m], 1 sigma."""
-
 JOINT_FRICTION_SIGMA = (0.1, 0.1)
 """Of dry friction, 1 sigma: part of the model's, and beside it [N m] or [N]: what warmth makes."""
 
 GAIN_SIGMA = (0.05, 0.1)
 """Of the gains kp and kv of a position actuator, 1 sigma, relative: as controllers are set."""
-
-TILT_SIGMA = 0.003
-"""Tilt of a base that was levelled by hand, 1 sigma [rad]."""
 
 _Both = tuple[_Write, _Write]
 """Into a model that was compiled, and into its source."""
@@ -402,10 +386,12 @@ def _of_tool(model: Any, body: str, site: str) -> list[Number]:
             explicit(spec).ipos[axis] = value
         return write, patch
 
-    found = [Number(Parameter(f'body_mass[{body}]', mass, MASS_SIGMA * mass, 'kg', 0.05 * mass,
+    # mass sigma and com sigma: how well a tool is known by its drawing: mass (relative) and
+    # centre of mass [m], 1 sigma
+    found = [Number(Parameter(f'body_mass[{body}]', mass, 0.01 * mass, 'kg', 0.05 * mass,
                                20.0 * mass, 'tool', ('tool_mass',)), weigh, patch_mass)]
     return found + [Number(Parameter(
-        f'body_ipos[{body}].{a}', float(com[k]), COM_SIGMA, 'm', com[k] - 0.5, com[k] + 0.5,
+        f'body_ipos[{body}].{a}', float(com[k]), 0.001, 'm', com[k] - 0.5, com[k] + 0.5,
         'tool', ('tool_com',)), *place(k)) for k, a in enumerate('xyz')]
 
 
@@ -471,7 +457,8 @@ def _of_base(model: Any) -> list[Number]:
 
     if not np.allclose(down[:2], 0.0) or down[2] >= 0.0:
         return []
-    return [Number(Parameter(f'tilt.{a}', 0.0, TILT_SIGMA, 'rad', -0.5, 0.5, 'robot',
+    # tilt sigma: tilt of a base that was levelled by hand, 1 sigma [rad]
+    return [Number(Parameter(f'tilt.{a}', 0.0, 0.003, 'rad', -0.5, 0.5, 'robot',
                               ('base_tilt',)), *write(k)) for k, a in enumerate('xy')]
 
 
@@ -530,11 +517,7 @@ LIMIT_SIGMA = 0.1
 NEAR_LIMIT = 1.0 - LIMIT_SIGMA
 """Part of its limit from which a drive may be at it, were the limit lower by one sigma."""
 
-AT_LIMIT = 0.999
-"""Part of its limit from which a drive is at it: MuJoCo clips, and numbers round."""
-
 ACTUATOR, JOINT, INPUT = 'actuator_forcerange', 'jnt_actfrcrange', 'actuator_ctrlrange'
-
 
 
 class Limit(NamedTuple):
@@ -654,7 +637,8 @@ class Forces:
         ends = np.where(now < 0.0, self._low, self._high)
         part = np.divide(now, ends, out=np.zeros_like(now), where=ends != 0.0)
         self.most = np.maximum(self.most, part)
-        self.reached += part > AT_LIMIT
+        # at limit: part of its limit from which a drive is at it: MuJoCo clips, and numbers round
+        self.reached += part > 0.999
 
     def near(self) -> list[Limit]:
         """List the limits that a drive comes to, or would come to if they were a little lower."""
@@ -679,12 +663,6 @@ def _force_row(model: Any, one: Limit) -> int:
     return int(model.joint(one.joint).dofadr[0]) if one.field == JOINT else one.row
 
 
-SOLREF_SIGMA, FRICTION_SIGMA = 0.05, 0.1
-"""
-Of a contact's time constant and of its friction, 1 sigma, relative: a stiffness, which goes with
-one over the square of that time, is taken to be known as well as a friction, to a tenth.
-"""
-
 MAX_CONTACT_FACTOR = 5.0
 """Factor by which either may be off, at most: beyond, another material was meant."""
 
@@ -694,13 +672,9 @@ Of the place of what stands in the world, 1 sigma and at most [m]: as a table is
 taken to be where the model has it, one that is a millimetre lower would be called softer.
 """
 
-MIN_FACING = 0.1
-"""Part of a contact's normal along an axis, from which a place along that axis counts."""
-
 SOLREF, FRICTION, PLACE = 'geom_solref', 'geom_friction', 'geom_pos'
 
 AXES = 'xyz'
-
 
 
 def touchable(model: Any, body: str) -> dict[int, str]:
@@ -743,7 +717,10 @@ def contact_numbers(model: Any, body: str) -> Iterator[tuple[Parameter, _Write, 
         Into a model that was compiled, and into its source, which was compiled, too.
     """
     own, names = own_geoms(model, body), touchable(model, body)
-    for field, part in ((SOLREF, SOLREF_SIGMA), (FRICTION, FRICTION_SIGMA)):
+    # solref sigma and friction sigma: of a contact's time constant and of its friction, 1 sigma,
+    # relative: a stiffness, which goes with one over the square of that time, is taken to be
+    # known as well as a friction, to a tenth
+    for field, part in ((SOLREF, 0.05), (FRICTION, 0.1)):
         shared = _Shared(model, field, own)
         for i, name in names.items():
             value = float(shared.first[i])
@@ -817,8 +794,10 @@ class Touched:
     def parameters(self) -> set[str]:
         """Names of the parameters of what was touched."""
         found = {f'{field}[{self._names[i]}]' for field in (SOLREF, FRICTION) for i in self._faces}
+        # min facing: part of a contact's normal along an axis, from which a place along that axis
+        # counts
         return found | {f'{PLACE}[{self._names[i]}].{a}' for i, faces in self._faces.items()
-                        for a, most in zip(AXES, faces) if most > MIN_FACING}
+                        for a, most in zip(AXES, faces) if most > 0.1}
 
     def look(self, data: Any) -> None:
         """See what touches now, and along which axes of the body that has it."""

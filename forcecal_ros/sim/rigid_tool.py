@@ -114,9 +114,6 @@ def _three(values: Array) -> tuple[float, float, float]:
 SMOOTH = 3.0
 """Frequency up to which a discrepancy follows the motion [Hz]: noise is mostly faster."""
 
-KEPT = 12
-"""Delays for which the accelerometer's readings are kept."""
-
 CABLE = 'cable_force'
 
 HYSTERESIS = frozenset({'wrench_hysteresis'})
@@ -245,7 +242,8 @@ class CarriedTool:
 
     def _readings(self, behind: float) -> Array:
         if behind not in self._late:
-            if len(self._late) >= KEPT:
+            # kept: delays for which the accelerometer's readings are kept
+            if len(self._late) >= 12:
                 self._late.pop(next(iter(self._late)))
             assert self._volts is not None
             at = np.clip(self.t + behind, self._volts.x[0], self._volts.x[-1])

@@ -19,18 +19,6 @@ from forcecal_ros.sim.protocol import Inputs
 from forcecal_ros.sim.third_party import ThirdParty
 import numpy as np
 
-STEP_SIGMA = 1.0
-"""Step by which a parameter is moved to see what it does, in its sigma."""
-
-QUARTER_STEP_RATIO = 1.5
-"""What a quarter of a step changes in what half of it does, of an error of first order."""
-
-SENSOR_NOISE = (0.15, 0.006, 1e-4)
-"""
-Noise of a usual wrist sensor [N], [N m], and of poses and joints [m], [rad]: where half the step
-changes less, what is no straight line in that, a twentieth of an implicit integrator's, is none.
-"""
-
 Numbers = tuple[float, ...]
 
 
@@ -91,7 +79,8 @@ class Runs:
         """See what each parameter does at a point: one run for each, and one for the point."""
         here, changes = self.exact(numbers), []
         for i, p in enumerate(self.simulator.parameters):
-            step = STEP_SIGMA * p.sigma
+            # step sigma: step by which a parameter is moved to see what it does, in its sigma
+            step = 1.0 * p.sigma
             if numbers[i] + step > p.high:
                 step = -step
             change = self._changed(here, numbers, i, step)
@@ -113,7 +102,9 @@ class Runs:
     def _bend(self, here: Recording, numbers: Numbers, finer: _Change) -> _Change:
         """Run it with a quarter of its step; say what that does beyond 1.5 times half of it."""
         made = self._counted(self.simulator.run_finest(self._inputs, numbers))
-        return _beyond(_change(*_of_one_length(here, made), 1.0), finer, QUARTER_STEP_RATIO)
+        # quarter step ratio: what a quarter of a step changes in what half of it does, of an
+        # error of first order
+        return _beyond(_change(*_of_one_length(here, made), 1.0), finer, 1.5)
 
     def halved(self, numbers: Numbers) -> Recording:
         """Run it with half its step of integration, unless that was done before."""
@@ -218,10 +209,13 @@ def _beyond(change: _Change, line: _Change, times: float) -> _Change:
 def _is_coarse(finer: _Change) -> bool:
     """Say whether half the step changes more than the noise of usual sensors."""
     force, torque = finer.wrench[:, :3], finer.wrench[:, 3:]
-    sizes = [(force, 0), (torque, 1), (finer.position, 2), (finer.turn, 2)]
+    # sensor noise: noise of a usual wrist sensor [N], [N m], and of poses and joints [m], [rad]:
+    # where half the step changes less, what is no straight line in that, a twentieth of an
+    # implicit integrator's, is none
+    sizes = [(force, 0.15), (torque, 0.006), (finer.position, 1e-4), (finer.turn, 1e-4)]
     if finer.joints is not None:
-        sizes.append((finer.joints, 2))
-    return any(np.sqrt(np.mean(rows ** 2, axis=0)).max() > SENSOR_NOISE[i] for rows, i in sizes)
+        sizes.append((finer.joints, 1e-4))
+    return any(np.sqrt(np.mean(rows ** 2, axis=0)).max() > size for rows, size in sizes)
 
 
 def _is_nothing(change: _Change) -> bool:

@@ -22,9 +22,6 @@ SWINGS = ((np.deg2rad(40.0), 30.0), (np.deg2rad(30.0), 23.0))
 LIMB_NOISE = np.array([0.3, 0.3, 0.3, 0.02, 0.02, 0.02])
 """Of the wrench [N, N m]; that of the accelerometer is 0.05 m/s^2."""
 
-ACCELERATION_NOISE = 0.05
-
-
 class Load(NamedTuple):
     """An added mass [kg], where it is in the sensor's frame [m], and what it is used for."""
 
@@ -78,7 +75,8 @@ def record(load: Load, rng: np.random.Generator) -> Log:
     wrench = np.hstack([(MASS + load.mass) * gravity, np.cross(moment, gravity)])
     matrix, offset = gauges()
     measured = wrench + LIMB_NOISE * rng.standard_normal(wrench.shape)
-    accel = -gravity + ACCELERATION_NOISE * rng.standard_normal(gravity.shape)
+    # acceleration noise
+    accel = -gravity + 0.05 * rng.standard_normal(gravity.shape)
     return Log(t, measured @ matrix.T + offset, accel)
 
 
@@ -91,20 +89,11 @@ REST, RISE = 1.0, 2.0
 HOME = (0.3, -1.3, 1.7, -1.9, -1.5, 0.4)
 """Joints at rest [rad]."""
 
-SIZES = (0.3, 0.15, 0.2, 0.6, 0.8, 1.0)
-"""By which each joint swings at the slowest [rad]: the wrist most, it turns gravity."""
-
-SLOWEST, FASTEST = 0.08, 0.9
-"""Of the sines that a joint's motion is made of [Hz]: what an arm of that size can follow."""
-
 HEAVIER = {'body_mass[gripper]': 1.05}
 """What is wrong with the second robot: factors of its model's numbers."""
 
 OFF = 0.5
 """By which every other number is off, in its sigma, up or down."""
-
-ARM_NOISE = (0.15, 0.006, 1e-4, 2e-4)
-"""Of force [N], torque [N m], position [m], orientation [rad], 1 sigma: as of a UR's."""
 
 ZERO = (3.0, -1.0, 2.0, 0.1, 0.0, -0.2)
 """The sensor's zero [N], [N m]."""
@@ -118,8 +107,11 @@ def commands(names: tuple[str, ...], seed: int) -> JointStream:
     x = np.clip(np.minimum(u, SECONDS - 2.0 * REST - u) / RISE, 0.0, 1.0)
     rise = x ** 3 * (10.0 - 15.0 * x + 6.0 * x ** 2)
     q: Array = np.tile(HOME, (len(t), 1))
-    for joint, most in enumerate(SIZES):
-        for f in rng.uniform(SLOWEST, FASTEST, 3):
+    # sizes: by which each joint swings at the slowest [rad]: the wrist most, it turns gravity
+    for joint, most in enumerate((0.3, 0.15, 0.2, 0.6, 0.8, 1.0)):
+        # slowest and fastest: of the sines that a joint's motion is made of [Hz]: what an arm of
+        # that size can follow
+        for f in rng.uniform(0.08, 0.9, 3):
             size = most * rng.uniform(0.3, 0.6) * min(1.0, 0.3 / f)
             q[:, joint] += rise * size * np.sin(2.0 * np.pi * (f * u + rng.uniform()))
     return JointStream(t, q, '', names)
@@ -151,7 +143,10 @@ def recorded(arm: ThirdParty, factors: Mapping[str, float], seed: int) -> Record
     wrench, pose = made.wrench, made.pose
     assert wrench is not None
     assert pose is not None
-    force, torque, place, turn = (s * rng.normal(size=(len(wrench), 3)) for s in ARM_NOISE)
+    # arm noise: of force [N], torque [N m], position [m], orientation [rad], 1 sigma: as of a
+    # UR's
+    force, torque, place, turn = (
+        s * rng.normal(size=(len(wrench), 3)) for s in (0.15, 0.006, 1e-4, 2e-4))
     return replace(
         made, joint_commands=joints,
         wrench=replace(wrench, values=wrench.values + np.hstack([force, torque]) + ZERO),

@@ -28,15 +28,6 @@ FAULTS = {
 }
 """What a sensor can be made to do, by the word that switches it on."""
 
-SLOW = 20
-"""A slow sensor delivers one sample in this many."""
-
-DELAY = 0.3
-"""Lateness of a delayed sensor [s]."""
-
-SILENCE, CYCLE = 0.1, 0.3
-"""An intermittent sensor is silent for the first part of each cycle [s]."""
-
 OFFSETS = {'wrench': (20.0, 20.0, 20.0, 2.0, 2.0, 2.0), 'volts': 0.5, 'specific_force': 2.0,
            'optidrive': 0.005, 'position': 0.03, 'R_base_sensor': 0.0}
 """Error of a wrong sensor [N, N m], [V], [m/s^2], [m]; a pose keeps its orientation."""
@@ -95,11 +86,12 @@ class SensorFault:
         self._last: _Block | None = None
         self._held: _Block | None = None
         self._count = 0
+        # silence and cycle: an intermittent sensor is silent for the first part of each cycle [s]
         self._ways: dict[str, Callable[[_Block], _Block]] = {
             'off': lambda block: block.where(block.t != block.t),
             'stuck': self._stuck, 'garbage': self._garbage, 'wrong': self._wrong,
             'slow': self._slow, 'delayed': self._delayed,
-            'intermittent': lambda block: block.where(block.t % CYCLE >= SILENCE)}
+            'intermittent': lambda block: block.where(block.t % 0.3 >= 0.1)}
 
     def __call__(self, samples: Samples) -> Samples:
         """Pass on the next samples of all sensors, those of this one as it reports them."""
@@ -139,12 +131,14 @@ class SensorFault:
     def _slow(self, block: _Block) -> _Block:
         index = self._count + np.arange(len(block.t))
         self._count += len(block.t)
-        return block.where(index % SLOW == 0)
+        # slow: a slow sensor delivers one sample in this many
+        return block.where(index % 20 == 0)
 
     def _delayed(self, block: _Block) -> _Block:
         """Hold back what is younger than the delay, counted from the newest sample."""
         block = block.after(self._held)
-        due = block.t <= (block.t[-1] if len(block.t) else 0.0) - DELAY
+        # delay: lateness of a delayed sensor [s]
+        due = block.t <= (block.t[-1] if len(block.t) else 0.0) - 0.3
         self._held = block.where(~due)
         return block.where(due)
 
@@ -169,7 +163,6 @@ class RobotFault:
             return None
         self._away = self._away + RUNAWAY * period if self.kind == 'runaway' else 0.0
         return np.asarray(position) - [self._away, 0.0, 0.0]
-
 
 
 def in_recording(recording: Recording, sensor: str, kind: str, start: float,

@@ -26,10 +26,6 @@ TOOL_STATE = np.dtype([
     ('anchor', 'f8'),      # [m] displacement at which static friction is zero
 ])
 
-MOST_EVENTS = 8
-"""Most beginnings and ends of contact that are located within one step."""
-
-
 FURTHEST = 1.0
 """Largest displacement at which equilibrium is looked for [m]."""
 
@@ -305,7 +301,8 @@ def _step(p: Record, state: Record, f: Array, h: float, at: Array) -> None:
     if p.rigid > 0.0:
         state.touching = _touches(p, f, 2, s, v)
         return
-    for _ in range(MOST_EVENTS):
+    # most events: most beginnings and ends of contact that are located within one step
+    for _ in range(8):
         s_end, v_end = _advance(p, f, begin, 1.0, h, s, v, touching, anchor, at)
         if _touches(p, f, 2, s_end, v_end) == touching:
             break
