@@ -18,9 +18,6 @@ from forcecal_ros.cli.common import (
 )
 from forcecal_ros.cli.outputs import add_output, FILE, stdout_is_taken
 
-MARGIN_M = 0.15
-"""Of the proposed workspace around the present position of the sensor."""
-
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
@@ -125,10 +122,12 @@ def _driver(args: argparse.Namespace, topics: Mapping[str, str]) -> dict[str, An
 
 def _around(pose: Any) -> dict[str, Any]:
     """Return poses tilted from the present one, and a box around it, as parameters."""
+    # of the proposed workspace around the present position of the sensor
+    margin = 0.15
     position = [getattr(pose.position, axis) for axis in 'xyz']
     return {**_poses([getattr(pose.orientation, axis) for axis in 'xyzw']),
-            'limits.workspace_min': [x - MARGIN_M for x in position],
-            'limits.workspace_max': [x + MARGIN_M for x in position]}
+            'limits.workspace_min': [x - margin for x in position],
+            'limits.workspace_max': [x + margin for x in position]}
 
 
 def _poses(orientation: Sequence[float]) -> dict[str, Any]:

@@ -32,9 +32,6 @@ from forcecal_ros.core.files import naming, set_aside
 T = TypeVar('T')
 R = TypeVar('R')
 
-MAX_DEATHS = 2
-"""Processes that an item may kill, alone on the machine, before it is given up."""
-
 _TURN = Lock()
 
 
@@ -109,6 +106,8 @@ def attempt(work: Callable[[T], R], index: int, item: T) -> Outcome[R]:
 
 def _on_cores(work: Callable[[T], R], items: Sequence[T], jobs: int) -> Iterator[Outcome[R]]:
     """Work in processes; after a death, the items that may have caused it are done alone."""
+    # processes that an item may kill, alone on the machine, before it is given up
+    max_deaths = 2
     from concurrent.futures import as_completed, ProcessPoolExecutor
     from concurrent.futures.process import BrokenProcessPool
     from multiprocessing import get_context
@@ -131,10 +130,10 @@ def _on_cores(work: Callable[[T], R], items: Sequence[T], jobs: int) -> Iterator
             deaths += 1
             if not suspects:  # items are handed out in this order, one ahead of the processes
                 suspects, deaths = left[:2 * jobs + 1], 0
-            elif deaths == MAX_DEATHS:
+            elif deaths == max_deaths:
                 index, deaths = suspects.pop(0), 0
                 left.remove(index)
-                yield Outcome(index, error=f'{MAX_DEATHS} processes that worked on it alone were '
+                yield Outcome(index, error=f'{max_deaths} processes that worked on it alone were '
                               'killed; is there enough memory?')
         finally:
             for process in list((pool._processes or {}).values()):  # noqa: SLF001

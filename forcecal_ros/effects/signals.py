@@ -17,10 +17,6 @@ from scipy.linalg import expm
 Operator = Callable[[Array], Array]
 """Changes the next samples of a signal, shape (n, k), and keeps what it needs for those after."""
 
-TAPS = 6
-"""Samples a delay interpolates between; accurate to 1.3e-3 up to a tenth of the sample rate."""
-
-
 class Delay:
     """
     A delay by any fraction of a sample: Lagrange interpolation between the nearest samples.
@@ -34,10 +30,13 @@ class Delay:
     """
 
     def __init__(self, delay: float, dt: float) -> None:
+        # samples a delay interpolates between; accurate to 1.3e-3 up to a tenth of the
+        # sample rate
+        taps = 6
         back = delay / dt
-        first = max(0, int(np.floor(back)) - (TAPS // 2 - 1))
-        self._offsets = np.arange(first, first + TAPS)
-        others = [np.delete(self._offsets, i) for i in range(TAPS)]
+        first = max(0, int(np.floor(back)) - (taps // 2 - 1))
+        self._offsets = np.arange(first, first + taps)
+        others = [np.delete(self._offsets, i) for i in range(taps)]
         self._weights = [np.prod((back - other) / (offset - other))
                          for offset, other in zip(self._offsets, others)]
         self._past: Array | None = None

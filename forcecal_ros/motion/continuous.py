@@ -26,9 +26,6 @@ import numpy as np
 DURATION_S = 10.0
 """Length of the motion: two periods of the slowest sine."""
 
-RAMP_S = 1.5
-"""Rise and fall of the envelope, as slow as the fastest rotation's period."""
-
 TRANSLATION_HZ = np.array([[0.8, 1.7], [0.9, 1.9], [1.1, 2.1]])
 """By axis of base. Whole periods in ``DURATION_S``, above the rotations, below what robots follow
 with some degrees of lag."""
@@ -78,12 +75,14 @@ class MultiSine:
         tuple of ndarray, shapes (n, 6)
             Translation in base [m] and rotation vector from the start in ft_sensor [rad]; [1/s].
         """
+        # rise and fall of the envelope, as slow as the fastest rotation's period
+        ramp = 1.5
         x = np.clip(t, 0.0, self.duration)
         inside = (x > 0.0) & (x < self.duration)
-        rise, rising, _ = quintic(x / RAMP_S)
-        fall, falling, _ = quintic((self.duration - x) / RAMP_S)
+        rise, rising, _ = quintic(x / ramp)
+        fall, falling, _ = quintic((self.duration - x) / ramp)
         envelope = rise * fall
-        slope = np.where(inside, (rising * fall - rise * falling) / RAMP_S, 0.0)
+        slope = np.where(inside, (rising * fall - rise * falling) / ramp, 0.0)
         # translation: largest amplitude of a slow sine; the fast one of its axis has a quarter,
         # for about the same acceleration
         # rotation: largest amplitude of a slow sine: gravity along an axis then changes by a

@@ -153,10 +153,6 @@ LATE_PATIENCE = 0.02
 """A sensor is late only where its stamps stay too old for that long: a caller that was late itself
 first works off its queue, in five periods at 250 Hz [s]."""
 
-WORKSPACE_SLACK = 0.002
-"""A measured position may be that far outside the workspace, to which plans may go: a robot there
-overshoots a little [m]."""
-
 POSITIONING_ERROR = (5e-4, 2e-3)
 """Error with which a robot may reach its command, however short the motion [m], [rad]."""
 
@@ -290,10 +286,13 @@ class Monitor:
         self.fault = self.fault or fault
 
     def _check_workspace(self, channel: Channel, position: tuple[float, ...], name: str) -> None:
+        # a measured position may be that far outside the workspace, to which plans may go: a
+        # robot there overshoots a little [m]
+        workspace_slack = 0.002
         limits = self.limits
         for axis, x, low, high in zip('xyz', position, limits.workspace_min,
                                       limits.workspace_max):
-            if not low - WORKSPACE_SLACK <= x <= high + WORKSPACE_SLACK:
+            if not low - workspace_slack <= x <= high + workspace_slack:
                 self._fault(f'{channel.topic}: {axis} = '
                             f'{below(x, low, 4) if x < low else above(x, high, 4)} m of {name} is '
                             f'outside limits.workspace_min/max {low:g} to {high:g} m')

@@ -259,10 +259,6 @@ def expected_duration(plan: Sequence[PlannedSegment], settle: float) -> float:
     return sum(settle if part.duration is None else part.duration for part in plan)
 
 
-SWEEP = ((0.020, 0.6), (0.014, 0.4), (0.009, 0.25), (0.006, 0.17), (0.004, 0.13), (0.003, 0.1))
-"""Distance [m] and duration [s] of each move of a sweep, made out and back: slow first, fast
-last."""
-
 def diagnosis_plan(goals: Mapping[str, Goal], away: Goal, timing: Timing
                    ) -> tuple[Segment, ...]:
     """
@@ -302,15 +298,18 @@ def _out_and_back(phase: str, label: str, home: Goal, goal: Goal, duration: floa
 
 
 def _sweeps(home: Goal, away: Goal, timing: Timing) -> list[Segment]:
+    # distance [m] and duration [s] of each move of a sweep, made out and back: slow first,
+    # fast last
+    sweep = ((0.020, 0.6), (0.014, 0.4), (0.009, 0.25), (0.006, 0.17), (0.004, 0.13), (0.003, 0.1))
     if not isinstance(home, Pose):
         return timing.sweeps * [
-            segment for share, (_, duration) in zip((1.0, 0.7, 0.45, 0.3, 0.2, 0.15), SWEEP)
+            segment for share, (_, duration) in zip((1.0, 0.7, 0.45, 0.3, 0.2, 0.15), sweep)
             for segment in _out_and_back(
                 'sweep', 'joints', home, _between(home, away, timing.amplitude * share),
                 3.0 * duration)]
     out = []
     for i, axis in enumerate('xyz'):
-        out += timing.sweeps * _moves(axis, home, i, timing.amplitude, SWEEP)
+        out += timing.sweeps * _moves(axis, home, i, timing.amplitude, sweep)
     for i, axis in (1, 'y'), (2, 'z'):
         # shake: distance [m] and duration [s] of moves at 18 Hz to 25 Hz, which tell a delay from
         # a low-pass

@@ -20,9 +20,6 @@ from rclpy.parameter import Parameter as RosParameter
 live_parameter = partial(Parameter, live=True)
 """A parameter that may be set while the node runs."""
 
-UNBOUNDED = 1e9
-"""Bound in the descriptor of a range that is open on one side: beyond any value of a parameter."""
-
 OF_PUBLISHERS = 'qos_overrides.'
 """Parameters that rclpy declares when publishers and subscriptions are made."""
 
@@ -99,10 +96,12 @@ def refuse_changes(node: Node, check: Callable[[dict[str, Any]], object]) -> Non
 
 
 def _descriptor(row: Parameter) -> ParameterDescriptor:
+    # bound in the descriptor of a range that is open on one side: beyond any value of a parameter
+    unbounded = 1e9
     descriptor = ParameterDescriptor(description=row.text, read_only=not row.live)
     bounded = row.low is not None or row.high is not None
-    low = row.low if row.low is not None else -UNBOUNDED
-    high = row.high if row.high is not None else UNBOUNDED
+    low = row.low if row.low is not None else -unbounded
+    high = row.high if row.high is not None else unbounded
     if bounded and isinstance(row.default, float):
         descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
     elif bounded and isinstance(row.default, int):

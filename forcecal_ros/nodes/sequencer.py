@@ -121,11 +121,6 @@ def _moved(before: Goal, now: Goal) -> str:
         found, POSITIONING_ERROR) if size > least)
 
 
-REST = KEPT + 0.3
-"""Time before a pose is measured again [s]: a start requires that the robot has stood for the
-samples that are kept, and their latency."""
-
-
 class WrenchReader:
     """Reads the raw channels of a sensor, and makes wrenches of them by its matrix."""
 
@@ -294,13 +289,16 @@ class Sequencer(MotionNode[SequencerSettings]):
                 self._finish()
 
     def _take(self, result: Calibration | str) -> None:
+        # time before a pose is measured again [s]: a start requires that the robot has stood for
+        # the samples that are kept, and their latency
+        rest = KEPT + 0.3
         if not self._sequence.running:
             return
         if isinstance(result, str):
             self._abort(Fault(result))
             return
         if self._repeats and result.quality['rejection']['pose'] is not None:
-            self._rejected = result, self._now() + round(REST * SECOND)
+            self._rejected = result, self._now() + round(rest * SECOND)
             return
         self._keep(result)
 

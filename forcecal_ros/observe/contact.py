@@ -34,12 +34,6 @@ from forcecal_ros.observe.sample import (
     Wrench,
 )
 
-MAX_PERIOD_S = 2 * SMOOTHING_TIME_S
-"""From one reading to the next, up to which a contact's own motion is separated from noise by
-that mean: slower readings show nothing of their noise [s]."""
-
-LEVEL_RANGE = (0.25, 1e4)
-"""Lowest and highest level that is accepted [1]."""
 
 class Tool(NamedTuple):
     """
@@ -230,7 +224,8 @@ def updated(before: NoiseLevel, dt: float, e: Vector, scale: Vector) -> NoiseLev
     # on three axes
     level = before.level * exp((min(z, 5.0) - 1) * min(dt / 0.5, 1.0))
     k = 1 - exp(-dt / SMOOTHING_TIME_S)
-    return NoiseLevel(min(max(level, LEVEL_RANGE[0]), LEVEL_RANGE[1]),
+    # within the lowest and the highest level that is accepted
+    return NoiseLevel(min(max(level, 0.25), 1e4),
                       (mx + k * dx, my + k * dy, mz + k * dz))
 
 
@@ -307,13 +302,16 @@ def kalman_step(memory: Memory, reading: Unloaded, e: Wrench, model: Model) -> M
     model
         ``rate`` by :func:`forcecal_ros.observe.bandwidth.contact_bandwidth`.
     """
+    # from one reading to the next, up to which a contact's own motion is separated from noise by
+    # that mean: slower readings show nothing of their noise [s]
+    max_period = 2 * SMOOTHING_TIME_S
     dt = reading.t - memory.t
     if dt > model.pause:
         return Memory(reading.t, reading.measured, STOPPED, ZERO, memory.noise)
     c0, c1, c2, c3, c4, c5 = memory.contact
     e0, e1, e2, e3, e4, e5 = e
     noise, rate = memory.noise, model.rate
-    if model.adaptive and dt <= MAX_PERIOD_S:
+    if model.adaptive and dt <= max_period:
         noise = updated(noise, dt, (e0, e1, e2), model.innovation_scale)
         rate = rate_at(noise.level, rate, model.slowest)
     k = 1 - exp(-rate * dt)

@@ -78,12 +78,6 @@ def track_rotation(state: Rotation, t: float, q: Quaternion, poles: Poles) -> Ro
         (ax + k3 * ex, ay + k3 * ey, az + k3 * ez))
 
 
-GUESS_FORGOTTEN = 1.5
-"""The offset of an AC-coupled accelerometer begins as a guess. With a pole at this over the age
-of the filter its error falls as age^-1.5, fast at first; once the designed pole is the slower
-one, that takes over."""
-
-
 class Place(NamedTuple):
     """
     Place of the accelerometer at one pose.
@@ -170,6 +164,10 @@ def take_pose(motion: MotionEstimate, t: float, position: Vector, q: Quaternion,
     s : float
         Displacement at ``t`` [m].
     """
+    # the offset of an AC-coupled accelerometer begins as a guess. With a pole at this over the
+    # age of the filter its error falls as age^-1.5, fast at first; once the designed pole is the
+    # slower one, that takes over
+    guess_forgotten = 1.5
     rotation, place = motion.rotation, motion.place
     offset, offset_known = motion.offset, motion.offset_known
     if 0 < t - rotation.t <= model.pose_timeout:
@@ -197,8 +195,8 @@ def take_pose(motion: MotionEstimate, t: float, position: Vector, q: Quaternion,
         else:
             poles = model.offset_poles if known else model.reach_poles
             age = t - place.since
-            if model.ac_rate > 0 and age * poles.real < GUESS_FORGOTTEN:
-                poles = Poles(GUESS_FORGOTTEN / age, poles.mean, poles.split)
+            if model.ac_rate > 0 and age * poles.real < guess_forgotten:
+                poles = Poles(guess_forgotten / age, poles.mean, poles.split)
             place = track_place(place, t, rotation.q, rotation.omega, anchor, force.integral,
                                 model.gravity, poles)
             if model.ac_rate > 0 or model.track_offset:

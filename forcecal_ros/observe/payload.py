@@ -69,11 +69,6 @@ _PAIR = tuple[float, float]
 REACH_M = 0.3
 """A payload is expected within so much of the sensor: a gripper's length and a half [m]."""
 
-MASS_WALK = 2e-3
-"""Wander of the mass, relative: a change too small to be noticed at once, as of glue or paint, is
-followed within some seconds, and the standard error never falls below what could go unnoticed
-[1/sqrt(s)]."""
-
 TRACKING, FROZEN, NOT_EXCITED = 'tracking', 'frozen', 'not_excited'
 
 LASTING_S = 0.4
@@ -195,11 +190,15 @@ def _start(calibration: Calibration, floor: Array, settings: PayloadSettings) ->
 
 
 def _walk(m: float) -> Array:
+    # wander of the mass, relative: a change too small to be noticed at once, as of glue or paint,
+    # is followed within some seconds, and the standard error never falls below what could
+    # go unnoticed [1/sqrt(s)]
+    mass_walk = 2e-3
     walk = np.zeros(STATES)
     # bias walk: wander of the biases: 0.1 N and 0.01 N m in ten minutes, as force sensors warm up
     # [N/sqrt(s), N m/sqrt(s)]
     walk[BIAS] = np.repeat((4e-3, 4e-4), 3)
-    walk[MASS], walk[MOMENT] = MASS_WALK * m, MASS_WALK * m * REACH_M / 3
+    walk[MASS], walk[MOMENT] = mass_walk * m, mass_walk * m * REACH_M / 3
     return np.diag(walk ** 2)
 
 

@@ -198,9 +198,6 @@ AS_WELL = 'explains it about as well'
 COMPLETE = (SHARE, AS_WELL, 'explains the recording down to its noise')
 """A verdict that ends so adds nothing to its first sentence on the page."""
 
-FEW = 6
-"""Effects that one line of the first screen lists, and how many more there are."""
-
 _CHANNELS = {c.name for c in CHANNELS}
 
 
@@ -406,8 +403,10 @@ def _how_sure(d: Diagnosis) -> str:
 
 
 def _few(names: Sequence[str]) -> str:
-    more = len(names) - FEW
-    return ', '.join((*names[:FEW], *((f'and {more} more',) if more > 0 else ())))
+    # effects that one line of the first screen lists, and how many more there are
+    few = 6
+    more = len(names) - few
+    return ', '.join((*names[:few], *((f'and {more} more',) if more > 0 else ())))
 
 
 def _called(name: str, named: Collection[str]) -> str:

@@ -22,12 +22,6 @@ from forcecal_ros.effects.rig import (
 from forcecal_ros.sim.rigid_tool import GYRATION
 import numpy as np
 
-MOST_TURNED = 0.02
-"""Of an accelerometer against ft_sensor [rad]: that reads 2 % of gravity on another axis."""
-
-UNKNOWN_INERTIA = 1.0
-"""Relative tolerance of an inertia that is not identifiable."""
-
 
 class ToolFit(NamedTuple):
     """A rig with tool and sensors as they are, and what is to be known of them."""
@@ -59,15 +53,17 @@ def fit_tool(rig: Rig, recordings: Sequence[Recording], settings: Identification
 
 
 def _calibrated(rig: Rig, recording: Recording, c: Calibration) -> ToolFit:
+    # relative tolerance of an inertia that is not identifiable
+    unknown_inertia = 1.0
     mass, usual, notes = float(c.mass), rig.spreads, []
-    inertia, relative = mass * GYRATION ** 2 * np.eye(3), UNKNOWN_INERTIA
+    inertia, relative = mass * GYRATION ** 2 * np.eye(3), unknown_inertia
     if c.inertia is None:
         notes.append(f'the inertia of the tool is not identifiable; that of a gripper of '
                      f'{mass:.3g} kg is taken')
     else:
         inertia = possible(c.inertia.value)
         known = np.diag(_std(c.inertia)) / np.maximum(np.diag(inertia), 1e-9)
-        relative = min(UNKNOWN_INERTIA, float(known.max()))
+        relative = min(unknown_inertia, float(known.max()))
     com = tuple(c.com.value.tolist())
     rig = replace(
         rig, tool=replace(rig.tool, mass=mass, com=com, inertia=rows_of(inertia), tip=com),
@@ -105,12 +101,14 @@ def _slide(rig: Rig, recording: Recording, c: Calibration) -> Optidrive | None:
 
 def _with_accelerometer(rig: Rig, a: CalibratedAccelerometer, notes: tuple[str, ...]) -> ToolFit:
     """Mount it; one in m/s^2 keeps a gain of 1, and what it is off counts as tolerance."""
+    # of an accelerometer against ft_sensor [rad]: that reads 2 % of gravity on another axis
+    most_turned = 0.02
     turned = float(np.linalg.norm(rotation_vector(a.map.value)))
-    if turned > MOST_TURNED:
+    if turned > most_turned:
         raise DataError(
             f'accelerometer: its axes are turned by '
-            f'{above(np.degrees(turned), np.degrees(MOST_TURNED))} deg against ft_sensor, '
-            f'expected {np.degrees(MOST_TURNED):.3g} deg at most, as a rig mounts it '
+            f'{above(np.degrees(turned), np.degrees(most_turned))} deg against ft_sensor, '
+            f'expected {np.degrees(most_turned):.3g} deg at most, as a rig mounts it '
             'along the sensor; record it in that frame')
     position = rig.tool.com
     if a.position is None:
@@ -140,10 +138,6 @@ _SMOOTHEST = (1.0, -4.0, 6.0, -4.0, 1.0)
 FEWEST = 50
 """Samples from which rate and noise are estimated."""
 
-TENTH = 1e-4
-"""Periods that are no whole number of hertz are taken in these steps [s]."""
-
-
 def period_of(t: Array) -> float:
     """Return the mean interval between samples, those that got lost counted [s]."""
     steps = np.diff(t)
@@ -160,6 +154,8 @@ def command_period(t: Array) -> float:
     DataError
         They come irregularly, or too few.
     """
+    # periods that are no whole number of hertz are taken in these steps [s]
+    tenth = 1e-4
     if len(t) < FEWEST:
         raise DataError(f'target_frame: {len(t)} commands do not tell how the robot follows; '
                         'record the commands while it moves, 10 s or more')
@@ -176,7 +172,7 @@ def command_period(t: Array) -> float:
     # round: of a rate: as far from a whole number of hertz as computers' clocks are apart at most
     if rate and abs(rate * period - 1.0) < 1e-3:
         return 1.0 / rate
-    return round(period / TENTH) * TENTH
+    return round(period / tenth) * tenth
 
 
 def rate_beside(t: Array, period: float) -> float:

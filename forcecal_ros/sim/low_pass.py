@@ -8,9 +8,6 @@ from scipy.interpolate import CubicSpline
 LEAST, MOST = 1.0, 12.5
 """Clear band, at least and at most [Hz]: above, arm and gripper ring, and no tool is rigid."""
 
-WINDOW = 4.0
-"""Length of the windows over which spectra are averaged [s]."""
-
 def clear_band(rows: Array, rate: float) -> float:
     """
     Tell where a signal's spectrum comes down to its floor.
@@ -30,11 +27,13 @@ def clear_band(rows: Array, rate: float) -> float:
     float
         [Hz]
     """
+    # length of the windows over which spectra are averaged [s]
+    window = 4.0
     from scipy.signal import welch  # takes a second, which a node does not start with
 
-    if rate < 5.0 * MOST or len(rows) < WINDOW * rate:
+    if rate < 5.0 * MOST or len(rows) < window * rate:
         return MOST  # no floor to be seen
-    frequency, power = welch(rows, rate, nperseg=int(WINDOW * rate), axis=0)
+    frequency, power = welch(rows, rate, nperseg=int(window * rate), axis=0)
     power = power.sum(axis=1)
     floor = float(np.median(power[frequency > 2.0 * MOST]))
     # clear: factor above its floor from which the power of a signal is no noise

@@ -40,11 +40,6 @@ from numpy.typing import NDArray
 SETTLING_S = 2.0
 """Simulated at the first command before the recording begins [s]: until an arm hangs still."""
 
-STEP_PARTS = (2, 4, 8, 16)
-"""
-Parts of a time step that are tried where a simulation is unstable: the step that a stiff joint
-bears is known to a factor of two, and 16 parts take as long as a diagnosis' first 16 runs.
-"""
 @dataclass
 class MujocoRobot:
     """
@@ -167,11 +162,15 @@ class MujocoRobot:
 
     def _steadier(self, inputs: Inputs, parameters: Mapping[str, float]) -> str:
         """Say with which time step it runs, or that it runs with none."""
+        # parts of a time step that are tried where a simulation is unstable: the step that a
+        # stiff joint bears is known to a factor of two, and 16 parts take as long as a diagnosis'
+        # first 16 runs
+        step_parts = (2, 4, 8, 16)
         step = float(self.model.opt.timestep)
-        for parts in STEP_PARTS:
+        for parts in step_parts:
             if not self._in_parts(inputs, parameters, parts)[1]:
                 return f'with timestep {step / parts:g} for {step:g} it runs: take that'
-        return (f'nor does it run with timestep {step / STEP_PARTS[-1]:g} for {step:g}: look for '
+        return (f'nor does it run with timestep {step / step_parts[-1]:g} for {step:g}: look for '
                 'gains too high for the inertias, bodies that collide, or joints without armature')
 
     def _in_parts(self, inputs: Inputs, parameters: Mapping[str, float], parts: int

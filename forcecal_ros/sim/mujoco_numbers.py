@@ -323,9 +323,6 @@ def warning_of(mujoco: Any, data: Any) -> str:
     return next(texts, '').rstrip('.')
 
 
-JOINT_FRICTION_SIGMA = (0.1, 0.1)
-"""Of dry friction, 1 sigma: part of the model's, and beside it [N m] or [N]: what warmth makes."""
-
 GAIN_SIGMA = (0.05, 0.1)
 """Of the gains kp and kv of a position actuator, 1 sigma, relative: as controllers are set."""
 
@@ -396,13 +393,15 @@ def _of_tool(model: Any, body: str, site: str) -> list[Number]:
 
 
 def _of_joints(mujoco: Any, model: Any, drives: Sequence[Drive]) -> list[Number]:
+    # of dry friction, 1 sigma: part of the model's, and beside it [N m] or [N]: what warmth makes
+    joint_friction_sigma = (0.1, 0.1)
     found = []
     for drive in drives:
         i, name, dof = drive.actuator, drive.joint, drive.dof
         slides = model.jnt_type[model.joint(name).id] == mujoco.mjtJoint.mjJNT_SLIDE
         friction = float(model.dof_frictionloss[dof])
         damping, kv = float(model.dof_damping[dof]), -float(model.actuator_biasprm[i, 2])
-        sigma = JOINT_FRICTION_SIGMA[0] * friction + JOINT_FRICTION_SIGMA[1]
+        sigma = joint_friction_sigma[0] * friction + joint_friction_sigma[1]
         found.append(Number(Parameter(f'dof_frictionloss[{name}]', friction, sigma,
                                        'N' if slides else 'N m', 0.0),
                              _writer('dof_frictionloss', dof), _rubbing(name)))
@@ -513,9 +512,6 @@ def _integral(i: int) -> _Both:
 
 LIMIT_SIGMA = 0.1
 """Of a drive's limit, 1 sigma, relative: currents and torque constants are known to a tenth."""
-
-NEAR_LIMIT = 1.0 - LIMIT_SIGMA
-"""Part of its limit from which a drive may be at it, were the limit lower by one sigma."""
 
 ACTUATOR, JOINT, INPUT = 'actuator_forcerange', 'jnt_actfrcrange', 'actuator_ctrlrange'
 
@@ -642,7 +638,9 @@ class Forces:
 
     def near(self) -> list[Limit]:
         """List the limits that a drive comes to, or would come to if they were a little lower."""
-        return [one for one, part in zip(self._limits, self.most) if part > NEAR_LIMIT]
+        # part of its limit from which a drive may be at it, were the limit lower by one sigma
+        near_limit = 1.0 - LIMIT_SIGMA
+        return [one for one, part in zip(self._limits, self.most) if part > near_limit]
 
     def notes(self, step: float) -> Iterator[str]:
         """Say which drives are at their limit, and for how long; the step in s."""
@@ -662,15 +660,6 @@ def _force_row(model: Any, one: Limit) -> int:
     """Return where the data have what a limit clips."""
     return int(model.joint(one.joint).dofadr[0]) if one.field == JOINT else one.row
 
-
-MAX_CONTACT_FACTOR = 5.0
-"""Factor by which either may be off, at most: beyond, another material was meant."""
-
-PLACE_SIGMA, MAX_PLACE_SHIFT = 0.001, 0.1
-"""
-Of the place of what stands in the world, 1 sigma and at most [m]: as a table is measured. Were it
-taken to be where the model has it, one that is a millimetre lower would be called softer.
-"""
 
 SOLREF, FRICTION, PLACE = 'geom_solref', 'geom_friction', 'geom_pos'
 
@@ -716,6 +705,8 @@ def contact_numbers(model: Any, body: str) -> Iterator[tuple[Parameter, _Write, 
     Parameter, write, patch
         Into a model that was compiled, and into its source, which was compiled, too.
     """
+    # factor by which either may be off, at most: beyond, another material was meant
+    max_contact_factor = 5.0
     own, names = own_geoms(model, body), touchable(model, body)
     # solref sigma and friction sigma: of a contact's time constant and of its friction, 1 sigma,
     # relative: a stiffness, which goes with one over the square of that time, is taken to be
@@ -728,7 +719,7 @@ def contact_numbers(model: Any, body: str) -> Iterator[tuple[Parameter, _Write, 
             if value == 0.0 or (field == FRICTION and not slides):
                 continue
             stiffness = field == SOLREF and value < 0.0
-            low, high = sorted((value / MAX_CONTACT_FACTOR, value * MAX_CONTACT_FACTOR))
+            low, high = sorted((value / max_contact_factor, value * max_contact_factor))
             unit = '1' if field == FRICTION else '1/s^2' if stiffness else 's'
             yield (Parameter(f'{field}[{name}]', value, (1 + stiffness) * part * abs(value), unit,
                              low, high, 'environment'), *shared.of(i))
@@ -738,6 +729,10 @@ def contact_numbers(model: Any, body: str) -> Iterator[tuple[Parameter, _Write, 
 
 
 def _places(model: Any, i: int, name: str) -> Iterator[tuple[Parameter, _Write, _Write]]:
+    # of the place of what stands in the world, 1 sigma and at most [m]: as a table is measured.
+    # Were it taken to be where the model has it, one that is a millimetre lower would be
+    # called softer
+    place_sigma, max_place_shift = 0.001, 0.1
     first = model.geom_pos[i].copy()
 
     def along(axis: int) -> tuple[_Write, _Write]:
@@ -751,8 +746,8 @@ def _places(model: Any, i: int, name: str) -> Iterator[tuple[Parameter, _Write, 
         return write, patch
 
     for k, a in enumerate(AXES):
-        yield (Parameter(f'{PLACE}[{name}].{a}', float(first[k]), PLACE_SIGMA, 'm',
-                         first[k] - MAX_PLACE_SHIFT, first[k] + MAX_PLACE_SHIFT, 'environment'),
+        yield (Parameter(f'{PLACE}[{name}].{a}', float(first[k]), place_sigma, 'm',
+                         first[k] - max_place_shift, first[k] + max_place_shift, 'environment'),
                *along(k))
 
 

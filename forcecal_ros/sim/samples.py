@@ -10,9 +10,6 @@ from forcecal_ros.sim.protocol import Inputs
 from forcecal_ros.sim.third_party import ThirdParty
 import numpy as np
 
-RATE, DURATION = 100.0, 60.0
-"""[Hz], [s]: a minute, as [Traversaro2014] took for each added mass."""
-
 MASS, COM = 2.9, np.array([0.012, -0.008, 0.205])
 """Of the limb alone [kg], in the sensor's frame [m]."""
 
@@ -65,7 +62,9 @@ def logs(seed: int) -> Mapping[str, Log]:
 
 def record(load: Load, rng: np.random.Generator) -> Log:
     """Tilt the limb with a load on it, and write down what its sensors say."""
-    t = np.arange(round(DURATION * RATE)) / RATE
+    # [Hz], [s]: a minute, as [Traversaro2014] took for each added mass
+    rate, duration = 100.0, 60.0
+    t = np.arange(round(duration * rate)) / rate
     pitch, roll = (amplitude * np.sin(2.0 * np.pi * (t / period + rng.uniform()))
                    for amplitude, period in SWINGS)
     # the limb hangs along z of the sensor

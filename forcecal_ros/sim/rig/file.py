@@ -89,10 +89,6 @@ def _effect_lines(chosen: Chosen) -> Iterator[str]:
                 f' # {q.unit}'
 
 
-TRAVEL = 0.05
-"""Of the joint, either way: twice what the nominal tool's weight bends its spring [m]."""
-
-
 def _visual(shape: str, centre: Array | tuple[float, ...], colour: str, rpy: str = '0 0 0'
             ) -> str:
     x, y, z = centre
@@ -110,12 +106,14 @@ def _inertial(mass: float, com: Array, J: Array) -> str:
 
 def urdf(rig: Rig) -> str:
     """Return the URDF of what hangs on the sensor of a rig."""
+    # of the joint, either way: twice what the nominal tool's weight bends its spring [m]
+    travel = 0.05
     tool, com, tip = rig.tool, np.array(rig.tool.com), np.array(rig.tool.tip)
     size = 2 * np.abs(com[:2]) + 0.1
     body = f'<box size="{size[0]:g} {size[1]:g} {2 * com[2]:g}"/>'
     joint = 'prismatic' if rig.optidrive is not None else 'fixed'
     limit = ('' if joint == 'fixed' else '\n    <axis xyz="1 0 0"/>\n    '
-             f'<limit lower="{-TRAVEL}" upper="{TRAVEL}" effort="500" velocity="1"/>')
+             f'<limit lower="{-travel}" upper="{travel}" effort="500" velocity="1"/>')
     return '\n'.join((
         '<?xml version="1.0"?>', '<robot name="rig">',
         '  <material name="steel"><color rgba="0.6 0.6 0.65 1"/></material>',

@@ -164,10 +164,6 @@ def kernel_parameters(rig: Rig, accelerometer: str | None = None) -> Array:
 AT_ONCE = 2048
 """Periods that are moved along at once: effects of the robot work on copies."""
 
-FASTEST = 0.2
-"""Longest step times the fastest rate of tool or orientation servo [rad]."""
-
-
 class Plant:
     """
     The physics of a rig, block after block, its effects included.
@@ -293,14 +289,16 @@ def enough_steps(rig: Rig) -> int:
         Steps are 0.5 ms at most, FASTEST over the fastest rate of servo and tool at most,
         and a whole number of them lies between the samples of each sensor.
     """
+    # longest step times the fastest rate of tool or orientation servo [rad]
+    fastest = 0.2
     common, rig = common_samples(rig), physical_rig(rig)
     damping = max(1.0, rig.servo.orientation_damping or 1.0)
     turning = rig.servo.orientation_bandwidth * (damping + math.sqrt(damping ** 2 - 1.0))
     # longest step: longest integration step [s]: forces of the nominal rig have converged to 1e-4
     # N
-    rates = [FASTEST / 0.0005, turning, *slide_rates(rig)]
+    rates = [fastest / 0.0005, turning, *slide_rates(rig)]
     if rig.optidrive:
         rates += [
             math.sqrt((rig.optidrive.stiffness + rig.wall.stiffness) / rig.tool.mass),
             (rig.optidrive.damping + rig.wall.damping) / rig.tool.mass]
-    return common * math.ceil(rig.robot.period * max(rates) / FASTEST / common - 1e-9)
+    return common * math.ceil(rig.robot.period * max(rates) / fastest / common - 1e-9)

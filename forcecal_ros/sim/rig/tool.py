@@ -26,13 +26,6 @@ TOOL_STATE = np.dtype([
     ('anchor', 'f8'),      # [m] displacement at which static friction is zero
 ])
 
-FURTHEST = 1.0
-"""Largest displacement at which equilibrium is looked for [m]."""
-
-BALANCED = 1e-8
-"""Net force that counts as zero when looking for equilibrium [N]."""
-
-
 class Slide(NamedTuple):
     """
     Displacement of the tool along x of S, and the wall's push, at the steps, start included.
@@ -94,6 +87,10 @@ def tool_at_rest(p: Record, position: Array, R_base_sensor: Array) -> Array:
 
 def _rest_with_effects(p: Record, position: Array, R_base_sensor: Array) -> float:
     """Find where the forces balance; within the play, as near to its middle as they do."""
+    # net force that counts as zero when looking for equilibrium [N]
+    balanced = 1e-8
+    # largest displacement at which equilibrium is looked for [m]
+    furthest = 1.0
     along = R_base_sensor[:, 0]
     depth = position[0] + R_base_sensor[0] @ p['tip'] - p['wall_position']
     stretch = position + R_base_sensor @ p['cable_point'] - p['cable_home']
@@ -106,13 +103,13 @@ def _rest_with_effects(p: Record, position: Array, R_base_sensor: Array) -> floa
                      - _spring(p['stiffness'], p['stiffening'], p['half_gap'], s))
 
     def edge(least: float) -> float:
-        low, high = -FURTHEST, FURTHEST
+        low, high = -furthest, furthest
         for _ in range(40):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if force(middle) > least else (low, middle)
         return 0.5 * (low + high)
 
-    return min(max(0.0, edge(BALANCED)), edge(-BALANCED))
+    return min(max(0.0, edge(balanced)), edge(-balanced))
 
 
 @compiled
