@@ -5,7 +5,7 @@ from math import exp, inf, log, tau
 from typing import Any, NamedTuple
 
 from forcecal_ros.core.calibration import Accelerometer, Calibration, Estimate
-from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.errors import ConfigError, UnobservableError
 from forcecal_ros.core.geometry import Array, Vector, ZERO
 from forcecal_ros.core.sensor_matrix import sensor_matrix, SensorMatrix
 from forcecal_ros.observe.bandwidth import (
@@ -13,7 +13,6 @@ from forcecal_ros.observe.bandwidth import (
     as_calibrated,
     butterworth,
     contact_bandwidth,
-    design_joint,
     fast_share,
     load_maps,
     motion_corner,
@@ -249,8 +248,10 @@ def design(calibration: Calibration, settings: ObserverSettings = ObserverSettin
     settings = as_calibrated(settings, calibration)
     name, accelerometer = _filter(calibration, settings), calibration.accelerometer
     track = settings.offset == 'on' or (settings.offset == 'auto' and settings.position)
-    if track:
-        design_joint(levels, load.m, settings, 1 / levels.rate, settings.position)
+    if track and not settings.position:
+        raise UnobservableError('without positions in the poses, accelerometer offset and contact '
+                                'force cannot be separated; leave the accelerometer offset out '
+                                '(observer offset: off)')
     rate = tau * _bandwidth(calibration, load.m, settings)
     tool = calibration.tool
     stiffness = float(tool.stiffness) if tool is not None else 0.0
