@@ -18,10 +18,13 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.nodes.runtime import Interrupt, LEVELS, OUTPUT, starting
 from geometry_msgs.msg import PoseStamped, WrenchStamped
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.srv import SetParameters
 import rclpy
 from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
@@ -218,6 +221,12 @@ def ask(ros: TemporaryNode, service: str, patience: float) -> Trigger.Response:
                         'what was requested; forcecal status shows it')
     response: Trigger.Response = answer.result()
     return response
+
+
+def sequence_request(name: str) -> SetParameters.Request:
+    """Return the request that lets the sequencer run this sequence at its next start."""
+    value = Parameter('sequence', value=name).get_parameter_value()
+    return SetParameters.Request(parameters=[ParameterMessage(name='sequence', value=value)])
 
 
 def node_statuses(ros: TemporaryNode, seconds: float) -> dict[str, DiagnosticStatus]:

@@ -21,14 +21,12 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.diagnose.dataset import CHANNELS, STAGES
-from forcecal_ros.nodes.client import NODES, WORDS
+from forcecal_ros.nodes.client import NODES, sequence_request, WORDS
 from forcecal_ros.nodes.runtime import OUTPUT, SECOND, STEADY
 from forcecal_ros.nodes.wire import Inbox, Reader
 from geometry_msgs.msg import WrenchStamped
-from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
@@ -170,9 +168,7 @@ class LiveView:
         if what == 'abort':
             self._call(self._move['abort'], Trigger.Request(), lambda done: None)
             return
-        value = Parameter('sequence', value=what).get_parameter_value()
-        self._call(self._set, SetParameters.Request(
-            parameters=[ParameterMessage(name='sequence', value=value)]), self._chosen)
+        self._call(self._set, sequence_request(what), self._chosen)
 
     def _chosen(self, response: SetParameters.Response) -> None:
         if response.results[0].successful:
