@@ -215,12 +215,12 @@ def _calibration(args: argparse.Namespace) -> int:
 
     from forcecal_ros.core.files import write_text
     from forcecal_ros.io.calibration_file import load
-    from forcecal_ros.motion.information import sensors_of
     from forcecal_ros.motion.optimal_design import (
         as_text,
         criterion_of,
         design_calibration,
         Robot,
+        sensors_of,
         to_document,
         to_parameters,
     )

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from forcecal_ros.core.topics import Topic
     from forcecal_ros.nodes.bags import Player
 
+
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(

@@ -17,6 +17,7 @@ from scipy.linalg import expm
 Operator = Callable[[Array], Array]
 """Changes the next samples of a signal, shape (n, k), and keeps what it needs for those after."""
 
+
 class Delay:
     """
     A delay by any fraction of a sample: Lagrange interpolation between the nearest samples.

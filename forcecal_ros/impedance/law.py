@@ -10,6 +10,7 @@ OK = 'ok'
 COASTING = 'coasting'
 LATE = 'late'
 
+
 class Law(NamedTuple):
     """
     Everything the step needs in addition to its state; along x of ft_sensor, from the start.

@@ -223,6 +223,7 @@ ORDERS = (1, 2, 3, 4, 5, 6)
 DELAYS = (1, 2, 3)
 """Delays from command to position that are tried [periods]."""
 
+
 class Pair(NamedTuple):
     """
     A pole and a zero that nearly cancel.
@@ -378,6 +379,7 @@ def cancelling_pairs(robot: Robot) -> tuple[Pair, ...]:
 
 WINDOW = 0.1
 """Length of a weighting window [s]."""
+
 
 class Signal(NamedTuple):
     """One signal with its stamps: t, values, shape (n,)."""

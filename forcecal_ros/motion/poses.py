@@ -36,7 +36,7 @@ def nominal_poses() -> dict[str, Pose]:
 
     All at one position of the nominal rig: ``v`` (x horizontal, home), ``h`` (x up), ``side``
     (45 deg about x) and ``down`` (x down). The last two were chosen by the Fisher information of
-    :mod:`forcecal_ros.motion.information` for the least standard error of the accelerometer's
+    :mod:`forcecal_ros.motion.optimal_design` for the least standard error of the accelerometer's
     offset within 16 s and 100 deg from home, with nothing else worse than by three poses of 1 s
     in 14 s: 0.16 mV, against 0.28 mV.
     """

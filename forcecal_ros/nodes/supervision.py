@@ -124,6 +124,7 @@ NTP, at most 0.5 ms/s, stays below it for three minutes [s]."""
 UNKNOWN_RATE = 1e3
 """Rate that a simulated clock may have until it is known, far above any simulator's [s/s]."""
 
+
 class Fault(NamedTuple):
     """Reason to abort; ``at_once``: the robot rests already."""
 

@@ -72,6 +72,7 @@ that grew further would lose their digits [s]."""
 
 _UNCORRELATED = np.zeros(6)
 
+
 class Covariances(NamedTuple):
     """
     Covariances of the wrench [N^2, N^2 m, N^2 m^2], each of shape (6, 6).

@@ -28,6 +28,7 @@ import numpy as np
 NAME = re.compile(r'[A-Za-z_]\w*(/[A-Za-z_]\w*)*', re.ASCII)
 """What a topic may be called by."""
 
+
 class Placement(NamedTuple):
     """Where ft_sensor is in a frame: its origin [m], and the rotation to the frame's axes."""
 

@@ -74,6 +74,7 @@ TRACKING, FROZEN, NOT_EXCITED = 'tracking', 'frozen', 'not_excited'
 LASTING_S = 0.4
 """What explains all readings for so long is no blow and no grasp that is closing [s]."""
 
+
 @dataclass(frozen=True)
 class PayloadSettings(Section, name='payload'):
     """Choices of the payload's estimation."""

@@ -11,6 +11,7 @@ from forcecal_ros.report.rows import HALF
 ALL = '{all}'
 """Represents every number of an effect that is beyond chance, with its name."""
 
+
 class Words(NamedTuple):
     """
     How one speaks of an effect.

@@ -123,6 +123,7 @@ Longest integration step while fitting [s]; half of it, times 1800 rad/s, is sta
 of any bandwidth and damping that are tried. Positions are exact at any step.
 """
 
+
 class AxisFit(NamedTuple):
     """
     One axis.
@@ -366,6 +367,7 @@ def _numerator(feedback: Array, command: Array, position: Array, delay: int, use
 
 LIMITS = ((2.0, 0.3), (300.0, 3.0))
 """Bandwidth [rad/s] and damping that are tried: the integration is right within them."""
+
 
 class RotationFit(NamedTuple):
     """

@@ -23,9 +23,8 @@ from forcecal_ros.effects.nuisances import (
 )
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.effects.signals import INVERTIBLE
-from forcecal_ros.sim.low_pass import clear_band, MOST, slow
 from forcecal_ros.sim.rigid_tool import CABLE, CarriedTool, only, RigidTool, SMOOTH, UNKNOWN_DELAY
-from forcecal_ros.sim.signals import BLOCK, block_means, RATE, Signals
+from forcecal_ros.sim.signals import BLOCK, block_means, clear_band, MOST, RATE, Signals, slow
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
@@ -293,6 +292,7 @@ class RecordedSimulation(MeasuredMotion):
 
 CONTACT_FORCE_N = 1.0
 """From which a force beyond a rigid tool's is contact, at least [N]: six times a UR's noise."""
+
 
 def contact_blocks(beyond: Array) -> NDArray[np.bool_]:
     """

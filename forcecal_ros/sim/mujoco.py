@@ -40,6 +40,7 @@ from numpy.typing import NDArray
 SETTLING_S = 2.0
 """Simulated at the first command before the recording begins [s]: until an arm hangs still."""
 
+
 @dataclass
 class MujocoRobot:
     """
@@ -272,10 +273,12 @@ NO_BACKLASH = ('no number of a model in MuJoCo makes backlash: let the controlle
 SENSOR_PREFIX = 'forcecal_'
 """Before the names of the sensors that are added to a model."""
 
+
 def _named(field: str, parameters: Mapping[str, float]) -> dict[str, float]:
     """Return by joint what parameters say of a field."""
     return {name[len(field) + 1:-1]: value for name, value in parameters.items()
             if name.startswith(f'{field}[')}
+
 
 def _commands(mujoco: Any, model: Any, drives: Sequence[Drive], joints: JointStream | None
               ) -> tuple[JointStream, list[Drive]]:

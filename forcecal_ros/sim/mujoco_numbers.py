@@ -14,6 +14,7 @@ _Write = Callable[[Any, float], None]
 POSITION, INTEGRATED, VELOCITY, TORQUE = 'position', 'integrated velocity', 'velocity', 'torque'
 PID = 'position and rate'
 
+
 class Drive(NamedTuple):
     """
     An actuator of one joint.

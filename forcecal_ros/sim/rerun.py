@@ -12,7 +12,6 @@ from forcecal_ros.effects import AccelerometerEffects, Effect, EFFECTS, physical
 from forcecal_ros.effects.library import MOVING
 from forcecal_ros.effects.nuisances import LEAST, Nuisance, of_sensors, scaled, shifted
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.sim.low_pass import MOST
 from forcecal_ros.sim.measured_motion import (
     contact_blocks,
     CONTACT_FORCE_N,
@@ -22,7 +21,7 @@ from forcecal_ros.sim.measured_motion import (
 from forcecal_ros.sim.protocol import Parameter
 from forcecal_ros.sim.rigid_tool import CABLE, CarriedTool, RigidTool
 from forcecal_ros.sim.runs import Numbers, Runs
-from forcecal_ros.sim.signals import block_means, JOINTS, padded, RATE, Signals, UNSEEN
+from forcecal_ros.sim.signals import block_means, JOINTS, MOST, padded, RATE, Signals, UNSEEN
 import numpy as np
 from numpy.typing import NDArray
 

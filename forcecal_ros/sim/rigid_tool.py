@@ -12,8 +12,17 @@ from forcecal_ros.effects.library import Chosen
 from forcecal_ros.effects.nuisances import possible, rows_of
 from forcecal_ros.effects.rig import AccelerometerModel, NominalTolerances, Rig, Tool
 from forcecal_ros.effects.signals import specific_force_of
-from forcecal_ros.sim.low_pass import clear_band, MOST, slow, slowed
-from forcecal_ros.sim.signals import BLOCK, block_means, RATE, Signals, UNSEEN
+from forcecal_ros.sim.signals import (
+    BLOCK,
+    block_means,
+    clear_band,
+    MOST,
+    RATE,
+    Signals,
+    slow,
+    slowed,
+    UNSEEN,
+)
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline

@@ -29,6 +29,7 @@ STAGES = ('robot', 'tool', 'environment')
 
 NOTHING: Mapping[str, float] = MappingProxyType({})
 
+
 @dataclass(frozen=True)
 class ThirdParty:
     """

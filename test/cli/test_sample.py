@@ -4,10 +4,10 @@ import json
 from pathlib import Path
 
 from forcecal_ros.cli.main import main
+from forcecal_ros.cli.sample import LOADS, MASS, ZERO
 from forcecal_ros.io.bags import read_recording
 from forcecal_ros.io.calibration_file import load
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.samples import LOADS, MASS, ZERO
 import numpy as np
 import pytest
 

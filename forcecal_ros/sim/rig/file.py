@@ -12,7 +12,7 @@ from forcecal_ros.core.schema import columns, load, Section, yaml_value
 from forcecal_ros.effects.apply import physical_rig
 from forcecal_ros.effects.library import Chosen, chosen_effects, EFFECTS, named_effects
 from forcecal_ros.effects.rig import AccelerometerModel, Rig
-from forcecal_ros.motion.information import Sensors
+from forcecal_ros.motion.optimal_design import Sensors
 import numpy as np
 
 _EXAMPLE: Chosen = chosen_effects({'wrench_delay': {'delay': 0.004}})

@@ -164,6 +164,7 @@ def kernel_parameters(rig: Rig, accelerometer: str | None = None) -> Array:
 AT_ONCE = 2048
 """Periods that are moved along at once: effects of the robot work on copies."""
 
+
 class Plant:
     """
     The physics of a rig, block after block, its effects included.

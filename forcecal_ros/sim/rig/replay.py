@@ -19,6 +19,7 @@ import numpy as np
 
 T = TypeVar('T')
 
+
 class Replay:
     """
     One stream of commands, simulated as often as needed.

@@ -26,6 +26,7 @@ TOOL_STATE = np.dtype([
     ('anchor', 'f8'),      # [m] displacement at which static friction is zero
 ])
 
+
 class Slide(NamedTuple):
     """
     Displacement of the tool along x of S, and the wall's push, at the steps, start included.
