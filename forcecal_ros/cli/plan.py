@@ -164,8 +164,7 @@ def _setup(args: argparse.Namespace) -> Setup:
     from forcecal_ros.effects.rig import Home
     from forcecal_ros.motion.limits import Limits
     from forcecal_ros.motion.plan import Timing
-    from forcecal_ros.motion.poses import reach_of, read_poses
-    from forcecal_ros.motion.profiles import Pace, Pose
+    from forcecal_ros.motion.profiles import Pace, Pose, reach_of, read_poses
     from forcecal_ros.sim.rig.file import load_rig
     import numpy as np
 

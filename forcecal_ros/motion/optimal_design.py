@@ -29,8 +29,15 @@ from forcecal_ros.core.quantity import size, sizes
 from forcecal_ros.core.schema import yaml_value
 from forcecal_ros.motion.limits import check_move, Limits, pace_within, share_allowed
 from forcecal_ros.motion.plan import Timing
-from forcecal_ros.motion.poses import flatten_poses, step_goal
-from forcecal_ros.motion.profiles import Move, Pace, Pose, quintic, shortest_duration
+from forcecal_ros.motion.profiles import (
+    flatten_poses,
+    Move,
+    Pace,
+    Pose,
+    quintic,
+    shortest_duration,
+    step_goal,
+)
 import numpy as np
 
 _TOOL, _ACCELEROMETER = 10, 16

@@ -22,8 +22,8 @@ from forcecal_ros.nodes.inputs import (
     pose_source,
 )
 from forcecal_ros.nodes.motion_node import MotionNode
-from forcecal_ros.nodes.parameters import live_parameter as _live
 from forcecal_ros.nodes.runtime import EXECUTOR, run, SECOND
+from forcecal_ros.nodes.runtime import live_parameter as _live
 from forcecal_ros.nodes.supervision import Deadman, Sensors
 from forcecal_ros.nodes.wire import JointReader, Reader
 from geometry_msgs.msg import WrenchStamped

@@ -13,8 +13,7 @@ from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import WatchSettings
 from forcecal_ros.motion.sequence import Command, next_in_phase, StreamClock
 from forcecal_ros.nodes.backends import Backend
-from forcecal_ros.nodes.parameters import declare
-from forcecal_ros.nodes.runtime import answering, diagnostic_array, OUTPUT, SECOND, STEADY
+from forcecal_ros.nodes.runtime import answering, declare, diagnostic_array, OUTPUT, SECOND, STEADY
 from forcecal_ros.nodes.supervision import Fault, Guard, Sensors
 from forcecal_ros.nodes.wire import Inbox
 import numpy as np

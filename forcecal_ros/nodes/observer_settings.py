@@ -8,8 +8,8 @@ from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.parameters import Parameter
 from forcecal_ros.nodes.inputs import ACCELEROMETERS, POSE_PARAMETERS, SENSOR_FROM_POSE
-from forcecal_ros.nodes.parameters import live_parameter as _live
 from forcecal_ros.nodes.runtime import EXECUTOR
+from forcecal_ros.nodes.runtime import live_parameter as _live
 from forcecal_ros.observe.payload import PayloadSettings
 from forcecal_ros.observe.settings import (
     BANDWIDTH_LIMITS,

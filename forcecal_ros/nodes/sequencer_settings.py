@@ -19,14 +19,15 @@ from forcecal_ros.core.safe_yaml import LARGEST, load_yaml
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import WatchSettings
 from forcecal_ros.motion.plan import Goal, SEQUENCES, Timing
-from forcecal_ros.motion.poses import (
+from forcecal_ros.motion.profiles import (
     anchor,
     flatten_poses,
     nominal_poses,
+    Pace,
+    Pose,
     read_poses,
     step_goal,
 )
-from forcecal_ros.motion.profiles import Pace, Pose
 from forcecal_ros.motion.sequence import StreamSettings
 from forcecal_ros.nodes.inputs import (
     ACCELEROMETER_SOURCE,
@@ -34,8 +35,8 @@ from forcecal_ros.nodes.inputs import (
     POSE_PARAMETERS,
     WRENCH_SIGN,
 )
-from forcecal_ros.nodes.parameters import live_parameter as _live
 from forcecal_ros.nodes.runtime import EXECUTOR
+from forcecal_ros.nodes.runtime import live_parameter as _live
 import numpy as np
 
 _WATCH = WatchSettings()

@@ -9,11 +9,12 @@ from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.core.errors import ConfigError, MotionError
 from forcecal_ros.core.geometry import Array, matrix_from_quaternion, quaternion_of
 from forcecal_ros.core.parameters import Parameter
-from forcecal_ros.nodes.parameters import declare, refuse_changes
 from forcecal_ros.nodes.runtime import (
+    declare,
     diagnostic_array,
     EXECUTOR,
     OUTPUT,
+    refuse_changes,
     run,
     STEADY,
     SYSTEM,

@@ -9,8 +9,8 @@ from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.quantity import quantity, rounded, size, sizes
 from forcecal_ros.core.streams import FREE, Recording, STILL, Stream
 from forcecal_ros.report import figures
+from forcecal_ros.report.figures import Line, Panel, Shown
 from forcecal_ros.report.page import Fact, origin, Picture, picture, render_page, Step
-from forcecal_ros.report.panels import Line, Panel, Shown
 from forcecal_ros.report.rows import (
     HALF,
     handy,

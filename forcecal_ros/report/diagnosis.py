@@ -16,8 +16,8 @@ from forcecal_ros.diagnose.localise import BANDS, BLOCK_RATE, time_frequency_bin
 from forcecal_ros.diagnose.result import Diagnosis
 from forcecal_ros.diagnose.verdict import FIRST, FURTHER, percent
 from forcecal_ros.report.effect_words import phrase, sentence, WORDS
+from forcecal_ros.report.figures import COLOURS, joined, Line, Panel, Shown
 from forcecal_ros.report.page import Fact, Picture, picture, render_page, Step
-from forcecal_ros.report.panels import COLOURS, joined, Line, Panel, Shown
 from forcecal_ros.report.rows import HALF
 from forcecal_ros.sim.signals import JOINTS, Signals
 from matplotlib.axes import Axes

@@ -20,8 +20,7 @@ from forcecal_ros.motion.optimal_design import (
     step_within,
 )
 from forcecal_ros.motion.plan import calibration_plan, prepare, Timing
-from forcecal_ros.motion.poses import nominal_poses, reach_of, step_goal
-from forcecal_ros.motion.profiles import Move
+from forcecal_ros.motion.profiles import Move, nominal_poses, reach_of, step_goal
 from forcecal_ros.nodes.sequencer_settings import PARAMETERS, settings_of
 from forcecal_ros.sim.rig.file import expected_sensors, load_rig
 import numpy as np

@@ -26,8 +26,8 @@ from forcecal_ros.report.diagnosis import (
     view_without_signals,
 )
 from forcecal_ros.report.effect_words import sentence, WORDS
+from forcecal_ros.report.figures import between, Line, live, MOST_POINTS
 from forcecal_ros.report.page import origin, Step
-from forcecal_ros.report.panels import between, Line, live, MOST_POINTS
 import numpy as np
 import pytest
 
