@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable
 from functools import partial
 from struct import error as StructError
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import NamedTuple, Protocol, TYPE_CHECKING, TypeAlias
 
 from forcecal_ros.core.geometry import matrix_from_quaternion
 from forcecal_ros.motion.limits import Limits
@@ -14,6 +14,13 @@ from forcecal_ros.nodes.runtime import SECOND, STEADY
 from forcecal_ros.nodes.wire import Inbox
 from rclpy.clock import Clock
 from std_msgs.msg import Header
+
+if TYPE_CHECKING:
+    from forcecal_ros.impedance.session import Session
+    from forcecal_ros.motion.sequence import MotionSequence
+
+Motion: TypeAlias = 'MotionSequence | Session'
+"""Maker of commands, one a period, from a start to done or aborted."""
 
 
 class Deadman:
@@ -132,25 +139,11 @@ class Fault(NamedTuple):
     at_once: bool = False
 
 
-class Monitored(Protocol):
-    """Monitor and dead-man switch of a moving robot."""
-
-    monitor: Monitor
-    deadman: Deadman
-
-
 class Commanded(Protocol):
     """A topic of commands, watched for commands of other nodes."""
 
     topic: str
     commands_of_others: int
-
-
-class Pausable(Protocol):
-    """A motion that can pause."""
-
-    def pause(self, paused: bool) -> None:
-        """Pause, or go on."""
 
 
 class Guard:
@@ -174,7 +167,7 @@ class Guard:
         Which sensor is silent or late, so that the motion pauses; empty: none is.
     """
 
-    def __init__(self, sensors: Monitored, backend: Commanded, motion: Pausable, clock: Clock,
+    def __init__(self, sensors: Sensors, backend: Commanded, motion: Motion, clock: Clock,
                  steady: Clock, simulated: bool) -> None:
         self._sensors, self._backend, self._motion = sensors, backend, motion
         self._clock, self._steady, self._simulated = clock, steady, simulated
