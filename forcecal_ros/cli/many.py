@@ -106,15 +106,13 @@ def attempt(work: Callable[[T], R], index: int, item: T) -> Outcome[R]:
 
 def _on_cores(work: Callable[[T], R], items: Sequence[T], jobs: int) -> Iterator[Outcome[R]]:
     """Work in processes; after a death, the items that may have caused it are done alone."""
-    # processes that an item may kill, alone on the machine, before it is given up
-    max_deaths = 2
     from concurrent.futures import as_completed, ProcessPoolExecutor
     from concurrent.futures.process import BrokenProcessPool
     from multiprocessing import get_context
 
     for threads in ('OMP', 'OPENBLAS', 'MKL'):  # more would round in another order
         os.environ.setdefault(f'{threads}_NUM_THREADS', '1')
-    left, suspects, deaths = list(range(len(items))), list[int](), 0
+    left, suspects = list(range(len(items))), list[int]()
     while left:
         batch = suspects[:1] or list(left)
         pool = ProcessPoolExecutor(min(jobs, len(batch)), get_context('spawn'),
@@ -125,16 +123,14 @@ def _on_cores(work: Callable[[T], R], items: Sequence[T], jobs: int) -> Iterator
                 outcome = future.result()
                 left.remove(outcome.index)
                 yield outcome
-            suspects, deaths = suspects[1:], 0
+            suspects = suspects[1:]
         except BrokenProcessPool:
-            deaths += 1
-            if not suspects:  # items are handed out in this order, one ahead of the processes
-                suspects, deaths = left[:2 * jobs + 1], 0
-            elif deaths == max_deaths:
-                index, deaths = suspects.pop(0), 0
-                left.remove(index)
-                yield Outcome(index, error=f'{max_deaths} processes that worked on it alone were '
+            if suspects:
+                left.remove(suspects[0])
+                yield Outcome(suspects.pop(0), error='the process that worked on it alone was '
                               'killed; is there enough memory?')
+            else:  # items are handed out in this order, one ahead of the processes
+                suspects = left[:2 * jobs + 1]
         finally:
             for process in list((pool._processes or {}).values()):  # noqa: SLF001
                 process.terminate()

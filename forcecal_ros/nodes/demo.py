@@ -58,8 +58,8 @@ Sequencer parameters of a simulated rig: the tip may reach the wall, and a busy 
 No robot moves there; the limits of a robot are for its user to widen.
 """
 
-Progress = Callable[[str, float], None]
-"""Called with the phase, and the time since the start [s]."""
+Progress = Callable[[str], None]
+"""Called with each phase."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class _Demo:
 
     def __init__(self, ros: TemporaryNode, nodes: Processes, progress: Progress) -> None:
         self._ros, self._nodes, self._progress = ros, nodes, progress
-        self._began = time.monotonic()
+        self._shown = ''
         self.phase, self.label, self.calibration, self.since = '', '', '', 0
         self.recorder = Recorder(ros.node, RECORDED)
         self._start = ros.node.create_client(Trigger, 'sequencer/start')
@@ -119,7 +119,9 @@ class _Demo:
             if self._ros.interrupted:
                 raise KeyboardInterrupt
             self._nodes.check()
-            self._progress(self.phase or 'starting', time.monotonic() - self._began)
+            if (shown := self.phase or 'starting') != self._shown:
+                self._progress(shown)
+                self._shown = shown
             if (now := progress()) != before:
                 end, before = time.monotonic() + timeout, now
             if time.monotonic() > end:
