@@ -24,9 +24,11 @@ from scipy.linalg import solve, solve_discrete_are
 class TargetImpedance(Section, name='impedance'):
     """How the tool shall give way to a force, about its reference."""
 
-    mass: Annotated[float, Row('Of the target behaviour', 'kg', above=0.0)] = 13.0
-    damping: Annotated[float, Row('Of the target behaviour', 'N s/m', above=0.0)] = 250.0
-    stiffness: Annotated[float, Row('Of the target behaviour', 'N/m', above=0.0)] = 1000.0
+    mass: Annotated[float, Row(
+        'Mass of the target impedance, about the reference', 'kg', 0.1, 1e4)] = 13.0
+    damping: Annotated[float, Row('Damping of the target impedance', 'N s/m', 0.1, 1e6)] = 250.0
+    stiffness: Annotated[float, Row(
+        'Stiffness of the target impedance', 'N/m', 0.1, 1e6)] = 1000.0
 
 
 @dataclass(frozen=True)
@@ -40,9 +42,10 @@ class DesignSettings(Section, name='design'):
 
     effort: Annotated[float, Row(
         'What a command off its steady value costs, as a force per distance: small against the '
-        'target stiffness, so that the impedance relation counts', 'N/m', above=0.0)] = 100.0
+        'target stiffness, so that the impedance relation counts', 'N/m', 1e-3, 1e6)] = 100.0
     latency: Annotated[int, Row(
-        "Periods that a command takes beyond the robot's own delay", low=0, high=50)] = 0
+        "Control periods that a command takes beyond the robot's own delay, transport of the "
+        'sensors included', low=0, high=50)] = 0
     force_lag: Annotated[float, Row(
         'Time constant of the contact force that is fed back', 's', above=0.0)] = 0.004
     force_std: Annotated[float, Row('Error of that force, white', 'N', above=0.0)] = 0.3
@@ -56,8 +59,9 @@ class DesignSettings(Section, name='design'):
     wall_damping: Annotated[float, Row('Of the wall', 'N s/m', 0.0)] = 0.0
     state_gain: Annotated[tuple[float, ...] | None, Row('L, in place of the optimal one')] = None
     force_gain: Annotated[float | None, Row(
-        'c, in place of the one that makes the steady state right', 'm/N')] = None
-    position_gain: Annotated[float | None, Row('l_r likewise', '1')] = None
+        'c of the control law in the place of the one that makes the steady state right; 0: that '
+        'one', 'm/N', -1.0, 1.0)] = None
+    position_gain: Annotated[float | None, Row('l_r likewise', '', -1e3, 1e3)] = None
 
     def __post_init__(self) -> None:
         super().__post_init__()

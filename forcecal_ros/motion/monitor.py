@@ -177,13 +177,13 @@ class WatchSettings:
     """
 
     pause_timeout: Annotated[float, Row(
-        'Silence of a sensor that brings the motion to rest until it is back', 's', 0.01, 10.0)
+        'Silence of a sensor that brings the motion to rest until it is back', 's', 0.008, 10.0)
         ] = 0.04
     most_pauses: Annotated[int, Row(
         'How often sensors may fall silent or late in one sequence; 0: no limit',
         low=0, high=1_000_000)] = 20
     lost_timeout: Annotated[float, Row(
-        'A sensor that stays silent or late for that long ends the sequence', 's', 0.05, 60.0)
+        'A sensor that stays silent or late for that long ends the motion', 's', 0.01, 60.0)
         ] = 1.0
     frozen_timeout: Annotated[float, Row(
         'Readings that repeat to the last bit for that long in motion stop it; 0: not checked',
@@ -192,7 +192,7 @@ class WatchSettings:
         'Age of its newest header stamp above which a sensor is late; 0: not checked, for '
         'clocks that are not synchronised', 's', 0.0, 10.0)] = 0.25
     clock_timeout: Annotated[float, Row(
-        'With use_sim_time, a clock that stands still for longer ends the sequence',
+        'With use_sim_time, a clock that stands still for longer ends the motion',
         's', 0.02, 60.0)] = 0.1
     window: Annotated[float, Row(
         'Length of the window in which the readings have to be as quiet as before the start for '

@@ -135,9 +135,9 @@ def test_stationary_gain_is_the_limit_of_the_recursion():
     assert found == pytest.approx(gain, rel=1e-3, abs=1e-12)
 
 
-@pytest.mark.parametrize('walk', [0.1, 2.5, 50.0])
+@pytest.mark.parametrize('walk', [0.1, 2.5, 10.0])
 def test_bandwidth_is_that_of_the_riccati_equation_of_a_random_walk(walk):
-    settings = ObserverSettings(contact_walk=walk, bandwidth_min_hz=1e-3, bandwidth_max_hz=1e6)
+    settings = ObserverSettings(contact_walk=walk, bandwidth_min_hz=1e-3, bandwidth_max_hz=1000.0)
     dt, one = 1 / LEVELS.rate, np.eye(1)
     noise = (LEVELS.force + MASS ** 2 * LEVELS.specific_force) / dt
     k = stationary_filter(one, one, walk ** 2 * dt * one, noise * one).gain[0, 0]
