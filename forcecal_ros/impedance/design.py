@@ -82,31 +82,6 @@ class Loop(NamedTuple):
         return float(np.abs(np.linalg.eigvals(self.A + np.outer(self.B, self.C))).max())
 
 
-class Margins(NamedTuple):
-    """
-    Margins of the loop, opened at the command.
-
-    Attributes
-    ----------
-    wall_stiffness : float
-        Of the wall in contact; 0: none [N/m].
-    gain : float
-        Factor on the command that makes it unstable; inf: none does.
-    phase : float
-        Lag or lead of the command that makes it unstable [rad]; inf: none does.
-    modulus : float
-        Least distance of the Nyquist curve from -1.
-    radius : float
-        Magnitude of the slowest eigenvalue of the closed loop.
-    """
-
-    wall_stiffness: float
-    gain: float
-    phase: float
-    modulus: float
-    radius: float
-
-
 def loop(law: Law, plant: Process, force_lag: float) -> Loop:
     """
     Connect law and plant, all but the command.
@@ -139,31 +114,6 @@ def loop(law: Law, plant: Process, force_lag: float) -> Loop:
     return Loop(A, B, commanded)
 
 
-def margins(open_loop: Loop, period: float, wall_stiffness: float = 0.0) -> Margins:
-    """
-    Return the margins of a loop that is stable when closed.
-
-    Parameters
-    ----------
-    period : float
-        [s]
-    wall_stiffness : float
-        Of the wall in contact, for the record [N/m].
-    """
-    import control  # loads matplotlib too: seconds, which a node does not start with
-
-    frequency = np.geomspace(0.1, 0.999 * np.pi / period, 600)
-    z = np.exp(1j * frequency * period)[:, np.newaxis, np.newaxis]
-    states = np.linalg.solve(z * np.eye(len(open_loop.B)) - open_loop.A,
-                             open_loop.B[:, np.newaxis].astype(complex))
-    response = -(open_loop.C @ states)[:, 0]
-    gains, phases, *_ = control.stability_margins(
-        control.FrequencyResponseData(response, frequency, smooth=True), returnall=True)
-    return Margins(wall_stiffness, float(min((g for g in gains if g > 1.0), default=np.inf)),
-                   float(np.deg2rad(np.abs(phases)).min(initial=np.inf)),
-                   float(np.abs(1.0 + response).min()), open_loop.radius)
-
-
 class Relation(NamedTuple):
     """The impedance relation as a row: e = X . C + D u + F f - K x_r, in N."""
 
@@ -175,64 +125,29 @@ class Relation(NamedTuple):
 
 class Design(NamedTuple):
     """
-    A law with its margins.
+    A law that is stable.
 
     Attributes
     ----------
-    margins : tuple of Margins
-        Without contact, against the softest and against the stiffest wall of the stated range.
     unstable_from : float
         Softest wall that makes it unstable; inf: none up to 1 MN/m does [N/m].
-    disagreement : float
-        Largest relative error of the compliance up to 1 Hz, without contact.
     """
 
     law: Law
-    margins: tuple[Margins, ...]
-    unstable_from: float
-    disagreement: float
-
-
-class _Stable(NamedTuple):
-    """A law that is known to be stable, the process without a wall, and the loop of both."""
-
-    law: Law
-    free: Process
-    without: Loop
     unstable_from: float
 
 
 def design(plant: Plant, target: TargetImpedance = TargetImpedance(),
            settings: DesignSettings = DesignSettings()) -> Design:
     """
-    Design the law [Gamez2005] Eq. 31 and check it.
+    Design the law [Gamez2005] Eq. 31 and check that it is stable.
 
     Raises
     ------
     ConfigError
-        See :func:`stable_law`.
+        There is no optimal gain, or the loop is unstable without contact or against a wall of the
+        stated range.
     """
-    law, free, without, unstable_from = _stable(plant, target, settings)
-    touched = [margins(_against(law, plant, settings, k), law.period, k)
-               for k in settings.wall_stiffness]
-    return Design(law, (margins(without, law.period), *touched), unstable_from,
-                  _disagreement(law, free, target, settings))
-
-
-def stable_law(plant: Plant, target: TargetImpedance, settings: DesignSettings) -> Law:
-    """
-    Return the law of :func:`design` without its margins, which take seconds.
-
-    Raises
-    ------
-    ConfigError
-        The loop is unstable without contact or against a wall of the stated range, or has no
-        optimal gain.
-    """
-    return _stable(plant, target, settings).law
-
-
-def _stable(plant: Plant, target: TargetImpedance, settings: DesignSettings) -> _Stable:
     free = process(plant, settings.latency)
     law = _law(plant, free, target, settings)
     without = loop(law, free, settings.force_lag)
@@ -246,7 +161,7 @@ def _stable(plant: Plant, target: TargetImpedance, settings: DesignSettings) -> 
         raise ConfigError(
             f'the impedance loop is unstable against a wall of {unstable_from:.0f} N/m, within '
             f'the stated range of {low:.0f} to {high:.0f} N/m; {_remedy(settings)}')
-    return _Stable(law, free, without, unstable_from)
+    return Design(law, unstable_from)
 
 
 def _remedy(settings: DesignSettings) -> str:
@@ -340,19 +255,3 @@ def _steady_gains(free: Process, e: Relation, L: Array) -> tuple[float, float]:
         [np.append(free.F, e.F), np.append(np.zeros(n), -e.K)]))
     c, l_r = steady[-1] + L @ steady[:-1]
     return float(c), float(l_r)
-
-
-def _disagreement(law: Law, free: Process, target: TargetImpedance, settings: DesignSettings
-                  ) -> float:
-    open_loop = loop(law, free, settings.force_lag)
-    n = len(law.B)
-    A = open_loop.A + np.outer(open_loop.B, open_loop.C)
-    passed = 1.0 - np.exp(-law.period / settings.force_lag)
-    B = np.concatenate([free.F, [passed], np.zeros(n)])
-    # agreement: highest frequency at which the impedance is compared with the target one [Hz]
-    frequency = np.linspace(0.02, 1.0, 50) * 2.0 * np.pi
-    z = np.exp(1j * frequency * law.period)[:, np.newaxis, np.newaxis]
-    states = np.linalg.solve(z * np.eye(len(B)) - A, B[:, np.newaxis].astype(complex))[..., 0]
-    compliance = states[:, :n] @ free.tool
-    ideal = target.stiffness + 1j * frequency * target.damping - target.mass * frequency**2
-    return float(np.abs(compliance * ideal - 1.0).max())

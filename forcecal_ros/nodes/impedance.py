@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.parameters import Parameter, parameters_of, section_of
-from forcecal_ros.impedance.design import DesignSettings, stable_law, TargetImpedance
+from forcecal_ros.impedance.design import design, DesignSettings, TargetImpedance
 from forcecal_ros.impedance.law import Measurement, Regulator
 from forcecal_ros.impedance.plant import load_plant
 from forcecal_ros.impedance.session import Bounds, Session, Task
@@ -120,7 +120,7 @@ class Impedance(MotionNode[ImpedanceSettings]):
     def __init__(self) -> None:
         super().__init__('impedance', PARAMETERS, settings_of)
         self._plant = load_plant(self.get_parameter('plant').value or None)
-        self._law = stable_law(self._plant, self._settings.target, self._settings.design)
+        self._law = design(self._plant, self._settings.target, self._settings.design).law
         self._session = Session(self._law.period)
         sensors = self._listen()
         self._serve(self._session, sensors, TargetFrame(self, self._inbox, sensors),
@@ -141,7 +141,7 @@ class Impedance(MotionNode[ImpedanceSettings]):
     def _new_settings(self) -> ImpedanceSettings:
         before, settings = self._settings, super()._new_settings()
         if (settings.target, settings.design) != (before.target, before.design):
-            self._law = stable_law(self._plant, settings.target, settings.design)
+            self._law = design(self._plant, settings.target, settings.design).law
         return settings
 
     def _begin(self) -> str:
