@@ -56,7 +56,7 @@ def assess(run: ClosedLoopRun, ideal: ClosedLoopRun, program: Program) -> Figure
     start, end = program.span('free')
     free = run.feedback.between(start, end).values[:, 0]
     strayed = (run.tool.between(start, end).values - ideal.tool.between(start, end).values)
-    held = program.first_hold('contact')
+    held = next(end for stage, end in zip(program.stages, program.ends) if stage.phase == 'contact')
     touching = run.contact.between(program.span('approach')[0], held)
     force = -touching.values[:, 0]
     begin, bounces, settling, peak = np.nan, 0, np.nan, 0.0

@@ -78,10 +78,6 @@ class Program:
         way = stage.goal - start
         return Reference(start + way * float(s), way * float(ds) / stage.duration, stage.phase)
 
-    def first_hold(self, phase: str) -> float:
-        """Return when the first stage of a phase ends [s]."""
-        return next(end for stage, end in zip(self.stages, self.ends) if stage.phase == phase)
-
     def span(self, phase: str) -> tuple[float, float]:
         """Return when a phase begins first and ends last [s]."""
         begins = (0.0, *self.ends[:-1])

@@ -5,11 +5,9 @@ the ``sim`` node and recordings made offline take them from here.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.streams import Recording
 from forcecal_ros.sim.rig.simulator import Samples, SIGNALS
 import numpy as np
 from numpy.typing import NDArray
@@ -163,31 +161,3 @@ class RobotFault:
             return None
         self._away = self._away + RUNAWAY * period if self.kind == 'runaway' else 0.0
         return np.asarray(position) - [self._away, 0.0, 0.0]
-
-
-def in_recording(recording: Recording, sensor: str, kind: str, start: float,
-                 seed: int | None = None) -> Recording:
-    """
-    Return a recording in which one sensor became faulty.
-
-    Parameters
-    ----------
-    sensor, kind : str
-        Of ``SENSORS`` and ``FAULTS``.
-    start : float
-        From when on [s].
-    seed : int, optional
-        Of garbage.
-    """
-    stream = getattr(recording, sensor)
-    names = [name for name in ('values', 'position', 'R_base_sensor') if hasattr(stream, name)]
-    fields = dict(zip(SIGNALS[sensor][1:], names))
-    fault = SensorFault(sensor, seed)
-    parts = []
-    for fault.kind, inside in (('none', stream.t < start), (kind, stream.t >= start)):
-        block = {field: getattr(stream, name)[inside] for field, name in fields.items()}
-        parts.append(fault.block(_Block(stream.t[inside], block)))
-    t = np.concatenate([part.t for part in parts])
-    values = {name: np.concatenate([part.fields[field] for part in parts])
-              for field, name in fields.items()}
-    return replace(recording, **{sensor: replace(stream, t=t, **values)})

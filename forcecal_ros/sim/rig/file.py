@@ -9,9 +9,8 @@ import sys
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.schema import columns, load, Section, yaml_value
-from forcecal_ros.effects.apply import physical_rig
 from forcecal_ros.effects.library import Chosen, chosen_effects, EFFECTS, named_effects
-from forcecal_ros.effects.rig import AccelerometerModel, Rig
+from forcecal_ros.effects.rig import AccelerometerModel, physical_rig, Rig
 from forcecal_ros.motion.optimal_design import Sensors
 import numpy as np
 

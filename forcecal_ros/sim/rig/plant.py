@@ -8,9 +8,8 @@ from typing import Any
 
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.geometry import Array, matrix_from_quaternion
-from forcecal_ros.effects.apply import physical_rig
 from forcecal_ros.effects.library import EFFECTS, named_effects
-from forcecal_ros.effects.rig import Rig
+from forcecal_ros.effects.rig import physical_rig, Rig
 from forcecal_ros.sim.rig.robot import (
     CommandDelays,
     Motion,
