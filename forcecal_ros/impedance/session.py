@@ -78,13 +78,6 @@ class Program:
         way = stage.goal - start
         return Reference(start + way * float(s), way * float(ds) / stage.duration, stage.phase)
 
-    def span(self, phase: str) -> tuple[float, float]:
-        """Return when a phase begins first and ends last [s]."""
-        begins = (0.0, *self.ends[:-1])
-        times = [(a, b) for stage, a, b in zip(self.stages, begins, self.ends)
-                 if stage.phase == phase]
-        return times[0][0], times[-1][1]
-
 
 @dataclass(frozen=True)
 class Task:
