@@ -413,13 +413,12 @@ class Planner:
             return np.inf
         return criterion(self.errors(sequence, measure))
 
-    def exchange(self, sequence: list[int], criterion: Criterion, fixed: int = 1
-                 ) -> tuple[float, list[int]]:
-        """Replace poses, the first ``fixed`` excepted, until none helps; return the criterion."""
+    def exchange(self, sequence: list[int], criterion: Criterion) -> tuple[float, list[int]]:
+        """Replace poses, the first excepted, until none helps; return the criterion."""
         best = self.value(sequence, criterion)
         while True:
             before = best
-            for place in range(fixed, len(sequence)):
+            for place in range(1, len(sequence)):
                 for other in sorted(set(range(len(self.poses))) - set(sequence)):
                     tried = [*sequence[:place], other, *sequence[place + 1:]]
                     if (value := self.value(tried, criterion)) < best:

@@ -105,9 +105,9 @@ def between(line: Line, start: float, end: float) -> Line:
     return line._replace(t=t, values=values)
 
 
-def thinned(t: Array, values: Array, most: int = MOST_POINTS) -> tuple[Array, Array]:
+def thinned(t: Array, values: Array) -> tuple[Array, Array]:
     """Keep the smallest and the largest value of each of ``most / 2`` stretches."""
-    width = -(-2 * len(t) // most)
+    width = -(-2 * len(t) // MOST_POINTS)
     if width <= 2:
         return t, values
     n = len(t) - len(t) % width

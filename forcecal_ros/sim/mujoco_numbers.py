@@ -462,9 +462,9 @@ def _of_base(model: Any) -> list[Number]:
                               ('base_tilt',)), *write(k)) for k, a in enumerate('xy')]
 
 
-def _writer(field: str, index: Any, sign: float = 1.0) -> _Write:
+def _writer(field: str, index: Any) -> _Write:
     def write(to: Any, value: float) -> None:
-        getattr(to, field)[index] = sign * value
+        getattr(to, field)[index] = value
     return write
 
 

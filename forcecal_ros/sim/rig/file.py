@@ -88,10 +88,9 @@ def _effect_lines(chosen: Chosen) -> Iterator[str]:
                 f' # {q.unit}'
 
 
-def _visual(shape: str, centre: Array | tuple[float, ...], colour: str, rpy: str = '0 0 0'
-            ) -> str:
+def _visual(shape: str, centre: Array | tuple[float, ...], colour: str) -> str:
     x, y, z = centre
-    return (f'    <visual>\n      <origin xyz="{x:g} {y:g} {z:g}" rpy="{rpy}"/>\n'
+    return (f'    <visual>\n      <origin xyz="{x:g} {y:g} {z:g}" rpy="0 0 0"/>\n'
             f'      <geometry>{shape}</geometry>\n'
             f'      <material name="{colour}"/>\n    </visual>')
 
