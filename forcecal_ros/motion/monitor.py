@@ -242,14 +242,12 @@ class Monitor:
         channel = self._take('wrench', stamp, values)
         fx, fy, fz, nx, ny, nz = values
         limits = self.limits
-        if fx * fx + fy * fy + fz * fz > limits.force * limits.force:
-            force = above(sqrt(fx * fx + fy * fy + fz * fz), limits.force)
-            self._fault(f'{channel.topic}: force {force} N exceeds limits.force '
-                        f'{limits.force:g} N')
-        if nx * nx + ny * ny + nz * nz > limits.torque * limits.torque:
-            torque = above(sqrt(nx * nx + ny * ny + nz * nz), limits.torque)
-            self._fault(f'{channel.topic}: torque {torque} N m exceeds '
-                        f'limits.torque {limits.torque:g} N m')
+        for key, square, limit, unit in (
+                ('force', fx * fx + fy * fy + fz * fz, limits.force, 'N'),
+                ('torque', nx * nx + ny * ny + nz * nz, limits.torque, 'N m')):
+            if square > limit * limit:
+                self._fault(f'{channel.topic}: {key} {above(sqrt(square), limit)} {unit} exceeds '
+                            f'limits.{key} {limit:g} {unit}')
         channel.keep()
 
     def pose(self, stamp: float, values: tuple[float, ...]) -> None:
@@ -306,20 +304,18 @@ class Monitor:
                 break
         else:
             return
-        limits, span = self.limits, now - stamp
-        speed = distance_between(values, before) / span
-        turning = angle_between(values[3:], before[3:]) / span
-        if speed > limits.overspeed * limits.speed:
-            self._fault(f'{channel.topic}: moves at '
-                        f'{above(speed, limits.overspeed * limits.speed)} m/s, above '
-                        f'limits.overspeed {limits.overspeed:g} times limits.speed '
-                        f'{limits.speed:g} m/s')
-        if turning > limits.overspeed * limits.angular_speed:
-            self._fault(f'{channel.topic}: turns at '
-                        f'{above(turning, limits.overspeed * limits.angular_speed)} rad/s, above '
-                        'limits.overspeed '
-                        f'{limits.overspeed:g} times limits.angular_speed '
-                        f'{limits.angular_speed:g} rad/s')
+        span = now - stamp
+        self._check_overspeed(f'{channel.topic}: moves at', 'speed', 'm/s',
+                              distance_between(values, before) / span)
+        self._check_overspeed(f'{channel.topic}: turns at', 'angular_speed', 'rad/s',
+                              angle_between(values[3:], before[3:]) / span)
+
+    def _check_overspeed(self, what: str, key: str, unit: str, found: float) -> None:
+        limit: float = getattr(self.limits, key)
+        most = self.limits.overspeed * limit
+        if found > most:
+            self._fault(f'{what} {above(found, most)} {unit}, above limits.overspeed '
+                        f'{self.limits.overspeed:g} times limits.{key} {limit:g} {unit}')
 
     def _check_changes(self, channel: Channel) -> None:
         """Check acceleration and jerk by difference quotients of the newest positions."""
@@ -328,17 +324,11 @@ class Monitor:
         spaced = channel.spaced(0.02, 4)
         if len(spaced) < 4:
             return
-        limits = self.limits
         acceleration = rates(rates([(t, values[:3]) for t, values in spaced]))
-        for key, rows, limit, unit in (
-                ('acceleration', acceleration, limits.acceleration, 'm/s^2'),
-                ('jerk', rates(acceleration), limits.jerk, 'm/s^3')):
-            found = sqrt(sum(x * x for x in rows[0][1]))
-            if found > limits.overspeed * limit:
-                self._fault(f'{channel.topic}: {key} of '
-                            f'{above(found, limits.overspeed * limit)} {unit}, above '
-                            f'limits.overspeed {limits.overspeed:g} times limits.{key} '
-                            f'{limit:g} {unit}')
+        for key, rows, unit in (('acceleration', acceleration, 'm/s^2'),
+                                ('jerk', rates(acceleration), 'm/s^3')):
+            self._check_overspeed(f'{channel.topic}: {key} of', key, unit,
+                                  sqrt(sum(x * x for x in rows[0][1])))
 
     # Faults out ---------------------------------------------------------------------------
 
@@ -440,16 +430,14 @@ class Monitor:
             commands.popleft()
         if not commands or commands[0][0] > pose.stamp:
             return ''
-        commanded = commands[0][1]
-        limits = self.limits
-        off = distance_between(pose.values, commanded)
-        angle = angle_between(pose.values[3:], commanded[3:])
-        if off > limits.tracking_error:
-            return (f'{pose.topic}: {above(off, limits.tracking_error)} m from the command, '
-                    f'limits.tracking_error is {limits.tracking_error:g} m')
-        if angle > limits.tracking_angle:
-            return (f'{pose.topic}: {above(angle, limits.tracking_angle)} rad from the command, '
-                    f'limits.tracking_angle is {limits.tracking_angle:g} rad')
+        commanded, limits = commands[0][1], self.limits
+        for off, key, limit, unit in (
+                (distance_between(pose.values, commanded), 'error', limits.tracking_error, 'm'),
+                (angle_between(pose.values[3:], commanded[3:]), 'angle', limits.tracking_angle,
+                 'rad')):
+            if off > limit:
+                return (f'{pose.topic}: {above(off, limit)} {unit} from the command, '
+                        f'limits.tracking_{key} is {limit:g} {unit}')
         return ''
 
     def begin(self, ros_now: float) -> None:
