@@ -167,7 +167,7 @@ def gravity_of(args: argparse.Namespace) -> dict[str, Any]:
 
 def preset(name: str) -> str:
     """Read the name of a preset of a robot."""
-    from forcecal_ros.nodes.presets import ROBOTS
+    from forcecal_ros.core.topics import ROBOTS
 
     if name not in ROBOTS:
         raise ArgumentTypeError(
@@ -232,8 +232,8 @@ def preset_topics(name: str, bag: str) -> dict[str, str]:
     """Return role to name of the topics of a preset that a recording holds."""
     if not name:
         return {}
+    from forcecal_ros.core.topics import topics_by_role
     from forcecal_ros.io.bags import read_topics
-    from forcecal_ros.nodes.presets import topics_by_role
 
     recorded = {topic.name for topic in read_topics(bag)}
     return {role: topic for role, topic in topics_by_role(name).items()

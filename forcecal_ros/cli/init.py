@@ -42,7 +42,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def _controller(name: str) -> str:
-    from forcecal_ros.nodes.presets import CONTROLLERS
+    from forcecal_ros.core.topics import CONTROLLERS
 
     if name not in CONTROLLERS:
         raise argparse.ArgumentTypeError(
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     with needs_ros():
         from forcecal_ros.nodes.config import TABLES
     from forcecal_ros.core.parameters import parameter_file
-    from forcecal_ros.nodes.presets import read_preset
+    from forcecal_ros.core.topics import read_preset
 
     names = [name for name in (args.preset, args.controller) if name]
     presets = [read_preset(name) for name in names]

@@ -22,6 +22,7 @@ from forcecal_ros.sim.mujoco_numbers import (
     Forces,
     found_drives,
     is_scalar,
+    is_slide,
     Limit,
     limit_numbers,
     limits_of,
@@ -103,15 +104,9 @@ class MujocoRobot:
         rubs = _named(JOINT_FRICTION, {name: change})
         for one in self.drives:
             if (more := rubs.get(one.joint, 0.0)) > 0.0 and (stiff := one.stiffness(self.model)):
-                slides = 'm' if self._slides(one.joint) else 'rad'
+                slides = 'm' if is_slide(self.model, one.joint) else 'rad'
                 return Imitation(f'{BACKLASH}[{one.joint}]', more / stiff, slides, NO_BACKLASH)
         return None
-
-    def _slides(self, joint: str) -> bool:
-        import mujoco
-
-        return bool(self.model.jnt_type[self.model.joint(joint).id]
-                    == mujoco.mjtJoint.mjJNT_SLIDE)
 
     def _looked_at(self, inputs: Inputs) -> '_Seen':
         """Run it, unless that was done, to see what it touches and what its drives do."""
@@ -344,9 +339,8 @@ def load_mujoco(path: str, ft_site: str | None = None, imu: str | None = None) -
     drives = found_drives(mujoco, model, path)
     own = of_same_tree(model, drives, body.name)
     limits = limits_of(model, own)
-    numbers = (*numbers_of(mujoco, model, own, body.name, site),
-               *(Number(*one) for one in (*limit_numbers(model, limits),
-                                          *contact_numbers(model, body.name))))
+    numbers = (*numbers_of(mujoco, model, own, body.name, site), *limit_numbers(model, limits),
+               *contact_numbers(model, body.name))
     turned = _axes(mujoco, model, site).T @ _axes(mujoco, model, imu) if imu else None
     return MujocoRobot(path, model, body.name, tuple(drives), _chain(mujoco, model, body.name),
                        turned, numbers, (*_over_reading_note(mujoco, model, own),

@@ -399,7 +399,7 @@ def _of_joints(mujoco: Any, model: Any, drives: Sequence[Drive]) -> list[Number]
     found = []
     for drive in drives:
         i, name, dof = drive.actuator, drive.joint, drive.dof
-        slides = model.jnt_type[model.joint(name).id] == mujoco.mjtJoint.mjJNT_SLIDE
+        slides = is_slide(model, name)
         friction = float(model.dof_frictionloss[dof])
         damping, kv = float(model.dof_damping[dof]), -float(model.actuator_biasprm[i, 2])
         sigma = joint_friction_sigma[0] * friction + joint_friction_sigma[1]
@@ -411,19 +411,17 @@ def _of_joints(mujoco: Any, model: Any, drives: Sequence[Drive]) -> list[Number]
                       for letter, at in zip('pd', drive.gains)]
         else:
             kp = -float(model.actuator_biasprm[i, 1])
-            found.append(Number(Parameter(f'kp[{name}]', kp, GAIN_SIGMA[0] * kp, '1', 0.05 * kp,
-                                           20.0 * kp), *_coefficient(model, i, 1, drive.kind)))
+            found.append(Number(_scaled(f'kp[{name}]', kp, GAIN_SIGMA[0], least=0.05),
+                                *_coefficient(model, i, 1, drive.kind)))
         if drive.kind == PID and (ki := float(model.actuator_gainprm[i, 0])) > 0.0:
-            found.append(Number(Parameter(f'ki[{name}]', ki, GAIN_SIGMA[1] * ki, '1', 0.0,
-                                           20.0 * ki), *_integral(i)))
+            found.append(Number(_scaled(f'ki[{name}]', ki, GAIN_SIGMA[1]), *_integral(i)))
         if kv > 0.0:
-            found.append(Number(Parameter(f'kv[{name}]', kv, GAIN_SIGMA[1] * kv, '1', 0.0,
-                                           20.0 * kv), *_coefficient(model, i, 2, drive.kind)))
+            found.append(Number(_scaled(f'kv[{name}]', kv, GAIN_SIGMA[1]),
+                                *_coefficient(model, i, 2, drive.kind)))
         elif damping > 0.0:  # which the other would be added to
-            found.append(Number(Parameter(
-                f'dof_damping[{name}]', damping, GAIN_SIGMA[1] * damping,
-                'N s/m' if slides else 'N m s/rad', 0.0, 20.0 * damping),
-                _writer('dof_damping', dof), _damping(name)))
+            unit = 'N s/m' if slides else 'N m s/rad'
+            found.append(Number(_scaled(f'dof_damping[{name}]', damping, GAIN_SIGMA[1], unit),
+                                _writer('dof_damping', dof), _damping(name)))
     return found
 
 
@@ -436,8 +434,8 @@ def _of_controller(model: Any, letter: str, drive: Drive, at: int) -> Number:
     def patch(spec: Any, value: float) -> None:
         spec.numeric(name).data = [value]
 
-    return Number(Parameter(name, gain, GAIN_SIGMA[letter == 'd'] * gain, '1', 0.05 * gain,
-                             20.0 * gain), _writer('numeric_data', at), patch)
+    return Number(_scaled(name, gain, GAIN_SIGMA[letter == 'd'], least=0.05),
+                  _writer('numeric_data', at), patch)
 
 
 def _of_base(model: Any) -> list[Number]:
@@ -460,6 +458,12 @@ def _of_base(model: Any) -> list[Number]:
     # tilt sigma: tilt of a base that was levelled by hand, 1 sigma [rad]
     return [Number(Parameter(f'tilt.{a}', 0.0, 0.003, 'rad', -0.5, 0.5, 'robot',
                               ('base_tilt',)), *write(k)) for k, a in enumerate('xy')]
+
+
+def _scaled(name: str, value: float, sigma: float, unit: str = '1', least: float = 0.0
+            ) -> Parameter:
+    """Return a parameter of a relative ``sigma``, from ``least`` to 20 times its value."""
+    return Parameter(name, value, sigma * value, unit, least * value, 20.0 * value)
 
 
 def _writer(field: str, index: Any) -> _Write:
@@ -565,23 +569,21 @@ def limits_of(model: Any, drives: Sequence[Drive]) -> list[Limit]:
     return found
 
 
-def limit_numbers(model: Any, limits: Sequence[Limit]
-                  ) -> Iterator[tuple[Parameter, _Write, _Write]]:
+def limit_numbers(model: Any, limits: Sequence[Limit]) -> Iterator[Number]:
     """
     List the limits of drives as parameters.
 
     Yields
     ------
-    Parameter, write, patch
-        Into a model that was compiled, and into its source.
+    Number
     """
     for one in limits:
-        unit = '1' if one.field == INPUT else 'N' if _is_slide(model, one.joint) else 'N m'
-        yield (Parameter(one.name, one.most, LIMIT_SIGMA * one.most, unit, 0.05 * one.most,
-                         20.0 * one.most), *_actuator_of(model, one))
+        unit = '1' if one.field == INPUT else 'N' if is_slide(model, one.joint) else 'N m'
+        yield Number(_scaled(one.name, one.most, LIMIT_SIGMA, unit, 0.05),
+                     *_actuator_of(model, one))
 
 
-def _is_slide(model: Any, joint: str) -> bool:
+def is_slide(model: Any, joint: str) -> bool:
     import mujoco
 
     return bool(model.jnt_type[model.joint(joint).id] == mujoco.mjtJoint.mjJNT_SLIDE)
@@ -697,7 +699,7 @@ def _geom_name(model: Any, i: int) -> str:
                                   f'{i - int(model.body_geomadr[body])}')
 
 
-def contact_numbers(model: Any, body: str) -> Iterator[tuple[Parameter, _Write, _Write]]:
+def contact_numbers(model: Any, body: str) -> Iterator[Number]:
     """
     List softness, friction and, where it stands in the world, place of all that a tool may touch.
 
@@ -722,14 +724,15 @@ def contact_numbers(model: Any, body: str) -> Iterator[tuple[Parameter, _Write, 
             stiffness = field == SOLREF and value < 0.0
             low, high = sorted((value / max_contact_factor, value * max_contact_factor))
             unit = '1' if field == FRICTION else '1/s^2' if stiffness else 's'
-            yield (Parameter(f'{field}[{name}]', value, (1 + stiffness) * part * abs(value), unit,
-                             low, high, 'environment'), *shared.of(i))
+            yield Number(Parameter(
+                f'{field}[{name}]', value, (1 + stiffness) * part * abs(value), unit, low, high,
+                'environment'), *shared.of(i))
     for i, name in names.items():
         if model.body_weldid[model.geom_bodyid[i]] == 0:
             yield from _places(model, i, name)
 
 
-def _places(model: Any, i: int, name: str) -> Iterator[tuple[Parameter, _Write, _Write]]:
+def _places(model: Any, i: int, name: str) -> Iterator[Number]:
     # of the place of what stands in the world, 1 sigma and at most [m]: as a table is measured.
     # Were it taken to be where the model has it, one that is a millimetre lower would be
     # called softer
@@ -747,9 +750,9 @@ def _places(model: Any, i: int, name: str) -> Iterator[tuple[Parameter, _Write, 
         return write, patch
 
     for k, a in enumerate(AXES):
-        yield (Parameter(f'{PLACE}[{name}].{a}', float(first[k]), place_sigma, 'm',
-                         first[k] - max_place_shift, first[k] + max_place_shift, 'environment'),
-               *along(k))
+        yield Number(Parameter(
+            f'{PLACE}[{name}].{a}', float(first[k]), place_sigma, 'm', first[k] - max_place_shift,
+            first[k] + max_place_shift, 'environment'), *along(k))
 
 
 class _Shared:
