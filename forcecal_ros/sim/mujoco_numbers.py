@@ -584,6 +584,7 @@ def limit_numbers(model: Any, limits: Sequence[Limit]) -> Iterator[Number]:
 
 
 def is_slide(model: Any, joint: str) -> bool:
+    """Whether a joint slides, in place of turning."""
     import mujoco
 
     return bool(model.jnt_type[model.joint(joint).id] == mujoco.mjtJoint.mjJNT_SLIDE)
