@@ -189,8 +189,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _rig(args: argparse.Namespace) -> int:
-    from dataclasses import replace
-
     from forcecal_ros.diagnose.plan import motion_for
     from forcecal_ros.effects import with_effects
     from forcecal_ros.io.bags import write_recording
@@ -213,10 +211,8 @@ def _rig(args: argparse.Namespace) -> int:
 
 
 def _rigid_arm(args: argparse.Namespace) -> int:
-    from dataclasses import replace
     from importlib.resources import files
 
-    from forcecal_ros.cli.sample import HEAVIER, recorded
     from forcecal_ros.io.bags import write_recording
     from forcecal_ros.sim.mujoco import load_mujoco
     from forcecal_ros.sim.third_party import third_party
@@ -238,8 +234,6 @@ def _rigid_arm(args: argparse.Namespace) -> int:
 def _insitu(args: argparse.Namespace) -> int:
     from io import StringIO
 
-    from forcecal_ros.cli.sample import LOADS, logs
-    import numpy as np
     import yaml
 
     folder, columns = Path(args.output), ('t', *(f'raw{k}' for k in range(6)), 'ax', 'ay', 'az')
@@ -265,14 +259,11 @@ def _insitu(args: argparse.Namespace) -> int:
 
 
 def _shaken(args: argparse.Namespace) -> int:
-    from dataclasses import replace
-
     from forcecal_ros.core.streams import PoseStream
     from forcecal_ros.impedance.plant_fit import excitation_commands
     from forcecal_ros.io.bags import write_recording
     from forcecal_ros.sim.rig.file import load_rig
     from forcecal_ros.sim.rig.simulator import simulate, waits_for_compiler
-    import numpy as np
 
     rig, folder = load_rig(), Path(args.output)
     warn_if_compiling(waits_for_compiler(), 'the simulator')

@@ -9,6 +9,11 @@ from forcecal_ros.sim.protocol import Parameter
 import numpy as np
 from numpy.typing import NDArray
 
+try:
+    import mujoco
+except ImportError:
+    mujoco = None
+
 _Write = Callable[[Any, float], None]
 
 POSITION, INTEGRATED, VELOCITY, TORQUE = 'position', 'integrated velocity', 'velocity', 'torque'
@@ -56,7 +61,7 @@ class Drive(NamedTuple):
         return 0.0
 
 
-def found_drives(mujoco: Any, model: Any, path: str) -> list[Drive]:
+def found_drives(model: Any, path: str) -> list[Drive]:
     """
     Find the actuators that take positions of joints, one of each joint.
 
@@ -68,37 +73,37 @@ def found_drives(mujoco: Any, model: Any, path: str) -> list[Drive]:
     able: dict[str, Drive] = {}
     holds = (POSITION, PID)
     for i in range(len(model.actuator_trntype)):  # model.nu counts inputs
-        drive = _drive(mujoco, model, i)
+        drive = _drive(model, i)
         if drive and _has_gains(drive):
             before = able.get(drive.joint)
             if before is None or (drive.kind in holds and before.kind not in holds):
                 able[drive.joint] = drive
     if not able:
         raise ConfigError(f'--mujoco {path}: no actuator that takes the position of a joint; '
-                          f'{_requirements(mujoco, model) or "it has none on a joint"}')
+                          f'{_requirements(model) or "it has none on a joint"}')
     return sorted(able.values(), key=lambda one: one.actuator)
 
 
-def reason_not_driven(mujoco: Any, model: Any, joint: str) -> str:
+def reason_not_driven(model: Any, joint: str) -> str:
     """Say which actuators a joint has, and what they require."""
-    return _requirements(mujoco, model, joint) or 'no actuator of the model drives it'
+    return _requirements(model, joint) or 'no actuator of the model drives it'
 
 
 def _has_gains(drive: Drive) -> bool:
     return len(drive.gains) == {VELOCITY: 1, TORQUE: 2}.get(drive.kind, 0)
 
 
-def _requirements(mujoco: Any, model: Any, joint: str = '') -> str:
+def _requirements(model: Any, joint: str = '') -> str:
     """Return what actuators that hold no position need, and which are not supported."""
     kinds, others = dict[str, str](), dict[str, str]()
     for i in range(len(model.actuator_trntype)):
-        name = _joint_of(mujoco, model, i)
+        name = _joint_of(model, i)
         if name and joint in ('', name):
-            drive = _drive(mujoco, model, i)
+            drive = _drive(model, i)
             if drive:
                 kinds[name] = drive.kind
             else:
-                others[name] = _type_of(mujoco, model, i)
+                others[name] = _type_of(model, i)
     if kinds:
         first, kind = next(iter(kinds.items()))
         gains = [f'<numeric name="{letter}[{first}]" data="..."/>'
@@ -113,7 +118,7 @@ def _requirements(mujoco: Any, model: Any, joint: str = '') -> str:
     return ''
 
 
-def _type_of(mujoco: Any, model: Any, i: int) -> str:
+def _type_of(model: Any, i: int) -> str:
     """Name an actuator that holds nothing known, as its gain and bias are called in MuJoCo."""
     def word(kinds: Any, prefix: str, value: int) -> str:
         return next((name.removeprefix(prefix).lower() for name in dir(kinds)
@@ -125,19 +130,19 @@ def _type_of(mujoco: Any, model: Any, i: int) -> str:
         f'an actuator of kind {gain}')
 
 
-def _joint_of(mujoco: Any, model: Any, i: int) -> str:
+def _joint_of(model: Any, i: int) -> str:
     """Return the joint of one number that an actuator drives; empty if it drives none."""
     joint = int(model.actuator_trnid[i, 0])
     on_joint = int(model.actuator_trntype[i]) in (int(mujoco.mjtTrn.mjTRN_JOINT),
                                                   int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
-    return str(model.joint(joint).name) if on_joint and is_scalar(mujoco, model, joint) else ''
+    return str(model.joint(joint).name) if on_joint and is_scalar(model, joint) else ''
 
 
-def _drive(mujoco: Any, model: Any, i: int) -> Drive | None:
+def _drive(model: Any, i: int) -> Drive | None:
     """Return what an actuator does to its joint; None if it holds nothing that is known."""
-    name = _joint_of(mujoco, model, i)
+    name = _joint_of(model, i)
     gear, gain = float(model.actuator_gear[i, 0]), float(model.actuator_gainprm[i, 0])
-    kind, stiff = _kind(mujoco, model, i), -float(model.actuator_biasprm[i, 1])
+    kind, stiff = _kind(model, i), -float(model.actuator_biasprm[i, 1])
     if not (name and kind) or gear * (stiff if kind == PID else gain) == 0.0:
         return None
     held = {VELOCITY: -float(model.actuator_biasprm[i, 2]),
@@ -158,7 +163,7 @@ def _input_of(model: Any, i: int) -> int:
     return i if places is None else int(places[i])
 
 
-def _kind(mujoco: Any, model: Any, i: int) -> str:
+def _kind(model: Any, i: int) -> str:
     """Say what an actuator holds; '' where that is none of these."""
     dynamics, biases = mujoco.mjtDyn, mujoco.mjtBias
     kind = int(model.actuator_dyntype[i])
@@ -181,7 +186,7 @@ def _kind(mujoco: Any, model: Any, i: int) -> str:
     return TORQUE if model.actuator_biastype[i] == biases.mjBIAS_NONE else ''
 
 
-def is_scalar(mujoco: Any, model: Any, joint: int) -> bool:
+def is_scalar(model: Any, joint: int) -> bool:
     """Say whether one number is the position of a joint."""
     return int(model.jnt_type[joint]) in (int(mujoco.mjtJoint.mjJNT_HINGE),
                                           int(mujoco.mjtJoint.mjJNT_SLIDE))
@@ -314,7 +319,7 @@ def of_same_tree(model: Any, drives: Sequence[Drive], body: str) -> list[Drive]:
     return [one for one in drives if int(model.dof_treeid[one.dof]) == tree]
 
 
-def warning_of(mujoco: Any, data: Any) -> str:
+def warning_of(data: Any) -> str:
     """Return what MuJoCo warns of: it began anew, or left out contacts; empty: of nothing."""
     kinds = mujoco.mjtWarning
     found = [(int(kind), data.warning[int(kind)]) for kind in (
@@ -339,7 +344,7 @@ class Number(NamedTuple):
     patch: _Write
 
 
-def numbers_of(mujoco: Any, model: Any, drives: Sequence[Drive], body: str, site: str
+def numbers_of(model: Any, drives: Sequence[Drive], body: str, site: str
                ) -> tuple[Number, ...]:
     """
     List what may be off: of the tool, the body that has the site, of the joints and of the base.
@@ -349,7 +354,7 @@ def numbers_of(mujoco: Any, model: Any, drives: Sequence[Drive], body: str, site
     ConfigError
         The tool weighs nothing, or a controller's gain is not above zero.
     """
-    return (*_of_tool(model, body, site), *_of_joints(mujoco, model, drives), *_of_base(model))
+    return (*_of_tool(model, body, site), *_of_joints(model, drives), *_of_base(model))
 
 
 def _of_tool(model: Any, body: str, site: str) -> list[Number]:
@@ -393,7 +398,7 @@ def _of_tool(model: Any, body: str, site: str) -> list[Number]:
         'tool', ('tool_com',)), *place(k)) for k, a in enumerate('xyz')]
 
 
-def _of_joints(mujoco: Any, model: Any, drives: Sequence[Drive]) -> list[Number]:
+def _of_joints(model: Any, drives: Sequence[Drive]) -> list[Number]:
     # of dry friction, 1 sigma: part of the model's, and beside it [N m] or [N]: what warmth makes
     joint_friction_sigma = (0.1, 0.1)
     found = []
@@ -585,8 +590,6 @@ def limit_numbers(model: Any, limits: Sequence[Limit]) -> Iterator[Number]:
 
 def is_slide(model: Any, joint: str) -> bool:
     """Whether a joint slides, in place of turning."""
-    import mujoco
-
     return bool(model.jnt_type[model.joint(joint).id] == mujoco.mjtJoint.mjJNT_SLIDE)
 
 
