@@ -11,18 +11,13 @@ from forcecal_ros.cli.outputs import add_output, RESULTS
 from forcecal_ros.core.files import make_folder, write_results, write_text
 from forcecal_ros.core.geometry import Array, rotation_from_vector, STANDARD_GRAVITY
 from forcecal_ros.core.streams import JointStream, Recording
+from forcecal_ros.motion.profiles import quintic
 from forcecal_ros.sim.protocol import Inputs
 from forcecal_ros.sim.third_party import ThirdParty
 import numpy as np
 
 MASS, COM = 2.9, np.array([0.012, -0.008, 0.205])
 """Of the limb alone [kg], in the sensor's frame [m]."""
-
-SWINGS = ((np.deg2rad(40.0), 30.0), (np.deg2rad(30.0), 23.0))
-"""Amplitude [rad] and period [s] about y and about x: so slow that weight alone counts."""
-
-LIMB_NOISE = np.array([0.3, 0.3, 0.3, 0.02, 0.02, 0.02])
-"""Of the wrench [N, N m]; that of the accelerometer is 0.05 m/s^2."""
 
 
 class Load(NamedTuple):
@@ -43,14 +38,6 @@ LOADS = {
 """As many as a matrix takes, their centres of mass not on one line, and one to check it with."""
 
 
-class Log(NamedTuple):
-    """One recording: stamps (n,) [s], raw channels (n, 6), specific force (n, 3) [m/s^2]."""
-
-    t: Array
-    raw: Array
-    accel: Array
-
-
 def gauges() -> tuple[Array, Array]:
     """Return what six gauges around a hub show of a wrench [counts per N, N m], and at none."""
     angle = np.deg2rad(60.0) * np.arange(6)
@@ -60,58 +47,48 @@ def gauges() -> tuple[Array, Array]:
     return np.stack(columns, axis=1), np.array([1250.0, -840.0, 310.0, 2210.0, -1730.0, 420.0])
 
 
-def logs(seed: int) -> Mapping[str, Log]:
-    """Return a recording of each of :data:`LOADS`, by name."""
-    rng = np.random.default_rng(seed)
-    return {name: record(load, rng) for name, load in LOADS.items()}
+def record(load: Load, rng: np.random.Generator) -> Array:
+    """
+    Tilt the limb with a load on it, and write down what its sensors say.
 
-
-def record(load: Load, rng: np.random.Generator) -> Log:
-    """Tilt the limb with a load on it, and write down what its sensors say."""
+    Returns
+    -------
+    ndarray, shape (n, 10)
+        Stamps [s], raw channels, specific force [m/s^2].
+    """
     # [Hz], [s]: a minute, as [Traversaro2014] took for each added mass
     rate, duration = 100.0, 60.0
     t = np.arange(round(duration * rate)) / rate
-    pitch, roll = (amplitude * np.sin(2.0 * np.pi * (t / period + rng.uniform()))
-                   for amplitude, period in SWINGS)
+    # amplitude [deg] and period [s] about y and about x: so slow that weight alone counts
+    pitch, roll = (np.deg2rad(amplitude) * np.sin(2.0 * np.pi * (t / period + rng.uniform()))
+                   for amplitude, period in ((40.0, 30.0), (30.0, 23.0)))
     # the limb hangs along z of the sensor
-    gravity = STANDARD_GRAVITY * np.stack([-np.sin(pitch), np.cos(pitch) * np.sin(roll),
-                                  np.cos(pitch) * np.cos(roll)], axis=1)
+    gravity = STANDARD_GRAVITY * np.stack([
+        -np.sin(pitch), np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)], axis=1)
     moment = MASS * COM + load.mass * np.array(load.position)
     wrench = np.hstack([(MASS + load.mass) * gravity, np.cross(moment, gravity)])
     matrix, offset = gauges()
-    measured = wrench + LIMB_NOISE * rng.standard_normal(wrench.shape)
-    # acceleration noise
+    # noise [N], [N m], [m/s^2]: a worn limb's
+    noise = np.repeat([0.3, 0.02], 3) * rng.standard_normal(wrench.shape)
     accel = -gravity + 0.05 * rng.standard_normal(gravity.shape)
-    return Log(t, measured @ matrix.T + offset, accel)
+    return np.column_stack([t, (wrench + noise) @ matrix.T + offset, accel])
 
 
 SECONDS, PERIOD = 20.0, 0.008
 """Length of the motion, and between commands: 125 Hz, as for many controllers [s]."""
 
-REST, RISE = 1.0, 2.0
-"""At rest at either end, and until the motion has its full size [s]."""
-
-HOME = (0.3, -1.3, 1.7, -1.9, -1.5, 0.4)
-"""Joints at rest [rad]."""
-
 HEAVIER = {'body_mass[gripper]': 1.05}
 """What is wrong with the second robot: factors of its model's numbers."""
-
-OFF = 0.5
-"""By which every other number is off, in its sigma, up or down."""
-
-ZERO = (3.0, -1.0, 2.0, 0.1, 0.0, -0.2)
-"""The sensor's zero [N], [N m]."""
 
 
 def commands(names: tuple[str, ...], seed: int) -> JointStream:
     """Return commands of six joints that begin and end at rest and turn the wrist widely."""
     rng = np.random.default_rng([seed, 1])
     t: Array = PERIOD * np.arange(round(SECONDS / PERIOD) + 1, dtype=np.float64)
-    u = np.clip(t - REST, 0.0, SECONDS - 2.0 * REST)
-    x = np.clip(np.minimum(u, SECONDS - 2.0 * REST - u) / RISE, 0.0, 1.0)
-    rise = x ** 3 * (10.0 - 15.0 * x + 6.0 * x ** 2)
-    q: Array = np.tile(HOME, (len(t), 1))
+    moving = SECONDS - 2.0  # a second at rest at either end
+    u = np.clip(t - 1.0, 0.0, moving)
+    rise = quintic(np.minimum(u, moving - u) / 2.0)[0]  # to its full size in 2 s
+    q: Array = np.tile((0.3, -1.3, 1.7, -1.9, -1.5, 0.4), (len(t), 1))  # at rest [rad]
     # sizes: by which each joint swings at the slowest [rad]: the wrist most, it turns gravity
     for joint, most in enumerate((0.3, 0.15, 0.2, 0.6, 0.8, 1.0)):
         # slowest and fastest: of the sines that a joint's motion is made of [Hz]: what an arm of
@@ -141,7 +118,8 @@ def recorded(arm: ThirdParty, factors: Mapping[str, float], seed: int) -> Record
     rng = np.random.default_rng([seed, 2])
     names = tuple(p.name[3:-1] for p in arm.parameters if p.name.startswith('kp['))
     joints = commands(names, seed)
-    off = rng.choice([-OFF, OFF], len(arm.parameters))
+    # by which every other number is off, in its sigma
+    off = rng.choice([-0.5, 0.5], len(arm.parameters))
     values = [max(p.low, p.nominal * factors[p.name] if p.name in factors
                   else p.nominal + x * p.sigma) for p, x in zip(arm.parameters, off)]
     made = arm.run(Inputs(0.0, SECONDS, joints=joints), values)
@@ -152,9 +130,10 @@ def recorded(arm: ThirdParty, factors: Mapping[str, float], seed: int) -> Record
     # UR's
     force, torque, place, turn = (
         s * rng.normal(size=(len(wrench), 3)) for s in (0.15, 0.006, 1e-4, 2e-4))
+    zero = (3.0, -1.0, 2.0, 0.1, 0.0, -0.2)  # of the sensor [N], [N m]
     return replace(
         made, joint_commands=joints,
-        wrench=replace(wrench, values=wrench.values + np.hstack([force, torque]) + ZERO),
+        wrench=replace(wrench, values=wrench.values + np.hstack([force, torque]) + zero),
         pose=replace(pose, position=pose.position + place,
                      R_base_sensor=pose.R_base_sensor @ rotation_from_vector(turn)))
 
@@ -237,11 +216,11 @@ def _insitu(args: argparse.Namespace) -> int:
     import yaml
 
     folder, columns = Path(args.output), ('t', *(f'raw{k}' for k in range(6)), 'ax', 'ay', 'az')
-    files = {}
-    for name, log in logs(args.seed).items():
+    files, rng = {}, np.random.default_rng(args.seed)
+    for name, load in LOADS.items():
         table = StringIO()
-        np.savetxt(table, np.column_stack([log.t, log.raw, log.accel]), fmt='%.6g',
-                   delimiter=',', header=','.join(columns), comments='')
+        np.savetxt(table, record(load, rng), fmt='%.6g', delimiter=',', header=','.join(columns),
+                   comments='')
         files[f'{name}.csv'] = table.getvalue()
     document = {
         'format': 'forcecal-insitu/1', 'time': {'column': 't', 'unit': 's'},

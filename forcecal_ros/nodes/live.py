@@ -34,9 +34,6 @@ SHOWN = {'wrench': 'wrench', 'contact': 'observer/contact_wrench',
          'inertial': 'observer/inertial_wrench'}
 """Name in a row, and topic; the first may be called otherwise."""
 
-SILENT = 5.0
-"""A node that speaks once a second and has not for so long is silent [s], not just late."""
-
 SEQUENCES = ('calibrate', 'contact', 'diagnose')
 
 Extremes = tuple[list[float], list[float]] | None
@@ -97,8 +94,9 @@ class LiveView:
         """
         with self._lock:
             now = STEADY.now().nanoseconds
+            # a node that speaks once a second and has not for 5 s is silent, not just late
             nodes = [{'name': name, 'level': WORDS[status.level], 'message': status.message}
-                     if now - at < SILENT * SECOND else
+                     if now - at < 5.0 * SECOND else
                      {'name': name, 'level': 'stale', 'message': f'{name} has fallen silent'}
                      for name, (at, status) in self._states.items()]
             return {'rows': [row for row in self._rows if row[0] > since], 'count': self._count,
@@ -212,10 +210,6 @@ PERIOD = 0.1
 """Between two messages to a page [s]: a delay that a person hardly notices."""
 
 
-SLOW = 30.0
-"""A browser that takes nothing for so long has gone [s]."""
-
-
 class LivePage(ThreadingHTTPServer):
     """
     Serves the page, and what changes on it as server-sent events.
@@ -275,7 +269,7 @@ class _Reader(BaseHTTPRequestHandler):
     """One connection of a browser."""
 
     server: LivePage
-    timeout = SLOW
+    timeout = 30.0  # a browser that takes nothing for so long has gone [s]
 
     def do_GET(self) -> None:
         """Answer with the page, or with events for as long as it is open."""

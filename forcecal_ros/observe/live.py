@@ -263,8 +263,6 @@ class LiveObserver:
         self.tracker: Tracker | None = None
         self.takes_tracked = False
         self._negative = False
-        self._direction: Values | None = None
-        self._rotation: Values | None = None
         self._turn: Array | None = None
         self._level: Quaternion | None = None
         self.reset()
@@ -299,21 +297,20 @@ class LiveObserver:
         sensor_rotation : tuple of 3 float or None
             Rotation vector of the wire's axes, seen from the frame of the pose [rad].
         """
-        self._changed = self.model is not None and self._last is not None
-        self.model, self._negative = model, wrench_sign < 0
-        self._direction = gravity_direction
         R = level_from_base(gravity_direction)
         self._level = None if R is None else quaternion_of(R)
-        self._rotation = sensor_rotation
         self._turn = pose_from_wire(sensor_rotation)
+        self._negative = wrench_sign < 0
+        self._run_by(model)
+
+    def _run_by(self, model: Model) -> None:
+        self._changed = self.model is not None and self._last is not None
+        self.model = model
         forget_learned_bias(self.state)
 
     def take_settings(self, model: Model) -> None:
         """Do the same for a model of the same calibration, whose bias may have been tared."""
-        if self.model is not None:
-            model = with_bias(model, self.model.bias)
-        self.take_over(model, -1 if self._negative else 1, self._direction,
-                       self._rotation)
+        self._run_by(model if self.model is None else with_bias(model, self.model.bias))
 
     def take_tool(self, mass: float, com: Array, inertia: Array | None = None) -> None:
         """Remove another load from the next wrench on; see ``design.with_tool``."""
