@@ -24,9 +24,6 @@ CLEAR = '\r\033[K'
 UNITS = {'S': ' s', 'HZ': ' Hz', 'KG': ' kg', 'DEG': ' deg', 'NS/M': ' N s/m', 'N/M': ' N/m'}
 """Unit that follows a default, by the name that the help gives a number."""
 
-MIN_SIMILARITY = 0.75
-"""Share of letters that a wrong word has in common with what may have been meant."""
-
 PROGRESS_DELAY_S = 2.0
 """Work that is done sooner shows no progress on a terminal."""
 
@@ -170,7 +167,7 @@ def gravity_of(args: argparse.Namespace) -> dict[str, Any]:
 
 def preset(name: str) -> str:
     """Read the name of a preset of a robot."""
-    from forcecal_ros.nodes.presets import ROBOTS
+    from forcecal_ros.core.topics import ROBOTS
 
     if name not in ROBOTS:
         raise ArgumentTypeError(
@@ -193,8 +190,10 @@ def or_nearest(word: str, names: Collection[str]) -> str:
     """Return what follows a word that is not a name: the name that may have been meant."""
     from difflib import get_close_matches
 
+    # min similarity: share of letters that a wrong word has in common with what may have been
+    # meant
     near = [name for name in names if word and name.startswith(word)] or get_close_matches(
-        word, list(names), 1, MIN_SIMILARITY)
+        word, list(names), 1, 0.75)
     return f' (did you mean {near[0]}?)' if near else ''
 
 
@@ -233,8 +232,8 @@ def preset_topics(name: str, bag: str) -> dict[str, str]:
     """Return role to name of the topics of a preset that a recording holds."""
     if not name:
         return {}
+    from forcecal_ros.core.topics import topics_by_role
     from forcecal_ros.io.bags import read_topics
-    from forcecal_ros.nodes.presets import topics_by_role
 
     recorded = {topic.name for topic in read_topics(bag)}
     return {role: topic for role, topic in topics_by_role(name).items()

@@ -11,8 +11,7 @@ from forcecal_ros.core.streams import Phase, Stream
 from forcecal_ros.io.bags import read_recording
 from forcecal_ros.io.calibration_file import dump, parse
 from forcecal_ros.motion.plan import Timing
-from forcecal_ros.motion.poses import nominal_poses, orientation
-from forcecal_ros.motion.profiles import Pose
+from forcecal_ros.motion.profiles import nominal_poses, orientation, Pose
 from forcecal_ros.report.rows import table
 from forcecal_ros.sim.rig.file import load_rig
 from identification_coverage import coverage

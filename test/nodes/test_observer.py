@@ -8,8 +8,7 @@ from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.io.calibration_file import dump, save
-from forcecal_ros.motion.poses import nominal_poses
-from forcecal_ros.motion.profiles import Move, Pose
+from forcecal_ros.motion.profiles import Move, nominal_poses, Pose
 from forcecal_ros.nodes.observer import Observer
 from forcecal_ros.nodes.runtime import LATCHED
 from forcecal_ros.observe import ContactSample, ObserverSettings, replay

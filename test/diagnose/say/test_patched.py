@@ -78,7 +78,7 @@ def test_the_patched_rig_shrinks_the_gap_as_claimed(diagnosed):
 
 def test_the_report_is_one_file_with_all_parts(diagnosed):
     page = (diagnosed / 'out' / 'report.html').read_text()
-    assert 'The measured wrench lags the simulated one by 6.0' in page
+    assert 'Force and torque come late: delay 6.0' in page
     for part in ('Where it shows most', 'How far', 'Where else', 'Signals', 'Residuals',
                  'Spectra', 'What it may be', 'Its numbers'):
         assert f'<h2>{part}' in page
