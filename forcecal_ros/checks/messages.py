@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from forcecal_ros.checks.evidence import Motion
 from forcecal_ros.core.axes import DOWN, pose_from_wire
 from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.geometry import (
@@ -101,7 +102,7 @@ def of(best: Any, plain: Any, stated: Stated, close: Sequence[Any]) -> str:
 def slight(best: Any, stated: Stated) -> str:
     """Name what is too slight to be refused."""
     if best.name == 'smoothed':
-        tau = best.motion.smoothing
+        tau = best.motion.path.smoothing
         how = f'behind a low-pass of {0.5 / np.pi / tau:.2g} Hz' if tau > 0.0 else (
             f'averaged over {-tau:.2g} s')
         return (f'wrench follows gravity as {how}: its '
@@ -218,12 +219,7 @@ def _cause(one: Any, plain: Any, stated: Stated) -> tuple[str, str] | None:
                 'three the other way round'),
                 'correct the order and the signs of the torques in the driver')
     if name == 'clock':
-        late = float(one.motion.t[0] - plain.motion.t[0])
-        side = 'later' if late > 0 else 'earlier'
-        cause = f'wrench shows gravity turn {abs(late):.2f} s {side} than the pose, by its stamps'
-        return (cause,
-                ('set the clocks of all computers by one (PTP or chrony) and record again; '
-                f'{-late:+.2f} s on all stamps of wrench correct this recording'))
+        return clock('wrench', one.motion, plain.motion)
     if name.endswith('changes'):
         return _changed(one)
     causes = []
@@ -235,6 +231,15 @@ def _cause(one: Any, plain: Any, stated: Stated) -> tuple[str, str] | None:
                        _level(_down(one), stated)))
     return (' and '.join(cause for cause, _ in causes),
             ' and '.join(remedy for _, remedy in causes)) if causes else None
+
+
+def clock(stream: str, moved: Motion, plain: Motion) -> tuple[str, str]:
+    """Cause and remedy of stamps of another clock."""
+    late = float(moved.t[0] - plain.t[0])
+    side = 'later' if late > 0 else 'earlier'
+    return (f'{stream} shows gravity turn {abs(late):.2f} s {side} than the pose, by its stamps',
+            'set the clocks of all computers by one (PTP or chrony) and record again; '
+            f'{-late:+.2f} s on all stamps of {stream} correct this recording')
 
 
 def _changed(one: Any) -> tuple[str, str] | None:
