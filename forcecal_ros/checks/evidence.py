@@ -32,9 +32,9 @@ SMOOTHING_STEPS = 3.0
 """Standard deviation of the low-pass [steps]: 60 ms keep the motion of arms, and leave a
 thousandth of a pose's noise in its second derivative."""
 
-MAX_STEPS, MAX_ROWS = 20_000, 800
-"""Steps of a long recording, and rows of one fit: 800 rows of three channels determine ten
-unknowns to a fiftieth of the noise."""
+MAX_STEPS, MAX_ROWS = 20_000, 400
+"""Steps of a long recording, and rows of one fit: 400 rows of three channels determine ten
+unknowns to a thirtieth of the noise."""
 
 TRUE_TO = 0.01
 """Share of the changes of its readings to which a sensor is true, by its data sheet: what leaves
@@ -341,43 +341,75 @@ def biases(motion: Motion) -> Array:
     return np.asarray(np.einsum('nk,ij->nikj', own, np.eye(3)).reshape(len(part), 3, -1))
 
 
+class Pull(NamedTuple):
+    """
+    Forces of a recording as a rigid tool's.
+
+    Attributes
+    ----------
+    force : Fit
+    mass, mass_std : float
+        By weight [kg].
+    inertial : float
+        Inertial mass over weight; 1 where the motion does not show it.
+    moving : bool
+        Whether it does.
+    gravity : ndarray, shape (3,)
+        In base [m/s^2].
+    """
+
+    force: Fit
+    mass: float
+    mass_std: float
+    inertial: float
+    moving: bool
+    gravity: Array
+
+
+def explain_forces(motion: Motion) -> Pull:
+    """Fit the forces of a rigid tool."""
+    rows, step, g = _rows(motion), motion.step, motion.gravity
+    columns_of, smoothing = motion.path.columns, motion.path.smoothing
+    force = (_smoothed(motion.wrench[:, :3]) if step else motion.wrench[:, :3])[rows]
+    down = columns_of.gravity[rows]
+    weight = down if motion.free_gravity else (down @ g)[:, :, None]
+    columns = [biases(motion)[rows]]
+    if motion.extra is not None:
+        columns.insert(0, (_smoothed(motion.extra, smoothing / step) if step
+                           else motion.extra)[rows])
+    if step:
+        columns = [-columns_of.accel[rows, :, None], -columns_of.lever[rows],
+                   (columns_of.late[rows] @ g)[:, :, None], *columns]
+    fit = fit_part(np.concatenate([weight, *columns], axis=2), force)
+    mass, mass_std = float(fit.theta[0]), float(fit.std[0])
+    if motion.free_gravity:
+        size = float(np.linalg.norm(g))
+        mass = float(np.linalg.norm(fit.theta[:3])) / size
+        mass_std = float(np.linalg.norm(fit.std[:3])) / size
+        g = fit.theta[:3] / mass if mass else g
+    elif mass < 0.0:  # no tool falls up: the boundary of what is possible
+        fit = fit._replace(mean_log=fit_part(np.concatenate(columns, axis=2), force).mean_log)
+    k = weight.shape[2]
+    moving = bool(step) and motion.path.position is not None and bool(
+        abs(fit.theta[k]) > 5.0 * fit.std[k] > 0.0)
+    times = float(np.clip(fit.theta[k] / mass, 0.0, 1e4)) if moving and mass else 1.0
+    return Pull(fit, mass, mass_std, times, moving, g)
+
+
 def explain(motion: Motion) -> Explained | None:
     """Fit a rigid tool; None where fewer than three rows are usable."""
     if motion.usable.sum() < 3:
         return None
-    rows = _rows(motion)
-    step, g, bias = motion.step, motion.gravity, biases(motion)[rows]
-    wrench = (_smoothed(motion.wrench) if step else motion.wrench)[rows]
-    at = Columns(*(part[rows] for part in motion.path.columns))
-    weight = at.gravity if motion.free_gravity else (at.gravity @ g)[:, :, None]
-    columns = [bias]
-    if motion.extra is not None:
-        columns.insert(0, (_smoothed(motion.extra, motion.path.smoothing / step) if step
-                           else motion.extra)[rows])
-    if step:
-        columns = [-at.accel[:, :, None], -at.lever, (at.late @ g)[:, :, None], *columns]
-    force = fit_part(np.concatenate([weight, *columns], axis=2), wrench[:, :3])
-    mass, mass_std = float(force.theta[0]), float(force.std[0])
-    if motion.free_gravity:
-        size = float(np.linalg.norm(g))
-        mass = float(np.linalg.norm(force.theta[:3])) / size
-        mass_std = float(np.linalg.norm(force.std[:3])) / size
-        if mass:
-            g = force.theta[:3] / mass  # torques are of that weight
-    elif mass < 0.0:  # no tool falls up: the boundary of what is possible
-        bound = fit_part(np.concatenate(columns, axis=2), wrench[:, :3])
-        force = force._replace(mean_log=bound.mean_log)
-    k = weight.shape[2]
-    moving = bool(step) and motion.path.position is not None and bool(
-        abs(force.theta[k]) > 5.0 * force.std[k] > 0.0)
-    q = float(force.theta[k]) if moving else mass
-    scale = float(np.clip(q / mass, 0.0, 1e4)) if mass else 1.0
-    torque = wrench[:, 3:] - mass * (at.displaced @ g - scale * at.displaced_accel)
-    columns = [-skew(at.gravity @ g - scale * at.accel), bias]
-    if step:
+    rows, pull = _rows(motion), explain_forces(motion)
+    at, g, times = Columns(*(part[rows] for part in motion.path.columns)), pull.gravity, (
+        pull.inertial)
+    torque = (_smoothed(motion.wrench[:, 3:]) if motion.step else motion.wrench[:, 3:])[rows]
+    torque = torque - pull.mass * (at.displaced @ g - times * at.displaced_accel)
+    columns = [-skew(at.gravity @ g - times * at.accel), biases(motion)[rows]]
+    if motion.step:
         columns.insert(1, at.inertia)
-    return Explained(force, fit_part(np.concatenate(columns, axis=2), torque), mass, mass_std,
-                     moving, replace(motion, gravity=g).in_sensor[rows])
+    return Explained(pull.force, fit_part(np.concatenate(columns, axis=2), torque), pull.mass,
+                     pull.mass_std, pull.moving, replace(motion, gravity=g).in_sensor[rows])
 
 
 def by_any_matrix(motion: Motion) -> Fit:
@@ -401,7 +433,7 @@ def fit_part(columns: Array, values: Array) -> Fit:
     The scale is at least :data:`TRUE_TO` of the changes of the values.
     """
     n, _, k = columns.shape
-    fit = robust_fit(columns, values, tolerance=1e-4, freedom=FREEDOM)
+    fit = robust_fit(columns, values, tolerance=1e-3, freedom=FREEDOM)
     residual = fit.residual.reshape(n, 3)
     square = np.einsum('ni,ni->n', residual, residual)
     floor = TRUE_TO * float(np.median(np.linalg.norm(values - np.median(values, 0), axis=1)))
@@ -418,7 +450,7 @@ def fit_part(columns: Array, values: Array) -> Fit:
     size[size == 0.0] = 1.0
     weight = (FREEDOM + 3.0) / (FREEDOM * scale + square + 1e-300)
     X = columns / size
-    A = np.einsum('nij,nik->jk', X * weight[:, None, None], X, optimize=True)
+    A = (X * weight[:, None, None]).reshape(-1, k).T @ X.reshape(-1, k)
     covariance = np.linalg.pinv(A, rcond=1e-12, hermitian=True) * n / effective
     return Fit(fit.theta, covariance / np.outer(size, size), residual, float(np.sqrt(scale)),
                floor, mean_log, room, effective)

@@ -27,6 +27,7 @@ from forcecal_ros.checks.evidence import (
     biases,
     by_any_matrix,
     explain,
+    explain_forces,
     Explained,
     Motion,
     on_grid,
@@ -166,7 +167,7 @@ def judge(recording: Recording, gravity: Array, stated: Stated = Stated(),
         message = messages.of(best, plain, stated, close)
         if message and not (known and best.row.is_note):
             raise DataError(message)
-        if message or best.name == 'smoothed':
+        if message or best.row.is_note and best.name != 'tilted':
             return (message or messages.slight(best, stated),)
     if not known:
         messages.refuse_weightless(plain)
@@ -590,24 +591,17 @@ def _procrustes(u: Array, read: Array, hand: float, rounds: int = 10) -> tuple[A
     return np.asarray(Q), float(weight @ off**2)
 
 
-def _refined(motion: Motion, Q: Array) -> Motion | None:
+def _refined(motion: Motion, Q: Array) -> Motion:
     """Estimate a small rotation on top of Q together with all else, and its standard error."""
-    fit: Explained | None = None
     for _ in range(2):
         mapped = _mapped(motion, Q.T)
         weight = mapped.in_sensor
         if motion.free_gravity:
-            fit = explain(mapped)
-            if fit is None:
-                return None
-            weight = fit.force.theta[:3] @ motion.R
-        fit = explain(replace(mapped, extra=-skew(weight)))
-        if fit is None:
-            return None
+            weight = explain_forces(mapped).force.theta[:3] @ motion.R
+        fit = explain_forces(replace(mapped, extra=-skew(weight)))
         k = len(fit.force.theta) - 6
         size = 1.0 if motion.free_gravity else fit.mass
         Q = Q @ rotation_from_vector(fit.force.theta[k:k + 3] / size)
-    assert fit is not None
     std = float(np.linalg.norm(fit.force.std[k:k + 3])) / np.sqrt(3.0) / abs(size)
     return replace(_mapped(motion, Q.T), axes=Q, axes_std=std)
 
@@ -693,7 +687,7 @@ def _filtered(motion: Motion) -> Motion | None:
     if not motion.step:
         return None
     every = [motion.along(smoothing=tau) for tau in SMOOTHINGS_S if abs(tau) > 2 * motion.step]
-    fits = [(fit.force.mean_log, i) for i, one in enumerate(every) if (fit := explain(one))]
+    fits = [(explain_forces(one).force.mean_log, i) for i, one in enumerate(every)]
     plain = explain(motion)
     if not fits or plain is None or _in_time(motion, plain)[1].force.mean_log > max(fits)[0]:
         return None  # or a delay, which is estimated
@@ -722,7 +716,7 @@ def _change(kind: str) -> Callable[[Motion], Motion | None]:
             return None
         first, last = float(inside[0]), float(inside[-1])
         for _ in range(2):  # coarse, then between the neighbours of the best
-            times = np.linspace(first, last, min(40, max(3, len(inside))))
+            times = np.linspace(first, last, min(20, max(3, len(inside))))
             left = [_left(_changed(few, kind, float(t))) for t in times]
             i = int(np.argmin(left))
             first, last = float(times[max(0, i - 1)]), float(times[min(len(times) - 1, i + 1)])
@@ -737,6 +731,12 @@ def _changed(motion: Motion, kind: str, at: float) -> Motion:
     columns = motion.in_sensor[:, :, None] if kind == 'load' else np.swapaxes(
         motion.R, 1, 2)[:, :, :2]
     return replace(motion, extra=columns * after[:, None, None])
+
+
+def _drifting(motion: Motion) -> Motion:
+    """Let the bias of the forces run along a parabola."""
+    run = (motion.t - motion.t.mean())[:, None, None] / np.ptp(motion.t)
+    return replace(motion, extra=np.concatenate([np.eye(3) * run, np.eye(3) * run**2], axis=2))
 
 
 def _left(motion: Motion) -> float:
@@ -775,6 +775,7 @@ TABLE = (
     Hypothesis('bias changes', _change('bias'), 1, True, True),
     Hypothesis('load changes', _change('load'), 1, True, True),
     Hypothesis('vertical changes', _change('tilt'), 1, True, True),
+    Hypothesis('bias drifts', _drifting, 0, True, True),
 )
 
 TABLE_BY_NAME = {row.name: row for row in TABLE}

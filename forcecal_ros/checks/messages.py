@@ -33,6 +33,9 @@ once in four hundred times."""
 NO_NOISE_N = 1.0
 """Forces without weight that change by more change for another reason."""
 
+INERTIA_SIGMA = 10.0
+"""Standard errors of an inertial mass from which a weight that is missing beside it is removed."""
+
 ITSELF: Vector7 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 FIXED = {
@@ -101,6 +104,12 @@ def of(best: Any, plain: Any, stated: Stated, close: Sequence[Any]) -> str:
 
 def slight(best: Any, stated: Stated) -> str:
     """Name what is too slight to be refused."""
+    if best.name.endswith('changes'):
+        return '; '.join(_changed(best))
+    if best.name == 'bias drifts':
+        drift = best.motion.extra @ best.fit.force.theta[-9:-3]
+        return (f'the bias of the forces drifts by {np.linalg.norm(np.ptp(drift, axis=0)):.2g} N '
+                'while this was recorded; let the sensor warm up, and record again')
     if best.name == 'smoothed':
         tau = best.motion.path.smoothing
         how = f'behind a low-pass of {0.5 / np.pi / tau:.2g} Hz' if tau > 0.0 else (
@@ -136,13 +145,12 @@ def refuse_weightless(plain: Any) -> None:
     """
     fit, motion = plain.fit, plain.motion
     force, changes, residual = _changes(plain)
-    q, q_std = fit.inertial
-    if fit.moving and abs(q) > max(5.0, 10.0 * q_std) and fit.mass < 10.0 * fit.mass_std and (
-            changes > NO_NOISE_N):
+    inertial, std = float(fit.force.theta[1]), float(fit.force.std[1])
+    if fit.moving and inertial > INERTIA_SIGMA * std and abs(fit.mass) < SLIGHT * inertial:
         raise DataError(
-            f'wrench: it shows the inertia of {q * fit.mass:.3g} kg and the weight of '
-            f'{fit.mass:.3g} kg: the driver removes the weight; let it leave the weight in, or '
-            "record the sensor's own readings")
+            f'wrench: it shows the inertia of {inertial:.3g} kg and the weight of '
+            f'{max(fit.mass, 0.0):.2g} +- {fit.mass_std:.2g} kg: the driver removes the weight; '
+            "let it leave the weight in, or record the sensor's own readings")
     if abs(fit.mass) < 3.0 * fit.mass_std:
         if residual > NO_NOISE_N:
             raise DataError(
@@ -221,7 +229,7 @@ def _cause(one: Any, plain: Any, stated: Stated) -> tuple[str, str] | None:
     if name == 'clock':
         return clock('wrench', one.motion, plain.motion)
     if name.endswith('changes'):
-        return _changed(one)
+        return _changed(one) if _size_of_change(one) > SLIGHT * abs(one.fit.mass) else None
     causes = []
     if 'rotated' in name and _angle(Q := one.motion.axes) > TOLERANCE_DEG:
         causes.append(((f"wrench: its axes are turned by {_turn(Q, _turn_std(one))} against the "
@@ -242,29 +250,30 @@ def clock(stream: str, moved: Motion, plain: Motion) -> tuple[str, str]:
             f'{-late:+.2f} s on all stamps of {stream} correct this recording')
 
 
-def _changed(one: Any) -> tuple[str, str] | None:
+def _size_of_change(one: Any) -> float:
+    """Return what bias, load or vertical change by, as a mass [kg]."""
+    theta, g = one.fit.force.theta, float(np.linalg.norm(one.motion.gravity))
+    if one.name == 'bias changes':
+        return float(np.linalg.norm(theta[-3:] - theta[-6:-3])) / g
+    return abs(theta[-4]) if one.name == 'load changes' else float(
+        np.linalg.norm(theta[-5:-3])) / g
+
+
+def _changed(one: Any) -> tuple[str, str]:
     """Say what changes half-way, when and by how much."""
     motion, theta = one.motion, one.fit.force.theta
-    g = float(np.linalg.norm(motion.gravity))
-    weight = g * one.fit.mass
     if one.name == 'bias changes':
         at = motion.t[int(np.argmax(motion.part))]
         x, y, z = theta[-3:] - theta[-6:-3]
-        if np.linalg.norm([x, y, z]) < SLIGHT * weight:
-            return None
         return ((f'from {at:.1f} s on the wrench is {x:+.2g} {y:+.2g} {z:+.2g} N off, however the '
                 'sensor turns: it was tared, overloaded, or its driver started anew, while this '
                 'was recorded; that is no contact'), 'use either part alone')
     at = motion.t[int(np.argmax(motion.extra.any(axis=(1, 2))))]
-    k = motion.extra.shape[2]
-    found = theta[-3 - k:-3]
-    if np.linalg.norm(found) * (g if k == 1 else 1.0) < SLIGHT * weight:
-        return None
     if one.name == 'load changes':
-        return ((f'from {at:.1f} s on the sensor carries {abs(found[0]):.3g} kg '
-                f'{"more" if found[0] > 0 else "less"}: something was gripped or let go; its '
+        return ((f'from {at:.1f} s on the sensor carries {abs(theta[-4]):.3g} kg '
+                f'{"more" if theta[-4] > 0 else "less"}: something was gripped or let go; its '
                 'weight counts as contact'), 'use either part alone (--track-tool follows it)')
-    return ((f'from {at:.1f} s on a force of {np.linalg.norm(found):.2g} N keeps its direction '
+    return ((f'from {at:.1f} s on a force of {np.linalg.norm(theta[-5:-3]):.2g} N keeps its direction '
             'across the vertical of base, however the sensor turns: the base is not level any '
             'more (it tilted, or drives over a slope), or something pulls steadily'),
             'its pull counts as contact; use either part alone')

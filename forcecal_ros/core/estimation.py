@@ -69,9 +69,12 @@ def robust_fit(X: Array, y: Array, prior: Array | None = None, blocks: int = BLO
     """
     n, d, k = len(y), channels, X.shape[2]
     c = y.shape[1] // d
-    groups = (np.zeros(n, dtype=np.intp) if groups is None
-              else np.unique(groups, return_inverse=True)[1])
-    members = np.arange(groups.max() + 1)[:, None] == groups  # (g, n)
+    members = np.ones((1, n), dtype=bool)
+    if groups is None:
+        groups = np.zeros(n, dtype=np.intp)
+    else:
+        groups = np.unique(groups, return_inverse=True)[1]
+        members = np.arange(groups.max() + 1)[:, None] == groups  # (g, n)
     each = members.astype(float)
     size = np.sqrt(np.einsum('nij,nij->j', X, X) / n) + 1e-150
     X = (X / size).reshape(-1, d, k)
