@@ -34,7 +34,8 @@ NO_NOISE_N = 1.0
 """Forces without weight that change by more change for another reason."""
 
 INERTIA_SIGMA = 10.0
-"""Standard errors of an inertial mass from which a weight that is missing beside it is removed."""
+"""Standard errors of an inertial mass, at least, and of a weight beside it, at most, of which the
+weight was removed."""
 
 ITSELF: Vector7 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
@@ -146,7 +147,8 @@ def refuse_weightless(plain: Any) -> None:
     fit, motion = plain.fit, plain.motion
     force, changes, residual = _changes(plain)
     inertial, std = float(fit.force.theta[1]), float(fit.force.std[1])
-    if fit.moving and inertial > INERTIA_SIGMA * std and abs(fit.mass) < SLIGHT * inertial:
+    if fit.moving and inertial > INERTIA_SIGMA * std and abs(fit.mass) < min(
+            SLIGHT * inertial, INERTIA_SIGMA * fit.mass_std):  # more is a length in mm
         raise DataError(
             f'wrench: it shows the inertia of {inertial:.3g} kg and the weight of '
             f'{max(fit.mass, 0.0):.2g} +- {fit.mass_std:.2g} kg: the driver removes the weight; '

@@ -1,6 +1,7 @@
 """A calibration of another package, with what its user states of gravity, sign and sensor."""
 
 from dataclasses import replace
+import json
 
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.geometry import quaternion_from_matrix, rotation_from_vector
@@ -83,16 +84,16 @@ def test_estimate_takes_a_direction_of_gravity_of_its_own(tmp_path, one, sound, 
     read = kth(tmp_path / 'kth.yaml')
     found = contact_of(tmp_path, leaning(one), read, '--gravity-direction', *DOWN)
     assert found == pytest.approx(sound, abs=1e-3)
-    assert main(['estimate', str(tmp_path / 'bag'), '--calibration', read, '-o',
-                 str(tmp_path / 'out')]) == 1
-    assert 'base is not level' in capsys.readouterr().err
+    assert contact_of(tmp_path, leaning(one), read) > 3.0 * sound
+    assert 'base is not level, gravity in it is 20.' in capsys.readouterr().err
 
 
 def test_a_calibration_of_this_package_keeps_its_own_sign_and_axes(tmp_path, one, capsys):
     write(log(3, poses=6), tmp_path / 'cal')
     made = str(tmp_path / 'own.yaml')
     assert main(['calibrate', str(tmp_path / 'cal'), '-o', made]) == 0
-    assert main(['calibrate', made, '--wrench-sign', '-1', '-o', made]) == 2
+    assert main(['calibrate', made, '--wrench-sign', '-1', '-o',
+                 str(tmp_path / 'c.yaml')]) == 2
     assert 'states its own --wrench-sign' in capsys.readouterr().err
 
 
@@ -108,3 +109,24 @@ def test_joints_alone_say_what_they_can_be_used_for(tmp_path, capsys):
     main(['check', str(tmp_path / 'bag')])
     said = capsys.readouterr().out
     assert 'no wrench was recorded, which every comparison is of; its joints give' in said
+
+
+def test_a_robot_at_rest_with_a_noisy_pose_touches_nothing(tmp_path, one, capsys):
+    rng, still = np.random.default_rng(3), np.zeros(len(one.t), dtype=int)
+    noise = np.repeat([0.08, 0.004], 3) * rng.standard_normal((len(one.t), 6))
+    held = np.zeros(len(one.pose_t), dtype=int)
+    R = orientations(one)[:1]
+    weight = -moving_arm.MASS * 9.80665 * R[0, 2]
+    wobble = rotation_from_vector(2e-4 * rng.standard_normal((len(held), 3)))
+    rest = replace(
+        one, wrench=(np.hstack([weight, np.cross(moving_arm.COM, weight)]) + moving_arm.BIAS)[
+            None][still] + noise, q=quaternion_from_matrix(R @ wobble),
+        place=one.place[held] + 1e-4 * rng.standard_normal((len(held), 3)))
+    read = kth(tmp_path / 'kth.yaml')
+    assert contact_of(tmp_path, rest, read) < 0.16
+    capsys.readouterr()
+    assert main(['estimate', str(tmp_path / 'bag'), '--calibration', read, '--filter', 'ukf',
+                 '-o', str(tmp_path / 'out'), '--json']) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert 5.0 < found['nis'] < 8.0
+    assert found['contact_share'] < 0.01
