@@ -157,7 +157,8 @@ def _stated(recording: Recording, settings: IdentificationSettings) -> dict[str,
     """Return what a calibration holds of its settings and its recording."""
     wrench = require_wrench(recording)
     return {
-        'gravity': settings.gravity, 'gravity_direction': unit_direction(settings.gravity_direction),
+        'gravity': settings.gravity,
+        'gravity_direction': unit_direction(settings.gravity_direction),
         'sensor_rotation': _turned(settings.sensor_rotation),
         'sensor_frame': wrench.frame or 'ft_sensor', 'wrench_sign': settings.wrench_sign,
         'sensor_from_pose': recording.sensor_from_pose,
@@ -347,7 +348,7 @@ def fit_accelerometer(recording: Recording, settings: IdentificationSettings, jo
 
 def _judged(recording: Recording, settings: IdentificationSettings
             ) -> tuple[Recording, tuple[str, ...], str]:
-    """Refuse a recording that another hypothesis explains better; return warnings, and a slight."""
+    """Refuse what another hypothesis explains better; return warnings, and a slight misfit."""
     level = level_from_base(settings.gravity_direction)
     down = DOWN if level is None else level.T @ DOWN
     stated = Stated(down, settings.wrench_sign, settings.sensor_rotation,

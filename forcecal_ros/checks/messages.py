@@ -106,7 +106,7 @@ def of(best: Any, plain: Any, stated: Stated, close: Sequence[Any]) -> str:
 def slight(best: Any, stated: Stated) -> str:
     """Name what is too slight to be refused."""
     if best.name.endswith('changes'):
-        return '; '.join(_changed(best))
+        return '; '.join(_changed(best)[1:])
     if best.name == 'bias drifts':
         drift = best.motion.extra @ best.fit.force.theta[-9:-3]
         return (f'the bias of the forces drifts by {np.linalg.norm(np.ptp(drift, axis=0)):.2g} N '
@@ -231,7 +231,8 @@ def _cause(one: Any, plain: Any, stated: Stated) -> tuple[str, str] | None:
     if name == 'clock':
         return clock('wrench', one.motion, plain.motion)
     if name.endswith('changes'):
-        return _changed(one) if _size_of_change(one) > SLIGHT * abs(one.fit.mass) else None
+        size, *said = _changed(one)
+        return (said[0], said[1]) if size > SLIGHT * abs(one.fit.mass) else None
     causes = []
     if 'rotated' in name and _angle(Q := one.motion.axes) > TOLERANCE_DEG:
         causes.append(((f"wrench: its axes are turned by {_turn(Q, _turn_std(one))} against the "
@@ -248,37 +249,33 @@ def clock(stream: str, moved: Motion, plain: Motion) -> tuple[str, str]:
     late = float(moved.t[0] - plain.t[0])
     side = 'later' if late > 0 else 'earlier'
     return (f'{stream} shows gravity turn {abs(late):.2f} s {side} than the pose, by its stamps',
-            'set the clocks of all computers by one (PTP or chrony) and record again; '
-            f'{-late:+.2f} s on all stamps of {stream} correct this recording')
+            ('set the clocks of all computers by one (PTP or chrony) and record again; '
+             f'{-late:+.2f} s on all stamps of {stream} correct this recording'))
 
 
-def _size_of_change(one: Any) -> float:
-    """Return what bias, load or vertical change by, as a mass [kg]."""
-    theta, g = one.fit.force.theta, float(np.linalg.norm(one.motion.gravity))
+def _changed(one: Any) -> tuple[float, str, str]:
+    """Say what changes half-way, by how much as a mass [kg], and when."""
+    motion, theta, g = one.motion, one.fit.force.theta, float(np.linalg.norm(one.motion.gravity))
+    after = motion.extra.any(axis=(1, 2)) if motion.part is None else motion.part > 0
+    begin = f'from {motion.t[int(np.argmax(after))]:.1f} s on'
     if one.name == 'bias changes':
-        return float(np.linalg.norm(theta[-3:] - theta[-6:-3])) / g
-    return abs(theta[-4]) if one.name == 'load changes' else float(
-        np.linalg.norm(theta[-5:-3])) / g
-
-
-def _changed(one: Any) -> tuple[str, str]:
-    """Say what changes half-way, when and by how much."""
-    motion, theta = one.motion, one.fit.force.theta
-    if one.name == 'bias changes':
-        at = motion.t[int(np.argmax(motion.part))]
-        x, y, z = theta[-3:] - theta[-6:-3]
-        return ((f'from {at:.1f} s on the wrench is {x:+.2g} {y:+.2g} {z:+.2g} N off, however the '
-                'sensor turns: it was tared, overloaded, or its driver started anew, while this '
-                'was recorded; that is no contact'), 'use either part alone')
-    at = motion.t[int(np.argmax(motion.extra.any(axis=(1, 2))))]
+        x, y, z = off = theta[-3:] - theta[-6:-3]
+        return (float(np.linalg.norm(off)) / g, (
+            f'{begin} the wrench is {x:+.2g} {y:+.2g} {z:+.2g} N off, however the sensor turns: '
+            'it was tared, overloaded, or its driver started anew, while this was recorded; that '
+            'is no contact'), 'use either part alone')
     if one.name == 'load changes':
-        return ((f'from {at:.1f} s on the sensor carries {abs(theta[-4]):.3g} kg '
-                f'{"more" if theta[-4] > 0 else "less"}: something was gripped or let go; its '
-                'weight counts as contact'), 'use either part alone (--track-tool follows it)')
-    return ((f'from {at:.1f} s on a force of {np.linalg.norm(theta[-5:-3]):.2g} N keeps its direction '
-            'across the vertical of base, however the sensor turns: the base is not level any '
-            'more (it tilted, or drives over a slope), or something pulls steadily'),
-            'its pull counts as contact; use either part alone')
+        more = 'more' if theta[-4] > 0 else 'less'
+        return (abs(theta[-4]), (
+            f'{begin} the sensor carries {abs(theta[-4]):.3g} kg {more}: something was gripped or '
+            'let go; its weight counts as contact'),
+            'use either part alone (--track-tool follows it)')
+    size = float(np.linalg.norm(theta[-5:-3]))
+    return (size / g, (
+        f'{begin} a force of {size:.2g} N keeps its direction across the vertical of base, '
+        'however the sensor turns: the base is not level any more (it tilted, or drives over a '
+        'slope), or something pulls steadily'),
+        'its pull counts as contact; use either part alone')
 
 
 def _turn_std(one: Any) -> float:

@@ -80,7 +80,7 @@ def robust_fit(X: Array, y: Array, prior: Array | None = None, blocks: int = BLO
     X = (X / size).reshape(-1, d, k)
     y = y.reshape(n, c, d)
     upper = np.triu_indices(k)  # products of a row with itself: an iteration weighs them alone
-    products = np.concatenate([(np.swapaxes(X, 1, 2) @ X)[:, *upper], np.einsum(
+    products = np.concatenate([(np.swapaxes(X, 1, 2) @ X)[:, upper[0], upper[1]], np.einsum(
         'nij,ni->nj', X, y.reshape(-1, d))], axis=1)
     short = -len(X) % CHUNK
     products = np.pad(products, ((0, short), (0, 0))).reshape(-1, CHUNK, products.shape[1])

@@ -139,7 +139,7 @@ def test_torques_about_another_point_are_refused_with_the_point():
     with pytest.raises(DataError, match='are about a point') as error:
         judge(recording_of(spoilt), DOWN)
     note = str(error.value)
-    place = note.split('about a point (')[1].split(')')[0]
+    place = note.split('about a point (')[1].split(')', maxsplit=1)[0]
     np.testing.assert_allclose([float(x) for x in place.split()], [0.0, 0.0, 0.15], atol=0.01)
 
 

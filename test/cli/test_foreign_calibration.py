@@ -34,7 +34,7 @@ def leaning(one):
 
 @pytest.fixture(scope='module')
 def one():
-    """An arm that moves slowly enough for its weight to be nearly all that it shows."""
+    """Record an arm so slow that it shows its weight and little else."""
     return moving(5, seconds=16.0, rate=100.0)
 
 
