@@ -213,9 +213,8 @@ def headline(d: Diagnosis) -> str:
         misfit (95 % interval: 87 to 98 %).``
     """
     if d.verdict not in NAMED:
-        head = HEADS[d.verdict]
-        if WITHIN in d.reason:
-            head = head.replace('down to its noise', WITHIN)
+        head = HEADS[d.verdict].replace('down to its noise', (
+            WITHIN if WITHIN in d.reason else 'down to its noise'))
         return f'{head}{_cause_and_remedy(d)[0]}.' if head.endswith(' ') else head
     found = ' '.join(f'{sentence(e)} (probability {percent(e.probability)}).' for e in d.effects)
     return ' '.join(part for part in (found, explained(d), *_but(d)) if part)
@@ -293,9 +292,9 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
         What a command has to say of the recording to find the same in it.
     """
     if d.verdict == 'ambiguous' and {name for name, _ in d.candidates} & EFFECTS.keys():
-        return Step(f'Record a motion that separates these causes (then diagnose it with --prior '
-                    f'{folder}):', shlex.join(
-                        ('forcecal', 'plan', '--after', folder, '-o', 'plan.yaml')))
+        plan = shlex.join(('forcecal', 'plan', '--after', folder, '-o', 'plan.yaml'))
+        return Step('Record a motion that separates these causes, and diagnose it with --prior '
+                    f'{folder}:', plan)
     if d.verdict == 'invalid_data' and (remedy := _cause_and_remedy(d)[1]):
         return Step(f'{_begun(remedy)}. Then diagnose again.')
     rig, calibration, model = (
