@@ -9,20 +9,27 @@ from forcecal_ros.diagnose.search.posterior import Posterior
 import numpy as np
 import pytest
 
-STRONG = Features(2000.0, 50.0, 50.0)
+STRONG = Features(2000.0, 50.0, 0.97)
 
 
 def test_the_file_says_how_it_was_fitted_and_how_well_it_does_on_what_it_was_not_fitted_to():
     stored = json.loads(FILE.read_text())
     assert stored['cases'] >= 15 and stored['provenance']
     assert stored['cross_validation']['log_score'] > np.log(0.5)
-    assert stored['weight'] > 0.0
+    assert len(stored['weights']) == len(STRONG.row()) == 2
 
 
 def test_the_more_is_missing_the_less_likely_an_effect_is():
     values = [probability(STRONG._replace(missing=m)) for m in (0.0, 200.0, 2000.0, 20000.0)]
     assert values == sorted(values, reverse=True)
     assert values[0] > 0.8 and values[-1] < 0.5
+
+
+def test_what_leaves_more_than_it_explains_is_unlikely_however_much_evidence_there_is():
+    large = STRONG._replace(missing=800.0)
+    found = [probability(large._replace(explained=share)) for share in (0.97, 0.8, 0.4, 0.2)]
+    assert found == sorted(found, reverse=True)
+    assert found[0] == found[1] > 0.8 and found[-1] < 0.5
 
 
 def test_effects_that_are_alike_share_the_probability_and_are_tied():
