@@ -27,19 +27,19 @@ class Features(NamedTuple):
     missing : float
         Log-evidence that a model without any flaw would have more.
     explained : float
-        Part of the energy above the noise that the effect removes.
+        Part of the misfit's held-out energy that the explanation removes, once that is known.
     """
 
     gain: float
     missing: float
-    explained: float
+    explained: float = 1.0
 
     def row(self) -> tuple[float, float]:
         """
         Return the regressors.
 
-        The logarithms of what an effect brings over what is missing; and of the energy that it
-        explains over what it leaves, which counts only as far as that is too little.
+        The logarithms of what an effect brings over what is missing; and of the energy that is
+        explained over what is left, which counts only as far as that is too little.
         """
         share = min(max(self.explained, 1e-3), 1.0 - 1e-3)
         return (math.log10((1.0 + max(self.gain, 0.0)) / (1.0 + self.missing)),

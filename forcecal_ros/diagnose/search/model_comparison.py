@@ -206,13 +206,6 @@ class ModelComparison(Explained):
         return max(0.0, missed) + min(self._gained, FLAWED * float(self._products.channels.sum()))
 
     @property
-    def excess(self) -> float:
-        """Whitened energy above the noise, without a discrepancy."""
-        every, null = next((one.every, one.null) for one in self.levels
-                           if one.scales == NO_DISCREPANCY)
-        return every.residual_squares(null.x) - every.n
-
-    @property
     def _gained(self) -> float:
         none = next(one.null for one in self.levels if one.scales == NO_DISCREPANCY)
         return self.null_evidence - none.log_evidence

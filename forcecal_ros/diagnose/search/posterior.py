@@ -58,8 +58,6 @@ class Explanation(NamedTuple):
         were tried is allowed for.
     missing : float
         Log-evidence that a model without any flaw would have more.
-    excess : float
-        Whitened energy above the noise.
     ways : mapping of str to float
         Logarithm of the number of ways in which each effect was tried.
     """
@@ -67,7 +65,6 @@ class Explanation(NamedTuple):
     fit: JointFit
     evidence: float
     missing: float
-    excess: float
     ways: Mapping[str, float] = MappingProxyType({})
 
     @property
@@ -173,7 +170,7 @@ def weigh(fit: JointFit, ways: Mapping[str, float] = MappingProxyType({})) -> Ex
     known = earlier.of({a.name for a in fit.accepted}) - sum(
         ways.get(a.name, 0.0) for a in fit.accepted)
     return Explanation(fit, comparison.null_evidence + known,
-                       comparison.missing_evidence + earlier.missing, comparison.excess, ways)
+                       comparison.missing_evidence + earlier.missing, ways)
 
 
 def extended(parent: Explanation, table: _Table) -> list[Explanation]:
@@ -336,8 +333,7 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
 
 def features_of(full: Explanation, less: Explanation) -> Features:
     """Return what the probability of an effect follows from: an explanation with and without."""
-    return Features(full.evidence - less.evidence, full.missing,
-                    1.0 - max(full.excess, 0.0) / max(less.excess, 1.0))
+    return Features(full.evidence - less.evidence, full.missing)
 
 
 def _instead(chosen: Explanation, others: Sequence[Explanation], name: str) -> dict[str, float]:
