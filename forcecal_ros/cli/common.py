@@ -4,6 +4,7 @@ import argparse
 from argparse import ArgumentTypeError
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 import json
 from math import isfinite
 from pathlib import Path
@@ -16,6 +17,7 @@ from typing import Any, TYPE_CHECKING
 from forcecal_ros.cli import COMMANDS
 
 if TYPE_CHECKING:
+    from forcecal_ros.core.calibration import Calibration
     from forcecal_ros.core.streams import Recording
 
 CLEAR = '\r\033[K'
@@ -143,13 +145,14 @@ def add_sensor_pose(parser: argparse.ArgumentParser, option: str = '--sensor-fro
              'as the calibration has it)')
 
 
-def add_gravity(options: Any) -> None:
+def add_gravity(options: Any, *defaults: str) -> None:
     """Add the magnitude and direction of gravity."""
+    size, direction = defaults or ('9.80665 m/s^2', '0 0 -1')
     options.add_argument('--gravity', metavar='M/S^2', type=gravity,
-                         help='magnitude of gravity at the robot (default: 9.80665 m/s^2)')
+                         help=f'magnitude of gravity at the robot (default: {size})')
     options.add_argument('--gravity-direction', metavar=('X', 'Y', 'Z'), nargs=3, type=real,
                          help="direction of gravity in the robot's base, of any length, where the "
-                              'base is not level (default: 0 0 -1)')
+                              f'base is not level (default: {direction})')
 
 
 def gravity_of(args: argparse.Namespace) -> dict[str, Any]:
@@ -163,6 +166,19 @@ def gravity_of(args: argparse.Namespace) -> dict[str, Any]:
                          'base')
     return {'gravity': args.gravity or STANDARD_GRAVITY,
             'gravity_direction': tuple(direction) if direction else None}
+
+
+def with_stated_gravity(calibration: 'Calibration', args: argparse.Namespace) -> 'Calibration':
+    """Return a calibration with the gravity that ``--gravity`` and its direction state."""
+    from forcecal_ros.core.axes import unit_direction
+
+    given = gravity_of(args)
+    if args.gravity is not None:
+        calibration = replace(calibration, gravity=given['gravity'])
+    if args.gravity_direction is not None:
+        calibration = replace(calibration, gravity_direction=unit_direction(
+            given['gravity_direction']))
+    return calibration
 
 
 def preset(name: str) -> str:

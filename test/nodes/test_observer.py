@@ -146,7 +146,6 @@ def check_frames(answers, elsewhere, recording):
         np.testing.assert_allclose(list(rest.values()), expected, atol=1e-3, err_msg=frame)
 
 
-@pytest.mark.alone
 def test_lifecycle_tare_and_takeover(ros_domain, tmp_path, recording):
     path = tmp_path / 'calibration.yaml'
     with Live() as live:
