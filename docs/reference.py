@@ -6,6 +6,7 @@ from pathlib import Path
 
 from forcecal_ros.cli import COMMANDS, GROUPS
 from forcecal_ros.cli.main import build_parser
+from forcecal_ros.core.errors import KINDS
 from forcecal_ros.core.parameters import Parameter
 from forcecal_ros.nodes.config import TABLES
 from forcecal_ros.observe.sample import describe, Status
@@ -122,7 +123,15 @@ def _row(action: argparse.Action) -> str:
     return f'| `{name.replace("|", "/")}` | {" ".join(text.split()).replace("|", "/")} |\n'
 
 
-PAGES = {'nodes.md': nodes, 'commands.md': commands}
+def errors() -> Iterator[str]:
+    """Yield the page of the errors: what is wrong, why it matters and how to fix it."""
+    yield ('# Errors\n\nThis page explains the id that ends each error message, such as `[FC0202]`. The message itself '
+           'has the numbers of your case. The page is generated from the code.\n')
+    yield from (f'\n## {kind.id}\n\n**{kind.what}.** {kind.why} *Fix:* {kind.fix}\n'
+                for kind in KINDS)
+
+
+PAGES = {'nodes.md': nodes, 'commands.md': commands, 'errors.md': errors}
 """Name of a page and what writes it."""
 
 

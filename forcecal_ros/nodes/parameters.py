@@ -5,7 +5,7 @@ from difflib import get_close_matches
 from functools import partial
 from typing import Any
 
-from forcecal_ros.core.errors import ConfigError, ForcecalError
+from forcecal_ros.core.errors import ConfigError, ForcecalError, with_id
 from forcecal_ros.core.parameters import Parameter
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -58,7 +58,7 @@ def declare(node: Node, table: Iterable[Parameter],
                 if change.name in rows:
                     _check(rows[change.name], change.value)
         except ConfigError as error:
-            return SetParametersResult(successful=False, reason=str(error))
+            return SetParametersResult(successful=False, reason=with_id(error))
         return SetParametersResult(successful=True)
 
     if check is not None:
@@ -92,7 +92,7 @@ def refuse_changes(node: Node, check: Callable[[dict[str, Any]], object]) -> Non
         try:
             check({change.name: change.value for change in changes})
         except ForcecalError as error:
-            return SetParametersResult(successful=False, reason=str(error))
+            return SetParametersResult(successful=False, reason=with_id(error))
         return SetParametersResult(successful=True)
 
     node.add_on_set_parameters_callback(on_set)

@@ -13,7 +13,7 @@ from types import FrameType
 from typing import Any, Protocol, runtime_checkable
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from forcecal_ros.core.errors import ConfigError, ForcecalError
+from forcecal_ros.core.errors import ConfigError, ForcecalError, with_id
 from forcecal_ros.core.parameters import Parameter
 from forcecal_ros.core.schema import yaml_value
 from lifecycle_msgs.srv import ChangeState
@@ -166,7 +166,7 @@ def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | Non
         finally:
             node.destroy_node()
     except ForcecalError as error:
-        print(f'{name}: {" ".join(str(error).split())}', file=sys.stderr)
+        print(f'{name}: {with_id(error)}', file=sys.stderr)
         return 1
     except (InvalidNodeNameException, InvalidTopicNameException) as error:
         print(f'{name}: {" ".join(str(error).split())}', file=sys.stderr)
@@ -308,9 +308,9 @@ def answering(act: Callable[[], str], refused: Callable[[str], None] | None = No
         try:
             response.message, response.success = act(), True
         except ForcecalError as error:
-            response.message, response.success = str(error), False
+            response.message, response.success = with_id(error), False
             if refused is not None:
-                refused(str(error))
+                refused(response.message)
         return response
 
     return on_request
