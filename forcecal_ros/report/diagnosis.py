@@ -15,8 +15,8 @@ from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, instants, Parame
 from forcecal_ros.diagnose.localise import BANDS, BLOCK_RATE, time_frequency_bins, TimeFrequencyBin
 from forcecal_ros.diagnose.result import Diagnosis
 from forcecal_ros.diagnose.verdict import FIRST, FURTHER, percent
-from forcecal_ros.report.effect_words import phrase, sentence, WORDS
-from forcecal_ros.report.page import Fact, Picture, picture, render_page, Step
+from forcecal_ros.report.effect_words import phrase, sentence, VERDICTS, WORDS
+from forcecal_ros.report.page import docs_page, Fact, Picture, picture, render_page, Step
 from forcecal_ros.report.panels import COLOURS, joined, Line, Panel, Shown
 from forcecal_ros.report.rows import HALF
 from forcecal_ros.sim.signals import JOINTS, Signals
@@ -503,7 +503,8 @@ def render(view: View, origin: list[str], step: Step) -> str:
     return render_page(
         'diagnosis.html.j2', 'Sim-to-real gap', origin=origin, verdict=d.verdict.replace('_', ' '),
         tone=TONES[d.verdict], headline=headline(d), facts=facts(view, step), notes=d.notes,
-        share=explained(d), effects=_numbers(d),
+        share=explained(d), effects=_numbers(d), meaning=VERDICTS[d.verdict],
+        pages=[(name, docs_page(name)) for name in ('verdicts', 'effects')],
         gap=None if d.gap is None else {
             'nominal': rounded(d.gap.nominal), 'recalibrated': rounded(d.gap.recalibrated),
             'explained': rounded(d.gap.explained) if named else ''},

@@ -6,6 +6,7 @@ from datetime import datetime, timezone
 from functools import cache
 import gzip
 from io import BytesIO
+from pathlib import Path
 import shlex
 from typing import Any, NamedTuple
 
@@ -14,6 +15,9 @@ from forcecal_ros.core.streams import Recording
 from forcecal_ros.report.panels import drawn, live, Shown
 import jinja2
 from matplotlib.figure import Figure
+
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 class Step(NamedTuple):
@@ -108,6 +112,13 @@ def png(figure: Figure, dpi: int = 110) -> bytes:
     buffer = BytesIO()
     figure.savefig(buffer, format='png', dpi=dpi)
     return buffer.getvalue()
+
+
+def docs_page(name: str) -> str:
+    """Return the address of a page of docs/reference next to this package; empty: not there."""
+    return next((page.as_uri() for page in (
+        ROOT / 'build' / 'site' / 'docs' / 'reference' / f'{name}.html',
+        ROOT / 'docs' / 'reference' / f'{name}.md') if page.is_file()), '')
 
 
 def _pictures(context: Any) -> Iterator[Picture]:
