@@ -116,7 +116,8 @@ class LiveView:
             topics = {name: {'topic': topic, 'age': None if name not in self._last else round(
                 (now - self._last[name]) / SECOND, 1)} for name, topic in self._topics.items()}
             return {'rows': [row for row in self._rows if row[0] > since], 'count': self._count,
-                    'topics': topics, 'phase': self._phase, 'reason': self._reason, 'answer': self._answer,
+                    'topics': topics, 'phase': self._phase, 'reason': self._reason,
+                    'answer': self._answer,
                     'nodes': sorted(nodes, key=lambda one: NODES.index(one['name'])),
                     'gap': self._gap(), 'late': self._late()}
 
