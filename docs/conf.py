@@ -12,7 +12,7 @@ release = re.search(r"__version__ = '(.+)'",
 
 extensions = ['myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.napoleon']
 root_doc = 'docs/index'
-include_patterns = ['README.md', 'CONTRIBUTING.md', 'CHANGELOG.md', 'docs/*.md',
+include_patterns = ['README.md', 'CONTRIBUTING.md', 'CHANGELOG.md', 'docs/**.md',
                     'benchmark/**.md']
 exclude_patterns = ['.venv', 'build', 'install', 'log', 'test', 'forcecal_ros']
 html_theme = 'furo'
