@@ -23,3 +23,4 @@ myst_heading_anchors = 3
 autodoc_typehints = 'description'
 autodoc_member_order = 'bysource'
 napoleon_google_docstring = False
+napoleon_use_ivar = True

@@ -1,4 +1,4 @@
-"""Make the pictures of the README in a real browser: ``python docs/pictures.py``.
+"""Make the pictures of the README in a real browser: ``python docs/pictures.py [live | report]``.
 
 live.gif: the page of ``forcecal live`` while the simulated rig is calibrated and touches a wall.
 report.png: the first screen of a diagnosis. Requires Chromium or Chrome, and pillow.
@@ -84,6 +84,6 @@ def report(folder: Path) -> None:
 
 
 if __name__ == '__main__':
-    for make in (live, report):
+    for make in {'live': [live], 'report': [report]}.get(''.join(sys.argv[1:]), [live, report]):
         with tempfile.TemporaryDirectory() as place:
             make(Path(place))

@@ -13,8 +13,7 @@ import numpy as np
 from pydrake.all import MultibodyPlant, Parser, PdControllerGains, Simulator
 
 MODEL = files('forcecal_ros') / 'config' / 'examples' / 'rigid_arm.xml'
-STEP_S, SAMPLE_S, REST_S = 0.001, 0.004, 1.0  # the robot rests when the recording begins
-KP = {'pan': 3e4, 'lift': 3e4, 'elbow': 2e4, 'wrist_1': 5e3, 'wrist_2': 5e3, 'wrist_3': 3e3}
+STEP_S, SAMPLE_S, REST_S = 0.002, 0.004, 1.0  # the robot rests when the recording begins
 
 
 class DrakeArm:
@@ -22,9 +21,8 @@ class DrakeArm:
 
     def parameters(self) -> list[Parameter]:
         """Return what may differ from the robot: value, 1 sigma, unit, limits."""
-        mass = Parameter('body_mass[gripper]', 1.2, 0.012, 'kg', 0.1, 5.0, 'tool', ('tool_mass',))
-        return [mass, *(Parameter(f'kp[{joint}]', kp, 0.05 * kp, 'N m/rad', 0.0)
-                        for joint, kp in KP.items())]
+        return [Parameter('payload', 1.2, 0.012, 'kg', 0.1, 5.0, 'tool', ('tool_mass',)),
+                Parameter('stiffness', 1.0, 0.05, '1', 0.1, 10.0)]
 
     def simulate(self, inputs: Inputs, parameters: Mapping[str, float]) -> dict[str, Any]:
         """Run the recorded commands; return stamps and rows of each stream."""
@@ -32,14 +30,15 @@ class DrakeArm:
         instance, = Parser(plant).AddModels(str(MODEL))
         drives = [plant.get_joint_actuator(i) for i in plant.GetJointActuatorIndices()]
         names = [drive.joint().name() for drive in drives]
-        for drive, name in zip(drives, names):
+        for drive in drives:  # position control, as the model has it
+            gains = drive.get_controller_gains()
             drive.set_controller_gains(PdControllerGains(
-                p=parameters[f'kp[{name}]'], d=drive.get_controller_gains().d))
+                p=parameters['stiffness'] * gains.p, d=gains.d))
         plant.Finalize()
         simulator = Simulator(plant)
         context = simulator.get_mutable_context()
         gripper = plant.GetBodyByName('gripper')
-        gripper.SetMass(context, parameters['body_mass[gripper]'])
+        gripper.SetMass(context, parameters['payload'])
         weld = int(plant.GetJointByName('wrist_3_welds_to_gripper').index())
         target = plant.get_desired_state_input_port(instance)
         commands = inputs.joints.values[:, [inputs.joints.names.index(name) for name in names]]

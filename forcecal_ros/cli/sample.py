@@ -80,9 +80,10 @@ def _rigid_arm(args: argparse.Namespace) -> int:
     make_folder(folder)
     write_text(model, source.read_text())
     for i, (name, factors) in enumerate((('sound', {}), ('heavier', HEAVIER))):
-        recording = recorded(arm, factors, args.seed + i)
+        recording = recorded(arm, factors, args.seed + i, motion=args.seed)
         write_recording(folder / name, replace(recording, start_ns=BEGUN))
     say(f'written to {folder}: {source.name}, sound, heavier')
+    say(f'try: forcecal diagnose {folder}/heavier --simulated {folder}/sound -o two_bags')
     say(f'try: forcecal diagnose {folder}/heavier --mujoco {model} -o diagnosis')
     return 0
 

@@ -579,14 +579,15 @@ def heat_map(view: View, *, narrow: bool = False) -> Figure | None:
                         norm=LogNorm(FAINT, max(1.0, float(np.nanmax(table)))))
     for i in range(1, len(phases)):
         axes.axvline(i * len(bands) - 0.5, color='white', linewidth=2)
+    axes.xaxis.remove_overlapping_locs = False  # a phase stands below its middle octave
     axes.set_xticks([(i + 0.5) * len(bands) - 0.5 for i in range(len(phases))], phases,
                     rotation=60 if narrow else 0, fontsize=8 if narrow else None)
     axes.set_yticks(range(len(rows)), [
         CHANNELS[i].name if narrow else f'{CHANNELS[i].stage} {CHANNELS[i].name}'.replace('_', ' ')
         for i in rows], fontsize=8)
     axes.set_xticks(range(len(phases) * len(bands)), len(phases) * [
-        f'{high:g}' if not narrow or i % 2 else '' for i, (_, high) in enumerate(bands)],
-                    minor=True, fontsize=6, rotation=90)
+        f'{high:g}' for _, high in bands], minor=True, fontsize=4.5 if narrow else 6,
+                    rotation=90)
     axes.tick_params('x', which='major', length=0, pad=22)
     axes.set_xlabel('octaves, by their upper frequency [Hz], and phase', fontsize=8)
     figure.colorbar(image, label='excess [noise RMS]',

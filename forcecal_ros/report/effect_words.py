@@ -119,7 +119,7 @@ VERDICTS = {
     'unknown': 'there is a gap, and no effect of the library explains it; nothing is added to the '
                'model',
     'not_excited': 'the motion is too small to decide',
-    'invalid_data': 'the recording contradicts itself or lacks a stream (exit status 1)',
+    'invalid_data': 'the recording contradicts itself or lacks a stream',
 }
 """Meaning of each verdict, as docs/reference/verdicts.md has it."""
 

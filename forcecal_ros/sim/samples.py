@@ -125,7 +125,8 @@ def commands(names: tuple[str, ...], seed: int) -> JointStream:
     return JointStream(t, q, '', names)
 
 
-def recorded(arm: ThirdParty, factors: Mapping[str, float], seed: int) -> Recording:
+def recorded(arm: ThirdParty, factors: Mapping[str, float], seed: int, *,
+             motion: int | None = None) -> Recording:
     """
     Record a robot whose numbers are off, each by a part of its sigma, and some by a factor.
 
@@ -135,6 +136,8 @@ def recorded(arm: ThirdParty, factors: Mapping[str, float], seed: int) -> Record
         Of six joints.
     factors : mapping of str to float
         Of parameters, times their nominal value.
+    seed, motion : int
+        Of noise and numbers, and of the commands: by default of all.
 
     Returns
     -------
@@ -143,7 +146,7 @@ def recorded(arm: ThirdParty, factors: Mapping[str, float], seed: int) -> Record
     """
     rng = np.random.default_rng([seed, 2])
     names = tuple(p.name[3:-1] for p in arm.parameters if p.name.startswith('kp['))
-    joints = commands(names, seed)
+    joints = commands(names, seed if motion is None else motion)
     off = rng.choice([-OFF, OFF], len(arm.parameters))
     values = [max(p.low, p.nominal * factors[p.name] if p.name in factors
                   else p.nominal + x * p.sigma) for p, x in zip(arm.parameters, off)]

@@ -4,6 +4,8 @@ from fnmatch import fnmatch
 from importlib import import_module
 from pathlib import Path
 import re
+import subprocess
+import sys
 
 from forcecal_ros.cli import COMMANDS
 from forcecal_ros.cli.main import build_parser
@@ -127,3 +129,13 @@ def test_every_script_named_is_there(script):
     assert (ROOT / script).is_file()
 
 
+
+
+@pytest.mark.long
+def test_the_pages_become_a_site_without_a_warning(tmp_path):
+    pytest.importorskip('furo', reason="requires pip install -e '.[docs]'")
+    done = subprocess.run(
+        [sys.executable, '-m', 'sphinx', '-q', '-W', '-c', 'docs', '.', tmp_path], cwd=ROOT,
+        capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / 'docs' / 'reference' / 'errors.html').is_file()
