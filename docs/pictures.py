@@ -31,6 +31,12 @@ COLOURS = 24
 """Of the GIF; more make it larger than 1 MB."""
 
 
+def seen(page: Page, bottom: int = HEIGHT) -> Image.Image:
+    """Return what is seen, without a scroll bar."""
+    image = Image.open(BytesIO(page.picture())).convert('RGB')
+    return image.crop((0, 0, page.run('document.documentElement.clientWidth'), bottom))
+
+
 def frames(page: Page, sequence: str) -> list[Image.Image]:
     """Start a sequence on the page and return what is seen until it is done."""
     end, taken, begun = time.monotonic() + 60.0, [], False
@@ -39,7 +45,7 @@ def frames(page: Page, sequence: str) -> list[Image.Image]:
         if not begun and phase in ('idle', 'done'):
             page.run(f'document.querySelector("[data-ask={sequence}]").click()')
         begun = begun or phase not in ('idle', 'done')
-        taken.append(Image.open(BytesIO(page.picture())).convert('RGB'))
+        taken.append(seen(page))
         if begun and phase in ('done', 'aborted'):
             return taken
         time.sleep(FRAME_S)
@@ -64,7 +70,7 @@ def live(folder: Path) -> None:
         time.sleep(3.0)
         film += frames(page, 'contact')
     palette = film[-1].quantize(COLOURS)
-    film = [one.resize((WIDTH * 3 // 4, HEIGHT * 3 // 4)).quantize(
+    film = [one.resize((one.width * 3 // 4, one.height * 3 // 4)).quantize(
         COLOURS, palette=palette, dither=Image.Dither.NONE) for one in film]
     film[0].save(ROOT / 'docs' / 'live.gif', save_all=True, append_images=film[1:], loop=0,
                  duration=round(1000 * SHOWN_S), optimize=True)
@@ -79,7 +85,8 @@ def report(folder: Path) -> None:
         page.size(WIDTH, HEIGHT)
         page.open(f'file://{folder}/gap/report.html')
         page.until('document.querySelectorAll(".live .main-svg").length > 0')
-        image = Image.open(BytesIO(page.picture())).convert('RGB')
+        bottom = page.run('document.querySelector(".said").getBoundingClientRect().bottom')
+        image = seen(page, int(bottom) + 12)
     image.quantize(64).save(ROOT / 'docs' / 'report.png', optimize=True)
 
 
