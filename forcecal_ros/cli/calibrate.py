@@ -117,8 +117,17 @@ def bandwidth_of(args: argparse.Namespace) -> dict[str, Any]:
 
 def check_identification(args: argparse.Namespace) -> None:
     """Refuse options that contradict each other."""
+    from forcecal_ros.observe.settings import BANDWIDTH_LIMITS
+
     gravity_of(args)
     bandwidth_of(args)
+    low, high = args.bandwidth_min, args.bandwidth_max
+    if low is None and high is not None and high < BANDWIDTH_LIMITS[0]:
+        raise UsageError(f'--bandwidth-max {high:g} is below the slowest, {BANDWIDTH_LIMITS[0]:g} '
+                         'Hz; give --bandwidth-min as well')
+    if high is None and low is not None and low > BANDWIDTH_LIMITS[1]:
+        raise UsageError(f'--bandwidth-min {low:g} is above the fastest, {BANDWIDTH_LIMITS[1]:g} '
+                         'Hz; give --bandwidth-max as well')
     if args.cutoff is not None and args.coupling != 'ac':
         raise UsageError('--cutoff is the corner of an ac accelerometer; give --coupling ac as '
                          'well')
