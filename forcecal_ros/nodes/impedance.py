@@ -60,7 +60,7 @@ PARAMETERS = (
           0.1, 1e6),
     _live('impedance.stiffness', _TARGET.stiffness, 'Stiffness of the target impedance', 'N/m',
           0.1, 1e6),
-    Parameter('plant', '', 'File of forcecal identify-robot with the models of robot and tool; '
+    Parameter('plant', '', 'File of forcecal fit-rig --for impedance, the robot and its tool; '
               'empty: those of the nominal rig'),
     _live('design.latency', 2, "Control periods that a command takes beyond the robot's own "
           'delay, transport of the sensors included', '', 0, 50),

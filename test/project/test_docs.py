@@ -7,7 +7,7 @@ import re
 import subprocess
 import sys
 
-from forcecal_ros.cli import COMMANDS
+from forcecal_ros.cli import COMMANDS, VERBS
 from forcecal_ros.cli.main import build_parser
 from forcecal_ros.effects.library import EFFECTS
 from forcecal_ros.io.bags import write_recording
@@ -85,6 +85,13 @@ def test_every_command_named_exists_with_its_options(page):
         usage = parser._subparsers._group_actions[0].choices[command].format_help()  # type: ignore[index]
         for option in re.findall(r'(?<![\w-])--[a-z][a-z-]*', line.split('#')[0]):
             assert option in usage, f'{command} {option}'
+
+
+def test_no_command_is_named_that_is_not_there():
+    files = [*PAGES, *(ROOT / 'benchmark').rglob('*.md'), *(ROOT / 'config').rglob('*.yaml')]
+    named = {(file.name, word) for file in files for word in re.findall(
+        r'(?:`|^    |\d of |File of )forcecal ([a-z][a-z-]+)', file.read_text(), re.MULTILINE)}
+    assert named and {word for _, word in named} <= {*COMMANDS, *VERBS}, named
 
 
 def test_every_effect_and_each_of_its_parameters_is_catalogued():
