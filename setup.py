@@ -35,7 +35,6 @@ setup(
     ],
     install_requires=[
         "backports.zstd>=1.0; python_version < '3.14'",  # in the standard library since
-        'control>=0.10',
         'jinja2>=3.1',
         'lz4>=4.0',
         'matplotlib>=3.6',

@@ -27,10 +27,11 @@ from background_motion import trajectory
 from background_sizes import LATE, shape_of, sized, Sizes
 from forcecal_ros.core.geometry import Array, rotation_from_vector
 from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream
-from forcecal_ros.effects import applicable, apply_signal_effects, EFFECTS, with_effects
+from forcecal_ros.effects import applicable, EFFECTS, with_effects
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.rig.file import load_rig
 import numpy as np
+from signal_effects import apply_signal_effects
 
 BACKGROUND = (30.0, 1e6)
 """Energy of each discrepancy, the higher one of half a minute of 1 kHz: less for fewer samples."""

@@ -14,10 +14,11 @@ import background_kinds
 from background_kinds import Motion
 from forcecal_ros.core.geometry import Array, rotation_vector
 from forcecal_ros.core.streams import PoseStream, Recording
-from forcecal_ros.effects import apply_signal_effects, EFFECTS, with_effects
+from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
+from signal_effects import apply_signal_effects
 
 NOISE = 1.5
 """Noise of the recordings, in that of the rig's file."""

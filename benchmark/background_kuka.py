@@ -17,12 +17,13 @@ from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.geometry import Array, rotation_from_vector, rotation_vector
 from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream
-from forcecal_ros.effects import apply_signal_effects, with_effects
+from forcecal_ros.effects import with_effects
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.rig.file import load_rig
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation, RotationSpline
+from signal_effects import apply_signal_effects
 
 GRAVITY = 9.8209
 """Of the recordings [m/s^2]."""

@@ -13,7 +13,7 @@ from pathlib import Path
 import sys
 
 from forcecal_ros.observe import design, ObserverSettings, replay
-from forcecal_ros.observe.bandwidth import design_joint, noise_levels
+from forcecal_ros.observe.bandwidth import noise_levels
 from forcecal_ros.observe.design import accuracy, noise_of_force
 from forcecal_ros.observe.settings import CONTACT_WALK
 import numpy as np
@@ -21,6 +21,7 @@ from scipy.signal import welch
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'test' / 'helpers'))
+from joint_filter import design_joint
 from observing import calibration, push, record
 from wandering import ACCELEROMETERS, known, SWING, wandering
 

@@ -20,8 +20,7 @@ from forcecal_ros.core.geometry import Array
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.optimal_design import criterion_of, design_calibration, Planner, Robot
 from forcecal_ros.motion.plan import calibration_plan, prepare, preview, Timing
-from forcecal_ros.motion.poses import nominal_poses, orientation, step_goal
-from forcecal_ros.motion.profiles import Pace, Pose
+from forcecal_ros.motion.profiles import nominal_poses, orientation, Pace, Pose, step_goal
 from forcecal_ros.sim.rig.file import expected_sensors, load_rig
 from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np

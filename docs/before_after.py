@@ -11,8 +11,8 @@ from forcecal_ros.io.bags import read_recording
 from forcecal_ros.io.calibration_file import load
 from forcecal_ros.observe import replay
 from forcecal_ros.report.calibration import forces
+from forcecal_ros.report.figures import drawn
 from forcecal_ros.report.page import png
-from forcecal_ros.report.panels import drawn
 
 SIZE = (8.0, 3.0)
 """Of the picture [in]: its words are still read where a phone makes it 10 cm wide."""

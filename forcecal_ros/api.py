@@ -188,7 +188,7 @@ def diagnose(recording: 'Recording', against: Any = None, *,
     from forcecal_ros.core.errors import DataError
     from forcecal_ros.diagnose.dataset import units
     from forcecal_ros.report.diagnosis import closest, headline, signals, view_of
-    from forcecal_ros.report.panels import drawn
+    from forcecal_ros.report.figures import drawn
 
     if isinstance(against, str | Path):
         against = _model(against)

@@ -42,12 +42,14 @@ def _is_live(item) -> bool:
 
 @pytest.hookimpl(tryfirst=True)  # before the workers look at the groups
 def pytest_collection_modifyitems(items):
-    """Keep what runs nodes to one worker of several, where it has the DDS traffic to itself."""
+    """Give what runs nodes to two workers of several: it waits more than it computes."""
+    files = sorted({item.path for item in items if _is_live(item)})
     for item in items:
+        group = str(item.path.relative_to(ROOT / 'test').with_suffix(''))
         if _is_live(item):
             item.add_marker(pytest.mark.flaky(reruns=1, condition=SHARED))
-        file = item.path.relative_to(ROOT / 'test').with_suffix('')
-        item.add_marker(pytest.mark.xdist_group('live' if _is_live(item) else str(file)))
+            group = f'live {files.index(item.path) % 2}'
+        item.add_marker(pytest.mark.xdist_group(group))
     items.sort(key=_is_live, reverse=True)
 
 
@@ -58,23 +60,13 @@ def pytest_runtest_setup(item):
         os.nice(GIVING_WAY)
 
 
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_protocol(item):
-    """Let the other worker wait while a test runs that a busy machine would fail."""
-    if SHARED and (item.get_closest_marker('alone') or not _is_live(item)):
-        with machine(alone=_is_live(item)):
-            return (yield)
-    return (yield)
-
-
 @pytest.fixture(autouse=True)
-def _has_the_machine_the_second_time(request):
-    """Run a live test that failed beside the other worker once more, without it: that counts."""
-    again = getattr(request.node, 'execution_count', 1) > 1
-    if not again or request.node.get_closest_marker('alone'):
+def _machine(request):
+    """Run a live test that failed beside others once more, without them: that counts."""
+    if not SHARED:
         yield
         return
-    with machine(alone=True):
+    with machine(alone=getattr(request.node, 'execution_count', 1) > 1):
         yield
 
 
@@ -114,7 +106,7 @@ def rig_run(tmp_path_factory):
 @pytest.fixture(scope='session')
 def second_rig(tmp_path_factory):
     """Return a folder with ``bag`` and ``clean.npz``: the same motion run by the second rig."""
-    if not (ROOT / 'blind').is_dir():
+    if not (ROOT / 'benchmark' / 'blind').is_dir():
         pytest.skip('the second rig is not part of what is installed')
     from rig_recordings import write_second
     return write_second(tmp_path_factory.mktemp('second_rig'))

@@ -25,8 +25,7 @@ from forcecal_ros.impedance.plant import load_plant
 from forcecal_ros.impedance.session import Program, Stage, Task
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.plan import calibration_plan, prepare, preview, Timing
-from forcecal_ros.motion.poses import nominal_poses, step_goal
-from forcecal_ros.motion.profiles import Pace
+from forcecal_ros.motion.profiles import nominal_poses, Pace, step_goal
 from forcecal_ros.observe.design import with_kalman_gains
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import simulate

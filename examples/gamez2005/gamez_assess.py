@@ -18,6 +18,18 @@ SETTLED_FLOOR = 1.0
 """... or within this force of it, where that is more: the share of a light touch is noise [N]."""
 
 
+def _spans(program, phase):
+    """Return begin and end of each stage of a phase [s]."""
+    return [(end - stage.duration, end) for stage, end in zip(program.stages, program.ends)
+            if stage.phase == phase]
+
+
+def _span(program, phase):
+    """Return the first begin and the last end of a phase [s]."""
+    spans = _spans(program, phase)
+    return spans[0][0], spans[-1][1]
+
+
 class Figures(NamedTuple):
     """
     What one run is judged by; forces along x of ft_sensor.
@@ -53,11 +65,11 @@ class Figures(NamedTuple):
 
 def assess(run: ClosedLoopRun, ideal: ClosedLoopRun, program: Program) -> Figures:
     """Judge a run; ``ideal`` followed the same program with the true force and the same noise."""
-    start, end = program.span('free')
+    start, end = _span(program, 'free')
     free = run.feedback.between(start, end).values[:, 0]
     strayed = (run.tool.between(start, end).values - ideal.tool.between(start, end).values)
-    held = program.first_hold('contact')
-    touching = run.contact.between(program.span('approach')[0], held)
+    held = _spans(program, 'contact')[0][1]
+    touching = run.contact.between(_spans(program, 'approach')[0][0], held)
     force = -touching.values[:, 0]
     begin, bounces, settling, peak = np.nan, 0, np.nan, 0.0
     if (force > TOUCH).any():
@@ -65,7 +77,7 @@ def assess(run: ClosedLoopRun, ideal: ClosedLoopRun, program: Program) -> Figure
         begin, force = touching.t[first], force[first:]
         bounces, peak = losses(force > 0.0), float(force.max())
         settling = settling_time(touching.t[first:], force) - begin
-    pressed = run.feedback.between(*program.span('contact'))
+    pressed = run.feedback.between(*_span(program, 'contact'))
     truth = run.contact.at(pressed.t)[:, 0]
     return Figures(
         rms(free), float(np.abs(free).max()), rms(strayed), peak, bounces, float(settling),

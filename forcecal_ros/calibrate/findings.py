@@ -19,7 +19,7 @@ from forcecal_ros.calibrate.joint import (
     THINNING,
 )
 from forcecal_ros.calibrate.means import DRIFT, drift, restless
-from forcecal_ros.calibrate.rejection import pose_errors, rejected, what_changed
+from forcecal_ros.calibrate.rejection import pose_errors, rejected, touched
 from forcecal_ros.calibrate.residuals import (
     FARTHEST,
     farthest,
@@ -118,9 +118,11 @@ def poses_disagree(stages: Stages, settings: IdentificationSettings) -> Iterator
     offs = tool.residuals if i is None else np.array([one.shift for one in errors])
     i = int(np.argmax(np.abs(offs / sigma).max(axis=1))) if i is None else i
     j = int(np.argmax(np.abs(offs[i]) / sigma[i]))
-    remedy = what_changed(statics, np.array([pose.start for pose in stages.poses])) or (
-        'measure it again with nothing that touches or pulls at the tool; if it is off again, '
-        'tighten the mount')
+    names = ', '.join(str(k + 1) for k in touched(statics))
+    remedy = (f'without pose {names} they fit one tool: a cable or a hand pulled there, or it was '
+              'not yet still' if names else
+              'measure it again with nothing that touches or pulls at the tool; if it is off '
+              'again, tighten the mount')
     yield Finding(
         f'the static poses do not fit one tool (chi-square {tool.chi_square:.3g} for '
         f'{tool.degrees} degrees of freedom): pose {i + 1} is off by '

@@ -58,10 +58,16 @@ from forcecal_ros.calibrate.statics import (
 from forcecal_ros.calibrate.tool import identify_tool, tool_of_motion
 from forcecal_ros.checks.accelerometer import refuse_on_another_link, refuse_other_unit
 from forcecal_ros.checks.entry import checked
-from forcecal_ros.checks.hypotheses import judge, slight_misfit
+from forcecal_ros.checks.hypotheses import judge, refuse_late_accelerometer, slight_misfit
 from forcecal_ros.checks.messages import Stated
 from forcecal_ros.checks.signals import clipped
-from forcecal_ros.core.axes import DOWN, in_axes_of_pose, level_from_base, levelled
+from forcecal_ros.core.axes import (
+    DOWN,
+    in_axes_of_pose,
+    level_from_base,
+    levelled,
+    unit_direction,
+)
 from forcecal_ros.core.calibration import Calibration, Estimate, Noise, ObserverGain
 from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.noise.autocovariance import SHORTEST
@@ -107,7 +113,8 @@ def identify(recording: Recording, settings: IdentificationSettings = Identifica
     recording = checked(recording).recording
     try:
         with np.errstate(all='ignore'):
-            stages = _stages_or_motion(recording, settings)
+            recording, warnings, slight = _judged(_evened(recording), settings)
+            stages = _stages_or_motion(recording, settings, slight)
     except TurnedWrench as error:
         raise DataError(f'{error}; set wrench.sign to {-settings.wrench_sign} '
                         f'(--wrench-sign {-settings.wrench_sign})') from error
@@ -117,7 +124,7 @@ def identify(recording: Recording, settings: IdentificationSettings = Identifica
         raise DataError(f'{recording.source or "the recording"}: the fit breaks down ({error}); '
                         'look for readings of absurd size and stamps of another clock') from error
     if isinstance(stages, dict):
-        return _natural(Calibration(**stages, **_stated(recording, settings)))
+        return _natural(Calibration(**stages, **_stated(recording, settings)), warnings)
     noise = noise_of(stages, settings.coupling)
     tool, std = stages.tool, np.sqrt(np.diag(stages.tool.covariance))
     calibration = Calibration(
@@ -132,12 +139,14 @@ def identify(recording: Recording, settings: IdentificationSettings = Identifica
         noise=noise,
         observer=_observer(stages, noise, settings),
         **_stated(recording, settings))
-    return _natural(replace(calibration, quality=quality_of(stages, calibration, settings)))
+    return _natural(replace(calibration, quality=quality_of(stages, calibration, settings)),
+                    warnings)
 
 
-def _natural(calibration: Calibration) -> Calibration:
-    """Refuse what no tool can be; leave out an inertia that no body has."""
+def _natural(calibration: Calibration, warnings: Sequence[str]) -> Calibration:
+    """Refuse what no tool can be; leave out an inertia that no body has; add warnings."""
     refuse_unnatural(calibration)
+    calibration.quality['warnings'][:0] = warnings
     if not (no_body := unnatural_inertia(calibration)):
         return calibration
     calibration.quality['warnings'].append(no_body)
@@ -148,18 +157,19 @@ def _stated(recording: Recording, settings: IdentificationSettings) -> dict[str,
     """Return what a calibration holds of its settings and its recording."""
     wrench = require_wrench(recording)
     return {
-        'gravity': settings.gravity, 'gravity_direction': _unit(settings.gravity_direction),
+        'gravity': settings.gravity,
+        'gravity_direction': unit_direction(settings.gravity_direction),
         'sensor_rotation': _turned(settings.sensor_rotation),
         'sensor_frame': wrench.frame or 'ft_sensor', 'wrench_sign': settings.wrench_sign,
         'sensor_from_pose': recording.sensor_from_pose,
         'source': {'recording': recording.source, **_recorded(recording), **settings.source}}
 
 
-def _stages_or_motion(recording: Recording, settings: IdentificationSettings
+def _stages_or_motion(recording: Recording, settings: IdentificationSettings, slight: str
                       ) -> Stages | dict[str, Any]:
     """Identify from static poses, or from motion where they are missing or all alike."""
     try:
-        return identify_stages(recording, settings)
+        return replace(identify_stages(recording, settings), slight_misfit=slight)
     except NeverAtRest as error:
         try:
             return _by_motion(recording, settings, 'the robot never stands still')
@@ -178,7 +188,7 @@ def _stages_or_motion(recording: Recording, settings: IdentificationSettings
 
 def _by_motion(recording: Recording, settings: IdentificationSettings, why: str
                ) -> dict[str, Any]:
-    recording = _evened(levelled(recording, settings.gravity_direction))
+    recording = levelled(recording, settings.gravity_direction)
     recording = in_axes_of_pose(recording, settings.sensor_rotation)
     slide = optidrive_of(recording, settings)
     joint = fit_motion(recording, settings, (), slide)
@@ -195,14 +205,6 @@ def _same_orientation(recording: Recording, settings: IdentificationSettings) ->
     poses = static_poses(levelled(recording, settings.gravity_direction))
     spread, _ = gravity_spread(np.stack([pose.gravity(settings.gravity) for pose in poses]))
     return bool(spread[0] < MIN_GRAVITY_SPREAD)
-
-
-def _unit(direction: Vector3 | None) -> Vector3 | None:
-    """Return the unit vector of a direction that is not plainly down."""
-    if direction is None or level_from_base(direction) is None:
-        return None
-    x, y, z = np.asarray(direction) / np.linalg.norm(direction)
-    return float(x), float(y), float(z)
 
 
 def _turned(rotation: Vector3 | None) -> Vector3 | None:
@@ -238,7 +240,6 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
     """
     recording, removed = checked(recording)
     require_wrench(recording)
-    recording, slight = _judged(_evened(recording), settings)
     recording = levelled(recording, settings.gravity_direction)
     poses = static_poses(recording)
     stops = clipped(recording)
@@ -251,8 +252,7 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
     joint = fit_motion(recording, settings, poses, slide)
     assert recording.pose is not None
     if joint is None:
-        return replace(_single_samples(recording, removed, poses, statics, settings),
-                       slight_misfit=slight, stops=stops)
+        return replace(_single_samples(recording, removed, poses, statics, settings), stops=stops)
     spans = np.array([pose.end - pose.start for pose in poses])
     refuse_negative(float(joint.theta[0]))
     ring, sag = None, None
@@ -281,8 +281,8 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
     known = moves and joint.delay_std < settings.largest_delay / 10
     return Stages(recording, removed, poses, statics, tool, sag, ring,
                   fit_accelerometer(recording, settings, joint, poses, slide),
-                  inertia_of(joint) if moves else None, late if known else None, joint, slight,
-                  stops)
+                  inertia_of(joint) if moves else None, late if known else None, joint,
+                  stops=stops)
 
 
 def optidrive_of(recording: Recording, settings: IdentificationSettings) -> Stream | None:
@@ -346,15 +346,17 @@ def fit_accelerometer(recording: Recording, settings: IdentificationSettings, jo
                         covariance=C)
 
 
-def _judged(recording: Recording, settings: IdentificationSettings) -> tuple[Recording, str]:
-    """Refuse a recording that another hypothesis explains better; name what is slight."""
+def _judged(recording: Recording, settings: IdentificationSettings
+            ) -> tuple[Recording, tuple[str, ...], str]:
+    """Refuse what another hypothesis explains better; return warnings, and a slight misfit."""
     level = level_from_base(settings.gravity_direction)
     down = DOWN if level is None else level.T @ DOWN
     stated = Stated(down, settings.wrench_sign, settings.sensor_rotation,
                     recording.sensor_from_pose)
     judged = in_axes_of_pose(recording, settings.sensor_rotation)
-    notes = judge(judged, settings.gravity * down, stated)
-    return (replace(recording, notes=(*recording.notes, *notes)),
+    if settings.coupling == 'dc':
+        refuse_late_accelerometer(judged, settings.gravity * down)
+    return (recording, judge(judged, settings.gravity * down, stated),
             slight_misfit(judged, settings.gravity * down, stated))
 
 

@@ -1,5 +1,5 @@
 """
-Static poses that do not fit one tool: which to measure again, and what changed in between.
+Static poses that do not fit one tool: which to measure again.
 
 "If the error is larger than a threshold defined previously, something in the setup, programs or
 system are not in the right order": the observed error of a pose is how far it lies from what all
@@ -8,12 +8,13 @@ their projection M = I - H, a shift of pose k is estimated by M_kk^+ r_k, and r_
 chi-square where there is none.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from forcecal_ros.calibrate.static_readings import Statics
 from forcecal_ros.calibrate.tool import design_of, slide_noise, ToolFit
-from forcecal_ros.core.geometry import Array, skew
+from forcecal_ros.core.estimation import robust_fit
+from forcecal_ros.core.geometry import Array
 import numpy as np
 from scipy.special import chdtrc
 
@@ -83,103 +84,17 @@ def rejected(errors: Sequence[PoseError], probability: float) -> int | None:
     return int(np.argmin(chances))
 
 
-_BETTER = 10.0
-"""A change is named where it leaves so many times less, per degree of freedom."""
-
-_LEAST = 2
-"""Poses on either side of a change, at least."""
-
-_TOUCHED = 0.34
-"""Largest share of poses that may be touched: the others have to tell the tool."""
+TOUCHED_SIGMA, MAX_TOUCHED = 10.0, 0.34
+"""Errors of their means by which poses are off one tool that the others fit, and the largest
+share of poses that may be."""
 
 
-_DEGREES = 6
-"""Degrees of freedom that a change has to leave: of fewer some leave nothing by chance."""
-
-_FITS = 2.0
-"""Poses that leave less, per degree of freedom, are as sound as others: no more need to go."""
-
-
-class _Change(NamedTuple):
-    """A hypothesis: columns it adds to the tool's, and what is said of it."""
-
-    columns: Array
-    said: str
-
-
-def what_changed(statics: Statics, times: Array) -> str:
-    """
-    Name the one change that makes static poses fit one tool.
-
-    Parameters
-    ----------
-    statics : Statics
-        With covariance.
-    times : ndarray, shape (n,)
-        Of the poses [s].
-
-    Returns
-    -------
-    str
-        Empty where none does.
-    """
+def touched(statics: Statics) -> list[int]:
+    """Return the poses without which all others fit one tool, if there are a few."""
     assert statics.covariance is not None
-    n = len(times)
-    weight = 1.0 / np.sqrt(np.diagonal(statics.covariance, axis1=1, axis2=2))[:, :, None]
-    load = _load(statics.gravity)
-    plain = design_of(statics)[0][:6 * n].reshape(n, 6, -1)
-    before = _reduced_chi_square(plain, statics.wrench, weight)
-    found = [(_reduced_chi_square(
-        np.concatenate([plain, one.columns], axis=2), statics.wrench, weight), one)
-        for one in (*_changes(load, times), *_touched(plain, statics.wrench, weight))]
-    best = min(found, key=lambda pair: pair[0], default=None)
-    return '' if best is None or best[0] * _BETTER > before else best[1].said
-
-
-def _load(gravity: Array) -> Array:
-    """Columns of mass and mass times place, (n, 6, 4)."""
-    columns = np.zeros((len(gravity), 6, 4))
-    columns[:, :3, 0], columns[:, 3:, 1:] = gravity, -skew(gravity)
-    return columns
-
-
-def _reduced_chi_square(columns: Array, wrench: Array, weight: Array) -> float:
-    """Chi-square per degree of freedom; inf where too few are left."""
-    rows = (columns * weight).reshape(wrench.size, -1)
-    right = (wrench[:, :, None] * weight).ravel()
-    theta, _, rank, _ = np.linalg.lstsq(rows, right, rcond=1e-9)
-    degrees = wrench.size - int(rank)
-    return float(((right - rows @ theta)**2).sum()) / degrees if degrees >= _DEGREES else np.inf
-
-
-def _changes(load: Array, times: Array) -> Iterator[_Change]:
-    n = len(times)
-    for k in range(_LEAST, n - _LEAST + 1):
-        after = (np.arange(n) >= k)[:, None, None]
-        when = f'between pose {k} and pose {k + 1} ({times[k - 1]:.1f} to {times[k]:.1f} s)'
-        yield _Change(np.eye(6) * after, 'they fit one tool with a bias that jumps '
-                      f'{when}: a sensor tared or a driver started anew; use either part alone')
-        yield _Change(load * after, f'they fit a load that changes {when}: something gripped, '
-                      'let go, opened or slipped; use either part alone')
-    run = (times - times.mean())[:, None, None] / np.ptp(times)
-    yield _Change(np.concatenate([np.eye(6) * run, np.eye(6) * run**2], axis=2),
-                  'they fit one tool with a bias that drifts: let the sensor warm up, and '
-                  'record again')
-
-
-def _touched(plain: Array, wrench: Array, weight: Array) -> Iterator[_Change]:
-    """Poses that are off by any wrench, added one by one as far as they help."""
-    n, off = len(wrench), list[int]()
-    for _ in range(int(_TOUCHED * n)):
-        chi_square_without = {i: _reduced_chi_square(*(np.delete(part, [*off, i], axis=0)
-                           for part in (plain, wrench, weight)))
-                for i in range(n) if i not in off}
-        off.append(min(chi_square_without, key=lambda i: chi_square_without[i]))
-        columns = np.zeros((n, 6, 6 * len(off)))
-        for j, i in enumerate(off):
-            columns[i, :, 6 * j:6 * j + 6] = np.eye(6)
-        named = ', '.join(str(i + 1) for i in sorted(off))
-        yield _Change(columns, f'without pose{"s" * (len(off) > 1)} {named} they fit one tool: '
-                      'a cable or a hand pulled there, or it was not yet still')
-        if chi_square_without[off[-1]] < _FITS:
-            return
+    sigma = np.sqrt(np.diagonal(statics.covariance, axis1=1, axis2=2))
+    n = len(sigma)
+    columns = design_of(statics)[0][:6 * n].reshape(n, 6, -1) / sigma[:, :, None]
+    fit = robust_fit(columns, statics.wrench / sigma, channels=6, freedom=1.0)
+    off = np.abs(fit.residual.reshape(n, 6)).max(axis=1) > TOUCHED_SIGMA
+    return np.flatnonzero(off).tolist() if off.mean() <= MAX_TOUCHED else []

@@ -1,6 +1,6 @@
 """Whether a calibration belongs to a recording."""
 
-from forcecal_ros.checks.hypotheses import judge, Known
+from forcecal_ros.checks.hypotheses import judge, Known, refuse_late_accelerometer
 from forcecal_ros.checks.messages import Stated
 from forcecal_ros.core.axes import DOWN
 from forcecal_ros.core.calibration import Calibration
@@ -32,7 +32,9 @@ def refuse_disagreeing(recording: Recording, calibration: Calibration) -> tuple[
     DataError
         Names cause and remedy, as ``forcecal calibrate`` does.
     """
-    _refuse_other_gravity(recording, calibration)
+    if calibration.accelerometer is not None and calibration.accelerometer.coupling == 'dc':
+        refuse_late_accelerometer(recording, calibration.gravity * DOWN)
+        _refuse_other_gravity(recording, calibration)
     return judge(recording, calibration.gravity * DOWN, Stated(
         DOWN, calibration.wrench_sign, calibration.sensor_rotation, calibration.sensor_from_pose,
         'calibration'), Known(float(calibration.mass), calibration.com.value,
@@ -42,7 +44,7 @@ def refuse_disagreeing(recording: Recording, calibration: Calibration) -> tuple[
 def _refuse_other_gravity(recording: Recording, calibration: Calibration) -> None:
     """Refuse an accelerometer that shows gravity elsewhere than the pose and its calibration."""
     stream, sensor, pose = recording.accelerometer, calibration.accelerometer, recording.pose
-    if stream is None or sensor is None or pose is None or sensor.coupling != 'dc' or (
+    if stream is None or sensor is None or pose is None or (
             recording.accelerometer_unit != sensor.unit or min(len(stream), len(pose)) < 12):
         return
     t = pose.t[np.linspace(0, len(pose) - 1, min(2000, len(pose))).astype(int)]

@@ -14,8 +14,10 @@ does not depend on the axes.
 """
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any, NamedTuple
 
+from forcecal_ros.core.estimation import robust_fit
 from forcecal_ros.core.geometry import Array, skew
 from forcecal_ros.core.rigid_body import acceleration_of_slide, inertia_columns
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
@@ -30,9 +32,9 @@ SMOOTHING_STEPS = 3.0
 """Standard deviation of the low-pass [steps]: 60 ms keep the motion of arms, and leave a
 thousandth of a pose's noise in its second derivative."""
 
-MAX_STEPS, MAX_ROWS = 20_000, 800
-"""Steps of a long recording, and rows of one fit: 800 rows of three channels determine ten
-unknowns to a fiftieth of the noise."""
+MAX_STEPS, MAX_ROWS = 20_000, 400
+"""Steps of a long recording, and rows of one fit: 400 rows of three channels determine ten
+unknowns to a thirtieth of the noise."""
 
 TRUE_TO = 0.01
 """Share of the changes of its readings to which a sensor is true, by its data sheet: what leaves
@@ -42,67 +44,160 @@ FREEDOM = 2.0
 """Degrees of freedom of Student's t: contact may be half of a recording."""
 
 
+class Columns(NamedTuple):
+    """
+    What multiplies the unknowns in each row of a path, low-passed.
+
+    Attributes
+    ----------
+    gravity : ndarray, shape (n, 3, 3)
+        From gravity in base to ft_sensor.
+    late : ndarray, shape (n, 3, 3)
+        Minus its derivative; this and all below are 0 for static samples.
+    accel : ndarray, shape (n, 3)
+        Of ft_sensor in itself [m/s^2].
+    lever : ndarray, shape (n, 3, 3)
+        Acceleration of a place by the place [1/s^2].
+    inertia : ndarray, shape (n, 3, 6)
+        Torque by inertia.
+    displaced : ndarray, shape (n, 3, 3)
+        From gravity to torque by mass of a displaced tool [m].
+    displaced_accel : ndarray, shape (n, 3)
+        The same of accelerations [m^2/s^2].
+    """
+
+    gravity: Array
+    late: Array
+    accel: Array
+    lever: Array
+    inertia: Array
+    displaced: Array
+    displaced_accel: Array
+
+
+@dataclass(frozen=True)
+class Path:
+    """
+    How ft_sensor moves on a grid, one row a step or a static sample.
+
+    Attributes
+    ----------
+    R : ndarray, shape (n, 3, 3)
+        R_base_sensor.
+    position : ndarray, shape (n, 3), or None
+        Of ft_sensor in base [m].
+    step : float
+        [s]; 0: static samples.
+    displacement : ndarray, shape (n,), or None
+        Of the tool along x of ft_sensor [m].
+    zeroed : ndarray of int, shape (n,), or None
+        Row at which the wrench was last zeroed.
+    smoothing : float
+        Time constant of a low-pass that the wrench has passed, or minus the length of a mean
+        about each reading [s].
+    """
+
+    R: Array
+    position: Array | None
+    step: float
+    displacement: Array | None = None
+    zeroed: NDArray[np.intp] | None = None
+    smoothing: float = 0.0
+
+    @property
+    def from_base(self) -> Array:
+        """Matrices from gravity in base to what it does to a wrench in ft_sensor, (n, 3, 3)."""
+        Rt = np.swapaxes(self.R, 1, 2)
+        return Rt if self.zeroed is None else Rt - Rt[self.zeroed]
+
+    @cached_property
+    def columns(self) -> Columns:
+        """Of all rows."""
+        R, step, n, W = self.R, self.step, len(self.R), self.from_base
+        if not step:
+            flat = np.zeros((n, 3, 6))
+            return Columns(W, flat[..., :3], flat[..., 0], flat[..., :3], flat, flat[..., :3],
+                           flat[..., 0])
+        omega_x = np.swapaxes(R, 1, 2) @ np.gradient(R, step, axis=0)
+        omega = np.stack([omega_x[:, 2, 1] - omega_x[:, 1, 2],
+                          omega_x[:, 0, 2] - omega_x[:, 2, 0],
+                          omega_x[:, 1, 0] - omega_x[:, 0, 1]], axis=1) / 2.0
+        alpha = np.gradient(omega, step, axis=0)
+        accel, slide = np.zeros((n, 3)), np.zeros((n, 3, 3))
+        if self.position is not None:
+            base = np.gradient(np.gradient(self.position, step, axis=0), step, axis=0)
+            accel = np.einsum('nij,ni->nj', R, base)
+        if self.displacement is not None:
+            accel = accel + acceleration_of_slide(self.displacement, omega, alpha, step)
+            slide = skew(self.displacement[:, None] * [1.0, 0.0, 0.0])
+        about = skew(omega)
+        parts = (W, -np.gradient(W, step, axis=0), accel[:, :, None],
+                 skew(alpha) + about @ about,
+                 -(inertia_columns(alpha) + about @ inertia_columns(omega)),
+                 slide @ W, slide @ accel[:, :, None])
+        low = _smoothed(np.concatenate(parts, axis=2), self.smoothing / step)
+        gravity, late, a, lever, inertia, displaced, by_accel = np.split(
+            low, np.cumsum([part.shape[2] for part in parts])[:-1], axis=2)
+        return Columns(gravity, late, a[..., 0], lever, inertia, displaced, by_accel[..., 0])
+
+
 @dataclass(frozen=True)
 class Motion:
     """
-    Pose and wrench on one grid, one row a step or a static sample.
+    Path and wrench on one grid.
 
     Attributes
     ----------
     t : ndarray, shape (n,)
         [s]
-    R : ndarray, shape (n, 3, 3)
-        R_base_sensor.
-    position : ndarray, shape (n, 3), or None
-        Of ft_sensor in base [m].
+    path : Path
     wrench : ndarray, shape (n, 6)
         [N, N m]
     usable : ndarray of bool, shape (n,)
         Steps in which everything was sampled.
     gravity : ndarray, shape (3,)
         In base [m/s^2].
-    step : float
-        [s]; 0: static samples.
     part : ndarray of int, shape (n,), or None
         Parts of the recording that have a bias each.
-    zeroed : ndarray of int, shape (n,), or None
-        Row at which the wrench was last zeroed.
     free_gravity : bool
         Gravity may point anywhere in base.
-    smoothing : float
-        Time constant of a low-pass that the wrench has passed, or minus the length of a mean
-        about each reading [s].
     extra : ndarray, shape (n, 3, k), or None
         Further columns of the forces.
     axes : ndarray, shape (3, 3), or None
         From true axes to those that were recorded.
     axes_std : float
         Standard error of their rotation [rad].
-    displacement : ndarray, shape (n,), or None
-        Of the tool along x of ft_sensor [m].
     """
 
     t: Array
-    R: Array
-    position: Array | None
+    path: Path
     wrench: Array
     usable: NDArray[np.bool_]
     gravity: Array
-    step: float
     part: NDArray[np.intp] | None = None
-    zeroed: NDArray[np.intp] | None = None
     free_gravity: bool = False
-    smoothing: float = 0.0
     extra: Array | None = None
     axes: Array | None = None
     axes_std: float = 0.0
-    displacement: Array | None = None
+
+    @property
+    def R(self) -> Array:
+        """R_base_sensor, shape (n, 3, 3)."""
+        return self.path.R
+
+    @property
+    def step(self) -> float:
+        """Of the grid [s]; 0: static samples."""
+        return self.path.step
 
     @property
     def in_sensor(self) -> Array:
         """Gravity in ft_sensor, shape (n, 3) [m/s^2]."""
-        u = self.gravity @ self.R
-        return np.asarray(u if self.zeroed is None else u - u[self.zeroed])
+        return np.asarray(self.path.from_base @ self.gravity)
+
+    def along(self, **changes: Any) -> 'Motion':
+        """Return the same along another path."""
+        return replace(self, path=replace(self.path, **changes))
 
 
 class Fit(NamedTuple):
@@ -119,8 +214,8 @@ class Fit(NamedTuple):
         Of one channel's residual.
     floor : float
         To which the sensor is true.
-    mean_log : float
-        Log likelihood a row.
+    mean_log, room : float
+        Log likelihood a row, and by how much it could be more at best.
     effective : float
         Rows that are independent of each other.
     """
@@ -131,6 +226,7 @@ class Fit(NamedTuple):
     scale: float
     floor: float
     mean_log: float
+    room: float
     effective: float
 
     def evidence(self, effective: float) -> float:
@@ -203,15 +299,15 @@ def on_grid(recording: Recording, gravity: Array) -> Motion | None:
     reach = int(np.ceil(2.0 * SMOOTHING_STEPS))
     usable = np.convolve(~(sampled & posed), np.ones(2 * reach + 1), 'same') == 0
     usable[:reach] = usable[-reach:] = False
-    return Motion((edges[1:] + edges[:-1]) / 2.0, R.reshape(-1, 3, 3), position, force, usable,
-                  gravity, step, displacement=displacement)
+    return Motion((edges[1:] + edges[:-1]) / 2.0, Path(
+        R.reshape(-1, 3, 3), position, step, displacement), force, usable, gravity)
 
 
 def _static(wrench: Stream, pose: PoseStream, gravity: Array) -> Motion:
     i = np.searchsorted(pose.t, wrench.t).clip(max=len(pose) - 1)
     i = np.where(np.abs(pose.t[i] - wrench.t) > np.abs(pose.t[i - 1] - wrench.t), i - 1, i)
-    return Motion(wrench.t, pose.R_base_sensor[i], None, wrench.values,
-                  np.isfinite(wrench.values).all(axis=1), gravity, 0.0)
+    return Motion(wrench.t, Path(pose.R_base_sensor[i], None, 0.0), wrench.values,
+                  np.isfinite(wrench.values).all(axis=1), gravity)
 
 
 def _means(t: Array, values: Array, edges: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -225,44 +321,6 @@ def _means(t: Array, values: Array, edges: Array) -> tuple[Array, NDArray[np.boo
     near = np.convolve(count > 0, np.ones(5), 'same') > 0
     return np.stack([np.interp(middle, means[:, 0], column) for column in means[:, 1:].T],
                     axis=1), near
-
-
-def _design(motion: Motion, scale: float) -> tuple[Array, Array, Array]:
-    """
-    Columns of forces (n, 3, j) and torques (n, 3, k); torques of a displacement by mass (n, 3).
-
-    Parameters
-    ----------
-    scale : float
-        Inertial mass over weight, by which accelerations enter the torques.
-    """
-    R, step, n = motion.R, motion.step, len(motion.t)
-    u = motion.in_sensor
-    weight = np.swapaxes(R, 1, 2) if motion.free_gravity else u[:, :, None]
-    extra = [] if motion.extra is None else [motion.extra]
-    if not step:
-        return (np.concatenate([weight, *extra, biases(motion)], axis=2),
-                np.concatenate([-skew(u), biases(motion)], axis=2), np.zeros((n, 3)))
-    omega_x = np.swapaxes(R, 1, 2) @ np.gradient(R, step, axis=0)
-    omega = np.stack([omega_x[:, 2, 1] - omega_x[:, 1, 2], omega_x[:, 0, 2] - omega_x[:, 2, 0],
-                      omega_x[:, 1, 0] - omega_x[:, 0, 1]], axis=1) / 2.0
-    alpha = np.gradient(omega, step, axis=0)
-    accel = np.zeros((n, 3))
-    if motion.position is not None:
-        base = np.gradient(np.gradient(motion.position, step, axis=0), step, axis=0)
-        accel = np.einsum('nij,ni->nj', R, base)
-    displaced = np.zeros((n, 3))
-    if motion.displacement is not None:
-        accel = accel + acceleration_of_slide(motion.displacement, omega, alpha, step)
-        displaced = np.cross(motion.displacement[:, None] * [1.0, 0.0, 0.0], u - scale * accel)
-    W = skew(omega)
-    columns = inertia_columns(alpha) + W @ inertia_columns(omega)
-    late = -np.gradient(u, step, axis=0)
-    force = [weight, -accel[:, :, None], -(skew(alpha) + W @ W), late[:, :, None], *extra]
-    torque = [-skew(u - scale * accel), -columns]
-    parts = [np.concatenate([_smoothed(np.concatenate(one, axis=2), motion.smoothing / step),
-                             biases(motion)], axis=2) for one in (force, torque)]
-    return parts[0], parts[1], _smoothed(displaced, motion.smoothing / step)
 
 
 def _smoothed(values: Array, constant: float = 0.0) -> Array:
@@ -283,86 +341,126 @@ def biases(motion: Motion) -> Array:
     return np.asarray(np.einsum('nk,ij->nikj', own, np.eye(3)).reshape(len(part), 3, -1))
 
 
-def explain(motion: Motion) -> Explained | None:
-    """Fit a rigid tool; None where fewer than three rows are usable."""
-    rows = np.flatnonzero(motion.usable)
-    if len(rows) < 3:
-        return None
-    rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), MAX_ROWS)).astype(int)]
-    wrench = _smoothed(motion.wrench) if motion.step else motion.wrench
-    force, torque = wrench[rows, :3], wrench[rows, 3:]
-    columns, _, _ = _design(motion, 1.0)
-    weights = 3 if motion.free_gravity else 1
-    fit = robust(columns[rows], force)
+class Pull(NamedTuple):
+    """
+    Forces of a recording as a rigid tool's.
+
+    Attributes
+    ----------
+    force : Fit
+    mass, mass_std : float
+        By weight [kg].
+    inertial : float
+        Inertial mass over weight; 1 where the motion does not show it.
+    moving : bool
+        Whether it does.
+    gravity : ndarray, shape (3,)
+        In base [m/s^2].
+    """
+
+    force: Fit
+    mass: float
+    mass_std: float
+    inertial: float
+    moving: bool
+    gravity: Array
+
+
+def explain_forces(motion: Motion) -> Pull:
+    """Fit the forces of a rigid tool."""
+    rows, step, g = _rows(motion), motion.step, motion.gravity
+    columns_of, smoothing = motion.path.columns, motion.path.smoothing
+    force = (_smoothed(motion.wrench[:, :3]) if step else motion.wrench[:, :3])[rows]
+    down = columns_of.gravity[rows]
+    weight = down if motion.free_gravity else (down @ g)[:, :, None]
+    columns = [biases(motion)[rows]]
+    if motion.extra is not None:
+        columns.insert(0, (_smoothed(motion.extra, smoothing / step) if step
+                           else motion.extra)[rows])
+    if step:
+        columns = [-columns_of.accel[rows, :, None], -columns_of.lever[rows],
+                   (columns_of.late[rows] @ g)[:, :, None], *columns]
+    fit = fit_part(np.concatenate([weight, *columns], axis=2), force)
     mass, mass_std = float(fit.theta[0]), float(fit.std[0])
     if motion.free_gravity:
-        g = np.linalg.norm(motion.gravity)
-        mass = float(np.linalg.norm(fit.theta[:3]) / g)
-        mass_std = float(np.linalg.norm(fit.std[:3]) / g)
-        if mass:
-            motion = replace(motion, gravity=fit.theta[:3] / mass)  # torques are of that weight
+        size = float(np.linalg.norm(g))
+        mass = float(np.linalg.norm(fit.theta[:3])) / size
+        mass_std = float(np.linalg.norm(fit.std[:3])) / size
+        g = fit.theta[:3] / mass if mass else g
     elif mass < 0.0:  # no tool falls up: the boundary of what is possible
-        bound = robust(columns[rows][:, :, weights:], force)
-        fit = fit._replace(mean_log=bound.mean_log)
-    moving = bool(motion.step) and motion.position is not None and bool(
-        abs(fit.theta[weights]) > 5.0 * fit.std[weights] > 0.0)
-    q = float(fit.theta[weights]) if moving else mass
-    _, columns, displaced = _design(motion, float(np.clip(q / mass, 0.0, 1e4)) if mass else 1.0)
-    torque = torque - mass * displaced[rows]
-    return Explained(fit, robust(columns[rows], torque), mass, mass_std, moving,
-                     motion.in_sensor[rows])
+        fit = fit._replace(mean_log=fit_part(np.concatenate(columns, axis=2), force).mean_log)
+    k = weight.shape[2]
+    moving = bool(step) and motion.path.position is not None and bool(
+        abs(fit.theta[k]) > 5.0 * fit.std[k] > 0.0)
+    times = float(np.clip(fit.theta[k] / mass, 0.0, 1e4)) if moving and mass else 1.0
+    return Pull(fit, mass, mass_std, times, moving, g)
 
 
-def robust(columns: Array, values: Array) -> Fit:
+def explain(motion: Motion) -> Explained | None:
+    """Fit a rigid tool; None where fewer than three rows are usable."""
+    if motion.usable.sum() < 3:
+        return None
+    rows, pull = _rows(motion), explain_forces(motion)
+    at, g, times = Columns(*(part[rows] for part in motion.path.columns)), pull.gravity, (
+        pull.inertial)
+    torque = (_smoothed(motion.wrench[:, 3:]) if motion.step else motion.wrench[:, 3:])[rows]
+    torque = torque - pull.mass * (at.displaced @ g - times * at.displaced_accel)
+    columns = [-skew(at.gravity @ g - times * at.accel), biases(motion)[rows]]
+    if motion.step:
+        columns.insert(1, at.inertia)
+    return Explained(pull.force, fit_part(np.concatenate(columns, axis=2), torque), pull.mass,
+                     pull.mass_std, pull.moving, replace(motion, gravity=g).in_sensor[rows])
+
+
+def by_any_matrix(motion: Motion) -> Fit:
+    """Fit forces by gravity times any matrix: its axes and gains do not matter."""
+    rows = _rows(motion)
+    u = motion.path.columns.gravity[rows] @ motion.gravity
+    force = _smoothed(motion.wrench[:, :3])[rows] if motion.step else motion.wrench[rows, :3]
+    columns = np.concatenate([np.kron(np.eye(3), u[:, None, :]), biases(motion)[rows]], axis=2)
+    return fit_part(columns, force)
+
+
+def _rows(motion: Motion) -> NDArray[np.intp]:
+    rows = np.flatnonzero(motion.usable)
+    return rows[np.linspace(0, len(rows) - 1, min(len(rows), MAX_ROWS)).astype(int)]
+
+
+def fit_part(columns: Array, values: Array) -> Fit:
     """
-    Fit values (n, 3) by columns (n, 3, k) with Student's t.
+    Fit forces or torques (n, 3) by columns (n, 3, k) with Student's t.
 
     The scale is at least :data:`TRUE_TO` of the changes of the values.
     """
-    size = np.sqrt(np.einsum('nij,nij->j', columns, columns))
-    size[size == 0.0] = 1.0
-    X = columns / size
-    n, _, k = X.shape
+    n, _, k = columns.shape
+    fit = robust_fit(columns, values, tolerance=1e-3, freedom=FREEDOM)
+    residual = fit.residual.reshape(n, 3)
+    square = np.einsum('ni,ni->n', residual, residual)
     floor = TRUE_TO * float(np.median(np.linalg.norm(values - np.median(values, 0), axis=1)))
-    flat = X.reshape(3 * n, k)
-    scale = 0.0
-    ridge, weight, square = 1e-12 * np.eye(k), np.ones(n), np.ones(n)
-    for i in range(30):
-        before = scale
-        weighted = (flat * np.repeat(weight / weight.mean(), 3)[:, None]).T
-        theta = np.linalg.solve(weighted @ flat + ridge, weighted @ values.ravel())
-        residual = values - X @ theta
-        square = np.einsum('ni,ni->n', residual, residual) + 1e-300
-        if i < 8:  # least absolute deviations lead near
-            weight = 1.0 / np.sqrt(np.maximum(square, 1e-2 * np.median(square)))
-            scale = float(np.median(square)) / 2.366  # of three Gaussian channels
-            continue
-        weight = (FREEDOM + 3.0) / (FREEDOM + square / scale)
-        scale = float((weight * square).mean()) / 3.0
-        if abs(scale - before) < 1e-4 * scale:
-            break
     used = min(0.9, k / (3.0 * n))
-    scale = scale / (1.0 - used)
+    scale = float(fit.scale[0, 0])**2 / (1.0 - used)
     true = scale + floor**2 + 1e-300
     likelihood = -1.5 * np.log(true) - 0.5 * (FREEDOM + 3.0) * np.log1p(square / FREEDOM / true)
-    mean_log = float(likelihood.mean()) * (1.0 - used) if np.ptp(values, axis=0).any() else 0.0
+    mean_log, room = 0.0, 0.0
+    if np.ptp(values, axis=0).any():
+        mean_log = float(likelihood.mean()) * (1.0 - used)
+        room = -1.5 * float(np.log(floor**2 + 1e-300)) - mean_log
     effective = _effective(residual / np.sqrt(FREEDOM * true + square)[:, None])
-    A = (flat * np.repeat(weight, 3)[:, None]).T @ flat / (scale + 1e-300)
+    size = np.sqrt(np.einsum('nij,nij->j', columns, columns))
+    size[size == 0.0] = 1.0
+    weight = (FREEDOM + 3.0) / (FREEDOM * scale + square + 1e-300)
+    X = columns / size
+    A = (X * weight[:, None, None]).reshape(-1, k).T @ X.reshape(-1, k)
     covariance = np.linalg.pinv(A, rcond=1e-12, hermitian=True) * n / effective
-    return Fit(theta / size, covariance / np.outer(size, size), residual, float(np.sqrt(scale)),
-               floor, mean_log, effective)
+    return Fit(fit.theta, covariance / np.outer(size, size), residual, float(np.sqrt(scale)),
+               floor, mean_log, room, effective)
 
 
 def _effective(values: Array) -> float:
     """Rows that are independent of each other, by the autocorrelation of residuals (n, 3)."""
     n = len(values)
-    values = values - values.mean(axis=0)
-    power = float((values**2).sum())
-    total = 1.0
-    for lag in range(1, n // 4):
-        rho = float((values[lag:] * values[:-lag]).sum()) / max(power, 1e-300)
-        if rho < 0.1:
-            break
-        total += 2.0 * rho
-    return max(2.0, n / total)
-
+    spectrum = np.fft.rfft(values - values.mean(axis=0), 2 * n, axis=0)
+    total = np.fft.irfft((np.abs(spectrum)**2).sum(axis=1))[:max(1, n // 4)]
+    rho = total / max(float(total[0]), 1e-300)
+    end = int(np.argmax(np.append(rho, 0.0) < 0.1))
+    return max(2.0, n / (1.0 + 2.0 * float(rho[1:end].sum())))

@@ -23,7 +23,16 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from forcecal_ros.checks import messages
-from forcecal_ros.checks.evidence import biases, explain, Explained, Motion, on_grid, STEP_S
+from forcecal_ros.checks.evidence import (
+    biases,
+    by_any_matrix,
+    explain,
+    explain_forces,
+    Explained,
+    Motion,
+    on_grid,
+    STEP_S,
+)
 from forcecal_ros.checks.messages import SLIGHT, Stated
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import (
@@ -158,7 +167,7 @@ def judge(recording: Recording, gravity: Array, stated: Stated = Stated(),
         message = messages.of(best, plain, stated, close)
         if message and not (known and best.row.is_note):
             raise DataError(message, best.name)
-        if message or best.name == 'smoothed':
+        if message or (best.row.is_note and best.name != 'tilted'):
             return (message or messages.slight(best, stated),)
     if not known:
         messages.refuse_weightless(plain)
@@ -202,14 +211,44 @@ def slight_misfit(recording: Recording, gravity: Array, stated: Stated = Stated(
     return messages.slight(best[1], stated) if angle > SLIGHT_SIGMA * std else ''
 
 
+def refuse_late_accelerometer(recording: Recording, gravity: Array) -> None:
+    """
+    Refuse an accelerometer in which gravity turns at another time than by the pose.
+
+    Parameters
+    ----------
+    gravity : ndarray, shape (3,)
+        In base [m/s^2].
+
+    Raises
+    ------
+    DataError
+        Says how late it is: by :data:`MIN_OFFSET_S` or more, as less is estimated as a delay.
+    """
+    stream = recording.accelerometer
+    motion = None if stream is None else on_grid(replace(recording, wrench=Stream(
+        stream.t, np.tile(stream.values, 2))), gravity)
+    moved = None if motion is None else _other_clock(motion)
+    if motion is None or moved is None or moved.usable.sum() < 3:
+        return
+    plain, then = by_any_matrix(motion), by_any_matrix(moved)
+    gain = then.mean_log - plain.mean_log
+    if gain > MIN_GAIN and gain * then.effective > MARGIN:
+        raise DataError('; '.join(messages.clock('accelerometer', moved, motion)))
+
+
 def candidates(motion: Motion) -> list[Candidate]:
     """Fit every row; the first is the recording as it is."""
     plain = explain(motion)
     if plain is None:
         raise DataError('wrench and pose have no three samples in common')
     fits = [(TABLE[0], motion, plain)]
+    settled = plain.mass > 0.0 and all(
+        part.scale <= part.floor for part in (plain.force, plain.torque))
     if not explains(plain):
         for row in TABLE[1:]:
+            if settled and not row.name.endswith('changes'):
+                continue  # most of it fits to what sensors are true to: a part alone is wrong
             others = [fit for one, _, fit in fits[1:]
                       if not one.name.endswith('changes') or not row.name.endswith('changes')]
             if row.is_costly and any(explains(fit) for fit in others):
@@ -228,9 +267,8 @@ def candidates(motion: Motion) -> list[Candidate]:
 
 
 def explains(fit: Explained) -> bool:
-    """Whether a fit leaves no more than sensors are true to."""
-    return fit.mass > 0.0 and all(
-        part.scale <= part.floor for part in (fit.force, fit.torque))
+    """Whether a fit leaves no other room for an explanation that counts, `MIN_GAIN`."""
+    return fit.mass > 0.0 and fit.force.room + fit.torque.room < MIN_GAIN
 
 
 def _spread(rows: Array, gravity: Array) -> Array:
@@ -269,7 +307,7 @@ def _of_estimates(motion: Motion, fit: Explained, recording: Recording, known: K
                   ) -> tuple[str, ...]:
     """Compare what should agree: masses, biases, centres of mass, inertia and weight."""
     late, fit = _in_time(motion, fit)
-    _refuse_counts(fit)
+    _refuse_counts(fit, recording)
     if known is not None and (note := _other_tool(fit, known)):
         return (note,)
     return tuple(note for note in (
@@ -286,8 +324,13 @@ def _in_time(motion: Motion, fit: Explained) -> tuple[float, Explained]:
     return late, fit
 
 
-def _refuse_counts(fit: Explained) -> None:
-    bias = np.abs(fit.force.theta[-3:]).max()
+def _refuse_counts(fit: Explained, recording: Recording) -> None:
+    bias, values = np.abs(fit.force.theta[-3:]).max(), recording.wrench.values
+    if np.ptp(values, axis=0).all() and (values == np.rint(values)).all():
+        raise DataError(
+            'wrench: all readings are whole numbers, torques too, as counts of a converter are, '
+            "and no sensor's newton metres; divide them by the counts a newton (and a newton "
+            "metre), or record the driver's topic in newtons")
     if bias > MAX_BIAS_N:
         raise DataError(
             f'wrench: a bias of {bias:.3g} N is beyond the range of any wrist sensor '
@@ -443,9 +486,12 @@ def _other_point(fit: Explained, recording: Recording, known: Known | None) -> s
     if np.linalg.norm(shown + com) < max(0.2 * np.linalg.norm(com), 4.0 * error):
         raise DataError(f'wrench: {at}: they have the opposite sign of the forces; correct their '
                         'sign in the driver')
-    return (f'{at}: torques are about a point {_metres(-off)} away, which moves the centre of '
-            f'mass by {1e3 * np.linalg.norm(off):.0f} mm; calibrate again with --sensor-from-pose '
-            f'{_sensor_at(recording, -off)}, which puts the sensor there')
+    found = (f'{at}: torques are about a point {_metres(-off)} away, which moves the centre of '
+             f'mass by {1e3 * np.linalg.norm(off):.0f} mm; calibrate {"again " * bool(known)}with '
+             f'--sensor-from-pose {_sensor_at(recording, -off)}, which puts the sensor there')
+    if known is None:
+        raise DataError(f'wrench: {found}')
+    return found
 
 
 def torque_units_of(shown: Array, com: Array, cov: Array, shown_cov: Array,
@@ -502,15 +548,15 @@ def _mapped(motion: Motion, force: Array, torque: Array | None = None) -> Motion
 
 def _inverted(motion: Motion) -> Motion:
     R = np.swapaxes(motion.R, 1, 2)
-    place = motion.position
-    return replace(motion, R=R, position=None if place is None else -np.einsum(
+    place = motion.path.position
+    return motion.along(R=R, position=None if place is None else -np.einsum(
         'nij,nj->ni', R, place))
 
 
 def _from_w(motion: Motion) -> Motion:
     q = quaternion_from_matrix(motion.R)
     q *= np.cumprod(np.append(1.0, np.where((q[1:] * q[:-1]).sum(axis=1) < 0, -1, 1)))[:, None]
-    return replace(motion, R=matrix_from_quaternion(q[:, [1, 2, 3, 0]]))
+    return motion.along(R=matrix_from_quaternion(q[:, [1, 2, 3, 0]]))
 
 
 def _few(motion: Motion, most: int = 400) -> Array:
@@ -530,8 +576,9 @@ def _axes(motion: Motion, hand: float) -> Motion | None:
 def _force_axes(motion: Motion) -> Motion | None:
     """Mirror the axes of the forces, and leave those of the torques as they are."""
     mirrored = _axes(motion, -1.0)
-    return None if mirrored is None else replace(
-        mirrored, wrench=np.hstack([mirrored.wrench[:, :3], motion.wrench[:, 3:]]))
+    if mirrored is None or np.trace(mirrored.axes) < -2.9:  # torques of the other sign are a row
+        return None
+    return replace(mirrored, wrench=np.hstack([mirrored.wrench[:, :3], motion.wrench[:, 3:]]))
 
 
 def _procrustes(u: Array, read: Array, hand: float, rounds: int = 10) -> tuple[Array, float]:
@@ -548,24 +595,17 @@ def _procrustes(u: Array, read: Array, hand: float, rounds: int = 10) -> tuple[A
     return np.asarray(Q), float(weight @ off**2)
 
 
-def _refined(motion: Motion, Q: Array) -> Motion | None:
+def _refined(motion: Motion, Q: Array) -> Motion:
     """Estimate a small rotation on top of Q together with all else, and its standard error."""
-    fit: Explained | None = None
     for _ in range(2):
         mapped = _mapped(motion, Q.T)
         weight = mapped.in_sensor
         if motion.free_gravity:
-            fit = explain(mapped)
-            if fit is None:
-                return None
-            weight = fit.force.theta[:3] @ motion.R
-        fit = explain(replace(mapped, extra=-skew(weight)))
-        if fit is None:
-            return None
+            weight = explain_forces(mapped).force.theta[:3] @ motion.R
+        fit = explain_forces(replace(mapped, extra=-skew(weight)))
         k = len(fit.force.theta) - 6
         size = 1.0 if motion.free_gravity else fit.mass
         Q = Q @ rotation_from_vector(fit.force.theta[k:k + 3] / size)
-    assert fit is not None
     std = float(np.linalg.norm(fit.force.std[k:k + 3])) / np.sqrt(3.0) / abs(size)
     return replace(_mapped(motion, Q.T), axes=Q, axes_std=std)
 
@@ -619,17 +659,22 @@ def _other_clock(motion: Motion) -> Motion | None:
     if not motion.step:
         return None
     every = max(1, round(0.1 / motion.step), len(motion.t) // 2000)
-    down, read = motion.in_sensor[::every], motion.wrench[::every, :3]
-    most = min(round(MAX_OFFSET_S / motion.step / every), len(down) // 4)
+    most = min(round(MAX_OFFSET_S / motion.step / every), len(motion.t) // every // 4)
 
-    def left(lag: int) -> float:
-        f, g = (read[lag:], down[:len(down) - lag]) if lag >= 0 else (read[:lag], down[-lag:])
-        f, g = f - f.mean(axis=0), g - g.mean(axis=0)
-        gf = g.T @ f
-        explained = (gf * (np.linalg.pinv(g.T @ g, rcond=1e-6) @ gf)).sum()
-        return float(1.0 - explained / (f**2).sum())
+    def nearest(every: int, lags: range) -> int:
+        down, read = motion.in_sensor[::every], motion.wrench[::every, :3]
 
-    lag = min(range(-most, most + 1), key=left) * every
+        def left(lag: int) -> float:
+            f, g = (read[lag:], down[:len(down) - lag]) if lag >= 0 else (read[:lag], down[-lag:])
+            f, g = f - f.mean(axis=0), g - g.mean(axis=0)
+            gf = g.T @ f
+            explained = (gf * (np.linalg.pinv(g.T @ g, rcond=1e-6) @ gf)).sum()
+            return float(1.0 - explained / (f**2).sum())
+
+        return min(lags, key=left)
+
+    lag = nearest(every, range(-most, most + 1)) * every
+    lag = nearest(1, range(lag - every, lag + every + 1))
     if abs(lag) * motion.step < MIN_OFFSET_S:
         return None
     return _shifted(motion, lag)
@@ -645,8 +690,8 @@ def _shifted(motion: Motion, lag: int) -> Motion:
 def _filtered(motion: Motion) -> Motion | None:
     if not motion.step:
         return None
-    every = [replace(motion, smoothing=tau) for tau in SMOOTHINGS_S if abs(tau) > 2 * motion.step]
-    fits = [(fit.force.mean_log, i) for i, one in enumerate(every) if (fit := explain(one))]
+    every = [motion.along(smoothing=tau) for tau in SMOOTHINGS_S if abs(tau) > 2 * motion.step]
+    fits = [(explain_forces(one).force.mean_log, i) for i, one in enumerate(every)]
     plain = explain(motion)
     if not fits or plain is None or _in_time(motion, plain)[1].force.mean_log > max(fits)[0]:
         return None  # or a delay, which is estimated
@@ -662,20 +707,20 @@ def _zeroed_in_poses(motion: Motion) -> Motion | None:
     if len(begins) < 2:
         return None
     part = np.searchsorted(begins, np.arange(len(turning)), side='right')
-    return replace(motion, zeroed=np.append(0, begins)[part])
+    return motion.along(zeroed=np.append(0, begins)[part])
 
 
 def _change(kind: str) -> Callable[[Motion], Motion | None]:
     """Return a row in which bias, load or the vertical changes once, to the end."""
     def undo(motion: Motion) -> Motion | None:
         rows = _few(motion, 200)
-        few = replace(motion, t=motion.t[rows], R=motion.R[rows], wrench=motion.wrench[rows])
+        few = replace(motion.along(R=motion.R[rows]), t=motion.t[rows], wrench=motion.wrench[rows])
         inside = few.t[len(rows) // 5:-len(rows) // 5]
         if len(inside) < 4:
             return None
         first, last = float(inside[0]), float(inside[-1])
         for _ in range(2):  # coarse, then between the neighbours of the best
-            times = np.linspace(first, last, min(40, max(3, len(inside))))
+            times = np.linspace(first, last, min(20, max(3, len(inside))))
             left = [_left(_changed(few, kind, float(t))) for t in times]
             i = int(np.argmin(left))
             first, last = float(times[max(0, i - 1)]), float(times[min(len(times) - 1, i + 1)])
@@ -690,6 +735,12 @@ def _changed(motion: Motion, kind: str, at: float) -> Motion:
     columns = motion.in_sensor[:, :, None] if kind == 'load' else np.swapaxes(
         motion.R, 1, 2)[:, :, :2]
     return replace(motion, extra=columns * after[:, None, None])
+
+
+def _drifting(motion: Motion) -> Motion:
+    """Let the bias of the forces run along a parabola."""
+    run = (motion.t - motion.t.mean())[:, None, None] / np.ptp(motion.t)
+    return replace(motion, extra=np.concatenate([np.eye(3) * run, np.eye(3) * run**2], axis=2))
 
 
 def _left(motion: Motion) -> float:
@@ -728,6 +779,7 @@ TABLE = (
     Hypothesis('bias changes', _change('bias'), 1, True, True),
     Hypothesis('load changes', _change('load'), 1, True, True),
     Hypothesis('vertical changes', _change('tilt'), 1, True, True),
+    Hypothesis('bias drifts', _drifting, 0, True, True),
 )
 
 TABLE_BY_NAME = {row.name: row for row in TABLE}

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from forcecal_ros.checks.evidence import Motion
 from forcecal_ros.core.axes import DOWN, pose_from_wire
 from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.geometry import (
@@ -31,6 +32,10 @@ once in four hundred times."""
 
 NO_NOISE_N = 1.0
 """Forces without weight that change by more change for another reason."""
+
+INERTIA_SIGMA = 10.0
+"""Standard errors of an inertial mass, at least, and of a weight beside it, at most, of which the
+weight was removed."""
 
 ITSELF: Vector7 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
@@ -100,8 +105,14 @@ def of(best: Any, plain: Any, stated: Stated, close: Sequence[Any]) -> str:
 
 def slight(best: Any, stated: Stated) -> str:
     """Name what is too slight to be refused."""
+    if best.name.endswith('changes'):
+        return '; '.join(_changed(best)[1:])
+    if best.name == 'bias drifts':
+        drift = best.motion.extra @ best.fit.force.theta[-9:-3]
+        return (f'the bias of the forces drifts by {np.linalg.norm(np.ptp(drift, axis=0)):.2g} N '
+                'while this was recorded; let the sensor warm up, and record again')
     if best.name == 'smoothed':
-        tau = best.motion.smoothing
+        tau = best.motion.path.smoothing
         how = f'behind a low-pass of {0.5 / np.pi / tau:.2g} Hz' if tau > 0.0 else (
             f'averaged over {-tau:.2g} s')
         return (f'wrench follows gravity as {how}: its '
@@ -135,13 +146,13 @@ def refuse_weightless(plain: Any) -> None:
     """
     fit, motion = plain.fit, plain.motion
     force, changes, residual = _changes(plain)
-    q, q_std = fit.inertial
-    if fit.moving and abs(q) > max(5.0, 10.0 * q_std) and fit.mass < 10.0 * fit.mass_std and (
-            changes > NO_NOISE_N):
+    inertial, std = float(fit.force.theta[1]), float(fit.force.std[1])
+    if fit.moving and inertial > INERTIA_SIGMA * std and abs(fit.mass) < min(
+            SLIGHT * inertial, INERTIA_SIGMA * fit.mass_std):  # more is a length in mm
         raise DataError(
-            f'wrench: it shows the inertia of {q * fit.mass:.3g} kg and the weight of '
-            f'{fit.mass:.3g} kg: the driver removes the weight; let it leave the weight in, or '
-            "record the sensor's own readings")
+            f'wrench: it shows the inertia of {inertial:.3g} kg and the weight of '
+            f'{max(fit.mass, 0.0):.2g} +- {fit.mass_std:.2g} kg: the driver removes the weight; '
+            "let it leave the weight in, or record the sensor's own readings")
     if abs(fit.mass) < 3.0 * fit.mass_std:
         if residual > NO_NOISE_N:
             raise DataError(
@@ -218,14 +229,10 @@ def _cause(one: Any, plain: Any, stated: Stated) -> tuple[str, str] | None:
                 'three the other way round'),
                 'correct the order and the signs of the torques in the driver')
     if name == 'clock':
-        late = float(one.motion.t[0] - plain.motion.t[0])
-        side = 'later' if late > 0 else 'earlier'
-        cause = f'wrench shows gravity turn {abs(late):.2f} s {side} than the pose, by its stamps'
-        return (cause,
-                ('set the clocks of all computers by one (PTP or chrony) and record again; '
-                f'{-late:+.2f} s on all stamps of wrench correct this recording'))
+        return clock('wrench', one.motion, plain.motion)
     if name.endswith('changes'):
-        return _changed(one)
+        size, *said = _changed(one)
+        return (said[0], said[1]) if size > SLIGHT * abs(one.fit.mass) else None
     causes = []
     if 'rotated' in name and _angle(Q := one.motion.axes) > TOLERANCE_DEG:
         causes.append(((f"wrench: its axes are turned by {_turn(Q, _turn_std(one))} against the "
@@ -237,32 +244,38 @@ def _cause(one: Any, plain: Any, stated: Stated) -> tuple[str, str] | None:
             ' and '.join(remedy for _, remedy in causes)) if causes else None
 
 
-def _changed(one: Any) -> tuple[str, str] | None:
-    """Say what changes half-way, when and by how much."""
-    motion, theta = one.motion, one.fit.force.theta
-    g = float(np.linalg.norm(motion.gravity))
-    weight = g * one.fit.mass
+def clock(stream: str, moved: Motion, plain: Motion) -> tuple[str, str]:
+    """Cause and remedy of stamps of another clock."""
+    late = float(moved.t[0] - plain.t[0])
+    side = 'later' if late > 0 else 'earlier'
+    return (f'{stream} shows gravity turn {abs(late):.2f} s {side} than the pose, by its stamps',
+            ('set the clocks of all computers by one (PTP or chrony) and record again; '
+             f'{-late:+.2f} s on all stamps of {stream} correct this recording'))
+
+
+def _changed(one: Any) -> tuple[float, str, str]:
+    """Say what changes half-way, by how much as a mass [kg], and when."""
+    motion, theta, g = one.motion, one.fit.force.theta, float(np.linalg.norm(one.motion.gravity))
+    after = motion.extra.any(axis=(1, 2)) if motion.part is None else motion.part > 0
+    begin = f'from {motion.t[int(np.argmax(after))]:.1f} s on'
     if one.name == 'bias changes':
-        at = motion.t[int(np.argmax(motion.part))]
-        x, y, z = theta[-3:] - theta[-6:-3]
-        if np.linalg.norm([x, y, z]) < SLIGHT * weight:
-            return None
-        return ((f'from {at:.1f} s on the wrench is {x:+.2g} {y:+.2g} {z:+.2g} N off, however the '
-                'sensor turns: it was tared, overloaded, or its driver started anew, while this '
-                'was recorded; that is no contact'), 'use either part alone')
-    at = motion.t[int(np.argmax(motion.extra.any(axis=(1, 2))))]
-    k = motion.extra.shape[2]
-    found = theta[-3 - k:-3]
-    if np.linalg.norm(found) * (g if k == 1 else 1.0) < SLIGHT * weight:
-        return None
+        x, y, z = off = theta[-3:] - theta[-6:-3]
+        return (float(np.linalg.norm(off)) / g, (
+            f'{begin} the wrench is {x:+.2g} {y:+.2g} {z:+.2g} N off, however the sensor turns: '
+            'it was tared, overloaded, or its driver started anew, while this was recorded; that '
+            'is no contact'), 'use either part alone')
     if one.name == 'load changes':
-        return ((f'from {at:.1f} s on the sensor carries {abs(found[0]):.3g} kg '
-                f'{"more" if found[0] > 0 else "less"}: something was gripped or let go; its '
-                'weight counts as contact'), 'use either part alone (--track-tool follows it)')
-    return ((f'from {at:.1f} s on a force of {np.linalg.norm(found):.2g} N keeps its direction '
-            'across the vertical of base, however the sensor turns: the base is not level any '
-            'more (it tilted, or drives over a slope), or something pulls steadily'),
-            'its pull counts as contact; use either part alone')
+        more = 'more' if theta[-4] > 0 else 'less'
+        return (abs(theta[-4]), (
+            f'{begin} the sensor carries {abs(theta[-4]):.3g} kg {more}: something was gripped or '
+            'let go; its weight counts as contact'),
+            'use either part alone (--track-tool follows it)')
+    size = float(np.linalg.norm(theta[-5:-3]))
+    return (size / g, (
+        f'{begin} a force of {size:.2g} N keeps its direction across the vertical of base, '
+        'however the sensor turns: the base is not level any more (it tilted, or drives over a '
+        'slope), or something pulls steadily'),
+        'its pull counts as contact; use either part alone')
 
 
 def _turn_std(one: Any) -> float:

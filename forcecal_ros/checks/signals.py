@@ -369,13 +369,6 @@ def _sticks(stream: Stream, steps: Array, j: int, hold: tuple[int, int], alone: 
 # Limits and steps of values --------------------------------------------------------------------
 
 
-class Steps(NamedTuple):
-    """Values of one channel that are multiples of a step."""
-
-    channel: str
-    step: float
-
-
 class Clipping(NamedTuple):
     """Values of one channel that stop at a limit: how many, and when the first of them."""
 
@@ -389,17 +382,6 @@ class Clipping(NamedTuple):
                 f'at {self.start:.2f} s)')
 
 
-class Extreme(NamedTuple):
-    """How often a channel reaches its extreme, and how often twice in a row."""
-
-    samples: int
-    repeated: int
-
-    def is_limit(self, least: int = CLIPPED) -> bool:
-        """Whether it stops there: that often, and half of the time in a row."""
-        return self.samples >= least and self.repeated >= 0.5 * self.samples
-
-
 def columns(recording: Recording) -> Iterator[tuple[str, Array, Array]]:
     """Name, stamps and values of each channel of a sensor."""
     for name in SENSORS[:3]:
@@ -407,13 +389,6 @@ def columns(recording: Recording) -> Iterator[tuple[str, Array, Array]]:
         if stream is not None and len(stream):
             for channel, values in zip(CHANNELS[name], stream.values.T):
                 yield channel, stream.t, values
-
-
-def noise_of(recording: Recording) -> dict[str, float]:
-    """Return the RMS of each channel's noise, by third differences: white to motion."""
-    scale = 0.6745 * np.sqrt(difference_gain(3))
-    return {name: float(np.median(np.abs(np.diff(values, n=3)))) / scale if len(values) > 3
-            else 0.0 for name, _, values in columns(recording)}
 
 
 def resolution(values: Array) -> float:
@@ -429,45 +404,6 @@ def resolution(values: Array) -> float:
     return step if np.sqrt(np.mean((off - np.rint(off))**2)) < 0.1 else 0.0
 
 
-def quantisation(recording: Recording, noise: Mapping[str, float]) -> tuple[Steps, ...]:
-    """
-    Find channels whose values are multiples of a step that matters.
-
-    Parameters
-    ----------
-    noise : mapping of str to float
-        RMS of one sample of each channel.
-    """
-    return tuple(Steps(name, step) for name, _, values in columns(recording)
-                 if (step := resolution(values)) > RESOLVED * noise[name]
-                 and np.ptp(values) > 2.0 * step)
-
-
-def clipping(recording: Recording, steps: tuple[Steps, ...], noise: Mapping[str, float]
-             ) -> tuple[Clipping, ...]:
-    """
-    Find channels that stop at a limit.
-
-    Parameters
-    ----------
-    steps : tuple of Steps
-        Channels that come in steps repeat values; those of twice the noise decide nothing.
-    noise : mapping of str to float
-        RMS of one sample of each channel.
-    """
-    coarse, found = {s.channel: s.step for s in steps}, []
-    for name, t, values in columns(recording):
-        if coarse.get(name, 0.0) > 2.0 * noise[name] or not np.ptp(values) > 0.0:
-            continue
-        for extreme in (values.max(), values.min()):
-            at = values == extreme
-            if Extreme(int(at.sum()), int(np.sum(at[1:] & at[:-1]))).is_limit(
-                    CLIPPED_IN_STEPS if name in coarse else CLIPPED):
-                found.append(Clipping(name, float(extreme), int(at.sum()),
-                                      float(t[np.argmax(at)])))
-    return tuple(found)
-
-
 def clipped(recording: Recording) -> tuple[Clipping, ...]:
     """
     Find channels that stop at a limit, by the noise that they show themselves.
@@ -475,11 +411,23 @@ def clipped(recording: Recording) -> tuple[Clipping, ...]:
     One that mostly repeats itself, without noise or in coarse steps, rests at its extreme; zeros
     of a dead band are no end of the range.
     """
-    noise = noise_of(recording)
-    banded = {name for name, _, values in columns(recording) if dead_band(values)}
-    return tuple(one for one in clipping(recording, quantisation(recording, noise), noise)
-                 if noise[one.channel] > 1e-9 * abs(one.limit)
-                 and (one.limit or one.channel not in banded))
+    found = []
+    for name, t, values in columns(recording):
+        # third differences: white to motion
+        noise = float(np.median(np.abs(np.diff(values, n=3)))) / (
+            0.6745 * np.sqrt(difference_gain(3))) if len(values) > 3 else 0.0
+        step, span = resolution(values), np.ptp(values)
+        in_steps = step > RESOLVED * noise and span > 2.0 * step
+        if not span > 0.0 or (in_steps and step > 2.0 * noise):
+            continue
+        for limit in (float(values.max()), float(values.min())):
+            at = values == limit
+            n, twice = int(at.sum()), int(np.sum(at[1:] & at[:-1]))
+            if n < (CLIPPED_IN_STEPS if in_steps else CLIPPED) or twice < 0.5 * n:
+                continue
+            if noise > 1e-9 * abs(limit) and (limit or not dead_band(values)):
+                found.append(Clipping(name, limit, n, float(t[np.argmax(at)])))
+    return tuple(found)
 
 
 def refuse_wrapped(stream: Stream, pose: PoseStream) -> None:

@@ -19,6 +19,7 @@ from forcecal_ros.cli.common import (
     read_likewise,
     real,
     with_notes_of,
+    with_stated_gravity,
 )
 from forcecal_ros.cli.many import add_bags, Answer
 from forcecal_ros.cli.many import run as run_each
@@ -150,7 +151,7 @@ def answer(args: argparse.Namespace) -> Answer:
     from forcecal_ros.io.calibration_file import load
 
     if Path(args.bag).suffix in ('.yaml', '.yml'):
-        return _write(_with_mounting(load(args.bag), args), args, ())
+        return _write(_as_stated(load(args.bag), args), args, ())
     matrix = load(args.matrix) if args.matrix else None
     part = required_sensor_matrix(matrix, args.matrix) if matrix else None
     recording = read_checked(args, args.bag, ['wrench', 'pose'], raw_wrench=part is not None)
@@ -168,15 +169,37 @@ def answer(args: argparse.Namespace) -> Answer:
     return _write(calibration, args, recording.notes)
 
 
-def _with_mounting(calibration: 'Calibration', args: argparse.Namespace) -> 'Calibration':
-    """Keep in a calibration that was read the transform that its poses are to be taken by."""
+def _as_stated(calibration: 'Calibration', args: argparse.Namespace) -> 'Calibration':
+    """
+    Return a calibration that was read with what the arguments state of robot and sensor.
+
+    The numbers of another package are in the axes of its wrench, which --sensor-rotation turns,
+    and of the sign that its mass is positive in, which --wrench-sign is to give the readings.
+    """
     from dataclasses import replace
 
+    from forcecal_ros.core.axes import pose_from_wire
+    from forcecal_ros.core.calibration import Estimate
     from forcecal_ros.observe.frames import agreed, mounting_of, numbers_of
+    import numpy as np
 
     with from_arguments():
         given = mounting_of(args.sensor_from_pose or (), '--sensor-from-pose')
-    return replace(calibration, sensor_from_pose=numbers_of(agreed(given, calibration, args.bag)))
+    calibration = replace(with_stated_gravity(calibration, args), sensor_from_pose=numbers_of(
+        agreed(given, calibration, args.bag)))
+    stated = [option for option, value in (('--wrench-sign', args.wrench_sign), (
+        '--sensor-rotation', args.sensor_rotation)) if value is not None]
+    if stated and 'of' not in calibration.source:
+        raise UsageError(f'{args.bag} states its own {stated[0]}; calibrate its recording again')
+    calibration = replace(calibration, wrench_sign=args.wrench_sign or calibration.wrench_sign)
+    rotation = tuple(map(math.radians, args.sensor_rotation or ()))
+    R = pose_from_wire(rotation or None)
+    if R is None:
+        return calibration
+    com, bias = calibration.com, calibration.wrench_bias
+    return replace(calibration, sensor_rotation=rotation, com=Estimate(
+        R @ com.value, np.nan, com.unit), wrench_bias=Estimate(
+        np.kron(np.eye(2), R) @ bias.value, np.nan, bias.unit))
 
 
 def _write(calibration: 'Calibration', args: argparse.Namespace, notes: tuple[str, ...]

@@ -75,10 +75,11 @@ def inspect(recording: 'Recording') -> dict[str, Any]:
 
 
 def _stream(stream: Any) -> dict[str, Any]:
+    from forcecal_ros.core.stamps import jitter_of
     import numpy as np
 
     gaps = np.diff(stream.t)
-    period = float(np.median(gaps)) if len(gaps) else 0.0
+    period = jitter_of(stream.t).period  # of messages that come in bursts, too
     return {'samples': len(stream), 'rate': 1.0 / period if period > 0.0 else None,
             'longest_gap': float(gaps.max()) if len(gaps) else None,
             'start': float(stream.t[0]), 'end': float(stream.t[-1]),
@@ -114,16 +115,23 @@ def _uses(recording: 'Recording', fault: str, why: str) -> dict[str, str]:
     """Return for each command nothing, or why the recording does not do for it."""
     if fault:
         return dict.fromkeys(('calibrate', 'estimate', 'diagnose'), 'see the fault above')
-    no_wrench = '' if recording.wrench is not None else 'no wrench was recorded'
+    by_joints = ('; its joints give the pose with --topic pose=urdf:FILE:BASE:LINK' if (
+        recording.pose is None and recording.joints is not None) else '')
+    why = why and f'{why}{by_joints}'
+    no_wrench = '' if recording.wrench is not None else (
+        f'no wrench was recorded, which every comparison is of{by_joints}')
     gravity = recording.pose is not None or recording.angular_velocity is not None
     commands = recording.target is not None or recording.joint_commands is not None
     return {
         'calibrate': why,
-        'estimate': no_wrench or ('' if gravity else 'neither a pose nor an IMU was recorded'),
+        'estimate': no_wrench or (
+            '' if gravity else f'neither a pose nor an IMU was recorded{by_joints}'),
         'diagnose': no_wrench or ('' if recording.pose is not None or commands else
                                   'neither a pose nor commands were recorded'),
         'diagnose with a simulator': no_wrench or (
-            '' if commands else 'no commands (target_frame, joint_commands) were recorded')}
+            '' if commands else 'no commands (target_frame, joint_commands) were recorded'),
+        'fit-rig': no_wrench or ('' if recording.target is not None and recording.pose is not None
+                                 else f'target_frame or the pose is missing{by_joints}')}
 
 
 def _next(args: argparse.Namespace, recording: 'Recording', document: dict[str, Any]) -> str:

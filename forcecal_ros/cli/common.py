@@ -4,6 +4,7 @@ import argparse
 from argparse import ArgumentTypeError
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 import json
 from math import isfinite
 from pathlib import Path
@@ -16,6 +17,7 @@ from typing import Any, TYPE_CHECKING
 from forcecal_ros.cli import COMMANDS
 
 if TYPE_CHECKING:
+    from forcecal_ros.core.calibration import Calibration
     from forcecal_ros.core.streams import Recording
 
 CLEAR = '\r\033[K'
@@ -23,9 +25,6 @@ CLEAR = '\r\033[K'
 
 UNITS = {'S': ' s', 'HZ': ' Hz', 'KG': ' kg', 'DEG': ' deg', 'NS/M': ' N s/m', 'N/M': ' N/m'}
 """Unit that follows a default, by the name that the help gives a number."""
-
-MIN_SIMILARITY = 0.75
-"""Share of letters that a wrong word has in common with what may have been meant."""
 
 PROGRESS_DELAY_S = 2.0
 """Work that is done sooner shows no progress on a terminal."""
@@ -146,13 +145,14 @@ def add_sensor_pose(parser: argparse.ArgumentParser, option: str = '--sensor-fro
              'as the calibration has it)')
 
 
-def add_gravity(options: Any) -> None:
+def add_gravity(options: Any, *defaults: str) -> None:
     """Add the magnitude and direction of gravity."""
+    size, direction = defaults or ('9.80665 m/s^2', '0 0 -1')
     options.add_argument('--gravity', metavar='M/S^2', type=gravity,
-                         help='magnitude of gravity at the robot (default: 9.80665 m/s^2)')
+                         help=f'magnitude of gravity at the robot (default: {size})')
     options.add_argument('--gravity-direction', metavar=('X', 'Y', 'Z'), nargs=3, type=real,
                          help="direction of gravity in the robot's base, of any length, where the "
-                              'base is not level (default: 0 0 -1)')
+                              f'base is not level (default: {direction})')
 
 
 def gravity_of(args: argparse.Namespace) -> dict[str, Any]:
@@ -168,9 +168,22 @@ def gravity_of(args: argparse.Namespace) -> dict[str, Any]:
             'gravity_direction': tuple(direction) if direction else None}
 
 
+def with_stated_gravity(calibration: 'Calibration', args: argparse.Namespace) -> 'Calibration':
+    """Return a calibration with the gravity that ``--gravity`` and its direction state."""
+    from forcecal_ros.core.axes import unit_direction
+
+    given = gravity_of(args)
+    if args.gravity is not None:
+        calibration = replace(calibration, gravity=given['gravity'])
+    if args.gravity_direction is not None:
+        calibration = replace(calibration, gravity_direction=unit_direction(
+            given['gravity_direction']))
+    return calibration
+
+
 def preset(name: str) -> str:
     """Read the name of a preset of a robot."""
-    from forcecal_ros.nodes.presets import ROBOTS
+    from forcecal_ros.core.topics import ROBOTS
 
     if name not in ROBOTS:
         raise ArgumentTypeError(
@@ -193,8 +206,10 @@ def or_nearest(word: str, names: Collection[str]) -> str:
     """Return what follows a word that is not a name: the name that may have been meant."""
     from difflib import get_close_matches
 
+    # min similarity: share of letters that a wrong word has in common with what may have been
+    # meant
     near = [name for name in names if word and name.startswith(word)] or get_close_matches(
-        word, list(names), 1, MIN_SIMILARITY)
+        word, list(names), 1, 0.75)
     return f' (did you mean {near[0]}?)' if near else ''
 
 
@@ -233,8 +248,8 @@ def preset_topics(name: str, bag: str) -> dict[str, str]:
     """Return role to name of the topics of a preset that a recording holds."""
     if not name:
         return {}
+    from forcecal_ros.core.topics import topics_by_role
     from forcecal_ros.io.bags import read_topics
-    from forcecal_ros.nodes.presets import topics_by_role
 
     recorded = {topic.name for topic in read_topics(bag)}
     return {role: topic for role, topic in topics_by_role(name).items()

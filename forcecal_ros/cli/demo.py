@@ -2,15 +2,14 @@
 
 import argparse
 from pathlib import Path
-import sys
 from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.cli.common import (
-    CLEAR,
     needs_ros,
     new_parser,
     print_json,
     say,
+    stages,
     warn,
     warn_if_compiling,
     whole,
@@ -57,7 +56,8 @@ def run(args: argparse.Namespace) -> int:
     warn_if_compiling(simulator.waits_for_compiler() or batch.waits_for_compiler(),
                      'simulator and observer')
     make_folder(out)
-    result = run_demo(args.accelerometer, out, args.seed, _Progress(args.quiet))
+    with stages(args, after=0.0) as show_phase:
+        result = run_demo(args.accelerometer, out, args.seed, show_phase)
     calibration = parse(result.calibration, 'sequencer/calibration')
     truth = true_calibration(load_rig(), args.accelerometer)
     recording = read_recording(out / 'bag')
@@ -109,16 +109,13 @@ def step_figures(recording: 'Recording', calibration: 'Calibration', contact: 'S
     dict
         ``sensor`` without bias and ``observer`` over the recording, RMS [N]; ``reduction`` [dB].
     """
-    from forcecal_ros.observe import replay
     import numpy as np
 
-    estimate = replay(recording, calibration)
     step = next(phase for phase in recording.phases if phase.name == 'step')
-    during = (estimate.t >= step.start) & (estimate.t < step.end)
+    during = contact.between(step.start, step.end)
     assert recording.wrench is not None
-    sensor = recording.wrench.at(estimate.t[during])[:, 0] - calibration.wrench_bias.value[0]
-    before, after = (float(np.sqrt(np.mean(x ** 2)))
-                     for x in (sensor, estimate.contact[during, 0]))
+    sensor = recording.wrench.at(during.t)[:, 0] - calibration.wrench_bias.value[0]
+    before, after = (float(np.sqrt(np.mean(x ** 2))) for x in (sensor, during.values[:, 0]))
     return {'sensor': before, 'observer': after, 'unit': 'N',
             'reduction': float(20 * np.log10(before / after))}
 
@@ -137,20 +134,3 @@ def contact_figures(recording: 'Recording', contact: 'Stream') -> dict[str, floa
     truth, observer = (float(stream.between(hold.start, hold.end).values[:, 0].mean())
                        for stream in (recording.contact_truth, contact))
     return {'truth': truth, 'observer': observer, 'unit': 'N'}
-
-
-class _Progress:
-    """One changing line on a terminal, one line a phase elsewhere."""
-
-    def __init__(self, quiet: bool) -> None:
-        self._last, self._quiet = '', quiet
-        self._terminal = sys.stderr.isatty()
-
-    def __call__(self, phase: str, seconds: float) -> None:
-        if self._quiet:
-            return
-        if self._terminal:
-            print(f'{CLEAR}{seconds:5.1f} s  {phase}', end='', file=sys.stderr, flush=True)
-        elif phase != self._last:
-            print(f'{seconds:5.1f} s  {phase}', file=sys.stderr, flush=True)
-        self._last = phase

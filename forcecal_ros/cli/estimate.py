@@ -8,7 +8,9 @@ from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.cli.calibrate import add_bandwidth, bandwidth_of
 from forcecal_ros.cli.common import (
+    add_gravity,
     bar,
+    gravity_of,
     group,
     MODEL,
     new_parser,
@@ -18,6 +20,7 @@ from forcecal_ros.cli.common import (
     topic_names,
     warn_if_compiling,
     with_notes_of,
+    with_stated_gravity,
 )
 from forcecal_ros.cli.many import add_bags, Answer
 from forcecal_ros.cli.many import run as run_each
@@ -54,6 +57,7 @@ def add_parser(subparsers: Any) -> None:
     options.add_argument('--calibration', metavar='C.yaml',
                          help='written by forcecal calibrate, demo or the sequencer (default: the '
                               'one in the recording, or what the recording itself identifies)')
+    add_gravity(options, *('as the calibration has it',) * 2)
     options.add_argument('--filter', choices=FILTERS, default='observer',
                          help='last stage: observer: kalman or newton, as the calibration has it; '
                               'ukf, ekf: biases are estimated as well; static: weight and bias '
@@ -101,6 +105,7 @@ def _add_learning(options: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     _refuse_unused(args)
+    gravity_of(args)
     return run_each(args, answer)
 
 
@@ -138,6 +143,7 @@ def answer(args: argparse.Namespace) -> Answer:
     recording = read_checked(args, args.bag, raw_wrench=raw)
     by_imu = _needs_imu(args, recording)
     calibration, source = _calibration_for(args, recording)
+    calibration = with_stated_gravity(calibration, args)
     recording = with_even_bursts(in_sign_of(calibration, args.wrench_sign, taken_as_calibrated(
         recording, calibration, args.calibration or args.bag)))
     about = [*_warnings_of(calibration, source), *refuse_disagreeing(recording, calibration)]
@@ -204,7 +210,7 @@ def _calibration_for(args: argparse.Namespace, recording: 'Recording'
         return parse(recorded[-1], f'{args.bag}: sequencer/calibration'), 'in the recording'
     try:
         return identify(recording, IdentificationSettings(
-            wrench_sign=args.wrench_sign or 1)), IDENTIFIED
+            **gravity_of(args), wrench_sign=args.wrench_sign or 1)), IDENTIFIED
     except (DataError, UnobservableError) as error:
         error.args = (f'no --calibration is given, and {args.bag} identifies none: {error}',)
         raise

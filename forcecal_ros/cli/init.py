@@ -18,14 +18,6 @@ from forcecal_ros.cli.common import (
 )
 from forcecal_ros.cli.outputs import add_output, FILE, stdout_is_taken
 
-TILT_DEG = 40.0
-"""Of the proposed poses from the present one: tilts about two axes separate mass, centre of mass
-and biases, and most wrists reach them."""
-
-
-MARGIN_M = 0.15
-"""Of the proposed workspace around the present position of the sensor."""
-
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
@@ -50,7 +42,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def _controller(name: str) -> str:
-    from forcecal_ros.nodes.presets import CONTROLLERS
+    from forcecal_ros.core.topics import CONTROLLERS
 
     if name not in CONTROLLERS:
         raise argparse.ArgumentTypeError(
@@ -65,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     with needs_ros():
         from forcecal_ros.nodes.config import TABLES
     from forcecal_ros.core.parameters import parameter_file
-    from forcecal_ros.nodes.presets import read_preset
+    from forcecal_ros.core.topics import read_preset
 
     names = [name for name in (args.preset, args.controller) if name]
     presets = [read_preset(name) for name in names]
@@ -130,10 +122,12 @@ def _driver(args: argparse.Namespace, topics: Mapping[str, str]) -> dict[str, An
 
 def _around(pose: Any) -> dict[str, Any]:
     """Return poses tilted from the present one, and a box around it, as parameters."""
+    # of the proposed workspace around the present position of the sensor
+    margin = 0.15
     position = [getattr(pose.position, axis) for axis in 'xyz']
     return {**_poses([getattr(pose.orientation, axis) for axis in 'xyzw']),
-            'limits.workspace_min': [x - MARGIN_M for x in position],
-            'limits.workspace_max': [x + MARGIN_M for x in position]}
+            'limits.workspace_min': [x - margin for x in position],
+            'limits.workspace_max': [x + margin for x in position]}
 
 
 def _poses(orientation: Sequence[float]) -> dict[str, Any]:
@@ -145,7 +139,9 @@ def _poses(orientation: Sequence[float]) -> dict[str, Any]:
     )
     import numpy as np
 
-    R, tilt = matrix_from_quaternion(np.array(orientation)), np.radians(TILT_DEG)
+    # tilt: of the proposed poses from the present one: tilts about two axes separate mass, centre
+    # of mass and biases, and most wrists reach them
+    R, tilt = matrix_from_quaternion(np.array(orientation)), np.radians(40.0)
     tilts = {'upright': (0, 0, 0), 'tilt_x': (tilt, 0, 0), 'tilt_y': (0, tilt, 0),
              'tilt_back': (-tilt, 0, 0)}
     return {'poses.names': list(tilts), 'poses.values': [

@@ -15,12 +15,6 @@ from forcecal_ros.cli.common import (
 )
 from forcecal_ros.core.errors import UsageError
 
-LOOK = 3.0
-"""Time in which a robot that is there is found [s]: some ten times what discovery takes."""
-
-LATENCY = 0.1
-"""Time that commands have to arrive in [s], so that a busy computer makes no gap of them."""
-
 PERIOD = 0.05
 """Between two looks for a signal, and for nodes that have ended [s]."""
 
@@ -71,7 +65,9 @@ def _wrench_is_published(args: argparse.Namespace) -> bool:
     place = args.namespace.strip('/')
     with temporary_node('live') as ros:
         name = args.wrench if args.wrench.startswith('/') else f'/{place}/{args.wrench}'
-        end = time.monotonic() + LOOK
+        # look: time in which a robot that is there is found [s]: some ten times what discovery
+        # takes
+        end = time.monotonic() + 3.0
         while time.monotonic() < end and not ros.interrupted:
             if ros.node.count_publishers(name.replace('//', '/')):
                 return True
@@ -108,7 +104,9 @@ def _simulated(args: argparse.Namespace, page: Any) -> int:
     clock = {'use_sim_time': True}
     with own_domain() as environment, temporary_node('live') as ros, \
             Processes(environment) as nodes:
-        nodes.start('sim', {**rig, **ON_TIME, 'latency': LATENCY})
+        # latency: time that commands have to arrive in [s], so that a busy computer makes no gap
+        # of them
+        nodes.start('sim', {**rig, **ON_TIME, 'latency': 0.1})
         nodes.start('observer', {**clock, 'publish.inertial_wrench': True})
         nodes.start('sequencer', dict(FOR_SIMULATION))
         nodes.start('gap', clock)

@@ -32,12 +32,6 @@ from forcecal_ros.core.files import naming, set_aside
 T = TypeVar('T')
 R = TypeVar('R')
 
-CONNECT_S = 10.0
-"""How long a Dask scheduler may take to answer."""
-
-MAX_DEATHS = 2
-"""Processes that an item may kill, alone on the machine, before it is given up."""
-
 _TURN = Lock()
 
 
@@ -118,7 +112,7 @@ def _on_cores(work: Callable[[T], R], items: Sequence[T], jobs: int) -> Iterator
 
     for threads in ('OMP', 'OPENBLAS', 'MKL'):  # more would round in another order
         os.environ.setdefault(f'{threads}_NUM_THREADS', '1')
-    left, suspects, deaths = list(range(len(items))), list[int](), 0
+    left, suspects = list(range(len(items))), list[int]()
     while left:
         batch = suspects[:1] or list(left)
         pool = ProcessPoolExecutor(min(jobs, len(batch)), get_context('spawn'),
@@ -129,16 +123,14 @@ def _on_cores(work: Callable[[T], R], items: Sequence[T], jobs: int) -> Iterator
                 outcome = future.result()
                 left.remove(outcome.index)
                 yield outcome
-            suspects, deaths = suspects[1:], 0
+            suspects = suspects[1:]
         except BrokenProcessPool:
-            deaths += 1
-            if not suspects:  # items are handed out in this order, one ahead of the processes
-                suspects, deaths = left[:2 * jobs + 1], 0
-            elif deaths == MAX_DEATHS:
-                index, deaths = suspects.pop(0), 0
-                left.remove(index)
-                yield Outcome(index, error=f'{MAX_DEATHS} processes that worked on it alone were '
+            if suspects:
+                left.remove(suspects[0])
+                yield Outcome(suspects.pop(0), error='the process that worked on it alone was '
                               'killed; is there enough memory?')
+            else:  # items are handed out in this order, one ahead of the processes
+                suspects = left[:2 * jobs + 1]
         finally:
             for process in list((pool._processes or {}).values()):  # noqa: SLF001
                 process.terminate()
@@ -156,7 +148,8 @@ def _on_cluster(work: Callable[[T], R], items: Sequence[T], scheduler: str
         raise ConfigError('--dask requires the Python package distributed; install it by '
                           f'{installing("scale", "distributed")}') from error
     try:
-        client = Client(scheduler, timeout=CONNECT_S, set_as_default=False)
+        # connect: how long a Dask scheduler may take to answer
+        client = Client(scheduler, timeout=10.0, set_as_default=False)
     except (OSError, ValueError) as error:
         raise ConfigError(f'no Dask scheduler answers at {scheduler} ({error}); start one with '
                           '`dask scheduler`, and workers with `dask worker`') from error

@@ -164,8 +164,7 @@ def _setup(args: argparse.Namespace) -> Setup:
     from forcecal_ros.effects.rig import Home
     from forcecal_ros.motion.limits import Limits
     from forcecal_ros.motion.plan import Timing
-    from forcecal_ros.motion.poses import reach_of, read_poses
-    from forcecal_ros.motion.profiles import Pace, Pose
+    from forcecal_ros.motion.profiles import Pace, Pose, reach_of, read_poses
     from forcecal_ros.sim.rig.file import load_rig
     import numpy as np
 
@@ -215,12 +214,12 @@ def _calibration(args: argparse.Namespace) -> int:
 
     from forcecal_ros.core.files import write_text
     from forcecal_ros.io.calibration_file import load
-    from forcecal_ros.motion.information import sensors_of
     from forcecal_ros.motion.optimal_design import (
         as_text,
         criterion_of,
         design_calibration,
         Robot,
+        sensors_of,
         to_document,
         to_parameters,
     )

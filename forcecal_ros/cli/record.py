@@ -16,9 +16,6 @@ from forcecal_ros.cli.common import (
 from forcecal_ros.cli.outputs import add_output, RECORDING
 from forcecal_ros.core.errors import UsageError
 
-PERIOD = 0.2
-"""Between two searches for new topics [s]."""
-
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
@@ -42,6 +39,8 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
+    # between two searches for new topics [s]
+    period = 0.2
     if args.only and (args.all or not args.topics):
         raise UsageError('--only requires TOPICs and excludes --all: it records the named topics '
                          'alone')
@@ -63,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
         with suppress(KeyboardInterrupt):  # what is recorded counts, however it ends
             while not ros.interrupted and (end is None or time.monotonic() < end):
                 recorder.subscribe_to_new_topics()
-                ros.spin(PERIOD if end is None else max(min(PERIOD, end - time.monotonic()),
+                ros.spin(period if end is None else max(min(period, end - time.monotonic()),
                                                         0.001))
                 done.update(recorder.counts.total() - done.n)
         if not recorder.counts:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from forcecal_ros.core.geometry import Array, rotation_about, rotation_from_vector
+from forcecal_ros.core.schema import Vector3
 from forcecal_ros.core.streams import PoseStream, Recording
 import numpy as np
 
@@ -34,6 +35,14 @@ def level_from_base(direction: Sequence[float] | None) -> Array | None:
         return np.eye(3) if down[2] < 0.0 else rotation_about('x', np.pi)
     angle = np.arctan2(np.linalg.norm(cross), down @ DOWN)
     return rotation_from_vector(angle * cross / np.linalg.norm(cross))
+
+
+def unit_direction(direction: Sequence[float] | None) -> Vector3 | None:
+    """Return the unit vector of a direction of gravity that is not plainly down."""
+    if direction is None or level_from_base(direction) is None:
+        return None
+    x, y, z = np.asarray(direction) / np.linalg.norm(direction)
+    return float(x), float(y), float(z)
 
 
 def levelled(recording: Recording, direction: Sequence[float] | None) -> Recording:

@@ -97,7 +97,7 @@ KINDS = (
          'Some commands need ROS 2, MuJoCo, Dask or `tf2_msgs`.',
          'Run the command that the message prints.',
          'ModuleNotFoundError cli.common:needs_ros cli.many:_on_cluster sim.mujoco:load_mujoco '
-         'nodes.inputs:transform_type nodes.runtime'),
+         'nodes.inputs:transform_type nodes.runtime:starting'),
     Kind('FC0004', 'The operating system refused a file',
          'The file does not exist, its permissions are too narrow, or the disk is full.',
          'Correct the path, the permissions or the space.', 'OSError fleet.history:refuse'),
@@ -188,7 +188,7 @@ KINDS = (
          'checks.signals:refuse_wrapped calibrate.requirements:refuse_poses_at_a_limit'),
     Kind('FC0305', 'Clocks of streams differ',
          'A wrench is then compared with another pose.',
-         'Synchronise the computers (PTP or chrony).', 'checks.signals:refuse_apart'),
+         'Synchronise the computers (PTP or chrony).', 'checks.signals:refuse_apart checks.hypotheses:refuse_late_accelerometer'),
     Kind('FC0306', 'The pose stops while the robot moves',
          'A wrench is then compared with another pose.',
          'Check the driver that publishes the pose.', 'checks.signals:refuse_frozen_pose'),
@@ -254,7 +254,7 @@ KINDS = (
     Kind('FC0413', 'The accelerometer is on another link',
          'Its gravity does not rotate like the pose.',
          'Mount it on the tool, or leave it out.',
-         'checks.accelerometer:refuse_on_another_link rig_fit.tool:_with_accelerometer'),
+         'checks.accelerometer:refuse_on_another_link rig_fit.fit:_with_accelerometer'),
     # calibration
     Kind('FC0501', 'The sensor rotates too little',
          'Mass, centre of mass and biases are separated by gravity in several directions.',
@@ -319,7 +319,8 @@ KINDS = (
     Kind('FC0705', 'A parameter of a node is wrong',
          'Unknown names and values out of range are refused at the start.',
          'Correct it; `forcecal init` writes a complete file.',
-         'nodes motion.poses motion.information'),
+         'nodes motion.profiles:read_poses motion.profiles:reach_of '
+         'motion.optimal_design:sensors_of motion.optimal_design:_density'),
     Kind('FC0706', 'The impedance loop would be unstable, or its plant is not identified',
          'It would oscillate against a wall.',
          'Change impedance or effort; shake the tool along x for longer.', 'impedance'),

@@ -5,7 +5,7 @@ from math import inf, isfinite
 from textwrap import wrap
 from typing import Any, NamedTuple, TypeVar
 
-from forcecal_ros.core.schema import columns, Row, yaml_value
+from forcecal_ros.core.schema import Column, columns, Row, yaml_value
 import numpy as np
 
 T = TypeVar('T')
@@ -64,22 +64,34 @@ def parameters_of(prefix: str, section: Any, *names: str, live: bool = True
     """
     Return the rows of a section, or some of them, as parameters below a prefix.
 
-    The defaults are the section's own values; ``live`` is that of all of them.
+    The defaults are the section's own values, 0 where a number is None; ``live`` is that of all
+    of them. A unit at the end of a field's name is left out of the parameter's.
     """
     return tuple(
-        Parameter(f'{prefix}.{column.name}', _plain(getattr(section, column.name)),
-                  column.row.meaning, column.row.unit, _end(column.row.low),
+        Parameter(_key(prefix, column), _plain(getattr(section, column.name)),
+                  column.row.meaning, column.row.unit,
+                  0.0 if column.optional and column.row.above == 0.0 else _end(column.row.low),
                   _end(column.row.high), column.row.words, live)
         for column in columns(type(section)) if not names or column.name in names)
 
 
 def section_of(kind: type[T], value: Mapping[str, Any], prefix: str) -> T:
-    """Make a section of the parameters below a prefix, by name; others keep their default."""
-    keys = {column.name: f'{prefix}.{column.name}' for column in columns(kind)}
-    return kind(**{name: value[key] for name, key in keys.items() if key in value})
+    """
+    Make a section of the parameters below a prefix, by name; others keep their default.
+
+    A number that may be None is None where the parameter is 0.
+    """
+    return kind(**{column.name: value[key] or None if column.optional else value[key]
+                   for column in columns(kind) if (key := _key(prefix, column)) in value})
+
+
+def _key(prefix: str, column: Column) -> str:
+    return f'{prefix}.{column.name.removesuffix("_hz")}'
 
 
 def _plain(value: Any) -> Any:
+    if value is None:
+        return 0.0
     return value.tolist() if isinstance(value, np.ndarray) else value
 
 

@@ -75,7 +75,8 @@ def load_yaml(text: str | bytes, name: str, largest: int = LARGEST) -> Any:
     if '\0' in head if isinstance(head, str) else b'\0' in head:
         raise ConfigError(f'{name}: not a text but binary data, expected YAML; name the YAML file')
     if len(text) > largest:
-        raise ConfigError(f'{name}: larger than {largest} bytes')
+        raise ConfigError(f'{name}: larger than {largest} bytes, which no such file is; name '
+                          'the YAML file')
     try:
         return yaml.load(text, Loader=_Loader)  # noqa: S506 - a stricter SafeLoader
     except (yaml.YAMLError, ValueError, OverflowError, RecursionError, TypeError) as error:

@@ -19,9 +19,10 @@ import dataclasses
 from dataclasses import dataclass, is_dataclass
 from datetime import date, datetime
 from difflib import get_close_matches
-from functools import cache, singledispatch
+from functools import cache, reduce, singledispatch
 import math
 from math import inf, isfinite
+from operator import or_
 from pathlib import Path
 import re
 import types
@@ -66,14 +67,8 @@ class Mismatch(ConfigError):
     """A value does not fit its row; the message names key, value and what was expected."""
 
     def __init__(self, where: str, value: Any, expected: str, hint: str = '') -> None:
-        self.where, self._rest = where, f' is {shown(value)}, expected {expected}{hint}'
-        super().__init__(f'{where or "the file"}{self._rest}')
-
-    def at(self, where: str) -> 'Mismatch':
-        """Return the same complaint about another key."""
-        other = Mismatch(where, None, '')
-        other._rest, other.args = self._rest, (f'{where}{self._rest}',)
-        return other
+        self.where, self.found = where, f'is {shown(value)}, expected {expected}{hint}'
+        super().__init__(f'{where or "the file"} {self.found}')
 
 
 def shown(value: Any) -> str:
@@ -82,17 +77,11 @@ def shown(value: Any) -> str:
     return text if len(text) <= 80 else f'{text[:77]}...'
 
 
-def is_optional(kind: Any) -> bool:
-    """Whether None is of this type."""
-    return get_origin(kind) in (Union, types.UnionType) and type(None) in get_args(kind)
-
-
-def without_none(kind: Any) -> Any:
-    """Return ``X`` of ``X | None``, and any other type as it is."""
-    if not is_optional(kind):
-        return kind
-    first, *more = (one for one in get_args(kind) if one is not type(None))
-    return Union[(first, *more)] if more else first
+def _unwrapped(kind: Any) -> tuple[Any, bool]:
+    """Return ``X`` of ``X | None`` and whether there was a None."""
+    parts = get_args(kind) if get_origin(kind) in (Union, types.UnionType) else (kind,)
+    rest = tuple(one for one in parts if one is not type(None))
+    return reduce(or_, rest), len(rest) < len(parts)
 
 
 @dataclass(frozen=True)
@@ -319,17 +308,25 @@ class Column(NamedTuple):
 
     def take(self, value: Any, where: str, extra: bool = False) -> Any:
         """Check a value of this column and convert it; ``extra`` is as of :func:`read`."""
-        row, kind = self.row, self.kind
-        if self.holds_sections:
-            return _take_sections(kind, value, where, extra)
+        kind = self.kind
         if get_origin(kind) is Mapping:
             if not isinstance(value, Mapping):
                 raise Mismatch(where, value, 'a group of keys')
             inner = get_args(kind)[1]
             return value if inner in (Any, object) else {
-                name(key): row.take(inner, one, path(where, name(key)))
+                name(key): self._take_one(inner, one, path(where, name(key)), extra)
                 for key, one in value.items()}
-        return row.take(kind, value, where)
+        if self.holds_sections and get_origin(kind) is tuple:
+            inner = get_args(kind)[0]
+            if not isinstance(value, list | tuple) or not value:
+                raise Mismatch(where, value, f'a list, each with {columns(inner)[0].key}')
+            return tuple(self._take_one(inner, one, f'{where}[{_label(inner, one, n)}]', extra)
+                         for n, one in enumerate(value, 1))
+        return self._take_one(kind, value, where, extra)
+
+    def _take_one(self, kind: Any, value: Any, where: str, extra: bool) -> Any:
+        return (read(kind, value, where, extra=extra) if self.holds_sections
+                else self.row.take(kind, value, where))
 
 
 class Section:
@@ -359,13 +356,9 @@ class Section:
                         getattr(self, name) if found is _ABSENT else found, expected)
 
 
+@cache
 def columns(kind: Any) -> tuple[Column, ...]:
     """Return the columns of a dataclass or NamedTuple, in their order."""
-    return _columns(kind)
-
-
-@cache
-def _columns(kind: Any) -> tuple[Column, ...]:
     hints = get_type_hints(kind, include_extras=True)
     return tuple(_column(name, hints[name], default) for name, default in _defaults(kind))
 
@@ -384,9 +377,9 @@ def _defaults(kind: Any) -> Iterable[tuple[str, Any]]:
 def _column(name: str, hint: Any, default: Any) -> Column:
     kind, *extras = get_args(hint) if get_origin(hint) is Annotated else (hint,)
     row = next((extra for extra in extras if isinstance(extra, Row)), Row())
-    inner = without_none(kind)
+    inner, optional = _unwrapped(kind)
     sections = type(row).take is Row.take and any(map(_is_section, (inner, *get_args(inner))))
-    return Column(name, row.key or name, inner, is_optional(kind), row, default, sections)
+    return Column(name, row.key or name, inner, optional, row, default, sections)
 
 
 def path(where: str, key: str) -> str:
@@ -441,7 +434,7 @@ def read(kind: type[T], document: Any, where: str = '', *, extra: bool = False) 
         return kind(**values)
     except Mismatch as error:  # of a check across fields, under the section's own name
         own = error.where.removeprefix(getattr(kind, 'section', '')).removeprefix('.')
-        raise error.at(path(where, own)) from None
+        raise ConfigError(f'{path(where, own) or "the file"} {error.found}') from None
 
 
 def _known(rows: Iterable[Column]) -> list[str]:
@@ -472,21 +465,6 @@ def _value(row: Column, document: Mapping[Any, Any], where: str, extra: bool) ->
     if value is _ABSENT or (nothing and row.default is not _ABSENT):
         return row.default
     return None if nothing and row.optional else row.take(value, path(where, row.key), extra)
-
-
-def _take_sections(kind: Any, value: Any, where: str, extra: bool) -> Any:
-    if _is_section(kind):
-        return read(kind, value, where, extra=extra)
-    inner = get_args(kind)[0 if get_origin(kind) is tuple else 1]
-    if get_origin(kind) is Mapping:
-        if not isinstance(value, Mapping):
-            raise Mismatch(where, value, 'a group of keys')
-        return {name(key): read(inner, one, path(where, name(key)), extra=extra)
-                for key, one in value.items()}
-    if not isinstance(value, list | tuple) or not value:
-        raise Mismatch(where, value, f'a list, each with {columns(inner)[0].key}')
-    return tuple(read(inner, one, f'{where}[{_label(inner, one, n)}]', extra=extra)
-                 for n, one in enumerate(value, 1))
 
 
 def _label(kind: type, entry: Any, number: int) -> str:

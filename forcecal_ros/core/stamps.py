@@ -52,6 +52,10 @@ PAUSE = 6.0
 BURSTS = 1.0
 """Jitter of so many periods is no delay on the way but messages that arrive together."""
 
+LEAST_LATE = 0.02
+"""Share of the messages of bursts that are less late than is taken for none: the last of each
+burst, of which fifty messages at most make one."""
+
 _TimedStream = TypeVar('_TimedStream', Stream, PoseStream)
 
 
@@ -211,6 +215,8 @@ def with_even_stamps(stream: _TimedStream) -> tuple[_TimedStream, Jitter]:
     ratio = roughness(even, values) / max(roughness(stream.t, values), np.finfo(float).tiny)
     if ratio > SMOOTHER and not (ratio < 1 / SMOOTHER and jitter.std > HALF_WAY * jitter.period):
         return stream, jitter
+    if jitter.std > BURSTS * jitter.period:  # what arrives together was measured before
+        even = even + np.quantile(stream.t - even, LEAST_LATE)
     return replace(stream, t=even), jitter
 
 

@@ -19,8 +19,15 @@ from forcecal_ros.effects.rig import Rig
 from forcecal_ros.motion.limits import check_move, Limits, pace_within, share_allowed
 from forcecal_ros.motion.optimal_design import sequencer_parameters
 from forcecal_ros.motion.plan import diagnosis_plan, prepare, preview, Segment, Timing
-from forcecal_ros.motion.poses import nominal_poses, orientation, step_goal
-from forcecal_ros.motion.profiles import Move, Pace, Pose, shortest_duration
+from forcecal_ros.motion.profiles import (
+    Move,
+    nominal_poses,
+    orientation,
+    Pace,
+    Pose,
+    shortest_duration,
+    step_goal,
+)
 from forcecal_ros.sim.rig.simulator import simulate
 from forcecal_ros.sim.signals import UNSEEN
 import numpy as np

@@ -11,7 +11,7 @@ from forcecal_ros.checks.messages import Stated
 from forcecal_ros.checks.signals import pauses, SENSORS
 from forcecal_ros.core.calibration import Accelerometer
 from forcecal_ros.core.errors import below, DataError
-from forcecal_ros.core.geometry import Array, rotation_vector
+from forcecal_ros.core.geometry import Array, rotation_vector, STANDARD_GRAVITY
 from forcecal_ros.core.stamps import with_even_stamps
 from forcecal_ros.core.streams import JointStream, PoseStream, Recording, Stream
 from forcecal_ros.core.topics import ROLES
@@ -419,6 +419,10 @@ def _reason_not_comparable(recording: Recording) -> str:
     assert pose is not None
     if recording.accelerometer_unit != 'm/s^2':
         return 'speaks volts; record an Imu'
+    shown = float(np.median(np.linalg.norm(stream.values, axis=1)))
+    if shown < 0.5 * STANDARD_GRAVITY:  # arms do not fall half of the time
+        return (f'shows {shown:.2g} m/s^2 and no gravity; let it publish specific force, which at '
+                'rest is gravity (REP-145)')
     angle = angle_from_gravity(stream, pose)
     if angle > MAX_GRAVITY_ANGLE:
         return (f'feels gravity {np.degrees(angle):.0f} deg from where the pose has it; publish '

@@ -1,7 +1,7 @@
 """The library of effects: how a real rig may differ from the nominal one, as data.
 
 A row lists an effect's parameters, their ranges and the values at which it does nothing. What it
-does is in :mod:`forcecal_ros.effects.apply` and :mod:`forcecal_ros.effects.signals` and, if it
+does is in :mod:`forcecal_ros.effects.rig` and :mod:`forcecal_ros.effects.signals` and, if it
 enters the integration, in :mod:`forcecal_ros.sim.rig.tool`. Which effects a rig has, and how
 strongly, is a tuple that compares and hashes, in the order of the library.
 """

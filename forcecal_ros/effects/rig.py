@@ -5,14 +5,22 @@ number, ``dataclasses.replace`` the section and the rig; arrays are taken and ke
 that rigs compare and hash.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 import math
 from typing import Annotated, Any
 
 from forcecal_ros.core.errors import ConfigError
-from forcecal_ros.core.geometry import Array, matrix_from_quaternion
+from forcecal_ros.core.geometry import Array, matrix_from_quaternion, rotation_from_vector
 from forcecal_ros.core.schema import Matrix3, Row, Section, Vector3, Vector4, Vector6
-from forcecal_ros.effects.library import Chosen, chosen_effects, SLIDE_ONLY
+from forcecal_ros.effects.library import (
+    Chosen,
+    chosen_effects,
+    Effect,
+    named_effects,
+    SLIDE_ONLY,
+    Values,
+)
 import numpy as np
 
 
@@ -301,3 +309,105 @@ class Rig(Section):
     def samples_per_period(self, sensor: str) -> int:
         """Return how many samples a sensor, named as its section, gives in one robot period."""
         return round(float(getattr(self, sensor).rate) * self.robot.period)
+
+
+Named = Mapping[str, float]
+
+
+def _tool_mass(rig: Rig, v: Named) -> Rig:
+    tool: Tool = replace(rig.tool, mass=rig.tool.mass * (1.0 + v['change']))
+    return replace(rig, tool=tool)
+
+
+def _tool_com(rig: Rig, v: Named) -> Rig:
+    x, y, z = rig.tool.com
+    return replace(rig, tool=replace(rig.tool, com=(x + v['x'], y + v['y'], z + v['z'])))
+
+
+def _optidrive(name: str) -> Callable[[Rig, Named], Rig]:
+    def change(rig: Rig, v: Named) -> Rig:
+        if rig.optidrive is None:
+            return rig
+        optidrive: Optidrive = replace(
+            rig.optidrive, **{name: getattr(rig.optidrive, name) * (1.0 + v['change'])})
+        return replace(rig, optidrive=optidrive)
+    return change
+
+
+def _wall(name: str) -> Callable[[Rig, Named], Rig]:
+    def change(rig: Rig, v: Named) -> Rig:
+        wall: Wall = replace(rig.wall, **{name: getattr(rig.wall, name) * (1.0 + v['change'])})
+        return replace(rig, wall=wall)
+    return change
+
+
+def _wall_position(rig: Rig, v: Named) -> Rig:
+    return replace(rig, wall=replace(rig.wall, position=rig.wall.position + v['shift']))
+
+
+def _base_tilt(rig: Rig, v: Named) -> Rig:
+    """Gravity in a base that is tilted by a rotation vector about its X and Y."""
+    R_level_base = rotation_from_vector(np.array([v['x'], v['y'], 0.0]))
+    x, y, z = R_level_base.T @ rig.gravity
+    return replace(rig, gravity=(x, y, z))
+
+
+NUMBERS: Mapping[str, Callable[[Rig, Named], Rig]] = {
+    'tool_mass': _tool_mass, 'tool_com': _tool_com,
+    'tool_stiffness': _optidrive('stiffness'), 'tool_damping': _optidrive('damping'),
+    'contact_stiffness': _wall('stiffness'), 'contact_damping': _wall('damping'),
+    'wall_position': _wall_position, 'base_tilt': _base_tilt,
+}
+"""Name of the effect -> the rig with its numbers."""
+
+
+def physical_rig(rig: Rig) -> Rig:
+    """
+    Apply the effects that change numbers of the rig.
+
+    Returns
+    -------
+    Rig
+        Without these effects, with the others.
+    """
+    others = tuple(one for one in rig.effects if one[0] not in NUMBERS)
+    for name, values in named_effects(rig.effects).items():
+        if name in NUMBERS:
+            rig = NUMBERS[name](rig, values)
+    return rig if others == rig.effects else replace(rig, effects=others)
+
+
+def applicable(effect: Effect, rig: Rig, accelerometer: str | None = None) -> bool:
+    """
+    Say whether a rig can have an effect at all.
+
+    Parameters
+    ----------
+    accelerometer : str, optional
+        ``acc1`` or ``acc2``; either can have all effects of accelerometers.
+
+    Returns
+    -------
+    bool
+        False for effects of a slide where the tool is rigid.
+    """
+    return rig.optidrive is not None or effect.name not in SLIDE_ONLY
+
+
+def with_effects(rig: Rig, effects: Values) -> Rig:
+    """
+    Add effects to a rig; one that it has already gets the new values.
+
+    Parameters
+    ----------
+    effects : mapping of str to mapping of str to float
+        Parameters that are not named stay at their nominal value.
+
+    Raises
+    ------
+    ConfigError
+        No such effect or parameter, a value outside its limits, an effect that this rig cannot
+        have.
+    """
+    together = {**named_effects(rig.effects), **named_effects(chosen_effects(effects))}
+    return replace(rig, effects=chosen_effects(together))

@@ -17,9 +17,6 @@ from scipy.linalg import expm
 Operator = Callable[[Array], Array]
 """Changes the next samples of a signal, shape (n, k), and keeps what it needs for those after."""
 
-TAPS = 6
-"""Samples a delay interpolates between; accurate to 1.3e-3 up to a tenth of the sample rate."""
-
 
 class Delay:
     """
@@ -34,10 +31,13 @@ class Delay:
     """
 
     def __init__(self, delay: float, dt: float) -> None:
+        # samples a delay interpolates between; accurate to 1.3e-3 up to a tenth of the
+        # sample rate
+        taps = 6
         back = delay / dt
-        first = max(0, int(np.floor(back)) - (TAPS // 2 - 1))
-        self._offsets = np.arange(first, first + TAPS)
-        others = [np.delete(self._offsets, i) for i in range(TAPS)]
+        first = max(0, int(np.floor(back)) - (taps // 2 - 1))
+        self._offsets = np.arange(first, first + taps)
+        others = [np.delete(self._offsets, i) for i in range(taps)]
         self._weights = [np.prod((back - other) / (offset - other))
                          for offset, other in zip(self._offsets, others)]
         self._past: Array | None = None
@@ -125,10 +125,6 @@ def _filter(A: Array, before: Array, after: Array, output: Array, through: float
             out[i, k] = y
 
 
-SHARP = 0.02
-"""Softness up to which a hysteresis counts as elasto-plastic: exponents of 50 and more."""
-
-
 class Hysteresis:
     """
     A signal less the part that friction inside the sensor holds back.
@@ -150,7 +146,9 @@ class Hysteresis:
 
     def __init__(self, height: float, width: float, softness: float = 0.0) -> None:
         self._ratio, self._width = height / width, width
-        self._exponent = 1.0 / softness if softness > SHARP else 0.0
+        # sharp: softness up to which a hysteresis counts as elasto-plastic: exponents of 50 and
+        # more
+        self._exponent = 1.0 / softness if softness > 0.02 else 0.0
         self._last: Array | None = None
         self(np.zeros((1, 1)))  # compiles, before it is needed in real time
         self._last = None

@@ -24,9 +24,11 @@ from scipy.linalg import solve, solve_discrete_are
 class TargetImpedance(Section, name='impedance'):
     """How the tool shall give way to a force, about its reference."""
 
-    mass: Annotated[float, Row('Of the target behaviour', 'kg', above=0.0)] = 13.0
-    damping: Annotated[float, Row('Of the target behaviour', 'N s/m', above=0.0)] = 250.0
-    stiffness: Annotated[float, Row('Of the target behaviour', 'N/m', above=0.0)] = 1000.0
+    mass: Annotated[float, Row(
+        'Mass of the target impedance, about the reference', 'kg', 0.1, 1e4)] = 13.0
+    damping: Annotated[float, Row('Damping of the target impedance', 'N s/m', 0.1, 1e6)] = 250.0
+    stiffness: Annotated[float, Row(
+        'Stiffness of the target impedance', 'N/m', 0.1, 1e6)] = 1000.0
 
 
 @dataclass(frozen=True)
@@ -40,9 +42,10 @@ class DesignSettings(Section, name='design'):
 
     effort: Annotated[float, Row(
         'What a command off its steady value costs, as a force per distance: small against the '
-        'target stiffness, so that the impedance relation counts', 'N/m', above=0.0)] = 100.0
+        'target stiffness, so that the impedance relation counts', 'N/m', 1e-3, 1e6)] = 100.0
     latency: Annotated[int, Row(
-        "Periods that a command takes beyond the robot's own delay", low=0, high=50)] = 0
+        "Control periods that a command takes beyond the robot's own delay, transport of the "
+        'sensors included', low=0, high=50)] = 0
     force_lag: Annotated[float, Row(
         'Time constant of the contact force that is fed back', 's', above=0.0)] = 0.004
     force_std: Annotated[float, Row('Error of that force, white', 'N', above=0.0)] = 0.3
@@ -56,8 +59,9 @@ class DesignSettings(Section, name='design'):
     wall_damping: Annotated[float, Row('Of the wall', 'N s/m', 0.0)] = 0.0
     state_gain: Annotated[tuple[float, ...] | None, Row('L, in place of the optimal one')] = None
     force_gain: Annotated[float | None, Row(
-        'c, in place of the one that makes the steady state right', 'm/N')] = None
-    position_gain: Annotated[float | None, Row('l_r likewise', '1')] = None
+        'c of the control law in the place of the one that makes the steady state right; 0: that '
+        'one', 'm/N', -1.0, 1.0)] = None
+    position_gain: Annotated[float | None, Row('l_r likewise', '', -1e3, 1e3)] = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -76,31 +80,6 @@ class Loop(NamedTuple):
     def radius(self) -> float:
         """Magnitude of the slowest eigenvalue of the closed loop; stable below 1."""
         return float(np.abs(np.linalg.eigvals(self.A + np.outer(self.B, self.C))).max())
-
-
-class Margins(NamedTuple):
-    """
-    Margins of the loop, opened at the command.
-
-    Attributes
-    ----------
-    wall_stiffness : float
-        Of the wall in contact; 0: none [N/m].
-    gain : float
-        Factor on the command that makes it unstable; inf: none does.
-    phase : float
-        Lag or lead of the command that makes it unstable [rad]; inf: none does.
-    modulus : float
-        Least distance of the Nyquist curve from -1.
-    radius : float
-        Magnitude of the slowest eigenvalue of the closed loop.
-    """
-
-    wall_stiffness: float
-    gain: float
-    phase: float
-    modulus: float
-    radius: float
 
 
 def loop(law: Law, plant: Process, force_lag: float) -> Loop:
@@ -135,39 +114,6 @@ def loop(law: Law, plant: Process, force_lag: float) -> Loop:
     return Loop(A, B, commanded)
 
 
-def margins(open_loop: Loop, period: float, wall_stiffness: float = 0.0) -> Margins:
-    """
-    Return the margins of a loop that is stable when closed.
-
-    Parameters
-    ----------
-    period : float
-        [s]
-    wall_stiffness : float
-        Of the wall in contact, for the record [N/m].
-    """
-    import control  # loads matplotlib too: seconds, which a node does not start with
-
-    frequency = np.geomspace(0.1, 0.999 * np.pi / period, 600)
-    z = np.exp(1j * frequency * period)[:, np.newaxis, np.newaxis]
-    states = np.linalg.solve(z * np.eye(len(open_loop.B)) - open_loop.A,
-                             open_loop.B[:, np.newaxis].astype(complex))
-    response = -(open_loop.C @ states)[:, 0]
-    gains, phases, *_ = control.stability_margins(
-        control.FrequencyResponseData(response, frequency, smooth=True), returnall=True)
-    return Margins(wall_stiffness, float(min((g for g in gains if g > 1.0), default=np.inf)),
-                   float(np.deg2rad(np.abs(phases)).min(initial=np.inf)),
-                   float(np.abs(1.0 + response).min()), open_loop.radius)
-
-
-STIFFEST = 1e6
-"""Stiffest wall for which stability is checked beyond the stated range [N/m]."""
-
-
-AGREEMENT = 1.0
-"""Highest frequency at which the impedance is compared with the target one [Hz]."""
-
-
 class Relation(NamedTuple):
     """The impedance relation as a row: e = X . C + D u + F f - K x_r, in N."""
 
@@ -179,64 +125,29 @@ class Relation(NamedTuple):
 
 class Design(NamedTuple):
     """
-    A law with its margins.
+    A law that is stable.
 
     Attributes
     ----------
-    margins : tuple of Margins
-        Without contact, against the softest and against the stiffest wall of the stated range.
     unstable_from : float
         Softest wall that makes it unstable; inf: none up to 1 MN/m does [N/m].
-    disagreement : float
-        Largest relative error of the compliance up to 1 Hz, without contact.
     """
 
     law: Law
-    margins: tuple[Margins, ...]
-    unstable_from: float
-    disagreement: float
-
-
-class _Stable(NamedTuple):
-    """A law that is known to be stable, the process without a wall, and the loop of both."""
-
-    law: Law
-    free: Process
-    without: Loop
     unstable_from: float
 
 
 def design(plant: Plant, target: TargetImpedance = TargetImpedance(),
            settings: DesignSettings = DesignSettings()) -> Design:
     """
-    Design the law [Gamez2005] Eq. 31 and check it.
+    Design the law [Gamez2005] Eq. 31 and check that it is stable.
 
     Raises
     ------
     ConfigError
-        See :func:`stable_law`.
+        There is no optimal gain, or the loop is unstable without contact or against a wall of the
+        stated range.
     """
-    law, free, without, unstable_from = _stable(plant, target, settings)
-    touched = [margins(_against(law, plant, settings, k), law.period, k)
-               for k in settings.wall_stiffness]
-    return Design(law, (margins(without, law.period), *touched), unstable_from,
-                  _disagreement(law, free, target, settings))
-
-
-def stable_law(plant: Plant, target: TargetImpedance, settings: DesignSettings) -> Law:
-    """
-    Return the law of :func:`design` without its margins, which take seconds.
-
-    Raises
-    ------
-    ConfigError
-        The loop is unstable without contact or against a wall of the stated range, or has no
-        optimal gain.
-    """
-    return _stable(plant, target, settings).law
-
-
-def _stable(plant: Plant, target: TargetImpedance, settings: DesignSettings) -> _Stable:
     free = process(plant, settings.latency)
     law = _law(plant, free, target, settings)
     without = loop(law, free, settings.force_lag)
@@ -250,7 +161,7 @@ def _stable(plant: Plant, target: TargetImpedance, settings: DesignSettings) -> 
         raise ConfigError(
             f'the impedance loop is unstable against a wall of {unstable_from:.0f} N/m, within '
             f'the stated range of {low:.0f} to {high:.0f} N/m; {_remedy(settings)}')
-    return _Stable(law, free, without, unstable_from)
+    return Design(law, unstable_from)
 
 
 def _remedy(settings: DesignSettings) -> str:
@@ -268,8 +179,9 @@ def _against(law: Law, plant: Plant, settings: DesignSettings, stiffness: float)
 
 def _unstable_from(law: Law, plant: Plant, settings: DesignSettings) -> float:
     low, high = settings.wall_stiffness
+    # stiffest: stiffest wall for which stability is checked beyond the stated range [N/m]
     walls = {*np.geomspace(low, high, 60).tolist(), high,
-             *np.geomspace(high, max(high, STIFFEST), 60).tolist()}
+             *np.geomspace(high, max(high, 1e6), 60).tolist()}
     return next((k for k in sorted(walls)
                  if _against(law, plant, settings, k).radius >= 1.0), np.inf)
 
@@ -343,18 +255,3 @@ def _steady_gains(free: Process, e: Relation, L: Array) -> tuple[float, float]:
         [np.append(free.F, e.F), np.append(np.zeros(n), -e.K)]))
     c, l_r = steady[-1] + L @ steady[:-1]
     return float(c), float(l_r)
-
-
-def _disagreement(law: Law, free: Process, target: TargetImpedance, settings: DesignSettings
-                  ) -> float:
-    open_loop = loop(law, free, settings.force_lag)
-    n = len(law.B)
-    A = open_loop.A + np.outer(open_loop.B, open_loop.C)
-    passed = 1.0 - np.exp(-law.period / settings.force_lag)
-    B = np.concatenate([free.F, [passed], np.zeros(n)])
-    frequency = np.linspace(0.02, 1.0, 50) * AGREEMENT * 2.0 * np.pi
-    z = np.exp(1j * frequency * law.period)[:, np.newaxis, np.newaxis]
-    states = np.linalg.solve(z * np.eye(len(B)) - A, B[:, np.newaxis].astype(complex))[..., 0]
-    compliance = states[:, :n] @ free.tool
-    ideal = target.stiffness + 1j * frequency * target.damping - target.mass * frequency**2
-    return float(np.abs(compliance * ideal - 1.0).max())

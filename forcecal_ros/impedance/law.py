@@ -6,13 +6,6 @@ from typing import NamedTuple, Protocol
 from forcecal_ros.core.geometry import Array
 import numpy as np
 
-OK = 'ok'
-COASTING = 'coasting'
-LATE = 'late'
-
-LONGEST = 250
-"""Longest gap that one step predicts over [periods]: 1 s at 250 Hz."""
-
 
 class Law(NamedTuple):
     """
@@ -93,8 +86,8 @@ def at_rest(law: Law) -> State:
     return State(np.zeros(len(law.B)))
 
 
-def step(law: Law, state: State, measured: Measurement, position: float, velocity: float = 0.0,
-         dt: float | None = None) -> tuple[State, float, str]:
+def step(law: Law, state: State, measured: Measurement, position: float, velocity: float = 0.0
+         ) -> State:
     """
     Take one control step, [Gamez2005] Eq. 31: u = -L X + c F + l_r x_r.
 
@@ -105,24 +98,13 @@ def step(law: Law, state: State, measured: Measurement, position: float, velocit
     ----------
     position, velocity : float
         Of the reference [m], [m/s].
-    dt : float, optional
-        Since the last step [s]; a period where none is given.
 
     Returns
     -------
-    state : State
-    command : float
-        Of S [m].
-    status : str
-        ``ok``, ``coasting`` (an input was not finite) or ``late`` (periods were skipped).
+    State
+        With the new command.
     """
-    periods = 1 if dt is None or not isfinite(dt) else round(dt / law.period)
-    status = LATE if periods > 1 else OK
-    if not (all(map(isfinite, measured)) and isfinite(position) and isfinite(velocity)):
-        status = COASTING
-    estimate = state.estimate
-    for _ in range(min(max(periods, 1), LONGEST)):
-        estimate = law.A @ estimate + law.B * state.command + law.F * state.force
+    estimate = law.A @ state.estimate + law.B * state.command + law.F * state.force
     force = measured.force if isfinite(measured.force) else state.force
     goal = position + law.lead * velocity
     if not isfinite(goal):
@@ -130,7 +112,7 @@ def step(law: Law, state: State, measured: Measurement, position: float, velocit
     error = np.array(measured[:2]) - law.C @ estimate
     estimate = estimate + law.K @ np.where(np.isfinite(error), error, 0.0)
     command = float(-law.L @ estimate + law.force_gain * force + law.position_gain * goal)
-    return State(estimate, command, force, goal), command, status
+    return State(estimate, command, force, goal)
 
 
 class Reference(NamedTuple):
@@ -152,25 +134,16 @@ class Controller(Protocol):
 
 
 class Regulator:
-    """
-    The law as a controller, at rest at the start.
-
-    Attributes
-    ----------
-    troubled : int
-        Steps whose measurement or reference was not finite.
-    """
+    """The law as a controller, at rest at the start."""
 
     def __init__(self, law: Law) -> None:
         self._law, self._state = law, at_rest(law)
-        self.troubled = 0
 
     def __call__(self, reference: Reference, measured: Measurement) -> float:
         """Return the command of S along x of ft_sensor, from the start [m]."""
-        self._state, command, status = step(
-            self._law, self._state, measured, reference.position, reference.velocity)
-        self.troubled += status != OK
-        return command
+        self._state = step(self._law, self._state, measured, reference.position,
+                           reference.velocity)
+        return self._state.command
 
     def sent(self, command: float) -> None:
         """Let the estimator predict with the command that was sent [m]."""

@@ -223,18 +223,6 @@ ORDERS = (1, 2, 3, 4, 5, 6)
 DELAYS = (1, 2, 3)
 """Delays from command to position that are tried [periods]."""
 
-SETTLING_S = 0.25
-"""Start of a recording in which errors do not count, since the robot may have moved before [s]."""
-
-HELD_OUT = 1.0 / 3.0
-"""Last share of a recording, not fitted: it chooses the order and judges the model."""
-
-MIN_SAMPLES = 500
-"""Fewest samples that a robot is identified from: 2 s at 250 Hz."""
-
-CANCELLING = 0.05
-"""A pole and a zero nearly cancel where they change the frequency response by less, relatively."""
-
 
 class Pair(NamedTuple):
     """
@@ -320,12 +308,17 @@ def identify_robot(command: Array, position: Array, period: float, *,
     DataError
         Too few samples, no motion, or no model that fits.
     """
+    # fewest samples that a robot is identified from: 2 s at 250 Hz
+    min_samples = 500
     n = len(command)
-    if n < MIN_SAMPLES or not np.ptp(command) > 0.0 or not np.ptp(position) > 0.0:
+    if n < min_samples or not np.ptp(command) > 0.0 or not np.ptp(position) > 0.0:
         raise DataError(f'{n} commands over {1e3 * np.ptp(command) if n else 0.0:.3g} mm do not '
-                        f"tell the robot's model; record {MIN_SAMPLES} or more that move it")
-    held_out = slice(round(n * (1.0 - HELD_OUT)), n)
-    used = slice(round(SETTLING_S / period), held_out.start)
+                        f"tell the robot's model; record {min_samples} or more that move it")
+    # held out: last share of a recording, not fitted: it chooses the order and judges the model
+    held_out = slice(round(n * 2.0 / 3.0), n)
+    # settling: start of a recording in which errors do not count, since the robot may have
+    # moved before [s]
+    used = slice(round(0.25 / period), held_out.start)
     candidates = [min((judged(
         fit_output_error(command, position, order, delay, used), order, command, position,
         held_out) for delay in delays), key=lambda one: one.error) for order in orders]
@@ -377,22 +370,15 @@ def cancelling_pairs(robot: Robot) -> tuple[Pair, ...]:
         if len(robot.zeros):
             zero = min(robot.zeros, key=lambda z: abs(z - pole))
             effect = float(abs(pole - zero) / (1.0 - abs(pole)))
-            if effect < CANCELLING:
+            # cancelling: a pole and a zero nearly cancel where they change the frequency response
+            # by less, relatively
+            if effect < 0.05:
                 pairs.append(Pair(complex(pole), complex(zero), effect))
     return tuple(pairs)
 
 
 WINDOW = 0.1
 """Length of a weighting window [s]."""
-
-SPACING = 0.75
-"""Distance of window starts in window lengths; closer windows would share their errors."""
-
-MIN_WINDOWS = 50
-"""Fewest windows that a slide is identified from."""
-
-SURE = 3.0
-"""Standard errors below zero from which a spring or a mass has the opposite sign."""
 
 
 class Signal(NamedTuple):
@@ -436,13 +422,19 @@ def identify_slide(force: Signal, slide: Signal, position: Signal) -> SlideFit:
     DataError
         Too short, or no motion that identifies them.
     """
+    # standard errors below zero from which a spring or a mass has the opposite sign
+    sure = 3.0
+    # fewest windows that a slide is identified from
+    min_windows = 50
+    # distance of window starts in window lengths; closer windows would share their errors
+    spacing = 0.75
     begin = max(signal.t[0] for signal in (force, slide, position))
     end = min(signal.t[-1] for signal in (force, slide, position))
-    starts = np.arange(begin, end - WINDOW, SPACING * WINDOW)
-    if len(starts) < MIN_WINDOWS:
+    starts = np.arange(begin, end - WINDOW, spacing * WINDOW)
+    if len(starts) < min_windows:
         raise DataError(f'{max(0.0, end - begin):.1f} s of force, displacement and pose in common '
                         f'do not tell the slide; record '
-                        f'{MIN_WINDOWS * SPACING * WINDOW:.0f} s or more')
+                        f'{min_windows * spacing * WINDOW:.0f} s or more')
     f, df, _ = _weighted(force, starts)
     s, ds, dds = _weighted(slide, starts)
     one = np.ones(len(starts))
@@ -452,7 +444,7 @@ def identify_slide(force: Signal, slide: Signal, position: Signal) -> SlideFit:
     mass, mass_std, inertia_error = _two_stage(
         np.column_stack([-acceleration, one]), f, np.column_stack([f, one]))
     if not (spring[:2] > 0.0).all() or not mass[0] > 0.0:
-        turned = spring[0] < -SURE * spring_std[0] or mass[0] < -SURE * mass_std[0]
+        turned = spring[0] < -sure * spring_std[0] or mass[0] < -sure * mass_std[0]
         raise DataError(f'mass {mass[0]:.3g} kg, stiffness {spring[0]:.3g} N/m and damping '
                         f'{spring[1]:.3g} N s/m come out; ' + (
                             'force and displacement have opposite signs: give --wrench-sign the '
@@ -496,10 +488,6 @@ def _two_stage(columns: Array, values: Array, instruments: Array) -> tuple[Array
     covariance = variance * inverse @ (Z.T @ Z) @ inverse.T
     return (theta / columns_size, np.sqrt(np.diag(covariance)) / columns_size,
             float(np.sqrt(variance)))
-
-
-MOST_TURN = 0.01
-"""Largest rotation of the sensor within a recording that a plant is identified from [rad]."""
 
 
 class PlantFit(NamedTuple):
@@ -547,12 +535,14 @@ def identify_plant(recording: Recording) -> PlantFit:
 
 def _axis(pose: PoseStream) -> Array:
     """Return x of ft_sensor in base, which must not turn."""
+    # largest rotation of the sensor within a recording that a plant is identified from [rad]
+    most_turn = 0.01
     start = pose.R_base_sensor[0]
     turn = max((float(np.linalg.norm(rotation_vector(start.T @ R)))
                 for R in pose.R_base_sensor[::10]), default=0.0)
-    if turn > MOST_TURN:
+    if turn > most_turn:
         raise DataError(f'the sensor turns by {turn:.3f} rad; move it along x of ft_sensor only '
-                        f'({MOST_TURN} rad at most)')
+                        f'({most_turn} rad at most)')
     return np.array(start[:, 0])
 
 
@@ -567,14 +557,6 @@ def _sampled(target: PoseStream, pose: PoseStream, axis: Array) -> tuple[float, 
     start = target.position[0] @ axis
     position = np.interp(t, pose.t, pose.position @ axis)
     return period, target.position[held] @ axis - start, position - start
-
-
-REACH, MOVE = 0.02, 0.4
-"""Minimum-jerk moves within plus and minus that [m], and their duration [s]."""
-
-CODE, CHIP = 0.0005, 2
-"""Amplitude of the pseudo-random binary code on top [m], and the periods that it stays the same
-at least: it excites up to 0.44 / (CHIP period) Hz."""
 
 
 def excitation_commands(seconds: float, period: float, *, seed: int = 0) -> Array:
@@ -595,15 +577,20 @@ def excitation_commands(seconds: float, period: float, *, seed: int = 0) -> Arra
     ndarray, shape (n,)
         [m]
     """
+    # amplitude of the pseudo-random binary code on top [m], and the periods that it stays the
+    # same at least: it excites up to 0.44 / (chip period) Hz
+    code, chip = 0.0005, 2
+    # minimum-jerk moves within plus and minus that [m], and their duration [s]
+    reach, move = 0.02, 0.4
     n, rng = round(seconds / period), np.random.default_rng(seed)
     t = np.arange(n) * period
-    goals = np.append(0.0, rng.uniform(-REACH, REACH, int(seconds / MOVE) + 1))
-    stage = (t / MOVE).astype(int)
-    way, _, _ = quintic(t / MOVE - stage)
+    goals = np.append(0.0, rng.uniform(-reach, reach, int(seconds / move) + 1))
+    stage = (t / move).astype(int)
+    way, _, _ = quintic(t / move - stage)
     slow = goals[stage] + (goals[stage + 1] - goals[stage]) * way
-    chips = rng.choice((-CODE, CODE), n // CHIP + 1)
-    fast = np.repeat(chips, CHIP)[:n]
-    fast[:CHIP] = 0.0
+    chips = rng.choice((-code, code), n // chip + 1)
+    fast = np.repeat(chips, chip)[:n]
+    fast[:chip] = 0.0
     return np.asarray(slow + fast)
 
 

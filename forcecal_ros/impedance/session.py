@@ -78,17 +78,6 @@ class Program:
         way = stage.goal - start
         return Reference(start + way * float(s), way * float(ds) / stage.duration, stage.phase)
 
-    def first_hold(self, phase: str) -> float:
-        """Return when the first stage of a phase ends [s]."""
-        return next(end for stage, end in zip(self.stages, self.ends) if stage.phase == phase)
-
-    def span(self, phase: str) -> tuple[float, float]:
-        """Return when a phase begins first and ends last [s]."""
-        begins = (0.0, *self.ends[:-1])
-        times = [(a, b) for stage, a, b in zip(self.stages, begins, self.ends)
-                 if stage.phase == phase]
-        return times[0][0], times[-1][1]
-
 
 @dataclass(frozen=True)
 class Task:
@@ -215,13 +204,6 @@ def to_rest(motion: LineMotion, duration: float, retract: float, acceleration: f
 
 def _peak_acceleration(withdrawal: Withdrawal) -> float:
     return max(abs(withdrawal.at(withdrawal.duration * k / 16).acceleration) for k in range(17))
-
-
-WITHDRAWING = 0.25
-"""Duration of each slow withdrawal after a stop, while the tool still presses [s]."""
-
-COMPRESSED = 5e-4
-"""Displacement beyond which the tool counts as pressed in, for any force [m]."""
 
 
 @dataclass(frozen=True)
@@ -424,7 +406,9 @@ class Session:
                 goal = max(goal, min(here, 0.0))
             if goal < here:
                 self._withdrawn, self._time = measured, 0.0
-                self._stop = Withdrawal(self._motion, goal, WITHDRAWING)
+                # withdrawing: duration of each slow withdrawal after a stop, while the tool
+                # still presses [s]
+                self._stop = Withdrawal(self._motion, goal, 0.25)
                 return
         self._stop = None
         self._closing = max(2, round(self._bounds.closing / self._period))
@@ -433,7 +417,9 @@ class Session:
         """Say whether the tool touches, or may do so by a force that comes late."""
         touches = -measured.force > self._bounds.touch
         if self._withdrawn is None:
-            return touches or self._pressed or measured.slide < -COMPRESSED
+            # compressed: displacement beyond which the tool counts as pressed in, for
+            # any force [m]
+            return touches or self._pressed or measured.slide < -5e-4
         # the very same numbers again are those of sensors that fell silent
         return touches and measured != self._withdrawn
 

@@ -26,9 +26,6 @@ import numpy as np
 DURATION_S = 10.0
 """Length of the motion: two periods of the slowest sine."""
 
-RAMP_S = 1.5
-"""Rise and fall of the envelope, as slow as the fastest rotation's period."""
-
 TRANSLATION_HZ = np.array([[0.8, 1.7], [0.9, 1.9], [1.1, 2.1]])
 """By axis of base. Whole periods in ``DURATION_S``, above the rotations, below what robots follow
 with some degrees of lag."""
@@ -36,22 +33,12 @@ with some degrees of lag."""
 ROTATION_HZ = np.array([[0.2, 0.5], [0.3, 0.7], [0.4, 0.6]])
 """By axis of ft_sensor. Whole periods, slow: their amplitude counts, not their speed."""
 
-TRANSLATION_M = 0.03
-"""Largest amplitude of a slow sine; the fast one of its axis has a quarter, for about the same
-acceleration."""
-
-ROTATION_RAD = 0.35
-"""Largest amplitude of a slow sine: gravity along an axis then changes by a third."""
-
 MIN_ROTATION_RAD = 0.1
 """Least peak rotation: gravity in the sensor then changes by 1 m/s^2. Of 0.05 N/sqrt(Hz) 10 s
 leave 16 mN: 0.1 % of the change by a tool of 13 kg."""
 
 GRID_S = 0.002
 """Spacing at which limits are checked: 240 points in a period of the fastest sine."""
-
-SHRINK = 0.95
-"""Factor between two sizes that are tried within the workspace."""
 
 PHASES = np.pi * np.arange(12.0).reshape(6, 2) ** 2 / 12.0
 """Of every sine: quadratic (Schroeder), so that the peaks of the sum stay low."""
@@ -66,7 +53,7 @@ class MultiSine:
     ----------
     start : Pose
     translation, rotation : float
-        Factors of the amplitudes ``TRANSLATION_M`` and ``ROTATION_RAD``.
+        Factors of the amplitudes, 0.03 m and 0.35 rad.
     """
 
     start: Pose
@@ -88,13 +75,19 @@ class MultiSine:
         tuple of ndarray, shapes (n, 6)
             Translation in base [m] and rotation vector from the start in ft_sensor [rad]; [1/s].
         """
+        # rise and fall of the envelope, as slow as the fastest rotation's period
+        ramp = 1.5
         x = np.clip(t, 0.0, self.duration)
         inside = (x > 0.0) & (x < self.duration)
-        rise, rising, _ = quintic(x / RAMP_S)
-        fall, falling, _ = quintic((self.duration - x) / RAMP_S)
+        rise, rising, _ = quintic(x / ramp)
+        fall, falling, _ = quintic((self.duration - x) / ramp)
         envelope = rise * fall
-        slope = np.where(inside, (rising * fall - rise * falling) / RAMP_S, 0.0)
-        size = np.repeat([self.translation * TRANSLATION_M, self.rotation * ROTATION_RAD], 3)
+        slope = np.where(inside, (rising * fall - rise * falling) / ramp, 0.0)
+        # translation: largest amplitude of a slow sine; the fast one of its axis has a quarter,
+        # for about the same acceleration
+        # rotation: largest amplitude of a slow sine: gravity along an axis then changes by a
+        # third
+        size = np.repeat([self.translation * 0.03, self.rotation * 0.35], 3)
         amplitude = size[:, None] * [1.0, 0.25]
         omega = 2 * np.pi * np.vstack([TRANSLATION_HZ, ROTATION_HZ])
         angle = omega * x[:, None, None] + PHASES
@@ -233,7 +226,8 @@ def fit_multi_sine(start: Pose, pace: Pace, limits: Limits) -> MultiSine:
         try:
             check_multi_sine(fitted, limits)
         except MotionError as error:
-            size *= SHRINK
+            # shrink: factor between two sizes that are tried within the workspace
+            size *= 0.95
             if size * peak < MIN_ROTATION_RAD:
                 raise MotionError(
                     f'{error}; less than {np.degrees(MIN_ROTATION_RAD):.0f} deg of rotation is '

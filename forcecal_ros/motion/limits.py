@@ -124,23 +124,30 @@ RATES = (('speed', 'm/s'), ('acceleration', 'm/s^2'), ('jerk', 'm/s^3'),
 """Keys of the limits of rates, and their units."""
 
 
+JOINT_RATES = (('joint_speed', 'rad/s'), ('joint_acceleration', 'rad/s^2'),
+               ('joint_jerk', 'rad/s^3'))
+"""The same of a joint."""
+
+
 def rate_limits(limits: Limits) -> tuple[float, ...]:
     """Return the limits of all ``RATES``."""
     return tuple(getattr(limits, key) for key, _ in RATES)
 
 
-def check_rates(peaks: Sequence[float], limits: Limits, name: str) -> None:
+def check_rates(peaks: Sequence[float], limits: Limits, name: str,
+                rates: Sequence[tuple[str, str]] = RATES, of: str = '') -> None:
     """
-    Refuse peaks of ``RATES`` above the limits.
+    Refuse peaks of these rates above the limits; ``of`` is whose they are.
 
     Raises
     ------
     MotionError
         With the number, the limit and its key.
     """
-    for (key, unit), planned, limit in zip(RATES, peaks, rate_limits(limits)):
+    for (key, unit), planned in zip(rates, peaks):
+        limit = getattr(limits, key)
         if not planned <= limit:
-            raise MotionError(f'{name} needs {above(planned, limit, 4)} {unit}, limits.{key} '
+            raise MotionError(f'{name} needs {above(planned, limit, 4)} {unit}{of}, limits.{key} '
                               f'is {limit:g} {unit}; give it more time')
 
 
@@ -205,12 +212,5 @@ def check_joint_move(move: JointMove, limits: Limits, name: str) -> None:
     peak = peak_rates(move.duration, limits.stop_duration)
     joint = int(np.argmax(np.abs(move.displacement)))
     distance = float(np.abs(move.displacement[joint]))
-    for key, planned, limit, unit in (
-            ('joint_speed', distance * peak.speed, limits.joint_speed, 'rad/s'),
-            ('joint_acceleration', distance * peak.acceleration, limits.joint_acceleration,
-             'rad/s^2'),
-            ('joint_jerk', distance * peak.jerk, limits.joint_jerk, 'rad/s^3')):
-        if not planned <= limit:
-            raise MotionError(f'{name} needs {above(planned, limit, 4)} {unit} of joint '
-                              f'{joint + 1}, '
-                              f'limits.{key} is {limit:g} {unit}; give it more time')
+    check_rates([distance * one for one in peak], limits, name, JOINT_RATES,
+                f' of joint {joint + 1}')

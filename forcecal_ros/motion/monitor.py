@@ -22,14 +22,6 @@ VISIBLE_TRAVEL, VISIBLE_TURN = 1e-3, 5e-3
 pose published with four digits changes every 0.1 mm, and at the default pace the commands are
 1 mm ahead of a robot that lags by 50 ms: what lags more shows as an error of tracking."""
 
-SURELY_FROZEN = 5.0
-"""Readings at rest that repeat for so many times as long as they use to are frozen: live, a false
-alarm ends a motion, a miss is found in the recording."""
-
-HABIT_EXCEPTIONS, HABIT_CHANGES = 2, 20
-"""So many of the longest repetitions before a start are no habit: a sensor that had frozen; fewer
-changes than the second show none."""
-
 Timed: TypeAlias = tuple[float, tuple[float, ...]]
 """A time [s] and the values at that time."""
 
@@ -98,9 +90,13 @@ class Channel:
             if values != before:
                 changes.append(stamp)
         same = sorted(end - begin for begin, end in pairwise(changes))
-        if len(same) >= HABIT_CHANGES:
-            usual = same[-1 - HABIT_EXCEPTIONS]
-            self.rest_timeout = max(shortest, SURELY_FROZEN * usual)
+        # two of the longest repetitions before a start are no habit but a sensor that had frozen;
+        # fewer than 20 changes show no habit
+        if len(same) >= 20:
+            usual = same[-3]
+            # surely frozen: readings at rest that repeat for so many times as long as they use to
+            # are frozen: live, a false alarm ends a motion, a miss is found in the recording
+            self.rest_timeout = max(shortest, 5.0 * usual)
 
     @property
     def span(self) -> float:
@@ -153,34 +149,11 @@ def distance_between(a: tuple[float, ...], b: tuple[float, ...]) -> float:
     return sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
 
 
-LONGEST_TICK = 0.01
-"""Of the time between two ticks no more than that counts as silence of the sensors: a caller that
-ticks every 4 ms and was away for longer has not listened to them [s]."""
-
 LATE_PATIENCE = 0.02
 """A sensor is late only where its stamps stay too old for that long: a caller that was late itself
 first works off its queue, in five periods at 250 Hz [s]."""
 
-SPEED_WINDOW = 0.04
-"""Measured speeds are difference quotients over at least that long: ten poses at 250 Hz [s]."""
-
-CHANGE_WINDOW = 0.02
-"""Measured accelerations and jerks are difference quotients of positions that far apart: five
-poses at 250 Hz, whose noise they would amplify otherwise [s]."""
-
-WORKSPACE_SLACK = 0.002
-"""A measured position may be that far outside the workspace, to which plans may go: a robot there
-overshoots a little [m]."""
-
-UNIT_NORM = 1e-2
-"""Largest departure of the squared norm of a measured quaternion from 1: rounding and single
-precision stay far below it."""
-
-ARRIVED = 0.9
-"""A robot that has done this share of the commanded motion has arrived: its gain may be below
-1."""
-
-POSITIONING_ERROR = 5e-4, 2e-3
+POSITIONING_ERROR = (5e-4, 2e-3)
 """Error with which a robot may reach its command, however short the motion [m], [rad]."""
 
 NAMES = {'wrench': ('force.x', 'force.y', 'force.z', 'torque.x', 'torque.y', 'torque.z'),
@@ -204,13 +177,13 @@ class WatchSettings:
     """
 
     pause_timeout: Annotated[float, Row(
-        'Silence of a sensor that brings the motion to rest until it is back', 's', 0.01, 10.0)
+        'Silence of a sensor that brings the motion to rest until it is back', 's', 0.008, 10.0)
         ] = 0.04
     most_pauses: Annotated[int, Row(
         'How often sensors may fall silent or late in one sequence; 0: no limit',
         low=0, high=1_000_000)] = 20
     lost_timeout: Annotated[float, Row(
-        'A sensor that stays silent or late for that long ends the sequence', 's', 0.05, 60.0)
+        'A sensor that stays silent or late for that long ends the motion', 's', 0.01, 60.0)
         ] = 1.0
     frozen_timeout: Annotated[float, Row(
         'Readings that repeat to the last bit for that long in motion stop it; 0: not checked',
@@ -219,7 +192,7 @@ class WatchSettings:
         'Age of its newest header stamp above which a sensor is late; 0: not checked, for '
         'clocks that are not synchronised', 's', 0.0, 10.0)] = 0.25
     clock_timeout: Annotated[float, Row(
-        'With use_sim_time, a clock that stands still for longer ends the sequence',
+        'With use_sim_time, a clock that stands still for longer ends the motion',
         's', 0.02, 60.0)] = 0.1
     window: Annotated[float, Row(
         'Length of the window in which the readings have to be as quiet as before the start for '
@@ -269,21 +242,21 @@ class Monitor:
         channel = self._take('wrench', stamp, values)
         fx, fy, fz, nx, ny, nz = values
         limits = self.limits
-        if fx * fx + fy * fy + fz * fz > limits.force * limits.force:
-            force = above(sqrt(fx * fx + fy * fy + fz * fz), limits.force)
-            self._fault(f'{channel.topic}: force {force} N exceeds limits.force '
-                        f'{limits.force:g} N')
-        if nx * nx + ny * ny + nz * nz > limits.torque * limits.torque:
-            torque = above(sqrt(nx * nx + ny * ny + nz * nz), limits.torque)
-            self._fault(f'{channel.topic}: torque {torque} N m exceeds '
-                        f'limits.torque {limits.torque:g} N m')
+        for key, square, limit, unit in (
+                ('force', fx * fx + fy * fy + fz * fz, limits.force, 'N'),
+                ('torque', nx * nx + ny * ny + nz * nz, limits.torque, 'N m')):
+            if square > limit * limit:
+                self._fault(f'{channel.topic}: {key} {above(sqrt(square), limit)} {unit} exceeds '
+                            f'limits.{key} {limit:g} {unit}')
         channel.keep()
 
     def pose(self, stamp: float, values: tuple[float, ...]) -> None:
         """Take one measured pose, x y z [m] qx qy qz qw, at ``stamp`` [s]."""
         channel = self._take('pose', stamp, values)
         norm = sum(x * x for x in values[3:])
-        if not abs(norm - 1.0) <= UNIT_NORM:
+        # unit norm: largest departure of the squared norm of a measured quaternion from 1:
+        # rounding and single precision stay far below it
+        if not abs(norm - 1.0) <= 1e-2:
             self._fault(f'{channel.topic}: a quaternion has norm {sqrt(max(norm, 0.0)):.3g}, '
                         'not 1')
             return
@@ -311,10 +284,13 @@ class Monitor:
         self.fault = self.fault or fault
 
     def _check_workspace(self, channel: Channel, position: tuple[float, ...], name: str) -> None:
+        # a measured position may be that far outside the workspace, to which plans may go: a
+        # robot there overshoots a little [m]
+        workspace_slack = 0.002
         limits = self.limits
         for axis, x, low, high in zip('xyz', position, limits.workspace_min,
                                       limits.workspace_max):
-            if not low - WORKSPACE_SLACK <= x <= high + WORKSPACE_SLACK:
+            if not low - workspace_slack <= x <= high + workspace_slack:
                 self._fault(f'{channel.topic}: {axis} = '
                             f'{below(x, low, 4) if x < low else above(x, high, 4)} m of {name} is '
                             f'outside limits.workspace_min/max {low:g} to {high:g} m')
@@ -322,47 +298,46 @@ class Monitor:
     def _check_speed(self, channel: Channel) -> None:
         now, values = channel.recent[-1]
         for stamp, before in reversed(channel.recent):
-            if now - stamp >= SPEED_WINDOW:
+            # speed window: measured speeds are difference quotients over at least that long: ten
+            # poses at 250 Hz [s]
+            if now - stamp >= 0.04:
                 break
         else:
             return
-        limits, span = self.limits, now - stamp
-        speed = distance_between(values, before) / span
-        turning = angle_between(values[3:], before[3:]) / span
-        if speed > limits.overspeed * limits.speed:
-            self._fault(f'{channel.topic}: moves at '
-                        f'{above(speed, limits.overspeed * limits.speed)} m/s, above '
-                        f'limits.overspeed {limits.overspeed:g} times limits.speed '
-                        f'{limits.speed:g} m/s')
-        if turning > limits.overspeed * limits.angular_speed:
-            self._fault(f'{channel.topic}: turns at '
-                        f'{above(turning, limits.overspeed * limits.angular_speed)} rad/s, above '
-                        'limits.overspeed '
-                        f'{limits.overspeed:g} times limits.angular_speed '
-                        f'{limits.angular_speed:g} rad/s')
+        span = now - stamp
+        self._check_overspeed(f'{channel.topic}: moves at', 'speed', 'm/s',
+                              distance_between(values, before) / span)
+        self._check_overspeed(f'{channel.topic}: turns at', 'angular_speed', 'rad/s',
+                              angle_between(values[3:], before[3:]) / span)
+
+    def _check_overspeed(self, what: str, key: str, unit: str, found: float) -> None:
+        limit: float = getattr(self.limits, key)
+        most = self.limits.overspeed * limit
+        if found > most:
+            self._fault(f'{what} {above(found, most)} {unit}, above limits.overspeed '
+                        f'{self.limits.overspeed:g} times limits.{key} {limit:g} {unit}')
 
     def _check_changes(self, channel: Channel) -> None:
         """Check acceleration and jerk by difference quotients of the newest positions."""
-        spaced = channel.spaced(CHANGE_WINDOW, 4)
+        # change window: measured accelerations and jerks are difference quotients of positions
+        # that far apart: five poses at 250 Hz, whose noise they would amplify otherwise [s]
+        spaced = channel.spaced(0.02, 4)
         if len(spaced) < 4:
             return
-        limits = self.limits
         acceleration = rates(rates([(t, values[:3]) for t, values in spaced]))
-        for key, rows, limit, unit in (
-                ('acceleration', acceleration, limits.acceleration, 'm/s^2'),
-                ('jerk', rates(acceleration), limits.jerk, 'm/s^3')):
-            found = sqrt(sum(x * x for x in rows[0][1]))
-            if found > limits.overspeed * limit:
-                self._fault(f'{channel.topic}: {key} of '
-                            f'{above(found, limits.overspeed * limit)} {unit}, above '
-                            f'limits.overspeed {limits.overspeed:g} times limits.{key} '
-                            f'{limit:g} {unit}')
+        for key, rows, unit in (('acceleration', acceleration, 'm/s^2'),
+                                ('jerk', rates(acceleration), 'm/s^3')):
+            self._check_overspeed(f'{channel.topic}: {key} of', key, unit,
+                                  sqrt(sum(x * x for x in rows[0][1])))
 
     # Faults out ---------------------------------------------------------------------------
 
     def tick(self, now: float) -> None:
         """Advance the clock on which silence is measured to ``now`` of a steady clock [s]."""
-        self._now += min(max(now - self._ticked, 0.0), LONGEST_TICK)
+        # longest tick: of the time between two ticks no more than that counts as silence of the
+        # sensors: a caller that ticks every 4 ms and was away for longer has not listened
+        # to them [s]
+        self._now += min(max(now - self._ticked, 0.0), 0.01)
         self._ticked = now
 
     def command(self, stamp: float, pose: tuple[float, ...]) -> None:
@@ -455,16 +430,14 @@ class Monitor:
             commands.popleft()
         if not commands or commands[0][0] > pose.stamp:
             return ''
-        commanded = commands[0][1]
-        limits = self.limits
-        off = distance_between(pose.values, commanded)
-        angle = angle_between(pose.values[3:], commanded[3:])
-        if off > limits.tracking_error:
-            return (f'{pose.topic}: {above(off, limits.tracking_error)} m from the command, '
-                    f'limits.tracking_error is {limits.tracking_error:g} m')
-        if angle > limits.tracking_angle:
-            return (f'{pose.topic}: {above(angle, limits.tracking_angle)} rad from the command, '
-                    f'limits.tracking_angle is {limits.tracking_angle:g} rad')
+        commanded, limits = commands[0][1], self.limits
+        for off, key, limit, unit in (
+                (distance_between(pose.values, commanded), 'error', limits.tracking_error, 'm'),
+                (angle_between(pose.values[3:], commanded[3:]), 'angle', limits.tracking_angle,
+                 'rad')):
+            if off > limit:
+                return (f'{pose.topic}: {above(off, limit)} {unit} from the command, '
+                        f'limits.tracking_{key} is {limit:g} {unit}')
         return ''
 
     def begin(self, ros_now: float) -> None:
@@ -548,7 +521,9 @@ class Monitor:
                 (now[3:], target[3:], angle_between(pose.values[3:], seen[3:]),
                  POSITIONING_ERROR[1], 'rad')):
             way = distance_between(a, b) if unit == 'm' else angle_between(a, b)
-            if done < ARRIVED * way - error:
+            # arrived: a robot that has done this share of the commanded motion has arrived: its
+            # gain may be below 1
+            if done < 0.9 * way - error:
                 return (f'{pose.topic}: has done {done:.3g} of the {way:.3g} {unit} that it '
                         'was commanded')
         return ''

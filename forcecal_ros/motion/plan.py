@@ -259,27 +259,6 @@ def expected_duration(plan: Sequence[PlannedSegment], settle: float) -> float:
     return sum(settle if part.duration is None else part.duration for part in plan)
 
 
-SWEEP = ((0.020, 0.6), (0.014, 0.4), (0.009, 0.25), (0.006, 0.17), (0.004, 0.13), (0.003, 0.1))
-"""Distance [m] and duration [s] of each move of a sweep, made out and back: slow first, fast
-last."""
-
-SHAKE = ((4e-4, 0.028), (3e-4, 0.024), (1.8e-4, 0.020))
-"""Distance [m] and duration [s] of moves at 18 Hz to 25 Hz, which tell a delay from a low-pass."""
-
-TURN = ((0.15, 0.6), (0.10, 0.4), (0.05, 0.25), (0.02, 0.15))
-"""Angle [rad] and duration [s] of each rotation of a sweep, made out and back."""
-
-TILT = (0.35, 2.5)
-"""Largest angle [rad] and duration [s] of the slow rotations about y of ft_sensor, in both senses,
-which let gravity pull along x."""
-
-SLOW_REVERSAL = (0.02, 2.0)
-"""Distance [m] and duration [s] of the slow reversals along x of ft_sensor."""
-
-PUSH = (0.03, 0.25)
-"""Share of the distance to what is touched that is moved in contact, and its duration [s]."""
-
-
 def diagnosis_plan(goals: Mapping[str, Goal], away: Goal, timing: Timing
                    ) -> tuple[Segment, ...]:
     """
@@ -319,20 +298,27 @@ def _out_and_back(phase: str, label: str, home: Goal, goal: Goal, duration: floa
 
 
 def _sweeps(home: Goal, away: Goal, timing: Timing) -> list[Segment]:
+    # distance [m] and duration [s] of each move of a sweep, made out and back: slow first,
+    # fast last
+    sweep = ((0.020, 0.6), (0.014, 0.4), (0.009, 0.25), (0.006, 0.17), (0.004, 0.13), (0.003, 0.1))
     if not isinstance(home, Pose):
         return timing.sweeps * [
-            segment for share, (_, duration) in zip((1.0, 0.7, 0.45, 0.3, 0.2, 0.15), SWEEP)
+            segment for share, (_, duration) in zip((1.0, 0.7, 0.45, 0.3, 0.2, 0.15), sweep)
             for segment in _out_and_back(
                 'sweep', 'joints', home, _between(home, away, timing.amplitude * share),
                 3.0 * duration)]
     out = []
     for i, axis in enumerate('xyz'):
-        out += timing.sweeps * _moves(axis, home, i, timing.amplitude, SWEEP)
+        out += timing.sweeps * _moves(axis, home, i, timing.amplitude, sweep)
     for i, axis in (1, 'y'), (2, 'z'):
-        for one in SHAKE:
+        # shake: distance [m] and duration [s] of moves at 18 Hz to 25 Hz, which tell a delay from
+        # a low-pass
+        for one in ((4e-4, 0.028), (3e-4, 0.024), (1.8e-4, 0.020)):
             out += timing.shakes * _moves(f'{axis} quickly', home, i, timing.amplitude, (one,))
     for i, axis in enumerate('xyz'):
-        for angle, duration in timing.turns * TURN:
+        # turn: angle [rad] and duration [s] of each rotation of a sweep, made out and back
+        for angle, duration in timing.turns * (
+                (0.15, 0.6), (0.10, 0.4), (0.05, 0.25), (0.02, 0.15)):
             goal = _rotated(home, i, timing.amplitude * angle)
             out += _out_and_back('sweep', f'about {axis}', home, goal, duration)
     return out
@@ -351,17 +337,22 @@ def _reversals(home: Goal, away: Goal, amplitude: float) -> list[Segment]:
         return 2 * _out_and_back('reverse', 'joints', home,
                                  _between(home, away, 0.5 * amplitude), 3.0)
     out: list[Segment] = []
-    largest, duration = TILT
+    # tilt: largest angle [rad] and duration [s] of the slow rotations about y of ft_sensor, in
+    # both senses, which let gravity pull along x
+    largest, duration = 0.35, 2.5
     for share in (1.0, -1.0, 0.5, -0.5):
         goal = _rotated(home, 1, share * amplitude * largest)
         out += _out_and_back('reverse', 'about y', home, goal, duration)
-    distance, duration = SLOW_REVERSAL
+    # slow reversal: distance [m] and duration [s] of the slow reversals along x of ft_sensor
+    distance, duration = 0.02, 2.0
     return out + 2 * _out_and_back(
         'reverse', 'x', home, _forward(home, away, amplitude * distance), duration)
 
 
 def _touch(home: Goal, away: Goal, timing: Timing) -> list[Segment]:
-    share, duration = PUSH
+    # push: share of the distance to what is touched that is moved in contact, and
+    # its duration [s]
+    share, duration = 0.03, 0.25
     less = _between(home, away, 1.0 - share)
     push = [Segment('contact', 'less', less, duration), Segment('contact', 'more', away, duration)]
     return [Segment('approach', 'out', away, timing.approach),
@@ -414,10 +405,6 @@ SEQUENCES: Mapping[str, Program] = {
     'diagnose': Program(diagnosis_plan, lambda timing: timing.contact_distance, False),
 }
 """Every sequence by its name in the parameter ``sequence``."""
-
-
-SPACING = 0.02
-"""Time between two poses of a path that is shown: 5 mm at the default speed [s]."""
 
 
 def preview(plan: Sequence[PlannedSegment], rate: float, settle: float
@@ -521,7 +508,8 @@ def _box(points: Array) -> Box | None:
 
 def path_of(plan: Sequence[PlannedSegment]) -> tuple[Array, Array]:
     """Return poses of ft_sensor along all moves, (n, 3) [m] and (n, 3, 3); none of joints."""
-    found = [part.move.poses(max(2, round(part.move.duration / SPACING)))
+    # spacing: time between two poses of a path that is shown: 5 mm at the default speed [s]
+    found = [part.move.poses(max(2, round(part.move.duration / 0.02)))
              for part in plan if isinstance(part.move, (Move, MultiSine))]
     if not found:
         return np.empty((0, 3)), np.empty((0, 3, 3))

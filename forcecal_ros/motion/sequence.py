@@ -294,16 +294,11 @@ class MotionSequence:
         return self._holding()
 
 
-MOST_AT_ONCE = 3
-"""Commands sent in one go at most, 12 ms of motion at 250 Hz: more would be a jump to a robot that
-takes the newest only."""
-
-
 class StreamClock:
     """
     The periodic due times of one command stream.
 
-    A caller that is a little late sends up to ``MOST_AT_ONCE`` commands, so that the motion keeps
+    A caller that is a little late sends up to three commands, so that the motion keeps
     its time. One that is later than that finds the robot at rest: the motion is postponed.
 
     Parameters
@@ -333,7 +328,9 @@ class StreamClock:
         if late < 0:
             return 0
         count = late // self.period_ns + 1
-        if count > MOST_AT_ONCE:
+        # most at once: commands sent in one go at most, 12 ms of motion at 250 Hz: more would be
+        # a jump to a robot that takes the newest only
+        if count > 3:
             slip = (count - 1) * self.period_ns
             self.slipped_ns += slip
             self._due_ns += slip

@@ -147,11 +147,6 @@ LATCHED_NAMES = ('tf_static', 'robot_description',
 """Topics that are published with transient-local durability."""
 
 
-SHORTEST_WAIT, LONGEST_WAIT = 0.0005, 0.02
-"""Bounds of a wait for the next message [s]: half the period of a topic at 1 kHz, and the delay of
-a signal that is not noticed."""
-
-
 class Player:
     """
     Publishes the messages of a recording when they are due.
@@ -241,7 +236,9 @@ class Player:
 
     def _wait(self, due: int, next_tick: int, now: int) -> None:
         until = min(due, next_tick) if self._clock is not None else due
-        time.sleep(min(max((until - now) / SECOND / self._rate, SHORTEST_WAIT), LONGEST_WAIT))
+        # shortest wait and longest wait: bounds of a wait for the next message [s]: half the
+        # period of a topic at 1 kHz, and the delay of a signal that is not noticed
+        time.sleep(min(max((until - now) / SECOND / self._rate, 0.0005), 0.02))
 
     def _publish(self, message: Raw) -> None:
         publisher = self._publishers.get(message.topic)

@@ -18,18 +18,18 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.nodes.runtime import Interrupt, LEVELS, OUTPUT, starting
 from geometry_msgs.msg import PoseStamped, WrenchStamped
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.srv import SetParameters
 import rclpy
 from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-
-PATIENCE = 5.0
-"""Time from SIGINT to SIGKILL [s], ten times what a node takes to come to rest."""
 
 
 class Processes:
@@ -86,7 +86,9 @@ class Processes:
                 process.send_signal(signal.SIGINT)
         for process in self._running.values():
             try:
-                process.wait(PATIENCE)
+                # patience: time from SIGINT to SIGKILL [s], ten times what a node takes to come
+                # to rest
+                process.wait(5.0)
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
@@ -187,13 +189,6 @@ def temporary_node(name: str) -> Iterator[TemporaryNode]:
 NODES = ('sequencer', 'observer', 'sim', 'gap', 'impedance')
 """Names of this package's nodes, in the order of a report."""
 
-SETTLED = 0.3
-"""From where the service is known here until this client is known there, without which its answer
-is lost: three times what Fast DDS waits by itself [s]."""
-
-SPIN = 0.02
-"""Delay of an answer that is not noticed [s]."""
-
 WORDS = {level: word for word, level in LEVELS.items()}
 
 
@@ -217,13 +212,21 @@ def ask(ros: TemporaryNode, service: str, patience: float) -> Trigger.Response:
     if not _until(ros, client.service_is_ready, patience):
         raise DataError(f'{service} is not there after {patience:g} s; start its node with '
                         'the same ROS_DOMAIN_ID and --namespace')
-    ros.spin(SETTLED)
+    # settled: from where the service is known here until this client is known there, without
+    # which its answer is lost: three times what Fast DDS waits by itself [s]
+    ros.spin(0.3)
     answer = client.call_async(Trigger.Request())
     if not _until(ros, answer.done, patience):
         raise DataError(f'{service} has not answered within {patience:g} s, and may have done '
                         'what was requested; forcecal status shows it')
     response: Trigger.Response = answer.result()
     return response
+
+
+def sequence_request(name: str) -> SetParameters.Request:
+    """Return the request that lets the sequencer run this sequence at its next start."""
+    value = Parameter('sequence', value=name).get_parameter_value()
+    return SetParameters.Request(parameters=[ParameterMessage(name='sequence', value=value)])
 
 
 def node_statuses(ros: TemporaryNode, seconds: float) -> dict[str, DiagnosticStatus]:
@@ -245,7 +248,8 @@ def _until(ros: TemporaryNode, condition: Callable[[], bool], patience: float) -
     while not condition() and time.monotonic() < end:
         if ros.interrupted:
             raise KeyboardInterrupt
-        ros.spin(SPIN)
+        # spin: delay of an answer that is not noticed [s]
+        ros.spin(0.02)
     return condition()
 
 

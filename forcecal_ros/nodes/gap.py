@@ -19,8 +19,8 @@ from forcecal_ros.nodes.inputs import (
     pose_source,
     WRENCH_SIGN,
 )
-from forcecal_ros.nodes.parameters import declare
 from forcecal_ros.nodes.runtime import (
+    declare,
     diagnostic_array,
     EXECUTOR,
     OUTPUT,

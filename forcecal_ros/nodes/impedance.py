@@ -1,11 +1,12 @@
 """Impedance control with the observed contact force: a contact task, one command a period."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.parameters import Parameter, parameters_of, section_of
-from forcecal_ros.impedance.design import DesignSettings, stable_law, TargetImpedance
+from forcecal_ros.impedance.design import design, DesignSettings, TargetImpedance
 from forcecal_ros.impedance.law import Measurement, Regulator
 from forcecal_ros.impedance.plant import load_plant
 from forcecal_ros.impedance.session import Bounds, Session, Task
@@ -22,16 +23,16 @@ from forcecal_ros.nodes.inputs import (
     pose_source,
 )
 from forcecal_ros.nodes.motion_node import MotionNode
-from forcecal_ros.nodes.parameters import live_parameter as _live
 from forcecal_ros.nodes.runtime import EXECUTOR, run, SECOND
+from forcecal_ros.nodes.runtime import live_parameter as _live
 from forcecal_ros.nodes.supervision import Deadman, Sensors
 from forcecal_ros.nodes.wire import JointReader, Reader
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
 from sensor_msgs.msg import JointState
 
-_LIMITS, _TARGET = Limits(), TargetImpedance()
-_DESIGN = DesignSettings()
+_LIMITS = Limits()
+_DESIGN = DesignSettings(latency=2)
 
 WATCH = WatchSettings(pause_timeout=0.025, lost_timeout=0.029, frozen_timeout=0.03, max_age=0.03,
                       most_pauses=0)
@@ -54,42 +55,24 @@ PARAMETERS = (
     _live('task.cycles', 1, 'Number of cycles of free motion, contact and move back',
           '', 1, 100_000),
     *parameters_of('task', Task()),
-    _live('impedance.mass', _TARGET.mass, 'Mass of the target impedance, about the reference',
-          'kg', 0.1, 1e4),
-    _live('impedance.damping', _TARGET.damping, 'Damping of the target impedance', 'N s/m',
-          0.1, 1e6),
-    _live('impedance.stiffness', _TARGET.stiffness, 'Stiffness of the target impedance', 'N/m',
-          0.1, 1e6),
+    *parameters_of('impedance', TargetImpedance()),
     Parameter('plant', '', 'File of forcecal fit-rig --for impedance, the robot and its tool; '
               'empty: those of the nominal rig'),
-    _live('design.latency', 2, "Control periods that a command takes beyond the robot's own "
-          'delay, transport of the sensors included', '', 0, 50),
-    _live('design.effort', _DESIGN.effort, 'What a command off its steady value costs, as a '
-          'force per distance', 'N/m', 1e-3, 1e6),
+    *parameters_of('design', _DESIGN, 'latency', 'effort'),
     _live('design.softest_wall', _DESIGN.wall_stiffness[0], 'Softest wall against which the loop '
           'has to be stable to be started', 'N/m', 0.1, 1e7),
     _live('design.stiffest_wall', _DESIGN.wall_stiffness[1], 'Stiffest wall against which the '
           'loop has to be stable to be started', 'N/m', 0.1, 1e7),
     _live('design.state_gain', [0.0], 'L of the control law in the place of the optimal one; '
           'zeros: the optimal one'),
-    _live('design.force_gain', 0.0, 'c of the control law in the place of the one that makes '
-          'the steady state right; 0: that one', 'm/N', -1.0, 1.0),
-    _live('design.position_gain', 0.0, 'l_r likewise', '', -1e3, 1e3),
+    *parameters_of('design', _DESIGN, 'force_gain', 'position_gain'),
     *parameters_of('limits', Bounds(), 'speed', 'acceleration', 'force', 'free_force', 'margin',
                    'deviation', 'stop_duration', 'retract', 'withdraw', 'touch'),
     *parameters_of('limits', _LIMITS, 'workspace_max', 'tip', 'tracking_error'),
     *(row._replace(description=_DESCRIPTIONS[row.name.partition('.')[2]])
       for row in parameters_of('limits', _LIMITS, *_DESCRIPTIONS)),
-    _live('watch.pause_timeout', WATCH.pause_timeout, 'Silence of the observer, the pose or the '
-          'displacement that makes the reference stand', 's', 0.008, 10.0),
-    _live('watch.lost_timeout', WATCH.lost_timeout, 'Silence or lateness for that long stops',
-          's', 0.01, 60.0),
-    _live('watch.frozen_timeout', WATCH.frozen_timeout, 'Readings that repeat to the last bit '
-          'for that long in motion stop; 0: not checked', 's', 0.0, 10.0),
-    _live('watch.max_age', WATCH.max_age, 'Age of its newest header stamp above which a topic '
-          'is late; 0: not checked, for clocks that are not synchronised', 's', 0.0, 10.0),
-    _live('watch.clock_timeout', WATCH.clock_timeout, 'With use_sim_time, a clock that stands '
-          'still for longer stops', 's', 0.02, 60.0),
+    *parameters_of('watch', WATCH, 'pause_timeout', 'lost_timeout', 'frozen_timeout', 'max_age',
+                   'clock_timeout'),
     *POSE_PARAMETERS,
     *COMMAND_PARAMETERS,
     Parameter('optidrive.joint', 'optidrive', 'Name in the JointState of the compliant tool; '
@@ -125,15 +108,10 @@ def settings_of(value: Mapping[str, Any]) -> ImpedanceSettings:
 
 
 def _design(value: Mapping[str, Any]) -> DesignSettings:
-    def given(name: str) -> float | None:
-        return value[f'design.{name}'] or None
-
     gain = tuple(value['design.state_gain'])
-    low, high = value['design.softest_wall'], value['design.stiffest_wall']
-    return DesignSettings(
-        effort=value['design.effort'], latency=value['design.latency'],
-        wall_stiffness=(low, high), state_gain=gain if any(gain) else None,
-        force_gain=given('force_gain'), position_gain=given('position_gain'))
+    return replace(
+        section_of(DesignSettings, value, 'design'), state_gain=gain if any(gain) else None,
+        wall_stiffness=(value['design.softest_wall'], value['design.stiffest_wall']))
 
 
 class Impedance(MotionNode[ImpedanceSettings]):
@@ -142,7 +120,7 @@ class Impedance(MotionNode[ImpedanceSettings]):
     def __init__(self) -> None:
         super().__init__('impedance', PARAMETERS, settings_of)
         self._plant = load_plant(self.get_parameter('plant').value or None)
-        self._law = stable_law(self._plant, self._settings.target, self._settings.design)
+        self._law = design(self._plant, self._settings.target, self._settings.design).law
         self._session = Session(self._law.period)
         sensors = self._listen()
         self._serve(self._session, sensors, TargetFrame(self, self._inbox, sensors),
@@ -163,7 +141,7 @@ class Impedance(MotionNode[ImpedanceSettings]):
     def _new_settings(self) -> ImpedanceSettings:
         before, settings = self._settings, super()._new_settings()
         if (settings.target, settings.design) != (before.target, before.design):
-            self._law = stable_law(self._plant, settings.target, settings.design)
+            self._law = design(self._plant, settings.target, settings.design).law
         return settings
 
     def _begin(self) -> str:

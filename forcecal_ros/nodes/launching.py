@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from forcecal_ros.nodes.presets import CONTROLLERS, preset_file, ROBOTS, topic_of
+from forcecal_ros.core.topics import CONTROLLERS, preset_file, ROBOTS, topic_of
 from launch import LaunchContext, LaunchDescriptionEntity
 from launch.actions import DeclareLaunchArgument
 from launch.conditions import IfCondition

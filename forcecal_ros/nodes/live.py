@@ -21,31 +21,18 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.diagnose.dataset import CHANNELS, STAGES
-from forcecal_ros.nodes.client import NODES, WORDS
+from forcecal_ros.nodes.client import NODES, sequence_request, WORDS
 from forcecal_ros.nodes.runtime import OUTPUT, SECOND, STEADY
 from forcecal_ros.nodes.wire import Inbox, Reader
 from geometry_msgs.msg import WrenchStamped
-from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 SHOWN = {'wrench': 'wrench', 'contact': 'observer/contact_wrench',
          'inertial': 'observer/inertial_wrench'}
 """Name in a row, and topic; the first may be called otherwise."""
-
-BIN = 0.04
-"""Of what arrives within this time the least and the greatest are shown [s]: 25 pictures a second
-are a film."""
-
-KEPT = 750
-"""Bins that a page may ask for: half a minute, as long as a person remembers what it looked
-like."""
-
-SILENT = 5.0
-"""A node that speaks once a second and has not for so long is silent [s], not just late."""
 
 SEQUENCES = ('calibrate', 'contact', 'diagnose')
 
@@ -74,7 +61,9 @@ class LiveView:
         self._samples: dict[str, list[tuple[float, ...]]] = {name: [] for name in SHOWN}
         self._last: dict[str, int] = {}
         self._topics: dict[str, str] = {}
-        self._rows: deque[list[Any]] = deque(maxlen=KEPT)
+        # kept: bins that a page may ask for: half a minute, as long as a person remembers what it
+        # looked like
+        self._rows: deque[list[Any]] = deque(maxlen=750)
         self._count, self._phase, self._reason, self._answer = 0, '', '', ''
         self._states: dict[str, tuple[int, DiagnosticStatus]] = {}
         for name, topic in {**SHOWN, 'wrench': wrench}.items():
@@ -84,7 +73,9 @@ class LiveView:
         node.create_subscription(DiagnosticArray, self._named('sequencer/phase'), self._on_phase,
                                  OUTPUT)
         node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, OUTPUT)
-        node.create_timer(BIN, self._on_bin, clock=STEADY)
+        # bin: of what arrives within this time the least and the greatest are shown [s]: 25
+        # pictures a second are a film
+        node.create_timer(0.04, self._on_bin, clock=STEADY)
         if simulated:
             self._set = node.create_client(SetParameters, 'sequencer/set_parameters')
             self._move = {verb: node.create_client(Trigger, f'sequencer/{verb}')
@@ -108,9 +99,10 @@ class LiveView:
         """
         with self._lock:
             now = STEADY.now().nanoseconds
+            # a node that reports once a second and has not for 5 s is silent, not just late
             nodes = [{'name': name, 'age': round((now - at) / SECOND, 1), **(
                 {'level': WORDS[status.level], 'message': status.message}
-                if now - at < SILENT * SECOND else
+                if now - at < 5.0 * SECOND else
                 {'level': 'stale', 'message': f'{name} has fallen silent'})}
                      for name, (at, status) in self._states.items()]
             topics = {name: {'topic': topic, 'age': None if name not in self._last else round(
@@ -185,9 +177,7 @@ class LiveView:
         if what == 'abort':
             self._call(self._move['abort'], Trigger.Request(), lambda done: None)
             return
-        value = Parameter('sequence', value=what).get_parameter_value()
-        self._call(self._set, SetParameters.Request(
-            parameters=[ParameterMessage(name='sequence', value=value)]), self._chosen)
+        self._call(self._set, sequence_request(what), self._chosen)
 
     def _chosen(self, response: SetParameters.Response) -> None:
         if response.results[0].successful:
@@ -229,10 +219,6 @@ NAMES = (HERE, 'localhost')
 
 PERIOD = 0.1
 """Between two messages to a page [s]: a delay that a person hardly notices."""
-
-
-SLOW = 30.0
-"""A browser that takes nothing for so long has gone [s]."""
 
 
 class LivePage(ThreadingHTTPServer):
@@ -294,7 +280,7 @@ class _Reader(BaseHTTPRequestHandler):
     """One connection of a browser."""
 
     server: LivePage
-    timeout = SLOW
+    timeout = 30.0  # a browser that takes nothing for so long has gone [s]
 
     def do_GET(self) -> None:
         """Answer with the page, or with events for as long as it is open."""

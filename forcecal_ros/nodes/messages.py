@@ -158,10 +158,6 @@ PALE = ColorRGBA(r=1.0, g=0.5, b=0.0, a=0.3)
 BLUE = ColorRGBA(r=0.1, g=0.4, b=1.0, a=1.0)
 
 
-FRESH = 0.5
-"""How long a marker is shown that is not renewed [s]."""
-
-
 def _marker(header: Header, namespace: str, kind: int, action: int = Marker.ADD) -> Marker:
     marker = Marker(header=header, ns=namespace, id=0, type=kind, action=action)
     marker.pose.orientation.w = 1.0
@@ -202,7 +198,8 @@ def contact_markers(wrench: Array, covariance: Array, frame: str, stamp: Time) -
             _ellipsoid(header, namespaces[2], tail,
                        METRES_PER_NEWTON ** 2 * covariance[:3, :3])]
     for marker in markers:
-        marker.lifetime.nanosec = round(FRESH * 1e9)
+        # fresh: how long a marker is shown that is not renewed [s]
+        marker.lifetime.nanosec = round(0.5 * 1e9)
     return MarkerArray(markers=markers)
 
 

@@ -13,9 +13,8 @@ from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import WatchSettings
 from forcecal_ros.motion.sequence import Command, next_in_phase, StreamClock
 from forcecal_ros.nodes.backends import Backend
-from forcecal_ros.nodes.parameters import declare
-from forcecal_ros.nodes.runtime import answering, diagnostic_array, OUTPUT, SECOND, STEADY
-from forcecal_ros.nodes.supervision import Fault, Guard, Sensors
+from forcecal_ros.nodes.runtime import answering, declare, diagnostic_array, OUTPUT, SECOND, STEADY
+from forcecal_ros.nodes.supervision import Fault, Guard, Motion, Sensors
 from forcecal_ros.nodes.wire import Inbox
 import numpy as np
 from rclpy.node import Node
@@ -34,56 +33,6 @@ class MotionSettings(Protocol):
     @property
     def watch(self) -> WatchSettings:
         """When a sensor counts as silent, late or frozen."""
-
-
-class MotionStatus(Protocol):
-    """State of a motion."""
-
-    @property
-    def phase(self) -> str:
-        """A phase word: ``idle``, ``done``, ``aborted``, or of the motion's own."""
-
-    @property
-    def reason(self) -> str:
-        """Why it was aborted."""
-
-
-class MotionSource(Protocol):
-    """Maker of commands, one a period, from a start to done or aborted."""
-
-    @property
-    def status(self) -> MotionStatus:
-        """State of the motion."""
-
-    @property
-    def running(self) -> bool:
-        """Whether a motion is under way, until its result is there."""
-
-    @property
-    def streaming(self) -> bool:
-        """Whether there are commands to send."""
-
-    @property
-    def guarded(self) -> bool:
-        """Whether a fault aborts it."""
-
-    @property
-    def moving(self) -> bool:
-        """Whether the last command moves."""
-
-    def abort(self, reason: str, *, at_once: bool = False) -> bool:
-        """Begin to come to rest; ``at_once``: the robot rests already. False: nothing moves."""
-
-    def pause(self, paused: bool) -> None:
-        """Pause, or go on."""
-
-    def restart(self) -> None:
-        """Start again from rest, after a silence in which the robot came to a stop."""
-
-
-CLOCK_CHECK = 0.02
-"""Period of the checks of a simulated clock that drives the motion: a fifth of the default of
-``watch.clock_timeout`` [s]."""
 
 
 SettingsT = TypeVar('SettingsT', bound=MotionSettings)
@@ -118,7 +67,7 @@ class MotionNode(Node, Generic[SettingsT]):
     def _values(self) -> dict[str, Any]:
         return {row.name: self.get_parameter(row.name).value for row in self._table}
 
-    def _serve(self, source: MotionSource, sensors: Sensors, backend: Backend[Any],
+    def _serve(self, source: Motion, sensors: Sensors, backend: Backend[Any],
                period_ns: int) -> None:
         """Create topics, services and timers; nothing moves before a start."""
         self._source, self._sensors, self._backend = source, sensors, backend
@@ -131,7 +80,9 @@ class MotionNode(Node, Generic[SettingsT]):
         self.create_service(Trigger, '~/abort', self._on_abort)
         clock = None if self._simulated else STEADY
         self._timer = self.create_timer(period_ns / SECOND, self._tick, clock=clock)
-        self.create_timer(CLOCK_CHECK, self._watch_clock, clock=STEADY)
+        # clock check: period of the checks of a simulated clock that drives the motion: a fifth
+        # of the default of ``watch.clock_timeout`` [s]
+        self.create_timer(0.02, self._watch_clock, clock=STEADY)
         self.create_timer(1.0, self._report, clock=STEADY)
         self._publish_phase()
         self.get_logger().info(f'ready: {self.get_name()}/start begins')

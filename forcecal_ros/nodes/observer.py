@@ -27,9 +27,9 @@ from forcecal_ros.nodes.observer_settings import (
     settings_of,
     TRACKED,
 )
-from forcecal_ros.nodes.parameters import declare
 from forcecal_ros.nodes.runtime import (
     answering,
+    declare,
     diagnostic_array,
     LATCHED,
     ManagedNode,

@@ -79,10 +79,6 @@ class FrameOutputs:
         self._out = {}
 
 
-TRANSFORM_PERIOD = 20_000_000
-"""Least time between two transforms: RViz draws 30 frames a second [ns]."""
-
-
 class SensorTransform:
     """
     Publishes where ft_sensor is.
@@ -103,7 +99,8 @@ class SensorTransform:
 
     def publish(self, stamp_ns: int, pose: tuple[float, ...], parent: str, child: str) -> None:
         """Publish a pose, unless one was published just now or its position is not known."""
-        if 0 <= stamp_ns - self._last < TRANSFORM_PERIOD or not parent or pose[0] != pose[0]:
+        # transform period: least time between two transforms: RViz draws 30 frames a second [ns]
+        if 0 <= stamp_ns - self._last < 20_000_000 or not parent or pose[0] != pose[0]:
             return
         self._last = stamp_ns
         self._out.publish(self._type(transforms=[transform_of(stamp_ns, pose, parent, child)]))
@@ -132,11 +129,6 @@ class ContactMarkers:
     def destroy(self) -> None:
         """End the publisher."""
         self._node.destroy_lifecycle_publisher(self._out)
-
-
-SURE = 3.0
-"""Standard errors by which a tracked mass differs from the one in use before it is called
-another."""
 
 
 class ToolOnSensor:
@@ -255,8 +247,10 @@ def tool_warning(found: ToolEstimate, in_use: float) -> str:
         return f'tool: may have changed by {by}, or something pushes; turn it to tell'
     if found.state == FROZEN and found.suspected == found.suspected:
         return 'tool: a steady force that is no weight; it is not taken for a tool'
+    # sure: standard errors by which a tracked mass differs from the one in use before it is
+    # called another
     if found.state == TRACKING and abs(found.mass - in_use) > max(
-            SURE * found.mass_std, 0.01 * in_use):
+            3.0 * found.mass_std, 0.01 * in_use):
         return (f'tool: {quantity(found.mass, found.mass_std, "kg")} are on the sensor, '
                 f'{size(in_use, "kg", 4)} are subtracted; set tool: {TRACKED}')
     return ''

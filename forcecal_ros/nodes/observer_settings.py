@@ -1,24 +1,18 @@
 """Parameters of the observer, and the settings that follow from their values."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from math import inf
 from typing import Any
 
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import ConfigError
-from forcecal_ros.core.parameters import Parameter
+from forcecal_ros.core.parameters import Parameter, parameters_of, section_of
 from forcecal_ros.nodes.inputs import ACCELEROMETERS, POSE_PARAMETERS, SENSOR_FROM_POSE
-from forcecal_ros.nodes.parameters import live_parameter as _live
 from forcecal_ros.nodes.runtime import EXECUTOR
+from forcecal_ros.nodes.runtime import live_parameter as _live
 from forcecal_ros.observe.payload import PayloadSettings
-from forcecal_ros.observe.settings import (
-    BANDWIDTH_LIMITS,
-    CONTACT_WALK,
-    FILTERS,
-    MODES,
-    ObserverSettings,
-    OFFSETS,
-)
+from forcecal_ros.observe.settings import FILTERS, MODES, ObserverSettings
 
 TRACKED = 'tracked'
 """Value of the parameter ``tool``: the tool on ``observer/tool``, or by the node's own tracker."""
@@ -75,23 +69,9 @@ PARAMETERS = (
               'to 50 Hz: where no other node does; requires tf2_msgs'),
     _live('observer.mode', '', 'Observer whose estimate is published; empty: as the calibration '
           'states', choices=('', *MODES)),
-    _live('observer.bandwidth', 0.0, 'Bandwidth of the contact wrench in mode kalman; 0: follows '
-          'from the noise and the three below', 'Hz', 0.0, 1000.0),
-    _live('observer.contact_walk', 0.0, 'How fast a contact force is expected to wander; 0, as '
-          f'for the two below: as the calibration states, or {CONTACT_WALK:g} N/sqrt(s), '
-          f'{BANDWIDTH_LIMITS[0]:g} and {BANDWIDTH_LIMITS[1]:g} Hz', 'N/sqrt(s)', 0.0, 1e4),
-    _live('observer.bandwidth_min', 0.0, 'Slowest bandwidth that may follow', 'Hz', 0.0, 1000.0),
-    _live('observer.bandwidth_max', 0.0, 'Fastest bandwidth that may follow', 'Hz', 0.0, 1000.0),
-    _live('observer.adaptive', _DEFAULT.adaptive, 'Whether mode kalman becomes slower, down to '
-          'bandwidth_min, where the wrench is noisier than calibrated'),
-    _live('observer.offset', _DEFAULT.offset, 'Whether the accelerometer offset is tracked',
-          choices=OFFSETS),
-    _live('observer.accelerometer_timeout', _DEFAULT.accelerometer_timeout, 'Pause after which '
-          'the accelerometer counts as missing', 's', 0.002, 1.0),
-    _live('observer.pose_timeout', _DEFAULT.pose_timeout, 'Pause after which the pose counts as '
-          'missing', 's', 0.005, 10.0),
-    _live('observer.skew', _DEFAULT.skew, 'Greatest difference of transport times between topics '
-          'that the observer waits for', 's', 0.001, 1.0),
+    *parameters_of('observer', _DEFAULT, 'bandwidth_hz', 'contact_walk', 'bandwidth_min_hz',
+                   'bandwidth_max_hz', 'adaptive', 'offset', 'accelerometer_timeout',
+                   'pose_timeout', 'skew'),
     _live('gravity.filter', 'none', 'Publish the estimate of this filter of gravity compensation '
           'instead: ukf and ekf estimate the biases too, static filters nothing; none: that of '
           'the observer', choices=('none', *(name for name in FILTERS if name not in MODES))),
@@ -120,15 +100,9 @@ def settings_of(value: Mapping[str, Any]) -> ObserverSettings:
     """
     force, torque = value['limits.force'], value['limits.torque']
     name = value['gravity.filter']
-    return ObserverSettings(
+    return replace(
+        section_of(ObserverSettings, value, 'observer'),
         filter=value['observer.mode'] or None if name == 'none' else name,
-        bandwidth_hz=value['observer.bandwidth'] or None,
-        contact_walk=value['observer.contact_walk'] or None,
-        bandwidth_min_hz=value['observer.bandwidth_min'] or None,
-        bandwidth_max_hz=value['observer.bandwidth_max'] or None,
-        adaptive=value['observer.adaptive'], offset=value['observer.offset'],
-        accelerometer_timeout=value['observer.accelerometer_timeout'],
-        pose_timeout=value['observer.pose_timeout'], skew=value['observer.skew'],
         wrench_limit=((force or inf,) * 3 + (torque or inf,) * 3 if force or torque else None),
         accelerometer_limit=value['limits.accelerometer'] or None)
 

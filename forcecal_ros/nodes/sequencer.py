@@ -121,16 +121,6 @@ def _moved(before: Goal, now: Goal) -> str:
         found, POSITIONING_ERROR) if size > least)
 
 
-STILLNESS_CHECK = 5
-"""Stillness is checked once in so many commands: every 20 ms at 250 Hz, little against the 0.25 s
-of its window."""
-
-
-REST = KEPT + 0.3
-"""Time before a pose is measured again [s]: a start requires that the robot has stood for the
-samples that are kept, and their latency."""
-
-
 class WrenchReader:
     """Reads the raw channels of a sensor, and makes wrenches of them by its matrix."""
 
@@ -251,7 +241,9 @@ class Sequencer(MotionNode[SequencerSettings]):
             self._stillness = None
             return None
         self._checks += 1
-        if self._stillness is None or self._checks % STILLNESS_CHECK == 0:
+        # stillness check: stillness is checked once in so many commands: every 20 ms at 250 Hz,
+        # little against the 0.25 s of its window
+        if self._stillness is None or self._checks % 5 == 0:
             self._stillness = self._sensors.monitor.stillness()
         return self._stillness
 
@@ -297,13 +289,16 @@ class Sequencer(MotionNode[SequencerSettings]):
                 self._finish()
 
     def _take(self, result: Calibration | str) -> None:
+        # time before a pose is measured again [s]: a start requires that the robot has stood for
+        # the samples that are kept, and their latency
+        rest = KEPT + 0.3
         if not self._sequence.running:
             return
         if isinstance(result, str):
             self._abort(Fault(result))
             return
         if self._repeats and result.quality['rejection']['pose'] is not None:
-            self._rejected = result, self._now() + round(REST * SECOND)
+            self._rejected = result, self._now() + round(rest * SECOND)
             return
         self._keep(result)
 

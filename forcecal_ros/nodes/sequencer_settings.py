@@ -19,14 +19,15 @@ from forcecal_ros.core.safe_yaml import LARGEST, load_yaml
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import WatchSettings
 from forcecal_ros.motion.plan import Goal, SEQUENCES, Timing
-from forcecal_ros.motion.poses import (
+from forcecal_ros.motion.profiles import (
     anchor,
     flatten_poses,
     nominal_poses,
+    Pace,
+    Pose,
     read_poses,
     step_goal,
 )
-from forcecal_ros.motion.profiles import Pace, Pose
 from forcecal_ros.motion.sequence import StreamSettings
 from forcecal_ros.nodes.inputs import (
     ACCELEROMETER_SOURCE,
@@ -34,13 +35,9 @@ from forcecal_ros.nodes.inputs import (
     POSE_PARAMETERS,
     WRENCH_SIGN,
 )
-from forcecal_ros.nodes.parameters import live_parameter as _live
 from forcecal_ros.nodes.runtime import EXECUTOR
+from forcecal_ros.nodes.runtime import live_parameter as _live
 import numpy as np
-
-LATENCY = 0.05
-"""Latency that sensors may have: settling lasts that much longer than the window of stillness, so
-that all readings in it were taken at rest [s]."""
 
 _WATCH = WatchSettings()
 
@@ -148,9 +145,11 @@ def settings_of(value: Mapping[str, Any]) -> SequencerSettings:
     watch = replace(section_of(WatchSettings, value, 'watch'), **{
         name: value[f'settle.{name}'] for name in (
             'window', 'factor', 'force_floor', 'torque_floor', 'position_floor')})
+    # latency: latency that sensors may have: settling lasts that much longer than the window of
+    # stillness, so that all readings in it were taken at rest [s]
     stream = StreamSettings(
         rate=value['motion.rate'], stop_duration=limits.stop_duration,
-        settle_minimum=watch.window + LATENCY, settle_timeout=value['settle.timeout'])
+        settle_minimum=watch.window + 0.05, settle_timeout=value['settle.timeout'])
     poses = _poses(value)
     joints, away = _joint_vectors(list(poses), value)
     return SequencerSettings(

@@ -9,11 +9,12 @@ from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.core.errors import ConfigError, MotionError
 from forcecal_ros.core.geometry import Array, matrix_from_quaternion, quaternion_of
 from forcecal_ros.core.parameters import Parameter
-from forcecal_ros.nodes.parameters import declare, refuse_changes
 from forcecal_ros.nodes.runtime import (
+    declare,
     diagnostic_array,
     EXECUTOR,
     OUTPUT,
+    refuse_changes,
     run,
     STEADY,
     SYSTEM,
@@ -165,10 +166,6 @@ PARAMETERS = (
     *FAULT_PARAMETERS,
 )
 
-CATCH_UP = 3
-"""Periods simulated in one tick at most, so that a late node catches up at three times the speed;
-its own clock runs no faster than that."""
-
 LONGEST_BACKLOG = 0.5
 """Time is skipped instead of caught up after a longer stall or a jump of the clock; to catch up
 with this takes 0.25 s [s]."""
@@ -218,7 +215,9 @@ class Sim(Node):
         self._wait_ns = round(value['clock.wait'] * 1e9)
         self._latency_ns = round(value['latency'] * 1e9 * self._speed)
         self._period_ns = round(self._rig.robot.period * 1e9)
-        self._most = max(CATCH_UP, round(2 * self._speed))
+        # catch up: periods simulated in one tick at most, so that a late node catches up at three
+        # times the speed; its own clock runs no faster than that
+        self._most = max(3, round(2 * self._speed))
         self._ticked = STEADY.now().nanoseconds
         self._own_time = SYSTEM.now().nanoseconds
         self._schedule: CommandSchedule | None = None

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable
 from functools import partial
 from struct import error as StructError
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import NamedTuple, Protocol, TYPE_CHECKING, TypeAlias
 
 from forcecal_ros.core.geometry import matrix_from_quaternion
 from forcecal_ros.motion.limits import Limits
@@ -14,6 +14,13 @@ from forcecal_ros.nodes.runtime import SECOND, STEADY
 from forcecal_ros.nodes.wire import Inbox
 from rclpy.clock import Clock
 from std_msgs.msg import Header
+
+if TYPE_CHECKING:
+    from forcecal_ros.impedance.session import Session
+    from forcecal_ros.motion.sequence import MotionSequence
+
+Motion: TypeAlias = 'MotionSequence | Session'
+"""Maker of commands, one a period, from a start to done or aborted."""
 
 
 class Deadman:
@@ -121,31 +128,8 @@ CLOCK_JUMP = 0.1
 """Largest change of the clock of the stamps against the steady one in a sequence: the slewing of
 NTP, at most 0.5 ms/s, stays below it for three minutes [s]."""
 
-UNEVEN = 3.0
-"""A simulated clock that runs by less than this factor faster than before does not jump: a busy
-simulator is slow, and then catches up."""
-
-RATE_DECAY = 0.98
-"""Factor by which the fastest rate of a simulated clock decays from check to check: by half in 0.7
-s of a check every 20 ms."""
-
 UNKNOWN_RATE = 1e3
 """Rate that a simulated clock may have until it is known, far above any simulator's [s/s]."""
-
-SHORTEST_CHECK = 0.02
-"""Least time over which the rate of a simulated clock is taken: that between two checks [s]."""
-
-STALL = 0.5
-"""A command stream that was interrupted for longer is not resumed: a stop takes a tenth of that,
-so that the robot has come to rest meanwhile [s]."""
-
-AT_ONCE, READINGS = 0.001, 5
-"""Clocks are read again where a reading took longer [s], so many times at most: a busy machine
-takes the processor away for 0.15 s now and then, which would look like a clock that jumps."""
-
-OTHERS_TIMEOUT = 0.5
-"""A start is refused for that long after a command of another node, which at any usual rate would
-have sent the next one by then [s]."""
 
 
 class Fault(NamedTuple):
@@ -155,25 +139,11 @@ class Fault(NamedTuple):
     at_once: bool = False
 
 
-class Monitored(Protocol):
-    """Monitor and dead-man switch of a moving robot."""
-
-    monitor: Monitor
-    deadman: Deadman
-
-
 class Commanded(Protocol):
     """A topic of commands, watched for commands of other nodes."""
 
     topic: str
     commands_of_others: int
-
-
-class Pausable(Protocol):
-    """A motion that can pause."""
-
-    def pause(self, paused: bool) -> None:
-        """Pause, or go on."""
 
 
 class Guard:
@@ -197,7 +167,7 @@ class Guard:
         Which sensor is silent or late, so that the motion pauses; empty: none is.
     """
 
-    def __init__(self, sensors: Monitored, backend: Commanded, motion: Pausable, clock: Clock,
+    def __init__(self, sensors: Sensors, backend: Commanded, motion: Motion, clock: Clock,
                  steady: Clock, simulated: bool) -> None:
         self._sensors, self._backend, self._motion = sensors, backend, motion
         self._clock, self._steady, self._simulated = clock, steady, simulated
@@ -217,12 +187,15 @@ class Guard:
     def _readings(self) -> tuple[int, int]:
         """Read both clocks at one instant, as far as the processor is not taken away [ns]."""
         pairs: list[tuple[int, int, int]] = []
-        while len(pairs) < READINGS:
+        # at once and readings: clocks are read again where a reading took longer [s], so many
+        # times at most: a busy machine takes the processor away for 0.15 s now and then, which
+        # would look like a clock that jumps
+        while len(pairs) < 5:
             before = self._steady.now().nanoseconds
             now = self._clock.now().nanoseconds
             within = self._steady.now().nanoseconds - before
             pairs.append((within, before + within // 2, now))
-            if within < AT_ONCE * SECOND:
+            if within < 0.001 * SECOND:
                 break
         _, steady, now = min(pairs)
         return steady, now
@@ -231,7 +204,9 @@ class Guard:
         """Return why a start is refused: commands of another node, or no dead-man switch."""
         self.listen()
         steady = self._steady.now().nanoseconds
-        if steady - self._other_received < OTHERS_TIMEOUT * SECOND:
+        # others timeout: a start is refused for that long after a command of another node, which
+        # at any usual rate would have sent the next one by then [s]
+        if steady - self._other_received < 0.5 * SECOND:
             return f'{self._backend.topic}: another node commands the robot; stop it'
         return self._sensors.deadman.fault(steady)
 
@@ -245,7 +220,9 @@ class Guard:
         """Return why to abort now; pauses the motion while a sensor is silent or late."""
         steady, now = self._readings()
         silent, self._ticked = (steady - self._ticked) / SECOND, steady
-        if moving and silent > STALL and not self._simulated:
+        # stall: a command stream that was interrupted for longer is not resumed: a stop takes a
+        # tenth of that, so that the robot has come to rest meanwhile [s]
+        if moving and silent > 0.5 and not self._simulated:
             return Fault(f'the command stream stalled for {silent:.2f} s; the machine is '
                          'overloaded', at_once=True)
         drift = (now - steady - self._offset) / SECOND
@@ -280,9 +257,15 @@ class Guard:
         if now != self._seen:
             step, elapsed = (now - self._seen) / SECOND, (steady - self._advanced) / SECOND
             self._seen, self._advanced = now, steady
-            usual = CLOCK_JUMP + UNEVEN * self._rate * elapsed
-            rate = step / max(elapsed, SHORTEST_CHECK)
-            self._rate = max(self._rate * RATE_DECAY, rate) if self._rate < UNKNOWN_RATE else rate
+            # uneven: a simulated clock that runs by less than this factor faster than before does
+            # not jump: a busy simulator is slow, and then catches up
+            usual = CLOCK_JUMP + 3.0 * self._rate * elapsed
+            # shortest check: least time over which the rate of a simulated clock is taken: that
+            # between two checks [s]
+            rate = step / max(elapsed, 0.02)
+            # rate decay: factor by which the fastest rate of a simulated clock decays from check
+            # to check: by half in 0.7 s of a check every 20 ms
+            self._rate = max(self._rate * 0.98, rate) if self._rate < UNKNOWN_RATE else rate
             return None if 0 < step < usual else Fault(
                 f'/clock jumped by {step:.3g} s', at_once=True)
         if steady - self._advanced > self._sensors.monitor.settings.clock_timeout * SECOND:

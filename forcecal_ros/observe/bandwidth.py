@@ -1,7 +1,7 @@
 """Gains from noise: how fast each filter may be, by Riccati equation and the user's limits."""
 
 from dataclasses import replace
-from math import inf, log, pi, tau
+from math import inf, log1p, pi, sqrt, tau
 from typing import NamedTuple
 
 from forcecal_ros.core.calibration import Calibration, Noise
@@ -16,15 +16,9 @@ UNMEASURED_HZ = 24.7
 """Bandwidth where a calibration holds no noise that one could follow from: that of the nominal
 rig's noise [Hz]."""
 
-STATES = ('position', 'velocity', 'accelerometer offset', 'contact force')
-
 ROTATION_CORNERS = (30.0, 150.0)
 """Slowest and fastest corner of the filter that follows the orientation: it lags by 2/corner, 13
 to 67 ms, and its angular acceleration is as noisy as corner^2.5 [rad/s]."""
-
-MOTION_CORNERS = (20.0, 100.0)
-"""The same of the filter that finds the acceleration where there is no accelerometer, from
-positions that are noisier than orientations [rad/s]."""
 
 _MIN_DENSITY = 1e-12
 """Least density: the noise of simulations without noise is rounding, of which no
@@ -147,82 +141,27 @@ def noise_of_reading(calibration: Calibration, noise: Noise) -> tuple[Array, Arr
             density + by_force @ f_density @ by_force.T)
 
 
-class StationaryFilter(NamedTuple):
+def stationary_gain(A: Array, C: Array, Q: Array, R: Array) -> Array:
     """
-    Stationary Kalman filter of x' = A x + w, y = C x + v.
-
-    Attributes
-    ----------
-    gain : ndarray, shape (n, m)
-        Of the update ``x += gain (y - C x)``.
-    predicted, updated : ndarray, shape (n, n)
-        Error covariance before and after the update.
-    """
-
-    gain: Array
-    predicted: Array
-    updated: Array
-
-
-def undetectable_states(A: Array, C: Array, names: tuple[str, ...]) -> tuple[str, ...]:
-    """
-    Name the states that no measurement will ever correct although they do not fade.
-
-    An unobservable subspace is harmless only where everything in it decays. A is (n, n), C
-    (m, n), with one name for each state; none is returned when the pair is detectable.
-    """
-    n = len(A)
-    scale = np.max(np.abs(C), axis=1, keepdims=True)
-    rows = C / np.where(scale > 0, scale, 1.0)
-    # A - 1 sees the same as A does, and short periods do not drown in the 1
-    change = A - np.eye(n)
-    change = change / max(float(np.abs(change).max()), 1e-300)
-    seen = np.vstack([rows @ np.linalg.matrix_power(change, i) for i in range(n)])
-    _, sigma, vh = np.linalg.svd(seen)
-    unseen = vh[np.count_nonzero(sigma > 1e-9 * sigma[0]):].T
-    modes = np.linalg.eigvals(unseen.T @ A @ unseen) if unseen.size else np.zeros(0)
-    return tuple(name for name, part in zip(names, np.abs(unseen).max(axis=1, initial=0.0))
-                 if part > 1e-6 and np.abs(modes).max(initial=0.0) > 1 - 1e-6)
-
-
-def stationary_filter(
-        A: Array, C: Array, Q: Array, R: Array, names: tuple[str, ...],
-        S: Array | None = None) -> StationaryFilter:
-    """
-    Design the stationary Kalman filter, after making sure that there is one.
-
-    Riccati solvers answer for undetectable pairs as well, with a number that looks like a
-    standard deviation and means nothing.
+    Return the gain (n, m) of the stationary Kalman filter of x' = A x + w, y = C x + v.
 
     Parameters
     ----------
     A, C : ndarray, shapes (n, n), (m, n)
     Q, R : ndarray, shapes (n, n), (m, m)
         Covariances of w and v.
-    names
-        One for each state.
-    S : ndarray, shape (n, m), optional
-        Covariance of w with v of the same instant.
 
     Raises
     ------
     UnobservableError
-        A state is not detectable, or the equation has no stabilising solution.
+        The Riccati equation has no stabilising solution.
     """
-    lost = undetectable_states(A, C, names)
-    if lost:
-        raise UnobservableError(
-            f'{", ".join(lost)} cannot be separated by the measurements at hand '
-            f'({len(A)} states, {len(C)} measurements); '
-            'leave the accelerometer offset out (observer offset: off)')
     try:
-        P = solve_discrete_are(A.T, C.T, Q, R, s=S)
+        P = solve_discrete_are(A.T, C.T, Q, R)
     except ValueError as error:  # LinAlgError is one; reordering the pencil raises others
-        raise UnobservableError(
-            f'no stationary gain for {", ".join(names)}: {error}; check the covariances') from None
-    innovation = C @ P @ C.T + R
-    gain = np.linalg.solve(innovation, C @ P).T
-    return StationaryFilter(gain, P, P - gain @ innovation @ gain.T)
+        raise UnobservableError(f'no stationary gain for {len(A)} states: {error}; check the '
+                                'covariances') from None
+    return np.linalg.solve(C @ P @ C.T + R, C @ P).T
 
 
 def as_calibrated(settings: ObserverSettings, calibration: Calibration) -> ObserverSettings:
@@ -249,53 +188,6 @@ def as_calibrated(settings: ObserverSettings, calibration: Calibration) -> Obser
     return replace(settings, contact_walk=walk, bandwidth_min_hz=low, bandwidth_max_hz=high)
 
 
-def joint_model(
-        levels: NoiseLevels, mass: float, settings: ObserverSettings, dt: float, position: bool,
-) -> tuple[Array, Array, Array, Array, Array]:
-    """
-    Write one axis of the whole problem: place, offset and contact force together.
-
-    x = [p, v, o, F], the accelerometer as input: dv/dt = f - o + g. Measured are p and
-    u - m a = F + m o, whose noise (m times the accelerometer's) is also the noise that drives v.
-
-    Returns A, C, Q, R, S of shapes (4, 4), (m, 4), (4, 4), (m, m), (4, m) for a period ``dt``
-    [s], as :func:`stationary_filter` takes them; ``position`` states whether p is measured.
-    """
-    A = np.eye(4)
-    A[0, 1], A[0, 2], A[1, 2] = dt, -dt * dt / 2, -dt
-    f = levels.specific_force / dt
-    drive = np.array([dt * dt / 2, dt, 0.0, 0.0])
-    Q = f * np.outer(drive, drive)
-    Q[2, 2] += settings.offset_walk ** 2 * dt
-    Q[3, 3] += _walk(settings) ** 2 * dt
-    C = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, mass, 1.0]])
-    p_variance = settings.pose_position_std ** 2 / settings.pose_rate / dt
-    R = np.diag([p_variance, levels.force / dt + mass ** 2 * f])
-    S = np.stack([np.zeros(4), mass * f * drive], axis=1)
-    rows = [0, 1] if position else [1]
-    return A, C[rows], Q, R[np.ix_(rows, rows)], S[:, rows]
-
-
-def _walk(settings: ObserverSettings) -> float:
-    return CONTACT_WALK if settings.contact_walk is None else settings.contact_walk
-
-
-def design_joint(
-        levels: NoiseLevels, mass: float, settings: ObserverSettings, dt: float,
-        position: bool = True,
-) -> StationaryFilter:
-    """
-    Design the unconstrained filter for all four states, the yardstick of the one that runs.
-
-    Raises
-    ------
-    UnobservableError
-        Without the position, offset and contact force cannot be separated.
-    """
-    A, C, Q, R, S = joint_model(levels, mass, settings, dt, position)
-    return stationary_filter(A, C, Q, R, STATES, S)
-
-
 def _poles(A: Array, gain: Array, dt: float) -> Poles:
     """Continuous poles of a stationary filter's error, slowest first if all are real."""
     modes = np.log(np.linalg.eigvals((np.eye(3) - gain @ np.eye(1, 3)) @ A).astype(complex)) / dt
@@ -307,14 +199,18 @@ def _poles(A: Array, gain: Array, dt: float) -> Poles:
 
 
 def offset_poles(levels: NoiseLevels, settings: ObserverSettings, position_std: float) -> Poles:
-    """Design place, velocity and offset of the accelerometer from the pose (its std in m)."""
+    """
+    Design place, velocity and offset of the accelerometer from the pose (its std in m).
+
+    Along one axis x = [p, v, o], the accelerometer as input: dv/dt = f - o + g; p is measured.
+    """
     dt = 1 / settings.pose_rate
-    A, C, Q, R, _ = joint_model(levels, 1.0, settings, dt, True)
-    A, C, Q, R = A[:3, :3], C[:1, :3], Q[:3, :3], R[:1, :1]
-    R = np.full((1, 1), position_std ** 2)
+    A = np.array([[1.0, dt, -dt * dt / 2], [0.0, 1.0, -dt], [0.0, 0.0, 1.0]])
     # white acceleration noise between two poses, not one sample of it
-    Q[:2, :2] = levels.specific_force * np.array([[dt ** 3 / 3, dt * dt / 2], [dt * dt / 2, dt]])
-    return _poles(A, stationary_filter(A, C, Q, R, STATES[:3]).gain, dt)
+    Q = levels.specific_force * np.array([
+        [dt ** 3 / 3, dt * dt / 2, 0.0], [dt * dt / 2, dt, 0.0], [0.0, 0.0, 0.0]])
+    Q[2, 2] = settings.offset_walk ** 2 * dt
+    return _poles(A, stationary_gain(A, np.eye(1, 3), Q, np.full((1, 1), position_std ** 2)), dt)
 
 
 def contact_bandwidth(levels: NoiseLevels, mass: float, settings: ObserverSettings) -> float:
@@ -328,11 +224,10 @@ def contact_bandwidth(levels: NoiseLevels, mass: float, settings: ObserverSettin
     if settings.bandwidth_hz is not None:
         return settings.bandwidth_hz
     dt = 1 / levels.rate
-    one = np.eye(1)
     noise = (levels.force + mass ** 2 * levels.specific_force) / dt
-    walk = _walk(settings) ** 2 * dt
-    k = float(stationary_filter(one, one, walk * one, noise * one, STATES[3:]).gain[0, 0])
-    return within_limits(-log(1 - k) / dt / tau if k < 1 else inf, settings)
+    walk = (CONTACT_WALK if settings.contact_walk is None else settings.contact_walk) ** 2 * dt
+    variance = (walk + sqrt(walk * walk + 4 * walk * noise)) / 2
+    return within_limits(log1p(variance / noise) / dt / tau, settings)
 
 
 def within_limits(bandwidth: float, settings: ObserverSettings) -> float:
@@ -408,5 +303,7 @@ def motion_corner(levels: NoiseLevels, mass: float, rate: float, settings: Obser
     """Find the same for the acceleration that stands in where there is no accelerometer."""
     variance = levels.force * rate / 2 / mass ** 2
     density = settings.pose_position_std ** 2 / settings.pose_rate
-    low, high = MOTION_CORNERS
+    # motion corners: the same of the filter that finds the acceleration where there is no
+    # accelerometer, from positions that are noisier than orientations [rad/s]
+    low, high = 20.0, 100.0
     return float(min(max((3 * variance / density) ** 0.2, low), high, 0.6 * settings.pose_rate))

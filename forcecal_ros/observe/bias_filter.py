@@ -66,18 +66,11 @@ from forcecal_ros.observe.settings import FilterSettings
 import numpy as np
 from scipy.special import chdtri
 
-PAPER_PERIOD_S = 0.001
-"""[Ukf2025] samples at 1000 Hz [s]."""
-
 MAX_PERIOD_S = 10.0
 """A pause counts as at most this long: all but the biases is forgotten by then, and covariances
 that grew further would lose their digits [s]."""
 
 _UNCORRELATED = np.zeros(6)
-
-ONSET_VARIANCE = 10.0
-"""At the onset of contact the wrench is held for that many times as uncertain, in variance, as
-its bias: then what came up is read as wrench (91 % of it at once), not as bias."""
 
 
 class Covariances(NamedTuple):
@@ -110,8 +103,9 @@ def paper_covariances() -> Covariances:
     0.5 N, three times the paper's own table; on a quiet one they are only its ratio Q/R, a rise
     in about 7 ms, and an innovation far smaller than the filter thinks.
     """
+    # paper period: [Ukf2025] samples at 1000 Hz [s]
     return Covariances(np.diag([0.01] * 3 + [0.001] * 3), np.diag([0.1] * 3 + [0.01] * 3),
-                       np.diag([1.0] * 3 + [0.1] * 3), PAPER_PERIOD_S)
+                       np.diag([1.0] * 3 + [0.1] * 3), 0.001)
 
 
 def gain_of(rise_time: float, period: float) -> float:
@@ -342,7 +336,10 @@ def opened(belief: Gaussian) -> Gaussian:
     states are the wrench, the next six its biases.
     """
     cov = belief.cov.copy()
-    cov[:6, :6] += ONSET_VARIANCE * cov[6:12, 6:12]
+    # onset variance: at the onset of contact the wrench is held for that many times as uncertain,
+    # in variance, as its bias: then what came up is read as wrench (91 % of it at once), not as
+    # bias
+    cov[:6, :6] += 10.0 * cov[6:12, 6:12]
     return Gaussian(belief.mean, cov)
 
 

@@ -34,25 +34,6 @@ from forcecal_ros.observe.sample import (
     Wrench,
 )
 
-MAX_PERIOD_S = 2 * SMOOTHING_TIME_S
-"""From one reading to the next, up to which a contact's own motion is separated from noise by
-that mean: slower readings show nothing of their noise [s]."""
-
-LEVEL_TIME_S = 0.5
-"""Time constant: a level of ten is reached in half a second, and left in 1.2 s, both within two
-[s]."""
-
-MAX_RATIO = 5.0
-"""What a single reading counts for at most: chance exceeds it twice in a thousand on three axes
-[1]."""
-
-LEVEL_RANGE = (0.25, 1e4)
-"""Lowest and highest level that is accepted [1]."""
-
-NOISY_LEVELS = (2.0, 4.0)
-"""From the first level on the noise counts as another one, from the second on wholly so:
-noise levels drift by a factor of two on their own [1]."""
-
 
 class Tool(NamedTuple):
     """
@@ -237,15 +218,22 @@ def updated(before: NoiseLevel, dt: float, e: Vector, scale: Vector) -> NoiseLev
     (mx, my, mz), (ex, ey, ez), (sx, sy, sz) = before.mean, e, scale
     dx, dy, dz = ex - mx, ey - my, ez - mz
     z = (sx * dx * dx + sy * dy * dy + sz * dz * dz) / before.level
-    level = before.level * exp((min(z, MAX_RATIO) - 1) * min(dt / LEVEL_TIME_S, 1.0))
+    # level time: time constant: a level of ten is reached in half a second, and left in 1.2 s,
+    # both within two [s]
+    # max ratio: what a single reading counts for at most: chance exceeds it twice in a thousand
+    # on three axes
+    level = before.level * exp((min(z, 5.0) - 1) * min(dt / 0.5, 1.0))
     k = 1 - exp(-dt / SMOOTHING_TIME_S)
-    return NoiseLevel(min(max(level, LEVEL_RANGE[0]), LEVEL_RANGE[1]),
+    # within the lowest and the highest level that is accepted
+    return NoiseLevel(min(max(level, 0.25), 1e4),
                       (mx + k * dx, my + k * dy, mz + k * dz))
 
 
 def accepted(level: float) -> float:
     """Return the level that the gain follows: 1 until it is plainly another."""
-    low, high = NOISY_LEVELS
+    # noisy levels: from the first level on the noise counts as another one, from the second on
+    # wholly so: noise levels drift by a factor of two on their own
+    low, high = 2.0, 4.0
     if level <= low:
         return 1.0
     return level if level >= high else 1.0 + (level - low) / (high - low) * (high - 1.0)
@@ -314,13 +302,16 @@ def kalman_step(memory: Memory, reading: Unloaded, e: Wrench, model: Model) -> M
     model
         ``rate`` by :func:`forcecal_ros.observe.bandwidth.contact_bandwidth`.
     """
+    # from one reading to the next, up to which a contact's own motion is separated from noise by
+    # that mean: slower readings show nothing of their noise [s]
+    max_period = 2 * SMOOTHING_TIME_S
     dt = reading.t - memory.t
     if dt > model.pause:
         return Memory(reading.t, reading.measured, STOPPED, ZERO, memory.noise)
     c0, c1, c2, c3, c4, c5 = memory.contact
     e0, e1, e2, e3, e4, e5 = e
     noise, rate = memory.noise, model.rate
-    if model.adaptive and dt <= MAX_PERIOD_S:
+    if model.adaptive and dt <= max_period:
         noise = updated(noise, dt, (e0, e1, e2), model.innovation_scale)
         rate = rate_at(noise.level, rate, model.slowest)
     k = 1 - exp(-rate * dt)

@@ -5,7 +5,7 @@ from math import exp, inf, log, tau
 from typing import Any, NamedTuple
 
 from forcecal_ros.core.calibration import Accelerometer, Calibration, Estimate
-from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.errors import ConfigError, UnobservableError
 from forcecal_ros.core.geometry import Array, Vector, ZERO
 from forcecal_ros.core.sensor_matrix import sensor_matrix, SensorMatrix
 from forcecal_ros.observe.bandwidth import (
@@ -13,7 +13,6 @@ from forcecal_ros.observe.bandwidth import (
     as_calibrated,
     butterworth,
     contact_bandwidth,
-    design_joint,
     fast_share,
     load_maps,
     motion_corner,
@@ -38,18 +37,6 @@ KALMAN, NEWTON, UNFILTERED = range(3)
 SMOOTHING_TIME_S = 0.004
 """A third of the rise of a contact by the nominal rig's noise, and more than half a period of
 vibrations above 100 Hz [s]."""
-
-MAX_PAUSE_S = 0.1
-"""``Model.pause`` of live wrenches: sensors send at 100 Hz and more, so that ten or more are lost
-[s]."""
-
-KEEP_S = 0.005
-"""``Model.keep`` of live streams: more than one period of a wrench at 200 Hz and faster [s]."""
-
-_REACH_M = 0.3
-"""Where no pose shows the position it is taken to stay; an arm that works in place keeps within
-about this of it, which is the noise of such a position [m]."""
-
 
 Gain = tuple[float, float, float, float, float, float]
 
@@ -261,8 +248,10 @@ def design(calibration: Calibration, settings: ObserverSettings = ObserverSettin
     settings = as_calibrated(settings, calibration)
     name, accelerometer = _filter(calibration, settings), calibration.accelerometer
     track = settings.offset == 'on' or (settings.offset == 'auto' and settings.position)
-    if track:
-        design_joint(levels, load.m, settings, 1 / levels.rate, settings.position)
+    if track and not settings.position:
+        raise UnobservableError('without positions in the poses, accelerometer offset and contact '
+                                'force cannot be separated; leave the accelerometer offset out '
+                                '(observer offset: off)')
     rate = tau * _bandwidth(calibration, load.m, settings)
     tool = calibration.tool
     stiffness = float(tool.stiffness) if tool is not None else 0.0
@@ -273,6 +262,12 @@ def design(calibration: Calibration, settings: ObserverSettings = ObserverSettin
                          accelerometer is not None and accelerometer_comes, settings)
     slow = 1 - fast_share(1 / settings.learning.contact_window / corner)
     timeout = settings.accelerometer_timeout
+    # max pause: ``Model.pause`` of live wrenches: sensors send at 100 Hz and more, so that ten or
+    # more are lost [s]
+    # keep: ``Model.keep`` of live streams: more than one period of a wrench at 200 Hz
+    # and faster [s]
+    # reach: where no pose shows the position it is taken to stay; an arm that works in place
+    # keeps within about this of it, which is the noise of such a position [m]
     return with_reach(Model(
         filter={'kalman': KALMAN, 'newton': NEWTON}.get(name, UNFILTERED),
         bias_filter=(bias_model(calibration, settings.learning, by_pose, slow * by_pose)
@@ -291,9 +286,9 @@ def design(calibration: Calibration, settings: ObserverSettings = ObserverSettin
         rotation_poles=butterworth(corner),
         offset_poles=offset_poles(levels, settings, settings.pose_position_std),
         motion_poles=butterworth(motion),
-        reach_poles=offset_poles(levels, settings, _REACH_M), K=_gain(calibration),
-        pause=MAX_PAUSE_S, timeout=timeout, displacement_timeout=timeout,
-        pose_timeout=settings.pose_timeout, skew=settings.skew, keep=KEEP_S, reach=0.0, memory=0.0,
+        reach_poles=offset_poles(levels, settings, 0.3), K=_gain(calibration),
+        pause=0.1, timeout=timeout, displacement_timeout=timeout,
+        pose_timeout=settings.pose_timeout, skew=settings.skew, keep=0.005, reach=0.0, memory=0.0,
         limited=settings.wrench_limit is not None,
         wrench_limit=settings.wrench_limit or (inf,) * 6,
         accelerometer_limit=(settings.accelerometer_limit or inf,) * 3))

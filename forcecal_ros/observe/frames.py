@@ -28,17 +28,6 @@ import numpy as np
 NAME = re.compile(r'[A-Za-z_]\w*(/[A-Za-z_]\w*)*', re.ASCII)
 """What a topic may be called by."""
 
-CONTACT_SIGMA = 3.0
-"""A force acts somewhere from so many of its standard deviations on; below, its line of action is
-noise [1]."""
-
-ITSELF: Vector7 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-"""ft_sensor in its own frame."""
-
-SAME_TRANSFORM = 1e-4
-"""Two transforms are one where they differ by less: a distance [m], and half an angle [rad].
-Quaternions written with four digits do; 100 N turned by twice that are off by 0.02 N."""
-
 
 class Placement(NamedTuple):
     """Where ft_sensor is in a frame: its origin [m], and the rotation to the frame's axes."""
@@ -168,7 +157,9 @@ def contact_point(wrench: Array, covariance: Array) -> ContactPoint | None:
     """
     F, T = wrench[:3], wrench[3:]
     squared = float(F @ F)
-    if not squared > CONTACT_SIGMA ** 2 * float(np.trace(covariance[:3, :3])):
+    # contact sigma: a force acts somewhere from so many of its standard deviations on; below, its
+    # line of action is noise
+    if not squared > 3.0 ** 2 * float(np.trace(covariance[:3, :3])):
         return None
     p = np.cross(F, T) / squared
     J = np.hstack([-skew(T) / squared - 2 * np.outer(p, F) / squared, skew(F) / squared])
@@ -279,10 +270,15 @@ def agreed(given: Placement | None, calibration: Calibration, name: str) -> Plac
     ConfigError
         They differ: weight and inertia would be computed for another sensor.
     """
+    # ft_sensor in its own frame
+    itself = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
     own = mounting_of(calibration.sensor_from_pose or (), f'{name}: sensor.from_pose')
     if given is None or (own is None and 'of' in calibration.source):
         return given or own  # files of other packages do not say whose pose they were made with
-    if _apart(numbers_of(given) or ITSELF, numbers_of(own) or ITSELF) < SAME_TRANSFORM:
+    # same transform: two transforms are one where they differ by less: a distance [m], and half
+    # an angle [rad]. Quaternions written with four digits do; 100 N turned by twice that are off
+    # by 0.02 N
+    if _apart(numbers_of(given) or itself, numbers_of(own) or itself) < 1e-4:
         return given
     made = f'sensor.from_pose {_shown(own)}' if own else 'poses of ft_sensor itself'
     raise ConfigError(f'{name} was made with {made}, and {_shown(given)} is given: leave that '

@@ -36,36 +36,12 @@ import numpy as np
 
 CHANNELS = ('force.x', 'force.y', 'force.z', 'torque.x', 'torque.y', 'torque.z')
 
-NOISE_FACTOR = 3.0
-"""Motion or contact is what exceeds the noise at rest so many times: noise levels drift by a
-factor of two on their own."""
-
 MIN_SAMPLES = 20
 """Samples of a window: of fewer, chance alone looks like a drift of many times the noise."""
-
-MAX_INVALID_SHARE = 0.1
-"""Share of samples that may be missing: what a busy computer was late with now and then, where a
-sensor that is silent takes all [1]."""
-
-ONSET_TIME_S = 0.1
-"""A contact that begins shows in so much of the end of a window, or in its last sample: some
-times the rise of a contact, so that few are younger [s]."""
-
-CHANCE_SIGMA = 4.0
-"""Standard errors by which two means of noise may differ: one tare in a thousand is refused
-without a cause at most, on one of its twelve channels."""
 
 MAX_PAUSE_S = 1.0
 """After so long without a wrench a window begins anew, as after stamps that go back: ten periods
 of the slowest sensor that is tared, 10 Hz [s]."""
-
-REST_DISTANCE_M = 5e-4
-"""A robot that stays within it over the window is at rest: 25 times the scatter of the nominal
-rig's poses [m]."""
-
-REST_ANGLE_RAD = 1e-3
-"""A robot that turns by less over the window is at rest: 50 times the scatter of the nominal
-rig's poses [rad]."""
 
 Values = tuple[float, ...]
 
@@ -122,7 +98,9 @@ def tare(samples: Sequence[ContactSample], model: Model, levels: NoiseLevels,
                         f'has {span:.3f} s and {len(samples)}; wait for the wrench to flow')
     rate = (len(samples) - 1) / span
     bad = [s.status for s in samples if s.status & INVALID]
-    if len(bad) > MAX_INVALID_SHARE * len(samples):
+    # max invalid share: share of samples that may be missing: what a busy computer was late with
+    # now and then, where a sensor that is silent takes all
+    if len(bad) > 0.1 * len(samples):
         raise DataError(f'cannot tare, {len(bad)} of {len(samples)} samples are not valid: '
                         f'{"; ".join(describe(bad[0]))}')
     valid = [s for s in samples if not s.status & INVALID]
@@ -156,14 +134,20 @@ def _noise_at_rest(model: Model, levels: NoiseLevels, rate: float) -> Array:
 def _refuse(values: Array, noise: Array, rate: float, what: str, remedy: str) -> None:
     """Raise where a channel scatters, drifts from one end to the other, or has just begun to."""
     n = len(values)
-    third, last = n // 3, min(max(round(ONSET_TIME_S * rate), 1), n // 3)
+    # onset time: a contact that begins shows in so much of the end of a window, or in its last
+    # sample: some times the rise of a contact, so that few are younger [s]
+    third, last = n // 3, min(max(round(0.1 * rate), 1), n // 3)
     drift = 2 * np.abs(values[-third:].mean(axis=0) - values[:third].mean(axis=0))
     change = np.abs(values[-last:].mean(axis=0) - values[:-last].mean(axis=0))
     for size, by_chance, word in (
             (values.std(axis=0), 0.0, 'scatters by'),
             (drift, 2 * np.sqrt(2 / third), 'drifts by'),
             (change, np.sqrt(1 / last + 1 / (n - last)), 'has just changed by')):
-        allowed = np.hypot(NOISE_FACTOR, CHANCE_SIGMA * by_chance) * noise
+        # noise factor: motion or contact is what exceeds the noise at rest so many times: noise
+        # levels drift by a factor of two on their own
+        # chance sigma: standard errors by which two means of noise may differ: one tare in a
+        # thousand is refused without a cause at most, on one of its twelve channels
+        allowed = np.hypot(3.0, 4.0 * by_chance) * noise
         worst = int(np.argmax(size / allowed))
         if size[worst] > allowed[worst]:
             raise DataError(
@@ -237,7 +221,11 @@ def refuse_motion(poses: Sequence[tuple[float, ...]]) -> None:
     distance = float(np.linalg.norm(table[:, :3] - table[0, :3], axis=1).max())
     R = matrix_from_quaternion(table[:, 3:])
     angle = float(np.linalg.norm(rotation_vector(R[0].T @ R), axis=1).max())
-    if distance > REST_DISTANCE_M or angle > REST_ANGLE_RAD:
+    # rest distance: a robot that stays within it over the window is at rest: 25 times the scatter
+    # of the nominal rig's poses [m]
+    # rest angle: a robot that turns by less over the window is at rest: 50 times the scatter of
+    # the nominal rig's poses [rad]
+    if distance > 5e-4 or angle > 1e-3:
         raise DataError(f'tare refused, the robot moves: {distance * 1e3:.2f} mm, '
                         f'{angle * 1e3:.2f} mrad within the window; stop the robot')
 
@@ -275,8 +263,6 @@ class LiveObserver:
         self.tracker: Tracker | None = None
         self.takes_tracked = False
         self._negative = False
-        self._direction: Values | None = None
-        self._rotation: Values | None = None
         self._turn: Array | None = None
         self._level: Quaternion | None = None
         self.reset()
@@ -311,21 +297,20 @@ class LiveObserver:
         sensor_rotation : tuple of 3 float or None
             Rotation vector of the wire's axes, seen from the frame of the pose [rad].
         """
-        self._changed = self.model is not None and self._last is not None
-        self.model, self._negative = model, wrench_sign < 0
-        self._direction = gravity_direction
         R = level_from_base(gravity_direction)
         self._level = None if R is None else quaternion_of(R)
-        self._rotation = sensor_rotation
         self._turn = pose_from_wire(sensor_rotation)
+        self._negative = wrench_sign < 0
+        self._run_by(model)
+
+    def _run_by(self, model: Model) -> None:
+        self._changed = self.model is not None and self._last is not None
+        self.model = model
         forget_learned_bias(self.state)
 
     def take_settings(self, model: Model) -> None:
         """Do the same for a model of the same calibration, whose bias may have been tared."""
-        if self.model is not None:
-            model = with_bias(model, self.model.bias)
-        self.take_over(model, -1 if self._negative else 1, self._direction,
-                       self._rotation)
+        self._run_by(model if self.model is None else with_bias(model, self.model.bias))
 
     def take_tool(self, mass: float, com: Array, inertia: Array | None = None) -> None:
         """Remove another load from the next wrench on; see ``design.with_tool``."""

@@ -24,14 +24,6 @@ from forcecal_ros.observe.bandwidth import Poles
 from forcecal_ros.observe.design import Model, NEWTON
 from forcecal_ros.observe.sample import saturated
 
-ROTATION_JUMP_SQUARED = 0.09
-"""An orientation more than 0.3 rad from where it was predicted is no noise but another motion:
-the filter starts anew there. Its square [rad^2]."""
-
-OFFSET_DELAY_S = 0.3
-"""A filter that was just started does not know its velocity, and would take the error that this
-makes for an offset: it leaves the offset alone for this long [s]."""
-
 NO_RUN = inf
 """The run of an accelerometer where there is none."""
 
@@ -67,7 +59,7 @@ def track_rotation(state: Rotation, t: float, q: Quaternion, poles: Poles) -> Ro
     """
     Take in one orientation measured at ``t`` > ``state.t``: predict, compare on SO(3), correct.
 
-    Starts anew after a jump, see ``ROTATION_JUMP_SQUARED``.
+    Starts anew after a jump of 0.3 rad.
     """
     dt = t - state.t
     (wx, wy, wz), (ax, ay, az) = state.omega, state.alpha
@@ -75,23 +67,15 @@ def track_rotation(state: Rotation, t: float, q: Quaternion, poles: Poles) -> Ro
     wx, wy, wz = wx + h * ax, wy + h * ay, wz + h * az
     predicted = advance_rotation(state.q, wx * dt, wy * dt, wz * dt)
     ex, ey, ez = rotation_between(predicted, q)
-    if not ex * ex + ey * ey + ez * ez < ROTATION_JUMP_SQUARED:
+    # rotation jump squared: an orientation more than 0.3 rad from where it was predicted is no
+    # noise but another motion: the filter starts anew there. Its square [rad^2]
+    if not ex * ex + ey * ey + ez * ez < 0.09:
         return Rotation(t, q, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     k1, k2, k3 = tracking_gains(dt, poles)
     return Rotation(
         t, advance_rotation(predicted, k1 * ex, k1 * ey, k1 * ez),
         (wx + h * ax + k2 * ex, wy + h * ay + k2 * ey, wz + h * az + k2 * ez),
         (ax + k3 * ex, ay + k3 * ey, az + k3 * ez))
-
-
-JUMP_SQUARED = 0.25
-"""A pose further than 0.5 m from where it was predicted is no noise but another place (a robot
-that was moved, a new base frame): the filter starts anew there. Its square [m^2]."""
-
-GUESS_FORGOTTEN = 1.5
-"""The offset of an AC-coupled accelerometer begins as a guess. With a pole at this over the age
-of the filter its error falls as age^-1.5, fast at first; once the designed pole is the slower
-one, that takes over."""
 
 
 class Place(NamedTuple):
@@ -180,6 +164,10 @@ def take_pose(motion: MotionEstimate, t: float, position: Vector, q: Quaternion,
     s : float
         Displacement at ``t`` [m].
     """
+    # the offset of an AC-coupled accelerometer begins as a guess. With a pole at this over the
+    # age of the filter its error falls as age^-1.5, fast at first; once the designed pole is the
+    # slower one, that takes over
+    guess_forgotten = 1.5
     rotation, place = motion.rotation, motion.place
     offset, offset_known = motion.offset, motion.offset_known
     if 0 < t - rotation.t <= model.pose_timeout:
@@ -207,8 +195,8 @@ def take_pose(motion: MotionEstimate, t: float, position: Vector, q: Quaternion,
         else:
             poles = model.offset_poles if known else model.reach_poles
             age = t - place.since
-            if model.ac_rate > 0 and age * poles.real < GUESS_FORGOTTEN:
-                poles = Poles(GUESS_FORGOTTEN / age, poles.mean, poles.split)
+            if model.ac_rate > 0 and age * poles.real < guess_forgotten:
+                poles = Poles(guess_forgotten / age, poles.mean, poles.split)
             place = track_place(place, t, rotation.q, rotation.omega, anchor, force.integral,
                                 model.gravity, poles)
             if model.ac_rate > 0 or model.track_offset:
@@ -255,7 +243,7 @@ def track_place(
     Returns
     -------
     Place
-        Starts anew, offset kept, after a jump; see ``JUMP_SQUARED``.
+        Starts anew, offset kept, after a jump of 0.5 m.
     """
     dt = t - place.t
     (px, py, pz), (vx, vy, vz), (ox, oy, oz) = place.p, place.v, place.o
@@ -270,10 +258,15 @@ def track_place(
     az -= gravity
     px, py, pz = px + dt * (vx + h * ax), py + dt * (vy + h * ay), pz + dt * (vz + h * az)
     ex, ey, ez = position[0] - px, position[1] - py, position[2] - pz
-    if not ex * ex + ey * ey + ez * ez < JUMP_SQUARED:
+    # jump squared: a pose further than 0.5 m from where it was predicted is no noise but another
+    # place (a robot that was moved, a new base frame): the filter starts anew there.
+    # Its square [m^2]
+    if not ex * ex + ey * ey + ez * ez < 0.25:
         return Place(t, t, place.run, position, (0.0, 0.0, 0.0), place.o, integral)
     k1, k2, k3 = tracking_gains(dt, poles)
-    if place.run == NO_RUN or t - place.since > OFFSET_DELAY_S:
+    # offset delay: a filter that was just started does not know its velocity, and would take the
+    # error that this makes for an offset: it leaves the offset alone for this long [s]
+    if place.run == NO_RUN or t - place.since > 0.3:
         cx, cy, cz = rotate_back(q, (ex, ey, ez))
         ox, oy, oz = ox - k3 * cx, oy - k3 * cy, oz - k3 * cz
     return Place(

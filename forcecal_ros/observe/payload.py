@@ -66,49 +66,13 @@ STATES = 17
 
 _PAIR = tuple[float, float]
 
-MOTION_TIME_S = 0.5
-"""Time in which errors of weight and inertia become others: that of an arm's own motion [s]."""
-
 REACH_M = 0.3
 """A payload is expected within so much of the sensor: a gripper's length and a half [m]."""
-
-FALSE_ALARM = 1e-3
-"""Probability that a free reading is called contact; it costs a pause of the tracking, where a
-push that is missed costs a wrong mass [1]."""
-
-WINDOW_S = 0.3
-"""Time over which a weak contact is averaged: a third of that in which a payload is to be
-noticed [s]."""
-
-RELEASE_S = 1.0
-"""Quiet after which contact counts as ended: longer than a light payload is hidden by a vibration,
-and than a grasp takes to let go [s]."""
-
-MASS_WALK = 2e-3
-"""Wander of the mass, relative: a change too small to be noticed at once, as of glue or paint, is
-followed within some seconds, and the standard error never falls below what could go unnoticed
-[1/sqrt(s)]."""
-
-INERT_PRIOR = 0.3
-"""Relative difference between mass by accelerations and mass by gravity that sensors bring along,
-which is learned in free motion: delays and gains, a fifth on a real arm [1]."""
-
-BIAS_WALK = (4e-3, 4e-4)
-"""Wander of the biases: 0.1 N and 0.01 N m in ten minutes, as force sensors warm up
-[N/sqrt(s), N m/sqrt(s)]."""
 
 TRACKING, FROZEN, NOT_EXCITED = 'tracking', 'frozen', 'not_excited'
 
 LASTING_S = 0.4
 """What explains all readings for so long is no blow and no grasp that is closing [s]."""
-
-DISTINCT_SIGMA = 3.0
-"""A push counts as separated from a payload by accelerations where the two would differ by so many
-standard errors of the mass that accelerations show [1]."""
-
-UNNOTICED_BLOCKS = 10
-"""Blocks in which a contact may have begun before it is noticed: what was learned in them is
-forgotten then, half a second."""
 
 
 @dataclass(frozen=True)
@@ -186,11 +150,17 @@ def payload_model(calibration: Calibration, settings: PayloadSettings = PayloadS
     floor = pair(hypot(settings.floor[0], settings.share * weight),
                   hypot(settings.floor[1], settings.share * weight * arm))
     largest = m if settings.largest is None else settings.largest
+    # false alarm: probability that a free reading is called contact; it costs a pause of the
+    # tracking, where a push that is missed costs a wrong mass
+    # window: time over which a weak contact is averaged: a third of that in which a payload is to
+    # be noticed [s]
+    # release: quiet after which contact counts as ended: longer than a light payload is hidden by
+    # a vibration, and than a grasp takes to let go [s]
     return PayloadModel(
         _start(calibration, floor, settings), _density(calibration), floor,
         pair(*settings.bias_prior), _walk(m),
         _opening(largest, calibration.gravity),
-        ContactModel(floor, np.zeros((6, 6)), float(chdtri(6, FALSE_ALARM)), WINDOW_S, RELEASE_S),
+        ContactModel(floor, np.zeros((6, 6)), float(chdtri(6, 1e-3)), 0.3, 1.0),
         np.zeros((3, 3)) if calibration.inertia is None else calibration.inertia.value,
         calibration.gravity, settings.accuracy)
 
@@ -213,14 +183,23 @@ def _start(calibration: Calibration, floor: Array, settings: PayloadSettings) ->
     to_moment = np.array([1.0, *c])
     cov[12:16, 12:16] = mass_std ** 2 * np.outer(to_moment, to_moment)
     cov[MOMENT, MOMENT] += np.diag((m * com_std) ** 2)
-    cov[EXCESS, EXCESS] = (INERT_PRIOR * m) ** 2
+    # inert prior: relative difference between mass by accelerations and mass by gravity that
+    # sensors bring along, which is learned in free motion: delays and gains, a fifth on a real
+    # arm
+    cov[EXCESS, EXCESS] = (0.3 * m) ** 2
     return Gaussian(mean, cov)
 
 
 def _walk(m: float) -> Array:
+    # wander of the mass, relative: a change too small to be noticed at once, as of glue or paint,
+    # is followed within some seconds, and the standard error never falls below what could
+    # go unnoticed [1/sqrt(s)]
+    mass_walk = 2e-3
     walk = np.zeros(STATES)
-    walk[BIAS] = np.repeat(BIAS_WALK, 3)
-    walk[MASS], walk[MOMENT] = MASS_WALK * m, MASS_WALK * m * REACH_M / 3
+    # bias walk: wander of the biases: 0.1 N and 0.01 N m in ten minutes, as force sensors warm up
+    # [N/sqrt(s), N m/sqrt(s)]
+    walk[BIAS] = np.repeat((4e-3, 4e-4), 3)
+    walk[MASS], walk[MOMENT] = mass_walk * m, mass_walk * m * REACH_M / 3
     return np.diag(walk ** 2)
 
 
@@ -266,7 +245,9 @@ class Block(NamedTuple):
 
 def transition(model: PayloadModel, dt: float) -> tuple[Array, Array]:
     """Return how the states move in ``dt`` [s]: F is forgotten, the others wander."""
-    k = exp(-dt / MOTION_TIME_S)
+    # motion time: time in which errors of weight and inertia become others: that of an arm's
+    # own motion [s]
+    k = exp(-dt / 0.5)
     A, Q = np.eye(STATES), model.walk * dt
     A[WRENCH, WRENCH] *= k
     Q[WRENCH, WRENCH] = (1 - k * k) * model.floor
@@ -425,7 +406,9 @@ def _follow(state: PayloadState, block: Block, dt: float, model: PayloadModel) -
     h, touched = measurement(block, model), state.main.contact.assumed
     main = _advance(state.main, block, h, dt, model, learns=not touched)
     if not main.contact.assumed:
-        return state._replace(main=main, before=(*state.before, main.states)[-UNNOTICED_BLOCKS:],
+        # unnoticed blocks: blocks in which a contact may have begun before it is noticed: what
+        # was learned in them is forgotten then, half a second
+        return state._replace(main=main, before=(*state.before, main.states)[-10:],
                               change=None)
     if not touched:
         main = main._replace(states=_forgetful((*state.before, main.states)[0], model, dt))
@@ -523,7 +506,9 @@ def _is_inert(change: Gaussian, main: Gaussian) -> bool:
 def _is_distinct(change: Gaussian, main: Gaussian) -> bool:
     """Whether accelerations tell a payload of this mass from a push."""
     variance = change.cov[EXCESS, EXCESS] + main.cov[EXCESS, EXCESS]
-    return bool(DISTINCT_SIGMA * sqrt(variance) < abs(change.mean[MASS] - main.mean[MASS]))
+    # distinct sigma: a push counts as separated from a payload by accelerations where the two
+    # would differ by so many standard errors of the mass that accelerations show
+    return bool(3.0 * sqrt(variance) < abs(change.mean[MASS] - main.mean[MASS]))
 
 
 _TO_TOOL = Function(lambda x: np.array([x[0], *(x[1:4] / x[0])]),

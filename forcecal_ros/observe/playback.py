@@ -55,9 +55,6 @@ import numpy as np
 
 Event = tuple[float, str, Any]
 
-FADE_S = 0.5
-"""Over which another tool is faded in, as ``takeover.duration`` of the node [s]."""
-
 GAP_PERIODS = 4.0
 """Gaps are bridged up to this many median periods of their stream: two messages lost in a row,
 and stamps that jitter by half a period at either end."""
@@ -65,16 +62,6 @@ and stamps that jitter by half a period at either end."""
 MAX_STEP = 2.0
 """Periods of the pose above this over the corner of the pose filter leave it deadbeat, at the
 mercy of each pose: with the corner of 150 rad/s that quiet sensors allow, below 75 Hz [1]."""
-
-POSE_STEP_S = 1 / 250
-"""Slow poses are interpolated to this period at most, the one that the pose filters are designed
-for [s]."""
-
-POSES_PER_BLOCK = 50
-"""Poses of a block that noise is measured in: known to 12 % there [1]."""
-
-MIN_SPLINE_POSES = 4
-"""A spline needs as many; shorter runs are left as they are."""
 
 MIN_NOISE_SAMPLES = 100
 """Samples that a covariance is taken from: it is then known to 14 % in each direction."""
@@ -308,9 +295,11 @@ def with_pose_noise(settings: ObserverSettings, pose: PoseStream | None) -> Obse
 
 def _quiet(squares: Array) -> float:
     """Return the deviation of the blocks that are quieter than three quarters; 0 where unknown."""
+    # poses of a block that noise is measured in: known to 12 % there
+    poses_per_block = 50
     squares = squares[np.isfinite(squares)]
-    whole = len(squares) // POSES_PER_BLOCK * POSES_PER_BLOCK
-    blocks = squares[:whole].reshape(-1, POSES_PER_BLOCK)
+    whole = len(squares) // poses_per_block * poses_per_block
+    blocks = squares[:whole].reshape(-1, poses_per_block)
     return float(np.sqrt(np.quantile(blocks.mean(axis=1), 0.25))) if len(blocks) else 0.0
 
 
@@ -344,9 +333,12 @@ def _between(run: PoseStream) -> PoseStream:
     from scipy.interpolate import CubicSpline
     from scipy.spatial.transform import Rotation, RotationSpline
 
-    if len(run) < MIN_SPLINE_POSES:
+    # min spline poses: a spline needs as many; shorter runs are left as they are
+    if len(run) < 4:
         return run
-    parts = np.ceil(np.diff(run.t) / POSE_STEP_S - 1e-6).astype(int)
+    # pose step: slow poses are interpolated to this period at most, the one that the pose filters
+    # are designed for [s]
+    parts = np.ceil(np.diff(run.t) / (1 / 250) - 1e-6).astype(int)
     t = np.append(np.concatenate([
         start + (end - start) * np.arange(n) / n
         for start, end, n in zip(run.t[:-1], run.t[1:], parts)]), run.t[-1])
@@ -454,11 +446,13 @@ def follow(recording: Recording, calibration: Calibration,
     UnobservableError
         There is no pose.
     """
+    # over which another tool is faded in, as ``takeover.duration`` of the node [s]
+    fade = 0.5
     recording, _ = as_calibrated(recording, calibration)
     if not recording.pose:
         raise UnobservableError(f'{recording.source or "the recording"} holds no pose, by which '
                                 f'a payload is separated from a push; {naming(recording, "pose")}')
-    live = LiveObserver(FADE_S, FADE_S)
+    live = LiveObserver(fade, fade)
     live.take_over(recorded_model(recording, calibration, settings))
     tracker = live.tracker = Tracker(payload_model(calibration, payload))
     live.takes_tracked = True

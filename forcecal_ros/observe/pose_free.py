@@ -61,13 +61,6 @@ STATES = 18
 LEARNED = slice(6, 13)
 """Biases and mass: what only readings without contact may teach."""
 
-OFFSET_TIME_S = 10.0
-"""The offset of a gyro is not estimated; it counts as noise that is drawn anew this often. As
-white noise, anew at every sample, the same size would turn gravity by much less [s]."""
-
-MIN_SPECIFIC_FORCE = 1.0
-"""A specific force below this, a tenth of gravity, does not tell where down is [m/s^2]."""
-
 _SWAP = np.array([-1.0, 1.0])
 
 
@@ -192,7 +185,7 @@ def start_pose_free(model: PoseFreeModel, specific_force: Array) -> LevelBelief:
     """
     Return the belief before the first reading, from the first specific force (3,) [m/s^2].
 
-    Gravity is taken to oppose it, so it must be longer than ``MIN_SPECIFIC_FORCE``.
+    Gravity is taken to oppose it, so it must not be zero.
     """
     wrench, imu = model.wrench, model.imu
     mean = np.zeros(STATES)
@@ -267,7 +260,10 @@ def follow_gyro(belief: LevelBelief, model: PoseFreeModel, omega: Array | None, 
     Q[MASS, MASS] = imu.payload_walk ** 2 * dt
     tilt = imu.unknown_rate ** 2 * dt
     if omega is not None:
-        tilt = (imu.gyro_std * dt) ** 2 + imu.gyro_offset ** 2 * OFFSET_TIME_S * dt
+        # offset time: the offset of a gyro is not estimated; it counts as noise that is drawn
+        # anew this often. As white noise, anew at every sample, the same size would turn gravity
+        # by much less [s]
+        tilt = (imu.gyro_std * dt) ** 2 + imu.gyro_offset ** 2 * 10.0 * dt
     Q[TILT, TILT] = tilt * np.eye(2)
     Q[ACCELERATION, ACCELERATION] = imu.acceleration_std ** 2 * (1 - fade * fade) * np.eye(3)
     return turn @ belief.level, A, Q
@@ -409,7 +405,9 @@ def pose_free_step(
     if y is None or not 0 < dt < np.inf:
         return state, _report(state, model, t, BAD_WRENCH)
     if state.belief is None:
-        if f is None or np.linalg.norm(f) < MIN_SPECIFIC_FORCE:
+        # min specific force: a specific force below this, a tenth of gravity, does not tell
+        # where down is [m/s^2]
+        if f is None or np.linalg.norm(f) < 1.0:
             return state, _report(state, model, t, NO_GRAVITY)
         state = state._replace(belief=start_pose_free(model, f))
     status = (NO_GYRO if omega is None else 0) | (NO_ACCELEROMETER if f is None else 0)

@@ -19,9 +19,7 @@ from forcecal_ros.io.transforms import (
     Layout,
     Route,
     route,
-    Transform,
     TransformReader,
-    transforms_of,
 )
 from forcecal_ros.io.urdf import Description, Joint
 from forcecal_ros.observe.frames import combine, invert, Placement
@@ -48,18 +46,6 @@ class StampedPose(NamedTuple):
     values: Vector7
 
 
-Chain = tuple[tuple[int, Placement], ...]
-"""From a frame up: where the transform is in the values of a message, or -1 and what is fixed."""
-
-
-class Plan(NamedTuple):
-    """How messages of a layout that holds all that moves give a pose, without what came before."""
-
-    first: int
-    up: Chain
-    down: Chain
-
-
 class TransformPose:
     """
     Poses of a frame in a base, each at the newest instant that all transforms between them know.
@@ -82,9 +68,7 @@ class TransformPose:
         self._route: Route | None = None
         self._needed: set[str] = set()
         self._last = NEVER_NS
-        self._plans: dict[int, Plan | None] = {}
-        self._planned: list[Layout] = []
-        self._direct = True
+        self._layout: Layout | None = None
         self.why_not = 'no message'
 
     def take_static(self, raw: bytes) -> None:
@@ -100,8 +84,7 @@ class TransformPose:
             if (place := _placement(one.numbers)) is not None:
                 self._fixed[one.child] = place
                 self._moving.pop(one.child, None)
-                self._attach(one)
-        self._replan()
+                self._attach(one.parent, one.child)
 
     def take(self, raw: bytes) -> StampedPose | None:
         """
@@ -113,65 +96,20 @@ class TransformPose:
             It is shorter than it states.
         """
         layout, values = self._read.laid_out(raw)
-        plan = self._plan_of(layout) if self._direct else None
-        if plan is not None:
-            pose = _pose_of(plan, values)
-            if pose is not None:
-                return self._alone(pose)
-            self._direct = False
-        found = transforms_of(layout, values)
-        for one in found:
-            if self._parents.get(one.child) != one.parent:
-                self._attach(one)
-        for _, child, stamp, numbers in found:
-            if child in self._needed and (place := _placement(numbers)) is not None:
-                self._keep(child, stamp, place)
+        if layout is not self._layout:
+            self._layout = layout
+            for parent, child in layout.frames:
+                if self._parents.get(child) != parent:
+                    self._attach(parent, child)
+        for k, (_, child) in zip(range(0, len(values), FIELDS), layout.frames):
+            if child in self._needed and (place := _placement(values[k + 6:k + FIELDS])):
+                self._keep(child, values[k] * 1_000_000_000 + values[k + 1], place)
         return self._newest()
-
-    def _alone(self, pose: StampedPose) -> StampedPose | None:
-        """Return a pose that one message holds, unless its stamp is no later than the last."""
-        stamp = pose.stamp_ns
-        if stamp <= self._last:
-            if self._last - stamp < CLOCK_JUMP_NS:
-                return None
-            self._forget()
-        elif self._moving:
-            self._moving = {}
-        self._last = stamp
-        return pose
-
-    def _plan_of(self, layout: Layout) -> Plan | None:
-        """Return the plan for a layout; None: it needs what other messages held."""
-        key = id(layout)
-        if key not in self._plans:
-            if len(self._planned) > KEPT_VALUES:
-                self._replan()
-            self._planned.append(layout)  # so that no other comes to have its id
-            self._plans[key] = self._made(layout)
-        return self._plans[key]
-
-    def _made(self, layout: Layout) -> Plan | None:
-        found = self._route
-        at = {child: FIELDS * n for n, (_, child) in enumerate(layout.frames)}
-        if (found is None or len(at) < len(layout.frames)
-                or any(self._parents.get(child) != parent for parent, child in layout.frames)):
-            return None
-        frames = (*found.up, *found.down)
-        moving = [at[frame] for frame in frames if frame in at]
-        if not moving or any(frame not in at and frame not in self._fixed for frame in frames):
-            return None
-        up, down = (tuple((at[frame], HERE) if frame in at else (-1, self._fixed[frame])
-                          for frame in chain) for chain in found)
-        return Plan(moving[0], up, down)
-
-    def _replan(self) -> None:
-        self._plans, self._planned, self._direct = {}, [], True
 
     def _keep(self, child: str, stamp: int, place: Placement) -> None:
         kept = self._moving.get(child)
         if kept is None:
-            if self._fixed.pop(child, None) is not None:
-                self._plans, self._planned = {}, []
+            self._fixed.pop(child, None)
             kept = self._moving[child] = deque(maxlen=KEPT_VALUES)
         elif stamp <= kept[-1][0]:
             if kept[-1][0] - stamp < CLOCK_JUMP_NS:
@@ -180,12 +118,8 @@ class TransformPose:
             kept = self._moving[child] = deque(maxlen=KEPT_VALUES)
         kept.append((stamp, place))
 
-    def _attach(self, one: Transform) -> None:
-        self._parents[one.child] = one.parent
-        self._find_route()
-        self._replan()
-
-    def _find_route(self) -> None:
+    def _attach(self, parent: str, child: str) -> None:
+        self._parents[child] = parent
         try:
             self._route = route(self._parents, self._base, self._frame, 'pose')
             self._needed, self.why_not = {*self._route.up, *self._route.down}, ''
@@ -193,8 +127,7 @@ class TransformPose:
             self._route, self._needed, self.why_not = None, set(), str(error)
 
     def _forget(self) -> None:
-        self._moving, self._direct = {}, True
-        self._last = NEVER_NS
+        self._moving, self._last = {}, NEVER_NS
 
     def _newest(self) -> StampedPose | None:
         found = self._route
@@ -211,7 +144,8 @@ class TransformPose:
         if sensor is None or base is None:
             return None
         self._last = stamp
-        return StampedPose(stamp, _seen_from(base, sensor))
+        place = combine(invert(base), sensor)
+        return StampedPose(stamp, (*place.position, *place.q))
 
     def _along(self, chain: tuple[str, ...], stamp: int) -> Placement | None:
         """Return where the first frame of a chain is in the parent of the last."""
@@ -222,49 +156,6 @@ class TransformPose:
                 return None
             place = combine(link, place)
         return place
-
-
-def _seen_from(base: Placement, sensor: Placement) -> Vector7:
-    """Return the pose of the sensor in the base, both of which are known in a third frame."""
-    place = combine(invert(base), sensor)
-    return (*place.position, *place.q)
-
-
-def _pose_of(plan: Plan, values: tuple[Any, ...]) -> StampedPose | None:
-    """Return the pose that a message holds; None: stamps differ, or a quaternion is no unit."""
-    sec, nanosec = values[plan.first:plan.first + 2]
-    sensor = _chained(plan.up, values, sec, nanosec)
-    if sensor is None:
-        return None
-    stamp = sec * 1_000_000_000 + nanosec
-    if not plan.down:
-        return StampedPose(stamp, (*sensor.position, *sensor.q))
-    base = _chained(plan.down, values, sec, nanosec)
-    return None if base is None else StampedPose(stamp, _seen_from(base, sensor))
-
-
-def _chained(chain: Chain, values: tuple[Any, ...], sec: int, nanosec: int) -> Placement | None:
-    """
-    Return where the first frame of a chain is in the parent of the last.
-
-    Rotation and product are written out: their calls would be the half of what this costs.
-    """
-    x = y = z = qx = qy = qz = 0.0
-    qw = 1.0
-    for k, fixed in chain:
-        if k < 0:
-            (px, py, pz), (a, b, c, d) = fixed
-        else:
-            s, n, _, _, _, _, px, py, pz, a, b, c, d = values[k:k + FIELDS]
-            if (s != sec or n != nanosec
-                    or not -1e-12 < a * a + b * b + c * c + d * d - 1.0 < 1e-12):
-                return None
-        u, v, w = 2 * (b * z - c * y), 2 * (c * x - a * z), 2 * (a * y - b * x)
-        x, y, z = (px + x + d * u + b * w - c * v, py + y + d * v + c * u - a * w,
-                   pz + z + d * w + a * v - b * u)
-        qx, qy, qz, qw = (d * qx + qw * a + b * qz - c * qy, d * qy + qw * b + c * qx - a * qz,
-                          d * qz + qw * c + a * qy - b * qx, d * qw - a * qx - b * qy - c * qz)
-    return Placement((x, y, z), (qx, qy, qz, qw)) if isfinite(x + y + z) else None
 
 
 def _placement(numbers: tuple[float, ...]) -> Placement | None:

@@ -73,21 +73,22 @@ class ObserverSettings(Section, name='observer'):
 
     filter: Annotated[str | None, Row('None: as the calibration states', words=FILTERS)] = None
     bandwidth_hz: Annotated[float | None, Row(
-        'Corner of the contact wrench in filter kalman; None: by the next three and the noise, '
-        'see observe.bandwidth', 'Hz', above=0.0)] = None
+        'Bandwidth of the contact wrench in mode kalman; 0: follows from the noise and the three '
+        'below', 'Hz', above=0.0, high=1000.0)] = None
     contact_walk: Annotated[float | None, Row(
-        'How fast a contact force is expected to wander, as a random walk; None, as for the two '
-        'below: as the calibration states, or CONTACT_WALK', 'N/sqrt(s)', above=0.0)] = None
+        'How fast a contact force is expected to wander; 0, as for the two below: as the '
+        f'calibration states, or {CONTACT_WALK:g} N/sqrt(s), {BANDWIDTH_LIMITS[0]:g} and '
+        f'{BANDWIDTH_LIMITS[1]:g} Hz', 'N/sqrt(s)', above=0.0, high=1e4)] = None
     bandwidth_min_hz: Annotated[float | None, Row(
-        'Slowest corner that may follow from walk and noise', 'Hz', above=0.0)] = None
+        'Slowest bandwidth that may follow', 'Hz', above=0.0, high=1000.0)] = None
     bandwidth_max_hz: Annotated[float | None, Row(
-        'Fastest corner that may follow', 'Hz', above=0.0)] = None
+        'Fastest bandwidth that may follow', 'Hz', above=0.0, high=1000.0)] = None
     adaptive: Annotated[bool, Row(
-        'Whether filter kalman becomes slower where innovations say that the wrench is noisier '
-        'than calibrated, down to bandwidth_min_hz')] = True
+        'Whether mode kalman becomes slower, down to bandwidth_min, where the wrench is noisier '
+        'than calibrated')] = True
     offset: Annotated[str, Row(
-        'Whether the accelerometer offset is a state; on: an error where the streams do not make '
-        'it detectable; auto: where they do', words=OFFSETS)] = 'auto'
+        'Whether the accelerometer offset is tracked; auto: where poses hold positions',
+        words=OFFSETS)] = 'auto'
     offset_walk: Annotated[float, Row(
         'Wander of that offset', 'm/s^2/sqrt(s)', above=0.0)] = 5e-4
     position: Annotated[bool, Row(
@@ -96,13 +97,13 @@ class ObserverSettings(Section, name='observer'):
     pose_rotation_std: Annotated[float, Row('Trust in one pose', 'rad', above=0.0)] = 2e-5
     pose_rate: Annotated[float, Row('Rate the two belong to', 'Hz', above=0.0)] = 250.0
     accelerometer_timeout: Annotated[float, Row(
-        'Pause after which accelerometer and displacement count as missing', 's', above=0.0)
+        'Pause after which accelerometer and displacement count as missing', 's', 0.002, 1.0)
         ] = 0.025
     pose_timeout: Annotated[float, Row(
-        'Pause after which the pose counts as missing', 's', above=0.0)] = 0.1
+        'Pause after which the pose counts as missing', 's', 0.005, 10.0)] = 0.1
     skew: Annotated[float, Row(
-        'Greatest difference of transport times between topics that is still waited for', 's',
-        above=0.0)] = 0.05
+        'Greatest difference of transport times between topics that the observer waits for', 's',
+        0.001, 1.0)] = 0.05
     wrench_limit: Annotated[tuple[float, ...] | None, Row(
         "Ends of the force sensor's range", 'N, N m', shape=(6,), finite=False)] = None
     accelerometer_limit: Annotated[float | None, Row(

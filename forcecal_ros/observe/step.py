@@ -44,10 +44,6 @@ from forcecal_ros.observe.design import Model
 from forcecal_ros.observe.motion import MotionEstimate, next_sample, NOTHING_BEFORE, take_pose
 from forcecal_ros.observe.sample import ContactSample, MAX_READING, Wrench
 
-MIN_CLOCK_JUMP_S = 1.0
-"""Stamps that go back by more than this, twice, are a new clock; one is a bad stamp. Longer than
-any message is late, shorter than any clock is set back [s]."""
-
 
 class Refusals(NamedTuple):
     """
@@ -102,8 +98,11 @@ Result = tuple[State, tuple[ContactSample, ...]]
 
 def _refuse(state: State, which: int, t: float, last: float) -> bool:
     """Count a message that is not used; the second that agrees on an earlier clock starts anew."""
+    # stamps that go back by more than this, twice, are a new clock; one is a bad stamp. Longer
+    # than any message is late, shorter than any clock is set back [s]
+    min_clock_jump = 1.0
     counts, stamps = list(state.refusals.counts), list(state.refusals.stamps)
-    again = t < last - MIN_CLOCK_JUMP_S and 0 < t - stamps[which] < MIN_CLOCK_JUMP_S
+    again = t < last - min_clock_jump and 0 < t - stamps[which] < min_clock_jump
     counts[which] += not again
     stamps[which] = t
     state.refusals = Refusals(tuple(counts), tuple(stamps))

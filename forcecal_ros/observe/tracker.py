@@ -23,23 +23,6 @@ from forcecal_ros.observe.sample import ContactSample
 from forcecal_ros.observe.step import State
 import numpy as np
 
-MAX_SILENCE_S = 1.0
-"""Readings that show nothing of the tool for so long leave it unwatched: a payload is to be
-noticed in that time [s]."""
-
-ANNOUNCE_PERIOD_S = 1.0
-"""A tool that is still being learned is announced again after this: twice the time in which
-another is faded in [s]."""
-
-BLOCK_S = 0.05
-"""Of a block: vibrations average out over it, and a payload is noticed after eight [s]."""
-
-MAX_BLOCK_S = 0.5
-"""A block that spans more has a gap, and is left out: a tool may turn far in it [s]."""
-
-MIN_BLOCK_SAMPLES = 4
-"""Samples that a scatter is taken from; slower sensors have longer blocks."""
-
 UNUSABLE = st.INVALID | st.NO_POSE | st.SATURATED
 """Status of a sample that shows nothing about the tool."""
 
@@ -94,11 +77,13 @@ class Tracker:
         Return the tool where it is known, and is another than this has returned last.
 
         Another is one whose weight differs by more than the errors of a weight are anyway, or
-        one after a change; not more often than once in ``ANNOUNCE_PERIOD_S``.
+        one after a change; not more often than once a second.
         """
         now, model = self.estimate, self.model
         since = now.t - self.announced.t
-        if now.state != TRACKING or 0 <= since < ANNOUNCE_PERIOD_S:
+        # announce period: a tool that is still being learned is announced again after this: twice
+        # the time in which another is faded in [s]
+        if now.state != TRACKING or 0 <= since < 1.0:
             return None
         more = now.mass - self.announced.mass
         moment = now.mass * now.com - self.announced.mass * self.announced.com
@@ -111,7 +96,9 @@ class Tracker:
     @property
     def estimate(self) -> ToolEstimate:
         """What hangs on the sensor by now; frozen where readings have ceased to tell."""
-        if not self._newest - self._state.t <= MAX_SILENCE_S:
+        # max silence: readings that show nothing of the tool for so long leave it unwatched: a
+        # payload is to be noticed in that time [s]
+        if not self._newest - self._state.t <= 1.0:
             return self.latest._replace(state=FROZEN)
         return self.latest
 
@@ -153,14 +140,17 @@ def row_of(sample: ContactSample, motion: MotionEstimate, s: float, model: Model
 
 def is_full(rows: Sequence[tuple[float, ...]]) -> bool:
     """Whether rows make a block."""
-    return len(rows) >= MIN_BLOCK_SAMPLES and rows[-1][0] - rows[0][0] >= BLOCK_S
+    # block: of a block: vibrations average out over it, and a payload is noticed after eight [s]
+    # min block samples: samples that a scatter is taken from; slower sensors have longer blocks
+    return len(rows) >= 4 and rows[-1][0] - rows[0][0] >= 0.05
 
 
 def block_of(rows: Sequence[tuple[float, ...]]) -> Block | None:
     """Average rows; None where there is a gap among them."""
     table = np.array(rows)
     duration = float(table[-1, 0] - table[0, 0])
-    if duration > MAX_BLOCK_S:
+    # max block: a block that spans more has a gap, and is left out: a tool may turn far in it [s]
+    if duration > 0.5:
         return None
     means = table.mean(axis=0)
     return Block(float(table[-1, 0]), duration, means[1:7], table[:, 20:].var(axis=0) / len(rows),

@@ -9,8 +9,8 @@ from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.quantity import quantity, rounded, size, sizes
 from forcecal_ros.core.streams import FREE, Recording, STILL, Stream
 from forcecal_ros.report import figures
+from forcecal_ros.report.figures import Line, Panel, Shown
 from forcecal_ros.report.page import Fact, origin, Picture, picture, render_page, Step
-from forcecal_ros.report.panels import Line, Panel, Shown
 from forcecal_ros.report.rows import (
     HALF,
     handy,
@@ -192,10 +192,6 @@ def _pictures(recording: Recording, calibration: Calibration, contact: Stream | 
             yield picture(title, words, figure, dpi=130)
 
 
-MIN_CHANCE = 0.01
-"""Probability of a chi-square below which its fit is called a poor one, as warnings do."""
-
-
 def in_words(quality: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """
     Yield each figure as a title and a sentence.
@@ -245,7 +241,9 @@ def _fit(chi_square: Mapping[str, Any]) -> str:
     p = float(chi_square['probability'])
     if not np.isfinite(p):
         return 'Not tested: the recording does not tell how noisy a reading is at rest.'
-    fits = 'do not fit one rigid tool' if p < MIN_CHANCE else 'fit one rigid tool'
+    # min chance: probability of a chi-square below which its fit is called a poor one, as
+    # warnings do
+    fits = 'do not fit one rigid tool' if p < 0.01 else 'fit one rigid tool'
     return (f'They {fits}: chi-square {rounded(float(chi_square["value"]))} for '
             f'{chi_square["degrees"]:g} degrees of freedom (probability {rounded(p, 2)}).')
 

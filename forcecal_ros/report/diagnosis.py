@@ -16,8 +16,8 @@ from forcecal_ros.diagnose.localise import BANDS, BLOCK_RATE, time_frequency_bin
 from forcecal_ros.diagnose.result import Diagnosis
 from forcecal_ros.diagnose.verdict import FIRST, FURTHER, percent
 from forcecal_ros.report.effect_words import phrase, sentence, VERDICTS, WORDS
+from forcecal_ros.report.figures import COLOURS, joined, Line, Panel, Shown
 from forcecal_ros.report.page import docs_page, Fact, Picture, picture, render_page, Step
-from forcecal_ros.report.panels import COLOURS, joined, Line, Panel, Shown
 from forcecal_ros.report.rows import HALF
 from forcecal_ros.sim.signals import JOINTS, Signals
 from matplotlib.axes import Axes
@@ -32,10 +32,6 @@ SEEN = 4.0
 
 FAINT = 0.05
 """Excess, in noise RMS, below which a bin is not worth looking at however sure it is."""
-
-LOOKED_AT = 2.0
-"""What is shown at most of a phase that is twice as long [s]: some 500 block means."""
-
 
 _INDEX = {c.name: i for i, c in enumerate(CHANNELS)}
 
@@ -88,9 +84,11 @@ class View:
     def span(self) -> Phase | None:
         """Return when the misfit of the focus is largest: a phase, or the worst part of it."""
         place = self.focus()
+        # looked at: what is shown at most of a phase that is twice as long [s]: some 500 block
+        # means
         return None if place is None else self._worst(place.channel, [
             part for phase in joined(self.phases) if phase.name == place.phase
-            for part in _parts(phase, LOOKED_AT)])
+            for part in _parts(phase, 2.0)])
 
     def closer(self) -> Phase | None:
         """Return the worst part of that span, so short that single periods show; None: all."""
@@ -199,12 +197,6 @@ AS_WELL = 'explains it about as well'
 
 COMPLETE = (SHARE, AS_WELL, 'explains the recording down to its noise')
 """A verdict that ends so adds nothing to its first sentence on the page."""
-
-FEW = 6
-"""Effects that one line of the first screen lists, and how many more there are."""
-
-ROUNDED = 0.02
-"""What rounding adds to probabilities of which one alone is true."""
 
 _CHANNELS = {c.name for c in CHANNELS}
 
@@ -405,13 +397,16 @@ def _how_sure(d: Diagnosis) -> str:
         return ''
     named = {e.name for e in d.effects}
     text = ', '.join(f'{percent(p)} {_called(name, named)}' for name, p in d.candidates)
-    together = sum(p for _, p in d.candidates) > 1.0 + ROUNDED
+    # rounded: what rounding adds to probabilities of which one alone is true
+    together = sum(p for _, p in d.candidates) > 1.0 + 0.02
     return f'{text}{"; several may act at once" if together else ""}.'
 
 
 def _few(names: Sequence[str]) -> str:
-    more = len(names) - FEW
-    return ', '.join((*names[:FEW], *((f'and {more} more',) if more > 0 else ())))
+    # effects that one line of the first screen lists, and how many more there are
+    few = 6
+    more = len(names) - few
+    return ', '.join((*names[:few], *((f'and {more} more',) if more > 0 else ())))
 
 
 def _called(name: str, named: Collection[str]) -> str:

@@ -1,6 +1,4 @@
-"""What each effect means, in words: a phrase for its name, and a sentence for its numbers."""
-
-from typing import NamedTuple
+"""What each effect means, in words."""
 
 from forcecal_ros.core.quantity import quantity
 from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, NamedEffect, Parameter
@@ -8,105 +6,41 @@ from forcecal_ros.diagnose.model.gates import kind_of
 from forcecal_ros.effects.library import EFFECTS, Quantity
 from forcecal_ros.report.rows import HALF
 
-ALL = '{all}'
-"""Represents every number of an effect that is beyond chance, with its name."""
-
-BEYOND = 2.0
-"""Standard errors from which a number is one of those: 95 % of chance stays below."""
-
-
-class Words(NamedTuple):
-    """
-    How one speaks of an effect.
-
-    Attributes
-    ----------
-    phrase : str
-        What it is, without numbers.
-    sentence : str
-        With the names of its parameters in braces, or :data:`ALL`.
-    """
-
-    phrase: str
-    sentence: str
-
-
 WORDS = {
-    'wrench_delay': Words('force and torque come late',
-                          'The measured wrench lags the simulated one by {delay}'),
-    'wrench_lowpass': Words(
-        'force and torque are smoothed by a filter',
-        'The wrench is smoothed by a filter with a time constant of {time_constant}'),
-    'wrench_bias_drift': Words(
-        'the bias of force and torque drifts', 'The bias of the wrench drifts: {all}'),
-    'wrench_bias_step': Words(
-        'the bias of force and torque steps', 'The bias of the wrench steps: {all}'),
-    'wrench_gain': Words(
-        'force or torque reads too much or too little',
-        'The wrench reads too much (+) or too little (-): {all}'),
-    'wrench_crosstalk': Words(
-        'one channel of the wrench shows part of another',
-        'A channel of the wrench shows part of another: {all}'),
-    'wrench_hysteresis': Words(
-        'the reading depends on where the force came from',
-        'The wrench lags behind where the force came from: {all}'),
-    'wrench_saturation': Words(
-        'the range of the force sensor ends', 'The range of the wrench sensor ends: {all}'),
-    'wrench_quantisation': Words(
-        'force and torque come in coarse steps', 'The wrench comes in coarse steps: {all}'),
-    'accel_delay': Words(
-        'the accelerometer comes late',
-        'The measured acceleration lags the simulated one by {delay}'),
-    'accel_gain': Words(
-        'the accelerometer reads too much or too little',
-        'The accelerometer reads too much (+) or too little (-): {all}'),
-    'accel_bias': Words(
-        'the bias of the accelerometer is off', 'The bias of the accelerometer is off: {all}'),
-    'accel_misalignment': Words(
-        'the accelerometer is turned on its mount',
-        'The accelerometer is turned on its mount: {all}'),
-    'accel_highpass': Words(
-        'the accelerometer loses what stays constant, gravity first',
-        'The accelerometer loses what stays constant at a rate of {rate}'),
-    'accel_saturation': Words(
-        'the range of the accelerometer ends', 'The range of the accelerometer ends: {all}'),
-    'accel_resonance': Words(
-        'the accelerometer rings on something soft',
-        'The accelerometer rings on something soft at {frequency}'),
-    'tool_mass': Words(
-        'the tool is heavier or lighter', 'The mass of the tool is off by {change}'),
-    'tool_com': Words(
-        'the centre of mass is elsewhere', 'The centre of mass of the tool is elsewhere: {all}'),
-    'tool_stiffness': Words(
-        'the spring of the tool is stiffer or softer',
-        'The stiffness of the tool is off by {change}'),
-    'tool_damping': Words(
-        'the tool damps more or less', 'The damping of the tool is off by {change}'),
-    'tool_stiffening': Words(
-        'the spring of the tool gets harder the further it bends',
-        'The spring of the tool gets harder with its bending: cubic term {cubic}'),
-    'tool_friction': Words(
-        'the tool slides with dry friction', 'The tool slides with {force} of dry friction'),
-    'tool_backlash': Words('the tool has backlash', 'The tool has {gap} of backlash'),
-    'cable_force': Words(
-        'a cable or hose pulls at the tool', 'A cable or hose pulls at the tool: {all}'),
-    'spindle_vibration': Words(
-        'an unbalance shakes the tool', 'The tool is shaken at {frequency}'),
-    'robot_delay': Words('the robot moves late', 'The robot lags the simulated one by {delay}'),
-    'robot_resonance': Words('the arm rings', 'The arm rings at {frequency}'),
-    'base_tilt': Words('the base is not level', 'The base is not level: {all}'),
-    'contact_stiffness': Words(
-        'what is touched is harder or softer',
-        'The stiffness of what is touched is off by {change}'),
-    'contact_damping': Words(
-        'what is touched damps more or less', 'The damping of what is touched is off by {change}'),
-    'wall_position': Words(
-        'what is touched stands elsewhere', 'What is touched stands {shift} from where it should'),
-    'clock_skew': Words(
-        'the clock of a stream runs fast or slow', 'The stamps of a stream run fast (+): {all}'),
-    'dropouts': Words('messages get lost', 'Messages get lost: {all}'),
-    'unknown': Words('something that is none of the known effects',
-                     'It is none of the known effects'),
+    'wrench_delay': 'force and torque come late',
+    'wrench_lowpass': 'force and torque are smoothed by a filter',
+    'wrench_bias_drift': 'the bias of force and torque drifts',
+    'wrench_bias_step': 'the bias of force and torque steps',
+    'wrench_gain': 'force or torque reads too much or too little',
+    'wrench_crosstalk': 'one channel of the wrench shows part of another',
+    'wrench_hysteresis': 'the reading depends on where the force came from',
+    'wrench_saturation': 'the range of the force sensor ends',
+    'wrench_quantisation': 'force and torque come in coarse steps',
+    'accel_delay': 'the accelerometer comes late',
+    'accel_gain': 'the accelerometer reads too much or too little',
+    'accel_bias': 'the bias of the accelerometer is off',
+    'accel_misalignment': 'the accelerometer is turned on its mount',
+    'accel_highpass': 'the accelerometer loses what stays constant, gravity first',
+    'accel_saturation': 'the range of the accelerometer ends',
+    'accel_resonance': 'the accelerometer rings on something soft',
+    'tool_mass': 'the tool is heavier or lighter',
+    'tool_com': 'the centre of mass is elsewhere',
+    'tool_stiffness': 'the spring of the tool is stiffer or softer',
+    'tool_damping': 'the tool damps more or less',
+    'tool_stiffening': 'the spring of the tool gets harder the further it bends',
+    'tool_friction': 'the tool slides with dry friction',
+    'tool_backlash': 'the tool has backlash',
+    'cable_force': 'a cable or hose pulls at the tool',
+    'spindle_vibration': 'an unbalance shakes the tool',
+    'robot_delay': 'the robot moves late',
+    'robot_resonance': 'the arm rings',
+    'base_tilt': 'the base is not level',
+    'contact_stiffness': 'what is touched is harder or softer',
+    'contact_damping': 'what is touched damps more or less',
+    'wall_position': 'what is touched stands elsewhere',
+    'clock_skew': 'the clock of a stream runs fast or slow',
+    'dropouts': 'messages get lost',
+    'unknown': 'something that is none of the known effects',
 }
 """By name of the effect; all others are parameters of a third-party simulator."""
 
@@ -126,28 +60,26 @@ VERDICTS = {
 
 def phrase(name: str) -> str:
     """Say what an effect is, without numbers."""
-    known = WORDS.get(kind_of(name))
-    return known.phrase if known else f'{name} is not what the simulator has'
+    return WORDS.get(kind_of(name), f'{name} is not what the simulator has')
 
 
 def sentence(effect: NamedEffect) -> str:
     """Say what was found and how large it is, without the full stop."""
-    known = WORDS.get(kind_of(effect.name))
-    if known is None:  # a parameter of a third-party simulator
+    if kind_of(effect.name) not in WORDS:  # a parameter of a third-party simulator
         return f'{effect.name} should be {sizes(effect).removeprefix("value ")}'
-    text = known.sentence
-    for name, p in effect.parameters.items():
-        text = text.replace(f'{{{name}}}', number(effect.name, name, p))
-    return text.replace(ALL, sizes(effect))
+    text = phrase(effect.name)
+    return ': '.join(filter(None, (text[0].upper() + text[1:], sizes(effect))))
 
 
 def sizes(effect: NamedEffect) -> str:
-    """List the numbers of an effect that are beyond chance, or all where none is."""
+    """List the numbers of an effect that are beyond chance, or all if none is, and a frequency."""
     real = {k: p for k, p in effect.parameters.items() if not _shapes(effect.name, k)}
+    # beyond: standard errors from which a number is one of those: 95 % of chance stays below
     sure = {k: p for k, p in real.items()
-            if p.at_bound or abs(p.value - _nominal(effect.name, k)) > BEYOND * p.std}
-    return ', '.join(f'{_called(k)} {number(effect.name, k, p)}' for k, p in
-                     (sure or real or effect.parameters).items())
+            if p.at_bound or abs(p.value - _nominal(effect.name, k)) > 2.0 * p.std}
+    shown = {**(sure or real or effect.parameters),
+             **{k: p for k, p in effect.parameters.items() if k == 'frequency'}}
+    return ', '.join(f'{_called(k)} {number(effect.name, k, p)}' for k, p in shown.items())
 
 
 def number(effect: str, name: str, p: Parameter) -> str:

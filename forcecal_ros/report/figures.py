@@ -1,16 +1,239 @@
 """The pictures of a calibration report, each a function of a recording and its calibration."""
 
-from typing import Any
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream
+from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream, TOUCHING
 from forcecal_ros.observe.design import noise_of_force, rise_time
 from forcecal_ros.observe.settings import BANDWIDTH_LIMITS
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 from scipy import signal
+
+COLOURS = {'measured': '#222222', 'simulated': '#D55E00', 'explained': '#0072B2',
+           'other': '#777777'}
+"""Of a line, by its role, on white; the page has others for dark screens."""
+
+TINTS = {'exciting': '#0072B2', 'touching': '#E69F00', 'moving': '#777777'}
+"""Of a phase, by its kind; at standstill there is none."""
+
+EXCITING, STANDING = ('step', 'sweep', 'reverse'), ('measure', 'settle', 'idle', 'done')
+
+WIDER = {'measured': 2.4, 'other': 2.4}
+"""How much wider than others a line is, so that it shows beside what covers it."""
+
+MOST_POINTS = 2400
+"""Most points of a line: more than two for each dot across a page."""
+
+LABELLED = 0.05
+"""Share of the time shown from which a phase has room for its name."""
+
+
+class Line(NamedTuple):
+    """One line: what it is called, its role, times [s] and values."""
+
+    name: str
+    role: str
+    t: Array
+    values: Array
+    hidden: bool = False
+
+
+class Panel(NamedTuple):
+    """Lines over each other."""
+
+    title: str
+    unit: str
+    lines: tuple[Line, ...]
+
+
+class Shown(NamedTuple):
+    """
+    What is shown over one time axis.
+
+    Attributes
+    ----------
+    panels : tuple of Panel
+    phases : tuple of Phase
+    start, end : float
+        Of what is there [s].
+    instants : tuple of float
+        That are marked [s].
+    closer : tuple of (float, float)
+        Begin and end of what is seen before anybody zooms out [s]; by default all of it.
+    """
+
+    panels: tuple[Panel, ...]
+    phases: tuple[Phase, ...]
+    start: float
+    end: float
+    instants: tuple[float, ...] = ()
+    closer: tuple[float, float] | None = None
+
+    @property
+    def visible(self) -> tuple[float, float]:
+        """Begin and end of what is seen first [s]."""
+        return self.closer or (self.start, self.end)
+
+
+def joined(phases: Iterable[Phase]) -> tuple[Phase, ...]:
+    """Join phases of one name that follow each other: a sweep is a hundred moves."""
+    out: list[Phase] = []
+    for phase in phases:
+        if out and out[-1].name == phase.name and phase.start - out[-1].end < 1e-6:
+            out[-1] = replace(out[-1], end=phase.end)
+        else:
+            out.append(phase)
+    return tuple(out)
+
+
+def kind(phase: str) -> str:
+    """Say which tint a phase has; empty: none."""
+    if phase in STANDING:
+        return ''
+    return 'exciting' if phase in EXCITING else 'touching' if phase in TOUCHING else 'moving'
+
+
+def between(line: Line, start: float, end: float) -> Line:
+    """Cut a line to a time, thinned so that no peak is lost."""
+    i, j = np.searchsorted(line.t, [start, end])
+    t, values = thinned(line.t[i:j], line.values[i:j])
+    return line._replace(t=t, values=values)
+
+
+def thinned(t: Array, values: Array) -> tuple[Array, Array]:
+    """Keep the smallest and the largest value of each of ``most / 2`` stretches."""
+    width = -(-2 * len(t) // MOST_POINTS)
+    if width <= 2:
+        return t, values
+    n = len(t) - len(t) % width
+    stretches = values[:n].reshape(-1, width)
+    first = np.arange(0, n, width)
+    lowest = np.where(np.isnan(stretches), np.inf, stretches).argmin(axis=1)
+    highest = np.where(np.isnan(stretches), -np.inf, stretches).argmax(axis=1)
+    index = np.unique([*(first + lowest), *(first + highest), *range(n, len(t))])
+    return t[index], values[index]
+
+
+def drawn(shown: Shown) -> Figure:
+    """Draw a picture; the legend stands above the panels."""
+    n = len(shown.panels)
+    shown = shown._replace(start=shown.visible[0], end=shown.visible[1])
+    figure = Figure(figsize=(9.0, 0.7 + 1.9 * n), layout='constrained')
+    rows = list(np.atleast_1d(figure.subplots(n, 1, sharex=True)))
+    for axes, panel in zip(rows, shown.panels):
+        for line in panel.lines:
+            if not line.hidden:
+                cut = between(line, shown.start, shown.end)
+                axes.plot(cut.t, cut.values, color=COLOURS[line.role],
+                          linewidth=0.9 * WIDER.get(line.role, 1.0),
+                          label=line.name)
+        axes.set_ylabel(f'{panel.title} [{panel.unit}]')
+        axes.spines[['top', 'right']].set_visible(False)
+        axes.margins(x=0)
+        _shade(axes, shown, axes is rows[0])
+    rows[-1].set_xlabel('time [s]')
+    rows[0].set_xlim(shown.start, shown.end)
+    handles, labels = rows[0].get_legend_handles_labels()
+    if len(labels) > 1:
+        figure.legend(handles, labels, loc='outside upper left', ncols=4, frameon=False,
+                      fontsize=9)
+    return figure
+
+
+def _shade(axes: Axes, shown: Shown, named: bool) -> None:
+    for phase, start, end in _visible(shown):
+        if kind(phase):
+            axes.axvspan(start, end, color=TINTS[kind(phase)], alpha=0.13, linewidth=0)
+        if named and end - start > LABELLED * (shown.end - shown.start):
+            axes.text(0.5 * (start + end), 1.0, phase, transform=axes.get_xaxis_transform(),
+                      ha='center', va='bottom', fontsize=7, color='#555555')
+    for at in shown.instants:
+        axes.axvline(at, color='#CC0000', linewidth=1, linestyle='--')
+
+
+def _visible(shown: Shown) -> Iterator[tuple[str, float, float]]:
+    for phase in joined(shown.phases):
+        start, end = max(phase.start, shown.start), min(phase.end, shown.end)
+        if end > start:
+            yield phase.name, start, end
+
+
+def live(shown: Shown) -> dict[str, Any]:
+    """
+    Return the same as a plot of plotly.js: zoom, hover, and lines that a click takes away.
+
+    Returns
+    -------
+    dict
+        ``data`` and ``layout`` as JSON can hold them; colours are variables of the page's style.
+    """
+    n = len(shown.panels)
+    height = (1.0 - 0.06 * (n - 1)) / n
+    layout: dict[str, Any] = {
+        'height': 90 + 190 * n, 'margin': {'l': 56, 'r': 8, 't': 44, 'b': 40},
+        'autosize': True, 'hovermode': 'x unified', 'dragmode': 'zoom', 'uirevision': 'kept',
+        'paper_bgcolor': 'rgba(0,0,0,0)', 'plot_bgcolor': 'rgba(0,0,0,0)',
+        'font': {'color': 'var(ink)', 'size': 12},
+        'modebar': {'bgcolor': 'rgba(0,0,0,0)', 'color': 'var(quiet)',
+                    'activecolor': 'var(ink)'},
+        'hoverlabel': {'bgcolor': 'var(paper)', 'font': {'color': 'var(ink)'}},
+        'legend': {'orientation': 'h', 'x': 0, 'y': 1.02 + 0.1 / n, 'yanchor': 'bottom'},
+        'xaxis': {'title': {'text': 'time [s]'}, 'range': [*shown.visible],
+                  'anchor': f'y{n if n > 1 else ""}', **_axis()},
+        'shapes': list(_shapes(shown)), 'annotations': list(_labels(shown))}
+    data = []
+    for i, panel in enumerate(shown.panels):
+        suffix = '' if i == 0 else str(i + 1)
+        top = 1.0 - i * (height + 0.06)
+        layout[f'yaxis{suffix}'] = {
+            'title': {'text': f'{panel.title} [{panel.unit}]'}, **_axis(),
+            'domain': [max(0.0, top - height), top]}
+        data += [_trace(line, panel, shown, suffix, i == 0) for line in panel.lines]
+    return {'data': data, 'layout': layout}
+
+
+def _axis() -> dict[str, Any]:
+    return {'gridcolor': 'var(line)', 'zerolinecolor': 'var(line)', 'automargin': True}
+
+
+def _trace(line: Line, panel: Panel, shown: Shown, suffix: str, first: bool) -> dict[str, Any]:
+    cut = between(line, shown.start, shown.end)
+    return {
+        'type': 'scatter', 'mode': 'lines', 'name': line.name, 'legendgroup': line.name,
+        'showlegend': first, 'yaxis': f'y{suffix}', 'xaxis': 'x',
+        'visible': 'legendonly' if line.hidden else True,
+        'line': {'color': f'var({line.role})', 'width': 1.2 * WIDER.get(line.role, 1.0)},
+        'hovertemplate': f'%{{y:.4g}} {panel.unit}',
+        'x': [round(float(x), 4) for x in cut.t],
+        'y': [float(f'{y:.5g}') if np.isfinite(y) else None for y in cut.values]}
+
+
+def _shapes(shown: Shown) -> Iterator[dict[str, Any]]:
+    for phase, start, end in _visible(shown):
+        if kind(phase):
+            yield {'type': 'rect', 'xref': 'x', 'yref': 'paper', 'x0': start, 'x1': end, 'y0': 0,
+                   'y1': 1, 'fillcolor': f'var({kind(phase)})', 'opacity': 0.16,
+                   'line': {'width': 0}, 'layer': 'below'}
+    for at in shown.instants:
+        yield {'type': 'line', 'xref': 'x', 'yref': 'paper', 'x0': at, 'x1': at, 'y0': 0,
+               'y1': 1, 'line': {'color': 'var(bad)', 'width': 1.5, 'dash': 'dash'}}
+
+
+def _labels(shown: Shown) -> Iterator[dict[str, Any]]:
+    first, last = shown.visible
+    for phase, start, end in _visible(shown._replace(start=first, end=last)):
+        share = (end - start) / (last - first)
+        if share > LABELLED:
+            yield {'name': phase if share > 0.2 else '', 'text': phase,
+                   'x': 0.5 * (start + end), 'xref': 'x', 'y': 1, 'yref': 'paper',
+                   'showarrow': False, 'yanchor': 'bottom',
+                   'font': {'size': 10, 'color': 'var(quiet)'}}
+
 
 MEASURED, ESTIMATED, TRUE = '#0072B2', '#D55E00', '#555555'
 

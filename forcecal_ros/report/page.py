@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from forcecal_ros import __version__
 from forcecal_ros.core.streams import Recording
-from forcecal_ros.report.panels import drawn, live, Shown
+from forcecal_ros.report.figures import drawn, live, Shown
 import jinja2
 from matplotlib.figure import Figure
 

@@ -32,12 +32,6 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares, OptimizeResult
 from scipy.signal import lfilter
 
-SETTLING = 0.5
-"""Start of a recording whose errors do not count, since the robot may have moved before [s]."""
-
-SHORTEST = 10.0
-"""Commands and poses that a robot is fitted to, at least [s]: some ten of its slowest motions."""
-
 EVERY = 3
 """
 Second that is not fitted, where no recording is given to judge on: programs move one axis after
@@ -82,6 +76,8 @@ def followed(recording: Recording, period: float) -> Followed:
     DataError
         Commands and poses overlap for too short a time.
     """
+    # commands and poses that a robot is fitted to, at least [s]: some ten of its slowest motions
+    shortest = 10.0
     target, pose = recording.target, recording.pose
     assert target is not None
     assert pose is not None
@@ -90,13 +86,15 @@ def followed(recording: Recording, period: float) -> Followed:
     m = int((end - start) / period)
     starts: Array = start + period * np.arange(float(max(0, m)))
     seen = starts + period >= pose.t[0]
-    if seen.sum() * period < SHORTEST:
+    if seen.sum() * period < shortest:
         raise DataError(f'{recording.source}: commands (target_frame) and poses (current_pose) '
-                        f'overlap for {below(seen.sum() * period, SHORTEST, 2)} s, expected '
-                        f'{SHORTEST:g} s at least; record a longer motion')
+                        f'overlap for {below(seen.sum() * period, shortest, 2)} s, expected '
+                        f'{shortest:g} s at least; record a longer motion')
     held = held_commands(target.t, starts, period / 2.0)
     reached, R = pose_at(pose, np.clip(starts + period, pose.t[0], pose.t[-1]))
-    free = seen & (starts > max(start, float(pose.t[0])) + SETTLING)
+    # settling: start of a recording whose errors do not count, since the robot may have
+    # moved before [s]
+    free = seen & (starts > max(start, float(pose.t[0])) + 0.5)
     for begin, end in phase_spans(recording.phases, TOUCHING):
         free &= (starts + period < begin) | (starts >= end)
     late = np.floor(starts - start).astype(int) % EVERY == EVERY - 1
@@ -116,26 +114,14 @@ def fit_and_judge(recordings: Sequence[Recording], heldout: Recording | None, pe
             last._replace(used=np.zeros_like(last.used), held=last.used | last.held)]
 
 
-ORDERS = (1, 2, 3)
-"""Of the difference equation that are tried: a rig holds three."""
-
 MOST_DELAY = 0.25
 """From command to position, at most [s]; robots' controllers take 10 to 100 ms."""
-
-MOVED = 1e-3
-"""Stroke of the commands from which an axis counts as moved [m]: ten times a pose's noise."""
-
-PAUSE = 0.5
-"""Rest that is put between recordings, in which one's motion dies away [s]."""
 
 COARSE = 0.002
 """
 Longest integration step while fitting [s]; half of it, times 1800 rad/s, is stable: orientations
 of any bandwidth and damping that are tried. Positions are exact at any step.
 """
-
-SURE = 1.0
-"""Standard error of an axis's lag, in periods, up to which its delay is identified."""
 
 
 class AxisFit(NamedTuple):
@@ -171,15 +157,17 @@ def fit_translation(rig: Rig, followed: Sequence[Followed]) -> list[AxisFit]:
     DataError
         No axis moved, or the motion does not tell a lag.
     """
+    # stroke of the commands from which an axis counts as moved [m]: ten times a pose's noise
+    moved = 1e-3
     strokes = np.max([np.ptp(one.position[one.used], axis=0) for one in followed
                       if one.used.any()], axis=0)
-    if strokes.max() < MOVED:
+    if strokes.max() < moved:
         raise DataError(f'target_frame: the commands move by '
-                        f'{below(1e3 * strokes.max(), 1e3 * MOVED, 2)} mm, '
-                        f'expected {1e3 * MOVED:g} mm at least along one axis; record a motion')
+                        f'{below(1e3 * strokes.max(), 1e3 * moved, 2)} mm, '
+                        f'expected {1e3 * moved:g} mm at least along one axis; record a motion')
     smooth = [through_servo(rig, one) for one in followed]
     found = {axis: _fit_axis(rig, followed, smooth, axis)
-             for axis in range(3) if strokes[axis] >= MOVED}
+             for axis in range(3) if strokes[axis] >= moved}
     leading = found[max(found, key=lambda axis: float(strokes[axis]))]
     return [found.get(axis, leading._replace(order=0)) for axis in range(3)]
 
@@ -204,8 +192,11 @@ def at_ends(rig: Rig, one: Followed) -> Motion:
 
 def _fit_axis(rig: Rig, followed: Sequence[Followed], smooth: Sequence[Array], axis: int
               ) -> AxisFit:
+    # standard error of an axis's lag, in periods, up to which its delay is identified
+    sure = 1.0
     period = rig.robot.period
-    gap = np.zeros(round(PAUSE / period))
+    # pause: rest that is put between recordings, in which one's motion dies away [s]
+    gap = np.zeros(round(0.5 / period))
     command = np.concatenate([np.append(s[:, axis] - s[0, axis], gap) for s in smooth])
     position = np.concatenate([np.append(one.reached[:, axis] - one.reached[0, axis], gap)
                                for one in followed])
@@ -213,7 +204,8 @@ def _fit_axis(rig: Rig, followed: Sequence[Followed], smooth: Sequence[Array], a
                   for name in ('used', 'held'))
     most = _shift(command, position, used, round(MOST_DELAY / period))
     candidates = []
-    for order in ORDERS:
+    # orders: of the difference equation that are tried: a rig holds three
+    for order in (1, 2, 3):
         tried: dict[int, Candidate] = {}
         for delay in sorted({0, most // 3, 2 * most // 3, most}):
             _try(tried, order, delay, command, position, used, held)
@@ -225,12 +217,12 @@ def _fit_axis(rig: Rig, followed: Sequence[Followed], smooth: Sequence[Array], a
         candidates.append(min(tried.values(), key=lambda one: one.error))
     # not the smallest that is hardly worse: what it leaves would be in the forces, and what the
     # greater one does not know of itself is in its tolerance
-    known = [one for one in candidates if _lag(one.model)[1] < SURE]
+    known = [one for one in candidates if _lag(one.model)[1] < sure]
     if not known:
         surest = min(_lag(one.model)[1] for one in candidates)
         raise DataError(f'target_frame: the lag of axis {"xyz"[axis]} is not identifiable: it is '
-                        f'known to {above(surest, SURE, 2)} periods, expected less than '
-                        f'{SURE:g}; move it farther')
+                        f'known to {above(surest, sure, 2)} periods, expected less than '
+                        f'{sure:g}; move it farther')
     chosen = min(known, key=lambda one: one.error)
     lag, std = _lag(chosen.model)
     # a command is reached at the end of its period, without servo and equation
@@ -373,14 +365,8 @@ def _numerator(feedback: Array, command: Array, position: Array, delay: int, use
     return rest, np.asarray(target - free @ solution)
 
 
-TURNED = 0.01
-"""Turn of the commands from which orientation counts as moved [rad]: ten times a pose's noise."""
-
 LIMITS = ((2.0, 0.3), (300.0, 3.0))
 """Bandwidth [rad/s] and damping that are tried: the integration is right within them."""
-
-PATIENCE = 2
-"""Longer delays, each worse than the best, that end the search for it."""
 
 
 class RotationFit(NamedTuple):
@@ -413,7 +399,9 @@ def fit_rotation(rig: Rig, followed: Sequence[Followed], lag: float) -> Rotation
         Of the position, taken where nothing turned [s].
     """
     turn = max(float(np.linalg.norm(_away(one), axis=1).max()) for one in followed)
-    if turn < TURNED:
+    # turned: turn of the commands from which orientation counts as moved [rad]: ten times a
+    # pose's noise
+    if turn < 0.01:
         rest = max(lag - rig.robot.period, 2.0 * COARSE)
         servo = replace(rig.servo, orientation_bandwidth=2.0 / rest)
         return RotationFit(servo, False, lag)
@@ -433,7 +421,8 @@ def _best(rig: Rig, followed: Sequence[Followed], late: float) -> tuple[float, O
         found.append((k * period, _searched(rig, followed, k * period, start)))
         start = found[-1][1].x.tolist()
         costs = [float(one.cost) for _, one in found]
-        if len(costs) - 1 - int(np.argmin(costs)) >= PATIENCE:
+        # patience: longer delays, each worse than the best, that end the search for it
+        if len(costs) - 1 - int(np.argmin(costs)) >= 2:
             break
     return min(found, key=lambda one: float(one[1].cost))
 

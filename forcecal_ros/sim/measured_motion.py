@@ -23,23 +23,13 @@ from forcecal_ros.effects.nuisances import (
 )
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.effects.signals import INVERTIBLE
-from forcecal_ros.sim.low_pass import clear_band, MOST, slow
 from forcecal_ros.sim.rigid_tool import CABLE, CarriedTool, only, RigidTool, SMOOTH, UNKNOWN_DELAY
-from forcecal_ros.sim.signals import BLOCK, block_means, RATE, Signals
+from forcecal_ros.sim.signals import BLOCK, block_means, clear_band, MOST, RATE, Signals, slow
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter1d
 from scipy.spatial.transform import Rotation, RotationSpline, Slerp
-
-MAX_FRAME_ANGLE = 0.1
-"""Angle beyond which frames are others [rad]: no arm is always that far from its simulation."""
-
-MAX_LEAN = 0.05
-"""How far the axis of a turn of the base may lean for gravity to stay where it is [rad]."""
-
-COMPARED_SAMPLES = 500
-"""Instants at which two motions are compared."""
 
 
 def merge_poses(measured: PoseStream, simulated: PoseStream) -> PoseStream:
@@ -99,19 +89,24 @@ def express_in_base(measured: PoseStream, simulated: PoseStream) -> PoseStream:
         The sensor's frames are turned to each other, or a base is not upright.
     """
     start, end = (f(measured.t[i], simulated.t[i]) for f, i in ((max, 0), (min, -1)))
-    t = np.linspace(start, end, COMPARED_SAMPLES)
+    # compared samples: instants at which two motions are compared
+    t = np.linspace(start, end, 500)
     R, S = (Slerp(p.t, Rotation.from_matrix(np.array(p.R_base_sensor)))(t)
             for p in (measured, simulated))
     sensor, in_sensor = _mean_rotation(S.inv() * R)
     base, in_base = _mean_rotation(R * S.inv())
-    if min(sensor.magnitude(), base.magnitude()) < MAX_FRAME_ANGLE:
+    # max frame angle: angle beyond which frames are others [rad]: no arm is always that far from
+    # its simulation
+    if min(sensor.magnitude(), base.magnitude()) < 0.1:
         return simulated
     if in_sensor < in_base:
         raise DataError('the poses are of frames that are turned by '
                         f'{np.degrees(sensor.magnitude()):.0f} deg to each other in the robot and '
                         'in the simulator; record the pose of the frame of the wrench in both')
     axis = base.as_rotvec() / base.magnitude()
-    if np.hypot(axis[0], axis[1]) > MAX_LEAN:
+    # max lean: how far the axis of a turn of the base may lean for gravity to stay where it
+    # is [rad]
+    if np.hypot(axis[0], axis[1]) > 0.05:
         raise DataError(f'the bases are turned by {np.degrees(base.magnitude()):.0f} deg to each '
                         'other, and not about the vertical; gravity is along -Z of both')
     turn = base.as_matrix()
@@ -298,15 +293,6 @@ class RecordedSimulation(MeasuredMotion):
 CONTACT_FORCE_N = 1.0
 """From which a force beyond a rigid tool's is contact, at least [N]: six times a UR's noise."""
 
-CONTACT_SIGMA = 8.0
-"""And in the median deviation of what is beyond: a simulator's noise hardly ever shows that."""
-
-CONTACT_MARGIN_S = 0.2
-"""Left out before and after [s]: a robot 10 mm/s fast and 1 mm off touches 0.1 s earlier."""
-
-MAX_CONTACT_RATIO = 0.5
-"""Part of a recording that may be left out; what is more is no contact but another wrench."""
-
 
 def contact_blocks(beyond: Array) -> NDArray[np.bool_]:
     """
@@ -323,12 +309,18 @@ def contact_blocks(beyond: Array) -> NDArray[np.bool_]:
     """
     force = np.linalg.norm(beyond[:, :3] - np.median(beyond[:, :3], axis=0), axis=1)
     scatter = 1.4826 * float(np.median(np.abs(force - np.median(force))))
-    limit = max(CONTACT_FORCE_N, CONTACT_SIGMA * scatter)
+    # contact sigma: and in the median deviation of what is beyond: a simulator's noise hardly
+    # ever shows that
+    limit = max(CONTACT_FORCE_N, 8.0 * scatter)
     near = widen_blocks(force > limit)
-    return near if near.mean() <= MAX_CONTACT_RATIO else np.zeros(len(force), dtype=bool)
+    # max contact ratio: part of a recording that may be left out; what is more is no contact but
+    # another wrench
+    return near if near.mean() <= 0.5 else np.zeros(len(force), dtype=bool)
 
 
 def widen_blocks(blocks: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Add what is near some blocks."""
-    width = 2 * round(CONTACT_MARGIN_S / BLOCK) + 1
+    # contact margin: left out before and after [s]: a robot 10 mm/s fast and 1 mm off touches 0.1
+    # s earlier
+    width = 2 * round(0.2 / BLOCK) + 1
     return np.asarray(maximum_filter1d(blocks.astype(np.int8), width) > 0)

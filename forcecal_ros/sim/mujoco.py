@@ -22,6 +22,7 @@ from forcecal_ros.sim.mujoco_numbers import (
     Forces,
     found_drives,
     is_scalar,
+    is_slide,
     Limit,
     limit_numbers,
     limits_of,
@@ -37,17 +38,15 @@ from forcecal_ros.sim.protocol import Imitation, Inputs, Parameter
 import numpy as np
 from numpy.typing import NDArray
 
+try:
+    import mujoco
+except ImportError:
+    mujoco = None
+
 SETTLING_S = 2.0
 """Simulated at the first command before the recording begins [s]: until an arm hangs still."""
 
-SAMPLE_PERIOD_S = 0.002
-"""Between samples, at least [s]: the wrench is compared up to far below 250 Hz."""
 
-STEP_PARTS = (2, 4, 8, 16)
-"""
-Parts of a time step that are tried where a simulation is unstable: the step that a stiff joint
-bears is known to a factor of two, and 16 parts take as long as a diagnosis' first 16 runs.
-"""
 @dataclass
 class MujocoRobot:
     """
@@ -110,15 +109,9 @@ class MujocoRobot:
         rubs = _named(JOINT_FRICTION, {name: change})
         for one in self.drives:
             if (more := rubs.get(one.joint, 0.0)) > 0.0 and (stiff := one.stiffness(self.model)):
-                slides = 'm' if self._slides(one.joint) else 'rad'
+                slides = 'm' if is_slide(self.model, one.joint) else 'rad'
                 return Imitation(f'{BACKLASH}[{one.joint}]', more / stiff, slides, NO_BACKLASH)
         return None
-
-    def _slides(self, joint: str) -> bool:
-        import mujoco
-
-        return bool(self.model.jnt_type[self.model.joint(joint).id]
-                    == mujoco.mjtJoint.mjJNT_SLIDE)
 
     def _looked_at(self, inputs: Inputs) -> '_Seen':
         """Run it, unless that was done, to see what it touches and what its drives do."""
@@ -170,11 +163,15 @@ class MujocoRobot:
 
     def _steadier(self, inputs: Inputs, parameters: Mapping[str, float]) -> str:
         """Say with which time step it runs, or that it runs with none."""
+        # parts of a time step that are tried where a simulation is unstable: the step that a
+        # stiff joint bears is known to a factor of two, and 16 parts take as long as a diagnosis'
+        # first 16 runs
+        step_parts = (2, 4, 8, 16)
         step = float(self.model.opt.timestep)
-        for parts in STEP_PARTS:
+        for parts in step_parts:
             if not self._in_parts(inputs, parameters, parts)[1]:
                 return f'with timestep {step / parts:g} for {step:g} it runs: take that'
-        return (f'nor does it run with timestep {step / STEP_PARTS[-1]:g} for {step:g}: look for '
+        return (f'nor does it run with timestep {step / step_parts[-1]:g} for {step:g}: look for '
                 'gains too high for the inertias, bodies that collide, or joints without armature')
 
     def _in_parts(self, inputs: Inputs, parameters: Mapping[str, float], parts: int
@@ -190,8 +187,6 @@ class MujocoRobot:
     def _simulated(self, inputs: Inputs, parameters: Mapping[str, float], parts: int,
                    look: Callable[[Any], None] | None = None) -> tuple[Mapping[str, Any], str]:
         """Simulate; the time step is one of so many parts. Say what MuJoCo warns of."""
-        import mujoco
-
         model = self.model
         for one in self.numbers:
             one.write(model, parameters.get(one.parameter.name, one.parameter.nominal))
@@ -199,7 +194,7 @@ class MujocoRobot:
         mujoco.mj_setConst(model, data)
         if model.nkey:  # joints that are not commanded, a gripper's, hold that
             mujoco.mj_resetDataKeyframe(model, data, 0)
-        given, driven = _commands(mujoco, model, self.drives, inputs.joints)
+        given, driven = _commands(model, self.drives, inputs.joints)
         step = float(model.opt.timestep)
         t = inputs.start + step * np.arange(int((inputs.end - inputs.start) / step) + 1)
         q = np.stack([np.interp(t, given.t, one) for one in given.values.T], axis=1)
@@ -208,7 +203,9 @@ class MujocoRobot:
         for _ in range(round(SETTLING_S / step)):
             controller.hold(data)
             mujoco.mj_step(model, data)
-        rows, places, skipped = [], [], parts * max(1, round(SAMPLE_PERIOD_S / (parts * step)))
+        # sample period: between samples, at least [s]: the wrench is compared up to far below 250
+        # Hz
+        rows, places, skipped = [], [], parts * max(1, round(0.002 / (parts * step)))
         for k in range(len(t)):
             controller.tell(data, k)
             if k % skipped == 0:
@@ -220,7 +217,7 @@ class MujocoRobot:
                 look(data)
         joints = self._joints(inputs.measured_joints, np.array(places))
         return ({**self._streams(t[::skipped], np.array(rows)), 'joints': (t[::skipped], joints)},
-                warning_of(mujoco, data))
+                warning_of(data))
 
     def _joints(self, names: Sequence[str], places: Array) -> Array:
         """Return a column for each joint that is named, NaN for those that move no tool."""
@@ -244,8 +241,6 @@ class MujocoRobot:
 
     def patched(self, parameters: Mapping[str, float]) -> str:
         """Return the source with other numbers, an MJCF whose files lie where the model's do."""
-        import mujoco
-
         spec = mujoco.MjSpec.from_file(self.path)
         spec.compile()  # numbers its geoms
         for one in self.numbers:
@@ -274,12 +269,14 @@ NO_BACKLASH = ('no number of a model in MuJoCo makes backlash: let the controlle
 SENSOR_PREFIX = 'forcecal_'
 """Before the names of the sensors that are added to a model."""
 
+
 def _named(field: str, parameters: Mapping[str, float]) -> dict[str, float]:
     """Return by joint what parameters say of a field."""
     return {name[len(field) + 1:-1]: value for name, value in parameters.items()
             if name.startswith(f'{field}[')}
 
-def _commands(mujoco: Any, model: Any, drives: Sequence[Drive], joints: JointStream | None
+
+def _commands(model: Any, drives: Sequence[Drive], joints: JointStream | None
               ) -> tuple[JointStream, list[Drive]]:
     """Return the commands, and what each column drives."""
     if joints is None:
@@ -295,16 +292,9 @@ def _commands(mujoco: Any, model: Any, drives: Sequence[Drive], joints: JointStr
     for name in joints.names:
         if name not in driven:
             raise ConfigError(f'joint {name} is commanded, but '
-                              f'{reason_not_driven(mujoco, model, name)}; what can be commanded '
+                              f'{reason_not_driven(model, name)}; what can be commanded '
                               f'positions is {", ".join(driven)}')
     return joints, [driven[name] for name in joints.names]
-
-
-MIN_OVER_READING = 1.05
-"""
-Factor by which implicit integrators make MuJoCo's force sensor over-read that is reported:
-0.05 of a tool's inertial force is the noise of a good sensor at 10 m/s^2 and 0.5 kg.
-"""
 
 
 def load_mujoco(path: str, ft_site: str | None = None, imu: str | None = None) -> MujocoRobot:
@@ -326,36 +316,33 @@ def load_mujoco(path: str, ft_site: str | None = None, imu: str | None = None) -
         MuJoCo is not installed, the model cannot be read, or has no such sites; the force sensor
         is on a link and not on a tool of its own, or the accelerometer on another body.
     """
-    try:
-        import mujoco
-    except ImportError:
-        raise ConfigError(f'--mujoco requires MuJoCo: {installing("mujoco")}') from None
+    if mujoco is None:
+        raise ConfigError(f'--mujoco requires MuJoCo: {installing("mujoco")}')
     mujoco.set_mju_user_warning(_ignore)
     if not Path(path).is_file():
         raise ConfigError(f'--mujoco {path}: no such file; name the model, an MJCF')
     try:
         spec = mujoco.MjSpec.from_file(path)
-        site = _site(mujoco, spec, path, ft_site)
+        site = _site(spec, path, ft_site)
         body = spec.site(site).parent
         _refuse_link(body, path, site)
         base = _base_of(body, path, site)
         body.name, base.name = body.name or 'tool', base.name or 'base'
-        _add_sensors(mujoco, spec, site, base.name)
+        _add_sensors(spec, site, base.name)
         if imu:
-            _add_accelerometer(mujoco, spec, path, body, imu)
+            _add_accelerometer(spec, path, body, imu)
         model = spec.compile()
     except ValueError as error:
         why = ' '.join(str(error).split())
         raise ConfigError(f'--mujoco {path}: MuJoCo reports {why}') from None
-    drives = found_drives(mujoco, model, path)
+    drives = found_drives(model, path)
     own = of_same_tree(model, drives, body.name)
     limits = limits_of(model, own)
-    numbers = (*numbers_of(mujoco, model, own, body.name, site),
-               *(Number(*one) for one in (*limit_numbers(model, limits),
-                                          *contact_numbers(model, body.name))))
-    turned = _axes(mujoco, model, site).T @ _axes(mujoco, model, imu) if imu else None
-    return MujocoRobot(path, model, body.name, tuple(drives), _chain(mujoco, model, body.name),
-                       turned, numbers, (*_over_reading_note(mujoco, model, own),
+    numbers = (*numbers_of(model, own, body.name, site), *limit_numbers(model, limits),
+               *contact_numbers(model, body.name))
+    turned = _axes(model, site).T @ _axes(model, imu) if imu else None
+    return MujocoRobot(path, model, body.name, tuple(drives), _chain(model, body.name),
+                       turned, numbers, (*_over_reading_note(model, own),
                                          *_delay_notes(model, own)), tuple(limits))
 
 
@@ -376,18 +363,18 @@ def _ignore(_: str) -> None:
     """Keep warnings out of MUJOCO_LOG.TXT in the user's folder; the data of a run count them."""
 
 
-def _chain(mujoco: Any, model: Any, body: str) -> tuple[str, ...]:
+def _chain(model: Any, body: str) -> tuple[str, ...]:
     """Name the joints that move a body, or what hangs on it, of one number each."""
     def above(i: int) -> set[int]:
         return {0} if i == 0 else {i} | above(int(model.body_parentid[i]))
 
     tool = int(model.body(body).id)
     carrying = above(tool)
-    return tuple(model.joint(k).name for k in range(model.njnt) if is_scalar(mujoco, model, k)
+    return tuple(model.joint(k).name for k in range(model.njnt) if is_scalar(model, k)
                  and ((i := int(model.jnt_bodyid[k])) in carrying or tool in above(i)))
 
 
-def _site(mujoco: Any, spec: Any, path: str, given: str | None) -> str:
+def _site(spec: Any, path: str, given: str | None) -> str:
     if given:
         _refuse_no_site(spec, path, '--ft-site', given)
         return given
@@ -428,7 +415,7 @@ def _base_of(body: Any, path: str, site: str) -> Any:
     return moved[-1].parent
 
 
-def _add_sensors(mujoco: Any, spec: Any, site: str, base: str) -> None:
+def _add_sensors(spec: Any, site: str, base: str) -> None:
     kinds, types = mujoco.mjtSensor, mujoco.mjtObj
     for name, kind in (('force', kinds.mjSENS_FORCE), ('torque', kinds.mjSENS_TORQUE)):
         spec.add_sensor(name=SENSOR_PREFIX + name, type=kind, objtype=types.mjOBJ_SITE,
@@ -439,7 +426,7 @@ def _add_sensors(mujoco: Any, spec: Any, site: str, base: str) -> None:
                         objname=site, reftype=types.mjOBJ_XBODY, refname=base)
 
 
-def _add_accelerometer(mujoco: Any, spec: Any, path: str, tool: Any, imu: str) -> None:
+def _add_accelerometer(spec: Any, path: str, tool: Any, imu: str) -> None:
     _refuse_no_site(spec, path, '--imu', imu)
     body = spec.site(imu).parent
     if body.name != tool.name:
@@ -450,14 +437,14 @@ def _add_accelerometer(mujoco: Any, spec: Any, path: str, tool: Any, imu: str) -
                     objtype=mujoco.mjtObj.mjOBJ_SITE, objname=imu)
 
 
-def _axes(mujoco: Any, model: Any, site: str) -> Array:
+def _axes(model: Any, site: str) -> Array:
     """Return the axes of a site in its body."""
     axes = np.empty(9)
     mujoco.mju_quat2Mat(axes, model.site_quat[model.site(site).id])
     return axes.reshape(3, 3)
 
 
-def _over_reading_note(mujoco: Any, model: Any, drives: Sequence[Drive]) -> list[str]:
+def _over_reading_note(model: Any, drives: Sequence[Drive]) -> list[str]:
     """Say by how much the sensor over-reads inertia with an implicit integrator."""
     kinds = mujoco.mjtIntegrator
     if int(model.opt.integrator) not in (int(kinds.mjINT_IMPLICIT), int(kinds.mjINT_IMPLICITFAST)):
@@ -467,4 +454,7 @@ def _over_reading_note(mujoco: Any, model: Any, drives: Sequence[Drive]) -> list
         * model.actuator_biasprm[one.actuator, 2]) / model.dof_M0[one.dof] for one in drives)
     note = (f'its integrator lets the force sensor over-read accelerations, up to {factor:.2f} '
             'times; Euler does not')
-    return [note] if factor >= MIN_OVER_READING else []
+    # min over reading: factor by which implicit integrators make MuJoCo's force sensor over-read
+    # that is reported: 0.05 of a tool's inertial force is the noise of a good sensor at 10 m/s^2
+    # and 0.5 kg
+    return [note] if factor >= 1.05 else []

@@ -9,16 +9,15 @@ from forcecal_ros.sim.protocol import Parameter
 import numpy as np
 from numpy.typing import NDArray
 
+try:
+    import mujoco
+except ImportError:
+    mujoco = None
+
 _Write = Callable[[Any, float], None]
 
 POSITION, INTEGRATED, VELOCITY, TORQUE = 'position', 'integrated velocity', 'velocity', 'torque'
 PID = 'position and rate'
-
-RANGE_MARGIN = 1e-3
-"""
-Part of an actuator's range by which commands may leave it: a controller's rounding of a joint at
-its limit, and less than any noise of a joint.
-"""
 
 
 class Drive(NamedTuple):
@@ -62,7 +61,7 @@ class Drive(NamedTuple):
         return 0.0
 
 
-def found_drives(mujoco: Any, model: Any, path: str) -> list[Drive]:
+def found_drives(model: Any, path: str) -> list[Drive]:
     """
     Find the actuators that take positions of joints, one of each joint.
 
@@ -74,37 +73,37 @@ def found_drives(mujoco: Any, model: Any, path: str) -> list[Drive]:
     able: dict[str, Drive] = {}
     holds = (POSITION, PID)
     for i in range(len(model.actuator_trntype)):  # model.nu counts inputs
-        drive = _drive(mujoco, model, i)
+        drive = _drive(model, i)
         if drive and _has_gains(drive):
             before = able.get(drive.joint)
             if before is None or (drive.kind in holds and before.kind not in holds):
                 able[drive.joint] = drive
     if not able:
         raise ConfigError(f'--mujoco {path}: no actuator that takes the position of a joint; '
-                          f'{_requirements(mujoco, model) or "it has none on a joint"}')
+                          f'{_requirements(model) or "it has none on a joint"}')
     return sorted(able.values(), key=lambda one: one.actuator)
 
 
-def reason_not_driven(mujoco: Any, model: Any, joint: str) -> str:
+def reason_not_driven(model: Any, joint: str) -> str:
     """Say which actuators a joint has, and what they require."""
-    return _requirements(mujoco, model, joint) or 'no actuator of the model drives it'
+    return _requirements(model, joint) or 'no actuator of the model drives it'
 
 
 def _has_gains(drive: Drive) -> bool:
     return len(drive.gains) == {VELOCITY: 1, TORQUE: 2}.get(drive.kind, 0)
 
 
-def _requirements(mujoco: Any, model: Any, joint: str = '') -> str:
+def _requirements(model: Any, joint: str = '') -> str:
     """Return what actuators that hold no position need, and which are not supported."""
     kinds, others = dict[str, str](), dict[str, str]()
     for i in range(len(model.actuator_trntype)):
-        name = _joint_of(mujoco, model, i)
+        name = _joint_of(model, i)
         if name and joint in ('', name):
-            drive = _drive(mujoco, model, i)
+            drive = _drive(model, i)
             if drive:
                 kinds[name] = drive.kind
             else:
-                others[name] = _type_of(mujoco, model, i)
+                others[name] = _type_of(model, i)
     if kinds:
         first, kind = next(iter(kinds.items()))
         gains = [f'<numeric name="{letter}[{first}]" data="..."/>'
@@ -119,7 +118,7 @@ def _requirements(mujoco: Any, model: Any, joint: str = '') -> str:
     return ''
 
 
-def _type_of(mujoco: Any, model: Any, i: int) -> str:
+def _type_of(model: Any, i: int) -> str:
     """Name an actuator that holds nothing known, as its gain and bias are called in MuJoCo."""
     def word(kinds: Any, prefix: str, value: int) -> str:
         return next((name.removeprefix(prefix).lower() for name in dir(kinds)
@@ -131,19 +130,19 @@ def _type_of(mujoco: Any, model: Any, i: int) -> str:
         f'an actuator of kind {gain}')
 
 
-def _joint_of(mujoco: Any, model: Any, i: int) -> str:
+def _joint_of(model: Any, i: int) -> str:
     """Return the joint of one number that an actuator drives; empty if it drives none."""
     joint = int(model.actuator_trnid[i, 0])
     on_joint = int(model.actuator_trntype[i]) in (int(mujoco.mjtTrn.mjTRN_JOINT),
                                                   int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
-    return str(model.joint(joint).name) if on_joint and is_scalar(mujoco, model, joint) else ''
+    return str(model.joint(joint).name) if on_joint and is_scalar(model, joint) else ''
 
 
-def _drive(mujoco: Any, model: Any, i: int) -> Drive | None:
+def _drive(model: Any, i: int) -> Drive | None:
     """Return what an actuator does to its joint; None if it holds nothing that is known."""
-    name = _joint_of(mujoco, model, i)
+    name = _joint_of(model, i)
     gear, gain = float(model.actuator_gear[i, 0]), float(model.actuator_gainprm[i, 0])
-    kind, stiff = _kind(mujoco, model, i), -float(model.actuator_biasprm[i, 1])
+    kind, stiff = _kind(model, i), -float(model.actuator_biasprm[i, 1])
     if not (name and kind) or gear * (stiff if kind == PID else gain) == 0.0:
         return None
     held = {VELOCITY: -float(model.actuator_biasprm[i, 2]),
@@ -164,7 +163,7 @@ def _input_of(model: Any, i: int) -> int:
     return i if places is None else int(places[i])
 
 
-def _kind(mujoco: Any, model: Any, i: int) -> str:
+def _kind(model: Any, i: int) -> str:
     """Say what an actuator holds; '' where that is none of these."""
     dynamics, biases = mujoco.mjtDyn, mujoco.mjtBias
     kind = int(model.actuator_dyntype[i])
@@ -187,7 +186,7 @@ def _kind(mujoco: Any, model: Any, i: int) -> str:
     return TORQUE if model.actuator_biastype[i] == biases.mjBIAS_NONE else ''
 
 
-def is_scalar(mujoco: Any, model: Any, joint: int) -> bool:
+def is_scalar(model: Any, joint: int) -> bool:
     """Say whether one number is the position of a joint."""
     return int(model.jnt_type[joint]) in (int(mujoco.mjtJoint.mjJNT_HINGE),
                                           int(mujoco.mjtJoint.mjJNT_SLIDE))
@@ -276,13 +275,6 @@ def _follow_backlash(q: Array, play: float) -> Array:
     return out
 
 
-REST_SPEED = 2e-3
-"""
-Speed of a joint [rad/s], [m/s] above which an arm that was to rest swings: at 5 Hz that is
-0.06 mrad, the noise of a joint.
-"""
-
-
 class Swing:
     """Sees whether joints rest when the commands begin."""
 
@@ -296,7 +288,9 @@ class Swing:
 
     def notes(self, after: float) -> Iterator[str]:
         """Say which joint still swings so many seconds after the start [s]."""
-        if len(self._speeds) and self._speeds.max() > REST_SPEED:
+        # rest speed: speed of a joint [rad/s], [m/s] above which an arm that was to rest swings:
+        # at 5 Hz that is 0.06 mrad, the noise of a joint
+        if len(self._speeds) and self._speeds.max() > 2e-3:
             k = int(self._speeds.argmax())
             yield (f'in the model {self._drives[k].joint} still moves at {self._speeds[k]:.2g} '
                    f'rad/s after {after:g} s at the first command: damp its drive (kv) or the '
@@ -309,7 +303,9 @@ def _refuse_beyond(model: Any, one: Drive, given: Array) -> None:
         return
     low, high = (float(x) for x in model.actuator_ctrlrange[one.ctrl])
     least, most = float(given.min()), float(given.max())
-    room = RANGE_MARGIN * (high - low)
+    # range margin: part of an actuator's range by which commands may leave it: a controller's
+    # rounding of a joint at its limit, and less than any noise of a joint
+    room = 1e-3 * (high - low)
     if least < low - room or most > high + room:
         raise ConfigError(f'joint {one.joint} is commanded from {least:.4g} to {most:.4g}, and '
                           f'the ctrlrange of its actuator is {low:.4g} to {high:.4g}, where '
@@ -323,7 +319,7 @@ def of_same_tree(model: Any, drives: Sequence[Drive], body: str) -> list[Drive]:
     return [one for one in drives if int(model.dof_treeid[one.dof]) == tree]
 
 
-def warning_of(mujoco: Any, data: Any) -> str:
+def warning_of(data: Any) -> str:
     """Return what MuJoCo warns of: it began anew, or left out contacts; empty: of nothing."""
     kinds = mujoco.mjtWarning
     found = [(int(kind), data.warning[int(kind)]) for kind in (
@@ -333,17 +329,8 @@ def warning_of(mujoco: Any, data: Any) -> str:
     return next(texts, '').rstrip('.')
 
 
-MASS_SIGMA, COM_SIGMA = 0.01, 0.001
-"""How well a tool is known by its drawing: mass (relative) and centre of mass [m], 1 sigma."""
-
-JOINT_FRICTION_SIGMA = (0.1, 0.1)
-"""Of dry friction, 1 sigma: part of the model's, and beside it [N m] or [N]: what warmth makes."""
-
 GAIN_SIGMA = (0.05, 0.1)
 """Of the gains kp and kv of a position actuator, 1 sigma, relative: as controllers are set."""
-
-TILT_SIGMA = 0.003
-"""Tilt of a base that was levelled by hand, 1 sigma [rad]."""
 
 _Both = tuple[_Write, _Write]
 """Into a model that was compiled, and into its source."""
@@ -357,7 +344,7 @@ class Number(NamedTuple):
     patch: _Write
 
 
-def numbers_of(mujoco: Any, model: Any, drives: Sequence[Drive], body: str, site: str
+def numbers_of(model: Any, drives: Sequence[Drive], body: str, site: str
                ) -> tuple[Number, ...]:
     """
     List what may be off: of the tool, the body that has the site, of the joints and of the base.
@@ -367,7 +354,7 @@ def numbers_of(mujoco: Any, model: Any, drives: Sequence[Drive], body: str, site
     ConfigError
         The tool weighs nothing, or a controller's gain is not above zero.
     """
-    return (*_of_tool(model, body, site), *_of_joints(mujoco, model, drives), *_of_base(model))
+    return (*_of_tool(model, body, site), *_of_joints(model, drives), *_of_base(model))
 
 
 def _of_tool(model: Any, body: str, site: str) -> list[Number]:
@@ -402,21 +389,25 @@ def _of_tool(model: Any, body: str, site: str) -> list[Number]:
             explicit(spec).ipos[axis] = value
         return write, patch
 
-    found = [Number(Parameter(f'body_mass[{body}]', mass, MASS_SIGMA * mass, 'kg', 0.05 * mass,
+    # mass sigma and com sigma: how well a tool is known by its drawing: mass (relative) and
+    # centre of mass [m], 1 sigma
+    found = [Number(Parameter(f'body_mass[{body}]', mass, 0.01 * mass, 'kg', 0.05 * mass,
                                20.0 * mass, 'tool', ('tool_mass',)), weigh, patch_mass)]
     return found + [Number(Parameter(
-        f'body_ipos[{body}].{a}', float(com[k]), COM_SIGMA, 'm', com[k] - 0.5, com[k] + 0.5,
+        f'body_ipos[{body}].{a}', float(com[k]), 0.001, 'm', com[k] - 0.5, com[k] + 0.5,
         'tool', ('tool_com',)), *place(k)) for k, a in enumerate('xyz')]
 
 
-def _of_joints(mujoco: Any, model: Any, drives: Sequence[Drive]) -> list[Number]:
+def _of_joints(model: Any, drives: Sequence[Drive]) -> list[Number]:
+    # of dry friction, 1 sigma: part of the model's, and beside it [N m] or [N]: what warmth makes
+    joint_friction_sigma = (0.1, 0.1)
     found = []
     for drive in drives:
         i, name, dof = drive.actuator, drive.joint, drive.dof
-        slides = model.jnt_type[model.joint(name).id] == mujoco.mjtJoint.mjJNT_SLIDE
+        slides = is_slide(model, name)
         friction = float(model.dof_frictionloss[dof])
         damping, kv = float(model.dof_damping[dof]), -float(model.actuator_biasprm[i, 2])
-        sigma = JOINT_FRICTION_SIGMA[0] * friction + JOINT_FRICTION_SIGMA[1]
+        sigma = joint_friction_sigma[0] * friction + joint_friction_sigma[1]
         found.append(Number(Parameter(f'dof_frictionloss[{name}]', friction, sigma,
                                        'N' if slides else 'N m', 0.0),
                              _writer('dof_frictionloss', dof), _rubbing(name)))
@@ -425,19 +416,17 @@ def _of_joints(mujoco: Any, model: Any, drives: Sequence[Drive]) -> list[Number]
                       for letter, at in zip('pd', drive.gains)]
         else:
             kp = -float(model.actuator_biasprm[i, 1])
-            found.append(Number(Parameter(f'kp[{name}]', kp, GAIN_SIGMA[0] * kp, '1', 0.05 * kp,
-                                           20.0 * kp), *_coefficient(model, i, 1, drive.kind)))
+            found.append(Number(_scaled(f'kp[{name}]', kp, GAIN_SIGMA[0], least=0.05),
+                                *_coefficient(model, i, 1, drive.kind)))
         if drive.kind == PID and (ki := float(model.actuator_gainprm[i, 0])) > 0.0:
-            found.append(Number(Parameter(f'ki[{name}]', ki, GAIN_SIGMA[1] * ki, '1', 0.0,
-                                           20.0 * ki), *_integral(i)))
+            found.append(Number(_scaled(f'ki[{name}]', ki, GAIN_SIGMA[1]), *_integral(i)))
         if kv > 0.0:
-            found.append(Number(Parameter(f'kv[{name}]', kv, GAIN_SIGMA[1] * kv, '1', 0.0,
-                                           20.0 * kv), *_coefficient(model, i, 2, drive.kind)))
+            found.append(Number(_scaled(f'kv[{name}]', kv, GAIN_SIGMA[1]),
+                                *_coefficient(model, i, 2, drive.kind)))
         elif damping > 0.0:  # which the other would be added to
-            found.append(Number(Parameter(
-                f'dof_damping[{name}]', damping, GAIN_SIGMA[1] * damping,
-                'N s/m' if slides else 'N m s/rad', 0.0, 20.0 * damping),
-                _writer('dof_damping', dof), _damping(name)))
+            unit = 'N s/m' if slides else 'N m s/rad'
+            found.append(Number(_scaled(f'dof_damping[{name}]', damping, GAIN_SIGMA[1], unit),
+                                _writer('dof_damping', dof), _damping(name)))
     return found
 
 
@@ -450,8 +439,8 @@ def _of_controller(model: Any, letter: str, drive: Drive, at: int) -> Number:
     def patch(spec: Any, value: float) -> None:
         spec.numeric(name).data = [value]
 
-    return Number(Parameter(name, gain, GAIN_SIGMA[letter == 'd'] * gain, '1', 0.05 * gain,
-                             20.0 * gain), _writer('numeric_data', at), patch)
+    return Number(_scaled(name, gain, GAIN_SIGMA[letter == 'd'], least=0.05),
+                  _writer('numeric_data', at), patch)
 
 
 def _of_base(model: Any) -> list[Number]:
@@ -471,13 +460,20 @@ def _of_base(model: Any) -> list[Number]:
 
     if not np.allclose(down[:2], 0.0) or down[2] >= 0.0:
         return []
-    return [Number(Parameter(f'tilt.{a}', 0.0, TILT_SIGMA, 'rad', -0.5, 0.5, 'robot',
+    # tilt sigma: tilt of a base that was levelled by hand, 1 sigma [rad]
+    return [Number(Parameter(f'tilt.{a}', 0.0, 0.003, 'rad', -0.5, 0.5, 'robot',
                               ('base_tilt',)), *write(k)) for k, a in enumerate('xy')]
 
 
-def _writer(field: str, index: Any, sign: float = 1.0) -> _Write:
+def _scaled(name: str, value: float, sigma: float, unit: str = '1', least: float = 0.0
+            ) -> Parameter:
+    """Return a parameter of a relative ``sigma``, from ``least`` to 20 times its value."""
+    return Parameter(name, value, sigma * value, unit, least * value, 20.0 * value)
+
+
+def _writer(field: str, index: Any) -> _Write:
     def write(to: Any, value: float) -> None:
-        getattr(to, field)[index] = sign * value
+        getattr(to, field)[index] = value
     return write
 
 
@@ -527,14 +523,7 @@ def _integral(i: int) -> _Both:
 LIMIT_SIGMA = 0.1
 """Of a drive's limit, 1 sigma, relative: currents and torque constants are known to a tenth."""
 
-NEAR_LIMIT = 1.0 - LIMIT_SIGMA
-"""Part of its limit from which a drive may be at it, were the limit lower by one sigma."""
-
-AT_LIMIT = 0.999
-"""Part of its limit from which a drive is at it: MuJoCo clips, and numbers round."""
-
 ACTUATOR, JOINT, INPUT = 'actuator_forcerange', 'jnt_actfrcrange', 'actuator_ctrlrange'
-
 
 
 class Limit(NamedTuple):
@@ -585,25 +574,22 @@ def limits_of(model: Any, drives: Sequence[Drive]) -> list[Limit]:
     return found
 
 
-def limit_numbers(model: Any, limits: Sequence[Limit]
-                  ) -> Iterator[tuple[Parameter, _Write, _Write]]:
+def limit_numbers(model: Any, limits: Sequence[Limit]) -> Iterator[Number]:
     """
     List the limits of drives as parameters.
 
     Yields
     ------
-    Parameter, write, patch
-        Into a model that was compiled, and into its source.
+    Number
     """
     for one in limits:
-        unit = '1' if one.field == INPUT else 'N' if _is_slide(model, one.joint) else 'N m'
-        yield (Parameter(one.name, one.most, LIMIT_SIGMA * one.most, unit, 0.05 * one.most,
-                         20.0 * one.most), *_actuator_of(model, one))
+        unit = '1' if one.field == INPUT else 'N' if is_slide(model, one.joint) else 'N m'
+        yield Number(_scaled(one.name, one.most, LIMIT_SIGMA, unit, 0.05),
+                     *_actuator_of(model, one))
 
 
-def _is_slide(model: Any, joint: str) -> bool:
-    import mujoco
-
+def is_slide(model: Any, joint: str) -> bool:
+    """Whether a joint slides, in place of turning."""
     return bool(model.jnt_type[model.joint(joint).id] == mujoco.mjtJoint.mjJNT_SLIDE)
 
 
@@ -654,11 +640,14 @@ class Forces:
         ends = np.where(now < 0.0, self._low, self._high)
         part = np.divide(now, ends, out=np.zeros_like(now), where=ends != 0.0)
         self.most = np.maximum(self.most, part)
-        self.reached += part > AT_LIMIT
+        # at limit: part of its limit from which a drive is at it: MuJoCo clips, and numbers round
+        self.reached += part > 0.999
 
     def near(self) -> list[Limit]:
         """List the limits that a drive comes to, or would come to if they were a little lower."""
-        return [one for one, part in zip(self._limits, self.most) if part > NEAR_LIMIT]
+        # part of its limit from which a drive may be at it, were the limit lower by one sigma
+        near_limit = 1.0 - LIMIT_SIGMA
+        return [one for one, part in zip(self._limits, self.most) if part > near_limit]
 
     def notes(self, step: float) -> Iterator[str]:
         """Say which drives are at their limit, and for how long; the step in s."""
@@ -679,28 +668,9 @@ def _force_row(model: Any, one: Limit) -> int:
     return int(model.joint(one.joint).dofadr[0]) if one.field == JOINT else one.row
 
 
-SOLREF_SIGMA, FRICTION_SIGMA = 0.05, 0.1
-"""
-Of a contact's time constant and of its friction, 1 sigma, relative: a stiffness, which goes with
-one over the square of that time, is taken to be known as well as a friction, to a tenth.
-"""
-
-MAX_CONTACT_FACTOR = 5.0
-"""Factor by which either may be off, at most: beyond, another material was meant."""
-
-PLACE_SIGMA, MAX_PLACE_SHIFT = 0.001, 0.1
-"""
-Of the place of what stands in the world, 1 sigma and at most [m]: as a table is measured. Were it
-taken to be where the model has it, one that is a millimetre lower would be called softer.
-"""
-
-MIN_FACING = 0.1
-"""Part of a contact's normal along an axis, from which a place along that axis counts."""
-
 SOLREF, FRICTION, PLACE = 'geom_solref', 'geom_friction', 'geom_pos'
 
 AXES = 'xyz'
-
 
 
 def touchable(model: Any, body: str) -> dict[int, str]:
@@ -733,7 +703,7 @@ def _geom_name(model: Any, i: int) -> str:
                                   f'{i - int(model.body_geomadr[body])}')
 
 
-def contact_numbers(model: Any, body: str) -> Iterator[tuple[Parameter, _Write, _Write]]:
+def contact_numbers(model: Any, body: str) -> Iterator[Number]:
     """
     List softness, friction and, where it stands in the world, place of all that a tool may touch.
 
@@ -742,8 +712,13 @@ def contact_numbers(model: Any, body: str) -> Iterator[tuple[Parameter, _Write, 
     Parameter, write, patch
         Into a model that was compiled, and into its source, which was compiled, too.
     """
+    # factor by which either may be off, at most: beyond, another material was meant
+    max_contact_factor = 5.0
     own, names = own_geoms(model, body), touchable(model, body)
-    for field, part in ((SOLREF, SOLREF_SIGMA), (FRICTION, FRICTION_SIGMA)):
+    # solref sigma and friction sigma: of a contact's time constant and of its friction, 1 sigma,
+    # relative: a stiffness, which goes with one over the square of that time, is taken to be
+    # known as well as a friction, to a tenth
+    for field, part in ((SOLREF, 0.05), (FRICTION, 0.1)):
         shared = _Shared(model, field, own)
         for i, name in names.items():
             value = float(shared.first[i])
@@ -751,16 +726,21 @@ def contact_numbers(model: Any, body: str) -> Iterator[tuple[Parameter, _Write, 
             if value == 0.0 or (field == FRICTION and not slides):
                 continue
             stiffness = field == SOLREF and value < 0.0
-            low, high = sorted((value / MAX_CONTACT_FACTOR, value * MAX_CONTACT_FACTOR))
+            low, high = sorted((value / max_contact_factor, value * max_contact_factor))
             unit = '1' if field == FRICTION else '1/s^2' if stiffness else 's'
-            yield (Parameter(f'{field}[{name}]', value, (1 + stiffness) * part * abs(value), unit,
-                             low, high, 'environment'), *shared.of(i))
+            yield Number(Parameter(
+                f'{field}[{name}]', value, (1 + stiffness) * part * abs(value), unit, low, high,
+                'environment'), *shared.of(i))
     for i, name in names.items():
         if model.body_weldid[model.geom_bodyid[i]] == 0:
             yield from _places(model, i, name)
 
 
-def _places(model: Any, i: int, name: str) -> Iterator[tuple[Parameter, _Write, _Write]]:
+def _places(model: Any, i: int, name: str) -> Iterator[Number]:
+    # of the place of what stands in the world, 1 sigma and at most [m]: as a table is measured.
+    # Were it taken to be where the model has it, one that is a millimetre lower would be
+    # called softer
+    place_sigma, max_place_shift = 0.001, 0.1
     first = model.geom_pos[i].copy()
 
     def along(axis: int) -> tuple[_Write, _Write]:
@@ -774,9 +754,9 @@ def _places(model: Any, i: int, name: str) -> Iterator[tuple[Parameter, _Write, 
         return write, patch
 
     for k, a in enumerate(AXES):
-        yield (Parameter(f'{PLACE}[{name}].{a}', float(first[k]), PLACE_SIGMA, 'm',
-                         first[k] - MAX_PLACE_SHIFT, first[k] + MAX_PLACE_SHIFT, 'environment'),
-               *along(k))
+        yield Number(Parameter(
+            f'{PLACE}[{name}].{a}', float(first[k]), place_sigma, 'm', first[k] - max_place_shift,
+            first[k] + max_place_shift, 'environment'), *along(k))
 
 
 class _Shared:
@@ -817,8 +797,10 @@ class Touched:
     def parameters(self) -> set[str]:
         """Names of the parameters of what was touched."""
         found = {f'{field}[{self._names[i]}]' for field in (SOLREF, FRICTION) for i in self._faces}
+        # min facing: part of a contact's normal along an axis, from which a place along that axis
+        # counts
         return found | {f'{PLACE}[{self._names[i]}].{a}' for i, faces in self._faces.items()
-                        for a, most in zip(AXES, faces) if most > MIN_FACING}
+                        for a, most in zip(AXES, faces) if most > 0.1}
 
     def look(self, data: Any) -> None:
         """See what touches now, and along which axes of the body that has it."""

@@ -12,7 +12,6 @@ from forcecal_ros.effects import AccelerometerEffects, Effect, EFFECTS, physical
 from forcecal_ros.effects.library import MOVING
 from forcecal_ros.effects.nuisances import LEAST, Nuisance, of_sensors, scaled, shifted
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.sim.low_pass import MOST
 from forcecal_ros.sim.measured_motion import (
     contact_blocks,
     CONTACT_FORCE_N,
@@ -22,27 +21,15 @@ from forcecal_ros.sim.measured_motion import (
 from forcecal_ros.sim.protocol import Parameter
 from forcecal_ros.sim.rigid_tool import CABLE, CarriedTool, RigidTool
 from forcecal_ros.sim.runs import Numbers, Runs
-from forcecal_ros.sim.signals import block_means, JOINTS, padded, RATE, Signals, UNSEEN
+from forcecal_ros.sim.signals import block_means, JOINTS, MOST, padded, RATE, Signals, UNSEEN
 import numpy as np
 from numpy.typing import NDArray
-
-MOUNTING_STD = (0.005, 0.01)
-"""Place of sensor and base, 1 sigma [m], [rad]: as far as a drawing and an arm are apart."""
-
-DELAY_STD = 0.001
-"""Delay of the robot beyond its simulator's, 1 sigma [s]: a cycle of a fast driver."""
-
-JOINT_BIAS_STD = 2e-4
-"""Of a joint's encoder against its simulation, 1 sigma [rad]: as exactly as arms are mastered."""
 
 INTEGRATION_STEP, INTEGRATION_BEND, INTEGRATION_STD = 'integration.step', 'integration.bend', 1.0
 """
 What is wrong with a step of integration, 1 sigma, in what half the step changes: a robot is no
 simulation, and of an integrator of first order, as Euler, all of its error is twice that.
 """
-
-VISIBLE_SIGMA = 10.0
-"""A clearly visible change of a parameter, in its sigma: beyond what a nuisance may take."""
 
 ADDABLE = frozenset({'robot_delay', 'tool_mass', 'tool_com', 'base_tilt', CABLE})
 """Effects of robot and tool that are added to any simulator's signals."""
@@ -107,7 +94,9 @@ def is_addable(effect: Effect, accelerated: bool) -> bool:
 
 
 def _effect(p: Parameter) -> Effect:
-    visible = p.nominal + VISIBLE_SIGMA * p.sigma
+    # visible sigma: a clearly visible change of a parameter, in its sigma: beyond what a nuisance
+    # may take
+    visible = p.nominal + 10.0 * p.sigma
     value = Quantity('value', p.unit, p.nominal, p.low, p.high, visible)
     return Effect(p.name, p.stage, (value,), MOVING, True, 'rig', p.name)
 
@@ -127,19 +116,21 @@ def nuisances_of(parameters: tuple[Parameter, ...], joints: int = 0, *, finer: b
     change = partial(shifted, '')
     found = [Nuisance(p.name, p.name, change('numbers', i), least=p.low - p.nominal,
                       prior_std=p.sigma) for i, p in enumerate(parameters)]
-    found.append(Nuisance('robot.delay', 'late', change('late'), prior_std=DELAY_STD))
+    # delay std: delay of the robot beyond its simulator's, 1 sigma [s]: a cycle of a fast driver
+    found.append(Nuisance('robot.delay', 'late', change('late'), prior_std=0.001))
     for known, name, key in ((finer, INTEGRATION_STEP, 'finer'),
                              (finest, INTEGRATION_BEND, 'finest')):
         if known:
             found.append(Nuisance(name, key, change(key), prior_std=INTEGRATION_STD))
+    # mounting std: place of sensor and base, 1 sigma [m], [rad]: as far as a drawing and an arm
+    # are apart
     found += [Nuisance(f'mounting.{i}', 'mounting', change('mounting', i),
-                       prior_std=MOUNTING_STD[i // 3]) for i in range(6)]
+                       prior_std=(0.005, 0.01)[i // 3]) for i in range(6)]
+    # joint bias std: of a joint's encoder against its simulation, 1 sigma [rad]: as exactly as
+    # arms are mastered
     return found + [Nuisance(f'joint.zero.{i}', 'zeros', change('zeros', i),
-                             prior_std=JOINT_BIAS_STD) for i in range(joints)]
+                             prior_std=2e-4) for i in range(joints)]
 
-
-CACHED_MOTIONS = 6
-"""Carried tools that are kept, one for each motion."""
 
 class _Carried(NamedTuple):
     """A tool along one motion, what an accelerometer feels there, and where the joints are."""
@@ -256,7 +247,8 @@ class Rerun:
         """Carry the simulator's tool along its own motion, so much later; the last are kept."""
         key = rig.numbers, rig.late, rig.finer, rig.finest
         if key not in self._carried:
-            if len(self._carried) >= CACHED_MOTIONS:
+            # cached motions: carried tools that are kept, one for each motion
+            if len(self._carried) >= 6:
                 self._carried.pop(next(iter(self._carried)))
             made = self.runs.integrated(rig.numbers, rig.finer, rig.finest)
             motion = replace(made, accelerometer=None)

@@ -12,8 +12,17 @@ from forcecal_ros.effects.library import Chosen
 from forcecal_ros.effects.nuisances import possible, rows_of
 from forcecal_ros.effects.rig import AccelerometerModel, NominalTolerances, Rig, Tool
 from forcecal_ros.effects.signals import specific_force_of
-from forcecal_ros.sim.low_pass import clear_band, MOST, slow, slowed
-from forcecal_ros.sim.signals import BLOCK, block_means, RATE, Signals, UNSEEN
+from forcecal_ros.sim.signals import (
+    BLOCK,
+    block_means,
+    clear_band,
+    MOST,
+    RATE,
+    Signals,
+    slow,
+    slowed,
+    UNSEEN,
+)
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
@@ -113,9 +122,6 @@ def _three(values: Array) -> tuple[float, float, float]:
 
 SMOOTH = 3.0
 """Frequency up to which a discrepancy follows the motion [Hz]: noise is mostly faster."""
-
-KEPT = 12
-"""Delays for which the accelerometer's readings are kept."""
 
 CABLE = 'cable_force'
 
@@ -245,7 +251,8 @@ class CarriedTool:
 
     def _readings(self, behind: float) -> Array:
         if behind not in self._late:
-            if len(self._late) >= KEPT:
+            # kept: delays for which the accelerometer's readings are kept
+            if len(self._late) >= 12:
                 self._late.pop(next(iter(self._late)))
             assert self._volts is not None
             at = np.clip(self.t + behind, self._volts.x[0], self._volts.x[-1])

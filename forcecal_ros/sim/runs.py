@@ -9,39 +9,24 @@ diagnosis runs it a limited number of times.
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.geometry import Array, rotation_from_vector, rotation_vector
-from forcecal_ros.core.streams import PoseStream, Recording, Stream
+from forcecal_ros.core.streams import PoseStream, Recording
 from forcecal_ros.sim.measured_motion import express_in_base
 from forcecal_ros.sim.protocol import Inputs
 from forcecal_ros.sim.third_party import ThirdParty
 import numpy as np
 
-STEP_SIGMA = 1.0
-"""Step by which a parameter is moved to see what it does, in its sigma."""
-
-QUARTER_STEP_RATIO = 1.5
-"""What a quarter of a step changes in what half of it does, of an error of first order."""
-
-SENSOR_NOISE = (0.15, 0.006, 1e-4)
-"""
-Noise of a usual wrist sensor [N], [N m], and of poses and joints [m], [rad]: where half the step
-changes less, what is no straight line in that, a twentieth of an implicit integrator's, is none.
-"""
-
 Numbers = tuple[float, ...]
 
 
-class _Change(NamedTuple):
-    """What one sigma of a parameter does: to wrench, position, turn, accelerometer, joints."""
+Change = Mapping[str, Array]
+"""What one sigma of a parameter does: to wrench, accelerometer and joints as far as they are
+there, to the position, and the rotation vector by which it turns."""
 
-    wrench: Array
-    position: Array
-    turn: Array
-    accelerometer: Array | None
-    joints: Array | None = None
+_STREAMS = ('wrench', 'accelerometer', 'joints')
 
 
 class Runs:
@@ -63,10 +48,10 @@ class Runs:
         self.simulator, self.count = simulator, 0
         self._inputs, self._measured = inputs, measured
         self._exact: dict[Numbers, Recording] = {}
-        self._changes: dict[Numbers, list[_Change]] = {}
+        self._changes: dict[Numbers, list[Change]] = {}
         self._halved: dict[Numbers, Recording] = {}
-        self._finer: dict[Numbers, _Change] = {}
-        self._finest: dict[Numbers, _Change] = {}
+        self._finer: dict[Numbers, Change] = {}
+        self._finest: dict[Numbers, Change] = {}
 
     def exact(self, numbers: Numbers) -> Recording:
         """Run the simulator, unless it was run so before."""
@@ -91,11 +76,12 @@ class Runs:
         """See what each parameter does at a point: one run for each, and one for the point."""
         here, changes = self.exact(numbers), []
         for i, p in enumerate(self.simulator.parameters):
-            step = STEP_SIGMA * p.sigma
+            step = p.sigma  # small enough for a straight line, large enough to be seen
             if numbers[i] + step > p.high:
                 step = -step
             change = self._changed(here, numbers, i, step)
-            if _is_nothing(change) and numbers[i] - step > p.low:  # a limit acts where it is lower
+            nothing = not any(rows.any() for rows in change.values())
+            if nothing and numbers[i] - step > p.low:  # a limit acts where it is lower
                 change = self._changed(here, numbers, i, -step)
             changes.append(change)
         self._changes[numbers] = changes
@@ -110,10 +96,14 @@ class Runs:
         """Whether its step makes so much that this is no straight line either."""
         return bool(self._finest)
 
-    def _bend(self, here: Recording, numbers: Numbers, finer: _Change) -> _Change:
+    def _bend(self, here: Recording, numbers: Numbers, finer: Change) -> Change:
         """Run it with a quarter of its step; say what that does beyond 1.5 times half of it."""
         made = self._counted(self.simulator.run_finest(self._inputs, numbers))
-        return _beyond(_change(*_of_one_length(here, made), 1.0), finer, QUARTER_STEP_RATIO)
+        # quarter step ratio: what a quarter of a step changes in what half of it does, of an
+        # error of first order
+        change = _change(*_of_one_length(here, made), 1.0)
+        return {name: rows - 1.5 * finer[name] for name, rows in change.items()
+                if name in finer}
 
     def halved(self, numbers: Numbers) -> Recording:
         """Run it with half its step of integration, unless that was done before."""
@@ -121,11 +111,11 @@ class Runs:
             self._halved[numbers] = self._counted(self.simulator.run_finer(self._inputs, numbers))
         return self._halved[numbers]
 
-    def changes(self, numbers: Numbers) -> Sequence['_Change']:
+    def changes(self, numbers: Numbers) -> Sequence[Change]:
         """Return what one sigma of each parameter does at a point that was tried."""
         return self._changes[numbers]
 
-    def _changed(self, here: Recording, numbers: Numbers, i: int, step: float) -> _Change:
+    def _changed(self, here: Recording, numbers: Numbers, i: int, step: float) -> Change:
         """Run it with another value of a parameter, and say what one sigma of that does."""
         moved = (*numbers[:i], numbers[i] + step, *numbers[i + 1:])
         return _change(here, self._passing(moved), self.simulator.parameters[i].sigma / step)
@@ -192,66 +182,42 @@ def _of_one_length(here: Recording, finer: Recording) -> tuple[Recording, Record
         if getattr(finer, name) is not None})
 
 
-def _change(here: Recording, there: Recording, scale: float) -> _Change:
+def _change(here: Recording, there: Recording, scale: float) -> Change:
+    """Compare two recordings; ``scale`` is that of the result."""
     one, other = here.pose, there.pose
     assert one is not None
     assert other is not None
     turn = rotation_vector(np.swapaxes(one.R_base_sensor, 1, 2) @ other.R_base_sensor)
-    wrench = _less(there.wrench, here.wrench, scale)
-    assert wrench is not None
-    return _Change(wrench, scale * (other.position - one.position), scale * turn,
-                   _less(there.accelerometer, here.accelerometer, scale),
-                   _less(there.joints, here.joints, scale))
+    found = {name: scale * (getattr(there, name).values - getattr(here, name).values)
+             for name in _STREAMS if getattr(here, name) and getattr(there, name)}
+    return {**found, 'position': scale * (other.position - one.position), 'turn': scale * turn}
 
 
-def _beyond(change: _Change, line: _Change, times: float) -> _Change:
-    """Return what one changes beyond so many times what another does."""
-    def less(one: Array | None, other: Array | None) -> Array | None:
-        return None if one is None or other is None else one - times * other
-
-    return _Change(change.wrench - times * line.wrench, change.position - times * line.position,
-                   change.turn - times * line.turn,
-                   less(change.accelerometer, line.accelerometer),
-                   less(change.joints, line.joints))
-
-
-def _is_coarse(finer: _Change) -> bool:
+def _is_coarse(finer: Change) -> bool:
     """Say whether half the step changes more than the noise of usual sensors."""
-    force, torque = finer.wrench[:, :3], finer.wrench[:, 3:]
-    sizes = [(force, 0), (torque, 1), (finer.position, 2), (finer.turn, 2)]
-    if finer.joints is not None:
-        sizes.append((finer.joints, 2))
-    return any(np.sqrt(np.mean(rows ** 2, axis=0)).max() > SENSOR_NOISE[i] for rows, i in sizes)
+    # noise of a usual wrist sensor [N], [N m], and of poses and joints [m], [rad]: where half the
+    # step changes less, what is no straight line in that, a twentieth of an implicit
+    # integrator's, is none
+    sizes: Mapping[str, Any] = {'wrench': np.repeat([0.15, 0.006], 3), 'position': 1e-4,
+                                'turn': 1e-4, 'joints': 1e-4}
+    return any((np.sqrt(np.mean(finer[name] ** 2, axis=0)) > size).any()
+               for name, size in sizes.items() if name in finer)
 
 
-def _is_nothing(change: _Change) -> bool:
-    return not any(rows is not None and rows.any() for rows in change)
-
-
-def _less(one: Stream | None, other: Stream | None, scale: float) -> Array | None:
-    if one is None or other is None:
-        return None
-    return np.asarray(scale * (one.values - other.values))
-
-
-def _moved(base: Recording, changes: Sequence[_Change], away: Array) -> Recording:
-    wrench, pose, accel, joints = base.wrench, base.pose, base.accelerometer, base.joints
-    assert wrench is not None
+def _moved(base: Recording, changes: Sequence[Change], away: Array) -> Recording:
+    """Add changes, each so many times, to a recording."""
+    pose = base.pose
     assert pose is not None
-    turn = sum((x * c.turn for c, x in zip(changes, away)), np.zeros_like(pose.position))
-    position = sum((x * c.position for c, x in zip(changes, away)), np.array(pose.position))
-    values = sum((x * c.wrench for c, x in zip(changes, away)), np.array(wrench.values))
-    if accel is not None:
-        accel = replace(accel, values=sum(
-            (x * c.accelerometer for c, x in zip(changes, away) if c.accelerometer is not None),
-            np.array(accel.values)))
-    if joints is not None:
-        joints = replace(joints, values=sum(
-            (x * c.joints for c, x in zip(changes, away) if c.joints is not None),
-            np.array(joints.values)))
-    return replace(base, wrench=replace(wrench, values=values), accelerometer=accel, joints=joints,
-                   pose=replace(pose, position=position,
-                                R_base_sensor=pose.R_base_sensor @ rotation_from_vector(turn)))
+
+    def added(name: str, start: Array) -> Array:
+        return sum((x * change[name] for change, x in zip(changes, away) if name in change), start)
+
+    streams = {name: replace(stream, values=added(name, np.array(stream.values)))
+               for name in _STREAMS if (stream := getattr(base, name)) is not None}
+    turn = added('turn', np.zeros_like(pose.position))
+    return replace(base, **streams, pose=replace(
+        pose, position=added('position', np.array(pose.position)),
+        R_base_sensor=pose.R_base_sensor @ rotation_from_vector(turn)))
 
 
 def refuse_unsteady(runs: Runs) -> None:

@@ -29,9 +29,6 @@ STAGES = ('robot', 'tool', 'environment')
 
 NOTHING: Mapping[str, float] = MappingProxyType({})
 
-UNIT = 1e-3
-"""How far the norm of a quaternion may be from 1: what seven digits lose, and more."""
-
 
 @dataclass(frozen=True)
 class ThirdParty:
@@ -291,7 +288,8 @@ def _check_parameter(name: str, p: Parameter) -> None:
 def _poses(name: str, stream: Stream) -> PoseStream:
     norm = np.linalg.norm(stream.values[:, 3:], axis=1)
     worst = int(np.argmax(np.abs(norm - 1.0)))
-    if abs(norm[worst] - 1.0) > UNIT:
+    # unit: how far the norm of a quaternion may be from 1: what seven digits lose, and more
+    if abs(norm[worst] - 1.0) > 1e-3:
         raise ConfigError(f'{name}: pose: the quaternion at {stream.t[worst]:.3f} s has norm '
                           f'{norm[worst]:.4f}; expected x, y, z, w of a unit quaternion')
     return PoseStream(stream.t, stream.values[:, :3],

@@ -11,11 +11,13 @@ import time
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-if not (ROOT / 'blind').is_dir():
+if not (ROOT / 'benchmark' / 'blind').is_dir():
     pytest.skip('the blind check is not part of what is installed', allow_module_level=True)
 
 from blind import seal
 from blind.score import wilson
+
+pytestmark = pytest.mark.long
 
 TOOL = {'commit': 'abc', 'thresholds': 'def', 'changed': ''}
 
@@ -120,7 +122,6 @@ def test_labels_may_not_lie_within_the_run(tmp_path):
         seal.prepare(tmp_path / 'run', tmp_path / 'run' / 'labels', seal.SEALED, 2, 20.0)
 
 
-@pytest.mark.long
 def test_killed_run_goes_on_to_the_same_cases(tmp_path):
     run, labels = tmp_path / 'run', tmp_path / 'labels'
     command = [sys.executable, str(ROOT / 'benchmark' / 'blind_check.py'), '--seeds',

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-if not (ROOT / 'blind').is_dir():
+if not (ROOT / 'benchmark' / 'blind').is_dir():
     pytest.skip('the blind check is not part of what is installed', allow_module_level=True)
 
 from blind import outside
@@ -29,7 +29,8 @@ def _imports(folder):
             yield from ((path, name.split('.')[0]) for name in names)
 
 
-@pytest.mark.parametrize('one, other', [('blind', 'forcecal_ros'), ('forcecal_ros', 'blind')])
+@pytest.mark.parametrize('one, other', [
+    ('benchmark/blind', 'forcecal_ros'), ('forcecal_ros', 'blind')])
 def test_second_rig_and_package_never_import_each_other(one, other):
     imports = list(_imports(ROOT / one))
     assert imports

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-if not (ROOT / 'blind').is_dir():
+if not (ROOT / 'benchmark' / 'blind').is_dir():
     pytest.skip('the blind check is not part of what is installed', allow_module_level=True)
 
 from blind.answered import same_class

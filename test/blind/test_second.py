@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-if not (ROOT / 'blind').is_dir():
+if not (ROOT / 'benchmark' / 'blind').is_dir():
     pytest.skip('the blind check is not part of what is installed', allow_module_level=True)
 
 from blind.motion import Path as Trajectory
@@ -221,6 +221,7 @@ def test_fourth_part_is_drawn_by_the_rules_of_the_third():
     assert rules.rules_of('sealed-4') is rules.rules_of('sealed-3') is rules.THIRD
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('half, before', [
     ('sealed-2', ('sealed',)), ('sealed-3', ('sealed', 'sealed-2')),
     ('sealed-4', ('sealed', 'sealed-2', 'sealed-3'))])

@@ -13,7 +13,7 @@ from forcecal_ros.core.streams import PoseStream, Stream
 from forcecal_ros.io.bags import write_recording
 from forcecal_ros.io.calibration_file import load
 from forcecal_ros.motion.continuous import MultiSine
-from forcecal_ros.motion.poses import nominal_poses
+from forcecal_ros.motion.profiles import nominal_poses
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np

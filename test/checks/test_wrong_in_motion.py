@@ -1,8 +1,12 @@
 """What spoils a log and shows in motion alone is told, and sound logs are not."""
 
+from dataclasses import replace
+
 from forcecal_ros.calibrate.pipeline import identify
 from forcecal_ros.checks.hypotheses import judge
 from forcecal_ros.checks.signals import interpolated
+from forcecal_ros.core.errors import DataError
+from moving_arm import moving
 import numpy as np
 import pytest
 from wrong_recordings import log, recording_of, resampled, work, WRONG
@@ -34,14 +38,15 @@ def test_a_wrench_that_a_driver_smooths_a_little_is_told_by_its_delay(seed):
     assert judge(spoilt('nothing', seed), DOWN) == ()
 
 
-def test_torques_about_another_point_are_told_while_calibrating():
-    wrong = WRONG['torque about the tool centre'].make(log(70), None)
-    quality = identify(recording_of(wrong)).quality
-    note, = (line for lines in quality.values() if isinstance(lines, list)
-             for line in lines if 'inertia in motion' in str(line))
-    place = note.split('about a point (')[1].split(')')[0]
+@pytest.mark.parametrize('make', [log, moving])
+def test_torques_about_another_point_are_refused_while_calibrating(make):
+    wrong = WRONG['torque about the tool centre'].make(make(70), None)
+    with pytest.raises(DataError, match='are about a point') as error:
+        identify(recording_of(wrong))
+    note = str(error.value)
+    place = note.split('about a point (')[1].split(')', maxsplit=1)[0]
     np.testing.assert_allclose([float(x) for x in place.split()], [0.0, 0.0, 0.15], atol=0.01)
-    stated = note.split('--sensor-from-pose ')[1].split(',')[0].split()
+    stated = note.split('--sensor-from-pose ')[1].split(',', maxsplit=1)[0].split()
     np.testing.assert_allclose([float(x) for x in stated], [0.0, 0.0, 0.15, 0, 0, 0, 1], atol=0.01)
     sound = identify(recording_of(log(70))).quality
     assert 'inertia in motion' not in str(sound)
@@ -64,3 +69,21 @@ def test_a_slow_log_is_not_said_to_hold_no_rotation():
     notes = identify(recording_of(one.of_pose(np.arange(0, len(one.pose_t), 12)))).quality['notes']
     said, = (note for note in notes if 'inertia' in note)
     assert 'readings at 10 Hz in poses of' in said and 'record faster' in said
+
+
+@pytest.mark.parametrize('size', [5, 10, 20])
+def test_messages_in_bursts_are_calibrated_as_when_they_were_measured(size):
+    from wrong_recordings import bursts
+
+    found = identify(recording_of(bursts(log(3, poses=8), size)))
+    assert float(found.mass) == pytest.approx(1.3, abs=2e-3)
+    assert not [line for line in found.quality['warnings'] if 'delays are looked for' in line]
+    assert abs(found.quality['pose_delay']) < 0.006
+
+
+@pytest.mark.parametrize('counts', [30.0, 100.0])
+def test_whole_numbers_in_all_channels_are_refused_as_counts(counts):
+    one = log(2, poses=8)
+    wrench = np.round(counts * one.wrench)
+    with pytest.raises(DataError, match='whole numbers'):
+        identify(recording_of(replace(one, wrench=wrench)))

@@ -133,7 +133,6 @@ def contents(path):
 
 
 @pytest.mark.live
-@pytest.mark.alone
 def test_the_full_rate_of_the_rig_is_recorded_and_played_without_a_loss(ros_domain, tmp_path):
     first = tmp_path / 'first'
     for speed in SPEEDS:

@@ -142,6 +142,7 @@ def test_a_late_wrench_is_told_though_a_low_pass_is_much_like_it(commands):
     assert given['wrench_delay'] + given['wrench_lowpass'] > 0.9
 
 
+@pytest.mark.long
 def test_a_wrench_that_is_late_is_no_accelerometer_that_is_early(commands):
     rig = load_rig('rigid_tool.yaml')
     tool = rigid_tool_of_rig(rig)

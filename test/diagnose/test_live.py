@@ -4,8 +4,7 @@ from forcecal_ros.diagnose.live import offline
 from forcecal_ros.effects import with_effects
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.plan import diagnosis_plan, prepare, preview, Timing
-from forcecal_ros.motion.poses import nominal_poses, step_goal
-from forcecal_ros.motion.profiles import Pace
+from forcecal_ros.motion.profiles import nominal_poses, Pace, step_goal
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import simulate
 import pytest

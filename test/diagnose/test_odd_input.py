@@ -43,7 +43,8 @@ def _commanded(every, effects=None):
     return rig, replace(recording, phases=phases)
 
 
-@pytest.mark.parametrize('every', [pytest.param(2, marks=pytest.mark.long), 5])
+@pytest.mark.parametrize('every', [
+    pytest.param(every, marks=pytest.mark.long) for every in (2, 5)])
 def test_all_of_a_recording_counts_whatever_the_period_of_the_commands(every):
     rig, recording = _commanded(every)
     diagnosis = RigSource(rig).diagnose(recording).diagnosis

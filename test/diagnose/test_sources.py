@@ -27,11 +27,6 @@ def test_a_recording_that_states_no_model_is_refused_with_the_options(tmp_path, 
     assert not out.exists()
 
 
-def test_a_recording_of_the_simulated_rig_states_its_model(tmp_path):
-    write_recording(tmp_path / 'bag', own_recording(parts=FREE))
-    assert main(['diagnose', str(tmp_path / 'bag'), '-o', str(tmp_path / 'out')]) == 0
-
-
 def test_two_recordings_with_joint_commands_are_aligned_by_these():
     t = 0.008 * np.arange(1500)
     q = np.stack([np.sin(1.3 * t), np.cos(0.7 * t) - 1.0], axis=1)

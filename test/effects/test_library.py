@@ -8,7 +8,6 @@ from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.streams import Stream
 from forcecal_ros.effects import (
     applicable,
-    apply_signal_effects,
     EFFECTS,
     named_effects,
     physical_rig,
@@ -19,6 +18,7 @@ from forcecal_ros.sim.rig.plant import enough_steps
 from forcecal_ros.sim.rig.simulator import checked_commands, Samples, SIGNALS, simulate, Simulator
 import numpy as np
 import pytest
+from signal_effects import apply_signal_effects
 import yaml
 
 NAMES = """

@@ -5,8 +5,8 @@ from importlib import import_module
 from pathlib import Path
 
 import forcecal_ros as fc
+from forcecal_ros.cli.sample import commands, SECONDS
 from forcecal_ros.sim.protocol import Inputs
-from forcecal_ros.sim.samples import commands, SECONDS
 from forcecal_ros.sim.third_party import third_party
 import numpy as np
 import pytest

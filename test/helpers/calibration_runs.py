@@ -9,8 +9,7 @@ from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.plan import calibration_plan, prepare, Timing
-from forcecal_ros.motion.poses import nominal_poses, step_goal
-from forcecal_ros.motion.profiles import Pace, Pose
+from forcecal_ros.motion.profiles import nominal_poses, Pace, Pose, step_goal
 from forcecal_ros.observe.design import with_kalman_gains
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import simulate

@@ -12,12 +12,30 @@ from forcecal_ros.core.errors import ForcecalError
 from forcecal_ros.core.geometry import rotation_from_vector, STANDARD_GRAVITY
 from forcecal_ros.core.streams import Recording
 from forcecal_ros.effects.library import chosen_effects
-from forcecal_ros.sim.rig.faults import in_recording, OFFSETS
+from forcecal_ros.sim.rig import faults
+from forcecal_ros.sim.rig.simulator import SIGNALS
 from identification_coverage import draw, errors
 import numpy as np
 
 WORST = 5.0
 """An estimate that is off by more of its standard errors has to be called into question."""
+
+
+def in_recording(recording: Recording, sensor: str, kind: str, start: float,
+                 seed: int | None = None) -> Recording:
+    """Return a recording in which one sensor became faulty at ``start`` [s]."""
+    stream = getattr(recording, sensor)
+    names = [name for name in ('values', 'position', 'R_base_sensor') if hasattr(stream, name)]
+    fields = dict(zip(SIGNALS[sensor][1:], names))
+    fault = faults.SensorFault(sensor, seed)
+    parts = []
+    for fault.kind, inside in (('none', stream.t < start), (kind, stream.t >= start)):
+        block = {field: getattr(stream, name)[inside] for field, name in fields.items()}
+        parts.append(fault.block(faults._Block(stream.t[inside], block)))
+    t = np.concatenate([part.t for part in parts])
+    values = {name: np.concatenate([part.fields[field] for part in parts])
+              for field, name in fields.items()}
+    return replace(recording, **{sensor: replace(stream, t=t, **values)})
 
 
 class Scene(NamedTuple):
@@ -230,7 +248,7 @@ def faulty(scene, sensor, kind):
     start = float(scene.rng.uniform(0.0, 0.9) * recording.wrench.t[-1])
     if (sensor, kind) == ('accelerometer', 'wrong'):
         key = 'accelerometer.offset'
-        scene.after[key] = scene.truth[key] + OFFSETS['volts']
+        scene.after[key] = scene.truth[key] + faults.OFFSETS['volts']
     return in_recording(recording, sensor, kind, start, scene.seed)
 
 

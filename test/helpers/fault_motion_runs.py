@@ -6,8 +6,7 @@ import signal
 from forcecal_ros.core.geometry import rotation_about
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import WatchSettings
-from forcecal_ros.motion.poses import flatten_poses, nominal_poses
-from forcecal_ros.motion.profiles import Pose
+from forcecal_ros.motion.profiles import flatten_poses, nominal_poses, Pose
 from forcecal_ros.nodes.runtime import OUTPUT
 from geometry_msgs.msg import PoseStamped
 from live import Live, ON_RIG_TIME, RIG_TIME, speeds

@@ -7,7 +7,7 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.core.geometry import quaternion_from_matrix
-from forcecal_ros.motion.poses import nominal_poses
+from forcecal_ros.motion.profiles import nominal_poses
 from forcecal_ros.nodes.runtime import LATCHED, OUTPUT
 from forcecal_ros.nodes.wire import Reader, Writer
 from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped

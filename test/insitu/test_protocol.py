@@ -94,7 +94,7 @@ def test_standard_errors_cover_with_the_filter_and_without(window):
     leg = Leg(duration=30.0)
     z = np.concatenate([
         sigmas(calibrated(leg, 30 + seed, Options(filter_window=window)), leg)
-        for seed in range(6)])
+        for seed in range(3)])
     assert 0.75 < np.sqrt((z ** 2).mean()) < 1.2
     assert (np.abs(z) < 1.96).mean() > 0.91
 
@@ -110,7 +110,7 @@ def test_standard_errors_cover_when_the_noise_is_correlated_over_seconds(monkeyp
                               log.gyro, log.wrench)
 
     monkeypatch.setattr('insitu_runs.record', record)
-    z = np.concatenate([sigmas(calibrated(Leg(), 60 + seed), Leg()) for seed in range(5)])
+    z = np.concatenate([sigmas(calibrated(Leg(), 60 + seed), Leg()) for seed in range(3)])
     assert np.sqrt((z ** 2).mean()) < 1.3
     assert (np.abs(z) < 1.96).mean() > 0.88
 

@@ -31,5 +31,5 @@ def test_standard_errors_of_fast_motion_are_those_of_its_errors():
     fast = Leg(inertial=True, speed=8.0)
     off = [sigmas(calibrated(fast, seed, Options(moving=True),
                              Mounting(position=insitu_leg.ACCELEROMETER)), fast)
-           for seed in (20, 21, 22)]
+           for seed in (20, 21)]
     assert 0.75 < np.sqrt(np.mean(np.square(off))) < 1.35

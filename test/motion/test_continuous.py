@@ -14,8 +14,7 @@ from forcecal_ros.motion.continuous import (
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import Stillness
 from forcecal_ros.motion.plan import continuous_plan, in_words, outline, path_of, preview, Timing
-from forcecal_ros.motion.poses import nominal_poses
-from forcecal_ros.motion.profiles import Pace
+from forcecal_ros.motion.profiles import nominal_poses, Pace
 from forcecal_ros.motion.sequence import MotionSequence, StreamSettings
 from forcecal_ros.nodes.sequencer_settings import PARAMETERS, settings_of
 import numpy as np

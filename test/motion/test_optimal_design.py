@@ -7,19 +7,20 @@ from forcecal_ros.calibrate.pipeline import identify
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import DataError, MotionError
 from forcecal_ros.io.calibration_file import dump, parse
-from forcecal_ros.motion.information import at_rest, in_motion, sensors_of
 from forcecal_ros.motion.limits import Limits, pace_within
 from forcecal_ros.motion.optimal_design import (
+    at_rest,
     criterion_of,
     design_calibration,
     GROUPS,
+    in_motion,
     Planner,
     Robot,
+    sensors_of,
     step_within,
 )
 from forcecal_ros.motion.plan import calibration_plan, prepare, Timing
-from forcecal_ros.motion.poses import nominal_poses, reach_of, step_goal
-from forcecal_ros.motion.profiles import Move
+from forcecal_ros.motion.profiles import Move, nominal_poses, reach_of, step_goal
 from forcecal_ros.nodes.sequencer_settings import PARAMETERS, settings_of
 from forcecal_ros.sim.rig.file import expected_sensors, load_rig
 import numpy as np

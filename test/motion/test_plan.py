@@ -21,8 +21,7 @@ from forcecal_ros.motion.plan import (
     preview,
     Timing,
 )
-from forcecal_ros.motion.poses import nominal_poses, step_goal
-from forcecal_ros.motion.profiles import JointMove, Pace
+from forcecal_ros.motion.profiles import JointMove, nominal_poses, Pace, step_goal
 from forcecal_ros.nodes.sequencer_settings import PARAMETERS, settings_of
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import simulate

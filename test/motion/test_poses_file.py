@@ -1,6 +1,6 @@
 """Poses from a file."""
 
-from forcecal_ros.motion.poses import anchor
+from forcecal_ros.motion.profiles import anchor
 from forcecal_ros.nodes.sequencer_settings import poses_from_file
 import numpy as np
 

@@ -17,23 +17,21 @@ from forcecal_ros.motion.plan import (
     Segment,
     Timing,
 )
-from forcecal_ros.motion.poses import (
+from forcecal_ros.motion.profiles import (
     anchor,
     flatten_poses,
-    nominal_poses,
-    orientation,
-    read_poses,
-    step_goal,
-)
-from forcecal_ros.motion.profiles import (
     hold,
     JointMove,
     Move,
+    nominal_poses,
+    orientation,
     Pace,
     peak_rates,
     Pose,
     quintic,
+    read_poses,
     shortest_duration,
+    step_goal,
     stop_time,
 )
 from hypothesis import given, settings

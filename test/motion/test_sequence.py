@@ -13,8 +13,15 @@ from forcecal_ros.core.geometry import (
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import angle_between, Monitor, Stillness, WatchSettings
 from forcecal_ros.motion.plan import calibration_plan, PlannedSegment, prepare, Segment, Timing
-from forcecal_ros.motion.poses import nominal_poses, step_goal
-from forcecal_ros.motion.profiles import JointMove, Move, Pace, Pose, twist_towards
+from forcecal_ros.motion.profiles import (
+    JointMove,
+    Move,
+    nominal_poses,
+    Pace,
+    Pose,
+    step_goal,
+    twist_towards,
+)
 from forcecal_ros.motion.sequence import MotionSequence, next_in_phase, StreamClock, StreamSettings
 from hypothesis import given, settings
 from hypothesis import strategies as st

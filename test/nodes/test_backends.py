@@ -5,8 +5,7 @@ from forcecal_ros.core.geometry import (
     rotation_from_vector,
 )
 from forcecal_ros.motion.limits import Limits
-from forcecal_ros.motion.poses import flatten_poses, nominal_poses
-from forcecal_ros.motion.profiles import Pose
+from forcecal_ros.motion.profiles import flatten_poses, nominal_poses, Pose
 from forcecal_ros.nodes.runtime import OUTPUT
 from live import Live, Robot
 import numpy as np

@@ -72,7 +72,6 @@ class Flange:
 
 
 @pytest.mark.long
-@pytest.mark.alone
 @pytest.mark.parametrize('on_flange', [False, True])
 def test_calibrates_publishes_observes_and_touches(ros_domain, tmp_path, on_flange):
     path = tmp_path / 'calibration.yaml'

@@ -20,9 +20,6 @@ WATCH = {**ON_RIG_TIME, 'watch__max_age': 5.0, 'watch__frozen_timeout': 1.0,
 """A machine that runs tests may be late; where lateness is the point, it is not given."""
 del WATCH['watch__most_pauses']  # the sequencer counts them, this node does not
 
-pytestmark = pytest.mark.alone
-"""The rig's clock waits for commands, but for no observer that a busy machine keeps back."""
-
 BOX = '[1.35, 0.4, 1.4]'
 QUICK = {'task__swings': 0, 'task__approach': 1.0, 'task__hold': 0.6}
 LONG = {**QUICK, 'task__hold': 30.0}

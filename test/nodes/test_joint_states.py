@@ -7,8 +7,7 @@ from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.io.calibration_file import save
 from forcecal_ros.io.urdf import Description
 from forcecal_ros.nodes.inputs import POSE_PARAMETERS, pose_source
-from forcecal_ros.nodes.parameters import declare
-from forcecal_ros.nodes.runtime import OUTPUT
+from forcecal_ros.nodes.runtime import declare, OUTPUT
 from forcecal_ros.nodes.wire import JointsReader
 from forcecal_ros.observe.pose_sources import JointPose
 from lifecycle_msgs.srv import GetState

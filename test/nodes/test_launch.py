@@ -80,8 +80,8 @@ def test_it_describes_its_nodes_and_arguments(path):
 
 def test_presets_give_topics_and_parameter_files_and_the_users_file_counts_last():
     pytest.importorskip('launch_ros', reason="ROS 2's launch is not on PyPI")
+    from forcecal_ros.core.topics import preset_file
     from forcecal_ros.nodes import launching
-    from forcecal_ros.nodes.presets import preset_file
     from launch import LaunchContext
     from launch.actions import DeclareLaunchArgument
 

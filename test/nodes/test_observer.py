@@ -8,8 +8,7 @@ from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.io.calibration_file import dump, save
-from forcecal_ros.motion.poses import nominal_poses
-from forcecal_ros.motion.profiles import Move, Pose
+from forcecal_ros.motion.profiles import Move, nominal_poses, Pose
 from forcecal_ros.nodes.observer import Observer
 from forcecal_ros.nodes.runtime import LATCHED
 from forcecal_ros.observe import ContactSample, ObserverSettings, replay
@@ -147,7 +146,6 @@ def check_frames(answers, elsewhere, recording):
         np.testing.assert_allclose(list(rest.values()), expected, atol=1e-3, err_msg=frame)
 
 
-@pytest.mark.alone
 def test_lifecycle_tare_and_takeover(ros_domain, tmp_path, recording):
     path = tmp_path / 'calibration.yaml'
     with Live() as live:

@@ -6,11 +6,11 @@ from pathlib import Path
 
 from drivers import FrameTransforms, gantry, joints_at, Servo, states
 from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.topics import CONTROLLERS, preset_file, read_preset, ROBOTS, topic_of
 from forcecal_ros.io.calibration_file import save
 from forcecal_ros.nodes.config import TABLES
 from forcecal_ros.nodes.impedance import settings_of as impedance_settings
 from forcecal_ros.nodes.observer_settings import settings_of as observer_settings
-from forcecal_ros.nodes.presets import CONTROLLERS, preset_file, read_preset, ROBOTS, topic_of
 from forcecal_ros.nodes.runtime import OUTPUT
 from forcecal_ros.nodes.sequencer_settings import settings_of as sequencer_settings
 from geometry_msgs.msg import PoseStamped, WrenchStamped

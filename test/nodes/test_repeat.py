@@ -26,7 +26,6 @@ def relay(live):
 
 
 @pytest.mark.long
-@pytest.mark.alone
 def test_a_planned_pose_that_is_off_is_measured_again(ros_domain, tmp_path):
     plan = tmp_path / 'plan.yaml'
     assert main(['plan', '--for', 'calibration', '--duration', '14', '--quiet', '-o',

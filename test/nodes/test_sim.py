@@ -7,8 +7,7 @@ import signal
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.core.geometry import quaternion_from_matrix
 from forcecal_ros.core.streams import PoseStream
-from forcecal_ros.motion.poses import nominal_poses, step_goal
-from forcecal_ros.motion.profiles import Move, Pose
+from forcecal_ros.motion.profiles import Move, nominal_poses, Pose, step_goal
 from forcecal_ros.nodes import sim
 from forcecal_ros.nodes.runtime import OUTPUT
 from forcecal_ros.nodes.sequencer import Sequencer

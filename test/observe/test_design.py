@@ -15,29 +15,20 @@ from forcecal_ros.observe import (
 )
 from forcecal_ros.observe.bandwidth import (
     butterworth,
-    design_joint,
-    joint_model,
+    contact_bandwidth,
     offset_poles,
     Poles,
-    STATES,
-    stationary_filter,
-    undetectable_states,
+    stationary_gain,
 )
 from forcecal_ros.observe.motion import tracking_gains
+from joint_filter import design_joint, joint_model, stationary_filter
 import numpy as np
 from observing import calibration, push, record
 import pytest
-from scipy.linalg import LinAlgError, solve_discrete_are, solve_discrete_lyapunov
+from scipy.linalg import solve_discrete_lyapunov
 
 LEVELS = noise_levels(calibration().noise)
 MASS, DT = 13.0, 0.001
-
-
-def test_offset_is_undetectable_without_the_position():
-    A, C, *_ = joint_model(LEVELS, MASS, ObserverSettings(), DT, position=False)
-    assert undetectable_states(A, C, STATES) == STATES
-    A, C, *_ = joint_model(LEVELS, MASS, ObserverSettings(), DT, position=True)
-    assert undetectable_states(A, C, STATES) == ()
 
 
 def test_design_refuses_an_undetectable_offset_and_auto_leaves_it_out():
@@ -48,27 +39,9 @@ def test_design_refuses_an_undetectable_offset_and_auto_leaves_it_out():
     assert design(calibration(), ObserverSettings(offset='on')).track_offset
 
 
-@pytest.mark.parametrize('walk', [2e-4, 5e-4, 1e-3, 2e-3])
-def test_riccati_solver_answers_an_undetectable_problem_with_newtons_of_no_meaning(walk):
-    """Offset and force alone: what it returns is no filter, one error never fades."""
-    A, C, Q, R, _ = joint_model(LEVELS, MASS, ObserverSettings(offset_walk=walk), DT,
-                                position=False)
-    A, C, Q = A[2:, 2:], C[:, 2:], Q[2:, 2:]
-    with pytest.raises(UnobservableError):
-        stationary_filter(A, C, Q, R, STATES[2:])
-    try:
-        P = solve_discrete_are(A.T, C.T, Q, R)
-    except LinAlgError:
-        return
-    gain = P @ C.T / (C @ P @ C.T + R)
-    slowest = np.abs(np.linalg.eigvals((np.eye(2) - gain @ C) @ A)).max()
-    assert slowest > 1 - 1e-6
-    assert np.isfinite(P).all() and np.sqrt(P[1, 1]) > 2.0
-
-
 def force_error(gain, levels, settings):
     """Stationary standard deviation of the force error with any gain of the joint problem."""
-    A, C, Q, R, S = joint_model(levels, MASS, settings, DT, position=True)
+    A, C, Q, R, S = joint_model(levels, MASS, settings, DT)
     keep = np.eye(4) - gain @ C
     # error after update: keep (A e + w) - gain v', w of this instant and v' of the next
     F = keep @ A
@@ -148,18 +121,28 @@ def test_offset_poles_are_those_of_the_riccati_equation():
     Q[:2, :2] = LEVELS.specific_force * np.array([[dt ** 3 / 3, dt ** 2 / 2], [dt ** 2 / 2, dt]])
     Q[2, 2] = ObserverSettings().offset_walk ** 2 * dt
     C, R = np.array([[1.0, 0.0, 0.0]]), np.array([[ObserverSettings().pose_position_std ** 2]])
-    wanted = stationary_filter(A, C, Q, R, STATES[:3]).gain[:, 0]
+    wanted = stationary_filter(A, C, Q, R).gain[:, 0]
     assert found * [1, 1, -1] == pytest.approx(wanted, rel=1e-3)
 
 
-def test_stationary_filter_is_the_limit_of_the_recursion():
-    A, C, Q, R, _ = joint_model(LEVELS, MASS, ObserverSettings(), 0.004, position=True)
-    filter_ = stationary_filter(A, C, Q, R, STATES)
+def test_stationary_gain_is_the_limit_of_the_recursion():
+    A, C, Q, R, _ = joint_model(LEVELS, MASS, ObserverSettings(), 0.004)
+    found = stationary_gain(A, C, Q, R)
     P = np.diag([1e-6, 1e-4, 1e-2, 10.0])
     for _ in range(20000):
         gain = P @ C.T @ np.linalg.inv(C @ P @ C.T + R)
         P = A @ (np.eye(4) - gain @ C) @ P @ A.T + Q
-    assert filter_.predicted == pytest.approx(P, rel=1e-3, abs=1e-12)
+    assert found == pytest.approx(gain, rel=1e-3, abs=1e-12)
+
+
+@pytest.mark.parametrize('walk', [0.1, 2.5, 10.0])
+def test_bandwidth_is_that_of_the_riccati_equation_of_a_random_walk(walk):
+    settings = ObserverSettings(contact_walk=walk, bandwidth_min_hz=1e-3, bandwidth_max_hz=1000.0)
+    dt, one = 1 / LEVELS.rate, np.eye(1)
+    noise = (LEVELS.force + MASS ** 2 * LEVELS.specific_force) / dt
+    k = stationary_filter(one, one, walk ** 2 * dt * one, noise * one).gain[0, 0]
+    expected = -np.log(1 - k) / dt / (2 * np.pi)
+    assert contact_bandwidth(LEVELS, MASS, settings) == pytest.approx(expected, rel=1e-6)
 
 
 def test_gains_for_the_calibration_name_the_bandwidth():

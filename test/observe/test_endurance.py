@@ -13,7 +13,6 @@ from forcecal_ros.observe import (
     on_wrench,
     State,
 )
-from forcecal_ros.observe.bandwidth import stationary_filter
 from forcecal_ros.observe.design import design
 from forcecal_ros.observe.playback import answers, run
 from forcecal_ros.observe.sample import BAD_WRENCH, INVALID, NO_GRAVITY
@@ -22,7 +21,6 @@ from hypothesis import strategies as st
 import numpy as np
 from observing import calibration, push, record, Swing
 import pytest
-from scipy.stats import chi2
 
 MODEL = design(calibration())
 DAY = 86_400.0
@@ -86,28 +84,6 @@ def test_gains_of_any_covariance_are_finite_or_refused_in_one_line(sizes, mass):
         assert np.isfinite(riccati_gain(model.A, model.C, Q, R)).all()
     except ForcecalError as error:
         assert '\n' not in str(error)
-
-
-def test_normalised_innovations_are_those_of_chi_square_over_a_hundred_runs():
-    """Bar-Shalom's test: mean of nu^T S^-1 nu over runs and steps within its 99.9 % interval."""
-    dt, rng = 0.01, np.random.default_rng(7)
-    A, C = np.array([[1.0, dt], [0.0, 1.0]]), np.array([[1.0, 0.0], [0.3, 1.0]])
-    Q = 0.2 * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
-    R = np.array([[0.04, 0.01], [0.01, 0.09]])
-    found = stationary_filter(A, C, Q, R, ('a', 'b'))
-    S = C @ found.predicted @ C.T + R
-    runs, steps = 100, 50
-    truth = np.zeros((runs, 2))
-    guess = rng.multivariate_normal(np.zeros(2), found.predicted, size=runs)
-    total = 0.0
-    for _ in range(steps):
-        y = truth @ C.T + rng.multivariate_normal(np.zeros(2), R, size=runs)
-        nu = y - guess @ C.T
-        total += float(np.einsum('ni,ij,nj->', nu, np.linalg.inv(S), nu))
-        guess = (guess + nu @ found.gain.T) @ A.T
-        truth = truth @ A.T + rng.multivariate_normal(np.zeros(2), Q, size=runs)
-    low, high = chi2.ppf([0.0005, 0.9995], 2 * runs * steps)
-    assert low < total < high
 
 
 @pytest.mark.parametrize('days', [1, 10])

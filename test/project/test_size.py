@@ -8,12 +8,12 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[2] / 'forcecal_ros'
 
 BUDGETS = {
-    'calibrate': 3100, 'checks': 1650, 'cli': 3060, 'core': 2165, 'diagnose': 5600,
-    'effects': 810, 'fleet': 250, 'impedance': 930, 'insitu': 2310, 'io': 2740, 'motion': 1550,
-    'nodes': 4030, 'observe': 3200, 'report': 1650, 'rig_fit': 600, 'sim': 3050}
+    'calibrate': 3100, 'checks': 1650, 'cli': 3085, 'core': 2085, 'diagnose': 5610,
+    'effects': 795, 'fleet': 250, 'impedance': 865, 'insitu': 2310, 'io': 2740, 'motion': 1520,
+    'nodes': 3890, 'observe': 3025, 'report': 1595, 'rig_fit': 530, 'sim': 2885}
 """Code lines; less is better: lower a number with the code."""
 
-MOST_FILES, MOST_CONSTANTS = 280, 810
+MOST_FILES, MOST_CONSTANTS = 264, 596
 """Of the whole package; a constant is a number bound to an upper-case name of a module."""
 
 FILES = sorted(PACKAGE.rglob('*.py'))

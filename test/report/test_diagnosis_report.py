@@ -27,8 +27,8 @@ from forcecal_ros.report.diagnosis import (
     view_without_signals,
 )
 from forcecal_ros.report.effect_words import sentence, VERDICTS, WORDS
+from forcecal_ros.report.figures import between, Line, live, MOST_POINTS
 from forcecal_ros.report.page import origin, Step
-from forcecal_ros.report.panels import between, Line, live, MOST_POINTS
 import numpy as np
 import pytest
 
@@ -73,19 +73,19 @@ def test_a_share_is_all_or_nothing_only_where_it_is():
 
 
 @pytest.mark.parametrize('name', [*EFFECTS, 'wrench_bias_step'])
-def test_every_effect_has_words_that_take_its_numbers(name):
+def test_every_effect_has_words_and_shows_its_numbers(name):
     quantities = EFFECTS[name].parameters if name in EFFECTS else ()
     numbers = {q.name: Parameter(q.typical, 1e-3 * abs(q.typical), q.unit) for q in quantities
                } or {'fy': Parameter(0.6, 0.01, 'N')}
     said = sentence(NamedEffect(name, numbers, 0.9))
-    assert name in WORDS and '{' not in said
+    assert name in WORDS
     assert '±' in said and 'nan' not in said
 
 
 def test_a_sentence_leaves_out_what_is_chance():
     gain = NamedEffect('wrench_gain', {'fx': Parameter(0.05, 0.001, '1'),
                                  'fy': Parameter(0.001, 0.001, '1')}, 0.9)
-    assert sentence(gain).endswith('(-): fx +5.00 ± 0.20 %')
+    assert sentence(gain).endswith('too little: fx +5.00 ± 0.20 %')
     limit = NamedEffect('wrench_saturation', {'limit': Parameter(60.0, 0.5, 'N'),
                                         'torque_limit': Parameter(1e3, 1.0, 'N m')}, 0.9)
     assert sentence(limit).endswith('ends: limit 60.0 ± 1.0 N')
@@ -105,7 +105,7 @@ def test_a_number_at_its_bound_says_so_and_has_no_error():
         'time_constant': Parameter(0.2, 0.0, 's', at_bound=True),
         'second_order': Parameter(1.5, 0.1, '1')}, 0.9)
     d = replace(IDENTIFIED, effects=(stiff,))
-    assert sentence(stiff).endswith('time constant of 200 ms (at its bound)')
+    assert sentence(stiff).endswith('by a filter: time constant 200 ms (at its bound)')
     page = render(_view(d), [], NEXT)
     assert 'at its bound' in page and '± 0 ' not in page
     document = to_document(d, units(), None)
@@ -164,7 +164,7 @@ def test_a_report_without_a_comparison_says_that_nothing_is_known_of_size_and_ca
 
 
 def test_the_first_sentence_says_what_how_large_how_sure_and_how_much_it_explains():
-    assert headline(IDENTIFIED) == ('The measured wrench lags the simulated one by 4.00 ± 0.28 ms '
+    assert headline(IDENTIFIED) == ('Force and torque come late: delay 4.00 ± 0.28 ms '
                                     '(probability 97 %). Adding it explains 98 % of the misfit '
                                     '(95 % interval: 97 to 99 %).')
 

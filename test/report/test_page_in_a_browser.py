@@ -2,8 +2,8 @@
 
 from browser import browser, CHROMIUM
 from forcecal_ros.core.streams import Phase
+from forcecal_ros.report.figures import Line, Panel, Shown
 from forcecal_ros.report.page import Fact, picture, render_page
-from forcecal_ros.report.panels import Line, Panel, Shown
 import numpy as np
 import pytest
 

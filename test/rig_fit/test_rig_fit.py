@@ -12,9 +12,8 @@ from forcecal_ros.diagnose.sources.pair import shift_times
 from forcecal_ros.diagnose.sources.rig import is_tracked
 from forcecal_ros.effects.rig import Axis, Unexplained
 from forcecal_ros.io.bags import write_recording
-from forcecal_ros.rig_fit.fit import fit_rig
+from forcecal_ros.rig_fit.fit import command_period, fit_rig, fit_tool, noise_of
 from forcecal_ros.rig_fit.robot import at_ends, Followed, LIMITS
-from forcecal_ros.rig_fit.tool import command_period, fit_tool, noise_of
 from forcecal_ros.sim.rig.file import dump_rig, load_rig
 from forcecal_ros.sim.rig.plant import Plant
 from forcecal_ros.sim.rig.simulator import simulate

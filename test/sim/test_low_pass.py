@@ -1,6 +1,6 @@
 """How much of a noisy pose is motion."""
 
-from forcecal_ros.sim.low_pass import clear_band, LEAST, MOST
+from forcecal_ros.sim.signals import clear_band, LEAST, MOST
 import numpy as np
 import pytest
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import re
 
 from forcecal_ros.cli.main import main
+from forcecal_ros.cli.sample import recorded
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.geometry import matrix_from_quaternion, rotation_from_vector
 from forcecal_ros.diagnose.dataset import span
@@ -19,7 +20,6 @@ from forcecal_ros.sim.protocol import Inputs
 from forcecal_ros.sim.rerun import INTEGRATION_BEND, INTEGRATION_STEP, library_of, nuisances_of
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.runs import Runs
-from forcecal_ros.sim.samples import recorded
 from forcecal_ros.sim.third_party import third_party, with_priors
 import numpy as np
 import pytest

@@ -89,7 +89,7 @@ def test_a_limit_that_acts_only_lower_down_is_tried_lower_down(arm_xml):
     lower = arm.run(INPUTS, (arm.nominal[0] - arm.parameters[0].sigma,)).joints
     here = runs.exact(arm.nominal).joints
     assert np.abs(lower.values - here.values).max() > 1e-4
-    np.testing.assert_allclose(change.joints, here.values - lower.values, atol=1e-12)
+    np.testing.assert_allclose(change['joints'], here.values - lower.values, atol=1e-12)
 
 
 def test_an_arm_that_does_not_come_to_rest_is_said(arm_xml):

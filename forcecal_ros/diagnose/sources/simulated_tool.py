@@ -137,10 +137,11 @@ def _require_own_axes(simulated: Recording, rig: Rig) -> str:
     except UnobservableError:
         pass  # the fit of the tool reports it better
     except DataError as error:
-        if 'opposite sign' not in str(error) and 'removes the weight' not in str(error):
-            cause = str(error).rpartition(';')[0]
-            raise DataError(f'the simulated {cause}; let the simulator publish it in the frame '
-                            'of its pose') from error
+        if 'opposite sign' not in str(error):
+            cause = str(error).rpartition(';')[0].replace('the driver', 'the simulator')
+            how = ('without compensating gravity' if 'removes the weight' in cause else
+                   'in the frame of its pose')
+            raise DataError(f'the simulated {cause}; let it publish the wrench {how}') from error
     if simulated.wrench is None or not len(simulated.wrench):
         return ''
     return as_in_base(simulated.wrench.values[:, :3], gravity)

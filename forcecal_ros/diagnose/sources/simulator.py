@@ -515,8 +515,9 @@ def conformance(simulator: ThirdParty, recording: Recording, rig: Rig) -> Confor
     lacking = missing_joint_notes(inputs.measured_joints,
                             () if made.joints is None else made.joints.names)
     return Conformance(simulator.name, seconds, inputs.end - inputs.start, streams, tuple(
-        Sensitivity(p.name, _rms(c.wrench[:, :3]), _rms(c.wrench[:, 3:]), _rms(c.position),
-                    _rms(c.turn), 0.0 if c.joints is None else _rms(c.joints))
+        Sensitivity(p.name, _rms(c['wrench'][:, :3]), _rms(c['wrench'][:, 3:]),
+                    _rms(c['position']), _rms(c['turn']),
+                    _rms(c['joints']) if 'joints' in c else 0.0)
         for p, c in zip(simulator.parameters, runs.changes(simulator.nominal))),
         (*simulator.notes, *lacking))
 

@@ -152,6 +152,9 @@ def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Seri
         names = ', '.join(sorted(topic.name for topic in bag.topics))
         what = f'it holds {names}; name the topics with --topic role=NAME' if names else (
             'it holds no topics; record again')
+        if any(topic.type == JOINT_STATE for topic in bag.topics):
+            what += ('; joint states give the pose (--topic pose=urdf:FILE:BASE:LINK), a wrench '
+                     'has to be recorded as well')
         raise DataError(f'{bag.path}: nothing to read; {what}'
                         + ''.join(f'; {note}' for note in bag.notes))
     start_ns = int(min(stamps[0] for stamps in received))

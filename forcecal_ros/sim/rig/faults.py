@@ -5,11 +5,9 @@ the ``sim`` node and recordings made offline take them from here.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.streams import Recording
 from forcecal_ros.sim.rig.simulator import Samples, SIGNALS
 import numpy as np
 from numpy.typing import NDArray
@@ -27,15 +25,6 @@ FAULTS = {
     'intermittent': 'silent for 0.1 s in every 0.3 s',
 }
 """What a sensor can be made to do, by the word that switches it on."""
-
-SLOW = 20
-"""A slow sensor delivers one sample in this many."""
-
-DELAY = 0.3
-"""Lateness of a delayed sensor [s]."""
-
-SILENCE, CYCLE = 0.1, 0.3
-"""An intermittent sensor is silent for the first part of each cycle [s]."""
 
 OFFSETS = {'wrench': (20.0, 20.0, 20.0, 2.0, 2.0, 2.0), 'volts': 0.5, 'specific_force': 2.0,
            'optidrive': 0.005, 'position': 0.03, 'R_base_sensor': 0.0}
@@ -95,11 +84,12 @@ class SensorFault:
         self._last: _Block | None = None
         self._held: _Block | None = None
         self._count = 0
+        # silence and cycle: an intermittent sensor is silent for the first part of each cycle [s]
         self._ways: dict[str, Callable[[_Block], _Block]] = {
             'off': lambda block: block.where(block.t != block.t),
             'stuck': self._stuck, 'garbage': self._garbage, 'wrong': self._wrong,
             'slow': self._slow, 'delayed': self._delayed,
-            'intermittent': lambda block: block.where(block.t % CYCLE >= SILENCE)}
+            'intermittent': lambda block: block.where(block.t % 0.3 >= 0.1)}
 
     def __call__(self, samples: Samples) -> Samples:
         """Pass on the next samples of all sensors, those of this one as it reports them."""
@@ -139,12 +129,14 @@ class SensorFault:
     def _slow(self, block: _Block) -> _Block:
         index = self._count + np.arange(len(block.t))
         self._count += len(block.t)
-        return block.where(index % SLOW == 0)
+        # slow: a slow sensor delivers one sample in this many
+        return block.where(index % 20 == 0)
 
     def _delayed(self, block: _Block) -> _Block:
         """Hold back what is younger than the delay, counted from the newest sample."""
         block = block.after(self._held)
-        due = block.t <= (block.t[-1] if len(block.t) else 0.0) - DELAY
+        # delay: lateness of a delayed sensor [s]
+        due = block.t <= (block.t[-1] if len(block.t) else 0.0) - 0.3
         self._held = block.where(~due)
         return block.where(due)
 
@@ -169,32 +161,3 @@ class RobotFault:
             return None
         self._away = self._away + RUNAWAY * period if self.kind == 'runaway' else 0.0
         return np.asarray(position) - [self._away, 0.0, 0.0]
-
-
-
-def in_recording(recording: Recording, sensor: str, kind: str, start: float,
-                 seed: int | None = None) -> Recording:
-    """
-    Return a recording in which one sensor became faulty.
-
-    Parameters
-    ----------
-    sensor, kind : str
-        Of ``SENSORS`` and ``FAULTS``.
-    start : float
-        From when on [s].
-    seed : int, optional
-        Of garbage.
-    """
-    stream = getattr(recording, sensor)
-    names = [name for name in ('values', 'position', 'R_base_sensor') if hasattr(stream, name)]
-    fields = dict(zip(SIGNALS[sensor][1:], names))
-    fault = SensorFault(sensor, seed)
-    parts = []
-    for fault.kind, inside in (('none', stream.t < start), (kind, stream.t >= start)):
-        block = {field: getattr(stream, name)[inside] for field, name in fields.items()}
-        parts.append(fault.block(_Block(stream.t[inside], block)))
-    t = np.concatenate([part.t for part in parts])
-    values = {name: np.concatenate([part.fields[field] for part in parts])
-              for field, name in fields.items()}
-    return replace(recording, **{sensor: replace(stream, t=t, **values)})

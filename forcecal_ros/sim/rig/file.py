@@ -9,10 +9,9 @@ import sys
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.schema import columns, load, Section, yaml_value
-from forcecal_ros.effects.apply import physical_rig
 from forcecal_ros.effects.library import Chosen, chosen_effects, EFFECTS, named_effects
-from forcecal_ros.effects.rig import AccelerometerModel, Rig
-from forcecal_ros.motion.information import Sensors
+from forcecal_ros.effects.rig import AccelerometerModel, physical_rig, Rig
+from forcecal_ros.motion.optimal_design import Sensors
 import numpy as np
 
 _EXAMPLE: Chosen = chosen_effects({'wrench_delay': {'delay': 0.004}})
@@ -89,14 +88,9 @@ def _effect_lines(chosen: Chosen) -> Iterator[str]:
                 f' # {q.unit}'
 
 
-TRAVEL = 0.05
-"""Of the joint, either way: twice what the nominal tool's weight bends its spring [m]."""
-
-
-def _visual(shape: str, centre: Array | tuple[float, ...], colour: str, rpy: str = '0 0 0'
-            ) -> str:
+def _visual(shape: str, centre: Array | tuple[float, ...], colour: str) -> str:
     x, y, z = centre
-    return (f'    <visual>\n      <origin xyz="{x:g} {y:g} {z:g}" rpy="{rpy}"/>\n'
+    return (f'    <visual>\n      <origin xyz="{x:g} {y:g} {z:g}" rpy="0 0 0"/>\n'
             f'      <geometry>{shape}</geometry>\n'
             f'      <material name="{colour}"/>\n    </visual>')
 
@@ -110,12 +104,14 @@ def _inertial(mass: float, com: Array, J: Array) -> str:
 
 def urdf(rig: Rig) -> str:
     """Return the URDF of what hangs on the sensor of a rig."""
+    # of the joint, either way: twice what the nominal tool's weight bends its spring [m]
+    travel = 0.05
     tool, com, tip = rig.tool, np.array(rig.tool.com), np.array(rig.tool.tip)
     size = 2 * np.abs(com[:2]) + 0.1
     body = f'<box size="{size[0]:g} {size[1]:g} {2 * com[2]:g}"/>'
     joint = 'prismatic' if rig.optidrive is not None else 'fixed'
     limit = ('' if joint == 'fixed' else '\n    <axis xyz="1 0 0"/>\n    '
-             f'<limit lower="{-TRAVEL}" upper="{TRAVEL}" effort="500" velocity="1"/>')
+             f'<limit lower="{-travel}" upper="{travel}" effort="500" velocity="1"/>')
     return '\n'.join((
         '<?xml version="1.0"?>', '<robot name="rig">',
         '  <material name="steel"><color rgba="0.6 0.6 0.65 1"/></material>',

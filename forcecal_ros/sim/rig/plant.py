@@ -8,9 +8,8 @@ from typing import Any
 
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.geometry import Array, matrix_from_quaternion
-from forcecal_ros.effects.apply import physical_rig
 from forcecal_ros.effects.library import EFFECTS, named_effects
-from forcecal_ros.effects.rig import Rig
+from forcecal_ros.effects.rig import physical_rig, Rig
 from forcecal_ros.sim.rig.robot import (
     CommandDelays,
     Motion,
@@ -40,12 +39,6 @@ SLIDE_EFFECTS = (
     ('spindle_point', 'f8', 3),           # [m] in S, tool undisplaced
 )
 """Fields of the record; :mod:`forcecal_ros.sim.rig.tool` documents what they do."""
-
-USUAL = 0.015
-"""Displacement up to which the integration resolves a stiffening spring [m]."""
-
-STICKING = 0.5
-"""Share of the rate of creep in friction that the integration resolves: creep is over at once."""
 
 NAMES = ('tool_stiffening', 'tool_friction', 'tool_backlash', 'cable_force', 'spindle_vibration')
 """Effects that enter the integration of the tool."""
@@ -90,15 +83,18 @@ def slide_rates(rig: Rig) -> list[float]:
     rates = []
     if 'tool_stiffening' in named and rig.optidrive:
         cubic = named['tool_stiffening']['cubic']
+        # usual: displacement up to which the integration resolves a stiffening spring [m]
         rates.append(math.sqrt((rig.optidrive.stiffness + rig.wall.stiffness
-                                + 3.0 * max(0.0, cubic) * USUAL ** 2) / rig.tool.mass))
+                                + 3.0 * max(0.0, cubic) * 0.015 ** 2) / rig.tool.mass))
     if 'tool_friction' in named:
         v = named['tool_friction']
         if v['presliding']:
             stiffness = rig.optidrive.stiffness if rig.optidrive else 0.0
             rates.append(math.sqrt((stiffness + v['force'] / v['presliding']) / rig.tool.mass))
         else:
-            rates.append(v['force'] / v['velocity_scale'] / rig.tool.mass * STICKING)
+            # sticking: share of the rate of creep in friction that the integration resolves:
+            # creep is over at once
+            rates.append(v['force'] / v['velocity_scale'] / rig.tool.mass * 0.5)
     if 'spindle_vibration' in named:
         rates.append(2.0 * math.pi * named['spindle_vibration']['frequency'])
     return rates
@@ -164,14 +160,8 @@ def kernel_parameters(rig: Rig, accelerometer: str | None = None) -> Array:
     ), dtype=PARAMETERS)
 
 
-LONGEST_STEP = 0.0005
-"""Longest integration step [s]: forces of the nominal rig have converged to 1e-4 N."""
-
 AT_ONCE = 2048
 """Periods that are moved along at once: effects of the robot work on copies."""
-
-FASTEST = 0.2
-"""Longest step times the fastest rate of tool or orientation servo [rad]."""
 
 
 class Plant:
@@ -296,15 +286,19 @@ def enough_steps(rig: Rig) -> int:
     Returns
     -------
     int
-        Steps are LONGEST_STEP at most, FASTEST over the fastest rate of servo and tool at most,
+        Steps are 0.5 ms at most, FASTEST over the fastest rate of servo and tool at most,
         and a whole number of them lies between the samples of each sensor.
     """
+    # longest step times the fastest rate of tool or orientation servo [rad]
+    fastest = 0.2
     common, rig = common_samples(rig), physical_rig(rig)
     damping = max(1.0, rig.servo.orientation_damping or 1.0)
     turning = rig.servo.orientation_bandwidth * (damping + math.sqrt(damping ** 2 - 1.0))
-    rates = [FASTEST / LONGEST_STEP, turning, *slide_rates(rig)]
+    # longest step: longest integration step [s]: forces of the nominal rig have converged to 1e-4
+    # N
+    rates = [fastest / 0.0005, turning, *slide_rates(rig)]
     if rig.optidrive:
         rates += [
             math.sqrt((rig.optidrive.stiffness + rig.wall.stiffness) / rig.tool.mass),
             (rig.optidrive.damping + rig.wall.damping) / rig.tool.mass]
-    return common * math.ceil(rig.robot.period * max(rates) / FASTEST / common - 1e-9)
+    return common * math.ceil(rig.robot.period * max(rates) / fastest / common - 1e-9)

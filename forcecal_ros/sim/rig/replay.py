@@ -19,9 +19,6 @@ import numpy as np
 
 T = TypeVar('T')
 
-COARSER = 2
-"""Fewer integration steps than a simulator takes; right to 1e-4 N on the nominal rig."""
-
 
 class Replay:
     """
@@ -100,7 +97,9 @@ class Replay:
         # a whole number of steps between the samples replayed, too
         replayed = Fraction(RATE * rig.robot.period).limit_denominator(1000).numerator
         common = lcm(common_samples(rig), replayed)
-        steps = common * -(-enough_steps(rig) // (COARSER * common))
+        # coarser: fewer integration steps than a simulator takes; right to 1e-4 N on the nominal
+        # rig
+        steps = common * -(-enough_steps(rig) // (2 * common))
         plant = Plant(rig, self.accelerometer, steps)
         plant.rest(self._positions[0], self._xyzw[0])
         every = round(steps / (RATE * rig.robot.period))

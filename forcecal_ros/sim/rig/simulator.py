@@ -364,10 +364,6 @@ def warm_up() -> None:
     Simulator(load_rig()).advance()
 
 
-BLOCK = 500
-"""Robot periods simulated in one block, which bounds the memory."""
-
-
 def held_commands(stamps: Array, starts: Array, tolerance: float) -> NDArray[np.intp]:
     """
     Say which command holds during each robot period: the latest one there is at its start.
@@ -431,6 +427,8 @@ def simulate(rig: Rig, target: PoseStream, *, accelerometer: str | None = None,
     DataError
         There are no commands, or commands without position.
     """
+    # robot periods simulated in one block, which bounds the memory
+    block = 500
     if not target.has_position:
         raise DataError(f'{len(target)} commands with position; a simulation needs at least one, '
                         'and none without: record target_frame')
@@ -441,8 +439,8 @@ def simulate(rig: Rig, target: PoseStream, *, accelerometer: str | None = None,
     held = held_commands(target.t, starts, period / 2.0 if tolerance is None else tolerance)
     positions, xyzw = checked_commands(target.position, target.R_base_sensor)
     simulator = Simulator(rig, accelerometer, seed, steps=steps)
-    blocks = [simulator.run(positions[held[i:i + BLOCK]], xyzw[held[i:i + BLOCK]], noise)
-              for i in range(0, len(held), BLOCK)]
+    blocks = [simulator.run(positions[held[i:i + block]], xyzw[held[i:i + block]], noise)
+              for i in range(0, len(held), block)]
     samples = Samples(*map(np.concatenate, zip(*blocks)))
     return _recording(samples, target, t0, unit)
 

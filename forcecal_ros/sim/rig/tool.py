@@ -26,16 +26,6 @@ TOOL_STATE = np.dtype([
     ('anchor', 'f8'),      # [m] displacement at which static friction is zero
 ])
 
-MOST_EVENTS = 8
-"""Most beginnings and ends of contact that are located within one step."""
-
-
-FURTHEST = 1.0
-"""Largest displacement at which equilibrium is looked for [m]."""
-
-BALANCED = 1e-8
-"""Net force that counts as zero when looking for equilibrium [N]."""
-
 
 class Slide(NamedTuple):
     """
@@ -98,6 +88,10 @@ def tool_at_rest(p: Record, position: Array, R_base_sensor: Array) -> Array:
 
 def _rest_with_effects(p: Record, position: Array, R_base_sensor: Array) -> float:
     """Find where the forces balance; within the play, as near to its middle as they do."""
+    # net force that counts as zero when looking for equilibrium [N]
+    balanced = 1e-8
+    # largest displacement at which equilibrium is looked for [m]
+    furthest = 1.0
     along = R_base_sensor[:, 0]
     depth = position[0] + R_base_sensor[0] @ p['tip'] - p['wall_position']
     stretch = position + R_base_sensor @ p['cable_point'] - p['cable_home']
@@ -110,13 +104,13 @@ def _rest_with_effects(p: Record, position: Array, R_base_sensor: Array) -> floa
                      - _spring(p['stiffness'], p['stiffening'], p['half_gap'], s))
 
     def edge(least: float) -> float:
-        low, high = -FURTHEST, FURTHEST
+        low, high = -furthest, furthest
         for _ in range(40):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if force(middle) > least else (low, middle)
         return 0.5 * (low + high)
 
-    return min(max(0.0, edge(BALANCED)), edge(-BALANCED))
+    return min(max(0.0, edge(balanced)), edge(-balanced))
 
 
 @compiled
@@ -305,7 +299,8 @@ def _step(p: Record, state: Record, f: Array, h: float, at: Array) -> None:
     if p.rigid > 0.0:
         state.touching = _touches(p, f, 2, s, v)
         return
-    for _ in range(MOST_EVENTS):
+    # most events: most beginnings and ends of contact that are located within one step
+    for _ in range(8):
         s_end, v_end = _advance(p, f, begin, 1.0, h, s, v, touching, anchor, at)
         if _touches(p, f, 2, s_end, v_end) == touching:
             break

@@ -20,7 +20,7 @@ from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation, RotationSpline
 
 DATA = Path(os.environ.get(
-    'FORCECAL_DATA', Path(__file__).resolve().parents[3] / 'shared' / 'data')) / 'kuka_lbr_med'
+    'FORCECAL_DATA', Path(__file__).resolve().parents[4] / 'shared' / 'data')) / 'kuka_lbr_med'
 SLOW = 12.0
 """Below which the wrench is the motion's, not vibration [Hz]."""
 BEHIND = 0.01
