@@ -166,7 +166,7 @@ def judge(recording: Recording, gravity: Array, stated: Stated = Stated(),
                  and best.evidence - one.evidence < MARGIN]
         message = messages.of(best, plain, stated, close)
         if message and not (known and best.row.is_note):
-            raise DataError(message)
+            raise DataError(message, best.name)
         if message or (best.row.is_note and best.name != 'tilted'):
             return (message or messages.slight(best, stated),)
     if not known:

@@ -404,9 +404,17 @@ def resolution(values: Array) -> float:
     return step if np.sqrt(np.mean((off - np.rint(off))**2)) < 0.1 else 0.0
 
 
-def clipped(recording: Recording) -> tuple[Clipping, ...]:
+def quantisation(recording: Recording, noise: Mapping[str, float]) -> dict[str, float]:
+    """Return the steps of channels whose values are multiples of one that matters, by channel."""
+    return {name: step for name, _, values in columns(recording)
+            if (step := resolution(values)) > RESOLVED * noise[name]
+            and np.ptp(values) > 2.0 * step}
+
+
+def clipped(recording: Recording, known: Mapping[str, float] | None = None
+            ) -> tuple[Clipping, ...]:
     """
-    Find channels that stop at a limit, by the noise that they show themselves.
+    Find channels that stop at a limit, by the noise that they show themselves or that is known.
 
     One that mostly repeats itself, without noise or in coarse steps, rests at its extreme; zeros
     of a dead band are no end of the range.
@@ -414,7 +422,7 @@ def clipped(recording: Recording) -> tuple[Clipping, ...]:
     found = []
     for name, t, values in columns(recording):
         # third differences: white to motion
-        noise = float(np.median(np.abs(np.diff(values, n=3)))) / (
+        noise = known[name] if known else float(np.median(np.abs(np.diff(values, n=3)))) / (
             0.6745 * np.sqrt(difference_gain(3))) if len(values) > 3 else 0.0
         step, span = resolution(values), np.ptp(values)
         in_steps = step > RESOLVED * noise and span > 2.0 * step

@@ -1,7 +1,7 @@
 """Clocks against a rig's rates, and limits of coarse readings."""
 
 from forcecal_ros.checks.clocks import clocks, skew_between
-from forcecal_ros.checks.signals import clipping, quantisation, refuse_wrapped
+from forcecal_ros.checks.signals import clipped, refuse_wrapped
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.streams import CHANNELS, PoseStream, Recording, Stream
 import numpy as np
@@ -23,8 +23,7 @@ def test_the_last_of_a_few_rough_steps_is_not_the_end_of_a_range(step, ends):
     force += 0.2 * np.random.default_rng(5).standard_normal(force.shape)
     force[:, 0] = np.clip(step * np.round(force[:, 0] / step), -100.0, 100.0)
     recording = Recording(wrench=Stream(t, force, 'ft_sensor'))
-    noise = dict.fromkeys(CHANNELS['wrench'], 0.2)
-    found = clipping(recording, quantisation(recording, noise), noise)
+    found = clipped(recording, dict.fromkeys(CHANNELS['wrench'], 0.2))
     assert [round(abs(x.limit)) for x in found] == [100] * ends
 
 

@@ -53,7 +53,7 @@ def test_a_lattice_of_values_gives_its_step_and_noise_gives_none():
     coarse = Recording(wrench=Stream(np.arange(5000.0), 0.5 * np.round(values / 0.5)))
     fine = Recording(wrench=Stream(np.arange(5000.0), values))
     noise = dict.fromkeys(CHANNELS['wrench'], 1.0)
-    assert {x.step for x in quantisation(coarse, noise)} == {0.5}
+    assert set(quantisation(coarse, noise).values()) == {0.5}
     assert not quantisation(fine, noise)
 
 
@@ -180,6 +180,20 @@ def test_a_step_in_the_second_recording_alone_is_named_as_such():
     second, _ = _stepped(own_recording(21, FREE), 2, 1.0)
     diagnosis = RigSource(load_rig()).diagnose(own_recording(20, FREE), second).diagnosis
     assert [(e.name, e.recording) for e in diagnosis.effects] == [('wrench_bias_step', 1)]
+
+
+@pytest.mark.long
+def test_a_drift_in_the_second_recording_alone_is_no_slow_noise():
+    second = own_recording(21, FREE)
+    wrench = second.wrench
+    drift = 0.1 * (wrench.t - wrench.t[0])[:, np.newaxis] * [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
+    second = replace(second, wrench=replace(wrench, values=wrench.values + drift))
+    diagnosis = RigSource(load_rig()).diagnose(own_recording(20, FREE), second).diagnosis
+    effect, = diagnosis.effects
+    assert (effect.name, effect.recording) == ('wrench_bias_drift', 1)
+    found = effect.parameters['fz']
+    assert found.value == pytest.approx(0.1, abs=4.0 * found.std)
+    assert f'from {effect.begin:.3f} s on' in diagnosis.reason and effect.begin < 1.0
 
 
 @pytest.mark.long

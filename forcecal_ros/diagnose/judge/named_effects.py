@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from forcecal_ros.checks.clocks import JITTER
-from forcecal_ros.checks.signals import clipping, quantisation
+from forcecal_ros.checks.signals import clipped, quantisation
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.model.gates import BIAS, kind_of, nuisances_of, physical
@@ -181,16 +181,16 @@ def from_checks(stamps: Sequence[Corrected], noise: Array, model: AccelerometerM
         notes.append('samples are lost: ' + ', '.join(
             f'{k} {100 * v:.2f} %' for one in stamps for k, v in one.lost.items()))
     own = dict(zip((c.name for c in CHANNELS), noise.tolist()))
-    steps = [x for one in stamps for x in quantisation(one.recording, own)]
+    steps = [x for one in stamps for x in quantisation(one.recording, own).items()]
     quantised = {}
     for prefix, quantity in zip(('force', 'torque'), EFFECTS['wrench_quantisation'].parameters):
-        own_steps = [x.step for x in steps if x.channel.startswith(prefix)]
+        own_steps = [step for channel, step in steps if channel.startswith(prefix)]
         if own_steps:
             quantised[quantity.name] = Parameter(max(own_steps), 0.0, quantity.unit)
     if quantised:
         effects['wrench_quantisation'] = quantised
-    notes += [f'{x.channel} comes in steps of {x.step:.4g}' for x in steps]
-    stops = [x for one in stamps for x in clipping(one.recording, tuple(steps), own)]
+    notes += [f'{channel} comes in steps of {step:.4g}' for channel, step in steps]
+    stops = [x for one in stamps for x in clipped(one.recording, own)]
     for name, quantities in ((n, EFFECTS[n].parameters) for n in CLIPPING):
         by_channel = dict(zip(CLIPPING[name], quantities[-len(CLIPPING[name]):]))
         found = {by_channel[x.channel].name: Parameter(x.limit, 0.0,

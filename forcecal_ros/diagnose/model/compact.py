@@ -51,14 +51,6 @@ class Compact:
             out[..., rows] = weights @ self.values(rows)
         return out
 
-    def rows(self) -> list['Compact']:
-        """Return each of several signals by itself, without a copy."""
-        return [Compact(*one) for one in zip(self.numbers, self.unit)]
-
-    def rolled(self, lag: int) -> 'Compact':
-        """Return the signals so many samples later, those beyond the end at the beginning."""
-        return Compact(np.roll(self.numbers, lag, axis=-1), self.unit)
-
     def times(self, factor: float) -> 'Compact':
         """Return the signals times a factor, without a copy."""
         return Compact(self.numbers, self.unit * np.float32(factor))
