@@ -1,4 +1,4 @@
-"""Draw the README's picture from the demo: ``forcecal demo --out first`` makes what it reads.
+"""Draw the README's picture from the demo: ``forcecal demo -o first`` makes what it reads.
 
 ``python docs/before_after.py first``
 """

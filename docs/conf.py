@@ -12,7 +12,7 @@ release = re.search(r"__version__ = '(.+)'",
 
 extensions = ['myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.napoleon']
 root_doc = 'docs/index'
-include_patterns = ['README.md', 'CONTRIBUTING.md', 'CHANGELOG.md', 'docs/*.md',
+include_patterns = ['README.md', 'CONTRIBUTING.md', 'CHANGELOG.md', 'docs/**.md',
                     'benchmark/**.md']
 exclude_patterns = ['.venv', 'build', 'install', 'log', 'test', 'forcecal_ros']
 html_theme = 'furo'
@@ -23,3 +23,4 @@ myst_heading_anchors = 3
 autodoc_typehints = 'description'
 autodoc_member_order = 'bysource'
 napoleon_google_docstring = False
+napoleon_use_ivar = True

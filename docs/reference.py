@@ -1,16 +1,19 @@
 """Write the pages of docs/reference that follow from the code: ``python docs/reference.py``."""
 
 import argparse
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+import re
 
 from forcecal_ros.cli import COMMANDS, GROUPS
 from forcecal_ros.cli.main import build_parser
+from forcecal_ros.core.errors import KINDS
 from forcecal_ros.core.parameters import Parameter
 from forcecal_ros.nodes.config import TABLES
 from forcecal_ros.observe.sample import describe, Status
 
-HEAD = '| parameter | default | unit | range | meaning |\n|---|---|---|---|---|'
+HEAD = '| parameter | default | range | meaning |\n|---|---|---|---|'
 
 EVERYWHERE = ('-h', '--json', '--quiet', '--debug', '--namespace', '--timeout', '--jobs', '--dask')
 """Options of (nearly) every command, described once."""
@@ -74,20 +77,26 @@ def nodes() -> Iterator[str]:
     for node, (table, _) in TABLES.items():
         for row in table:
             users.setdefault(row._replace(default=str(row.default)), []).append(node)
-    shared = {row: names for row, names in users.items() if len(names) > 1}
-    yield f'\n## Parameters of several nodes\n\n{HEAD.replace("meaning |", "nodes | meaning |")}|---|\n'
-    yield from (_parameter(row, f' {", ".join(names)} |') for row, names in shared.items())
+    yield ('\n## Parameters of several nodes\n\n| parameter | default | range | nodes | meaning |\n'
+           '|---|---|---|---|---|\n')
+    yield from (_parameter(row, row.name, f' {", ".join(names)} |')
+                for row, names in users.items() if len(names) > 1)
     for node in TABLES:
-        own = [row for row, names in users.items() if names == [node]]
+        alike: dict[Parameter, list[str]] = {}  # one row for the same fault of several sensors
+        for row in (row for row, names in users.items() if names == [node]):
+            words = re.sub(r'of the sensor \w+,', 'of a sensor,', row.description)
+            name = row.name if words == row.description else ''
+            alike.setdefault(row._replace(name=name, description=words), []).append(row.name)
         yield f'\n## Parameters of {node}\n\n{HEAD}\n'
-        yield from map(_parameter, own)
+        yield from (_parameter(row, '`, `'.join(names)) for row, names in alike.items())
 
 
-def _parameter(row: Parameter, more: str = '') -> str:
-    words = ' or '.join(f'`{word}`' if word else "`''`" for word in row.choices)
+def _parameter(row: Parameter, names: str, more: str = '') -> str:
+    words = ', '.join(f'`{word}`' if word else "`''`" for word in row.choices)
     default = row.default if len(row.default) <= 30 else f'{row.default[:27]}...'
-    return (f'| `{row.name}` | {default or "empty"} | {row.unit} | {words or row.row.range()} |'
-            f'{more} {row.description} |\n').replace('||', '| |')
+    default = f'{default} {row.unit}'.strip() if default else 'empty'
+    return (f'| `{names}` | {default} | {words or row.row.range().removeprefix("from ")} |{more} {row.description} |\n'
+            ).replace('||', '| |')
 
 
 def commands() -> Iterator[str]:
@@ -97,15 +106,37 @@ def commands() -> Iterator[str]:
            '`--quiet` (no progress). Commands that talk to running nodes have `--namespace NAME` and '
            '`--timeout S`; commands that take many recordings have `--jobs N` and `--dask ADDRESS`. `--debug` shows the traceback of an error. Exit status: 0 done, 1 the data '
            'cannot answer, 2 wrong usage, 3 found what `--fail-on` names.\n')
+    parsers = {name: build_parser(name).commands[name] for name in COMMANDS}
+    rows = {name: [row for action in parser._actions if action.help != argparse.SUPPRESS
+                   and not set(EVERYWHERE) & set(action.option_strings)
+                   for row in _rows(action)]
+            for name, parser in parsers.items()}
+    users = Counter(row for own in rows.values() for row in own)
+    shared = {row.partition(':')[0]: row for row, n in reversed(users.most_common()) if n > 1}
+    yield '\n## Options of several commands\n\n'
+    yield from reversed(shared.values())
     for purpose, group in GROUPS.items():
         yield f'\n## {purpose[0].upper()}{purpose[1:]}\n'
         for name in group:
-            parser = build_parser(name).commands[name]
             summary = COMMANDS[name].summary
-            yield f'\n### {name}\n\n{summary[0].upper()}{summary[1:]}.\n\n| argument | meaning |\n|---|---|\n'
-            yield from (_row(action) for action in parser._actions
-                        if action.help != argparse.SUPPRESS
-                        and not set(EVERYWHERE) & set(action.option_strings))
+            yield f'\n### {name}\n\n{summary[0].upper()}{summary[1:]}.'
+            also = [re.findall(r'--[a-z-]+|`[A-Z.]+`', row)[0].strip('`')
+                    for row in rows[name] if row in shared.values()]
+            yield f' Takes {", ".join(f"`{one}`" for one in also)} as above.\n' if also else '\n'
+            if own := [row for row in rows[name] if row not in shared.values()]:
+                yield '\n'
+                yield from own
+
+
+def _rows(action: argparse.Action) -> Iterator[str]:
+    if isinstance(action.choices, dict):  # verbs, with an option of their own at most
+        for verb, parser in action.choices.items():
+            options = [name for one in parser._actions for name in one.option_strings
+                       if name.startswith('--') and name not in EVERYWHERE and name != '--help']
+            yield (f'- `{" ".join([verb, *(f"[{name}]" for name in options)])}`: '
+                   f'{parser.description.rstrip(".")}\n')
+    else:
+        yield _row(action)
 
 
 def _row(action: argparse.Action) -> str:
@@ -119,10 +150,19 @@ def _row(action: argparse.Action) -> str:
     else:
         name = str(shown)
     text = (action.help or '').replace('%(default)s', str(action.default)).replace('%%', '%')
-    return f'| `{name.replace("|", "/")}` | {" ".join(text.split()).replace("|", "/")} |\n'
+    return f'- `{name}`: {" ".join(text.split())}\n'
 
 
-PAGES = {'nodes.md': nodes, 'commands.md': commands}
+def errors() -> Iterator[str]:
+    """Yield the page of the errors: what is wrong, why it matters and how to fix it."""
+    yield ('# Errors\n\nThis page explains the id that ends each error message, such as `[FC0202]`. The message itself '
+           'has the numbers of your case. Here: what is wrong in bold, why it matters, and what to do in italics. Generated from '
+           'the code.\n')
+    yield from (f'\n## {kind.id}\n\n**{kind.what}.** {kind.why} *{kind.fix}*\n'
+                for kind in KINDS)
+
+
+PAGES = {'nodes.md': nodes, 'commands.md': commands, 'errors.md': errors}
 """Name of a page and what writes it."""
 
 

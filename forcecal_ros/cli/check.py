@@ -5,7 +5,7 @@ import shlex
 from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.cli.common import add_bag, new_parser, read, read_likewise, show, topic_names
-from forcecal_ros.core.errors import ForcecalError
+from forcecal_ros.core.errors import ForcecalError, with_id
 
 if TYPE_CHECKING:
     from forcecal_ros.core.calibration import Calibration
@@ -64,7 +64,7 @@ def inspect(recording: 'Recording') -> dict[str, Any]:
         recording = checked(recording).recording
         calibration, why = _calibrate(recording)
     except ForcecalError as error:
-        fault = str(error)
+        fault = with_id(error)
     quality = {} if calibration is None else calibration.quality
     return {**document, 'fault': fault, 'notes': [
         *recording.notes, *quality.get('warnings', ()), *quality.get('questions', ())],
@@ -108,7 +108,7 @@ def _calibrate(recording: 'Recording') -> tuple['Calibration | None', str]:
         require(recording, ['wrench', 'pose'])
         return identify(recording), ''
     except ForcecalError as error:
-        return None, str(error)
+        return None, with_id(error)
 
 
 def _uses(recording: 'Recording', fault: str, why: str) -> dict[str, str]:

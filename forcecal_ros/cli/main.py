@@ -17,7 +17,7 @@ from forcecal_ros import __version__
 from forcecal_ros.cli import COMMANDS, GROUPS, VERBS
 from forcecal_ros.cli.common import or_nearest
 from forcecal_ros.cli.outputs import check_outputs
-from forcecal_ros.core.errors import ForcecalError, UsageError
+from forcecal_ros.core.errors import ForcecalError, UsageError, with_id
 from forcecal_ros.core.files import remedy
 
 EPILOG = """\
@@ -31,7 +31,13 @@ example:
   forcecal calibrate sample/sound --report report.html     writes calibration.yaml, too
   forcecal estimate sample/sound --calibration calibration.yaml -o contact
   forcecal diagnose sample/late -o diagnosis
+
+a message ends with its id, as [FC0202]: docs/reference/errors.md explains each
 """
+
+
+USAGE_ID = 'FC0001'
+"""Ends what the parser prints; see :data:`forcecal_ros.core.errors.KINDS`."""
 
 
 class StoreOnce(argparse.Action):
@@ -71,7 +77,7 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print what is wrong and end with status 2."""
-        self.exit(2, f'{self.prog}: {message}; {self.prog} --help shows more\n')
+        self.exit(2, f'{self.prog}: {message}; {self.prog} --help shows more [{USAGE_ID}]\n')
 
 
 def build_parser(command: str = '') -> Parser:
@@ -175,7 +181,7 @@ def main(arguments: Sequence[str] | None = None,
             import traceback
 
             traceback.print_exc()
-        print(f'forcecal: {" ".join(message.split())}', file=sys.stderr)
+        print(f'forcecal: {with_id(error, message)}', file=sys.stderr)
         return 2 if isinstance(error, UsageError) else 1
 
 

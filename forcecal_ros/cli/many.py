@@ -26,7 +26,7 @@ from forcecal_ros.cli.common import (
     warn,
 )
 from forcecal_ros.cli.outputs import is_many, refuse_inputs, RESULTS, stdout_is_taken
-from forcecal_ros.core.errors import ConfigError, DataError, ForcecalError, UsageError
+from forcecal_ros.core.errors import ConfigError, DataError, ForcecalError, UsageError, with_id
 from forcecal_ros.core.files import naming, set_aside
 
 T = TypeVar('T')
@@ -95,7 +95,7 @@ def attempt(work: Callable[[T], R], index: int, item: T) -> Outcome[R]:
         with _TURN:
             return Outcome(index, work(item))
     except ForcecalError as error:
-        return Outcome(index, error=str(error))
+        return Outcome(index, error=with_id(error))
     except Exception as error:  # noqa: BLE001 - of one recording, and the others go on
         from traceback import extract_tb
 

@@ -12,7 +12,8 @@ SERVICES = {
     'preview': ('sequencer/preview', 'show what the sequencer would do, without moving'),
     'save': ('sequencer/save_calibration',
              'let the sequencer write its calibration to the file of its parameter save.path'),
-    'tare': ('observer/tare', 'take the present reading of the observer, at rest, for no load'),
+    'tare': ('observer/tare',
+             'zero the contact wrench at the present reading, at rest without contact'),
     'status': ('', 'show the state of each running node in a line'),
 }
 """Service and summary of each verb; a brace is the node that moves the robot."""

@@ -99,7 +99,8 @@ def commands(names: tuple[str, ...], seed: int) -> JointStream:
     return JointStream(t, q, '', names)
 
 
-def recorded(arm: ThirdParty, factors: Mapping[str, float], seed: int) -> Recording:
+def recorded(arm: ThirdParty, factors: Mapping[str, float], seed: int, *,
+             motion: int | None = None) -> Recording:
     """
     Record a robot whose numbers are off, each by a part of its sigma, and some by a factor.
 
@@ -109,6 +110,8 @@ def recorded(arm: ThirdParty, factors: Mapping[str, float], seed: int) -> Record
         Of six joints.
     factors : mapping of str to float
         Of parameters, times their nominal value.
+    seed, motion : int
+        Of noise and numbers, and of the commands: by default of all.
 
     Returns
     -------
@@ -117,7 +120,7 @@ def recorded(arm: ThirdParty, factors: Mapping[str, float], seed: int) -> Record
     """
     rng = np.random.default_rng([seed, 2])
     names = tuple(p.name[3:-1] for p in arm.parameters if p.name.startswith('kp['))
-    joints = commands(names, seed)
+    joints = commands(names, seed if motion is None else motion)
     # by which every other number is off, in its sigma
     off = rng.choice([-0.5, 0.5], len(arm.parameters))
     values = [max(p.low, p.nominal * factors[p.name] if p.name in factors
@@ -203,9 +206,10 @@ def _rigid_arm(args: argparse.Namespace) -> int:
     make_folder(folder)
     write_text(model, source.read_text())
     for i, (name, factors) in enumerate((('sound', {}), ('heavier', HEAVIER))):
-        recording = recorded(arm, factors, args.seed + i)
+        recording = recorded(arm, factors, args.seed + i, motion=args.seed)
         write_recording(folder / name, replace(recording, start_ns=BEGUN))
     say(f'written to {folder}: {source.name}, sound, heavier')
+    say(f'try: forcecal diagnose {folder}/heavier --simulated {folder}/sound -o two_bags')
     say(f'try: forcecal diagnose {folder}/heavier --mujoco {model} -o diagnosis')
     return 0
 

@@ -165,12 +165,12 @@ def load_plant(path: Path | str | None = None) -> Plant:
     Raises
     ------
     ConfigError
-        The file cannot be read, or is none of ``forcecal identify-robot``.
+        The file cannot be read, or is none of ``forcecal fit-rig --for impedance``.
     """
     name = 'plant.yaml' if path is None else str(path)
     source = files('forcecal_ros') / 'config' / name if path is None else Path(path)
     return load(Plant, source, name=name, form=FORMAT, extra=True,
-                remedy='give a file of forcecal identify-robot')
+                remedy='give a file of forcecal fit-rig --for impedance')
 
 
 class Process(NamedTuple):

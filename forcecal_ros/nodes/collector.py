@@ -6,7 +6,7 @@ from typing import TypeAlias
 from forcecal_ros.calibrate.pipeline import identify
 from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.core.calibration import Calibration
-from forcecal_ros.core.errors import DataError, ForcecalError
+from forcecal_ros.core.errors import DataError, ForcecalError, with_id
 from forcecal_ros.core.geometry import Array, matrix_from_quaternion
 from forcecal_ros.core.schema import Vector7
 from forcecal_ros.core.sensor_matrix import with_matrix_of
@@ -163,7 +163,7 @@ class Identification:
                 found = with_matrix_of(found, self._matrix)
             self._result = with_kalman_gains(found)
         except ForcecalError as error:
-            self._result = ' '.join(str(error).split())
+            self._result = with_id(error)
         except Exception as error:
             self._result = f'identification failed: {type(error).__name__}: {error}'
             raise

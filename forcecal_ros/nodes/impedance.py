@@ -56,7 +56,7 @@ PARAMETERS = (
           '', 1, 100_000),
     *parameters_of('task', Task()),
     *parameters_of('impedance', TargetImpedance()),
-    Parameter('plant', '', 'File of forcecal identify-robot with the models of robot and tool; '
+    Parameter('plant', '', 'File of forcecal fit-rig --for impedance, the robot and its tool; '
               'empty: those of the nominal rig'),
     *parameters_of('design', _DESIGN, 'latency', 'effort'),
     _live('design.softest_wall', _DESIGN.wall_stiffness[0], 'Softest wall against which the loop '

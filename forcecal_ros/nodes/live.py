@@ -59,13 +59,16 @@ class LiveView:
         self._node, self._inbox, self._lock = node, Inbox(node), Lock()
         self._requested: deque[str] = deque(maxlen=1)
         self._samples: dict[str, list[tuple[float, ...]]] = {name: [] for name in SHOWN}
+        self._last: dict[str, int] = {}
+        self._topics: dict[str, str] = {}
         # kept: bins that a page may ask for: half a minute, as long as a person remembers what it
         # looked like
         self._rows: deque[list[Any]] = deque(maxlen=750)
         self._count, self._phase, self._reason, self._answer = 0, '', '', ''
         self._states: dict[str, tuple[int, DiagnosticStatus]] = {}
         for name, topic in {**SHOWN, 'wrench': wrench}.items():
-            self._inbox.subscribe(WrenchStamped, self._named(topic), partial(
+            self._topics[name] = self._named(topic)
+            self._inbox.subscribe(WrenchStamped, self._topics[name], partial(
                 self._take, Reader(WrenchStamped), self._samples[name]))
         node.create_subscription(DiagnosticArray, self._named('sequencer/phase'), self._on_phase,
                                  OUTPUT)
@@ -90,17 +93,23 @@ class LiveView:
         -------
         dict
             ``rows``: of each bin its number, the phase, and of raw, contact and inertial wrench
-            the least and the greatest of six numbers [N, N m], or None.
+            the least and the greatest of six numbers [N, N m], or None. ``topics``: name and age
+            of the newest message [s], None before the first. ``nodes``: name, level, message and
+            age of the newest report.
         """
         with self._lock:
             now = STEADY.now().nanoseconds
-            # a node that speaks once a second and has not for 5 s is silent, not just late
-            nodes = [{'name': name, 'level': WORDS[status.level], 'message': status.message}
-                     if now - at < 5.0 * SECOND else
-                     {'name': name, 'level': 'stale', 'message': f'{name} has fallen silent'}
+            # a node that reports once a second and has not for 5 s is silent, not just late
+            nodes = [{'name': name, 'age': round((now - at) / SECOND, 1), **(
+                {'level': WORDS[status.level], 'message': status.message}
+                if now - at < 5.0 * SECOND else
+                {'level': 'stale', 'message': f'{name} has fallen silent'})}
                      for name, (at, status) in self._states.items()]
+            topics = {name: {'topic': topic, 'age': None if name not in self._last else round(
+                (now - self._last[name]) / SECOND, 1)} for name, topic in self._topics.items()}
             return {'rows': [row for row in self._rows if row[0] > since], 'count': self._count,
-                    'phase': self._phase, 'reason': self._reason, 'answer': self._answer,
+                    'topics': topics, 'phase': self._phase, 'reason': self._reason,
+                    'answer': self._answer,
                     'nodes': sorted(nodes, key=lambda one: NODES.index(one['name'])),
                     'gap': self._gap(), 'late': self._late()}
 
@@ -125,6 +134,8 @@ class LiveView:
         with self._lock:
             self._count += 1
             self._rows.append([self._count, self._phase, *map(_extremes, self._samples.values())])
+            now = STEADY.now().nanoseconds
+            self._last |= {name: now for name, samples in self._samples.items() if samples}
         for samples in self._samples.values():
             samples.clear()
         if self._requested:

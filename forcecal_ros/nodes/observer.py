@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.core.calibration import Calibration
-from forcecal_ros.core.errors import ConfigError, DataError, ForcecalError
+from forcecal_ros.core.errors import ConfigError, DataError, ForcecalError, with_id
 from forcecal_ros.io.calibration_file import DAY, load, parse, refuse_old
 from forcecal_ros.nodes.inputs import ACCELEROMETERS, mounting_parameter, pose_source, PoseSource
 from forcecal_ros.nodes.messages import accuracy_message
@@ -124,7 +124,7 @@ class Observer(ManagedNode):
             if self._value('calibration.file') or file_of(self._value('tool')):
                 self._take_over(self._load(file_of(self._value('tool'))))
         except ForcecalError as error:
-            self._failure = str(error)
+            self._failure = with_id(error)
             self.get_logger().error(self._failure)
             self._release()
             return TransitionCallbackReturn.FAILURE
@@ -230,7 +230,7 @@ class Observer(ManagedNode):
         try:
             self._take_over(self._parse())
         except ForcecalError as error:
-            self.get_logger().error(f'not taken over: {error}')
+            self.get_logger().error(with_id(error, f'not taken over: {error}'))
 
     def _take_over(self, source: CalibrationSource, same_sensor: bool = False) -> None:
         """Use another calibration, faded in where one is in use; the same sensor keeps a bias."""

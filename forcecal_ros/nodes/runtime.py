@@ -15,7 +15,7 @@ from types import FrameType
 from typing import Any, Protocol, runtime_checkable
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from forcecal_ros.core.errors import ConfigError, ForcecalError
+from forcecal_ros.core.errors import ConfigError, ForcecalError, with_id
 from forcecal_ros.core.parameters import Parameter
 from forcecal_ros.core.schema import yaml_value
 from lifecycle_msgs.srv import ChangeState
@@ -175,7 +175,7 @@ def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | Non
         finally:
             node.destroy_node()
     except ForcecalError as error:
-        print(f'{name}: {" ".join(str(error).split())}', file=sys.stderr)
+        print(f'{name}: {with_id(error)}', file=sys.stderr)
         return 1
     except (InvalidNodeNameException, InvalidTopicNameException) as error:
         print(f'{name}: {" ".join(str(error).split())}', file=sys.stderr)
@@ -320,9 +320,9 @@ def answering(act: Callable[[], str], refused: Callable[[str], None] | None = No
         try:
             response.message, response.success = act(), True
         except ForcecalError as error:
-            response.message, response.success = str(error), False
+            response.message, response.success = with_id(error), False
             if refused is not None:
-                refused(str(error))
+                refused(response.message)
         return response
 
     return on_request
@@ -417,7 +417,7 @@ def declare(node: Node, table: Iterable[Parameter],
                 if change.name in rows:
                     _check(rows[change.name], change.value)
         except ConfigError as error:
-            return SetParametersResult(successful=False, reason=str(error))
+            return SetParametersResult(successful=False, reason=with_id(error))
         return SetParametersResult(successful=True)
 
     if check is not None:
@@ -451,7 +451,7 @@ def refuse_changes(node: Node, check: Callable[[dict[str, Any]], object]) -> Non
         try:
             check({change.name: change.value for change in changes})
         except ForcecalError as error:
-            return SetParametersResult(successful=False, reason=str(error))
+            return SetParametersResult(successful=False, reason=with_id(error))
         return SetParametersResult(successful=True)
 
     node.add_on_set_parameters_callback(on_set)

@@ -5,7 +5,7 @@ from pathlib import Path as FilePath
 from typing import Any, NamedTuple
 
 from forcecal_ros.core.calibration import Calibration
-from forcecal_ros.core.errors import ConfigError, DataError, ForcecalError, MotionError
+from forcecal_ros.core.errors import ConfigError, DataError, ForcecalError, MotionError, with_id
 from forcecal_ros.core.geometry import rotation_vector
 from forcecal_ros.core.sensor_matrix import corrected, required_sensor_matrix, SensorMatrix
 from forcecal_ros.io.calibration_file import load, save
@@ -313,7 +313,7 @@ class Sequencer(MotionNode[SequencerSettings]):
             try:
                 self.get_logger().info(self._save())
             except ForcecalError as error:
-                self.get_logger().error(str(error))
+                self.get_logger().error(with_id(error))
 
     def _repeated(self, result: Calibration) -> bool:
         """Measure the pose again that the rejection test names; whether that has begun."""

@@ -16,9 +16,9 @@ from forcecal_ros.diagnose.localise import BANDS, BLOCK_RATE, time_frequency_bin
 from forcecal_ros.diagnose.result import Diagnosis
 from forcecal_ros.diagnose.verdict import FIRST, FURTHER, percent, WITHIN
 from forcecal_ros.effects import EFFECTS
-from forcecal_ros.report.effect_words import phrase, sentence, WORDS
+from forcecal_ros.report.effect_words import phrase, sentence, VERDICTS, WORDS
 from forcecal_ros.report.figures import COLOURS, joined, Line, Panel, Shown
-from forcecal_ros.report.page import Fact, Picture, picture, render_page, Step
+from forcecal_ros.report.page import docs_page, Fact, Picture, picture, render_page, Step
 from forcecal_ros.report.rows import HALF
 from forcecal_ros.sim.signals import JOINTS, Signals
 from matplotlib.axes import Axes
@@ -293,8 +293,7 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
     """
     if d.verdict == 'ambiguous' and {name for name, _ in d.candidates} & EFFECTS.keys():
         plan = shlex.join(('forcecal', 'plan', '--after', folder, '-o', 'plan.yaml'))
-        return Step('Record a motion that separates these causes, and diagnose it with --prior '
-                    f'{folder}:', plan)
+        return Step(f'Record a motion that separates them; diagnose it with --prior {folder}:', plan)
     if d.verdict == 'invalid_data' and (remedy := _cause_and_remedy(d)[1]):
         return Step(f'{_begun(remedy)}. Then diagnose again.')
     rig, calibration, model = (
@@ -500,7 +499,8 @@ def render(view: View, origin: list[str], step: Step) -> str:
     return render_page(
         'diagnosis.html.j2', 'Sim-to-real gap', origin=origin, verdict=d.verdict.replace('_', ' '),
         tone=TONES[d.verdict], headline=headline(d), facts=facts(view, step), notes=d.notes,
-        share=explained(d), effects=_numbers(d),
+        share=explained(d), effects=_numbers(d), meaning=VERDICTS[d.verdict],
+        pages=[(name, docs_page(name)) for name in ('verdicts', 'effects')],
         gap=None if d.gap is None else {
             'nominal': rounded(d.gap.nominal), 'recalibrated': rounded(d.gap.recalibrated),
             'explained': rounded(d.gap.explained) if named else ''},
@@ -527,8 +527,9 @@ def _pictures(view: View, drawings: Mapping[str, Callable[[View], Figure | Shown
     for title, draw in drawings.items():
         if len(view.times) and (what := draw(view)) is not None:
             more = WITH_EFFECTS.get(title, '') if named(view) else ''
+            narrow = NARROW[title](view, narrow=True) if title in NARROW else None
             yield picture(title, CAPTIONS[title] + more, what,
-                          own_colours=title == 'Where else')
+                          own_colours=title == 'Where else', narrow=narrow)
 
 
 def _with_error(p: Parameter) -> tuple[str, str]:
@@ -551,8 +552,8 @@ SHOWN = 4
 """Number of channels that are drawn."""
 
 
-def heat_map(view: View) -> Figure | None:
-    """Draw the excess of every channel, phase and octave over the noise, by stage."""
+def heat_map(view: View, *, narrow: bool = False) -> Figure | None:
+    """Draw the excess of every channel, phase and octave over the noise; narrow: for a phone."""
     found = [c for c in view.cells if c.z > SEEN and c.excess > FAINT]
     if not found:
         return None
@@ -566,21 +567,27 @@ def heat_map(view: View) -> Figure | None:
     for c in found:
         column = phases.index(c.phase) * len(bands) + bands.index(c.band)
         table[rows.index(c.channel), column] = c.excess
-    figure = Figure(figsize=(10.0, 1.4 + 0.27 * len(rows)), layout='constrained')
+    figure = Figure(figsize=(4.4 if narrow else 10.0, 1.4 + 0.27 * len(rows) + narrow),
+                    layout='constrained')
     axes = figure.subplots()
     axes.set_facecolor('#f2f2f2')
     image = axes.imshow(table, aspect='auto', cmap='viridis_r', interpolation='none',
                         norm=LogNorm(FAINT, max(1.0, float(np.nanmax(table)))))
     for i in range(1, len(phases)):
         axes.axvline(i * len(bands) - 0.5, color='white', linewidth=2)
-    axes.set_xticks([(i + 0.5) * len(bands) - 0.5 for i in range(len(phases))], phases)
+    axes.xaxis.remove_overlapping_locs = False  # a phase stands below its middle octave
+    axes.set_xticks([(i + 0.5) * len(bands) - 0.5 for i in range(len(phases))], phases,
+                    rotation=60 if narrow else 0, fontsize=8 if narrow else None)
     axes.set_yticks(range(len(rows)), [
-        f'{CHANNELS[i].stage} {CHANNELS[i].name}'.replace('_', ' ') for i in rows], fontsize=8)
+        CHANNELS[i].name if narrow else f'{CHANNELS[i].stage} {CHANNELS[i].name}'.replace('_', ' ')
+        for i in rows], fontsize=8)
     axes.set_xticks(range(len(phases) * len(bands)), len(phases) * [
-        f'{high:g}' for _, high in bands], minor=True, fontsize=6, rotation=90)
+        f'{high:g}' for _, high in bands], minor=True, fontsize=4.5 if narrow else 6,
+                    rotation=90)
     axes.tick_params('x', which='major', length=0, pad=22)
-    axes.set_xlabel('octaves, by their upper frequency [Hz], and phase')
-    figure.colorbar(image, label='excess [noise RMS]')
+    axes.set_xlabel('octaves, by their upper frequency [Hz], and phase', fontsize=8)
+    figure.colorbar(image, label='excess [noise RMS]',
+                    location='top' if narrow else 'right')
     return figure
 
 
@@ -652,29 +659,38 @@ def named(view: View) -> bool:
     return not np.array_equal(view.explained, view.recalibrated)
 
 
-def spectra(view: View) -> Figure | None:
-    """Draw the residual's spectra before and after, and at standstill; None: of no channel."""
+def spectra(view: View, *, narrow: bool = False) -> Figure | None:
+    """Draw the residual's spectra before and after, and at standstill; narrow: for a phone."""
     chosen = view.channels(SHOWN)
     if not len(chosen):
         return None
-    figure = Figure(figsize=(10.0, 3.0), layout='constrained')
-    axes = np.atleast_1d(figure.subplots(1, len(chosen)))
+    columns = 2 if narrow and len(chosen) > 1 else len(chosen)
+    rows = -(-len(chosen) // columns)
+    figure = Figure(figsize=(4.4, 0.6 + 2.2 * rows) if narrow else (10.0, 3.0),
+                    layout='constrained')
+    axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
     for ax, c in zip(axes, chosen):
         there = view.present[:, c]
         moving = there & (view.groups > 0)
-        for rows, role, label in (
+        for values, role, label in (
                 (view.recalibrated[moving, c], 'simulated', 'measured - simulated'),
                 (view.explained[moving, c], 'explained', 'measured - explained'),
                 (view.explained[there & (view.groups == 0), c], 'other', 'at rest')):
-            if len(rows) > 64 and (role != 'explained' or named(view)):
-                _spectrum(ax, rows, COLOURS[role], label, _rate(there))
+            if len(values) > 64 and (role != 'explained' or named(view)):
+                _spectrum(ax, values, COLOURS[role], label, _rate(there))
         name = CHANNELS[c].name
         ax.set(xlabel='frequency [Hz]')
         ax.set_title(f'{name} [{_squared(view.units[name])}/Hz]', fontsize=9)
     axes[0].set_ylabel('power density')
-    figure.legend(*axes[0].get_legend_handles_labels(), loc='outside upper left', ncols=3,
-                  frameon=False, fontsize=9)
+    for ax in axes[len(chosen):]:
+        ax.set_axis_off()
+    figure.legend(*axes[0].get_legend_handles_labels(), loc='outside upper left',
+                  ncols=2 if narrow else 3, frameon=False, fontsize=9)
     return figure
+
+
+NARROW: Mapping[str, Callable[..., Figure | None]] = {'Spectra': spectra, 'Where else': heat_map}
+"""Pictures that have a form of their own on a phone."""
 
 
 def _squared(unit: str) -> str:

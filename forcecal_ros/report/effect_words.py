@@ -45,6 +45,20 @@ WORDS = {
 """By name of the effect; all others are parameters of a third-party simulator."""
 
 
+VERDICTS = {
+    'no_gap': 'the residual is noise, within the tolerances of the model, or smaller than '
+              '`--tolerance`',
+    'identified': 'one cause, or several together, with size and probability',
+    'ambiguous': 'several causes explain the data about equally well',
+    'partial': 'causes that are probable, and a residual that they do not explain',
+    'unknown': 'there is a gap, and no effect of the library explains it; nothing is added to the '
+               'model',
+    'not_excited': 'the motion is too small to decide',
+    'invalid_data': 'the recording contradicts itself or lacks a stream',
+}
+"""Meaning of each verdict, as docs/reference/verdicts.md has it."""
+
+
 def phrase(name: str) -> str:
     """Say what an effect is, without numbers."""
     return WORDS.get(kind_of(name), f'{name} is not what the simulator has')

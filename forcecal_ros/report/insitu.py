@@ -12,7 +12,7 @@ from forcecal_ros.insitu.offset import principal_directions, Subspace, to_coordi
 from forcecal_ros.insitu.result import DataSetResult
 from forcecal_ros.report.figures import headed
 from forcecal_ros.report.page import Fact, picture, png, render_page
-from forcecal_ros.report.rows import aligned
+from forcecal_ros.report.rows import aligned, HALF
 from matplotlib.figure import Figure
 import numpy as np
 
@@ -173,8 +173,9 @@ def _facts(result: SensorResult, file: str) -> Iterator[Fact]:
     """Say how large, how sure, and what to do next."""
     if result.matrix is not None and result.mass is not None and result.com is not None:
         yield Fact('Body', (
-            f'The rest of what hangs on the sensor weighs {_estimate(result.mass)} kg, its centre '
-            f'of mass at {_pairs(1e3 * result.com.value, 1e3 * result.com.std)} mm (x, y, z).'))
+            f'What else hangs on the sensor weighs {_estimate(result.mass)} kg; its centre '
+            f'of mass is at {_pairs(1e3 * result.com.value, 1e3 * result.com.std)} mm (x, y, z). '
+            '± is a 95 % interval.'))
     if result.warnings:
         yield Fact('Next', 'Do what the warnings below say, and calibrate again.')
     elif result.matrix is None:
@@ -194,10 +195,10 @@ def conclusion(result: SensorResult) -> str:
               if not d.train and d.load is not None and d.added_mass is not None
               and d.load.mass > 0.0]
     if not judged:
-        return ('Matrix and offset are calibrated. No recording with an added mass was kept back '
+        return ('Matrix and offset are calibrated. No recording with an added mass was held out '
                 'to check them.')
     d, stated, found = max(judged, key=lambda one: abs(one[2] / one[1] - 1.0))
-    text = (f'Matrix and offset are calibrated. Added masses that were kept back come out '
+    text = (f'Matrix and offset are calibrated. Held-out added masses are found '
             f'within {_share(found / stated)} (data set {d.name}: {rounded(found, 4)} kg of '
             f'{stated:g} kg)')
     maker = [abs(d.by_manufacturer.mass / stated - 1.0) for d, stated, _ in judged
@@ -213,7 +214,7 @@ def _share(ratio: float) -> str:
 
 def text(result: SensorResult) -> str:
     """Return the conclusion and the tables of one sensor for a terminal."""
-    parts = [f'sensor {result.name}', conclusion(result)]
+    parts = [f'sensor {result.name}', conclusion(result), '± is a 95 % interval.']
     for title, head, rows in tables(result):
         lines = aligned([head, *rows], left=range(len(head)))
         parts += ['', title, *('  ' + line for line in lines)]
@@ -227,11 +228,11 @@ def tables(result: SensorResult) -> Iterator[tuple[str, list[str], Rows]]:
         yield from _masses(result)
         yield (f'Matrix [N per {unit}, N m per {unit}]', ['', *(str(k + 1) for k in range(len(
             result.offset.value)))],
-               [[axis, *map(pair, row, std)] for axis, row, std in zip(
+               [[axis, *map(_interval, row, std)] for axis, row, std in zip(
                    AXES, result.matrix.value, result.matrix.std)])
         yield 'Body', ['', 'estimate'], list(_body(result, result.mass, result.com))
     yield (f'Offset [{unit}]', ['channel', 'offset'],
-           [[str(k + 1), pair(v, s)]
+           [[str(k + 1), _interval(v, s)]
             for k, (v, s) in enumerate(zip(result.offset.value, result.offset.std))])
     if result.matrix is not None:
         yield _ellipsoids(result)
@@ -246,7 +247,7 @@ def tables(result: SensorResult) -> Iterator[tuple[str, list[str], Rows]]:
 
 
 def _body(result: SensorResult, mass: Estimate, com: Estimate) -> Iterator[list[str]]:
-    yield ['mass [kg]', pair(float(mass), float(mass.std))]
+    yield ['mass [kg]', _interval(float(mass), float(mass.std))]
     yield ['centre of mass x, y, z [m]', _estimate(com)]
     if result.inertia is not None:
         yield ['inertia about it xx, yy, zz [kg m^2]', _pairs(
@@ -292,8 +293,13 @@ def _vector(values: Array, digits: int) -> str:
     return ', '.join(f'{round(float(value), digits) + 0.0:.{digits}f}' for value in values)
 
 
+def _interval(value: float, std: float) -> str:
+    """Write a value and half its 95 % interval."""
+    return pair(value, HALF * std)
+
+
 def _pairs(values: Array, errors: Array) -> str:
-    return ', '.join(map(pair, np.atleast_1d(values), np.atleast_1d(errors)))
+    return ', '.join(map(_interval, np.atleast_1d(values), np.atleast_1d(errors)))
 
 
 def _estimate(estimate: Estimate | None) -> str:

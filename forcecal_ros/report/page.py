@@ -6,6 +6,7 @@ from datetime import datetime, timezone
 from functools import cache
 import gzip
 from io import BytesIO
+from pathlib import Path
 import shlex
 from typing import Any, NamedTuple
 
@@ -14,6 +15,8 @@ from forcecal_ros.core.streams import Recording
 from forcecal_ros.report.figures import drawn, live, Shown
 import jinja2
 from matplotlib.figure import Figure
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 class Step(NamedTuple):
@@ -24,8 +27,8 @@ class Step(NamedTuple):
 
 
 def estimated_by(bag: str, calibration: str, how: Sequence[str] = ()) -> Step:
-    """Say how a calibration is put to use; ``how``: what the command states of the recording."""
-    return Step('Take weight, inertia and bias off this recording, or another one:', shlex.join(
+    """Return how a calibration is used; ``how``: what the command states of the recording."""
+    return Step('Remove weight, inertia and bias from this recording, or another one:', shlex.join(
         ('forcecal', 'estimate', bag, '--calibration', calibration, *how, '-o', 'contact')))
 
 
@@ -75,6 +78,8 @@ class Picture(NamedTuple):
         The same as a plot that zooms; empty where plotly is missing.
     own_colours : bool
         Its scale of colours means something: it is not inverted on a dark screen.
+    narrow : str
+        The same for a phone, as text; empty: as it is.
     """
 
     title: str
@@ -82,17 +87,19 @@ class Picture(NamedTuple):
     png: str
     live: dict[str, Any] | None = None
     own_colours: bool = False
+    narrow: str = ''
 
 
 def picture(title: str, words: str, what: Figure | Shown | bytes, dpi: int = 110, *,
-            own_colours: bool = False) -> Picture:
+            own_colours: bool = False, narrow: Figure | None = None) -> Picture:
     """Make a picture of a figure, of what is shown over time, or of a PNG."""
     if isinstance(what, bytes):
         return Picture(title, words, _embedded(what))
     if isinstance(what, Shown):
         return Picture(title, words, _embedded(png(drawn(what), dpi)),
                        live(what) if _plotly() else {})
-    return Picture(title, words, _embedded(png(what, dpi)), own_colours=own_colours)
+    return Picture(title, words, _embedded(png(what, dpi)), own_colours=own_colours,
+                   narrow=_embedded(png(narrow, dpi)) if narrow else '')
 
 
 def render_page(template: str, title: str, **context: Any) -> str:
@@ -108,6 +115,13 @@ def png(figure: Figure, dpi: int = 110) -> bytes:
     buffer = BytesIO()
     figure.savefig(buffer, format='png', dpi=dpi)
     return buffer.getvalue()
+
+
+def docs_page(name: str) -> str:
+    """Return the address of a page of docs/reference next to this package; empty: not there."""
+    return next((page.as_uri() for page in (
+        ROOT / 'build' / 'site' / 'docs' / 'reference' / f'{name}.html',
+        ROOT / 'docs' / 'reference' / f'{name}.md') if page.is_file()), '')
 
 
 def _pictures(context: Any) -> Iterator[Picture]:

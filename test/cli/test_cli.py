@@ -168,7 +168,7 @@ def test_a_full_device_is_told_from_a_wrong_path(calibration):
             [sys.executable, '-m', 'forcecal_ros.cli.main', 'export', calibration, '--for', 'ur'],
             stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 1
-    assert done.stderr == 'forcecal: No space left on device; free some space\n'
+    assert done.stderr == 'forcecal: No space left on device; free some space [FC0004]\n'
 
 
 def test_what_was_there_is_kept(capsys, sample, tmp_path):
@@ -215,7 +215,7 @@ def test_what_cannot_be_answered_is_one_line_and_status_1(capsys, sample, tmp_pa
 def test_wrong_usage_is_status_2_and_one_line_with_the_nearest_name(capsys, arguments, said):
     status, out, err = run(capsys, *arguments)
     assert status == 2 and out == ''
-    assert said in err and err.count('\n') == 1 and err.endswith(' --help shows more\n')
+    assert said in err and err.count('\n') == 1 and err.endswith(' --help shows more [FC0001]\n')
 
 
 @pytest.mark.parametrize('arguments, said', [

@@ -100,7 +100,7 @@ def test_the_calibration_loads_and_turns_counts_into_the_wrench(done):
 def test_the_report_is_one_file_with_the_papers_tables(done):
     html = (done / 'report.html').read_text()
     # what the sensor is worth comes before any table
-    assert html.index('Added masses that were kept back come out within') < html.index('<table')
+    assert html.index('Held-out added masses are found within') < html.index('<table')
     for words in ('Table I', 'Table II', 'Table III', 'Spread of gravity', 'data:image/png'):
         assert words in html
     assert 'src="http' not in html and 'href=' not in html

@@ -18,7 +18,7 @@ def test_tables_of_a_limb_come_out_with_the_masses_that_were_added(tmp_path, cap
     tried = capsys.readouterr().out.partition('try: forcecal ')[2].split()
     assert {path.stem for path in Path('limb').glob('*.csv')} == set(LOADS)
     assert main([*tried[:-1], 'found']) == 0
-    assert 'Added masses that were kept back come out within 0.' in capsys.readouterr().out
+    assert 'Held-out added masses are found within 0.' in capsys.readouterr().out
     found = load('found/calibration.yaml')
     assert abs(float(found.mass) - MASS) < 4 * float(found.mass.std)
 

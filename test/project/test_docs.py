@@ -4,17 +4,20 @@ from fnmatch import fnmatch
 from importlib import import_module
 from pathlib import Path
 import re
+import subprocess
+import sys
 
-from forcecal_ros.cli import COMMANDS
+from forcecal_ros.cli import COMMANDS, VERBS
 from forcecal_ros.cli.main import build_parser
 from forcecal_ros.effects.library import EFFECTS
 from forcecal_ros.io.bags import write_recording
+from forcecal_ros.report.effect_words import VERDICTS
 import pytest
 from rig_recordings import FREE, own_recording
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *sorted((ROOT / 'docs').rglob('*.md'))]
-HAND_WRITTEN = [page for page in PAGES if page.name not in ('nodes.md', 'commands.md')]
+GUIDES = [page for page in PAGES[2:] if page.name not in ('nodes.md', 'commands.md', 'errors.md')]
 
 
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
@@ -51,6 +54,26 @@ def test_all_pages_have_at_most_22000_words():
     assert sum(len(page.read_text().split()) for page in pages) <= 22_000
 
 
+def sentences(text):
+    """Return the words of each sentence of a page, without code and tables."""
+    text = re.sub(r'```.*?```', '', text, flags=re.DOTALL)
+    lines = [line for line in text.splitlines() if not line.startswith(('    ', '|', '#', '!'))]
+    paragraphs = re.split(r'\n\s*\n|\n(?=- |\d+\. )', '\n'.join(lines))
+    return [one.split() for part in paragraphs for one in re.split(
+        r'(?<=[.!?:;])\s+(?=[A-Z`\[*(])', ' '.join(part.split())) if one]
+
+
+@pytest.mark.parametrize('page', GUIDES, ids=lambda page: page.name)
+def test_a_page_begins_with_what_it_is_for(page):
+    first = page.read_text().split('\n\n')[1]
+    assert first.startswith(('This page ', 'This tutorial ')), first
+
+
+def test_sentences_are_short():
+    lengths = [len(one) for page in GUIDES for one in sentences(page.read_text())]
+    assert sum(lengths) / len(lengths) < 18 and max(lengths) <= 35
+
+
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
 def test_every_command_named_exists_with_its_options(page):
     text = page.read_text().replace('\\\n', ' ')
@@ -64,6 +87,13 @@ def test_every_command_named_exists_with_its_options(page):
             assert option in usage, f'{command} {option}'
 
 
+def test_no_command_is_named_that_is_not_there():
+    files = [*PAGES, *(ROOT / 'benchmark').rglob('*.md'), *(ROOT / 'config').rglob('*.yaml')]
+    named = {(file.name, word) for file in files for word in re.findall(
+        r'(?:`|^    |\d of |File of )forcecal ([a-z][a-z-]+)', file.read_text(), re.MULTILINE)}
+    assert named and {word for _, word in named} <= {*COMMANDS, *VERBS}, named
+
+
 def test_every_effect_and_each_of_its_parameters_is_catalogued():
     text = (ROOT / 'docs/reference/effects.md').read_text()
     rows = dict(re.findall(r'^\| `(\w+)` \|(.*)$', text, re.MULTILINE))
@@ -74,6 +104,11 @@ def test_every_effect_and_each_of_its_parameters_is_catalogued():
                  False: re.findall(r'\w+', ' '.join(re.findall('`(.+?)`', plain)))}
         for shapes, found in words.items():
             assert found == [q.name for q in effect.parameters if q.shapes is shapes], name
+
+
+def test_the_page_of_verdicts_has_the_meanings_that_a_report_states():
+    text = (ROOT / 'docs/reference/verdicts.md').read_text()
+    assert dict(re.findall(r'^\| `(\w+)` \| ([^|]+?) \|', text, re.MULTILINE)) == VERDICTS
 
 
 PARAMETERS = {row.name for table in (
@@ -101,3 +136,13 @@ def test_every_script_named_is_there(script):
     assert (ROOT / script).is_file()
 
 
+
+
+@pytest.mark.long
+def test_the_pages_become_a_site_without_a_warning(tmp_path):
+    pytest.importorskip('furo', reason="requires pip install -e '.[docs]'")
+    done = subprocess.run(
+        [sys.executable, '-m', 'sphinx', '-q', '-W', '-c', 'docs', '.', tmp_path], cwd=ROOT,
+        capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / 'docs' / 'reference' / 'errors.html').is_file()

@@ -1,26 +1,36 @@
-"""The tutorial's commands as they stand, one after the other, and the answers that it promises."""
+"""The commands of the pages as they stand, one after the other, and the answers they promise."""
 
 from pathlib import Path
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 
+from forcecal_ros.nodes.config import TABLES
 import pytest
+import yaml
 
-TUTORIAL = Path(__file__).resolve().parents[2] / 'docs' / 'tutorials' / 'first-calibration.md'
+DOCS = Path(__file__).resolve().parents[2] / 'docs'
+FIRST = 'tutorials/first-calibration.md'
 ANSWER = re.compile(r'^(identified: \w+|no_gap)', re.MULTILINE)
+HOW_TO = {
+    'tutorials/simulation-gap.md': {}, 'how-to/plan.md': {}, 'how-to/ros2-control.md': {},
+    'how-to/no-rest.md': {'BAG': 'rig/sound'}, 'how-to/fleet.md': {'BAG': 'rig/sound'},
+    'how-to/mujoco.md': {'BAG': 'arm/heavier', 'arm.xml': 'arm/rigid_arm.xml'}}
+"""Page, and what its words in capitals are in the folder of samples."""
 
 
-def blocks():
-    """Return the indented blocks of the page, those aside that want a second terminal."""
-    found = re.findall(r'(?:^    .+\n)+', TUTORIAL.read_text(), re.MULTILINE)
-    return [block for block in found if 'ros2 ' not in block]
+def blocks(page):
+    """Return the indented blocks of a page, without those that require a second terminal."""
+    found = re.findall(r'(?:^    .+\n)+', (DOCS / page).read_text(), re.MULTILINE)
+    return ['\n'.join(line for line in block.splitlines() if 'ros2 ' not in line)
+            for block in found]
 
 
-def steps():
+def steps(page):
     """Yield each command, and the answer that stands in the block after it, if there is one."""
-    every = blocks()
+    every = blocks(page)
     for block, then in zip(every, [*every[1:], '']):
         lines = [line.strip() for line in block.splitlines()]
         promised = ANSWER.search('\n'.join(line.strip() for line in then.splitlines()))
@@ -29,8 +39,16 @@ def steps():
                 yield line, promised[1] if promised and line == lines[-1] else ''
 
 
+def run(words, folder):
+    """Run a command in a folder and return what it prints."""
+    done = subprocess.run([sys.executable, '-m', 'forcecal_ros.cli.main', *words], cwd=folder,
+                          capture_output=True, text=True, timeout=900, check=False)
+    assert done.returncode == 0, f'{words}\n{done.stderr}'
+    return done.stdout
+
+
 def test_the_page_has_commands_and_promises():
-    every = list(steps())
+    every = list(steps(FIRST))
     assert [line.split()[1] for line, _ in every] == [
         'demo', 'calibrate', 'estimate', 'play', 'export', 'export', 'sample', 'diagnose',
         'diagnose']
@@ -40,9 +58,33 @@ def test_the_page_has_commands_and_promises():
 @pytest.mark.long
 @pytest.mark.live
 def test_every_command_answers_what_the_page_says(tmp_path):
-    for line, promised in steps():
-        done = subprocess.run(
-            [sys.executable, '-m', 'forcecal_ros.cli.main', *shlex.split(line, comments=True)[1:]],
-            cwd=tmp_path, capture_output=True, text=True, timeout=900, check=False)
-        assert done.returncode == 0, f'{line}\n{done.stderr}'
-        assert done.stdout.startswith(promised), f'{line}\n{done.stdout}'
+    for line, promised in steps(FIRST):
+        said = run(shlex.split(line, comments=True)[1:], tmp_path)
+        assert said.startswith(promised), f'{line}\n{said}'
+
+
+@pytest.fixture(scope='module')
+def samples(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('samples')
+    run(['sample', 'rig', '-o', 'rig'], folder)
+    run(['sample', 'rigid_arm', '-o', 'arm'], folder)
+    run(['calibrate', 'rig/sound', '-o', 'calibration.yaml', '--quiet'], folder)
+    return folder
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('page', HOW_TO)
+def test_every_command_of_a_page_runs(page, samples, tmp_path):
+    shutil.copy(samples / 'calibration.yaml', tmp_path)
+    for line, _ in steps(page):
+        words = [str(samples / HOW_TO[page][word]) if word in HOW_TO[page] else word
+                 for word in shlex.split(line, comments=True)[1:]]
+        run(words, tmp_path)
+
+
+def test_the_parameter_file_of_the_first_robot_has_parameters_of_the_sequencer():
+    text = (DOCS / 'tutorials/first-robot.md').read_text()
+    block, = re.findall(r'```yaml\n(.*?)```', text, re.DOTALL)
+    found = yaml.safe_load(block)['/**/sequencer']['ros__parameters']
+    assert found and {*found} <= {row.name for row in TABLES['sequencer'][0]}
+    assert len(found['poses.values']) == 7 * len(found['poses.names'])

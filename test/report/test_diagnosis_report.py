@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 import json
+from pathlib import Path
 import re
 import sys
 
@@ -10,7 +11,7 @@ from forcecal_ros.core.streams import Phase, Recording, Stream
 from forcecal_ros.diagnose.dataset import CHANNELS, units
 from forcecal_ros.diagnose.judge.gap import Gap
 from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
-from forcecal_ros.diagnose.localise import Location
+from forcecal_ros.diagnose.localise import BANDS, Location, TimeFrequencyBin
 from forcecal_ros.diagnose.result import Diagnosis, to_document
 from forcecal_ros.diagnose.verdict import FIRST, percent
 from forcecal_ros.effects.library import EFFECTS
@@ -25,7 +26,7 @@ from forcecal_ros.report.diagnosis import (
     View,
     view_without_signals,
 )
-from forcecal_ros.report.effect_words import sentence, WORDS
+from forcecal_ros.report.effect_words import sentence, VERDICTS, WORDS
 from forcecal_ros.report.figures import between, Line, live, MOST_POINTS
 from forcecal_ros.report.page import origin, Step
 import numpy as np
@@ -254,9 +255,40 @@ def test_an_effect_of_a_sensor_is_fixed_at_the_sensor_and_not_in_the_model():
 
 def test_the_table_begins_with_the_noise_and_marks_the_worst_channel():
     page = render(view_without_signals(IDENTIFIED), ['bag'], NEXT)
-    head = [*map(str.strip, re.findall(r'<th>([^<]+)</th>', page))]
+    head = [*map(str.strip, re.findall(r'<th[^>]*>([^<]+)</th>', page))]
     assert head[:6] == ['channel', 'noise', 'nominal', 'before', 'after', 'unit']
     assert page.count('class="worst"') == 1
+
+
+def test_residuals_come_before_signals_and_pictures_have_a_form_for_a_phone():
+    page = render(_view(IDENTIFIED), ['bag'], NEXT)
+    assert page.index('<h2>Residuals') < page.index('<summary>Signals') < page.index('<h2>Signals')
+    assert page.count('<source media="(max-width: 34rem)"') == 1  # no bin is above the noise
+
+
+@pytest.mark.parametrize('narrow', [False, True])
+def test_the_heat_map_labels_octaves_and_has_rows_of_something_only(narrow):
+    cells = tuple(TimeFrequencyBin(0, 'step', band, excess, 9.0) for band, excess in (
+        ((8.0, 16.0), 3.0), ((16.0, 32.0), 0.01)))
+    figure = figures.heat_map(replace(_view(IDENTIFIED), cells=cells), narrow=narrow)
+    axes = figure.axes[0]
+    assert [one.get_text().split()[-1] for one in axes.get_yticklabels()] == [CHANNELS[0].name]
+    octaves = [one.get_text() for one in axes.get_xticklabels(minor=True)]
+    assert octaves == [f'{high:g}' for _, high in BANDS[:-1]]
+    assert [one.get_text() for one in axes.get_xticklabels()] == ['step']
+
+
+def test_the_colours_of_the_heat_map_are_those_of_a_dark_screen_too():
+    cells = (TimeFrequencyBin(0, 'step', (8.0, 16.0), 3.0, 9.0),)
+    page = render(replace(_view(IDENTIFIED), cells=cells), ['bag'], NEXT)
+    assert page.count('<div class="wide own"') == 1 and '.wide:not(.own) img { filter' in page
+
+
+def test_a_page_leads_to_the_pages_of_its_verdict_and_effects():
+    page = render(_view(IDENTIFIED), ['bag'], NEXT)
+    assert VERDICTS['identified'] in page
+    assert [Path(one).stem for one in re.findall('<a href="file://(.+?)"', page)] == [
+        'verdicts', 'effects']
 
 
 def test_a_recording_says_which_when_and_how_long():
@@ -315,7 +347,7 @@ def test_with_plotly_the_page_holds_it_once_and_needs_no_network():
     pytest.importorskip('plotly')
     page = render(_view(IDENTIFIED), ['bag'], NEXT)
     assert page.count('id="plotly"') == 1 and page.count('class="live"') == 3
-    assert not re.search(r'(?:src|href)="(?!data:)', page)
+    assert not re.search(r'(?:src|href)="(?!data:|file:)', page)
     assert len(page) < 5e6
 
 

@@ -1,4 +1,4 @@
-"""A page as a browser shows it: it zooms, says values, toggles lines, and fits a phone."""
+"""A page as a browser shows it: it zooms, prints values, toggles lines, and fits a phone."""
 
 from browser import browser, CHROMIUM
 from forcecal_ros.core.streams import Phase
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 pytestmark = pytest.mark.skipif(
-    not CHROMIUM, reason='wants Chromium or Chrome, which is not installed')
+    not CHROMIUM, reason='requires Chromium or Chrome, which is not installed')
 
 T = np.arange(0.0, 40.0, 0.01)
 PHASES = (Phase('move', 0.0, 10.0), Phase('step', 10.0, 20.0), Phase('contact', 20.0, 40.0))
@@ -30,14 +30,57 @@ def page(tmp_path_factory):
         'calibration.html.j2', 'Page', origin=[long], tone='good', word='calibrated',
         headline='The tool weighs 13 kg.', facts=[Fact('Next', 'Do it:', f'forcecal {long}')],
         warnings=[long], first=[picture('Force', 'words', SHOWN)], figures=[],
-        head=['estimate', 'value', 'unit', '95 % interval'],
-        rows=[['centre of mass', '1.00000', 'kg m^2', '0.99999 … 1.00001']] * 3,
+        head=['estimate', 'value', 'unit', '95 % interval', 'truth', 'off by'],
+        rows=3 * [
+            ['centre of mass', '1.00000', 'kg m^2', '0.99999 … 1.00001', '1.00000', '+0.1 σ']],
         quality=[('Note', 'a sentence that is longer than a phone is wide')]))
     with browser(folder / 'browser') as one:
         one.size(1280, 1000)
         one.open(f'file://{folder}/page.html')
         one.until(DRAWN)
         yield one
+
+
+@pytest.fixture(scope='module')
+def live_page(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('live')
+    (folder / 'live.html').write_text(render_page(
+        'live.html.j2', 'Live', robot='a robot', nonce='n', sequences=['calibrate'],
+        token='t'))  # noqa: S106 - of no server
+    with browser(folder / 'browser') as one:
+        one.size(1280, 1000)
+        one.open(f'file://{folder}/live.html')
+        yield one
+
+
+def shown(page, level=0.0, spread=0.1, age=0.02, bins=200):
+    """Show wrenches of noise about a level on the live page."""
+    page.run(f"""rows = []; show({{phase: 'idle', reason: '', answer: '', gap: null, late: 0,
+        nodes: [{{name: 'observer', level: 'ok', message: 'estimating', age: 0.4}}],
+        topics: Object.fromEntries(Object.keys(COLUMN).map(key => [
+            key, {{topic: '/' + key, age: {age}}}])),
+        rows: Array.from({{length: {bins}}}, (_, i) => {{
+            const noise = () => {level} + {spread} * (Math.random() - 0.5);
+            const wrench = [0, 1].map(k => Array.from(
+                {{length: 6}}, () => noise() + k * {spread}));
+            return [i, 'idle', wrench, wrench, null]; }})}}); true""")
+    page.until('!changed')
+
+
+def colours(page, canvas):
+    """Count the pixels of a canvas that are of the colour of x, y and z."""
+    return page.run(f"""(() => {{
+        const c = document.querySelectorAll('canvas')[{canvas}];
+        const data = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
+        const want = ['simulated', 'good', 'explained'].map(name => {{
+            const p = document.createElement('canvas').getContext('2d');
+            p.fillStyle = colour(name); p.fillRect(0, 0, 1, 1);
+            return [...p.getImageData(0, 0, 1, 1).data]; }});
+        const count = [0, 0, 0];
+        for (let i = 0; i < data.length; i += 4)
+            want.forEach((w, k) => count[k] += data[i + 3] > 99
+                && [0, 1, 2].every(j => Math.abs(data[i + j] - w[j]) < 40));
+        return count; }})()""")
 
 
 def box(page, selector, of='.live'):
@@ -93,3 +136,81 @@ def test_a_page_fits_a_phone_and_follows_its_colours(page, dark):
                               'document.documentElement.clientWidth]')
     assert scrolled == seen <= 400
     page.until(f'document.querySelector(".main-svg").getBoundingClientRect().right <= {seen}')
+
+
+CUT = """[...document.querySelectorAll('td, dd, pre span, img, canvas, svg[role], button, figure')]
+    .filter(e => !e.closest('.live'))  // a plot fits by itself, its hidden parts need not
+    .map(e => [e.tagName, e.textContent.slice(0, 30), e.getBoundingClientRect()])
+    .filter(([, , r]) => r.width && (r.right > innerWidth || r.left < 0))
+    .map(([tag, text]) => tag + ' ' + text)"""
+"""What is beyond the edges of the window."""
+
+
+@pytest.mark.parametrize('dark', [False, True])
+def test_no_cell_of_a_table_is_cut_on_a_phone(page, dark):
+    page.size(400, 900, dark)
+    page.until('document.querySelector(".live .main-svg").getBoundingClientRect().right <= 400')
+    assert page.run(CUT) == []
+    seen = page.run('document.body.innerText')
+    assert seen.count('0.99999 … 1.00001') == 3 and seen.count('+0.1 σ') == 3
+
+
+def test_the_live_page_begins_with_the_measured_wrench(live_page):
+    titles = live_page.run('[...document.querySelectorAll("figure h2")].map(e => e.textContent)')
+    assert [one.partition(':')[0] for one in titles[::2]] == [
+        'Measured wrench', 'Contact wrench', 'Weight and inertia of the tool']
+
+
+@pytest.mark.parametrize(('width', 'dark'), [(1280, False), (400, True)])
+def test_abort_is_a_red_button_apart_from_the_others(live_page, width, dark):
+    live_page.size(width, 1000, dark)
+    start, abort = live_page.run("""['calibrate', 'abort'].map(name => {
+        const e = document.querySelector(`[data-ask=${name}]`), r = e.getBoundingClientRect();
+        return [getComputedStyle(e).backgroundColor, r.left, r.right]; })""")
+    red, green, blue = (int(x) for x in abort[0].strip('rgb()').split(','))
+    assert red > 150 and green < 60 and blue < 60 and start[0] != abort[0]
+    assert abort[1] - start[2] > 100 and abort[2] <= width
+
+
+def test_each_topic_shows_the_time_since_its_last_message(live_page):
+    shown(live_page, age=0.02)
+    assert live_page.run('document.querySelector("[data-age=wrench]").textContent') == (
+        '/wrench, 0.0 s ago')
+    shown(live_page, age=3.2)
+    assert live_page.run('document.querySelector("[data-age=wrench].old").textContent') == (
+        '/wrench, 3.2 s ago')
+    assert '0.4 s ago' in live_page.run('document.querySelector("#nodes").textContent')
+    shown(live_page, age='null')
+    said = live_page.run('document.querySelector("[data-age=contact]").textContent')
+    assert said == '/contact: no message'
+
+
+def test_axes_do_not_jump_to_noise(live_page):
+    def limits():
+        return live_page.run('limits.get(document.querySelector("canvas"))')
+
+    live_page.run('limits.clear()')
+    shown(live_page, spread=0.02)
+    quiet = limits()
+    assert quiet['span'] >= 2.0  # N, however small the noise
+    shown(live_page, spread=0.3)
+    assert limits() == quiet
+    shown(live_page, level=130.0, spread=5.0)
+    loaded = limits()
+    assert all(begin < 127.5 and begin + loaded['span'] > 137.5 for begin in loaded['begins'])
+    shown(live_page, level=130.0, spread=3.0)
+    assert limits() == loaded
+
+
+def test_no_axis_hides_another_one(live_page):
+    live_page.size(1280, 1000)
+    shown(live_page, spread=1.0)
+    assert min(colours(live_page, 0)) > 100
+
+
+@pytest.mark.parametrize('dark', [False, True])
+def test_the_live_page_fits_a_phone(live_page, dark):
+    live_page.size(400, 900, dark)
+    shown(live_page)
+    assert live_page.run(CUT) == []
+    assert live_page.run('document.documentElement.scrollWidth') <= 400

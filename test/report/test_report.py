@@ -100,3 +100,10 @@ def test_quality_is_said_in_words():
 def test_warnings_come_before_the_numbers(calibration, recording):
     page = render(recording, calibration)
     assert page.index('bad warning"') < page.index('<table')
+
+
+def test_an_inertia_has_six_rows():
+    inertia = Estimate(np.diag([0.12, 0.15, 0.06]), np.full((3, 3), 1e-4), 'kg m^2')
+    rows = table(Calibration(mass=Estimate(13.0, 0.1, 'kg'), com=Estimate(np.zeros(3), 1e-4, 'm'),
+                             wrench_bias=Estimate(np.zeros(6), 0.01, 'N, N m'), inertia=inertia))
+    assert sum(row.name.startswith('inertia') for row in rows) == 6

@@ -84,4 +84,4 @@ def test_the_report_is_one_file_with_all_parts(diagnosed):
     words = re.sub('</?span>', '', page)  # that keep a command from breaking within a word
     assert words.index('come late (wrench_delay)') < words.index('forcecal diagnose NEW_BAG')
     assert page.count('src="data:image/png;base64,') == 5
-    assert not re.search(r'(?:src|href)="(?!data:)', page)
+    assert not re.search(r'(?:src|href)="(?!data:|file:)', page)

@@ -1,0 +1,41 @@
+"""The examples of third-party simulators: a payload that is off is named."""
+
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+
+import forcecal_ros as fc
+from forcecal_ros.cli.sample import commands, SECONDS
+from forcecal_ros.sim.protocol import Inputs
+from forcecal_ros.sim.third_party import third_party
+import numpy as np
+import pytest
+
+EXAMPLES = Path(__file__).resolve().parents[2] / 'examples'
+JOINTS = ('pan', 'lift', 'elbow', 'wrist_1', 'wrist_2', 'wrist_3')
+HEAVIER_KG, FORCE_N, TORQUE_NM = 1.26, 0.15, 0.006
+
+
+@pytest.mark.parametrize('path', EXAMPLES.glob('*_arm.py'), ids=lambda path: path.stem)
+def test_an_example_has_at_most_60_lines(path):
+    assert len(path.read_text().splitlines()) <= 60
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(('name', 'module'), [('drake_arm', 'pydrake')])
+def test_a_heavier_payload_is_named(name, module, monkeypatch):
+    pytest.importorskip(module, reason=f'requires {module}, which is not installed')
+    monkeypatch.syspath_prepend(EXAMPLES)
+    arm = third_party(name, import_module(name).make())
+    joints = commands(JOINTS, 1)
+    robot = arm.run(Inputs(0.0, SECONDS, joints=joints), [HEAVIER_KG, 1.0])
+    noise = np.random.default_rng(1).normal(size=(len(robot.wrench), 6)) * (
+        3 * [FORCE_N] + 3 * [TORQUE_NM])
+    robot = replace(robot, joint_commands=joints, wrench=replace(
+        robot.wrench, values=robot.wrench.values + noise))
+    gap = fc.diagnose(robot, against=arm)
+    assert gap.to_dict()['verdict'] == 'identified'
+    payload, = gap.value.diagnosis.effects
+    value, = payload.parameters.values()
+    assert payload.name == 'payload'
+    assert abs(value.value - HEAVIER_KG) < 4.0 * value.std < 0.03
