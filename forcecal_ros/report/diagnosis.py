@@ -293,7 +293,7 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
     """
     if d.verdict == 'ambiguous' and {name for name, _ in d.candidates} & EFFECTS.keys():
         plan = shlex.join(('forcecal', 'plan', '--after', folder, '-o', 'plan.yaml'))
-        return Step(f'Record a motion that separates them; diagnose it with --prior {folder}:', plan)
+        return Step(f'Record what separates these; diagnose it with --prior {folder}:', plan)
     if d.verdict == 'invalid_data' and (remedy := _cause_and_remedy(d)[1]):
         return Step(f'{_begun(remedy)}. Then diagnose again.')
     rig, calibration, model = (
