@@ -64,7 +64,7 @@ def live(folder: Path) -> None:
         page.size(WIDTH, HEIGHT)
         assert address is not None
         page.open(address[0])
-        page.until('document.getElementById("wrench.2").textContent > 100', 60.0)
+        page.until('document.getElementById("wrench.2").textContent > 100', 300.0)
         time.sleep(3.0)  # the sequencer compares noise with that at rest
         film = frames(page, 'calibrate')
         time.sleep(3.0)
