@@ -20,19 +20,15 @@ from forcecal_ros.diagnose.search.calibration import Features, FILE
 import numpy as np
 from scipy.optimize import minimize
 
-PRIOR = np.array([0.666, 0.0, 3.0, 0.0, 0.0, 0.0, 0.0])
-"""Mean of intercept and weights: as likely as not at 0.6 of the missing evidence."""
+PRIOR = np.array([0.666, 3.0])
+"""Mean of intercept and weight: as likely as not at 0.6 of the missing evidence."""
 
 RIDGE = 1.0
-"""Their prior precision, of regressors of order 1."""
-
-NAMES = ('gain', 'gain_over_missing', 'explained', 'parameters', 'further_effects', 'lead')
-SIGNS = np.array([1.0, 1.0, 1.0, -1.0, -1.0, 1.0])
-"""Which way each regressor can only count."""
+"""Their prior precision, of a regressor of order 1."""
 
 
 class Rows(NamedTuple):
-    """Steps of searches: regressors, whether the effect was right, and the generator."""
+    """Steps of searches: regressor, whether the effect was right, and the generator."""
 
     x: np.ndarray
     right: np.ndarray
@@ -56,26 +52,25 @@ def rows_of(cases: list[dict]) -> Rows:
     return Rows(np.array(x), np.array(right, dtype=float), np.array(group), len(cases))
 
 
-def fit(x: np.ndarray, right: np.ndarray, used: np.ndarray) -> np.ndarray:
-    """Return intercept and weights; those not used are 0, none has the wrong sign."""
+def fit(x: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Return intercept and weight."""
     def cost(w):
-        z = w[0] + x @ w[1:]
+        z = w[0] + x * w[1]
         p = 1.0 / (1.0 + np.exp(-z))
         off = w - PRIOR
         value = np.sum(np.logaddexp(0.0, z) - right * z) + 0.5 * RIDGE * off @ off
-        return value, np.append(np.sum(p - right), x.T @ (p - right)) + RIDGE * off
+        return value, np.array([np.sum(p - right), x @ (p - right)]) + RIDGE * off
 
-    bounds = [(None, None)] + [((0.0, None) if s > 0 else (None, 0.0)) if u else (0.0, 0.0)
-                               for s, u in zip(SIGNS, used)]
-    return minimize(cost, PRIOR.copy(), jac=True, bounds=bounds, method='L-BFGS-B').x
+    return minimize(cost, PRIOR.copy(), jac=True, bounds=[(None, None), (0.0, None)],
+                    method='L-BFGS-B').x
 
 
-def cross_validated(rows: Rows, used: np.ndarray) -> np.ndarray:
+def cross_validated(rows: Rows) -> np.ndarray:
     """Predict each generator's rows by a fit to the others."""
     out = np.zeros(len(rows.right))
     for g in np.unique(rows.group):
-        w = fit(rows.x[rows.group != g], rows.right[rows.group != g], used)
-        out[rows.group == g] = 1.0 / (1.0 + np.exp(-w[0] - rows.x[rows.group == g] @ w[1:]))
+        w = fit(rows.x[rows.group != g], rows.right[rows.group != g])
+        out[rows.group == g] = 1.0 / (1.0 + np.exp(-w[0] - rows.x[rows.group == g] * w[1]))
     return np.clip(out, 0.01, 0.99)
 
 
@@ -105,14 +100,13 @@ def main() -> None:
     parser.add_argument('--write', action='store_true', help=f'store it as {FILE.name}')
     arguments = parser.parse_args()
     rows = rows_of(load(arguments.cases))
-    every = np.ones(6, dtype=bool)
-    w = fit(rows.x, rows.right, every)
-    found = scores(cross_validated(rows, every), rows.right)
+    w = fit(rows.x, rows.right)
+    found = scores(cross_validated(rows), rows.right)
     stored = json.loads(FILE.read_text()) | {
         'provenance': 'benchmark/calibrate_probabilities.py on benchmark/posterior_cases.py, '
                       'cross-validated by generator',
-        'cases': rows.cases, 'features': NAMES, 'weights': np.round(w[1:], 3).tolist(),
-        'intercept': round(float(w[0]), 3), 'cross_validation': found}
+        'cases': rows.cases, 'intercept': round(float(w[0]), 3),
+        'weight': round(float(w[1]), 3), 'cross_validation': found}
     print(json.dumps(stored, indent=1))
     if arguments.write:
         FILE.write_text(json.dumps(stored, indent=1) + '\n')

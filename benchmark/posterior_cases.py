@@ -2,7 +2,7 @@
 
 Each effect of the library alone on the simulated rig along 13 s of motion, at full size and at a
 fifth; recordings without effect; both with disturbances that no library has. The cache holds the
-features of the best explanation of each step and its rivals, so that
+features of the best explanation of each step, so that
 ``calibrate_probabilities.py`` and ``ablation.py`` judge decision rules in seconds.
 """
 
@@ -132,10 +132,10 @@ def run(case: dict[str, Any]) -> dict[str, Any]:
     recording, steps, timing = make(case), [], {}
     inner = posterior.features_of
 
-    def watched(full, less, added, others):
-        f = inner(full, less, added, others)
-        steps.append({'added': added.name, 'names': sorted(full.names), **f._asdict(),
-                      'rivals': [[sorted(e.names), e.evidence - full.evidence] for e in others]})
+    def watched(full, less):
+        f = inner(full, less)
+        added, = full.names - less.names
+        steps.append({'added': added, 'names': sorted(full.names), **f._asdict()})
         return f
 
     posterior.features_of = watched
@@ -188,7 +188,7 @@ def main() -> None:
             file.write(json.dumps(result) + '\n')
         print(case['name'] or 'none', case['size'], case.get('beside', ''), '->',
               result['verdict'], result['named'],
-              [(s['added'], round(s['gain']), round(s['missing']), round(s['explained'], 2))
+              [(s['added'], round(s['gain']), round(s['missing']))
                for s in result['steps']][:4], round(result.get('search', 0), 1),
               round(result['seconds'], 1), flush=True)
 

@@ -1,16 +1,15 @@
 """From what the stages found to the calibration that leaves the identification."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from forcecal_ros.calibrate.accelerometer import AccelerometerFit, without_fading
-from forcecal_ros.calibrate.axes import split_matrix
+from forcecal_ros.calibrate.axes import jacobian, split_matrix
 from forcecal_ros.calibrate.covariance import (
     measurement_covariance,
     process_covariance,
     slow_density,
     stream_covariance,
 )
-from forcecal_ros.calibrate.estimating import jacobian
 from forcecal_ros.calibrate.gain import observer_model, pole_gain, riccati_gain, with_unit_k23
 from forcecal_ros.calibrate.joint import JointFit
 from forcecal_ros.calibrate.poses import StaticPose
@@ -20,8 +19,10 @@ from forcecal_ros.calibrate.static_readings import Statics
 from forcecal_ros.calibrate.statics import Sag
 from forcecal_ros.calibrate.tool import ToolFit
 from forcecal_ros.checks.signals import Clipping
+from forcecal_ros.core.axes import pose_from_wire, unit_direction
 from forcecal_ros.core.calibration import (
     Accelerometer,
+    Calibration,
     Estimate,
     Noise,
     ObserverGain,
@@ -69,6 +70,24 @@ class Stages:
     joint: JointFit | None
     slight_misfit: str = ''
     stops: tuple[Clipping, ...] = ()
+
+
+def with_settings(calibration: Calibration, settings: IdentificationSettings) -> Calibration:
+    """
+    Give a calibration of another package what settings state of robot and sensor.
+
+    Its numbers are in the axes of its wrench, which are turned into those of the pose, and of the
+    sign in which its mass is positive, which readings are given.
+    """
+    R = pose_from_wire(settings.sensor_rotation)
+    turn = np.eye(3) if R is None else R
+    com, bias = calibration.com, calibration.wrench_bias
+    return replace(
+        calibration, gravity=settings.gravity, wrench_sign=settings.wrench_sign,
+        gravity_direction=unit_direction(settings.gravity_direction),
+        sensor_rotation=None if R is None else settings.sensor_rotation,
+        com=Estimate(turn @ com.value, com.std, com.unit),
+        wrench_bias=Estimate(np.kron(np.eye(2), turn) @ bias.value, bias.std, bias.unit))
 
 
 def tool_of(stages: Stages) -> Tool | None:

@@ -15,7 +15,6 @@ regression is all but one with the damping (k times the delay).
 from collections.abc import Callable
 from typing import NamedTuple
 
-from forcecal_ros.calibrate.creep import Creep, fit_creep, follow, STANDS
 from forcecal_ros.calibrate.residuals import Residuals
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.white import white_covariance
@@ -55,6 +54,60 @@ force of 0.2 mN, 2 % of that of 13 um, on the rig without noise."""
 
 _DELAY = 0.001
 """Unit of the delay within the fit [s]."""
+
+
+CREEP_RATE = 8.0
+"""Rate at which the end of an approach decays, in which the robot still moves while the tool is
+said to ring freely [1/s]; slower adds no force, faster is over."""
+
+
+class Creep(NamedTuple):
+    """Distance still to go along x at first, x_end + way exp(-CREEP_RATE t), and its error [m]."""
+
+    way: float
+    std: float
+
+
+STANDS = Creep(0.0, 0.0)
+
+
+def fit_creep(pose: PoseStream) -> Creep:
+    """
+    Fit the creep to the measured pose.
+
+    Parameters
+    ----------
+    pose : PoseStream
+        From the start of the ringing on.
+    """
+    if not pose.has_position or len(pose) < 20:
+        return STANDS
+    t, x = pose.t - pose.t[0], pose.position @ pose.R_base_sensor[0, :, 0]
+    rows = np.column_stack([np.ones(len(t)), np.exp(-CREEP_RATE * t)])
+    solution = np.linalg.lstsq(rows, x, rcond=None)[0]
+    variance = float(((x - rows @ solution)**2).sum()) / (len(t) - 2)
+    return Creep(float(solution[1]), float(np.sqrt(variance * np.linalg.inv(rows.T @ rows)[1, 1])))
+
+
+def follow(creep: Creep, t: Array, k: float, d: float, mass: float) -> tuple[Array, Array]:
+    """
+    Say how the tool follows: m s" + d s' + k s = -m x".
+
+    Parameters
+    ----------
+    t : ndarray, shape (n,)
+        Since the start of the ringing [s].
+    k, d, mass : float
+        [N/m], [N s/m], [kg]
+
+    Returns
+    -------
+    tuple of ndarray, shape (n,)
+        Displacement [m] and the force that goes with it [N].
+    """
+    way = -mass * CREEP_RATE**2 * creep.way / (mass * CREEP_RATE**2 - d * CREEP_RATE + k)
+    slide = way * np.exp(-CREEP_RATE * t)
+    return slide, (k - d * CREEP_RATE) * slide
 
 
 class Ring(NamedTuple):

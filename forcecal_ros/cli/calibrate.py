@@ -19,7 +19,6 @@ from forcecal_ros.cli.common import (
     read_likewise,
     real,
     with_notes_of,
-    with_stated_gravity,
 )
 from forcecal_ros.cli.many import add_bags, Answer
 from forcecal_ros.cli.many import run as run_each
@@ -27,6 +26,7 @@ from forcecal_ros.cli.outputs import add_output, FILE, is_stdout
 from forcecal_ros.core.errors import UsageError
 
 if TYPE_CHECKING:
+    from forcecal_ros.calibrate.settings import IdentificationSettings
     from forcecal_ros.core.calibration import Calibration
     from forcecal_ros.core.streams import Recording
 
@@ -170,36 +170,20 @@ def answer(args: argparse.Namespace) -> Answer:
 
 
 def _as_stated(calibration: 'Calibration', args: argparse.Namespace) -> 'Calibration':
-    """
-    Return a calibration that was read with what the arguments state of robot and sensor.
-
-    The numbers of another package are in the axes of its wrench, which --sensor-rotation turns,
-    and of the sign that its mass is positive in, which --wrench-sign is to give the readings.
-    """
+    """Return a calibration that was read with what the arguments state of robot and sensor."""
     from dataclasses import replace
 
-    from forcecal_ros.core.axes import pose_from_wire
-    from forcecal_ros.core.calibration import Estimate
+    from forcecal_ros.calibrate.result import with_settings
     from forcecal_ros.observe.frames import agreed, mounting_of, numbers_of
-    import numpy as np
 
     with from_arguments():
         given = mounting_of(args.sensor_from_pose or (), '--sensor-from-pose')
-    calibration = replace(with_stated_gravity(calibration, args), sensor_from_pose=numbers_of(
-        agreed(given, calibration, args.bag)))
-    stated = [option for option, value in (('--wrench-sign', args.wrench_sign), (
-        '--sensor-rotation', args.sensor_rotation)) if value is not None]
-    if stated and 'of' not in calibration.source:
-        raise UsageError(f'{args.bag} states its own {stated[0]}; calibrate its recording again')
-    calibration = replace(calibration, wrench_sign=args.wrench_sign or calibration.wrench_sign)
-    rotation = tuple(map(math.radians, args.sensor_rotation or ()))
-    R = pose_from_wire(rotation or None)
-    if R is None:
-        return calibration
-    com, bias = calibration.com, calibration.wrench_bias
-    return replace(calibration, sensor_rotation=rotation, com=Estimate(
-        R @ com.value, np.nan, com.unit), wrench_bias=Estimate(
-        np.kron(np.eye(2), R) @ bias.value, np.nan, bias.unit))
+    if 'of' in calibration.source:  # another package, whose files do not state these
+        calibration = with_settings(calibration, _settings_of(args))
+    elif stated := next((name for name in ('gravity', 'gravity_direction', 'sensor_rotation',
+                                           'wrench_sign') if getattr(args, name)), ''):
+        raise UsageError(f'{args.bag} states its own {stated}; calibrate its recording again')
+    return replace(calibration, sensor_from_pose=numbers_of(agreed(given, calibration, args.bag)))
 
 
 def _write(calibration: 'Calibration', args: argparse.Namespace, notes: tuple[str, ...]
@@ -228,21 +212,26 @@ def _write(calibration: 'Calibration', args: argparse.Namespace, notes: tuple[st
 def calibrated(recording: 'Recording', args: argparse.Namespace) -> 'Calibration':
     """Calibrate as the arguments state."""
     from forcecal_ros.calibrate.pipeline import identify
-    from forcecal_ros.calibrate.settings import IdentificationSettings
     from forcecal_ros.observe.design import with_kalman_gains
     from forcecal_ros.observe.settings import ObserverSettings
 
-    rotation = args.sensor_rotation and [math.radians(x) for x in args.sensor_rotation]
+    source = {'recording': recording.source, **({'robot': args.robot} if args.robot else {}),
+              'created': datetime.now(timezone.utc).isoformat(timespec='seconds')}
+    return with_kalman_gains(identify(recording, _settings_of(args, source)),
+                             ObserverSettings(**bandwidth_of(args)))
+
+
+def _settings_of(args: argparse.Namespace, source: Any = ()) -> 'IdentificationSettings':
+    """Return the settings of the arguments."""
+    from forcecal_ros.calibrate.settings import IdentificationSettings
+
     position = args.accelerometer_position
-    calibration = identify(recording, IdentificationSettings(
+    return IdentificationSettings(
         **gravity_of(args), theta=math.radians(args.theta), coupling=args.coupling,
-        sensor_rotation=tuple(rotation) if rotation else None, cutoff=args.cutoff,
-        accelerometer_position=tuple(position) if position else None,
+        sensor_rotation=tuple(map(math.radians, args.sensor_rotation or ())) or None,
+        cutoff=args.cutoff, accelerometer_position=tuple(position) if position else None,
         wrench_sign=args.wrench_sign or 1, observer_mode=args.filter,
-        observer_design=args.design,
-        source={'recording': recording.source, **({'robot': args.robot} if args.robot else {}),
-                'created': datetime.now(timezone.utc).isoformat(timespec='seconds')}))
-    return with_kalman_gains(calibration, ObserverSettings(**bandwidth_of(args)))
+        observer_design=args.design, source=dict(source))
 
 
 def write_report(args: argparse.Namespace, recording: 'Recording', calibration: 'Calibration'

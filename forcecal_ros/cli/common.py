@@ -4,7 +4,6 @@ import argparse
 from argparse import ArgumentTypeError
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
 import json
 from math import isfinite
 from pathlib import Path
@@ -17,7 +16,6 @@ from typing import Any, TYPE_CHECKING
 from forcecal_ros.cli import COMMANDS
 
 if TYPE_CHECKING:
-    from forcecal_ros.core.calibration import Calibration
     from forcecal_ros.core.streams import Recording
 
 CLEAR = '\r\033[K'
@@ -157,6 +155,7 @@ def add_gravity(options: Any, *defaults: str) -> None:
 
 def gravity_of(args: argparse.Namespace) -> dict[str, Any]:
     """Return magnitude and direction of gravity as fields of settings."""
+    from forcecal_ros.core.axes import unit_direction
     from forcecal_ros.core.errors import UsageError
     from forcecal_ros.core.geometry import STANDARD_GRAVITY
 
@@ -165,20 +164,7 @@ def gravity_of(args: argparse.Namespace) -> dict[str, Any]:
         raise UsageError('--gravity-direction 0 0 0 is no direction; 0 0 -1 is down in a level '
                          'base')
     return {'gravity': args.gravity or STANDARD_GRAVITY,
-            'gravity_direction': tuple(direction) if direction else None}
-
-
-def with_stated_gravity(calibration: 'Calibration', args: argparse.Namespace) -> 'Calibration':
-    """Return a calibration with the gravity that ``--gravity`` and its direction state."""
-    from forcecal_ros.core.axes import unit_direction
-
-    given = gravity_of(args)
-    if args.gravity is not None:
-        calibration = replace(calibration, gravity=given['gravity'])
-    if args.gravity_direction is not None:
-        calibration = replace(calibration, gravity_direction=unit_direction(
-            given['gravity_direction']))
-    return calibration
+            'gravity_direction': unit_direction(direction)}
 
 
 def preset(name: str) -> str:

@@ -12,6 +12,7 @@ from forcecal_ros.cli.common import (
     group,
     MODEL,
     new_parser,
+    positive,
     read,
     read_likewise,
     show,
@@ -59,6 +60,12 @@ def add_parser(subparsers: Any) -> None:
                                 'parts of every phase of the first)')
     recording.add_argument('--accelerometer', choices=('acc1', 'acc2'),
                            help='which one is mounted (default: recognised by its volts)')
+    recording.add_argument('--prior', metavar='DIR',
+                           help='results of an earlier recording of the same robot, against the '
+                                'same model, from which this diagnosis continues')
+    recording.add_argument('--tolerance', metavar='X', type=positive, default=0.1,
+                           help="what is unexplained and smaller than X times a channel's noise "
+                                '(RMS) does not matter: it is no gap (default: 0.1)')
     recording.add_argument('--robot', metavar='NAME',
                            help='name of the robot, kept in diagnosis.json for forcecal fleet')
     model = group(parser, MODEL)
@@ -98,8 +105,8 @@ def add_parser(subparsers: Any) -> None:
                help='folder for diagnosis.json, report.html and rig_patched.yaml (or '
                     'calibration_patched.yaml, or model_patched.xml); earlier results are '
                     'kept as NAME~; of several BAGs, a folder of such folders')
-    parser.set_defaults(run=run, inputs=('bag', 'heldout', 'rig', 'calibration', 'simulated',
-                                         'heldout_simulated', 'mujoco', 'priors'))
+    parser.set_defaults(run=run, inputs=('bag', 'heldout', 'prior', 'rig', 'calibration',
+                                         'simulated', 'heldout_simulated', 'mujoco', 'priors'))
 
 
 def run(args: argparse.Namespace) -> int:
@@ -179,14 +186,30 @@ def _check_simulator(args: argparse.Namespace) -> int:
 def answer(args: argparse.Namespace) -> Answer:
     """Diagnose one recording."""
     with stages(args) as stage:
-        source, recordings, rig = _source_of(args, stage)
+        source, recordings = _source_of(args, stage)
+        source.tolerance = args.tolerance
+        if args.prior:
+            source.earlier = _earlier(args.prior, source.explained_by)
         stage(source.task)
-        return _written(args, recordings, source.diagnose(*recordings), rig)
+        return _written(args, recordings, source.diagnose(*recordings))
+
+
+def _earlier(folder: str, explained_by: str) -> Any:
+    """Read what an earlier diagnosis found, against the same kind of model."""
+    from forcecal_ros.diagnose.result import load_diagnosis
+
+    found, document = load_diagnosis(folder)
+    other = document.get('explained_by', '')
+    if other != explained_by:
+        raise UsageError(f'--prior {folder}: compared with {other or "a rig"}, this recording '
+                         f'with {explained_by or "a rig"}; give a diagnosis against the same '
+                         'model')
+    return found.earlier
 
 
 def _source_of(args: argparse.Namespace, stage: Callable[[str], None]
-               ) -> tuple[Any, list[Any], Any]:
-    """Return what the options compare with, the recordings, and the rig of the tolerances."""
+               ) -> tuple[Any, list[Any]]:
+    """Return what the options compare with, and the recordings."""
     from forcecal_ros.diagnose.sources.pair import PairSource
     from forcecal_ros.diagnose.sources.rig import rig_source
     from forcecal_ros.diagnose.sources.simulator import SimulatorSource
@@ -205,26 +228,24 @@ def _source_of(args: argparse.Namespace, stage: Callable[[str], None]
     simulator = _simulator_of(args) if args.simulator or args.mujoco else None
     recordings = [read_one(bag) for bag in (args.bag, args.heldout) if bag]
     if simulator is not None:
-        rig = load_rig(RIGID)
-        return SimulatorSource(simulator, rig), recordings, rig
+        return SimulatorSource(simulator, load_rig(RIGID)), recordings
     if args.simulated:
-        rig = load_rig(RIGID)
-        return PairSource(rig, *(
+        return PairSource(load_rig(RIGID), *(
             read_one(bag, 'simulated-', args.simulated_wrench_sign)
-            for bag in (args.simulated, args.heldout_simulated) if bag)), recordings, rig
+            for bag in (args.simulated, args.heldout_simulated) if bag)), recordings
     if args.calibration:
         calibration, rig = load(args.calibration), load_rig(args.rig or RIGID)
         recordings = [as_calibrated(one, calibration, args.calibration, args.wrench_sign)
                       for one in recordings]
         tool = rigid_tool_of_calibration(calibration, rig)
-        return ToolSource(tool, calibration, args.accelerometer), recordings, rig
+        return ToolSource(tool, calibration, args.accelerometer), recordings
     if not args.rig:
         _require_simulated_rig(args, recordings)
     rig = load_rig(None if args.rig in (None, NOMINAL) else args.rig)
     if not recordings[0].target:
-        return ToolSource(rigid_tool_of_rig(rig), None, args.accelerometer), recordings, rig
+        return ToolSource(rigid_tool_of_rig(rig), None, args.accelerometer), recordings
     warn_if_compiling(waits_for_compiler(), 'the simulator')
-    return rig_source(rig, args.accelerometer), recordings, rig
+    return rig_source(rig, args.accelerometer), recordings
 
 
 def _require_simulated_rig(args: argparse.Namespace, recordings: list[Any]) -> None:
@@ -267,7 +288,7 @@ def _source(args: argparse.Namespace, recording: Any) -> dict[str, str]:
             'created': datetime.now(timezone.utc).isoformat(timespec='seconds')}
 
 
-def _written(args: argparse.Namespace, recordings: list[Any], found: Any, rig: Any) -> Answer:
+def _written(args: argparse.Namespace, recordings: list[Any], found: Any) -> Answer:
     """Write what was found, a report of it, and other files."""
     import json
 
@@ -284,10 +305,9 @@ def _written(args: argparse.Namespace, recordings: list[Any], found: Any, rig: A
 
     diagnosis, folder, document = found.diagnosis, args.output, found.document()
     document['source'] = _source(args, recordings[0])
-    view = (view_of(found.outcome, advice(diagnosis, rig), units(found.unit))
+    view = (view_of(found.outcome, advice(diagnosis), units(found.unit))
             if found.outcome.datasets else view_without_signals(diagnosis))
-    step = next_step(diagnosis, args.bag, folder, tuple(found.files), view.advice,
-                     read_likewise(args))
+    step = next_step(diagnosis, args.bag, folder, tuple(found.files), read_likewise(args))
     write_results(folder, {
         'diagnosis.json': json.dumps(document, indent=2, allow_nan=False) + '\n',
         'report.html': render(

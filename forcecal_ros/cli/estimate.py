@@ -20,7 +20,6 @@ from forcecal_ros.cli.common import (
     topic_names,
     warn_if_compiling,
     with_notes_of,
-    with_stated_gravity,
 )
 from forcecal_ros.cli.many import add_bags, Answer
 from forcecal_ros.cli.many import run as run_each
@@ -143,7 +142,8 @@ def answer(args: argparse.Namespace) -> Answer:
     recording = read_checked(args, args.bag, raw_wrench=raw)
     by_imu = _needs_imu(args, recording)
     calibration, source = _calibration_for(args, recording)
-    calibration = with_stated_gravity(calibration, args)
+    calibration = replace(calibration, **{name: value for name, value in gravity_of(
+        args).items() if getattr(args, name) is not None})
     recording = with_even_bursts(in_sign_of(calibration, args.wrench_sign, taken_as_calibrated(
         recording, calibration, args.calibration or args.bag)))
     about = [*_warnings_of(calibration, source), *refuse_disagreeing(recording, calibration)]

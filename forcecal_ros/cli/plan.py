@@ -64,6 +64,9 @@ def add_parser(subparsers: Any) -> None:
                              'be repeated')
     parser.add_argument('--effects', metavar='NAME', nargs='+', type=_effect,
                         help='diagnosis: effects that it is to show (default: all)')
+    parser.add_argument('--after', metavar='DIR',
+                        help='diagnosis: results of forcecal diagnose, whose candidates it is to '
+                             'separate; touches the wall where one of them shows in no other way')
     parser.add_argument('--contact', action='store_true',
                         help="diagnosis: touch the rig's wall as well; its effects show in no "
                              'other way')
@@ -79,7 +82,7 @@ def add_parser(subparsers: Any) -> None:
                              '100 deg)')
     add_output(parser, '-o', '--output', kind=FILE, metavar='PLAN.yaml',
                help='parameters for the sequencer to write, - for standard output')
-    parser.set_defaults(run=run, inputs=('rig', 'recording', 'calibration'))
+    parser.set_defaults(run=run, inputs=('rig', 'recording', 'calibration', 'after'))
 
 
 def _effect(name: str) -> str:
@@ -140,11 +143,13 @@ def run(args: argparse.Namespace) -> int:
 
 def _check(args: argparse.Namespace) -> None:
     """Refuse options of the other purpose."""
-    other = (('effects', 'contact') if args.purpose == 'calibration'
+    other = (('effects', 'after', 'contact') if args.purpose == 'calibration'
              else ('calibration', 'criterion', 'duration', 'tilt'))
     for name in other:
         if getattr(args, name):
             raise UsageError(f'--{name} is not for --for {args.purpose}; leave it out')
+    if args.after and args.effects:
+        raise UsageError('--after and --effects exclude each other: both state the effects')
     if args.tilt and args.tilt > MAX_TILT_DEG:
         raise UsageError(f'--tilt {args.tilt:g}: at most {MAX_TILT_DEG:g} deg')
     if args.duration and args.duration > MAX_DURATION_S:
@@ -192,21 +197,35 @@ def _setup(args: argparse.Namespace) -> Setup:
 def _diagnosis(args: argparse.Namespace) -> int:
     from forcecal_ros.core.files import write_text
     from forcecal_ros.diagnose.plan import plan_document, plan_for, plan_parameters, plan_text
+    from forcecal_ros.effects import EFFECTS
     from forcecal_ros.sim.rig.simulator import waits_for_compiler
 
     if theirs := [key for key, _ in args.set if not key.startswith('limits.')]:
         raise UsageError(f'--set {theirs[0]} is chosen by a plan for diagnosis; set limits')
-    setup = _setup(args)
+    setup, effects = _setup(args), _candidates(args.after) if args.after else args.effects or ()
+    contact = args.contact or any(EFFECTS[name].excited_by == ('contact',) for name in effects)
     warn_if_compiling(waits_for_compiler(), 'the simulator')
     with stages(args) as stage:
         stage('simulating the sequence with every effect')
-        planned = plan_for(setup.rig, contact=args.contact, effects=args.effects or (),
-                           limits=setup.limits)
+        planned = plan_for(setup.rig, contact=contact, effects=effects, limits=setup.limits)
     if args.output:
         write_text(args.output, plan_parameters(planned))
     t = planned.motion.target.t
     _say(args, plan_document(planned), plan_text(planned), float(t[-1] - t[0]))
     return 0
+
+
+def _candidates(folder: str) -> tuple[str, ...]:
+    """Return the effects between which a diagnosis did not decide."""
+    from forcecal_ros.diagnose.result import load_diagnosis
+    from forcecal_ros.effects import EFFECTS
+
+    found, _ = load_diagnosis(folder)
+    names = tuple(name for name, _ in found.candidates if name in EFFECTS)
+    if not names:
+        raise UsageError(f'--after {folder}: {found.verdict} without candidates of the library; '
+                         'leave --after out, and every effect is to show')
+    return names
 
 
 def _calibration(args: argparse.Namespace) -> int:

@@ -14,7 +14,7 @@ does not run with the pydantic 2 of PyPI. What they would have saved, the walk o
 what is shortest here.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 import dataclasses
 from dataclasses import dataclass, is_dataclass
 from datetime import date, datetime
@@ -356,11 +356,13 @@ class Section:
                         getattr(self, name) if found is _ABSENT else found, expected)
 
 
-@cache
-def columns(kind: Any) -> tuple[Column, ...]:
-    """Return the columns of a dataclass or NamedTuple, in their order."""
+def _columns(kind: Any) -> tuple[Column, ...]:
     hints = get_type_hints(kind, include_extras=True)
     return tuple(_column(name, hints[name], default) for name, default in _defaults(kind))
+
+
+columns: Callable[[Any], tuple[Column, ...]] = cache(_columns)
+"""Return the columns of a dataclass or NamedTuple, in their order."""
 
 
 def _is_section(kind: Any) -> bool:

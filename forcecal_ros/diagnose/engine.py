@@ -22,7 +22,6 @@ from forcecal_ros.diagnose.judge.coverage import (
 from forcecal_ros.diagnose.judge.gap import measured_gap, sample_noise
 from forcecal_ros.diagnose.judge.judgement import judge, Judged
 from forcecal_ros.diagnose.judge.named_effects import (
-    at_limit,
     channel_affected_most,
     Checks,
     from_checks,
@@ -32,7 +31,6 @@ from forcecal_ros.diagnose.judge.named_effects import (
 )
 from forcecal_ros.diagnose.judge.residual_summary import (
     lines_of,
-    predictions,
     summarise_residual,
     WANDERING,
 )
@@ -41,11 +39,11 @@ from forcecal_ros.diagnose.localise import (
     Line,
     localise,
     Location,
-    Predictability,
     stage_of,
 )
+from forcecal_ros.diagnose.model.evidence import Earlier, FIRST_RECORDING
 from forcecal_ros.diagnose.model.hypotheses import hypotheses
-from forcecal_ros.diagnose.model.linearised import linearised_model, LinearisedModel
+from forcecal_ros.diagnose.model.linearised import linearised_model, LinearisedModel, TOLERANCE
 from forcecal_ros.diagnose.model.saturation import CLIPPING
 from forcecal_ros.diagnose.recordings import convert_to_volts, Corrected, missing_streams
 from forcecal_ros.diagnose.result import Diagnosis, patched_rig
@@ -100,7 +98,8 @@ class Outcome:
 
 
 def diagnose_datasets(rig: Rig, datasets: tuple[Dataset, ...], stamps: Sequence[Corrected],
-                      given: Sequence[Recording]) -> Outcome:
+                      given: Sequence[Recording], tolerance: float = TOLERANCE,
+                      earlier: Earlier = FIRST_RECORDING) -> Outcome:
     """
     Diagnose recordings that are ready.
 
@@ -112,10 +111,14 @@ def diagnose_datasets(rig: Rig, datasets: tuple[Dataset, ...], stamps: Sequence[
         What their stamps and values show.
     given : sequence of Recording
         As recorded.
+    tolerance : float
+        RMS of what is unexplained, in that of a channel's noise, that does not matter.
+    earlier : Earlier
+        What earlier recordings of the same robot found.
     """
     observed = [_observed(c, s.stamped, rig) if s.skew else c.measured
                 for c, s in zip(datasets, stamps)]
-    first = linearised_model(rig, datasets)
+    first = linearised_model(rig, datasets, tolerance, earlier)
     try:
         refuse_unjudged(first)
     except DataError as error:
@@ -132,7 +135,7 @@ def diagnose_datasets(rig: Rig, datasets: tuple[Dataset, ...], stamps: Sequence[
         tried = hypotheses(model, frequencies[0] if frequencies else None)
         found = search(model, tried)
         judged = judge(first, found, checks, observed)
-        where = _localised(found, judged.summary.predictability, checks)
+        where = _localised(found, judged.summary.predicted, checks)
         diagnosis = replace(_say(model, found, judged, checks), localisation=where,
                             not_excited=tuple(not_excited(model, tried)),
                             used=shares(model, given))
@@ -168,13 +171,13 @@ def _observed(dataset: Dataset, recording: Recording, rig: Rig) -> MeasuredBlock
                           dataset.measured.start, dataset.measured.n_blocks)
 
 
-def _localised(selection: Posterior, predictability: Predictability, checks: Checks
+def _localised(selection: Posterior, predicted: Sequence[Array], checks: Checks
                ) -> tuple[Location, ...]:
     """Say where the effects change the simulation, and where else the residual is no noise."""
     final = selection.model
     before = final.without_effects().residuals
     differences = [b - a + more for b, a, more in zip(
-        before, final.residuals, predictions(predictability))]
+        before, final.residuals, predicted)]
     stages = {final.library[n].stage
               for n in (*(a.name for a in selection.accepted), *checks.effects)}
 
@@ -202,18 +205,20 @@ def _say(model: LinearisedModel, found: Posterior, judged: Judged, checks: Check
         with_discrepancy=found.beside_discrepancy,
         slow_noise=judged.summary.slow_noise, band=model.datasets[0].simulation.band,
         certain=tuple(checks.effects),
-        at_limit=[x for name, values in judged.numbers.items() for x in at_limit(name, values)])
+        at_limit=judged.limits)
     sentence += in_time(judged.effects) \
         + missing_streams(final.datasets[0].recording) + unjudged(model)
     summary, ties = judged.summary, tuple(judged.ties.values())
-    notes = (*checks.notes, *summary.notes,
+    within = (judged.part.within,) if judged.part.within and word != 'no_gap' else ()
+    notes = (*checks.notes, *summary.notes, *within,
              *(note for a in found.accepted for note in untold(final, a)),
              *(tie.note for tie in ties))
     return Diagnosis(
         word, sentence, judged.effects, tuple(judged.candidates), gap=judged.gap, notes=notes,
-        ties=ties,
-        remainder={'ceiling_sigma': float(summary.predictability.z.max()),
-                   'cell_sigma': summary.strongest[0].z, 'ratio': judged.part.ratio})
+        ties=ties, earlier=found.earlier(),
+        remainder={'discrepancy': summary.discrepancy_evidence,
+                   'cell_sigma': summary.strongest[0].z, 'ratio': judged.part.ratio,
+                   'tolerance': final.tolerance})
 
 
 def _outcome(first: LinearisedModel, model: LinearisedModel, found: Posterior, judged: Judged,

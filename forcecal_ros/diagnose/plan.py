@@ -1,20 +1,20 @@
 """What to record for a diagnosis: a sequence, what it shows, what separates two effects."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 import math
 from typing import Any, NamedTuple
 
-from forcecal_ros.core.errors import DataError, ForcecalError, MotionError
+from forcecal_ros.core.errors import DataError, MotionError
 from forcecal_ros.core.geometry import Array, rotation_about
 from forcecal_ros.core.quantity import rounded, scaled
-from forcecal_ros.core.streams import Phase, PoseStream, Recording
+from forcecal_ros.core.streams import Phase, PoseStream
 from forcecal_ros.diagnose.dataset import split_by_phase
 from forcecal_ros.diagnose.model.hypotheses import hypotheses, Hypothesis
 from forcecal_ros.diagnose.model.linearised import linearised_model, LinearisedModel
 from forcecal_ros.diagnose.result import Diagnosis
 from forcecal_ros.diagnose.sources.rig import prepare_commanded
-from forcecal_ros.effects import applicable, EFFECTS, with_effects
+from forcecal_ros.effects import applicable, EFFECTS
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.motion.limits import check_move, Limits, pace_within, share_allowed
 from forcecal_ros.motion.optimal_design import sequencer_parameters
@@ -507,108 +507,23 @@ def _row(s: Visibility) -> tuple[str, str, str, str, str]:
     return s.name, s.size, rounded(math.sqrt(s.energy)), s.word, weak
 
 
-COMPARED_STREAMS = ('wrench', 'accelerometer', 'optidrive')
-
-PHASE_OPTIONS = {'contact': ' --contact'}
-"""Options of forcecal plan that add phases which it leaves out otherwise."""
-
-
-def advice(diagnosis: Diagnosis, rig: Rig) -> str:
+def advice(diagnosis: Diagnosis) -> str:
     """
     Say what to record next.
-
-    Parameters
-    ----------
-    rig : Rig
-        As given, without what was found.
 
     Returns
     -------
     str
         One sentence with one phase of the planned sequence; empty where nothing is missing.
     """
-    return _advice_to_separate(diagnosis, rig) or _advice_to_show(diagnosis.not_excited)
-
-
-def _advice_to_show(names: Sequence[str]) -> str:
     shown: dict[str, list[str]] = {}
-    for name in names:
+    for name in diagnosis.not_excited:
         for phase in EFFECTS[name].excited_by if name in EFFECTS else ():
             shown.setdefault(phase, []).append(name)
     if not shown:
         return ''
     phase = max(shown, key=lambda one: len(shown[one]))
-    return (f'{_phase_to_record(phase)}: it shows {_listed(shown[phase])}, which this recording '
-            'cannot show.')
-
-
-def _advice_to_separate(diagnosis: Diagnosis, rig: Rig) -> str:
-    named = [e.name for e in diagnosis.effects if e.name in EFFECTS]
-    same = {tie.other for tie in diagnosis.ties}  # no motion separates them
-    others = [n for n, _ in diagnosis.candidates if n in EFFECTS and n not in {*named, *same}]
-    if diagnosis.verdict != 'ambiguous' or not named:
-        return ''
-    for other in others:
-        try:
-            phase, energy = separating(rig, named[0], other)[0]
-        except ForcecalError:
-            continue
-        return (f'{_phase_to_record(phase)}: it separates {named[0]} from {other}; at typical '
-                f'sizes they differ there by {float(f"{energy:.2g}"):,.12g} times the energy of '
-                'the noise.')
-    return ''
-
-
-def _phase_to_record(phase: str) -> str:
-    command = f'forcecal plan{PHASE_OPTIONS.get(phase, "")} -o plan.yaml'
-    return f'Record phase {phase} of the sequence that {command} writes'
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ' and '.join(', '.join(names).rsplit(', ', 1))
-
-
-def separating(rig: Rig, one: str, other: str) -> list[tuple[str, float]]:
-    """
-    Rank the motions of the planned sequence by how far apart two effects come in them.
-
-    Parameters
-    ----------
-    one, other : str
-        Effects, taken at their typical sizes.
-
-    Returns
-    -------
-    list of (str, float)
-        Phase and whitened energy of what the one does beyond the other's best imitation, best
-        first.
-    """
-    motion = motion_for(rig, contact=False)
-    target, phases = motion.target, motion.phases
-    nominal = simulate(rig, target, noise=False)
-    deltas = [_whitened_change(simulate(_with_typical(rig, name), target, noise=False),
-                               nominal, rig) for name in (one, other)]
-    overlap = sum(float(a.ravel() @ b.ravel()) for a, b in zip(*(d.values() for d in deltas)))
-    size = sum(float(np.sum(b ** 2)) for b in deltas[1].values())
-    share = overlap / size if size > 0.0 else 0.0
-    energy: dict[str, float] = {}
-    for role, a in deltas[0].items():
-        t = getattr(nominal, role).t
-        rest = np.sum((a - share * deltas[1][role]) ** 2, axis=1)
-        for phase in phases:
-            rows = (t >= phase.start) & (t < phase.end)
-            energy[phase.name] = energy.get(phase.name, 0.0) + float(rest[rows].sum())
-    return sorted(energy.items(), key=lambda pair: -pair[1])
-
-
-def _with_typical(rig: Rig, name: str) -> Rig:
-    return with_effects(rig, {name: {q.name: q.typical for q in EFFECTS[name].parameters}})
-
-
-def _whitened_change(changed: Recording, nominal: Recording, rig: Rig) -> dict[str, Array]:
-    """Return what an effect does to each sensor, in its noise."""
-    force, torque = rig.wrench_sensor.force_noise, rig.wrench_sensor.torque_noise
-    noise = {'wrench': np.repeat([force, torque], 3), 'accelerometer': rig.accelerometer.noise,
-             'optidrive': rig.optidrive.noise if rig.optidrive else 1.0}
-    return {role: (getattr(changed, role).values - getattr(nominal, role).values) / noise[role]
-            for role in COMPARED_STREAMS if getattr(nominal, role) is not None}
+    contact = ' --contact' if phase == 'contact' else ''
+    listed = ' and '.join(', '.join(shown[phase]).rsplit(', ', 1))
+    return (f'Record phase {phase} of the sequence that forcecal plan{contact} -o plan.yaml '
+            f'writes: it shows {listed}, which this recording cannot show.')

@@ -52,7 +52,7 @@ def refitted(outcome: Outcome) -> Outcome:
     known = {a.name: parameters_of(now.model, a) for a in now.accepted}
     gap = outcome.diagnosis.gap
     numbers = with_taken(now.model, now.accepted, known,
-                         parameter_errors(now.model, now.jacobians), gap.closed if gap else 1.0)
+                         parameter_errors(now.comparison()), gap.closed if gap else 1.0)
     effects = tuple(replace(e, parameters=numbers.get(e.name, e.parameters))
                     for e in outcome.diagnosis.effects)
     selection = outcome.selection._replace(model=now.model, accepted=tuple(now.accepted),

@@ -18,6 +18,7 @@ from forcecal_ros.diagnose.judge.named_effects import (
 )
 from forcecal_ros.diagnose.judge.ties import Tie
 from forcecal_ros.diagnose.localise import Location
+from forcecal_ros.diagnose.model.evidence import Earlier, FIRST_RECORDING
 from forcecal_ros.diagnose.model.gates import BIAS, kind_of
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.search.posterior import Posterior
@@ -53,6 +54,8 @@ class Diagnosis:
         What no motion separates from effects accepted; notes say so in ``diagnosis.json``.
     not_compared : tuple of str
         What of the recordings was left out.
+    earlier : Earlier
+        What a further recording continues from.
     """
 
     verdict: str
@@ -67,6 +70,7 @@ class Diagnosis:
     used: dict[str, float] | None = None
     ties: tuple[Tie, ...] = ()
     not_compared: tuple[str, ...] = ()
+    earlier: Earlier = FIRST_RECORDING
 
 
 NO_MOTION = Diagnosis('not_excited',
@@ -98,7 +102,11 @@ def to_document(diagnosis: Diagnosis, units: dict[str, str], rig: str | None) ->
                    'band_hz': list(w.band_hz), 'excess': w.excess, 'p': w.p}
                   for w in d.localisation],
         'not_excited': list(d.not_excited), 'notes': list(d.notes),
-        'remainder': d.remainder or {}, 'used': d.used or {}}
+        'remainder': d.remainder or {}, 'used': d.used or {},
+        'posterior': {
+            'explanations': [{'effects': sorted(names), 'log_evidence': round(e, 3)}
+                             for names, e in d.earlier.evidence.items()],
+            'missing': round(d.earlier.missing, 3)}}
     if d.gap is not None:
         g = d.gap
         document['gap'] = {
@@ -164,6 +172,12 @@ def load_diagnosis(path: Path | str) -> tuple[Diagnosis, dict[str, Any]]:
 
 def _from_document(d: Mapping[str, Any]) -> Diagnosis:
     """Turn what :func:`to_document` returns into a diagnosis again."""
+    posterior = d.get('posterior', {})
+    earlier = Earlier(
+        {frozenset(map(str, one['effects'])): float(one['log_evidence'])
+         for one in posterior.get('explanations', ())}, float(posterior.get('missing', 0.0)),
+        {e['name']: {key: (float(p['value']), float(p['std']))
+                     for key, p in e['parameters'].items()} for e in d['effects']})
     return Diagnosis(
         str(d['verdict']), str(d['reason']),
         effects=tuple(NamedEffect(
@@ -175,7 +189,7 @@ def _from_document(d: Mapping[str, Any]) -> Diagnosis:
         localisation=tuple(Location(w['stage'], w['channel'], w['phase'], tuple(w['band_hz']),
                                     float(w['excess']), float(w['p'])) for w in d['where']),
         gap=_gap(d['gap']) if d.get('gap') else None,
-        not_excited=tuple(d['not_excited']), notes=tuple(d['notes']))
+        not_excited=tuple(d['not_excited']), notes=tuple(d['notes']), earlier=earlier)
 
 
 def _gap(g: Mapping[str, Any]) -> Gap:

@@ -3,12 +3,8 @@
 from collections.abc import Sequence
 from math import inf
 
-from forcecal_ros.diagnose.judge.judgement import EXPLAINED
 from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
 from forcecal_ros.diagnose.search.calibration import UNKNOWN
-
-NAMED = 0.8
-"""Explained share from which effects are named although more is unexplained."""
 
 MIN_EXPLAINED_WHOLE = 0.95
 """Explained share from which what is unexplained does not matter beside it."""
@@ -16,8 +12,14 @@ MIN_EXPLAINED_WHOLE = 0.95
 MAX_UNEXPLAINED_RATIO = 10.0
 """Ratio of the unexplained part from which it matters beside any explained share."""
 
+LEAST_EXPLAINED = 0.5
+"""Explained share below which effects beside a discrepancy leave more than they explain."""
+
 FURTHER = 'would move by more than three sigma'
 """What a note states of a simulator's numbers that only their tolerance holds."""
+
+WITHIN = 'within tolerance'
+"""How much of a recording is explained whose residual is more than noise but does not matter."""
 
 FIRST = 'look first at this: '
 """Before what a simulator reports of its own run, which may be why nothing explains the gap."""
@@ -61,7 +63,6 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
         Numbers of accepted effects that would be larger if their limits let them.
     """
     listed = ' and '.join(named)
-    closest = f'{listed} {"come" if len(named) > 1 else "comes"} closest'
     significant = part.ratio >= 1.0
     if not excited:
         return 'not_excited', ('the recording moves too little to tell effects apart; record '
@@ -73,26 +74,23 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
         what = 'the recording' if whole else 'what could be looked at'
         below = f' below {band:g} Hz' if band < inf else ''
         slow = ', if what varies slowly is noise' if slow_noise else ''
+        if part.within:
+            return 'no_gap', (f'the recalibrated rig explains {what}{below} {WITHIN}{slow}: '
+                              f'{part.within}')
         return 'no_gap', f'the recalibrated rig explains {what}{below} down to its noise{slow}'
-    if closed is not None and closed < 0.0:
+    unknown = dict(candidates).get(UNKNOWN, 0.0) > 0.5
+    if at_limit or (unknown and not certain):
+        why = (f'{" and ".join(at_limit)} is as large as that can be: another robot, tool or unit '
+               'was recorded than it is compared with' if at_limit else
+               'what was held out is worse with it')
         more = f'; unexplained: {part.words}' if significant else ''
-        return 'unknown', (f'no effect of the library explains the gap: adding {listed} makes '
-                           f'what was held out worse{more}')
-    if at_limit:
-        return 'unknown', (f'no effect of the library explains the gap: {closest}, but '
-                           f'{" and ".join(at_limit)} is as large as that can be: another '
-                           'robot, tool or unit was recorded than it is compared with')
+        return 'unknown', (f'no effect of the library explains the gap: {listed} '
+                           f'{"come" if len(named) > 1 else "comes"} closest, but {why}{more}')
     end = '' if len(named) > 1 else 's'
     done = f'explain{end} {percent(closed or 0.0)} of the misfit'
     if closed is None:
         done, closed = f'show{end} in stamps and values', 1.0
-    unknown = dict(candidates).get(UNKNOWN, 0.0) > 0.5
     beside = with_discrepancy and not unknown
-    if not beside and significant and (closed < NAMED or unknown) and not certain:
-        nearly = (f'{closest} and would explain {percent(closed)} of the misfit'
-                  ', too little to be named; unexplained: ') if closed > 0.0 else ''
-        return 'unknown', (f'no effect of the library explains the gap: {nearly}'
-                           f'{part.words}')
     rest = ''
     if significant:
         rest = f'; {"what remains" if beside else "unexplained"}: {part.words}'
@@ -102,7 +100,7 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
         rest += f'; one effect that is not in the library is likelier than {these}'
     partly = unknown or (significant and (
         closed < MIN_EXPLAINED_WHOLE or part.ratio > MAX_UNEXPLAINED_RATIO))
-    if closed < EXPLAINED if beside else partly:
+    if closed < LEAST_EXPLAINED if beside else partly:
         return 'partial', f'{listed} {done}{rest}'
     rivals = [n for n, _ in candidates if n not in named and n != UNKNOWN]
     if rivals:

@@ -14,7 +14,8 @@ from forcecal_ros.diagnose.engine import Outcome
 from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, instants, Parameter
 from forcecal_ros.diagnose.localise import BANDS, BLOCK_RATE, time_frequency_bins, TimeFrequencyBin
 from forcecal_ros.diagnose.result import Diagnosis
-from forcecal_ros.diagnose.verdict import FIRST, FURTHER, percent
+from forcecal_ros.diagnose.verdict import FIRST, FURTHER, percent, WITHIN
+from forcecal_ros.effects import EFFECTS
 from forcecal_ros.report.effect_words import phrase, sentence, VERDICTS, WORDS
 from forcecal_ros.report.figures import COLOURS, joined, Line, Panel, Shown
 from forcecal_ros.report.page import docs_page, Fact, Picture, picture, render_page, Step
@@ -212,7 +213,8 @@ def headline(d: Diagnosis) -> str:
         misfit (95 % interval: 87 to 98 %).``
     """
     if d.verdict not in NAMED:
-        head = HEADS[d.verdict]
+        head = HEADS[d.verdict].replace('down to its noise', (
+            WITHIN if WITHIN in d.reason else 'down to its noise'))
         return f'{head}{_cause_and_remedy(d)[0]}.' if head.endswith(' ') else head
     found = ' '.join(f'{sentence(e)} (probability {percent(e.probability)}).' for e in d.effects)
     return ' '.join(part for part in (found, explained(d), *_but(d)) if part)
@@ -275,7 +277,7 @@ def _in_full(d: Diagnosis) -> Fact:
     return Fact('In full', _begun(f'{d.reason}.'))
 
 
-def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str], advice: str = '',
+def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
               how: Sequence[str] = ()) -> Step:
     """
     Say what to do with a diagnosis.
@@ -286,13 +288,13 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str], advice:
         The recording that was diagnosed, and where the results are.
     files : sequence of str
         What lies there beside the report.
-    advice : str
-        Which motion to record next; empty where none would tell more.
     how : sequence of str
         What a command has to say of the recording to find the same in it.
     """
-    if d.verdict == 'ambiguous' and advice:
-        return Step(_begun(f'{advice.partition(";")[0].rstrip(".")}.'))
+    if d.verdict == 'ambiguous' and {name for name, _ in d.candidates} & EFFECTS.keys():
+        plan = shlex.join(('forcecal', 'plan', '--after', folder, '-o', 'plan.yaml'))
+        return Step('Record a motion that separates these causes, and diagnose it with --prior '
+                    f'{folder}:', plan)
     if d.verdict == 'invalid_data' and (remedy := _cause_and_remedy(d)[1]):
         return Step(f'{_begun(remedy)}. Then diagnose again.')
     rig, calibration, model = (

@@ -46,7 +46,8 @@ WORDS = {
 
 
 VERDICTS = {
-    'no_gap': 'the residual is noise, or within the tolerances of the model',
+    'no_gap': 'the residual is noise, within the tolerances of the model, or smaller than '
+              '`--tolerance`',
     'identified': 'one cause, or several together, with size and probability',
     'ambiguous': 'several causes explain the data about equally well',
     'partial': 'causes that are probable, and a residual that they do not explain',

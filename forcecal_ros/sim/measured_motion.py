@@ -156,7 +156,7 @@ class MeasuredMotion:
         The nominal one.
     """
 
-    band, exact, starts_white, usual_tolerances, library = MOST, EXACT_RATIO, True, False, EFFECTS
+    band, exact, starts_white, library = MOST, EXACT_RATIO, True, EFFECTS
 
     def __init__(self, recording: Recording, start: float, n_blocks: int, accelerometer: str,
                  rigid_tool: RigidTool) -> None:

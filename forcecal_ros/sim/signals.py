@@ -66,9 +66,6 @@ def slowed(stream: Stream, band: float = MOST) -> CubicSpline:
 RATE = 1000.0
 """Rate of the simulated signals [Hz]."""
 
-SMALL = 0.05
-"""RMS of a difference, in noise RMS, that is no gap."""
-
 UNSEEN = ('wrench_quantisation', 'clock_skew', 'dropouts')
 """Effects that show in values and stamps, not in the mean of a signal."""
 
@@ -152,8 +149,6 @@ class Simulation(Protocol):
     starts_white : bool
         Whether noise is first taken for white: where a recording is all motion, nothing shows
         the noise by itself.
-    usual_tolerances : bool
-        Whether tolerances are usual ones, as of a third-party simulator, and not those of a file.
     library : mapping of str to Effect
         What a recording may have beside what is simulated.
     """
@@ -164,7 +159,6 @@ class Simulation(Protocol):
     band: float
     exact: float
     starts_white: bool
-    usual_tolerances: bool
     library: Mapping[str, Effect]
 
     def signals(self, rig: Rig) -> Signals:

@@ -3,8 +3,7 @@
 from functools import cache
 
 from forcecal_ros.calibrate.axes import in_words, split_matrix
-from forcecal_ros.calibrate.creep import Creep, follow
-from forcecal_ros.calibrate.ringing import Ring, stiffness_and_damping
+from forcecal_ros.calibrate.ringing import Creep, follow, Ring, stiffness_and_damping
 from forcecal_ros.calibrate.static_readings import gravity_spread, Statics
 from forcecal_ros.calibrate.tool import identify_tool
 from forcecal_ros.core.errors import DataError, UnobservableError

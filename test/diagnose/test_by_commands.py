@@ -183,6 +183,20 @@ def test_a_step_in_the_second_recording_alone_is_named_as_such():
 
 
 @pytest.mark.long
+def test_a_drift_in_the_second_recording_alone_is_no_slow_noise():
+    second = own_recording(21, FREE)
+    wrench = second.wrench
+    drift = 0.1 * (wrench.t - wrench.t[0])[:, np.newaxis] * [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
+    second = replace(second, wrench=replace(wrench, values=wrench.values + drift))
+    diagnosis = RigSource(load_rig()).diagnose(own_recording(20, FREE), second).diagnosis
+    effect, = diagnosis.effects
+    assert (effect.name, effect.recording) == ('wrench_bias_drift', 1)
+    found = effect.parameters['fz']
+    assert found.value == pytest.approx(0.1, abs=4.0 * found.std)
+    assert f'from {effect.begin:.3f} s on' in diagnosis.reason and effect.begin < 1.0
+
+
+@pytest.mark.long
 def test_of_two_small_effects_neither_is_given_to_a_discrepancy():
     real = with_effects(load_rig(), {
         'wrench_crosstalk': {'fx_of_fz': 0.00426},

@@ -1,14 +1,20 @@
-"""How much of the misfit is explained: three arms, per channel and overall, on held-out blocks."""
+"""
+How much of the misfit is explained: three arms, per channel and overall, on held-out blocks.
+
+Numbers are those of a fit to the training blocks, as far as these identify them.
+"""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.dataset import CHANNELS, Dataset, MeasuredBlocks
 from forcecal_ros.diagnose.judge.parameter_errors import Errors, parameter_errors
-from forcecal_ros.diagnose.judge.residual_summary import predictions, ResidualSummary
+from forcecal_ros.diagnose.judge.residual_summary import ResidualSummary
 from forcecal_ros.diagnose.localise import BIN_SIGMA, TimeFrequencyBin
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
+from forcecal_ros.diagnose.search.model_comparison import Explained, ModelComparison
 from forcecal_ros.diagnose.search.posterior import Posterior
 import numpy as np
 from numpy.typing import NDArray
@@ -269,9 +275,13 @@ def measured_gap(model: LinearisedModel, selection: Posterior, summary: Residual
         RMS of one sample.
     errors : Errors
     """
-    final, arms, contact = selection.model, [], []
-    moved = predictions(summary.predictability)
-    errors = parameter_errors(final, selection.jacobians)
+    arms, contact = [], []
+    comparison = ModelComparison(selection.model, selection.jacobians)
+    moved, errors = summary.predicted, parameter_errors(comparison)
+    changed = comparison.by_training()
+    recalibrated = Explained(model).by_training() if selection.accepted else changed
+    final = replace(selection.model, residuals=[
+        r - by for r, by in zip(selection.model.residuals, changed)])
     without_name = 0.0 if selection.accepted else unpredictable(final, summary.strongest, moved)
     noise = sample_noise(final, errors.expected() + without_name, moved)
     beside = moved if errors.predicted is None else errors.predicted.rows
@@ -279,6 +289,7 @@ def measured_gap(model: LinearisedModel, selection: Posterior, summary: Residual
     for i, (dataset, rows) in enumerate(zip(model.datasets, beside)):
         simulated, means = model.signals(i), dataset.measured.of_wrench
         nominal, before = (observed[i].residual(s) for s in (dataset.nominal, simulated))
+        before = before - recalibrated[i]
         arms.append(Arms(before, nominal - before, before - final.residuals[i], rows))
         contact.append([means(s.contact) for s in (
             dataset.nominal, simulated, final.signals(i))])

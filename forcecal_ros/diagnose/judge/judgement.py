@@ -8,6 +8,7 @@ from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.dataset import MeasuredBlocks
 from forcecal_ros.diagnose.judge.gap import Gap, measured_gap
 from forcecal_ros.diagnose.judge.named_effects import (
+    at_limit,
     begun_or_ended,
     Checks,
     NamedEffect,
@@ -15,7 +16,6 @@ from forcecal_ros.diagnose.judge.named_effects import (
     parameters_of,
 )
 from forcecal_ros.diagnose.judge.residual_summary import (
-    fitted_to_all,
     ResidualSummary,
     summarise_residual,
     unexplained,
@@ -33,9 +33,6 @@ CHECKED = 0.99
 CANDIDATES = 0.95
 """Probability that the candidate set covers."""
 
-EXPLAINED = 0.5
-"""Share of the misfit below which effects leave more than they explain."""
-
 NEAREST, NEAREST_TEMPERATURE = 0.3, 10.0
 """
 Probability that effects share that come closest to an unexplained recording, and the log-evidence
@@ -47,7 +44,8 @@ class Judged(NamedTuple):
     """
     What was found, weighed: each effect, the whole, and what is unexplained.
 
-    ``numbers`` are those of accepted effects as the fit knows them.
+    ``numbers`` are those of accepted effects as the fit knows them; ``limits`` those of them that
+    would be larger if the library let them.
     """
 
     summary: ResidualSummary
@@ -58,47 +56,46 @@ class Judged(NamedTuple):
     effects: tuple[NamedEffect, ...]
     ties: dict[str, Tie]
     candidates: list[tuple[str, float]]
+    limits: list[str]
 
 
 def judge(first: LinearisedModel, found: Posterior, checks: Checks,
           observed: list[MeasuredBlocks]) -> Judged:
     """Weigh what was found."""
     final = found.model
-    summary = summarise_residual(fitted_to_all(final, found.jacobians),
-                                 found.discrepancy_evidence)
+    summary = summarise_residual(final, found.discrepancy_evidence)
     part = unexplained(summary)
     gap, noise, errors = measured_gap(first, found, summary, observed)
     checked = tuple(NamedEffect(n, v, CHECKED) for n, v in checks.effects.items())
     numbers = {a.name: parameters_of(final, a) for a in found.accepted}
     ties = ties_of(found)
-    probabilities, candidates = weighed(found, part.ratio >= 1.0, gap.closed)
+    limits = [x for name, values in numbers.items() for x in at_limit(name, values)]
+    probabilities, candidates = weighed(found, part.ratio >= 1.0,
+                                        possible=gap.closed >= 0.0 and not limits)
     stated = with_taken(final, found.accepted, numbers, errors, gap.closed)
     named = [begun_or_ended(NamedEffect(name, values, probabilities[name]), final, found.instants)
              for name, values in stated.items()]
     candidates += [(e.name, e.probability) for e in checked]
     return Judged(summary, part, gap, noise, numbers, (*named, *checked), ties,
-                  listed_once(candidates))
+                  listed_once(candidates), limits)
 
 
-def weighed(found: Posterior, is_gap: bool, closed: float
+def weighed(found: Posterior, is_gap: bool, *, possible: bool = True
             ) -> tuple[dict[str, float], list[tuple[str, float]]]:
     """
     Return the probability of each accepted effect, and the candidates.
-
-    Effects that leave more than they explain are no likelier than the share that they explain.
 
     Parameters
     ----------
     is_gap : bool
         Whether something is unexplained.
-    closed : float
-        Share of the misfit that accepted effects explain.
+    possible : bool
+        Whether accepted effects can be the cause: they do no harm, and no number is at its limit.
     """
-    most = max(0.0, closed) if is_gap and closed < EXPLAINED else 1.0
     named: dict[str, float] = {}
     chosen: list[tuple[str, float]] = []
     for name, features in found.features.items():
-        whole, weight = min(most, probability(features)), found.odds[name]
+        whole, weight = possible * probability(features), found.odds[name]
         shares = {k: whole * w / (1.0 + sum(weight.values())) for k, w in weight.items()}
         named[name] = whole - sum(shares.values())
         chosen += _covering({name: named[name], UNKNOWN: 1.0 - whole, **shares})

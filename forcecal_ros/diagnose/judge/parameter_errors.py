@@ -1,13 +1,10 @@
 """What wrong parameters leave on held-out blocks, beside noise and what no library has."""
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.pieces import pieces
 from forcecal_ros.diagnose.dataset import CHANNELS
-from forcecal_ros.diagnose.model.hypotheses import EffectJacobian
-from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.model.own_size import Predicted, predicted, spread
 from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY
 from forcecal_ros.diagnose.search.model_comparison import ModelComparison
@@ -77,19 +74,16 @@ def _draw(covariance: Array, rng: np.random.Generator) -> Array:
                                  * rng.standard_normal(len(values))))
 
 
-def parameter_errors(model: LinearisedModel, jacobians: Sequence[EffectJacobian]) -> Errors:
+def parameter_errors(comparison: ModelComparison) -> Errors:
     """
-    Say what wrong parameters leave on held-out blocks.
+    Estimate what wrong parameters leave on held-out blocks.
 
     Parameters
     ----------
-    model : LinearisedModel
+    comparison : ModelComparison
         At the joint fit.
-    jacobians : sequence of EffectJacobian
-        Of its effects.
     """
-    comparison = ModelComparison(model, jacobians)
-    covariance, k = comparison.null.covariance, len(comparison.null.x)
+    model, covariance, k = comparison.model, comparison.null.covariance, comparison.base
     grams, n = np.zeros((len(CHANNELS), k, k)), 0
     for i, dataset in enumerate(model.datasets):
         columns = [*model.jacobian[i], *comparison.extra[i]]

@@ -1,7 +1,8 @@
 """What a fitted model leaves of the recordings, and whether that is more than noise."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from math import inf
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
@@ -14,21 +15,17 @@ from forcecal_ros.diagnose.localise import (
     Line,
     LINE_RATIO,
     MIN_IMPULSES,
-    Predictability,
-    predictability_of,
-    PREDICTABLE_SIGMA,
     spectral_lines,
     time_frequency_bins,
     TimeFrequencyBin,
 )
-from forcecal_ros.diagnose.model.evidence import fit
-from forcecal_ros.diagnose.model.hypotheses import EffectJacobian, VIBRATION
-from forcecal_ros.diagnose.model.jacobian import combined
+from forcecal_ros.diagnose.model.hypotheses import VIBRATION
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY
-from forcecal_ros.diagnose.search.model_comparison import FLAWED, ModelComparison
-from forcecal_ros.sim.signals import SMALL
+from forcecal_ros.diagnose.search.model_comparison import FLAWED
 import numpy as np
+
+_INDEX = {c.name: i for i, c in enumerate(CHANNELS)}
 
 WANDERING = 0.03
 """Part of a vibration's frequency within which its speed may wander."""
@@ -56,8 +53,10 @@ class ResidualSummary(NamedTuple):
 
     Attributes
     ----------
-    predictability : Predictability
-        Of the discrepancy, where there is one.
+    discrepancy : tuple of ndarray, shape (n, channels)
+        What follows the motion without a name, in each recording.
+    size : ndarray, shape (channels,)
+        Its RMS in that of the noise, in the worst kind of motion.
     strongest : list of TimeFrequencyBin
         The strongest first.
     lines : tuple of Line
@@ -68,15 +67,31 @@ class ResidualSummary(NamedTuple):
         Log-evidence of the discrepancy.
     slow_noise : bool
         Whether slow noise is counted as noise that a discrepancy may be, too.
+    level : ndarray, shape (channels,)
+        RMS of the noise at rest.
+    tolerance : float
+        RMS of what is unexplained, in that of a channel's noise, that does not matter.
+    exact : float
+        The same, up to which the simulation is meant to be right.
     """
 
-    predictability: Predictability
+    discrepancy: tuple[Array, ...]
+    size: Array
     strongest: list[TimeFrequencyBin]
     lines: tuple[Line, ...]
     impulses: Array
     notes: tuple[str, ...]
     discrepancy_evidence: float = 0.0
     slow_noise: bool = False
+    level: Array = np.ones(len(CHANNELS))
+    tolerance: float = 0.0
+    exact: float = 0.0
+
+    @property
+    def predicted(self) -> list[Array]:
+        """What of each residual is no noise; 0 where a simulation is not that exact."""
+        seen = (self.size > self.exact) & (self.discrepancy_evidence >= WITHOUT_NAME)
+        return [np.where(seen, one, 0.0) for one in self.discrepancy]
 
 
 class UnexplainedPart(NamedTuple):
@@ -89,10 +104,13 @@ class UnexplainedPart(NamedTuple):
         Largest statistic over its threshold: more than noise from 1 on.
     words : str
         What it is.
+    within : str
+        What is more than noise, but no more than is tolerated; empty where something matters.
     """
 
     ratio: float
     words: str
+    within: str = ''
 
 
 def summarise_residual(model: LinearisedModel,
@@ -105,23 +123,21 @@ def summarise_residual(model: LinearisedModel,
     discrepancy_evidence : float
         Log-evidence of its discrepancy.
     """
-    found, seen = None, discrepancy_evidence
-    if model.discrepancy_scales != NO_DISCREPANCY:
-        found = discrepant(model)
-        beyond = _without(model, found)
-        if discrepancy_evidence > 0.0:
-            discrepancy_evidence = _but_for_slow_noise(model, beyond, discrepancy_evidence)
-        model = beyond
-    bins = [c for dataset, n, b in zip(model.datasets, model.noise, model.residuals)
+    found, seen = discrepant(model), discrepancy_evidence
+    if model.discrepancy_scales == NO_DISCREPANCY:
+        discrepancy_evidence = seen = 0.0
+    beyond = _without(model, found)
+    if discrepancy_evidence > 0.0:
+        discrepancy_evidence = _but_for_slow_noise(model, beyond, discrepancy_evidence)
+    bins = [c for dataset, n, b in zip(beyond.datasets, beyond.noise, beyond.residuals)
             for c in time_frequency_bins(dataset, n, b) if c.band[0] < dataset.simulation.band]
-    lines, wanders = _other_lines(lines_of(model), model)
-    impulses = np.asarray(sum(count_impulses(n, b) for n, b in zip(model.noise, model.residuals)))
-    strongest = sorted(bins, key=lambda c: -c.z) or [NOWHERE]
-    if found is None:
-        return ResidualSummary(predictability_of(model), strongest,
-                               lines, impulses, wanders)
-    summary = ResidualSummary(_as_predictability(model, found, discrepancy_evidence), strongest,
-                              lines, impulses, wanders, discrepancy_evidence)
+    lines, wanders = _other_lines(lines_of(beyond), beyond)
+    summary = ResidualSummary(
+        tuple(found), _sizes(model, found), sorted(bins, key=lambda c: -c.z) or [NOWHERE], lines,
+        np.asarray(sum(count_impulses(n, b) for n, b in zip(model.noise, beyond.residuals))),
+        wanders, discrepancy_evidence, level=np.asarray(np.max(
+            [n.rms() for n in model.noise], axis=0)), tolerance=model.tolerance,
+        exact=model.datasets[0].simulation.exact)
     if discrepancy_evidence < WITHOUT_NAME <= seen:
         summary = summary._replace(notes=(*wanders, 'slow noise, or else ' + _discrepancy_in_words(
             summary) + ': the recording is too short to tell'), slow_noise=True)
@@ -172,9 +188,8 @@ def discrepant(model: LinearisedModel, trained: bool = True) -> list[Array]:
     return model.whitened_discrepancy().of_weights(weights, [b.shape for b in model.residuals])
 
 
-def _as_predictability(model: LinearisedModel, found: list[Array],
-                       discrepancy_evidence: float) -> Predictability:
-    """Say of each channel that shows a discrepancy how significant all of it is."""
+def _sizes(model: LinearisedModel, found: Sequence[Array]) -> Array:
+    """Return the RMS of a discrepancy in that of the noise, in the worst kind of motion."""
     size = np.zeros(len(CHANNELS))
     for one, noise, dataset in zip(found, model.noise, model.datasets):
         for g in range(3):
@@ -183,43 +198,7 @@ def _as_predictability(model: LinearisedModel, found: list[Array],
                 rms = noise.rms(g)
                 size = np.maximum(size, np.sqrt(np.mean(one[rows] ** 2, axis=0))
                                   / np.where(rms > 0.0, rms, np.inf))
-    sigmas = float(np.sqrt(2.0 * max(0.0, discrepancy_evidence)))
-    seen = size > model.datasets[0].simulation.exact
-    return Predictability(np.where(seen, sigmas, 0.0), size, tuple(found))
-
-
-def fitted_to_all(model: LinearisedModel,
-                  jacobians: Sequence[EffectJacobian] = ()) -> LinearisedModel:
-    """
-    Take off what nuisances and effects explain when they are fitted to all blocks.
-
-    What training blocks hardly show (an inertia, where they hold no turn about its axis) is known
-    poorly from them, and shows on the others: that is no gap, but an error of the fit.
-
-    Parameters
-    ----------
-    model : LinearisedModel
-        At a fit to its training blocks.
-    jacobians : sequence of EffectJacobian
-        Of its effects.
-
-    Returns
-    -------
-    LinearisedModel
-        With the residuals, and their noise, of the fit to all; all else as it was.
-    """
-    out = replace(model, residuals=_left_by_all(ModelComparison(model, jacobians)))
-    out.refit_noise(np.zeros(len(model.nuisances)))
-    return out
-
-
-def _left_by_all(comparison: ModelComparison) -> list[Array]:
-    """Return what nuisances and effects leave if they are fitted to all blocks."""
-    model = comparison.model
-    x = fit(comparison.train + comparison.held, comparison.null_prior).x
-    return [b - combined([*columns, *extra], x, len(b)) * c.measured.present
-            for b, columns, extra, c in zip(model.residuals, model.jacobian, comparison.extra,
-                                            model.datasets)]
+    return size
 
 
 def lines_of(model: LinearisedModel) -> tuple[Line, ...]:
@@ -236,34 +215,49 @@ def lines_of(model: LinearisedModel) -> tuple[Line, ...]:
 
 
 def unexplained(summary: ResidualSummary) -> UnexplainedPart:
-    """Find the strongest of the tests of a residual, as a multiple of its threshold."""
-    predictability, strongest = summary.predictability, summary.strongest[0]
-    impulses = summary.impulses
-    z = np.where(predictability.size > SMALL, predictability.z, 0.0)
-    c = int(z.argmax())
-    several = int(impulses.max())
-    line = max(summary.lines, key=lambda one: one.power, default=None)
-    low, high = strongest.band
-    options = [
-        (summary.discrepancy_evidence / WITHOUT_NAME * (z[c] > 0.0),
-         _discrepancy_in_words(summary)) if summary.discrepancy_evidence else
-        (float(z[c]) / PREDICTABLE_SIGMA,
-         f'{CHANNELS[c].name}, predictable from the motion ({z[c]:.1f} sigma)'),
-        (strongest.z / BIN_SIGMA,
-         (f'{CHANNELS[strongest.channel].name} in {strongest.phase}, {low:g} to {high:g} Hz '
-          f'({strongest.z:.1f} sigma)')),
-        (several / MIN_IMPULSES,
-         f'{several} impulses in {CHANNELS[int(impulses.argmax())].name}')]
-    if line is not None:
-        options.append((line.power / LINE_RATIO,
-                        f'a line at {line.frequency:.2f} Hz in {line.channel}'))
-    return UnexplainedPart(*max(options))
+    """Find the strongest of the tests of a residual, of those of what matters."""
+    options = list(_tests(summary))
+    ratio, _, words = max((one for one in options if one[1] > summary.tolerance),
+                          default=(0.0, 0.0, ''))
+    below = max((one for one in options if one[1] <= summary.tolerance and one[0] >= 1.0),
+                default=None)
+    if ratio >= 1.0 or below is None:
+        return UnexplainedPart(ratio, words)
+    return UnexplainedPart(ratio, words, f'{below[2]}, is {below[1]:.2g} of its noise, of which '
+                           f'{summary.tolerance:.2g} is tolerated')
+
+
+def _tests(summary: ResidualSummary) -> Iterator[tuple[float, float, str]]:
+    """
+    Give each test of a residual.
+
+    Yields
+    ------
+    ratio : float
+        Statistic over its threshold.
+    size : float
+        RMS of what it found, in that of the channel's noise.
+    words : str
+    """
+    yield (summary.discrepancy_evidence / WITHOUT_NAME, float(summary.size.max()),
+           _discrepancy_in_words(summary))
+    for one in summary.strongest:
+        low, high = one.band
+        where = f'{CHANNELS[one.channel].name} in {one.phase}, {low:g} to {high:g} Hz'
+        yield one.z / BIN_SIGMA, one.excess, f'{where} ({one.z:.1f} sigma)'
+    several = int(summary.impulses.max())
+    yield (several / MIN_IMPULSES, inf,
+           f'{several} impulses in {CHANNELS[int(summary.impulses.argmax())].name}')
+    for line in summary.lines:
+        level = max(1e-12, summary.level[_INDEX[line.channel]])
+        yield (line.power / LINE_RATIO, line.amplitude / np.sqrt(2.0) / level,
+               f'a line at {line.frequency:.2f} Hz in {line.channel}')
 
 
 def _discrepancy_in_words(summary: ResidualSummary) -> str:
     """Say where a discrepancy is strongest beside the noise, and how large it is there."""
-    c = int(summary.predictability.size.argmax())
-    total = np.concatenate([one[:, c] for one in summary.predictability.prediction])
+    c = int(summary.size.argmax())
+    total = np.concatenate([one[:, c] for one in summary.discrepancy])
     rms = float(np.sqrt(np.mean(total ** 2)))
     return (f'a part that follows the motion but matches no effect of the library, '
             f'{rms:.2g} {CHANNELS[c].unit} RMS in {CHANNELS[c].name}')
@@ -278,9 +272,3 @@ def _other_lines(lines: tuple[Line, ...], model: LinearisedModel
     others = tuple(x for x in lines if abs(x.frequency - speed) > WANDERING * speed)
     note = f'{VIBRATION}: its speed wanders about {speed:.2f} Hz; one speed explains a part of it'
     return others, (note,) if len(others) < len(lines) else ()
-
-
-def predictions(predictability: Predictability) -> list[Array]:
-    """Return what motion predicts of each residual, where significant, shape (n, channels)."""
-    real = (predictability.z > PREDICTABLE_SIGMA) & (predictability.size > SMALL)
-    return [np.where(real, one, 0.0) for one in predictability.prediction]

@@ -1,5 +1,7 @@
-"""Gaussian evidence from Gram matrices: bounded fits, marginal and predictive likelihoods."""
+"""Gaussian evidence from Gram matrices: bounded fits and marginal likelihoods."""
 
+from collections.abc import Collection, Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
@@ -70,6 +72,32 @@ class Prior(NamedTuple):
         """Keep some parameters only."""
         return Prior(*(one[index] for one in self))
 
+
+class Earlier(NamedTuple):
+    """
+    What earlier recordings of the same robot found: log-evidences of the same explanations add.
+
+    Attributes
+    ----------
+    evidence : mapping of frozenset of str to float
+        Of each explanation, by the names of its effects, against the best one.
+    missing : float
+        Log-evidence that a model without any flaw would have more.
+    numbers : mapping of str to mapping of str to (float, float)
+        Parameters of effects, with their standard errors: a prior of effects that have their own.
+    """
+
+    evidence: Mapping[frozenset[str], float] = MappingProxyType({})
+    missing: float = 0.0
+    numbers: Mapping[str, Mapping[str, tuple[float, float]]] = MappingProxyType({})
+
+    def of(self, names: Collection[str]) -> float:
+        """Return that of an explanation; one that is not listed had no more than the least."""
+        return self.evidence.get(frozenset(names), min(self.evidence.values(), default=0.0))
+
+
+FIRST_RECORDING = Earlier()
+"""Of a robot of which nothing was recorded earlier."""
 
 ROUNDED = 1e-7
 """

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.model.gates import BIAS, Gate, gated, nuisances_of, physical
 from forcecal_ros.diagnose.model.jacobian import Column, column
-from forcecal_ros.diagnose.model.linearised import Diverged, LinearisedModel
+from forcecal_ros.diagnose.model.linearised import Diverged, EFFECT, LinearisedModel
 from forcecal_ros.diagnose.model.saturation import CLIPPING, limit_starts
 from forcecal_ros.effects import Effect
 import numpy as np
@@ -202,8 +202,8 @@ def fewer(effect: Effect, atom: Atom, part: NDArray[np.intp]) -> Atom:
     return Atom(start, atom.free[part], tuple([one[j] for j in part] for one in atom.columns))
 
 
-UNGATED = (*CLIPPING, 'wrench_bias_drift')
-"""Effects that are not looked for in a part of a recording: a drift begins by itself."""
+DRIFT = 'wrench_bias_drift'
+"""An effect that begins by itself, and so acts in all of a recording or not at all."""
 
 
 def everywhere(model: LinearisedModel, found: Sequence[Hypothesis]) -> list[Hypothesis]:
@@ -218,7 +218,7 @@ def everywhere(model: LinearisedModel, found: Sequence[Hypothesis]) -> list[Hypo
     # numbers of a simulator that is run cannot change while it runs
     own = {n.key for n in model.nuisances if n.prior_std is not None}
     out = [_of_nuisances(model, h) if h.releases else h
-           for h in found if h.name not in UNGATED and h.effect.where != 'stamps'
+           for h in found if h.name not in CLIPPING and h.effect.where != 'stamps'
            and h.effect.nuisance not in own]
     bias = Hypothesis(BIAS.name, BIAS, (), ())
     return [h for h in (*out, _of_nuisances(model, bias)) if h.atoms]
@@ -269,7 +269,10 @@ class EffectJacobian(NamedTuple):
     units : ndarray, shape (k,)
         Of the columns.
     away : ndarray, shape (k,)
-        How far the parameters are from where the effect does nothing, in these units.
+        How far the parameters are from their prior's mean, in these units: the effect does
+        nothing there, or an earlier recording found them there.
+    precision : ndarray, shape (k,)
+        Of that prior.
     columns : tuple of list of Column
         One list per recording.
     """
@@ -278,6 +281,7 @@ class EffectJacobian(NamedTuple):
     free: NDArray[np.intp]
     units: Array
     away: Array
+    precision: Array
     columns: tuple[list[Column], ...]
 
 
@@ -326,5 +330,10 @@ def effect_jacobian(model: LinearisedModel, name: str, theta: Array, free: NDArr
             columns[dataset].append(one)
     away = (theta - nominal_of(effect))[free] / units
     shapes = np.array([effect.parameters[i].shapes for i in free])
-    return EffectJacobian(name, free, units, np.where(shapes | (np.abs(away) > FAR), 0.0, away),
-                          tuple(columns))
+    away = np.where(shapes | (np.abs(away) > FAR), 0.0, away)
+    precision, known = np.full(len(free), EFFECT), model.earlier.numbers.get(name, {})
+    for j, i in enumerate(free):
+        value, std = known.get(effect.parameters[i].name, (0.0, 0.0))
+        if std and name not in model.gates:
+            away[j], precision[j] = (theta[i] - value) / units[j], (units[j] / std) ** 2
+    return EffectJacobian(name, free, units, away, precision, tuple(columns))

@@ -10,7 +10,7 @@ from forcecal_ros.diagnose.dataset import CHANNELS, Dataset, possible_effects, S
 from forcecal_ros.diagnose.model.basis import Basis, basis
 from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.model.discrepancy import Discrepancy, WhitenedDiscrepancy
-from forcecal_ros.diagnose.model.evidence import Fit, fit, Gram, Prior
+from forcecal_ros.diagnose.model.evidence import Earlier, FIRST_RECORDING, Fit, fit, Gram, Prior
 from forcecal_ros.diagnose.model.gates import departed, Gate, nuisances_of
 from forcecal_ros.diagnose.model.jacobian import Column, column, combined, nuisance_column
 from forcecal_ros.diagnose.model.products import Products
@@ -20,6 +20,7 @@ from forcecal_ros.effects.nuisances import apply_all, Nuisance, prior_std, ROBOT
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.signals import block_means, JOINTS, Signals
 import numpy as np
+from numpy.typing import NDArray
 
 EFFECT = 1.0 / 3.0 ** 2
 """Prior precision of an effect's parameter, in units of its typical size."""
@@ -52,6 +53,9 @@ Noise of a joint's position in one block mean, at least [rad]. Encoders show a t
 gears turn by so much more or less in each turn, and a load of the tool that is simulated beside
 the arm, a cable's say, moves no joint: a tenth of a millimetre at arm's length, as poses have.
 """
+
+TOLERANCE = 0.1
+"""RMS of what is unexplained, in that of a channel's noise, that does not matter by default."""
 
 Values = Mapping[str, Mapping[str, float]]
 """Values by effect and parameter."""
@@ -90,6 +94,10 @@ class LinearisedModel:
         Part of the signals that the discrepancy may have, stream by stream.
     gates : mapping of str to Gate
         When effects act that do not act all the time.
+    tolerance : float
+        RMS of what is unexplained, in that of a channel's noise, that does not matter.
+    earlier : Earlier
+        What earlier recordings of the same robot found.
     """
 
     rig: Rig
@@ -108,6 +116,8 @@ class LinearisedModel:
     discrepancy_scales: Scales = NO_DISCREPANCY
     library: Mapping[str, Effect] = EFFECTS
     gates: Mapping[str, Gate] = field(default_factory=dict)
+    tolerance: float = TOLERANCE
+    earlier: Earlier = FIRST_RECORDING
     _calibrated: tuple[bytes, Rig] | None = None
     _straight: dict[Hashable, Column] = field(default_factory=dict)
 
@@ -276,13 +286,13 @@ class LinearisedModel:
                                        [c.train for c in self.datasets])
 
     def fit_nuisances(self) -> Fit:
-        """Fit the nuisances alone on the training blocks."""
-        train, _ = self.grams([[] for _ in self.datasets])
-        return fit(train, self.prior())
+        """Fit the nuisances alone."""
+        train, held = self.grams([[] for _ in self.datasets])
+        return fit(train + held, self.prior())
 
     def log_posterior(self, square: float | None = None) -> float:
         """
-        Log-likelihood of the training blocks, and prior, with everything as it is.
+        Log-likelihood of all blocks, and prior, with everything as it is.
 
         Parameters
         ----------
@@ -290,7 +300,8 @@ class LinearisedModel:
             Of the residual's Gram, where that is known.
         """
         if square is None:
-            square = self.residual_products().at(self.discrepancy_scales)[0].square
+            square = sum(one.square for one in self.residual_products().at(
+                self.discrepancy_scales))
         return -0.5 * (square + self._cost())
 
     def residual_products(self) -> Products:
@@ -313,6 +324,9 @@ class LinearisedModel:
             predicted = self.whitened_discrepancy().predicted(residuals)
             residuals = [r - p for r, p in zip(residuals, predicted)]
         floor = self._quietest()
+        # to a drift an autoregression finds a root near 1, as to a step, and whitens it away
+        residuals = [_without_trend(r, c.measured.present)
+                     for r, c in zip(residuals, self.datasets)]
         fitted = [_no_less(fit_autoregression(r, c.measured.present, c.groups), floor)
                   for r, c in zip(residuals, self.datasets)]
         # features are whitened anew for each noise, which takes seconds
@@ -382,17 +396,29 @@ def noise_level(rig: Rig, streams: tuple[str, ...], accelerometer: str) -> Array
     return np.maximum(np.array(level) / 2.0, 1e-12)
 
 
-def linearised_model(rig: Rig, datasets: tuple[Dataset, ...]) -> LinearisedModel:
+def linearised_model(rig: Rig, datasets: tuple[Dataset, ...], tolerance: float = TOLERANCE,
+                     earlier: Earlier = FIRST_RECORDING) -> LinearisedModel:
     """Set up a diagnosis, recalibrated."""
     name, streams = datasets[0].simulation.accelerometer, datasets[0].measured.streams
     found = datasets[0].simulation.nuisances(rig, streams)
     out = LinearisedModel(rig, datasets, found, np.array(prior_std(rig, found)),
                           noise_level(rig, streams, name), centre=np.zeros(len(found)),
-                          library=possible_effects(datasets))
+                          library=possible_effects(datasets),
+                          tolerance=max(tolerance, datasets[0].simulation.exact),
+                          earlier=earlier)
     out.linearise()
     out.allow_discrepancy()
     out.recalibrate()
     return out
+
+
+def _without_trend(residual: Array, present: NDArray[np.bool_]) -> Array:
+    """Remove a line from each channel of a residual, shape (n, channels)."""
+    t = np.linspace(-1.0, 1.0, len(residual))[:, np.newaxis]
+    n = np.maximum(present.sum(axis=0), 1)
+    away = np.where(present, t - (t * present).sum(axis=0) / n, 0.0)
+    slope = (away * residual).sum(axis=0) / np.maximum((away ** 2).sum(axis=0), 1e-300)
+    return np.asarray(residual - away * slope)
 
 
 def _no_less(noise: Autoregression, floor: Array) -> Autoregression:

@@ -27,7 +27,7 @@ def spread(products: Products, assumed: Scales, sizes: Mapping[int, float]) -> A
     Parameters
     ----------
     assumed : tuple of float
-        Part of the signals in each stream that a fit to the training blocks allowed for.
+        Part of the signals in each stream that the fit allowed for.
     sizes : mapping of int to float
         Part of its signal that each channel has.
 
@@ -41,9 +41,9 @@ def spread(products: Products, assumed: Scales, sizes: Mapping[int, float]) -> A
         size, known = sizes.get(one.channel, 0.0), assumed[STREAM[one.channel]]
         if size <= known:
             continue
-        cross = one.trained.cross[:, 1:]
+        cross = one.all.cross[:, 1:]
         if known:
-            factor = products.whitened.factor(one.channel, True, known)
+            factor = products.whitened.factor(one.channel, False, known)
             cross = cho_solve((factor, True), cross) / known ** 2
         out[np.ix_(one.there, one.there)] += (size ** 2 - known ** 2) * cross.T @ cross
     return out

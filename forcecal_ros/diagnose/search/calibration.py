@@ -26,36 +26,24 @@ class Features(NamedTuple):
         Log-evidence with the effect above that without it.
     missing : float
         Log-evidence that a model without any flaw would have more.
-    explained : float
-        Part of the held-out energy above the noise that the effect removes.
-    parameters : int
-        Of the effect, estimated.
-    effects : int
-        Of the explanation.
-    lead : float
-        Log-evidence above the likeliest explanation without the effect.
+    flawed : float
+        The part of it that may be due to noise that is not quite what it is taken for.
     """
 
     gain: float
     missing: float
-    explained: float
-    parameters: int
-    effects: int
-    lead: float
+    flawed: float
 
-    def row(self) -> tuple[float, ...]:
-        """Return the regressors, in the order of the file."""
-        gain = max(self.gain, 0.0)
-        return (math.log10(1.0 + gain), math.log10((1.0 + gain) / (1.0 + self.missing)),
-                min(1.0, max(0.0, self.explained)), math.log10(self.parameters),
-                self.effects - 1.0, math.log10(1.0 + max(self.lead, 0.0)))
+    def row(self) -> float:
+        """Return the regressor: the logarithm of what an effect brings over what is missing."""
+        return math.log10((1.0 + max(self.gain, 0.0)) / (1.0 + self.missing))
 
     @property
     def temperature(self) -> float:
         """Return the log-evidence by which odds change by e, errors of form allowed for."""
         stored = _stored()
         return float(stored['temperature'] + stored['form'] * max(self.gain, 0.0)
-                     + stored['taken_up'] * self.missing)
+                     + stored['taken_up'] * self.flawed)
 
 
 @cache
@@ -66,6 +54,6 @@ def _stored() -> dict[str, Any]:
 def probability(features: Features) -> float:
     """Return the probability that an effect is the cause."""
     stored = _stored()
-    x = stored['intercept'] + sum(w * v for w, v in zip(stored['weights'], features.row()))
+    x = stored['intercept'] + stored['weight'] * features.row()
     most = stored['largest']
     return float(min(most, max(1.0 - most, 1.0 / (1.0 + math.exp(-x)))))

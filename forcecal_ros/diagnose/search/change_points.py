@@ -13,6 +13,7 @@ from forcecal_ros.diagnose.model.gates import Gate
 from forcecal_ros.diagnose.model.hypotheses import (
     Atom,
     bounds_of,
+    DRIFT,
     for_a_part,
     Hypothesis,
     nominal_of,
@@ -116,7 +117,7 @@ class Instants:
         m, k = len(beside[0]), len(columns[0])
         self.length = length
         n = len(residuals[recording])
-        self.blocks = np.arange(1, n // length) * length
+        self.blocks = np.arange(n // length) * length
         whole, others = np.zeros((1 + m + k,) * 2), np.zeros((1 + m + k,) * 2)
         parts = np.zeros((1 + m + k, k, n // length))
         for i, (r, fixed, own) in enumerate(zip(residuals, beside, columns)):
@@ -141,9 +142,8 @@ class Instants:
         left = solve_triangular(root, gradient, lower=True)
         # the last samples, too few for a part, count with the last one
         total = (whole - others)[:, 1 + m:]
-        np.cumsum(parts, axis=2, out=parts)
-        after = np.subtract(total[..., np.newaxis], parts, out=parts)[..., :-1]
-        after = np.moveaxis(after, 2, 0)
+        before = np.cumsum(parts, axis=2) - parts
+        after = np.moveaxis(total[..., np.newaxis] - before, 2, 0)
         self._whole, self._after, self._others = (
             _Beside.of(one, root, left) for one in (total, after, others[:, 1 + m:]))
 
@@ -318,6 +318,11 @@ def _changes(model: LinearisedModel, instants: Instants, h: Hypothesis,
         for ends, elsewhere in product((False, True), (False, True) if several else (False,)):
             evidence, x = instants.fits(of, ends, elsewhere)
             evidence = np.where(_possible(h, atom, _theta(h, atom, x)), evidence, -np.inf)
+            # from the first block on is all the time, or all of one recording of several
+            if h.name == DRIFT:
+                evidence[1:] = -np.inf
+            if ends or not several:
+                evidence[0] = -np.inf
             b = int(np.argmax(evidence))
             if np.isfinite(evidence[b]):
                 at = start + BLOCK * float(instants.blocks[b])

@@ -70,7 +70,7 @@ def joint_fit(model: LinearisedModel, accepted: Sequence[Accepted], step: Array 
         jacobians = [_jacobian(out, a) for a in now if len(a.theta)]
         comparison = ModelComparison(out, jacobians)
         out.discrepancy_scales = comparison.scales
-        before, fraction, gained = out.log_posterior(comparison.train.square), 1.0, -np.inf
+        before, fraction, gained = out.log_posterior(comparison.every.square), 1.0, -np.inf
         while fraction > SHORTEST:
             moved = _moved(now, jacobians, comparison, fraction)
             tried = replace(out, centre=out.moved(fraction * comparison.null.x[:m]),

@@ -1,7 +1,6 @@
-"""Fits hypotheses on training data beside what is explained already; judges on the rest."""
+"""Fits hypotheses beside what is explained already, and weighs them, on all blocks."""
 
 from collections.abc import Sequence
-from functools import cached_property
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
@@ -17,7 +16,7 @@ from forcecal_ros.diagnose.model.hypotheses import (
     Hypothesis,
     nominal_of,
 )
-from forcecal_ros.diagnose.model.jacobian import Column
+from forcecal_ros.diagnose.model.jacobian import Column, combined
 from forcecal_ros.diagnose.model.linearised import EFFECT, LinearisedModel
 from forcecal_ros.diagnose.model.products import ascended
 from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY, SCALES, Scales
@@ -106,15 +105,8 @@ class _Level(NamedTuple):
     """What is explained already, with a discrepancy of one scale: its fit and its evidence."""
 
     scales: Scales
-    train: Gram
-    held: Gram
+    every: Gram
     null: Fit
-    evidence: float
-
-    @property
-    def excess(self) -> float:
-        """Held-out whitened energy above the noise and the discrepancy."""
-        return self.held.residual_squares(self.null.x) - self.held.n
 
 
 def _by_chance(n: float) -> float:
@@ -143,6 +135,7 @@ class Explained:
         self.extra: list[list[Column]] = [
             [c for t in jacobians for c in t.columns[i]] for i in range(len(model.datasets))]
         self._away = np.concatenate([np.zeros(0), *(t.away for t in jacobians)])
+        self._precision = np.concatenate([np.zeros(0), *(t.precision for t in jacobians)])
         self.base = len(model.nuisances) + len(self.extra[0])
         self.null_prior = self._prior(frozenset(), np.zeros(0))
 
@@ -152,8 +145,27 @@ class Explained:
         away = np.concatenate([self._away, centre])
         endless = np.full(len(away), np.inf)
         return Prior(np.concatenate([own.centre, away]),
-                     np.concatenate([own.precision, np.full(len(away), EFFECT)]),
+                     np.concatenate([own.precision, self._precision,
+                                     np.full(len(centre), EFFECT)]),
                      np.concatenate([own.low, -endless]), np.concatenate([own.high, endless]))
+
+    def by_training(self) -> list[Array]:
+        """
+        Return what a fit to the training blocks alone does otherwise than one to all blocks.
+
+        What training blocks do not identify stays as all blocks have it.
+
+        Returns
+        -------
+        list of ndarray, shape (n, channels)
+            In each recording: the simulation by the training blocks less that by all.
+        """
+        p = self.null_prior
+        about = Prior(np.zeros(self.base), p.precision, p.low - p.centre, p.high - p.centre)
+        train, held = self.model.grams(self.extra)
+        x = fit(train, about).x - fit(train + held, about).x
+        return [combined([*own, *more], x, len(r)) * c.measured.present for own, more, r, c in zip(
+            self.model.jacobian, self.extra, self.model.residuals, self.model.datasets)]
 
 
 class ModelComparison(Explained):
@@ -164,51 +176,48 @@ class ModelComparison(Explained):
         self.m = len(model.nuisances)
         self._products = model.products(self.extra)
         self.levels = self._usual()
-        best = max(self.levels, key=lambda level: level.evidence)
-        self.scales, self.train, self.held, self.null, self.null_evidence = best
+        self.scales, self.every, self.null = max(
+            self.levels, key=lambda level: level.null.log_evidence)
+        self.null_evidence = self.null.log_evidence
 
     def _usual(self) -> list['_Level']:
         """Return levels of one scale in all streams, and the likeliest of any."""
         levels = [self._level((size,) * len(STREAM_SLICES)) for size in SCALES]
-        start = max(levels, key=lambda level: level.evidence).scales
+        start = max(levels, key=lambda level: level.null.log_evidence).scales
         best = ascended(self._products, lambda grams: fit(
             grams[0] + grams[1], self.null_prior).log_evidence, start)
         return levels if best == start else [*levels, self._level(best)]
 
     def _level(self, scales: Scales) -> '_Level':
         train, held = self._products.at(scales)
-        null = fit(train, self.null_prior)
-        return _Level(scales, train, held, null, fit(train + held, self.null_prior).log_evidence)
-
-    @property
-    def excess(self) -> float:
-        """Held-out whitened energy above the noise, without a discrepancy."""
-        return next(level.excess for level in self.levels if level.scales == NO_DISCREPANCY)
+        return _Level(scales, train + held, fit(train + held, self.null_prior))
 
     @property
     def discrepancy_evidence(self) -> float:
         """Log-likelihood of a discrepancy against none, and what is unexplained beyond it."""
-        every, found = self._all
-        excess = every.residual_squares(found.x) - every.n
-        return self._gained + max(0.0, 0.5 * excess - _by_chance(every.n))
+        excess = self.every.residual_squares(self.null.x) - self.every.n
+        return self._gained + max(0.0, 0.5 * excess - _by_chance(self.every.n))
 
-    @property
-    def missing_evidence(self) -> float:
-        """Log-evidence that a model with nothing wrong would have more, noise allowed for."""
-        every, found = self._all
-        missed = -found.log_evidence - found.volume - 0.5 * every.n - _by_chance(every.n)
-        return max(0.0, missed) + min(self._gained, FLAWED * float(self._products.channels.sum()))
+    def missing(self) -> tuple[float, float]:
+        """
+        Return the log-evidence that a model with nothing wrong would have more.
 
-    @cached_property
-    def _all(self) -> tuple[Gram, Fit]:
-        """All samples, and what explains them already."""
-        every = self.train + self.held
-        return every, fit(every, self.null_prior)
+        Returns
+        -------
+        missing : float
+            Noise allowed for.
+        flawed : float
+            The part of it that may be due to noise that is not quite what it is taken for.
+        """
+        n = self.every.n
+        missed = max(0.0, -self.null_evidence - self.null.volume - 0.5 * n - _by_chance(n))
+        most = FLAWED * float(self._products.channels.sum())
+        return missed + self._gained, missed + min(self._gained, most)
 
     @property
     def _gained(self) -> float:
-        none = next(level.evidence for level in self.levels if level.scales == NO_DISCREPANCY)
-        return self.null_evidence - none
+        none = next(one.null for one in self.levels if one.scales == NO_DISCREPANCY)
+        return self.null_evidence - none.log_evidence
 
     def screen(self, hypotheses: Sequence[Hypothesis]) -> list[Candidate]:
         """Judge all hypotheses on the Jacobian, the best start of each, likeliest first."""
@@ -218,7 +227,8 @@ class ModelComparison(Explained):
         places = {one: self.base + j for j, one in enumerate(shared)}
         products = self.model.products([[*own, *(c[i] for c in shared.values())]
                                         for i, own in enumerate(self.extra)])
-        grams = [products.at(level.scales) for level in self.levels]
+        grams = [train + held for train, held in (
+            products.at(level.scales) for level in self.levels)]
         train, held = products.at(self.scales)
         both = train + held
         best: dict[str, Candidate] = {}
@@ -226,7 +236,7 @@ class ModelComparison(Explained):
         def keep(h: Hypothesis, atom: Atom | None, released: frozenset[str],
                  columns: NDArray[np.intp]) -> None:
             index = np.concatenate([np.arange(self.base), columns])
-            result = self._judge(h, atom, released, _of(grams, index))
+            result = self._judge(h, atom, released, [one.of(index) for one in grams])
             if h.name not in best or result.evidence > best[h.name].evidence:
                 best[h.name] = result
 
@@ -261,13 +271,13 @@ class ModelComparison(Explained):
         return np.array(sorted(chosen), dtype=np.intp)
 
     def _judge(self, h: Hypothesis, atom: Atom | None, released: frozenset[str],
-               grams: Sequence[tuple[Gram, Gram]]) -> Candidate:
-        """Fit a hypothesis as linear as its columns are."""
-        k = len(grams[0][0].vector) - self.base
+               grams: Sequence[Gram]) -> Candidate:
+        """Fit a hypothesis as linear as its columns are, the discrepancy as large as likeliest."""
+        k = len(grams[0].vector) - self.base
         prior = self._prior(released, np.zeros(k))
-        level, (train, _), joint = self._likeliest(grams, prior)
-        found = fit(train, prior)
-        evidence = joint.log_evidence - self.null_evidence - np.log(h.ways)
+        found, level = max(((fit(one, prior), level) for one, level in zip(grams, self.levels)),
+                           key=lambda pair: pair[0].log_evidence)
+        evidence = found.log_evidence - self.null_evidence - np.log(h.ways)
         theta = np.zeros(0)
         free = np.zeros(0, dtype=np.intp)
         if atom is not None:
@@ -284,14 +294,3 @@ class ModelComparison(Explained):
             theta = np.clip(theta, low, high)
         effect = Accepted(h.name, theta, np.zeros(len(theta)), free, released)
         return Candidate(effect, float(evidence), h.ways, found.x[:self.m], level.scales)
-
-    def _likeliest(self, grams: Sequence[tuple[Gram, Gram]], prior: Prior
-                   ) -> tuple['_Level', tuple[Gram, Gram], Fit]:
-        """Return the scale of the discrepancy that makes a hypothesis likeliest, and its fit."""
-        fits = [fit(train + held, prior) for train, held in grams]
-        i = max(range(len(fits)), key=lambda j: fits[j].log_evidence)
-        return self.levels[i], grams[i], fits[i]
-
-
-def _of(grams: Sequence[tuple[Gram, Gram]], index: NDArray[np.intp]) -> list[tuple[Gram, Gram]]:
-    return [(train.of(index), held.of(index)) for train, held in grams]

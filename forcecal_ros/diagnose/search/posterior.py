@@ -13,8 +13,9 @@ from itertools import count
 from types import MappingProxyType
 from typing import NamedTuple
 
+from forcecal_ros.diagnose.model.evidence import Earlier, FIRST_RECORDING
 from forcecal_ros.diagnose.model.gates import BIAS, kind_of
-from forcecal_ros.diagnose.model.hypotheses import EffectJacobian, everywhere, Hypothesis
+from forcecal_ros.diagnose.model.hypotheses import DRIFT, EffectJacobian, everywhere, Hypothesis
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY
 from forcecal_ros.diagnose.search.calibration import Features, probability
@@ -57,8 +58,8 @@ class Explanation(NamedTuple):
         were tried is allowed for.
     missing : float
         Log-evidence that a model without any flaw would have more.
-    excess : float
-        Held-out whitened energy above the noise.
+    flawed : float
+        The part of it that noise may be due to that is not quite what it is taken for.
     ways : mapping of str to float
         Logarithm of the number of ways in which each effect was tried.
     """
@@ -66,7 +67,7 @@ class Explanation(NamedTuple):
     fit: JointFit
     evidence: float
     missing: float
-    excess: float
+    flawed: float
     ways: Mapping[str, float] = MappingProxyType({})
 
     @property
@@ -88,7 +89,7 @@ class Posterior(NamedTuple):
     alternatives : dict of str to dict of str to float
         Log-evidence of each other effect in the place of an accepted one, against that one.
     nearest : dict of str to float
-        Log-evidence of effects that come closest, if none was accepted.
+        Log-evidence of effects that come closest, against none, if none was accepted.
     discrepancy_evidence : float
         Log-likelihood of a discrepancy, and of what else is unexplained.
     instants : dict of str to Instant
@@ -103,6 +104,20 @@ class Posterior(NamedTuple):
     nearest: Mapping[str, float] = MappingProxyType({})
     discrepancy_evidence: float = 0.0
     instants: Mapping[str, Instant] = MappingProxyType({})
+
+    def earlier(self) -> Earlier:
+        """Return what a further recording continues from; an instant is of its recording alone."""
+        if self.instants:
+            return FIRST_RECORDING
+        names = frozenset(self.features)
+        found = {names: 0.0, **{frozenset({n}): e for n, e in self.nearest.items()}}
+        for name, others in self.alternatives.items():
+            found[names - {name}] = -self.features[name].gain
+            found |= {names - {name} | {other}: e for other, e in others.items()}
+        missing = max((f.missing for f in self.features.values()),
+                      default=self.discrepancy_evidence)
+        best = max(found.values())
+        return Earlier({names: e - best for names, e in found.items()}, missing)
 
     @property
     def odds(self) -> dict[str, dict[str, float]]:
@@ -131,14 +146,18 @@ class _Table:
         screened = comparison.screen([h for h in self.found if h.name not in taken])
         # of an effect that begins or ends a part shows as if it acted all the time
         likely = [t.effect.name for t in screened if t.evidence > WORTH][:2 * REFINED]
+        likely += [DRIFT] if len(model.datasets) > 1 and DRIFT not in (*likely, *taken) else []
         bias = [self.parts[BIAS.name]._replace(name=_further_step(model))
                 ] if BIAS.name in self.parts else []
         parts = [self.parts[n] for n in likely if n in self.parts]
         always = {t.effect.name: t.evidence for t in screened}
         changes = screen_change_points(now, comparison, [*bias, *parts])
         # what acts all the time needs no change point
-        return sorted([*screened, *(t for t in changes if t.evidence > WORTH + always.get(
-            t.effect.name, 0.0))], key=lambda t: -t.evidence)
+        found = [*screened, *(t for t in changes if t.evidence > WORTH + always.get(
+            t.effect.name, 0.0))]
+        return sorted((t._replace(evidence=t.evidence - model.earlier.of(taken)
+                                  + model.earlier.of({*taken, t.effect.name}))
+                       for t in found), key=lambda t: -t.evidence)
 
 
 def _further_step(model: LinearisedModel) -> str:
@@ -148,12 +167,14 @@ def _further_step(model: LinearisedModel) -> str:
 
 
 def weigh(fit: JointFit, ways: Mapping[str, float] = MappingProxyType({})) -> Explanation:
-    """Score an explanation beside its noise."""
-    comparison = fit.comparison()
+    """Score an explanation beside its noise, and by what earlier recordings found."""
+    comparison, earlier = fit.comparison(), fit.model.earlier
     fit.model.discrepancy_scales = comparison.scales
-    tried = sum(ways.get(a.name, 0.0) for a in fit.accepted)
-    return Explanation(fit, comparison.null_evidence - tried, comparison.missing_evidence,
-                       comparison.excess, ways)
+    known = earlier.of({a.name for a in fit.accepted}) - sum(
+        ways.get(a.name, 0.0) for a in fit.accepted)
+    missing, flawed = comparison.missing()
+    return Explanation(fit, comparison.null_evidence + known, missing + earlier.missing, flawed,
+                       ways)
 
 
 def extended(parent: Explanation, table: _Table) -> list[Explanation]:
@@ -290,15 +311,13 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
             children += [shorter, *extended(shorter, table)]
         children = _likeliest(children)
         if not best.names:
-            nearest = {name: e.evidence - children[0].evidence
-                       for e in children for name in e.names}
+            nearest = {name: e.evidence - best.evidence for e in children for name in e.names}
         if not children:
             break
         chosen, less = _with_what_is_worth(model, _all_the_time(children[0]), best)
         if chosen.evidence < best.evidence + WORTH:
             break
-        own = {a.name: features_of(chosen, less[a.name], a, children)
-               for a in chosen.fit.accepted}
+        own = {name: features_of(chosen, less[name]) for name in chosen.names}
         instead = {name: _instead(chosen, children, name) for name in chosen.names}
         if min(probability(f) for f in own.values()) < NAMED:
             break
@@ -316,14 +335,9 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
                       if name in best.fit.model.gates})
 
 
-def features_of(full: Explanation, less: Explanation, added: Accepted,
-                others: Sequence[Explanation]) -> Features:
-    """Return what the probability of an effect follows from."""
-    gain = full.evidence - less.evidence
-    rivals = [e.evidence for e in others if added.name not in e.names]
-    lead = min(gain, full.evidence - max(rivals, default=less.evidence))
-    return Features(gain, full.missing, 1.0 - full.excess / max(less.excess, 1.0),
-                    added.degrees, len(full.names), lead)
+def features_of(full: Explanation, less: Explanation) -> Features:
+    """Return what the probability of an effect follows from: an explanation with and without."""
+    return Features(full.evidence - less.evidence, full.missing, full.flawed)
 
 
 def _instead(chosen: Explanation, others: Sequence[Explanation], name: str) -> dict[str, float]:

@@ -228,7 +228,8 @@ class SimulatorSource(Source):
             for one in ready:
                 one.try_all(point)
             outcome = diagnose_datasets(robot, judged, [one.stamps for one in ready],
-                                        [one.given for one in ready])
+                                        [one.given for one in ready], self.tolerance,
+                                        self.earlier)
             if not isinstance(outcome.rig, SimulatedRobot):
                 return outcome
             point, named = outcome.rig.numbers, self.changes(outcome)

@@ -10,6 +10,8 @@ from forcecal_ros.core.streams import Recording
 from forcecal_ros.diagnose.dataset import Dataset, moves, split_datasets, units
 from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
 from forcecal_ros.diagnose.judge.named_effects import AT_BOUND
+from forcecal_ros.diagnose.model.evidence import FIRST_RECORDING
+from forcecal_ros.diagnose.model.linearised import TOLERANCE
 from forcecal_ros.diagnose.recordings import Corrected, require_same_sensors
 from forcecal_ros.diagnose.result import Diagnosis, NO_MOTION, to_document
 from forcecal_ros.effects.rig import Rig
@@ -99,6 +101,10 @@ class Source:
         What the recording is compared with, in ``diagnosis.json``; empty for a rig.
     requires_motion : bool
         Whether a robot at rest shows it nothing.
+    tolerance : float
+        RMS of what is unexplained, in that of a channel's noise, that does not matter.
+    earlier : Earlier
+        What earlier recordings of the same robot found; set both before diagnosing.
     """
 
     task = 'comparing'
@@ -106,7 +112,7 @@ class Source:
     requires_motion = True
 
     def __init__(self, rig: Rig, unit: str = 'V') -> None:
-        self.rig, self.unit = rig, unit
+        self.rig, self.unit, self.tolerance, self.earlier = rig, unit, TOLERANCE, FIRST_RECORDING
 
     def diagnose(self, recording: Recording, heldout: Recording | None = None) -> Diagnosed:
         """
@@ -157,7 +163,8 @@ class Source:
         """Search for effects and judge them."""
         datasets = [one.dataset for one in ready]
         return diagnose_datasets(datasets[0].rig, self.split(datasets),
-                                 [one.stamps for one in ready], [one.given for one in ready])
+                                 [one.stamps for one in ready], [one.given for one in ready],
+                                 self.tolerance, self.earlier)
 
     def notes(self, ready: Sequence[Ready], outcome: Outcome) -> Sequence[str]:
         """Return what the user should know of the comparison."""

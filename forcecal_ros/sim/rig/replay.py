@@ -14,7 +14,7 @@ from forcecal_ros.sim.measured_motion import EXACT_RATIO
 from forcecal_ros.sim.rig.plant import common_samples, enough_steps, Plant, same_motion
 from forcecal_ros.sim.rig.robot import Motion
 from forcecal_ros.sim.rig.simulator import checked_commands, held_commands
-from forcecal_ros.sim.signals import BLOCK, RATE, Signals, SMALL, UNSEEN
+from forcecal_ros.sim.signals import BLOCK, RATE, Signals, UNSEEN
 import numpy as np
 
 T = TypeVar('T')
@@ -36,7 +36,7 @@ class Replay:
         ``acc1`` or ``acc2``.
     """
 
-    band, exact, starts_white, usual_tolerances, library = inf, SMALL, False, False, EFFECTS
+    band, exact, starts_white, library = inf, 0.0, False, EFFECTS
 
     def __init__(self, rig: Rig, target: PoseStream, start: float, end: float,
                  accelerometer: str) -> None:

@@ -1,9 +1,16 @@
 """Explanations ranked by marginal likelihood: effects that rules of a search once exchanged."""
 
 from dataclasses import replace
+import json
 
+from forcecal_ros.cli.diagnose import _earlier
+from forcecal_ros.cli.plan import _candidates
+from forcecal_ros.core.errors import UsageError
 from forcecal_ros.core.streams import PoseStream
+from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
+from forcecal_ros.diagnose.result import _from_document, Diagnosis, to_document
 from forcecal_ros.diagnose.search import posterior
+from forcecal_ros.diagnose.search.calibration import Features
 from forcecal_ros.diagnose.search.posterior import Explanation
 from forcecal_ros.diagnose.sources.rig import rig_source
 from forcecal_ros.effects import with_effects
@@ -72,3 +79,28 @@ def test_alternatives_are_those_in_the_place_of_one_effect():
               explanation(['a'], 10.0)]
     assert posterior._instead(chosen, others, 'b') == {'c': -10.0}
     assert posterior._instead(chosen, others, 'a') == {'c': -5.0}
+
+
+def test_a_further_recording_continues_from_what_was_as_likely():
+    features = {'wrench_delay': Features(90.0, 4.0, 4.0)}
+    first = posterior.Posterior(None, (), (), features, {'wrench_delay': {'wrench_lowpass': 0.4}})
+    document = to_document(Diagnosis('ambiguous', '', (NamedEffect('wrench_delay', {
+        'delay': Parameter(0.004, 1e-4, 's')}, 0.5),), earlier=first.earlier()), {}, None)
+    earlier = _from_document(json.loads(json.dumps(document))).earlier
+    assert earlier.of(['wrench_lowpass']) == 0.0
+    assert earlier.of({'wrench_delay'}) == -0.4
+    # neither none nor what was not listed was likelier than the least of those listed
+    assert earlier.of([]) == earlier.of(['tool_mass']) == -90.4
+    assert earlier.missing == 4.0 and earlier.numbers['wrench_delay']['delay'] == (0.004, 1e-4)
+
+
+def test_a_prior_against_another_model_is_refused_and_candidates_are_planned_for(tmp_path):
+    found = Diagnosis('ambiguous', 'either', candidates=(('wrench_delay', 0.6), ('unknown', 0.3)))
+    (tmp_path / 'diagnosis.json').write_text(json.dumps(to_document(found, {}, None)))
+    with pytest.raises(UsageError, match='compared with a rig, this recording with measured'):
+        _earlier(str(tmp_path), 'measured motion')
+    assert _candidates(str(tmp_path)) == ('wrench_delay',)
+    (tmp_path / 'diagnosis.json').write_text(json.dumps(to_document(
+        replace(found, verdict='no_gap', candidates=()), {}, None)))
+    with pytest.raises(UsageError, match='no_gap without candidates'):
+        _candidates(str(tmp_path))
