@@ -9,7 +9,6 @@ from forcecal_ros.core.calibration import Calibration, Estimate
 from forcecal_ros.core.schema import plain
 from forcecal_ros.report.rows import (
     aligned,
-    AXES,
     estimates,
     FINEST,
     HALF,
@@ -147,10 +146,10 @@ def _verdict(d: 'Diagnosis') -> dict[str, Any]:
 def _all(c: Calibration) -> Iterator[tuple[str, str, Estimate, tuple[str, ...]]]:
     """Yield as :func:`estimates` does, what tables of one calibration leave out as well."""
     yield from estimates(c)
-    if c.accelerometer and c.accelerometer.position:
-        yield 'accelerometer position', 'accelerometer.position', c.accelerometer.position, AXES
-    if c.accelerometer and c.accelerometer.cutoff:
-        yield 'accelerometer cutoff', 'accelerometer.cutoff', c.accelerometer.cutoff, ()
+    if (a := c.accelerometer) and a.position:
+        yield 'accelerometer position', 'accelerometer.position', a.position, tuple('xyz')
+    if a and a.cutoff:
+        yield 'accelerometer cutoff', 'accelerometer.cutoff', a.cutoff, ()
     if c.matrix:
         force_and_torque, _, raw = c.matrix.unit.partition(' per ')
         units = ', '.join(f'{unit} per {raw}' for unit in force_and_torque.split(', '))
