@@ -243,12 +243,8 @@ def candidates(motion: Motion) -> list[Candidate]:
     if plain is None:
         raise DataError('wrench and pose have no three samples in common')
     fits = [(TABLE[0], motion, plain)]
-    settled = plain.mass > 0.0 and all(
-        part.scale <= part.floor for part in (plain.force, plain.torque))
     if not explains(plain):
         for row in TABLE[1:]:
-            if settled and not row.name.endswith('changes'):
-                continue  # most of it fits to what sensors are true to: a part alone is wrong
             others = [fit for one, _, fit in fits[1:]
                       if not one.name.endswith('changes') or not row.name.endswith('changes')]
             if row.is_costly and any(explains(fit) for fit in others):
