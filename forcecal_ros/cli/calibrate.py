@@ -182,7 +182,8 @@ def _as_stated(calibration: 'Calibration', args: argparse.Namespace) -> 'Calibra
         calibration = with_settings(calibration, _settings_of(args))
     elif stated := next((name for name in ('gravity', 'gravity_direction', 'sensor_rotation',
                                            'wrench_sign') if getattr(args, name)), ''):
-        raise UsageError(f'{args.bag} states its own {stated}; calibrate its recording again')
+        raise UsageError(f'{args.bag} states its own --{stated.replace("_", "-")}; calibrate its '
+                         'recording again')
     return replace(calibration, sensor_from_pose=numbers_of(agreed(given, calibration, args.bag)))
 
 
