@@ -1,96 +1,120 @@
-"""Make the pictures of the README in a real browser: ``python docs/pictures.py [live | report]``.
+"""Make the pictures of the README in a real browser: ``python docs/pictures.py [FOLDER]``.
 
-live.gif: the page of ``forcecal live`` while the simulated rig is calibrated and touches a wall.
-report.png: the first screen of a diagnosis. Requires Chromium or Chrome, and pillow.
+live.gif: the page of ``forcecal live`` with a recording of the simulated rig, played at its pace.
+report.png: the first screen of a diagnosis. FOLDER keeps what they are made of. Requires Chromium
+or Chrome, and pillow.
 """
 
-from contextlib import ExitStack
+from collections.abc import Iterator
 from io import BytesIO
+import json
 from pathlib import Path
-import re
-import signal
 import subprocess
 import sys
 import tempfile
-import time
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'test' / 'helpers'))
 
 from browser import browser, Page  # noqa: E402
+from forcecal_ros.io.bags import read_recording  # noqa: E402
+from forcecal_ros.io.calibration_file import load  # noqa: E402
+from forcecal_ros.observe import replay  # noqa: E402
+from forcecal_ros.report.page import render_page  # noqa: E402
+import numpy as np  # noqa: E402
 from PIL import Image  # noqa: E402
 
-FORCECAL = [sys.executable, '-m', 'forcecal_ros.cli.main']
-WIDTH, HEIGHT = 960, 700
-"""Size of the window [pixels]."""
+COMMANDS = {
+    'sample': ['sample', 'rig', '-o', 'sample'],
+    'calibration.yaml': ['calibrate', 'sample/sound', '-o', 'calibration.yaml', '--quiet'],
+    'gap': ['diagnose', 'sample/late', '--rig', 'nominal', '-o', 'gap', '--quiet']}
+"""What each of them makes, one after the other."""
 
-FRAME_S, SHOWN_S = 0.5, 0.12
-"""Time between two frames as recorded, and as the GIF shows it."""
+BIN_S, FRAME_S, SHOWN_S = 0.04, 0.8, 0.12
+"""Of a row of the page; between two frames, in the recording and in the GIF [s]."""
 
-COLOURS = 24
-"""Of the GIF; more make it larger than 1 MB."""
+SEQUENCES = ('calibrate', 'contact', 'diagnose')
 
 
-def seen(page: Page, bottom: int = HEIGHT) -> Image.Image:
-    """Return what is seen, without a scroll bar."""
+def seen(page: Page, bottom: int) -> Image.Image:
+    """Return what is seen down to a row, without a scroll bar."""
     image = Image.open(BytesIO(page.picture())).convert('RGB')
     return image.crop((0, 0, page.run('document.documentElement.clientWidth'), bottom))
 
 
-def frames(page: Page, sequence: str) -> list[Image.Image]:
-    """Start a sequence on the page and return what is seen until it is done."""
-    end, taken, begun = time.monotonic() + 60.0, [], False
-    while time.monotonic() < end:
-        phase = page.run('document.getElementById("phase").textContent')
-        if not begun and phase in ('idle', 'done'):
-            page.run(f'document.querySelector("[data-ask={sequence}]").click()')
-        begun = begun or phase not in ('idle', 'done')
-        taken.append(seen(page))
-        if begun and phase in ('done', 'aborted'):
-            return taken
-        time.sleep(FRAME_S)
-    raise SystemExit(f'{sequence} was not done within a minute')
+def snapshots(folder: Path) -> Iterator[dict[str, Any]]:
+    """Yield what the server of the page would send, frame by frame."""
+    recording = read_recording(folder / 'sample' / 'sound')
+    assert recording.wrench is not None
+    estimate = replay(recording, load(folder / 'calibration.yaml'))
+    streams = [(recording.wrench.t, recording.wrench.values), (estimate.t, estimate.contact)]
+    topics = {name: {'topic': topic, 'age': 0.0} for name, topic in (
+        ('wrench', '/wrench'), ('contact', '/observer/contact_wrench'))}
+    topics['inertial'] = {'topic': '/observer/inertial_wrench', 'age': None}
+    rows: list[list[Any]] = []
+    for i in range(int(recording.wrench.t[-1] / BIN_S)):
+        start = i * BIN_S
+        phase = next((one.name for one in recording.phases if one.start <= start < one.end), 'idle')
+        ends = []
+        for t, values in streams:
+            part = values[np.searchsorted(t, start):np.searchsorted(t, start + BIN_S)]
+            part = part[np.isfinite(part).all(axis=1)]
+            ends.append([part.min(axis=0).tolist(), part.max(axis=0).tolist()] if len(part)
+                        else None)
+        rows.append([i, phase, *ends, None])
+        if i % round(FRAME_S / BIN_S) == 0:
+            yield {'rows': rows, 'phase': phase, 'reason': '', 'answer': '', 'gap': None,
+                   'late': 0, 'topics': topics, 'nodes': [
+                       {'name': 'observer', 'level': 'ok', 'age': 0.2, 'message': 'estimating'}]}
+            rows = []
 
 
 def live(folder: Path) -> None:
     """Write live.gif."""
-    with ExitStack() as stack:
-        process = stack.enter_context(subprocess.Popen(
-            [*FORCECAL, 'live', '--sim', '--port', '0'], stdout=subprocess.PIPE, text=True))
-        stack.callback(process.send_signal, signal.SIGINT)
-        assert process.stdout is not None
-        address = re.search(r'http://\S+', process.stdout.readline())
-        page = stack.enter_context(browser(folder / 'browser'))
-        page.size(WIDTH, HEIGHT)
-        assert address is not None
-        page.open(address[0])
-        page.until('document.getElementById("wrench.2").textContent > 100', 60.0)
-        time.sleep(3.0)  # the sequencer compares noise with that at rest
-        film = frames(page, 'calibrate')
-        time.sleep(3.0)
-        film += frames(page, 'contact')
-    palette = film[-1].quantize(COLOURS)
-    film = [one.resize((one.width * 3 // 4, one.height * 3 // 4)).quantize(
-        COLOURS, palette=palette, dither=Image.Dither.NONE) for one in film]
-    film[0].save(ROOT / 'docs' / 'live.gif', save_all=True, append_images=film[1:], loop=0,
-                 duration=round(1000 * SHOWN_S), optimize=True)
+    (folder / 'live.html').write_text(render_page(
+        'live.html.j2', 'Live', robot='the simulated robot', nonce='', token='-',  # noqa: S106
+        sequences=SEQUENCES))
+    film = []
+    with browser(folder / 'browser') as page:
+        page.size(1100, 700)
+        page.open(f'file://{folder}/live.html')
+        page.run('events.close(); buttons.forEach(button => { button.disabled = false; })')
+        for now in snapshots(folder):
+            page.run(f'show({json.dumps(now)})')
+            page.until('!changed')
+            film.append(seen(page, 660))
+    sheet = Image.new('RGB', (film[0].width, 3 * film[0].height))
+    for k, at in enumerate((len(film) // 3, len(film) // 2, -6)):  # weight, sweep, contact
+        sheet.paste(film[at], (0, k * film[0].height))
+    palette = sheet.quantize(64)
+    small = [one.resize((one.width * 2 // 3, one.height * 2 // 3), Image.Resampling.LANCZOS)
+             .quantize(palette=palette, dither=Image.Dither.NONE) for one in film]
+    small[0].save(ROOT / 'docs' / 'live.gif', save_all=True, append_images=small[1:], loop=0,
+                  duration=round(1000 * SHOWN_S), optimize=True)
 
 
 def report(folder: Path) -> None:
     """Write report.png."""
-    for arguments in (['sample', 'rig', '-o', 'sample'],
-                      ['diagnose', 'sample/late', '--rig', 'nominal', '-o', 'gap', '--quiet']):
-        subprocess.run([*FORCECAL, *arguments], cwd=folder, check=True, stdout=subprocess.DEVNULL)
     with browser(folder / 'browser') as page:
-        page.size(WIDTH, HEIGHT)
+        page.size(960, 700)
         page.open(f'file://{folder}/gap/report.html')
         page.until('document.querySelectorAll(".live .main-svg").length > 0')
         bottom = page.run('document.querySelector(".said").getBoundingClientRect().bottom')
-        image = seen(page, int(bottom) + 12)
-    image.quantize(64).save(ROOT / 'docs' / 'report.png', optimize=True)
+        seen(page, int(bottom) + 12).quantize(64).save(ROOT / 'docs' / 'report.png', optimize=True)
+
+
+def main(folder: Path) -> None:
+    """Make what is not there, then the pictures of it."""
+    folder.mkdir(exist_ok=True)
+    for name, arguments in COMMANDS.items():
+        if not (folder / name).exists():
+            subprocess.run([sys.executable, '-m', 'forcecal_ros.cli.main', *arguments],
+                           cwd=folder, check=True, stdout=subprocess.DEVNULL)
+    live(folder)
+    report(folder)
 
 
 if __name__ == '__main__':
-    for make in {'live': [live], 'report': [report]}.get(''.join(sys.argv[1:]), [live, report]):
-        with tempfile.TemporaryDirectory() as place:
-            make(Path(place))
+    with tempfile.TemporaryDirectory() as scratch:
+        main(Path(sys.argv[1] if len(sys.argv) > 1 else scratch).resolve())

@@ -13,8 +13,6 @@ from forcecal_ros.core.parameters import Parameter
 from forcecal_ros.nodes.config import TABLES
 from forcecal_ros.observe.sample import describe, Status
 
-HEAD = '| parameter | default | range | meaning |\n|---|---|---|---|'
-
 EVERYWHERE = ('-h', '--json', '--quiet', '--debug', '--namespace', '--timeout', '--jobs', '--dask')
 """Options of (nearly) every command, described once."""
 
@@ -69,7 +67,7 @@ All nodes publish `/diagnostics` at 1 Hz. Words of a phase: `idle` `settle` `mov
 def nodes() -> Iterator[str]:
     """Yield the page of the nodes: topics, status bits and every parameter."""
     yield ('# Nodes\n\nThis page lists topics, services, status bits and parameters of all nodes. The parameters are '
-           'generated from the code; `ros2 param describe` prints the same.\n' + TOPICS)
+           'generated from the code, each with its default and range; `ros2 param describe` prints the same.\n' + TOPICS)
     yield '\n## Status bits of the observer\n\n| bit | name | meaning |\n|--:|---|---|\n'
     yield from (f'| {bit.value} | {bit.name} | {describe(bit.value)[0]} |\n'
                 for bit in Status if bit.value)
@@ -77,9 +75,8 @@ def nodes() -> Iterator[str]:
     for node, (table, _) in TABLES.items():
         for row in table:
             users.setdefault(row._replace(default=str(row.default)), []).append(node)
-    yield ('\n## Parameters of several nodes\n\n| parameter | default | range | nodes | meaning |\n'
-           '|---|---|---|---|---|\n')
-    yield from (_parameter(row, row.name, f' {", ".join(names)} |')
+    yield '\n## Parameters of several nodes\n\n'
+    yield from (_parameter(row, row.name, f' Of {", ".join(names)}.')
                 for row, names in users.items() if len(names) > 1)
     for node in TABLES:
         alike: dict[Parameter, list[str]] = {}  # one row for the same fault of several sensors
@@ -87,7 +84,7 @@ def nodes() -> Iterator[str]:
             words = re.sub(r'of the sensor \w+,', 'of a sensor,', row.description)
             name = row.name if words == row.description else ''
             alike.setdefault(row._replace(name=name, description=words), []).append(row.name)
-        yield f'\n## Parameters of {node}\n\n{HEAD}\n'
+        yield f'\n## Parameters of {node}\n\n'
         yield from (_parameter(row, '`, `'.join(names)) for row, names in alike.items())
 
 
@@ -95,8 +92,8 @@ def _parameter(row: Parameter, names: str, more: str = '') -> str:
     words = ', '.join(f'`{word}`' if word else "`''`" for word in row.choices)
     default = row.default if len(row.default) <= 30 else f'{row.default[:27]}...'
     default = f'{default} {row.unit}'.strip() if default else 'empty'
-    return (f'| `{names}` | {default} | {words or row.row.range().removeprefix("from ")} |{more} {row.description} |\n'
-            ).replace('||', '| |')
+    limits = words or row.row.range().removeprefix('from ')
+    return f'- `{names}`: {default}{f" ({limits})" if limits else ""}. {row.description}.{more}\n'
 
 
 def commands() -> Iterator[str]:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-from forcecal_ros.checks.signals import CLIPPED, CLIPPED_IN_STEPS, Extreme, refuse_stuck
+from forcecal_ros.checks.signals import CLIPPED, CLIPPED_IN_STEPS, refuse_stuck
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.white import difference_gain
@@ -343,6 +343,6 @@ def _clipped(tally: Tally, samples: int) -> Mask:
             (tally.high, tally.at_high, tally.high_again, tally.high.max(axis=0))):
         at_end = extreme == end
         often, repeated = (np.where(at_end, x, 0).sum(axis=0) for x in (count, again))
-        stops = [Extreme(int(n), int(m)).is_limit(k) for n, m, k in zip(often, repeated, least)]
-        clipped |= at_end & np.array(stops) & (alike < 0.5)
+        stops = (often >= least) & (repeated >= 0.5 * often)
+        clipped |= at_end & stops & (alike < 0.5)
     return clipped
