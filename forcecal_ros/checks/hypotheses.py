@@ -243,15 +243,12 @@ def candidates(motion: Motion) -> list[Candidate]:
     if plain is None:
         raise DataError('wrench and pose have no three samples in common')
     fits = [(TABLE[0], motion, plain)]
-    settled = plain.mass > 0.0 and all(
-        part.scale <= part.floor for part in (plain.force, plain.torque))
     if not explains(plain):
         for row in TABLE[1:]:
-            if settled and not row.name.endswith('changes'):
-                continue  # most of it fits to what sensors are true to: a part alone is wrong
             others = [fit for one, _, fit in fits[1:]
                       if not one.name.endswith('changes') or not row.name.endswith('changes')]
-            if row.is_costly and any(explains(fit) for fit in others):
+            if row.is_costly and any(explains(fit) or (
+                    is_true(fit) and not is_true(plain)) for fit in others):
                 break  # nothing is left that it could explain better, but for another change
             undone = row.undo(motion)
             fit = None if undone is None else explain(undone)
@@ -264,6 +261,11 @@ def candidates(motion: Motion) -> list[Candidate]:
                       + fit.torque.evidence(effective[1])
                       - 0.5 * row.unknowns * float(np.log(effective[0])), row)
             for row, undone, fit in fits]
+
+
+def is_true(fit: Explained) -> bool:
+    """Whether a fit leaves no more than sensors are true to in most rows."""
+    return fit.mass > 0.0 and all(part.scale <= part.floor for part in (fit.force, fit.torque))
 
 
 def explains(fit: Explained) -> bool:

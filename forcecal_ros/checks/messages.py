@@ -153,7 +153,8 @@ def refuse_weightless(plain: Any) -> None:
             f'wrench: it shows the inertia of {inertial:.3g} kg and the weight of '
             f'{max(fit.mass, 0.0):.2g} +- {fit.mass_std:.2g} kg: the driver removes the weight; '
             "let it leave the weight in, or record the sensor's own readings")
-    if abs(fit.mass) < 3.0 * fit.mass_std:
+    explained = 1.0 - (residual / max(changes, 1e-300))**2
+    if abs(fit.mass) < 3.0 * fit.mass_std or (fit.mass < 0.0 and explained < EXPLAINED):
         if residual > NO_NOISE_N:
             raise DataError(
                 f'the forces change by {changes:.2g} N, and not as a weight does (mass '

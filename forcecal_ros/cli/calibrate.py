@@ -182,7 +182,8 @@ def _as_stated(calibration: 'Calibration', args: argparse.Namespace) -> 'Calibra
         calibration = with_settings(calibration, _settings_of(args))
     elif stated := next((name for name in ('gravity', 'gravity_direction', 'sensor_rotation',
                                            'wrench_sign') if getattr(args, name)), ''):
-        raise UsageError(f'{args.bag} states its own {stated}; calibrate its recording again')
+        raise UsageError(f'{args.bag} states its own --{stated.replace("_", "-")}; calibrate its '
+                         'recording again')
     return replace(calibration, sensor_from_pose=numbers_of(agreed(given, calibration, args.bag)))
 
 
@@ -225,10 +226,10 @@ def _settings_of(args: argparse.Namespace, source: Any = ()) -> 'IdentificationS
     """Return the settings of the arguments."""
     from forcecal_ros.calibrate.settings import IdentificationSettings
 
-    position = args.accelerometer_position
+    position, rotation = args.accelerometer_position, args.sensor_rotation
     return IdentificationSettings(
         **gravity_of(args), theta=math.radians(args.theta), coupling=args.coupling,
-        sensor_rotation=tuple(map(math.radians, args.sensor_rotation or ())) or None,
+        sensor_rotation=tuple(map(math.radians, rotation)) if rotation else None,
         cutoff=args.cutoff, accelerometer_position=tuple(position) if position else None,
         wrench_sign=args.wrench_sign or 1, observer_mode=args.filter,
         observer_design=args.design, source=dict(source))
