@@ -24,7 +24,7 @@ def main() -> None:
     arguments = parser.parse_args()
     cases = load(arguments.cases)
     rows = rows_of(cases)
-    ratio = 10.0 ** rows.x
+    ratio = 10.0 ** rows.x[:, 0]
     rules = {'evidence alone, always named': np.full(len(ratio), 0.99),
              'evidence at least 0.6 of what is missing': np.where(ratio > 0.6, 0.99, 0.01),
              'calibration': cross_validated(rows)}

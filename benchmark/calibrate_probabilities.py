@@ -20,15 +20,15 @@ from forcecal_ros.diagnose.search.calibration import Features, FILE
 import numpy as np
 from scipy.optimize import minimize
 
-PRIOR = np.array([0.666, 3.0])
-"""Mean of intercept and weight: as likely as not at 0.6 of the missing evidence."""
+PRIOR = np.array([0.666, 3.0, 3.0])
+"""Mean of intercept and weights: as likely as not at 0.6 of the missing evidence."""
 
 RIDGE = 1.0
-"""Their prior precision, of a regressor of order 1."""
+"""Their prior precision, of regressors of order 1."""
 
 
 class Rows(NamedTuple):
-    """Steps of searches: regressor, whether the effect was right, and the generator."""
+    """Steps of searches: regressors, whether the effect was right, and the generator."""
 
     x: np.ndarray
     right: np.ndarray
@@ -53,15 +53,15 @@ def rows_of(cases: list[dict]) -> Rows:
 
 
 def fit(x: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Return intercept and weight."""
+    """Return intercept and weights."""
     def cost(w):
-        z = w[0] + x * w[1]
+        z = w[0] + x @ w[1:]
         p = 1.0 / (1.0 + np.exp(-z))
         off = w - PRIOR
         value = np.sum(np.logaddexp(0.0, z) - right * z) + 0.5 * RIDGE * off @ off
-        return value, np.array([np.sum(p - right), x @ (p - right)]) + RIDGE * off
+        return value, np.append(np.sum(p - right), x.T @ (p - right)) + RIDGE * off
 
-    return minimize(cost, PRIOR.copy(), jac=True, bounds=[(None, None), (0.0, None)],
+    return minimize(cost, PRIOR.copy(), jac=True, bounds=[(None, None), *[(0.0, None)] * 2],
                     method='L-BFGS-B').x
 
 
@@ -70,7 +70,7 @@ def cross_validated(rows: Rows) -> np.ndarray:
     out = np.zeros(len(rows.right))
     for g in np.unique(rows.group):
         w = fit(rows.x[rows.group != g], rows.right[rows.group != g])
-        out[rows.group == g] = 1.0 / (1.0 + np.exp(-w[0] - rows.x[rows.group == g] * w[1]))
+        out[rows.group == g] = 1.0 / (1.0 + np.exp(-w[0] - rows.x[rows.group == g] @ w[1:]))
     return np.clip(out, 0.01, 0.99)
 
 
@@ -106,7 +106,7 @@ def main() -> None:
         'provenance': 'benchmark/calibrate_probabilities.py on benchmark/posterior_cases.py, '
                       'cross-validated by generator',
         'cases': rows.cases, 'intercept': round(float(w[0]), 3),
-        'weight': round(float(w[1]), 3), 'cross_validation': found}
+        'weights': np.round(w[1:], 3).tolist(), 'cross_validation': found}
     print(json.dumps(stored, indent=1))
     if arguments.write:
         FILE.write_text(json.dumps(stored, indent=1) + '\n')

@@ -423,7 +423,7 @@ def by_any_matrix(motion: Motion) -> Fit:
 
 def _rows(motion: Motion) -> NDArray[np.intp]:
     rows = np.flatnonzero(motion.usable)
-    return rows[np.linspace(0, len(rows) - 1, min(len(rows), MAX_ROWS)).astype(int)]
+    return np.asarray(rows[np.linspace(0, len(rows) - 1, min(len(rows), MAX_ROWS)).astype(int)])
 
 
 def fit_part(columns: Array, values: Array) -> Fit:

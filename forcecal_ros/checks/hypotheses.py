@@ -325,6 +325,7 @@ def _in_time(motion: Motion, fit: Explained) -> tuple[float, Explained]:
 
 
 def _refuse_counts(fit: Explained, recording: Recording) -> None:
+    assert recording.wrench is not None
     bias, values = np.abs(fit.force.theta[-3:]).max(), recording.wrench.values
     if np.ptp(values, axis=0).all() and (values == np.rint(values)).all():
         raise DataError(
@@ -486,12 +487,13 @@ def _other_point(fit: Explained, recording: Recording, known: Known | None) -> s
     if np.linalg.norm(shown + com) < max(0.2 * np.linalg.norm(com), 4.0 * error):
         raise DataError(f'wrench: {at}: they have the opposite sign of the forces; correct their '
                         'sign in the driver')
-    found = (f'{at}: torques are about a point {_metres(-off)} away, which moves the centre of '
-             f'mass by {1e3 * np.linalg.norm(off):.0f} mm; calibrate {"again " * bool(known)}with '
-             f'--sensor-from-pose {_sensor_at(recording, -off)}, which puts the sensor there')
+    message = (
+        f'{at}: torques are about a point {_metres(-off)} away, which moves the centre of mass by '
+        f'{1e3 * np.linalg.norm(off):.0f} mm; calibrate {"again " * bool(known)}with '
+        f'--sensor-from-pose {_sensor_at(recording, -off)}, which puts the sensor there')
     if known is None:
-        raise DataError(f'wrench: {found}')
-    return found
+        raise DataError(f'wrench: {message}')
+    return message
 
 
 def torque_units_of(shown: Array, com: Array, cov: Array, shown_cov: Array,
@@ -576,7 +578,7 @@ def _axes(motion: Motion, hand: float) -> Motion | None:
 def _force_axes(motion: Motion) -> Motion | None:
     """Mirror the axes of the forces, and leave those of the torques as they are."""
     mirrored = _axes(motion, -1.0)
-    if mirrored is None or np.trace(mirrored.axes) < -2.9:  # torques of the other sign are a row
+    if mirrored is None or mirrored.axes is None or np.trace(mirrored.axes) < -2.9:  # all reversed
         return None
     return replace(mirrored, wrench=np.hstack([mirrored.wrench[:, :3], motion.wrench[:, 3:]]))
 

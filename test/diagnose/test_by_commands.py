@@ -193,7 +193,7 @@ def test_a_drift_in_the_second_recording_alone_is_no_slow_noise():
     assert (effect.name, effect.recording) == ('wrench_bias_drift', 1)
     found = effect.parameters['fz']
     assert found.value == pytest.approx(0.1, abs=4.0 * found.std)
-    assert f'from {effect.begin:.3f} s on' in diagnosis.reason and effect.begin < 1.0
+    assert f'drift from {effect.begin:.3f} s' in diagnosis.reason and effect.begin < 1.0
 
 
 @pytest.mark.long

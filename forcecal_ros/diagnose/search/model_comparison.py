@@ -198,21 +198,12 @@ class ModelComparison(Explained):
         excess = self.every.residual_squares(self.null.x) - self.every.n
         return self._gained + max(0.0, 0.5 * excess - _by_chance(self.every.n))
 
-    def missing(self) -> tuple[float, float]:
-        """
-        Return the log-evidence that a model with nothing wrong would have more.
-
-        Returns
-        -------
-        missing : float
-            Noise allowed for.
-        flawed : float
-            The part of it that may be due to noise that is not quite what it is taken for.
-        """
+    @property
+    def missing_evidence(self) -> float:
+        """Log-evidence that a model with nothing wrong would have more, noise allowed for."""
         n = self.every.n
-        missed = max(0.0, -self.null_evidence - self.null.volume - 0.5 * n - _by_chance(n))
-        most = FLAWED * float(self._products.channels.sum())
-        return missed + self._gained, missed + min(self._gained, most)
+        missed = -self.null_evidence - self.null.volume - 0.5 * n - _by_chance(n)
+        return max(0.0, missed) + min(self._gained, FLAWED * float(self._products.channels.sum()))
 
     @property
     def _gained(self) -> float:

@@ -58,8 +58,6 @@ class Explanation(NamedTuple):
         were tried is allowed for.
     missing : float
         Log-evidence that a model without any flaw would have more.
-    flawed : float
-        The part of it that noise may be due to that is not quite what it is taken for.
     ways : mapping of str to float
         Logarithm of the number of ways in which each effect was tried.
     """
@@ -67,7 +65,6 @@ class Explanation(NamedTuple):
     fit: JointFit
     evidence: float
     missing: float
-    flawed: float
     ways: Mapping[str, float] = MappingProxyType({})
 
     @property
@@ -172,9 +169,8 @@ def weigh(fit: JointFit, ways: Mapping[str, float] = MappingProxyType({})) -> Ex
     fit.model.discrepancy_scales = comparison.scales
     known = earlier.of({a.name for a in fit.accepted}) - sum(
         ways.get(a.name, 0.0) for a in fit.accepted)
-    missing, flawed = comparison.missing()
-    return Explanation(fit, comparison.null_evidence + known, missing + earlier.missing, flawed,
-                       ways)
+    return Explanation(fit, comparison.null_evidence + known,
+                       comparison.missing_evidence + earlier.missing, ways)
 
 
 def extended(parent: Explanation, table: _Table) -> list[Explanation]:
@@ -337,7 +333,7 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
 
 def features_of(full: Explanation, less: Explanation) -> Features:
     """Return what the probability of an effect follows from: an explanation with and without."""
-    return Features(full.evidence - less.evidence, full.missing, full.flawed)
+    return Features(full.evidence - less.evidence, full.missing)
 
 
 def _instead(chosen: Explanation, others: Sequence[Explanation], name: str) -> dict[str, float]:

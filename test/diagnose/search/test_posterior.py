@@ -51,7 +51,7 @@ def test_the_effect_with_the_evidence_is_named_and_no_other(name, values):
 def explanation(names, evidence, gates=0):
     fit = type('Fit', (), {'accepted': [type('A', (), {'name': n}) for n in names],
                            'model': type('M', (), {'gates': dict.fromkeys(range(gates))})})
-    return Explanation(fit, evidence, 0.0, 0.0)
+    return Explanation(fit, evidence, 0.0)
 
 
 def test_a_change_point_has_to_bring_what_any_effect_has_to():
@@ -82,7 +82,7 @@ def test_alternatives_are_those_in_the_place_of_one_effect():
 
 
 def test_a_further_recording_continues_from_what_was_as_likely():
-    features = {'wrench_delay': Features(90.0, 4.0, 4.0)}
+    features = {'wrench_delay': Features(90.0, 4.0)}
     first = posterior.Posterior(None, (), (), features, {'wrench_delay': {'wrench_lowpass': 0.4}})
     document = to_document(Diagnosis('ambiguous', '', (NamedEffect('wrench_delay', {
         'delay': Parameter(0.004, 1e-4, 's')}, 0.5),), earlier=first.earlier()), {}, None)
