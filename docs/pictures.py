@@ -77,13 +77,13 @@ def live(folder: Path) -> None:
         sequences=SEQUENCES))
     film = []
     with browser(folder / 'browser') as page:
-        page.size(1100, 700)
+        page.size(1100, 860)
         page.open(f'file://{folder}/live.html')
         page.run('events.close(); buttons.forEach(button => { button.disabled = false; })')
         for now in snapshots(folder):
             page.run(f'show({json.dumps(now)})')
             page.until('!changed')
-            film.append(seen(page, 660))
+            film.append(seen(page, 812))
     sheet = Image.new('RGB', (film[0].width, 3 * film[0].height))
     for k, at in enumerate((len(film) // 3, len(film) // 2, -6)):  # weight, sweep, contact
         sheet.paste(film[at], (0, k * film[0].height))
