@@ -173,9 +173,10 @@ def load_diagnosis(path: Path | str) -> tuple[Diagnosis, dict[str, Any]]:
 def _from_document(d: Mapping[str, Any]) -> Diagnosis:
     """Turn what :func:`to_document` returns into a diagnosis again."""
     posterior = d.get('posterior', {})
-    earlier = Earlier(
+    explanations = posterior.get('explanations', ())
+    earlier = FIRST_RECORDING if not explanations else Earlier(
         {frozenset(map(str, one['effects'])): float(one['log_evidence'])
-         for one in posterior.get('explanations', ())}, float(posterior.get('missing', 0.0)),
+         for one in explanations}, float(posterior.get('missing', 0.0)),
         {e['name']: {key: (float(p['value']), float(p['std']))
                      for key, p in e['parameters'].items()} for e in d['effects']})
     return Diagnosis(
