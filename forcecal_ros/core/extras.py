@@ -7,7 +7,7 @@ import sys
 
 PACKAGE = 'forcecal_ros'
 
-BESIDE_APT = {'backports', 'control', 'lz4', 'numba', 'pandas', 'rosbags', 'tqdm'}
+BESIDE_APT = {'backports', 'lz4', 'numba', 'pandas', 'rosbags', 'tqdm'}
 """Modules that the nodes on a robot do without, and that package.xml therefore does not name."""
 
 
