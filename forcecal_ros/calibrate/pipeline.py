@@ -356,7 +356,10 @@ def _judged(recording: Recording, settings: IdentificationSettings
     judged = in_axes_of_pose(recording, settings.sensor_rotation)
     if settings.coupling == 'dc':
         refuse_late_accelerometer(judged, settings.gravity * down)
-    return (recording, judge(judged, settings.gravity * down, stated),
+    found = judge(judged, settings.gravity * down, stated)
+    notes = [one for one in found if 'suspect: ' not in one]  # as a delay, which is estimated
+    return (replace(recording, notes=(*recording.notes, *notes)),
+            tuple(one for one in found if one not in notes),
             slight_misfit(judged, settings.gravity * down, stated))
 
 

@@ -95,6 +95,6 @@ def touched(statics: Statics) -> list[int]:
     sigma = np.sqrt(np.diagonal(statics.covariance, axis1=1, axis2=2))
     n = len(sigma)
     columns = design_of(statics)[0][:6 * n].reshape(n, 6, -1) / sigma[:, :, None]
-    fit = robust_fit(columns, statics.wrench / sigma, channels=6, freedom=1.0)
+    fit = robust_fit(columns, statics.wrench / sigma, channels=6, freedom=2.0)
     off = np.abs(fit.residual.reshape(n, 6)).max(axis=1) > TOUCHED_SIGMA
     return np.flatnonzero(off).tolist() if off.mean() <= MAX_TOUCHED else []

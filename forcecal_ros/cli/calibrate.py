@@ -229,7 +229,8 @@ def _settings_of(args: argparse.Namespace, source: Any = ()) -> 'IdentificationS
     position, rotation = args.accelerometer_position, args.sensor_rotation
     return IdentificationSettings(
         **gravity_of(args), theta=math.radians(args.theta), coupling=args.coupling,
-        sensor_rotation=tuple(map(math.radians, rotation)) if rotation else None,
+        sensor_rotation=(math.radians(rotation[0]), math.radians(rotation[1]),
+                         math.radians(rotation[2])) if rotation else None,
         cutoff=args.cutoff, accelerometer_position=tuple(position) if position else None,
         wrench_sign=args.wrench_sign or 1, observer_mode=args.filter,
         observer_design=args.design, source=dict(source))

@@ -158,7 +158,7 @@ KINDS = (
          'Name the folder of a rosbag2 (mcap or sqlite3).', 'io io.bags.storage io.bags.files'),
     Kind('FC0202', 'A topic is missing or ambiguous',
          'The command needs it, and cannot guess its name.',
-         'State `--topic ROLE=NAME` or `--preset NAME`; `forcecal check BAG` lists the topics.',
+         'State `--topic role=NAME` or `--preset NAME`; `forcecal check BAG` lists the topics.',
          'core.topics io.bags.read io.bags.series cli.estimate:_needs_imu rig_fit.fit:_required'),
     Kind('FC0203', 'Stamps cannot be used',
          'They are in the wrong unit, do not increase, or come from two senders.',

@@ -7,7 +7,7 @@ The ways in (``by_*``) differ in the simulation that they bring, and go on alike
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.errors import DataError, with_id
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.autoregression import at_standstill
 from forcecal_ros.core.streams import Recording
@@ -122,7 +122,7 @@ def diagnose_datasets(rig: Rig, datasets: tuple[Dataset, ...], stamps: Sequence[
     try:
         refuse_unjudged(first)
     except DataError as error:
-        return Outcome(Diagnosis('invalid_data', str(error)), rig)
+        return Outcome(Diagnosis('invalid_data', with_id(error)), rig)
     # recalibrated: a limit in volts is a specific force by the gain that the sensor has
     mounted = first.current().accelerometer.model(datasets[0].simulation.accelerometer)
     checks = Checks(*from_checks(stamps, sample_noise(first, np.zeros(len(CHANNELS))), mounted))

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from static_sets import static_set
 
-SETS = 20
+SETS = 60
 
 
 def with_wrench(recording, change):

@@ -83,8 +83,6 @@ ROWS = {
     'torque in N mm': (mapped(lambda w, R: w * np.repeat([1, 1e3], 3)), 'in N mm'),
     'torque in lbf in': (mapped(lambda w, R: w * np.repeat([1, 8.8507], 3)), 'in lbf in'),
     'sign of torques': (mapped(lambda w, R: w * np.repeat([1, -1], 3)), 'opposite sign of the f'),
-    'another point': (mapped(lambda w, R: np.hstack([
-        w[:, :3], w[:, 3:] - np.cross([0.0, 0.0, 0.3], w[:, :3])])), 'are about a point'),
     'mm': (lambda one: replace(one, pose=replace(one.pose, position=1e3 * one.pose.position)),
            'position is in mm'),
     'cm': (lambda one: replace(one, pose=replace(one.pose, position=1e2 * one.pose.position)),
@@ -97,6 +95,12 @@ def test_a_fault_is_refused_by_its_name(recording, row):
     spoil, said = ROWS[row]
     with pytest.raises(DataError, match=said):
         judge(spoil(recording), DOWN)
+
+
+def test_torques_about_another_point_call_the_centre_of_mass_into_question(recording):
+    note, = judge(mapped(lambda w, R: np.hstack([
+        w[:, :3], w[:, 3:] - np.cross([0.0, 0.0, 0.3], w[:, :3])]))(recording), DOWN)
+    assert 'are about a point' in note and 'suspect: com' in note
 
 
 def test_the_run_itself_is_as_recorded(recording):

@@ -61,7 +61,7 @@ def values(outcomes):
 def test_one_failure_stops_nobody_and_says_why():
     outcomes = list(each(square, [3, -1, 2, 'x']))
     assert [outcome.value for outcome in outcomes[:3]] == [9, None, 4]
-    assert outcomes[1].error == '-1 is negative'
+    assert outcomes[1].error == '-1 is negative [FC0001]'
     assert outcomes[3].error.startswith('TypeError: ') and 'scale_work.py' in outcomes[3].error
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import re
 from typing import Any
 
-from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.errors import DataError, with_id
 from forcecal_ros.core.streams import Recording
 from forcecal_ros.diagnose.dataset import Dataset, moves, split_datasets, units
 from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
@@ -135,7 +135,8 @@ class Source:
             require_same_sensors(given)
             ready = tuple(self.prepare(given))
         except DataError as error:
-            return self._diagnosed(Outcome(Diagnosis('invalid_data', str(error)), self.rig), ())
+            invalid = Diagnosis('invalid_data', with_id(error))
+            return self._diagnosed(Outcome(invalid, self.rig), ())
         if self.requires_motion and not moves([one.dataset for one in ready]):
             return self._diagnosed(Outcome(NO_MOTION, self.rig), ())
         outcome = self.search(ready)
