@@ -311,6 +311,6 @@ def _moving(cut: PoseStream, edges: NDArray[np.intp]) -> NDArray[np.bool_]:
     steps = np.diff(rows, axis=0)
     noise = 1.48 / np.sqrt(2.0) * np.median(np.abs(steps - np.median(steps, axis=0)), axis=0)
     means = np.array([rows[i:j].mean(axis=0) for i, j in pairwise(edges)])
-    doubt = 5.0 * noise * np.sqrt(2.0 / np.diff(edges).min())
-    way = np.maximum(np.abs(np.diff(means, axis=0)) - doubt, 0.0)
+    least = 5.0 * noise * np.sqrt(2.0 / np.diff(edges).min())
+    way = np.maximum(np.abs(np.diff(means, axis=0)) - least, 0.0)
     return np.asarray(np.linalg.norm(way, axis=1) > SLICE_S)

@@ -89,9 +89,9 @@ def unnatural_inertia(c: Calibration) -> str:
     if c.inertia is None:
         return ''
     moments = np.linalg.eigvalsh(c.inertia.value)
-    doubt = _CERTAIN * float(np.linalg.norm(c.inertia.std))
-    if moments[0] > -doubt and moments[0] + moments[1] > moments[2] - 2.0 * doubt and (
-            moments[2] - doubt < float(c.mass) * FARTHEST**2):
+    margin = _CERTAIN * float(np.linalg.norm(c.inertia.std))
+    if moments[0] > -margin and moments[0] + moments[1] > moments[2] - 2.0 * margin and (
+            moments[2] - margin < float(c.mass) * FARTHEST**2):
         return ''
     return (f'inertia: its principal moments come out as '
             f'{", ".join(f"{one:.3g}" for one in moments)} kg m^2, which no body of '
