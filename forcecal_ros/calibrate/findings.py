@@ -169,16 +169,16 @@ def torque_departs(stages: Stages, settings: IdentificationSettings) -> Iterator
     moves = fit.blocks.groups == 1
     by_motion = stages.tool.condition > settings.thresholds.condition
     small = _SMALL * stages.tool.mass * settings.gravity * np.linalg.norm(stages.tool.com)
-    said = False
+    mentioned = False
     for where, part, shortest, suspect in (
             ('at rest', ~moves, 1, ALL),
             ('in motion', moves, _RESOLVED, ALL if by_motion else MOTION),
             ('on the whole', np.ones_like(moves), _RESOLVED, ALL)):
         found = largest_deviation(residuals._replace(use=part), shortest)
         if found.is_chance or abs(found.size) <= small or (
-                said and where == 'on the whole'):
+                mentioned and where == 'on the whole'):
             continue
-        said = True
+        mentioned = True
         yield Finding(
             f'torque.{"xyz"[found.channel]} is off by {found.size:+.2g} N m '
             f'({found.sigmas:.0f} standard errors) {where} about {found.time:.2f} s; look '
@@ -221,11 +221,11 @@ def accelerometer_disagrees(stages: Stages, settings: IdentificationSettings) ->
         yield Finding(
             f'the accelerometer does not follow gravity in the static poses (chi-square '
             f'{chi_square:.3g} for {degrees} readings, up to {misfit:.2g} '
-            f'{stages.recording.accelerometer_unit}); {_mend_accelerometer(stages, settings)}',
+            f'{stages.recording.accelerometer_unit}); {_accelerometer_remedy(stages, settings)}',
             ACCELEROMETER)
 
 
-def _mend_accelerometer(stages: Stages, settings: IdentificationSettings) -> str:
+def _accelerometer_remedy(stages: Stages, settings: IdentificationSettings) -> str:
     """Say what to do about an accelerometer that is off: one that drifts at rest is coupled so."""
     stream = stages.recording.accelerometer
     if stream is not None and settings.coupling != 'ac':
@@ -251,7 +251,7 @@ def accelerometer_departs(stages: Stages, settings: IdentificationSettings) -> I
             f'accelerometer {"xyz"[found.channel]} is off by {found.size:+.2g} '
             f'{stages.recording.accelerometer_unit} ({found.sigmas:.0f} standard errors) about '
             f'{found.time:.2f} s; look what touches the tool then. Nothing: '
-            f'{_mend_accelerometer(stages, settings)}', MOTION)
+            f'{_accelerometer_remedy(stages, settings)}', MOTION)
 
 
 def ringing_departs(stages: Stages) -> Iterator[Finding]:

@@ -35,17 +35,17 @@ def refuse_other_unit(at_rest: Array, gravity: float, decays: bool = False) -> N
     share = shown / gravity
     if 1.0 / OTHER_UNIT < share < OTHER_UNIT:
         return
-    said = f'accelerometer: |f| at rest is {shown:.3g}, not the {gravity:.3g} m/s^2 of gravity'
+    found = f'accelerometer: |f| at rest is {shown:.3g}, not the {gravity:.3g} m/s^2 of gravity'
     for unit, scale in _ACCELERATIONS.items():
         if abs(share / scale - 1.0) < SAME_UNIT:
-            raise DataError(f'{said}: it is in {unit}; {corrected(1.0 / scale, unit)}')
+            raise DataError(f'{found}: it is in {unit}; {corrected(1.0 / scale, unit)}')
     if share < NO_GRAVITY and decays:
-        raise DataError(f'{said}, and decays while the robot stands: the sensor is AC-coupled; '
+        raise DataError(f'{found}, and decays while the robot stands: the sensor is AC-coupled; '
                         'state --coupling ac')
     if share < NO_GRAVITY:
-        raise DataError(f'{said}, however long the robot stands: the driver takes gravity off; '
+        raise DataError(f'{found}, however long the robot stands: the driver takes gravity off; '
                         'let it publish specific force (REP-145)')
-    raise DataError(f'{said}: no unit explains it, so its gain is another; divide by '
+    raise DataError(f'{found}: no unit explains it, so its gain is another; divide by '
                     f'{share:.3g} in the driver')
 
 
@@ -63,10 +63,10 @@ def refuse_on_another_link(at_rest: Array, gravity: Array) -> None:
     DataError
         Says how little it turns.
     """
-    shown, wanted = (float(np.linalg.norm(x.std(axis=0))) for x in (at_rest, gravity))
+    shown, expected = (float(np.linalg.norm(x.std(axis=0))) for x in (at_rest, gravity))
     g = float(np.linalg.norm(gravity, axis=1).mean())
-    if wanted > MIN_GRAVITY_SPREAD * g and shown < 0.5 * wanted:
+    if expected > MIN_GRAVITY_SPREAD * g and shown < 0.5 * expected:
         raise DataError(
             f'accelerometer: gravity changes by {shown:.2g} m/s^2 from pose to pose in it, by '
-            f'{wanted:.2g} m/s^2 as the pose turns: it does not sit on the tool; name the one '
+            f'{expected:.2g} m/s^2 as the pose turns: it does not sit on the tool; name the one '
             'that does with --topic accelerometer=NAME')

@@ -52,7 +52,7 @@ class Errors(NamedTuple):
         if self.taken is None or self.predicted is None:
             return np.zeros(len(self.grams))
         return np.asarray(np.einsum('cij,ij->c', self.grams, self.taken)
-                          + np.minimum(self.predicted.doubt, left))
+                          + np.minimum(self.predicted.unseen, left))
 
     def drawn(self, rng: np.random.Generator) -> Array:
         """Return what one draw of parameters leaves, shape (channels,)."""
@@ -62,7 +62,7 @@ class Errors(NamedTuple):
         """Return one draw of what :meth:`beside` expects, shape (channels,)."""
         if self.taken is None or self.predicted is None:
             return np.zeros(len(self.grams))
-        return self._left_by(_draw(self.taken, rng)) + np.minimum(self.predicted.doubt, left)
+        return self._left_by(_draw(self.taken, rng)) + np.minimum(self.predicted.unseen, left)
 
     def _left_by(self, x: Array) -> Array:
         return np.asarray(np.einsum('cij,i,j->c', self.grams, x, x))

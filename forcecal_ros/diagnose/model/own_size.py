@@ -57,12 +57,12 @@ class Predicted(NamedTuple):
     ----------
     rows : list of ndarray, shape (n, channels)
         Of each recording.
-    doubt : ndarray, shape (channels,)
+    unseen : ndarray, shape (channels,)
         Mean square over the held-out blocks by which that may be wrong.
     """
 
     rows: list[Array]
-    doubt: Array
+    unseen: Array
 
 
 def predicted(products: Products, sizes: Mapping[int, float], datasets: tuple[Dataset, ...]
@@ -78,7 +78,7 @@ def predicted(products: Products, sizes: Mapping[int, float], datasets: tuple[Da
         Part of its signal that each channel has.
     """
     whitened, weights = products.whitened, {}
-    doubt = np.zeros(len(CHANNELS))
+    unseen = np.zeros(len(CHANNELS))
     gram = np.sum([_square(rows, d.held) for rows, d in zip(whitened.basis.rows, datasets)],
                   axis=0) / max(1, sum(int(d.held.sum()) for d in datasets))
     for one in products.parts:
@@ -88,9 +88,9 @@ def predicted(products: Products, sizes: Mapping[int, float], datasets: tuple[Da
         modes = whitened.modes(one.channel)
         factor = whitened.factor(one.channel, True, size), True
         weights[one.channel] = modes.weights @ cho_solve(factor, one.trained.cross[:, 0])
-        doubt[one.channel] = np.trace(cho_solve(factor, modes.weights.T @ gram @ modes.weights))
+        unseen[one.channel] = np.trace(cho_solve(factor, modes.weights.T @ gram @ modes.weights))
     shapes = [(rows.numbers.shape[1], len(CHANNELS)) for rows in whitened.basis.rows]
-    return Predicted(whitened.of_weights(weights, shapes), doubt)
+    return Predicted(whitened.of_weights(weights, shapes), unseen)
 
 
 def _square(features: Compact, blocks: NDArray[np.bool_]) -> Array:

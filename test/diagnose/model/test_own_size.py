@@ -82,7 +82,7 @@ def test_a_discrepancy_is_predicted_held_out_and_may_be_off_as_the_dense_gaussia
                                                                   across.T]))
     assert found.rows[0][TRAINED:, 0] == pytest.approx(across @ solved[:, 0], rel=1e-3, abs=1e-3)
     prior = (OWN * SIGNAL) ** 2 * (g.T * SHARE) @ g
-    assert found.doubt[0] == pytest.approx(
+    assert found.unseen[0] == pytest.approx(
         np.mean(np.diag(prior - across @ solved[:, 1:])), rel=1e-2)
-    assert not found.doubt[1:].any()
+    assert not found.unseen[1:].any()
     assert not predicted(products, {}, datasets).rows[0].any()
