@@ -2,7 +2,7 @@
 
 from types import SimpleNamespace
 
-from forcecal_ros.calibrate.findings import _mend_accelerometer
+from forcecal_ros.calibrate.findings import _accelerometer_remedy
 from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.core.streams import Stream
 import numpy as np
@@ -21,4 +21,4 @@ def test_the_advice_follows_from_what_the_readings_do_at_rest(decays, coupling, 
         recording=SimpleNamespace(accelerometer=Stream(t, values, 'accelerometer')),
         poses=[SimpleNamespace(start=0.1, end=1.9), SimpleNamespace(start=2.1, end=3.9)])
     settings = IdentificationSettings(coupling=coupling)
-    assert said in _mend_accelerometer(stages, settings)
+    assert said in _accelerometer_remedy(stages, settings)
