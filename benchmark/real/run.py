@@ -122,18 +122,20 @@ def franka_panda(data, case, folder):
     names, matrix = [f'c{k}' for k in range(19)], [f'r{k}' for k in range(9)]
     write_table(folder / 'motion.csv', names + matrix, np.hstack([table, R.reshape(-1, 9)]))
     plain = f'{by_least_squares(table[:, 13:16], R):.4f} kg'
-    for part, pose in (('columns of base in the sensor, as if of the sensor in base',
-                        {'quaternion_xyzw': [*names[7:10], names[6]]}),
-                       ('turned round', {'R_base_sensor': matrix})):
+    as_stated, turned = {'quaternion_xyzw': [*names[7:10], names[6]]}, {'R_base_sensor': matrix}
+    for part, pose, options in (
+            ('columns of base in the sensor, as if of the sensor in base', as_stated, ()),
+            ('turned round', turned, ()),
+            ('the same, `--wrench-sign -1`', turned, ('--wrench-sign', '-1'))):
         signals = {'wrench': {'frame': 'ft', 'force': {'columns': names[13:16], 'unit': 'N'},
                               'torque': {'columns': names[16:], 'unit': 'N m'}},
                    'pose': {'frame': 'base', **pose}}
         spec = {'format': 'forcecal-import/1',
                 'tables': [{'file': 'motion.csv', 'rate': 1000.0, 'signals': signals}]}
         (folder / 'import.yaml').write_text(yaml.safe_dump(spec))
-        bag = folder / next(iter(pose))
+        bag = folder / f'{next(iter(pose))}{len(options)}'
         found = said('import', folder / 'import.yaml', '--tables', folder, '-o', bag) or said(
-            'calibrate', bag, '--gravity', G, '--json', '-o', folder / 'c.yaml')
+            'calibrate', bag, '--gravity', G, '--json', '-o', folder / 'c.yaml', *options)
         yield part, tool(found).replace(f'{folder}/', ''), plain
 
 

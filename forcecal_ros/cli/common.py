@@ -192,7 +192,7 @@ def or_nearest(word: str, names: Collection[str]) -> str:
     """Return what follows a word that is not a name: the name that may have been meant."""
     from difflib import get_close_matches
 
-    # min similarity: share of letters that a wrong word has in common with what may have been
+    # share of letters that a wrong word has in common with what may have been
     # meant
     near = [name for name in names if word and name.startswith(word)] or get_close_matches(
         word, list(names), 1, 0.75)

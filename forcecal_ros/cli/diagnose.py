@@ -204,6 +204,10 @@ def _earlier(folder: str, explained_by: str) -> Any:
         raise UsageError(f'--prior {folder}: compared with {other or "a rig"}, this recording '
                          f'with {explained_by or "a rig"}; give a diagnosis against the same '
                          'model')
+    if not found.earlier.evidence:
+        raise UsageError(f'--prior {folder}: {found.verdict}, which holds nothing that another '
+                         'recording could continue from, as an effect that begins or ends in its '
+                         'recording; leave --prior out')
     return found.earlier
 
 

@@ -148,7 +148,7 @@ def _on_cluster(work: Callable[[T], R], items: Sequence[T], scheduler: str
         raise ConfigError('--dask requires the Python package distributed; install it by '
                           f'{installing("scale", "distributed")}') from error
     try:
-        # connect: how long a Dask scheduler may take to answer
+        # how long a Dask scheduler may take to answer
         client = Client(scheduler, timeout=10.0, set_as_default=False)
     except (OSError, ValueError) as error:
         raise ConfigError(f'no Dask scheduler answers at {scheduler} ({error}); start one with '

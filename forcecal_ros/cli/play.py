@@ -77,14 +77,14 @@ def run(args: argparse.Namespace) -> int:
     with temporary_node('play') as ros:
         player = Player(ros, args.rate, args.clock, lambda name: f'{prefix}{name}')
         player.offer(named)
-        # discovery: time to find subscribers of commands: discovery of DDS takes 3 s at worst [s]
+        # time to find subscribers of commands: discovery of DDS takes 3 s at worst [s]
         time.sleep(max(args.delay, 3.5) if commands else args.delay)
         if not args.yes and not _consented(player, commands):
             player.unreceived = set(commands)
         with bar(args, unit=' s') as done:
             player.play(dropwhile(lambda one: one.log_ns < begin, chain([first], messages)),
                         lambda seconds: done.update(round(seconds, 1) - done.n))
-        # acknowledge: how long the end waits for slow listeners [s]
+        # how long the end waits for slow listeners [s]
         player.finish(2.0)
         if args.start and not player.counts and not ros.interrupted:
             raise DataError(f'{args.bag}: nothing to publish from {args.start:g} s on; give an '

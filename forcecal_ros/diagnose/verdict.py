@@ -79,14 +79,18 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
                               f'{part.within}')
         return 'no_gap', f'the recalibrated rig explains {what}{below} down to its noise{slow}'
     unknown = dict(candidates).get(UNKNOWN, 0.0) > 0.5
-    if at_limit or (unknown and not certain):
-        why = (f'{" and ".join(at_limit)} is as large as that can be: another robot, tool or unit '
-               'was recorded than it is compared with' if at_limit else
-               'what was held out is worse with it')
-        more = f'; unexplained: {part.words}' if significant else ''
-        return 'unknown', (f'no effect of the library explains the gap: {listed} '
-                           f'{"come" if len(named) > 1 else "comes"} closest, but {why}{more}')
     end = '' if len(named) > 1 else 's'
+    if at_limit or (unknown and not certain):
+        if at_limit:
+            why = (f'{" and ".join(at_limit)} is as large as that can be: another robot, tool or '
+                   'unit was recorded than it is compared with')
+        elif closed is None or closed < 0.0:
+            why = 'what was held out is worse with it'
+        else:
+            why = f'explain{end} only {percent(closed)} of the misfit'
+        more = f'; unexplained: {part.words}' if significant else ''
+        return 'unknown', (f'no effect of the library explains the gap: {listed} come{end} '
+                           f'closest, but {why}{more}')
     done = f'explain{end} {percent(closed or 0.0)} of the misfit'
     if closed is None:
         done, closed = f'show{end} in stamps and values', 1.0

@@ -179,7 +179,7 @@ def _against(law: Law, plant: Plant, settings: DesignSettings, stiffness: float)
 
 def _unstable_from(law: Law, plant: Plant, settings: DesignSettings) -> float:
     low, high = settings.wall_stiffness
-    # stiffest: stiffest wall for which stability is checked beyond the stated range [N/m]
+    # stiffest wall for which stability is checked beyond the stated range [N/m]
     walls = {*np.geomspace(low, high, 60).tolist(), high,
              *np.geomspace(high, max(high, 1e6), 60).tolist()}
     return next((k for k in sorted(walls)

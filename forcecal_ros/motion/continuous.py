@@ -226,7 +226,7 @@ def fit_multi_sine(start: Pose, pace: Pace, limits: Limits) -> MultiSine:
         try:
             check_multi_sine(fitted, limits)
         except MotionError as error:
-            # shrink: factor between two sizes that are tried within the workspace
+            # factor between two sizes that are tried within the workspace
             size *= 0.95
             if size * peak < MIN_ROTATION_RAD:
                 raise MotionError(

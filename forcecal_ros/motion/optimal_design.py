@@ -166,7 +166,7 @@ def in_motion(move: Move, sensors: Sensors) -> Information:
     """Return the information of a move, or of settling where it has no distance."""
     if not sensors.has_accelerometer:
         return nothing()
-    # spacing: moves are sampled that densely [s]: the block length of the identification
+    # moves are sampled that densely [s]: the block length of the identification
     n = max(2, round(move.duration / 0.02))
     s, rate, change = quintic((np.arange(n) + 0.5) / n)
     omega = rate[:, None] * move.turn / move.duration

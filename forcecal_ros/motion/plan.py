@@ -311,12 +311,12 @@ def _sweeps(home: Goal, away: Goal, timing: Timing) -> list[Segment]:
     for i, axis in enumerate('xyz'):
         out += timing.sweeps * _moves(axis, home, i, timing.amplitude, sweep)
     for i, axis in (1, 'y'), (2, 'z'):
-        # shake: distance [m] and duration [s] of moves at 18 Hz to 25 Hz, which tell a delay from
+        # distance [m] and duration [s] of moves at 18 Hz to 25 Hz, which tell a delay from
         # a low-pass
         for one in ((4e-4, 0.028), (3e-4, 0.024), (1.8e-4, 0.020)):
             out += timing.shakes * _moves(f'{axis} quickly', home, i, timing.amplitude, (one,))
     for i, axis in enumerate('xyz'):
-        # turn: angle [rad] and duration [s] of each rotation of a sweep, made out and back
+        # angle [rad] and duration [s] of each rotation of a sweep, made out and back
         for angle, duration in timing.turns * (
                 (0.15, 0.6), (0.10, 0.4), (0.05, 0.25), (0.02, 0.15)):
             goal = _rotated(home, i, timing.amplitude * angle)
@@ -337,13 +337,13 @@ def _reversals(home: Goal, away: Goal, amplitude: float) -> list[Segment]:
         return 2 * _out_and_back('reverse', 'joints', home,
                                  _between(home, away, 0.5 * amplitude), 3.0)
     out: list[Segment] = []
-    # tilt: largest angle [rad] and duration [s] of the slow rotations about y of ft_sensor, in
+    # largest angle [rad] and duration [s] of the slow rotations about y of ft_sensor, in
     # both senses, which let gravity pull along x
     largest, duration = 0.35, 2.5
     for share in (1.0, -1.0, 0.5, -0.5):
         goal = _rotated(home, 1, share * amplitude * largest)
         out += _out_and_back('reverse', 'about y', home, goal, duration)
-    # slow reversal: distance [m] and duration [s] of the slow reversals along x of ft_sensor
+    # distance [m] and duration [s] of the slow reversals along x of ft_sensor
     distance, duration = 0.02, 2.0
     return out + 2 * _out_and_back(
         'reverse', 'x', home, _forward(home, away, amplitude * distance), duration)
@@ -508,7 +508,7 @@ def _box(points: Array) -> Box | None:
 
 def path_of(plan: Sequence[PlannedSegment]) -> tuple[Array, Array]:
     """Return poses of ft_sensor along all moves, (n, 3) [m] and (n, 3, 3); none of joints."""
-    # spacing: time between two poses of a path that is shown: 5 mm at the default speed [s]
+    # time between two poses of a path that is shown: 5 mm at the default speed [s]
     found = [part.move.poses(max(2, round(part.move.duration / 0.02)))
              for part in plan if isinstance(part.move, (Move, MultiSine))]
     if not found:

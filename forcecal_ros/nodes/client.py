@@ -86,7 +86,7 @@ class Processes:
                 process.send_signal(signal.SIGINT)
         for process in self._running.values():
             try:
-                # patience: time from SIGINT to SIGKILL [s], ten times what a node takes to come
+                # time from SIGINT to SIGKILL [s], ten times what a node takes to come
                 # to rest
                 process.wait(5.0)
             except subprocess.TimeoutExpired:
@@ -212,7 +212,7 @@ def ask(ros: TemporaryNode, service: str, patience: float) -> Trigger.Response:
     if not _until(ros, client.service_is_ready, patience):
         raise DataError(f'{service} is not there after {patience:g} s; start its node with '
                         'the same ROS_DOMAIN_ID and --namespace')
-    # settled: from where the service is known here until this client is known there, without
+    # from where the service is known here until this client is known there, without
     # which its answer is lost: three times what Fast DDS waits by itself [s]
     ros.spin(0.3)
     answer = client.call_async(Trigger.Request())

@@ -152,7 +152,7 @@ class _Demo:
         answer = self.call(self._set, sequence_request(name)).results[0]
         if not answer.successful:
             raise MotionError(f'sequence {name}: {answer.reason}')
-        # ready timeout: time in which a start has to be accepted: the sequencer first requires
+        # time in which a start has to be accepted: the sequencer first requires
         # samples of every sensor [s]
         end = time.monotonic() + 30.0
         while not (answer := self.call(self._start, Trigger.Request())).success:

@@ -61,7 +61,7 @@ class LiveView:
         self._samples: dict[str, list[tuple[float, ...]]] = {name: [] for name in SHOWN}
         self._last: dict[str, int] = {}
         self._topics: dict[str, str] = {}
-        # kept: bins that a page may ask for: half a minute, as long as a person remembers what it
+        # bins that a page may ask for: half a minute, as long as a person remembers what it
         # looked like
         self._rows: deque[list[Any]] = deque(maxlen=750)
         self._count, self._phase, self._reason, self._answer = 0, '', '', ''

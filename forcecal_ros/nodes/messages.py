@@ -198,7 +198,7 @@ def contact_markers(wrench: Array, covariance: Array, frame: str, stamp: Time) -
             _ellipsoid(header, namespaces[2], tail,
                        METRES_PER_NEWTON ** 2 * covariance[:3, :3])]
     for marker in markers:
-        # fresh: how long a marker is shown that is not renewed [s]
+        # how long a marker is shown that is not renewed [s]
         marker.lifetime.nanosec = round(0.5 * 1e9)
     return MarkerArray(markers=markers)
 

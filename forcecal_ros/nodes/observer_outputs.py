@@ -99,7 +99,7 @@ class SensorTransform:
 
     def publish(self, stamp_ns: int, pose: tuple[float, ...], parent: str, child: str) -> None:
         """Publish a pose, unless one was published just now or its position is not known."""
-        # transform period: least time between two transforms: RViz draws 30 frames a second [ns]
+        # least time between two transforms: RViz draws 30 frames a second [ns]
         if 0 <= stamp_ns - self._last < 20_000_000 or not parent or pose[0] != pose[0]:
             return
         self._last = stamp_ns
@@ -247,7 +247,7 @@ def tool_warning(found: ToolEstimate, in_use: float) -> str:
         return f'tool: may have changed by {by}, or something pushes; turn it to tell'
     if found.state == FROZEN and found.suspected == found.suspected:
         return 'tool: a steady force that is no weight; it is not taken for a tool'
-    # sure: standard errors by which a tracked mass differs from the one in use before it is
+    # standard errors by which a tracked mass differs from the one in use before it is
     # called another
     if found.state == TRACKING and abs(found.mass - in_use) > max(
             3.0 * found.mass_std, 0.01 * in_use):

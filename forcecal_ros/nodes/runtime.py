@@ -252,7 +252,7 @@ def _spin(node: Node, interrupt: Interrupt) -> None:
 def _come_to_rest(node: Stoppable, executor: Executor) -> None:
     node.stop()
     requested_ns = STEADY.now().nanoseconds
-    # grace: silence of the commands after which a node that received a signal to end no longer
+    # silence of the commands after which a node that received a signal to end no longer
     # waits to come to rest: five times what a clock that drives the motion may stand
     # by default [s]
     while not node.at_rest and (

@@ -241,7 +241,7 @@ class Sequencer(MotionNode[SequencerSettings]):
             self._stillness = None
             return None
         self._checks += 1
-        # stillness check: stillness is checked once in so many commands: every 20 ms at 250 Hz,
+        # stillness is checked once in so many commands: every 20 ms at 250 Hz,
         # little against the 0.25 s of its window
         if self._stillness is None or self._checks % 5 == 0:
             self._stillness = self._sensors.monitor.stillness()

@@ -145,7 +145,7 @@ def settings_of(value: Mapping[str, Any]) -> SequencerSettings:
     watch = replace(section_of(WatchSettings, value, 'watch'), **{
         name: value[f'settle.{name}'] for name in (
             'window', 'factor', 'force_floor', 'torque_floor', 'position_floor')})
-    # latency: latency that sensors may have: settling lasts that much longer than the window of
+    # latency that sensors may have: settling lasts that much longer than the window of
     # stillness, so that all readings in it were taken at rest [s]
     stream = StreamSettings(
         rate=value['motion.rate'], stop_duration=limits.stop_duration,

@@ -103,7 +103,7 @@ def paper_covariances() -> Covariances:
     0.5 N, three times the paper's own table; on a quiet one they are only its ratio Q/R, a rise
     in about 7 ms, and an innovation far smaller than the filter thinks.
     """
-    # paper period: [Ukf2025] samples at 1000 Hz [s]
+    # [Ukf2025] samples at 1000 Hz [s]
     return Covariances(np.diag([0.01] * 3 + [0.001] * 3), np.diag([0.1] * 3 + [0.01] * 3),
                        np.diag([1.0] * 3 + [0.1] * 3), 0.001)
 
@@ -336,7 +336,7 @@ def opened(belief: Gaussian) -> Gaussian:
     states are the wrench, the next six its biases.
     """
     cov = belief.cov.copy()
-    # onset variance: at the onset of contact the wrench is held for that many times as uncertain,
+    # at the onset of contact the wrench is held for that many times as uncertain,
     # in variance, as its bias: then what came up is read as wrench (91 % of it at once), not as
     # bias
     cov[:6, :6] += 10.0 * cov[6:12, 6:12]

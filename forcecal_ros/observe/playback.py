@@ -333,10 +333,10 @@ def _between(run: PoseStream) -> PoseStream:
     from scipy.interpolate import CubicSpline
     from scipy.spatial.transform import Rotation, RotationSpline
 
-    # min spline poses: a spline needs as many; shorter runs are left as they are
+    # a spline needs as many; shorter runs are left as they are
     if len(run) < 4:
         return run
-    # pose step: slow poses are interpolated to this period at most, the one that the pose filters
+    # slow poses are interpolated to this period at most, the one that the pose filters
     # are designed for [s]
     parts = np.ceil(np.diff(run.t) / (1 / 250) - 1e-6).astype(int)
     t = np.append(np.concatenate([

@@ -260,7 +260,7 @@ def follow_gyro(belief: LevelBelief, model: PoseFreeModel, omega: Array | None, 
     Q[MASS, MASS] = imu.payload_walk ** 2 * dt
     tilt = imu.unknown_rate ** 2 * dt
     if omega is not None:
-        # offset time: the offset of a gyro is not estimated; it counts as noise that is drawn
+        # the offset of a gyro is not estimated; it counts as noise that is drawn
         # anew this often. As white noise, anew at every sample, the same size would turn gravity
         # by much less [s]
         tilt = (imu.gyro_std * dt) ** 2 + imu.gyro_offset ** 2 * 10.0 * dt
@@ -405,7 +405,7 @@ def pose_free_step(
     if y is None or not 0 < dt < np.inf:
         return state, _report(state, model, t, BAD_WRENCH)
     if state.belief is None:
-        # min specific force: a specific force below this, a tenth of gravity, does not tell
+        # a specific force below this, a tenth of gravity, does not tell
         # where down is [m/s^2]
         if f is None or np.linalg.norm(f) < 1.0:
             return state, _report(state, model, t, NO_GRAVITY)

@@ -81,7 +81,7 @@ class Tracker:
         """
         now, model = self.estimate, self.model
         since = now.t - self.announced.t
-        # announce period: a tool that is still being learned is announced again after this: twice
+        # a tool that is still being learned is announced again after this: twice
         # the time in which another is faded in [s]
         if now.state != TRACKING or 0 <= since < 1.0:
             return None
@@ -96,7 +96,7 @@ class Tracker:
     @property
     def estimate(self) -> ToolEstimate:
         """What hangs on the sensor by now; frozen where readings have ceased to tell."""
-        # max silence: readings that show nothing of the tool for so long leave it unwatched: a
+        # readings that show nothing of the tool for so long leave it unwatched: a
         # payload is to be noticed in that time [s]
         if not self._newest - self._state.t <= 1.0:
             return self.latest._replace(state=FROZEN)
@@ -141,7 +141,7 @@ def row_of(sample: ContactSample, motion: MotionEstimate, s: float, model: Model
 def is_full(rows: Sequence[tuple[float, ...]]) -> bool:
     """Whether rows make a block."""
     # block: of a block: vibrations average out over it, and a payload is noticed after eight [s]
-    # min block samples: samples that a scatter is taken from; slower sensors have longer blocks
+    # samples that a scatter is taken from; slower sensors have longer blocks
     return len(rows) >= 4 and rows[-1][0] - rows[0][0] >= 0.05
 
 
@@ -149,7 +149,7 @@ def block_of(rows: Sequence[tuple[float, ...]]) -> Block | None:
     """Average rows; None where there is a gap among them."""
     table = np.array(rows)
     duration = float(table[-1, 0] - table[0, 0])
-    # max block: a block that spans more has a gap, and is left out: a tool may turn far in it [s]
+    # a block that spans more has a gap, and is left out: a tool may turn far in it [s]
     if duration > 0.5:
         return None
     means = table.mean(axis=0)

@@ -85,7 +85,7 @@ class View:
     def span(self) -> Phase | None:
         """Return when the misfit of the focus is largest: a phase, or the worst part of it."""
         place = self.focus()
-        # looked at: what is shown at most of a phase that is twice as long [s]: some 500 block
+        # what is shown at most of a phase that is twice as long [s]: some 500 block
         # means
         return None if place is None else self._worst(place.channel, [
             part for phase in joined(self.phases) if phase.name == place.phase
@@ -398,7 +398,7 @@ def _how_sure(d: Diagnosis) -> str:
         return ''
     named = {e.name for e in d.effects}
     text = ', '.join(f'{percent(p)} {_called(name, named)}' for name, p in d.candidates)
-    # rounded: what rounding adds to probabilities of which one alone is true
+    # what rounding adds to probabilities of which one alone is true
     together = sum(p for _, p in d.candidates) > 1.0 + 0.02
     return f'{text}{"; several may act at once" if together else ""}.'
 

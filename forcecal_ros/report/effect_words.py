@@ -75,7 +75,7 @@ def sentence(effect: NamedEffect) -> str:
 def sizes(effect: NamedEffect) -> str:
     """List the numbers of an effect that are beyond chance, or all if none is, and a frequency."""
     real = {k: p for k, p in effect.parameters.items() if not _shapes(effect.name, k)}
-    # beyond: standard errors from which a number is one of those: 95 % of chance stays below
+    # standard errors from which a number is one of those: 95 % of chance stays below
     sure = {k: p for k, p in real.items()
             if p.at_bound or abs(p.value - _nominal(effect.name, k)) > 2.0 * p.std}
     shown = {**(sure or real or effect.parameters),

@@ -180,7 +180,7 @@ def command_period(t: Array) -> float:
     steps = np.diff(t) / period
     off = float(np.mean(np.abs(steps - np.maximum(1.0, np.round(steps))) > 0.5 - 1e-9)
                 + np.mean(steps > 1.5))
-    # irregular: share of intervals between commands that may be off by half a period: some get
+    # share of intervals between commands that may be off by half a period: some get
     # lost
     if off > 0.1:
         raise DataError(f'target_frame: {100.0 * off:.0f} % of the commands come irregularly, '
@@ -380,7 +380,7 @@ def _good_up_to(left: Array, moved: Array, period: float) -> tuple[float, float]
     strong = motion > 100.0 * np.median(motion[len(f) // 2:])
     weak = np.flatnonzero(~strong[1:])
     last = int(weak[0]) if len(weak) else len(f) - 1
-    # small: part of the motion that the model may leave at a frequency, in amplitude
+    # part of the motion that the model may leave at a frequency, in amplitude
     bad = np.flatnonzero(rest[1:last + 1] > 0.1 ** 2 * motion[1:last + 1])
     return (float(f[1 + bad[0]]) if len(bad) else np.inf), float(f[max(1, last)])
 

@@ -92,7 +92,7 @@ def followed(recording: Recording, period: float) -> Followed:
                         f'{shortest:g} s at least; record a longer motion')
     held = held_commands(target.t, starts, period / 2.0)
     reached, R = pose_at(pose, np.clip(starts + period, pose.t[0], pose.t[-1]))
-    # settling: start of a recording whose errors do not count, since the robot may have
+    # start of a recording whose errors do not count, since the robot may have
     # moved before [s]
     free = seen & (starts > max(start, float(pose.t[0])) + 0.5)
     for begin, end in phase_spans(recording.phases, TOUCHING):
@@ -195,7 +195,7 @@ def _fit_axis(rig: Rig, followed: Sequence[Followed], smooth: Sequence[Array], a
     # standard error of an axis's lag, in periods, up to which its delay is identified
     sure = 1.0
     period = rig.robot.period
-    # pause: rest that is put between recordings, in which one's motion dies away [s]
+    # rest that is put between recordings, in which one's motion dies away [s]
     gap = np.zeros(round(0.5 / period))
     command = np.concatenate([np.append(s[:, axis] - s[0, axis], gap) for s in smooth])
     position = np.concatenate([np.append(one.reached[:, axis] - one.reached[0, axis], gap)
@@ -399,7 +399,7 @@ def fit_rotation(rig: Rig, followed: Sequence[Followed], lag: float) -> Rotation
         Of the position, taken where nothing turned [s].
     """
     turn = max(float(np.linalg.norm(_away(one), axis=1).max()) for one in followed)
-    # turned: turn of the commands from which orientation counts as moved [rad]: ten times a
+    # turn of the commands from which orientation counts as moved [rad]: ten times a
     # pose's noise
     if turn < 0.01:
         rest = max(lag - rig.robot.period, 2.0 * COARSE)
@@ -421,7 +421,7 @@ def _best(rig: Rig, followed: Sequence[Followed], late: float) -> tuple[float, O
         found.append((k * period, _searched(rig, followed, k * period, start)))
         start = found[-1][1].x.tolist()
         costs = [float(one.cost) for _, one in found]
-        # patience: longer delays, each worse than the best, that end the search for it
+        # longer delays, each worse than the best, that end the search for it
         if len(costs) - 1 - int(np.argmin(costs)) >= 2:
             break
     return min(found, key=lambda one: float(one[1].cost))

@@ -89,13 +89,13 @@ def express_in_base(measured: PoseStream, simulated: PoseStream) -> PoseStream:
         The sensor's frames are turned to each other, or a base is not upright.
     """
     start, end = (f(measured.t[i], simulated.t[i]) for f, i in ((max, 0), (min, -1)))
-    # compared samples: instants at which two motions are compared
+    # instants at which two motions are compared
     t = np.linspace(start, end, 500)
     R, S = (Slerp(p.t, Rotation.from_matrix(np.array(p.R_base_sensor)))(t)
             for p in (measured, simulated))
     sensor, in_sensor = _mean_rotation(S.inv() * R)
     base, in_base = _mean_rotation(R * S.inv())
-    # max frame angle: angle beyond which frames are others [rad]: no arm is always that far from
+    # angle beyond which frames are others [rad]: no arm is always that far from
     # its simulation
     if min(sensor.magnitude(), base.magnitude()) < 0.1:
         return simulated
@@ -104,7 +104,7 @@ def express_in_base(measured: PoseStream, simulated: PoseStream) -> PoseStream:
                         f'{np.degrees(sensor.magnitude()):.0f} deg to each other in the robot and '
                         'in the simulator; record the pose of the frame of the wrench in both')
     axis = base.as_rotvec() / base.magnitude()
-    # max lean: how far the axis of a turn of the base may lean for gravity to stay where it
+    # how far the axis of a turn of the base may lean for gravity to stay where it
     # is [rad]
     if np.hypot(axis[0], axis[1]) > 0.05:
         raise DataError(f'the bases are turned by {np.degrees(base.magnitude()):.0f} deg to each '
@@ -313,14 +313,14 @@ def contact_blocks(beyond: Array) -> NDArray[np.bool_]:
     # ever shows that
     limit = max(CONTACT_FORCE_N, 8.0 * scatter)
     near = widen_blocks(force > limit)
-    # max contact ratio: part of a recording that may be left out; what is more is no contact but
+    # part of a recording that may be left out; what is more is no contact but
     # another wrench
     return near if near.mean() <= 0.5 else np.zeros(len(force), dtype=bool)
 
 
 def widen_blocks(blocks: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Add what is near some blocks."""
-    # contact margin: left out before and after [s]: a robot 10 mm/s fast and 1 mm off touches 0.1
+    # left out before and after [s]: a robot 10 mm/s fast and 1 mm off touches 0.1
     # s earlier
     width = 2 * round(0.2 / BLOCK) + 1
     return np.asarray(maximum_filter1d(blocks.astype(np.int8), width) > 0)

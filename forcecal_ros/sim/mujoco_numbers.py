@@ -288,7 +288,7 @@ class Swing:
 
     def notes(self, after: float) -> Iterator[str]:
         """Say which joint still swings so many seconds after the start [s]."""
-        # rest speed: speed of a joint [rad/s], [m/s] above which an arm that was to rest swings:
+        # speed of a joint [rad/s], [m/s] above which an arm that was to rest swings:
         # at 5 Hz that is 0.06 mrad, the noise of a joint
         if len(self._speeds) and self._speeds.max() > 2e-3:
             k = int(self._speeds.argmax())
@@ -303,7 +303,7 @@ def _refuse_beyond(model: Any, one: Drive, given: Array) -> None:
         return
     low, high = (float(x) for x in model.actuator_ctrlrange[one.ctrl])
     least, most = float(given.min()), float(given.max())
-    # range margin: part of an actuator's range by which commands may leave it: a controller's
+    # part of an actuator's range by which commands may leave it: a controller's
     # rounding of a joint at its limit, and less than any noise of a joint
     room = 1e-3 * (high - low)
     if least < low - room or most > high + room:
@@ -460,7 +460,7 @@ def _of_base(model: Any) -> list[Number]:
 
     if not np.allclose(down[:2], 0.0) or down[2] >= 0.0:
         return []
-    # tilt sigma: tilt of a base that was levelled by hand, 1 sigma [rad]
+    # tilt of a base that was levelled by hand, 1 sigma [rad]
     return [Number(Parameter(f'tilt.{a}', 0.0, 0.003, 'rad', -0.5, 0.5, 'robot',
                               ('base_tilt',)), *write(k)) for k, a in enumerate('xy')]
 
@@ -640,7 +640,7 @@ class Forces:
         ends = np.where(now < 0.0, self._low, self._high)
         part = np.divide(now, ends, out=np.zeros_like(now), where=ends != 0.0)
         self.most = np.maximum(self.most, part)
-        # at limit: part of its limit from which a drive is at it: MuJoCo clips, and numbers round
+        # part of its limit from which a drive is at it: MuJoCo clips, and numbers round
         self.reached += part > 0.999
 
     def near(self) -> list[Limit]:
@@ -797,7 +797,7 @@ class Touched:
     def parameters(self) -> set[str]:
         """Names of the parameters of what was touched."""
         found = {f'{field}[{self._names[i]}]' for field in (SOLREF, FRICTION) for i in self._faces}
-        # min facing: part of a contact's normal along an axis, from which a place along that axis
+        # part of a contact's normal along an axis, from which a place along that axis
         # counts
         return found | {f'{PLACE}[{self._names[i]}].{a}' for i, faces in self._faces.items()
                         for a, most in zip(AXES, faces) if most > 0.1}

@@ -94,7 +94,7 @@ def is_addable(effect: Effect, accelerated: bool) -> bool:
 
 
 def _effect(p: Parameter) -> Effect:
-    # visible sigma: a clearly visible change of a parameter, in its sigma: beyond what a nuisance
+    # a clearly visible change of a parameter, in its sigma: beyond what a nuisance
     # may take
     visible = p.nominal + 10.0 * p.sigma
     value = Quantity('value', p.unit, p.nominal, p.low, p.high, visible)
@@ -116,13 +116,13 @@ def nuisances_of(parameters: tuple[Parameter, ...], joints: int = 0, *, finer: b
     change = partial(shifted, '')
     found = [Nuisance(p.name, p.name, change('numbers', i), least=p.low - p.nominal,
                       prior_std=p.sigma) for i, p in enumerate(parameters)]
-    # delay std: delay of the robot beyond its simulator's, 1 sigma [s]: a cycle of a fast driver
+    # delay of the robot beyond its simulator's, 1 sigma [s]: a cycle of a fast driver
     found.append(Nuisance('robot.delay', 'late', change('late'), prior_std=0.001))
     for known, name, key in ((finer, INTEGRATION_STEP, 'finer'),
                              (finest, INTEGRATION_BEND, 'finest')):
         if known:
             found.append(Nuisance(name, key, change(key), prior_std=INTEGRATION_STD))
-    # mounting std: place of sensor and base, 1 sigma [m], [rad]: as far as a drawing and an arm
+    # place of sensor and base, 1 sigma [m], [rad]: as far as a drawing and an arm
     # are apart
     found += [Nuisance(f'mounting.{i}', 'mounting', change('mounting', i),
                        prior_std=(0.005, 0.01)[i // 3]) for i in range(6)]
@@ -247,7 +247,7 @@ class Rerun:
         """Carry the simulator's tool along its own motion, so much later; the last are kept."""
         key = rig.numbers, rig.late, rig.finer, rig.finest
         if key not in self._carried:
-            # cached motions: carried tools that are kept, one for each motion
+            # carried tools that are kept, one for each motion
             if len(self._carried) >= 6:
                 self._carried.pop(next(iter(self._carried)))
             made = self.runs.integrated(rig.numbers, rig.finer, rig.finest)

@@ -251,7 +251,7 @@ class CarriedTool:
 
     def _readings(self, behind: float) -> Array:
         if behind not in self._late:
-            # kept: delays for which the accelerometer's readings are kept
+            # delays for which the accelerometer's readings are kept
             if len(self._late) >= 12:
                 self._late.pop(next(iter(self._late)))
             assert self._volts is not None

@@ -129,13 +129,13 @@ class SensorFault:
     def _slow(self, block: _Block) -> _Block:
         index = self._count + np.arange(len(block.t))
         self._count += len(block.t)
-        # slow: a slow sensor delivers one sample in this many
+        # a slow sensor delivers one sample in this many
         return block.where(index % 20 == 0)
 
     def _delayed(self, block: _Block) -> _Block:
         """Hold back what is younger than the delay, counted from the newest sample."""
         block = block.after(self._held)
-        # delay: lateness of a delayed sensor [s]
+        # lateness of a delayed sensor [s]
         due = block.t <= (block.t[-1] if len(block.t) else 0.0) - 0.3
         self._held = block.where(~due)
         return block.where(due)

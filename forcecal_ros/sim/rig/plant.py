@@ -83,7 +83,7 @@ def slide_rates(rig: Rig) -> list[float]:
     rates = []
     if 'tool_stiffening' in named and rig.optidrive:
         cubic = named['tool_stiffening']['cubic']
-        # usual: displacement up to which the integration resolves a stiffening spring [m]
+        # displacement up to which the integration resolves a stiffening spring [m]
         rates.append(math.sqrt((rig.optidrive.stiffness + rig.wall.stiffness
                                 + 3.0 * max(0.0, cubic) * 0.015 ** 2) / rig.tool.mass))
     if 'tool_friction' in named:
@@ -92,7 +92,7 @@ def slide_rates(rig: Rig) -> list[float]:
             stiffness = rig.optidrive.stiffness if rig.optidrive else 0.0
             rates.append(math.sqrt((stiffness + v['force'] / v['presliding']) / rig.tool.mass))
         else:
-            # sticking: share of the rate of creep in friction that the integration resolves:
+            # share of the rate of creep in friction that the integration resolves:
             # creep is over at once
             rates.append(v['force'] / v['velocity_scale'] / rig.tool.mass * 0.5)
     if 'spindle_vibration' in named:
@@ -294,7 +294,7 @@ def enough_steps(rig: Rig) -> int:
     common, rig = common_samples(rig), physical_rig(rig)
     damping = max(1.0, rig.servo.orientation_damping or 1.0)
     turning = rig.servo.orientation_bandwidth * (damping + math.sqrt(damping ** 2 - 1.0))
-    # longest step: longest integration step [s]: forces of the nominal rig have converged to 1e-4
+    # longest integration step [s]: forces of the nominal rig have converged to 1e-4
     # N
     rates = [fastest / 0.0005, turning, *slide_rates(rig)]
     if rig.optidrive:

@@ -299,7 +299,7 @@ def _step(p: Record, state: Record, f: Array, h: float, at: Array) -> None:
     if p.rigid > 0.0:
         state.touching = _touches(p, f, 2, s, v)
         return
-    # most events: most beginnings and ends of contact that are located within one step
+    # most beginnings and ends of contact that are located within one step
     for _ in range(8):
         s_end, v_end = _advance(p, f, begin, 1.0, h, s, v, touching, anchor, at)
         if _touches(p, f, 2, s_end, v_end) == touching:

@@ -46,6 +46,15 @@ def test_what_stands_at_its_limit_is_not_identified():
     assert 'wrench_gain comes closest, but wrench_gain.fx = -0.9 is as large as' in sentence
 
 
+@pytest.mark.parametrize('closed, why', [
+    (0.3, 'explains only 30 % of the misfit'), (-0.1, 'what was held out is worse with it')])
+def test_what_is_too_little_to_be_named_is_unknown_with_the_reason(closed, why):
+    word, sentence = verdict(['wrench_gain'], [('unknown', 0.8), ('wrench_gain', 0.2)],
+                             UnexplainedPart(3.0, 'a line'), closed, True)
+    assert word == 'unknown'
+    assert f'wrench_gain comes closest, but {why}; unexplained: a line' in sentence
+
+
 def test_a_number_at_its_bound_is_told_without_a_standard_error(tmp_path):
     constant, order = EFFECTS['wrench_lowpass'].parameters
     assert ends(constant, constant.high) and ends(order, 2.0)
