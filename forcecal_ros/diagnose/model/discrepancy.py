@@ -242,23 +242,28 @@ class WhitenedDiscrepancy:
         multiplied with the combinations.
         """
         known = {} if absent else self._known.crosses
-        keys = [(c, recording, id(one)) for one in given]
-        new = {j: one for j, one in enumerate(given) if one is not None and not (
+        # an effect in all recordings and in this one alone has one column here
+        there = {id(one): one for one in given if one is not None}
+        some, keys = list(there.values()), [(c, recording, key) for key in there]
+        new = {j: one for j, one in enumerate(some) if not (
             keys[j] in known and known[keys[j]].column() is one)}
-        own, found = self._multiplied(c, recording, residual, given, list(new), absent)
+        own, found = self._multiplied(c, recording, residual, some, list(new), absent)
         known.update({keys[j]: _Cross(ref(one), found[:, :, 1 + i].astype(np.float32))
                       for i, (j, one) in enumerate(new.items())})
-        cross = np.zeros((*found.shape[:2], 1 + len(given)))
-        cross[:, :, 0] = found[:, :, 0]
-        for j, one in enumerate(given):
-            if one is not None:
-                cross[:, :, 1 + j] = known[keys[j]].products
-        trained, held = (int(np.sum(part & self.noise[recording].rows[:, c]))
-                         for part in (self.train[recording], ~self.train[recording]))
-        return Sums(own[0], cross[0], trained), Sums(own[1], cross[1], held)
+        cross = np.stack([found[:, :, 0], *(known[key].products for key in keys)], axis=2)
+        places = {key: 1 + j for j, key in enumerate(there)}
+        full = np.array([0, *(1 + j for j, one in enumerate(given) if one is not None)])
+        place = np.array([0, *(places[id(one)] for one in given if one is not None)])
+        out = []
+        for i, part in enumerate((self.train[recording], ~self.train[recording])):
+            sums = Sums.empty(len(given), cross.shape[1])
+            sums.own[np.ix_(full, full)] = own[i][np.ix_(place, place)]
+            sums.cross[:, full] = cross[i][:, place]
+            out.append(sums._replace(n=int(np.sum(part & self.noise[recording].rows[:, c]))))
+        return out[0], out[1]
 
     def _multiplied(self, c: int, recording: int, residual: Array,
-                    given: Sequence[Compact | None], new: Sequence[int], absent: bool
+                    given: Sequence[Compact], new: Sequence[int], absent: bool
                     ) -> tuple[Array, Array]:
         """
         Multiply residual and columns with each other, and with the combinations.

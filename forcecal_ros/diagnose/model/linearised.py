@@ -6,7 +6,13 @@ from dataclasses import dataclass, field, replace
 from forcecal_ros.core.errors import ForcecalError
 from forcecal_ros.core.geometry import Array, rotation_vector
 from forcecal_ros.core.noise.autoregression import Autoregression, fit_autoregression, white
-from forcecal_ros.diagnose.dataset import CHANNELS, Dataset, possible_effects, STREAM_SLICES
+from forcecal_ros.diagnose.dataset import (
+    CHANNELS,
+    Dataset,
+    possible_effects,
+    split_datasets,
+    STREAM_SLICES,
+)
 from forcecal_ros.diagnose.model.basis import Basis, basis
 from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.model.discrepancy import Discrepancy, WhitenedDiscrepancy
@@ -15,6 +21,7 @@ from forcecal_ros.diagnose.model.gates import departed, Gate, nuisances_of
 from forcecal_ros.diagnose.model.jacobian import Column, column, combined, nuisance_column
 from forcecal_ros.diagnose.model.products import Products
 from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY, Scales
+from forcecal_ros.diagnose.verdict import TOLERANCE
 from forcecal_ros.effects import Effect, EFFECTS, with_effects
 from forcecal_ros.effects.nuisances import apply_all, Nuisance, prior_std, ROBOT
 from forcecal_ros.effects.rig import Rig
@@ -53,9 +60,6 @@ Noise of a joint's position in one block mean, at least [rad]. Encoders show a t
 gears turn by so much more or less in each turn, and a load of the tool that is simulated beside
 the arm, a cable's say, moves no joint: a tenth of a millimetre at arm's length, as poses have.
 """
-
-TOLERANCE = 0.1
-"""RMS of what is unexplained, in that of a channel's noise, that does not matter by default."""
 
 Values = Mapping[str, Mapping[str, float]]
 """Values by effect and parameter."""
@@ -211,6 +215,13 @@ class LinearisedModel:
     def evaluate(self) -> None:
         """Simulate at the centre; the Jacobian stays as it is."""
         self.residuals = [self.simulate(self.effects, i) for i in range(len(self.datasets))]
+
+    def split_by_second(self) -> 'LinearisedModel':
+        """Judge on every other second of each recording, not on the last recording alone."""
+        datasets = tuple(one for c in self.datasets for one in split_datasets([c]))
+        d = self.discrepancy
+        return replace(self, datasets=datasets, discrepancy=d and Discrepancy(
+            d.basis, d.signal, [c.train for c in datasets]))
 
     def without_effects(self) -> 'LinearisedModel':
         """Remove all effects and released nuisances; the other nuisances stay."""

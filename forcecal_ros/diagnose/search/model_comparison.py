@@ -222,14 +222,15 @@ class ModelComparison(Explained):
             products.at(level.scales) for level in self.levels)]
         train, held = products.at(self.scales)
         both = train + held
-        best: dict[str, Candidate] = {}
+        best: dict[tuple[str, Gate | None], Candidate] = {}
 
         def keep(h: Hypothesis, atom: Atom | None, released: frozenset[str],
                  columns: NDArray[np.intp]) -> None:
             index = np.concatenate([np.arange(self.base), columns])
             result = self._judge(h, atom, released, [one.of(index) for one in grams])
-            if h.name not in best or result.evidence > best[h.name].evidence:
-                best[h.name] = result
+            key = h.name, h.gate
+            if key not in best or result.evidence > best[key].evidence:
+                best[key] = result
 
         for h in hypotheses:
             for released in h.releases:
@@ -284,4 +285,4 @@ class ModelComparison(Explained):
                 evidence = -np.inf
             theta = np.clip(theta, low, high)
         effect = Accepted(h.name, theta, np.zeros(len(theta)), free, released)
-        return Candidate(effect, float(evidence), h.ways, found.x[:self.m], level.scales)
+        return Candidate(effect, float(evidence), h.ways, found.x[:self.m], level.scales, h.gate)

@@ -34,7 +34,7 @@ def test_a_fit_at_an_instant_is_that_of_the_gated_column(model, ends):
     at = model.datasets[0].measured.start + 0.004 * float(instants.blocks[i])
     gate = Gate(0, None, at) if ends else Gate(0, at)
     rows = gate.rows(model.datasets[0].measured, 0)
-    train, held = model.products([gated(columns, rows)], absent=True).at(
+    train, held = model.products([[gated(one, rows) for one in columns]], absent=True).at(
         model.discrepancy_scales)
     own = model.prior()
     prior = Prior(np.append(own.centre, [0.0, 0.0]), np.append(own.precision, [EFFECT, EFFECT]),
