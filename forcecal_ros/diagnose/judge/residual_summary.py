@@ -19,9 +19,9 @@ from forcecal_ros.diagnose.localise import (
     time_frequency_bins,
     TimeFrequencyBin,
 )
+from forcecal_ros.diagnose.model.discrepancy import NO_DISCREPANCY, STREAM
 from forcecal_ros.diagnose.model.hypotheses import VIBRATION
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
-from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY
 from forcecal_ros.diagnose.search.model_comparison import FLAWED
 from forcecal_ros.diagnose.verdict import UnexplainedPart
 import numpy as np
@@ -166,7 +166,8 @@ def discrepant(model: LinearisedModel, trained: bool = True) -> list[Array]:
     list of ndarray, shape (n, channels)
         In each recording.
     """
-    weights = model.residual_products().weights(model.discrepancy_scales, trained)
+    sizes = {c: model.discrepancy_scales[stream] for c, stream in enumerate(STREAM)}
+    weights = model.residual_products(trained).weights(sizes)
     return model.whitened_discrepancy().of_weights(weights, [b.shape for b in model.residuals])
 
 

@@ -15,12 +15,16 @@ from forcecal_ros.diagnose.dataset import (
 )
 from forcecal_ros.diagnose.model.basis import Basis, basis
 from forcecal_ros.diagnose.model.compact import Compact
-from forcecal_ros.diagnose.model.discrepancy import Discrepancy, WhitenedDiscrepancy
+from forcecal_ros.diagnose.model.discrepancy import (
+    Discrepancy,
+    NO_DISCREPANCY,
+    Products,
+    Scales,
+    WhitenedDiscrepancy,
+)
 from forcecal_ros.diagnose.model.evidence import Earlier, FIRST_RECORDING, Fit, fit, Gram, Prior
 from forcecal_ros.diagnose.model.gates import departed, Gate, nuisances_of
 from forcecal_ros.diagnose.model.jacobian import Column, column, combined, nuisance_column
-from forcecal_ros.diagnose.model.products import Products
-from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY, Scales
 from forcecal_ros.diagnose.verdict import TOLERANCE
 from forcecal_ros.effects import Effect, EFFECTS, with_effects
 from forcecal_ros.effects.nuisances import apply_all, Nuisance, prior_std, ROBOT
@@ -270,17 +274,23 @@ class LinearisedModel:
                                                   self.level)
         return self._straight[key]
 
-    def grams(self, extra: list[list[Column]], residuals: list[Array] | None = None
-              ) -> tuple[Gram, Gram]:
-        """Return the training and the held-out Gram of nuisances' and further columns."""
-        return self.products(extra, residuals,
-                             self.discrepancy_scales == NO_DISCREPANCY).at(self.discrepancy_scales)
+    def gram(self, extra: list[list[Column]], training: bool = False) -> Gram:
+        """Return the Gram of nuisances' and further columns, over all or training blocks."""
+        columns = [[*own, *more] for own, more in zip(self.jacobian, extra)]
+        return self._products(columns, training).at(self.discrepancy_scales)
 
-    def products(self, extra: list[list[Column]], residuals: list[Array] | None = None,
-                 absent: bool = False) -> Products:
+    def products(self, extra: list[list[Column]]) -> Products:
         """Return inner products of nuisances' and further columns, for any discrepancy."""
         columns = [[*own, *more] for own, more in zip(self.jacobian, extra)]
-        return self.whitened_discrepancy().products(columns, residuals or self.residuals, absent)
+        return self.whitened_discrepancy().products(columns, self.residuals)
+
+    def residual_products(self, training: bool = False) -> Products:
+        """Return inner products of the residuals alone."""
+        return self._products([[] for _ in self.datasets], training)
+
+    def _products(self, columns: list[list[Column]], training: bool) -> Products:
+        return self.whitened_discrepancy().products(
+            columns, self.residuals, self.discrepancy_scales == NO_DISCREPANCY, training)
 
     def whitened_discrepancy(self) -> WhitenedDiscrepancy:
         """Return the discrepancy, whitened by the noise; an empty one where none is set up."""
@@ -298,8 +308,7 @@ class LinearisedModel:
 
     def fit_nuisances(self) -> Fit:
         """Fit the nuisances alone."""
-        train, held = self.grams([[] for _ in self.datasets])
-        return fit(train + held, self.prior())
+        return fit(self.gram([[] for _ in self.datasets]), self.prior())
 
     def log_posterior(self, square: float | None = None) -> float:
         """
@@ -311,15 +320,8 @@ class LinearisedModel:
             Of the residual's Gram, where that is known.
         """
         if square is None:
-            square = sum(one.square for one in self.residual_products().at(
-                self.discrepancy_scales))
+            square = self.residual_products().at(self.discrepancy_scales).square
         return -0.5 * (square + self._cost())
-
-    def residual_products(self) -> Products:
-        """Return inner products of the residuals alone."""
-        return self.whitened_discrepancy().products(
-            [[] for _ in self.datasets], self.residuals,
-            self.discrepancy_scales == NO_DISCREPANCY)
 
     def _cost(self) -> float:
         prior = self.prior()

@@ -13,6 +13,7 @@ from itertools import count
 from types import MappingProxyType
 from typing import NamedTuple
 
+from forcecal_ros.diagnose.model.discrepancy import NO_DISCREPANCY
 from forcecal_ros.diagnose.model.evidence import Earlier, FIRST_RECORDING
 from forcecal_ros.diagnose.model.gates import BIAS, kind_of
 from forcecal_ros.diagnose.model.hypotheses import (
@@ -22,7 +23,6 @@ from forcecal_ros.diagnose.model.hypotheses import (
     in_one_recording,
 )
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
-from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY
 from forcecal_ros.diagnose.search.calibration import Features, probability
 from forcecal_ros.diagnose.search.change_points import (
     Instant,
