@@ -59,7 +59,7 @@ from forcecal_ros.calibrate.tool import identify_tool, tool_of_motion
 from forcecal_ros.checks.accelerometer import refuse_on_another_link, refuse_other_unit
 from forcecal_ros.checks.entry import checked
 from forcecal_ros.checks.hypotheses import judge, refuse_late_accelerometer, slight_misfit
-from forcecal_ros.checks.messages import Stated
+from forcecal_ros.checks.messages import Doubt, Stated
 from forcecal_ros.checks.signals import clipped
 from forcecal_ros.core.axes import (
     DOWN,
@@ -357,9 +357,9 @@ def _judged(recording: Recording, settings: IdentificationSettings
     if settings.coupling == 'dc':
         refuse_late_accelerometer(judged, settings.gravity * down)
     found = judge(judged, settings.gravity * down, stated)
-    notes = [one for one in found if 'suspect: ' not in one]  # as a delay, which is estimated
+    notes = [one for one in found if not isinstance(one, Doubt)]  # as a delay, which is estimated
     return (replace(recording, notes=(*recording.notes, *notes)),
-            tuple(one for one in found if one not in notes),
+            tuple(one for one in found if isinstance(one, Doubt)),
             slight_misfit(judged, settings.gravity * down, stated))
 
 
