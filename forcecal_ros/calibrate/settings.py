@@ -67,8 +67,6 @@ class IdentificationSettings(Section, name=''):
     sensor_rotation: Annotated[Vector3 | None, Row(
         "Rotation vector of the wrench's axes, seen from the frame of the pose; None: the same",
         'rad')] = None
-    theta: Annotated[float, Row(
-        "The paper's angle in Eq. 9 and 12; only the plain Eq. 16 uses it", 'rad')] = 0.0
     coupling: Annotated[str, Row(
         'Of the accelerometer; ac: with a first-order high-pass', words=COUPLINGS)] = 'dc'
     cutoff: Annotated[float | None, Row(
