@@ -50,8 +50,7 @@ def turned(degrees):
     lambda w, R: 0.65 * w, lambda w, R: 2.5 * w,
     lambda w, R: w.clip([-8.0] * 6, [12.0] * 6)])
 def test_pushes_gains_biases_and_small_turns_are_left_to_whoever_looks_for_them(change):
-    for seed in range(2):
-        refuse_other_axes(recorded(seed, change))
+    refuse_other_axes(recorded(0, change))
 
 
 @pytest.mark.parametrize('change, said', [
@@ -69,9 +68,8 @@ def test_pushes_gains_biases_and_small_turns_are_left_to_whoever_looks_for_them(
     (lambda w, R: np.hstack([w[:, :3], np.einsum('nij,nj->ni', R, w[:, 3:])]),
      'its torques are expressed in base, its forces in the sensor')])
 def test_other_frames_axes_and_units_are_refused_by_cause(change, said):
-    for seed in range(2):
-        with pytest.raises(DataError, match=said):
-            refuse_other_axes(recorded(seed, change))
+    with pytest.raises(DataError, match=said):
+        refuse_other_axes(recorded(0, change))
 
 
 def test_a_sensor_that_hardly_turns_says_nothing():
