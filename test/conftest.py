@@ -143,6 +143,20 @@ def rig_run(once):
 
 
 @pytest.fixture(scope='session')
+def brief(once):
+    """Return a folder with ``bag``, a brief calibration run at 250 Hz, and ``c.yaml`` of it."""
+    from calibration_runs import brief_run
+    from forcecal_ros.cli.main import main
+    from forcecal_ros.io.bags import write_recording
+
+    def fill(folder):
+        write_recording(folder / 'bag', brief_run())
+        assert main(['calibrate', str(folder / 'bag'), '-o', str(folder / 'c.yaml')]) == 0
+
+    return once('brief', fill)
+
+
+@pytest.fixture(scope='session')
 def second_rig(once):
     """Return a folder with ``bag`` and ``clean.npz``: the same motion run by the second rig."""
     if not (ROOT / 'benchmark' / 'blind').is_dir():

@@ -12,5 +12,6 @@ def but(values, later):
 def first(values, count=1):
     """Leave all but the first few values to the long run."""
     values = [*values]
-    return [*values[:count], *(pytest.param(value, marks=pytest.mark.long)
-                               for value in values[count:])]
+    return [*values[:count], *(pytest.param(
+        *(value if isinstance(value, tuple) else (value,)), marks=pytest.mark.long)
+        for value in values[count:])]
