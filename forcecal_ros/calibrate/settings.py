@@ -79,7 +79,8 @@ class IdentificationSettings(Section, name=''):
     wrench_sign: Annotated[int, Row(
         'What the readings were multiplied by when they were read', words=(1, -1))] = 1
     largest_delay: Annotated[float, Row(
-        'Delays between sensors are looked for up to this', 's', above=0.0)] = 0.02
+        'Delays between sensors are looked for up to this; longer ones are other clocks', 's',
+        above=0.0)] = 0.1
     observer_mode: Annotated[str, Row('Who publishes the contact wrench', words=MODES)] = 'kalman'
     observer_design: Annotated[str, Row(
         "Of the paper's gain: kalman is Eq. 18, 19", words=DESIGNS)] = 'kalman'
