@@ -43,8 +43,6 @@ def everything_in(folder):
     ('calibrate', 'no_bag', '--gravity-direction', '0', '1', 'nan'),
     ('calibrate', 'no_bag', '--cutoff', '0'),
     ('calibrate', 'no_bag', '--cutoff', '3'),
-    ('calibrate', 'no_bag', '--theta', 'inf'),
-    ('calibrate', 'no_bag', '--theta', '900'),
     ('calibrate', 'no_bag', '--accelerometer-position', '30', '5', '120'),
     ('calibrate', 'no_bag', '--topic', 'wrench'),
     ('calibrate', 'no_bag', '--topic', 'wrnch=/wrench'),
