@@ -34,6 +34,7 @@ from forcecal_ros.sim.rigid_tool import beyond, CarriedTool, RigidTool
 from forcecal_ros.sim.signals import BLOCK, block_means, RATE, slow
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.linalg import block_diag
 from scipy.ndimage import binary_erosion, label
 from scipy.stats import multivariate_normal
@@ -176,10 +177,14 @@ def touch_of_robot(recording: Recording, simulation: RecordedSimulation, rig: Ri
     """
     rig = replace(rig, effects=tuple(one for one in rig.effects if one[0] not in LATE))
     s, simulated = simulation.signals(rig), block_means(simulation.beyond)
+    assert recording.pose is not None
+    # noise of a depth does no harm; what is merged from two poses rings where contact begins
+    t = s.start + (1.0 + np.arange(len(s.position))) / RATE
+    position = CubicSpline(recording.pose.t, recording.pose.position)(t)
     named = named_effects(rig.effects).get('wrench_gain', {})
     gain = np.array(rig.wrench_sensor.gain) * [1.0 + named.get(axis, 0.0) for axis in FORCES]
     return _touch(beyond(recording, s) + simulated, block_means(s.wrench) - simulated, gain,
-                  (s.position, s.velocity, s.R_base_sensor, s.omega), near)
+                  (position, s.velocity, s.R_base_sensor, s.omega), near)
 
 
 def touch_of_simulation(simulated: Recording, simulation: RecordedSimulation, tool: RigidTool
@@ -275,7 +280,10 @@ def _rows(touches: Sequence[Touch], normal: Array, point: Array) -> _Rows:
         'nij,nj->ni', one.R_base_sensor, np.cross(one.omega, point)) for one in touches])
     push, plane = force @ normal, np.linalg.svd(normal[np.newaxis])[2][1:].T
     law = np.stack([np.ones(len(own)), push, velocity @ normal], axis=1)
-    law = (each[:, :, np.newaxis] * law[:, np.newaxis]).reshape(-1, 3 * m)
+    speed = velocity @ plane
+    pace = np.linalg.norm(speed, axis=1, keepdims=True)
+    law = np.hstack([(each[:, :, np.newaxis] * law[:, np.newaxis]).reshape(-1, 3 * m),
+                     each * pace])
     # of the way along the surface what no force explains: the rest is depth by another name
     along = (x - x.mean(axis=0)) @ plane
     along = along - law @ np.linalg.lstsq(law, along, rcond=None)[0]
@@ -283,7 +291,6 @@ def _rows(touches: Sequence[Touch], normal: Array, point: Array) -> _Rows:
     plane, slides = plane @ ways.T, int((sizes > SLIDE_M * np.sqrt(len(own))).sum())
     regressors = np.hstack([law, (along @ ways.T)[:, :slides]])
     speed = velocity @ plane
-    pace = np.linalg.norm(speed, axis=1, keepdims=True)
     way = -push[:, np.newaxis] * speed / np.where(pace > SLIDING_M_S, pace, np.nan)
     rubbing = np.concatenate([way[:, :, np.newaxis] * each[:, np.newaxis],
                               push[:, np.newaxis, np.newaxis] * np.eye(2)], axis=2)
@@ -295,9 +302,9 @@ def _fit(rows: _Rows, kept: NDArray[np.bool_]) -> _Fit:
     own, m = rows.own[kept], int(rows.own.max()) + 1
     middle = rows.depth.mean()
     # blocks of half a second; where contact is short, a few more than there are unknowns
-    blocks = int(np.clip(2.0 * BLOCK * len(own), 3 * m + 8, BLOCKS))
-    slides = rows.regressors.shape[1] - 3 * m
-    prior = np.append(np.zeros(3 * m), np.full(slides, TILT ** -2))
+    blocks = int(np.clip(2.0 * BLOCK * len(own), 4 * m + 8, BLOCKS))
+    slides = rows.regressors.shape[1] - 4 * m
+    prior = np.append(np.zeros(4 * m), np.full(slides, TILT ** -2))
     law = robust_fit(rows.regressors[kept][:, np.newaxis], rows.depth[kept, np.newaxis] - middle,
                      prior, blocks, groups=own, channels=1)
     theta = law.theta.copy()
@@ -307,7 +314,7 @@ def _fit(rows: _Rows, kept: NDArray[np.bool_]) -> _Fit:
     friction, scale = np.zeros(m + 2), np.array([law.scale[0, 0], np.inf])
     rubs = np.isfinite(rows.rubbing[kept]).all(axis=(1, 2))
     if BLOCK * np.bincount(own[rubs], minlength=m).min() > MIN_CONTACT_S:
-        tilts = np.concatenate([np.zeros(m), 1.0 / np.diag(law.covariance)[3 * m:],
+        tilts = np.concatenate([np.zeros(m), 1.0 / np.diag(law.covariance)[4 * m:],
                                 np.full(2 - slides, TILT ** -2)])
         rub = robust_fit(rows.rubbing[kept][rubs], rows.tangential[kept][rubs], tilts, blocks,
                          groups=own[rubs], channels=2)
@@ -348,7 +355,7 @@ def fit_surface(touches: Sequence[Touch]) -> Surface:
         rows = _rows(touches, normal, point)
         fit = _fit(rows, np.ones(len(rows.own), dtype=bool))
         found = Surface(rows, fit, normal)
-        slopes = fit.law[3 * len(touches):]
+        slopes = fit.law[4 * len(touches):]
         normal = normal + rows.plane[:, :len(slopes)] @ slopes
     residual = rows.depth - rows.regressors @ fit.law
     for i, name in enumerate(whose[:len(touches)]):
