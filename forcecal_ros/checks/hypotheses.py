@@ -33,7 +33,7 @@ from forcecal_ros.checks.evidence import (
     on_grid,
     STEP_S,
 )
-from forcecal_ros.checks.messages import SLIGHT, Stated
+from forcecal_ros.checks.messages import Doubt, SLIGHT, Stated
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import (
     Array,
@@ -167,7 +167,7 @@ def judge(recording: Recording, gravity: Array, stated: Stated = Stated(),
                  and best.evidence - one.evidence < MARGIN]
         message = messages.of(best, plain, stated, close)
         if message and not (known and best.row.is_note):
-            raise DataError(message, best.name)
+            raise DataError(message, messages.about(best))
         if message or (best.row.is_note and best.name != 'tilted'):
             return (message or messages.slight(best, stated),)
     if not known:
@@ -497,7 +497,7 @@ def _other_point(fit: Explained, recording: Recording, known: Known | None) -> s
         f'{1e3 * np.linalg.norm(off):.0f} mm; calibrate {"again " * bool(known)}with '
         f'--sensor-from-pose {_sensor_at(recording, -off)}, which puts the sensor there')
     # without a known tool it may be the inertia that is wrong, as where a tool slides unseen
-    return message if known else f'{message}; suspect: com'
+    return message if known else Doubt(f'{message}; suspect: com')
 
 
 def torque_units_of(shown: Array, com: Array, cov: Array, shown_cov: Array,

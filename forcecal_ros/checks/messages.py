@@ -37,6 +37,9 @@ INERTIA_SIGMA = 10.0
 """Standard errors of an inertial mass, at least, and of a weight beside it, at most, of which the
 weight was removed."""
 
+SIGN, WEIGHT_REMOVED = 'sign', 'weight removed'
+"""What an error is about: the wrench has the opposite sign; it holds no weight."""
+
 ITSELF: Vector7 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 FIXED = {
@@ -53,6 +56,12 @@ FIXED = {
                         'record without taring between poses'),
 }
 """Cause and remedy of hypotheses that have no numbers of their own."""
+
+
+class Doubt(str):
+    """A note that calls estimates into question; others state what was estimated besides."""
+
+    __slots__ = ()
 
 
 class Stated(NamedTuple):
@@ -152,7 +161,7 @@ def refuse_weightless(plain: Any) -> None:
         raise DataError(
             f'wrench: it shows the inertia of {inertial:.3g} kg and the weight of '
             f'{max(fit.mass, 0.0):.2g} +- {fit.mass_std:.2g} kg: the driver removes the weight; '
-            "let it leave the weight in, or record the sensor's own readings")
+            "let it leave the weight in, or record the sensor's own readings", WEIGHT_REMOVED)
     explained = 1.0 - (residual / max(changes, 1e-300))**2
     if abs(fit.mass) < 3.0 * fit.mass_std or (fit.mass < 0.0 and explained < EXPLAINED):
         if residual > NO_NOISE_N:
@@ -207,12 +216,18 @@ def as_in_base(force: Array, gravity: Array) -> str:
             'expressed in base')
 
 
+def about(one: Any) -> str:
+    """Return what a refusal is about: the row, or the sign where axes are all reversed."""
+    reversed_ = one.name == 'mirrored' and _angle(-one.motion.axes) < TOLERANCE_DEG
+    return SIGN if reversed_ else str(one.name)
+
+
 def _cause(one: Any, plain: Any, stated: Stated) -> tuple[str, str] | None:
     """Cause and remedy of what is beyond tolerance; None: within it, or no reason to refuse."""
     name = one.name
     if name in FIXED:
         return FIXED[name]
-    if name == 'sign' or (name == 'mirrored' and _angle(-one.motion.axes) < TOLERANCE_DEG):
+    if about(one) == SIGN:
         sign = -stated.wrench_sign
         return ('wrench: it has the opposite sign', (f'set wrench.sign to {sign} (--wrench-sign '
                 f'{sign}), unless the robot hangs upside down: then '

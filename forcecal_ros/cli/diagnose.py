@@ -25,6 +25,7 @@ from forcecal_ros.cli.many import run as run_each
 from forcecal_ros.cli.outputs import add_output, RESULTS
 from forcecal_ros.core.errors import UsageError
 from forcecal_ros.core.files import write_results
+from forcecal_ros.diagnose.verdict import TOLERANCE
 
 RIGID = 'rigid_tool.yaml'
 """Gives the tolerances of a calibrated tool if no rig is named."""
@@ -63,9 +64,10 @@ def add_parser(subparsers: Any) -> None:
     recording.add_argument('--prior', metavar='DIR',
                            help='results of an earlier recording of the same robot, against the '
                                 'same model, from which this diagnosis continues')
-    recording.add_argument('--tolerance', metavar='X', type=positive, default=0.1,
+    recording.add_argument('--tolerance', metavar='X', type=positive, default=TOLERANCE,
                            help="what is unexplained and smaller than X times a channel's noise "
-                                '(RMS) does not matter: it is no gap (default: 0.1)')
+                                '(RMS) does not matter: it is no gap (default: '
+                           f'{TOLERANCE:g})')
     recording.add_argument('--robot', metavar='NAME',
                            help='name of the robot, kept in diagnosis.json for forcecal fleet')
     model = group(parser, MODEL)

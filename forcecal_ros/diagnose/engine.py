@@ -43,13 +43,13 @@ from forcecal_ros.diagnose.localise import (
 )
 from forcecal_ros.diagnose.model.evidence import Earlier, FIRST_RECORDING
 from forcecal_ros.diagnose.model.hypotheses import hypotheses
-from forcecal_ros.diagnose.model.linearised import linearised_model, LinearisedModel, TOLERANCE
+from forcecal_ros.diagnose.model.linearised import linearised_model, LinearisedModel
 from forcecal_ros.diagnose.model.saturation import CLIPPING
 from forcecal_ros.diagnose.recordings import convert_to_volts, Corrected, missing_streams
 from forcecal_ros.diagnose.result import Diagnosis, patched_rig
 from forcecal_ros.diagnose.search.calibration import UNKNOWN
 from forcecal_ros.diagnose.search.posterior import Posterior, search
-from forcecal_ros.diagnose.verdict import verdict
+from forcecal_ros.diagnose.verdict import TOLERANCE, verdict
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.effects.rig import Rig
 import numpy as np
@@ -134,6 +134,11 @@ def diagnose_datasets(rig: Rig, datasets: tuple[Dataset, ...], stamps: Sequence[
             model.refit_noise(np.zeros(len(model.nuisances)))
         tried = hypotheses(model, frequencies[0] if frequencies else None)
         found = search(model, tried)
+        last = len(datasets) - 1
+        if not all(gate.acts_in(last) for n, gate in found.model.gates.items()
+                   if n in found.features):  # the last one alone would not show it
+            first = first.split_by_second()
+            found = found._replace(model=found.model.split_by_second())
         judged = judge(first, found, checks, observed)
         where = _localised(found, judged.summary.predicted, checks)
         diagnosis = replace(_say(model, found, judged, checks), localisation=where,

@@ -144,10 +144,8 @@ def _information(model: LinearisedModel, found: list[Hypothesis]) -> tuple[Array
         extra += columns
         parts[h.name] = np.arange(position, position + len(columns))
         position += len(columns)
-    train, held = model.grams([extra])
-    matrix = train.matrix + held.matrix
     size = np.concatenate([np.ones(m), scale])
-    matrix = matrix * np.outer(size, size)
+    matrix = model.gram([extra]).matrix * np.outer(size, size)
     nuisance = np.arange(m)
     cross = matrix[:, nuisance]
     inner = matrix[np.ix_(nuisance, nuisance)] + np.eye(m)

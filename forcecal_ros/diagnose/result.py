@@ -129,11 +129,11 @@ def _number(p: Parameter) -> dict[str, Any]:
 
 
 def _active_interval(effect: NamedEffect) -> dict[str, Any]:
-    """Say when an effect that began or ended during a recording did."""
-    out: dict[str, Any] = {}
+    """Say when an effect acted, if not all the time: from or to an instant, in one recording."""
+    out: dict[str, Any] = {} if effect.recording is None else {'recording': effect.recording}
     for word, at, ci95 in instants(effect):
         out |= {word: at, f'{word}_ci95': list(ci95)}
-    return {**out, 'recording': effect.recording} if out else out
+    return out
 
 
 def load_diagnosis(path: Path | str) -> tuple[Diagnosis, dict[str, Any]]:
@@ -185,7 +185,8 @@ def _from_document(d: Mapping[str, Any]) -> Diagnosis:
             str(e['name']), {key: Parameter(float(p['value']), float(p['std']), str(p['unit']),
                                             bool(p.get('at_bound')))
                              for key, p in e['parameters'].items()}, float(e['probability']),
-            e.get('from'), end=e.get('to')) for e in d['effects']),
+            e.get('from'), end=e.get('to'), recording=e.get('recording'))
+            for e in d['effects']),
         candidates=tuple((str(c['name']), float(c['probability'])) for c in d['candidates']),
         localisation=tuple(Location(w['stage'], w['channel'], w['phase'], tuple(w['band_hz']),
                                     float(w['excess']), float(w['p'])) for w in d['where']),
@@ -241,7 +242,7 @@ def patched_calibration(calibration: Calibration, rigid_tool: RigidTool, delay_s
 def _lasts(model: LinearisedModel, name: str) -> bool:
     """Say whether a rig still has an effect when the recordings end, and can be given it."""
     gate = model.gates.get(name)
-    return kind_of(name) != BIAS.name and (gate is None or gate.end is None)
+    return kind_of(name) != BIAS.name and (gate is None or gate.lasts(len(model.datasets)))
 
 
 def patched_rig(model: LinearisedModel, selection: Posterior, checks: Checks) -> Rig:

@@ -2,9 +2,12 @@
 
 from collections.abc import Sequence
 from math import inf
+from typing import NamedTuple
 
-from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
 from forcecal_ros.diagnose.search.calibration import UNKNOWN
+
+TOLERANCE = 0.1
+"""RMS of what is unexplained, in that of a channel's noise, that does not matter by default."""
 
 MIN_EXPLAINED_WHOLE = 0.95
 """Explained share from which what is unexplained does not matter beside it."""
@@ -23,6 +26,25 @@ WITHIN = 'within tolerance'
 
 FIRST = 'look first at this: '
 """Before what a simulator reports of its own run, which may be why nothing explains the gap."""
+
+
+class UnexplainedPart(NamedTuple):
+    """
+    What is unexplained, as a multiple of what noise would leave.
+
+    Attributes
+    ----------
+    ratio : float
+        Largest statistic over its threshold: more than noise from 1 on.
+    words : str
+        What it is.
+    within : str
+        What is more than noise, but no more than is tolerated; empty where something matters.
+    """
+
+    ratio: float
+    words: str
+    within: str = ''
 
 
 def percent(share: float) -> str:

@@ -41,8 +41,7 @@ def not_excited(model: LinearisedModel, found: list[Hypothesis]) -> list[str]:
     m = len(model.nuisances)
     extra = [[c for h in found for a in h.atoms[:1] for c in a.columns[i]]
              for i in range(len(model.datasets))]
-    train, held = model.grams(extra)
-    energy = np.diag(train.matrix) + np.diag(held.matrix)
+    energy = np.diag(model.gram(extra).matrix)
     visible, position = set(), m
     for h in found:
         if h.releases:

@@ -284,7 +284,7 @@ def measured_gap(model: LinearisedModel, selection: Posterior, summary: Residual
         r - by for r, by in zip(selection.model.residuals, changed)])
     without_name = 0.0 if selection.accepted else unpredictable(final, summary.strongest, moved)
     noise = sample_noise(final, errors.expected() + without_name, moved)
-    beside = moved if errors.predicted is None else errors.predicted.rows
+    beside = errors.predicted or moved
     energy = unpredictable(final, summary.strongest, beside)
     for i, (dataset, rows) in enumerate(zip(model.datasets, beside)):
         simulated, means = model.signals(i), dataset.measured.of_wrench

@@ -9,8 +9,8 @@ from forcecal_ros.diagnose.dataset import MeasuredBlocks
 from forcecal_ros.diagnose.judge.gap import Gap, measured_gap
 from forcecal_ros.diagnose.judge.named_effects import (
     at_limit,
-    begun_or_ended,
     Checks,
+    in_its_time,
     NamedEffect,
     Parameter,
     parameters_of,
@@ -19,13 +19,13 @@ from forcecal_ros.diagnose.judge.residual_summary import (
     ResidualSummary,
     summarise_residual,
     unexplained,
-    UnexplainedPart,
 )
 from forcecal_ros.diagnose.judge.stated_errors import with_taken
 from forcecal_ros.diagnose.judge.ties import Tie, ties_of
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.search.calibration import probability, UNKNOWN
 from forcecal_ros.diagnose.search.posterior import Posterior
+from forcecal_ros.diagnose.verdict import UnexplainedPart
 
 CHECKED = 0.99
 """Probability of an effect of stamps or values: they are found at many sigmas or not at all."""
@@ -72,7 +72,7 @@ def judge(first: LinearisedModel, found: Posterior, checks: Checks,
     limits = [x for name, values in numbers.items() for x in at_limit(name, values)]
     probabilities, candidates = weighed(found, part.ratio >= 1.0, gap.closed, not limits)
     stated = with_taken(final, found.accepted, numbers, errors, gap.closed)
-    named = [begun_or_ended(NamedEffect(name, values, probabilities[name]), final, found.instants)
+    named = [in_its_time(NamedEffect(name, values, probabilities[name]), final, found.instants)
              for name, values in stated.items()]
     candidates += [(e.name, e.probability) for e in checked]
     return Judged(summary, part, gap, noise, numbers, (*named, *checked), ties,

@@ -1,6 +1,6 @@
 """Effects found, in the library's own parameters."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from forcecal_ros.checks.clocks import JITTER
@@ -56,8 +56,8 @@ class NamedEffect:
     begin, end : float, optional
         When it began and ended [s]; it was there from the start, or to the end, where none is
         given.
-    recording : int
-        0, or 1 where it began or ended in the second one.
+    recording : int, optional
+        In which it began or ended, or acted alone.
     """
 
     name: str
@@ -65,7 +65,7 @@ class NamedEffect:
     probability: float
     begin: float | None = None
     begin_ci95: tuple[float, float] | None = None
-    recording: int = 0
+    recording: int | None = None
     end: float | None = None
     end_ci95: tuple[float, float] | None = None
 
@@ -241,16 +241,19 @@ def channel_affected_most(name: str, found: Mapping[str, Parameter]) -> str:
     return next(c.name for c in CHANNELS if c.stream == stream)
 
 
-def begun_or_ended(effect: NamedEffect, model: LinearisedModel, instants: Mapping[str, Instant]
-                   ) -> NamedEffect:
-    """Say of an effect that acts for a part of the time when it begins, or ends."""
+def in_its_time(effect: NamedEffect, model: LinearisedModel,
+                instants: Mapping[str, Instant | None]) -> NamedEffect:
+    """Say of an effect that acts for a part of the time when that is."""
     if effect.name not in instants:
         return effect
-    gate, (at, low, high) = model.gates[effect.name], instants[effect.name]
-    effect = replace(effect, name=model.library[effect.name].name)
+    gate, instant = model.gates[effect.name], instants[effect.name]
+    effect = replace(effect, name=model.library[effect.name].name, recording=gate.recording)
+    if instant is None:
+        return effect
+    at, low, high = instant
     if gate.begin is None:
-        return replace(effect, end=at, end_ci95=(low, high), recording=gate.recording)
-    return replace(effect, begin=at, begin_ci95=(low, high), recording=gate.recording)
+        return replace(effect, end=at, end_ci95=(low, high))
+    return replace(effect, begin=at, begin_ci95=(low, high))
 
 
 def instants(e: NamedEffect) -> list[tuple[str, float, tuple[float, float]]]:
@@ -260,20 +263,20 @@ def instants(e: NamedEffect) -> list[tuple[str, float, tuple[float, float]]]:
 
 
 def in_time(effects: Sequence[NamedEffect]) -> str:
-    """Say when effects begin and end, to be put behind a sentence; empty where none does."""
-    parts = [_said(e, word, _at(e, at, ci95)) for e in effects for word, at, ci95 in instants(e)]
+    """Say when effects act that do not all the time, to be put behind a sentence."""
+    parts = [words for e in effects for words in _times(e)]
     return f'; {", ".join(parts)}' if parts else ''
 
 
-def _said(e: NamedEffect, word: str, at: str) -> str:
-    if word == 'to':
-        return f'{e.name} until {at}'
-    if kind_of(e.name) != BIAS.name:
-        return f'{e.name} from {at} on'
-    by = ', '.join(f'{k} by {p.value:+.3g} {p.unit}' for k, p in e.parameters.items())
-    return f'{e.name}: {by} at {at}'
-
-
-def _at(e: NamedEffect, instant: float, between: tuple[float, float]) -> str:
-    where = ' of the second recording' if e.recording else ''
-    return f'{instant:.3f} s ({between[0]:.3f} to {between[1]:.3f}){where}'
+def _times(e: NamedEffect) -> Iterator[str]:
+    """Say when an effect begins or ends, or in which recording it is; nothing: all the time."""
+    by = ''
+    if kind_of(e.name) == BIAS.name:
+        by = ': ' + ', '.join(f'{k} by {p.value:+.3g} {p.unit}' for k, p in e.parameters.items())
+    if e.recording is not None and not instants(e):
+        yield f'{e.name}{by} in the {("first", "second")[e.recording]} recording alone'
+    for word, at, (low, high) in instants(e):
+        where = ' of the second recording' if e.recording else ''
+        when = f'{at:.3f} s ({low:.3f} to {high:.3f}){where}'
+        yield (f'{e.name} until {when}' if word == 'to' else f'{e.name}{by} at {when}' if by
+               else f'{e.name} from {when} on')

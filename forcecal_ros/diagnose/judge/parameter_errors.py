@@ -1,12 +1,12 @@
 """What wrong parameters leave on held-out blocks, beside noise and what no library has."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.pieces import pieces
 from forcecal_ros.diagnose.dataset import CHANNELS
-from forcecal_ros.diagnose.model.own_size import Predicted, predicted, spread
-from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY
+from forcecal_ros.diagnose.model.discrepancy import NO_DISCREPANCY
 from forcecal_ros.diagnose.search.model_comparison import ModelComparison
 import numpy as np
 
@@ -23,14 +23,17 @@ class Errors(NamedTuple):
         By noise, and a discrepancy as the fit assumed it.
     taken : ndarray, shape (k, k), optional
         By what of a larger discrepancy has the columns' own shape.
-    predicted : Predicted, optional
-        That discrepancy.
+    predicted : list of ndarray, shape (n, channels)
+        That discrepancy in each recording, by the training blocks.
+    unseen : ndarray, shape (channels,)
+        Mean square over the held-out blocks by which that may be wrong.
     """
 
     grams: Array
     covariance: Array
     taken: Array | None = None
-    predicted: Predicted | None = None
+    predicted: Sequence[Array] = ()
+    unseen: Array = np.zeros(len(CHANNELS))
 
     def expected(self) -> Array:
         """Mean square that wrong parameters leave in each channel, shape (channels,)."""
@@ -49,10 +52,10 @@ class Errors(NamedTuple):
         -------
         ndarray, shape (channels,)
         """
-        if self.taken is None or self.predicted is None:
+        if self.taken is None:
             return np.zeros(len(self.grams))
         return np.asarray(np.einsum('cij,ij->c', self.grams, self.taken)
-                          + np.minimum(self.predicted.unseen, left))
+                          + np.minimum(self.unseen, left))
 
     def drawn(self, rng: np.random.Generator) -> Array:
         """Return what one draw of parameters leaves, shape (channels,)."""
@@ -60,9 +63,9 @@ class Errors(NamedTuple):
 
     def beside_drawn(self, rng: np.random.Generator, left: Array) -> Array:
         """Return one draw of what :meth:`beside` expects, shape (channels,)."""
-        if self.taken is None or self.predicted is None:
+        if self.taken is None:
             return np.zeros(len(self.grams))
-        return self._left_by(_draw(self.taken, rng)) + np.minimum(self.predicted.unseen, left)
+        return self._left_by(_draw(self.taken, rng)) + np.minimum(self.unseen, left)
 
     def _left_by(self, x: Array) -> Array:
         return np.asarray(np.einsum('cij,i,j->c', self.grams, x, x))
@@ -100,6 +103,8 @@ def parameter_errors(comparison: ModelComparison) -> Errors:
         return Errors(grams, covariance)
     products = model.products(comparison.extra)
     sizes = products.likeliest_sizes()
-    more = spread(products, comparison.scales, sizes)
-    return Errors(grams, covariance, covariance @ more @ covariance,
-                  predicted(products, sizes, model.datasets))
+    more, whitened = products.spread(comparison.scales, sizes), model.whitened_discrepancy()
+    predicted = whitened.of_weights(model.residual_products(training=True).weights(sizes),
+                                    [r.shape for r in model.residuals])
+    return Errors(grams, covariance, covariance @ more @ covariance, predicted,
+                  whitened.unseen(sizes))

@@ -19,10 +19,11 @@ from forcecal_ros.diagnose.localise import (
     time_frequency_bins,
     TimeFrequencyBin,
 )
+from forcecal_ros.diagnose.model.discrepancy import NO_DISCREPANCY, STREAM
 from forcecal_ros.diagnose.model.hypotheses import VIBRATION
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
-from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY
 from forcecal_ros.diagnose.search.model_comparison import FLAWED
+from forcecal_ros.diagnose.verdict import UnexplainedPart
 import numpy as np
 
 _INDEX = {c.name: i for i, c in enumerate(CHANNELS)}
@@ -92,25 +93,6 @@ class ResidualSummary(NamedTuple):
         """What of each residual is no noise; 0 where a simulation is not that exact."""
         seen = (self.size > self.exact) & (self.discrepancy_evidence >= WITHOUT_NAME)
         return [np.where(seen, one, 0.0) for one in self.discrepancy]
-
-
-class UnexplainedPart(NamedTuple):
-    """
-    What is unexplained, as a multiple of what noise would leave.
-
-    Attributes
-    ----------
-    ratio : float
-        Largest statistic over its threshold: more than noise from 1 on.
-    words : str
-        What it is.
-    within : str
-        What is more than noise, but no more than is tolerated; empty where something matters.
-    """
-
-    ratio: float
-    words: str
-    within: str = ''
 
 
 def summarise_residual(model: LinearisedModel,
@@ -184,7 +166,8 @@ def discrepant(model: LinearisedModel, trained: bool = True) -> list[Array]:
     list of ndarray, shape (n, channels)
         In each recording.
     """
-    weights = model.residual_products().weights(model.discrepancy_scales, trained)
+    sizes = {c: model.discrepancy_scales[stream] for c, stream in enumerate(STREAM)}
+    weights = model.residual_products(trained).weights(sizes)
     return model.whitened_discrepancy().of_weights(weights, [b.shape for b in model.residuals])
 
 

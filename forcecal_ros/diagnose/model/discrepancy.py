@@ -5,24 +5,48 @@ What no model has: a smooth function of the motion beside noise, integrated out.
 nuisances, a combination of the basis' features, the same in all recordings, its weights normal
 with a standard deviation that is a small part of the channel's signal. What of a hypothesis such
 a function could do as well counts for little, and what it does beyond counts in full.
+
+A fit allows for a small discrepancy, the same part of the signal in all channels of a stream, so
+that an effect does not count for nothing. What is there may be larger, and may have the effect's
+own shape: then part of it goes into the effect's numbers (:meth:`Products.spread`), and out of
+what is left.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import pairwise
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 from weakref import ref
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.autoregression import Autoregression
-from forcecal_ros.diagnose.dataset import CHANNELS
+from forcecal_ros.core.noise.pieces import pieces
+from forcecal_ros.diagnose.dataset import CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.model.basis import Basis
 from forcecal_ros.diagnose.model.compact import Compact, stacked
+from forcecal_ros.diagnose.model.evidence import Gram
 from forcecal_ros.diagnose.model.jacobian import Column
-from forcecal_ros.diagnose.model.products import ChannelSums, Modes, Products, Sums
-from forcecal_ros.diagnose.model.scales import FREE
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cholesky, LinAlgError
+from scipy.linalg import cho_solve, cholesky, LinAlgError, solve_triangular
+
+Scales = tuple[float, ...]
+"""Part of the signal that a discrepancy has in each stream, in the order of STREAM_SLICES."""
+
+SCALES = (0.0, 3e-5, 1e-4, 3e-4, 1e-3, 3e-3)
+"""
+Parts of its channels' signals that a discrepancy may have in a stream; the evidence decides which.
+
+Were 1 % allowed, many an effect would be no more than such a function; beside a larger background
+effects are weighed by what they explain of the misfit, and leave.
+"""
+
+NO_DISCREPANCY: Scales = (0.0,) * len(STREAM_SLICES)
+"""Scales that represent no discrepancy in any stream."""
+
+FREE = (*SCALES, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+"""Scales of a discrepancy, channel by channel, where it is removed to estimate the noise."""
+
+STREAM = tuple(i for i, name in enumerate(STREAM_SLICES) for c in CHANNELS if c.stream == name)
+"""Place of each channel's stream among the scales."""
 
 LEAST_WEIGHT = 1e-3
 """Variance of a combination of features, in its noise's, below which it shows nothing."""
@@ -33,32 +57,10 @@ Bytes that whitened features may take: of a pair of a minute each two hundred co
 kept, of ten minutes the forty strongest.
 """
 
-STRETCH = 1024
-"""Blocks of features that are multiplied at once: two hundred features fill a cache."""
-
 SHARING = 16
 """Channels that share that memory: all but those of joints, whose features are the same."""
 
 BoolArray = NDArray[np.bool_]
-
-
-def _squares(features: Compact, train: BoolArray) -> Array:
-    """Return inner products of features over training blocks, and over the others."""
-    r = len(features.numbers)
-    out = np.zeros((2, r, r))
-    for part, rows in _stretches(train, slice(0, len(train))):
-        # nearly orthogonal, so that single precision keeps even the faint ones
-        values = features.values(rows)
-        out[part] += values @ values.T
-    return out
-
-
-def _stretches(train: BoolArray, rows: slice) -> Iterator[tuple[int, slice]]:
-    """Give short stretches of some blocks, each for training, 0, or for judging, 1."""
-    changes = rows.start + 1 + np.flatnonzero(np.diff(train[rows]))
-    edges = {*changes.tolist(), *range(rows.start, rows.stop, STRETCH), rows.stop}
-    for begin, end in pairwise(sorted(edges)):
-        yield int(not train[begin]), slice(begin, end)
 
 
 def _factor(information: Array) -> Array:
@@ -92,13 +94,23 @@ class Discrepancy:
         kept = self._kept
         if kept is None or any(a is not b for a, b in zip(kept.noise, noise, strict=True)):
             self._kept = kept = WhitenedDiscrepancy(
-                self.basis, self.signal, self.train, list(noise),
-                kept.known(noise) if kept else _Known({}, {}, {}))
+                self, list(noise), kept.known(noise) if kept else _Known({}, {}, {}))
         return kept
 
 
+class Modes(NamedTuple):
+    """
+    Whitened features of one channel, as few combinations as matter.
+
+    ``rows``: of each recording, (r, n); ``weights``: features to combinations, (k, r).
+    """
+
+    rows: list[Compact]
+    weights: Array
+
+
 class _Cross(NamedTuple):
-    """A column, and its products with combinations over training blocks and others, (2, r)."""
+    """A column, and its products with combinations, (r,)."""
 
     column: 'ref[Compact]'
     products: NDArray[np.float32]
@@ -129,17 +141,14 @@ class WhitenedDiscrepancy:
 
     Parameters
     ----------
-    signal : ndarray, shape (channels,)
-    train : sequence of ndarray of bool, shape (n,)
     noise : list of Autoregression
         Of each recording.
     known : tuple
         What was found already, of channels whose noise is the same.
     """
 
-    def __init__(self, of: Basis, signal: Array, train: Sequence[BoolArray],
-                 noise: list[Autoregression], known: _Known) -> None:
-        self.basis, self.signal, self.train, self.noise = of, signal, train, noise
+    def __init__(self, of: Discrepancy, noise: list[Autoregression], known: _Known) -> None:
+        self.basis, self.signal, self.train, self.noise = of.basis, of.signal, of.train, noise
         self.channels = [c for c in range(len(CHANNELS))
                          if any(n.sigma[:, c].any() for n in noise)]
         self._known = known
@@ -164,17 +173,18 @@ class WhitenedDiscrepancy:
         most = int(MEMORY / (2 * SHARING * sum(w.shape[1] for w in white)))
         kept = np.flatnonzero(values * max(FREE) ** 2 > LEAST_WEIGHT)[-most:]
         turn = vectors[:, kept]
-        rows = [Compact.of(turn.T.astype(np.float32) @ w) for w in white]
-        trained, held = np.sum([_squares(r, t) for r, t in zip(rows, self.train)], axis=0)
-        return Modes(rows, scale[:, np.newaxis] * turn, trained, trained + held)
+        return Modes([Compact.of(turn.T.astype(np.float32) @ w) for w in white],
+                     scale[:, np.newaxis] * turn)
 
-    def factor(self, c: int, trained: bool, size: float) -> Array:
+    def factor(self, c: int, size: float, training: bool) -> Array:
         """Return the Cholesky factor of a channel's information on its combinations."""
-        key = c, trained, size
-        factors = self._known.factors
+        key, factors = (c, training, size), self._known.factors
         if key not in factors:
-            modes = self.modes(c)
-            information = modes.trained if trained else modes.all
+            if (flat := (c, training, np.inf)) not in factors:
+                factors[flat] = sum(
+                    _square(rows, train if training else np.ones_like(train))
+                    for rows, train in zip(self.modes(c).rows, self.train))
+            information = factors[flat]
             factors[key] = _factor(information + np.eye(len(information)) / size ** 2)
         return factors[key]
 
@@ -191,8 +201,8 @@ class WhitenedDiscrepancy:
         list of ndarray, shape (n, channels)
         """
         products = self.products([[] for _ in residual], residual)
-        weights = products.likeliest()
-        return self.of_weights(weights, [r.shape for r in residual])
+        return self.of_weights(products.weights(products.likeliest_sizes()),
+                               [r.shape for r in residual])
 
     def of_weights(self, weights: Mapping[int, Array], shapes: Sequence[tuple[int, ...]]
                    ) -> list[Array]:
@@ -205,8 +215,32 @@ class WhitenedDiscrepancy:
                                             rows.combined(together).T, 0.0)
         return out
 
+    def unseen(self, sizes: Mapping[int, float]) -> Array:
+        """
+        Return by how much a discrepancy may differ from what training blocks say of it.
+
+        Parameters
+        ----------
+        sizes : mapping of int to float
+            Part of its signal that each channel has.
+
+        Returns
+        -------
+        ndarray, shape (channels,)
+            Mean square over the held-out blocks.
+        """
+        out = np.zeros(len(CHANNELS))
+        gram = sum(_square(rows, ~train) for rows, train in zip(self.basis.rows, self.train))
+        gram /= max(1, sum(int((~train).sum()) for train in self.train))
+        for c, size in sizes.items():
+            if size:
+                weights = self.modes(c).weights
+                out[c] = np.trace(cho_solve((self.factor(c, size, True), True),
+                                            weights.T @ gram @ weights))
+        return out
+
     def products(self, columns: Sequence[Sequence[Column]], residual: Sequence[Array],
-                 absent: bool = False) -> Products:
+                 absent: bool = False, training: bool = False) -> 'Products':
         """
         Return inner products of whitened columns, residual and discrepancy.
 
@@ -217,69 +251,231 @@ class WhitenedDiscrepancy:
         residual : sequence of ndarray, shape (n, channels)
         absent : bool
             Whether they are needed for a size of 0 only.
+        training : bool
+            Over the training blocks; else over all.
         """
-        k = len(columns[0])
-        out = []
+        k, out = len(columns[0]), []
         for c in self.channels:
             there = [j for j in range(k) if any(c in one[j] for one in columns)]
-            total = [Sums.empty(len(there), 0 if absent else len(self.modes(c).trained))
-                     for _ in range(2)]
+            total = ChannelSums(c, np.array(there, dtype=np.intp),
+                                np.zeros((1 + len(there),) * 2), np.zeros(
+                (0 if absent else self.modes(c).weights.shape[1], 1 + len(there))), 0)
             for i, (one, r, noise) in enumerate(zip(columns, residual, self.noise)):
                 if noise.sigma[:, c].any():
-                    given = [one[j].get(c) for j in there]
-                    found = self._sums(c, i, r[:, c], given, absent)
-                    total = [one.plus(more) for one, more in zip(total, found)]
-            out.append(ChannelSums(c, np.array(there, dtype=np.intp), total[0],
-                                total[0].plus(total[1])))
-        return Products(self, k, out)
+                    rows = self.train[i] if training else np.ones_like(self.train[i])
+                    own, cross = self._sums(c, i, r[:, c], [one[j].get(c) for j in there], absent,
+                                            rows)
+                    total = total._replace(own=total.own + own, cross=total.cross + cross,
+                                           n=total.n + int(np.sum(rows & noise.rows[:, c])))
+            out.append(total)
+        return Products(self, k, out, training)
 
     def _sums(self, c: int, recording: int, residual: Array, given: Sequence[Compact | None],
-              absent: bool) -> tuple[Sums, Sums]:
+              absent: bool, rows: BoolArray) -> tuple[Array, Array]:
         """
-        Return inner products in one channel of one recording, over training blocks and the others.
+        Return inner products in one channel of one recording, over some blocks.
 
         Columns are the same from one hypothesis to the next: only new ones, and the residual, are
         multiplied with the combinations.
-        """
-        known = {} if absent else self._known.crosses
-        keys = [(c, recording, id(one)) for one in given]
-        new = {j: one for j, one in enumerate(given) if one is not None and not (
-            keys[j] in known and known[keys[j]].column() is one)}
-        own, found = self._multiplied(c, recording, residual, given, list(new), absent)
-        known.update({keys[j]: _Cross(ref(one), found[:, :, 1 + i].astype(np.float32))
-                      for i, (j, one) in enumerate(new.items())})
-        cross = np.zeros((*found.shape[:2], 1 + len(given)))
-        cross[:, :, 0] = found[:, :, 0]
-        for j, one in enumerate(given):
-            if one is not None:
-                cross[:, :, 1 + j] = known[keys[j]].products
-        trained, held = (int(np.sum(part & self.noise[recording].rows[:, c]))
-                         for part in (self.train[recording], ~self.train[recording]))
-        return Sums(own[0], cross[0], trained), Sums(own[1], cross[1], held)
 
-    def _multiplied(self, c: int, recording: int, residual: Array,
-                    given: Sequence[Compact | None], new: Sequence[int], absent: bool
-                    ) -> tuple[Array, Array]:
+        Returns
+        -------
+        own : ndarray, shape (1 + k, 1 + k)
+        cross : ndarray, shape (r, 1 + k)
+        """
+        # an effect in all recordings and in this one alone has one column here
+        there = {id(one): one for one in given if one is not None}
+        some, keys = list(there.values()), [(c, recording, key) for key in there]
+        known = self._known.crosses if rows.all() and not absent else {}
+        new = {j: one for j, one in enumerate(some) if not (
+            keys[j] in known and known[keys[j]].column() is one)}
+        own, found = self._multiplied(c, recording, residual, some, list(new), absent, rows)
+        known.update({keys[j]: _Cross(ref(one), found[:, 1 + i].astype(np.float32))
+                      for i, (j, one) in enumerate(new.items())})
+        cross = np.column_stack([found[:, 0], *(known[key].products for key in keys)])
+        places = {key: 1 + j for j, key in enumerate(there)}
+        place = np.array([0, *(places.get(id(one), -1) for one in given)])
+        return (np.where((place < 0) | (place < 0)[:, np.newaxis], 0.0,
+                         own[np.ix_(place, place)]), np.where(place < 0, 0.0, cross[:, place]))
+
+    def _multiplied(self, c: int, recording: int, residual: Array, given: Sequence[Compact],
+                    new: Sequence[int], absent: bool, rows: BoolArray) -> tuple[Array, Array]:
         """
         Multiply residual and columns with each other, and with the combinations.
 
         Returns
         -------
-        own : ndarray, shape (2, k + 1, k + 1)
-            Over training blocks, and over the others.
-        cross : ndarray, shape (2, r, 1 + new)
+        own : ndarray, shape (1 + k, 1 + k)
+        cross : ndarray, shape (r, 1 + new)
             Of the residual and of new columns.
         """
         features = None if absent else self.modes(c).rows[recording]
         chosen = [0, *(1 + j for j in new)]
-        own = np.zeros((2, 1 + len(given), 1 + len(given)))
-        cross = np.zeros((2, len(features.numbers) if features else 0, len(chosen)))
-        for rows, white in self.noise[recording].whiten_in_pieces(stacked(residual, given), c):
-            single = white[chosen].astype(np.float32)
-            for part, stretch in _stretches(self.train[recording], rows):
-                here = slice(stretch.start - rows.start, stretch.stop - rows.start)
-                own[part] += white[:, here] @ white[:, here].T
-                if features:
-                    cross[part] += (features.numbers[:, stretch].astype(np.float32)
-                                    @ single[:, here].T)
+        own = np.zeros((1 + len(given),) * 2)
+        cross = np.zeros((len(features.numbers) if features else 0, len(chosen)))
+        for part, white in self.noise[recording].whiten_in_pieces(stacked(residual, given), c):
+            kept = rows[part]
+            white = white if kept.all() else white * kept
+            own += white @ white.T
+            if features:
+                cross += features.numbers[:, part].astype(np.float32) @ white[chosen].astype(
+                    np.float32).T
         return own, cross * features.unit if features else cross
+
+
+def _square(features: Compact, blocks: BoolArray) -> Array:
+    """Return inner products of features over some blocks, shape (k, k)."""
+    out = np.zeros((len(features.numbers),) * 2)
+    for part in pieces(len(blocks)):
+        # nearly orthogonal, so that single precision keeps even the faint ones
+        rows = features.values(part)[:, blocks[part]]
+        out += rows @ rows.T
+    return out
+
+
+class ChannelSums(NamedTuple):
+    """
+    One channel's inner products, and which columns it has.
+
+    ``own``: of residual and columns with themselves; ``cross``: with the combinations; ``n``:
+    samples.
+    """
+
+    channel: int
+    there: NDArray[np.intp]
+    own: Array
+    cross: Array
+    n: int
+
+
+class Products:
+    """
+    Inner products from which Gram matrices follow for any size of the discrepancy.
+
+    Parameters
+    ----------
+    k : int
+        Columns.
+    training : bool
+        They are those of the training blocks.
+    """
+
+    def __init__(self, whitened: WhitenedDiscrepancy, k: int, parts: list[ChannelSums],
+                 training: bool) -> None:
+        self.whitened, self.k, self.parts, self._training = whitened, k, parts, training
+        self._streams: dict[tuple[int, float], Gram] = {}
+
+    def at(self, scales: Scales) -> Gram:
+        """
+        Integrate the discrepancy out.
+
+        Parameters
+        ----------
+        scales : tuple of float
+            Part of the signals in each stream; 0: there is none.
+        """
+        total = Gram(np.zeros((self.k, self.k)), np.zeros(self.k), 0.0, 0)
+        for stream in self.streams():
+            total += self._of_stream(stream, scales[stream])
+        return total
+
+    def _of_stream(self, stream: int, size: float) -> Gram:
+        """Return one stream's Gram; a search for the best sizes changes one after the other."""
+        key, k = (stream, size), self.k
+        if key not in self._streams:
+            matrix, vector, square, n, log_det = np.zeros((k, k)), np.zeros(k), 0.0, 0, 0.0
+            for one in (one for one in self.parts if STREAM[one.channel] == stream):
+                own, more = self._part(one, size)
+                matrix[np.ix_(one.there, one.there)] += own[1:, 1:]
+                vector[one.there] += own[1:, 0]
+                square += float(own[0, 0])
+                n += one.n
+                log_det += more
+            self._streams[key] = Gram(matrix, vector, square, n, log_det)
+        return self._streams[key]
+
+    def _part(self, one: ChannelSums, size: float) -> tuple[Array, float]:
+        """Return one channel's products beside a discrepancy, and its logarithm."""
+        if size == 0.0 or not len(one.cross):
+            return one.own, 0.0
+        factor = self.whitened.factor(one.channel, size, self._training)
+        taken = solve_triangular(factor, one.cross, lower=True, check_finite=False)
+        return one.own - taken.T @ taken, 2.0 * float(np.log(np.diag(factor) * size).sum())
+
+    @property
+    def channels(self) -> NDArray[np.intp]:
+        """Count the channels of each stream, in the order of STREAM_SLICES."""
+        streams = [STREAM[one.channel] for one in self.parts]
+        return np.bincount(streams, minlength=len(STREAM_SLICES))
+
+    def streams(self) -> list[int]:
+        """List the streams, by their place among scales, that there are."""
+        return sorted({STREAM[one.channel] for one in self.parts})
+
+    def likeliest_sizes(self) -> dict[int, float]:
+        """Return the likeliest part of its signal that each channel's discrepancy has, 0: none."""
+        out = {}
+        for one in self.parts:
+            alone = one._replace(own=one.own[:1, :1], cross=one.cross[:, :1])
+            lost = [float(own[0, 0]) + more
+                    for own, more in (self._part(alone, size) for size in FREE)]
+            out[one.channel] = FREE[int(np.argmin(lost))]
+        return out
+
+    def weights(self, sizes: Mapping[int, float]) -> dict[int, Array]:
+        """
+        Return the features' likeliest weights, shape (k,) each.
+
+        Parameters
+        ----------
+        sizes : mapping of int to float
+            Part of its signal that each channel has.
+        """
+        out = {}
+        for one in self.parts:
+            size = sizes.get(one.channel, 0.0)
+            if size and len(one.cross):
+                factor = self.whitened.factor(one.channel, size, self._training)
+                out[one.channel] = self.whitened.modes(one.channel).weights @ cho_solve(
+                    (factor, True), one.cross[:, 0])
+        return out
+
+    def spread(self, assumed: Scales, sizes: Mapping[int, float]) -> Array:
+        """
+        Return how products of columns and residual vary by a larger discrepancy than assumed.
+
+        Parameters
+        ----------
+        assumed : tuple of float
+            Part of the signals in each stream that the fit allowed for.
+        sizes : mapping of int to float
+            Part of its signal that each channel has.
+
+        Returns
+        -------
+        ndarray, shape (k, k)
+            Covariance beyond what that fit knows of; 0 where no channel has more.
+        """
+        out = np.zeros((self.k, self.k))
+        for one in self.parts:
+            size, known = sizes.get(one.channel, 0.0), assumed[STREAM[one.channel]]
+            if size > known:
+                cross = one.cross[:, 1:]
+                if known:
+                    factor = self.whitened.factor(one.channel, known, self._training)
+                    cross = cho_solve((factor, True), cross) / known ** 2
+                out[np.ix_(one.there, one.there)] += (size ** 2 - known ** 2) * cross.T @ cross
+        return out
+
+    def improve(self, evidence: Callable[[Gram], float], start: Scales) -> Scales:
+        """Improve the scales of a discrepancy by log-evidence, stream by stream."""
+        best, most = start, evidence(self.at(start))
+        before: Scales = ()
+        while best != before:
+            before = best
+            for i in self.streams():
+                for size in SCALES:
+                    tried = (*best[:i], size, *best[i + 1:])
+                    if size != best[i] and (value := evidence(self.at(tried))) > most:
+                        best, most = tried, value
+        return best

@@ -31,7 +31,7 @@ class Gate(NamedTuple):
     Attributes
     ----------
     recording : int
-        In which it begins or ends.
+        In which it begins or ends; with neither, the only one it acts in.
     begin, end : float or None
         [s] on that recording's clock; None where it does not begin, or end, within it.
     elsewhere : bool
@@ -42,6 +42,24 @@ class Gate(NamedTuple):
     begin: float | None = None
     end: float | None = None
     elsewhere: bool = False
+
+    @property
+    def instant(self) -> float | None:
+        """When it begins or ends; None: it acts in all of its recording."""
+        return self.end if self.begin is None else self.begin
+
+    def moved_to(self, at: float) -> 'Gate':
+        """Begin, or end, at another instant."""
+        return self._replace(end=at) if self.begin is None else self._replace(begin=at)
+
+    def acts_in(self, recording: int) -> bool:
+        """Whether it acts at some time in a recording."""
+        return self.elsewhere or recording == self.recording
+
+    def lasts(self, recordings: int) -> bool:
+        """Whether it acts at the end of the last of some recordings."""
+        last = self.recording == recordings - 1
+        return self.end is None if last else self.elsewhere
 
     def rows(self, measured: MeasuredBlocks, recording: int) -> Array:
         """Return the part of each block's samples that it acts in, shape (n_blocks, channels)."""
@@ -59,10 +77,11 @@ class Gate(NamedTuple):
         return out
 
 
-def gated(columns: Sequence[Column], rows: Array) -> list[Column]:
-    """Let the columns of one recording act for a part of the time only."""
-    return [{c: Compact.of(signal.values() * rows[:, c]) for c, signal in one.items()
-             if rows[:, c].any()} for one in columns]
+def gated(one: Column, rows: Array) -> Column:
+    """Let a column of one recording act for a part of the time only."""
+    return {c: signal if rows[:, c].min() == 1.0
+            else Compact.of(signal.values() * rows[:, c])
+            for c, signal in one.items() if rows[:, c].any()}
 
 
 def nuisances_of(nuisances: Sequence[Nuisance], effect: Effect) -> list[int]:

@@ -47,17 +47,23 @@ class Hypothesis(NamedTuple):
     ----------
     releases : tuple of frozenset of str
         Sets of nuisances of which it may lift the prior; such an effect has no atoms.
+    gate : Gate, optional
+        When it acts, if not all the time.
+    times : int
+        At how many times it is tried.
     """
 
     name: str
     effect: Effect
     releases: tuple[frozenset[str], ...]
     atoms: tuple[Atom, ...]
+    gate: Gate | None = None
+    times: int = 1
 
     @property
     def ways(self) -> int:
         """In how many ways it is tried."""
-        return len(self.releases) + len(self.atoms)
+        return self.times * (len(self.releases) + len(self.atoms))
 
 
 def values_of(effect: Effect, theta: Array) -> dict[str, float]:
@@ -202,10 +208,6 @@ def fewer(effect: Effect, atom: Atom, part: NDArray[np.intp]) -> Atom:
     return Atom(start, atom.free[part], tuple([one[j] for j in part] for one in atom.columns))
 
 
-DRIFT = 'wrench_bias_drift'
-"""An effect that begins by itself, and so acts in all of a recording or not at all."""
-
-
 def everywhere(model: LinearisedModel, found: Sequence[Hypothesis]) -> list[Hypothesis]:
     """
     Return those hypotheses that may begin or end, all with parameters of their own, and a bias.
@@ -242,12 +244,26 @@ def _of_nuisances(model: LinearisedModel, h: Hypothesis) -> Hypothesis:
     return h._replace(releases=(), atoms=tuple(_sparse([atom], h.effect)))
 
 
-def for_a_part(model: LinearisedModel, h: Hypothesis, gate: Gate) -> Hypothesis:
-    """Let a hypothesis of :func:`everywhere` act for a part of the time only."""
+def for_a_part(model: LinearisedModel, h: Hypothesis, gate: Gate, times: int) -> Hypothesis:
+    """Let a hypothesis of :func:`everywhere` act for a part of the time, one of so many."""
     rows = [gate.rows(one.measured, i) for i, one in enumerate(model.datasets)]
-    return h._replace(atoms=tuple(
-        atom._replace(columns=tuple(gated(one, acts) for one, acts in zip(atom.columns, rows)))
+    known: dict[int, Column] = {}  # starts of an effect share their columns
+
+    def part(one: Column, acts: Array) -> Column:
+        if id(one) not in known:
+            known[id(one)] = gated(one, acts)
+        return known[id(one)]
+
+    return h._replace(gate=gate, times=times, atoms=tuple(
+        atom._replace(columns=tuple([part(one, acts) for one in columns]
+                                    for columns, acts in zip(atom.columns, rows)))
         for atom in h.atoms))
+
+
+def in_one_recording(model: LinearisedModel, found: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Let hypotheses of :func:`everywhere` act in each of several recordings alone."""
+    n = len(model.datasets)
+    return [for_a_part(model, h, Gate(i), n) for h in found for i in range(n)] if n > 1 else []
 
 
 def _transposed(columns: list[list[Column]]) -> tuple[list[Column], ...]:

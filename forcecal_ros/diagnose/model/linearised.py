@@ -6,15 +6,26 @@ from dataclasses import dataclass, field, replace
 from forcecal_ros.core.errors import ForcecalError
 from forcecal_ros.core.geometry import Array, rotation_vector
 from forcecal_ros.core.noise.autoregression import Autoregression, fit_autoregression, white
-from forcecal_ros.diagnose.dataset import CHANNELS, Dataset, possible_effects, STREAM_SLICES
+from forcecal_ros.diagnose.dataset import (
+    CHANNELS,
+    Dataset,
+    possible_effects,
+    split_datasets,
+    STREAM_SLICES,
+)
 from forcecal_ros.diagnose.model.basis import Basis, basis
 from forcecal_ros.diagnose.model.compact import Compact
-from forcecal_ros.diagnose.model.discrepancy import Discrepancy, WhitenedDiscrepancy
+from forcecal_ros.diagnose.model.discrepancy import (
+    Discrepancy,
+    NO_DISCREPANCY,
+    Products,
+    Scales,
+    WhitenedDiscrepancy,
+)
 from forcecal_ros.diagnose.model.evidence import Earlier, FIRST_RECORDING, Fit, fit, Gram, Prior
 from forcecal_ros.diagnose.model.gates import departed, Gate, nuisances_of
 from forcecal_ros.diagnose.model.jacobian import Column, column, combined, nuisance_column
-from forcecal_ros.diagnose.model.products import Products
-from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY, Scales
+from forcecal_ros.diagnose.verdict import TOLERANCE
 from forcecal_ros.effects import Effect, EFFECTS, with_effects
 from forcecal_ros.effects.nuisances import apply_all, Nuisance, prior_std, ROBOT
 from forcecal_ros.effects.rig import Rig
@@ -53,9 +64,6 @@ Noise of a joint's position in one block mean, at least [rad]. Encoders show a t
 gears turn by so much more or less in each turn, and a load of the tool that is simulated beside
 the arm, a cable's say, moves no joint: a tenth of a millimetre at arm's length, as poses have.
 """
-
-TOLERANCE = 0.1
-"""RMS of what is unexplained, in that of a channel's noise, that does not matter by default."""
 
 Values = Mapping[str, Mapping[str, float]]
 """Values by effect and parameter."""
@@ -114,7 +122,7 @@ class LinearisedModel:
     noise: list[Autoregression] = field(default_factory=list)
     discrepancy: Discrepancy | None = None
     discrepancy_scales: Scales = NO_DISCREPANCY
-    library: Mapping[str, Effect] = EFFECTS
+    library: Mapping[str, Effect] = field(default_factory=lambda: EFFECTS)
     gates: Mapping[str, Gate] = field(default_factory=dict)
     tolerance: float = TOLERANCE
     earlier: Earlier = FIRST_RECORDING
@@ -212,6 +220,13 @@ class LinearisedModel:
         """Simulate at the centre; the Jacobian stays as it is."""
         self.residuals = [self.simulate(self.effects, i) for i in range(len(self.datasets))]
 
+    def split_by_second(self) -> 'LinearisedModel':
+        """Judge on every other second of each recording, not on the last recording alone."""
+        datasets = tuple(one for c in self.datasets for one in split_datasets([c]))
+        d = self.discrepancy
+        return replace(self, datasets=datasets, discrepancy=d and Discrepancy(
+            d.basis, d.signal, [c.train for c in datasets]))
+
     def without_effects(self) -> 'LinearisedModel':
         """Remove all effects and released nuisances; the other nuisances stay."""
         free = np.array([n.name in self.released for n in self.nuisances],
@@ -259,17 +274,23 @@ class LinearisedModel:
                                                   self.level)
         return self._straight[key]
 
-    def grams(self, extra: list[list[Column]], residuals: list[Array] | None = None
-              ) -> tuple[Gram, Gram]:
-        """Return the training and the held-out Gram of nuisances' and further columns."""
-        return self.products(extra, residuals,
-                             self.discrepancy_scales == NO_DISCREPANCY).at(self.discrepancy_scales)
+    def gram(self, extra: list[list[Column]], training: bool = False) -> Gram:
+        """Return the Gram of nuisances' and further columns, over all or training blocks."""
+        columns = [[*own, *more] for own, more in zip(self.jacobian, extra)]
+        return self._products(columns, training).at(self.discrepancy_scales)
 
-    def products(self, extra: list[list[Column]], residuals: list[Array] | None = None,
-                 absent: bool = False) -> Products:
+    def products(self, extra: list[list[Column]]) -> Products:
         """Return inner products of nuisances' and further columns, for any discrepancy."""
         columns = [[*own, *more] for own, more in zip(self.jacobian, extra)]
-        return self.whitened_discrepancy().products(columns, residuals or self.residuals, absent)
+        return self.whitened_discrepancy().products(columns, self.residuals)
+
+    def residual_products(self, training: bool = False) -> Products:
+        """Return inner products of the residuals alone."""
+        return self._products([[] for _ in self.datasets], training)
+
+    def _products(self, columns: list[list[Column]], training: bool) -> Products:
+        return self.whitened_discrepancy().products(
+            columns, self.residuals, self.discrepancy_scales == NO_DISCREPANCY, training)
 
     def whitened_discrepancy(self) -> WhitenedDiscrepancy:
         """Return the discrepancy, whitened by the noise; an empty one where none is set up."""
@@ -287,8 +308,7 @@ class LinearisedModel:
 
     def fit_nuisances(self) -> Fit:
         """Fit the nuisances alone."""
-        train, held = self.grams([[] for _ in self.datasets])
-        return fit(train + held, self.prior())
+        return fit(self.gram([[] for _ in self.datasets]), self.prior())
 
     def log_posterior(self, square: float | None = None) -> float:
         """
@@ -300,15 +320,8 @@ class LinearisedModel:
             Of the residual's Gram, where that is known.
         """
         if square is None:
-            square = sum(one.square for one in self.residual_products().at(
-                self.discrepancy_scales))
+            square = self.residual_products().at(self.discrepancy_scales).square
         return -0.5 * (square + self._cost())
-
-    def residual_products(self) -> Products:
-        """Return inner products of the residuals alone."""
-        return self.whitened_discrepancy().products(
-            [[] for _ in self.datasets], self.residuals,
-            self.discrepancy_scales == NO_DISCREPANCY)
 
     def _cost(self) -> float:
         prior = self.prior()

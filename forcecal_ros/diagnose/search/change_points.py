@@ -13,7 +13,6 @@ from forcecal_ros.diagnose.model.gates import Gate
 from forcecal_ros.diagnose.model.hypotheses import (
     Atom,
     bounds_of,
-    DRIFT,
     for_a_part,
     Hypothesis,
     nominal_of,
@@ -260,10 +259,10 @@ def screen_change_points(now: JointFit, comparison: ModelComparison, found: Sequ
                     if h.name not in best or one.evidence > best[h.name].evidence:
                         best[h.name] = one
         gates = _located(alone, beside, explained.null_prior, best)
-        parts = [for_a_part(model, one.hypothesis, gates[n]) for n, one in best.items()]
+        parts = [for_a_part(model, one.hypothesis, gates[n], one.times)
+                 for n, one in best.items()]
         for t in comparison.screen(parts) if parts else ():
-            name, ways = t.effect.name, best[t.effect.name].ways
-            t = t._replace(gate=gates[name], ways=ways, evidence=t.evidence - float(np.log(ways)))
+            name = t.effect.name
             if name not in out or t.evidence > out[name].evidence:
                 out[name] = t
     return sorted(out.values(), key=lambda t: -t.evidence)
@@ -271,7 +270,7 @@ def screen_change_points(now: JointFit, comparison: ModelComparison, found: Sequ
 
 class _Change(NamedTuple):
     """
-    A hypothesis at one start, when it may begin or end, and in how many ways that was tried.
+    A hypothesis at one start, when it may begin or end, and at how many times that was tried.
 
     Attributes
     ----------
@@ -284,7 +283,7 @@ class _Change(NamedTuple):
     evidence: float
     hypothesis: Hypothesis
     gate: Gate
-    ways: int
+    times: int
     x: Array
     near: float
 
@@ -302,10 +301,9 @@ def _located(model: LinearisedModel, beside: Sequence[Sequence[Column]], prior: 
         t = model.datasets[i].measured.start + BLOCK * close.blocks
         for j, (name, one) in enumerate(own.items()):
             evidence = close.fits([j], one.gate.begin is None, one.gate.elsewhere).evidence
-            at = one.gate.end if one.gate.begin is None else one.gate.begin
-            assert at is not None
-            evidence = np.where(np.abs(t - at) <= one.near, evidence, -np.inf)
-            gates[name] = moved_to(one.gate, float(t[np.argmax(evidence)]))
+            assert one.gate.instant is not None
+            evidence = np.where(np.abs(t - one.gate.instant) <= one.near, evidence, -np.inf)
+            gates[name] = one.gate.moved_to(float(t[np.argmax(evidence)]))
     return gates
 
 
@@ -318,11 +316,7 @@ def _changes(model: LinearisedModel, instants: Instants, h: Hypothesis,
         for ends, elsewhere in product((False, True), (False, True) if several else (False,)):
             evidence, x = instants.fits(of, ends, elsewhere)
             evidence = np.where(_possible(h, atom, _theta(h, atom, x)), evidence, -np.inf)
-            # from the first block on is all the time, or all of one recording of several
-            if h.name == DRIFT:
-                evidence[1:] = -np.inf
-            if ends or not several:
-                evidence[0] = -np.inf
+            evidence[0] = -np.inf  # all of a recording, which needs no change point
             b = int(np.argmax(evidence))
             if np.isfinite(evidence[b]):
                 at = start + BLOCK * float(instants.blocks[b])
@@ -350,16 +344,18 @@ def _possible(h: Hypothesis, atom: Atom, theta: Array) -> Array:
     return np.asarray(((theta >= low - 1e-12) & (theta <= high + 1e-12)).all(axis=1))
 
 
-def instant_of(now: JointFit, name: str) -> Instant:
+def instant_of(now: JointFit, name: str) -> Instant | None:
     """
     Find the instant at which an accepted effect begins or ends, to a sample where that shows.
 
     Parameters
     ----------
     now : JointFit
-        With the effect, beginning or ending near there.
+        With the effect, beginning or ending near there; nothing where it does neither.
     """
     model, gate = now.model, now.model.gates[name]
+    if gate.instant is None:
+        return None
     added = [column(model.added(name, model.effects, i), model.level)
              for i in range(len(model.datasets))]
     rows = [gate.rows(one.measured, i) for i, one in enumerate(model.datasets)]
@@ -412,14 +408,9 @@ def _to_a_sample(model: LinearisedModel, gate: Gate, added: Column, residual: Ar
     return Instant(float(0.5 * (before[best] + at[best])), float(before[first]), float(at[last]))
 
 
-def moved_to(gate: Gate, at: float) -> Gate:
-    """Let a gate open or close at another instant."""
-    return gate._replace(end=at) if gate.begin is None else gate._replace(begin=at)
-
-
 def moved(model: LinearisedModel, name: str, instant: Instant) -> LinearisedModel:
     """Let an effect begin or end at another instant."""
-    gates = {**model.gates, name: moved_to(model.gates[name], instant.at)}
+    gates = {**model.gates, name: model.gates[name].moved_to(instant.at)}
     out = replace(model, gates=gates)
     try:
         out.evaluate()

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.dataset import STREAM_SLICES
+from forcecal_ros.diagnose.model.discrepancy import NO_DISCREPANCY, SCALES, Scales
 from forcecal_ros.diagnose.model.evidence import Fit, fit, Gram, Prior
 from forcecal_ros.diagnose.model.gates import Gate
 from forcecal_ros.diagnose.model.hypotheses import (
@@ -18,8 +19,6 @@ from forcecal_ros.diagnose.model.hypotheses import (
 )
 from forcecal_ros.diagnose.model.jacobian import Column, combined
 from forcecal_ros.diagnose.model.linearised import EFFECT, LinearisedModel
-from forcecal_ros.diagnose.model.products import ascended
-from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY, SCALES, Scales
 from forcecal_ros.effects import Effect
 import numpy as np
 from numpy.typing import NDArray
@@ -162,8 +161,8 @@ class Explained:
         """
         p = self.null_prior
         about = Prior(np.zeros(self.base), p.precision, p.low - p.centre, p.high - p.centre)
-        train, held = self.model.grams(self.extra)
-        x = fit(train, about).x - fit(train + held, about).x
+        x = (fit(self.model.gram(self.extra, training=True), about).x
+             - fit(self.model.gram(self.extra), about).x)
         return [combined([*own, *more], x, len(r)) * c.measured.present for own, more, r, c in zip(
             self.model.jacobian, self.extra, self.model.residuals, self.model.datasets)]
 
@@ -184,13 +183,13 @@ class ModelComparison(Explained):
         """Return levels of one scale in all streams, and the likeliest of any."""
         levels = [self._level((size,) * len(STREAM_SLICES)) for size in SCALES]
         start = max(levels, key=lambda level: level.null.log_evidence).scales
-        best = ascended(self._products, lambda grams: fit(
-            grams[0] + grams[1], self.null_prior).log_evidence, start)
+        best = self._products.improve(
+            lambda gram: fit(gram, self.null_prior).log_evidence, start)
         return levels if best == start else [*levels, self._level(best)]
 
     def _level(self, scales: Scales) -> '_Level':
-        train, held = self._products.at(scales)
-        return _Level(scales, train + held, fit(train + held, self.null_prior))
+        every = self._products.at(scales)
+        return _Level(scales, every, fit(every, self.null_prior))
 
     @property
     def discrepancy_evidence(self) -> float:
@@ -218,18 +217,17 @@ class ModelComparison(Explained):
         places = {one: self.base + j for j, one in enumerate(shared)}
         products = self.model.products([[*own, *(c[i] for c in shared.values())]
                                         for i, own in enumerate(self.extra)])
-        grams = [train + held for train, held in (
-            products.at(level.scales) for level in self.levels)]
-        train, held = products.at(self.scales)
-        both = train + held
-        best: dict[str, Candidate] = {}
+        grams = [products.at(level.scales) for level in self.levels]
+        likeliest = products.at(self.scales)
+        best: dict[tuple[str, Gate | None], Candidate] = {}
 
         def keep(h: Hypothesis, atom: Atom | None, released: frozenset[str],
                  columns: NDArray[np.intp]) -> None:
             index = np.concatenate([np.arange(self.base), columns])
             result = self._judge(h, atom, released, [one.of(index) for one in grams])
-            if h.name not in best or result.evidence > best[h.name].evidence:
-                best[h.name] = result
+            key = h.name, h.gate
+            if key not in best or result.evidence > best[key].evidence:
+                best[key] = result
 
         for h in hypotheses:
             for released in h.releases:
@@ -238,7 +236,7 @@ class ModelComparison(Explained):
             place = np.array([places[id(c)] for c in atom.columns[0]])
             keep(h, atom, frozenset(), place)
             if len(atom.free) >= MANY:
-                part = self._grown(place, both)
+                part = self._grown(place, likeliest)
                 keep(h, fewer(h.effect, atom, part), frozenset(), place[part])
         return sorted(best.values(), key=lambda t: -t.evidence)
 
@@ -284,4 +282,4 @@ class ModelComparison(Explained):
                 evidence = -np.inf
             theta = np.clip(theta, low, high)
         effect = Accepted(h.name, theta, np.zeros(len(theta)), free, released)
-        return Candidate(effect, float(evidence), h.ways, found.x[:self.m], level.scales)
+        return Candidate(effect, float(evidence), h.ways, found.x[:self.m], level.scales, h.gate)

@@ -13,11 +13,16 @@ from itertools import count
 from types import MappingProxyType
 from typing import NamedTuple
 
+from forcecal_ros.diagnose.model.discrepancy import NO_DISCREPANCY
 from forcecal_ros.diagnose.model.evidence import Earlier, FIRST_RECORDING
 from forcecal_ros.diagnose.model.gates import BIAS, kind_of
-from forcecal_ros.diagnose.model.hypotheses import DRIFT, EffectJacobian, everywhere, Hypothesis
+from forcecal_ros.diagnose.model.hypotheses import (
+    EffectJacobian,
+    everywhere,
+    Hypothesis,
+    in_one_recording,
+)
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
-from forcecal_ros.diagnose.model.scales import NO_DISCREPANCY
 from forcecal_ros.diagnose.search.calibration import Features, probability
 from forcecal_ros.diagnose.search.change_points import (
     Instant,
@@ -89,8 +94,8 @@ class Posterior(NamedTuple):
         Log-evidence of effects that come closest, against none, if none was accepted.
     discrepancy_evidence : float
         Log-likelihood of a discrepancy, and of what else is unexplained.
-    instants : dict of str to Instant
-        When effects begin or end that do not act all the time.
+    instants : dict of str to Instant or None
+        When effects begin or end that do not act all the time; None: in one recording alone.
     """
 
     model: LinearisedModel
@@ -100,10 +105,10 @@ class Posterior(NamedTuple):
     alternatives: Mapping[str, Mapping[str, float]] = MappingProxyType({})
     nearest: Mapping[str, float] = MappingProxyType({})
     discrepancy_evidence: float = 0.0
-    instants: Mapping[str, Instant] = MappingProxyType({})
+    instants: Mapping[str, Instant | None] = MappingProxyType({})
 
     def earlier(self) -> Earlier:
-        """Return what a further recording continues from; an instant is of its recording alone."""
+        """Return what a further recording continues from: none where effects come and go."""
         if self.instants:
             return FIRST_RECORDING
         names = frozenset(self.features)
@@ -130,31 +135,38 @@ class Posterior(NamedTuple):
 
 
 class _Table:
-    """All effects, for all of the time and for a part of it."""
+    """All effects, for all of the time, in one recording alone, and from or until an instant."""
 
     def __init__(self, model: LinearisedModel, found: Sequence[Hypothesis]) -> None:
-        self.found = found
         self.parts = {h.name: h for h in everywhere(model, found)}
+        self.found = [*found, *in_one_recording(model, list(self.parts.values()))]
 
     def candidates(self, now: JointFit) -> list[Candidate]:
         """List what may be added to an explanation, the likeliest first, by linear evidence."""
         model, taken = now.model, {a.name for a in now.accepted}
-        comparison = now.comparison()
-        screened = comparison.screen([h for h in self.found if h.name not in taken])
-        # of an effect that begins or ends a part shows as if it acted all the time
-        likely = [t.effect.name for t in screened if t.evidence > WORTH][:2 * REFINED]
-        likely += [DRIFT] if len(model.datasets) > 1 and DRIFT not in (*likely, *taken) else []
-        bias = [self.parts[BIAS.name]._replace(name=_further_step(model))
-                ] if BIAS.name in self.parts else []
-        parts = [self.parts[n] for n in likely if n in self.parts]
-        always = {t.effect.name: t.evidence for t in screened}
-        changes = screen_change_points(now, comparison, [*bias, *parts])
-        # what acts all the time needs no change point
-        found = [*screened, *(t for t in changes if t.evidence > WORTH + always.get(
-            t.effect.name, 0.0))]
+        comparison, step = now.comparison(), _further_step(model)
+        screened = comparison.screen([_renamed(h, step) for h in self.found
+                                      if h.name not in taken or h.name == BIAS.name])
+        # of an effect that begins or ends a part shows as if it acted longer
+        likely = list(dict.fromkeys(t.effect.name for t in screened if t.evidence > WORTH))
+        parts = [_renamed(h, step) for h in self.parts.values()
+                 if h.name in likely[:2 * REFINED] or h.name == BIAS.name]
+        found: dict[str, Candidate] = {}
+        for some in ([t for t in screened if t.gate is None], [t for t in screened if t.gate],
+                     screen_change_points(now, comparison, parts)):
+            # what acts all the time needs no recording alone, and what acts in that no instant
+            least = {name: t.evidence + WORTH for name, t in found.items()}
+            for t in reversed(some):
+                if t.evidence > least.get(t.effect.name, -np.inf):
+                    found[t.effect.name] = t
         return sorted((t._replace(evidence=t.evidence - model.earlier.of(taken)
                                   + model.earlier.of({*taken, t.effect.name}))
-                       for t in found), key=lambda t: -t.evidence)
+                       for t in found.values()), key=lambda t: -t.evidence)
+
+
+def _renamed(h: Hypothesis, step: str) -> Hypothesis:
+    """Give the next step of a bias its name."""
+    return h._replace(name=step) if h.name == BIAS.name else h
 
 
 def _further_step(model: LinearisedModel) -> str:
@@ -177,9 +189,8 @@ def extended(parent: Explanation, table: _Table) -> list[Explanation]:
     """Add one effect to an explanation: the likeliest few, fitted on simulations."""
     now = parent.fit
     likely = [t for t in table.candidates(now) if t.evidence > WORTH]
-    names = list(dict.fromkeys(t.effect.name for t in likely))[:REFINED]
-    fits = [(t, _with(now, t) if t.gate is None else _with_change_point(now, t))
-            for t in likely if t.effect.name in names]
+    fits = [(t, _with_change_point(now, t) if t.gate and t.gate.instant is not None
+             else _with(now, t)) for t in likely[:REFINED]]
     return [weigh(fit, {**parent.ways, t.effect.name: float(np.log(t.ways))})
             for t, fit in fits if fit is not None]
 
@@ -208,7 +219,7 @@ def _with_change_point(now: JointFit, t: Candidate) -> JointFit | None:
     if fit is None:
         return None
     instant = instant_of(fit, t.effect.name)
-    assert t.gate is not None
+    assert t.gate is not None and instant is not None
     length = BLOCK * len(model.datasets[t.gate.recording].groups)
     if instant.high - instant.low > 0.5 * length:
         return None  # a change point that the recording does not locate is none

@@ -4,7 +4,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from forcecal_ros.checks.hypotheses import judge, Known
-from forcecal_ros.checks.messages import as_in_base, Stated
+from forcecal_ros.checks.messages import as_in_base, SIGN, Stated, WEIGHT_REMOVED
 from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.geometry import Array, skew
 from forcecal_ros.core.rigid_body import inertia_columns, symmetric
@@ -137,9 +137,9 @@ def _require_own_axes(simulated: Recording, rig: Rig) -> str:
     except UnobservableError:
         pass  # the fit of the tool reports it better
     except DataError as error:
-        if 'opposite sign' not in str(error):
+        if error.about != SIGN:
             cause = str(error).rpartition(';')[0].replace('the driver', 'the simulator')
-            how = ('without compensating gravity' if 'removes the weight' in cause else
+            how = ('without compensating gravity' if error.about == WEIGHT_REMOVED else
                    'in the frame of its pose')
             raise DataError(f'the simulated {cause}; let it publish the wrench {how}') from error
     if simulated.wrench is None or not len(simulated.wrench):

@@ -11,9 +11,9 @@ from forcecal_ros.diagnose.dataset import Dataset, moves, split_datasets, units
 from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
 from forcecal_ros.diagnose.judge.named_effects import AT_BOUND
 from forcecal_ros.diagnose.model.evidence import FIRST_RECORDING
-from forcecal_ros.diagnose.model.linearised import TOLERANCE
 from forcecal_ros.diagnose.recordings import Corrected, require_same_sensors
 from forcecal_ros.diagnose.result import Diagnosis, NO_MOTION, to_document
+from forcecal_ros.diagnose.verdict import TOLERANCE
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.effects.signals import FORCES
 

@@ -6,7 +6,6 @@ from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.judge.gap import Arms, gap, OFF, SECOND, unpredictable
 from forcecal_ros.diagnose.judge.parameter_errors import Errors
 from forcecal_ros.diagnose.localise import BIN_SIGMA, TimeFrequencyBin
-from forcecal_ros.diagnose.model.own_size import Predicted
 import numpy as np
 import pytest
 
@@ -45,9 +44,9 @@ def test_what_was_taken_for_an_effect_counts_as_left_and_widens_the_interval():
     arms = [Arms(effect + left, np.zeros((n, k)), effect, left)]
     grams, covariance = np.full((k, 1, 1), 4.0), np.full((1, 1), 1e-4)
     noise, nothing = np.ones(k), np.zeros(k)
-    own = Predicted([left], np.full(k, 0.02))
+    own = [left], np.full(k, 0.02)
     found = [gap((held,), arms, noise, nothing, errors) for errors in (
-        Errors(grams, covariance), Errors(grams, covariance, np.full((1, 1), 0.01), own))]
+        Errors(grams, covariance), Errors(grams, covariance, np.full((1, 1), 0.01), *own))]
     small, large = (one.closed_ci95[1] - one.closed_ci95[0] for one in found)
     share = [1.0 - one.closed for one in found]
     # 0.3^2 + 4 * 1e-4 without, 4 * 0.01 + 0.02 more with it, all in 2^2 and what was left
@@ -64,7 +63,7 @@ def test_no_more_is_taken_for_an_effect_than_it_explains():
     effect = np.random.default_rng(6).standard_normal((n, k))
     arms = [Arms(effect, np.zeros((n, k)), effect, np.zeros((n, k)))]
     errors = Errors(np.ones((k, 1, 1)), np.zeros((1, 1)), np.full((1, 1), 100.0),
-                    Predicted([np.zeros((n, k))], np.zeros(k)))
+                    [np.zeros((n, k))], np.zeros(k))
     assert gap((held,), arms, np.ones(k), np.zeros(k), errors).closed == pytest.approx(0.0)
 
 
@@ -76,7 +75,7 @@ def test_no_more_is_missed_than_effects_leave():
     arms = [Arms(effect + left, np.zeros((n, k)), effect, np.zeros((n, k)))]
     # of a channel whose discrepancy may be anything, blocks that were not fitted to say how much
     errors = Errors(np.ones((k, 1, 1)), np.zeros((1, 1)), np.zeros((1, 1)),
-                    Predicted([np.zeros((n, k))], np.full(k, 50.0)))
+                    [np.zeros((n, k))], np.full(k, 50.0))
     found = gap((held,), arms, np.ones(k), np.zeros(k), errors)
     assert found.closed == pytest.approx(0.9, abs=0.01)
 

@@ -11,12 +11,11 @@ from forcecal_ros.diagnose.judge.named_effects import (
     parameters_of,
     untold,
 )
-from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.result import Diagnosis, load_diagnosis, to_document
 from forcecal_ros.diagnose.search.model_comparison import Accepted
 from forcecal_ros.diagnose.sources.simulator import Changed
-from forcecal_ros.diagnose.verdict import verdict
+from forcecal_ros.diagnose.verdict import UnexplainedPart, verdict
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.sim.rig.file import load_rig
 import numpy as np

@@ -7,9 +7,8 @@ from forcecal_ros.core.noise.pieces import AT_ONCE
 from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.model.basis import Basis, basis
 from forcecal_ros.diagnose.model.compact import Compact
-from forcecal_ros.diagnose.model.discrepancy import Discrepancy
+from forcecal_ros.diagnose.model.discrepancy import Discrepancy, SCALES
 from forcecal_ros.diagnose.model.evidence import fit, Prior
-from forcecal_ros.diagnose.model.scales import SCALES
 from forcecal_ros.sim.signals import Signals
 import numpy as np
 import pytest
@@ -54,29 +53,31 @@ def dense(rows, column, residual, chosen, size):
 @pytest.mark.parametrize('size', SCALES)
 def test_evidence_is_that_of_the_dense_gaussian_for_training_blocks_and_for_all(size):
     rows, columns, residual, of = setting(1)
-    train, held = of.whitened([white(n) for n in N]).products(columns, residual).at((size,) * 4)
+    whitened = of.whitened([white(n) for n in N])
+    training, every = (whitened.products(columns, residual, training=part).at((size,) * 4)
+                       for part in (True, False))
     prior = Prior(np.zeros(1), np.ones(1), np.full(1, -np.inf), np.full(1, np.inf))
     flat = np.concatenate([r[:, 0] for r in residual])
     column = np.concatenate([c[0][0].values() for c in columns]).astype(float)
     trained = np.arange(sum(N)) < N[0] + 20
-    assert fit(train, prior).log_evidence == pytest.approx(
+    assert fit(training, prior).log_evidence == pytest.approx(
         dense(rows, column, flat, trained, size), abs=1e-3)
-    assert fit(train + held, prior).log_evidence == pytest.approx(
+    assert fit(every, prior).log_evidence == pytest.approx(
         dense(rows, column, flat, np.full(sum(N), True), size), abs=1e-3)
 
 
 def test_held_out_squares_are_those_beside_what_the_training_blocks_told():
     _, columns, residual, of = setting(2)
     rng = np.random.default_rng(3)
-    products = [of.whitened([white(n) for n in N])]
-    total = 0.0
+    whitened, total = of.whitened([white(n) for n in N]), 0.0
     for _ in range(200):
         w = rng.standard_normal(3) * np.sqrt(SHARE) * 0.003 * SIGNAL
         made = [np.zeros_like(r) for r in residual]
         for one, rows in zip(made, of.basis.rows):
             one[:, 0] = rows.combined(w) + SIGMA * rng.standard_normal(len(one))
-        held = products[0].products(columns, made).at((0.003,) * 4)[1]
-        total += held.square - held.n
+        training, every = (whitened.products(columns, made, training=part).at((0.003,) * 4)
+                           for part in (True, False))
+        total += every.square - training.square - (every.n - training.n)
     # the sum of 200 chi squares of 30 degrees each has a standard deviation of 110
     assert abs(total) < 4.0 * 110.0
 
@@ -87,7 +88,7 @@ def test_weights_are_found_again_from_the_training_blocks():
     for one, rows in zip(residual, of.basis.rows):
         one[:, 0] += rows.combined(w)
     beside = of.whitened([white(n) for n in N])
-    found = beside.products([[], []], residual).weights((0.003,) * 4)[0]
+    found = beside.products([[], []], residual, training=True).weights({0: 0.003})[0]
     # eighty samples of noise 0.5 know each weight to 0.056
     assert found == pytest.approx(w, abs=4 * 0.056)
 
@@ -130,9 +131,8 @@ def test_only_a_channel_that_is_whitened_otherwise_is_whitened_anew():
     other = of.whitened(louder)
     assert other.modes(0) is not modes
     fresh = setting(6)[3].whitened(louder)
-    for got, expected in zip(other.products(columns, residual).at((3e-3,) * 4),
-                             fresh.products(columns, residual).at((3e-3,) * 4)):
-        assert got.square == pytest.approx(expected.square)
+    got, expected = (one.products(columns, residual).at((3e-3,) * 4) for one in (other, fresh))
+    assert got.square == pytest.approx(expected.square)
 
 
 def test_columns_that_were_multiplied_with_the_features_serve_any_residual():
@@ -143,11 +143,10 @@ def test_columns_that_were_multiplied_with_the_features_serve_any_residual():
     assert len(before) == len(N)
     others = [3.0 * r for r in residual]
     fresh = setting(7)[3].whitened([white(n) for n in N])
-    for got, expected in zip(kept.products(columns, others).at((3e-3,) * 4),
-                             fresh.products(columns, others).at((3e-3,) * 4)):
-        assert got.vector == pytest.approx(expected.vector)
-        assert got.matrix == pytest.approx(expected.matrix)
-        assert got.square == pytest.approx(expected.square)
+    got, expected = (one.products(columns, others).at((3e-3,) * 4) for one in (kept, fresh))
+    assert got.vector == pytest.approx(expected.vector)
+    assert got.matrix == pytest.approx(expected.matrix)
+    assert got.square == pytest.approx(expected.square)
     after = kept.known(kept.noise).crosses
     assert all(after[key] is one for key, one in before.items())
 
@@ -161,9 +160,20 @@ def test_a_column_in_the_place_of_one_that_is_gone_is_multiplied_anew():
     for i, (old, new) in enumerate(zip(columns, other)):
         kept._known.crosses[0, i, id(new[0][0])] = crosses[0, i, id(old[0][0])]
     fresh = setting(8)[3].whitened([white(n) for n in N])
-    for got, expected in zip(kept.products(other, residual).at((3e-3,) * 4),
-                             fresh.products(other, residual).at((3e-3,) * 4)):
-        assert got.matrix == pytest.approx(expected.matrix)
+    got, expected = (one.products(other, residual).at((3e-3,) * 4) for one in (kept, fresh))
+    assert got.matrix == pytest.approx(expected.matrix)
+
+
+def test_a_column_of_one_recording_alone_is_the_same_there_and_nothing_elsewhere():
+    _, columns, residual, of = setting(12)
+    alone = [[one[0], {} if i else one[0]] for i, one in enumerate(columns)]
+    whitened = of.whitened([white(n) for n in N])
+    found = whitened.products(alone, residual).at((3e-3,) * 4)
+    rows = [[one[0], {0: Compact.of((i == 0) * one[0][0].values())}]
+            for i, one in enumerate(columns)]
+    expected = setting(12)[3].whitened(whitened.noise).products(rows, residual).at((3e-3,) * 4)
+    assert found.matrix == pytest.approx(expected.matrix, rel=1e-4)
+    assert found.vector == pytest.approx(expected.vector, rel=1e-4)
 
 
 def long(n, rng):
@@ -177,10 +187,10 @@ def test_products_over_a_long_recording_are_those_of_all_of_it_at_once():
     n, rng = 3 * AT_ONCE + 100, np.random.default_rng(10)
     of, columns = long(n, rng)
     residual = rng.standard_normal((n, len(CHANNELS)))
-    trained, held = of.whitened([white(n)]).products(columns, [residual], absent=True).at(
-        (0.0,) * 4)
     every = np.stack([residual[:, 0], *(c[0].values() for c in columns[0])]) / SIGMA
-    for gram, rows in ((trained, of.train[0]), (held, ~of.train[0])):
+    for training, rows in ((True, of.train[0]), (False, np.full(n, True))):
+        gram = of.whitened([white(n)]).products(
+            columns, [residual], absent=True, training=training).at((0.0,) * 4)
         expected = every[:, rows] @ every[:, rows].T
         assert gram.matrix == pytest.approx(expected[1:, 1:])
         assert gram.vector == pytest.approx(expected[1:, 0])

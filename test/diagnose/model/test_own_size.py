@@ -1,14 +1,11 @@
 """What a larger discrepancy does to a fit, and what it is held out, are the dense Gaussian's."""
 
-from types import SimpleNamespace
-
 from forcecal_ros.core.noise.autoregression import Autoregression, ORDER
 from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.model.basis import Basis
 from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.model.discrepancy import Discrepancy
 from forcecal_ros.diagnose.model.evidence import fit, Prior
-from forcecal_ros.diagnose.model.own_size import predicted, spread
 import numpy as np
 import pytest
 
@@ -35,9 +32,10 @@ def setting(rng):
         + OWN * SIGNAL * (np.sqrt(SHARE) * rng.standard_normal(3)) @ rows
     train = np.arange(N) < TRAINED
     of = Discrepancy(Basis((features,), SHARE), np.full(len(CHANNELS), SIGNAL), [train])
-    products = of.whitened([white()]).products(
-        [[{0: Compact(*one)} for one in zip(columns.numbers, columns.unit)]], [residual])
-    return rows, columns.values().astype(float), residual, products
+    products = [of.whitened([white()]).products(
+        [[{0: Compact(*one)} for one in zip(columns.numbers, columns.unit)]], [residual],
+        training=training) for training in (False, True)]
+    return rows, columns.values().astype(float), residual, *products
 
 
 def covariance(rows, size):
@@ -46,24 +44,24 @@ def covariance(rows, size):
 
 @pytest.mark.parametrize('known', [0.0, KNOWN])
 def test_products_vary_by_what_a_larger_discrepancy_adds(known):
-    rows, columns, _, products = setting(np.random.default_rng(1))
+    rows, columns, _, products, _ = setting(np.random.default_rng(1))
     f, a = rows.astype(float), columns
     weighed = np.linalg.solve(covariance(f, known), a.T)
     more = covariance(f, OWN) - covariance(f, known)
-    found = spread(products, (known,) * 4, {0: OWN})
+    found = products.spread((known,) * 4, {0: OWN})
     assert found == pytest.approx(weighed.T @ more @ weighed, rel=1e-3)
-    assert not spread(products, (OWN,) * 4, {0: OWN}).any()
-    assert not spread(products, (known,) * 4, {}).any()
+    assert not products.spread((OWN,) * 4, {0: OWN}).any()
+    assert not products.spread((known,) * 4, {}).any()
 
 
 def test_a_number_that_a_discrepancy_is_like_is_off_by_as_much_as_it_is_said_to_be():
     rng, off, stated = np.random.default_rng(2), [], []
     prior = Prior(np.zeros(2), np.full(2, 1e-9), np.full(2, -np.inf), np.full(2, np.inf))
     for _ in range(100):
-        *_, products = setting(rng)
+        *_, products, _ = setting(rng)
         scales = (KNOWN,) * 4
-        found = fit(products.at(scales)[0] + products.at(scales)[1], prior)
-        more = found.covariance @ spread(products, scales, {0: OWN}) @ found.covariance
+        found = fit(products.at(scales), prior)
+        more = found.covariance @ products.spread(scales, {0: OWN}) @ found.covariance
         off.append(found.x)
         stated.append([np.diag(found.covariance), np.diag(found.covariance + more)])
     z = np.mean(np.square(off)[:, None] / np.array(stated), axis=0)
@@ -73,16 +71,16 @@ def test_a_number_that_a_discrepancy_is_like_is_off_by_as_much_as_it_is_said_to_
 
 
 def test_a_discrepancy_is_predicted_held_out_and_may_be_off_as_the_dense_gaussian_says():
-    rows, _, residual, products = setting(np.random.default_rng(3))
-    datasets = (SimpleNamespace(held=np.arange(N) >= TRAINED),)
-    found = predicted(products, {0: OWN}, datasets)
+    rows, _, residual, _, training = setting(np.random.default_rng(3))
+    whitened = training.whitened
+    found, = whitened.of_weights(training.weights({0: OWN}), [residual.shape])
+    unseen = whitened.unseen({0: OWN})
     f, g = rows[:, :TRAINED].astype(float), rows[:, TRAINED:].astype(float)
     across = (OWN * SIGNAL) ** 2 * (g.T * SHARE) @ f
     solved = np.linalg.solve(covariance(f, OWN), np.column_stack([residual[:TRAINED, 0],
                                                                   across.T]))
-    assert found.rows[0][TRAINED:, 0] == pytest.approx(across @ solved[:, 0], rel=1e-3, abs=1e-3)
+    assert found[TRAINED:, 0] == pytest.approx(across @ solved[:, 0], rel=1e-3, abs=1e-3)
     prior = (OWN * SIGNAL) ** 2 * (g.T * SHARE) @ g
-    assert found.unseen[0] == pytest.approx(
+    assert unseen[0] == pytest.approx(
         np.mean(np.diag(prior - across @ solved[:, 1:])), rel=1e-2)
-    assert not found.unseen[1:].any()
-    assert not predicted(products, {}, datasets).rows[0].any()
+    assert not unseen[1:].any() and not whitened.unseen({}).any() and not training.weights({})

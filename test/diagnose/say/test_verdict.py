@@ -1,7 +1,6 @@
 """What a verdict leaves open, and what it does not."""
 
-from forcecal_ros.diagnose.judge.residual_summary import UnexplainedPart
-from forcecal_ros.diagnose.verdict import verdict
+from forcecal_ros.diagnose.verdict import UnexplainedPart, verdict
 import pytest
 
 NOTHING = UnexplainedPart(0.5, 'force.x')

@@ -8,6 +8,7 @@ from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
 from forcecal_ros.diagnose.model.compact import Compact
+from forcecal_ros.diagnose.model.gates import Gate
 from forcecal_ros.diagnose.result import Diagnosis, load_diagnosis, to_document
 from forcecal_ros.diagnose.search.change_points import _to_a_sample
 from forcecal_ros.diagnose.search.posterior import _further_step
@@ -21,7 +22,7 @@ import pytest
 from rig_recordings import FREE, motion, PERIOD
 
 ENDED = NamedEffect('tool_mass', {'change': Parameter(0.1, 0.001, '1')}, 0.9,
-                    end=4.5, end_ci95=(4.49, 4.52))
+                    end=4.5, end_ci95=(4.49, 4.52), recording=0)
 UNITS = {c.name: c.unit for c in CHANNELS}
 
 
@@ -39,10 +40,11 @@ def _switched(effects, at, ends, seed):
     return replace(before, phases=phases, **streams)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(('effects', 'ends', 'at'), [
     ({'tool_mass': {'change': 0.1}}, True, 4.2),
     # while force.z is loaded: from 2.5 to 4.5 s it is zero, and no instant would show
-    pytest.param({'wrench_crosstalk': {'fx_of_fz': 0.05}}, False, 5.0, marks=pytest.mark.long)])
+    ({'wrench_crosstalk': {'fx_of_fz': 0.05}}, False, 5.0)])
 def test_an_effect_of_half_a_recording_is_named_with_its_instant(effects, ends, at):
     (name, values), = effects.items()
     diagnosis = RigSource(load_rig()).diagnose(_switched(effects, at, ends, 31)).diagnosis
@@ -56,6 +58,29 @@ def test_an_effect_of_half_a_recording_is_named_with_its_instant(effects, ends, 
         found = effect['parameters'][key]
         assert found['value'] == pytest.approx(value, abs=4.0 * found['std'])
     assert f'{name} {"until" if ends else "from"} {effect[word]:.3f} s' in diagnosis.reason
+
+
+@pytest.mark.parametrize(('effects', 'where'), [
+    ({'tool_mass': {'change': 0.3}}, 0),
+    pytest.param({'wrench_bias_drift': {'fz': 0.05, 'ty': 0.002}}, 1, marks=pytest.mark.long),
+    pytest.param({'wrench_crosstalk': {'fx_of_fz': 0.03}}, 0, marks=pytest.mark.long)])
+def test_an_effect_of_one_of_two_recordings_is_named_with_its_recording(effects, where):
+    rigs = [load_rig(), load_rig()]
+    rigs[where] = with_effects(rigs[where], effects)
+    positions, rotations, phases = motion(FREE)
+    target = PoseStream(PERIOD * np.arange(len(positions)), positions, rotations)
+    pair = [replace(simulate(rig, target, seed=40 + i), phases=phases)
+            for i, rig in enumerate(rigs)]
+    diagnosis = RigSource(load_rig()).diagnose(*pair).diagnosis
+    (name, values), = effects.items()
+    effect, = to_document(diagnosis, UNITS, None)['effects']
+    assert (diagnosis.verdict, effect['name'], effect['recording']) == ('identified', name, where)
+    assert 'from' not in effect and 'to' not in effect
+    for key, value in values.items():
+        found = effect['parameters'][key]
+        assert found['value'] == pytest.approx(value, abs=4.0 * found['std'])
+    assert f'{name} in the {("first", "second")[where]} recording alone' in diagnosis.reason
+    assert diagnosis.gap.closed > 0.8
 
 
 def test_an_instant_is_written_and_read_again(tmp_path):
@@ -72,7 +97,7 @@ def test_where_no_sample_is_near_an_instant_stays_as_coarse_as_its_blocks():
     ended = SimpleNamespace(times=lambda stream: np.arange(0.0, 10.0, 0.008))
     model = SimpleNamespace(datasets=[SimpleNamespace(measured=ended)], noise=[None],
                             level=np.ones(len(CHANNELS)))
-    gate = SimpleNamespace(recording=0, begin=20.0)
+    gate = Gate(0, begin=20.0)
     added = {6: Compact.of(np.array([0.0, 1.0]))}
     assert _to_a_sample(model, gate, added, None, 20.0, 20.1) is None
 

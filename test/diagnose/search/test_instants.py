@@ -2,6 +2,7 @@
 
 from forcecal_ros.core.noise.autoregression import white
 from forcecal_ros.diagnose.dataset import split_by_phase
+from forcecal_ros.diagnose.model.discrepancy import NO_DISCREPANCY
 from forcecal_ros.diagnose.model.evidence import fit, Prior
 from forcecal_ros.diagnose.model.gates import Gate, gated
 from forcecal_ros.diagnose.model.linearised import EFFECT, linearised_model
@@ -34,12 +35,11 @@ def test_a_fit_at_an_instant_is_that_of_the_gated_column(model, ends):
     at = model.datasets[0].measured.start + 0.004 * float(instants.blocks[i])
     gate = Gate(0, None, at) if ends else Gate(0, at)
     rows = gate.rows(model.datasets[0].measured, 0)
-    train, held = model.products([gated(columns, rows)], absent=True).at(
-        model.discrepancy_scales)
+    every = model.products([[gated(one, rows) for one in columns]]).at(NO_DISCREPANCY)
     own = model.prior()
     prior = Prior(np.append(own.centre, [0.0, 0.0]), np.append(own.precision, [EFFECT, EFFECT]),
                   np.append(own.low, [-np.inf, -np.inf]), np.append(own.high, [np.inf, np.inf]))
     m = np.arange(len(own.centre))
-    joint, alone = fit(train + held, prior), fit((train + held).of(m), own)
+    joint, alone = fit(every, prior), fit(every.of(m), own)
     assert found.x[i] == pytest.approx(joint.x[-2:], rel=0.02, abs=1e-3)
     assert found.evidence[i] == pytest.approx(joint.log_evidence - alone.log_evidence, abs=0.2)
