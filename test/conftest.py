@@ -1,5 +1,6 @@
 """Fixtures of general use: where recorded data is, and a DDS domain of one's own."""
 
+import fcntl
 import os
 from pathlib import Path
 import re
@@ -97,22 +98,75 @@ def rig_sample():
 
 
 @pytest.fixture(scope='session')
-def rig_run(tmp_path_factory):
-    """Return a folder with ``bag``: this package's rig over half a minute of every motion."""
-    from rig_recordings import write_own
-    return write_own(tmp_path_factory.mktemp('rig_run'))
+def once(tmp_path_factory):
+    """Return a function that lets one worker fill a folder for all; the others wait for it."""
+    root = tmp_path_factory.getbasetemp()
+    root = root.parent if SHARED else root
+
+    def folder(name, fill):
+        with (root / f'{name}.lock').open('w') as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not (root / name).exists():
+                (root / f'{name}.begun').mkdir()
+                fill(root / f'{name}.begun')
+                (root / f'{name}.begun').rename(root / name)
+        return root / name
+
+    return folder
+
+
+@pytest.fixture(scope='session', autouse=True)
+def _compiled(once):
+    """Compile what most tests run in one worker, and meanwhile something else in another."""
+    if SHARED:
+        parts = [_compile_rig, _compile_observer]
+        for part in parts if os.environ['PYTEST_XDIST_WORKER'] != 'gw1' else parts[::-1]:
+            once(part.__name__, part)
+
+
+def _compile_rig(_):
+    from rig_recordings import FREE, own_recording
+    own_recording(parts=FREE[:1])
+
+
+def _compile_observer(_):
+    from forcecal_ros.observe import replay
+    from observing import calibration, record
+    replay(record(0.1), calibration())
 
 
 @pytest.fixture(scope='session')
-def second_rig(tmp_path_factory):
+def rig_run(once):
+    """Return a folder with ``bag``: this package's rig in poses, a step and turns."""
+    from rig_recordings import write_own
+    return once('rig_run', write_own)
+
+
+@pytest.fixture(scope='session')
+def brief(once):
+    """Return a folder with ``bag``, a brief calibration run at 250 Hz, and ``c.yaml`` of it."""
+    from calibration_runs import brief_run
+    from forcecal_ros.cli.main import main
+    from forcecal_ros.io.bags import write_recording
+
+    def fill(folder):
+        write_recording(folder / 'bag', brief_run())
+        assert main(['calibrate', str(folder / 'bag'), '-o', str(folder / 'c.yaml')]) == 0
+
+    return once('brief', fill)
+
+
+@pytest.fixture(scope='session')
+def second_rig(once):
     """Return a folder with ``bag`` and ``clean.npz``: the same motion run by the second rig."""
     if not (ROOT / 'benchmark' / 'blind').is_dir():
         pytest.skip('the second rig is not part of what is installed')
     from rig_recordings import write_second
-    return write_second(tmp_path_factory.mktemp('second_rig'))
+    return once('second_rig', write_second)
 
 
-@pytest.fixture(scope='session', params=['second_rig', 'rig_sample'])
+@pytest.fixture(scope='session', params=[
+    'second_rig', pytest.param('rig_sample', marks=pytest.mark.long)])
 def other_rig(request):
     """Return a folder with ``bag`` and ``clean.npz``, by each code that is not this package's."""
     return request.getfixturevalue(request.param)

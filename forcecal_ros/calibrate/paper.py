@@ -24,20 +24,16 @@ class Plain(NamedTuple):
         Eq. 16 as printed and with the share of the weight that x really carries [kg].
     offset : float
         Eq. 15, of the axis that shows x [V].
-    gain, gain_corrected, gain_aligned : float
-        Eq. 17 as printed; with the noise of the regressor taken out (errors in variables); with
-        the delay between the sensors taken out as well [V/(m/s^2)].
-    operations : float
-        Eq. 20.
+    gain, gain_aligned : float
+        Eq. 17 as printed; with the noise of the regressor (errors in variables) and the delay
+        between the sensors taken out [V/(m/s^2)].
     """
 
     mass: float
     mass_theta: float
     offset: float
     gain: float
-    gain_corrected: float
     gain_aligned: float
-    operations: float
 
 
 class Alignment(NamedTuple):
@@ -48,7 +44,7 @@ class Alignment(NamedTuple):
     variance: float
 
 
-def plain_procedure(recording: Recording, poses: list[StaticPose], gravity: float, theta: float,
+def plain_procedure(recording: Recording, poses: list[StaticPose], gravity: float,
                     step: tuple[float, float] | None, alignment: Alignment | None) -> Plain:
     """
     Carry out steps 1 to 8 of the procedure as printed, [Gamez2005] Eq. 11 to Eq. 17, Eq. 20.
@@ -57,8 +53,6 @@ def plain_procedure(recording: Recording, poses: list[StaticPose], gravity: floa
     ----------
     gravity : float
         [m/s^2]
-    theta : float
-        [rad]
     step : tuple of float or None
         Start and end of the step [s].
     alignment : Alignment or None
@@ -68,14 +62,13 @@ def plain_procedure(recording: Recording, poses: list[StaticPose], gravity: floa
     upright = [abs(p.R_base_sensor[2, 0]) for p in poses]
     h, v = int(np.argmax(upright)), _level_pose(recording, poses, step)
     if upright[h] < _VERTICAL or upright[v] > _HORIZONTAL:
-        return Plain(nan, nan, nan, nan, nan, nan, nan)
+        return Plain(nan, nan, nan, nan, nan)
     assert recording.wrench is not None
     u_h, u_v = (-float(window_mean(recording.wrench, poses[i].start, poses[i].end)[0])
                 for i in (h, v))
     mass = mass_from_tilt(u_h, u_v, gravity)
-    share = float(np.arccos(min(1.0, upright[h])))
-    mass_theta = mass_from_tilt(u_h, u_v, gravity, theta or share)
-    offset, gains = nan, (nan, nan, nan)
+    mass_theta = mass_from_tilt(u_h, u_v, gravity, float(np.arccos(min(1.0, upright[h]))))
+    offset, gains = nan, (nan, nan)
     accelerometer = recording.accelerometer
     if alignment is not None and accelerometer is not None:
         at_v = accelerometer.between(poses[v].start, poses[v].end).values
@@ -83,11 +76,7 @@ def plain_procedure(recording: Recording, poses: list[StaticPose], gravity: floa
             offset = float(plain_offset(at_v)[alignment.axis])
         if step is not None:
             gains = _gains(recording, step, alignment, offset, u_v, mass)
-    operations = nan
-    if step is not None:
-        operations = operation_count((poses[h].start, poses[h].end, poses[v].start, poses[v].end,
-                                      poses[v].end + step[1] - step[0]), recording.wrench.rate)
-    return Plain(mass, mass_theta, offset, *gains, operations)
+    return Plain(mass, mass_theta, offset, *gains)
 
 
 def _level_pose(recording: Recording, poses: list[StaticPose],
@@ -104,8 +93,8 @@ def _level_pose(recording: Recording, poses: list[StaticPose],
 
 
 def _gains(recording: Recording, step: tuple[float, float], alignment: Alignment,
-           offset: float, u_v: float, mass: float) -> tuple[float, float, float]:
-    """Eq. 17 plain, corrected for noise, and aligned in time as well."""
+           offset: float, u_v: float, mass: float) -> tuple[float, float]:
+    """Eq. 17 as printed, and corrected for noise and delay."""
     assert recording.accelerometer is not None and recording.wrench is not None
     cut = recording.accelerometer.between(*step)
     shown = cut.values[:, alignment.axis] - offset
@@ -116,10 +105,9 @@ def _gains(recording: Recording, step: tuple[float, float], alignment: Alignment
         return np.asarray((-wrench.at(cut.t - delay)[:, 0] - u_v) / mass)
 
     try:
-        return (step_gain(shown, Y(0.0)), step_gain(shown, Y(0.0), alignment.variance),
-                step_gain(shown, Y(alignment.delay), alignment.variance))
+        return step_gain(shown, Y(0.0)), step_gain(shown, Y(alignment.delay), alignment.variance)
     except UnobservableError:
-        return float('nan'), float('nan'), float('nan')
+        return float('nan'), float('nan')
 
 
 def operation_count(times: tuple[float, float, float, float, float], rate: float) -> float:

@@ -278,7 +278,7 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
     if not shows or not np.sqrt(np.diag(tool.covariance)[4:7].max()) < MAX_COM_STD:
         check_poses(statics.gravity, settings.thresholds.condition)
     late = (-joint.delay, joint.delay_std)
-    known = moves and joint.delay_std < settings.largest_delay / 10
+    known = moves and joint.delay_std < 10 * settings.thresholds.delay
     return Stages(recording, removed, poses, statics, tool, sag, ring,
                   fit_accelerometer(recording, settings, joint, poses, slide),
                   inertia_of(joint) if moves else None, late if known else None, joint,
@@ -331,19 +331,19 @@ def fit_accelerometer(recording: Recording, settings: IdentificationSettings, jo
     if stream is None or len(stream) < MIN_SAMPLES:
         return None
     blocks = blocks_of(stream, pose, np.array([0.0, 0.0, -settings.gravity]),
-                       2 * settings.largest_delay, slide, [(p.start, p.end) for p in poses],
+                       settings.largest_delay, slide, [(p.start, p.end) for p in poses],
                        recording.phases if poses else ())
     place = settings.accelerometer_position
     fit = accelerometer_fit(stream, blocks, settings.coupling, settings.cutoff,
                             None if place is None else np.array(place),
-                            2 * settings.largest_delay)
+                            settings.largest_delay)
     if fit.std[3:12].max() > MAX_RELATIVE_MAP_STD * np.abs(fit.matrix).max():
         return None
     C = fit.covariance.copy()
     C[12, 12] += joint.covariance[16, 16]
     late = fit.delay - joint.delay
-    return fit._replace(delay=late if np.sqrt(C[12, 12]) < settings.largest_delay / 10 else np.nan,
-                        covariance=C)
+    known = np.sqrt(C[12, 12]) < 10 * settings.thresholds.delay
+    return fit._replace(delay=late if known else np.nan, covariance=C)
 
 
 def _judged(recording: Recording, settings: IdentificationSettings

@@ -117,7 +117,7 @@ def _plain(stages: Stages, calibration: Calibration, settings: IdentificationSet
             variance = float((M @ calibration.noise.specific_force.value @ M.T)[axis, axis])
         alignment = Alignment(axis, float(accelerometer.delay), variance)
     steps = phase_spans(stages.recording.phases, ('step',))
-    return plain_procedure(stages.recording, stages.poses, settings.gravity, settings.theta,
+    return plain_procedure(stages.recording, stages.poses, settings.gravity,
                            steps[0] if steps else None, alignment)
 
 
@@ -156,11 +156,10 @@ def _relative(estimate: Any) -> float:
     return float((estimate.std / np.abs(estimate.value)).max())
 
 
-def _as_printed(stages: Stages, settings: IdentificationSettings) -> bool:
+def _as_printed(stages: Stages) -> bool:
     """Whether two poses are those of Eq. 9 and Eq. 12, which alone Eq. 16 is about."""
     along_x = np.abs([pose.R_base_sensor[2, 0] for pose in stages.poses])
-    return bool(abs(along_x.max() - abs(np.cos(settings.theta))) < _ASTRAY
-                and along_x.min() < _ASTRAY)
+    return bool(along_x.max() > 1.0 - _ASTRAY and along_x.min() < _ASTRAY)
 
 
 def _plain_error(stages: Stages, settings: IdentificationSettings) -> float:
@@ -177,7 +176,7 @@ def _disagreement(plain: Plain, stages: Stages, c: Calibration, settings: Identi
     limit = settings.thresholds.agreement
     off = plain.mass_theta / float(c.mass) - 1
     chance = _CHANCE * _plain_error(stages, settings) / float(c.mass)
-    if abs(off) > limit + chance and _as_printed(stages, settings):
+    if abs(off) > limit + chance and _as_printed(stages):
         yield Finding(
             f'mass: Eq. 16 gives {plain.mass_theta:.4g} kg, all poses together '
             f"{float(c.mass):.4g} kg ({off:+.1%}); look at the poses' orientation, gravity, "
@@ -251,8 +250,7 @@ def _errors(stages: Stages, c: Calibration, settings: IdentificationSettings, pl
     if np.isfinite(plain.mass):
         weight = mass * settings.gravity * np.array([0.0, 0.0, -1.0])
         errors['mass_eq23'] = mass_error(
-            h, orientation_h(settings.theta), v, orientation_v(settings.theta), weight, weight,
-            settings.gravity)
+            h, orientation_h(), v, orientation_v(), weight, weight, settings.gravity)
     if c.accelerometer is None:
         return errors
     a, axis = c.accelerometer, _axis_of_x(c)

@@ -67,8 +67,6 @@ class IdentificationSettings(Section, name=''):
     sensor_rotation: Annotated[Vector3 | None, Row(
         "Rotation vector of the wrench's axes, seen from the frame of the pose; None: the same",
         'rad')] = None
-    theta: Annotated[float, Row(
-        "The paper's angle in Eq. 9 and 12; only the plain Eq. 16 uses it", 'rad')] = 0.0
     coupling: Annotated[str, Row(
         'Of the accelerometer; ac: with a first-order high-pass', words=COUPLINGS)] = 'dc'
     cutoff: Annotated[float | None, Row(
@@ -81,7 +79,8 @@ class IdentificationSettings(Section, name=''):
     wrench_sign: Annotated[int, Row(
         'What the readings were multiplied by when they were read', words=(1, -1))] = 1
     largest_delay: Annotated[float, Row(
-        'Delays between sensors are looked for up to this', 's', above=0.0)] = 0.02
+        'Delays between sensors are looked for up to this; longer ones are other clocks', 's',
+        above=0.0)] = 0.1
     observer_mode: Annotated[str, Row('Who publishes the contact wrench', words=MODES)] = 'kalman'
     observer_design: Annotated[str, Row(
         "Of the paper's gain: kalman is Eq. 18, 19", words=DESIGNS)] = 'kalman'

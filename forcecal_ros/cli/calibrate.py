@@ -8,7 +8,6 @@ from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.cli.common import (
     add_gravity,
-    angle,
     from_arguments,
     gravity_of,
     group,
@@ -82,11 +81,6 @@ def add_identification(parser: argparse.ArgumentParser) -> None:
     observer.add_argument('--filter', choices=('kalman', 'newton'), default='kalman',
                           help='filter that the calibration requires')
     add_bandwidth(observer, DEFAULTS)
-    observer.add_argument('--design', choices=('kalman', 'poles'), default='kalman',
-                          help='design of the gain of [Gamez2005]: Riccati equation or pole '
-                               'placement')
-    observer.add_argument('--theta', metavar='DEG', type=angle, default=0.0,
-                          help='angle of [Gamez2005] of the two poses about z')
 
 
 def add_bandwidth(options: Any, defaults: tuple[str, str, str]) -> None:
@@ -228,12 +222,11 @@ def _settings_of(args: argparse.Namespace, source: Any = ()) -> 'IdentificationS
 
     position, rotation = args.accelerometer_position, args.sensor_rotation
     return IdentificationSettings(
-        **gravity_of(args), theta=math.radians(args.theta), coupling=args.coupling,
+        **gravity_of(args), coupling=args.coupling,
         sensor_rotation=(math.radians(rotation[0]), math.radians(rotation[1]),
                          math.radians(rotation[2])) if rotation else None,
         cutoff=args.cutoff, accelerometer_position=tuple(position) if position else None,
-        wrench_sign=args.wrench_sign or 1, observer_mode=args.filter,
-        observer_design=args.design, source=dict(source))
+        wrench_sign=args.wrench_sign or 1, observer_mode=args.filter, source=dict(source))
 
 
 def write_report(args: argparse.Namespace, recording: 'Recording', calibration: 'Calibration'

@@ -443,7 +443,6 @@ def _number(expected: str, fits: Callable[[float], bool]) -> Callable[[str], flo
 real = _number('a number', lambda x: True)
 positive = _number('a number above 0', lambda x: x > 0)
 not_negative = _number('a number, 0 or more', lambda x: x >= 0)
-angle = _number('an angle from -360 to 360 deg', lambda x: abs(x) <= 360.0)
 # from the Moon's to Jupiter's: a number outside has a wrong sign or another unit
 gravity = _number('the magnitude of gravity, 1.6 to 25 m/s^2', lambda x: 1.6 <= x <= 25.0)
 # a sensor on a wrist is no farther from the force sensor: 30 or 120 is meant in millimetres

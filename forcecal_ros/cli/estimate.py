@@ -36,6 +36,9 @@ FILTERS = ('observer', 'kalman', 'newton', 'ukf', 'ekf', 'static')
 LEARNING = ('ukf', 'ekf')
 """Filters that estimate the biases as well."""
 
+LEARNED = ('rise_time', 'contact_floor', 'bias_prior')
+"""Their settings among the arguments."""
+
 MAX_DELAY_STD_S = 5e-4
 """A delay found in the recording itself is used if its standard error is below half a period of a
 sensor at 1 kHz."""
@@ -84,10 +87,6 @@ def add_parser(subparsers: Any) -> None:
 def _add_learning(options: Any) -> None:
     options.add_argument('--orientation', choices=('auto', 'pose', 'imu'), default='auto',
                          help='source of gravity: the pose, or accelerometer and gyro')
-    options.add_argument('--states', type=int, choices=(6, 12), default=12,
-                         help='6: wrench; 12: wrench and biases')
-    options.add_argument('--covariances', choices=('measured', 'paper'), default='measured',
-                         help="Q, R and P0 from the calibration's noise, or as [Ukf2025] prints")
     options.add_argument('--rise-time', metavar='S', type=positive,
                          help='10-90 %% rise of a contact force (default: 0.012 s)')
     options.add_argument('--contact-floor', metavar=('N', 'NM'), nargs=2, type=not_negative,
@@ -111,13 +110,9 @@ def run(args: argparse.Namespace) -> int:
 def _refuse_unused(args: argparse.Namespace) -> None:
     """Refuse options that the chosen filter does not use."""
     bandwidth = bandwidth_of(args)
-    kalman = [f'--{name.replace("_", "-")}' for name in (
-        'bandwidth', 'contact_walk', 'bandwidth_min', 'bandwidth_max')
-        if getattr(args, name) is not None]
-    learning = [option for option, given in (
-        ('--states', args.states != 12), ('--covariances', args.covariances == 'paper'),
-        ('--rise-time', args.rise_time), ('--contact-floor', args.contact_floor),
-        ('--bias-prior', args.bias_prior)) if given]
+    kalman, learning = (
+        [f'--{name.replace("_", "-")}' for name in names if getattr(args, name) is not None]
+        for names in (('bandwidth', 'contact_walk', 'bandwidth_min', 'bandwidth_max'), LEARNED))
     if kalman and args.filter not in ('observer', 'kalman'):
         raise UsageError(f'{kalman[0]} belongs to filter kalman, not to {args.filter}; leave it '
                          'out')
@@ -174,14 +169,11 @@ def _settings_of(args: argparse.Namespace) -> 'ObserverSettings':
     from forcecal_ros.observe import ObserverSettings
     from forcecal_ros.observe.settings import FilterSettings
 
-    learning = {name: value for name, value in (
-        ('rise_time', args.rise_time),
-        ('contact_floor', args.contact_floor and tuple(args.contact_floor)),
-        ('bias_prior', args.bias_prior and tuple(args.bias_prior))) if value is not None}
+    learning = {name: tuple(value) if isinstance(value, list) else value for name in LEARNED
+                if (value := getattr(args, name)) is not None}
     return ObserverSettings(
         filter=None if args.filter == 'observer' else args.filter, bandwidth_hz=args.bandwidth,
-        **bandwidth_of(args), learning=FilterSettings(
-            states=args.states, covariances=args.covariances, **learning))  # type: ignore[arg-type]
+        **bandwidth_of(args), learning=FilterSettings(**learning))  # type: ignore[arg-type]
 
 
 def _needs_imu(args: argparse.Namespace, recording: 'Recording') -> bool:

@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     import time
 
     with needs_ros():
-        from forcecal_ros.nodes.bags import of_this_package, StreamRecorder
+        from forcecal_ros.nodes.bags import of_this_package, Recorder
         from forcecal_ros.nodes.client import temporary_node
     from forcecal_ros.core.errors import DataError
     from forcecal_ros.io.bags import BagWriter
@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     with (temporary_node('record') as ros,
           BagWriter(args.output, args.storage, not args.no_compression) as writer,
           bar(args, unit=' messages') as done):
-        recorder = StreamRecorder(ros.node, writer, lambda name, msgtype: (
+        recorder = Recorder(ros.node, writer, lambda name, msgtype: (
             args.all or name in names or (not args.only and of_this_package(name, msgtype))))
         end = time.monotonic() + args.duration if args.duration is not None else None
         with suppress(KeyboardInterrupt):  # what is recorded counts, however it ends

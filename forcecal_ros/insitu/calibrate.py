@@ -9,7 +9,7 @@ from forcecal_ros.core.geometry import Array
 from forcecal_ros.insitu.blocks import Mounting
 from forcecal_ros.insitu.equations import Load, MOVING, STATIC
 from forcecal_ros.insitu.fit import MatrixProblem, with_known_wrenches, with_matrix
-from forcecal_ros.insitu.loads import contradiction, MASS, require
+from forcecal_ros.insitu.loads import MASS, require
 from forcecal_ros.insitu.moments import Moments
 from forcecal_ros.insitu.offset import (
     excitation,
@@ -89,7 +89,6 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
         if options.body:
             require(loads, MOVING if options.moving else STATIC)
     reduced, found_norm = reduce(data_sets, mounting, options)
-    coarse = max(r.blocks.length for r in reduced) > COARSE
     _check_channels(data_sets, [r.moments for r in reduced], options, manufacturer_matrix)
     coarse = max(r.blocks.length for r in reduced) > COARSE
     found_causes = None if options.moving or coarse else causes(
@@ -134,8 +133,9 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
             raise UnobservableError('; '.join([
                 *offsets_of(result), str(error), *affine_misfit(result), *_cut_down(reduced)]
             )) from error
-        if not bent(result):
-            result = replace(result, contradiction=contradiction(problem.stated(options.body)))
+        if not bent(result) and result.matrix is not None:
+            result = replace(result, contradiction=problem.contradiction(
+                options.body, result.matrix.value))
     _require_possible(result, reduced)
     return replace(result, warnings=warnings_of(result))
 

@@ -24,10 +24,17 @@ from forcecal_ros.insitu.equations import (
     STATIC,
     total_map,
 )
-from forcecal_ros.insitu.loads import data_rank, off_by, RankReport, Stated
+from forcecal_ros.insitu.loads import (
+    Contradiction,
+    contradiction,
+    data_rank,
+    off_by,
+    RankReport,
+    Stated,
+)
 from forcecal_ros.insitu.moments import Moments
 from forcecal_ros.insitu.reduce import DataSet, Reduced
-from forcecal_ros.insitu.result import DataSetResult, NonLinearity, SensorResult
+from forcecal_ros.insitu.result import DataSetResult, SensorResult
 from forcecal_ros.insitu.uncertainty import propagate
 import numpy as np
 
@@ -175,22 +182,30 @@ class MatrixProblem:
         return estimate_load(wrench, m.directions, fitted.body, self.gravity,
                              stated is not None and stated.mass > 0)
 
-    def stated(self, body: bool) -> Stated:
-        """Return what is stated of the data sets to train on, beside what was measured there."""
+    def contradiction(self, body: bool, matrix: Array) -> Contradiction | None:
+        """
+        Return which stated loads cannot be.
+
+        Parameters
+        ----------
+        body : bool
+            Whether an unknown one hangs there, too.
+        matrix : ndarray, shape (6, n)
+            As fitted.
+        """
         train = self.training()
         channels = eq.six_channels(train.raw, self.noise)
-        n = len(self.offset)
-        numbers = np.concatenate([np.arange(n), *(
-            np.arange(self.part(k).start, self.part(k).stop) for k in train.numbers)])
-        covariance = self.covariance[np.ix_(numbers, numbers)].reshape((len(numbers) // n, n) * 2)
-        covariance = np.einsum('anbm,ni,mj->aibj', covariance, channels, channels)
-        size = 6 * len(covariance)
-        values, vectors = np.linalg.eigh(covariance.reshape(size, size))
-        return Stated(
-            tuple(self.data_sets[k].name for k in train.numbers),
-            tuple(raw @ channels for raw in train.raw), tuple(train.gravity),
-            tuple(self.moments[k].ones for k in train.numbers), tuple(train.loads),
-            vectors * np.sqrt(np.maximum(values, 0.0)), body)
+
+        def noise_of(number: int) -> Array:
+            part, shape = self.part(number), self.moments[number].raw.shape
+            covariance = self.covariance[part, part].reshape(shape * 2)
+            variance = np.einsum('in,anam,im->i', matrix, covariance, matrix)
+            return np.asarray(variance.reshape(2, 3).sum(axis=1))
+
+        return contradiction([
+            Stated(self.data_sets[k].name, raw @ channels, gravity, load, noise_of(k))
+            for k, raw, gravity, load in zip(train.numbers, train.raw, train.gravity, train.loads)
+        ], body)
 
     def rank(self) -> RankReport:
         """
@@ -391,29 +406,8 @@ def _known_tables(result: SensorResult, rows: Sequence[_Rows], fitted: _Map, off
                       position=None if nothing else Estimate(found.position, place, 'm'))
 
 
-def _nonlinearity(rows: Sequence[_Rows], fitted: _Map) -> NonLinearity:
-    """How far wrenches are off the map, as shares of their range; and what squares would do."""
+def _nonlinearity(rows: Sequence[_Rows], fitted: _Map) -> float:
+    """How far wrenches are off the map: RMS over the range, of the worst axis."""
     wrench = np.vstack([one.wrench for one in rows])
     off = wrench - fitted(np.vstack([one.raw for one in rows]))
-    gains = np.array([_gain(rows, k) for k in range(len(rows))])
-    better = gains.mean() > 2 * gains.std(ddof=1) / np.sqrt(len(gains))
-    return NonLinearity(float((off.std(axis=0) / np.maximum(np.ptp(wrench, axis=0), 1e-12)).max()),
-                        bool(better))
-
-
-def _gain(rows: Sequence[_Rows], k: int) -> float:
-    """By how much squares of the channels make the squared error of a set left out smaller."""
-    others = [one for j, one in enumerate(rows) if j != k]
-    raw = np.vstack([one.raw for one in others])
-    centre, span = raw.mean(axis=0), np.ptp(raw, axis=0)
-
-    def squared(one: _Rows) -> _Rows:
-        return replace(one, raw=np.hstack([one.raw, ((one.raw - centre) / span) ** 2]))
-
-    scale = np.maximum(np.vstack([one.wrench for one in rows]).std(axis=0), 1e-12)
-    if len(raw) <= 2 * raw.shape[1] + 1:
-        return 0.0
-    plain, more = _fit(others), _fit([squared(one) for one in others])
-    one = rows[k]
-    return float((((plain(one.raw) - one.wrench) / scale) ** 2).mean()
-                 - (((more(squared(one).raw) - one.wrench) / scale) ** 2).mean())
+    return float((off.std(axis=0) / np.maximum(np.ptp(wrench, axis=0), 1e-12)).max())

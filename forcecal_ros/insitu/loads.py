@@ -7,7 +7,6 @@ equal and the total centres of mass are not on one line.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import combinations
 from typing import NamedTuple
 
@@ -16,8 +15,6 @@ from forcecal_ros.core.geometry import Array
 from forcecal_ros.insitu import equations as eq
 from forcecal_ros.insitu.equations import Load, load_parameters, STATIC, system, total_map
 import numpy as np
-from scipy import stats
-from scipy.spatial.transform import Rotation
 
 RELATIVE = 1e-9
 """Singular values below this share of the largest are rounding."""
@@ -164,140 +161,53 @@ def _advice(loads: Sequence[Load], regressors: int) -> str:
     return 'data sets with different masses at different places'
 
 
-MASS, PLACE, TILT = 0.003, 0.002, np.deg2rad(0.5)
-"""Errors of masses (share), of places [m] and of the direction of gravity [rad] that careful hands
-make: kitchen scales, calipers to a centre of mass without a mark, pinned mounts."""
+MASS, PLACE = 0.003, 0.002
+"""Errors of masses (share) and of places [m] that careful hands make: kitchen scales, calipers to
+a centre of mass without a mark."""
 
-CHANCE = 1e-6
-"""Stated loads contradict each other where chance leaves so much over less often than that."""
+MISFIT = 0.02
+"""Share of the known wrenches that loads which agree leave over at most: careful hands
+leave 0.005, sensors that are not linear up to 0.02."""
 
-LINEAR = 0.003
-"""Share of its load to which no sensor is linear: data sheets say 0.002 to 0.005."""
+NOISE_SIGMA = 3.0
+"""What is left is not noise beyond so many of its standard deviations."""
 
-EXPLAINED = 0.05
-"""Share of the squared misfit that the others leave at most without a wrong data set."""
+EXPLAINED = 0.2
+"""Share of the misfit that the other data sets leave at most without a wrong one."""
 
-UNKNOWNS = 36
-"""Numbers of the matrix on six channels."""
 
-@dataclass(frozen=True)
-class Stated:
+class Stated(NamedTuple):
     """
-    What is measured and stated of the data sets to train on, and what Eq. 21 leaves over of it.
+    A data set to train on.
 
     Attributes
     ----------
-    raw, gravity, ones : tuple of ndarray, shape (q, 6), (q, m), (q,)
-        Pseudo-samples of channels without offset, of regressors and of the constant.
-    root : ndarray
-        Root of the covariance of [offset, raw of the first data set, of the second...].
-    body : bool
-        Whether one is unknown.
+    raw, gravity : ndarray, shape (q, 6), (q, m)
+        Pseudo-samples of six combinations of channels without offset, and of the regressors.
+    noise : ndarray, shape (2,)
+        Square of the forces, and of the torques, that noise makes of all of them.
     """
 
-    names: tuple[str, ...]
-    raw: tuple[Array, ...]
-    gravity: tuple[Array, ...]
-    ones: tuple[Array, ...]
-    loads: tuple[Load, ...]
-    root: Array
-    body: bool
+    name: str
+    raw: Array
+    gravity: Array
+    load: Load
+    noise: Array
 
-    def without(self, number: int) -> 'Stated':
-        """Leave a data set out."""
-        keep = [k for k in range(len(self.names)) if k != number]
-        owner = np.concatenate([np.full(6, -1), *(
-            np.full(raw.size, k) for k, raw in enumerate(self.raw))])
-        return Stated(
-            tuple(self.names[k] for k in keep), tuple(self.raw[k] for k in keep),
-            tuple(self.gravity[k] for k in keep), tuple(self.ones[k] for k in keep),
-            tuple(self.loads[k] for k in keep), self.root[owner != number], self.body)
 
-    @cached_property
-    def equations(self) -> tuple[Array, Array]:
-        """Left and right side of Eq. 21."""
-        design, right = eq.system(self.raw, self.gravity, self.loads)
-        return design if self.body else design[:, :UNKNOWNS], right
+class Contradiction(NamedTuple):
+    """``words``, and ``share`` of the known wrenches left over."""
 
-    @cached_property
-    def _solution(self) -> tuple[Array, Array]:
-        """Least squares, and the directions of the equations that no unknown reaches (6 N, d)."""
-        design, right = self.equations
-        scale = np.linalg.norm(design, axis=0)
-        scale[scale == 0] = 1.0
-        u, s, vh = np.linalg.svd(design / scale, full_matrices=True)
-        rank = int((s > RELATIVE * s[0]).sum())
-        return vh[:rank].T @ (u[:, :rank].T @ right / s[:rank]) / scale, u[:, rank:]
+    words: str
+    share: float
 
-    @property
-    def matrix(self) -> Array:
-        """Of least squares, shape (6, 6)."""
-        return self._solution[0][:UNKNOWNS].reshape(6, 6).T
 
-    @property
-    def freedom(self) -> int:
-        """Number of equations beyond the unknowns."""
-        return int(self._solution[1].shape[1])
+class _Misfit(NamedTuple):
+    """Least squares of Eq. 21: share of the known wrenches that it leaves, solution and rank."""
 
-    @cached_property
-    def chi2(self) -> float:
-        """Squared misfit in units of noise and careful hands."""
-        beside = self._solution[1]
-        z = beside.T @ self.equations[1]
-        J = beside.T @ np.hstack([*self._errors(), *self._turns()])
-        covariance = J @ J.T + (beside.T * self._linear() ** 2) @ beside
-        covariance += RELATIVE * np.trace(covariance) * np.eye(len(covariance))
-        return float(z @ np.linalg.solve(covariance, z))
-
-    @property
-    def believable(self) -> bool:
-        """Whether noise and careful hands leave as much."""
-        return float(stats.chi2.sf(self.chi2, self.freedom)) > CHANCE
-
-    @property
-    def share(self) -> float:
-        """Share of the known wrenches that is left over, forces and torques in their own sizes."""
-        design, right = self.equations
-        off, right = (one.reshape(-1, 6) for one in (design @ self._solution[0] - right, right))
-        return float(max(np.linalg.norm(off[:, part]) / max(np.linalg.norm(right[:, part]), 1e-12)
-                         for part in (slice(0, 3), slice(3, 6))))
-
-    def load_of(self, raw: Array, gravity: Array) -> tuple[float, Array]:
-        """Mass [kg] and place [m] that matrix and body give the pseudo-samples of another set."""
-        total = eq.body_of(raw @ self.matrix.T, gravity)[:4]
-        mass, *moment = total - (self._solution[0][UNKNOWNS:UNKNOWNS + 4] if self.body else 0.0)
-        return float(mass), np.array(moment) / (mass or 1.0)
-
-    def _errors(self) -> Iterator[Array]:
-        """Columns of one standard deviation each: noise, masses, places."""
-        ones = np.concatenate(self.ones)
-        noise = self.root[6:].reshape(len(ones), 6, -1) - ones[:, None, None] * self.root[:6]
-        yield np.einsum('ij,qjk->qik', self.matrix, noise).reshape(6 * len(ones), -1)
-        starts = np.cumsum([0, *(6 * len(raw) for raw in self.raw)])
-        heaviest = max(one.mass for one in self.loads)
-        for k, load in enumerate(self.loads):
-            for change in off_by(load, MASS * max(load.mass, heaviest / 10), PLACE):
-                column = np.zeros((6 * len(ones), 1))
-                column[starts[k]:starts[k + 1], 0] = eq.known_side(
-                    self.gravity[k], change) - eq.known_side(self.gravity[k], load)
-                yield column
-
-    def _turns(self) -> Iterator[Array]:
-        """Columns of the misfit's change by gravity that is turned about each axis."""
-        if self.gravity[0].shape[1] == STATIC:
-            for turn in TILT * np.eye(3):
-                R = Rotation.from_rotvec(turn).as_matrix()
-                design, right = replace(self, gravity=tuple(g @ R.T for g in self.gravity)
-                                        ).equations
-                plain, plain_right = self.equations
-                yield ((design - plain) @ self._solution[0] - right + plain_right)[:, None]
-
-    def _linear(self) -> Array:
-        """Return what a sensor is not linear by in every equation."""
-        wrench = np.vstack(self.raw) @ self.matrix.T
-        size = np.repeat([np.linalg.norm(wrench[:, :3], axis=1).max(),
-                          np.linalg.norm(wrench[:, 3:], axis=1).max()], 3)
-        return np.asarray(np.tile(LINEAR * np.maximum(size, 1e-12), len(wrench)))
+    share: float
+    solution: Array
+    rank: int
 
 
 def off_by(load: Load, mass: float, place: float) -> Iterator[Load]:
@@ -309,34 +219,52 @@ def off_by(load: Load, mass: float, place: float) -> Iterator[Load]:
             yield replace(load, position=(float(x), float(y), float(z)))
 
 
-class Contradiction(NamedTuple):
-    """``words``, and ``share`` of the known wrenches left over."""
+def contradiction(stated: Sequence[Stated], body: bool) -> Contradiction | None:
+    """
+    Say that stated loads cannot all be, and which data set does not fit; None where all do.
 
-    words: str
-    share: float
-
-
-def contradiction(stated: Stated) -> Contradiction | None:
-    """Say that stated loads cannot all be, and which data set does not fit; None where all do."""
-    if stated.freedom == 0 or stated.believable:
+    Parameters
+    ----------
+    body : bool
+        Whether an unknown one hangs there.
+    """
+    whole = _misfit(stated, body)
+    if whole.share < MISFIT:
         return None
     why = ('no single data set explains it: masses, places (in which frame?), loads exchanged, '
            'the direction of gravity (R_sensor_accelerometer, left-handed axes), the order of '
            'the channels, or a sensor that is not linear')
-    rests = [stated.without(k) for k in range(len(stated.names))]
-    fitting = [k for k, rest in enumerate(rests)
-               if 0 < rest.freedom == stated.freedom - 6 * len(stated.raw[k])
-               and (rest.believable or rest.chi2 < EXPLAINED * stated.chi2)]
+    rests = [_misfit([*stated[:k], *stated[k + 1:]], body) for k in range(len(stated))]
+    fitting = [(rest.share, k) for k, rest in enumerate(rests)
+               if rest.rank == whole.rank and rest.share < EXPLAINED * whole.share]
     if fitting:
-        k = min(fitting, key=lambda k: rests[k].chi2)
-        load, (mass, place) = stated.loads[k], rests[k].load_of(stated.raw[k], stated.gravity[k])
-        why = (f'all but {stated.names[k]} agree: by the others it has {mass:.3f} kg at '
-               f'{_place(place)} m, stated {load.mass:g} kg at '
+        _, k = min(fitting)
+        name, raw, gravity, load, _ = stated[k]
+        matrix, unknown = rests[k].solution[:36].reshape(6, 6).T, rests[k].solution[36:40]
+        total = eq.body_of(raw @ matrix.T, gravity)[:4]
+        mass, *moment = total - unknown if body else total
+        why = (f'all but {name} agree: by the others it has {mass:.3f} kg at '
+               f'{_place(np.array(moment) / (mass or 1.0))} m, stated {load.mass:g} kg at '
                f'{_place(np.array(load.position))} m; look at its load, its channels and its '
                'direction of gravity')
     return Contradiction(
-        f'the stated loads contradict each other: the best matrix leaves {stated.share:.1%} of '
-        f'their wrenches; {why}', stated.share)
+        f'the stated loads contradict each other: the best matrix leaves {whole.share:.1%} of '
+        f'their wrenches; {why}', whole.share)
+
+
+def _misfit(stated: Sequence[Stated], body: bool) -> _Misfit:
+    """Solve Eq. 21, and compare what is left of forces and torques in their own sizes."""
+    _, raw, gravity, loads, noise = zip(*stated)
+    design, right = system(raw, gravity, loads)
+    design = design if body else design[:, :36]
+    scale = np.linalg.norm(design, axis=0)
+    scale[scale == 0] = 1.0
+    solution, _, rank, _ = np.linalg.lstsq(design / scale, right, rcond=RELATIVE)
+    solution = solution / scale
+    off, known = ((one.reshape(-1, 2, 3)**2).sum(axis=(0, 2)) for one in (
+        design @ solution - right, right))
+    off = np.maximum(off - NOISE_SIGMA**2 * np.sum(noise, axis=0), 0.0)
+    return _Misfit(float(np.sqrt((off / np.maximum(known, 1e-24)).max())), solution, int(rank))
 
 
 def _place(values: Array) -> str:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 from forcecal_ros.core.calibration import Calibration, Estimate
 from forcecal_ros.core.errors import UnobservableError
@@ -15,18 +15,6 @@ from forcecal_ros.insitu.reduce import Options
 from forcecal_ros.insitu.screen import Cut
 from forcecal_ros.insitu.uncertainty import Cause, Causes, Departure
 import numpy as np
-
-
-class NonLinearity(NamedTuple):
-    """
-    What a linear map leaves where every wrench is known.
-
-    ``share`` RMS of the wrench's error over its range, of the worst axis; ``squares`` whether
-    squares of the channels make errors of data sets left out smaller, by two standard errors.
-    """
-
-    share: float
-    squares: bool
 
 
 @dataclass(frozen=True)
@@ -104,8 +92,9 @@ class SensorResult:
         motion [kg m^2].
     rank : RankReport or None
         Of the unknowns, on the data.
-    nonlinearity : NonLinearity or None
-        Where nothing hangs there but the added masses.
+    nonlinearity : float or None
+        What a linear map leaves where nothing hangs there but the added masses: RMS of the wrench
+        over its range, of the worst axis.
     contradiction : Contradiction or None
         Which stated loads cannot be.
     """
@@ -126,7 +115,7 @@ class SensorResult:
     com: Estimate | None = None
     inertia: Estimate | None = None
     rank: RankReport | None = None
-    nonlinearity: NonLinearity | None = None
+    nonlinearity: float | None = None
     contradiction: Contradiction | None = None
     jumps: tuple[Jump | None, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -337,12 +326,10 @@ def affine_misfit(result: SensorResult) -> Iterator[str]:
     worst = max(shares, key=lambda name: shares[name])
     if result.contradiction and shares[worst] < LIMITS:
         return  # what such loads leave over is not the sensor's
-    if found is not None and found.share > LIMITS:
-        more = 'squares of the channels would make them smaller' if found.squares else \
-            'squares of the channels do not make them smaller for data sets left out'
-        yield (f'wrenches are off the linear map by {found.share:.0%} of their range (RMS): the '
+    if found is not None and found > LIMITS:
+        yield (f'wrenches are off the linear map by {found:.0%} of their range (RMS): the '
                'sensor is not linear, or has hysteresis or drift; this, not noise, limits the '
-               f'calibration, and the standard errors hold it; {more}')
+               'calibration, and the standard errors hold it')
     if found is not None:
         return
     if shares[worst] > LIMITS:

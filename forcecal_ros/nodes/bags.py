@@ -4,7 +4,6 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable
 from functools import partial
 from importlib import import_module
-from pathlib import Path
 import time
 from typing import Any
 
@@ -12,15 +11,14 @@ from forcecal_ros.core.errors import MotionError
 from forcecal_ros.core.topics import ROLES, Topic
 from forcecal_ros.io.bags import BagWriter, Raw
 from forcecal_ros.nodes.client import TemporaryNode
-from forcecal_ros.nodes.runtime import LATCHED, SECOND
+from forcecal_ros.nodes.runtime import LATCHED, SECOND, SENSOR
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
-RECORDED = QoSProfile(depth=2000, history=HistoryPolicy.KEEP_LAST,
-                      reliability=ReliabilityPolicy.RELIABLE)
+RECORDED = QoSProfile(depth=2000)
 """QoS of a recorded topic, whose queue holds two seconds at 1 kHz."""
 
 
@@ -30,58 +28,13 @@ def message_class(msgtype: str) -> Any:
     return getattr(import_module(f'{package}.msg'), name)
 
 
-class Recorder:
-    """
-    Subscribes to the topics of some roles and keeps every message.
-
-    Parameters
-    ----------
-    roles : iterable of str
-        Of :data:`forcecal_ros.core.topics.ROLES`.
-
-    Attributes
-    ----------
-    counts : Counter
-        Number of messages received, by role.
-    """
-
-    def __init__(self, node: Node, roles: Iterable[str]) -> None:
-        self._clock = node.get_clock()
-        self._messages: list[tuple[int, str, bytes]] = []
-        self.counts: Counter[str] = Counter()
-        self._roles = tuple(roles)
-        for role in self._roles:
-            topic, types, latched = ROLES[role]
-            node.create_subscription(
-                message_class(types[0]), topic, partial(self._keep, role),
-                LATCHED if latched else RECORDED, raw=True)
-
-    def _keep(self, role: str, raw: bytes) -> None:
-        self._messages.append((self._clock.now().nanoseconds, role, raw))
-        self.counts[role] += 1
-
-    def write(self, path: Path | str) -> None:
-        """
-        Write all messages as a recording.
-
-        Raises
-        ------
-        ConfigError
-            The recording cannot be written.
-        """
-        with BagWriter(path) as writer:
-            for log_ns, role, raw in self._messages:
-                topic, types, latched = ROLES[role]
-                writer.write_raw(topic, types[0], log_ns, raw, latched=latched)
-
-
 def of_this_package(name: str, msgtype: str) -> bool:
     """Return whether a topic has the name and type of a role, in any namespace."""
     return any(f'/{name.lstrip("/")}'.endswith(f'/{role.topic}') and msgtype in role.types
                for role in ROLES.values())
 
 
-class StreamRecorder:
+class Recorder:
     """
     Subscribes to every selected topic that appears, and writes each message at once.
 
@@ -130,10 +83,8 @@ class StreamRecorder:
         latched = all(one.durability == DurabilityPolicy.TRANSIENT_LOCAL for one in offered)
         reliable = all(one.reliability == ReliabilityPolicy.RELIABLE for one in offered)
         quality = QoSProfile(
-            depth=RECORDED.depth,
-            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-            durability=(DurabilityPolicy.TRANSIENT_LOCAL if latched
-                        else DurabilityPolicy.VOLATILE))
+            depth=RECORDED.depth, durability=(LATCHED if latched else RECORDED).durability,
+            reliability=(RECORDED if reliable else SENSOR).reliability)
         self._node.create_subscription(
             kind, name, partial(self._keep, name, msgtype, latched), quality, raw=True)
 
@@ -256,10 +207,8 @@ class Player:
             self.unknown.add(topic.type)
             return None
         latched = topic.name.endswith(tuple(f'/{name}' for name in LATCHED_NAMES))
-        return self._host.node.create_publisher(kind, self._renamed(topic.name), QoSProfile(
-            depth=1 if latched else 1000, reliability=ReliabilityPolicy.RELIABLE,
-            durability=(DurabilityPolicy.TRANSIENT_LOCAL if latched
-                        else DurabilityPolicy.VOLATILE)))
+        return self._host.node.create_publisher(
+            kind, self._renamed(topic.name), LATCHED if latched else RECORDED)
 
 
 def _clock_message(now: int) -> Clock:

@@ -1,6 +1,6 @@
 """Running nodes from a command: child processes, a temporary node, services and states."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from importlib.resources import files
@@ -16,6 +16,7 @@ from typing import Any, IO
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.schema import yaml_value
 from forcecal_ros.nodes.runtime import Interrupt, LEVELS, OUTPUT, starting
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from rcl_interfaces.msg import Parameter as ParameterMessage
@@ -50,7 +51,7 @@ class Processes:
     def start(self, node: str, parameters: Mapping[str, object]) -> None:
         """Start one node with its parameters."""
         arguments = [part for name, value in parameters.items()
-                     for part in ('-p', f'{name}:={_text(value)}')]
+                     for part in ('-p', f'{name}:={yaml_value(value)}')]
         self._outputs[node] = tempfile.TemporaryFile()  # noqa: SIM115 - outlives this call
         self._running[node] = subprocess.Popen(
             [sys.executable, '-m', f'forcecal_ros.nodes.{node}', '--ros-args', *arguments],
@@ -94,15 +95,6 @@ class Processes:
                 process.wait()
         for output in self._outputs.values():
             output.close()
-
-
-def _text(value: object) -> str:
-    """Return a value as YAML that ROS reads as the same type."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return '[' + ', '.join(_text(item) for item in value) + ']'
-    return repr(value) if isinstance(value, float) else str(value)
 
 
 def only_this_machine() -> dict[str, str]:

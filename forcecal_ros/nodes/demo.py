@@ -8,6 +8,8 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.core.errors import DataError, MotionError
+from forcecal_ros.core.topics import ROLES
+from forcecal_ros.io.bags import BagWriter
 from forcecal_ros.nodes.bags import Recorder
 from forcecal_ros.nodes.client import (
     own_domain,
@@ -22,9 +24,10 @@ from rclpy.time import Time
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-RECORDED = ('wrench', 'accelerometer', 'optidrive', 'pose', 'target', 'contact_truth',
-            'contact_wrench', 'phase', 'calibration', 'observer_gain', 'tool_inertia')
-"""Roles of the topics that the recording of a demo holds."""
+RECORDED = {role: f'/{ROLES[role].topic}' for role in (
+    'wrench', 'accelerometer', 'optidrive', 'pose', 'target', 'contact_truth', 'contact_wrench',
+    'phase', 'calibration', 'observer_gain', 'tool_inertia')}
+"""Topics that the recording of a demo holds, by role."""
 
 START_TIMEOUT = 120.0
 """Time in which a node has to answer: a first run compiles the simulator before [s]."""
@@ -82,11 +85,13 @@ class DemoResult:
 class _Demo:
     """Starts the sequences, follows their phases and records the topics."""
 
-    def __init__(self, ros: TemporaryNode, nodes: Processes, progress: Progress) -> None:
+    def __init__(self, ros: TemporaryNode, nodes: Processes, writer: BagWriter,
+                 progress: Progress) -> None:
         self._ros, self._nodes, self._progress = ros, nodes, progress
         self._shown = ''
         self.phase, self.label, self.calibration, self.since = '', '', '', 0
-        self.recorder = Recorder(ros.node, RECORDED)
+        self._recorder = Recorder(ros.node, writer,
+                                  lambda name, msgtype: name in RECORDED.values())
         self._start = ros.node.create_client(Trigger, 'sequencer/start')
         self._set = ros.node.create_client(SetParameters, 'sequencer/set_parameters')
         ros.node.create_subscription(DiagnosticArray, 'sequencer/phase', self._on_phase, OUTPUT)
@@ -102,6 +107,10 @@ class _Demo:
 
     def _on_calibration(self, message: String) -> None:
         self.calibration = message.data
+
+    def count(self, role: str) -> int:
+        """Return how many messages of a role were recorded."""
+        return self._recorder.counts[RECORDED[role]]
 
     def wait(self, until: Callable[[], bool], timeout: float, what: str,
              progress: Callable[[], object] = lambda: None) -> None:
@@ -119,6 +128,7 @@ class _Demo:
             if self._ros.interrupted:
                 raise KeyboardInterrupt
             self._nodes.check()
+            self._recorder.subscribe_to_new_topics()
             if (shown := self.phase or 'starting') != self._shown:
                 self._progress(shown)
                 self._shown = shown
@@ -162,7 +172,7 @@ class _Demo:
                   f'the start of sequence {name}')
         began = self.since
         self.wait(lambda: self.phase in ('done', 'aborted'), PATIENCE,
-                  f'the end of sequence {name}', lambda: self.recorder.counts['pose'])
+                  f'the end of sequence {name}', lambda: self.count('pose'))
         if self.phase == 'aborted':
             raise MotionError(f'sequence {name} was aborted: {self.label}')
         return (self.since - began) * 1e-9
@@ -188,18 +198,17 @@ def run_demo(accelerometer: str, out: Path, seed: int, progress: Progress) -> De
     """
     coupling = 'ac' if accelerometer == 'acc2' else 'dc'
     with (own_domain() as environment, temporary_node('demo') as ros,
-          Processes(environment) as nodes):
-        demo = _Demo(ros, nodes, progress)
+          Processes(environment) as nodes, BagWriter(out / 'bag') as writer):
+        demo = _Demo(ros, nodes, writer, progress)
         nodes.start('sim', {'accelerometer': accelerometer, 'seed': seed, **ON_TIME})
         nodes.start('observer', {'use_sim_time': True})
         nodes.start('sequencer', {'accelerometer.coupling': coupling, **FOR_SIMULATION})
-        counts = demo.recorder.counts
-        demo.wait(lambda: counts['pose'] > 0, START_TIMEOUT, 'a first pose of the simulated rig')
+        demo.wait(lambda: demo.count('pose') > 0, START_TIMEOUT,
+                  'a first pose of the simulated rig')
         duration = demo.run_sequence('calibrate')
         demo.wait(lambda: bool(demo.calibration), PATIENCE, 'the calibration')
-        received = counts['contact_wrench']
-        demo.wait(lambda: counts['contact_wrench'] > received + 500, PATIENCE,
+        received = demo.count('contact_wrench')
+        demo.wait(lambda: demo.count('contact_wrench') > received + 500, PATIENCE,
                   'the observer taking over the calibration')
         demo.run_sequence('contact')
-        demo.recorder.write(out / 'bag')
         return DemoResult(demo.calibration, duration)

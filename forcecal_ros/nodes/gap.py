@@ -20,7 +20,7 @@ from forcecal_ros.nodes.inputs import (
     WRENCH_SIGN,
 )
 from forcecal_ros.nodes.runtime import (
-    declare,
+    answering,
     diagnostic_array,
     EXECUTOR,
     OUTPUT,
@@ -29,11 +29,10 @@ from forcecal_ros.nodes.runtime import (
     STEADY,
     Waiting,
 )
-from forcecal_ros.nodes.wire import Inbox, JointReader, Reader
+from forcecal_ros.nodes.wire import JointReader, Reader, ReceivingNode
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import warm_up
 from geometry_msgs.msg import PoseStamped, WrenchStamped
-from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
@@ -53,13 +52,12 @@ KEPT = 2 * SECOND
 """Samples are kept for that long before a first command, and after their comparison [ns]."""
 
 
-class Gap(Node):
+class Gap(ReceivingNode):
     """Compares the robot with the simulated rig, from its first command on."""
 
     def __init__(self) -> None:
-        super().__init__('gap')
-        declare(self, PARAMETERS)
-        value = {row.name: self.get_parameter(row.name).value for row in PARAMETERS}
+        super().__init__('gap', PARAMETERS)
+        value = self._values()
         if value['wrench.sign'] == 0:
             raise ConfigError('wrench.sign is 0, expected 1 or -1')
         self._rig = load_rig(Path(value['rig']) if value['rig'] else None)
@@ -68,7 +66,6 @@ class Gap(Node):
         source = value['accelerometer.source']
         topic, kind, unit = ACCELEROMETERS.get(source, ACCELEROMETERS['raw'])
         self._collector = Collector(unit, value['wrench.sign'])
-        self._inbox = Inbox(self)
         self._collect('wrench', 'wrench', WrenchStamped, Reader(WrenchStamped))
         mounting, poses = mounting_parameter(self), pose_source(self)
         self._needed = {'wrench': 'wrench', 'pose': poses.name}
@@ -80,19 +77,14 @@ class Gap(Node):
         if self._rig.optidrive:
             self._collect('optidrive', 'optidrive', JointState,
                           JointReader(value['optidrive.joint']))
-        self._restart()
+        self._reset()
         self._out = self.create_publisher(DiagnosticArray, '/diagnostics', OUTPUT)
-        self.create_service(Trigger, '~/reset', self._on_reset)
+        self.create_service(Trigger, '~/reset', answering(self._reset))
         self.create_timer(0.02, self._inbox.drain, clock=STEADY)
         self.create_timer(1.0, self._judge, clock=STEADY)
         self._waiting = Waiting(self)
         self.get_logger().info('up: compares the robot with '
                                f'{value["rig"] or "the nominal rig"} from its first command on')
-
-    def destroy_node(self) -> None:
-        """Free what the node holds."""
-        self._inbox.close()
-        super().destroy_node()  # type: ignore[no-untyped-call]
 
     def _collect(self, channel: str, topic: str, kind: Any, read: Any) -> None:
         def take(raw: bytes) -> None:
@@ -105,17 +97,12 @@ class Gap(Node):
 
         self._inbox.subscribe(kind, topic, take)
 
-    def _restart(self) -> None:
+    def _reset(self) -> str:
         self._live: LiveGap | None = None
         self._origin = 0
         self._announced = ''
         self._collector.clear()
-
-    def _on_reset(self, request: Trigger.Request, response: Trigger.Response
-                  ) -> Trigger.Response:
-        self._restart()
-        response.success, response.message = True, 'begins anew with the next command'
-        return response
+        return 'begins anew with the next command'
 
     def _judge(self) -> None:
         missing = self._missing()
@@ -128,7 +115,7 @@ class Gap(Node):
             found = self._judgement(min(map(self._collector.newest, self._needed)))
         except ForcecalError as error:
             self._report('error', str(error), {})
-            self._restart()
+            self._reset()
             return
         self._publish(found)
 

@@ -9,12 +9,13 @@ from typing import Any, NamedTuple
 from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.core.parameters import Parameter
 from forcecal_ros.io.urdf import Description
+from forcecal_ros.nodes.runtime import LATCHED
 from forcecal_ros.nodes.wire import frame_of, JointsReader, Reader, Sample
 from forcecal_ros.observe.frames import at_the_sensor, mounting_of, Placement
 from forcecal_ros.observe.pose_sources import JointPose, TransformPose
 from geometry_msgs.msg import AccelStamped, PoseStamped, Vector3Stamped
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import Imu, JointState
 
@@ -44,8 +45,7 @@ POSE_PARAMETERS = (
               'pose.frame in the link pose.base are computed from joint_states; empty: from /tf'),
     SENSOR_FROM_POSE)
 
-STATIC = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE,
-                    durability=DurabilityPolicy.TRANSIENT_LOCAL)
+STATIC = QoSProfile(depth=100, reliability=LATCHED.reliability, durability=LATCHED.durability)
 """QoS of /tf_static: as many transforms as a robot has fixed joints and broadcasters."""
 
 REMIND = 5.0
@@ -89,15 +89,16 @@ def pose_source(node: Node) -> PoseSource:
     """
     base, frame, urdf = (str(node.get_parameter(f'pose.{name}').value)
                          for name in ('base', 'frame', 'urdf'))
-    if urdf:
-        return _of_joints(node, base, frame, urdf)
-    if not (base or frame):
+    if not (base or frame or urdf):
         return PoseSource('current_pose', 'current_pose', PoseStamped, Reader(PoseStamped),
                           frame_of)
     if not (base and frame):
-        raise ConfigError(f'pose.{"base" if frame else "frame"} is empty, and pose.'
-                          f'{"frame" if frame else "base"} is {frame or base!r}; name both frames '
-                          'of /tf')
+        empty, other = ('frame', 'base') if base else ('base', 'frame')
+        given = 'pose.urdf is given' if urdf else f'pose.{other} is {base or frame!r}'
+        raise ConfigError(f'pose.{empty} is empty, and {given}; name both '
+                          f'{"links of the URDF" if urdf else "frames of /tf"}')
+    if urdf:
+        return _of_joints(node, base, frame, urdf)
     message_type = transform_type('pose.base and pose.frame take poses from /tf',
                                   ', or have a PoseStamped published on current_pose')
     poses = TransformPose(base, frame)
@@ -119,9 +120,6 @@ def pose_source(node: Node) -> PoseSource:
 
 
 def _of_joints(node: Node, base: str, frame: str, urdf: str) -> PoseSource:
-    if not (base and frame):
-        raise ConfigError(f'pose.{"frame" if base else "base"} is empty, and pose.urdf is given; '
-                          'name the links of the base and of the pose')
     source = 'the text of pose.urdf' if urdf.lstrip().startswith('<') else urdf
     try:
         text = urdf.encode() if source != urdf else Path(urdf).read_bytes()

@@ -6,11 +6,8 @@ from typing import NamedTuple
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array, quaternion_from_matrix
-from forcecal_ros.io.calibration_file import dump
-from forcecal_ros.observe.design import Accuracy
 from forcecal_ros.observe.frames import contact_point
 from geometry_msgs.msg import (
-    Inertia,
     InertiaStamped,
     Point,
     PoseStamped,
@@ -23,7 +20,7 @@ from nav_msgs.msg import Path
 import numpy as np
 from numpy.typing import ArrayLike
 from rclpy.time import Time
-from std_msgs.msg import ColorRGBA, Float64MultiArray, Header, MultiArrayDimension, String
+from std_msgs.msg import ColorRGBA, Float64MultiArray, Header, MultiArrayDimension
 from visualization_msgs.msg import Marker, MarkerArray
 
 TOPIC = '~/tool'
@@ -40,14 +37,6 @@ class ToolInUse(NamedTuple):
     mass: float
     com: Array
     inertia: Array | None = None
-
-
-def fill_inertia(inertia: Inertia, mass: float, com: Array, J: Array | None) -> None:
-    """Write a tool into a message; an inertia that is not known is NaN."""
-    inertia.m = float(mass)
-    inertia.com.x, inertia.com.y, inertia.com.z = np.asarray(com).tolist()
-    for i, j in PAIRS:
-        setattr(inertia, f'i{"xyz"[i]}{"xyz"[j]}', nan if J is None else float(J[i, j]))
 
 
 def read_tool(message: InertiaStamped, frame: str) -> ToolInUse:
@@ -79,39 +68,28 @@ def read_tool(message: InertiaStamped, frame: str) -> ToolInUse:
     return ToolInUse(inertia.m, com, J)
 
 
-def calibration_message(calibration: Calibration) -> String:
-    """Return the text of ``calibration.yaml`` as a message."""
-    return String(data=dump(calibration))
-
-
-def gain_message(calibration: Calibration) -> Float64MultiArray:
-    """Return the paper's K: rows are the states x and dx/dt, columns the outputs."""
-    assert calibration.observer is not None
-    K = calibration.observer.K.value
-    message = Float64MultiArray(data=K.ravel().tolist())
+def matrix_message(matrix: Array, rows: str, columns: str) -> Float64MultiArray:
+    """Return a matrix row by row, with what its rows and its columns are."""
+    message = Float64MultiArray(data=matrix.ravel().tolist())
     message.layout.dim = [
-        MultiArrayDimension(label='state x, dx/dt', size=2, stride=6),
-        MultiArrayDimension(label='output x, dx/dt, d2x/dt2', size=3, stride=3)]
+        MultiArrayDimension(label=rows, size=len(matrix), stride=matrix.size),
+        MultiArrayDimension(label=columns, size=matrix.shape[1], stride=matrix.shape[1])]
     return message
 
 
-def accuracy_message(found: Accuracy | None) -> Float64MultiArray:
-    """Return the covariance of the contact wrench's error, NaN where it is not known."""
-    covariance = np.full((6, 6), nan) if found is None else found.covariance
-    message = Float64MultiArray(data=covariance.ravel().tolist())
-    message.layout.dim = [
-        MultiArrayDimension(label='force x, y, z [N], torque x, y, z [N m]', size=6, stride=n)
-        for n in (36, 6)]
-    return message
-
-
-def inertia_message(calibration: Calibration, stamp: Time) -> InertiaStamped:
-    """Return mass, centre of mass and inertia about it, NaN where that is not identified."""
-    message = InertiaStamped()
-    message.header.stamp = stamp.to_msg()
-    message.header.frame_id = calibration.sensor_frame
-    fill_inertia(message.inertia, float(calibration.mass), calibration.com.value,
-                 None if calibration.inertia is None else calibration.inertia.value)
+def tool_message(calibration: Calibration, stamp: Time, tool: ToolInUse | None = None
+                 ) -> InertiaStamped:
+    """Return a tool, by default the calibrated one; an inertia that is not known is NaN."""
+    tool = tool or ToolInUse(float(calibration.mass), calibration.com.value)
+    known = calibration.inertia
+    message = InertiaStamped(header=Header(
+        stamp=stamp.to_msg(), frame_id=calibration.sensor_frame))
+    inertia = message.inertia
+    inertia.m = float(tool.mass)
+    inertia.com.x, inertia.com.y, inertia.com.z = np.asarray(tool.com).tolist()
+    for i, j in PAIRS:
+        setattr(inertia, f'i{"xyz"[i]}{"xyz"[j]}',
+                nan if known is None else float(known.value[i, j]))
     return message
 
 

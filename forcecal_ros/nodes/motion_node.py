@@ -13,11 +13,10 @@ from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import WatchSettings
 from forcecal_ros.motion.sequence import Command, next_in_phase, StreamClock
 from forcecal_ros.nodes.backends import Backend
-from forcecal_ros.nodes.runtime import answering, declare, diagnostic_array, OUTPUT, SECOND, STEADY
+from forcecal_ros.nodes.runtime import answering, diagnostic_array, OUTPUT, SECOND, STEADY
 from forcecal_ros.nodes.supervision import Fault, Guard, Motion, Sensors
-from forcecal_ros.nodes.wire import Inbox
+from forcecal_ros.nodes.wire import ReceivingNode
 import numpy as np
-from rclpy.node import Node
 from rclpy.time import Time
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -38,7 +37,7 @@ class MotionSettings(Protocol):
 SettingsT = TypeVar('SettingsT', bound=MotionSettings)
 
 
-class MotionNode(Node, Generic[SettingsT]):
+class MotionNode(ReceivingNode, Generic[SettingsT]):
     """
     A node that moves a robot: one motion at a time, begun by its service ``start`` only.
 
@@ -53,19 +52,15 @@ class MotionNode(Node, Generic[SettingsT]):
 
     def __init__(self, role: str, table: Sequence[Parameter],
                  settings_of: Callable[[Mapping[str, Any]], SettingsT]) -> None:
-        super().__init__(role)
-        self._table, self._settings_of = table, settings_of
-        declare(self, table, lambda changes: settings_of({**self._values(), **changes}))
+        super().__init__(
+            role, table, lambda changes: settings_of({**self._values(), **changes}))
+        self._settings_of = settings_of
         self._settings = settings_of(self._values())
         self._simulated = self.get_parameter('use_sim_time').value
-        self._inbox = Inbox(self)
         self._stream: StreamClock | None = None
         self._announced = ''
         self._sent = 0
         self._periods: deque[int] = deque(maxlen=15_000)  # a minute at 250 Hz
-
-    def _values(self) -> dict[str, Any]:
-        return {row.name: self.get_parameter(row.name).value for row in self._table}
 
     def _serve(self, source: Motion, sensors: Sensors, backend: Backend[Any],
                period_ns: int) -> None:
@@ -86,11 +81,6 @@ class MotionNode(Node, Generic[SettingsT]):
         self.create_timer(1.0, self._report, clock=STEADY)
         self._publish_phase()
         self.get_logger().info(f'ready: {self.get_name()}/start begins')
-
-    def destroy_node(self) -> None:
-        """End the subscriptions, then the node."""
-        self._inbox.close()
-        super().destroy_node()  # type: ignore[no-untyped-call]
 
     # What each node adds --------------------------------------------------------------------
 

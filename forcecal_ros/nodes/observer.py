@@ -10,7 +10,7 @@ from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import ConfigError, DataError, ForcecalError, with_id
 from forcecal_ros.io.calibration_file import DAY, load, parse, refuse_old
 from forcecal_ros.nodes.inputs import ACCELEROMETERS, mounting_parameter, pose_source, PoseSource
-from forcecal_ros.nodes.messages import accuracy_message
+from forcecal_ros.nodes.messages import matrix_message
 from forcecal_ros.nodes.observer_outputs import (
     ContactMarkers,
     FrameOutputs,
@@ -36,6 +36,7 @@ from forcecal_ros.nodes.runtime import (
     OUTPUT,
     run,
     STEADY,
+    values_of,
     Waiting,
 )
 from forcecal_ros.nodes.wire import frame_of, Inbox, JointReader, Reader, Writer
@@ -243,7 +244,7 @@ class Observer(ManagedNode):
         self._chain.take_over(model, calibration.wrench_sign, calibration.gravity_direction,
                               calibration.sensor_rotation)
         self._source, self._mounting = source, mounting
-        self._tool.calibrated(calibration, payload_settings_of(self._values()))
+        self._tool.calibrated(calibration, payload_settings_of(values_of(self, PARAMETERS)))
         self._write = Writer(WrenchStamped, calibration.sensor_frame)
         self._subscribe_accelerometer(accelerometer)
         self._tell_accuracy()
@@ -251,10 +252,7 @@ class Observer(ManagedNode):
                                f'{float(calibration.mass):.4f} kg')
 
     def _settings(self, changes: dict[str, Any] | None = None) -> ObserverSettings:
-        return settings_of(self._values() | (changes or {}))
-
-    def _values(self) -> dict[str, Any]:
-        return {row.name: self._value(row.name) for row in PARAMETERS}
+        return settings_of(values_of(self, PARAMETERS) | (changes or {}))
 
     def _check_changes(self, changes: dict[str, Any]) -> None:
         settings = self._settings(changes)
@@ -298,10 +296,11 @@ class Observer(ManagedNode):
         """Publish what is to be expected of the contact wrench, where it is estimated now."""
         if self._active and self._source is not None and self._chain.model is not None:
             found = accuracy(self._source.calibration, self._chain.model, self._settings())
-            self._accuracy.publish(accuracy_message(found))
+            covariance = np.full((6, 6), np.nan) if found is None else found.covariance
+            self._accuracy.publish(matrix_message(
+                covariance, *2 * ['force x, y, z [N], torque x, y, z [N m]']))
             if self._markers is not None:
-                self._markers.covariance = (
-                    np.full((6, 6), np.nan) if found is None else found.covariance)
+                self._markers.covariance = covariance
 
     def _subscribe_accelerometer(self, chosen: str) -> None:
         topic, message_type, _ = ACCELEROMETERS.get(chosen, ('', None, ''))

@@ -9,8 +9,9 @@ from forcecal_ros.core.quantity import quantity, size
 from forcecal_ros.nodes.inputs import transform_type
 from forcecal_ros.nodes.messages import (
     contact_markers,
-    fill_inertia,
     read_tool,
+    tool_message,
+    ToolInUse,
     TOPIC,
     transform_of,
 )
@@ -29,10 +30,7 @@ from forcecal_ros.observe.payload import (
 )
 from forcecal_ros.observe.sample import describe, level, Wrench
 from forcecal_ros.observe.tracker import Tracker
-from geometry_msgs.msg import (
-    InertiaStamped,
-    WrenchStamped,
-)
+from geometry_msgs.msg import InertiaStamped, WrenchStamped
 import numpy as np
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
@@ -201,12 +199,9 @@ class ToolOnSensor:
         if tracker is None or calibration is None or tracker.announced is self._published:
             return
         self._published = tracker.announced
-        message = InertiaStamped()
-        message.header.stamp = self._node.get_clock().now().to_msg()
-        message.header.frame_id = calibration.sensor_frame
-        fill_inertia(message.inertia, self._published.mass, self._published.com,
-                     None if calibration.inertia is None else calibration.inertia.value)
-        self._out.publish(message)
+        self._out.publish(tool_message(
+            calibration, self._node.get_clock().now(),
+            ToolInUse(self._published.mass, self._published.com)))
 
     def report(self) -> tuple[dict[str, object], str]:
         """Return what /diagnostics say of the tool, and what to warn of, if anything."""

@@ -38,7 +38,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rclpy.time import Time
@@ -49,16 +49,13 @@ SIGNAL_CHECK = 0.02
 """Period in which a spinning executor returns to check for signals: a delay that is not noticed
 [s]."""
 
-OUTPUT = QoSProfile(depth=10, history=HistoryPolicy.KEEP_LAST,
-                    reliability=ReliabilityPolicy.RELIABLE)
+OUTPUT = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 """QoS of commands and results: a reliable publisher serves any subscription."""
 
-SENSOR = QoSProfile(depth=200, history=HistoryPolicy.KEEP_LAST,
-                    reliability=ReliabilityPolicy.BEST_EFFORT)
+SENSOR = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
 """QoS of sensor topics: best effort, which any publisher serves; 0.2 s at 1 kHz."""
 
-LATCHED = QoSProfile(depth=1, history=HistoryPolicy.KEEP_LAST,
-                     reliability=ReliabilityPolicy.RELIABLE,
+LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
                      durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """QoS of results, of which late subscriptions get the last one too."""
 
@@ -411,18 +408,18 @@ def declare(node: Node, table: Iterable[Parameter],
         _check(row, node.get_parameter(row.name).value)
     _refuse_unknown(node, rows)
 
-    def on_set(changes: list[RosParameter]) -> SetParametersResult:
-        try:
-            for change in changes:
-                if change.name in rows:
-                    _check(rows[change.name], change.value)
-        except ConfigError as error:
-            return SetParametersResult(successful=False, reason=with_id(error))
-        return SetParametersResult(successful=True)
+    def check_each(changes: dict[str, Any]) -> None:
+        for name in changes.keys() & rows.keys():
+            _check(rows[name], changes[name])
 
     if check is not None:
         refuse_changes(node, check)
-    node.add_on_set_parameters_callback(on_set)  # rclpy calls the newest first
+    refuse_changes(node, check_each)  # rclpy calls the newest first
+
+
+def values_of(node: Node, table: Iterable[Parameter]) -> dict[str, Any]:
+    """Return the values of a declared table by name."""
+    return {row.name: node.get_parameter(row.name).value for row in table}
 
 
 def _refuse_unknown(node: Node, known: Iterable[str]) -> None:

@@ -8,7 +8,7 @@ from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import ConfigError, DataError, ForcecalError, MotionError, with_id
 from forcecal_ros.core.geometry import rotation_vector
 from forcecal_ros.core.sensor_matrix import corrected, required_sensor_matrix, SensorMatrix
-from forcecal_ros.io.calibration_file import load, save
+from forcecal_ros.io.calibration_file import dump, load, save
 from forcecal_ros.motion.monitor import KEPT, POSITIONING_ERROR, Stillness
 from forcecal_ros.motion.plan import (
     check_wrench,
@@ -34,11 +34,10 @@ from forcecal_ros.nodes.inputs import (
     pose_source,
 )
 from forcecal_ros.nodes.messages import (
-    calibration_message,
-    gain_message,
-    inertia_message,
+    matrix_message,
     path_message,
     plan_markers,
+    tool_message,
 )
 from forcecal_ros.nodes.motion_node import MotionNode
 from forcecal_ros.nodes.runtime import answering, LATCHED, run, SECOND
@@ -57,55 +56,39 @@ from visualization_msgs.msg import MarkerArray
 AGAIN = 'call sequencer/preview and look at sequencer/planned_path'
 
 
-class Shown(NamedTuple):
-    """What was previewed: parameters and poses as text, and where the robot stood."""
+class Preview(NamedTuple):
+    """What a start does: parameters as text, with the poses of a file, and where it begins."""
 
     parameters: dict[str, str]
-    poses: str
     start: Goal
 
+    @classmethod
+    def of(cls, values: Mapping[str, Any], poses: Mapping[str, Pose], start: Goal) -> 'Preview':
+        """Note values as text, which can be compared: NaN, as poses may hold, equals nothing."""
+        text = {name: repr(value) for name, value in values.items()}
+        if values['poses.file']:
+            text['poses.file'] += repr([
+                (name, pose.position.tolist(), pose.R_base_sensor.tolist())
+                for name, pose in poses.items()])
+        return cls(text, start)
 
-class Preview:
-    """The newest preview."""
-
-    def __init__(self) -> None:
-        self._shown: Shown | None = None
-
-    def note(self, values: Mapping[str, Any], poses: Mapping[str, Pose], start: Goal) -> None:
-        """Note what was shown: values of parameters, listed poses, and where it began."""
-        self._shown = Shown(_as_text(values), _listed(poses), start)
-
-    def refuse_other(self, values: Mapping[str, Any], poses: Mapping[str, Pose], start: Goal
-                     ) -> None:
+    def refuse_other(self, shown: 'Preview | None') -> None:
         """
-        Refuse a start that would do anything else.
+        Refuse a start that was not shown.
 
         Raises
         ------
         MotionError
             Nothing was shown, a parameter has changed since, or the robot has moved.
         """
-        shown = self._shown
         if shown is None:
             raise MotionError(f'motion.require_preview is set and nothing was shown yet; {AGAIN}')
-        now = _as_text(values)
-        changed = [name for name, value in now.items() if value != shown.parameters[name]]
-        if not changed and _listed(poses) != shown.poses:
-            changed = ['poses.file']
+        changed = [name for name, value in self.parameters.items()
+                   if value != shown.parameters[name]]
         if changed:
             raise MotionError(f'{", ".join(changed)} changed since the preview; {AGAIN} again')
-        if moved := _moved(shown.start, start):
+        if moved := _moved(shown.start, self.start):
             raise MotionError(f'the robot has moved by {moved} since the preview; {AGAIN} again')
-
-
-def _as_text(values: Mapping[str, Any]) -> dict[str, str]:
-    """Return values so that they can be compared: NaN, which poses may hold, equals nothing."""
-    return {name: repr(value) for name, value in values.items()}
-
-
-def _listed(poses: Mapping[str, Pose]) -> str:
-    return repr([(name, pose.position.tolist(), pose.R_base_sensor.tolist())
-                 for name, pose in poses.items()])
 
 
 def _moved(before: Goal, now: Goal) -> str:
@@ -143,6 +126,7 @@ class Sequencer(MotionNode[SequencerSettings]):
         self._checks = 0
         self._stillness: Stillness | None = None
         self._measured: list[str] = []
+        self._preview: Preview | None = None
         self._repeats = 0
         self._rejected: tuple[Calibration, int] | None = None
         sensors = self._listen()
@@ -192,7 +176,7 @@ class Sequencer(MotionNode[SequencerSettings]):
     def _begin(self) -> str:
         settings, start = self._settings, self._backend.measured()
         if self.get_parameter('motion.require_preview').value:
-            self._preview.refuse_other(self._values(), settings.poses, start)
+            Preview.of(self._values(), settings.poses, start).refuse_other(self._preview)
         parts = self._plan(start)
         how = ('in continuous motion' if settings.continuous
                else f'with poses {", ".join(settings.poses)}')
@@ -229,7 +213,7 @@ class Sequencer(MotionNode[SequencerSettings]):
         self._path_out.publish(path_message(positions, rotations, frame, now))
         self._markers_out.publish(plan_markers(
             limits.workspace_min, limits.workspace_max, positions, frame, now))
-        self._preview.note(self._values(), self._settings.poses, start)
+        self._preview = Preview.of(self._values(), self._settings.poses, start)
         found = in_words(outline(parts, self._settings.limits.tip))
         return self._with_caveat(f'{self._settings.sequence}: {found}')
 
@@ -267,7 +251,6 @@ class Sequencer(MotionNode[SequencerSettings]):
         self._inertia_out = self.create_publisher(InertiaStamped, '~/tool_inertia', LATCHED)
         self._path_out = self.create_publisher(Path, '~/planned_path', LATCHED)
         self._markers_out = self.create_publisher(MarkerArray, '~/markers', LATCHED)
-        self._preview = Preview()
         self.create_service(Trigger, '~/save_calibration', answering(self._save))
         self.create_service(Trigger, '~/preview', answering(self._show))
 
@@ -304,10 +287,11 @@ class Sequencer(MotionNode[SequencerSettings]):
 
     def _keep(self, result: Calibration) -> None:
         self._calibration = result
-        self._calibration_out.publish(calibration_message(result))
-        self._inertia_out.publish(inertia_message(result, self.get_clock().now()))
+        self._calibration_out.publish(String(data=dump(result)))
+        self._inertia_out.publish(tool_message(result, self.get_clock().now()))
         if result.observer is not None:
-            self._gain_out.publish(gain_message(result))
+            self._gain_out.publish(matrix_message(
+                result.observer.K.value, 'state x, dx/dt', 'output x, dx/dt, d2x/dt2'))
         self._finish()
         if self.get_parameter('save.automatic').value:
             try:

@@ -10,7 +10,6 @@ from forcecal_ros.core.errors import ConfigError, MotionError
 from forcecal_ros.core.geometry import Array, matrix_from_quaternion, quaternion_of
 from forcecal_ros.core.parameters import Parameter
 from forcecal_ros.nodes.runtime import (
-    declare,
     diagnostic_array,
     EXECUTOR,
     OUTPUT,
@@ -18,9 +17,10 @@ from forcecal_ros.nodes.runtime import (
     run,
     STEADY,
     SYSTEM,
+    values_of,
     Waiting,
 )
-from forcecal_ros.nodes.wire import frame_of, Inbox, JointWriter, Reader, Writer
+from forcecal_ros.nodes.wire import frame_of, JointWriter, Reader, ReceivingNode, Writer
 from forcecal_ros.sim.rig.faults import (
     CLOCK_FAULTS,
     CLOCK_JUMP,
@@ -84,7 +84,7 @@ class Faults:
         refuse_changes(node, self._check)
         node.add_post_set_parameters_callback(
             lambda changes: self._set({change.name: change.value for change in changes}))
-        start = {row.name: node.get_parameter(row.name).value for row in FAULT_PARAMETERS}
+        start = values_of(node, FAULT_PARAMETERS)
         self._check(start)
         self._set(start)
 
@@ -171,13 +171,12 @@ LONGEST_BACKLOG = 0.5
 with this takes 0.25 s [s]."""
 
 
-class Sim(Node):
+class Sim(ReceivingNode):
     """A simulated rig, live."""
 
     def __init__(self) -> None:
-        super().__init__('sim')
-        declare(self, PARAMETERS)
-        value = {row.name: self.get_parameter(row.name).value for row in PARAMETERS}
+        super().__init__('sim', PARAMETERS)
+        value = self._values()
         self._rig = load_rig(Path(value['rig']) if value['rig'] else None)
         if waits_for_compiler():
             self.get_logger().info('compiling the simulator for this computer, some ten seconds; '
@@ -197,7 +196,6 @@ class Sim(Node):
         self._last_command: Sequence[float] | None = None
         self._faults = Faults(self, value['seed'] if value['seed'] >= 0 else None,
                               self._jump if self._own_clock else None)
-        self._inbox = Inbox(self)
         self._inbox.subscribe(PoseStamped, 'target_frame', self._on_target)
         period = max(0.001, self._period_ns * 1e-9 / self._speed)
         self.create_timer(period, self._tick, clock=STEADY)
@@ -295,11 +293,6 @@ class Sim(Node):
         except (MotionError, ValueError) as error:
             self._ignore(f'target_frame: {error}')
             self._last_command = None
-
-    def destroy_node(self) -> None:
-        """End the subscriptions, then the node."""
-        self._inbox.close()
-        super().destroy_node()  # type: ignore[no-untyped-call]
 
     # Messages -------------------------------------------------------------------------------
 

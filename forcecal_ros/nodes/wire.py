@@ -13,7 +13,8 @@ from struct import error as StructError
 from struct import pack, Struct, unpack_from
 from typing import Any, NamedTuple
 
-from forcecal_ros.nodes.runtime import SENSOR
+from forcecal_ros.core.parameters import Parameter
+from forcecal_ros.nodes.runtime import declare, SENSOR, values_of
 from geometry_msgs.msg import (
     AccelStamped,
     PoseStamped,
@@ -301,3 +302,29 @@ class Inbox:
         for polled in self._polled:
             polled.destroy()
         self._polled = []
+
+
+class ReceivingNode(Node):
+    """
+    A node with the parameters of a table, and an inbox that ends with it.
+
+    Parameters
+    ----------
+    table, check
+        As of :func:`forcecal_ros.nodes.runtime.declare`.
+    """
+
+    def __init__(self, name: str, table: Sequence[Parameter],
+                 check: Callable[[dict[str, Any]], object] | None = None) -> None:
+        super().__init__(name)
+        self._table = table
+        declare(self, table, check)
+        self._inbox = Inbox(self)
+
+    def _values(self) -> dict[str, Any]:
+        return values_of(self, self._table)
+
+    def destroy_node(self) -> None:
+        """End the subscriptions, then the node."""
+        self._inbox.close()
+        super().destroy_node()  # type: ignore[no-untyped-call]

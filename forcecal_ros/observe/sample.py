@@ -29,7 +29,7 @@ class Status(IntFlag):
 
 # plain integers, because compiled code knows no IntFlag
 (NO_ACCELEROMETER, NO_POSE, NO_POSITION, DISPLACEMENT_FROM_FORCE, OFFSET_HELD, NO_GRAVITY,
- BAD_WRENCH, RESTARTED, SATURATED, NO_GYRO, NOISY) = map(int, Status)
+ BAD_WRENCH, RESTARTED, SATURATED, NO_GYRO, NOISY) = map(int, filter(None, Status))
 
 INVALID = NO_GRAVITY | BAD_WRENCH
 """With one of these the contact wrench is not to be used: it repeats the last estimate."""

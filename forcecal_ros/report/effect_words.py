@@ -38,6 +38,7 @@ WORDS = {
     'contact_stiffness': 'what is touched is harder or softer',
     'contact_damping': 'what is touched damps more or less',
     'wall_position': 'what is touched stands elsewhere',
+    'contact_friction': 'what is touched is rougher or smoother',
     'clock_skew': 'the clock of a stream runs fast or slow',
     'dropouts': 'messages get lost',
     'unknown': 'something that is none of the known effects',

@@ -253,6 +253,8 @@ class RecordedSimulation(MeasuredMotion):
     ----------
     touching : ndarray of bool, shape (n_blocks,)
         Where the simulated tool touches something.
+    beyond : ndarray, shape (n, 6)
+        What the simulated wrench holds in addition to a rigid tool's.
     """
 
     def __init__(self, recording: Recording, simulated: Recording, start: float, n_blocks: int,
@@ -264,9 +266,9 @@ class RecordedSimulation(MeasuredMotion):
         super().__init__(replace(recording, pose=merge_poses(measured, made), accelerometer=None),
                          start, n_blocks, accelerometer, rigid_tool)
         own = CarriedTool(simulated, start, n_blocks, accelerometer)
-        self._full.beyond = own.recorded_wrench(simulated) - own.wire(rigid_tool)
-        self._clear.beyond = self._full.beyond
-        self.touching = contact_blocks(block_means(self._full.beyond))
+        self.beyond = own.recorded_wrench(simulated) - own.wire(rigid_tool)
+        self._full.beyond = self._clear.beyond = self.beyond
+        self.touching = contact_blocks(block_means(self.beyond))
         self._accel = (None if accel is None
                        else self._carried_over(accel.at(own.t), own, rigid_tool))
 

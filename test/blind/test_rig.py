@@ -1,7 +1,7 @@
 """The second rig: its physics, and that it shares nothing with the package it checks."""
 
-import ast
 from pathlib import Path
+import re
 
 import numpy as np
 import pytest
@@ -21,20 +21,15 @@ from blind.sensors import record
 EFFECTS = {**LIBRARY, **OUTSIDE}
 
 
-def _imports(folder):
-    for path in folder.rglob('*.py'):
-        for node in ast.walk(ast.parse(path.read_text())):
-            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else (
-                [node.module or ''] if isinstance(node, ast.ImportFrom) else [])
-            yield from ((path, name.split('.')[0]) for name in names)
+IMPORT = re.compile(r'^\s*(?:from|import) (\w+)', re.MULTILINE)
 
 
 @pytest.mark.parametrize('one, other', [
     ('benchmark/blind', 'forcecal_ros'), ('forcecal_ros', 'blind')])
 def test_second_rig_and_package_never_import_each_other(one, other):
-    imports = list(_imports(ROOT / one))
-    assert imports
-    assert not [path for path, name in imports if name == other]
+    imports = {name for path in (ROOT / one).rglob('*.py')
+               for name in IMPORT.findall(path.read_text())}
+    assert 'numpy' in imports and other not in imports
 
 
 def test_nominal_run_meets_that_of_another_implementation(rig_sample):
@@ -81,6 +76,7 @@ def without(short):
     return _signals(nominal(), short)
 
 
+@pytest.mark.long
 # messages are missing after a dropout; a stop is a place; a screen of no mass is still on a spring
 @pytest.mark.parametrize('name', [
     name for name in EFFECTS if name not in ('dropouts', 'slide_stop', 'screen_mode')])

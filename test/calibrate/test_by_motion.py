@@ -104,6 +104,15 @@ def test_too_short_a_recording_is_refused(moving):
         identify(shortened(moving, 2.0, 6.0))
 
 
+@pytest.mark.parametrize('late', [-0.09, 0.028])
+def test_a_delay_is_found(moving, late):
+    wrench = Stream(moving.wrench.t + late, moving.wrench.values)
+    calibration = identify(replace(moving, wrench=wrench, accelerometer=None))
+    assert_nominal(calibration)
+    later = fitted(replace(moving, wrench=wrench)).delay - fitted(moving).delay
+    assert later == pytest.approx(late, abs=1e-4)
+
+
 def test_clocks_apart_are_refused(moving):
     late = Stream(moving.wrench.t + 0.08, moving.wrench.values)
     with pytest.raises(DataError, match='limit of what is looked for'):

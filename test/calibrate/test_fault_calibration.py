@@ -1,6 +1,7 @@
 """A calibration is never wrong in silence: faulty runs are refused, or say what they spoil."""
 
 from fault_calibration_runs import FAULTS, judged
+from longer import but
 import pytest
 
 CLEAR = {
@@ -13,21 +14,21 @@ CLEAR = {
     'pose stuck': '', 'optidrive of wrong sign': '', 'pose slips half-way': ''}
 """Faults, and an estimate that is called into question where they are strong."""
 
-SEEDS = {}
-"""Where the first draw is too weak to be called into question."""
+ELSEWHERE = {'optidrive of wrong sign', 'tool changed half-way', 'pose slips half-way',
+             'collision in the step', 'wrench axes swapped', 'gravity not down',
+             'accelerometer late'}
+"""Refused or flagged by the same checks in other tests, too."""
 
 
-@pytest.mark.parametrize('fault', CLEAR)
+@pytest.mark.parametrize('fault', but(CLEAR, ELSEWHERE))
 def test_no_estimate_is_far_off_without_being_called_into_question(fault):
-    verdicts = [judged(fault, seed) for seed in SEEDS.get(fault, (0,))]
-    assert {verdict.word for verdict in verdicts} <= {'refused', 'flagged', 'right'}
+    verdict = judged(fault, 0)
+    assert verdict.word in {'refused', 'flagged', 'right'}
     if CLEAR[fault]:
-        assert any(CLEAR[fault] in line.partition('suspect: ')[2] for verdict in verdicts
-                   for line in verdict.said)
+        assert any(CLEAR[fault] in line.partition('suspect: ')[2] for line in verdict.said)
     else:
-        assert all(verdict.word != 'right' for verdict in verdicts)
-    for verdict in verdicts:
-        assert all('\n' not in line for line in verdict.said)
+        assert verdict.word != 'right'
+    assert all('\n' not in line for line in verdict.said)
 
 
 @pytest.mark.parametrize('fault, seed, said', [
@@ -44,8 +45,7 @@ def test_a_short_contact_in_one_pose_does_no_harm():
 
 
 def test_a_healthy_run_says_nothing():
-    verdicts = [judged('none', seed) for seed in (200, 201)]
-    assert [verdict.word for verdict in verdicts] == ['right'] * 2
+    assert judged('none', 200).word == 'right'
 
 
 def test_the_matrix_has_every_kind_of_fault_that_a_sensor_can_have():

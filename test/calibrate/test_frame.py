@@ -98,6 +98,7 @@ def test_no_direction_is_no_direction():
         IdentificationSettings(gravity_direction=(0.0, 0.0, 0.0))
 
 
+@pytest.mark.long
 def test_subsets_of_real_poses_raise_no_alarm(kuka_data):
     recording = static_recording(kuka_data)
     for seed in range(8):

@@ -61,6 +61,7 @@ def test_tells_the_tool_from_motion_without_rest(contact):
     assert fit.delay == pytest.approx(DELAY, abs=1e-3)
 
 
+@pytest.mark.long
 def test_standard_errors_cover():
     """Of twelve seeds with mass, centre of mass and delay, 85 % or more are within 2."""
     z = []

@@ -46,6 +46,7 @@ def test_with_another_gravity_the_mass_is_another(rows):
     assert float(found.mass) == pytest.approx(0.9337, abs=2e-4)
 
 
+@pytest.mark.long
 def test_standard_errors_match_what_leaving_poses_out_does(rows, found):
     values = np.array([
         np.concatenate([[float(c.mass)], c.com.value, c.wrench_bias.value])

@@ -10,14 +10,14 @@ from late_computer import Conditions, run
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.long
+
 
 @pytest.mark.parametrize('conditions', [
-    pytest.param(Conditions(latency=0.5, jitter=3e-3), id='late by half a second',
-                 marks=pytest.mark.long),
+    pytest.param(Conditions(latency=0.5, jitter=3e-3), id='late by half a second'),
     pytest.param(Conditions(stall=0.5, load=1), id='held back'),
     pytest.param(Conditions(latency=0.1, pause=0.05, jitter=1e-3, load=2),
-                 id='pauses under load', marks=pytest.mark.long),
-])
+                 id='pauses under load')])
 def test_a_sound_rig_is_calibrated_as_well_on_a_computer_that_is_late(conditions):
     outcome = run(7, conditions)
     assert not outcome.aborted
@@ -30,7 +30,6 @@ def test_a_sound_rig_is_calibrated_as_well_on_a_computer_that_is_late(conditions
     assert not [line for line in found.quality['warnings'] if 'suspect' in line]
 
 
-@pytest.mark.long
 def test_a_robot_that_leaves_is_not_taken_for_one_that_stands_while_the_tool_rings():
     found = identify(run(92).recording, IdentificationSettings())
     assert found.tool is not None
@@ -45,7 +44,6 @@ def with_gaps(stream, t0):
     return Stream(stream.t[keep], stream.values[keep])
 
 
-@pytest.mark.long
 def test_a_high_pass_remembers_motion_through_gaps_of_both_sensors():
     outcome = run(323, Conditions(stall=0.43, jitter=3e-3, load=2), accelerometer='acc2')
     assert not outcome.aborted

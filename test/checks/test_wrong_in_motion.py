@@ -6,6 +6,7 @@ from forcecal_ros.calibrate.pipeline import identify
 from forcecal_ros.checks.hypotheses import judge
 from forcecal_ros.checks.signals import interpolated
 from forcecal_ros.core.errors import DataError
+from longer import first
 from moving_arm import moving
 import numpy as np
 import pytest
@@ -18,20 +19,20 @@ def spoilt(wrong, seed):
     return recording_of(WRONG[wrong].make(work(seed), np.random.default_rng(seed)))
 
 
-@pytest.mark.parametrize('seed', range(40, 44))
+@pytest.mark.parametrize('seed', first(range(40, 44)))
 def test_a_log_that_was_stamped_anew_at_half_speed_is_told(seed):
     note, = judge(spoilt('played at half speed, stamped anew', seed), DOWN)
     assert 0.48 < float(note.split('some ')[1].split()[0]) < 0.6
 
 
+@pytest.mark.parametrize('seed', first(range(50, 54)))
 @pytest.mark.parametrize('wrong', ['nothing', '30 % lost in bursts', 'poses of two digits'])
-def test_other_logs_show_no_other_speed_and_no_other_point(wrong):
-    for seed in range(50, 54):
-        notes = judge(spoilt(wrong, seed), DOWN)
-        assert not [note for note in notes if 'speed of time' in note or 'point' in note]
+def test_other_logs_show_no_other_speed_and_no_other_point(wrong, seed):
+    notes = judge(spoilt(wrong, seed), DOWN)
+    assert not [note for note in notes if 'speed of time' in note or 'point' in note]
 
 
-@pytest.mark.parametrize('seed', range(80, 84))
+@pytest.mark.parametrize('seed', first(range(80, 84)))
 def test_a_wrench_that_a_driver_smooths_a_little_is_told_by_its_delay(seed):
     note, = judge(spoilt('wrench behind a low-pass of 10 Hz', seed), DOWN)
     assert 14 <= float(note.split('weight turn ')[1].split()[0]) <= 17
@@ -71,7 +72,7 @@ def test_a_slow_log_is_not_said_to_hold_no_rotation():
     assert 'readings at 10 Hz in poses of' in said and 'record faster' in said
 
 
-@pytest.mark.parametrize('size', [5, 10, 20])
+@pytest.mark.parametrize('size', first([10, 5, 20]))
 def test_messages_in_bursts_are_calibrated_as_when_they_were_measured(size):
     from wrong_recordings import bursts
 

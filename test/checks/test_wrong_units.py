@@ -7,6 +7,7 @@ from forcecal_ros.checks.hypotheses import force_unit_of, judge, torque_units_of
 from forcecal_ros.checks.signals import clipped
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.io.bags.header_stamps import usable_stamps
+from longer import first
 import numpy as np
 import pytest
 from wrong_recordings import COM, log, RECEIVED, recording_of, work, WRONG
@@ -18,7 +19,7 @@ def spoilt(name, one):
     return recording_of(WRONG[name].make(one, np.random.default_rng(5)))
 
 
-@pytest.mark.parametrize('make', [log, work])
+@pytest.mark.parametrize('make', first([log, work]))
 @pytest.mark.parametrize('factor, said', [
     (100.0, 'it is in cm|position is in cm'), (1.0 / 0.0254, 'position is in inches'),
     (1e-3, 'they are in m and taken for mm|in m and taken for mm')])
@@ -52,7 +53,7 @@ def test_kilonewtons_are_a_unit_of_force():
     assert force_unit_of(1.3e-3, 1.3) == ('kN', 1e3)
 
 
-@pytest.mark.parametrize('seed', [5, 29, 101, 137])
+@pytest.mark.parametrize('seed', first([5, 29, 101, 137], 2))
 def test_counts_that_wrap_beside_noise_or_once_are_refused(seed):
     with pytest.raises(DataError, match='counts wrap around'):
         checked(spoilt('a channel of 16 bits wraps', log(seed)))
@@ -94,7 +95,7 @@ def test_regular_stamps_are_no_rounded_ones():
     assert (stamps == t[kept]).all()
 
 
-def test_a_mean_over_one_second_is_told_at_any_seed():
-    for seed in (302, 702):
-        note, *_ = judge(spoilt('wrench averaged over 1 s', work(seed)), DOWN)
-        assert 'its driver smooths it' in note
+@pytest.mark.parametrize('seed', first([302, 702]))
+def test_a_mean_over_one_second_is_told_at_any_seed(seed):
+    note, *_ = judge(spoilt('wrench averaged over 1 s', work(seed)), DOWN)
+    assert 'its driver smooths it' in note

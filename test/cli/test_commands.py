@@ -3,13 +3,12 @@
 from dataclasses import replace
 import json
 
-from calibration_runs import run as simulated
+from calibration_runs import brief_run
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.core.streams import Stream
 from forcecal_ros.io.bags import write_recording
 from forcecal_ros.io.calibration_file import load, save
-from forcecal_ros.motion.plan import Timing
 import numpy as np
 import pytest
 import yaml
@@ -17,28 +16,15 @@ import yaml
 
 @pytest.fixture(scope='module')
 def recording():
-    return simulated(seed=3, timing=Timing(measure=0.4, ring=0.3), settle=0.8)
-
-
-@pytest.fixture(scope='module')
-def folder(tmp_path_factory, recording):
-    path = tmp_path_factory.mktemp('commands')
-    write_recording(path / 'bag', recording)
-    return path
-
-
-@pytest.fixture(scope='module')
-def calibration(folder):
-    assert main(['calibrate', str(folder / 'bag'), '-o', str(folder / 'c.yaml')]) == 0
-    return folder / 'c.yaml'
+    return brief_run()
 
 
 @pytest.mark.parametrize('options', [
     ['--bandwidth-max', '1'], ['--bandwidth-min', '300'], ['--bandwidth-min', '9', '--debug',
                                                            '--bandwidth-max', '1']])
 def test_a_bandwidth_beyond_the_limits_is_one_line_and_a_traceback_only_on_request(
-        folder, tmp_path, capsys, options):
-    assert main(['calibrate', str(folder / 'bag'), '-o', str(tmp_path / 'c.yaml'),
+        brief, tmp_path, capsys, options):
+    assert main(['calibrate', str(brief / 'bag'), '-o', str(tmp_path / 'c.yaml'),
                  *options]) in (1, 2)
     said = capsys.readouterr().err
     assert ('Traceback' in said) is ('--debug' in options)
@@ -46,12 +32,12 @@ def test_a_bandwidth_beyond_the_limits_is_one_line_and_a_traceback_only_on_reque
     assert line.startswith('forcecal: ') and 'bandwidth' in line and not list(tmp_path.iterdir())
 
 
-def test_check_shows_what_is_there_and_the_next_command(folder, capsys):
-    assert main(['check', str(folder / 'bag')]) == 0
+def test_check_shows_what_is_there_and_the_next_command(brief, capsys):
+    assert main(['check', str(brief / 'bag')]) == 0
     said = capsys.readouterr().out
-    assert 'wrench' in said and '1000 Hz' in said and 'ft_sensor' in said
+    assert 'wrench' in said and '250 Hz' in said and 'ft_sensor' in said
     assert 'calibrate: yes' in said and 'diagnose: yes' in said
-    assert f'next: forcecal calibrate {folder / "bag"} --report report.html' in said
+    assert f'next: forcecal calibrate {brief / "bag"} --report report.html' in said
 
 
 @pytest.mark.parametrize('change, expected', [
@@ -84,10 +70,10 @@ def test_removed_samples_reach_the_calibration_and_its_report(tmp_path, recordin
     capsys.readouterr()
 
 
-def test_compare_fails_on_drift_if_requested(calibration, tmp_path, capsys):
-    c = load(calibration)
+def test_compare_fails_on_drift_if_requested(brief, tmp_path, capsys):
+    c = load(brief / 'c.yaml')
     save(replace(c, mass=Estimate(float(c.mass) + 1.0, c.mass.std, 'kg')), tmp_path / 'b.yaml')
-    pair = [str(calibration), str(tmp_path / 'b.yaml')]
+    pair = [str(brief / 'c.yaml'), str(tmp_path / 'b.yaml')]
     assert main(['compare', *pair]) == 0
     assert main(['compare', *pair, '--fail-on', 'drift']) == 3
     assert main(['compare', pair[0], pair[0], '--fail-on', 'drift']) == 0

@@ -2,13 +2,13 @@
 
 from dataclasses import replace
 import re
+import shutil
 
 from bag_samples import START_NS
-from calibration_runs import run
+from calibration_runs import brief_run
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.streams import Stream
 from forcecal_ros.io.bags import write_recording, write_signals
-from forcecal_ros.motion.plan import Timing
 from insitu_leg import Leg, PROTOCOL, record
 import numpy as np
 import pytest
@@ -17,14 +17,13 @@ import yaml
 
 @pytest.fixture(scope='module')
 def recording():
-    return run(seed=3, timing=Timing(measure=0.4, ring=0.3), settle=0.8)
+    return brief_run()
 
 
 @pytest.fixture(scope='module')
-def folder(tmp_path_factory, recording):
+def folder(tmp_path_factory, brief):
     folder = tmp_path_factory.mktemp('same')
-    write_recording(folder / 'sound', recording)
-    assert main(['calibrate', str(folder / 'sound'), '-o', str(folder / 'c.yaml')]) == 0
+    shutil.copy(brief / 'c.yaml', folder)
     return folder
 
 
@@ -114,7 +113,7 @@ ACCEPTED = {
         r'torque\.x stops at 10 \(\d+ samples, the first at \d+\.\d\d s\)'),
     'single readings of 1e7': (
         lambda r: with_values(r, 'wrench', lambda t, v: np.where(
-            (np.arange(len(t)) % 999 == 5)[:, np.newaxis], 1e7, v)),
+            (np.arange(len(t)) % 249 == 5)[:, np.newaxis], 1e7, v)),
         r'wrench: 1\d samples are not finite or beyond 1e\+06 and left out'),
     'an accelerometer that pauses': (
         lambda r: replace(r, accelerometer=Stream(*(

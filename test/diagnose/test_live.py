@@ -27,8 +27,8 @@ def commands():
     ({'robot_delay': {'delay': 0.004}}, 'robot'),
     pytest.param({'tool_stiffness': {'change': 0.1}}, 'tool', marks=pytest.mark.long),
     pytest.param({'contact_stiffness': {'change': 0.5}}, 'environment', marks=pytest.mark.long),
-    ({'wrench_gain': {'fz': 0.05}}, 'wrench_sensor'),
-    ({'accel_delay': {'delay': 0.006}}, 'accelerometer'),
+    pytest.param({'wrench_gain': {'fz': 0.05}}, 'wrench_sensor', marks=pytest.mark.long),
+    pytest.param({'accel_delay': {'delay': 0.006}}, 'accelerometer', marks=pytest.mark.long),
 ])
 def test_the_first_stage_that_leaves_the_noise_is_named(commands, effects, stage):
     recording = simulate(with_effects(load_rig(), effects), commands, seed=2)

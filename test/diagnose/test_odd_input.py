@@ -63,8 +63,9 @@ def test_commands_of_1_ms_make_blocks_of_4_ms():
     assert (replay.n_blocks, len(replay.signals(rig).wrench)) == (250, 1000)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('rate, parts', [
-    pytest.param(125, FREE, id='125'), pytest.param(20, MOTION, id='20', marks=pytest.mark.long)])
+    pytest.param(125, FREE, id='125'), pytest.param(20, MOTION, id='20')])
 def test_slow_sensors_are_looked_at(rate, parts):
     diagnosis = RigSource(load_rig()).diagnose(_slower(own_recording(20, parts), rate)).diagnosis
     assert diagnosis.verdict == 'no_gap', diagnosis.reason

@@ -22,7 +22,8 @@ def test_an_example_has_at_most_60_lines(path):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(('name', 'module'), [('drake_arm', 'pydrake')])
+@pytest.mark.parametrize(
+    ('name', 'module'), [('drake_arm', 'pydrake'), ('pybullet_arm', 'pybullet')])
 def test_a_heavier_payload_is_named(name, module, monkeypatch):
     pytest.importorskip(module, reason=f'requires {module}, which is not installed')
     monkeypatch.syspath_prepend(EXAMPLES)

@@ -45,6 +45,9 @@ MOTION = (
 FREE = MOTION[:10]
 """Of these the two poses and the step, which is less than half, without a wall."""
 
+TURNING = (*MOTION[:7], MOTION[7], ('step', 0.8, *MOTION[8][2:]), *MOTION[16:19])
+"""And with turns about every axis, which tell the accelerometer's."""
+
 
 def motion(parts=MOTION):
     """Return positions (n, 3) and rotations (n, 3, 3), one every 4 ms, and the phases."""
@@ -81,8 +84,8 @@ def free_part(recording: Recording) -> Recording:
 
 
 def write_own(folder: Path) -> Path:
-    """Write the recording of :func:`own_recording` as ``folder/bag``."""
-    write_recording(folder / 'bag', replace(own_recording(), contact_truth=None))
+    """Write the rig's turns, without a wall, as ``folder/bag``."""
+    write_recording(folder / 'bag', replace(own_recording(parts=TURNING), contact_truth=None))
     return folder
 
 

@@ -122,7 +122,7 @@ class LinearisedModel:
     noise: list[Autoregression] = field(default_factory=list)
     discrepancy: Discrepancy | None = None
     discrepancy_scales: Scales = NO_DISCREPANCY
-    library: Mapping[str, Effect] = EFFECTS
+    library: Mapping[str, Effect] = field(default_factory=lambda: EFFECTS)
     gates: Mapping[str, Gate] = field(default_factory=dict)
     tolerance: float = TOLERANCE
     earlier: Earlier = FIRST_RECORDING

@@ -17,6 +17,16 @@ from forcecal_ros.diagnose.recordings import (
     keep_compared_streams,
 )
 from forcecal_ros.diagnose.result import Diagnosis
+from forcecal_ros.diagnose.sources.contact import (
+    compare_contact,
+    Contact,
+    joined,
+    Touch,
+    touch_of_robot,
+    touch_of_simulation,
+    touching_of_robot,
+    with_contact,
+)
 from forcecal_ros.diagnose.sources.simulated_tool import (
     refuse_other_wrench,
     simulated_tool,
@@ -39,8 +49,8 @@ from scipy.spatial.transform import Rotation, Slerp
 RIGID_N = 0.1
 """RMS of a simulated wrench beyond a rigid tool's that is reported [N]: noise of a good sensor."""
 
-UNTESTED = ('what the simulator makes of its commands (friction, gains and gears of joints, '
-            'stiffness of contacts) cannot be tested without running it again')
+UNTESTED = ('what the simulator makes of its commands (friction, gains and gears of joints) cannot '
+            'be tested without running it again')
 
 BIAS = 'wrench.bias'
 """The nuisances of a sensor's bias."""
@@ -53,12 +63,19 @@ class PairReady(Ready):
     alignment: 'Alignment'
     tracking: Tracking
     tool: SimulatedTool
+    simulated: Recording
 
     @property
-    def contact_s(self) -> float:
-        """For how long the simulated tool touches something [s]."""
+    def simulation(self) -> RecordedSimulation:
+        """The simulated tool along the measured motion."""
         assert isinstance(self.dataset.simulation, RecordedSimulation)
-        return float(BLOCK * self.dataset.simulation.touching.sum())
+        return self.dataset.simulation
+
+    def touches(self, rig: Rig) -> tuple[Touch, Touch]:
+        """Return the contact of the robot, of a rig as diagnosed, and of its simulation."""
+        near = self.simulation.touching
+        return (touch_of_robot(self.dataset.recording, self.simulation, rig, near),
+                touch_of_simulation(self.simulated, self.simulation, self.tool.simulated))
 
 
 class PairSource(Source):
@@ -79,6 +96,7 @@ class PairSource(Source):
     def __init__(self, rig: Rig, *simulated: Recording) -> None:
         super().__init__(rig, 'm/s^2')
         self._simulated = simulated
+        self._contact: Contact | None = None
 
     def prepare(self, recordings: Sequence[Recording]) -> list[Ready]:
         """Align each pair, and identify the simulator's tool from the first."""
@@ -90,6 +108,17 @@ class PairSource(Source):
             ready.append(one)
         return ready
 
+    def search(self, ready: Sequence[Ready]) -> Outcome:
+        """Search in free motion, and compare contact."""
+        outcome = super().search(ready)
+        pairs = [one for one in ready if isinstance(one, PairReady)
+                 and one.simulation.touching.any()]
+        if outcome.selection is None or not pairs:
+            return outcome
+        robot, simulated = map(joined, zip(*(one.touches(outcome.rig) for one in pairs)))
+        self._contact = compare_contact(robot, simulated, self.rig.spreads, outcome.selection)
+        return replace(outcome, diagnosis=with_contact(outcome.diagnosis, self._contact))
+
     def reason(self, diagnosis: Diagnosis, ready: Sequence[Ready], outcome: Outcome) -> str:
         """Add how far the motion is from the simulated one, and what was not compared."""
         first = ready[0]
@@ -99,15 +128,16 @@ class PairSource(Source):
                 f'and {1e3 * motion.rotation.rms:.2g} mrad (RMS) from the simulated')
 
     def not_compared(self, ready: Sequence[Ready]) -> tuple[str, ...]:
-        """Report contact: its force depends on a millimetre between the two motions."""
-        contact = sum(one.contact_s for one in ready if isinstance(one, PairReady))
-        return (f'{contact:.1f} s of contact',) if contact else ()
+        """Report contact that could not be compared."""
+        found = self._contact
+        return (f'{max(found.seconds):.1f} s of contact',) if found and found.why_not else ()
 
     def notes(self, ready: Sequence[Ready], outcome: Outcome) -> list[str]:
         """Report recalibrations, how the recordings were compared and how the motions differ."""
         pairs = [one for one in ready if isinstance(one, PairReady)]
         moved = (note for note in recalibration_notes(outcome, self.unit) if BIAS not in note)
-        return [*moved, *_about(pairs, outcome), UNTESTED]
+        contact = self._contact.notes() if self._contact else ()
+        return [*moved, *_about(pairs, outcome), *contact, UNTESTED]
 
     def details(self, ready: Sequence[Ready], outcome: Outcome) -> dict[str, Any]:
         """Return the simulator's tool, and how the motions differ."""
@@ -116,6 +146,7 @@ class PairSource(Source):
             return {}
         tool = pairs[0].tool.rigid_tool.tool
         return {
+            **({'contact': self._contact.document()} if self._contact else {}),
             'simulated_tool': {'mass': tool.mass, 'com': list(tool.com),
                                'inertia': [list(row) for row in tool.inertia],
                                'left': dict(zip(('force', 'torque'), pairs[0].tool.unexplained))},
@@ -141,7 +172,7 @@ def _prepare(real: Recording, simulated: Recording, tool: SimulatedTool | None, 
     assert measured is not None
     assert made.pose is not None
     return PairReady(dataset, stamps, keep_compared_streams(real, dataset.measured.streams),
-                     (note,) if note else (), alignment=alignment, tool=tool,
+                     (note,) if note else (), alignment=alignment, tool=tool, simulated=made,
                      tracking=compare_motions(measured, made.pose, alignment.by != 'pose'))
 
 
@@ -186,6 +217,7 @@ def prepare_pair(recording: Recording, simulated: Recording, tool: SimulatedTool
     groups = motion_groups(simulation.signals(known.rigid_tool))
     dataset = motion_dataset(recording, simulation, known.rigid_tool, groups,
                              recording.accelerometer)
+    simulation.touching |= touching_of_robot(moved, simulation, known.rigid_tool)
     dataset.measured.present[simulation.touching] = False
     return dataset, known
 
@@ -193,8 +225,7 @@ def prepare_pair(recording: Recording, simulated: Recording, tool: SimulatedTool
 def _about(pairs: Sequence[PairReady], outcome: Outcome) -> Iterator[str]:
     """Report how the recordings were compared, and how the motions differ."""
     force, torque = pairs[0].tool.unexplained
-    contact = sum(one.contact_s for one in pairs)
-    if force > RIGID_N and not contact:
+    if force > RIGID_N and not any(one.simulation.touching.any() for one in pairs):
         yield (f'the simulated wrench is not that of a rigid tool: {force:.2g} N and {torque:.2g} '
                'N m are something else (contact, backlash, noise, another frame), and are '
                'compared as they are')
@@ -204,10 +235,6 @@ def _about(pairs: Sequence[PairReady], outcome: Outcome) -> Iterator[str]:
            + ', '.join(f'{axis} {value:+.3g}' for axis, value in zip(FORCES, bias))
            + ' N, N m; removed')
     yield from dict.fromkeys(note for one in pairs for note in one.notes)
-    if contact:
-        yield (f'for {contact:.1f} s the simulated tool touches something: not compared, as a '
-               'millimetre between the two motions changes such a force more than any effect; '
-               'only a simulator that is run can show how stiff a contact is')
     for one in pairs:
         for name, part, unit in zip(one.tracking._fields, one.tracking, ('mm', 'mrad')):
             motion = f'{name}: {1e3 * part.rms:.2g} {unit} from the simulated'

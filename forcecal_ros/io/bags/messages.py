@@ -4,6 +4,7 @@ Where the strings and the lengths in two messages agree, every number lies at th
 both. So one message is walked field by field, and all that are laid out like it are read at once.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 import struct
 from typing import Any, NamedTuple
@@ -196,27 +197,20 @@ def walk(store: Typestore, msgtype: str, message: bytes) -> Layout:
         The message is too short for its type, or of an unknown encoding.
     """
     walker = _Walker(store, message)
-    walker.message(msgtype, '')
+    walker.fields(msgtype, '')
     fixed = np.concatenate([np.arange(start, end) for start, end in walker.fixed])
     content = np.frombuffer(message, np.uint8)
     return Layout(len(message), walker.numbers, walker.text, fixed, content[fixed])
 
 
-class _Walker:
-    """One pass over one message."""
+class _Pass(ABC):
+    """One pass over the fields of one message."""
 
-    def __init__(self, store: Typestore, message: bytes) -> None:
-        if len(message) < 4 or message[0] != 0 or message[1] not in (0, 1):
-            raise CdrError('not plain CDR')
+    def __init__(self, store: Typestore) -> None:
         self._types = store.fielddefs
-        self._data = message
-        self._order = '<' if message[1] else '>'
-        self._position = 4
-        self.fixed = [(0, 2)]
-        self.numbers: dict[str, Numbers] = {}
-        self.text: dict[str, str] = {}
 
-    def message(self, msgtype: str, prefix: str) -> None:
+    def fields(self, msgtype: str, prefix: str) -> None:
+        """Pass over all fields of a type."""
         if msgtype not in self._types:
             raise CdrError(f'unknown type {msgtype}')
         for name, field in self._types[msgtype][1]:
@@ -227,20 +221,43 @@ class _Walker:
         if kind == Nodetype.BASE:
             self._base(content[0], path, 1)
         elif kind == Nodetype.NAME:
-            self.message(content, path + '.')
+            self.fields(content, path + '.')
         else:
             inner, count = content
             if kind == Nodetype.SEQUENCE:
-                count = self._count()
+                count = self._count(path)
             if inner[0] == Nodetype.BASE and inner[1][0] != 'string':
                 self._base(inner[1][0], path, count)
             else:
                 for i in range(count):
                     self._field(inner, f'{path}[{i}]')
 
+    @abstractmethod
+    def _base(self, name: str, path: str, count: int) -> None:
+        """Pass over a string, or over numbers of one type."""
+
+    @abstractmethod
+    def _count(self, path: str) -> int:
+        """Pass over the length of a sequence, and return it."""
+
+
+class _Walker(_Pass):
+    """Finds out where everything lies in a message."""
+
+    def __init__(self, store: Typestore, message: bytes) -> None:
+        if len(message) < 4 or message[0] != 0 or message[1] not in (0, 1):
+            raise CdrError('not plain CDR')
+        super().__init__(store)
+        self._data = message
+        self._order = '<' if message[1] else '>'
+        self._position = 4
+        self.fixed = [(0, 2)]
+        self.numbers: dict[str, Numbers] = {}
+        self.text: dict[str, str] = {}
+
     def _base(self, name: str, path: str, count: int) -> None:
         if name == 'string':
-            start = self._take(1, self._count())
+            start = self._take(1, self._count(path))
             self.fixed.append((start, self._position))
             text = self._data[start:self._position].rstrip(b'\0')
             self.text[path] = text.decode(errors='replace')
@@ -252,7 +269,7 @@ class _Walker:
         else:
             raise CdrError(f'fields of type {name} are not read')
 
-    def _count(self) -> int:
+    def _count(self, path: str) -> int:
         start = self._take(4, 1)
         self.fixed.append((start, start + 4))
         count = int.from_bytes(self._data[start:start + 4],
@@ -370,22 +387,17 @@ def _imu_columns(values: Array) -> tuple[tuple[str, ...], Array]:
 
 def _diagnostic_rows(stamps: Integers, signal: Sequence[Phase | Diagnostic]
                      ) -> list[NDArray[np.uint8]]:
-    return [_phase(stamps[i:i + 1], one) if isinstance(one, Phase)
-            else _diagnostic(stamps[i:i + 1], one) for i, one in enumerate(signal)]
+    return [_encode(DIAGNOSTICS, stamps[i:i + 1], ('status[0].level',), *_status(one))[0]
+            for i, one in enumerate(signal)]
 
 
-def _phase(stamp: Integers, phase: Phase) -> NDArray[np.uint8]:
-    row: NDArray[np.uint8] = _encode(DIAGNOSTICS, stamp, (), np.empty((1, 0)), {
-        'status[0].name': 'sequencer: phase', 'status[0].message': phase.name})[0]
-    return row
-
-
-def _diagnostic(stamp: Integers, one: Diagnostic) -> NDArray[np.uint8]:
-    level = np.array([[float(one.level)]])
-    row: NDArray[np.uint8] = _encode(DIAGNOSTICS, stamp, ('status[0].level',), level, {
+def _status(one: Phase | Diagnostic) -> tuple[Array, dict[str, str]]:
+    if isinstance(one, Phase):
+        return np.zeros((1, 1)), {
+            'status[0].name': 'sequencer: phase', 'status[0].message': one.name}
+    return np.array([[float(one.level)]]), {
         'status[0].name': 'observer: status', 'status[0].message': one.message,
-        'status[0].values[0].key': 'status', 'status[0].values[0].value': one.value})[0]
-    return row
+        'status[0].values[0].key': 'status', 'status[0].values[0].value': one.value}
 
 
 STAMP = ('header.stamp.sec', 'header.stamp.nanosec')
@@ -420,7 +432,9 @@ def encode(
     DataError
         A stamp does not fit into a message.
     """
-    message = _Blank(store, (*fields, *(text or {})), text or {}).serialise(msgtype)
+    blank = _Blank(store, (*fields, *(text or {})), text or {})
+    blank.fields(msgtype, '')
+    message = b'\0\1\0\0' + bytes(blank.data)
     layout = walk(store, msgtype, message)
     rows = np.tile(np.frombuffer(message, np.uint8), (len(stamp_ns), 1))
     group = Group(np.arange(len(rows)), layout, rows.view(f'V{len(message)}')[:, 0])
@@ -436,52 +450,30 @@ def encode(
     return rows
 
 
-class _Blank:
+class _Blank(_Pass):
     """Writes a message of zeros and given strings."""
 
     def __init__(self, store: Typestore, paths: Sequence[str], text: Mapping[str, str]) -> None:
-        self._types = store.fielddefs
-        self._paths = paths
-        self._text = text
-        self._data = bytearray()
+        super().__init__(store)
+        self._paths, self._text, self.data = paths, text, bytearray()
 
-    def serialise(self, msgtype: str) -> bytes:
-        self._message(msgtype, '')
-        return b'\0\1\0\0' + bytes(self._data)
-
-    def _message(self, msgtype: str, prefix: str) -> None:
-        for name, field in self._types[msgtype][1]:
-            self._field(field, prefix + name)
-
-    def _field(self, field: Any, path: str) -> None:
-        kind, content = field
-        if kind == Nodetype.BASE and content[0] == 'string':
+    def _base(self, name: str, path: str, count: int) -> None:
+        if name == 'string':
             text = self._text.get(path, '').encode() + b'\0'
-            self._align(4)
-            self._data += struct.pack('<I', len(text)) + text
-        elif kind == Nodetype.BASE:
-            size = np.dtype(NUMBERS[content[0]]).itemsize
-            self._align(size)
-            self._data += bytes(size)
-        elif kind == Nodetype.NAME:
-            self._message(content, path + '.')
-        else:
-            inner, count = content
-            if kind == Nodetype.SEQUENCE:
-                count = self._named(path)
-                self._align(4)
-                self._data += struct.pack('<I', count)
-            for i in range(count):
-                self._field(inner, f'{path}[{i}]')
+            self._put(4, struct.pack('<I', len(text)) + text)
+        elif count:
+            size = np.dtype(NUMBERS[name]).itemsize
+            self._put(size, bytes(size * count))
 
-    def _named(self, path: str) -> int:
-        """Return how many elements of a sequence the paths speak of."""
+    def _count(self, path: str) -> int:
         start = path + '['
-        return max((int(name[len(start):].partition(']')[0]) + 1
-                    for name in self._paths if name.startswith(start)), default=0)
+        count = max((int(name[len(start):].partition(']')[0]) + 1
+                     for name in self._paths if name.startswith(start)), default=0)
+        self._put(4, struct.pack('<I', count))
+        return count
 
-    def _align(self, size: int) -> None:
-        self._data += bytes(-len(self._data) % size)
+    def _put(self, size: int, what: bytes) -> None:
+        self.data += bytes(-len(self.data) % size) + what
 
 
 FIELDS: Mapping[str, tuple[str, ...]] = {

@@ -9,7 +9,7 @@ from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.topics import STRING, Topic
 from forcecal_ros.io.bags.messages import Decoder
-from forcecal_ros.io.bags.series import Collector, Series
+from forcecal_ros.io.bags.series import Collector, Series, series_of
 from forcecal_ros.io.bags.storage import Bag
 from forcecal_ros.io.transforms import (
     frames_of,
@@ -189,7 +189,7 @@ def _description(bag: Bag, source: str) -> bytes:
     topic = next((topic for topic in bag.topics if topic.type == STRING
                   and topic.name.lstrip('/') == source.lstrip('/')), None)
     if topic is not None:
-        urdf = _series(bag, topic, {'data': Collector(bag, topic, ['data'], text=True)})['data']
+        urdf = series_of(bag, topic, ['data'], text=True)
         if urdf is not None:
             return str(urdf.values[-1, 0]).encode()
     try:
@@ -225,23 +225,19 @@ def refuse_degrees(joints: Iterable[Joint], positions: Mapping[str, Array], topi
 
 def _reported_joints(bag: Bag, topic: Topic, drivers: set[str], named: str) -> dict[str, Series]:
     """Return the reported positions of joints, in any messages and order."""
-    series = _series(bag, topic, {
-        joint: Collector(bag, topic, [f'position[{joint}]']) for joint in sorted(drivers)})
-    reported = {joint: one for joint, one in series.items() if one is not None}
+    collectors = {joint: Collector(bag, topic, [f'position[{joint}]'])
+                  for joint in sorted(drivers)}
+    for batch in bag.batches({topic}):
+        for collector in collectors.values():
+            collector.add(batch)
+    reported = {joint: one for joint, collector in collectors.items()
+                if (one := collector.series(bag.notes)) is not None}
     if missing := sorted(drivers - set(reported)):
         raise DataError(f'{named}: {topic.name} holds no joint {", ".join(missing)}; joints are '
                         f'{", ".join(sorted(_names(bag, topic))) or "none"}')
     if short := sorted(joint for joint, one in reported.items() if len(one.stamp_ns) < 2):
         raise DataError(f'{named}: {topic.name} holds {", ".join(short)} less than twice')
     return reported
-
-
-def _series(bag: Bag, topic: Topic, collectors: Mapping[str, Collector]
-            ) -> dict[str, Series | None]:
-    for batch in bag.batches({topic}):
-        for collector in collectors.values():
-            collector.add(batch)
-    return {name: collector.series(bag.notes) for name, collector in collectors.items()}
 
 
 def _names(bag: Bag, topic: Topic) -> set[str]:

@@ -14,7 +14,7 @@ from forcecal_ros.io.bags.files import Notes
 from forcecal_ros.io.bags.messages import FIELDS, JOINT_NAMES, JOINTS
 from forcecal_ros.io.bags.poses import FROM_TF, pose_of_joints, pose_series
 from forcecal_ros.io.bags.poses import FROM_URDF as URDF
-from forcecal_ros.io.bags.series import Collector, frozen, Series
+from forcecal_ros.io.bags.series import Collector, frozen, Series, series_of
 from forcecal_ros.io.bags.storage import Bag
 from forcecal_ros.io.transforms import TF
 import numpy as np
@@ -298,6 +298,8 @@ def _topic(bag: Bag, name: str) -> Topic:
     if not same:
         raise DataError(f'{bag.path}: no topic {name}; there are '
                         f'{", ".join(sorted(one.name for one in bag.topics)) or "none"}')
+    if len(same) > 1:
+        bag.notes.add(f'{name} has messages of several types; only {same[0].type} was read')
     return same[0]
 
 
@@ -349,18 +351,10 @@ def read_columns(path: Path | str, topic: str, fields: Sequence[str]) -> Columns
         The topic or a field is missing, or no message can be read.
     """
     with Bag(path) as bag:
-        same = [one for one in bag.topics if one.name.lstrip('/') == topic.lstrip('/')]
-        if not same:
-            raise DataError(f'{path}: no topic {topic}; there are '
-                            f'{", ".join(sorted(one.name for one in bag.topics)) or "none"}')
-        if len(same) > 1:
-            bag.notes.add(f'{topic} has messages of several types; only {same[0].type} was read')
-        collector = Collector(bag, same[0], fields)
-        for batch in bag.batches({same[0]}):
-            collector.add(batch)
-        series = collector.series(bag.notes)
+        chosen = _topic(bag, topic)
+        series = series_of(bag, chosen, fields)
         if series is None:
-            raise DataError(f'{path}: {topic} ({same[0].type}) has no message with '
+            raise DataError(f'{path}: {topic} ({chosen.type}) has no message with '
                             f'{", ".join(fields)}' + ''.join(f'; {note}' for note in bag.notes))
         start_ns = int(series.stamp_ns[0])
         return Columns(series.seconds(start_ns), np.asarray(series.values, dtype=float),
@@ -390,11 +384,7 @@ def read_calibrations(path: Path | str, topics: Mapping[str, str] | None = None)
         found = find_topics(bag.topics, topics or {}, ['calibration'])[0]
         if 'calibration' not in found:
             return []
-        topic = found['calibration']
-        collector = Collector(bag, topic, ['data'], text=True)
-        for batch in bag.batches({topic}):
-            collector.add(batch)
-        series = collector.series(bag.notes)
+        series = series_of(bag, found['calibration'], ['data'], text=True)
         return [] if series is None else [str(text) for text in series.values[:, 0]]
 
 
@@ -441,20 +431,16 @@ def read_messages(path: Path | str, chosen: Callable[[Topic], bool] = lambda top
         There is no recording.
     """
     with Bag(path) as bag:
-        heap: list[tuple[int, int, Topic, bytes]] = []
+        heap: list[tuple[int, int, Raw]] = []
         count, newest = 0, 0
         for batch in bag.batches({topic for topic in bag.topics if chosen(topic)}):
             stamps = batch.log_ns.tolist()
             for start, length, log_ns in zip(batch.start.tolist(), batch.length.tolist(), stamps):
-                heappush(heap, (log_ns, count, batch.topic, batch.buffer[start:start + length]))
+                heappush(heap, (log_ns, count, Raw(
+                    log_ns, batch.topic, batch.buffer[start:start + length])))
                 count += 1
             newest = max(newest, *stamps, 0)
             while heap and heap[0][0] < newest - WINDOW:
-                yield _popped(heap)
+                yield heappop(heap)[2]
         while heap:
-            yield _popped(heap)
-
-
-def _popped(heap: list[tuple[int, int, Topic, bytes]]) -> Raw:
-    log_ns, _, topic, data = heappop(heap)
-    return Raw(log_ns, topic, data)
+            yield heappop(heap)[2]

@@ -189,6 +189,15 @@ class Collector:
         return Series(frozen(stamps), frozen(values), frame)
 
 
+def series_of(bag: Bag, topic: Topic, fields: Sequence[str], *, text: bool = False
+              ) -> Series | None:
+    """Read fields of one topic, as a :class:`Collector`; None where no message has them."""
+    collector = Collector(bag, topic, fields, text=text)
+    for batch in bag.batches({topic}):
+        collector.add(batch)
+    return collector.series(bag.notes)
+
+
 def _unstamped(stamps: Integers) -> NDArray[np.bool_]:
     """Tell whose stamp is zero because none was set; simulated time may begin at zero."""
     unset: NDArray[np.bool_] = stamps == 0

@@ -40,10 +40,11 @@ def _switched(effects, at, ends, seed):
     return replace(before, phases=phases, **streams)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(('effects', 'ends', 'at'), [
     ({'tool_mass': {'change': 0.1}}, True, 4.2),
     # while force.z is loaded: from 2.5 to 4.5 s it is zero, and no instant would show
-    pytest.param({'wrench_crosstalk': {'fx_of_fz': 0.05}}, False, 5.0, marks=pytest.mark.long)])
+    ({'wrench_crosstalk': {'fx_of_fz': 0.05}}, False, 5.0)])
 def test_an_effect_of_half_a_recording_is_named_with_its_instant(effects, ends, at):
     (name, values), = effects.items()
     diagnosis = RigSource(load_rig()).diagnose(_switched(effects, at, ends, 31)).diagnosis

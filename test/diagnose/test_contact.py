@@ -1,0 +1,140 @@
+"""Contact of a robot and of its simulation: how the two surfaces differ, and what is not known."""
+
+from functools import cache
+
+from forcecal_ros.diagnose.dataset import span
+from forcecal_ros.diagnose.result import Diagnosis
+from forcecal_ros.diagnose.search.posterior import Posterior
+from forcecal_ros.diagnose.sources.contact import (
+    compare_contact,
+    touch_of_robot,
+    touch_of_simulation,
+    touching_of_robot,
+    with_contact,
+)
+from forcecal_ros.diagnose.sources.pair import PairSource
+from forcecal_ros.diagnose.sources.simulated_tool import simulated_tool
+from forcecal_ros.sim.measured_motion import RecordedSimulation
+from forcecal_ros.sim.rigid_tool import beyond
+import numpy as np
+from own_arm import TOLERANCES
+import pytest
+from touching import robot, RUBS
+
+FREE = Diagnosis('no_gap', 'the rig explains the recording')
+ABSENT = {'position': 1.4}
+
+
+@cache
+def simulated(slide=0.02, absent=False):
+    return robot(ABSENT if absent else None, seed=None, slide=slide)
+
+
+@cache
+def tool_of(slide, absent):
+    made = simulated(slide, absent)
+    return simulated_tool(made, *span(made), TOLERANCES)
+
+
+def touches(recording, slide=0.02, absent=False):
+    """Return the contact of both, and the simulation along the robot's motion."""
+    made, tool = simulated(slide, absent), tool_of(slide, absent)
+    simulation = RecordedSimulation(recording, made, *span(recording, made), 'acc1',
+                                    tool.simulated)
+    rig = tool.zeroed(beyond(recording, simulation.signals(tool.rigid_tool))).rigid_tool
+    simulation.touching |= touching_of_robot(recording, simulation, rig)
+    return (touch_of_robot(recording, simulation, rig, simulation.touching),
+            touch_of_simulation(made, simulation, tool.simulated), simulation)
+
+
+def compared(recording, slide=0.02, absent=False):
+    one, other, _ = touches(recording, slide, absent)
+    return weigh(one, other)
+
+
+def weigh(one, other):
+    return compare_contact(one, other, TOLERANCES.spreads, Posterior(None, (), ()))
+
+
+@pytest.mark.parametrize('wall, rubs, name, value', [
+    ({'stiffness': 5e3}, RUBS, 'contact_stiffness', -0.5),
+    ({'damping': 200.0}, RUBS, 'contact_damping', 3.0),
+    ({'position': 1.282}, RUBS, 'wall_position', 0.002),
+    ({'position': 1.278}, RUBS, 'wall_position', -0.002),
+    ({}, 0.45, 'contact_friction', 0.15)])
+def test_what_the_robots_surface_has_otherwise_is_named_with_its_size(wall, rubs, name, value):
+    found = compared(robot(wall, rubs))
+    effect, = found.effects
+    (number,) = effect.parameters.values()
+    assert effect.name == name
+    assert effect.probability > 0.9
+    # of the noise of poses in a law of 3 to 7 s: 20 um on 2.5 mm, 3 ms of damping
+    assert number.std < 0.1 * abs(value)
+    assert number.value == pytest.approx(value, abs=max(3.0 * number.std, 0.01 * abs(value)))
+    assert found.explained > 0.99
+    d = with_contact(FREE, found)
+    assert d.verdict == 'identified'
+    assert d.reason.startswith(f'{name} explains ')
+    assert d.candidates == ((name, effect.probability),)
+
+
+@pytest.mark.parametrize('seed', [3, *(pytest.param(n, marks=pytest.mark.long) for n in (4, 5))])
+def test_surfaces_that_are_alike_have_no_name(seed):
+    *both, simulation = touches(robot(seed=seed))
+    found = weigh(*both)
+    assert not found.effects and not found.untold
+    stiffness, damping, _, friction = found.numbers[0]
+    assert stiffness == pytest.approx(1e4, rel=0.01)
+    assert damping == pytest.approx(50.0, abs=3.0 * found.std[0, 1])
+    assert friction == pytest.approx(RUBS, abs=0.005)
+    assert found.seconds[0] == pytest.approx(6.6, abs=0.3)
+    assert with_contact(FREE, found).verdict == 'no_gap'
+    assert '6.6 s of contact: no difference of contact_stiffness' in with_contact(
+        FREE, found).reason
+    assert 0.004 * simulation.touching.sum() == pytest.approx(7.1, abs=0.3)
+
+
+def test_two_differences_are_named_together_and_their_numbers_are_in_the_document():
+    recording = robot({'stiffness': 5e3, 'position': 1.279})
+    found = PairSource(TOLERANCES, simulated()).diagnose(recording)
+    d = found.diagnosis
+    names = {e.name: e for e in d.effects}
+    assert {'contact_stiffness', 'wall_position'} <= set(names)
+    assert names['contact_stiffness'].parameters['change'].value == pytest.approx(-0.5, abs=0.01)
+    assert names['wall_position'].parameters['shift'].value == pytest.approx(-1e-3, abs=2e-5)
+    assert found.details['contact']['robot']['contact_stiffness']['value'] == pytest.approx(
+        5e3, rel=0.02)
+    assert any(note.startswith('contact_stiffness: robot ') for note in d.notes)
+    assert not d.not_compared
+
+
+def test_without_motion_along_the_surface_its_friction_is_not_known():
+    found = compared(robot({'stiffness': 5e3}, slide=0.0), slide=0.0)
+    assert found.untold == ('contact_friction',)
+    assert [e.name for e in found.effects] == ['contact_stiffness']
+    assert '(contact_friction: not identifiable)' in with_contact(FREE, found).reason
+
+
+@pytest.mark.parametrize('absent', ['robot', 'simulation'])
+def test_contact_of_one_alone_is_a_gap_that_the_verdict_states(absent):
+    real = robot(ABSENT if absent == 'robot' else None)
+    *both, simulation = touches(real, absent=absent == 'simulation')
+    found = weigh(*both)
+    assert found.one_sided
+    assert 0.004 * simulation.touching.sum() == pytest.approx(7.1, abs=0.4)
+    d = with_contact(FREE, found)
+    assert d.verdict == 'unknown'
+    other = 'simulation' if absent == 'robot' else 'robot'
+    assert f'the {other} touches something for 6.' in d.reason
+    assert f'the {absent} for 0.0 s' in d.reason
+
+
+def test_forces_of_several_directions_are_no_law_and_the_verdict_states_it():
+    _, touch, _ = touches(robot())
+    # the second half pushes the other way
+    ways = np.where(np.arange(len(touch.force)) < 0.5 * len(touch.force), 1.0, -1.0)
+    turned = touch._replace(force=ways[:, np.newaxis] * touch.force)
+    found = weigh(turned, touch)
+    d = with_contact(FREE, found)
+    assert d.verdict == 'no_gap'
+    assert 'contact is not compared: the tool is pushed in several directions' in d.reason
