@@ -42,14 +42,12 @@ from forcecal_ros.diagnose.localise import (
     stage_of,
 )
 from forcecal_ros.diagnose.model.evidence import Earlier, FIRST_RECORDING
-from forcecal_ros.diagnose.model.hypotheses import hypotheses
+from forcecal_ros.diagnose.model.hypotheses import CLIPPING, hypotheses
 from forcecal_ros.diagnose.model.linearised import linearised_model, LinearisedModel
-from forcecal_ros.diagnose.model.saturation import CLIPPING
 from forcecal_ros.diagnose.recordings import convert_to_volts, Corrected, missing_streams
 from forcecal_ros.diagnose.result import Diagnosis, patched_rig
-from forcecal_ros.diagnose.search.calibration import UNKNOWN
 from forcecal_ros.diagnose.search.posterior import Posterior, search
-from forcecal_ros.diagnose.verdict import TOLERANCE, verdict
+from forcecal_ros.diagnose.verdict import TOLERANCE, UNKNOWN, verdict
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.effects.rig import Rig
 import numpy as np

@@ -9,6 +9,7 @@ from typing import Any
 from forcecal_ros.core.calibration import Calibration, Estimate
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.diagnose.judge.gap import Gap
+from forcecal_ros.diagnose.judge.judgement import Tie
 from forcecal_ros.diagnose.judge.named_effects import (
     Checks,
     instants,
@@ -16,7 +17,6 @@ from forcecal_ros.diagnose.judge.named_effects import (
     Parameter,
     parameters_of,
 )
-from forcecal_ros.diagnose.judge.ties import Tie
 from forcecal_ros.diagnose.localise import Location
 from forcecal_ros.diagnose.model.evidence import Earlier, FIRST_RECORDING
 from forcecal_ros.diagnose.model.gates import BIAS, kind_of

@@ -2,10 +2,10 @@
 
 import json
 
-from forcecal_ros.diagnose.judge.judgement import weighed
-from forcecal_ros.diagnose.judge.ties import ties_of
-from forcecal_ros.diagnose.search.calibration import Features, FILE, probability, UNKNOWN
+from forcecal_ros.diagnose.judge.judgement import ties_of, weighed
+from forcecal_ros.diagnose.search.calibration import Features, FILE, probability
 from forcecal_ros.diagnose.search.posterior import Posterior
+from forcecal_ros.diagnose.verdict import UNKNOWN
 import numpy as np
 import pytest
 

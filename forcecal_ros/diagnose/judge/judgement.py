@@ -15,17 +15,52 @@ from forcecal_ros.diagnose.judge.named_effects import (
     Parameter,
     parameters_of,
 )
+from forcecal_ros.diagnose.judge.parameter_errors import with_taken
 from forcecal_ros.diagnose.judge.residual_summary import (
     ResidualSummary,
     summarise_residual,
     unexplained,
 )
-from forcecal_ros.diagnose.judge.stated_errors import with_taken
-from forcecal_ros.diagnose.judge.ties import Tie, ties_of
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
-from forcecal_ros.diagnose.search.calibration import probability, UNKNOWN
+from forcecal_ros.diagnose.search.calibration import probability
 from forcecal_ros.diagnose.search.posterior import Posterior
-from forcecal_ros.diagnose.verdict import UnexplainedPart
+from forcecal_ros.diagnose.verdict import UnexplainedPart, UNKNOWN
+
+ODDS = 0.05
+"""Odds of another effect in the place of an accepted one from which both are listed."""
+
+SEPARATED_BY: Mapping[frozenset[str], str] = {
+    frozenset(pair): words for *pair, words in (
+        ('wrench_delay', 'wrench_lowpass', 'a faster recording, or a motion up to the corner'),
+        ('accel_misalignment', 'wrench_crosstalk', 'the accelerometer at rest'),
+        ('tool_com', 'wrench_crosstalk', 'contact at a known place'),
+        ('tool_mass', 'wrench_gain', 'a known force'),
+        ('base_tilt', 'cable_force', 'a level on the base'),
+        ('accel_delay', 'accel_resonance', 'a sweep up to the resonance'),
+        ('tool_stiffness', 'tool_damping', 'a sweep about the resonance of the tool'),
+        ('contact_stiffness', 'wall_position', 'contacts of several depths'))}
+"""Pair of effects, and what separates them."""
+
+
+class Tie(NamedTuple):
+    """What may have done the same as an accepted effect, its odds against that one, and why."""
+
+    other: str
+    odds: float
+    note: str
+
+
+def ties_of(found: Posterior) -> dict[str, Tie]:
+    """Return the likeliest alias of each accepted effect, if one is about as likely."""
+    out = {}
+    for name, others in found.odds.items():
+        other = max(others, key=lambda one: others[one], default='')
+        if other and others[other] > ODDS:
+            by = SEPARATED_BY.get(frozenset((name, other)), 'what forcecal plan writes')
+            out[name] = Tie(other, others[other], f'{name} and {other} explain these recordings '
+                            f'about as well; they are separated by {by}')
+    return out
+
 
 CHECKED = 0.99
 """Probability of an effect of stamps or values: they are found at many sigmas or not at all."""
