@@ -42,24 +42,16 @@ SEPARATED_BY: Mapping[frozenset[str], str] = {
 """Pair of effects, and what separates them."""
 
 
-class Tie(NamedTuple):
-    """What may have done the same as an accepted effect, its odds against that one, and why."""
-
-    other: str
-    odds: float
-    note: str
-
-
-def ties_of(found: Posterior) -> dict[str, Tie]:
-    """Return the likeliest alias of each accepted effect, if one is about as likely."""
-    out = {}
+def ties_of(found: Posterior) -> tuple[str, ...]:
+    """Note the likeliest alias of each accepted effect, if one is about as likely."""
+    out = []
     for name, others in found.odds.items():
         other = max(others, key=lambda one: others[one], default='')
         if other and others[other] > ODDS:
             by = SEPARATED_BY.get(frozenset((name, other)), 'what forcecal plan writes')
-            out[name] = Tie(other, others[other], f'{name} and {other} explain these recordings '
-                            f'about as well; they are separated by {by}')
-    return out
+            out.append(f'{name} and {other} explain these recordings about as well; they are '
+                       f'separated by {by}')
+    return tuple(out)
 
 
 CHECKED = 0.99
@@ -89,7 +81,7 @@ class Judged(NamedTuple):
     noise: Array
     numbers: dict[str, dict[str, Parameter]]
     effects: tuple[NamedEffect, ...]
-    ties: dict[str, Tie]
+    ties: tuple[str, ...]
     candidates: list[tuple[str, float]]
     limits: list[str]
 
@@ -103,14 +95,13 @@ def judge(first: LinearisedModel, found: Posterior, checks: Checks,
     gap, noise, errors = measured_gap(first, found, summary, observed)
     checked = tuple(NamedEffect(n, v, CHECKED) for n, v in checks.effects.items())
     numbers = {a.name: parameters_of(final, a) for a in found.accepted}
-    ties = ties_of(found)
     limits = [x for name, values in numbers.items() for x in at_limit(name, values)]
     probabilities, candidates = weighed(found, part.ratio >= 1.0, gap.closed, not limits)
     stated = with_taken(final, found.accepted, numbers, errors, gap.closed)
     named = [in_its_time(NamedEffect(name, values, probabilities[name]), final, found.instants)
              for name, values in stated.items()]
     candidates += [(e.name, e.probability) for e in checked]
-    return Judged(summary, part, gap, noise, numbers, (*named, *checked), ties,
+    return Judged(summary, part, gap, noise, numbers, (*named, *checked), ties_of(found),
                   listed_once(candidates), limits)
 
 
