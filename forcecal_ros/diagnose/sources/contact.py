@@ -34,6 +34,7 @@ from forcecal_ros.sim.rigid_tool import beyond, CarriedTool, RigidTool
 from forcecal_ros.sim.signals import BLOCK, block_means, RATE, slow
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.linalg import block_diag
 from scipy.ndimage import binary_erosion, label
 from scipy.stats import multivariate_normal
@@ -58,6 +59,9 @@ MIN_CONTACT_S = 0.5
 
 EDGE_BLOCKS = 10
 """Blocks left out at both ends of contact: forces below 12.5 Hz ring for 40 ms there."""
+
+SOFTEST = 500.0
+"""Stiffness from which a force that only the robot has is contact [N/m]: no cable is as stiff."""
 
 SLIDING_M_S = 0.003
 """Speed along a surface from which friction has a direction [m/s]: ten times poses' noise."""
@@ -86,6 +90,9 @@ WHOLE = 0.9
 
 UNSHOWN = 1e6
 """Variance of what a recording does not show."""
+
+WHOSE = ('robot', 'simulation')
+"""The two recordings."""
 
 LATE = ('wrench_delay', 'wrench_lowpass')
 """Effects that would make damping of stiffness: the delay of the wrench is estimated instead."""
@@ -151,15 +158,11 @@ def touching_of_robot(recording: Recording, simulation: RecordedSimulation, tool
     if simulation.touching.any():
         runs, _ = label(own)
         return np.asarray(own & np.isin(runs, runs[simulation.touching]))
-    if own.any():
-        touch = touch_of_robot(recording, simulation, tool, own)
-        try:
-            surface = fit_surface([touch])
-        except DataError:
-            return own & False
-        if surface.fit.law[1] > 0.0:
-            return own
-    return own & False
+    try:
+        fit = fit_surface([touch_of_robot(recording, simulation, tool, own)], 0.0)[1]
+    except DataError:
+        return own & False
+    return own & (0.0 < fit.law[1] < 1.0 / SOFTEST)
 
 
 def touch_of_robot(recording: Recording, simulation: RecordedSimulation, rig: Rig,
@@ -176,10 +179,15 @@ def touch_of_robot(recording: Recording, simulation: RecordedSimulation, rig: Ri
     """
     rig = replace(rig, effects=tuple(one for one in rig.effects if one[0] not in LATE))
     s, simulated = simulation.signals(rig), block_means(simulation.beyond)
+    pose, position = recording.pose, s.position
+    if pose is not None and pose.has_position:
+        # what is merged from two poses rings where contact begins; noise of a depth does no harm
+        t = s.start + (1.0 + np.arange(len(position))) / RATE
+        position = CubicSpline(pose.t, pose.position)(t)
     named = named_effects(rig.effects).get('wrench_gain', {})
     gain = np.array(rig.wrench_sensor.gain) * [1.0 + named.get(axis, 0.0) for axis in FORCES]
     return _touch(beyond(recording, s) + simulated, block_means(s.wrench) - simulated, gain,
-                  (s.position, s.velocity, s.R_base_sensor, s.omega), near)
+                  (position, s.velocity, s.R_base_sensor, s.omega), near)
 
 
 def touch_of_simulation(simulated: Recording, simulation: RecordedSimulation, tool: RigidTool
@@ -217,9 +225,9 @@ class _Rows(NamedTuple):
     own : ndarray of int, shape (n,)
         Which recording each row is of.
     depth : ndarray, shape (n,)
-    regressors : ndarray, shape (n, 3 m + s)
-        Of each recording 1, force and approach; of all the slopes of the surface along the s
-        directions in which the tool slides.
+    regressors : ndarray, shape (n, 4 m + s)
+        Of each recording 1, force and approach, then how fast each slides; of all the slopes of
+        the surface along the s directions in which the tool slides.
     plane : ndarray, shape (3, 2)
         Directions along the surface, these first.
     tangential : ndarray, shape (n, 2)
@@ -242,10 +250,9 @@ class _Fit(NamedTuple):
 
     Attributes
     ----------
-    law, friction : ndarray, shape (3 m + s,), (m + 2,)
-        d0, 1 / k and c / k of each recording; its friction; slopes.
+    law, friction : ndarray, shape (4 m + s,), (m + 2,)
     covariance : ndarray, shape (4 m, 4 m)
-        Without slopes.
+        Of d0, 1 / k and c / k of each recording, then of each friction.
     scale : ndarray, shape (2,)
         Of the first recording's residual, in depth and along the surface.
     """
@@ -256,35 +263,29 @@ class _Fit(NamedTuple):
     scale: Array
 
 
-class Surface(NamedTuple):
-    """Regressions and their fit."""
-
-    rows: _Rows
-    fit: _Fit
-    normal: Array
-
-
 def _rows(touches: Sequence[Touch], normal: Array, point: Array) -> _Rows:
     """Write both laws for a normal in base, and a point of the tool in S."""
-    m = len(touches)
+    m, R = len(touches), np.concatenate([one.R_base_sensor for one in touches])
     own = np.repeat(np.arange(m), [len(one.force) for one in touches])
     each = (own[:, np.newaxis] == np.arange(m)).astype(float)
     force = np.concatenate([one.in_base for one in touches])
-    x = np.concatenate([one.position + one.R_base_sensor @ point for one in touches])
-    velocity = np.concatenate([one.velocity + np.einsum(
-        'nij,nj->ni', one.R_base_sensor, np.cross(one.omega, point)) for one in touches])
+    x = np.concatenate([one.position for one in touches]) + R @ point
+    velocity = np.concatenate([one.velocity for one in touches]) + np.einsum(
+        'nij,nj->ni', R, np.cross(np.concatenate([one.omega for one in touches]), point))
     push, plane = force @ normal, np.linalg.svd(normal[np.newaxis])[2][1:].T
     law = np.stack([np.ones(len(own)), push, velocity @ normal], axis=1)
-    law = (each[:, :, np.newaxis] * law[:, np.newaxis]).reshape(-1, 3 * m)
+    pace = np.linalg.norm(velocity @ plane, axis=1, keepdims=True)
+    # sliding lifts a tool where friction is simulated by a pyramid
+    law = np.hstack([(each[:, :, np.newaxis] * law[:, np.newaxis]).reshape(-1, 3 * m),
+                     each * pace])
     # of the way along the surface what no force explains: the rest is depth by another name
     along = (x - x.mean(axis=0)) @ plane
     along = along - law @ np.linalg.lstsq(law, along, rcond=None)[0]
     _, sizes, ways = np.linalg.svd(along, full_matrices=False)
     plane, slides = plane @ ways.T, int((sizes > SLIDE_M * np.sqrt(len(own))).sum())
     regressors = np.hstack([law, (along @ ways.T)[:, :slides]])
-    speed = velocity @ plane
-    pace = np.linalg.norm(speed, axis=1, keepdims=True)
-    way = -push[:, np.newaxis] * speed / np.where(pace > SLIDING_M_S, pace, np.nan)
+    way = -push[:, np.newaxis] * (velocity @ plane) / np.where(
+        pace > SLIDING_M_S, pace, np.nan)
     rubbing = np.concatenate([way[:, :, np.newaxis] * each[:, np.newaxis],
                               push[:, np.newaxis, np.newaxis] * np.eye(2)], axis=2)
     return _Rows(own, -x @ normal, regressors, plane, force @ plane, rubbing)
@@ -295,9 +296,9 @@ def _fit(rows: _Rows, kept: NDArray[np.bool_]) -> _Fit:
     own, m = rows.own[kept], int(rows.own.max()) + 1
     middle = rows.depth.mean()
     # blocks of half a second; where contact is short, a few more than there are unknowns
-    blocks = int(np.clip(2.0 * BLOCK * len(own), 3 * m + 8, BLOCKS))
-    slides = rows.regressors.shape[1] - 3 * m
-    prior = np.append(np.zeros(3 * m), np.full(slides, TILT ** -2))
+    blocks = int(np.clip(2.0 * BLOCK * len(own), 4 * m + 8, BLOCKS))
+    slides = rows.regressors.shape[1] - 4 * m
+    prior = np.append(np.zeros(4 * m), np.full(slides, TILT ** -2))
     law = robust_fit(rows.regressors[kept][:, np.newaxis], rows.depth[kept, np.newaxis] - middle,
                      prior, blocks, groups=own, channels=1)
     theta = law.theta.copy()
@@ -307,7 +308,7 @@ def _fit(rows: _Rows, kept: NDArray[np.bool_]) -> _Fit:
     friction, scale = np.zeros(m + 2), np.array([law.scale[0, 0], np.inf])
     rubs = np.isfinite(rows.rubbing[kept]).all(axis=(1, 2))
     if BLOCK * np.bincount(own[rubs], minlength=m).min() > MIN_CONTACT_S:
-        tilts = np.concatenate([np.zeros(m), 1.0 / np.diag(law.covariance)[3 * m:],
+        tilts = np.concatenate([np.zeros(m), 1.0 / np.diag(law.covariance)[4 * m:],
                                 np.full(2 - slides, TILT ** -2)])
         rub = robust_fit(rows.rubbing[kept][rubs], rows.tangential[kept][rubs], tilts, blocks,
                          groups=own[rubs], channels=2)
@@ -316,22 +317,26 @@ def _fit(rows: _Rows, kept: NDArray[np.bool_]) -> _Fit:
     return _Fit(theta, friction, covariance, scale)
 
 
-def fit_surface(touches: Sequence[Touch]) -> Surface:
+def fit_surface(touches: Sequence[Touch], rough: float = ROUGH_M) -> tuple[_Rows, _Fit]:
     """
     Fit the law of the surface of each recording, of one normal and one point of the tool.
+
+    Parameters
+    ----------
+    rough : float
+        RMS of a depth that a law may leave in any case [m].
 
     Raises
     ------
     DataError
         Contact is too short, or not that of one flat surface; put behind ``not compared:``.
     """
-    whose = ('the robot', 'the simulation')
-    for one, name in zip(touches, whose):
+    for one, name in zip(touches, WHOSE):
         if one.seconds < MIN_CONTACT_S:
-            raise DataError(f'{name} touches for {one.seconds:.1f} s only, {MIN_CONTACT_S:g} s '
-                            'are needed; press longer')
+            raise DataError(f'the {name} touches for {one.seconds:.1f} s only, '
+                            f'{MIN_CONTACT_S:g} s are needed; press longer')
         if not one.position.any():
-            raise DataError(f'the poses of {name} have no position, so the depth is not known')
+            raise DataError(f'the poses of the {name} have no position, so the depth is not known')
     means = [one.in_base.sum(axis=0) / np.linalg.norm(one.force, axis=1).sum() for one in touches]
     if min(map(np.linalg.norm, means)) < ONE_WAY:
         raise DataError('the tool is pushed in several directions; touch one flat surface')
@@ -347,18 +352,17 @@ def fit_surface(touches: Sequence[Touch]) -> Surface:
         normal = normal / np.linalg.norm(normal)
         rows = _rows(touches, normal, point)
         fit = _fit(rows, np.ones(len(rows.own), dtype=bool))
-        found = Surface(rows, fit, normal)
-        slopes = fit.law[3 * len(touches):]
+        slopes = fit.law[4 * len(touches):]
         normal = normal + rows.plane[:, :len(slopes)] @ slopes
     residual = rows.depth - rows.regressors @ fit.law
-    for i, name in enumerate(whose[:len(touches)]):
+    for i, name in enumerate(WHOSE[:len(touches)]):
         mine = rows.own == i
         left, depth = float(residual[mine].std()), float(rows.depth[mine].std())
-        if left > max(ROUGH_M, UNFOLLOWED * depth):
-            raise DataError(f'the depth to which {name} touches does not follow its force '
+        if left > max(rough, UNFOLLOWED * depth):
+            raise DataError(f'the depth to which the {name} touches does not follow its force '
                             f'({1e3 * left:.2g} of {1e3 * depth:.2g} mm RMS are something else); '
                             'touch one flat surface')
-    return found
+    return rows, fit
 
 
 class Contact(NamedTuple):
@@ -406,14 +410,13 @@ class Contact(NamedTuple):
 
     def document(self) -> dict[str, Any]:
         """Return what ``diagnosis.json`` holds of it."""
-        if self.why_not:
-            return {'seconds': list(self.seconds), 'not_compared': self.why_not}
-        return {'seconds': list(self.seconds), 'not_identified': list(self.untold), **{
-            whose: {name: {'value': value, 'std': std, 'unit': unit}
-                    for name, value, std, unit in zip(QUANTITIES, values, errors, UNITS)
-                    if name not in self.untold}
-            for whose, values, errors in zip(('robot', 'simulated'), self.numbers.tolist(),
-                                             self.std.tolist())}}
+        kept = [] if self.why_not else [
+            (i, name) for i, name in enumerate(QUANTITIES) if name not in self.untold]
+        return {'seconds': list(self.seconds), 'not_compared': self.why_not,
+                'not_identified': list(self.untold), **{
+                    whose: {name: {'value': float(self.numbers[row, i]),
+                                   'std': float(self.std[row, i]), 'unit': UNITS[i]}
+                            for i, name in kept} for row, whose in enumerate(WHOSE)}}
 
 
 def _numbers(x: Array) -> Array:
@@ -457,16 +460,16 @@ def compare_contact(robot: Touch, simulated: Touch, spreads: NominalTolerances,
     """
     seconds = robot.seconds, simulated.seconds
     if min(seconds) < min(MIN_CONTACT_S, 0.1 * max(seconds)):
-        one, other = ('the robot', 'the simulation')[::1 if seconds[1] < seconds[0] else -1]
-        return Contact(seconds, f'{one} touches something for {max(seconds):.1f} s, {other} '
-                       f'for {min(seconds):.1f} s', True)
+        one, other = WHOSE[::1 if seconds[1] < seconds[0] else -1]
+        return Contact(seconds, f'the {one} touches something for {max(seconds):.1f} s, '
+                       f'the {other} for {min(seconds):.1f} s', True)
     try:
-        surface = fit_surface((robot, simulated))
+        rows, fit = fit_surface((robot, simulated))
     except DataError as error:
         return Contact(seconds, str(error))
     delays, errors = np.array([robot.delay, simulated.delay]).T
-    x = np.concatenate([surface.fit.law[:6], surface.fit.friction[:2], delays])
-    covariance = block_diag(surface.fit.covariance, np.diag(errors ** 2))
+    x = np.concatenate([fit.law[:6], fit.friction[:2], delays])
+    covariance = block_diag(fit.covariance, np.diag(errors ** 2))
     numbers, of_numbers = _propagated(_numbers, x, covariance)
     change, scatter = _propagated(_change, x, covariance)
     std = np.sqrt(np.diag(scatter))
@@ -477,7 +480,7 @@ def compare_contact(robot: Touch, simulated: Touch, spreads: NominalTolerances,
     features, others = _weighed_together(
         [name for name, known in zip(QUANTITIES, told) if known], change[told],
         scatter[np.ix_(told, told)] + np.diag(spread[told] ** 2), wide[told])
-    explained = _explained(surface, [name in features for name in QUANTITIES], delays)
+    explained = _explained(rows, [name in features for name in QUANTITIES], delays)
     probabilities, candidates = weighed(selection._replace(
         features=features, alternatives=others, nearest={}), explained < WHOLE, explained)
     effects = tuple(
@@ -525,26 +528,27 @@ def _weighed_together(names: Sequence[str], change: Array, scatter: Array, wide:
                     for other in names if other not in best} for name in best})
 
 
-def _explained(surface: Surface, named: Sequence[bool], delays: Array) -> float:
+def _explained(rows: _Rows, named: Sequence[bool], delays: Array) -> float:
     """Return how much of the robot's held-out difference from the simulated law goes away."""
-    rows, robot = surface.rows, surface.rows.own == 0
-    before = after = 0.0
+    robot, before, after = rows.own == 0, 0.0, 0.0
     for half in (0, 1):
         held = robot & (np.arange(len(robot)) * TURNS // robot.sum() % 2 == half)
         fit = _fit(rows, ~held)
         own, simulated = _numbers(np.concatenate([fit.law[:6], fit.friction[:2], delays]))
-
-        def energy(numbers: Array) -> float:
-            stiffness, damping, place, friction = numbers
-            law = np.append([place, 1.0 / stiffness, damping / stiffness - delays[0]], fit.law[3:])
-            depth = (rows.depth - rows.regressors @ law)[held]
-            force = (rows.tangential - rows.rubbing @ np.append(friction, fit.friction[1:]))[held]
-            return float(np.sum((depth / fit.scale[0]) ** 2)
-                         + np.nansum((force / fit.scale[1]) ** 2))
-
-        before += energy(simulated) - energy(own)
-        after += energy(np.where(named, own, simulated)) - energy(own)
+        least, some, none = (_energy(rows, fit, numbers, delays[0], held) for numbers in (
+            own, np.where(named, own, simulated), simulated))
+        before, after = before + none - least, after + some - least
     return 1.0 - after / before if before > 0.0 else 0.0
+
+
+def _energy(rows: _Rows, fit: _Fit, numbers: Array, delay: float, held: NDArray[np.bool_]
+            ) -> float:
+    """Return what other numbers of the robot's surface leave, in the scale of its residual."""
+    stiffness, damping, place, friction = numbers
+    law = np.append([place, 1.0 / stiffness, damping / stiffness - delay], fit.law[3:])
+    depth = (rows.depth - rows.regressors @ law)[held]
+    force = (rows.tangential - rows.rubbing @ np.append(friction, fit.friction[1:]))[held]
+    return float(np.sum((depth / fit.scale[0]) ** 2) + np.nansum((force / fit.scale[1]) ** 2))
 
 
 def with_contact(diagnosis: Diagnosis, contact: Contact) -> Diagnosis:

@@ -49,8 +49,8 @@ from scipy.spatial.transform import Rotation, Slerp
 RIGID_N = 0.1
 """RMS of a simulated wrench beyond a rigid tool's that is reported [N]: noise of a good sensor."""
 
-UNTESTED = ('what the simulator makes of its commands (friction, gains and gears of joints) cannot '
-            'be tested without running it again')
+UNTESTED = ('what the simulator makes of its commands (friction, gains and gears of joints) '
+            'cannot be tested without running it again')
 
 BIAS = 'wrench.bias'
 """The nuisances of a sensor's bias."""
