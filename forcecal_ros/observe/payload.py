@@ -60,8 +60,6 @@ WRENCH, BIAS = slice(0, 6), slice(6, 12)
 
 MASS, MOMENT, EXCESS = 12, slice(13, 16), 16
 
-TOOL = slice(12, 17)
-
 STATES = 17
 
 _PAIR = tuple[float, float]
