@@ -4,18 +4,36 @@ import json
 from pathlib import Path
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import forcecal_ros as fc
+from forcecal_ros.core.streams import PoseStream
+from forcecal_ros.diagnose import plan
+from longer import first
 from matplotlib.figure import Figure
+import numpy as np
 import pytest
+from rig_recordings import FREE, motion, PERIOD
 
 NOTEBOOK = Path(__file__).parents[1] / 'examples' / 'gap.ipynb'
 
 
 @pytest.fixture(scope='module')
-def cells():
-    """Run the notebook; return its variables."""
+def patch_of_module():
+    with pytest.MonkeyPatch.context() as patch:
+        yield patch
+
+
+@pytest.fixture(scope='module', params=first([FREE, None]), ids=['brief', 'as it is'])
+def cells(request):
+    """Run the notebook, the usual run on a brief motion; return its variables."""
     variables = {}
+    if request.param:
+        positions, rotations, phases = motion(request.param)
+        told = PoseStream(PERIOD * np.arange(len(positions)), positions, rotations)
+        patch = request.getfixturevalue('patch_of_module')
+        patch.setattr(plan, 'motion_for', lambda *_, **__: SimpleNamespace(
+            target=told, phases=phases))
     for cell in json.loads(NOTEBOOK.read_text())['cells']:
         if cell['cell_type'] == 'code':
             exec(compile(''.join(cell['source']), NOTEBOOK.name, 'exec'), variables)  # noqa: S102
@@ -37,7 +55,8 @@ def test_functions_stay_under_the_names_of_subpackages():
 
 def test_the_notebook_names_the_delay(cells):
     gap = cells['gap']
-    assert gap.to_dict()['verdict'] == 'identified'
+    # the brief motion leaves some odds to a low-pass
+    assert gap.to_dict()['verdict'] in ('identified', 'ambiguous')
     (row,) = gap.rows
     name, parameter, value, std, unit, _ = row
     assert (name, parameter, unit) == ('wrench_delay', 'delay', 's')
@@ -61,4 +80,4 @@ def test_a_calibration_is_saved_and_loaded(cells, tmp_path):
     fc.save(cells['calibration'], tmp_path / 'c.yaml')
     assert fc.load(tmp_path / 'c.yaml').value.mass.value == cells['calibration'].value.mass.value
     fc.save(cells['gap'], tmp_path / 'gap.json')
-    assert fc.load(tmp_path / 'gap.json')['verdict'] == 'identified'
+    assert fc.load(tmp_path / 'gap.json')['verdict'] == cells['gap'].to_dict()['verdict']

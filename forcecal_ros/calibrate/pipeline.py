@@ -359,7 +359,7 @@ def _judged(recording: Recording, settings: IdentificationSettings
     found = judge(judged, settings.gravity * down, stated)
     notes = [one for one in found if not isinstance(one, Doubt)]  # as a delay, which is estimated
     return (replace(recording, notes=(*recording.notes, *notes)),
-            tuple(one for one in found if isinstance(one, Doubt)),
+            tuple(str(one) for one in found if isinstance(one, Doubt)),
             slight_misfit(judged, settings.gravity * down, stated))
 
 

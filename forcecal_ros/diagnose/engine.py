@@ -42,14 +42,12 @@ from forcecal_ros.diagnose.localise import (
     stage_of,
 )
 from forcecal_ros.diagnose.model.evidence import Earlier, FIRST_RECORDING
-from forcecal_ros.diagnose.model.hypotheses import hypotheses
+from forcecal_ros.diagnose.model.hypotheses import CLIPPING, hypotheses
 from forcecal_ros.diagnose.model.linearised import linearised_model, LinearisedModel
-from forcecal_ros.diagnose.model.saturation import CLIPPING
 from forcecal_ros.diagnose.recordings import convert_to_volts, Corrected, missing_streams
 from forcecal_ros.diagnose.result import Diagnosis, patched_rig
-from forcecal_ros.diagnose.search.calibration import UNKNOWN
 from forcecal_ros.diagnose.search.posterior import Posterior, search
-from forcecal_ros.diagnose.verdict import TOLERANCE, verdict
+from forcecal_ros.diagnose.verdict import TOLERANCE, UNKNOWN, verdict
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.effects.rig import Rig
 import numpy as np
@@ -213,17 +211,12 @@ def _say(model: LinearisedModel, found: Posterior, judged: Judged, checks: Check
         at_limit=judged.limits)
     sentence += in_time(judged.effects) \
         + missing_streams(final.datasets[0].recording) + unjudged(model)
-    summary, ties = judged.summary, tuple(judged.ties.values())
     within = (judged.part.within,) if judged.part.within and word != 'no_gap' else ()
-    notes = (*checks.notes, *summary.notes, *within,
-             *(note for a in found.accepted for note in untold(final, a)),
-             *(tie.note for tie in ties))
+    notes = (*checks.notes, *judged.summary.notes, *within,
+             *(note for a in found.accepted for note in untold(final, a)), *judged.ties)
     return Diagnosis(
         word, sentence, judged.effects, tuple(judged.candidates), gap=judged.gap, notes=notes,
-        ties=ties, earlier=found.earlier(),
-        remainder={'discrepancy': summary.discrepancy_evidence,
-                   'cell_sigma': summary.strongest[0].z, 'ratio': judged.part.ratio,
-                   'tolerance': final.tolerance})
+        earlier=found.earlier())
 
 
 def _outcome(first: LinearisedModel, model: LinearisedModel, found: Posterior, judged: Judged,

@@ -16,8 +16,7 @@ from forcecal_ros.diagnose.engine import Outcome
 from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
 from forcecal_ros.diagnose.model.jacobian import combined
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
-from forcecal_ros.diagnose.search.calibration import UNKNOWN
-from forcecal_ros.diagnose.verdict import percent
+from forcecal_ros.diagnose.verdict import percent, UNKNOWN
 from forcecal_ros.sim.protocol import Imitation
 from forcecal_ros.sim.rerun import Rerun, SimulatedRobot
 from forcecal_ros.sim.runs import Numbers

@@ -10,6 +10,7 @@ from forcecal_ros.core.geometry import Array, rotation_about
 from forcecal_ros.core.quantity import rounded, scaled
 from forcecal_ros.core.streams import Phase, PoseStream
 from forcecal_ros.diagnose.dataset import split_by_phase
+from forcecal_ros.diagnose.judge.coverage import VISIBLE_ENERGY
 from forcecal_ros.diagnose.model.hypotheses import hypotheses, Hypothesis
 from forcecal_ros.diagnose.model.linearised import linearised_model, LinearisedModel
 from forcecal_ros.diagnose.result import Diagnosis
@@ -32,9 +33,6 @@ from forcecal_ros.sim.rig.simulator import simulate
 from forcecal_ros.sim.signals import UNSEEN
 import numpy as np
 from numpy.typing import NDArray
-
-VISIBLE_ENERGY = 25.0
-"""Whitened energy from which a plan shows an effect."""
 
 CLEAR_ENERGY = 80.0
 """Whitened energy from which a plan shows an effect clearly."""

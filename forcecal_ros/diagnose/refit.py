@@ -6,8 +6,7 @@ from typing import NamedTuple
 
 from forcecal_ros.diagnose.engine import Outcome
 from forcecal_ros.diagnose.judge.named_effects import Parameter, parameters_of
-from forcecal_ros.diagnose.judge.parameter_errors import parameter_errors
-from forcecal_ros.diagnose.judge.stated_errors import with_taken
+from forcecal_ros.diagnose.judge.parameter_errors import parameter_errors, with_taken
 from forcecal_ros.diagnose.result import patched_rig
 from forcecal_ros.diagnose.search.joint_fit import joint_fit_if_finite
 from forcecal_ros.diagnose.search.posterior import Posterior

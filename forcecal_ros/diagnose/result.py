@@ -16,7 +16,6 @@ from forcecal_ros.diagnose.judge.named_effects import (
     Parameter,
     parameters_of,
 )
-from forcecal_ros.diagnose.judge.ties import Tie
 from forcecal_ros.diagnose.localise import Location
 from forcecal_ros.diagnose.model.evidence import Earlier, FIRST_RECORDING
 from forcecal_ros.diagnose.model.gates import BIAS, kind_of
@@ -46,12 +45,8 @@ class Diagnosis:
         The 95 % set with probabilities, most probable first.
     not_excited : tuple of str
         Effects that these recordings could not show.
-    remainder : dict of str to float
-        Statistics of what is unexplained; under that name in ``diagnosis.json``.
     used : dict of str to float
         Part of each stream's samples that counts.
-    ties : tuple of Tie
-        What no motion separates from effects accepted; notes say so in ``diagnosis.json``.
     not_compared : tuple of str
         What of the recordings was left out.
     earlier : Earlier
@@ -66,9 +61,7 @@ class Diagnosis:
     gap: Gap | None = None
     not_excited: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
-    remainder: dict[str, float] | None = None
     used: dict[str, float] | None = None
-    ties: tuple[Tie, ...] = ()
     not_compared: tuple[str, ...] = ()
     earlier: Earlier = FIRST_RECORDING
 
@@ -102,7 +95,7 @@ def to_document(diagnosis: Diagnosis, units: dict[str, str], rig: str | None) ->
                    'band_hz': list(w.band_hz), 'excess': w.excess, 'p': w.p}
                   for w in d.localisation],
         'not_excited': list(d.not_excited), 'notes': list(d.notes),
-        'remainder': d.remainder or {}, 'used': d.used or {},
+        'used': d.used or {},
         'posterior': {
             'explanations': [{'effects': sorted(names), 'log_evidence': round(e, 3)}
                              for names, e in d.earlier.evidence.items()],

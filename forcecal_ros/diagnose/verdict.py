@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from math import inf
 from typing import NamedTuple
 
-from forcecal_ros.diagnose.search.calibration import UNKNOWN
+UNKNOWN = 'unknown'
+"""Among candidates: what no library has."""
 
 TOLERANCE = 0.1
 """RMS of what is unexplained, in that of a channel's noise, that does not matter by default."""

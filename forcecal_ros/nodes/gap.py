@@ -1,9 +1,8 @@
 """The gap between robot and simulator, live: excess of every channel, and the first stage."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
-from struct import error as StructError
-from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.core.errors import ConfigError, ForcecalError
@@ -11,10 +10,12 @@ from forcecal_ros.core.parameters import Parameter
 from forcecal_ros.diagnose.live import Judgement, LiveGap
 from forcecal_ros.nodes.collector import Collector
 from forcecal_ros.nodes.inputs import (
+    accelerometer_input,
     ACCELEROMETER_SOURCE,
-    ACCELEROMETERS,
     at_sensor,
     mounting_parameter,
+    optidrive_input,
+    plain_input,
     POSE_PARAMETERS,
     pose_source,
     WRENCH_SIGN,
@@ -29,11 +30,10 @@ from forcecal_ros.nodes.runtime import (
     STEADY,
     Waiting,
 )
-from forcecal_ros.nodes.wire import JointReader, Reader, ReceivingNode
+from forcecal_ros.nodes.wire import ReceivingNode, Sample
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import warm_up
 from geometry_msgs.msg import PoseStamped, WrenchStamped
-from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 PARAMETERS = (
@@ -63,20 +63,17 @@ class Gap(ReceivingNode):
         self._rig = load_rig(Path(value['rig']) if value['rig'] else None)
         warm_up()
         self._value = value
-        source = value['accelerometer.source']
-        topic, kind, unit = ACCELEROMETERS.get(source, ACCELEROMETERS['raw'])
+        accelerometer, unit = accelerometer_input(value['accelerometer.source'])
         self._collector = Collector(unit, value['wrench.sign'])
-        self._collect('wrench', 'wrench', WrenchStamped, Reader(WrenchStamped))
         mounting, poses = mounting_parameter(self), pose_source(self)
-        self._needed = {'wrench': 'wrench', 'pose': poses.name}
-        self._collect('pose', poses.topic, poses.message_type, at_sensor(poses.read, mounting))
-        self._collect('target', 'target_frame', PoseStamped,
-                      at_sensor(Reader(PoseStamped), mounting))
-        if source in ACCELEROMETERS:
-            self._collect('accelerometer', topic, kind, Reader(kind))
-        if self._rig.optidrive:
-            self._collect('optidrive', 'optidrive', JointState,
-                          JointReader(value['optidrive.joint']))
+        self._needed = {'wrench': 'wrench', 'pose': poses.name or poses.topic}
+        inputs = (plain_input('wrench', 'wrench', WrenchStamped), at_sensor(poses, mounting),
+                  at_sensor(plain_input('target', 'target_frame', PoseStamped), mounting),
+                  accelerometer,
+                  optidrive_input(value['optidrive.joint']) if self._rig.optidrive else None)
+        for one in filter(None, inputs):
+            self._inbox.subscribe(one.message_type, one.topic,
+                                  one.taker(partial(self._collect, one.channel)))
         self._reset()
         self._out = self.create_publisher(DiagnosticArray, '/diagnostics', OUTPUT)
         self.create_service(Trigger, '~/reset', answering(self._reset))
@@ -86,16 +83,8 @@ class Gap(ReceivingNode):
         self.get_logger().info('up: compares the robot with '
                                f'{value["rig"] or "the nominal rig"} from its first command on')
 
-    def _collect(self, channel: str, topic: str, kind: Any, read: Any) -> None:
-        def take(raw: bytes) -> None:
-            try:
-                sample = read(raw)
-            except StructError:
-                return
-            if sample is not None:
-                self._collector.add(channel, *sample)
-
-        self._inbox.subscribe(kind, topic, take)
+    def _collect(self, channel: str, raw: bytes, sample: Sample) -> None:
+        self._collector.add(channel, *sample)
 
     def _reset(self) -> str:
         self._live: LiveGap | None = None

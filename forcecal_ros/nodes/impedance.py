@@ -17,8 +17,9 @@ from forcecal_ros.nodes.backends import TargetFrame
 from forcecal_ros.nodes.inputs import (
     at_sensor,
     COMMAND_PARAMETERS,
-    Input,
     mounting_parameter,
+    optidrive_input,
+    plain_input,
     POSE_PARAMETERS,
     pose_source,
 )
@@ -26,10 +27,8 @@ from forcecal_ros.nodes.motion_node import MotionNode
 from forcecal_ros.nodes.runtime import EXECUTOR, run, SECOND
 from forcecal_ros.nodes.runtime import live_parameter as _live
 from forcecal_ros.nodes.supervision import Deadman, Sensors
-from forcecal_ros.nodes.wire import JointReader, Reader
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
-from sensor_msgs.msg import JointState
 
 _LIMITS = Limits()
 _DESIGN = DesignSettings(latency=2)
@@ -127,14 +126,13 @@ class Impedance(MotionNode[ImpedanceSettings]):
                     round(SECOND * self._law.period))
 
     def _listen(self) -> Sensors:
-        poses = pose_source(self)
         inputs = [
-            Input('wrench', 'observer/contact_wrench', WrenchStamped, Reader(WrenchStamped)),
-            Input.of_pose(poses._replace(read=at_sensor(poses.read, mounting_parameter(self)))),
+            plain_input('wrench', 'observer/contact_wrench', WrenchStamped),
+            at_sensor(pose_source(self), mounting_parameter(self)),
             # a sensor that is stuck shows here only: the estimate of the observer goes on changing
-            Input('sensor', 'wrench', WrenchStamped, Reader(WrenchStamped))]
+            plain_input('sensor', 'wrench', WrenchStamped)]
         if joint := self.get_parameter('optidrive.joint').value:
-            inputs.append(Input('optidrive', 'optidrive', JointState, JointReader(joint)))
+            inputs.append(optidrive_input(joint)._replace(watched=True))
         deadman = Deadman(self._inbox, self.get_parameter('motion.deadman_timeout').value)
         return Sensors(self._inbox, inputs, deadman, self._settings.watch, self._settings.limits)
 

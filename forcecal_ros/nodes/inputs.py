@@ -10,7 +10,7 @@ from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.core.parameters import Parameter
 from forcecal_ros.io.urdf import Description
 from forcecal_ros.nodes.runtime import LATCHED
-from forcecal_ros.nodes.wire import frame_of, JointsReader, Reader, Sample
+from forcecal_ros.nodes.wire import frame_of, JointReader, JointsReader, Reader, Sample
 from forcecal_ros.observe.frames import at_the_sensor, mounting_of, Placement
 from forcecal_ros.observe.pose_sources import JointPose, TransformPose
 from geometry_msgs.msg import AccelStamped, PoseStamped, Vector3Stamped
@@ -54,31 +54,61 @@ REMIND = 5.0
 Read = Callable[[bytes], Sample | None]
 
 
-class PoseSource(NamedTuple):
+class Input(NamedTuple):
     """
-    A topic, and how poses are read from it.
+    One topic.
 
     Attributes
     ----------
-    name : str
-        What messages to the user call it.
+    channel : str
+        ``wrench``, ``pose``, ``accelerometer``, ``optidrive`` or another name of its samples.
     read : callable
-        Returns stamp and pose of a serialised message; None where it completes no pose.
+        Returns stamp and values of a serialised message; None where it completes no sample.
+    watched : bool
+        Whether its silence and its readings may end a motion.
+    name : str
+        What messages to the user call it; empty: its topic.
     frame_of : callable
-        Returns the frame_id of poses, of a serialised message.
+        Returns the frame of its readings, of a serialised message.
     static : Subscription or None
         Additional, which ends with the node.
     """
 
+    channel: str
     topic: str
-    name: str
     message_type: Any
     read: Read
-    frame_of: Callable[[bytes], str]
+    watched: bool = True
+    name: str = ''
+    frame_of: Callable[[bytes], str] = frame_of
     static: Subscription | None = None
 
+    def taker(self, use: Callable[[bytes, Sample], None]) -> Callable[[bytes], None]:
+        """Return a callback for messages that passes each, and the sample in it, if any, on."""
+        read = self.read
 
-def pose_source(node: Node) -> PoseSource:
+        def take(raw: bytes) -> None:
+            try:
+                sample = read(raw)
+            except StructError:
+                return
+            if sample is not None:
+                use(raw, sample)
+
+        return take
+
+
+def plain_input(channel: str, topic: str, message_type: Any) -> Input:
+    """Return a topic of a type that :class:`forcecal_ros.nodes.wire.Reader` reads."""
+    return Input(channel, topic, message_type, Reader(message_type))
+
+
+def optidrive_input(joint: str) -> Input:
+    """Return the topic of the displacement of a compliant tool, which no motion depends on."""
+    return Input('optidrive', 'optidrive', JointState, JointReader(joint), watched=False)
+
+
+def pose_source(node: Node) -> Input:
     """
     Return where a node that has ``POSE_PARAMETERS`` takes poses from.
 
@@ -90,8 +120,7 @@ def pose_source(node: Node) -> PoseSource:
     base, frame, urdf = (str(node.get_parameter(f'pose.{name}').value)
                          for name in ('base', 'frame', 'urdf'))
     if not (base or frame or urdf):
-        return PoseSource('current_pose', 'current_pose', PoseStamped, Reader(PoseStamped),
-                          frame_of)
+        return plain_input('pose', 'current_pose', PoseStamped)
     if not (base and frame):
         empty, other = ('frame', 'base') if base else ('base', 'frame')
         given = 'pose.urdf is given' if urdf else f'pose.{other} is {base or frame!r}'
@@ -115,11 +144,11 @@ def pose_source(node: Node) -> PoseSource:
             poses.take_static(raw)
 
     static = node.create_subscription(message_type, '/tf_static', take_static, STATIC, raw=True)
-    return PoseSource('/tf', f'/tf ({base} to {frame})', message_type, read, lambda raw: base,
-                      static)
+    return Input('pose', '/tf', message_type, read, name=f'/tf ({base} to {frame})',
+                 frame_of=lambda raw: base, static=static)
 
 
-def _of_joints(node: Node, base: str, frame: str, urdf: str) -> PoseSource:
+def _of_joints(node: Node, base: str, frame: str, urdf: str) -> Input:
     source = 'the text of pose.urdf' if urdf.lstrip().startswith('<') else urdf
     try:
         text = urdf.encode() if source != urdf else Path(urdf).read_bytes()
@@ -142,8 +171,8 @@ def _of_joints(node: Node, base: str, frame: str, urdf: str) -> PoseSource:
                 skip_first=True)
         return None
 
-    return PoseSource('joint_states', f'joint_states ({base} to {frame})', JointState, read,
-                      lambda raw: base)
+    return Input('pose', 'joint_states', JointState, read, frame_of=lambda raw: base,
+                 name=f'joint_states ({base} to {frame})')
 
 
 def transform_type(why: str, otherwise: str = '') -> Any:
@@ -178,18 +207,16 @@ def mounting_parameter(node: Node) -> Placement | None:
     return mounting_of(numbers, f'parameter {name}')
 
 
-def at_sensor(read: Read, mounting: Placement | None) -> Read:
-    """Return a reader of poses that makes them those of ft_sensor."""
+def at_sensor(poses: Input, mounting: Placement | None) -> Input:
+    """Return a topic of poses as those of ft_sensor."""
     if mounting is None:
-        return read
+        return poses
 
-    def of_sensor(raw: bytes) -> Sample | None:
-        sample = read(raw)
-        if sample is None:
-            return None
-        return Sample(sample.stamp_ns, at_the_sensor(mounting, sample.values))
+    def read(raw: bytes) -> Sample | None:
+        sample = poses.read(raw)
+        return sample and Sample(sample.stamp_ns, at_the_sensor(mounting, sample.values))
 
-    return of_sensor
+    return poses._replace(read=read)
 
 
 ACCELEROMETERS: dict[str, tuple[str, Any, str]] = {
@@ -200,30 +227,8 @@ ACCELEROMETERS: dict[str, tuple[str, Any, str]] = {
 """Topic, type and unit of each choice of ``accelerometer.source``."""
 
 
-class Input(NamedTuple):
-    """
-    One topic.
-
-    Attributes
-    ----------
-    watched : bool
-        Whether its silence and its readings may end a motion.
-    name : str
-        What messages call it; empty: its topic.
-    frame_of : callable
-        Returns the frame of its readings, of a serialised message.
-    """
-
-    channel: str
-    topic: str
-    message_type: Any
-    read: Callable[[bytes], Sample | None]
-    watched: bool = True
-    name: str = ''
-    frame_of: Callable[[bytes], str] = frame_of
-
-    @classmethod
-    def of_pose(cls, source: PoseSource) -> 'Input':
-        """Return the topic of the pose."""
-        return cls('pose', source.topic, source.message_type, source.read, name=source.name,
-                   frame_of=source.frame_of)
+def accelerometer_input(source: str) -> tuple[Input | None, str]:
+    """Return the topic of a choice of ``accelerometer.source``, if any, and its unit."""
+    topic, message_type, unit = ACCELEROMETERS.get(source, ACCELEROMETERS['raw'])
+    known = source in ACCELEROMETERS
+    return plain_input('accelerometer', topic, message_type) if known else None, unit

@@ -14,7 +14,6 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import json
 from math import isfinite
 import secrets
-from struct import error as StructError
 from threading import Event, Lock, Semaphore, Thread
 from typing import Any
 
@@ -22,8 +21,9 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.diagnose.dataset import CHANNELS, STAGES
 from forcecal_ros.nodes.client import NODES, sequence_request, WORDS
+from forcecal_ros.nodes.inputs import plain_input
 from forcecal_ros.nodes.runtime import OUTPUT, SECOND, STEADY
-from forcecal_ros.nodes.wire import Inbox, Reader
+from forcecal_ros.nodes.wire import Inbox, Sample
 from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
@@ -68,8 +68,9 @@ class LiveView:
         self._states: dict[str, tuple[int, DiagnosticStatus]] = {}
         for name, topic in {**SHOWN, 'wrench': wrench}.items():
             self._topics[name] = self._named(topic)
-            self._inbox.subscribe(WrenchStamped, self._topics[name], partial(
-                self._take, Reader(WrenchStamped), self._samples[name]))
+            one = plain_input(name, self._topics[name], WrenchStamped)
+            self._inbox.subscribe(WrenchStamped, one.topic, one.taker(
+                partial(self._take, self._samples[name])))
         node.create_subscription(DiagnosticArray, self._named('sequencer/phase'), self._on_phase,
                                  OUTPUT)
         node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, OUTPUT)
@@ -123,11 +124,8 @@ class LiveView:
     def _named(self, topic: str) -> str:
         return topic if topic.startswith('/') else f'{self._prefix}/{topic}'
 
-    def _take(self, read: Reader, into: list[tuple[float, ...]], raw: bytes) -> None:
-        try:
-            into.append(read(raw).values)
-        except StructError:
-            return
+    def _take(self, into: list[tuple[float, ...]], raw: bytes, sample: Sample) -> None:
+        into.append(sample.values)
 
     def _on_bin(self) -> None:
         self._inbox.drain()

@@ -2,14 +2,20 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from struct import error as StructError
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import ConfigError, DataError, ForcecalError, with_id
 from forcecal_ros.io.calibration_file import DAY, load, parse, refuse_old
-from forcecal_ros.nodes.inputs import ACCELEROMETERS, mounting_parameter, pose_source, PoseSource
+from forcecal_ros.nodes.inputs import (
+    accelerometer_input,
+    Input,
+    mounting_parameter,
+    optidrive_input,
+    plain_input,
+    pose_source,
+)
 from forcecal_ros.nodes.messages import matrix_message
 from forcecal_ros.nodes.observer_outputs import (
     ContactMarkers,
@@ -39,7 +45,7 @@ from forcecal_ros.nodes.runtime import (
     values_of,
     Waiting,
 )
-from forcecal_ros.nodes.wire import frame_of, Inbox, JointReader, Reader, Writer
+from forcecal_ros.nodes.wire import Inbox, Sample, Writer
 from forcecal_ros.observe import ContactSample, design, noise_levels, ObserverSettings
 from forcecal_ros.observe.design import accuracy, with_bias
 from forcecal_ros.observe.frames import agreed, at_the_sensor, Frames, Placement
@@ -48,7 +54,6 @@ from forcecal_ros.observe.sample import INVALID
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
-from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger
 
@@ -140,14 +145,14 @@ class Observer(ManagedNode):
         if self._value('publish.marker_rate') > 0:
             self._markers = ContactMarkers(self, self._value('publish.marker_rate'))
         self._inputs = [
-            self._subscribe('wrench', WrenchStamped, self._chain.on_wrench),
-            self._subscribe(poses.topic, poses.message_type, self._on_pose, poses)]
+            self._subscribe(plain_input('wrench', 'wrench', WrenchStamped), self._chain.on_wrench),
+            self._subscribe(poses, self._on_pose)]
         self._pose = poses.topic
         if poses.static is not None:
             self._inputs.append(poses.static)
         if self._value('optidrive.joint'):
             self._inputs.append(self._subscribe(
-                'optidrive', JointState, self._chain.on_displacement))
+                optidrive_input(self._value('optidrive.joint')), self._chain.on_displacement))
         if self._value('calibration.follow') or self._source is None:
             self._inputs.append(self.create_subscription(
                 String, 'sequencer/calibration', self._on_calibration, LATCHED))
@@ -303,49 +308,34 @@ class Observer(ManagedNode):
                 self._markers.covariance = covariance
 
     def _subscribe_accelerometer(self, chosen: str) -> None:
-        topic, message_type, _ = ACCELEROMETERS.get(chosen, ('', None, ''))
+        one, _ = accelerometer_input(chosen)
         if self._accelerometer is not None:
-            if self._accelerometer.topic_name.endswith(f'/{topic}') and topic:
+            if one is not None and self._accelerometer.topic_name.endswith(f'/{one.topic}'):
                 return
             self._inbox.unsubscribe(self._accelerometer)
             self._accelerometer = None
-        if topic:
-            self._accelerometer = self._subscribe(
-                topic, message_type, self._chain.on_accelerometer)
+        if one is not None:
+            self._accelerometer = self._subscribe(one, self._chain.on_accelerometer)
 
     # Samples --------------------------------------------------------------------------------
 
-    def _subscribe(self, topic: str, message_type: Any, take: Callable[[float, Values], Samples],
-                   poses: PoseSource | None = None) -> Any:
+    def _subscribe(self, one: Input, take: Callable[[float, Values], Samples]) -> Any:
         """Pass the samples of a topic to the chain, and publish the estimates they complete."""
-        if poses is not None:
-            read: Any = poses.read
-        elif message_type is JointState:
-            read = JointReader(self._value('optidrive.joint'))
-        else:
-            read = Reader(message_type)
+        topic = one.topic
 
-        find_frame = frame_of if poses is None else poses.frame_of
-
-        def on_message(raw: bytes) -> None:
+        def use(raw: bytes, sample: Sample) -> None:
             if not self._active or self._chain.model is None:
                 return
-            try:
-                message = read(raw)
-            except StructError:
-                return
-            if message is None:
-                return
-            stamp_ns, values = message
-            frame = self._received[topic].frame if topic in self._received else find_frame(raw)
+            stamp_ns, values = sample
+            frame = self._received[topic].frame if topic in self._received else one.frame_of(raw)
             self._received[topic] = LastMessage(STEADY.now().nanoseconds, frame)
             if self._origin is None:
                 self._origin = stamp_ns
-            for sample in take((stamp_ns - self._origin) * 1e-9, values):
-                self._publish(sample)
+            for estimate in take((stamp_ns - self._origin) * 1e-9, values):
+                self._publish(estimate)
             self._tool.tell()
 
-        return self._inbox.subscribe(message_type, topic, on_message)
+        return self._inbox.subscribe(one.message_type, topic, one.taker(use))
 
     def _on_pose(self, t: float, values: Values) -> Samples:
         assert self._frames is not None

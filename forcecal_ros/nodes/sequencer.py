@@ -27,10 +27,11 @@ from forcecal_ros.motion.sequence import Command, MotionSequence
 from forcecal_ros.nodes.backends import backend_of
 from forcecal_ros.nodes.collector import Collector, Identification
 from forcecal_ros.nodes.inputs import (
-    ACCELEROMETERS,
+    accelerometer_input,
     at_sensor,
-    Input,
     mounting_parameter,
+    optidrive_input,
+    plain_input,
     pose_source,
 )
 from forcecal_ros.nodes.messages import (
@@ -43,12 +44,11 @@ from forcecal_ros.nodes.motion_node import MotionNode
 from forcecal_ros.nodes.runtime import answering, LATCHED, run, SECOND
 from forcecal_ros.nodes.sequencer_settings import PARAMETERS, SequencerSettings, settings_of
 from forcecal_ros.nodes.supervision import Deadman, Fault, Sensors
-from forcecal_ros.nodes.wire import JointReader, Reader, Sample
+from forcecal_ros.nodes.wire import Reader, Sample
 from forcecal_ros.observe.frames import numbers_of
 from geometry_msgs.msg import InertiaStamped, WrenchStamped
 from nav_msgs.msg import Path
 import numpy as np
-from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
@@ -136,21 +136,16 @@ class Sequencer(MotionNode[SequencerSettings]):
 
     def _listen(self) -> Sensors:
         value = self._values()
-        source = value['accelerometer.source']
-        topic, kind, unit = ACCELEROMETERS.get(source, ACCELEROMETERS['raw'])
-        mounting, poses = mounting_parameter(self), pose_source(self)
+        accelerometer, unit = accelerometer_input(value['accelerometer.source'])
+        mounting = mounting_parameter(self)
         self._collector = Collector(unit, value['wrench.sign'], numbers_of(mounting))
         matrix, part = self._load_matrix()
         self._identification = Identification(matrix)
-        inputs = [
-            Input('wrench', 'wrench', WrenchStamped,
-                  Reader(WrenchStamped) if part is None else WrenchReader(part)),
-            Input.of_pose(poses._replace(read=at_sensor(poses.read, mounting))),
-            Input('optidrive', 'optidrive', JointState, JointReader(value['optidrive.joint']),
-                  watched=False)]
-        if source in ACCELEROMETERS:
-            inputs.insert(2, Input('accelerometer', topic, kind, Reader(kind)))
-        return Sensors(self._inbox, inputs,
+        wrench = plain_input('wrench', 'wrench', WrenchStamped)
+        inputs = (wrench if part is None else wrench._replace(read=WrenchReader(part)),
+                  at_sensor(pose_source(self), mounting), accelerometer,
+                  optidrive_input(value['optidrive.joint']))
+        return Sensors(self._inbox, filter(None, inputs),
                        Deadman(self._inbox, value['motion.deadman_timeout']),
                        self._settings.watch, self._settings.limits, self._record)
 

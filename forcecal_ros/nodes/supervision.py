@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable
 from functools import partial
-from struct import error as StructError
 from typing import NamedTuple, Protocol, TYPE_CHECKING, TypeAlias
 
 from forcecal_ros.core.geometry import matrix_from_quaternion
@@ -11,7 +10,7 @@ from forcecal_ros.motion.monitor import Monitor, WatchSettings
 from forcecal_ros.motion.profiles import Pose
 from forcecal_ros.nodes.inputs import Input
 from forcecal_ros.nodes.runtime import SECOND, STEADY
-from forcecal_ros.nodes.wire import Inbox
+from forcecal_ros.nodes.wire import Inbox, Sample
 from rclpy.clock import Clock
 from std_msgs.msg import Header
 
@@ -70,20 +69,13 @@ class Sensors:
         self._stamps: dict[str, int] = {}
         self._frame_of = {one.channel: one.frame_of for one in inputs}
         for one in inputs:
-            inbox.subscribe(one.message_type, one.topic, self._taker(one))
+            inbox.subscribe(one.message_type, one.topic, one.taker(self._user(one)))
 
-    def _taker(self, one: Input) -> Callable[[bytes], None]:
-        channel, read, record, newest = one.channel, one.read, self._record, self._raw
-        stamps = self._stamps
+    def _user(self, one: Input) -> Callable[[bytes, Sample], None]:
+        channel, record, newest, stamps = one.channel, self._record, self._raw, self._stamps
         watch = self._watch_of(channel) if one.watched else None
 
-        def take(raw: bytes) -> None:
-            try:
-                sample = read(raw)
-            except StructError:
-                return
-            if sample is None:
-                return
+        def use(raw: bytes, sample: Sample) -> None:
             stamp_ns, values = sample
             newest[channel], stamps[channel] = raw, stamp_ns
             if watch is not None:
@@ -91,7 +83,7 @@ class Sensors:
             if record is not None:
                 record(channel, stamp_ns, values)
 
-        return take
+        return use
 
     def _watch_of(self, channel: str) -> Callable[[float, tuple[float, ...]], None]:
         monitor = self.monitor

@@ -148,6 +148,7 @@ def test_part_tells_nothing_of_its_labels_before_it_is_opened(opened_part):
         assert path.stat().st_mode & 0o077 == 0
 
 
+@pytest.mark.long
 def test_backgrounds_and_effects_have_the_energies_that_were_drawn(short_motions):
     base = on_rig.OnRig(5, {})
     rng = np.random.default_rng(6)

@@ -15,6 +15,7 @@ from forcecal_ros.motion.profiles import nominal_poses, orientation, Pose
 from forcecal_ros.report.rows import table
 from forcecal_ros.sim.rig.file import load_rig
 from identification_coverage import coverage
+from longer import first
 import numpy as np
 import pytest
 
@@ -58,7 +59,7 @@ def coupled():
     return run(delay=DELAY, seed=2, accelerometer='acc2')
 
 
-@pytest.mark.parametrize('settle', [0.2, 0.3])
+@pytest.mark.parametrize('settle', first([0.2, 0.3]))
 def test_ringing_left_in_the_poses_pulls_nothing(settle):
     """
     Without noise what is off is off in every run: by a tenth of a standard error at most.
@@ -75,7 +76,7 @@ def test_ringing_left_in_the_poses_pulls_nothing(settle):
 
 @pytest.mark.parametrize('accelerometer, coupling, offset', [('acc1', 'dc', 5e-4),
                                                              ('acc2', 'ac', 3e-3)])
-@pytest.mark.parametrize('delay', [-0.01, 0.01])
+@pytest.mark.parametrize('delay', first([-0.01, 0.01]))
 def test_the_demonstration_run_is_as_accurate_as_promised(accelerometer, coupling, offset, delay):
     found = identify(run(delay=delay, seed=3, accelerometer=accelerometer),
                      IdentificationSettings(coupling=coupling))
@@ -168,7 +169,7 @@ def test_the_delay_biases_equation_17_and_the_note_says_so(calibration):
                for line in calibration.quality['notes'])
 
 
-@pytest.mark.parametrize('every', [3, 4])
+@pytest.mark.parametrize('every', first([3, 4]))
 def test_sensors_of_different_rates_are_brought_together(recording, every):
     accelerometer = recording.accelerometer
     thinned = Stream(accelerometer.t[1::every], accelerometer.values[1::every])
@@ -463,6 +464,7 @@ def test_another_implementation_of_the_rig_is_identified(other_rig):
                           if key != 'inertia' or found.inertia is not None})
 
 
+@pytest.mark.long
 def test_intervals_cover_over_redrawn_rigs():
     result = coverage(3, first=1000)
     z = np.array([row['rms_sigmas'] for row in result['parameters'].values()])

@@ -6,6 +6,7 @@ from forcecal_ros.calibrate.pipeline import identify
 from forcecal_ros.checks.hypotheses import judge
 from forcecal_ros.checks.signals import interpolated
 from forcecal_ros.core.errors import DataError
+from forcecal_ros.io.calibration_file import load, save
 from longer import first
 from moving_arm import moving
 import numpy as np
@@ -40,9 +41,10 @@ def test_a_wrench_that_a_driver_smooths_a_little_is_told_by_its_delay(seed):
 
 
 @pytest.mark.parametrize('make', [log, moving])
-def test_torques_about_another_point_are_warned_of_while_calibrating(make):
+def test_torques_about_another_point_are_warned_of_while_calibrating(make, tmp_path):
     wrong = WRONG['torque about the tool centre'].make(make(70), None)
-    note, = (one for one in identify(recording_of(wrong)).quality['warnings']
+    save(identify(recording_of(wrong)), tmp_path / 'c.yaml')
+    note, = (one for one in load(tmp_path / 'c.yaml').quality['warnings']
              if 'are about a point' in one)
     assert note.endswith('suspect: com')
     place = note.split('about a point (')[1].split(')', maxsplit=1)[0]

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import sysconfig
 
+from longer import first
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -35,10 +36,9 @@ def only_line(done):
     return done.stderr
 
 
-@pytest.mark.parametrize('arguments', [
-    ('demo', '--out', 'out'), ('play', 'bag'), ('record', '-o', 'out')], ids=' '.join)
-def test_without_ros_its_commands_say_what_brings_it(lacking, arguments):
-    said = only_line(lacking(ROS, *arguments))
+@pytest.mark.parametrize('command', first(['demo', 'play bag', 'record -o out']))
+def test_without_ros_its_commands_say_what_brings_it(lacking, command):
+    said = only_line(lacking(ROS, *command.split()))
     assert 'ROS 2 is not there' in said
     assert 'setup.bash' in said or re.search(r'-m pip install .*ros-jazzy-rclpy', said)
 

@@ -132,6 +132,7 @@ def contents(path):
     return found
 
 
+@pytest.mark.long
 @pytest.mark.live
 def test_the_full_rate_of_the_rig_is_recorded_and_played_without_a_loss(ros_domain, tmp_path):
     first = tmp_path / 'first'

@@ -104,6 +104,7 @@ def test_a_turned_accelerometer_is_identified_with_its_angle(sample):
     assert diagnosis.gap.closed > 0.9
 
 
+@pytest.mark.long
 def test_the_end_of_an_accelerometers_range_is_told_though_its_gain_is_off():
     rig, t = load_rig(), PERIOD * np.arange(3000)
     u = np.clip(t - 1.5, 0.0, 8.0)
@@ -225,6 +226,7 @@ def with_slow_noise(seed):
             pose, position=pose.position + 2e-5 * slow_noise(rng, pose.position.shape, 20.0)))
 
 
+@pytest.mark.long
 def test_slow_noise_that_does_not_repeat_is_no_gap_and_is_told():
     found = RigSource(load_rig()).diagnose(with_slow_noise(21), with_slow_noise(22)).diagnosis
     assert found.verdict == 'no_gap'

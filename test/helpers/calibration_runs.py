@@ -57,12 +57,16 @@ def run(rig: Rig | None = None, *, seed: int = 0, accelerometer: str = 'acc1',
                    **{late: shifted(getattr(recording, late), abs(delay))})
 
 
+def slow_rig(rate: float = 250.0) -> Rig:
+    """Return the nominal rig with sensors at a lower rate [Hz]."""
+    rig = load_rig()
+    return replace(rig, **{name: replace(getattr(rig, name), rate=rate) for name in (
+        'wrench_sensor', 'accelerometer', 'optidrive')})
+
+
 def brief_run() -> Recording:
     """Calibrate as briefly as may be, all sensors at 250 Hz."""
-    rig = load_rig()
-    slow = replace(rig, **{name: replace(getattr(rig, name), rate=250.0) for name in (
-        'wrench_sensor', 'accelerometer', 'optidrive')})
-    return run(slow, seed=3, timing=Timing(measure=0.4, ring=0.3), settle=0.8)
+    return run(slow_rig(), seed=3, timing=Timing(measure=0.4, ring=0.3), settle=0.8)
 
 
 def rehearse(rig: Rig, accelerometer: str = 'acc1', seed: int = 0) -> Calibration:

@@ -45,7 +45,7 @@ MOTION = (
 FREE = MOTION[:10]
 """Of these the two poses and the step, which is less than half, without a wall."""
 
-TURNING = (*MOTION[:7], MOTION[7], ('step', 0.8, *MOTION[8][2:]), *MOTION[16:19])
+TURNING = (*MOTION[:8], ('step', 0.8, *MOTION[8][2:]), *MOTION[16:19])
 """And with turns about every axis, which tell the accelerometer's."""
 
 

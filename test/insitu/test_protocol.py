@@ -81,6 +81,7 @@ def test_blocks_as_long_as_the_motion_bias_nothing(monkeypatch):
     assert np.abs(sigmas(result, leg)).max() < 4.0
 
 
+@pytest.mark.long
 def test_hysteresis_that_is_taken_off_leaves_smaller_errors(monkeypatch):
     leg = Leg(hysteresis=0.005)
     compensated = np.max([errors(calibrated(leg, seed)) for seed in (1, 2)], axis=0)
@@ -89,6 +90,7 @@ def test_hysteresis_that_is_taken_off_leaves_smaller_errors(monkeypatch):
     assert (compensated < 0.7 * without).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('window', [3.01, pytest.param(0.0, marks=pytest.mark.long)])
 def test_standard_errors_cover_with_the_filter_and_without(window):
     leg = Leg(duration=30.0)
@@ -99,6 +101,7 @@ def test_standard_errors_cover_with_the_filter_and_without(window):
     assert (np.abs(z) < 1.96).mean() > 0.91
 
 
+@pytest.mark.long
 def test_standard_errors_cover_when_the_noise_is_correlated_over_seconds(monkeypatch):
     def record(load, leg, seed, plain=insitu_leg.record):
         log = plain(load, leg, seed)

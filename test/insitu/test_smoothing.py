@@ -26,6 +26,7 @@ def test_a_window_of_few_samples_doubts_the_unit_of_time():
         window_samples(0.01, 3, 100.0)
 
 
+@pytest.mark.long
 def test_standard_errors_of_fast_motion_are_those_of_its_errors():
     # some twenty independent errors a run: their RMS scatters by 9 % over three
     fast = Leg(inertial=True, speed=8.0)

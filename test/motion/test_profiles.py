@@ -320,7 +320,7 @@ def test_hold_does_not_move():
     assert not hold(HOME).moving
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(vectors(3.14159), st.sampled_from([1.0, 1e-4, 1e-9]))
 def test_the_quick_quaternion_is_that_of_the_matrix(turn, size):
     for R in (rotation_from_vector(turn * size), HOME.R_base_sensor @ rotation_from_vector(turn)):

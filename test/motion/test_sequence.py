@@ -145,7 +145,7 @@ def film():
     return frames
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(data=st.data())
 def test_abort_at_any_instant_is_at_rest_within_a_tenth_of_a_second(film, data):
     sequence, before = film[data.draw(st.integers(0, len(film) - 1))]
@@ -633,7 +633,7 @@ def test_begin_forgets_the_fault_of_the_run_before(bench):
     assert not bench.tick()
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.tuples(*[st.floats(-1.7, 1.7)] * 3).map(np.array))
 def test_angle_between_quaternions_is_that_of_the_rotation_vector(turn):
     a = quaternion_from_matrix(HOME.R_base_sensor)
@@ -654,7 +654,7 @@ def test_commands_are_due_one_a_period():
     assert clock.next_stamp() == 1004
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.lists(st.integers(1, 60), min_size=1, max_size=50))
 def test_a_late_caller_sends_few_at_once_and_stamps_lie_neither_ahead_nor_far_behind(pauses):
     clock, now, stamps = StreamClock(4, 0, 0), 0, []

@@ -179,8 +179,9 @@ def cell(robot, controller, folder):
 
 @pytest.mark.parametrize('robot, controller, rate, qos', [
     ('kuka_fri', '', 100, qos_profile_system_default),
-    ('ur', 'moveit_servo', 500, qos_profile_system_default),
-    ('franka', 'cartesian_controllers', 1000, qos_profile_sensor_data)])
+    pytest.param('ur', 'moveit_servo', 500, qos_profile_system_default, marks=pytest.mark.long),
+    pytest.param('franka', 'cartesian_controllers', 1000, qos_profile_sensor_data,
+                 marks=pytest.mark.long)])
 def test_presets_lead_a_robot_on_the_topics_of_its_drivers_and_stop_it(
         ros_domain, tmp_path, robot, controller, rate, qos):
     files, settings, topics, own, poses = cell(robot, controller, tmp_path)

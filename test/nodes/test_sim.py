@@ -218,6 +218,7 @@ def test_a_rig_that_publishes_the_clock_waits_for_nobodys(ros_domain):
     ('observer', ['-p', 'calibration:=cal.yaml'],
      'unknown parameter calibration; did you mean calibration.file?'),
     ('gap', ['-p', 'zigzag:=3'], 'unknown parameter zigzag; config/gap.yaml lists all'),
+    ('gap', ['-p', 'pose.base:=base'], "pose.frame is empty, and pose.base is 'base'"),
 ])
 def test_what_cannot_work_is_said_in_one_line(ros_domain, capsys, module, arguments, message):
     main = import_module(f'forcecal_ros.nodes.{module}').main

@@ -191,6 +191,7 @@ def test_a_bias_of_which_little_is_known_correlates_fully_in_contact(calibration
     assert samples[-1].contact[0] == pytest.approx(20.0, abs=0.03)
 
 
+@pytest.mark.long
 def test_nis_keeps_to_its_bounds_where_all_is_as_modelled(model):
     _, samples = run(model, np.zeros((8000, 6)), np.random.default_rng(8))
     nis = np.array([s.learned.nis for s in samples])

@@ -38,7 +38,7 @@ def test_rotate_is_the_matrix_of_the_quaternion_and_back_its_transpose(q, v):
 
 
 @given(directions, vectors, angles)
-@hypothesis_settings(max_examples=100, deadline=None)
+@hypothesis_settings(max_examples=40, deadline=None)
 def test_turning_and_the_rotation_between_undo_each_other(q, axis, angle):
     if np.linalg.norm(axis) < 1e-3:
         return

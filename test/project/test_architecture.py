@@ -28,8 +28,8 @@ LAYERS = (
 """From the ground up: a module may import from its own line and from those above it."""
 
 WITHIN_DIAGNOSE = (
-    ('dataset', 'recordings'), ('model',), ('localise',), ('search',), ('judge',),
-    ('result', 'verdict'), ('engine',), ('imitations', 'refit'), ('sources',), ('live', 'plan'))
+    ('verdict',), ('dataset', 'recordings'), ('model',), ('localise',), ('search',), ('judge',),
+    ('result',), ('engine',), ('imitations', 'refit'), ('sources',), ('live', 'plan'))
 """The same of the parts of ``diagnose``, its modules and sub-packages."""
 
 

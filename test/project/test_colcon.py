@@ -9,6 +9,7 @@ import sys
 import time
 
 from forcecal_ros.cli.node import NODES
+from longer import first
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -111,9 +112,7 @@ def test_workspace_uses_its_own_copy(workspace):
     assert Path(out.strip()).is_relative_to(workspace / 'install')
 
 
-@pytest.mark.parametrize('name', [
-    'impedance', 'observer', 'sequencer',
-    pytest.param('sim', marks=pytest.mark.long)])  # compiles what numba has not cached there
+@pytest.mark.parametrize('name', first(['observer', 'impedance', 'sequencer', 'sim']))
 def test_node_starts_and_ends_cleanly_when_interrupted(running, heard, name):
     process, end = running(name), time.monotonic() + START_SECONDS
     while name not in heard():

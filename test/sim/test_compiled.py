@@ -76,6 +76,7 @@ def test_machine_code_goes_to_the_user_cache_where_the_package_cannot_be_written
     assert run(unwritable, unwritable / 'cache') == 'False'
 
 
+@pytest.mark.long
 def test_without_any_place_to_cache_it_still_runs(unwritable):
     (unwritable / 'file').touch()
     run(unwritable, unwritable / 'file')

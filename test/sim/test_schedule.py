@@ -28,7 +28,7 @@ def test_a_command_acts_in_the_first_period_that_begins_at_its_stamp_or_later():
     assert [k for k, name in enumerate(taken) if name is not None] == [8, 21]
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(phase=st.integers(0, PERIOD - 1),
        jitter=st.lists(st.integers(-PERIOD // 5, PERIOD // 5), min_size=10, max_size=60))
 def test_jitter_of_the_stamps_neither_drops_nor_doubles_a_command(phase, jitter):
@@ -41,7 +41,7 @@ def test_jitter_of_the_stamps_neither_drops_nor_doubles_a_command(phase, jitter)
     assert schedule.late == 0
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(delays=st.lists(st.integers(0, 2 * PERIOD), min_size=5, max_size=60))
 def test_delays_within_the_latency_change_nothing(delays):
     stamps = [START + (5 + i) * PERIOD for i in range(len(delays))]
@@ -67,7 +67,7 @@ def test_a_stamp_of_another_clock_counts_as_now(stamp):
     assert schedule.late == 0
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(stalls=st.lists(st.integers(0, 6 * PERIOD), min_size=5, max_size=60))
 def test_late_commands_act_one_after_the_other_and_none_is_dropped(stalls):
     stamps = [START + (5 + i) * PERIOD for i in range(len(stalls))]

@@ -10,8 +10,8 @@ from forcecal_ros.diagnose.model.hypotheses import Hypothesis
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 import numpy as np
 
-VISIBLE = 25.0
-"""Whitened energy that an effect of typical size needs to be seen."""
+VISIBLE_ENERGY = 25.0
+"""Whitened energy from which an effect of typical size shows: five standard errors."""
 
 SENSORS = ('wrench', 'accelerometer')
 """Streams of which one at least has to be judged."""
@@ -50,7 +50,7 @@ def not_excited(model: LinearisedModel, found: list[Hypothesis]) -> list[str]:
         else:
             k = len(h.atoms[0].free)
             best, position = max(energy[position:position + k]), position + k
-        if best > VISIBLE:
+        if best > VISIBLE_ENERGY:
             visible.add(h.name)
     return [h.name for h in found if h.name not in visible]
 

@@ -15,17 +15,44 @@ from forcecal_ros.diagnose.judge.named_effects import (
     Parameter,
     parameters_of,
 )
+from forcecal_ros.diagnose.judge.parameter_errors import with_taken
 from forcecal_ros.diagnose.judge.residual_summary import (
     ResidualSummary,
     summarise_residual,
     unexplained,
 )
-from forcecal_ros.diagnose.judge.stated_errors import with_taken
-from forcecal_ros.diagnose.judge.ties import Tie, ties_of
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
-from forcecal_ros.diagnose.search.calibration import probability, UNKNOWN
+from forcecal_ros.diagnose.search.calibration import probability
 from forcecal_ros.diagnose.search.posterior import Posterior
-from forcecal_ros.diagnose.verdict import UnexplainedPart
+from forcecal_ros.diagnose.verdict import UnexplainedPart, UNKNOWN
+
+ODDS = 0.05
+"""Odds of another effect in the place of an accepted one from which both are listed."""
+
+SEPARATED_BY: Mapping[frozenset[str], str] = {
+    frozenset(pair): words for *pair, words in (
+        ('wrench_delay', 'wrench_lowpass', 'a faster recording, or a motion up to the corner'),
+        ('accel_misalignment', 'wrench_crosstalk', 'the accelerometer at rest'),
+        ('tool_com', 'wrench_crosstalk', 'contact at a known place'),
+        ('tool_mass', 'wrench_gain', 'a known force'),
+        ('base_tilt', 'cable_force', 'a level on the base'),
+        ('accel_delay', 'accel_resonance', 'a sweep up to the resonance'),
+        ('tool_stiffness', 'tool_damping', 'a sweep about the resonance of the tool'),
+        ('contact_stiffness', 'wall_position', 'contacts of several depths'))}
+"""Pair of effects, and what separates them."""
+
+
+def ties_of(found: Posterior) -> tuple[str, ...]:
+    """Note the likeliest alias of each accepted effect, if one is about as likely."""
+    out = []
+    for name, others in found.odds.items():
+        other = max(others, key=lambda one: others[one], default='')
+        if other and others[other] > ODDS:
+            by = SEPARATED_BY.get(frozenset((name, other)), 'what forcecal plan writes')
+            out.append(f'{name} and {other} explain these recordings about as well; they are '
+                       f'separated by {by}')
+    return tuple(out)
+
 
 CHECKED = 0.99
 """Probability of an effect of stamps or values: they are found at many sigmas or not at all."""
@@ -54,7 +81,7 @@ class Judged(NamedTuple):
     noise: Array
     numbers: dict[str, dict[str, Parameter]]
     effects: tuple[NamedEffect, ...]
-    ties: dict[str, Tie]
+    ties: tuple[str, ...]
     candidates: list[tuple[str, float]]
     limits: list[str]
 
@@ -68,14 +95,13 @@ def judge(first: LinearisedModel, found: Posterior, checks: Checks,
     gap, noise, errors = measured_gap(first, found, summary, observed)
     checked = tuple(NamedEffect(n, v, CHECKED) for n, v in checks.effects.items())
     numbers = {a.name: parameters_of(final, a) for a in found.accepted}
-    ties = ties_of(found)
     limits = [x for name, values in numbers.items() for x in at_limit(name, values)]
     probabilities, candidates = weighed(found, part.ratio >= 1.0, gap.closed, not limits)
     stated = with_taken(final, found.accepted, numbers, errors, gap.closed)
     named = [in_its_time(NamedEffect(name, values, probabilities[name]), final, found.instants)
              for name, values in stated.items()]
     candidates += [(e.name, e.probability) for e in checked]
-    return Judged(summary, part, gap, noise, numbers, (*named, *checked), ties,
+    return Judged(summary, part, gap, noise, numbers, (*named, *checked), ties_of(found),
                   listed_once(candidates), limits)
 
 

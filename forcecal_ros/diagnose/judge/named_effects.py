@@ -8,8 +8,8 @@ from forcecal_ros.checks.signals import clipped, quantisation
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.model.gates import BIAS, kind_of, nuisances_of, physical
+from forcecal_ros.diagnose.model.hypotheses import CLIPPING
 from forcecal_ros.diagnose.model.linearised import EFFECT, LinearisedModel, RELEASED
-from forcecal_ros.diagnose.model.saturation import CLIPPING
 from forcecal_ros.diagnose.recordings import Corrected
 from forcecal_ros.diagnose.search.change_points import Instant
 from forcecal_ros.diagnose.search.model_comparison import Accepted

@@ -114,30 +114,53 @@ class Fit(NamedTuple):
     ----------
     x : ndarray, shape (k,)
         Step from the centre.
-    covariance : ndarray, shape (k, k)
-        Zero for parameters on their bound.
     log_evidence : float
         Marginal likelihood of the data, less that of pure noise's constant.
     volume : float
         Part of it that the parameters' uncertainty costs: it grows with what the data tell.
+    free : ndarray of bool, shape (k,)
+        Parameters that are not on their bound.
+    factor : ndarray
+        Cholesky factor of the information on these.
     """
 
     x: Array
-    covariance: Array
     log_evidence: float
     volume: float
+    free: NDArray[np.bool_]
+    factor: Array
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance, shape (k, k): zero for parameters on their bound."""
+        out = np.zeros((len(self.x),) * 2)
+        if len(self.factor):
+            inverse = dtrtri(self.factor, lower=1)[0]
+            out[np.ix_(self.free, self.free)] = inverse.T @ inverse
+        return out
 
 
-def fit(gram: Gram, prior: Prior) -> Fit:
+def fit(gram: Gram, prior: Prior, near: Fit | None = None) -> Fit:
     """
     Fit with Gaussian priors, parameters kept within their bounds by an active set.
 
     After as many turns as there are parameters none is released from its bound any more.
+
+    Parameters
+    ----------
+    near : Fit, optional
+        Of the first parameters to like data: those on their bound begin there.
     """
     k = len(gram.vector)
     hessian = gram.matrix + np.diag(prior.precision)
     gradient = gram.vector - prior.precision * prior.centre
     x, free = np.zeros(k), np.ones(k, dtype=bool)
+    if near is not None:
+        x[:len(near.x)] = np.where(near.free, 0.0, near.x)
+        total = prior.centre + x
+        free = np.minimum(np.abs(total - prior.low), np.abs(total - prior.high)) > 1e-9
+        free[:len(near.x)] |= near.free
+        x[free] = 0.0
     factor = np.zeros((0, 0))
     for turn in range(2 * k + 1):
         fixed = ~free
@@ -157,16 +180,12 @@ def fit(gram: Gram, prior: Prior) -> Fit:
             continue
         x[beyond] = within[beyond] - prior.centre[beyond]
         free &= ~beyond
-    covariance = np.zeros((k, k))
-    if len(factor):
-        inverse = dtrtri(factor, lower=1)[0]
-        covariance[np.ix_(free, free)] = inverse.T @ inverse
     total = prior.centre + x
     value = gram.vector @ x - 0.5 * x @ gram.matrix @ x
     value -= 0.5 * (total * prior.precision) @ total + 0.5 * gram.square
     value -= 0.5 * gram.log_det
     volume = float(np.log(np.diag(factor)).sum() - 0.5 * np.log(prior.precision[free]).sum())
-    return Fit(x, covariance, float(value) - volume, volume)
+    return Fit(x, float(value) - volume, volume, free, factor)
 
 
 def _cholesky(matrix: Array) -> Array:

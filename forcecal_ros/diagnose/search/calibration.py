@@ -11,8 +11,6 @@ import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
-UNKNOWN = 'unknown'
-
 FILE = Path(__file__).with_name('calibration.json')
 
 

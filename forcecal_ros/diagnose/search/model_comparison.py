@@ -184,7 +184,7 @@ class ModelComparison(Explained):
         levels = [self._level((size,) * len(STREAM_SLICES)) for size in SCALES]
         start = max(levels, key=lambda level: level.null.log_evidence).scales
         best = self._products.improve(
-            lambda gram: fit(gram, self.null_prior).log_evidence, start)
+            lambda gram: fit(gram, self.null_prior, levels[0].null).log_evidence, start)
         return levels if best == start else [*levels, self._level(best)]
 
     def _level(self, scales: Scales) -> '_Level':
@@ -251,7 +251,7 @@ class ModelComparison(Explained):
             for j in remaining:
                 index = np.concatenate([np.arange(self.base), place[[*chosen, j]]])
                 prior = self._prior(frozenset(), np.zeros(len(chosen) + 1))
-                scores.append(fit(data.of(index), prior).log_evidence)
+                scores.append(fit(data.of(index), prior, self.null).log_evidence)
             best = int(np.argmax(scores))
             if scores[best] < value + WORTHWHILE:
                 break
@@ -264,7 +264,8 @@ class ModelComparison(Explained):
         """Fit a hypothesis as linear as its columns are, the discrepancy as large as likeliest."""
         k = len(grams[0].vector) - self.base
         prior = self._prior(released, np.zeros(k))
-        found, level = max(((fit(one, prior), level) for one, level in zip(grams, self.levels)),
+        found, level = max(((fit(one, prior, level.null), level)
+                            for one, level in zip(grams, self.levels)),
                            key=lambda pair: pair[0].log_evidence)
         evidence = found.log_evidence - self.null_evidence - np.log(h.ways)
         theta = np.zeros(0)

@@ -24,9 +24,9 @@ from forcecal_ros.diagnose.judge.judgement import listed_once, weighed
 from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter, UNTOLD
 from forcecal_ros.diagnose.model.linearised import EFFECT
 from forcecal_ros.diagnose.result import Diagnosis
-from forcecal_ros.diagnose.search.calibration import Features, UNKNOWN
+from forcecal_ros.diagnose.search.calibration import Features
 from forcecal_ros.diagnose.search.posterior import NAMED, Posterior, WORTH
-from forcecal_ros.diagnose.verdict import percent
+from forcecal_ros.diagnose.verdict import percent, UNKNOWN
 from forcecal_ros.effects import EFFECTS, named_effects, Quantity
 from forcecal_ros.effects.rig import NominalTolerances, Rig
 from forcecal_ros.effects.signals import FORCES

@@ -4,8 +4,7 @@ from types import SimpleNamespace
 
 from forcecal_ros.core.noise.autoregression import fit_autoregression
 from forcecal_ros.diagnose.dataset import CHANNELS
-from forcecal_ros.diagnose.judge.residual_summary import WITHOUT_NAME
-from forcecal_ros.diagnose.judge.slow_noise import of_slow_noise
+from forcecal_ros.diagnose.judge.residual_summary import of_slow_noise, WITHOUT_NAME
 import numpy as np
 from scipy.signal import lfilter, zpk2tf
 

@@ -4,8 +4,7 @@ from types import SimpleNamespace
 
 from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.judge.named_effects import Parameter
-from forcecal_ros.diagnose.judge.parameter_errors import Errors
-from forcecal_ros.diagnose.judge.stated_errors import LIKE, with_taken
+from forcecal_ros.diagnose.judge.parameter_errors import Errors, LIKE, with_taken
 from forcecal_ros.diagnose.search.model_comparison import Accepted
 from forcecal_ros.effects import EFFECTS
 import numpy as np

@@ -1,6 +1,6 @@
 """Limits of a channel, found in noise."""
 
-from forcecal_ros.diagnose.model.saturation import _best_limit
+from forcecal_ros.diagnose.model.hypotheses import _best_limit
 import numpy as np
 import pytest
 
