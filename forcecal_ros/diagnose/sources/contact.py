@@ -151,7 +151,7 @@ def touching_of_robot(recording: Recording, simulation: RecordedSimulation, tool
         fit = fit_surface([touch_of_robot(recording, simulation, tool, own)], 0.0)[1]
     except DataError:
         return own & False
-    return own & (0.0 < fit.law[1] < 1.0 / SOFTEST)
+    return np.asarray(own & (0.0 < fit.law[1] < 1.0 / SOFTEST))
 
 
 def touch_of_robot(recording: Recording, simulation: RecordedSimulation, rig: Rig,
@@ -434,8 +434,9 @@ def _propagated(function: Callable[[Array], Array], x: Array, covariance: Array
 
 def joined(touches: Sequence[Touch]) -> Touch:
     """Join the contact of several recordings; the delay is that of the first."""
-    parts = (np.concatenate(rows) for rows in zip(*(one[:-1] for one in touches)))
-    return Touch(*parts, touches[0].delay)
+    force, torque, position, velocity, R, omega = (
+        np.concatenate(rows) for rows in zip(*(one[:-1] for one in touches)))
+    return Touch(force, torque, position, velocity, R, omega, touches[0].delay)
 
 
 def compare_contact(robot: Touch, simulated: Touch, spreads: NominalTolerances,
