@@ -6,7 +6,7 @@ from itertools import product
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.diagnose.dataset import CHANNELS
+from forcecal_ros.diagnose.dataset import CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.model.compact import stacked
 from forcecal_ros.diagnose.model.evidence import Prior
 from forcecal_ros.diagnose.model.gates import Gate
@@ -189,6 +189,12 @@ CLOSER = 6000
 SHORTEST = 25
 """Blocks between two of them, at least: 0.1 s, the error that is allowed of an instant."""
 
+NEAR = 10
+"""Blocks about the likeliest instants in which each sample's stamp is tried."""
+
+MANY = 50
+"""Blocks among which an instant may lie from which its samples are not told apart."""
+
 TEMPERATURE = 2.0
 """Of log-likelihoods of instants, as of hypotheses: noise and form are not quite as modelled."""
 
@@ -340,7 +346,7 @@ def _possible(h: Hypothesis, atom: Atom, theta: Array) -> Array:
 
 def instant_of(now: JointFit, name: str) -> Instant | None:
     """
-    Find the instant at which an accepted effect begins or ends, to a block.
+    Find the instant at which an accepted effect begins or ends, to a sample where that shows.
 
     Parameters
     ----------
@@ -358,12 +364,14 @@ def instant_of(now: JointFit, name: str) -> Instant | None:
     residuals = [r - p for r, p in zip(residuals, predicted)]
     explained = now._replace(jacobians=[j for j in now.jacobians if j.name != name]).explained()
     beside = [[*own, *more] for own, more in zip(model.jacobian, explained.extra)]
-    i = gate.recording
-    found = Instants(model, beside, explained.null_prior, [[c] for c in added], residuals, i, 1)
-    evidence = found.fits([0], gate.begin is None, gate.elsewhere).evidence
-    t = model.datasets[i].measured.start + BLOCK * found.blocks
+    i, one = gate.recording, model.datasets[gate.recording].measured
+    coarse = Instants(model, beside, explained.null_prior, [[c] for c in added], residuals, i, 1)
+    evidence = coarse.fits([0], gate.begin is None, gate.elsewhere).evidence
+    t = one.start + BLOCK * coarse.blocks
     low, at, high = interval(evidence, TEMPERATURE)
-    return Instant(float(t[at]), float(t[low]) - BLOCK, float(t[high]) + BLOCK)
+    closer = None if high - low > MANY else _to_a_sample(
+        model, gate, added[i], residuals[i], t[low], t[high])
+    return closer or Instant(float(t[at]), float(t[low]), float(t[high]))
 
 
 def _dense(one: Column, n: int) -> Array:
@@ -371,6 +379,33 @@ def _dense(one: Column, n: int) -> Array:
     for c, rows in one.items():
         out[:, c] = rows.values()
     return out
+
+
+def _to_a_sample(model: LinearisedModel, gate: Gate, added: Column, residual: Array, low: float,
+                 high: float) -> Instant | None:
+    """Try the stamp of each sample between two instants; nothing where there is none."""
+    measured, noise = model.datasets[gate.recording].measured, model.noise[gate.recording]
+    signals = {c: one.values() for c, one in added.items()}
+    most = max(signals, key=lambda c: float(np.ptp(signals[c]) / model.level[c]))
+    stream = CHANNELS[most].stream
+    t = measured.times(stream)
+    near = np.flatnonzero((t > low - BLOCK * NEAR) & (t < high + BLOCK * NEAR))
+    near = near[near > 0]
+    if not len(near):
+        return None
+    acts = np.stack([measured.since(stream, s) for s in t[near]])
+    if gate.begin is None:
+        acts = 1.0 - acts
+    slices = STREAM_SLICES[stream]
+    product_, square = np.zeros(len(near)), np.full(len(near), 1e-12)
+    for c in (c for c in signals if slices.start <= c < slices.stop):
+        white = noise.whiten(np.concatenate([residual[np.newaxis, :, c], acts * signals[c]]), c)
+        product_ += white[1:] @ white[0]
+        square += np.sum(white[1:] ** 2, axis=1)
+    # its size is known from all of the recording: only where it begins or ends is asked
+    first, best, last = interval(product_ - 0.5 * square, TEMPERATURE)
+    before, at = t[near - 1], t[near]
+    return Instant(float(0.5 * (before[best] + at[best])), float(before[first]), float(at[last]))
 
 
 def moved(model: LinearisedModel, name: str, instant: Instant) -> LinearisedModel:
