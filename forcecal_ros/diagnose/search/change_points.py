@@ -1,6 +1,6 @@
 """Effects that begin or end during a recording: which, and at which instant."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
@@ -17,7 +17,7 @@ from forcecal_ros.diagnose.model.hypotheses import (
     Hypothesis,
     nominal_of,
 )
-from forcecal_ros.diagnose.model.jacobian import Column, column, combined
+from forcecal_ros.diagnose.model.jacobian import Column, column
 from forcecal_ros.diagnose.model.linearised import Diverged, EFFECT, LinearisedModel
 from forcecal_ros.diagnose.search.joint_fit import JointFit
 from forcecal_ros.diagnose.search.model_comparison import Candidate, ModelComparison
@@ -114,7 +114,6 @@ class Instants:
                  columns: Sequence[Sequence[Column]], residuals: Sequence[Array],
                  recording: int, length: int) -> None:
         m, k = len(beside[0]), len(columns[0])
-        self.length = length
         n = len(residuals[recording])
         self.blocks = np.arange(n // length) * length
         whole, others = np.zeros((1 + m + k,) * 2), np.zeros((1 + m + k,) * 2)
@@ -182,9 +181,6 @@ def _by_parts(left: Array, right: Array, length: int) -> Array:
 
 INSTANTS = 600
 """Instants of one recording at which beginnings are looked for, at most: 0.1 s in a minute."""
-
-CLOSER = 6000
-"""Instants of one recording at which what was found there is located: 4 ms in 24 s."""
 
 SHORTEST = 25
 """Blocks between two of them, at least: 0.1 s, the error that is allowed of an instant."""
@@ -258,9 +254,7 @@ def screen_change_points(now: JointFit, comparison: ModelComparison, found: Sequ
                         len(h.atoms))], recording):
                     if h.name not in best or one.evidence > best[h.name].evidence:
                         best[h.name] = one
-        gates = _located(alone, beside, explained.null_prior, best)
-        parts = [for_a_part(model, one.hypothesis, gates[n], one.times)
-                 for n, one in best.items()]
+        parts = [for_a_part(model, one.hypothesis, one.gate, one.times) for one in best.values()]
         for t in comparison.screen(parts) if parts else ():
             name = t.effect.name
             if name not in out or t.evidence > out[name].evidence:
@@ -269,42 +263,12 @@ def screen_change_points(now: JointFit, comparison: ModelComparison, found: Sequ
 
 
 class _Change(NamedTuple):
-    """
-    A hypothesis at one start, when it may begin or end, and at how many times that was tried.
-
-    Attributes
-    ----------
-    x : ndarray, shape (k,)
-        Coefficients of its columns.
-    near : float
-        By how much the instant may be off [s].
-    """
+    """A hypothesis at one start, when it may begin or end, and how many times were tried."""
 
     evidence: float
     hypothesis: Hypothesis
     gate: Gate
     times: int
-    x: Array
-    near: float
-
-
-def _located(model: LinearisedModel, beside: Sequence[Sequence[Column]], prior: Prior,
-             changes: Mapping[str, _Change]) -> dict[str, Gate]:
-    """Find the instants more closely, each effect as large as it was found; return the gates."""
-    gates = {name: one.gate for name, one in changes.items()}
-    for i in {gate.recording for gate in gates.values()}:
-        own = {name: one for name, one in changes.items() if one.gate.recording == i}
-        added = [[column(combined(one.hypothesis.atoms[0].columns[k], one.x, len(r)), model.level)
-                  for one in own.values()] for k, r in enumerate(model.residuals)]
-        length = -(-len(model.residuals[i]) // CLOSER)
-        close = Instants(model, beside, prior, added, model.residuals, i, length)
-        t = model.datasets[i].measured.start + BLOCK * close.blocks
-        for j, (name, one) in enumerate(own.items()):
-            evidence = close.fits([j], one.gate.begin is None, one.gate.elsewhere).evidence
-            assert one.gate.instant is not None
-            evidence = np.where(np.abs(t - one.gate.instant) <= one.near, evidence, -np.inf)
-            gates[name] = one.gate.moved_to(float(t[np.argmax(evidence)]))
-    return gates
 
 
 def _changes(model: LinearisedModel, instants: Instants, h: Hypothesis,
@@ -323,8 +287,7 @@ def _changes(model: LinearisedModel, instants: Instants, h: Hypothesis,
                 gate = (Gate(recording, None, at, elsewhere) if ends
                         else Gate(recording, at, None, elsewhere))
                 out.append(_Change(float(evidence[b]), h._replace(atoms=(atom,)), gate,
-                                   2 * len(evidence) * len(h.atoms), x[b],
-                                   BLOCK * instants.length))
+                                   2 * len(evidence) * len(h.atoms)))
     return out
 
 
