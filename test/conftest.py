@@ -43,7 +43,7 @@ def _is_live(item) -> bool:
 
 @pytest.hookimpl(tryfirst=True)  # before the workers look at the groups
 def pytest_collection_modifyitems(items):
-    """Give what runs nodes to two workers of several: it waits more than it computes."""
+    """Begin with what waits for nodes, on two workers of several, and with what takes longest."""
     files = sorted({item.path for item in items if _is_live(item)})
     for item in items:
         group = str(item.path.relative_to(ROOT / 'test').with_suffix(''))
@@ -51,7 +51,7 @@ def pytest_collection_modifyitems(items):
             item.add_marker(pytest.mark.flaky(reruns=1, condition=SHARED))
             group = f'live {files.index(item.path) % 2}'
         item.add_marker(pytest.mark.xdist_group(group))
-    items.sort(key=_is_live, reverse=True)
+    items.sort(key=lambda item: (not _is_live(item), not item.get_closest_marker('lint')))
 
 
 @pytest.hookimpl(tryfirst=True)

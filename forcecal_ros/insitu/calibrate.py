@@ -41,7 +41,6 @@ from forcecal_ros.insitu.uncertainty import (
     Residual,
     residuals,
     score_covariance,
-    screening_covariance,
 )
 import numpy as np
 
@@ -101,11 +100,9 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
     if options.matrix and not options.moving:
         _require_alive(reduced)
     offset = np.zeros_like(moments[0].mean) if options.moving else shared_offset(moments)
-    used = [(r.moments, r.blocks, r.use) for r in reduced]
-    held_out = residuals(used, 0.0 if options.poses else options.filter_window,
-                         options.filter_order)
-    covariance = _covariance(moments, held_out) + screening_covariance(
-        used, [r.screening.alternatives for r in reduced])
+    left = residuals([(r.moments, r.blocks, r.use) for r in reduced],
+                     0.0 if options.poses else options.filter_window, options.filter_order)
+    covariance = _covariance(moments, left)
     hidden = hidden_covariance(moments, found_causes)
     covariance = covariance if hidden is None else covariance + hidden
     offset_covariance = covariance[:len(offset), :len(offset)]
@@ -113,7 +110,7 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
         name=name, options=options, excitation=excited, norm=found_norm,
         offset=Estimate(offset, np.sqrt(np.diag(offset_covariance)), options.raw_unit),
         offset_scatter=np.zeros(len(moments)) if options.moving else _scatter(
-            moments, held_out, offset),
+            moments, left, offset),
         offset_moves=np.zeros(len(moments)) if options.moving else offset_moves(
             [(r.blocks, r.use) for r in reduced]),
         jumps=() if options.moving or options.poses or coarse else tuple(
@@ -122,7 +119,7 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
         data_sets=tuple(_data_set(d, r, options) for d, r in zip(data_sets, reduced)),
         manufacturer_matrix=manufacturer_matrix)
     if options.matrix:
-        noise = np.mean([one.long_run for one in held_out], axis=0) + 1e-6 * np.diag(
+        noise = np.mean([one.long_run for one in left], axis=0) + 1e-6 * np.diag(
             np.mean([np.diag(r.blocks.raw_noise) for r in reduced], axis=0))
         problem = MatrixProblem(tuple(data_sets), tuple(moments), offset, noise, covariance,
                                 options.gravity)
@@ -200,20 +197,20 @@ def _require_alive(reduced: Sequence[Reduced]) -> None:
             'connected, or the wrong column; a six-axis matrix needs six that do')
 
 
-def _covariance(moments: Sequence[Moments], held_out: Sequence[Residual]) -> Array:
+def _covariance(moments: Sequence[Moments], left: Sequence[Residual]) -> Array:
     """
     Covariance of [offset, raw pseudo-samples of every data set], in the order of pack.
 
     Both are linear in the scores of :func:`score_covariance`, which are independent from data set
     to data set.
     """
-    n = len(held_out[0].noise.covariance)
+    n = len(left[0].noise.covariance)
     counts = [len(m.ones) for m in moments]
     starts = n * np.concatenate([[1], 1 + np.cumsum(counts)])
     total = np.zeros((starts[-1], starts[-1]))
     still = moments[0].directions.shape[1] == STATIC
     weight = sum(m.constant_weight for m in moments) if still else np.inf
-    for m, one, start, size in zip(moments, held_out, starts, counts):
+    for m, one, start, size in zip(moments, left, starts, counts):
         scores = score_covariance(one)
         to_offset = np.concatenate([[1.0], -m.ones])[None] / weight
         linear = np.zeros((starts[-1], (1 + size) * n))
@@ -223,11 +220,11 @@ def _covariance(moments: Sequence[Moments], held_out: Sequence[Residual]) -> Arr
     return total
 
 
-def _scatter(moments: Sequence[Moments], held_out: Sequence[Residual], offset: Array) -> Array:
+def _scatter(moments: Sequence[Moments], left: Sequence[Residual], offset: Array) -> Array:
     """How far each data set's own offset is from the shared one, in its standard errors."""
     return np.array([
         np.max(np.abs(offset_of(m) - offset) / np.sqrt(np.diag(one.long_run) / m.constant_weight))
-        for m, one in zip(moments, held_out)])
+        for m, one in zip(moments, left)])
 
 
 def _data_set(data_set: DataSet, reduced: Reduced, options: Options) -> DataSetResult:

@@ -30,10 +30,6 @@ SHORTEST = 6.0
 """Shortest window [s]."""
 SHORTEST_SEGMENT = 3.0
 """Shortest further piece that is kept beside the window [s]."""
-EDGE = 1.5
-"""By how much a found end of a window may be off [s]."""
-UNMISTAKABLE = 10.0
-"""Residual over its limit beyond which a block is no part of the window, by any measure."""
 POSITIONS = 60
 """Number of positions at which a window's ends are tried before they are refined."""
 
@@ -60,14 +56,11 @@ class Screening:
         What lies between and around them; of a window that the user gave, what should be cut.
     use : ndarray of bool, shape (b,)
         The blocks inside the stretches.
-    alternatives : tuple of (ndarray of bool, ndarray of bool)
-        For every end that was found, the blocks inside if it lay further in, and further out.
     """
 
     kept: tuple[tuple[float, float], ...]
     cuts: tuple[Cut, ...]
     use: Mask
-    alternatives: tuple[tuple[Mask, Mask], ...] = ()
 
 
 def screen(blocks: Blocks) -> Screening:
@@ -94,8 +87,7 @@ def screen(blocks: Blocks) -> Screening:
     if not use.any():
         raise DataError(_refusal(fit))
     use &= ~fit.out(use)
-    return Screening(tuple(_stretches(blocks, use)), tuple(_cuts(fit, use)), use,
-                     tuple(_alternatives(fit, use)))
+    return Screening(tuple(_stretches(blocks, use)), tuple(_cuts(fit, use)), use)
 
 
 def given_window(blocks: Blocks, start: float, end: float) -> Screening:
@@ -235,26 +227,6 @@ def _runs(mask: Mask) -> Iterator[slice]:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     for a, b in edges.reshape(-1, 2):
         yield slice(int(a), int(b))
-
-
-def _alternatives(fit: _Fit, use: Mask) -> Iterator[tuple[Mask, Mask]]:
-    """Move each found end in, and out as far as the blocks there are not unmistakably others."""
-    residual, limit, _ = fit.residual(use)
-    hopeless = fit.bad | (np.linalg.norm(residual, axis=1) > UNMISTAKABLE * limit)
-    reach = max(1, round(EDGE / fit.length))
-    for run in _runs(use):
-        inward = min(reach, (run.stop - run.start) // 2)
-        for end, step in ((run.start, -1), (run.stop - 1, 1)):
-            narrow, wide = use.copy(), use.copy()
-            for k in range(inward):
-                narrow[end - k * step] = False
-            block = end + step
-            while abs(block - end) <= reach and 0 <= block < len(use) \
-                    and not (use[block] or hopeless[block]):
-                wide[block] = True
-                block += step
-            if 0 <= end + step < len(use):
-                yield narrow, wide
 
 
 def _stretches(blocks: Blocks, use: Mask) -> Iterator[tuple[float, float]]:

@@ -1,13 +1,12 @@
 """Standard errors that hold when residuals are correlated in time.
 
 The filter correlates neighbouring samples, and so do hysteresis, flex and what else the model
-leaves out. Residuals are therefore taken of block means of the unfiltered recording, each stretch
-of some seconds under the fit to all other stretches, so that what a stretch bends the fit by is
-not lost. The covariance of every weighted sum of them is built from their autocovariance. Weights
-are the regressors as the filter leaves them: motion about as fast as its window is less there.
+leaves out. Residuals are therefore taken of block means of the unfiltered recording. The
+covariance of every weighted sum of them is built from their autocovariance. Weights are the
+regressors as the filter leaves them: motion about as fast as its window is less there.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -18,47 +17,15 @@ from forcecal_ros.core.noise.autocovariance import (
     Autocovariance,
     noise_of_residuals,
 )
-from forcecal_ros.insitu.blocks import Blocks, Mask
+from forcecal_ros.insitu.blocks import Blocks, Mask, TINY
 from forcecal_ros.insitu.moments import gathered, Moments, smooth
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc, fdtrc
-
-STRETCH = 6.0
-"""Length of the stretches that are held out, at most a fifth of what is used [s]."""
-
-MOST_STRETCHES = 200
-"""Number of stretches at most: those of longer recordings are longer."""
-
-
-class Sums(NamedTuple):
-    """Least-squares sums of blocks: of [1, weights] with itself (u, u) and with raw (u, n)."""
-
-    normal: Array
-    right: Array
-
-    @property
-    def weight(self) -> float:
-        """What the blocks know of a constant beside the regressors, in blocks."""
-        s, G = self.normal[0, 1:], self.normal[1:, 1:]
-        weight = self.normal[0, 0] - s @ np.linalg.lstsq(G, s, rcond=None)[0]
-        return float(weight) if weight > 1e-9 * self.normal[0, 0] else 0.0
-
-    @property
-    def weighted_constant(self) -> Array:
-        """The constant times its weight, shape (n,)."""
-        s, G = self.normal[0, 1:], self.normal[1:, 1:]
-        return np.asarray(self.right[0] - s @ np.linalg.lstsq(G, self.right[1:], rcond=None)[0])
-
-    def slopes(self, constant: Array) -> Array:
-        """Coefficients of the weights beside a given constant, shape (u - 1, n)."""
-        right = self.right[1:] - np.outer(self.normal[1:, 0], constant)
-        return np.linalg.lstsq(self.normal[1:, 1:], right, rcond=None)[0]
 
 
 class Residual(NamedTuple):
     """
-    Held-out residual of one data set.
+    Residual of one data set.
 
     ``regressors`` (b, 1 + q) constant and pseudo-sample weights, filtered twice, zero where a
     block is not used; ``samples`` in a block; ``noise`` of the block means.
@@ -77,7 +44,7 @@ class Residual(NamedTuple):
 def residuals(data_sets: Sequence[tuple[Moments, Blocks, Mask]], seconds: float, order: int
               ) -> list[Residual]:
     """
-    Hold out stretch after stretch: its residuals under the fit to all others.
+    Fit pseudo-samples to every data set beside one constant for all, and return what is left.
 
     Parameters
     ----------
@@ -88,21 +55,30 @@ def residuals(data_sets: Sequence[tuple[Moments, Blocks, Mask]], seconds: float,
     """
     x = [np.where(use[:, None], _regressors(moments, blocks), 0.0)
          for moments, blocks, use in data_sets]
-    sums = [_sums(one, blocks.raw) for one, (_, blocks, _) in zip(x, data_sets)]
-    weight = sum(one.weight for one in sums)
-    constant = np.sum([one.weighted_constant for one in sums], axis=0)
+    beside = []
+    for one, (_, blocks, use) in zip(x, data_sets):
+        values = np.column_stack([one[:, 0], np.where(use[:, None], blocks.raw, 0.0)])
+        q = np.linalg.qr(one[:, 1:])[0]
+        beside.append(values - q @ (q.T @ values))
+    weighted = np.sum([one[:, 0] @ one for one in beside], axis=0)
+    if weighted[0] > 1e-9 * sum(map(len, beside)):  # else they say what a constant would
+        weighted /= weighted[0]
     out = []
-    for one, total, (_, blocks, use) in zip(x, sums, data_sets):
-        held_out = np.zeros_like(blocks.raw)
-        for part in _stretches(blocks, use):
-            own = _sums(one[part], blocks.raw[part])
-            others = Sums(total.normal - own.normal, total.right - own.right)
-            offset = _divide(constant - total.weighted_constant + others.weighted_constant,
-                             weight - total.weight + others.weight)
-            held_out[part] = blocks.raw[part] - offset - one[part, 1:] @ others.slopes(offset)
+    for one, values, (_, blocks, use) in zip(x, beside, data_sets):
+        left = values[:, 1:] - np.outer(values[:, 0], weighted[1:])
         window = round(seconds / blocks.length / 2) * 2 + 1
-        out.append(_residual(_as_filtered(one, use, window, order), held_out, blocks.samples))
+        out.append(Residual(_as_filtered(one, use, window, order), blocks.samples,
+                            _noise(left, int(use.sum()), one.shape[1])))
     return out
+
+
+def _noise(left: Array, used: int, unknowns: int) -> Autocovariance:
+    """Measure what is left of so many blocks; the slower it is, the more of it a fit took."""
+    lags = andrews_lags(left, used)
+    noise = noise_of_residuals(left, lags, used)
+    slow = float(np.trace(noise.long_run) / max(np.trace(noise.covariance), TINY))
+    return noise_of_residuals(left, lags, max(
+        round(used - unknowns * max(slow, 1.0)), used // 4, 1))
 
 
 def _as_filtered(x: Array, use: Mask, window: int, order: int) -> Array:
@@ -120,63 +96,8 @@ def _as_filtered(x: Array, use: Mask, window: int, order: int) -> Array:
     return out
 
 
-def screening_covariance(data_sets: Sequence[tuple[Moments, Blocks, Mask]],
-                     alternatives: Sequence[Sequence[tuple[Mask, Mask]]]) -> Array:
-    """
-    Say what found ends of windows, which may lie further in or out, add to the covariance.
-
-    Parameters
-    ----------
-    alternatives : sequence of sequence of (ndarray of bool, ndarray of bool)
-        Of every data set, the narrower and the wider choice of blocks at each found end.
-
-    Returns
-    -------
-    ndarray
-        Of [offset, raw pseudo-samples of every data set].
-    """
-    def numbers(sums: Sequence[Sums]) -> Array:
-        offset = _divide(np.sum([one.weighted_constant for one in sums], axis=0),
-                         sum(one.weight for one in sums))
-        return np.concatenate([offset, *(
-            (np.outer(moments.ones, offset) + one.slopes(offset)).ravel()
-            for one, (moments, _, _) in zip(sums, data_sets))])
-
-    x = [_regressors(moments, blocks) for moments, blocks, _ in data_sets]
-    sums = [_sums(one[use], blocks.raw[use]) for one, (_, blocks, use) in zip(x, data_sets)]
-    size = len(numbers(sums))
-    total = np.zeros((size, size))
-    for k, (_, blocks, _) in enumerate(data_sets):
-        for pair in alternatives[k]:
-            narrow, wide = (numbers([*sums[:k], _sums(x[k][use], blocks.raw[use]), *sums[k + 1:]])
-                            for use in pair)
-            total += np.outer(wide - narrow, wide - narrow) / 4
-    return total
-
-
-def _divide(weighted: Array, weight: float) -> Array:
-    return weighted / weight if weight > 0 else np.zeros_like(weighted)
-
-
 def _regressors(moments: Moments, blocks: Blocks) -> Array:
     return np.column_stack([np.ones(len(blocks)), blocks.regressors @ moments.combine])
-
-
-def _sums(x: Array, raw: Array) -> Sums:
-    return Sums(x.T @ x, x.T @ raw)
-
-
-def _stretches(blocks: Blocks, use: Mask) -> Iterator[NDArray[np.intp]]:
-    """Index sets of consecutive used blocks that are held out together."""
-    used = np.flatnonzero(use)
-    count = min(max(5, round(len(used) * blocks.length / STRETCH)), MOST_STRETCHES)
-    yield from (part for part in np.array_split(used, min(count, len(used))) if len(part))
-
-
-def _residual(x: Array, held_out: Array, samples: int) -> Residual:
-    used = int((x[:, 0] != 0).sum())
-    return Residual(x, samples, noise_of_residuals(
-        held_out, andrews_lags(held_out, used), used))
 
 
 def score_covariance(residual: Residual) -> Array:

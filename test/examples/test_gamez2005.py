@@ -21,6 +21,8 @@ from gamez_loop import feedback_of
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.long
+
 RIG = load_rig()
 G = 9.80665
 

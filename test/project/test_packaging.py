@@ -1,6 +1,7 @@
 """What is installed is whole, and says the same about itself in every place."""
 
 import ast
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 import re
@@ -44,6 +45,7 @@ def _manifest():
     return ElementTree.parse(ROOT / 'package.xml').getroot()
 
 
+@cache
 def _imported():
     """Return the top-level names that the package imports from elsewhere."""
     names = set()
@@ -97,9 +99,9 @@ def test_rosdep_is_asked_for_every_import_that_apt_has_and_for_nothing_of_pip():
     assert {key for key in declared if key.startswith('python')} == {*ROSDEP_KEYS.values()}
 
 
-@pytest.mark.parametrize('node', ['sequencer', 'observer', 'impedance'])
-def test_a_node_on_a_robot_wants_nothing_that_apt_does_not_have(node):
-    loads = ['forcecal_ros.calibrate.pipeline', f'forcecal_ros.nodes.{node}']
+def test_nodes_on_a_robot_want_nothing_that_apt_does_not_have():
+    loads = ['forcecal_ros.calibrate.pipeline', *(
+        f'forcecal_ros.nodes.{node}' for node in ('sequencer', 'observer', 'impedance'))]
     code = f'import sys; sys.modules.update(dict.fromkeys({BESIDE_APT}))'
     _run(sys.executable, '-c', '\n'.join([code, *(f'import {name}' for name in loads)]))
 

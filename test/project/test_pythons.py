@@ -46,7 +46,7 @@ def test_a_rig_is_calibrated_and_diagnosed(version, tmp_path):
     run(venv / 'python', '-c', IMPORTS)
     run(venv / 'forcecal', 'sample', 'rig', '-o', 'rig')
     tool = json.loads(run(venv / 'forcecal', 'calibrate', 'rig/sound', '--json', '-o', 'c.yaml'))
-    assert tool['tool']['mass']['value'] == pytest.approx(13.0, abs=0.005)
+    assert tool['mass']['value'] == pytest.approx(13.0, abs=0.005)
     gap = json.loads(run(venv / 'forcecal', 'diagnose', 'rig/late', '--json', '-o', 'why'))
     assert gap['verdict'] == 'identified'
     assert [effect['name'] for effect in gap['effects']] == ['wrench_delay']

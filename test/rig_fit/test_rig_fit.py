@@ -27,7 +27,7 @@ PERIOD, DELAY, W = 0.008, 0.011, 60.0
 LAG = DELAY + 2.0 / W + PERIOD
 """Of the robot below: delay, two equal poles, and a period to interpolate commands [s]."""
 
-SECONDS = 15.0
+SECONDS = 12.0
 MASS, BIAS = 2.0, np.array([3.0, -2.0, 5.0, 0.1, 0.2, -0.1])
 """Of a tool whose mass is all in the origin of the sensor [kg], [N], [N m]."""
 
