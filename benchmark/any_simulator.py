@@ -138,7 +138,8 @@ ON_TABLE = ('contact softness', 'none, table')
 NONE = ('none', 'none, table', 'none, Imu')
 
 TRUTH = {'payload': 'tool_mass', 'tilt': 'base_tilt', 'cable': 'cable_force',
-         'joint friction': '', 'joint gain': '', 'joint backlash': '', 'contact softness': '',
+         'joint friction': '', 'joint gain': '', 'joint backlash': '',
+         'contact softness': 'contact_stiffness',
          'delay': 'wrench_delay', 'crosstalk': 'wrench_crosstalk', 'gain': 'wrench_gain',
          'drift': 'wrench_bias_drift', 'Imu bias': 'accel_bias'}
 """Name -> how the library calls it; '' where it has no name for it."""
@@ -190,8 +191,8 @@ def simulated_arm(effect, joints, soft=None):
 
 
 def commanded(effect, seed, way):
-    """Return the commands of a case: with MuJoCo's table a third of them press on it."""
-    if way == 'mujoco' and effect in ON_TABLE:
+    """Return the commands of a case: with a table a third of them press on it, if it can show."""
+    if way in ('mujoco', 'compared') and effect in ON_TABLE:
         return np.concatenate([commands(seed, 2.0 * SECONDS / 3.0), pressing(SECONDS / 3.0)])
     return commands(seed, SECONDS)
 

@@ -64,6 +64,8 @@ class Effect(NamedTuple):
         time stamps and arrival.
     nuisance : str or None
         Key of the rig's spreads (nominal tolerances) that it exceeds.
+    begins_anew : bool
+        It grows from the first sample of each recording, and begins at no other instant.
     """
 
     name: str
@@ -73,6 +75,7 @@ class Effect(NamedTuple):
     smooth: bool
     where: str
     nuisance: str | None = None
+    begins_anew: bool = False
 
 
 # phases of a recording that excite an effect
@@ -123,7 +126,7 @@ _WRENCH = (
         *_each(_FORCES[:3], 'N/s', 10.0, 0.05), *_each(_FORCES[3:], 'N m/s', 1.0, 0.005),
         # 0: a ramp; else it levels off at rate / settling
         _shape('settling', '1/s', 0.0, 0.0, 5.0, 0.02, (0.0, 0.05)),
-    ), STATIC, True, 'signal'),
+    ), STATIC, True, 'signal', begins_anew=True),
     Effect('wrench_gain', 'wrench_sensor', _each(_FORCES, '1', 0.9, 0.05), ALWAYS, True,
            'signal', 'wrench_gain'),
     # fx_of_fz: the part of fz that is added to fx

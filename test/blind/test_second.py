@@ -21,6 +21,8 @@ from blind.second.judged import Judged
 from blind.second.noise import draw_noise
 from blind.second.sealing import Part
 
+pytestmark = pytest.mark.long
+
 MECHANICS = ('pose_sag pendulum coiled_hose air_drag rail_friction seat_slip shifting_load gyro '
              'mid_stop tooth_ripple tip_power tip_stick')
 ELECTRONICS = ('root_drift gain_warmup cubic_gain cross_square visco_creep mains code_ripple '
@@ -148,7 +150,6 @@ def test_part_tells_nothing_of_its_labels_before_it_is_opened(opened_part):
         assert path.stat().st_mode & 0o077 == 0
 
 
-@pytest.mark.long
 def test_backgrounds_and_effects_have_the_energies_that_were_drawn(short_motions):
     base = on_rig.OnRig(5, {})
     rng = np.random.default_rng(6)

@@ -7,7 +7,6 @@ from forcecal_ros.core.geometry import rotation_about, rotation_from_vector
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from forcecal_ros.diagnose.sources.rig import RigSource
 from forcecal_ros.sim.rig.file import load_rig
-from longer import first
 import numpy as np
 import pytest
 from rig_recordings import own_recording
@@ -36,38 +35,24 @@ def refuse_other_axes(recording):
         recording, G, Stated(by='rig'), Known(MASS, COM)))
 
 
-def in_base(w, R):
-    return np.hstack([np.einsum('nij,nj->ni', R, part) for part in (w[:, :3], w[:, 3:])])
-
-
 def turned(degrees):
     Q = rotation_about('z', np.radians(degrees))
     return lambda w, R: np.hstack([w[:, :3] @ Q.T, w[:, 3:] @ Q.T])
 
 
-@pytest.mark.parametrize('change', first([
+@pytest.mark.parametrize('change', [
     lambda w, R: w * [1.1, 0.9, 1.05, 0.9, 1.1, 1.0], lambda w, R: 0.65 * w,
-    lambda w, R: w.clip([-8.0] * 6, [12.0] * 6), turned(1.0), lambda w, R: w,
-    lambda w, R: w + [40.0, -20.0, 10.0, 1.0, 2.0, -3.0], lambda w, R: 1.3 * w,
-    lambda w, R: 2.5 * w], 4))
+    lambda w, R: w.clip([-8.0] * 6, [12.0] * 6), turned(1.0)])
 def test_pushes_gains_biases_and_small_turns_are_left_to_whoever_looks_for_them(change):
     refuse_other_axes(recorded(0, change))
 
 
-@pytest.mark.parametrize('change, said', first([
+@pytest.mark.parametrize('change, said', [
     (lambda w, R: 0.4 * w, r'the tool of 1.3 kg weighs 0.\d* kg in this recording: another one'),
     (turned(-12.0), r'are turned by 1[12]\S* \+- \S+ deg about z'),
     (lambda w, R: w * [1.0, 1.0, 1.0, -1.0, -1.0, -1.0], r'the model has it at \(0.005 -0.012 '),
     (lambda w, R: w * [1.0, 1.0, 1.0, 1e3, 1e3, 1e3], 'its torques are in N mm .multiply'),
-    (lambda w, R: w * [1e-3, 1e-3, 1e-3, 1.0, 1.0, 1.0], 'its forces are in kN; multiply by'),
-    (lambda w, R: w / 9.80665, 'its forces are in kgf; multiply by 9.8066'),
-    (lambda w, R: -w, 'it has the opposite sign'),
-    (lambda w, R: w[:, [1, 0, 2, 4, 3, 5]], r'mirrored \(left-handed\): x, y, z show y, x, z'),
-    (turned(30.0), r'are turned by -(29|30)\S* \+- \S+ deg about z'),
-    (in_base, 'it is expressed in base'),
-    (lambda w, R: w * [1.0, 1.0, 1.0, -1.0, 1.0, 1.0], 'torques are not about the axes of its'),
-    (lambda w, R: np.hstack([w[:, :3], np.einsum('nij,nj->ni', R, w[:, 3:])]),
-     'its torques are expressed in base, its forces in the sensor')], 5))
+    (lambda w, R: w * [1e-3, 1e-3, 1e-3, 1.0, 1.0, 1.0], 'its forces are in kN; multiply by')])
 def test_other_frames_axes_and_units_are_refused_by_cause(change, said):
     with pytest.raises(DataError, match=said):
         refuse_other_axes(recorded(0, change))

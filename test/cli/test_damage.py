@@ -172,7 +172,8 @@ BROKEN = {
 
 
 MORE = {'two of the accelerometer', 'half the recording', 'absurd slides', 'absurd volts',
-        'phases of no length', 'only contact'}
+        'phases of no length', 'only contact', 'accelerometer at 5 Hz', 'clocks hours apart',
+        'no phases'}
 """As one of the others, of another stream or a little less."""
 
 

@@ -1,5 +1,7 @@
 """``forcecal insitu``: SPEC in; offset, matrix, pictures and report out."""
 
+from contextlib import redirect_stdout
+from io import StringIO
 import json
 from pathlib import Path
 import re
@@ -75,7 +77,9 @@ def tables(tmp_path_factory):
 @pytest.fixture(scope='module')
 def done(tables):
     spec = write_spec(tables, document())
-    assert main(['insitu', str(spec), '-o', str(tables / 'out')]) == 0
+    with redirect_stdout(StringIO()) as said:
+        assert main(['insitu', str(spec), '-o', str(tables / 'out')]) == 0
+    (tables / 'printed').write_text(said.getvalue())
     return tables / 'out'
 
 
@@ -106,19 +110,8 @@ def test_the_report_is_one_file_with_the_papers_tables(done):
     assert 'src="http' not in html and 'href=' not in html
 
 
-def test_json_prints_what_is_written(tables, done, capsys):
-    assert main(['insitu', str(tables / 'spec.yaml'), '-o', str(tables / 'j'), '--json']) == 0
-    printed = json.loads(capsys.readouterr().out)
-    assert printed == json.loads((done / 'insitu.json').read_text())
-    sensor = printed['sensors']['leg']
-    assert sensor['rank']['rank'] == 40
-    assert len(sensor['data_sets']['set5']['semi_axes']['value']) == 3
-    assert sensor['data_sets']['set5']['stated']['added_mass'] == 0.51
-
-
-def test_the_tables_are_printed_with_estimate_and_manufacturer(tables, capsys):
-    assert main(['insitu', str(tables / 'spec.yaml'), '-o', str(tables / 'k')]) == 0
-    printed = capsys.readouterr().out
+def test_the_tables_are_printed_with_estimate_and_manufacturer(tables, done):
+    printed = (tables / 'printed').read_text()
     assert 'Added mass [kg] (Table II)' in printed
     assert 'by manufacturer' in printed
     assert 'set5' in printed and 'set1 (trained on)' in printed
@@ -165,7 +158,8 @@ def test_recordings_give_what_tables_give(tables, done, tmp_path):
     np.testing.assert_allclose(mine.matrix.value, other.matrix.value, rtol=1e-4, atol=1e-7)
 
 
-def test_arrays_are_read_by_column_number(tables, done, tmp_path):
+def test_arrays_are_read_by_column_number_and_json_prints_what_is_written(
+        tables, done, tmp_path, capsys):
     for k, load_ in enumerate(PROTOCOL):
         np.save(tmp_path / f'set{k + 1}.npy', table_of(load_, LEG, 700 + k))
     content = document(time={'column': 0, 'unit': 's'}, accelerometer={'columns': [13, 14, 15]})
@@ -173,7 +167,13 @@ def test_arrays_are_read_by_column_number(tables, done, tmp_path):
     for one in content['data_sets']:
         one['file'] = one['file'].replace('.csv', '.npy')
     out = tmp_path / 'out'
-    assert main(['insitu', str(write_spec(tmp_path, content)), '-o', str(out)]) == 0
+    assert main(['insitu', str(write_spec(tmp_path, content)), '-o', str(out), '--json']) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed == json.loads((out / 'insitu.json').read_text())
+    sensor = printed['sensors']['leg']
+    assert sensor['rank']['rank'] == 40
+    assert len(sensor['data_sets']['set5']['semi_axes']['value']) == 3
+    assert sensor['data_sets']['set5']['stated']['added_mass'] == 0.51
     mine, other = load(out / 'calibration.yaml'), load(done / 'calibration.yaml')
     np.testing.assert_allclose(mine.matrix.value, other.matrix.value, rtol=1e-4, atol=1e-7)
 

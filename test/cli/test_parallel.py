@@ -13,6 +13,7 @@ from forcecal_ros.cli.many import each
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.io.bags import read_recording, write_recording
 from forcecal_ros.io.calibration_file import save
+from longer import first
 import numpy as np
 from observing import calibration, record, Swing
 import pytest
@@ -87,6 +88,7 @@ def test_an_item_that_kills_whoever_works_on_it_is_given_up_alone():
     assert 'killed' in outcomes[1].error
 
 
+@pytest.mark.long
 def test_a_worker_of_a_cluster_killed_half_way_costs_nothing_but_time(cluster, tmp_path):
     tasks = [(number, str(tmp_path / 'mark')) for number in range(6)]
     assert values(each(killed_at_first, tasks, dask=cluster)) == {i: i * i for i in range(6)}
@@ -125,7 +127,7 @@ def alone(fleet, tmp_path_factory):
     return estimated(folder, *NAMES)
 
 
-@pytest.mark.parametrize('where', ['jobs', 'dask'])
+@pytest.mark.parametrize('where', first(['jobs', 'dask']))
 def test_many_recordings_are_estimated_as_one_by_one_to_the_bit(
         capsys, fleet, alone, tmp_path, where, request):
     known = ['--calibration', str(fleet / 'calibration.yaml')]

@@ -91,11 +91,11 @@ class Robot(Live):
 
 
 def test_a_recording_moves_no_robot_and_speaks_for_no_observer_unless_told_to(
-        ros_domain, capsys, bag):
+        ros_domain, capfd, bag):
     with Robot(ALL) as robot:
         for options in (['--delay', '0'], ['--delay', DISCOVERY, '--only', 'target_frame']):
             assert main(['play', str(bag), '--with-commands', *options]) == 1
-            said = capsys.readouterr()
+            said = capfd.readouterr()
             assert said.out == '' and '--yes' in said.err
             assert 'nodes subscribe to /target_frame (bench)' in said.err
         assert not robot.heard
@@ -120,10 +120,10 @@ def test_a_recording_moves_no_robot_and_speaks_for_no_observer_unless_told_to(
     (['--only', 'wrenc'], ('/wrenc is not in', '(did you mean /wrench?); there are /current_po')),
     (['--only', '/target_frame'], ('--with-commands',)),
     (['--start', '60'], ('nothing to publish from 60 s on',))])
-def test_what_leaves_nothing_to_play_is_refused(ros_domain, capsys, bag, options, said):
+def test_what_leaves_nothing_to_play_is_refused(ros_domain, capfd, bag, options, said):
     assert main(['play', str(bag), *options]) == 1
-    err = capsys.readouterr().err
-    assert all(words in err for words in said)
+    err = capfd.readouterr().err
+    assert all(words in err for words in said), err
 
 
 def test_commands_end_when_somebody_begins_to_listen(ros_domain, bag):

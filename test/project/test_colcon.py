@@ -132,6 +132,7 @@ def test_share_holds_what_launch_files_and_tools_look_for(workspace):
     assert (share / 'package.xml').is_file()
 
 
+@pytest.mark.long
 def test_colcon_test_finds_the_tests(workspace):
     _colcon(workspace, 'test', '--packages-select', PACKAGE, '--return-code-on-test-failure',
             '--pytest-args', 'test/project/test_packaging.py', '-k', 'test_version_is_the_same')

@@ -70,6 +70,7 @@ def run(folder, cache):
     return done.stdout.split()[0]
 
 
+@pytest.mark.long
 def test_machine_code_goes_to_the_user_cache_where_the_package_cannot_be_written(unwritable):
     assert run(unwritable, unwritable / 'cache') == 'True'
     assert list((unwritable / 'cache').rglob('*.nbc'))

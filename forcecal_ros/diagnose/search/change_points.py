@@ -1,12 +1,12 @@
 """Effects that begin or end during a recording: which, and at which instant."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.diagnose.dataset import CHANNELS
+from forcecal_ros.diagnose.dataset import CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.model.compact import stacked
 from forcecal_ros.diagnose.model.evidence import Prior
 from forcecal_ros.diagnose.model.gates import Gate
@@ -17,7 +17,7 @@ from forcecal_ros.diagnose.model.hypotheses import (
     Hypothesis,
     nominal_of,
 )
-from forcecal_ros.diagnose.model.jacobian import Column, column, combined
+from forcecal_ros.diagnose.model.jacobian import Column, column
 from forcecal_ros.diagnose.model.linearised import Diverged, EFFECT, LinearisedModel
 from forcecal_ros.diagnose.search.joint_fit import JointFit
 from forcecal_ros.diagnose.search.model_comparison import Candidate, ModelComparison
@@ -114,7 +114,6 @@ class Instants:
                  columns: Sequence[Sequence[Column]], residuals: Sequence[Array],
                  recording: int, length: int) -> None:
         m, k = len(beside[0]), len(columns[0])
-        self.length = length
         n = len(residuals[recording])
         self.blocks = np.arange(n // length) * length
         whole, others = np.zeros((1 + m + k,) * 2), np.zeros((1 + m + k,) * 2)
@@ -183,11 +182,14 @@ def _by_parts(left: Array, right: Array, length: int) -> Array:
 INSTANTS = 600
 """Instants of one recording at which beginnings are looked for, at most: 0.1 s in a minute."""
 
-CLOSER = 6000
-"""Instants of one recording at which what was found there is located: 4 ms in 24 s."""
-
 SHORTEST = 25
 """Blocks between two of them, at least: 0.1 s, the error that is allowed of an instant."""
+
+NEAR = 10
+"""Blocks about the likeliest instants in which each sample's stamp is tried."""
+
+MANY = 50
+"""Blocks among which an instant may lie from which its samples are not told apart."""
 
 TEMPERATURE = 2.0
 """Of log-likelihoods of instants, as of hypotheses: noise and form are not quite as modelled."""
@@ -252,9 +254,7 @@ def screen_change_points(now: JointFit, comparison: ModelComparison, found: Sequ
                         len(h.atoms))], recording):
                     if h.name not in best or one.evidence > best[h.name].evidence:
                         best[h.name] = one
-        gates = _located(alone, beside, explained.null_prior, best)
-        parts = [for_a_part(model, one.hypothesis, gates[n], one.times)
-                 for n, one in best.items()]
+        parts = [for_a_part(model, one.hypothesis, one.gate, one.times) for one in best.values()]
         for t in comparison.screen(parts) if parts else ():
             name = t.effect.name
             if name not in out or t.evidence > out[name].evidence:
@@ -263,42 +263,12 @@ def screen_change_points(now: JointFit, comparison: ModelComparison, found: Sequ
 
 
 class _Change(NamedTuple):
-    """
-    A hypothesis at one start, when it may begin or end, and at how many times that was tried.
-
-    Attributes
-    ----------
-    x : ndarray, shape (k,)
-        Coefficients of its columns.
-    near : float
-        By how much the instant may be off [s].
-    """
+    """A hypothesis at one start, when it may begin or end, and how many times were tried."""
 
     evidence: float
     hypothesis: Hypothesis
     gate: Gate
     times: int
-    x: Array
-    near: float
-
-
-def _located(model: LinearisedModel, beside: Sequence[Sequence[Column]], prior: Prior,
-             changes: Mapping[str, _Change]) -> dict[str, Gate]:
-    """Find the instants more closely, each effect as large as it was found; return the gates."""
-    gates = {name: one.gate for name, one in changes.items()}
-    for i in {gate.recording for gate in gates.values()}:
-        own = {name: one for name, one in changes.items() if one.gate.recording == i}
-        added = [[column(combined(one.hypothesis.atoms[0].columns[k], one.x, len(r)), model.level)
-                  for one in own.values()] for k, r in enumerate(model.residuals)]
-        length = -(-len(model.residuals[i]) // CLOSER)
-        close = Instants(model, beside, prior, added, model.residuals, i, length)
-        t = model.datasets[i].measured.start + BLOCK * close.blocks
-        for j, (name, one) in enumerate(own.items()):
-            evidence = close.fits([j], one.gate.begin is None, one.gate.elsewhere).evidence
-            assert one.gate.instant is not None
-            evidence = np.where(np.abs(t - one.gate.instant) <= one.near, evidence, -np.inf)
-            gates[name] = one.gate.moved_to(float(t[np.argmax(evidence)]))
-    return gates
 
 
 def _changes(model: LinearisedModel, instants: Instants, h: Hypothesis,
@@ -317,8 +287,7 @@ def _changes(model: LinearisedModel, instants: Instants, h: Hypothesis,
                 gate = (Gate(recording, None, at, elsewhere) if ends
                         else Gate(recording, at, None, elsewhere))
                 out.append(_Change(float(evidence[b]), h._replace(atoms=(atom,)), gate,
-                                   2 * len(evidence) * len(h.atoms), x[b],
-                                   BLOCK * instants.length))
+                                   2 * len(evidence) * len(h.atoms)))
     return out
 
 
@@ -340,7 +309,7 @@ def _possible(h: Hypothesis, atom: Atom, theta: Array) -> Array:
 
 def instant_of(now: JointFit, name: str) -> Instant | None:
     """
-    Find the instant at which an accepted effect begins or ends, to a block.
+    Find the instant at which an accepted effect begins or ends, to a sample where that shows.
 
     Parameters
     ----------
@@ -358,12 +327,14 @@ def instant_of(now: JointFit, name: str) -> Instant | None:
     residuals = [r - p for r, p in zip(residuals, predicted)]
     explained = now._replace(jacobians=[j for j in now.jacobians if j.name != name]).explained()
     beside = [[*own, *more] for own, more in zip(model.jacobian, explained.extra)]
-    i = gate.recording
-    found = Instants(model, beside, explained.null_prior, [[c] for c in added], residuals, i, 1)
-    evidence = found.fits([0], gate.begin is None, gate.elsewhere).evidence
-    t = model.datasets[i].measured.start + BLOCK * found.blocks
+    i, one = gate.recording, model.datasets[gate.recording].measured
+    coarse = Instants(model, beside, explained.null_prior, [[c] for c in added], residuals, i, 1)
+    evidence = coarse.fits([0], gate.begin is None, gate.elsewhere).evidence
+    t = one.start + BLOCK * coarse.blocks
     low, at, high = interval(evidence, TEMPERATURE)
-    return Instant(float(t[at]), float(t[low]) - BLOCK, float(t[high]) + BLOCK)
+    closer = None if high - low > MANY else _to_a_sample(
+        model, gate, added[i], residuals[i], t[low], t[high])
+    return closer or Instant(float(t[at]), float(t[low]), float(t[high]))
 
 
 def _dense(one: Column, n: int) -> Array:
@@ -371,6 +342,33 @@ def _dense(one: Column, n: int) -> Array:
     for c, rows in one.items():
         out[:, c] = rows.values()
     return out
+
+
+def _to_a_sample(model: LinearisedModel, gate: Gate, added: Column, residual: Array, low: float,
+                 high: float) -> Instant | None:
+    """Try the stamp of each sample between two instants; nothing where there is none."""
+    measured, noise = model.datasets[gate.recording].measured, model.noise[gate.recording]
+    signals = {c: one.values() for c, one in added.items()}
+    most = max(signals, key=lambda c: float(np.ptp(signals[c]) / model.level[c]))
+    stream = CHANNELS[most].stream
+    t = measured.times(stream)
+    near = np.flatnonzero((t > low - BLOCK * NEAR) & (t < high + BLOCK * NEAR))
+    near = near[near > 0]
+    if not len(near):
+        return None
+    acts = np.stack([measured.since(stream, s) for s in t[near]])
+    if gate.begin is None:
+        acts = 1.0 - acts
+    slices = STREAM_SLICES[stream]
+    product_, square = np.zeros(len(near)), np.full(len(near), 1e-12)
+    for c in (c for c in signals if slices.start <= c < slices.stop):
+        white = noise.whiten(np.concatenate([residual[np.newaxis, :, c], acts * signals[c]]), c)
+        product_ += white[1:] @ white[0]
+        square += np.sum(white[1:] ** 2, axis=1)
+    # its size is known from all of the recording: only where it begins or ends is asked
+    first, best, last = interval(product_ - 0.5 * square, TEMPERATURE)
+    before, at = t[near - 1], t[near]
+    return Instant(float(0.5 * (before[best] + at[best])), float(before[first]), float(at[last]))
 
 
 def moved(model: LinearisedModel, name: str, instant: Instant) -> LinearisedModel:

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.estimation import BLOCKS, robust_fit
 from forcecal_ros.core.geometry import Array, skew
+from forcecal_ros.core.quantity import quantity
 from forcecal_ros.core.streams import Recording
 from forcecal_ros.diagnose.judge.judgement import listed_once, weighed
 from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter, UNTOLD
@@ -75,21 +76,9 @@ TILT = 0.1
 ONE_WAY = 0.8
 """Cosine up to which forces are of one flat surface: 37 deg, a friction of 0.75."""
 
-SEEN = 0.05
-"""Share of the largest singular value from which a coordinate of the touching point is used."""
-
 UNFOLLOWED, ROUGH_M = 0.45, 2e-4
 """RMS of the depth, in its scatter and in metres [m], that a law may leave: 80 % of the variance,
 or the noise of poses where a force is held."""
-
-TURNS = 10
-"""Parts of the robot's contact, every other one of which is held out."""
-
-WHOLE = 0.9
-"""Explained part from which nothing else is sought."""
-
-UNSHOWN = 1e6
-"""Variance of what a recording does not show."""
 
 WHOSE = ('robot', 'simulation')
 """The two recordings."""
@@ -162,7 +151,7 @@ def touching_of_robot(recording: Recording, simulation: RecordedSimulation, tool
         fit = fit_surface([touch_of_robot(recording, simulation, tool, own)], 0.0)[1]
     except DataError:
         return own & False
-    return own & (0.0 < fit.law[1] < 1.0 / SOFTEST)
+    return np.asarray(own & (0.0 < fit.law[1] < 1.0 / SOFTEST))
 
 
 def touch_of_robot(recording: Recording, simulation: RecordedSimulation, rig: Rig,
@@ -303,7 +292,7 @@ def _fit(rows: _Rows, kept: NDArray[np.bool_]) -> _Fit:
                      prior, blocks, groups=own, channels=1)
     theta = law.theta.copy()
     theta[:3 * m:3] += middle
-    covariance = np.diag(np.full(4 * m, UNSHOWN))
+    covariance = np.diag(np.full(4 * m, 1e6))  # variance of what is not shown
     covariance[:3 * m, :3 * m] = law.covariance[:3 * m, :3 * m]
     friction, scale = np.zeros(m + 2), np.array([law.scale[0, 0], np.inf])
     rubs = np.isfinite(rows.rubbing[kept]).all(axis=(1, 2))
@@ -345,8 +334,9 @@ def fit_surface(touches: Sequence[Touch], rough: float = ROUGH_M) -> tuple[_Rows
         raise DataError('the surfaces push in directions that are '
                         f'{np.degrees(np.arccos(ways[0] @ ways[-1])):.0f} deg apart')
     levers = np.concatenate([-skew(one.force) for one in touches]).reshape(-1, 3)
+    # a coordinate along all forces makes no torque, and no depth either
     point = np.linalg.lstsq(levers, np.concatenate([one.torque for one in touches]).ravel(),
-                            rcond=SEEN)[0]
+                            rcond=0.05)[0]
     normal = ways[0] + ways[-1]
     for _ in range(3):
         normal = normal / np.linalg.norm(normal)
@@ -402,11 +392,13 @@ class Contact(NamedTuple):
         for i, (name, unit) in enumerate(zip(QUANTITIES, UNITS)):
             if self.why_not or name in self.untold:
                 continue
-            each = [f'{value:.4g} +- {std:.1g} {unit}'.rstrip() for value, std in zip(
-                self.numbers[:, i], self.std[:, i])]
-            yield f'{name}: robot {each[0]}, simulated {each[1]}' if unit != 'm' else (
-                f"{name}: the robot's is {1e3 * (self.numbers[0, i] - self.numbers[1, i]):+.3g} mm "
-                'further the way the tool pushes')
+            values, std = self.numbers[:, i], self.std[:, i]
+            if unit == 'm':
+                apart = quantity(values[0] - values[1], float(np.hypot(*std)), unit, signed=True)
+                yield f"{name}: the robot's is {apart} further the way the tool pushes"
+            else:
+                robot, simulated = (quantity(*each, unit).strip() for each in zip(values, std))
+                yield f'{name}: robot {robot}, simulated {simulated}'
 
     def document(self) -> dict[str, Any]:
         """Return what ``diagnosis.json`` holds of it."""
@@ -442,8 +434,9 @@ def _propagated(function: Callable[[Array], Array], x: Array, covariance: Array
 
 def joined(touches: Sequence[Touch]) -> Touch:
     """Join the contact of several recordings; the delay is that of the first."""
-    parts = (np.concatenate(rows) for rows in zip(*(one[:-1] for one in touches)))
-    return Touch(*parts, touches[0].delay)
+    force, torque, position, velocity, R, omega = (
+        np.concatenate(rows) for rows in zip(*(one[:-1] for one in touches)))
+    return Touch(force, torque, position, velocity, R, omega, touches[0].delay)
 
 
 def compare_contact(robot: Touch, simulated: Touch, spreads: NominalTolerances,
@@ -482,7 +475,7 @@ def compare_contact(robot: Touch, simulated: Touch, spreads: NominalTolerances,
         scatter[np.ix_(told, told)] + np.diag(spread[told] ** 2), wide[told])
     explained = _explained(rows, [name in features for name in QUANTITIES], delays)
     probabilities, candidates = weighed(selection._replace(
-        features=features, alternatives=others, nearest={}), explained < WHOLE, explained)
+        features=features, alternatives=others, nearest={}), explained < 0.9, explained)
     effects = tuple(
         NamedEffect(name, {q.name: Parameter(float(value), float(error), q.unit)},
                     probabilities[name])
@@ -531,8 +524,9 @@ def _weighed_together(names: Sequence[str], change: Array, scatter: Array, wide:
 def _explained(rows: _Rows, named: Sequence[bool], delays: Array) -> float:
     """Return how much of the robot's held-out difference from the simulated law goes away."""
     robot, before, after = rows.own == 0, 0.0, 0.0
+    # every other tenth of the robot's contact is held out
     for half in (0, 1):
-        held = robot & (np.arange(len(robot)) * TURNS // robot.sum() % 2 == half)
+        held = robot & (np.arange(len(robot)) * 10 // robot.sum() % 2 == half)
         fit = _fit(rows, ~held)
         own, simulated = _numbers(np.concatenate([fit.law[:6], fit.friction[:2], delays]))
         least, some, none = (_energy(rows, fit, numbers, delays[0], held) for numbers in (
@@ -554,11 +548,15 @@ def _energy(rows: _Rows, fit: _Fit, numbers: Array, delay: float, held: NDArray[
 def with_contact(diagnosis: Diagnosis, contact: Contact) -> Diagnosis:
     """Add to a diagnosis of free motion how contact differs."""
     d, both = diagnosis, f'{contact.seconds[0]:.1f} s of contact'
+    if contact.why_not and not contact.one_sided:
+        return replace(d, reason=f'{d.reason}; contact is not compared: {contact.why_not}')
     if contact.why_not:
-        one = contact.one_sided
-        verdicts = {'no_gap': 'unknown', 'identified': 'partial'} if one else {}
-        note = contact.why_not if one else f'contact is not compared: {contact.why_not}'
-        return replace(d, verdict=verdicts.get(d.verdict, d.verdict), reason=f'{d.reason}; {note}')
+        verdict = {'no_gap': 'unknown', 'identified': 'partial'}.get(d.verdict, d.verdict)
+        unknown = verdict == 'unknown'
+        return replace(
+            d, verdict=verdict, reason=f'{contact.why_not}; in free motion {d.reason}',
+            effects=(NamedEffect(UNKNOWN, {}, 1.0),) if unknown else d.effects,
+            candidates=((UNKNOWN, 1.0),) if unknown and not d.candidates else d.candidates)
     untold = f' ({", ".join(contact.untold)}: not identifiable)' if contact.untold else ''
     named = [e for e in contact.effects if e.probability > NAMED]
     if not named:

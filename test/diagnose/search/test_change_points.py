@@ -7,7 +7,10 @@ from types import SimpleNamespace
 from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
+from forcecal_ros.diagnose.model.compact import Compact
+from forcecal_ros.diagnose.model.gates import Gate
 from forcecal_ros.diagnose.result import Diagnosis, load_diagnosis, to_document
+from forcecal_ros.diagnose.search.change_points import _to_a_sample
 from forcecal_ros.diagnose.search.posterior import _further_step
 from forcecal_ros.diagnose.sources.rig import RigSource
 from forcecal_ros.effects import with_effects
@@ -88,6 +91,15 @@ def test_an_instant_is_written_and_read_again(tmp_path):
     file = tmp_path / 'diagnosis.json'
     file.write_text(json.dumps(document))
     assert load_diagnosis(file)[0].effects[0].end == 4.5
+
+
+def test_where_no_sample_is_near_an_instant_stays_as_coarse_as_its_blocks():
+    ended = SimpleNamespace(times=lambda stream: np.arange(0.0, 10.0, 0.008))
+    model = SimpleNamespace(datasets=[SimpleNamespace(measured=ended)], noise=[None],
+                            level=np.ones(len(CHANNELS)))
+    gate = Gate(0, begin=20.0)
+    added = {6: Compact.of(np.array([0.0, 1.0]))}
+    assert _to_a_sample(model, gate, added, None, 20.0, 20.1) is None
 
 
 def test_a_further_step_of_the_bias_takes_the_name_that_is_free():
