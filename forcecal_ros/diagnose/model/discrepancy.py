@@ -181,9 +181,9 @@ class WhitenedDiscrepancy:
         key, factors = (c, training, size), self._known.factors
         if key not in factors:
             if (flat := (c, training, np.inf)) not in factors:
-                factors[flat] = sum(
+                factors[flat] = np.sum([
                     _square(rows, train if training else np.ones_like(train))
-                    for rows, train in zip(self.modes(c).rows, self.train))
+                    for rows, train in zip(self.modes(c).rows, self.train)], axis=0)
             information = factors[flat]
             factors[key] = _factor(information + np.eye(len(information)) / size ** 2)
         return factors[key]
@@ -230,8 +230,9 @@ class WhitenedDiscrepancy:
             Mean square over the held-out blocks.
         """
         out = np.zeros(len(CHANNELS))
-        gram = sum(_square(rows, ~train) for rows, train in zip(self.basis.rows, self.train))
-        gram /= max(1, sum(int((~train).sum()) for train in self.train))
+        gram = np.sum([_square(rows, ~train) for rows, train in zip(
+            self.basis.rows, self.train)], axis=0) / max(
+                1, sum(int((~train).sum()) for train in self.train))
         for c, size in sizes.items():
             if size:
                 weights = self.modes(c).weights

@@ -151,7 +151,7 @@ class _Table:
         likely = list(dict.fromkeys(t.effect.name for t in screened if t.evidence > WORTH))
         parts = [_renamed(h, step) for h in self.parts.values()
                  if h.name == BIAS.name
-                 or h.name in likely[:2 * REFINED] and not h.effect.begins_anew]
+                 or (h.name in likely[:2 * REFINED] and not h.effect.begins_anew)]
         found: dict[str, Candidate] = {}
         for some in ([t for t in screened if t.gate is None], [t for t in screened if t.gate],
                      screen_change_points(now, comparison, parts)):
