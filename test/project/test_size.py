@@ -13,7 +13,7 @@ BUDGETS = {
     'nodes': 3795, 'observe': 3025, 'report': 1595, 'rig_fit': 530, 'sim': 2885}
 """Code lines; less is better: lower a number with the code."""
 
-MOST_FILES, MOST_CONSTANTS = 256, 598
+MOST_FILES, MOST_CONSTANTS = 256, 594
 """Of the whole package; a constant is a number bound to an upper-case name of a module."""
 
 FILES = sorted(PACKAGE.rglob('*.py'))
