@@ -11,6 +11,7 @@ from typing import Any
 from forcecal_ros.sim.protocol import Inputs, Parameter
 import numpy as np
 from pydrake.all import MultibodyPlant, Parser, PdControllerGains, Simulator
+from scipy.interpolate import CubicSpline
 
 MODEL = files('forcecal_ros') / 'config' / 'examples' / 'rigid_arm.xml'
 STEP_S, SAMPLE_S, REST_S = 0.002, 0.004, 1.0  # the robot rests when the recording begins
@@ -41,12 +42,12 @@ class DrakeArm:
         gripper.SetMass(context, parameters['payload'])
         weld = int(plant.GetJointByName('wrist_3_welds_to_gripper').index())
         target = plant.get_desired_state_input_port(instance)
-        commands = inputs.joints.values[:, [inputs.joints.names.index(name) for name in names]]
-        plant.SetPositions(context, commands[0])
+        order = [inputs.joints.names.index(name) for name in names]
+        commands = CubicSpline(inputs.joints.t, inputs.joints.values[:, order])
+        plant.SetPositions(context, commands(inputs.start))
         times, wrench, pose = np.arange(inputs.start, inputs.end, SAMPLE_S), [], []
         for t in times:
-            now = np.searchsorted(inputs.joints.t, t, side='right') - 1
-            target.FixValue(context, [*commands[max(0, now)], *np.zeros(len(names))])
+            target.FixValue(context, [*commands(t), *commands(t, 1)])
             simulator.AdvanceTo(REST_S + t - inputs.start)
             force = plant.get_reaction_forces_output_port().Eval(context)[weld]
             X = gripper.EvalPoseInWorld(context)
