@@ -27,6 +27,8 @@ class Plain(NamedTuple):
     gain, gain_aligned : float
         Eq. 17 as printed; with the noise of the regressor (errors in variables) and the delay
         between the sensors taken out [V/(m/s^2)].
+    operations : float
+        Eq. 20.
     """
 
     mass: float
@@ -34,6 +36,7 @@ class Plain(NamedTuple):
     offset: float
     gain: float
     gain_aligned: float
+    operations: float
 
 
 class Alignment(NamedTuple):
@@ -62,7 +65,7 @@ def plain_procedure(recording: Recording, poses: list[StaticPose], gravity: floa
     upright = [abs(p.R_base_sensor[2, 0]) for p in poses]
     h, v = int(np.argmax(upright)), _level_pose(recording, poses, step)
     if upright[h] < _VERTICAL or upright[v] > _HORIZONTAL:
-        return Plain(nan, nan, nan, nan, nan)
+        return Plain(nan, nan, nan, nan, nan, nan)
     assert recording.wrench is not None
     u_h, u_v = (-float(window_mean(recording.wrench, poses[i].start, poses[i].end)[0])
                 for i in (h, v))
@@ -76,7 +79,11 @@ def plain_procedure(recording: Recording, poses: list[StaticPose], gravity: floa
             offset = float(plain_offset(at_v)[alignment.axis])
         if step is not None:
             gains = _gains(recording, step, alignment, offset, u_v, mass)
-    return Plain(mass, mass_theta, offset, *gains)
+    operations = nan
+    if step is not None:
+        operations = operation_count((poses[h].start, poses[h].end, poses[v].start, poses[v].end,
+                                      poses[v].end + step[1] - step[0]), recording.wrench.rate)
+    return Plain(mass, mass_theta, offset, *gains, operations)
 
 
 def _level_pose(recording: Recording, poses: list[StaticPose],

@@ -11,6 +11,7 @@ from forcecal_ros.calibrate.accelerometer import (
     identify_static_accelerometer,
 )
 from forcecal_ros.calibrate.by_motion import calibrate_by_motion
+from forcecal_ros.calibrate.findings import Finding
 from forcecal_ros.calibrate.joint import (
     blocks_of,
     joint_fit,
@@ -59,7 +60,7 @@ from forcecal_ros.calibrate.tool import identify_tool, tool_of_motion
 from forcecal_ros.checks.accelerometer import refuse_on_another_link, refuse_other_unit
 from forcecal_ros.checks.entry import checked
 from forcecal_ros.checks.hypotheses import judge, refuse_late_accelerometer, slight_misfit
-from forcecal_ros.checks.messages import Doubt, Stated
+from forcecal_ros.checks.messages import EstimateWarning, Stated
 from forcecal_ros.checks.signals import clipped
 from forcecal_ros.core.axes import (
     DOWN,
@@ -85,6 +86,9 @@ not identified."""
 
 MAX_COM_STD = 0.1
 """Standard error from which a centre of mass is not identified [m]: the size of tools."""
+
+MAX_DELAY_STD = 2e-3
+"""Standard error from which a delay is not identified [s]: a sample of a sensor at 500 Hz."""
 
 
 def identify(recording: Recording, settings: IdentificationSettings = IdentificationSettings()
@@ -143,13 +147,16 @@ def identify(recording: Recording, settings: IdentificationSettings = Identifica
                     warnings)
 
 
-def _natural(calibration: Calibration, warnings: Sequence[str]) -> Calibration:
+def _natural(calibration: Calibration, warnings: Sequence[Finding]) -> Calibration:
     """Refuse what no tool can be; leave out an inertia that no body has; add warnings."""
     refuse_unnatural(calibration)
-    calibration.quality['warnings'][:0] = warnings
+    quality = calibration.quality
+    quality['warnings'][:0] = [one.line for one in warnings]
+    quality['suspect'].extend(key for one in warnings for key in one.suspect
+                              if key not in quality['suspect'])
     if not (no_body := unnatural_inertia(calibration)):
         return calibration
-    calibration.quality['warnings'].append(no_body)
+    quality['warnings'].append(no_body)
     return replace(calibration, inertia=None)
 
 
@@ -278,7 +285,7 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
     if not shows or not np.sqrt(np.diag(tool.covariance)[4:7].max()) < MAX_COM_STD:
         check_poses(statics.gravity, settings.thresholds.condition)
     late = (-joint.delay, joint.delay_std)
-    known = moves and joint.delay_std < 10 * settings.thresholds.delay
+    known = moves and joint.delay_std < MAX_DELAY_STD
     return Stages(recording, removed, poses, statics, tool, sag, ring,
                   fit_accelerometer(recording, settings, joint, poses, slide),
                   inertia_of(joint) if moves else None, late if known else None, joint,
@@ -342,12 +349,12 @@ def fit_accelerometer(recording: Recording, settings: IdentificationSettings, jo
     C = fit.covariance.copy()
     C[12, 12] += joint.covariance[16, 16]
     late = fit.delay - joint.delay
-    known = np.sqrt(C[12, 12]) < 10 * settings.thresholds.delay
+    known = np.sqrt(C[12, 12]) < MAX_DELAY_STD
     return fit._replace(delay=late if known else np.nan, covariance=C)
 
 
 def _judged(recording: Recording, settings: IdentificationSettings
-            ) -> tuple[Recording, tuple[str, ...], str]:
+            ) -> tuple[Recording, list[Finding], str]:
     """Refuse what another hypothesis explains better; return warnings, and a slight misfit."""
     level = level_from_base(settings.gravity_direction)
     down = DOWN if level is None else level.T @ DOWN
@@ -357,9 +364,11 @@ def _judged(recording: Recording, settings: IdentificationSettings
     if settings.coupling == 'dc':
         refuse_late_accelerometer(judged, settings.gravity * down)
     found = judge(judged, settings.gravity * down, stated)
-    notes = [one for one in found if not isinstance(one, Doubt)]  # as a delay, which is estimated
-    return (replace(recording, notes=(*recording.notes, *notes)),
-            tuple(str(one) for one in found if isinstance(one, Doubt)),
+    warnings = [Finding(str(one), one.suspect) for one in found
+                if isinstance(one, EstimateWarning)]
+    # of what is estimated as well, as a delay
+    notes = [one for one in found if not isinstance(one, EstimateWarning)]
+    return (replace(recording, notes=(*recording.notes, *notes)), warnings,
             slight_misfit(judged, settings.gravity * down, stated))
 
 

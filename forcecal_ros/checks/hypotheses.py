@@ -33,7 +33,7 @@ from forcecal_ros.checks.evidence import (
     on_grid,
     STEP_S,
 )
-from forcecal_ros.checks.messages import Doubt, SLIGHT, Stated
+from forcecal_ros.checks.messages import EstimateWarning, SLIGHT, Stated
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import (
     Array,
@@ -497,7 +497,7 @@ def _other_point(fit: Explained, recording: Recording, known: Known | None) -> s
         f'{1e3 * np.linalg.norm(off):.0f} mm; calibrate {"again " * bool(known)}with '
         f'--sensor-from-pose {_sensor_at(recording, -off)}, which puts the sensor there')
     # without a known tool it may be the inertia that is wrong, as where a tool slides unseen
-    return message if known else Doubt(f'{message}; suspect: com')
+    return message if known else EstimateWarning(message, 'com')
 
 
 def torque_units_of(shown: Array, com: Array, cov: Array, shown_cov: Array,

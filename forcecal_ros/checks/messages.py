@@ -58,10 +58,23 @@ FIXED = {
 """Cause and remedy of hypotheses that have no numbers of their own."""
 
 
-class Doubt(str):
-    """A note that calls estimates into question; others state what was estimated besides."""
+class EstimateWarning(str):  # noqa: SLOT000 - it has an attribute
+    """
+    A note that calls estimates into question.
 
-    __slots__ = ()
+    Attributes
+    ----------
+    suspect : tuple of str
+        Keys of these estimates in a calibration.
+    """
+
+    suspect: tuple[str, ...]
+
+    def __new__(cls, text: str, *suspect: str) -> 'EstimateWarning':
+        """Return a text that knows what it calls into question."""
+        self = super().__new__(cls, text)
+        self.suspect = suspect
+        return self
 
 
 class Stated(NamedTuple):

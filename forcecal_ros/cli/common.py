@@ -192,8 +192,7 @@ def or_nearest(word: str, names: Collection[str]) -> str:
     """Return what follows a word that is not a name: the name that may have been meant."""
     from difflib import get_close_matches
 
-    # share of letters that a wrong word has in common with what may have been
-    # meant
+    # share of letters that a wrong word has in common with what may have been meant
     near = [name for name in names if word and name.startswith(word)] or get_close_matches(
         word, list(names), 1, 0.75)
     return f' (did you mean {near[0]}?)' if near else ''

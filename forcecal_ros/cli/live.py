@@ -65,8 +65,7 @@ def _wrench_is_published(args: argparse.Namespace) -> bool:
     place = args.namespace.strip('/')
     with temporary_node('live') as ros:
         name = args.wrench if args.wrench.startswith('/') else f'/{place}/{args.wrench}'
-        # time in which a robot that is there is found [s]: some ten times what discovery
-        # takes
+        # time in which a robot that is there is found [s]: some ten times what discovery takes
         end = time.monotonic() + 3.0
         while time.monotonic() < end and not ros.interrupted:
             if ros.node.count_publishers(name.replace('//', '/')):

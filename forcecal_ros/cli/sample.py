@@ -251,8 +251,7 @@ def _shaken(args: argparse.Namespace) -> int:
     rig, folder = load_rig(), Path(args.output)
     warn_if_compiling(waits_for_compiler(), 'the simulator')
     R, period = rig.home.R_base_sensor, rig.robot.period
-    # length of the recording that is shaken [s]: enough for the model to choose its order
-    # by
+    # length of the recording that is shaken [s]: enough for the model to choose its order by
     along_x = excitation_commands(30.0, period, seed=args.seed)
     t = np.arange(len(along_x), dtype=float) * period
     recording = simulate(rig, PoseStream(

@@ -27,7 +27,7 @@ from forcecal_ros.diagnose.judge.named_effects import (
     from_checks,
     in_time,
     NamedEffect,
-    untold,
+    not_identified,
 )
 from forcecal_ros.diagnose.judge.residual_summary import (
     lines_of,
@@ -213,7 +213,7 @@ def _say(model: LinearisedModel, found: Posterior, judged: Judged, checks: Check
         + missing_streams(final.datasets[0].recording) + unjudged(model)
     within = (judged.part.within,) if judged.part.within and word != 'no_gap' else ()
     notes = (*checks.notes, *judged.summary.notes, *within,
-             *(note for a in found.accepted for note in untold(final, a)), *judged.ties)
+             *(note for a in found.accepted for note in not_identified(final, a)), *judged.ties)
     return Diagnosis(
         word, sentence, judged.effects, tuple(judged.candidates), gap=judged.gap, notes=notes,
         earlier=found.earlier())

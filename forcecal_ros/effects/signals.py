@@ -146,8 +146,7 @@ class Hysteresis:
 
     def __init__(self, height: float, width: float, softness: float = 0.0) -> None:
         self._ratio, self._width = height / width, width
-        # softness up to which a hysteresis counts as elasto-plastic: exponents of 50 and
-        # more
+        # softness up to which a hysteresis counts as elasto-plastic: exponents of 50 and more
         self._exponent = 1.0 / softness if softness > 0.02 else 0.0
         self._last: Array | None = None
         self(np.zeros((1, 1)))  # compiles, before it is needed in real time

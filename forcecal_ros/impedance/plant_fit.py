@@ -316,8 +316,7 @@ def identify_robot(command: Array, position: Array, period: float, *,
                         f"tell the robot's model; record {min_samples} or more that move it")
     # held out: last share of a recording, not fitted: it chooses the order and judges the model
     held_out = slice(round(n * 2.0 / 3.0), n)
-    # start of a recording in which errors do not count, since the robot may have
-    # moved before [s]
+    # start of a recording in which errors do not count, since the robot may have moved before [s]
     used = slice(round(0.25 / period), held_out.start)
     candidates = [min((judged(
         fit_output_error(command, position, order, delay, used), order, command, position,
@@ -370,8 +369,8 @@ def cancelling_pairs(robot: Robot) -> tuple[Pair, ...]:
         if len(robot.zeros):
             zero = min(robot.zeros, key=lambda z: abs(z - pole))
             effect = float(abs(pole - zero) / (1.0 - abs(pole)))
-            # a pole and a zero nearly cancel where they change the frequency response
-            # by less, relatively
+            # a pole and a zero nearly cancel where they change the frequency
+            # response by less, relatively
             if effect < 0.05:
                 pairs.append(Pair(complex(pole), complex(zero), effect))
     return tuple(pairs)

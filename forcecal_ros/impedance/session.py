@@ -406,8 +406,7 @@ class Session:
                 goal = max(goal, min(here, 0.0))
             if goal < here:
                 self._withdrawn, self._time = measured, 0.0
-                # duration of each slow withdrawal after a stop, while the tool
-                # still presses [s]
+                # duration of each slow withdrawal after a stop, while the tool still presses [s]
                 self._stop = Withdrawal(self._motion, goal, 0.25)
                 return
         self._stop = None
@@ -417,8 +416,7 @@ class Session:
         """Say whether the tool touches, or may do so by a force that comes late."""
         touches = -measured.force > self._bounds.touch
         if self._withdrawn is None:
-            # displacement beyond which the tool counts as pressed in, for
-            # any force [m]
+            # displacement beyond which the tool counts as pressed in, for any force [m]
             return touches or self._pressed or measured.slide < -5e-4
         # the very same numbers again are those of sensors that fell silent
         return touches and measured != self._withdrawn

@@ -94,8 +94,8 @@ class Channel:
         # fewer than 20 changes show no habit
         if len(same) >= 20:
             usual = same[-3]
-            # readings at rest that repeat for so many times as long as they use to
-            # are frozen: live, a false alarm ends a motion, a miss is found in the recording
+            # readings at rest that repeat for so many times as long as they use to are frozen:
+            # live, a false alarm ends a motion, a miss is found in the recording
             self.rest_timeout = max(shortest, 5.0 * usual)
 
     @property
@@ -298,8 +298,8 @@ class Monitor:
     def _check_speed(self, channel: Channel) -> None:
         now, values = channel.recent[-1]
         for stamp, before in reversed(channel.recent):
-            # measured speeds are difference quotients over at least that long: ten
-            # poses at 250 Hz [s]
+            # measured speeds are difference quotients over at least that
+            # long: ten poses at 250 Hz [s]
             if now - stamp >= 0.04:
                 break
         else:
@@ -319,8 +319,8 @@ class Monitor:
 
     def _check_changes(self, channel: Channel) -> None:
         """Check acceleration and jerk by difference quotients of the newest positions."""
-        # measured accelerations and jerks are difference quotients of positions
-        # that far apart: five poses at 250 Hz, whose noise they would amplify otherwise [s]
+        # measured accelerations and jerks are difference quotients of positions that far apart:
+        # five poses at 250 Hz, whose noise they would amplify otherwise [s]
         spaced = channel.spaced(0.02, 4)
         if len(spaced) < 4:
             return
@@ -521,8 +521,8 @@ class Monitor:
                 (now[3:], target[3:], angle_between(pose.values[3:], seen[3:]),
                  POSITIONING_ERROR[1], 'rad')):
             way = distance_between(a, b) if unit == 'm' else angle_between(a, b)
-            # a robot that has done this share of the commanded motion has arrived: its
-            # gain may be below 1
+            # a robot that has done this share of the commanded motion has
+            # arrived: its gain may be below 1
             if done < 0.9 * way - error:
                 return (f'{pose.topic}: has done {done:.3g} of the {way:.3g} {unit} that it '
                         'was commanded')

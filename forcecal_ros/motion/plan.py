@@ -311,8 +311,8 @@ def _sweeps(home: Goal, away: Goal, timing: Timing) -> list[Segment]:
     for i, axis in enumerate('xyz'):
         out += timing.sweeps * _moves(axis, home, i, timing.amplitude, sweep)
     for i, axis in (1, 'y'), (2, 'z'):
-        # distance [m] and duration [s] of moves at 18 Hz to 25 Hz, which tell a delay from
-        # a low-pass
+        # distance [m] and duration [s] of moves at 18 Hz to 25 Hz, which
+        # tell a delay from a low-pass
         for one in ((4e-4, 0.028), (3e-4, 0.024), (1.8e-4, 0.020)):
             out += timing.shakes * _moves(f'{axis} quickly', home, i, timing.amplitude, (one,))
     for i, axis in enumerate('xyz'):
@@ -337,8 +337,8 @@ def _reversals(home: Goal, away: Goal, amplitude: float) -> list[Segment]:
         return 2 * _out_and_back('reverse', 'joints', home,
                                  _between(home, away, 0.5 * amplitude), 3.0)
     out: list[Segment] = []
-    # largest angle [rad] and duration [s] of the slow rotations about y of ft_sensor, in
-    # both senses, which let gravity pull along x
+    # largest angle [rad] and duration [s] of the slow rotations about y of ft_sensor, in both
+    # senses, which let gravity pull along x
     largest, duration = 0.35, 2.5
     for share in (1.0, -1.0, 0.5, -0.5):
         goal = _rotated(home, 1, share * amplitude * largest)

@@ -328,8 +328,8 @@ class StreamClock:
         if late < 0:
             return 0
         count = late // self.period_ns + 1
-        # commands sent in one go at most, 12 ms of motion at 250 Hz: more would be
-        # a jump to a robot that takes the newest only
+        # commands sent in one go at most, 12 ms of motion at 250 Hz: more would be a jump to a
+        # robot that takes the newest only
         if count > 3:
             slip = (count - 1) * self.period_ns
             self.slipped_ns += slip

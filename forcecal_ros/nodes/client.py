@@ -87,8 +87,7 @@ class Processes:
                 process.send_signal(signal.SIGINT)
         for process in self._running.values():
             try:
-                # time from SIGINT to SIGKILL [s], ten times what a node takes to come
-                # to rest
+                # time from SIGINT to SIGKILL [s], ten times what a node takes to come to rest
                 process.wait(5.0)
             except subprocess.TimeoutExpired:
                 process.kill()
@@ -204,8 +203,8 @@ def ask(ros: TemporaryNode, service: str, patience: float) -> Trigger.Response:
     if not _until(ros, client.service_is_ready, patience):
         raise DataError(f'{service} is not there after {patience:g} s; start its node with '
                         'the same ROS_DOMAIN_ID and --namespace')
-    # from where the service is known here until this client is known there, without
-    # which its answer is lost: three times what Fast DDS waits by itself [s]
+    # from where the service is known here until this client is known there, without which its
+    # answer is lost: three times what Fast DDS waits by itself [s]
     ros.spin(0.3)
     answer = client.call_async(Trigger.Request())
     if not _until(ros, answer.done, patience):

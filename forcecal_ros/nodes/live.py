@@ -61,8 +61,8 @@ class LiveView:
         self._samples: dict[str, list[tuple[float, ...]]] = {name: [] for name in SHOWN}
         self._last: dict[str, int] = {}
         self._topics: dict[str, str] = {}
-        # bins that a page may ask for: half a minute, as long as a person remembers what it
-        # looked like
+        # bins that a page may ask for: half a minute, as long as a person
+        # remembers what it looked like
         self._rows: deque[list[Any]] = deque(maxlen=750)
         self._count, self._phase, self._reason, self._answer = 0, '', '', ''
         self._states: dict[str, tuple[int, DiagnosticStatus]] = {}

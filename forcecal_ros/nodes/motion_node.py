@@ -75,8 +75,8 @@ class MotionNode(ReceivingNode, Generic[SettingsT]):
         self.create_service(Trigger, '~/abort', self._on_abort)
         clock = None if self._simulated else STEADY
         self._timer = self.create_timer(period_ns / SECOND, self._tick, clock=clock)
-        # period of the checks of a simulated clock that drives the motion: a fifth
-        # of the default of ``watch.clock_timeout`` [s]
+        # period of the checks of a simulated clock that drives the motion: a fifth of the default
+        # of ``watch.clock_timeout`` [s]
         self.create_timer(0.02, self._watch_clock, clock=STEADY)
         self.create_timer(1.0, self._report, clock=STEADY)
         self._publish_phase()

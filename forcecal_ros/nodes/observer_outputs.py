@@ -242,8 +242,8 @@ def tool_warning(found: ToolEstimate, in_use: float) -> str:
         return f'tool: may have changed by {by}, or something pushes; turn it to tell'
     if found.state == FROZEN and found.suspected == found.suspected:
         return 'tool: a steady force that is no weight; it is not taken for a tool'
-    # standard errors by which a tracked mass differs from the one in use before it is
-    # called another
+    # standard errors by which a tracked mass differs from the one in use
+    # before it is called another
     if found.state == TRACKING and abs(found.mass - in_use) > max(
             3.0 * found.mass_std, 0.01 * in_use):
         return (f'tool: {quantity(found.mass, found.mass_std, "kg")} are on the sensor, '

@@ -249,9 +249,8 @@ def _spin(node: Node, interrupt: Interrupt) -> None:
 def _come_to_rest(node: Stoppable, executor: Executor) -> None:
     node.stop()
     requested_ns = STEADY.now().nanoseconds
-    # silence of the commands after which a node that received a signal to end no longer
-    # waits to come to rest: five times what a clock that drives the motion may stand
-    # by default [s]
+    # silence of the commands after which a node that received a signal to end no longer waits to
+    # come to rest: five times what a clock that drives the motion may stand by default [s]
     while not node.at_rest and (
             STEADY.now().nanoseconds < max(requested_ns, node.sent_ns) + int(0.5 * 1e9)):
         executor.spin_until_future_complete(Future(), timeout_sec=SIGNAL_CHECK)

@@ -220,8 +220,8 @@ class Sequencer(MotionNode[SequencerSettings]):
             self._stillness = None
             return None
         self._checks += 1
-        # stillness is checked once in so many commands: every 20 ms at 250 Hz,
-        # little against the 0.25 s of its window
+        # stillness is checked once in so many commands: every 20 ms at 250 Hz, little
+        # against the 0.25 s of its window
         if self._stillness is None or self._checks % 5 == 0:
             self._stillness = self._sensors.monitor.stillness()
         return self._stillness

@@ -145,8 +145,8 @@ def settings_of(value: Mapping[str, Any]) -> SequencerSettings:
     watch = replace(section_of(WatchSettings, value, 'watch'), **{
         name: value[f'settle.{name}'] for name in (
             'window', 'factor', 'force_floor', 'torque_floor', 'position_floor')})
-    # latency that sensors may have: settling lasts that much longer than the window of
-    # stillness, so that all readings in it were taken at rest [s]
+    # latency that sensors may have: settling lasts that much longer than the window of stillness,
+    # so that all readings in it were taken at rest [s]
     stream = StreamSettings(
         rate=value['motion.rate'], stop_duration=limits.stop_duration,
         settle_minimum=watch.window + 0.05, settle_timeout=value['settle.timeout'])

@@ -213,8 +213,8 @@ class Sim(ReceivingNode):
         self._wait_ns = round(value['clock.wait'] * 1e9)
         self._latency_ns = round(value['latency'] * 1e9 * self._speed)
         self._period_ns = round(self._rig.robot.period * 1e9)
-        # periods simulated in one tick at most, so that a late node catches up at three
-        # times the speed; its own clock runs no faster than that
+        # periods simulated in one tick at most, so that a late node catches up at three times the
+        # speed; its own clock runs no faster than that
         self._most = max(3, round(2 * self._speed))
         self._ticked = STEADY.now().nanoseconds
         self._own_time = SYSTEM.now().nanoseconds

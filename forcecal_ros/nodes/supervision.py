@@ -196,8 +196,8 @@ class Guard:
         """Return why a start is refused: commands of another node, or no dead-man switch."""
         self.listen()
         steady = self._steady.now().nanoseconds
-        # a start is refused for that long after a command of another node, which
-        # at any usual rate would have sent the next one by then [s]
+        # a start is refused for that long after a command of another node, which at any usual rate
+        # would have sent the next one by then [s]
         if steady - self._other_received < 0.5 * SECOND:
             return f'{self._backend.topic}: another node commands the robot; stop it'
         return self._sensors.deadman.fault(steady)
@@ -212,8 +212,8 @@ class Guard:
         """Return why to abort now; pauses the motion while a sensor is silent or late."""
         steady, now = self._readings()
         silent, self._ticked = (steady - self._ticked) / SECOND, steady
-        # a command stream that was interrupted for longer is not resumed: a stop takes a
-        # tenth of that, so that the robot has come to rest meanwhile [s]
+        # a command stream that was interrupted for longer is not resumed: a stop takes a tenth of
+        # that, so that the robot has come to rest meanwhile [s]
         if moving and silent > 0.5 and not self._simulated:
             return Fault(f'the command stream stalled for {silent:.2f} s; the machine is '
                          'overloaded', at_once=True)
@@ -249,14 +249,14 @@ class Guard:
         if now != self._seen:
             step, elapsed = (now - self._seen) / SECOND, (steady - self._advanced) / SECOND
             self._seen, self._advanced = now, steady
-            # a simulated clock that runs by less than this factor faster than before does
-            # not jump: a busy simulator is slow, and then catches up
+            # a simulated clock that runs by less than this factor faster than before does not
+            # jump: a busy simulator is slow, and then catches up
             usual = CLOCK_JUMP + 3.0 * self._rate * elapsed
-            # least time over which the rate of a simulated clock is taken: that
-            # between two checks [s]
+            # least time over which the rate of a simulated clock is taken:
+            # that between two checks [s]
             rate = step / max(elapsed, 0.02)
-            # factor by which the fastest rate of a simulated clock decays from check
-            # to check: by half in 0.7 s of a check every 20 ms
+            # factor by which the fastest rate of a simulated clock decays from check to check: by
+            # half in 0.7 s of a check every 20 ms
             self._rate = max(self._rate * 0.98, rate) if self._rate < UNKNOWN_RATE else rate
             return None if 0 < step < usual else Fault(
                 f'/clock jumped by {step:.3g} s', at_once=True)

@@ -336,9 +336,8 @@ def opened(belief: Gaussian) -> Gaussian:
     states are the wrench, the next six its biases.
     """
     cov = belief.cov.copy()
-    # at the onset of contact the wrench is held for that many times as uncertain,
-    # in variance, as its bias: then what came up is read as wrench (91 % of it at once), not as
-    # bias
+    # at the onset of contact the wrench is held for that many times as uncertain, in variance, as
+    # its bias: then what came up is read as wrench (91 % of it at once), not as bias
     cov[:6, :6] += 10.0 * cov[6:12, 6:12]
     return Gaussian(belief.mean, cov)
 

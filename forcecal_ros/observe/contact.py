@@ -218,10 +218,9 @@ def updated(before: NoiseLevel, dt: float, e: Vector, scale: Vector) -> NoiseLev
     (mx, my, mz), (ex, ey, ez), (sx, sy, sz) = before.mean, e, scale
     dx, dy, dz = ex - mx, ey - my, ez - mz
     z = (sx * dx * dx + sy * dy * dy + sz * dz * dz) / before.level
-    # time constant: a level of ten is reached in half a second, and left in 1.2 s,
-    # both within two [s]
-    # what a single reading counts for at most: chance exceeds it twice in a thousand
-    # on three axes
+    # time constant: a level of ten is reached in half a second, and left in
+    # 1.2 s, both within two [s]
+    # what a single reading counts for at most: chance exceeds it twice in a thousand on three axes
     level = before.level * exp((min(z, 5.0) - 1) * min(dt / 0.5, 1.0))
     k = 1 - exp(-dt / SMOOTHING_TIME_S)
     # within the lowest and the highest level that is accepted
@@ -231,8 +230,8 @@ def updated(before: NoiseLevel, dt: float, e: Vector, scale: Vector) -> NoiseLev
 
 def accepted(level: float) -> float:
     """Return the level that the gain follows: 1 until it is plainly another."""
-    # from the first level on the noise counts as another one, from the second on
-    # wholly so: noise levels drift by a factor of two on their own
+    # from the first level on the noise counts as another one, from the second on wholly so: noise
+    # levels drift by a factor of two on their own
     low, high = 2.0, 4.0
     if level <= low:
         return 1.0

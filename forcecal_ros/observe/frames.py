@@ -157,8 +157,8 @@ def contact_point(wrench: Array, covariance: Array) -> ContactPoint | None:
     """
     F, T = wrench[:3], wrench[3:]
     squared = float(F @ F)
-    # a force acts somewhere from so many of its standard deviations on; below, its
-    # line of action is noise
+    # a force acts somewhere from so many of its standard deviations on; below,
+    # its line of action is noise
     if not squared > 3.0 ** 2 * float(np.trace(covariance[:3, :3])):
         return None
     p = np.cross(F, T) / squared
@@ -275,9 +275,8 @@ def agreed(given: Placement | None, calibration: Calibration, name: str) -> Plac
     own = mounting_of(calibration.sensor_from_pose or (), f'{name}: sensor.from_pose')
     if given is None or (own is None and 'of' in calibration.source):
         return given or own  # files of other packages do not say whose pose they were made with
-    # two transforms are one where they differ by less: a distance [m], and half
-    # an angle [rad]. Quaternions written with four digits do; 100 N turned by twice that are off
-    # by 0.02 N
+    # two transforms are one where they differ by less: a distance [m], and half an angle [rad].
+    # Quaternions written with four digits do; 100 N turned by twice that are off by 0.02 N
     if _apart(numbers_of(given) or itself, numbers_of(own) or itself) < 1e-4:
         return given
     made = f'sensor.from_pose {_shown(own)}' if own else 'poses of ft_sensor itself'

@@ -98,8 +98,8 @@ def tare(samples: Sequence[ContactSample], model: Model, levels: NoiseLevels,
                         f'has {span:.3f} s and {len(samples)}; wait for the wrench to flow')
     rate = (len(samples) - 1) / span
     bad = [s.status for s in samples if s.status & INVALID]
-    # share of samples that may be missing: what a busy computer was late with
-    # now and then, where a sensor that is silent takes all
+    # share of samples that may be missing: what a busy computer was late with now and then, where
+    # a sensor that is silent takes all
     if len(bad) > 0.1 * len(samples):
         raise DataError(f'cannot tare, {len(bad)} of {len(samples)} samples are not valid: '
                         f'{"; ".join(describe(bad[0]))}')
@@ -134,8 +134,8 @@ def _noise_at_rest(model: Model, levels: NoiseLevels, rate: float) -> Array:
 def _refuse(values: Array, noise: Array, rate: float, what: str, remedy: str) -> None:
     """Raise where a channel scatters, drifts from one end to the other, or has just begun to."""
     n = len(values)
-    # a contact that begins shows in so much of the end of a window, or in its last
-    # sample: some times the rise of a contact, so that few are younger [s]
+    # a contact that begins shows in so much of the end of a window, or in its last sample: some
+    # times the rise of a contact, so that few are younger [s]
     third, last = n // 3, min(max(round(0.1 * rate), 1), n // 3)
     drift = 2 * np.abs(values[-third:].mean(axis=0) - values[:third].mean(axis=0))
     change = np.abs(values[-last:].mean(axis=0) - values[:-last].mean(axis=0))
@@ -143,10 +143,10 @@ def _refuse(values: Array, noise: Array, rate: float, what: str, remedy: str) ->
             (values.std(axis=0), 0.0, 'scatters by'),
             (drift, 2 * np.sqrt(2 / third), 'drifts by'),
             (change, np.sqrt(1 / last + 1 / (n - last)), 'has just changed by')):
-        # motion or contact is what exceeds the noise at rest so many times: noise
-        # levels drift by a factor of two on their own
-        # standard errors by which two means of noise may differ: one tare in a
-        # thousand is refused without a cause at most, on one of its twelve channels
+        # motion or contact is what exceeds the noise at rest so many times: noise levels drift by
+        # a factor of two on their own
+        # standard errors by which two means of noise may differ: one tare in a thousand is refused
+        # without a cause at most, on one of its twelve channels
         allowed = np.hypot(3.0, 4.0 * by_chance) * noise
         worst = int(np.argmax(size / allowed))
         if size[worst] > allowed[worst]:
@@ -221,10 +221,10 @@ def refuse_motion(poses: Sequence[tuple[float, ...]]) -> None:
     distance = float(np.linalg.norm(table[:, :3] - table[0, :3], axis=1).max())
     R = matrix_from_quaternion(table[:, 3:])
     angle = float(np.linalg.norm(rotation_vector(R[0].T @ R), axis=1).max())
-    # a robot that stays within it over the window is at rest: 25 times the scatter
-    # of the nominal rig's poses [m]
-    # a robot that turns by less over the window is at rest: 50 times the scatter of
-    # the nominal rig's poses [rad]
+    # a robot that stays within it over the window is at rest: 25 times the scatter of
+    # the nominal rig's poses [m]
+    # a robot that turns by less over the window is at rest: 50 times the scatter of the
+    # nominal rig's poses [rad]
     if distance > 5e-4 or angle > 1e-3:
         raise DataError(f'tare refused, the robot moves: {distance * 1e3:.2f} mm, '
                         f'{angle * 1e3:.2f} mrad within the window; stop the robot')

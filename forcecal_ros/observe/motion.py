@@ -67,8 +67,8 @@ def track_rotation(state: Rotation, t: float, q: Quaternion, poles: Poles) -> Ro
     wx, wy, wz = wx + h * ax, wy + h * ay, wz + h * az
     predicted = advance_rotation(state.q, wx * dt, wy * dt, wz * dt)
     ex, ey, ez = rotation_between(predicted, q)
-    # an orientation more than 0.3 rad from where it was predicted is no
-    # noise but another motion: the filter starts anew there. Its square [rad^2]
+    # an orientation more than 0.3 rad from where it was predicted is no noise but another motion:
+    # the filter starts anew there. Its square [rad^2]
     if not ex * ex + ey * ey + ez * ez < 0.09:
         return Rotation(t, q, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     k1, k2, k3 = tracking_gains(dt, poles)
@@ -258,14 +258,13 @@ def track_place(
     az -= gravity
     px, py, pz = px + dt * (vx + h * ax), py + dt * (vy + h * ay), pz + dt * (vz + h * az)
     ex, ey, ez = position[0] - px, position[1] - py, position[2] - pz
-    # a pose further than 0.5 m from where it was predicted is no noise but another
-    # place (a robot that was moved, a new base frame): the filter starts anew there.
-    # Its square [m^2]
+    # a pose further than 0.5 m from where it was predicted is no noise but another place (a robot
+    # that was moved, a new base frame): the filter starts anew there. Its square [m^2]
     if not ex * ex + ey * ey + ez * ez < 0.25:
         return Place(t, t, place.run, position, (0.0, 0.0, 0.0), place.o, integral)
     k1, k2, k3 = tracking_gains(dt, poles)
-    # a filter that was just started does not know its velocity, and would take the
-    # error that this makes for an offset: it leaves the offset alone for this long [s]
+    # a filter that was just started does not know its velocity, and would take the error that this
+    # makes for an offset: it leaves the offset alone for this long [s]
     if place.run == NO_RUN or t - place.since > 0.3:
         cx, cy, cz = rotate_back(q, (ex, ey, ez))
         ox, oy, oz = ox - k3 * cx, oy - k3 * cy, oz - k3 * cz

@@ -181,9 +181,8 @@ def _start(calibration: Calibration, floor: Array, settings: PayloadSettings) ->
     to_moment = np.array([1.0, *c])
     cov[12:16, 12:16] = mass_std ** 2 * np.outer(to_moment, to_moment)
     cov[MOMENT, MOMENT] += np.diag((m * com_std) ** 2)
-    # relative difference between mass by accelerations and mass by gravity that
-    # sensors bring along, which is learned in free motion: delays and gains, a fifth on a real
-    # arm
+    # relative difference between mass by accelerations and mass by gravity that sensors bring
+    # along, which is learned in free motion: delays and gains, a fifth on a real arm
     cov[EXCESS, EXCESS] = (0.3 * m) ** 2
     return Gaussian(mean, cov)
 
@@ -194,8 +193,8 @@ def _walk(m: float) -> Array:
     # go unnoticed [1/sqrt(s)]
     mass_walk = 2e-3
     walk = np.zeros(STATES)
-    # wander of the biases: 0.1 N and 0.01 N m in ten minutes, as force sensors warm up
-    # [N/sqrt(s), N m/sqrt(s)]
+    # wander of the biases: 0.1 N and 0.01 N m in ten minutes, as force sensors warm
+    # up [N/sqrt(s), N m/sqrt(s)]
     walk[BIAS] = np.repeat((4e-3, 4e-4), 3)
     walk[MASS], walk[MOMENT] = mass_walk * m, mass_walk * m * REACH_M / 3
     return np.diag(walk ** 2)
@@ -243,8 +242,7 @@ class Block(NamedTuple):
 
 def transition(model: PayloadModel, dt: float) -> tuple[Array, Array]:
     """Return how the states move in ``dt`` [s]: F is forgotten, the others wander."""
-    # time in which errors of weight and inertia become others: that of an arm's
-    # own motion [s]
+    # time in which errors of weight and inertia become others: that of an arm's own motion [s]
     k = exp(-dt / 0.5)
     A, Q = np.eye(STATES), model.walk * dt
     A[WRENCH, WRENCH] *= k
@@ -404,8 +402,8 @@ def _follow(state: PayloadState, block: Block, dt: float, model: PayloadModel) -
     h, touched = measurement(block, model), state.main.contact.assumed
     main = _advance(state.main, block, h, dt, model, learns=not touched)
     if not main.contact.assumed:
-        # blocks in which a contact may have begun before it is noticed: what
-        # was learned in them is forgotten then, half a second
+        # blocks in which a contact may have begun before it is noticed: what was learned in them
+        # is forgotten then, half a second
         return state._replace(main=main, before=(*state.before, main.states)[-10:],
                               change=None)
     if not touched:
@@ -504,8 +502,8 @@ def _is_inert(change: Gaussian, main: Gaussian) -> bool:
 def _is_distinct(change: Gaussian, main: Gaussian) -> bool:
     """Whether accelerations tell a payload of this mass from a push."""
     variance = change.cov[EXCESS, EXCESS] + main.cov[EXCESS, EXCESS]
-    # a push counts as separated from a payload by accelerations where the two
-    # would differ by so many standard errors of the mass that accelerations show
+    # a push counts as separated from a payload by accelerations where the two would differ by so
+    # many standard errors of the mass that accelerations show
     return bool(3.0 * sqrt(variance) < abs(change.mean[MASS] - main.mean[MASS]))
 
 

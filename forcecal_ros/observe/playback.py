@@ -336,8 +336,8 @@ def _between(run: PoseStream) -> PoseStream:
     # a spline needs as many; shorter runs are left as they are
     if len(run) < 4:
         return run
-    # slow poses are interpolated to this period at most, the one that the pose filters
-    # are designed for [s]
+    # slow poses are interpolated to this period at most, the one that the pose
+    # filters are designed for [s]
     parts = np.ceil(np.diff(run.t) / (1 / 250) - 1e-6).astype(int)
     t = np.append(np.concatenate([
         start + (end - start) * np.arange(n) / n

@@ -260,9 +260,8 @@ def follow_gyro(belief: LevelBelief, model: PoseFreeModel, omega: Array | None, 
     Q[MASS, MASS] = imu.payload_walk ** 2 * dt
     tilt = imu.unknown_rate ** 2 * dt
     if omega is not None:
-        # the offset of a gyro is not estimated; it counts as noise that is drawn
-        # anew this often. As white noise, anew at every sample, the same size would turn gravity
-        # by much less [s]
+        # the offset of a gyro is not estimated; it counts as noise that is drawn anew this often.
+        # As white noise, anew at every sample, the same size would turn gravity by much less [s]
         tilt = (imu.gyro_std * dt) ** 2 + imu.gyro_offset ** 2 * 10.0 * dt
     Q[TILT, TILT] = tilt * np.eye(2)
     Q[ACCELERATION, ACCELERATION] = imu.acceleration_std ** 2 * (1 - fade * fade) * np.eye(3)
@@ -405,8 +404,7 @@ def pose_free_step(
     if y is None or not 0 < dt < np.inf:
         return state, _report(state, model, t, BAD_WRENCH)
     if state.belief is None:
-        # a specific force below this, a tenth of gravity, does not tell
-        # where down is [m/s^2]
+        # a specific force below this, a tenth of gravity, does not tell where down is [m/s^2]
         if f is None or np.linalg.norm(f) < 1.0:
             return state, _report(state, model, t, NO_GRAVITY)
         state = state._replace(belief=start_pose_free(model, f))

@@ -81,8 +81,8 @@ class Tracker:
         """
         now, model = self.estimate, self.model
         since = now.t - self.announced.t
-        # a tool that is still being learned is announced again after this: twice
-        # the time in which another is faded in [s]
+        # a tool that is still being learned is announced again after this: twice the time in
+        # which another is faded in [s]
         if now.state != TRACKING or 0 <= since < 1.0:
             return None
         more = now.mass - self.announced.mass
@@ -96,8 +96,8 @@ class Tracker:
     @property
     def estimate(self) -> ToolEstimate:
         """What hangs on the sensor by now; frozen where readings have ceased to tell."""
-        # readings that show nothing of the tool for so long leave it unwatched: a
-        # payload is to be noticed in that time [s]
+        # readings that show nothing of the tool for so long leave it unwatched: a payload is to
+        # be noticed in that time [s]
         if not self._newest - self._state.t <= 1.0:
             return self.latest._replace(state=FROZEN)
         return self.latest

@@ -241,8 +241,7 @@ def _fit(chi_square: Mapping[str, Any]) -> str:
     p = float(chi_square['probability'])
     if not np.isfinite(p):
         return 'Not tested: the recording does not tell how noisy a reading is at rest.'
-    # probability of a chi-square below which its fit is called a poor one, as
-    # warnings do
+    # probability of a chi-square below which its fit is called a poor one, as warnings do
     fits = 'do not fit one rigid tool' if p < 0.01 else 'fit one rigid tool'
     return (f'They {fits}: chi-square {rounded(float(chi_square["value"]))} for '
             f'{chi_square["degrees"]:g} degrees of freedom (probability {rounded(p, 2)}).')

@@ -85,8 +85,7 @@ class View:
     def span(self) -> Phase | None:
         """Return when the misfit of the focus is largest: a phase, or the worst part of it."""
         place = self.focus()
-        # what is shown at most of a phase that is twice as long [s]: some 500 block
-        # means
+        # what is shown at most of a phase that is twice as long [s]: some 500 block means
         return None if place is None else self._worst(place.channel, [
             part for phase in joined(self.phases) if phase.name == place.phase
             for part in _parts(phase, 2.0)])

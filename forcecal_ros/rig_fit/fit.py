@@ -180,8 +180,7 @@ def command_period(t: Array) -> float:
     steps = np.diff(t) / period
     off = float(np.mean(np.abs(steps - np.maximum(1.0, np.round(steps))) > 0.5 - 1e-9)
                 + np.mean(steps > 1.5))
-    # share of intervals between commands that may be off by half a period: some get
-    # lost
+    # share of intervals between commands that may be off by half a period: some get lost
     if off > 0.1:
         raise DataError(f'target_frame: {100.0 * off:.0f} % of the commands come irregularly, '
                         f'expected one every {1e3 * period:.3g} ms; stream them at a fixed rate')

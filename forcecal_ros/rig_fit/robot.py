@@ -92,8 +92,7 @@ def followed(recording: Recording, period: float) -> Followed:
                         f'{shortest:g} s at least; record a longer motion')
     held = held_commands(target.t, starts, period / 2.0)
     reached, R = pose_at(pose, np.clip(starts + period, pose.t[0], pose.t[-1]))
-    # start of a recording whose errors do not count, since the robot may have
-    # moved before [s]
+    # start of a recording whose errors do not count, since the robot may have moved before [s]
     free = seen & (starts > max(start, float(pose.t[0])) + 0.5)
     for begin, end in phase_spans(recording.phases, TOUCHING):
         free &= (starts + period < begin) | (starts >= end)
@@ -399,8 +398,7 @@ def fit_rotation(rig: Rig, followed: Sequence[Followed], lag: float) -> Rotation
         Of the position, taken where nothing turned [s].
     """
     turn = max(float(np.linalg.norm(_away(one), axis=1).max()) for one in followed)
-    # turn of the commands from which orientation counts as moved [rad]: ten times a
-    # pose's noise
+    # turn of the commands from which orientation counts as moved [rad]: ten times a pose's noise
     if turn < 0.01:
         rest = max(lag - rig.robot.period, 2.0 * COARSE)
         servo = replace(rig.servo, orientation_bandwidth=2.0 / rest)

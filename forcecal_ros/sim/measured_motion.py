@@ -95,8 +95,7 @@ def express_in_base(measured: PoseStream, simulated: PoseStream) -> PoseStream:
             for p in (measured, simulated))
     sensor, in_sensor = _mean_rotation(S.inv() * R)
     base, in_base = _mean_rotation(R * S.inv())
-    # angle beyond which frames are others [rad]: no arm is always that far from
-    # its simulation
+    # angle beyond which frames are others [rad]: no arm is always that far from its simulation
     if min(sensor.magnitude(), base.magnitude()) < 0.1:
         return simulated
     if in_sensor < in_base:
@@ -104,8 +103,7 @@ def express_in_base(measured: PoseStream, simulated: PoseStream) -> PoseStream:
                         f'{np.degrees(sensor.magnitude()):.0f} deg to each other in the robot and '
                         'in the simulator; record the pose of the frame of the wrench in both')
     axis = base.as_rotvec() / base.magnitude()
-    # how far the axis of a turn of the base may lean for gravity to stay where it
-    # is [rad]
+    # how far the axis of a turn of the base may lean for gravity to stay where it is [rad]
     if np.hypot(axis[0], axis[1]) > 0.05:
         raise DataError(f'the bases are turned by {np.degrees(base.magnitude()):.0f} deg to each '
                         'other, and not about the vertical; gravity is along -Z of both')
@@ -315,14 +313,13 @@ def contact_blocks(beyond: Array) -> NDArray[np.bool_]:
     # ever shows that
     limit = max(CONTACT_FORCE_N, 8.0 * scatter)
     near = widen_blocks(force > limit)
-    # part of a recording that may be left out; what is more is no contact but
-    # another wrench
+    # part of a recording that may be left out; what is more is no contact but another wrench
     return near if near.mean() <= 0.5 else np.zeros(len(force), dtype=bool)
 
 
 def widen_blocks(blocks: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Add what is near some blocks."""
-    # left out before and after [s]: a robot 10 mm/s fast and 1 mm off touches 0.1
-    # s earlier
+    # time left out before and after contact [s]: a robot 10 mm/s fast and 1 mm off touches 0.1 s
+    # earlier
     width = 2 * round(0.2 / BLOCK) + 1
     return np.asarray(maximum_filter1d(blocks.astype(np.int8), width) > 0)

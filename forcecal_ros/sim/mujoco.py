@@ -203,8 +203,7 @@ class MujocoRobot:
         for _ in range(round(SETTLING_S / step)):
             controller.hold(data)
             mujoco.mj_step(model, data)
-        # between samples, at least [s]: the wrench is compared up to far below 250
-        # Hz
+        # time between samples, at least [s]: the wrench is compared up to far below 250 Hz
         rows, places, skipped = [], [], parts * max(1, round(0.002 / (parts * step)))
         for k in range(len(t)):
             controller.tell(data, k)
@@ -454,7 +453,6 @@ def _over_reading_note(model: Any, drives: Sequence[Drive]) -> list[str]:
         * model.actuator_biasprm[one.actuator, 2]) / model.dof_M0[one.dof] for one in drives)
     note = (f'its integrator lets the force sensor over-read accelerations, up to {factor:.2f} '
             'times; Euler does not')
-    # factor by which implicit integrators make MuJoCo's force sensor over-read
-    # that is reported: 0.05 of a tool's inertial force is the noise of a good sensor at 10 m/s^2
-    # and 0.5 kg
+    # factor by which implicit integrators make MuJoCo's force sensor over-read that is reported:
+    # 0.05 of a tool's inertial force is the noise of a good sensor at 10 m/s^2 and 0.5 kg
     return [note] if factor >= 1.05 else []

@@ -288,8 +288,8 @@ class Swing:
 
     def notes(self, after: float) -> Iterator[str]:
         """Say which joint still swings so many seconds after the start [s]."""
-        # speed of a joint [rad/s], [m/s] above which an arm that was to rest swings:
-        # at 5 Hz that is 0.06 mrad, the noise of a joint
+        # speed of a joint [rad/s], [m/s] above which an arm that was to rest swings: at 5 Hz that
+        # is 0.06 mrad, the noise of a joint
         if len(self._speeds) and self._speeds.max() > 2e-3:
             k = int(self._speeds.argmax())
             yield (f'in the model {self._drives[k].joint} still moves at {self._speeds[k]:.2g} '
@@ -303,8 +303,8 @@ def _refuse_beyond(model: Any, one: Drive, given: Array) -> None:
         return
     low, high = (float(x) for x in model.actuator_ctrlrange[one.ctrl])
     least, most = float(given.min()), float(given.max())
-    # part of an actuator's range by which commands may leave it: a controller's
-    # rounding of a joint at its limit, and less than any noise of a joint
+    # part of an actuator's range by which commands may leave it: a controller's rounding of a
+    # joint at its limit, and less than any noise of a joint
     room = 1e-3 * (high - low)
     if least < low - room or most > high + room:
         raise ConfigError(f'joint {one.joint} is commanded from {least:.4g} to {most:.4g}, and '
@@ -797,8 +797,7 @@ class Touched:
     def parameters(self) -> set[str]:
         """Names of the parameters of what was touched."""
         found = {f'{field}[{self._names[i]}]' for field in (SOLREF, FRICTION) for i in self._faces}
-        # part of a contact's normal along an axis, from which a place along that axis
-        # counts
+        # part of a contact's normal along an axis, from which a place along that axis counts
         return found | {f'{PLACE}[{self._names[i]}].{a}' for i, faces in self._faces.items()
                         for a, most in zip(AXES, faces) if most > 0.1}
 

@@ -94,8 +94,7 @@ def is_addable(effect: Effect, accelerated: bool) -> bool:
 
 
 def _effect(p: Parameter) -> Effect:
-    # a clearly visible change of a parameter, in its sigma: beyond what a nuisance
-    # may take
+    # a clearly visible change of a parameter, in its sigma: beyond what a nuisance may take
     visible = p.nominal + 10.0 * p.sigma
     value = Quantity('value', p.unit, p.nominal, p.low, p.high, visible)
     return Effect(p.name, p.stage, (value,), MOVING, True, 'rig', p.name)
@@ -122,8 +121,7 @@ def nuisances_of(parameters: tuple[Parameter, ...], joints: int = 0, *, finer: b
                              (finest, INTEGRATION_BEND, 'finest')):
         if known:
             found.append(Nuisance(name, key, change(key), prior_std=INTEGRATION_STD))
-    # place of sensor and base, 1 sigma [m], [rad]: as far as a drawing and an arm
-    # are apart
+    # place of sensor and base, 1 sigma [m], [rad]: as far as a drawing and an arm are apart
     found += [Nuisance(f'mounting.{i}', 'mounting', change('mounting', i),
                        prior_std=(0.005, 0.01)[i // 3]) for i in range(6)]
     # joint bias std: of a joint's encoder against its simulation, 1 sigma [rad]: as exactly as

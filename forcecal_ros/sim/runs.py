@@ -99,8 +99,7 @@ class Runs:
     def _bend(self, here: Recording, numbers: Numbers, finer: Change) -> Change:
         """Run it with a quarter of its step; say what that does beyond 1.5 times half of it."""
         made = self._counted(self.simulator.run_finest(self._inputs, numbers))
-        # what a quarter of a step changes in what half of it does, of an
-        # error of first order
+        # what a quarter of a step changes in what half of it does, of an error of first order
         change = _change(*_of_one_length(here, made), 1.0)
         return {name: rows - 1.5 * finer[name] for name, rows in change.items()
                 if name in finer}

@@ -44,8 +44,9 @@ def test_a_wrench_that_a_driver_smooths_a_little_is_told_by_its_delay(seed):
 def test_torques_about_another_point_are_warned_of_while_calibrating(make, tmp_path):
     wrong = WRONG['torque about the tool centre'].make(make(70), None)
     save(identify(recording_of(wrong)), tmp_path / 'c.yaml')
-    note, = (one for one in load(tmp_path / 'c.yaml').quality['warnings']
-             if 'are about a point' in one)
+    quality = load(tmp_path / 'c.yaml').quality
+    note, = (one for one in quality['warnings'] if 'are about a point' in one)
+    assert 'com' in quality['suspect']
     assert note.endswith('suspect: com')
     place = note.split('about a point (')[1].split(')', maxsplit=1)[0]
     np.testing.assert_allclose([float(x) for x in place.split()], [0.0, 0.0, 0.15], atol=0.01)

@@ -8,6 +8,7 @@ from forcecal_ros.diagnose.result import Diagnosis
 from forcecal_ros.diagnose.search.posterior import Posterior
 from forcecal_ros.diagnose.sources.contact import (
     compare_contact,
+    Touch,
     touch_of_robot,
     touch_of_simulation,
     touching_of_robot,
@@ -82,13 +83,14 @@ def test_what_the_robots_surface_has_otherwise_is_named_with_its_size(wall, rubs
 
 @pytest.mark.parametrize('seed', [3, *(pytest.param(n, marks=pytest.mark.long) for n in (4, 5))])
 def test_surfaces_that_are_alike_have_no_name(seed):
-    *both, simulation = touches(robot(seed=seed))
+    # friction differs by less than its tolerance, and by thirty of its standard errors
+    *both, simulation = touches(robot(rubs=RUBS + 0.01, seed=seed))
     found = weigh(*both)
-    assert not found.effects and not found.untold
+    assert not found.effects and not found.not_identified
     stiffness, damping, _, friction = found.numbers[0]
     assert stiffness == pytest.approx(1e4, rel=0.01)
     assert damping == pytest.approx(50.0, abs=3.0 * found.std[0, 1])
-    assert friction == pytest.approx(RUBS, abs=0.005)
+    assert friction == pytest.approx(RUBS + 0.01, abs=0.005)
     assert found.seconds[0] == pytest.approx(6.6, abs=0.3)
     assert with_contact(FREE, found).verdict == 'no_gap'
     assert '6.6 s of contact: no difference of contact_stiffness' in with_contact(
@@ -115,7 +117,7 @@ def test_three_differences_are_named_together_and_their_numbers_are_in_the_docum
 @pytest.mark.long
 def test_without_motion_along_the_surface_its_friction_is_not_known():
     found = compared(robot({'stiffness': 5e3}, slide=0.0), slide=0.0)
-    assert found.untold == ('contact_friction',)
+    assert found.not_identified == ('contact_friction',)
     assert [e.name for e in found.effects] == ['contact_stiffness']
     assert '(contact_friction: not identifiable)' in with_contact(FREE, found).reason
 
@@ -133,6 +135,33 @@ def test_contact_of_one_alone_is_a_gap_that_the_verdict_states(absent):
     other = 'simulation' if absent == 'robot' else 'robot'
     assert f'the {other} touches something for 6.' in d.reason
     assert f'the {absent} for 0.0 s' in d.reason
+
+
+def test_a_force_as_soft_as_a_cable_is_no_contact_of_the_robot_alone():
+    soft = robot({'stiffness': 300.0, 'position': 1.26})
+    *_, simulation = touches(soft, absent=True)
+    assert not simulation.touching.any()
+
+
+def held(depth_std, force_std, seed=1):
+    """Return 4 s of a tip that is pressed against a surface, with depths of their own."""
+    rng, n = np.random.default_rng(seed), 1000
+    force = np.outer(rng.normal(-30.0, force_std, n), [1.0, 0.0, 0.0])
+    position = np.outer(rng.normal(0.0, depth_std, n), [1.0, 0.0, 0.0]) + [1.0, 0.0, 1.0]
+    return Touch(force, np.cross([0.0, 0.0, 0.2], force), position,
+                 np.gradient(position, 0.004, axis=0), np.tile(np.eye(3), (n, 1, 1)),
+                 np.zeros((n, 3)), (0.0, 1e-4))
+
+
+def test_a_force_that_is_held_is_a_law_within_the_noise_of_poses():
+    found = weigh(held(1e-4, 0.1), held(1e-4, 0.1, seed=2))
+    assert not found.why_not and 'contact_stiffness' in found.not_identified
+
+
+def test_a_depth_that_does_not_follow_the_force_is_no_law():
+    found = weigh(held(1e-3, 5.0), held(1e-3, 5.0, seed=2))
+    assert re.match('the depth to which the robot touches does not follow its force',
+                    found.why_not)
 
 
 def test_forces_of_several_directions_are_no_law_and_the_verdict_states_it():

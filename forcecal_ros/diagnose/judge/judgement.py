@@ -26,7 +26,7 @@ from forcecal_ros.diagnose.search.calibration import probability
 from forcecal_ros.diagnose.search.posterior import Posterior
 from forcecal_ros.diagnose.verdict import UnexplainedPart, UNKNOWN
 
-ODDS = 0.05
+ALIAS_ODDS = 0.05
 """Odds of another effect in the place of an accepted one from which both are listed."""
 
 SEPARATED_BY: Mapping[frozenset[str], str] = {
@@ -47,7 +47,7 @@ def ties_of(found: Posterior) -> tuple[str, ...]:
     out = []
     for name, others in found.odds.items():
         other = max(others, key=lambda one: others[one], default='')
-        if other and others[other] > ODDS:
+        if other and others[other] > ALIAS_ODDS:
             by = SEPARATED_BY.get(frozenset((name, other)), 'what forcecal plan writes')
             out.append(f'{name} and {other} explain these recordings about as well; they are '
                        f'separated by {by}')

@@ -25,8 +25,8 @@ AT_LIMIT, KNOWN = 0.01, 3.0
 is more than so many standard errors: one that nothing shows may stand anywhere."""
 
 
-UNTOLD = 0.5
-"""Standard error of a number, in its prior's, from which the recording does not tell it."""
+MAX_RELATIVE_STD = 0.5
+"""Standard error of a number, in its prior's, from which it is not identified."""
 
 
 @dataclass(frozen=True)
@@ -91,12 +91,12 @@ def parameters_of(model: LinearisedModel, a: Accepted) -> dict[str, Parameter]:
     -------
     dict of str to Parameter
         A released nuisance's is its whole departure from the rig as given, within its limits.
-        Without those that the recording does not tell: their standard error is the prior's.
+        Without those that are not identified: their standard error is the prior's.
     """
     effect = model.library[a.name]
     quantities = effect.parameters
     if len(a.theta):
-        widest = UNTOLD / np.sqrt(EFFECT)
+        widest = MAX_RELATIVE_STD / np.sqrt(EFFECT)
         return {q.name: Parameter(float(v), float(s), q.unit, ends(q, float(v)))
                 for q, v, s in zip(quantities, a.theta, a.std)
                 if q.shapes or s < widest * abs(q.typical - q.nominal) or ends(q, float(v))}
@@ -105,7 +105,7 @@ def parameters_of(model: LinearisedModel, a: Accepted) -> dict[str, Parameter]:
         if model.nuisances[i].name not in a.released:
             out[q.name] = Parameter(q.nominal, 0.0, q.unit)
             continue
-        if covariance[i, i] > UNTOLD ** 2 / RELEASED:
+        if covariance[i, i] > MAX_RELATIVE_STD ** 2 / RELEASED:
             continue
         scale = float(model.prior_std[i]) * physical(
             model.rig, model.nuisances[i].key, q.unit)
@@ -116,8 +116,8 @@ def parameters_of(model: LinearisedModel, a: Accepted) -> dict[str, Parameter]:
     return out
 
 
-def untold(model: LinearisedModel, a: Accepted) -> tuple[str, ...]:
-    """Note the numbers of an accepted effect that the recording does not tell."""
+def not_identified(model: LinearisedModel, a: Accepted) -> tuple[str, ...]:
+    """Note the numbers of an accepted effect that the recording does not identify."""
     own = parameters_of(model, a)
     missing = [q.name for q in model.library[a.name].parameters if q.name not in own]
     return (f'{a.name}: this motion does not tell {", ".join(missing)}',) if missing else ()

@@ -114,7 +114,7 @@ def parameter_errors(comparison: ModelComparison) -> Errors:
                   whitened.unseen(sizes))
 
 
-LIKE = 0.3
+OWN_SHAPE = 0.3
 """
 Part of what is left beside a discrepancy, in that of the misfit, by which an effect is stated too
 large or too small: the root mean square in ten cases of two opened parts of the blind check, as if
@@ -150,7 +150,7 @@ def with_taken(model: LinearisedModel, accepted: Sequence[Accepted],
         return {name: dict(own) for name, own in numbers.items()}
     known = np.diag(errors.covariance)
     more = np.sqrt(1.0 + np.diag(errors.taken) / np.where(known > 0.0, known, np.inf))
-    left, out = LIKE * float(np.clip(1.0 - closed, 0.0, 1.0)), {}
+    left, out = OWN_SHAPE * float(np.clip(1.0 - closed, 0.0, 1.0)), {}
     for name, own in _columns(model, accepted).items():
         nominal = {q.name: q.nominal for q in model.library[name].parameters if not q.shapes}
         out[name] = {key: replace(p, std=float(np.hypot(

@@ -42,7 +42,7 @@ effects are weighed by what they explain of the misfit, and leave.
 NO_DISCREPANCY: Scales = (0.0,) * len(STREAM_SLICES)
 """Scales that represent no discrepancy in any stream."""
 
-FREE = (*SCALES, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+NOISE_SCALES = (*SCALES, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 """Scales of a discrepancy, channel by channel, where it is removed to estimate the noise."""
 
 STREAM = tuple(i for i, name in enumerate(STREAM_SLICES) for c in CHANNELS if c.stream == name)
@@ -171,7 +171,7 @@ class WhitenedDiscrepancy:
                  for n, rows in zip(self.noise, self.basis.rows)]
         values, vectors = np.linalg.eigh(sum((w @ w.T).astype(float) for w in white))
         most = int(MEMORY / (2 * SHARING * sum(w.shape[1] for w in white)))
-        kept = np.flatnonzero(values * max(FREE) ** 2 > LEAST_WEIGHT)[-most:]
+        kept = np.flatnonzero(values * max(NOISE_SCALES) ** 2 > LEAST_WEIGHT)[-most:]
         turn = vectors[:, kept]
         return Modes([Compact.of(turn.T.astype(np.float32) @ w) for w in white],
                      scale[:, np.newaxis] * turn)
@@ -419,8 +419,8 @@ class Products:
         for one in self.parts:
             alone = one._replace(own=one.own[:1, :1], cross=one.cross[:, :1])
             lost = [float(own[0, 0]) + more
-                    for own, more in (self._part(alone, size) for size in FREE)]
-            out[one.channel] = FREE[int(np.argmin(lost))]
+                    for own, more in (self._part(alone, size) for size in NOISE_SCALES)]
+            out[one.channel] = NOISE_SCALES[int(np.argmin(lost))]
         return out
 
     def weights(self, sizes: Mapping[int, float]) -> dict[int, Array]:

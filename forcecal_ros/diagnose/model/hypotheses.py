@@ -17,10 +17,10 @@ CLIPPING = {'wrench_saturation': tuple(c.name for c in CHANNELS if c.stream == '
             'accel_saturation': tuple(c.name for c in CHANNELS if c.stream == 'accelerometer')}
 """Effects that the data show without a model and that a model has to follow: their channels."""
 
-LEVELS = 40
+LIMITS_TRIED = 40
 """Limits that are tried, between the largest magnitude and half of it."""
 
-LEAST = 30.0
+MIN_REMOVED = 30.0
 """Squares that a limit has to remove, in those of the noise, to be worth a try."""
 
 
@@ -49,11 +49,11 @@ def limit_starts(model: LinearisedModel, effect: str) -> dict[str, float]:
     for k, q in enumerate(quantities):
         simulated = np.concatenate([s[:, k] for s, _ in pairs])
         measured = np.concatenate([m[:, k] for _, m in pairs])
-        limit, removed = _best_limit(simulated, measured, q.low, q.high)
-        scale = model.level[first + k] * 2.0
+        noise = model.level[first + k] * 2.0
         if stream == 'accelerometer':
-            scale /= abs(_model_gain(model)[k])
-        if removed > LEAST * scale ** 2 and CHANNELS[first + k].name in CLIPPING[effect]:
+            noise /= abs(_model_gain(model)[k])
+        limit = _best_limit(simulated, measured, q.low, q.high, noise)
+        if limit and CHANNELS[first + k].name in CLIPPING[effect]:
             found[q.name] = limit
     return found
 
@@ -73,20 +73,20 @@ def _physical(model: LinearisedModel, i: int, stream: str) -> tuple[Array, Array
     return measured - rest, measured
 
 
-def _best_limit(simulated: Array, measured: Array, low: float, high: float
-                ) -> tuple[float, float]:
-    """Return the limit in a range that removes most squares, and how many; 0 where none is."""
+def _best_limit(simulated: Array, measured: Array, low: float, high: float, noise: float
+                ) -> float:
+    """Return the limit in a range that removes most squares; 0 where none is worth a try."""
     size = np.abs(simulated)
     near = np.flatnonzero(size > 0.5 * size.max())
     s, m = simulated[near], measured[near]
     before = (m - s) ** 2
-    limits = size.max() * np.linspace(0.5, 1.0, LEVELS, endpoint=False)
+    limits = size.max() * np.linspace(0.5, 1.0, LIMITS_TRIED, endpoint=False)
     limits = limits[(limits >= low) & (limits <= high)]
     if not len(limits):
-        return 0.0, 0.0
+        return 0.0
     removed = [float(np.sum(before - (m - np.clip(s, -x, x)) ** 2)) for x in limits]
     best = int(np.argmax(removed))
-    return float(limits[best]), removed[best]
+    return float(limits[best]) if removed[best] > MIN_REMOVED * noise ** 2 else 0.0
 
 
 MOST_STARTS = 12

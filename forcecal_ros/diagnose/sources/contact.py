@@ -21,7 +21,7 @@ from forcecal_ros.core.geometry import Array, skew
 from forcecal_ros.core.quantity import quantity
 from forcecal_ros.core.streams import Recording
 from forcecal_ros.diagnose.judge.judgement import listed_once, weighed
-from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter, UNTOLD
+from forcecal_ros.diagnose.judge.named_effects import MAX_RELATIVE_STD, NamedEffect, Parameter
 from forcecal_ros.diagnose.model.linearised import EFFECT
 from forcecal_ros.diagnose.result import Diagnosis
 from forcecal_ros.diagnose.search.calibration import Features
@@ -61,24 +61,21 @@ MIN_CONTACT_S = 0.5
 EDGE_BLOCKS = 10
 """Blocks left out at both ends of contact: forces below 12.5 Hz ring for 40 ms there."""
 
-SOFTEST = 500.0
+MIN_STIFFNESS_N_M = 500.0
 """Stiffness from which a force that only the robot has is contact [N/m]: no cable is as stiff."""
 
-SLIDING_M_S = 0.003
+MIN_SLIDING_M_S = 0.003
 """Speed along a surface from which friction has a direction [m/s]: ten times poses' noise."""
 
-SLIDE_M = 1e-3
+MIN_SLIDE_M = 1e-3
 """RMS of a way along a surface that no force explains, from which its slope shows [m]."""
 
-TILT = 0.1
-"""How well the mean force shows a normal, 1 sigma [rad]: friction one way tilts it more."""
-
-ONE_WAY = 0.8
+MIN_COSINE = 0.8
 """Cosine up to which forces are of one flat surface: 37 deg, a friction of 0.75."""
 
-UNFOLLOWED, ROUGH_M = 0.45, 2e-4
-"""RMS of the depth, in its scatter and in metres [m], that a law may leave: 80 % of the variance,
-or the noise of poses where a force is held."""
+MAX_UNEXPLAINED, ROUGH_M = 0.45, 2e-4
+"""RMS of the depth, in its scatter and in metres [m], that a law may leave: a fifth of the
+variance, or the noise of poses where a force is held."""
 
 WHOSE = ('robot', 'simulation')
 """The two recordings."""
@@ -151,7 +148,7 @@ def touching_of_robot(recording: Recording, simulation: RecordedSimulation, tool
         fit = fit_surface([touch_of_robot(recording, simulation, tool, own)], 0.0)[1]
     except DataError:
         return own & False
-    return np.asarray(own & (0.0 < fit.law[1] < 1.0 / SOFTEST))
+    return np.asarray(own & (0.0 < fit.law[1] < 1.0 / MIN_STIFFNESS_N_M))
 
 
 def touch_of_robot(recording: Recording, simulation: RecordedSimulation, rig: Rig,
@@ -271,10 +268,10 @@ def _rows(touches: Sequence[Touch], normal: Array, point: Array) -> _Rows:
     along = (x - x.mean(axis=0)) @ plane
     along = along - law @ np.linalg.lstsq(law, along, rcond=None)[0]
     _, sizes, ways = np.linalg.svd(along, full_matrices=False)
-    plane, slides = plane @ ways.T, int((sizes > SLIDE_M * np.sqrt(len(own))).sum())
+    plane, slides = plane @ ways.T, int((sizes > MIN_SLIDE_M * np.sqrt(len(own))).sum())
     regressors = np.hstack([law, (along @ ways.T)[:, :slides]])
     way = -push[:, np.newaxis] * (velocity @ plane) / np.where(
-        pace > SLIDING_M_S, pace, np.nan)
+        pace > MIN_SLIDING_M_S, pace, np.nan)
     rubbing = np.concatenate([way[:, :, np.newaxis] * each[:, np.newaxis],
                               push[:, np.newaxis, np.newaxis] * np.eye(2)], axis=2)
     return _Rows(own, -x @ normal, regressors, plane, force @ plane, rubbing)
@@ -286,10 +283,9 @@ def _fit(rows: _Rows, kept: NDArray[np.bool_]) -> _Fit:
     middle = rows.depth.mean()
     # blocks of half a second; where contact is short, a few more than there are unknowns
     blocks = int(np.clip(2.0 * BLOCK * len(own), 4 * m + 8, BLOCKS))
-    slides = rows.regressors.shape[1] - 4 * m
-    prior = np.append(np.zeros(4 * m), np.full(slides, TILT ** -2))
+    columns = rows.regressors.shape[1]
     law = robust_fit(rows.regressors[kept][:, np.newaxis], rows.depth[kept, np.newaxis] - middle,
-                     prior, blocks, groups=own, channels=1)
+                     np.zeros(columns), blocks, groups=own, channels=1)
     theta = law.theta.copy()
     theta[:3 * m:3] += middle
     covariance = np.diag(np.full(4 * m, 1e6))  # variance of what is not shown
@@ -297,9 +293,9 @@ def _fit(rows: _Rows, kept: NDArray[np.bool_]) -> _Fit:
     friction, scale = np.zeros(m + 2), np.array([law.scale[0, 0], np.inf])
     rubs = np.isfinite(rows.rubbing[kept]).all(axis=(1, 2))
     if BLOCK * np.bincount(own[rubs], minlength=m).min() > MIN_CONTACT_S:
-        tilts = np.concatenate([np.zeros(m), 1.0 / np.diag(law.covariance)[4 * m:],
-                                np.full(2 - slides, TILT ** -2)])
-        rub = robust_fit(rows.rubbing[kept][rubs], rows.tangential[kept][rubs], tilts, blocks,
+        slopes = np.zeros(m + 2)  # of the surface, where its depth shows them
+        slopes[m:m + columns - 4 * m] = 1.0 / np.diag(law.covariance)[4 * m:]
+        rub = robust_fit(rows.rubbing[kept][rubs], rows.tangential[kept][rubs], slopes, blocks,
                          groups=own[rubs], channels=2)
         friction, scale[1] = rub.theta, rub.scale[0, 0]
         covariance[3 * m:, 3 * m:] = rub.covariance[:m, :m]
@@ -327,10 +323,10 @@ def fit_surface(touches: Sequence[Touch], rough: float = ROUGH_M) -> tuple[_Rows
         if not one.position.any():
             raise DataError(f'the poses of the {name} have no position, so the depth is not known')
     means = [one.in_base.sum(axis=0) / np.linalg.norm(one.force, axis=1).sum() for one in touches]
-    if min(map(np.linalg.norm, means)) < ONE_WAY:
+    if min(map(np.linalg.norm, means)) < MIN_COSINE:
         raise DataError('the tool is pushed in several directions; touch one flat surface')
     ways = [mean / np.linalg.norm(mean) for mean in means]
-    if ways[0] @ ways[-1] < ONE_WAY:
+    if ways[0] @ ways[-1] < MIN_COSINE:
         raise DataError('the surfaces push in directions that are '
                         f'{np.degrees(np.arccos(ways[0] @ ways[-1])):.0f} deg apart')
     levers = np.concatenate([-skew(one.force) for one in touches]).reshape(-1, 3)
@@ -348,7 +344,7 @@ def fit_surface(touches: Sequence[Touch], rough: float = ROUGH_M) -> tuple[_Rows
     for i, name in enumerate(WHOSE[:len(touches)]):
         mine = rows.own == i
         left, depth = float(residual[mine].std()), float(rows.depth[mine].std())
-        if left > max(rough, UNFOLLOWED * depth):
+        if left > max(rough, MAX_UNEXPLAINED * depth):
             raise DataError(f'the depth to which the {name} touches does not follow its force '
                             f'({1e3 * left:.2g} of {1e3 * depth:.2g} mm RMS are something else); '
                             'touch one flat surface')
@@ -371,7 +367,7 @@ class Contact(NamedTuple):
         Of the robot's surface and of the simulated, in ``UNITS``.
     effects, candidates : tuple
         As of a diagnosis.
-    untold : tuple of str
+    not_identified : tuple of str
         Differences that these motions do not show.
     explained : float
         Part of the held-out difference that the effects remove.
@@ -384,13 +380,13 @@ class Contact(NamedTuple):
     std: Array = np.zeros((2, 4))
     effects: tuple[NamedEffect, ...] = ()
     candidates: tuple[tuple[str, float], ...] = ()
-    untold: tuple[str, ...] = ()
+    not_identified: tuple[str, ...] = ()
     explained: float = 0.0
 
     def notes(self) -> Iterator[str]:
         """State the numbers of both surfaces; of their places only the difference is known."""
         for i, (name, unit) in enumerate(zip(QUANTITIES, UNITS)):
-            if self.why_not or name in self.untold:
+            if self.why_not or name in self.not_identified:
                 continue
             values, std = self.numbers[:, i], self.std[:, i]
             if unit == 'm':
@@ -403,9 +399,9 @@ class Contact(NamedTuple):
     def document(self) -> dict[str, Any]:
         """Return what ``diagnosis.json`` holds of it."""
         kept = [] if self.why_not else [
-            (i, name) for i, name in enumerate(QUANTITIES) if name not in self.untold]
+            (i, name) for i, name in enumerate(QUANTITIES) if name not in self.not_identified]
         return {'seconds': list(self.seconds), 'not_compared': self.why_not,
-                'not_identified': list(self.untold), **{
+                'not_identified': list(self.not_identified), **{
                     whose: {name: {'value': float(self.numbers[row, i]),
                                    'std': float(self.std[row, i]), 'unit': UNITS[i]}
                             for i, name in kept} for row, whose in enumerate(WHOSE)}}
@@ -467,12 +463,12 @@ def compare_contact(robot: Touch, simulated: Touch, spreads: NominalTolerances,
     change, scatter = _propagated(_change, x, covariance)
     std = np.sqrt(np.diag(scatter))
     wide = np.array([q.typical - q.nominal for q in QUANTITIES.values()]) / np.sqrt(EFFECT)
-    told = std < UNTOLD * wide
+    shown = std < MAX_RELATIVE_STD * wide
     spread = np.array([spreads.wall_stiffness, spreads.wall_damping, spreads.wall_position,
                        FRICTION_SPREAD])
     features, others = _weighed_together(
-        [name for name, known in zip(QUANTITIES, told) if known], change[told],
-        scatter[np.ix_(told, told)] + np.diag(spread[told] ** 2), wide[told])
+        [name for name, known in zip(QUANTITIES, shown) if known], change[shown],
+        scatter[np.ix_(shown, shown)] + np.diag(spread[shown] ** 2), wide[shown])
     explained = _explained(rows, [name in features for name in QUANTITIES], delays)
     probabilities, candidates = weighed(selection._replace(
         features=features, alternatives=others, nearest={}), explained < 0.9, explained)
@@ -482,7 +478,7 @@ def compare_contact(robot: Touch, simulated: Touch, spreads: NominalTolerances,
         for (name, q), value, error in zip(QUANTITIES.items(), change, std) if name in features)
     return Contact(seconds, '', False, numbers.reshape(2, 4),
                    np.sqrt(np.diag(of_numbers)).reshape(2, 4), effects, tuple(candidates),
-                   tuple(name for name, known in zip(QUANTITIES, told) if not known), explained)
+                   tuple(name for name, known in zip(QUANTITIES, shown) if not known), explained)
 
 
 def _weighed_together(names: Sequence[str], change: Array, scatter: Array, wide: Array
@@ -557,17 +553,18 @@ def with_contact(diagnosis: Diagnosis, contact: Contact) -> Diagnosis:
             d, verdict=verdict, reason=f'{contact.why_not}; in free motion {d.reason}',
             effects=(NamedEffect(UNKNOWN, {}, 1.0),) if unknown else d.effects,
             candidates=((UNKNOWN, 1.0),) if unknown and not d.candidates else d.candidates)
-    untold = f' ({", ".join(contact.untold)}: not identifiable)' if contact.untold else ''
+    missing = ', '.join(contact.not_identified)
+    beside = f' ({missing}: not identifiable)' if missing else ''
     named = [e for e in contact.effects if e.probability > NAMED]
     if not named:
-        alike = [name for name in QUANTITIES if name not in contact.untold]
+        alike = [name for name in QUANTITIES if name not in contact.not_identified]
         what = f'no difference of {", ".join(alike)}' if alike else 'nothing'
-        return replace(d, reason=f'{d.reason}; {both}: {what} is found{untold}')
+        return replace(d, reason=f'{d.reason}; {both}: {what} is found{beside}')
     names = ' and '.join(e.name for e in named)
     rivals = [n for n, _ in contact.candidates if n not in {UNKNOWN, *(e.name for e in named)}]
     end = '' if len(named) > 1 else 's'
     reason = (f'{names} explain{end} {percent(contact.explained)} of the difference in {both}'
-              f'{untold}')
+              f'{beside}')
     if rivals:
         reason += f', but {" or ".join(rivals)} explains it about as well'
     verdict = {'no_gap': 'identified', 'not_excited': 'identified', 'unknown': 'partial'}.get(

@@ -92,8 +92,8 @@ def slide_rates(rig: Rig) -> list[float]:
             stiffness = rig.optidrive.stiffness if rig.optidrive else 0.0
             rates.append(math.sqrt((stiffness + v['force'] / v['presliding']) / rig.tool.mass))
         else:
-            # share of the rate of creep in friction that the integration resolves:
-            # creep is over at once
+            # share of the rate of creep in friction that the integration
+            # resolves: creep is over at once
             rates.append(v['force'] / v['velocity_scale'] / rig.tool.mass * 0.5)
     if 'spindle_vibration' in named:
         rates.append(2.0 * math.pi * named['spindle_vibration']['frequency'])
@@ -294,8 +294,7 @@ def enough_steps(rig: Rig) -> int:
     common, rig = common_samples(rig), physical_rig(rig)
     damping = max(1.0, rig.servo.orientation_damping or 1.0)
     turning = rig.servo.orientation_bandwidth * (damping + math.sqrt(damping ** 2 - 1.0))
-    # longest integration step [s]: forces of the nominal rig have converged to 1e-4
-    # N
+    # longest integration step [s]: forces of the nominal rig have converged to 1e-4 N
     rates = [fastest / 0.0005, turning, *slide_rates(rig)]
     if rig.optidrive:
         rates += [

@@ -97,8 +97,7 @@ class Replay:
         # a whole number of steps between the samples replayed, too
         replayed = Fraction(RATE * rig.robot.period).limit_denominator(1000).numerator
         common = lcm(common_samples(rig), replayed)
-        # fewer integration steps than a simulator takes; right to 1e-4 N on the nominal
-        # rig
+        # fewer integration steps than a simulator takes; right to 1e-4 N on the nominal rig
         steps = common * -(-enough_steps(rig) // (2 * common))
         plant = Plant(rig, self.accelerometer, steps)
         plant.rest(self._positions[0], self._xyzw[0])

@@ -1,15 +1,17 @@
 """An effect that is as large as the library allows is no explanation."""
 
 import json
+from types import SimpleNamespace
 
 from forcecal_ros.diagnose.dataset import units
+from forcecal_ros.diagnose.judge.judgement import ties_of
 from forcecal_ros.diagnose.judge.named_effects import (
     at_limit,
     ends,
     NamedEffect,
+    not_identified,
     Parameter,
     parameters_of,
-    untold,
 )
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.result import Diagnosis, load_diagnosis, to_document
@@ -79,7 +81,16 @@ def test_a_number_that_only_its_prior_bounds_is_not_stated():
     a = Accepted('accel_misalignment', theta, std, free, frozenset())
     model = LinearisedModel(load_rig(), ())
     assert set(parameters_of(model, a)) == {'x', 'z'}
-    assert untold(model, a) == ('accel_misalignment: this motion does not tell y',)
+    assert not_identified(model, a) == ('accel_misalignment: this motion does not tell y',)
     known = a._replace(std=np.full(3, 0.003))
     assert set(parameters_of(model, known)) == {'x', 'y', 'z'}
-    assert untold(model, known) == ()
+    assert not_identified(model, known) == ()
+
+
+def test_an_alias_is_noted_from_odds_of_one_to_twenty_on():
+    def notes(odds):
+        return ties_of(SimpleNamespace(odds={'tool_mass': {'wrench_gain': odds}}))
+
+    assert notes(0.04) == ()
+    note, = notes(0.06)
+    assert note.startswith('tool_mass and wrench_gain explain these recordings about as well')

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.judge.named_effects import Parameter
-from forcecal_ros.diagnose.judge.parameter_errors import Errors, LIKE, with_taken
+from forcecal_ros.diagnose.judge.parameter_errors import Errors, with_taken
 from forcecal_ros.diagnose.search.model_comparison import Accepted
 from forcecal_ros.effects import EFFECTS
 import numpy as np
@@ -44,13 +44,13 @@ def test_each_number_has_what_was_taken_in_its_own_column_besides():
 
 def test_what_is_left_may_be_of_the_effects_own_shape():
     found = with_taken(MODEL, ACCEPTED, NUMBERS, errors(np.zeros((5, 5))), 0.6)
-    assert found['tool_mass']['change'].std == pytest.approx(np.hypot(0.002, LIKE * 0.4 * 0.1))
-    assert found['base_tilt']['y'].std == pytest.approx(np.hypot(1e-3, LIKE * 0.4 * 0.02))
+    assert found['tool_mass']['change'].std == pytest.approx(np.hypot(0.002, 0.3 * 0.4 * 0.1))
+    assert found['base_tilt']['y'].std == pytest.approx(np.hypot(1e-3, 0.3 * 0.4 * 0.02))
     assert found['base_tilt']['x'].std == 0.0
     # how an effect acts is no size of it
     assert found['wrench_lowpass']['second_order'].std == 0.1
     worse = with_taken(MODEL, ACCEPTED, NUMBERS, errors(np.zeros((5, 5))), -3.0)
-    assert worse['tool_mass']['change'].std == pytest.approx(np.hypot(0.002, LIKE * 0.1))
+    assert worse['tool_mass']['change'].std == pytest.approx(np.hypot(0.002, 0.3 * 0.1))
 
 
 def test_nothing_changes_where_nothing_is_beside_the_effect():
