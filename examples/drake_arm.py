@@ -48,7 +48,7 @@ class DrakeArm:
         times, wrench, pose = np.arange(inputs.start, inputs.end, SAMPLE_S), [], []
         for t in times:
             target.FixValue(context, [*commands(t), *commands(t, 1)])
-            simulator.AdvanceTo(REST_S + t - inputs.start)
+            simulator.AdvanceTo(REST_S + t - inputs.start + STEP_S / 2)  # always two steps
             force = plant.get_reaction_forces_output_port().Eval(context)[weld]
             X = gripper.EvalPoseInWorld(context)
             wrench.append([*-force.translational(), *-force.rotational()])

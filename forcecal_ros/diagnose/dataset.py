@@ -366,8 +366,9 @@ def possible_effects(datasets: Sequence[Dataset]) -> Mapping[str, Effect]:
     """
     Narrow the library by what recordings show without a model.
 
-    A hysteresis is no wider than its load's range: a wider one is a gain by another name. A range
-    has no end that the readings go beyond.
+    The load's range is twice the width of a hysteresis at least, so that the load can turn for
+    that much: of a wider one only a gain would show. A range has no end that the readings go
+    beyond.
     """
     library = dict(datasets[0].simulation.library)
     if HYSTERESIS in library:
@@ -381,9 +382,9 @@ def possible_effects(datasets: Sequence[Dataset]) -> Mapping[str, Effect]:
 
 
 def limit_to_load(datasets: Sequence[Dataset], effect: Effect) -> Effect:
-    """Keep a hysteresis as narrow as the load's range."""
-    widest = max(float(np.ptp(dataset.nominal.wrench[:, :3], axis=0).max())
-                 for dataset in datasets)
+    """Keep a hysteresis so narrow that the load turns for twice its width."""
+    widest = 0.5 * max(float(np.ptp(dataset.nominal.wrench[:, :3], axis=0).max())
+                       for dataset in datasets)
     return effect._replace(parameters=tuple(
         q if q.name != 'width' else q._replace(
             high=max(q.low, min(q.high, widest)),

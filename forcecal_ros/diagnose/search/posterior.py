@@ -77,6 +77,11 @@ class Explanation(NamedTuple):
         """The effects, by name."""
         return frozenset(a.name for a in self.fit.accepted)
 
+    @property
+    def score(self) -> float:
+        """Log-evidence, less what each effect and each change point has to bring."""
+        return self.evidence - WORTH * (len(self.fit.accepted) + len(self.fit.model.gates))
+
 
 class Posterior(NamedTuple):
     """
@@ -236,10 +241,10 @@ def _without(start: LinearisedModel, now: Explanation, name: str) -> Explanation
     return weigh(refitted or less, now.ways)
 
 
-def _with_what_is_worth(start: LinearisedModel, now: Explanation, best: Explanation
-                        ) -> tuple[Explanation, dict[str, Explanation]]:
+def _chosen(start: LinearisedModel, found: Sequence[Explanation], best: Explanation
+            ) -> tuple[Explanation, dict[str, Explanation]]:
     """
-    Remove each effect that is not worth its place beside the others.
+    Choose the explanation of the highest score among those found, and what is left of it.
 
     Returns
     -------
@@ -247,13 +252,16 @@ def _with_what_is_worth(start: LinearisedModel, now: Explanation, best: Explanat
     less : dict of str to Explanation
         Without each of its effects; ``best`` where that is such a one.
     """
+    pool, now = found, max(found, key=lambda one: one.evidence)
     while True:
+        now = _all_the_time(now)
         less = {name: best if now.names - {name} == best.names else _without(start, now, name)
                 for name in now.names}
-        shorter = max(less.values(), key=lambda one: one.evidence)
-        if len(now.names) == 1 or shorter.evidence < now.evidence - WORTH:
+        pool = [one for one in (*pool, *less.values())
+                if one.names and one.names != now.names and one.score > now.score]
+        if not pool:
             return now, less
-        now = shorter
+        now = max(pool, key=lambda one: one.score)
 
 
 def _all_the_time(now: Explanation) -> Explanation:
@@ -287,9 +295,9 @@ def _beside(other: Explanation, best: Explanation) -> Explanation:
 def _likeliest(pool: Sequence[Explanation]) -> list[Explanation]:
     """Keep each set of effects once, the likeliest first."""
     out: dict[frozenset[str], Explanation] = {}
-    for e in sorted(pool, key=lambda one: len(one.fit.model.gates) * WORTH - one.evidence):
+    for e in sorted(pool, key=lambda one: -one.score):
         out.setdefault(e.names, e)
-    return sorted(out.values(), key=lambda one: -one.evidence)
+    return list(out.values())
 
 
 def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
@@ -322,7 +330,7 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
             nearest = {name: e.evidence - best.evidence for e in children for name in e.names}
         if not children:
             break
-        chosen, less = _with_what_is_worth(model, _all_the_time(children[0]), best)
+        chosen, less = _chosen(model, children, best)
         if chosen.evidence < best.evidence + WORTH:
             break
         own = {name: features_of(chosen, less[name]) for name in chosen.names}

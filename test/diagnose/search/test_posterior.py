@@ -65,12 +65,23 @@ def test_a_change_point_has_to_bring_what_any_effect_has_to():
 @pytest.mark.parametrize('brings, kept', [(0.5, {'a'}), (1.5, {'a', 'b'})])
 def test_an_effect_is_kept_only_if_it_is_worth_its_place_beside_the_others(
         monkeypatch, brings, kept):
-    alone = {'a': 100.0 - brings * posterior.WORTH, 'b': 60.0}
+    found, less = chosen(monkeypatch, {'a': 100.0 - brings * posterior.WORTH, 'b': 60.0},
+                         explanation(['a', 'b'], 100.0))
+    assert found.names == kept == set(less)
+
+
+@pytest.mark.parametrize('better, kept', [(-1.0, {'a'}), (1.0, {'c'})])
+def test_the_rest_of_an_explanation_is_exchanged_for_a_better_one(monkeypatch, better, kept):
+    found, less = chosen(monkeypatch, {'a': 100.0, 'b': 60.0}, explanation(['a', 'b'], 101.0),
+                         explanation(['c'], 100.0 + better))
+    assert found.names == kept == set(less)
+
+
+def chosen(monkeypatch, alone, *found):
+    """Choose among explanations; of two effects each alone has this evidence, neither has none."""
     monkeypatch.setattr(posterior, '_without', lambda start, now, name: explanation(
         sorted(now.names - {name}), alone.get(''.join(now.names - {name}), 0.0)))
-    both, none = explanation(['a', 'b'], 100.0), explanation([], 0.0)
-    found, less = posterior._with_what_is_worth(None, both, none)
-    assert found.names == kept == set(less)
+    return posterior._chosen(None, found, explanation([], 0.0))
 
 
 def test_alternatives_are_those_in_the_place_of_one_effect():
