@@ -1,8 +1,8 @@
 """A robot against somebody else's simulation of it: what can be told of it in three ways.
 
     pip install mujoco
-    python benchmark/any_simulator.py --out any_simulator.jsonl [--rerun | --mujoco | --fit-rig]
-        [--jobs N] [--clean N] [--seeds N] [--first N] [--effects NAME ...]
+    python benchmark/any_simulator.py --out any_simulator.jsonl
+        [--rerun | --mujoco | --fit-rig | --drake | --drake-mujoco] [--jobs N] [--clean N] [--seeds N] [--first N] [--effects NAME ...]
 
 An arm in MuJoCo stands for the robot: integrated four times as finely as its simulation (by Euler,
 too: MuJoCo's RK4 is 0.29 N from it on this arm at 0.5 ms, which is a gap of its own), with every
@@ -14,7 +14,10 @@ motions tells it. With --rerun the simulation is run again with other numbers, a
 joints has a name. With --mujoco it is run as a model in MuJoCo, and the robot is integrated by
 implicitfast at 0.1 ms; the table is MuJoCo's own contact, pressed on for a third of the time. With
 --fit-rig there is no simulation: a rig is fitted to a recording of the robot without an effect,
-and others of the same robot and day are compared with that.
+and others of the same robot and day are compared with that. With --drake (pip install drake) the
+robot moves in Drake instead, a millisecond later, its joints have no dry friction but a viscous
+one of 1 N m s/rad that the simulation lacks, and the zero of its sensor wanders; it is compared
+with a simulation in MuJoCo by two recordings, or with --drake-mujoco as a model.
 """
 
 import os
@@ -130,6 +133,13 @@ ARMS = {'payload': payload, 'tilt': tilt, 'cable': cable, 'joint friction': fric
 SENSORS = {'delay': late, 'crosstalk': crosstalk, 'gain': gain, 'drift': drift}
 """Name -> what it makes of a wrench."""
 
+IN_DRAKE = ('drake', 'drake-mujoco')
+
+NOT_IN_DRAKE = ('joint friction', 'joint backlash', 'contact softness', 'none, table')
+
+WANDER = 0.05 * NOISE
+"""Of the zero of a sensor in Drake: a random walk's standard deviation after a second."""
+
 BIAS = np.array([0.2, 0.0, 0.0])
 """Of the Imu [m/s^2]."""
 
@@ -153,7 +163,7 @@ MUJOCO = {'payload': 'body_mass[gripper]', 'tilt': 'tilt.x',
           'joint backlash': 'backlash[joint2]', 'contact softness': 'geom_solref[table]'}
 """The same of a model in MuJoCo."""
 
-OF_WAY = {'rerun': RERUN, 'mujoco': MUJOCO}
+OF_WAY = {'rerun': RERUN, 'mujoco': MUJOCO, 'drake-mujoco': MUJOCO}
 
 
 def zero(rng):
@@ -207,11 +217,24 @@ def answer(case):
         way = case['way']
         joints = commanded(effect, seed, way)
         arm = simulated_arm(effect, joints, SOFT if way == 'mujoco' else None)
+        if way in IN_DRAKE:
+            arm = replace(arm, friction=(0.0,) * 6)
         finer = FINER if way == 'mujoco' else {'step': 0.00025}
         robot = ARMS.get(effect, same_arm)(varied(replace(arm, **finer), rng))
-        real = measured(run(robot, joints, every=0.004), effect, rng)
+        real = measured(_moved(way, robot, joints, rng), effect, rng)
         found = WAYS[way](real, joints, arm)
     return {**case, **found, 'seconds': time.process_time() - began}
+
+
+def _moved(way, robot, joints, rng):
+    """Move a robot, in the engine that stands for it."""
+    if way not in IN_DRAKE:
+        return run(robot, joints, every=0.004)
+    from drake_robot import run_in_drake  # an extra of this way alone
+    out = run_in_drake(robot, joints)
+    steps = rng.normal(size=out.wrench.values.shape) * WANDER * np.sqrt(0.004)
+    return replace(out, wrench=replace(
+        out.wrench, values=out.wrench.values + np.cumsum(steps, axis=0)))
 
 
 def _fitted(effect, seed, folder):
@@ -262,7 +285,8 @@ def _run_again(real, simulator):
             **{name: found.details[name] for name in ('runs', 'recomputed')}}
 
 
-WAYS = {'rerun': _rerun, 'mujoco': _by_mujoco, 'compared': _compared}
+WAYS = {'rerun': _rerun, 'mujoco': _by_mujoco, 'compared': _compared,
+        'drake': _compared, 'drake-mujoco': _by_mujoco}
 
 
 def _said(d):
@@ -319,6 +343,10 @@ def main():
                         help='run it again as a model in MuJoCo, the robot integrated otherwise')
     parser.add_argument('--fit-rig', action='store_true',
                         help='compare with a rig that is fitted to another recording')
+    parser.add_argument('--drake', action='store_true',
+                        help='compare a robot in Drake by two recordings')
+    parser.add_argument('--drake-mujoco', action='store_true',
+                        help='compare a robot in Drake with a model in MuJoCo')
     parser.add_argument('--jobs', type=int, default=1)
     parser.add_argument('--clean', type=int, default=4, help='recordings of a free arm without '
                         'an effect, beside one on a table and one with an Imu')
@@ -328,9 +356,11 @@ def main():
     parser.add_argument('--effects', nargs='*', choices=known, default=known)
     args = parser.parse_args()
     way = ('rerun' if args.rerun else 'mujoco' if args.mujoco
-           else 'fit-rig' if args.fit_rig else 'compared')
+           else 'fit-rig' if args.fit_rig else 'drake' if args.drake
+           else 'drake-mujoco' if args.drake_mujoco else 'compared')
     each = {'none': args.clean, **dict.fromkeys(NONE[1:], 1), **dict.fromkeys(TRUTH, args.seeds)}
-    left_out = {'fit-rig': ('none, table', 'contact softness')}.get(way, ())
+    left_out = {'fit-rig': ('none, table', 'contact softness'),
+                **dict.fromkeys(IN_DRAKE, NOT_IN_DRAKE)}.get(way, ())
     wanted = [{'effect': name, 'seed': args.first + i, 'way': way} for name in args.effects
               if name not in left_out for i in range(each[name])]
     if way == 'fit-rig':

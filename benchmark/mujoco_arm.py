@@ -113,10 +113,15 @@ def model_of(arm: Arm) -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(mjcf_of(arm))
 
 
+def gravity_of(arm: Arm) -> np.ndarray:
+    """Return gravity in the base, shape (3,) [m/s^2]."""
+    x, y = arm.tilt
+    return 9.80665 * np.array([np.sin(y), -np.sin(x), -np.cos(x) * np.cos(y)])
+
+
 def mjcf_of(arm: Arm) -> str:
     """Write an arm."""
-    x, y = arm.tilt
-    gravity = 9.80665 * np.array([np.sin(y), -np.sin(x), -np.cos(x) * np.cos(y)])
+    gravity = gravity_of(arm)
     bodies, ends = '', ''
     for i, (axis, offset, mass, radius, armature, _, _) in enumerate(LINKS):
         half = 0.08 if i not in (1, 2) else 0.3

@@ -15,6 +15,7 @@ from scipy.interpolate import CubicSpline
 
 MODEL = files('forcecal_ros') / 'config' / 'examples' / 'rigid_arm.xml'
 STEP_S, SAMPLE_S, REST_S = 0.002, 0.004, 1.0  # the robot rests when the recording begins
+DAMPING_S = 0.03  # of a drive, in its stiffness: Drake does not read kv
 
 
 class DrakeArm:
@@ -31,10 +32,10 @@ class DrakeArm:
         instance, = Parser(plant).AddModels(str(MODEL))
         drives = [plant.get_joint_actuator(i) for i in plant.GetJointActuatorIndices()]
         names = [drive.joint().name() for drive in drives]
-        for drive in drives:  # position control, as the model has it
-            gains = drive.get_controller_gains()
+        for drive in drives:
+            stiffness = drive.get_controller_gains().p
             drive.set_controller_gains(PdControllerGains(
-                p=parameters['stiffness'] * gains.p, d=gains.d))
+                p=parameters['stiffness'] * stiffness, d=DAMPING_S * stiffness))
         plant.Finalize()
         simulator = Simulator(plant)
         context = simulator.get_mutable_context()
