@@ -2,7 +2,8 @@
 
     pip install mujoco
     python benchmark/any_simulator.py --out any_simulator.jsonl
-        [--rerun | --mujoco | --fit-rig | --drake | --drake-mujoco] [--jobs N] [--clean N] [--seeds N] [--first N] [--effects NAME ...]
+        [--rerun | --mujoco | --fit-rig | --drake | --drake-mujoco]
+        [--jobs N] [--clean N] [--seeds N] [--first N] [--effects NAME ...]
 
 An arm in MuJoCo stands for the robot: integrated four times as finely as its simulation (by Euler,
 too: MuJoCo's RK4 is 0.29 N from it on this arm at 0.5 ms, which is a gap of its own), with every
@@ -16,8 +17,9 @@ implicitfast at 0.1 ms; the table is MuJoCo's own contact, pressed on for a thir
 --fit-rig there is no simulation: a rig is fitted to a recording of the robot without an effect,
 and others of the same robot and day are compared with that. With --drake (pip install drake) the
 robot moves in Drake instead, a millisecond later, its joints have no dry friction but a viscous
-one of 1 N m s/rad that the simulation lacks, and the zero of its sensor wanders; it is compared
-with a simulation in MuJoCo by two recordings, or with --drake-mujoco as a model.
+one of 1 N m s/rad that the simulation lacks, and its gears turn the tool by 0.05 mrad, ten times
+in a turn; it is compared with a simulation in MuJoCo by two recordings, or with --drake-mujoco as
+a model.
 """
 
 import os
@@ -137,8 +139,8 @@ IN_DRAKE = ('drake', 'drake-mujoco')
 
 NOT_IN_DRAKE = ('joint friction', 'joint backlash', 'contact softness', 'none, table')
 
-WANDER = 0.05 * NOISE
-"""Of the zero of a sensor in Drake: a random walk's standard deviation after a second."""
+RIPPLE = 5e-5
+"""Of the gears of the robot in Drake [rad], ten times in a turn."""
 
 BIAS = np.array([0.2, 0.0, 0.0])
 """Of the Imu [m/s^2]."""
@@ -221,20 +223,19 @@ def answer(case):
             arm = replace(arm, friction=(0.0,) * 6)
         finer = FINER if way == 'mujoco' else {'step': 0.00025}
         robot = ARMS.get(effect, same_arm)(varied(replace(arm, **finer), rng))
-        real = measured(_moved(way, robot, joints, rng), effect, rng)
+        real = measured(_moved(way, robot, joints), effect, rng)
         found = WAYS[way](real, joints, arm)
     return {**case, **found, 'seconds': time.process_time() - began}
 
 
-def _moved(way, robot, joints, rng):
+def _moved(way, robot, joints):
     """Move a robot, in the engine that stands for it."""
     if way not in IN_DRAKE:
         return run(robot, joints, every=0.004)
     from drake_robot import run_in_drake  # an extra of this way alone
     out = run_in_drake(robot, joints)
-    steps = rng.normal(size=out.wrench.values.shape) * WANDER * np.sqrt(0.004)
-    return replace(out, wrench=replace(
-        out.wrench, values=out.wrench.values + np.cumsum(steps, axis=0)))
+    turn = rotation_from_vector(RIPPLE * np.sin(10.0 * out.joints.values[:, 3:]))
+    return replace(out, pose=replace(out.pose, R_base_sensor=out.pose.R_base_sensor @ turn))
 
 
 def _fitted(effect, seed, folder):

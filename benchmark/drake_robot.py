@@ -28,7 +28,7 @@ def run_in_drake(arm: Arm, joints: np.ndarray, every: float = 0.004) -> Recordin
     """
     plant = MultibodyPlant(STEP_S)
     logging.getLogger('drake').setLevel(logging.ERROR)  # Drake knows no sites and no sensors
-    instance, = Parser(plant).AddModelsFromString(
+    Parser(plant).AddModelsFromString(
         mjcf_of(arm).replace('<mujoco>', '<mujoco model="arm">'), 'xml')
     plant.mutable_gravity_field().set_gravity_vector(gravity_of(arm))
     for i, (*_, kp, kv) in enumerate(LINKS):

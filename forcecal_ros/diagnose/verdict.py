@@ -131,6 +131,6 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
         return 'partial', f'{listed} {done}{rest}'
     rivals = [n for n, _ in candidates if n not in named and n != UNKNOWN]
     if rivals:
-        return 'ambiguous', (f'{listed} {done}, but {" or ".join(rivals)} explains it '
-                             f'about as well{rest}')
+        return 'ambiguous', (f'{listed} {done}, but {" or ".join(rivals)} may be '
+                             f'the cause instead{rest}')
     return 'identified', f'{listed} {done}{rest}'

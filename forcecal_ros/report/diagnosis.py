@@ -192,10 +192,10 @@ UNDECIDED = {
 SHARE = ' of the misfit'
 """A verdict of effects that show in stamps and values alone has no explained fraction."""
 
-AS_WELL = 'explains it about as well'
+INSTEAD = 'may be the cause instead'
 """How the verdict ends of an effect that others could replace."""
 
-COMPLETE = (SHARE, AS_WELL, 'explains the recording down to its noise')
+COMPLETE = (SHARE, INSTEAD, 'explains the recording down to its noise')
 """A verdict that ends so adds nothing to its first sentence on the page."""
 
 _CHANNELS = {c.name for c in CHANNELS}
@@ -242,7 +242,7 @@ def _but(d: Diagnosis) -> Iterator[str]:
     others = [n for n, _ in d.candidates if n not in {e.name for e in d.effects} | {'unknown'}]
     if d.verdict == 'ambiguous' and others:
         these = 'this' if len(others) == 1 else 'each of these'
-        yield f'But {these} would explain it about as well: {_listed(others)}.'
+        yield f'But {these} may be the cause instead: {_listed(others)}.'
     if d.verdict == 'partial':
         yield 'Part of the misfit is something else.'
 
@@ -270,7 +270,7 @@ def _in_full(d: Diagnosis) -> Fact:
         return Fact('In full', '')
     _, share, more = d.reason.partition(SHARE)
     if d.verdict == 'ambiguous':  # the first sentence names the others
-        more = more.partition(AS_WELL)[2]
+        more = more.partition(INSTEAD)[2]
     if share and d.verdict in NAMED:
         return Fact('In addition', _begun(f'{more.lstrip(",; ")}.'))
     return Fact('In full', _begun(f'{d.reason}.'))

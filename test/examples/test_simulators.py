@@ -26,7 +26,7 @@ def test_an_example_has_at_most_60_lines(path):
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ('name', 'module'), [('drake_arm', 'pydrake')])
+    ('name', 'module'), [('drake_arm', 'pydrake'), ('pybullet_arm', 'pybullet')])
 def test_a_heavier_payload_is_named(name, module, monkeypatch):
     pytest.importorskip(module, reason=f'requires {module}, which is not installed')
     monkeypatch.syspath_prepend(EXAMPLES)
@@ -43,8 +43,8 @@ def test_a_heavier_payload_is_named(name, module, monkeypatch):
                      R_base_sensor=robot.pose.R_base_sensor @ rotation_from_vector(
                          TURN_RAD * turn)))
     gap = fc.diagnose(robot, against=arm)
-    assert gap.to_dict()['verdict'] == 'identified'
+    assert gap.to_dict()['verdict'] in ('identified', 'ambiguous')  # a gain looks like a mass
     payload, = gap.value.diagnosis.effects
     value, = payload.parameters.values()
-    assert payload.name == 'payload'
+    assert payload.name == 'payload' and payload.probability > 0.8
     assert abs(value.value - HEAVIER_KG) < 4.0 * value.std < 0.03

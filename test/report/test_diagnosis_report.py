@@ -125,8 +125,8 @@ def test_a_number_at_its_bound_says_so_and_has_no_error():
 def test_other_causes_are_explained_and_an_ambiguous_verdict_says_what_tells_them_apart():
     two = replace(IDENTIFIED, verdict='ambiguous', candidates=(
         ('wrench_delay', 0.7), ('wrench_lowpass', 0.3)),
-        reason='wrench_delay explains 98 % of the misfit, but wrench_lowpass explains it about '
-               'as well')
+        reason='wrench_delay explains 98 % of the misfit, but wrench_lowpass may be the '
+               'cause instead')
     said = {one.label: one.words for one in facts(view_without_signals(two), NEXT)}
     assert said['How sure'] == ('70 % wrench_delay, 30 % wrench_lowpass (force and torque are '
                                 'smoothed by a filter).')

@@ -566,7 +566,7 @@ def with_contact(diagnosis: Diagnosis, contact: Contact) -> Diagnosis:
     reason = (f'{names} explain{end} {percent(contact.explained)} of the difference in {both}'
               f'{beside}')
     if rivals:
-        reason += f', but {" or ".join(rivals)} explains it about as well'
+        reason += f', but {" or ".join(rivals)} may be the cause instead'
     verdict = {'no_gap': 'identified', 'not_excited': 'identified', 'unknown': 'partial'}.get(
         d.verdict, d.verdict)
     kept = tuple(e for e in d.effects if e.name != UNKNOWN)

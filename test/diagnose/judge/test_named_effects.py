@@ -93,4 +93,4 @@ def test_an_alias_is_noted_from_odds_of_one_to_twenty_on():
 
     assert notes(0.04) == ()
     note, = notes(0.06)
-    assert note.startswith('tool_mass and wrench_gain explain these recordings about as well')
+    assert note.startswith('tool_mass and wrench_gain are not told apart for certain')
