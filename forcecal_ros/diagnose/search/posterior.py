@@ -321,23 +321,23 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
         if len(best.names) == MOST_EFFECTS:
             break
         children = _likeliest([e for parent in beam for e in extended(parent, table)])
-        for a in children[0].fit.accepted[:-1] if children else ():
+        if not children:
+            break
+        for a in children[0].fit.accepted[:-1]:
             # one of several may be the shadow of another
             shorter = _without(model, children[0], a.name)
             children += [shorter, *extended(shorter, table)]
         children = _likeliest(children)
         if not best.names:
             nearest = {name: e.evidence - best.evidence for e in children for name in e.names}
-        if not children:
-            break
         chosen, less = _chosen(model, children, best)
         if chosen.evidence < best.evidence + WORTH:
             break
         own = {name: features_of(chosen, less[name]) for name in chosen.names}
-        instead = {name: _instead(chosen, children, name) for name in chosen.names}
         if min(probability(f) for f in own.values()) < NAMED:
             break
-        features, alternatives = own, instead
+        features = own
+        alternatives = {name: _instead(chosen, children, name) for name in chosen.names}
         temperature = max(f.temperature for f in own.values())
         best = _with_refitted_noise(chosen)
         beam = [best, *(_beside(e, best) for e in children[:BEAM] if e.names != best.names
