@@ -47,6 +47,8 @@ MOST_EFFECTS = 4
 WORTH = 8.0
 """Log-evidence that an effect has to bring: 3,000 to one, for some hundred that are tried."""
 
+SHADOW = 0.5
+"""Share of what an effect brought that another has to bring in its place, on the Jacobian."""
 
 NAMED = 0.5
 """Probability from which an effect is named: likelier than not."""
@@ -191,12 +193,26 @@ def weigh(fit: JointFit, ways: Mapping[str, float] = MappingProxyType({})) -> Ex
                        comparison.missing_evidence + earlier.missing, ways)
 
 
-def extended(parent: Explanation, table: _Table) -> list[Explanation]:
-    """Add one effect to an explanation: the likeliest few, fitted on simulations."""
-    now = parent.fit
-    likely = [t for t in table.candidates(now) if t.evidence > WORTH]
-    fits = [(t, _with_change_point(now, t) if t.gate and t.gate.instant is not None
-             else _with(now, t)) for t in likely[:REFINED]]
+def extended(parent: Explanation, table: _Table, known: set[frozenset[str]],
+             least: float = WORTH) -> list[Explanation]:
+    """
+    Add one effect to an explanation: the likeliest few, fitted on simulations.
+
+    Parameters
+    ----------
+    known : set of frozenset of str
+        Explanations that are fitted already; those fitted here are added.
+    least : float
+        Log-evidence that an effect has to bring.
+    """
+    now, fits = parent.fit, []
+    likely = [t for t in table.candidates(now) if t.evidence > max(least, WORTH)]
+    for t in likely[:REFINED]:
+        names = parent.names | {t.effect.name}
+        if names not in known:
+            known.add(names)
+            fits.append((t, _with_change_point(now, t) if t.gate and t.gate.instant is not None
+                         else _with(now, t)))
     return [weigh(fit, {**parent.ways, t.effect.name: float(np.log(t.ways))})
             for t, fit in fits if fit is not None]
 
@@ -320,13 +336,15 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
     for _ in range(2 * MOST_EFFECTS):
         if len(best.names) == MOST_EFFECTS:
             break
-        children = _likeliest([e for parent in beam for e in extended(parent, table)])
+        known: set[frozenset[str]] = set()
+        children = _likeliest([e for parent in beam for e in extended(parent, table, known)])
         if not children:
             break
         for a in children[0].fit.accepted[:-1]:
             # one of several may be the shadow of another
             shorter = _without(model, children[0], a.name)
-            children += [shorter, *extended(shorter, table)]
+            lost = children[0].evidence - shorter.evidence
+            children += [shorter, *extended(shorter, table, known, SHADOW * lost)]
         children = _likeliest(children)
         if not best.names:
             nearest = {name: e.evidence - best.evidence for e in children for name in e.names}
