@@ -277,7 +277,7 @@ def _by_mujoco(real, joints, arm):
         path = Path(folder) / 'arm.xml'
         path.write_text(mjcf_of(arm))
         robot = load_mujoco(str(path), imu='ft' if arm.imu else None)
-    return _run_again(real, third_party('arm.xml', robot))
+        return _run_again(real, third_party('arm.xml', robot))
 
 
 def _run_again(real, simulator):
