@@ -257,6 +257,17 @@ def _without(start: LinearisedModel, now: Explanation, name: str) -> Explanation
     return weigh(refitted or less, now.ways)
 
 
+def _exchanged(start: LinearisedModel, full: Explanation, table: _Table,
+               known: set[frozenset[str]]) -> list[Explanation]:
+    """Remove each effect but the newest, which may be its shadow, and add others in its place."""
+    out = []
+    for a in full.fit.accepted[:-1]:
+        shorter = _without(start, full, a.name)
+        least = SHADOW * (full.evidence - shorter.evidence)
+        out += [shorter, *extended(shorter, table, known, least)]
+    return out
+
+
 def _chosen(start: LinearisedModel, found: Sequence[Explanation], best: Explanation
             ) -> tuple[Explanation, dict[str, Explanation]]:
     """
@@ -340,12 +351,7 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
         children = _likeliest([e for parent in beam for e in extended(parent, table, known)])
         if not children:
             break
-        for a in children[0].fit.accepted[:-1]:
-            # one of several may be the shadow of another
-            shorter = _without(model, children[0], a.name)
-            lost = children[0].evidence - shorter.evidence
-            children += [shorter, *extended(shorter, table, known, SHADOW * lost)]
-        children = _likeliest(children)
+        children = _likeliest([*children, *_exchanged(model, children[0], table, known)])
         if not best.names:
             nearest = {name: e.evidence - best.evidence for e in children for name in e.names}
         chosen, less = _chosen(model, children, best)

@@ -84,6 +84,21 @@ def chosen(monkeypatch, alone, *found):
     return posterior._chosen(None, found, explanation([], 0.0))
 
 
+def test_what_takes_the_place_of_an_effect_brings_half_as_much_and_is_fitted_once(monkeypatch):
+    lost, fitted = 100.0, []
+    table = type('Table', (), {'candidates': lambda self, now: [
+        type('T', (), {'effect': type('E', (), {'name': name}), 'evidence': share * lost,
+                       'gate': None, 'ways': 1})
+        for name, share in (('known', 2.0), ('more', 0.6), ('less', 0.4))]})()
+    monkeypatch.setattr(posterior, '_without', lambda start, now, name: explanation(
+        sorted(now.names - {name}), -lost))
+    monkeypatch.setattr(posterior, '_with', lambda now, t: fitted.append(t.effect.name))
+    known = {frozenset(('b', 'known'))}
+    out = posterior._exchanged(None, explanation(['a', 'b'], 0.0), table, known)
+    assert [one.names for one in out] == [{'b'}]
+    assert fitted == ['more'] and frozenset(('b', 'more')) in known
+
+
 def test_alternatives_are_those_in_the_place_of_one_effect():
     chosen = explanation(['a', 'b'], 50.0)
     others = [explanation(['a', 'c'], 40.0), explanation(['b', 'c'], 45.0),
