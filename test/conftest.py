@@ -49,15 +49,17 @@ def pytest_collection_modifyitems(items):
         group = str(item.path.relative_to(ROOT / 'test').with_suffix(''))
         if _is_live(item):
             item.add_marker(pytest.mark.flaky(reruns=1, condition=SHARED))
+        if item.path in files:  # whose module fixtures are made once
+            item.add_marker(pytest.mark.with_live)
             group = f'live {files.index(item.path) % 2}'
         item.add_marker(pytest.mark.xdist_group(group))
-    items.sort(key=lambda item: (not _is_live(item), not item.get_closest_marker('lint')))
+    items.sort(key=lambda item: (item.path not in files, not item.get_closest_marker('lint')))
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item):
     """Let the worker that runs no nodes give way to those that have to keep up with a clock."""
-    if SHARED and not _is_live(item) and not os.nice(0):
+    if SHARED and not item.get_closest_marker('with_live') and not os.nice(0):
         os.nice(GIVING_WAY)
 
 

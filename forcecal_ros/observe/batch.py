@@ -81,7 +81,7 @@ def _learn_all(t: Array, wrenches: Array, status: NDArray[np.int64], model: Bias
 
 
 def _one_layout(values: Array) -> Array:
-    """Return rows that are contiguous and read-only, so that one compilation serves all callers."""
+    """Return contiguous read-only rows, so that one compilation serves all callers."""
     return np.broadcast_to(np.ascontiguousarray(values), values.shape)
 
 
