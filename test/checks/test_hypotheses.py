@@ -1,6 +1,7 @@
 """Each row of the table is found on an arm that never rests, on rests, and beside a known tool."""
 
 from dataclasses import replace
+from functools import cache
 
 from calibration_runs import run
 from forcecal_ros.checks.entry import checked
@@ -77,7 +78,8 @@ ROWS = {
     'jump': (jump, r'N off, however the sensor turns'),
     'picked up': (picked_up, r'carries 0\.[45]\d* kg more'),
 }
-LOGS = {'arm': lambda: moving(1), 'rests': lambda: log(1, hold=2.0, move=1.2, rate=100.0)}
+LOGS = {'arm': cache(lambda: moving(1)),
+        'rests': cache(lambda: log(1, hold=2.0, move=1.2, rate=100.0))}
 
 
 @pytest.mark.parametrize('which', first(LOGS))

@@ -70,20 +70,9 @@ NONSENSE = (r'wrench: 1\d\.\d % of the samples are not finite or beyond 1e\+06 '
 
 REFUSED = {
     'readings of 1e7': (lambda r: with_values(r, 'wrench', nonsense(1e7)), NONSENSE),
-    'a channel that is no number': (
-        lambda r: with_values(r, 'wrench', nonsense(np.nan)), NONSENSE),
-    'an accelerometer that is no number': (
-        lambda r: with_values(r, 'accelerometer', lambda t, v: np.full_like(v, np.nan)),
-        r'accelerometer: 100\.0 % of the samples are not finite'),
     'one channel stuck from 45 % on': (
         lambda r: with_values(r, 'wrench', stuck(3, 0.45 * r.wrench.t[-1])),
         r'torque\.x repeats \S+ from 6\.\d\d s to 1\d\.\d\d s while other channels change'),
-    'one channel stuck for a second': (
-        lambda r: with_values(r, 'accelerometer', stuck(1, 5.0, 6.0)),
-        r'accel\.y repeats \S+ from 5\.00 s to 6\.00 s while other channels change'),
-    'a dead accelerometer': (
-        lambda r: with_values(r, 'accelerometer', lambda t, v: np.ones_like(v)),
-        r'accelerometer: the values never change'),
     'a dead channel': (
         lambda r: with_values(r, 'wrench', stuck(0, 0.0)), r'force\.x stands at \S+ throughout'),
     'a wrench that sticks': (
@@ -101,9 +90,6 @@ REFUSED = {
     'clocks apart': (
         lambda r: later(r, 'wrench', 1e4),
         r'stamps begin too far from those of accelerometer .*: wrench \+10000\.0 s'),
-    'commands of another clock': (
-        lambda r: later(r, 'target', 1e4),
-        r'stamps begin too far from those of wrench: target \(target_frame\) \+10000\.0 s'),
 }
 """What is done to a recording, and what every command says of it."""
 

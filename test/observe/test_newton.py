@@ -28,7 +28,7 @@ def run(u, a, x, v, K):
     return np.array(force)
 
 
-def noise(n=60000, seed=0):
+def noise(n=20000, seed=0):
     """White noise of the rig's sensors; x and dx/dt as a pose filter has them."""
     rng = np.random.default_rng(seed)
     u, a = rng.normal(scale=0.25, size=n), rng.normal(scale=0.034, size=n)
