@@ -44,16 +44,17 @@ def _is_live(item) -> bool:
 @pytest.hookimpl(tryfirst=True)  # before the workers look at the groups
 def pytest_collection_modifyitems(items):
     """Begin with what waits for nodes, on two workers of several, and with what takes longest."""
-    files = sorted({item.path for item in items if _is_live(item)})
+    names = sorted({item.location[0] for item in items if _is_live(item)})
+    live = {name: f'live {i % 2}' for i, name in enumerate(names)}
     for item in items:
-        group = str(item.path.relative_to(ROOT / 'test').with_suffix(''))
+        name = item.location[0]
         if _is_live(item):
             item.add_marker(pytest.mark.flaky(reruns=1, condition=SHARED))
-        if item.path in files:  # whose module fixtures are made once
+        if name in live:  # whose module fixtures are made once
             item.add_marker(pytest.mark.with_live)
-            group = f'live {files.index(item.path) % 2}'
-        item.add_marker(pytest.mark.xdist_group(group))
-    items.sort(key=lambda item: (item.path not in files, not item.get_closest_marker('lint')))
+        item.add_marker(pytest.mark.xdist_group(live.get(name, name)))
+    items.sort(key=lambda item: (item.location[0] not in live,
+                                 not item.get_closest_marker('lint')))
 
 
 @pytest.hookimpl(tryfirst=True)
