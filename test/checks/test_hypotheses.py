@@ -137,14 +137,6 @@ def test_a_log_that_was_played_slowly_is_noted():
     assert '0.5 of the speed of time' in note
 
 
-def test_torques_about_another_point_are_noted_with_the_point():
-    spoilt = wrong_recordings.about_another_point(moving(6), [0.0, 0.0, 0.15])
-    note, = judge(recording_of(spoilt), DOWN)
-    assert 'are about a point' in note
-    place = note.split('about a point (')[1].split(')', maxsplit=1)[0]
-    np.testing.assert_allclose([float(x) for x in place.split()], [0.0, 0.0, 0.15], atol=0.01)
-
-
 def test_a_delay_is_noted_as_one_and_not_as_smoothing():
     note, = judge(recording_of(late(moving(7), 0.03)), DOWN)
     assert '30 +- ' in note and 'later' in note and 'smooths' not in note

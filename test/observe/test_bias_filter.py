@@ -326,8 +326,3 @@ def test_static_needs_no_noise(calibration):
 def test_settings_that_make_no_sense_are_refused(wrong):
     with pytest.raises(ConfigError, match=f'gravity.{next(iter(wrong))}'):
         FilterSettings(**wrong)
-
-
-def test_an_unknown_filter_is_refused():
-    with pytest.raises(ConfigError, match=r"filter is 'pf', expected one of kalman, newton, ukf"):
-        ObserverSettings('pf')
