@@ -19,7 +19,7 @@ PLACE_M, TURN_RAD = 2e-5, 5e-5
 """Noise of a pose from encoders: where it has none, micrometres of sag outweigh newtons."""
 
 
-@pytest.mark.parametrize('path', EXAMPLES.glob('*_arm.py'), ids=lambda path: path.stem)
+@pytest.mark.parametrize('path', sorted(EXAMPLES.glob('*_arm.py')), ids=lambda path: path.stem)
 def test_an_example_has_at_most_60_lines(path):
     assert len(path.read_text().splitlines()) <= 60
 
