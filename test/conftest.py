@@ -52,7 +52,8 @@ def pytest_collection_modifyitems(items):
             item.add_marker(pytest.mark.flaky(reruns=1, condition=SHARED))
         if name in live:  # whose module fixtures are made once
             item.add_marker(pytest.mark.with_live)
-        item.add_marker(pytest.mark.xdist_group(live.get(name, name)))
+        group = name.removeprefix('test/').removesuffix('.py')
+        item.add_marker(pytest.mark.xdist_group(live.get(name, group)))
     items.sort(key=lambda item: (item.location[0] not in live,
                                  not item.get_closest_marker('lint')))
 

@@ -86,7 +86,7 @@ def test_the_commands_of_the_page_say_what_to_change(example, robot, monkeypatch
 
 
 @pytest.mark.parametrize('factor, said', first([
-    (1.0 / 9.80665, 'its forces are in kgf'), (-1.0, 'it has the opposite sign')]))
+    (-1.0, 'it has the opposite sign'), (1.0 / 9.80665, 'its forces are in kgf')]))
 def test_units_and_sign_of_the_robots_wrench_are_asked_before_effects(robot, factor, said):
     real = measured(robot, 1.2, 0.07)
     wrong = replace(real, target=commands(), wrench=replace(

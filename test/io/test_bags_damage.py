@@ -72,7 +72,7 @@ def test_truncated_file_gives_a_part_or_one_line(folder, files, kind, data):
 
 
 @pytest.mark.parametrize('kind', KINDS, ids=str)
-@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_flipped_bits_never_escape_as_a_traceback(folder, files, kind, data):
     content = bytearray(files[kind].read_bytes())
@@ -119,7 +119,7 @@ def test_no_damage_escapes_as_a_traceback(folder, files, kind):
             raise AssertionError(f'seed {seed}, copy {count}') from error
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
 @given(content=st.binary(max_size=300), magic=st.sampled_from(
     [b'', b'\x89MCAP0\r\n', b'SQLite format 3\0', b'\x28\xb5\x2f\xfd', b'#ROSBAG V2.0\n']))
 def test_noise_is_no_recording(folder, content, magic):

@@ -310,7 +310,7 @@ sys.exit(sequencer.run('sequencer', Defective))
 
 
 @pytest.mark.parametrize('executor, where', first([
-    ('events', 'timer'), ('single', 'subscription')]))
+    ('single', 'subscription'), ('events', 'timer')]))
 def test_a_sequencer_that_fails_stops_the_robot_first(ros_domain, executor, where):
     with Live() as live, tempfile.NamedTemporaryFile() as said:
         robot = Robot(live)
