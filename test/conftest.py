@@ -15,7 +15,7 @@ import pytest
 # small matrices are slower on two threads than on one, many times so where cores are busy
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
-settings.register_profile('same_everywhere', derandomize=True, deadline=None)
+settings.register_profile('same_everywhere', derandomize=True, deadline=None, max_examples=30)
 settings.load_profile('same_everywhere')
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -44,20 +44,24 @@ def _is_live(item) -> bool:
 @pytest.hookimpl(tryfirst=True)  # before the workers look at the groups
 def pytest_collection_modifyitems(items):
     """Begin with what waits for nodes, on two workers of several, and with what takes longest."""
-    files = sorted({item.path for item in items if _is_live(item)})
+    names = sorted({item.location[0] for item in items if _is_live(item)})
+    live = {name: f'live {i % 2}' for i, name in enumerate(names)}
     for item in items:
-        group = str(item.path.relative_to(ROOT / 'test').with_suffix(''))
+        name = item.location[0]
         if _is_live(item):
             item.add_marker(pytest.mark.flaky(reruns=1, condition=SHARED))
-            group = f'live {files.index(item.path) % 2}'
-        item.add_marker(pytest.mark.xdist_group(group))
-    items.sort(key=lambda item: (not _is_live(item), not item.get_closest_marker('lint')))
+        if name in live:  # whose module fixtures are made once
+            item.add_marker(pytest.mark.with_live)
+        group = name.removeprefix('test/').removesuffix('.py')
+        item.add_marker(pytest.mark.xdist_group(live.get(name, group)))
+    items.sort(key=lambda item: (item.location[0] not in live,
+                                 not item.get_closest_marker('lint')))
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item):
     """Let the worker that runs no nodes give way to those that have to keep up with a clock."""
-    if SHARED and not _is_live(item) and not os.nice(0):
+    if SHARED and not item.get_closest_marker('with_live') and not os.nice(0):
         os.nice(GIVING_WAY)
 
 

@@ -245,7 +245,7 @@ def check_multi_sine(move: MultiSine, limits: Limits) -> None:
     MotionError
         With the number, the limit and its key.
     """
-    check_rates(move.peaks(limits.stop_duration), limits, 'the continuous motion')
     positions, rotations = move.poses()
     check_workspace(positions, limits, 'the continuous motion: the sensor')
     check_workspace(positions + rotations @ limits.tip, limits, 'the continuous motion: the tip')
+    check_rates(move.peaks(limits.stop_duration), limits, 'the continuous motion')

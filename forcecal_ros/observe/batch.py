@@ -50,7 +50,7 @@ def estimates(recording: Recording, model: Model, progress: Progress = silent) -
     slide, no_slide = _slides(recording.optidrive, first, model)
     poses, no_pose = _poses(recording.pose, first, model)
     wrenches, status = np.empty((4, len(wrench), 6)), np.empty(len(wrench), np.int64)
-    _observe_all(wrench.t, np.ascontiguousarray(wires), force, slide, poses, _plain(model),
+    _observe_all(wrench.t, _one_layout(wires), force, slide, poses, _plain(model),
                  MotionEstimate(), Tool(), Memory(), wrenches, status)
     learned = None
     if model.bias_filter is not None:
@@ -80,6 +80,11 @@ def _learn_all(t: Array, wrenches: Array, status: NDArray[np.int64], model: Bias
     return stacked(rows)
 
 
+def _one_layout(values: Array) -> Array:
+    """Return contiguous read-only rows, so that one compilation serves all callers."""
+    return np.broadcast_to(np.ascontiguousarray(values), values.shape)
+
+
 def waits_for_compiler() -> bool:
     """Whether the first recording has to wait until the observer is compiled."""
     return jit.waits_for_compiler(_take_forces, _take_slides, _take_poses, _observe_all)
@@ -90,7 +95,7 @@ def _forces(stream: Stream | None, first: float, model: Model) -> tuple[Array, i
     if stream is None or not model.accelerometer:
         return np.empty((0, 9)), 0 if stream is None else len(stream)
     samples = np.empty((len(stream), 9))
-    n = _take_forces(stream.t, stream.values, first, _plain(model), samples)
+    n = _take_forces(stream.t, _one_layout(stream.values), first, _plain(model), samples)
     return samples[:n], len(stream) - n
 
 
@@ -98,8 +103,8 @@ def _slides(stream: Stream | None, first: float, model: Model) -> tuple[Array, i
     if stream is None:
         return np.empty((0, 3)), 0
     samples = np.empty((len(stream), 3))
-    n = _take_slides(stream.t, stream.values, first, model.displacement_timeout, model.skew,
-                     samples)
+    n = _take_slides(stream.t, _one_layout(stream.values), first, model.displacement_timeout,
+                     model.skew, samples)
     return samples[:n], len(stream) - n
 
 

@@ -9,6 +9,7 @@ from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.core.streams import Stream
 from kuka import GRAVITY, static_recording
+from longer import first
 import numpy as np
 import pytest
 
@@ -40,7 +41,7 @@ def orientations(recording):
     return pose.R_base_sensor[np.maximum(last, 0)]
 
 
-@pytest.fixture(scope='module', params=['arm', 'rig'])
+@pytest.fixture(scope='module', params=first(['arm', 'rig']))
 def sound(request):
     """Return a sound recording and the magnitude of gravity: a real arm's, and the rig's."""
     if request.param == 'rig':

@@ -7,6 +7,7 @@ from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.streams import Stream
 from kuka import GRAVITY, static_recording
+from longer import first
 import numpy as np
 import pytest
 from static_sets import static_set
@@ -32,7 +33,7 @@ def test_one_in_twenty_sound_sets_of_single_samples_is_called_into_question_at_m
     assert len(found) <= SETS // 20, found
 
 
-@pytest.mark.parametrize('seed', [1005, 1019])
+@pytest.mark.parametrize('seed', first([1005, 1019]))
 def test_an_accelerometer_that_never_moves_has_a_map_and_no_delay(seed):
     # a delay that nothing tells was sought all the same, and kept the fit from settling
     found = identify(static_set(seed, 100.0)[0]).accelerometer

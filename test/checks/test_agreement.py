@@ -44,7 +44,7 @@ def mapped(recording, change):
 
 
 @pytest.mark.parametrize('seed', first(range(3)))
-@pytest.mark.parametrize('contact', [0.0, 3.0, np.array([30.0, -20.0, 60.0])])
+@pytest.mark.parametrize('contact', [0.0, np.array([30.0, -20.0, 60.0])])
 def test_the_tool_that_was_calibrated_passes_with_or_without_pushes(contact, seed):
     assert refuse_disagreeing(recorded(contact=contact, seed=seed, accelerometer=np.eye(3)),
                               C) == ()
@@ -61,8 +61,7 @@ def test_a_push_all_along_or_a_sensor_that_hardly_turns_says_nothing():
 
 @pytest.mark.parametrize('change, said', [
     (lambda w: -w, 'opposite sign'), (lambda w: w[:, [1, 0, 2, 4, 3, 5]], 'axes are mirrored'),
-    (lambda w: w[:, [1, 2, 0, 4, 5, 3]], 'its axes are turned by'),
-    (lambda w: w / G, 'forces are in kgf; multiply by 9.8066')])
+    (lambda w: w[:, [1, 2, 0, 4, 5, 3]], 'its axes are turned by')])
 def test_other_axes_and_units_are_refused_by_cause(change, said):
     with pytest.raises(DataError, match=said):
         refuse_disagreeing(mapped(recorded(contact=5.0), change), C)

@@ -19,18 +19,6 @@ def spoilt(name, one):
     return recording_of(WRONG[name].make(one, np.random.default_rng(5)))
 
 
-@pytest.mark.parametrize('make', first([log, work]))
-@pytest.mark.parametrize('factor, said', [
-    (100.0, 'it is in cm|position is in cm'), (1.0 / 0.0254, 'position is in inches'),
-    (1e-3, 'they are in m and taken for mm|in m and taken for mm')])
-def test_positions_in_another_length_are_told_by_inertia(make, factor, said):
-    recording = recording_of(make(1))
-    assert judge(recording, DOWN) == ()
-    other = replace(recording.pose, position=factor * recording.pose.position)
-    with pytest.raises(DataError, match=f'^pose: .*({said})'):
-        judge(replace(recording, pose=other), DOWN)
-
-
 @pytest.mark.parametrize('column, factor, said', [
     (3, 1e3, 'torques are in N mm'), (3, 1e2, 'torques are in N cm'),
     (3, 8.8507, 'torques are in lbf in'), (3, 1e-3, 'torques are in kN m'),

@@ -207,12 +207,10 @@ def test_messages_out_of_order_with_stamps_that_come_twice(capsys, folder, sourc
                     for connection, log_ns, data in reader.messages()]
     rng = np.random.default_rng(0)
     order = np.argsort(np.arange(len(messages)) + rng.uniform(0, 30, len(messages)))
-    twice = [messages[i] for i in np.sort(np.r_[order, order[::40]])]
-    write_messages(folder / 'shuffled', [messages[i] for i in order])
-    write_messages(folder / 'twice', twice)
-    for bag in ('shuffled', 'twice'):
-        status, said = answers_or_one_line(capsys, commands(folder, folder / bag)[0])
-        assert status == 0, said
+    twice = np.repeat(order, 1 + (np.arange(len(order)) % 40 == 0))
+    write_messages(folder / 'twice', [messages[i] for i in twice])
+    status, said = answers_or_one_line(capsys, commands(folder, folder / 'twice')[0])
+    assert status == 0, said
 
 
 def test_no_messages_and_two_types_on_one_topic(capsys, folder, source):

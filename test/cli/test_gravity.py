@@ -85,9 +85,3 @@ def test_the_calibration_in_the_recording_is_used(capsys, folder, tmp_path):
     status, out, _ = run(capsys, tmp_path, tmp_path / 'out', '--json', calibration=False)
     assert status == 0
     assert json.loads(out)['calibration'] == 'in the recording'
-
-
-def test_wrong_usage_exits_with_2(folder):
-    with pytest.raises(SystemExit) as stop:
-        main(['estimate', str(folder / 'bag'), '--filter', 'pf', '-o', 'x'])
-    assert stop.value.code == 2

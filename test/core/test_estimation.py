@@ -1,6 +1,7 @@
 """Claims about the robust fit: its standard errors, and its scales."""
 
 from forcecal_ros.core.estimation import robust_fit
+from longer import first
 import numpy as np
 import pytest
 
@@ -16,7 +17,7 @@ def regression(seed, channels, n=1200):
     return X, y + 30.0 * touched * rng.normal(size=(n, channels)), loud
 
 
-@pytest.mark.parametrize('channels', [1, 3])
+@pytest.mark.parametrize('channels', first([3, 1]))
 def test_standard_errors_are_those_of_the_errors_however_many_channels_a_group_has(channels):
     off = []
     for seed in range(120):

@@ -8,6 +8,8 @@ from forcecal_ros.sim.rig.file import load_rig
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.long  # of what the benchmark makes
+
 CASE = {'base': 'rig', 'half': 'development', 'seed': 3, 'number': 0, 'effects': [],
         'kinds': {'hum': 5000.0}, 'ratio': 0.0}
 

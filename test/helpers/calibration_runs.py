@@ -1,6 +1,7 @@
 """Simulated calibration runs: the motion of the sequencer, the sensors of the rig."""
 
 from dataclasses import replace
+from functools import cache
 
 from forcecal_ros.calibrate.pipeline import identify
 from forcecal_ros.calibrate.settings import IdentificationSettings
@@ -41,6 +42,11 @@ def motion(timing: Timing = Timing(), poses: dict[str, Pose] | None = None,
     return PoseStream(t, np.array(positions), np.array(rotations)), tuple(phases)
 
 
+@cache
+def _usual_motion() -> tuple[PoseStream, tuple[Phase, ...]]:
+    return motion()
+
+
 def shifted(stream: Stream, delay: float) -> Stream:
     """Return the same readings, stamped later."""
     return replace(stream, t=stream.t + delay)
@@ -49,7 +55,7 @@ def shifted(stream: Stream, delay: float) -> Stream:
 def run(rig: Rig | None = None, *, seed: int = 0, accelerometer: str = 'acc1',
         delay: float = 0.0, noise: bool = True, **options) -> Recording:
     """One calibration run; the accelerometer shows all ``delay`` after the wrench does."""
-    target, phases = motion(**options)
+    target, phases = motion(**options) if options else _usual_motion()
     recording = simulate(rig or load_rig(), target, accelerometer=accelerometer, seed=seed,
                          noise=noise)
     late = 'accelerometer' if delay > 0 else 'wrench'

@@ -15,6 +15,7 @@ ROOT = Path(__file__).resolve().parents[2]
 STUBS = ROOT / 'stubs'
 SEARCHED = ('benchmark', 'forcecal_ros', 'launch', 'test')
 INTERFACES = re.compile(r'(?!launch|tf2_msgs)\w+\.(msg|srv)')
+IMPORTS = re.compile(r'^ *from \w+\.(msg|srv) import', re.MULTILINE)
 SEQUENCE = re.compile(r'sequence<([\w/]+)(?:, \d+)?>')
 ARRAY = re.compile(r'([\w/]+)\[\d+\]')
 SCALARS = {'boolean': 'bool', 'double': 'float', 'float': 'float', 'octet': 'bytes',
@@ -31,7 +32,8 @@ def _imported() -> set[Interface]:
     found = set()
     for folder in SEARCHED:
         for path in (ROOT / folder).rglob('*.py'):
-            for node in ast.walk(ast.parse(path.read_text())):
+            text = path.read_text()
+            for node in ast.walk(ast.parse(text)) if IMPORTS.search(text) else ():
                 if isinstance(node, ast.ImportFrom) and INTERFACES.fullmatch(node.module or ''):
                     found |= {(str(node.module), alias.name) for alias in node.names}
     return found

@@ -1,5 +1,6 @@
 """A small arm that never rests: multi-sine about three axes, with the noise of a UR-like robot."""
 
+from functools import cache
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import quaternion_from_matrix, rotation_from_vector
@@ -46,6 +47,11 @@ def _rate(R, R_next):
 
 def moving(seed, mass=MASS, com=COM, seconds=SECONDS, rate=RATE):
     """Record the arm without contact, as a Log that can be spoilt."""
+    return _recorded(seed, mass, tuple(com), seconds, rate)
+
+
+@cache
+def _recorded(seed, mass, com, seconds, rate):
     rng = np.random.default_rng(seed)
     hertz = rng.uniform(0.08, 0.6, (6, 3))
     size = np.concatenate([rng.uniform(0.2, 0.45, (3, 3)), rng.uniform(0.02, 0.08, (3, 3))])

@@ -43,7 +43,7 @@ def value_at(message, path):
 
 
 @pytest.mark.parametrize('msgtype', sorted(FIELDS))
-@settings(max_examples=50)
+@settings(max_examples=25)
 @given(data=st.data())
 def test_rosbags_reads_what_was_encoded(msgtype, data):
     paths = FIELDS[msgtype] if msgtype != JOINT_STATE else ('position[0]', 'position[1]')

@@ -74,7 +74,7 @@ def test_ten_millimetres_in_a_tenth_of_a_second_peak_where_the_quintic_says():
     check_move(move, LIMITS)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(vectors(0.3), vectors(1.0), st.floats(0.2, 5.0))
 def test_velocities_are_the_derivative_of_the_poses(line, turn, duration):
     goal = Pose(HOME.position + line, HOME.R_base_sensor @ rotation_from_vector(turn))
@@ -88,7 +88,7 @@ def test_velocities_are_the_derivative_of_the_poses(line, turn, duration):
         np.testing.assert_allclose(spin / (2 * dt), here.angular_velocity, atol=1e-6)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(vectors(0.3), vectors(1.0))
 def test_orientation_goes_along_the_geodesic_and_arrives(line, turn):
     goal = Pose(HOME.position + line, HOME.R_base_sensor @ rotation_from_vector(turn))
@@ -113,7 +113,7 @@ def test_half_a_turn_is_refused_because_noise_would_choose_the_way():
         check_move(Move(HOME, goal, 5.0), LIMITS)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(vectors(0.2), vectors(1.5))
 def test_shortest_duration_keeps_to_the_pace(line, turn):
     goal = Pose(HOME.position + line, HOME.R_base_sensor @ rotation_from_vector(turn))
@@ -320,7 +320,7 @@ def test_hold_does_not_move():
     assert not hold(HOME).moving
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(vectors(3.14159), st.sampled_from([1.0, 1e-4, 1e-9]))
 def test_the_quick_quaternion_is_that_of_the_matrix(turn, size):
     for R in (rotation_from_vector(turn * size), HOME.R_base_sensor @ rotation_from_vector(turn)):

@@ -25,6 +25,7 @@ from forcecal_ros.motion.profiles import (
 from forcecal_ros.motion.sequence import MotionSequence, next_in_phase, StreamClock, StreamSettings
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from longer import first
 import numpy as np
 import pytest
 
@@ -145,7 +146,7 @@ def film():
     return frames
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(data=st.data())
 def test_abort_at_any_instant_is_at_rest_within_a_tenth_of_a_second(film, data):
     sequence, before = film[data.draw(st.integers(0, len(film) - 1))]
@@ -163,7 +164,7 @@ def test_abort_at_any_instant_is_at_rest_within_a_tenth_of_a_second(film, data):
             <= LIMITS.angular_acceleration)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.floats(0.05, 0.95), st.floats(0.2, 2.0))
 def test_a_stop_stays_on_the_path_and_never_turns_back(when, duration):
     goal = Pose(HOME.position + [0.02, 0.01, 0.0],
@@ -472,7 +473,7 @@ def test_a_freeze_that_has_healed_does_not_excuse_the_next(bench, seconds, heale
 
 
 @pytest.mark.parametrize('name', list(TOPICS))
-@pytest.mark.parametrize('seconds', [0.06, 5.0])
+@pytest.mark.parametrize('seconds', first([0.06, 5.0]))
 def test_a_sensor_that_is_frozen_keeps_a_sequence_from_starting_until_it_changes(
         bench, name, seconds):
     bench.frozen[name] = bench.monitor.channels[name].values
@@ -633,7 +634,7 @@ def test_begin_forgets_the_fault_of_the_run_before(bench):
     assert not bench.tick()
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.tuples(*[st.floats(-1.7, 1.7)] * 3).map(np.array))
 def test_angle_between_quaternions_is_that_of_the_rotation_vector(turn):
     a = quaternion_from_matrix(HOME.R_base_sensor)
@@ -654,7 +655,7 @@ def test_commands_are_due_one_a_period():
     assert clock.next_stamp() == 1004
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.lists(st.integers(1, 60), min_size=1, max_size=50))
 def test_a_late_caller_sends_few_at_once_and_stamps_lie_neither_ahead_nor_far_behind(pauses):
     clock, now, stamps = StreamClock(4, 0, 0), 0, []

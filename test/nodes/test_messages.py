@@ -52,7 +52,7 @@ def joints(stamp, names, positions, frame='', little=True):
 
 @pytest.mark.parametrize('little', [True, False])
 @pytest.mark.parametrize('msgtype', [WRENCH, VECTOR3, ACCEL, POSE, IMU])
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(data=st.data(), stamp=STAMPS, frame=FRAMES)
 def test_stamp_numbers_and_frame_are_read(msgtype, little, data, stamp, frame):
     fields = READ[msgtype]
@@ -65,7 +65,7 @@ def test_stamp_numbers_and_frame_are_read(msgtype, little, data, stamp, frame):
 
 
 @pytest.mark.parametrize('msgtype', WRITTEN)
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(data=st.data(), stamp=STAMPS, frame=FRAMES)
 def test_messages_are_written_as_rosbags_writes_them(msgtype, data, stamp, frame):
     fields = WRITTEN[msgtype]
@@ -75,7 +75,7 @@ def test_messages_are_written_as_rosbags_writes_them(msgtype, data, stamp, frame
 
 
 @pytest.mark.parametrize('little', [True, False])
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(names=st.lists(NAMES, max_size=4, unique=True), data=st.data(), stamp=STAMPS, frame=FRAMES)
 def test_joint_is_found_by_name_wherever_it_stands(little, names, data, stamp, frame):
     reader = wire.JointReader('optidrive')
@@ -88,7 +88,7 @@ def test_joint_is_found_by_name_wherever_it_stands(little, names, data, stamp, f
         assert reader(joints(stamp, order, [], frame, little)) is None
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(stamp=STAMPS, position=st.floats(allow_nan=False), frame=FRAMES, joint=NAMES)
 def test_joint_is_written_as_rosbags_writes_it(stamp, position, frame, joint):
     assert (wire.JointWriter(joint, frame)(stamp, position)
@@ -96,7 +96,7 @@ def test_joint_is_written_as_rosbags_writes_it(stamp, position, frame, joint):
 
 
 @pytest.mark.parametrize('msgtype', [WRENCH, VECTOR3, ACCEL, POSE, IMU])
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(data=st.data())
 def test_message_cut_short_is_refused(msgtype, data):
     whole = serialised(msgtype, 10**9, READ[msgtype], np.ones(len(READ[msgtype])), 'ft_sensor')
@@ -106,7 +106,7 @@ def test_message_cut_short_is_refused(msgtype, data):
         wire.Reader(CLASSES[msgtype])(whole[:cut])
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(st.binary(max_size=200))
 def test_noise_is_read_or_refused_as_too_short(content):
     for read in (wire.Reader(msgs.WrenchStamped), wire.Reader(sensor_msgs.Imu),

@@ -12,6 +12,7 @@ from forcecal_ros.motion.limits import Limits
 from forcecal_ros.nodes.runtime import OUTPUT
 from geometry_msgs.msg import PoseStamped
 from live import Live, Robot
+from longer import first
 from nav_msgs.msg import Path
 import numpy as np
 import pytest
@@ -308,7 +309,8 @@ sys.exit(sequencer.run('sequencer', Defective))
 """A sequencer with a mistake of ours in it, in one callback or another."""
 
 
-@pytest.mark.parametrize('executor, where', [('events', 'timer'), ('single', 'subscription')])
+@pytest.mark.parametrize('executor, where', first([
+    ('single', 'subscription'), ('events', 'timer')]))
 def test_a_sequencer_that_fails_stops_the_robot_first(ros_domain, executor, where):
     with Live() as live, tempfile.NamedTemporaryFile() as said:
         robot = Robot(live)

