@@ -16,13 +16,13 @@ from forcecal_ros.core.extras import installing
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import JointStream
 from forcecal_ros.sim.mujoco_numbers import (
+    BACKLASH,
     contact_numbers,
     Controller,
     Drive,
     Forces,
     found_drives,
     is_scalar,
-    is_slide,
     Limit,
     limit_numbers,
     limits_of,
@@ -34,7 +34,7 @@ from forcecal_ros.sim.mujoco_numbers import (
     Touched,
     warning_of,
 )
-from forcecal_ros.sim.protocol import Imitation, Inputs, Parameter
+from forcecal_ros.sim.protocol import Inputs, Parameter
 import numpy as np
 from numpy.typing import NDArray
 
@@ -103,15 +103,6 @@ class MujocoRobot:
         # a drive that is too weak to hold its joint is why that moves
         return (list(seen.forces.notes(float(self.model.opt.timestep)))
                 or list(seen.swing.notes(SETTLING_S)))
-
-    def imitation(self, name: str, change: float) -> Imitation | None:
-        """Say that play in the drive of a joint looks like more friction of that joint."""
-        rubs = _named(JOINT_FRICTION, {name: change})
-        for one in self.drives:
-            if (more := rubs.get(one.joint, 0.0)) > 0.0 and (stiff := one.stiffness(self.model)):
-                slides = 'm' if is_slide(self.model, one.joint) else 'rad'
-                return Imitation(f'{BACKLASH}[{one.joint}]', more / stiff, slides, NO_BACKLASH)
-        return None
 
     def _looked_at(self, inputs: Inputs) -> '_Seen':
         """Run it, unless that was done, to see what it touches and what its drives do."""
@@ -198,7 +189,7 @@ class MujocoRobot:
         step = float(model.opt.timestep)
         t = inputs.start + step * np.arange(int((inputs.end - inputs.start) / step) + 1)
         q = np.stack([np.interp(t, given.t, one) for one in given.values.T], axis=1)
-        controller = Controller(model, driven, q, step, _named(BACKLASH, parameters))
+        controller = Controller(model, driven, q, step, _backlash(parameters))
         controller.begin(data)
         for _ in range(round(SETTLING_S / step)):
             controller.hold(data)
@@ -244,7 +235,10 @@ class MujocoRobot:
         spec.compile()  # numbers its geoms
         for one in self.numbers:
             one.patch(spec, parameters.get(one.parameter.name, one.parameter.nominal))
-        return str(spec.to_xml())
+        beside = ''.join(
+            f'<!-- {BACKLASH}[{name}]: MuJoCo has no such number; command the joint through play '
+            f'of {half:.4g} to either side -->\n' for name, half in _backlash(parameters).items())
+        return beside + str(spec.to_xml())
 
 
 class _Seen(NamedTuple):
@@ -260,19 +254,14 @@ class _Seen(NamedTuple):
             one.look(data)
 
 
-JOINT_FRICTION, BACKLASH = 'dof_frictionloss', 'backlash'
-
-NO_BACKLASH = ('no number of a model in MuJoCo makes backlash: let the controller of that joint '
-               'command through play of so much to either side')
-
 SENSOR_PREFIX = 'forcecal_'
 """Before the names of the sensors that are added to a model."""
 
 
-def _named(field: str, parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return by joint what parameters say of a field."""
-    return {name[len(field) + 1:-1]: value for name, value in parameters.items()
-            if name.startswith(f'{field}[')}
+def _backlash(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return by joint what parameters say of backlash, where there is some."""
+    return {name[len(BACKLASH) + 1:-1]: value for name, value in parameters.items()
+            if name.startswith(f'{BACKLASH}[') and value > 0.0}
 
 
 def _commands(model: Any, drives: Sequence[Drive], joints: JointStream | None

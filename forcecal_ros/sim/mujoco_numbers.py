@@ -19,6 +19,8 @@ _Write = Callable[[Any, float], None]
 POSITION, INTEGRATED, VELOCITY, TORQUE = 'position', 'integrated velocity', 'velocity', 'torque'
 PID = 'position and rate'
 
+BACKLASH = 'backlash'
+
 
 class Drive(NamedTuple):
     """
@@ -50,15 +52,6 @@ class Drive(NamedTuple):
     act: int
     ctrl: int
     gains: tuple[int, ...] = ()
-
-    def stiffness(self, model: Any) -> float:
-        """Return how stiffly it holds its joint [N m/rad] or [N/m]; 0 where that is not known."""
-        if self.kind == TORQUE and self.gains:
-            return float(model.numeric_data[self.gains[0]])
-        if self.kind in (POSITION, INTEGRATED, PID):
-            gear = float(model.actuator_gear[self.actuator, 0])
-            return -gear ** 2 * float(model.actuator_biasprm[self.actuator, 1])
-        return 0.0
 
 
 def found_drives(model: Any, path: str) -> list[Drive]:
@@ -411,6 +404,10 @@ def _of_joints(model: Any, drives: Sequence[Drive]) -> list[Number]:
         found.append(Number(Parameter(f'dof_frictionloss[{name}]', friction, sigma,
                                        'N' if slides else 'N m', 0.0),
                              _writer('dof_frictionloss', dof), _rubbing(name)))
+        # half the play of a joint, 1 sigma: of gears with an arc minute; the model has none
+        sigma, unit = (5e-5, 'm') if slides else (1.5e-4, 'rad')
+        found.append(Number(Parameter(f'{BACKLASH}[{name}]', 0.0, sigma, unit, 0.0, 0.05),
+                             _nowhere, _nowhere))
         if drive.kind in (VELOCITY, TORQUE):
             found += [_of_controller(model, letter, drive, at)
                       for letter, at in zip('pd', drive.gains)]
@@ -475,6 +472,10 @@ def _writer(field: str, index: Any) -> _Write:
     def write(to: Any, value: float) -> None:
         getattr(to, field)[index] = value
     return write
+
+
+def _nowhere(to: Any, value: float) -> None:
+    """Write a number that acts on commands alone."""
 
 
 def _rubbing(joint: str) -> _Write:

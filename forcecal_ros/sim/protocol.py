@@ -40,27 +40,6 @@ class Parameter(NamedTuple):
     stands_for: tuple[str, ...] = ()
 
 
-class Imitation(NamedTuple):
-    """
-    Something beside a simulator's parameters that would look like another value of one.
-
-    Attributes
-    ----------
-    name : str
-        What ``simulate`` takes among its parameters, though ``parameters`` does not list it.
-    value : float
-        Its size that looks most alike; 0 is none of it.
-    unit : str
-    words : str
-        What the user should know of it.
-    """
-
-    name: str
-    value: float
-    unit: str
-    words: str
-
-
 @dataclass(frozen=True)
 class Inputs:
     """

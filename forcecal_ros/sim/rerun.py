@@ -1,7 +1,6 @@
 """A simulator that can be run again, as what a diagnosis changes and compares a recording with."""
 
 from collections.abc import Hashable, Mapping
-from copy import copy
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Annotated, NamedTuple
@@ -200,13 +199,6 @@ class Rerun:
                    - tool.recorded_wrench(self.runs.exact(rig.numbers)))
         force = np.linalg.norm(block_means(changed)[:, :3], axis=1)
         return contact_blocks(block_means(tool.beyond)) & widen_blocks(force > CONTACT_FORCE_N)
-
-    def otherwise(self, numbers: Numbers, beside: Mapping[str, float]) -> 'Rerun':
-        """Return the same with the simulator run with something beside its parameters."""
-        other = copy(self)
-        other.runs = self.runs.otherwise(numbers, beside)
-        other.forget()
-        return other
 
     def forget(self) -> None:
         """Let what was predicted be requested anew, where the simulator was run meanwhile."""

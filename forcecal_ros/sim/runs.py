@@ -7,7 +7,6 @@ diagnosis runs it a limited number of times.
 """
 
 from collections.abc import Mapping, Sequence
-from copy import copy
 from dataclasses import replace
 from typing import Any
 
@@ -123,17 +122,6 @@ class Runs:
         made = self.exact(numbers)
         del self._exact[numbers]
         return made
-
-    def otherwise(self, numbers: Numbers, beside: Mapping[str, float]) -> 'Runs':
-        """Run the simulator with something beside its parameters; what is near stays as it is."""
-        made = self._counted(self.simulator.run(self._inputs, numbers, beside))
-        other = copy(self)
-        other.keep(numbers, made)
-        return other
-
-    def keep(self, numbers: Numbers, made: Recording) -> None:
-        """Take this as its result there."""
-        self._exact = {**self._exact, numbers: made}
 
     def at(self, numbers: Numbers) -> Recording:
         """Return its result with other parameters, as far as that is linear in them."""

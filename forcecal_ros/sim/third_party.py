@@ -8,7 +8,6 @@ import math
 from pathlib import Path
 import sys
 import traceback
-from types import MappingProxyType
 from typing import Any
 
 from forcecal_ros.core.errors import ConfigError, DataError, ForcecalError
@@ -16,7 +15,7 @@ from forcecal_ros.core.geometry import Array, matrix_from_quaternion
 from forcecal_ros.core.safe_yaml import load_yaml
 from forcecal_ros.core.schema import instead
 from forcecal_ros.core.streams import JointStream, PoseStream, Recording, Stream
-from forcecal_ros.sim.protocol import Imitation, Inputs, Parameter, Simulator
+from forcecal_ros.sim.protocol import Inputs, Parameter, Simulator
 from forcecal_ros.sim.signals import JOINTS
 import numpy as np
 
@@ -26,8 +25,6 @@ STREAMS = {'wrench': 6, 'pose': 7, 'accelerometer': 3}
 NEEDED = ('wrench', 'pose')
 
 STAGES = ('robot', 'tool', 'environment')
-
-NOTHING: Mapping[str, float] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -55,8 +52,7 @@ class ThirdParty:
         """Values of all parameters as they are."""
         return tuple(p.nominal for p in self.parameters)
 
-    def run(self, inputs: Inputs, values: Sequence[float],
-            beside: Mapping[str, float] = NOTHING) -> Recording:
+    def run(self, inputs: Inputs, values: Sequence[float]) -> Recording:
         """
         Simulate.
 
@@ -64,8 +60,6 @@ class ThirdParty:
         ----------
         values : sequence of float
             One for each parameter.
-        beside : mapping of str to float
-            What else it understands.
 
         Returns
         -------
@@ -77,7 +71,7 @@ class ThirdParty:
         ConfigError
             It raised an exception, or answers otherwise than the protocol requires.
         """
-        return self._recording(inputs, 'simulate', values, beside)
+        return self._recording(inputs, 'simulate', values)
 
     def acting(self, inputs: Sequence[Inputs]) -> 'ThirdParty':
         """Leave out parameters that, as it states, can act under none of these commands."""
@@ -97,18 +91,6 @@ class ThirdParty:
         with _blamed(f'{self.name}: remarks'):
             return tuple(map(str, say(inputs)))
 
-    def imitation(self, name: str, change: float) -> Imitation | None:
-        """Return what would look like such a change of a parameter, if it knows of any."""
-        ask = getattr(self.simulator, 'imitation', None)
-        if ask is None:
-            return None
-        with _blamed(f'{self.name}: imitation'):
-            found = ask(name, change)
-        if found is not None and not isinstance(found, Imitation):
-            raise ConfigError(f'{self.name}: imitation returned {type(found).__name__}, expected '
-                              'forcecal_ros.sim.protocol.Imitation or None')
-        return found
-
     @property
     def has_finer(self) -> bool:
         """Whether it can be run with half its step of integration."""
@@ -127,9 +109,8 @@ class ThirdParty:
         """Simulate with half its step of integration; otherwise as :meth:`run`."""
         return self._recording(inputs, 'simulate_finer', values)
 
-    def _recording(self, inputs: Inputs, method: str, values: Sequence[float],
-                   beside: Mapping[str, float] = NOTHING) -> Recording:
-        named = {**{p.name: float(v) for p, v in zip(self.parameters, values)}, **beside}
+    def _recording(self, inputs: Inputs, method: str, values: Sequence[float]) -> Recording:
+        named = {p.name: float(v) for p, v in zip(self.parameters, values)}
         with _blamed(f'{self.name}: {method}'):
             answer = getattr(self.simulator, method)(inputs, named)
         if not isinstance(answer, Mapping):

@@ -40,14 +40,18 @@ def turned(degrees):
     return lambda w, R: np.hstack([w[:, :3] @ Q.T, w[:, 3:] @ Q.T])
 
 
+def lifted(w, R):
+    """Pull most of the weight up, as a spring above the tool does."""
+    return w - np.hstack([0.8 * MASS * (G @ R), np.zeros((len(R), 3))])
+
+
 @pytest.mark.parametrize('change', [
-    lambda w, R: 0.65 * w, lambda w, R: w.clip([-8.0] * 6, [12.0] * 6), turned(1.0)])
+    lifted, lambda w, R: 0.4 * w, lambda w, R: w.clip([-8.0] * 6, [12.0] * 6), turned(1.0)])
 def test_pushes_gains_biases_and_small_turns_are_left_to_whoever_looks_for_them(change):
     refuse_other_axes(recorded(0, change))
 
 
 @pytest.mark.parametrize('change, said', [
-    (lambda w, R: 0.4 * w, r'the tool of 1.3 kg weighs 0.\d* kg in this recording: another one'),
     (turned(-12.0), r'are turned by 1[12]\S* \+- \S+ deg about z'),
     (lambda w, R: w * [1.0, 1.0, 1.0, -1.0, -1.0, -1.0], r'the model has it at \(0.005 -0.012 '),
     (lambda w, R: w * [1e-3, 1e-3, 1e-3, 1.0, 1.0, 1.0], 'its forces are in kN; multiply by')])

@@ -17,7 +17,6 @@ from forcecal_ros.diagnose.dataset import (
     span,
 )
 from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
-from forcecal_ros.diagnose.imitations import judged_beside, tried
 from forcecal_ros.diagnose.judge.named_effects import AT_BOUND
 from forcecal_ros.diagnose.recordings import (
     Corrected,
@@ -227,9 +226,7 @@ class SimulatorSource(Source):
                 break
             for one in ready:
                 one.try_all(point)
-            outcome = diagnose_datasets(robot, judged, [one.stamps for one in ready],
-                                        [one.given for one in ready], self.tolerance,
-                                        self.earlier)
+            outcome = self._diagnosed_about(ready, judged)
             if not isinstance(outcome.rig, SimulatedRobot):
                 return outcome
             point, named = outcome.rig.numbers, self.changes(outcome)
@@ -240,12 +237,20 @@ class SimulatorSource(Source):
                     and outcome.diagnosis.verdict != 'unknown':
                 break
         if self.changes(outcome):
+            before = outcome
             outcome, squares = self._refit(ready, judged, outcome, squares, again=not short)
+            if _moved(before, outcome):  # what a line about other numbers named may be gone
+                there = self._diagnosed_about(ready, judged)
+                if self.changes(there) and _named(there) != _named(outcome):
+                    outcome, squares = self._refit(ready, judged, there, np.zeros(3), again=True)
             self._recomputed = _recomputed(outcome, squares)
-            other = tried([one.simulation for one in ready], judged, outcome, self.simulator)
-            if other is not None:
-                outcome = judged_beside(outcome, other, squares)
         return self._explained(ready, outcome, short)
+
+    def _diagnosed_about(self, ready: Sequence[RerunReady], judged: tuple[Dataset, ...]
+                         ) -> Outcome:
+        """Diagnose with the simulator as linear as it is about all numbers that were tried."""
+        return diagnose_datasets(ready[0].robot, judged, [one.stamps for one in ready],
+                                 [one.given for one in ready], self.tolerance, self.earlier)
 
     def _explained(self, ready: Sequence[RerunReady], outcome: Outcome, short: str) -> Outcome:
         """Add what the user should know of simulator and numbers."""
@@ -314,6 +319,17 @@ class SimulatorSource(Source):
     def actions(self, outcome: Outcome) -> tuple[str, ...]:
         """Return the numbers to change."""
         return tuple(f'change {one}' for one in self.changes(outcome))
+
+
+def _named(outcome: Outcome) -> set[str]:
+    return {e.name for e in outcome.diagnosis.effects}
+
+
+def _moved(before: Outcome, after: Outcome) -> bool:
+    """Say whether a number was fitted further away than its standard error."""
+    pairs = [(e.parameters['value'], now.parameters['value']) for e, now in zip(
+        before.diagnosis.effects, after.diagnosis.effects) if 'value' in e.parameters]
+    return any(abs(now.value - was.value) > MAX_SHIFT_STD * was.std for was, now in pairs)
 
 
 def at_tolerance(simulator: ThirdParty, outcome: Outcome) -> list[str]:
