@@ -7,7 +7,6 @@ import re
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import rotation_about
-from forcecal_ros.diagnose.dataset import limit_to_load
 from forcecal_ros.diagnose.localise import compare_motions
 from forcecal_ros.diagnose.recordings import keep_comparable_imus
 from forcecal_ros.diagnose.sources.pair import (
@@ -18,7 +17,7 @@ from forcecal_ros.diagnose.sources.pair import (
     UNTESTED,
 )
 from forcecal_ros.diagnose.sources.simulated_tool import simulated_tool
-from forcecal_ros.effects import EFFECTS, with_effects
+from forcecal_ros.effects import with_effects
 from forcecal_ros.io.bags import write_recording
 from forcecal_ros.sim.measured_motion import express_in_base, merge_poses
 from forcecal_ros.sim.rig.simulator import simulate
@@ -54,13 +53,6 @@ def test_the_tool_is_that_of_the_simulator_and_its_unknown_zero_is_told(clean):
     assert any(note.startswith('bias of the wrench against the simulated: fx +4')
                for note in clean.diagnosis.notes)
     assert clean.diagnosis.gap.nominal < 0.2
-
-
-def test_a_hysteresis_is_sought_no_wider_than_the_load_that_was_there(clean):
-    effect = limit_to_load(clean.outcome.datasets, EFFECTS['wrench_hysteresis'])
-    width, = (q for q in effect.parameters if q.name == 'width')
-    assert width.starts == (0.5, 2.0, 10.0)
-    assert 1.2 * 9.81 < width.high < 2.5 * 1.2 * 9.81
 
 
 def test_the_robots_delay_is_told_by_the_commands(clean):

@@ -20,6 +20,14 @@ def lowest(values, name):
     return next(q.low for q in effect.parameters if q.name == name)
 
 
+def test_a_load_turns_for_twice_the_width_of_a_hysteresis():
+    wrench = np.zeros((100, 6))
+    wrench[:, 0] = np.linspace(-10.0, 20.0, 100)
+    effect = possible_effects([dataset(wrench)])['wrench_hysteresis']
+    width, = (q for q in effect.parameters if q.name == 'width')
+    assert (width.high, width.starts) == (15.0, (0.5, 2.0, 10.0))
+
+
 def test_a_range_does_not_end_where_readings_go_on():
     """A vibrating axis (0.3 N about -0.9 N): a limit of 0.95 N had been found in it."""
     rng = np.random.default_rng(1)
