@@ -81,21 +81,6 @@ def test_what_the_robot_has_beside_its_simulation_is_named_with_its_size(effect,
                                                            0.05 * value)
 
 
-def test_a_payload_that_is_picked_up_is_named_with_its_instant():
-    """All the time the nuisance of a mass takes up what the mass would explain."""
-    before, after = real({}), real({'tool_mass': {'change': 0.04}})
-    t = before.wrench.t
-    at = 0.5 * (t[0] + t[-1])
-    values = np.where((t < at)[:, np.newaxis], before.wrench.values, after.wrench.values)
-    found = PairSource(TOLERANCES, simulated()).diagnose(
-        replace(before, wrench=replace(before.wrench, values=values))).diagnosis
-    payload, = found.effects
-    assert payload.name == 'tool_mass'
-    assert abs(payload.parameters['change'].value - 0.04) < 0.002
-    instant = re.search(r'tool_mass from (\S+) s', found.reason)
-    assert float(instant[1]) == pytest.approx(at, abs=0.2)
-
-
 def test_two_recordings_are_brought_to_one_clock_by_commands_and_else_by_poses():
     recording, other = real({}), simulated(start=-77.0)
     _, alignment = align(recording, other)

@@ -154,12 +154,11 @@ class _Table:
         comparison, step = now.comparison(), _further_step(model)
         screened = comparison.screen([_renamed(h, step) for h in self.found
                                       if h.name not in taken or h.name == BIAS.name])
-        # of an effect that begins or ends a part shows as if it acted longer, if no nuisance
-        # takes that up
+        # of an effect that begins or ends a part shows as if it acted longer
         likely = list(dict.fromkeys(t.effect.name for t in screened if t.evidence > WORTH))
-        parts = [_renamed(h, step) for h in self.parts.values() if h.name == BIAS.name
-                 or ((h.name in likely[:2 * REFINED] or h.effect.nuisance)
-                 and not (h.effect.begins_anew or h.name in taken))]
+        parts = [_renamed(h, step) for h in self.parts.values()
+                 if h.name == BIAS.name
+                 or (h.name in likely[:2 * REFINED] and not h.effect.begins_anew)]
         found: dict[str, Candidate] = {}
         for some in ([t for t in screened if t.gate is None], [t for t in screened if t.gate],
                      screen_change_points(now, comparison, parts)):
