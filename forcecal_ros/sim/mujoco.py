@@ -235,10 +235,10 @@ class MujocoRobot:
         spec.compile()  # numbers its geoms
         for one in self.numbers:
             one.patch(spec, parameters.get(one.parameter.name, one.parameter.nominal))
-        beside = ''.join(
+        comments = ''.join(
             f'<!-- {BACKLASH}[{name}]: MuJoCo has no such number; command the joint through play '
             f'of {half:.4g} to either side -->\n' for name, half in _backlash(parameters).items())
-        return beside + str(spec.to_xml())
+        return comments + str(spec.to_xml())
 
 
 class _Seen(NamedTuple):

@@ -475,7 +475,7 @@ def _writer(field: str, index: Any) -> _Write:
 
 
 def _nowhere(to: Any, value: float) -> None:
-    """Write a number that acts on commands alone."""
+    """Write nothing: the number acts on commands, and no model holds it."""
 
 
 def _rubbing(joint: str) -> _Write:

@@ -48,7 +48,7 @@ WORTH = 8.0
 """Log-evidence that an effect has to bring: 3,000 to one, for some hundred that are tried."""
 
 SHADOW = 0.5
-"""Share of what an effect brought that another has to bring in its place, on the Jacobian."""
+"""Share of what an effect brought that another has to bring in its place, by the linear screen."""
 
 NAMED = 0.5
 """Probability from which an effect is named: likelier than not."""
@@ -194,7 +194,7 @@ def weigh(fit: JointFit, ways: Mapping[str, float] = MappingProxyType({})) -> Ex
 
 
 def extended(parent: Explanation, table: _Table, known: set[frozenset[str]],
-             least: float = WORTH) -> list[Explanation]:
+             least: float = 0.0) -> list[Explanation]:
     """
     Add one effect to an explanation: the likeliest few, fitted on simulations.
 
@@ -203,7 +203,7 @@ def extended(parent: Explanation, table: _Table, known: set[frozenset[str]],
     known : set of frozenset of str
         Explanations that are fitted already; those fitted here are added.
     least : float
-        Log-evidence that an effect has to bring.
+        Log-evidence that an effect has to bring by the linear screen, ``WORTH`` in any case.
     """
     now, fits = parent.fit, []
     likely = [t for t in table.candidates(now) if t.evidence > max(least, WORTH)]
@@ -259,7 +259,7 @@ def _without(start: LinearisedModel, now: Explanation, name: str) -> Explanation
 
 def _exchanged(start: LinearisedModel, full: Explanation, table: _Table,
                known: set[frozenset[str]]) -> list[Explanation]:
-    """Remove each effect but the newest, which may be its shadow, and add others in its place."""
+    """Remove each effect whose part the newest may have, and add others in its place."""
     out = []
     for a in full.fit.accepted[:-1]:
         shorter = _without(start, full, a.name)
