@@ -163,6 +163,11 @@ class MeasuredMotion:
         self._full, self._clear = CarriedTool(*given), CarriedTool(*given, clear=True)
         self._unclear = self._full.wire(rigid_tool) - self._clear.wire(rigid_tool)
 
+    @property
+    def driven(self) -> bool:
+        """Whether a measured acceleration drives it."""
+        return self._full.accelerated
+
     def can_show(self, effect: str, rig: Rig) -> bool:
         """Say whether an effect can show: a delay that is not known is estimated along instead."""
         if effect == 'accel_delay' and isinstance(rig, RigidTool):
@@ -178,7 +183,7 @@ class MeasuredMotion:
         found += [Nuisance(f'tool.inertia.{a}', 'own_inertia', with_inertia(i), least=-own[i],
                            limit=NAMELESS)
                   for i, a in enumerate('xyz')]
-        if self._clear.accelerated:
+        if self.driven:
             assert isinstance(rig, RigidTool)
             unknown = rig.spreads.accel_behind >= UNKNOWN_DELAY
             found.append(Nuisance('accelerometer.delay', 'accel_behind', _behind,

@@ -151,6 +151,8 @@ class Simulation(Protocol):
         the noise by itself.
     library : mapping of str to Effect
         What a recording may have beside what is simulated.
+    driven : bool
+        Whether a measured acceleration drives it, whose drift at rest is in the residual, too.
     """
 
     start: float
@@ -160,6 +162,10 @@ class Simulation(Protocol):
     exact: float
     starts_white: bool
     library: Mapping[str, Effect]
+
+    @property
+    def driven(self) -> bool:
+        """See above."""
 
     def signals(self, rig: Rig) -> Signals:
         """Simulate a rig, with its effects."""

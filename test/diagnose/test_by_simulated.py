@@ -68,6 +68,23 @@ def test_the_robots_delay_is_told_by_the_commands(clean):
         assert part.unexplained < 0.15 * part.rms
 
 
+@pytest.mark.parametrize('change, part', [
+    (-0.125, 0.5), pytest.param(0.125, 0.7, marks=pytest.mark.long),
+    pytest.param(0.04, 0.5, marks=pytest.mark.long)])
+def test_a_payload_picked_up_on_the_way_is_no_gain_and_no_cable(change, part):
+    # its mean is recalibrated: all the time nothing shows
+    light, heavy = real({}), real({'tool_mass': {'change': change}})
+    t = light.wrench.t
+    at = t[0] + part * (t[-1] - t[0])
+    values = np.where(t[:, np.newaxis] < at, light.wrench.values, heavy.wrench.values)
+    recording = replace(light, wrench=replace(light.wrench, values=values))
+    effect, = PairSource(TOLERANCES, simulated()).diagnose(recording).diagnosis.effects
+    found = effect.parameters['change']
+    assert effect.name == 'tool_mass'
+    assert found.value == pytest.approx(change, abs=4.0 * found.std) and found.std < 1e-3
+    assert effect.begin == pytest.approx(at, abs=2e-3)
+
+
 @pytest.mark.parametrize('effect, name, value', [
     pytest.param({'wrench_crosstalk': {'fy_of_fx': 0.03}}, 'fy_of_fx', 0.03,
                  marks=pytest.mark.long),

@@ -145,6 +145,7 @@ class _Table:
     """All effects, for all of the time, in one recording alone, and from or until an instant."""
 
     def __init__(self, model: LinearisedModel, found: Sequence[Hypothesis]) -> None:
+        self.driven = any(c.simulation.driven for c in model.datasets)
         self.parts = {h.name: h for h in everywhere(model, found)}
         self.found = [*found, *in_one_recording(model, list(self.parts.values()))]
 
@@ -154,11 +155,14 @@ class _Table:
         comparison, step = now.comparison(), _further_step(model)
         screened = comparison.screen([_renamed(h, step) for h in self.found
                                       if h.name not in taken or h.name == BIAS.name])
-        # of an effect that begins or ends a part shows as if it acted longer
+        # of an effect that begins or ends a part shows as if it acted longer, unless a number of
+        # the model takes up its mean
         likely = list(dict.fromkeys(t.effect.name for t in screened if t.evidence > WORTH))
         parts = [_renamed(h, step) for h in self.parts.values()
-                 if h.name == BIAS.name
-                 or (h.name in likely[:2 * REFINED] and not h.effect.begins_anew)]
+                 if h.name == BIAS.name or (
+                     h.name not in taken and not h.effect.begins_anew
+                     and (h.name in likely[:2 * REFINED]
+                          or (h.effect.nuisance and not self.driven)))]
         found: dict[str, Candidate] = {}
         for some in ([t for t in screened if t.gate is None], [t for t in screened if t.gate],
                      screen_change_points(now, comparison, parts)):

@@ -37,6 +37,7 @@ class Replay:
     """
 
     band, exact, starts_white, library = inf, 0.0, False, EFFECTS
+    driven = False
 
     def __init__(self, rig: Rig, target: PoseStream, start: float, end: float,
                  accelerometer: str) -> None:
