@@ -6,7 +6,6 @@ import re
 
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import DataError
-from forcecal_ros.core.geometry import rotation_about
 from forcecal_ros.diagnose.localise import compare_motions
 from forcecal_ros.diagnose.recordings import keep_comparable_imus
 from forcecal_ros.diagnose.sources.pair import (
@@ -68,19 +67,6 @@ def test_the_robots_delay_is_told_by_the_commands(clean):
         assert part.unexplained < 0.15 * part.rms
 
 
-@pytest.mark.parametrize('effect, name, value', [
-    pytest.param({'wrench_crosstalk': {'fy_of_fx': 0.03}}, 'fy_of_fx', 0.03,
-                 marks=pytest.mark.long),
-    pytest.param({'cable_force': {'x': 1.0, 'y': 0.5, 'z': 0.0, 'stiffness': 20.0}}, 'stiffness',
-                 20.0, marks=pytest.mark.long)])
-def test_what_the_robot_has_beside_its_simulation_is_named_with_its_size(effect, name, value):
-    found = PairSource(TOLERANCES, simulated()).diagnose(real(effect))
-    first, *others = found.diagnosis.effects
-    assert first.name in effect and not others
-    assert abs(first.parameters[name].value - value) < max(3.0 * first.parameters[name].std,
-                                                           0.05 * value)
-
-
 def test_two_recordings_are_brought_to_one_clock_by_commands_and_else_by_poses():
     recording, other = real({}), simulated(start=-77.0)
     _, alignment = align(recording, other)
@@ -118,11 +104,6 @@ def test_imus_of_both_are_compared_in_motion(bias):
         assert found.parameters['x'].unit == 'm/s^2'
 
 
-def wrench_turned(axis, degrees):
-    Q = rotation_about(axis, np.radians(degrees))
-    return lambda w, R: np.hstack([w[:, :3] @ Q.T, w[:, 3:] @ Q.T])
-
-
 def in_base(w, R):
     return np.hstack([np.einsum('nij,nj->ni', R, part) for part in (w[:, :3], w[:, 3:])])
 
@@ -134,25 +115,19 @@ def with_wrench(recording, change):
         wrench, values=change(wrench.values, pose.R_base_sensor[nearest])))
 
 
-@pytest.mark.parametrize('change, said', first([
-    (lambda w, R: w / 9.80665, 'its forces are in kgf'), (in_base, 'expressed in base'),
-    (lambda w, R: -w, 'opposite sign'),
-    (wrench_turned('x', 180.0), r'turned by -(179|180)\S* .* about x'),
-    (lambda w, R: w[:, [1, 0, 2, 4, 3, 5]], r'mirrored \(left-handed\): x, y, z show y, x, z'),
-    (lambda w, R: w * [1.0, 1.0, 1.0, 1e3, 1e3, 1e3], 'its torques are in N mm'),
+@pytest.mark.parametrize('change, said', [
+    (lambda w, R: w / 9.80665, 'its forces are in kgf'),
     (lambda w, R: w - np.hstack([f := WEIGHT @ R, np.cross(GRIPPER.com, f)]),
-     'the driver takes its weight off; let it leave the weight in')], 2))
+     'the driver takes its weight off; let it leave the weight in')])
 def test_frame_sign_and_units_of_the_robots_wrench_are_asked_before_effects(change, said):
     wrong = PairSource(TOLERANCES, simulated()).diagnose(with_wrench(real({}), change))
     assert wrong.diagnosis.verdict == 'invalid_data'
     assert re.search(said, wrong.diagnosis.reason)
 
 
-@pytest.mark.parametrize('change, said', first([
+@pytest.mark.parametrize('change, said', [
     (lambda w, R: -w, '--simulated-wrench-sign -1'),
-    (in_base, 'the simulated wrench: it is expressed in base'),
-    (wrench_turned('z', 90.0), r'simulated wrench: its axes are turned by -(89|90)\S* .* about z'),
-    (lambda w, R: w[:, [1, 0, 2, 4, 3, 5]], 'the simulated wrench: its axes are mirrored')], 2))
+    (in_base, 'the simulated wrench: it is expressed in base')])
 def test_frame_and_sign_of_the_simulated_wrench_are_asked_before_its_tool(change, said):
     wrong = PairSource(TOLERANCES, with_wrench(simulated(), change)).diagnose(real({}))
     assert wrong.diagnosis.verdict == 'invalid_data'

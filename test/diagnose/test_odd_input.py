@@ -73,18 +73,6 @@ def test_slow_sensors_are_looked_at(rate, parts):
     assert 'not looked at' not in diagnosis.reason
 
 
-@pytest.mark.long
-def test_a_mass_is_seen_by_a_wrench_at_100_hz():
-    positions, rotations, phases = motion(FREE)
-    target = PoseStream(PERIOD * np.arange(len(positions)), positions, rotations)
-    recording = replace(simulate(with_effects(load_rig(), {'tool_mass': {'change': 0.1}}), target,
-                                 seed=21), phases=phases)
-    diagnosis = RigSource(load_rig()).diagnose(_slower(recording, 100, ('wrench',))).diagnosis
-    effect, = diagnosis.effects
-    assert effect.name == 'tool_mass'
-    assert effect.parameters['change'].value == pytest.approx(0.1, abs=0.01)
-
-
 def test_sensors_that_are_too_slow_are_named():
     slow = RigSource(load_rig()).diagnose(_slower(own_recording(20, FREE), 10)).diagnosis
     assert slow.verdict == 'invalid_data'

@@ -66,33 +66,6 @@ def test_evidence_is_that_of_the_dense_gaussian_for_training_blocks_and_for_all(
         dense(rows, column, flat, np.full(sum(N), True), size), abs=1e-3)
 
 
-def test_held_out_squares_are_those_beside_what_the_training_blocks_told():
-    _, columns, residual, of = setting(2)
-    rng = np.random.default_rng(3)
-    whitened, total = of.whitened([white(n) for n in N]), 0.0
-    for _ in range(200):
-        w = rng.standard_normal(3) * np.sqrt(SHARE) * 0.003 * SIGNAL
-        made = [np.zeros_like(r) for r in residual]
-        for one, rows in zip(made, of.basis.rows):
-            one[:, 0] = rows.combined(w) + SIGMA * rng.standard_normal(len(one))
-        training, every = (whitened.products(columns, made, training=part).at((0.003,) * 4)
-                           for part in (True, False))
-        total += every.square - training.square - (every.n - training.n)
-    # the sum of 200 chi squares of 30 degrees each has a standard deviation of 110
-    assert abs(total) < 4.0 * 110.0
-
-
-def test_weights_are_found_again_from_the_training_blocks():
-    _, _, residual, of = setting(4)
-    w = np.array([0.4, -0.2, 0.1])
-    for one, rows in zip(residual, of.basis.rows):
-        one[:, 0] += rows.combined(w)
-    beside = of.whitened([white(n) for n in N])
-    found = beside.products([[], []], residual, training=True).weights({0: 0.003})[0]
-    # eighty samples of noise 0.5 know each weight to 0.056
-    assert found == pytest.approx(w, abs=4 * 0.056)
-
-
 def test_as_much_of_a_residual_is_predicted_as_the_features_bear_out_and_nothing_of_noise():
     _, _, residual, of = setting(5)
     beside = of.whitened([white(n) for n in N])
@@ -133,22 +106,6 @@ def test_only_a_channel_that_is_whitened_otherwise_is_whitened_anew():
     fresh = setting(6)[3].whitened(louder)
     got, expected = (one.products(columns, residual).at((3e-3,) * 4) for one in (other, fresh))
     assert got.square == pytest.approx(expected.square)
-
-
-def test_columns_that_were_multiplied_with_the_features_serve_any_residual():
-    _, columns, residual, of = setting(7)
-    kept = of.whitened([white(n) for n in N])
-    kept.products(columns, residual)
-    before = kept.known(kept.noise).crosses
-    assert len(before) == len(N)
-    others = [3.0 * r for r in residual]
-    fresh = setting(7)[3].whitened([white(n) for n in N])
-    got, expected = (one.products(columns, others).at((3e-3,) * 4) for one in (kept, fresh))
-    assert got.vector == pytest.approx(expected.vector)
-    assert got.matrix == pytest.approx(expected.matrix)
-    assert got.square == pytest.approx(expected.square)
-    after = kept.known(kept.noise).crosses
-    assert all(after[key] is one for key, one in before.items())
 
 
 def test_a_column_in_the_place_of_one_that_is_gone_is_multiplied_anew():
