@@ -220,25 +220,18 @@ def _judged(kind, effect='', stated=(), **keys):
                                'cpu_seconds': 1.0})
 
 
-def test_excused_names_are_neither_right_nor_false():
-    stated = [('wrench_gain', 0.9), ('unknown', 0.1)]
-    assert _judged('none', stated=stated).false_names == ['wrench_gain']
-    assert _judged('none', stated=stated, excused=['wrench_gain']).right()
-    assert _judged('none', stated=stated, doubtful=['wrench_gain']).first == 'unknown'
+@pytest.mark.parametrize('kind, effect, named, keys, right', [
+    ('none', '', 'wrench_gain', {}, False),
+    ('none', '', 'wrench_gain', {'excused': ['wrench_gain']}, True),
     # the effect itself is never excused by what resembles it
-    assert _judged('library', 'wrench_gain', stated, excused=['wrench_gain']).right()
-
-
-def test_crosstalk_is_an_alias_of_the_centre_of_mass_where_the_label_says_so():
-    stated = [('wrench_crosstalk', 0.9)]
-    assert _judged('library', 'tool_com', stated, aliases=['wrench_crosstalk']).right()
-    assert not _judged('library', 'tool_com', stated).right()
-    assert not _judged('library', 'wrench_crosstalk', [('tool_com', 0.9)]).right()
-
-
-def test_parameter_of_a_simulator_is_the_effect_that_it_is():
-    assert _judged('library', 'tool_mass', [('body_mass[gripper]', 0.8)]).right()
-    assert not _judged('library', 'base_tilt', [('kp[lift]', 0.8)]).among
+    ('library', 'wrench_gain', 'wrench_gain', {'excused': ['wrench_gain']}, True),
+    ('library', 'tool_com', 'wrench_crosstalk', {'aliases': ['wrench_crosstalk']}, True),
+    ('library', 'tool_com', 'wrench_crosstalk', {}, False),
+    ('library', 'wrench_crosstalk', 'tool_com', {}, False),
+    ('library', 'tool_mass', 'body_mass[gripper]', {}, True),
+    ('library', 'base_tilt', 'kp[lift]', {}, False)])
+def test_excused_names_and_aliases_count_as_the_label_says(kind, effect, named, keys, right):
+    assert _judged(kind, effect, [(named, 0.9), ('unknown', 0.1)], **keys).right() == right
 
 
 def test_shrink_is_the_share_of_the_effect_as_root_mean_square():

@@ -56,24 +56,12 @@ def test_true_shrink_is_of_block_means_over_the_noise_and_leaves_what_the_fit_do
     assert true_shrink(base, effect, fast) == pytest.approx(1 - energy**-0.5, abs=0.01)
 
 
-def test_nuisance_takes_up_no_more_than_three_of_its_sigma_of_what_is_left():
-    for size, left in ((2.0, 0.0), (5.0, 2.0)):
-        found = _Plain.ground.left({'wrench': np.full((1000, 1), size)})['wrench']
-        assert found == pytest.approx(np.full((1000, 1), left), abs=0.01)
-
-
 def test_oracle_finds_the_strength_of_an_effect_within_its_error():
     base, rng = _Plain(), np.random.default_rng(3)
     effect = base.of_effect('wrench_gain', 0.2, 7)
     measured = {'wrench': 1.0 * effect['wrench'] + 0.5 * rng.standard_normal((1000, 1)) + 0.7}
     strength, error = base.ground.strength(measured, effect)
     assert error == pytest.approx(base.ground.net(effect)**-0.5) and abs(strength - 1) < 3 * error
-
-
-def test_no_size_is_beyond_what_a_sensor_can_have_since_the_third_part():
-    assert case._size(_Plain(), 'wrench_gain', 1e9, 7, rules.MENDED)[0] == 2.0
-    assert case._size(_Plain(), 'wrench_gain', 1e9, 7, rules.THIRD)[0] == pytest.approx(0.3)
-    assert rules.THIRD.limits['arm', 'wrench_delay'] <= 0.05  # as far as the library goes
 
 
 @dataclass
