@@ -136,7 +136,7 @@ def driven_by(kind):
 
 
 def test_actuators_follow_in_other_numbers_or_by_their_controllers_gains(tmp_path):
-    inputs, joints = Inputs(0.0, 4.0, joints=told(4.0), measured_joints=NAMES), {}
+    inputs, joints = Inputs(0.0, 6.0, joints=told(6.0), measured_joints=NAMES), {}
     for kind in HELD:
         (tmp_path / 'arm.xml').write_text(driven_by(kind))
         robot = load_mujoco(str(tmp_path / 'arm.xml'))
