@@ -170,25 +170,40 @@ def test_a_stop_stays_on_the_path_and_never_turns_back(when, duration):
     assert (np.diff(along) >= -1e-12).all() and along[-1] <= 1.0
 
 
-def test_abort_before_the_first_command_only_holds():
-    sequence = started()
-    sequence.abort('asked to')
-    commands, _ = run(sequence, 100)
-    velocity, spin = speeds(commands)
-    assert not velocity.any() and not spin.any()
+def untouched(sequence):
+    return []
 
 
-def test_abort_between_two_parts_does_not_begin_the_next_move():
-    sequence = started()
+def between_two_parts(sequence):
     while sequence.status.phase != 'measure':
         sequence.step(STILL)
     while sequence.status.phase == 'measure':
         last = sequence.step(STILL)
     assert sequence.status.phase == 'move'
-    sequence.abort('asked to')
-    commands, _ = run(sequence, 100)
-    velocity, spin = speeds([last, *commands])
-    assert not velocity.any() and not spin.any()
+    return [last]
+
+
+def paused(sequence):
+    run(sequence, 700)
+    sequence.pause(True)
+    return run(sequence, 50)[0]
+
+
+def under_way(sequence):
+    commands = run(sequence, 700)[0]
+    assert commands[-1].moving
+    return commands
+
+
+@pytest.mark.parametrize('lead, at_once', [
+    (untouched, False), (between_two_parts, False), (paused, False), (under_way, True)])
+def test_an_abort_at_rest_or_at_once_only_holds(lead, at_once):
+    sequence = started()
+    before = lead(sequence)
+    sequence.abort('asked to', at_once=at_once)
+    after, _ = run(sequence, 1000)
+    velocity, spin = speeds(before[-1:] + after)
+    assert not velocity.any() and not spin.any() and not sequence.streaming
 
 
 def test_a_pause_comes_to_rest_within_the_stop_and_goes_on_along_the_same_path():
@@ -217,17 +232,6 @@ def test_a_restart_takes_up_speed_from_rest():
     _, spin = speeds(before[-1:] + after)
     assert np.linalg.norm(spin[0]) < 0.1 * np.linalg.norm(before[-1].angular_velocity)
     assert np.linalg.norm(np.diff(spin, axis=0), axis=1).max() / PERIOD < 60
-
-
-def test_abort_while_paused_holds():
-    sequence = started()
-    run(sequence, 700)
-    sequence.pause(True)
-    paused, _ = run(sequence, 50)
-    sequence.abort('asked to')
-    after, _ = run(sequence, 1000)
-    velocity, spin = speeds(paused[-1:] + after)
-    assert not velocity.any() and not spin.any() and not sequence.streaming
 
 
 def test_the_first_abort_counts_and_no_start_comes_before_the_stream_has_ended():
@@ -626,17 +630,6 @@ def test_a_stream_takes_up_the_phase_of_the_measured_poses():
     assert next_in_phase(1000, 3, 4) == 1003
     assert next_in_phase(1003, 3, 4) == 1003
     assert next_in_phase(1001, 999, 4) == 1003
-
-
-def test_after_long_silence_an_abort_holds_the_last_command():
-    sequence = started()
-    before, _ = run(sequence, 100)
-    while not before[-1].moving:
-        before.append(sequence.step(STILL))
-    sequence.abort('the clock stood', at_once=True)
-    after, _ = run(sequence, 100)
-    velocity, spin = speeds(before[-1:] + after)
-    assert not velocity.any() and not spin.any() and sequence.step() is None
 
 
 def test_twists_are_zero_at_rest_and_lead_back_to_the_path_in_motion():

@@ -58,7 +58,8 @@ def test_a_slow_robot_moves_less_and_poses_outside_the_box_are_left_out():
     assert speed.max() <= 0.05
 
 
-def planned(timing=Timing(), asked=('tool_mass', 'contact_stiffness', 'wrench_delay')):
+@pytest.fixture(scope='module')
+def planned():
     motion = motion_for(RIG, contact=False, effects=['tool_mass'])
     shown = tuple(Visibility(name, '1', energy, '', energy, EFFECTS[name].excited_by)
                   for name, energy
@@ -66,18 +67,19 @@ def planned(timing=Timing(), asked=('tool_mass', 'contact_stiffness', 'wrench_de
                       ('wrench_lowpass', 90.0), ('base_tilt', 90.0)))
     return Planned(motion._replace(timing=replace(motion.timing, amplitude=0.5)), Excitation(
         shown, (Alias('wrench_delay', 'wrench_lowpass', 9.0), Alias('base_tilt', 'tool_mass', 8.0),
-                Alias('base_tilt', 'wrench_lowpass', 7.0))), asked)
+                Alias('base_tilt', 'wrench_lowpass', 7.0))),
+        ('tool_mass', 'contact_stiffness', 'wrench_delay'))
 
 
-def test_a_plan_says_what_it_cannot_show_and_what_it_would_confound():
-    text = plan_text(planned())
+def test_a_plan_says_what_it_cannot_show_and_what_it_would_confound(planned):
+    text = plan_text(planned)
     assert 'wrench_delay / wrench_lowpass' in text and 'base_tilt / wrench_lowpass' not in text
-    assert [line.split(':')[0] for line in limitations(planned())] == [
+    assert [line.split(':')[0] for line in limitations(planned)] == [
         'contact_stiffness', 'wrench_delay', 'the limits allow 50% of the usual distances']
-    assert '--contact' in limitations(planned())[0]
-    assert planned().unclear == ['wrench_delay']
+    assert '--contact' in limitations(planned)[0]
+    assert planned.unclear == ['wrench_delay']
 
 
-def test_the_file_holds_the_parts_that_differ_from_the_defaults():
-    text = plan_parameters(planned())
+def test_the_file_holds_the_parts_that_differ_from_the_defaults(planned):
+    text = plan_parameters(planned)
     assert 'reversals: 0' in text and 'amplitude: 0.5' in text and 'workspace' not in text
