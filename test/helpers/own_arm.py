@@ -16,7 +16,7 @@ GRIPPER = replace(TOLERANCES.tool, mass=1.2, com=(0.01, -0.005, 0.06),
                   inertia=((3e-3, 0.0, 0.0), (0.0, 3e-3, 0.0), (0.0, 0.0, 1e-3)))
 RIG = replace(TOLERANCES, tool=GRIPPER)
 LATE = {'robot_delay': {'delay': 0.008}}
-SECONDS = 16.0
+SECONDS = 12.0
 
 
 def commands(phase=0.0):

@@ -247,10 +247,13 @@ def test_what_mujoco_would_clip_in_silence_is_refused(load):
         robot.simulate(Inputs(0.0, 6.0, joints=told(6.0)), nominal(robot))
 
 
-def test_an_unstable_simulation_is_told_the_time_step_with_which_it_runs(load):
+def test_an_unstable_simulation_is_told_the_time_step_with_which_it_runs(
+        load, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     inputs, text = Inputs(0.0, 3.0, joints=told(3.0)), mjcf().replace('kp="4000"', 'kp="4e6"')
     robot = load(text)
-    with pytest.raises(ConfigError, match='with timestep .* it runs: take that') as caught:
+    with pytest.raises(ConfigError, match='unstable .* MuJoCo reports "Nan, Inf or huge.*with '
+                                          'timestep .* it runs: take that') as caught:
         robot.simulate(inputs, nominal(robot))
     assert robot.model.opt.timestep == 0.002
     step = re.search('with timestep (.+) for 0.002', str(caught.value)).group(1)
@@ -259,14 +262,7 @@ def test_an_unstable_simulation_is_told_the_time_step_with_which_it_runs(load):
     robot = load(mjcf().replace('kp="4000"', 'kp="4e12"'))
     with pytest.raises(ConfigError, match='nor does it run with timestep 0.000125'):
         robot.simulate(inputs, nominal(robot))
-
-
-def test_what_mujoco_warns_of_is_not_written_where_the_user_is(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / 'arm.xml').write_text(mjcf().replace('kp="4000"', 'kp="4e7"'))
-    with pytest.raises(ConfigError, match='unstable .* MuJoCo reports "Nan, Inf or huge'):
-        robot = load_mujoco('arm.xml')
-        robot.simulate(Inputs(0.0, 3.0, joints=told(3.0)), nominal(robot))
+    # MuJoCo's own log is not left where the user is
     assert [path.name for path in tmp_path.iterdir()] == ['arm.xml']
 
 
@@ -421,31 +417,19 @@ def measured(path, seconds, changed):
 
 
 def test_a_model_is_tried_from_the_command_line(model, tmp_path, capsys):
-    path = model()
-    write_recording(tmp_path / 'real', measured(path, 6.0, {}))
-    assert main(['diagnose', '--check', str(tmp_path / 'real'), '--mujoco', path]) == 0
-    said = capsys.readouterr().out
-    assert f'{path}: keeps to the protocol and does the same again' in said
-    assert 'body_mass[gripper]  0.1' in said
+    path, joints = model(), told(4.0)
+    write_recording(tmp_path / 'real', replace(measured(path, 4.0, {}), joints=joints))
     assert main(['diagnose', '--check', str(tmp_path / 'real')]) == 2
     for option in ('--ft-site', '--imu', '--priors'):
         assert main(['diagnose', '--check', str(tmp_path / 'real'), option, 'ft']) == 2
-
-
-def test_measured_joints_are_tried_too(model, tmp_path, capsys):
-    path, joints = model(), told(6.0)
-    write_recording(tmp_path / 'real', replace(measured(path, 6.0, {}), joints=joints))
     place = ['--sensor-from-pose', *'0 0 0 0 0 0 1'.split()]
     assert main(['diagnose', '--check', str(tmp_path / 'real'), '--mujoco', path, *place]) == 0
     said = capsys.readouterr().out
+    assert f'{path}: keeps to the protocol and does the same again' in said
+    assert re.search(r'body_mass\[gripper\]  0\.1', said), said
     assert 'simulates wrench, pose, joints' in said
     again = f'forcecal diagnose {tmp_path / "real"} --mujoco {path} {" ".join(place)} -o diagnosis'
     assert f'next: {again}' in said
-    assert main(['diagnose', '--check', str(tmp_path / 'real'), '--mujoco', path, '--json']) == 0
-    document = json.loads(capsys.readouterr().out)
-    rubs, = (one for one in document['sensitivity'] if one['name'] == 'dof_frictionloss[lift]')
-    # a tenth of 0.5 N m and 0.1 N m, of 4000 N m/rad
-    assert rubs['joints'] == pytest.approx(0.15 / 4e3, rel=0.5)
 
 
 @pytest.mark.long
