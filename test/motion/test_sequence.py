@@ -1,6 +1,6 @@
 """The sequencer's state machine and its watch over the sensors, without ROS."""
 
-from copy import copy
+from copy import copy, deepcopy
 from itertools import pairwise
 import re
 
@@ -312,13 +312,18 @@ class Bench:
         return '', (self.ms - begin) * 1e-3
 
 
-@pytest.fixture
-def bench():
+@pytest.fixture(scope='module')
+def watched():
     bench = Bench()
     for _ in range(300):
         assert not bench.tick()
     bench.monitor.begin(bench.ms * 1e-3)
     return bench
+
+
+@pytest.fixture
+def bench(watched):
+    return deepcopy(watched)
 
 
 def test_a_healthy_rig_is_still_at_most_instants(bench):

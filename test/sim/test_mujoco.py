@@ -219,7 +219,7 @@ def test_delays_of_actuators_and_sensors_are_noted(tmp_path):
 
 
 @pytest.mark.parametrize('kind, changed', [
-    ('geared', {'kp[lift]': 300.0}), ('scaled', {'kp[lift]': 2000.0, 'kv[pan]': 300.0}),
+    ('scaled', {'kp[lift]': 2000.0, 'kv[pan]': 300.0}), ('geared', {'kp[lift]': 300.0}),
     ('intvelocity', {'kp[lift]': 2000.0}), ('velocity', {'p[lift]': 10.0, 'kv[pan]': 150.0}),
     ('torque', {'p[lift]': 2000.0, 'd[pan]': 300.0})])
 def test_numbers_of_every_kind_of_actuator_act_and_are_patched(

@@ -23,7 +23,7 @@ EFFECTS = {'wrench_delay': {'delay': 0.006}}
 @pytest.fixture(scope='module')
 def diagnosed(tmp_path_factory):
     folder = tmp_path_factory.mktemp('patched')
-    positions, rotations, phases = motion(FREE)
+    positions, rotations, phases = motion(FREE[:8])
     target = PoseStream(PERIOD * np.arange(len(positions)), positions, rotations)
     recording = simulate(with_effects(load_rig(), EFFECTS), target, seed=4)
     write_recording(folder / 'bag', replace(recording, phases=phases,
