@@ -14,7 +14,7 @@ if not (ROOT / 'benchmark' / 'blind').is_dir():
 from blind.motion import Path as Trajectory
 from blind.motion import TOUCH
 from blind.noise import SIGMA
-from blind.seal import digest, read_json, SealError, write_json
+from blind.seal import read_json, SealError, write_json
 from blind.second import case, kinds_development, on_rig, report, rules, sealing
 from blind.second.judged import Judged
 from blind.second.noise import draw_noise
@@ -188,16 +188,6 @@ def test_kinds_are_split_by_the_seed_of_the_protocol():
     assert set(rules.half(rules.SEALED)[0]) == halves[1]
 
 
-def test_verify_looks_at_the_file_of_the_half_of_each_part(part, tmp_path, monkeypatch):
-    plan = part.read('plan')
-    monkeypatch.setattr(sealing, 'file_of', lambda half: tmp_path / f'{half}.py')
-    (tmp_path / 'sealed-2.py').write_text('as committed')
-    for text, found in (('as committed', False), ('another', True)):
-        write_json(part.public / 'plan.json', {**plan, 'half': 'sealed-2',
-                                               'sealed_sha256': digest(text.encode())})
-        assert any('sealed-2.py' in one for one in sealing.faults(part)) == found
-
-
 def test_rough_noise_has_its_mean_level():
     rng = np.random.default_rng(3)
     loud = np.abs(np.sin(np.arange(40000) / 500.0))
@@ -232,8 +222,3 @@ def _judged(kind, effect='', stated=(), **keys):
     ('library', 'base_tilt', 'kp[lift]', {}, False)])
 def test_excused_names_and_aliases_count_as_the_label_says(kind, effect, named, keys, right):
     assert _judged(kind, effect, [(named, 0.9), ('unknown', 0.1)], **keys).right() == right
-
-
-def test_shrink_is_the_share_of_the_effect_as_root_mean_square():
-    assert _judged('library', 'tool_mass', energy=300.0).shrink == pytest.approx(0.5)
-    assert _judged('library', 'tool_mass', energy=300.0, shrink=0.3).shrink == 0.3

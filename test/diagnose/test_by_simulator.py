@@ -5,15 +5,11 @@ from importlib.util import module_from_spec, spec_from_file_location
 import json
 from pathlib import Path
 import re
-from typing import Any
 
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.core.streams import JointStream, Recording, Stream
-from forcecal_ros.diagnose.dataset import split_datasets
-from forcecal_ros.diagnose.model.jacobian import nuisance_column
-from forcecal_ros.diagnose.model.linearised import linearised_model
 from forcecal_ros.diagnose.recordings import (
     keep_common_joints,
     missing_joint_notes,
@@ -115,45 +111,6 @@ def test_between_runs_its_streams_are_those_of_a_line(robot):
     moved = np.abs(own.pose.position - runs.exact(robot.nominal).pose.position).max()
     assert np.abs(later.pose.position - own.pose.position).max() < 0.05 * moved
     assert runs.repeats()
-
-
-def in_numbers(column):
-    """Return the blocks of each channel of a column."""
-    return {c: signal.values() for c, signal in column.items()}
-
-
-@pytest.mark.long
-def test_what_a_parameter_changes_is_the_same_wherever_it_is_and_not_simulated_again(
-        robot, monkeypatch):
-    ready: Any = SimulatorSource(robot, TOLERANCES).prepare([measured(robot, 1.2, 0.072)])
-    one, = ready
-    one.runs.try_all(robot.nominal)
-    one.simulation.forget()
-    model = linearised_model(one.robot, split_datasets([one.dataset]))
-    model.centre = model.moved(np.ones(len(model.nuisances)))
-    rig, (dataset, *_), asked = model.current(), model.datasets, []
-    base = one.simulation.signals(rig)
-    residual = dataset.measured.residual(base)
-    anew = [in_numbers(nuisance_column(dataset, n, size, rig, base, residual, model.level))
-            for n, size in zip(model.nuisances, model.prior_std)]
-    carried = type(one.simulation).signals
-
-    def counted(self, rig):
-        asked.append(rig)
-        return carried(self, rig)
-
-    monkeypatch.setattr(type(one.simulation), 'signals', counted)
-    model.linearise()
-    assert len(asked) == 2  # at the point itself
-    for n, kept, own in zip(model.nuisances, map(in_numbers, model.jacobian[0]), anew):
-        one_sigma, off = (np.sqrt(sum(np.sum((rows / model.level[c]) ** 2)
-                                      for c, rows in column.items()))
-                          for column in (own, {c: kept[c] - own[c] for c in own}))
-        # a step by columns that are a tenth off leaves a tenth, which the next one takes
-        assert off < 0.1 * one_sigma, n.name
-    one.runs.try_all((1.21, 0.072))
-    model.linearise()
-    assert len(asked) > 10
 
 
 class Giving:
