@@ -1,6 +1,7 @@
 """A rig that stands for a robot, and a simulator of its tool by other code."""
 
 from dataclasses import replace
+from functools import cache
 
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from forcecal_ros.diagnose.sources.pair import shift_times
@@ -19,6 +20,7 @@ LATE = {'robot_delay': {'delay': 0.008}}
 SECONDS = 12.0
 
 
+@cache
 def commands(phase=0.0):
     t = 0.004 * np.arange(round(SECONDS / 0.004))
     u = np.clip(t - 1.5, 0.0, SECONDS - 4.0)
@@ -43,6 +45,7 @@ def with_imu(recording, bias=0.0):
                    accelerometer=replace(stream, values=felt + [bias, 0.0, 0.0]))
 
 
+@cache
 def simulated(phase=0.0, start=1000.0, imu=False):
     """
     Return what a simulator of the test's own records, without noise, at 500 Hz on its own clock.
