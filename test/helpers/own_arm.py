@@ -21,10 +21,10 @@ SECONDS = 12.0
 
 
 @cache
-def commands(phase=0.0):
-    t = 0.004 * np.arange(round(SECONDS / 0.004))
-    u = np.clip(t - 1.5, 0.0, SECONDS - 4.0)
-    rise = np.minimum(1.0, np.minimum(u, SECONDS - 4.0 - u)).clip(0.0)
+def commands(phase=0.0, seconds=SECONDS):
+    t = 0.004 * np.arange(round(seconds / 0.004))
+    u = np.clip(t - 1.5, 0.0, seconds - 4.0)
+    rise = np.minimum(1.0, np.minimum(u, seconds - 4.0 - u)).clip(0.0)
     rise = rise ** 3 * (10.0 - 15.0 * rise + 6.0 * rise ** 2)
     turn = np.outer(0.8 * rise * np.sin(u * np.pi / 2.0 + phase), [0.5, 1.0, 0.3])
     turn += np.outer(0.5 * rise * np.sin(1.1 * u + phase), [1.0, -0.2, 0.3])
