@@ -35,17 +35,6 @@ def diagnosed(tmp_path_factory):
     return folder
 
 
-def test_who_names_no_model_is_told_which_may_be_given(diagnosed, capsys):
-    foreign = replace(read_recording(diagnosed / 'bag'), contact_truth=None)
-    write_recording(diagnosed / 'foreign', foreign)
-    assert main(['diagnose', str(diagnosed / 'foreign'), '-o', str(diagnosed / 'none')]) == 2
-    said = capsys.readouterr().err
-    assert 'nothing states what was recorded' in said
-    for option in ('--calibration', '--rig', '--simulated', '--mujoco', '--simulator'):
-        assert option in said
-    assert not (diagnosed / 'none').exists()
-
-
 def gap_rms(truth: np.ndarray, simulated: np.ndarray, noise: np.ndarray):
     """RMS of the wrench's gap, in its noise."""
     return float(np.sqrt(np.mean(((truth - simulated) / noise) ** 2)))
