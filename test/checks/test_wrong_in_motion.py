@@ -11,7 +11,7 @@ from longer import first
 from moving_arm import moving
 import numpy as np
 import pytest
-from wrong_recordings import log, recording_of, resampled, work, WRONG
+from wrong_recordings import bursts, log, recording_of, resampled, work, WRONG
 
 DOWN = np.array([0.0, 0.0, -9.80665])
 
@@ -72,6 +72,13 @@ def test_a_slow_log_is_not_said_to_hold_no_rotation():
     notes = identify(recording_of(one.of_pose(np.arange(0, len(one.pose_t), 12)))).quality['notes']
     said, = (note for note in notes if 'inertia' in note)
     assert 'readings at 10 Hz in poses of' in said and 'record faster' in said
+
+
+def test_messages_in_bursts_are_calibrated_as_when_they_were_measured():
+    found = identify(recording_of(bursts(log(3, poses=8), 10)))
+    assert float(found.mass) == pytest.approx(1.3, abs=2e-3)
+    assert not [line for line in found.quality['warnings'] if 'delays are looked for' in line]
+    assert abs(found.quality['pose_delay']) < 0.006
 
 
 def test_whole_numbers_in_all_channels_are_refused_as_counts():

@@ -66,6 +66,13 @@ def test_late_commands_act_one_after_the_other_and_none_is_dropped(stalls):
     assert acted == list(range(len(acted))) and len(acted) > len(stamps) - 7
 
 
+def test_a_simulation_that_stalled_takes_the_commands_of_that_time_in_their_periods():
+    schedule = CommandSchedule(PERIOD, START)
+    for k in range(10, 150):
+        schedule.add(START + k * PERIOD, START + 150 * PERIOD, 10, k)
+    assert [schedule.take(k) for k in range(10, 150)] == list(range(10, 150))
+
+
 def test_a_lag_ends_when_the_stream_rests():
     schedule = CommandSchedule(PERIOD, START)
     for k in range(3):
