@@ -123,8 +123,9 @@ def test_home_and_box_come_from_a_recording(recording):
 def test_the_command_writes_a_plan_within_time_tilt_and_limits_for_the_sequencer(
         tmp_path, capsys):
     path = tmp_path / 'plan.yaml'
-    assert main(['plan', '--for', 'calibration', '--duration', '14', '--home', '0.9', '0', '1',
-                 '1', '0', '0', '0', '--set', 'limits.angular_speed=1.2', '-o', str(path)]) == 0
+    assert main(['plan', '--for', 'calibration', '--criterion', 'offset', '--duration', '14',
+                 '--home', *'0.9 0 1 1 0 0 0'.split(), '--set', 'limits.angular_speed=1.2',
+                 '-o', str(path)]) == 0
     said = capsys.readouterr().out
     assert all(name in said for name in GROUPS)
     given = yaml.safe_load(path.read_text())['/**/sequencer']['ros__parameters']
