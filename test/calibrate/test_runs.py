@@ -196,7 +196,6 @@ def test_leaving_the_sag_out_widens_the_errors_and_is_told(recording, calibratio
                for line in rigid.quality['warnings'])
 
 
-@pytest.mark.long
 def test_a_sag_that_nothing_shows_is_found_by_the_poses_themselves(recording):
     poses = {**nominal_poses(), 'other': Pose(PLACE, orientation(-0.4, 2.4))}
     quiet = replace(run(seed=7, poses=poses), optidrive=None)

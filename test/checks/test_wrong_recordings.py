@@ -36,6 +36,11 @@ def at_work(wrong, seed=2):
         work(seed, poses=10, rate=100.0), np.random.default_rng(5)))
 
 
+def test_a_wrench_of_another_arm_is_refused_as_no_weight_in_any_frame():
+    with pytest.raises(DataError, match='wrench and pose are not of the same robot'):
+        identify(poses('wrench of another arm'))
+
+
 def test_torques_about_another_point_are_told_by_the_calibration():
     assert refuse_disagreeing(at_work('nothing'), known()) == ()
     note, = refuse_disagreeing(at_work('torque about the tool centre'), known())

@@ -110,7 +110,7 @@ def commands():
 
 
 @pytest.mark.parametrize('rig_name, effects, name', [
-    pytest.param('rig.yaml', {}, None, marks=pytest.mark.long),
+    ('rig.yaml', {}, None),
     ('rigid_tool.yaml', {'tool_mass': {'change': 0.05}}, 'tool_mass'),
     pytest.param('rigid_tool.yaml', {'accel_bias': {'y': 0.2}}, 'accel_bias',
                  marks=pytest.mark.long),

@@ -5,7 +5,11 @@ from dataclasses import replace
 from forcecal_ros.core.streams import PoseStream, Stream
 from forcecal_ros.diagnose.dataset import split_by_phase
 from forcecal_ros.diagnose.model.linearised import Diverged, linearised_model
-from forcecal_ros.diagnose.recordings import convert_to_volts, correct_clocks
+from forcecal_ros.diagnose.recordings import (
+    convert_to_volts,
+    correct_clocks,
+    recognise_accelerometer,
+)
 from forcecal_ros.diagnose.search.joint_fit import joint_fit_if_finite
 from forcecal_ros.diagnose.search.model_comparison import Accepted
 from forcecal_ros.diagnose.sources.rig import prepare_commanded, RigSource
@@ -124,6 +128,7 @@ def test_an_offset_that_the_rig_knows_is_no_bias_of_a_sensor_in_m_s2():
     force = converted.accelerometer
     shift = np.array(model.offset) / np.array(model.gain)
     held = replace(converted, accelerometer=replace(force, values=force.values + shift))
+    assert recognise_accelerometer(converted, rig) == 'acc1'
     volts = convert_to_volts(converted, rig, 'acc1').accelerometer
     np.testing.assert_allclose(volts.values, force.values * model.gain + model.offset)
     np.testing.assert_allclose(convert_to_volts(held, rig, 'acc1').accelerometer.values,
