@@ -51,30 +51,31 @@ def _open(where):
     return seal.open_labels(where / 'run', where / 'labels', where / 'openings.jsonl')
 
 
-def test_labels_stay_closed_until_every_result_is_there(where):
+def _refused(said, function, *given):
+    with pytest.raises(seal.SealError, match=said):
+        function(*given)
+
+
+def test_labels_stay_closed_until_every_result_is_there_by_one_tool(where, tmp_path):
+    _refused('labels lie apart', seal.prepare, tmp_path / 'run', tmp_path / 'run' / 'labels',
+             seal.SEALED, 2, 20.0)
     _answer(where, 1)
-    with pytest.raises(seal.SealError, match='1 of 2 results are missing'):
-        _open(where)
+    _refused('1 of 2 results are missing', _open, where)
+    _refused('begun with another tool', seal.start, where / 'run', {**TOOL, 'commit': 'xyz'})
     _answer(where)
     assert len(_open(where)) == 2
+    _refused('labels are open', seal.start, where / 'run', TOOL)
+    (where / 'run' / 'commitments.json').unlink()
+    _refused('not sealed', seal.start, where / 'run', TOOL)
 
 
 def test_second_opening_of_the_same_seeds_is_refused(where, tmp_path):
     _answer(where)
     copy = Path(shutil.copytree(where, tmp_path / 'again'))
     _open(where)
-    with pytest.raises(seal.SealError, match='opened before'):
-        _open(where)
+    _refused('opened before', _open, where)
     shutil.copy(where / 'openings.jsonl', copy)
-    with pytest.raises(seal.SealError, match='opened before'):
-        _open(copy)
-
-
-def test_nothing_is_diagnosed_once_labels_are_open(where):
-    _answer(where)
-    _open(where)
-    with pytest.raises(seal.SealError, match='labels are open'):
-        seal.start(where / 'run', TOOL)
+    _refused('opened before', _open, copy)
 
 
 def test_changed_label_is_found(where):
@@ -83,28 +84,14 @@ def test_changed_label_is_found(where):
     entry = json.loads(path.read_text())
     entry['label']['kind'] = 'none' if entry['label']['kind'] != 'none' else 'single'
     path.write_text(json.dumps(entry))
-    with pytest.raises(seal.SealError, match='not the one that was committed to'):
-        _open(where)
+    _refused('not the one that was committed to', _open, where)
 
 
 def test_changed_case_is_found(where):
     path = next((where / 'run' / 'cases').glob('[!.]*.npz'))
     path.write_bytes(path.read_bytes() + b'\0')
     seal.start(where / 'run', TOOL)
-    with pytest.raises(seal.SealError, match='not the one that was committed to'):
-        seal.waiting(where / 'run')
-
-
-def test_another_tool_cannot_finish_a_run(where):
-    _answer(where, 1)
-    with pytest.raises(seal.SealError, match='begun with another tool'):
-        seal.start(where / 'run', {**TOOL, 'commit': 'xyz'})
-
-
-def test_nothing_is_diagnosed_before_labels_are_sealed(where):
-    (where / 'run' / 'commitments.json').unlink()
-    with pytest.raises(seal.SealError, match='not sealed'):
-        seal.start(where / 'run', TOOL)
+    _refused('not the one that was committed to', seal.waiting, where / 'run')
 
 
 def test_run_tells_nothing_of_its_labels(made):
@@ -115,11 +102,6 @@ def test_run_tells_nothing_of_its_labels(made):
     for path in (made / 'labels').glob('*.json'):
         assert path.name == 'master.json' or json.loads(
             path.read_text())['nonce'].encode() not in told
-
-
-def test_labels_may_not_lie_within_the_run(tmp_path):
-    with pytest.raises(seal.SealError, match='labels lie apart'):
-        seal.prepare(tmp_path / 'run', tmp_path / 'run' / 'labels', seal.SEALED, 2, 20.0)
 
 
 def test_killed_run_goes_on_to_the_same_cases(tmp_path):

@@ -105,7 +105,8 @@ def test_cases_come_in_the_mix_that_was_agreed():
     assert kinds(240, 100).count('none') == 100 and len(kinds(240, 100)) == 240
 
 
-def test_same_seed_makes_the_same_case_and_effects_leave_the_noise_alone():
+def test_same_seed_makes_the_same_case_and_effects_leave_the_noise_alone(second_rig):
+    # the fixture has compiled the rig for all workers
     case, again = (draw('single', 3, 20.0, 'accel_bias', 0.5) for _ in range(2))
     runner = Runner(case)
     one, clean = runner.recording(0), runner.recording(0, ())

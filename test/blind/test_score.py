@@ -64,19 +64,6 @@ def test_remainder_that_outweighs_the_name_is_unknown():
     assert [miss.identity for miss in figures.misses] == ['b', 'c']
 
 
-def test_effect_too_small_to_see_may_be_missed():
-    figures = score({'a': _label('single', 'tool_mass', energy=20.0)}, {'a': _result('no_gap')})
-    assert not figures.misses and _row(figures, 'detected') == (0, 0)
-
-
-def test_pair_wants_both_and_no_more():
-    labels = {one: _label('pair', 'tool_mass', 'wrench_delay') for one in 'abc'}
-    both, alone = [('wrench_delay', 1.0), ('tool_mass', 1.0)], [('tool_mass', 1.0)]
-    figures = score(labels, {'a': _result('identified', both), 'b': _result('partial', alone),
-                             'c': _result('identified', [*both, ('tool_com', 1.0)])})
-    assert _row(figures, 'pairs found exactly') == (1, 3)
-
-
 def test_place_is_right_where_half_of_the_strongest_excess_is():
     labels = {one: _label('single', 'tool_mass') for one in 'ab'}
     named = [('tool_mass', 1.0)]

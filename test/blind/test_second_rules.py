@@ -42,17 +42,6 @@ class _Plain:
         return {'wrench': size * np.sin(2 * np.pi * 5.0 * self.moved[0].t)[:, None]}
 
 
-def test_sizes_keep_to_the_limits_of_the_library_since_the_second_part():
-    for drawn_by, largest in ((rules.FIRST, 2.0), (rules.MENDED, 0.5)):
-        assert case._size(_Plain(), 'tool_mass', 1e9, 7, drawn_by)[0] == largest
-
-
-def test_energy_counts_from_the_begin_of_an_effect_where_one_recording_judges():
-    whole, late = (case._size(_Plain(), 'wrench_gain', 400.0, 7, rules.MENDED, onset)[0]
-                   for onset in (None, 0.5))
-    assert late / whole == pytest.approx(np.sqrt(2.0), rel=0.05)
-
-
 def test_true_shrink_is_of_block_means_over_the_noise_and_leaves_what_the_fit_does():
     base, t = _Plain(), _Plain.moved[0].t
     effect = base.of_effect('wrench_gain', 1.0, 7)
@@ -67,24 +56,12 @@ def test_true_shrink_is_of_block_means_over_the_noise_and_leaves_what_the_fit_do
     assert true_shrink(base, effect, fast) == pytest.approx(1 - energy**-0.5, abs=0.01)
 
 
-def test_nuisance_takes_up_no_more_than_three_of_its_sigma_of_what_is_left():
-    for size, left in ((2.0, 0.0), (5.0, 2.0)):
-        found = _Plain.ground.left({'wrench': np.full((1000, 1), size)})['wrench']
-        assert found == pytest.approx(np.full((1000, 1), left), abs=0.01)
-
-
 def test_oracle_finds_the_strength_of_an_effect_within_its_error():
     base, rng = _Plain(), np.random.default_rng(3)
     effect = base.of_effect('wrench_gain', 0.2, 7)
     measured = {'wrench': 1.0 * effect['wrench'] + 0.5 * rng.standard_normal((1000, 1)) + 0.7}
     strength, error = base.ground.strength(measured, effect)
     assert error == pytest.approx(base.ground.net(effect)**-0.5) and abs(strength - 1) < 3 * error
-
-
-def test_no_size_is_beyond_what_a_sensor_can_have_since_the_third_part():
-    assert case._size(_Plain(), 'wrench_gain', 1e9, 7, rules.MENDED)[0] == 2.0
-    assert case._size(_Plain(), 'wrench_gain', 1e9, 7, rules.THIRD)[0] == pytest.approx(0.3)
-    assert rules.THIRD.limits['arm', 'wrench_delay'] <= 0.05  # as far as the library goes
 
 
 @dataclass
@@ -118,20 +95,6 @@ def test_law_is_drawn_again_until_both_recordings_have_it():
         assert np.abs(both[1].wrench).max() == pytest.approx(np.abs(both[0].wrench).max())
         largest = np.abs(both[0].times(np.sqrt(most / energy)).wrench).max()
         assert largest == pytest.approx(1.5 * base.moved[0].load)
-
-
-def test_law_that_cannot_be_seen_is_never_beyond_what_a_sensor_carries():
-    base, rng = _Twice(), np.random.default_rng(1)
-    law = case._law(base, Kind(lambda rng: _first_alone(rng, 0.0)), rng, rules.THIRD)
-    drawn = case._Drawn({'unseen': 1e5}, 1.0, 100.0, False, 0.0)
-    base.own = 0.0
-    assert case._sized(base, rules.THIRD, drawn, '', {'unseen': law}, None, rng) == ({}, {})
-    # as part 2 had it
-    old = case._law(base, Kind(lambda rng: _first_alone(rng, 0.0)), rng, rules.MENDED)
-    (_, background), both = case._sized(base, rules.MENDED, drawn, '', {'unseen': old}, None,
-                                        rng), old.both
-    largest = np.abs(both[0].times(np.sqrt(background['unseen'] / old.energy)).wrench).max()
-    assert largest > 1e5
 
 
 def test_shrink_of_a_label_is_by_the_noise_that_the_answer_states():

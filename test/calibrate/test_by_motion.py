@@ -61,7 +61,7 @@ def assert_nominal(calibration):
     assert calibration.quality['method'] == 'motion'
 
 
-@pytest.mark.parametrize('every', [1, 8])
+@pytest.mark.parametrize('every', first([8, 1]))
 def test_tool_of_a_rig_that_never_rests(moving, every):
     calibration = identify(replace(moving, wrench=moving.wrench.rows(slice(None, None, every))))
     assert_nominal(calibration)

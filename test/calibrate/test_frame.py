@@ -51,10 +51,7 @@ def sound(request):
 
 @pytest.mark.parametrize('R, said', [
     (turn(0.0, 0.0, -30.0), r'turned by (30|29)\.\d+ .* deg about z'),
-    (turn(0.0, 0.0, -90.0), 'turned by .*x, y, z show y, -x, z'),
-    (np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), 'x, y, z show y, x, z'),
-    (np.diag([1.0, -1.0, 1.0]), 'mirrored .*x, y, z show x, -y, z'),
-    (-np.eye(3), r'opposite sign.*set wrench\.sign to -1 ')])
+    (np.diag([1.0, -1.0, 1.0]), 'mirrored .*x, y, z show x, -y, z')])
 def test_other_axes_are_refused_with_their_name(sound, R, said):
     recording, gravity = sound
     with pytest.raises(DataError, match=said):

@@ -31,7 +31,8 @@ def found(rows):
     return identify(recording_of(rows), IdentificationSettings(gravity=G))
 
 
-def test_mass_centre_and_biases_are_those_of_the_plain_fit(found):
+def test_mass_centre_and_biases_are_those_of_the_plain_fit_and_raise_no_alarm(found):
+    assert not [line for line in found.quality['warnings'] if 'suspect' in line]
     assert float(found.mass) == pytest.approx(0.9323, abs=5e-4)
     np.testing.assert_allclose(found.com.value, [0.0003, 0.0001, 0.0439], atol=1e-4)
     np.testing.assert_allclose(found.wrench_bias.value[:3], [9.077, -1.018, 9.985], atol=1e-3)

@@ -19,25 +19,34 @@ def recording():
     return run(seed=2)
 
 
+@pytest.fixture(scope='module')
+def sound(recording):
+    return identify(recording)
+
+
 def pulled(recording, pose, force):
-    """Return the quality where a cable pulls along y while one pose is measured."""
+    """Calibrate where a cable pulls along y while one pose is measured."""
     phase = [one for one in recording.phases if one.name == 'measure'][pose - 1]
     wrench = recording.wrench
     values = np.array(wrench.values)
     values[(wrench.t >= phase.start - 0.5) & (wrench.t < phase.end), 1] += force
-    return identify(replace(recording, wrench=Stream(wrench.t, values, wrench.frame))).quality
+    return identify(replace(recording, wrench=Stream(wrench.t, values, wrench.frame)))
 
 
-def test_a_sound_run_rejects_no_pose(recording):
-    quality = identify(recording).quality
+def test_a_sound_run_rejects_no_pose(sound):
+    quality = sound.quality
     assert quality['rejection']['pose'] is None and len(quality['rejection']['poses']) == 4
     assert dict(in_words(quality))['Rejection test'].startswith('No pose is off')
 
 
 @pytest.mark.parametrize('pose', first([2, 1, 3, 4]))
-def test_a_pose_that_a_cable_pulls_in_is_named_with_the_pull(recording, pose):
+def test_a_pose_that_a_cable_pulls_in_is_named_with_the_pull_and_widens_errors(
+        recording, sound, pose):
     """0.15 N: 15 standard errors of what the others predict, 0.1 % of the weight."""
-    quality = pulled(recording, pose, 0.15)
+    found = pulled(recording, pose, 0.15)
+    quality = found.quality
+    assert 2.5 < found.mass.std / sound.mass.std < 50.0
+    assert abs(float(found.mass) - 13.0) < 2e-4 * 13.0
     assert quality['rejection']['pose'] == pose
     off = quality['rejection']['poses'][pose - 1]['off']
     assert off[1] == pytest.approx(0.15, abs=0.05)

@@ -59,12 +59,9 @@ def test_a_push_all_along_or_a_sensor_that_hardly_turns_says_nothing():
     assert refuse_disagreeing(still, C) == ()
 
 
-@pytest.mark.parametrize('change, said', [
-    (lambda w: -w, 'opposite sign'), (lambda w: w[:, [1, 0, 2, 4, 3, 5]], 'axes are mirrored'),
-    (lambda w: w[:, [1, 2, 0, 4, 5, 3]], 'its axes are turned by')])
-def test_other_axes_and_units_are_refused_by_cause(change, said):
-    with pytest.raises(DataError, match=said):
-        refuse_disagreeing(mapped(recorded(contact=5.0), change), C)
+def test_other_axes_are_refused_by_cause():
+    with pytest.raises(DataError, match='axes are mirrored'):
+        refuse_disagreeing(mapped(recorded(contact=5.0), lambda w: w[:, [1, 0, 2, 4, 3, 5]]), C)
 
 
 def test_another_tool_and_a_sensor_tared_since_are_said_with_their_size():

@@ -142,12 +142,12 @@ def test_a_whole_sensor_that_sticks_is_named_once():
         stuck(frozen(noise(3), slice(None), 18.0), 'accelerometer')
 
 
-@pytest.mark.parametrize('channel', range(6))
-def test_a_channel_is_stuck_in_steps_where_the_others_go_on(channel):
+def test_a_channel_is_stuck_in_steps_where_the_others_go_on():
     coarse = np.round(moved() + 0.3 * noise(), 0)
     stuck(coarse)
-    with pytest.raises(DataError, match=CHANNELS['wrench'][channel]):
-        stuck(frozen(coarse, channel, 18.0))
+    for channel in (0, 5):
+        with pytest.raises(DataError, match=CHANNELS['wrench'][channel]):
+            stuck(frozen(coarse, channel, 18.0))
 
 
 def test_a_wrench_that_does_not_feel_the_robot_turn_is_stuck_however_coarse():
@@ -162,9 +162,9 @@ def test_a_wrench_that_does_not_feel_the_robot_turn_is_stuck_however_coarse():
         stuck(values, pose=replace(still, R_base_sensor=R))
 
 
-@pytest.mark.parametrize('resolution', [0.0, 0.01, 0.3, 3.0, 20.0])
+@pytest.mark.parametrize('resolution', [0.0, 0.3, 20.0])
 @pytest.mark.parametrize('sigma', [0.0, 0.05, 1.0])
-@pytest.mark.parametrize('rest', [None, 3.0, 30.0])
+@pytest.mark.parametrize('rest', [None, 30.0])
 def test_a_sensor_that_rests_in_steps_or_without_noise_is_sound(resolution, sigma, rest):
     rings = np.exp(-20.0 * np.clip(T - (rest or 0.0), 0.0, None))[:, np.newaxis]
     values = moved(rest=rest) + rings * noise(seed=2) + sigma * noise()
@@ -226,8 +226,8 @@ def test_sound_recordings_pass_without_a_word(rig):
         assert removed == {} and kept.notes == recording.notes
 
 
-@pytest.mark.parametrize('name', ['wrench', 'accelerometer', 'pose', 'target'])
-@pytest.mark.parametrize('way', [-1e4, 1e4])
+@pytest.mark.parametrize('name, way', [
+    ('wrench', 1e4), ('accelerometer', -1e4), ('pose', 1e4), ('target', -1e4)])
 def test_the_stream_on_another_clock_is_named(rig, name, way):
     stream = getattr(rig, name)
     named = re.escape(f'{way:+.1f} s; set the clocks')

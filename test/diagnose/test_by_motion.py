@@ -114,12 +114,6 @@ def commands():
     ('rigid_tool.yaml', {'tool_mass': {'change': 0.05}}, 'tool_mass'),
     pytest.param('rigid_tool.yaml', {'accel_bias': {'y': 0.2}}, 'accel_bias',
                  marks=pytest.mark.long),
-    pytest.param('rigid_tool.yaml', {'wrench_gain': {'fx': 0.05}}, 'wrench_gain',
-                 marks=pytest.mark.long),
-    pytest.param('rigid_tool.yaml', {'wrench_crosstalk': {'fy_of_fx': 0.05}}, 'wrench_crosstalk',
-                 marks=pytest.mark.long),
-    pytest.param('rigid_tool.yaml', {'wrench_bias_drift': {'fz': 0.1}}, 'wrench_bias_drift',
-                 marks=pytest.mark.long),
 ])
 def test_one_effect_is_named_and_none_without(commands, rig_name, effects, name):
     rig = load_rig(rig_name)
@@ -129,17 +123,6 @@ def test_one_effect_is_named_and_none_without(commands, rig_name, effects, name)
     assert [e.name for e in diagnosis.effects] == ([name] if name else [])
     if name is None:
         assert diagnosis.verdict == 'no_gap'
-
-
-@pytest.mark.long
-def test_a_late_wrench_is_told_though_a_low_pass_is_much_like_it(commands):
-    rig = load_rig()
-    late = with_effects(rig, {'wrench_delay': {'delay': 0.006}})
-    diagnosis = ToolSource(rigid_tool_of_rig(rig)).diagnose(
-        replace(simulate(late, commands, seed=1), target=None)).diagnosis
-    given = dict(diagnosis.candidates)
-    assert set(given) <= {'wrench_delay', 'wrench_lowpass', 'unknown'}
-    assert given['wrench_delay'] + given['wrench_lowpass'] > 0.9
 
 
 @pytest.mark.long

@@ -6,7 +6,6 @@ import re
 
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import DataError
-from forcecal_ros.core.geometry import rotation_about
 from forcecal_ros.diagnose.localise import compare_motions
 from forcecal_ros.diagnose.recordings import keep_comparable_imus
 from forcecal_ros.diagnose.sources.pair import (
@@ -85,19 +84,6 @@ def test_a_payload_picked_up_on_the_way_is_no_gain_and_no_cable(change, part):
     assert effect.begin == pytest.approx(at, abs=2e-3)
 
 
-@pytest.mark.parametrize('effect, name, value', [
-    pytest.param({'wrench_crosstalk': {'fy_of_fx': 0.03}}, 'fy_of_fx', 0.03,
-                 marks=pytest.mark.long),
-    pytest.param({'cable_force': {'x': 1.0, 'y': 0.5, 'z': 0.0, 'stiffness': 20.0}}, 'stiffness',
-                 20.0, marks=pytest.mark.long)])
-def test_what_the_robot_has_beside_its_simulation_is_named_with_its_size(effect, name, value):
-    found = PairSource(TOLERANCES, simulated()).diagnose(real(effect))
-    first, *others = found.diagnosis.effects
-    assert first.name in effect and not others
-    assert abs(first.parameters[name].value - value) < max(3.0 * first.parameters[name].std,
-                                                           0.05 * value)
-
-
 def test_two_recordings_are_brought_to_one_clock_by_commands_and_else_by_poses():
     recording, other = real({}), simulated(start=-77.0)
     _, alignment = align(recording, other)
@@ -135,11 +121,6 @@ def test_imus_of_both_are_compared_in_motion(bias):
         assert found.parameters['x'].unit == 'm/s^2'
 
 
-def wrench_turned(axis, degrees):
-    Q = rotation_about(axis, np.radians(degrees))
-    return lambda w, R: np.hstack([w[:, :3] @ Q.T, w[:, 3:] @ Q.T])
-
-
 def in_base(w, R):
     return np.hstack([np.einsum('nij,nj->ni', R, part) for part in (w[:, :3], w[:, 3:])])
 
@@ -151,25 +132,19 @@ def with_wrench(recording, change):
         wrench, values=change(wrench.values, pose.R_base_sensor[nearest])))
 
 
-@pytest.mark.parametrize('change, said', first([
-    (lambda w, R: w / 9.80665, 'its forces are in kgf'), (in_base, 'expressed in base'),
-    (lambda w, R: -w, 'opposite sign'),
-    (wrench_turned('x', 180.0), r'turned by -(179|180)\S* .* about x'),
-    (lambda w, R: w[:, [1, 0, 2, 4, 3, 5]], r'mirrored \(left-handed\): x, y, z show y, x, z'),
-    (lambda w, R: w * [1.0, 1.0, 1.0, 1e3, 1e3, 1e3], 'its torques are in N mm'),
+@pytest.mark.parametrize('change, said', [
+    (lambda w, R: w / 9.80665, 'its forces are in kgf'),
     (lambda w, R: w - np.hstack([f := WEIGHT @ R, np.cross(GRIPPER.com, f)]),
-     'the driver takes its weight off; let it leave the weight in')], 2))
+     'the driver takes its weight off; let it leave the weight in')])
 def test_frame_sign_and_units_of_the_robots_wrench_are_asked_before_effects(change, said):
     wrong = PairSource(TOLERANCES, simulated()).diagnose(with_wrench(real({}), change))
     assert wrong.diagnosis.verdict == 'invalid_data'
     assert re.search(said, wrong.diagnosis.reason)
 
 
-@pytest.mark.parametrize('change, said', first([
+@pytest.mark.parametrize('change, said', [
     (lambda w, R: -w, '--simulated-wrench-sign -1'),
-    (in_base, 'the simulated wrench: it is expressed in base'),
-    (wrench_turned('z', 90.0), r'simulated wrench: its axes are turned by -(89|90)\S* .* about z'),
-    (lambda w, R: w[:, [1, 0, 2, 4, 3, 5]], 'the simulated wrench: its axes are mirrored')], 2))
+    (in_base, 'the simulated wrench: it is expressed in base')])
 def test_frame_and_sign_of_the_simulated_wrench_are_asked_before_its_tool(change, said):
     wrong = PairSource(TOLERANCES, with_wrench(simulated(), change)).diagnose(real({}))
     assert wrong.diagnosis.verdict == 'invalid_data'
@@ -184,7 +159,7 @@ def test_effects_of_any_usual_size_are_no_other_frame(effects):
     prepare_pair(real(effects), shift_times(simulated(), -1000.0), None, TOLERANCES)
 
 
-def test_where_the_simulated_tool_touches_something_nothing_is_compared():
+def test_where_the_simulated_tool_touches_something_nothing_is_compared(clean):
     def pressed(recording, stiffness):
         wrench, t0 = recording.wrench, recording.wrench.t[0]
         t = wrench.t - t0
@@ -198,8 +173,7 @@ def test_where_the_simulated_tool_touches_something_nothing_is_compared():
     assert 7.2 < left_out.min() < 7.6 and 8.4 < left_out.max() < 8.9
     free = case.measured.present[:, 2]
     assert np.abs(case.measured.residual(case.nominal)[free, 2]).max() < 1.0
-    quiet, _ = prepare_pair(real({}), shift_times(simulated(), -1000.0), None, TOLERANCES)
-    assert quiet.measured.present[:, 2].all()
+    assert clean.ready[0].dataset.measured.present[:, 2].all()
 
 
 def test_an_imu_in_other_axes_is_left_out_with_the_reason():

@@ -5,15 +5,11 @@ from importlib.util import module_from_spec, spec_from_file_location
 import json
 from pathlib import Path
 import re
-from typing import Any
 
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.core.streams import JointStream, Recording, Stream
-from forcecal_ros.diagnose.dataset import split_datasets
-from forcecal_ros.diagnose.model.jacobian import nuisance_column
-from forcecal_ros.diagnose.model.linearised import linearised_model
 from forcecal_ros.diagnose.recordings import (
     keep_common_joints,
     missing_joint_notes,
@@ -117,64 +113,6 @@ def test_between_runs_its_streams_are_those_of_a_line(robot):
     assert runs.repeats()
 
 
-def in_numbers(column):
-    """Return the blocks of each channel of a column."""
-    return {c: signal.values() for c, signal in column.items()}
-
-
-def test_what_a_parameter_changes_is_the_same_wherever_it_is_and_not_simulated_again(
-        robot, monkeypatch):
-    ready: Any = SimulatorSource(robot, TOLERANCES).prepare([measured(robot, 1.2, 0.072)])
-    one, = ready
-    one.runs.try_all(robot.nominal)
-    one.simulation.forget()
-    model = linearised_model(one.robot, split_datasets([one.dataset]))
-    model.centre = model.moved(np.ones(len(model.nuisances)))
-    rig, (dataset, *_), asked = model.current(), model.datasets, []
-    base = one.simulation.signals(rig)
-    residual = dataset.measured.residual(base)
-    anew = [in_numbers(nuisance_column(dataset, n, size, rig, base, residual, model.level))
-            for n, size in zip(model.nuisances, model.prior_std)]
-    carried = type(one.simulation).signals
-
-    def counted(self, rig):
-        asked.append(rig)
-        return carried(self, rig)
-
-    monkeypatch.setattr(type(one.simulation), 'signals', counted)
-    model.linearise()
-    assert len(asked) == 2  # at the point itself
-    for n, kept, own in zip(model.nuisances, map(in_numbers, model.jacobian[0]), anew):
-        one_sigma, off = (np.sqrt(sum(np.sum((rows / model.level[c]) ** 2)
-                                      for c, rows in column.items()))
-                          for column in (own, {c: kept[c] - own[c] for c in own}))
-        # a step by columns that are a tenth off leaves a tenth, which the next one takes
-        assert off < 0.1 * one_sigma, n.name
-    one.runs.try_all((1.21, 0.072))
-    model.linearise()
-    assert len(asked) > 10
-
-
-def of_payload(robot, payload):
-    """Return the model of a recording with another payload, recalibrated."""
-    ready: Any = SimulatorSource(robot, TOLERANCES).prepare([measured(robot, payload, 0.0705)])
-    one, = ready
-    one.runs.try_all(robot.nominal)
-    one.simulation.forget()
-    return linearised_model(one.robot, split_datasets([one.dataset]))
-
-
-@pytest.mark.long
-def test_a_payload_four_sigma_off_is_named_with_its_size(robot):
-    found = SimulatorSource(robot, TOLERANCES).diagnose(measured(robot, 1.248, 0.0705))
-    assert found.diagnosis.verdict == 'identified'
-    changed, = found.details['parameters']
-    assert changed['name'] == 'payload'
-    assert changed['after'] == pytest.approx(1.248, abs=4.0 * changed['std'])
-    assert changed['std'] < 0.003
-    assert found.details['recomputed'] > 0.5
-
-
 class Giving:
     """The robot of the page, with a number that its wrench goes with one over the square of."""
 
@@ -229,8 +167,8 @@ def spoilt(value):
 @pytest.mark.parametrize('answer, why', [
     (None, 'returned NoneType, expected a mapping'),
     ({'wrench': WRENCH}, 'returned no pose, but wrench; return wrench and pose'),
-    ({'wrench': WRENCH, 'pose': WRENCH}, r'pose: stamps \(1600,\) and rows \(1600, 6\)'),
-    ({'wrench': spoilt(np.nan), 'pose': POSE}, r'wrench: row 7 is not finite \(1 of 1600\)'),
+    ({'wrench': WRENCH, 'pose': WRENCH}, r'pose: stamps \(1200,\) and rows \(1200, 6\)'),
+    ({'wrench': spoilt(np.nan), 'pose': POSE}, r'wrench: row 7 is not finite \(1 of 1200\)'),
     ({'wrench': WRENCH, 'pose': (T, 2.0 * POSE[1])}, 'has norm 2.0000; expected x, y, z, w'),
     ({'wrench': (T[::-1], WRENCH[1]), 'pose': POSE}, 'wrench: stamps do not increase at'),
     ({'wrench': (T + 900.0, WRENCH[1]), 'pose': POSE}, 'wrench goes from 900.00 to'),
@@ -314,7 +252,9 @@ def test_joints_are_read_in_the_order_of_their_commands(tmp_path):
     read = read_recording(tmp_path / 'bag', joints=True).joints
     assert read.names == ('shoulder', 'elbow')
     np.testing.assert_array_equal(read.values, q[:, :2])
-    assert read_recording(tmp_path / 'bag').joints is None
+    without = read_recording(tmp_path / 'bag')
+    assert without.joints is None and without.joint_commands.names == ('shoulder', 'elbow')
+    np.testing.assert_array_equal(without.joint_commands.values, q[:, :2])
 
 
 def test_joints_that_a_simulator_has_are_compared_and_no_others():
@@ -330,7 +270,7 @@ def test_joints_that_a_simulator_has_are_compared_and_no_others():
     one = Recording(joints=measured)
     assert keep_common_joints([one, Recording(joints=made)])[0].joints is None
     assert keep_common_joints([one, one])[0].joints is measured
-    with pytest.raises(ConfigError, match=r'joints: stamps \(1600,\) and rows \(1600, 2\), '
+    with pytest.raises(ConfigError, match=r'joints: stamps \(1200,\) and rows \(1200, 2\), '
                                           r'expected \(n,\) and \(n, 3\)'):
         third_party('own', Own({'wrench': WRENCH, 'pose': POSE, 'joints': (T, rows[:, :2])})).run(
             inputs, (1.0,))
@@ -343,12 +283,3 @@ def test_measured_joints_that_a_simulator_lacks_are_said():
     assert none.startswith('it simulates none of the joints in joint_states (shoulder, elbow)')
     some, = missing_joint_notes(('shoulder', 'finger'), ('shoulder',))
     assert some.endswith('joints finger')
-
-
-def test_commands_of_joints_are_read_as_they_were_told(tmp_path):
-    told = JointStream(T, np.sin(np.outer(T, [1.0, 2.0])), '', ('shoulder', 'elbow'))
-    write_recording(tmp_path / 'bag', Recording(
-        wrench=Stream(*WRENCH), joint_commands=told, start_ns=10**18))
-    read = read_recording(tmp_path / 'bag').joint_commands
-    assert read.names == ('shoulder', 'elbow')
-    np.testing.assert_array_equal(read.values, told.values)

@@ -53,6 +53,13 @@ def test_a_floor_that_is_low_by_chance_makes_no_line_and_a_hump_is_followed():
     assert floor[21 * width:26 * width] == pytest.approx(8.0)
 
 
+@pytest.mark.parametrize('phase, touched, stage', [
+    ('move', {'pose.x', 'optidrive'}, 'robot'), ('contact', {'optidrive'}, 'environment'),
+    ('move', {'optidrive'}, 'tool'), ('contact', {'force.x'}, 'wrench_sensor')])
+def test_an_excess_is_of_the_first_stage_that_accounts_for_it(phase, touched, stage):
+    assert localise.stage_of('force.x', phase, touched) == stage
+
+
 def test_white_noise_has_no_line_and_a_steady_sine_is_one():
     rng = np.random.default_rng(11)
     noise = rng.standard_normal((20000, 12))

@@ -1,6 +1,7 @@
 """A rig that stands for a robot, and a simulator of its tool by other code."""
 
 from dataclasses import replace
+from functools import cache
 
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from forcecal_ros.diagnose.sources.pair import shift_times
@@ -16,13 +17,14 @@ GRIPPER = replace(TOLERANCES.tool, mass=1.2, com=(0.01, -0.005, 0.06),
                   inertia=((3e-3, 0.0, 0.0), (0.0, 3e-3, 0.0), (0.0, 0.0, 1e-3)))
 RIG = replace(TOLERANCES, tool=GRIPPER)
 LATE = {'robot_delay': {'delay': 0.008}}
-SECONDS = 16.0
+SECONDS = 12.0
 
 
-def commands(phase=0.0):
-    t = 0.004 * np.arange(round(SECONDS / 0.004))
-    u = np.clip(t - 1.5, 0.0, SECONDS - 4.0)
-    rise = np.minimum(1.0, np.minimum(u, SECONDS - 4.0 - u)).clip(0.0)
+@cache
+def commands(phase=0.0, seconds=SECONDS):
+    t = 0.004 * np.arange(round(seconds / 0.004))
+    u = np.clip(t - 1.5, 0.0, seconds - 4.0)
+    rise = np.minimum(1.0, np.minimum(u, seconds - 4.0 - u)).clip(0.0)
     rise = rise ** 3 * (10.0 - 15.0 * rise + 6.0 * rise ** 2)
     turn = np.outer(0.8 * rise * np.sin(u * np.pi / 2.0 + phase), [0.5, 1.0, 0.3])
     turn += np.outer(0.5 * rise * np.sin(1.1 * u + phase), [1.0, -0.2, 0.3])
@@ -43,6 +45,7 @@ def with_imu(recording, bias=0.0):
                    accelerometer=replace(stream, values=felt + [bias, 0.0, 0.0]))
 
 
+@cache
 def simulated(phase=0.0, start=1000.0, imu=False):
     """
     Return what a simulator of the test's own records, without noise, at 500 Hz on its own clock.

@@ -74,15 +74,6 @@ def own_recording(seed: int = 8, parts=MOTION) -> Recording:
     return replace(simulate(load_rig(), target, seed=seed), phases=phases)
 
 
-def free_part(recording: Recording) -> Recording:
-    """Return a recording of the motion up to the end of its part without a wall."""
-    end = sum(seconds for _, seconds, *_ in FREE)
-    streams = {name: getattr(recording, name).between(0.0, end)
-               for name in ('wrench', 'accelerometer', 'optidrive', 'pose', 'target')}
-    return replace(recording, phases=tuple(p for p in recording.phases if p.start < end - PERIOD),
-                   **streams)
-
-
 def write_own(folder: Path) -> Path:
     """Write the rig's turns, without a wall, as ``folder/bag``."""
     write_recording(folder / 'bag', replace(own_recording(parts=TURNING), contact_truth=None))

@@ -10,7 +10,7 @@ from own_arm import commands, LATE, RIG
 
 WALL, RUBS = {'position': 1.28, 'stiffness': 1e4, 'damping': 50.0}, 0.3
 TIP = np.array(RIG.tool.tip)
-PRESS_S, FREE_S = 12.0, 13.5
+PRESS_S, FREE_S = 12.0, 16.0
 
 
 def rising(t, begin, end):
@@ -20,7 +20,7 @@ def rising(t, begin, end):
 
 def pressing(slide=0.02):
     """Return commands that turn the gripper freely, press 2.5 +- 1.3 mm deep, and slide."""
-    free, t = commands(), 0.004 * np.arange(round(PRESS_S / 0.004))
+    free, t = commands(seconds=FREE_S), 0.004 * np.arange(round(PRESS_S / 0.004))
     x = np.zeros((len(t), 3))
     x[:, 0] = (rising(t, 0.5, 3.0) - rising(t, PRESS_S - 3.0, PRESS_S - 0.5)) * (
         0.0825 + 1e-3 * np.sin(1.4 * np.pi * t) + 3e-4 * np.sin(4.2 * np.pi * t))

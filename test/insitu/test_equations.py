@@ -19,7 +19,6 @@ from forcecal_ros.insitu.offset import (
     offset_coordinates,
     offset_of,
     principal_directions,
-    shared_offset,
     Subspace,
     to_coordinates,
 )
@@ -69,14 +68,6 @@ def test_the_static_map_has_rank_three_so_that_measurements_span_three_dimension
     assert values[2] > 1e-3 * values[0]
 
 
-def test_coordinates_in_the_subspace_lose_nothing(log):
-    basis, _ = principal_directions(log.raw)
-    subspace = Subspace(mean_measurement(log.raw), basis)
-    np.testing.assert_allclose(basis.T @ basis, np.eye(3), atol=1e-12)
-    back = from_coordinates(subspace, to_coordinates(subspace, log.raw))
-    np.testing.assert_allclose(back, log.raw, atol=1e-8)
-
-
 def test_the_measurements_lie_on_an_ellipsoid_about_the_offset(log):
     basis, _ = principal_directions(log.raw)
     subspace = Subspace(mean_measurement(log.raw), basis)
@@ -109,15 +100,6 @@ def test_accelerometer_noise_pulls_the_plain_offset_and_correction_takes_it_off(
     left = np.linalg.norm(to_newton @ (corrected - OFFSET))
     assert pulled > 0.15
     assert left < pulled / 3
-
-
-def test_a_shared_offset_is_nearer_than_any_single_one():
-    logs = [record(load, Leg(), 50 + k) for k, load in enumerate(insitu_leg.PROTOCOL)]
-    moments = [moments_of(log) for log in logs]
-    to_newton = np.linalg.inv(GAUGES)
-    single = [np.linalg.norm(to_newton @ (offset_of(one) - OFFSET)) for one in moments]
-    shared = np.linalg.norm(to_newton @ (shared_offset(moments) - OFFSET))
-    assert shared < np.median(single)
 
 
 @settings(max_examples=30, deadline=None)

@@ -45,11 +45,6 @@ def test_a_short_rank_is_an_error_that_says_what_to_add(loads, words):
     assert all(word in str(error.value) for word in words)
 
 
-def test_three_masses_at_one_place_leave_the_mass_determined():
-    report = structural_rank([Load(mass, PLACES[0]) for mass in (0.3, 0.5, 0.9)])
-    assert 'mass of the body' not in report.undetermined
-
-
 @pytest.mark.parametrize('loads', [equal(3), [NONE], [NONE, Load(0.5, PLACES[0])]])
 def test_what_the_error_says_to_add_is_enough(loads):
     with pytest.raises(UnobservableError) as error:

@@ -20,7 +20,6 @@ from forcecal_ros.motion.plan import (
 from forcecal_ros.motion.profiles import (
     anchor,
     flatten_poses,
-    hold,
     JointMove,
     Move,
     nominal_poses,
@@ -59,13 +58,6 @@ def vectors(limit):
     return st.tuples(*[st.floats(-limit, limit)] * 3).map(np.array)
 
 
-def test_quintic_begins_and_ends_at_rest_without_acceleration():
-    s, ds, dds = quintic(np.array([-1.0, 0.0, 1.0, 2.0]))
-    np.testing.assert_array_equal(s, [0, 0, 1, 1])
-    np.testing.assert_array_equal(ds, 0)
-    np.testing.assert_array_equal(dds, 0)
-
-
 def test_ten_millimetres_in_a_tenth_of_a_second_peak_where_the_quintic_says():
     move = Move(HOME, step_goal(HOME, 0.01), 0.1)
     x = np.array([p.pose.position[0] for p in sampled(move, 1e-4)])
@@ -101,12 +93,6 @@ def test_orientation_goes_along_the_geodesic_and_arrives(line, turn):
     assert not move.at(1.0).moving
 
 
-def test_first_setpoint_is_the_start_itself_and_at_rest():
-    move = Move(HOME, nominal_poses()['h'], 2.0)
-    np.testing.assert_allclose(move.at(0.0).pose.R_base_sensor, HOME.R_base_sensor, atol=1e-15)
-    assert not move.at(0.0).moving
-
-
 def test_half_a_turn_is_refused_because_noise_would_choose_the_way():
     goal = Pose(HOME.position, HOME.R_base_sensor @ rotation_from_vector([0, 0, np.pi]))
     with pytest.raises(MotionError, match='180.0 deg has no clear direction'):
@@ -129,6 +115,12 @@ def test_shortest_duration_keeps_to_the_pace(line, turn):
     assert np.linalg.norm(acceleration, axis=1).max() <= pace.acceleration * rounding
     acceleration = np.diff(spin, axis=0) / PERIOD
     assert np.linalg.norm(acceleration, axis=1).max() <= pace.angular_acceleration * rounding
+
+
+def test_a_joint_that_is_too_fast_is_refused_by_its_number():
+    move = JointMove(np.zeros(6), np.array([0, 0.1, -2.0, 0, 0, 0]), 1.0)
+    with pytest.raises(MotionError, match='3.75 rad/s of joint 3, limits.joint_speed is 1.5'):
+        check_joint_move(move, LIMITS, 'to h')
 
 
 @pytest.mark.parametrize('change, key, number', [
@@ -301,23 +293,10 @@ def test_malformed_poses_are_refused(names, flat, message):
         read_poses(names, flat)
 
 
-def test_joint_moves_are_checked_joint_by_joint():
-    move = JointMove(np.zeros(6), np.array([0, 0.1, -2.0, 0, 0, 0]), 1.0)
-    with pytest.raises(MotionError, match='3.75 rad/s of joint 3, limits.joint_speed is 1.5'):
-        check_joint_move(move, LIMITS, 'to h')
-    setpoint = move.at(0.5)
-    np.testing.assert_allclose(setpoint.positions, move.goal / 2)
-    assert setpoint.moving and not move.at(1.0).moving
-
-
 def test_poses_and_joint_vectors_are_not_mixed():
     plan = calibration_plan({'v': HOME, 'h': np.zeros(6)}, HOME, Timing())
     with pytest.raises(MotionError, match='mixes poses and joint vectors'):
         prepare(plan, HOME, Pace(), LIMITS)
-
-
-def test_hold_does_not_move():
-    assert not hold(HOME).moving
 
 
 @settings(max_examples=25, deadline=None)

@@ -1,6 +1,6 @@
 """The sequencer's state machine and its watch over the sensors, without ROS."""
 
-from copy import copy
+from copy import copy, deepcopy
 from itertools import pairwise
 import re
 
@@ -79,16 +79,7 @@ def test_nothing_is_commanded_before_start():
     sequence = MotionSequence(STREAM)
     assert sequence.step(STILL) is None
     assert sequence.status.phase == 'idle' and not sequence.running
-
-
-def test_first_command_is_the_pose_given_and_at_rest():
-    start = Pose(HOME.position + [0.003, 0, 0], HOME.R_base_sensor)
-    sequence = MotionSequence(STREAM)
-    parts = prepare([Segment('move', 'to v', HOME)], start, Pace(), LIMITS)
-    sequence.start(parts, start)
-    first = sequence.step(STILL)
-    np.testing.assert_array_equal(first.pose.position, start.position)
-    assert not first.moving
+    assert not sequence.abort('asked to')
 
 
 def test_phases_come_in_the_order_of_the_plan_and_end_in_done():
@@ -97,8 +88,12 @@ def test_phases_come_in_the_order_of_the_plan_and_end_in_done():
     assert changes(phases) == ['move', 'settle', 'measure'] * 4 + ['move', 'settle', 'step',
                                                                   'settle']
     assert sequence.moved and sequence.running and not sequence.streaming
+    aborted = copy(sequence)
     sequence.finish()
     assert sequence.status.phase == 'done' and sequence.status.progress == 1.0
+    assert aborted.abort('while it identifies')
+    aborted.finish()
+    assert (aborted.status.phase, aborted.status.reason) == ('aborted', 'while it identifies')
 
 
 def test_a_whole_stream_keeps_every_limit_and_ends_at_rest():
@@ -109,12 +104,6 @@ def test_a_whole_stream_keeps_every_limit_and_ends_at_rest():
     assert np.linalg.norm(np.diff(velocity, axis=0), axis=1).max() / PERIOD < 5.78
     assert not velocity[-20:].any() and not spin[-20:].any()
     np.testing.assert_array_equal(commands[-1].pose.position, HOME.position)
-
-
-def test_measuring_lasts_as_long_as_the_plan_says():
-    _, phases = run(started(), 5000)
-    measured = phases.count('measure') / 4 * PERIOD
-    assert measured == pytest.approx(TIMING.measure, abs=2 * PERIOD)
 
 
 def test_settling_waits_for_the_verdict_and_gives_up_with_its_numbers():
@@ -181,25 +170,40 @@ def test_a_stop_stays_on_the_path_and_never_turns_back(when, duration):
     assert (np.diff(along) >= -1e-12).all() and along[-1] <= 1.0
 
 
-def test_abort_before_the_first_command_only_holds():
-    sequence = started()
-    sequence.abort('asked to')
-    commands, _ = run(sequence, 100)
-    velocity, spin = speeds(commands)
-    assert not velocity.any() and not spin.any()
+def untouched(sequence):
+    return []
 
 
-def test_abort_between_two_parts_does_not_begin_the_next_move():
-    sequence = started()
+def between_two_parts(sequence):
     while sequence.status.phase != 'measure':
         sequence.step(STILL)
     while sequence.status.phase == 'measure':
         last = sequence.step(STILL)
     assert sequence.status.phase == 'move'
-    sequence.abort('asked to')
-    commands, _ = run(sequence, 100)
-    velocity, spin = speeds([last, *commands])
-    assert not velocity.any() and not spin.any()
+    return [last]
+
+
+def paused(sequence):
+    run(sequence, 700)
+    sequence.pause(True)
+    return run(sequence, 50)[0]
+
+
+def under_way(sequence):
+    commands = run(sequence, 700)[0]
+    assert commands[-1].moving
+    return commands
+
+
+@pytest.mark.parametrize('lead, at_once', [
+    (untouched, False), (between_two_parts, False), (paused, False), (under_way, True)])
+def test_an_abort_at_rest_or_at_once_only_holds(lead, at_once):
+    sequence = started()
+    before = lead(sequence)
+    sequence.abort('asked to', at_once=at_once)
+    after, _ = run(sequence, 1000)
+    velocity, spin = speeds(before[-1:] + after)
+    assert not velocity.any() and not spin.any() and not sequence.streaming
 
 
 def test_a_pause_comes_to_rest_within_the_stop_and_goes_on_along_the_same_path():
@@ -230,52 +234,18 @@ def test_a_restart_takes_up_speed_from_rest():
     assert np.linalg.norm(np.diff(spin, axis=0), axis=1).max() / PERIOD < 60
 
 
-def test_abort_while_paused_holds():
-    sequence = started()
-    run(sequence, 700)
-    sequence.pause(True)
-    paused, _ = run(sequence, 50)
-    sequence.abort('asked to')
-    after, _ = run(sequence, 1000)
-    velocity, spin = speeds(paused[-1:] + after)
-    assert not velocity.any() and not spin.any() and not sequence.streaming
-
-
-def test_abort_while_identifying_discards_the_result():
-    sequence = started()
-    run(sequence, 5000)
-    assert sequence.abort('asked to')
-    sequence.finish()
-    assert sequence.status.phase == 'aborted' and sequence.status.reason == 'asked to'
-
-
-def test_abort_says_so_where_nothing_is_under_way():
-    assert not MotionSequence(STREAM).abort('asked to')
-    sequence = started()
-    sequence.abort('first')
-    assert not sequence.abort('second')
-    assert sequence.status.reason == 'first'
-
-
-def test_a_second_start_is_refused_until_the_stream_has_ended():
+def test_the_first_abort_counts_and_no_start_comes_before_the_stream_has_ended():
     sequence = started()
     sequence.step(STILL)
-    with pytest.raises(MotionError, match='under way'):
-        sequence.start(default_parts(), HOME)
-    sequence.abort('asked to')
-    with pytest.raises(MotionError, match='under way'):
-        sequence.start(default_parts(), HOME)
+    for _ in range(2):
+        with pytest.raises(MotionError, match='under way'):
+            sequence.start(default_parts(), HOME)
+        sequence.abort('first')
+    assert not sequence.abort('second')
+    assert sequence.status.reason == 'first'
     run(sequence, 1000)
     sequence.start(default_parts(), HOME)
     assert sequence.status.phase == 'move'
-
-
-def test_progress_grows_from_nought_to_one():
-    sequence, progress = started(), []
-    while sequence.step(STILL) is not None:
-        progress.append(sequence.status.progress)
-    assert progress[0] == 0.0 and progress[-1] == 1.0
-    assert (np.diff(progress) >= -1e-12).all()
 
 
 def test_joint_vectors_stream_and_stop_by_the_same_machine():
@@ -342,13 +312,18 @@ class Bench:
         return '', (self.ms - begin) * 1e-3
 
 
-@pytest.fixture
-def bench():
+@pytest.fixture(scope='module')
+def watched():
     bench = Bench()
     for _ in range(300):
         assert not bench.tick()
     bench.monitor.begin(bench.ms * 1e-3)
     return bench
+
+
+@pytest.fixture
+def bench(watched):
+    return deepcopy(watched)
 
 
 def test_a_healthy_rig_is_still_at_most_instants(bench):
@@ -536,12 +511,6 @@ def test_stale_stamps_are_named(bench):
     assert found.startswith('wrench: newest stamp is 0.300 s old')
 
 
-def test_a_collision_is_named_with_force_and_limit(bench):
-    bench.force[0] = 260.0
-    fault, _ = bench.until_fault(3)
-    assert fault.startswith('wrench: force') and 'limits.force 250 N' in fault
-
-
 def test_a_robot_that_runs_away_is_named(bench):
     for k in range(100):
         bench.position[1] += min(0.4, 0.01 * k) * 0.004
@@ -562,16 +531,16 @@ def test_a_robot_that_shakes_is_named_by_its_acceleration_or_its_jerk(bench, lim
     assert reason in fault
 
 
-def test_a_tip_that_leaves_the_box_is_named_where_the_sensor_does_not(bench):
-    bench.position[0] = 1.11
+@pytest.mark.parametrize('name, part, value, said', [
+    ('force', 0, 260.0, r'^wrench: force .*limits\.force 250 N'),
+    ('force', 4, 61.0, r'^wrench: torque .*limits\.torque 60 N m'),
+    ('position', 2, 1.41, r'outside limits\.workspace_min/max 0\.6 to 1\.4 m'),
+    ('position', 0, 1.11, r'x = 1\.31.* m of the tip is outside'),
+    ('quaternion', slice(4), 0.0, '^current_pose: a quaternion has norm 0, not 1$')])
+def test_a_reading_beyond_its_limit_is_named_with_it(bench, name, part, value, said):
+    getattr(bench, name)[part] = value
     fault, _ = bench.until_fault(3)
-    assert 'x = 1.31' in fault and 'm of the tip is outside' in fault
-
-
-def test_an_orientation_that_is_none_is_named(bench):
-    bench.quaternion = np.zeros(4)
-    fault, _ = bench.until_fault(3)
-    assert fault == 'current_pose: a quaternion has norm 0, not 1'
+    assert re.search(said, fault)
 
 
 def test_a_force_just_above_its_limit_reads_above_it():
@@ -579,12 +548,6 @@ def test_a_force_just_above_its_limit_reads_above_it():
     monitor.wrench(0.0, (LIMITS.force * (1 + 1e-6), 0.0, 0.0, 0.0, 0.0, 0.0))
     found, limit = re.search(r'force (\S+) N exceeds limits.force (\S+) N', monitor.fault).groups()
     assert float(found) > float(limit)
-
-
-def test_a_robot_that_leaves_the_box_is_named(bench):
-    bench.position[2] = 1.41
-    fault, _ = bench.until_fault(3)
-    assert 'outside limits.workspace_min/max 0.6 to 1.4 m' in fault
 
 
 def test_a_robot_that_does_not_follow_is_named(bench):
@@ -672,17 +635,6 @@ def test_a_stream_takes_up_the_phase_of_the_measured_poses():
     assert next_in_phase(1000, 3, 4) == 1003
     assert next_in_phase(1003, 3, 4) == 1003
     assert next_in_phase(1001, 999, 4) == 1003
-
-
-def test_after_long_silence_an_abort_holds_the_last_command():
-    sequence = started()
-    before, _ = run(sequence, 100)
-    while not before[-1].moving:
-        before.append(sequence.step(STILL))
-    sequence.abort('the clock stood', at_once=True)
-    after, _ = run(sequence, 100)
-    velocity, spin = speeds(before[-1:] + after)
-    assert not velocity.any() and not spin.any() and sequence.step() is None
 
 
 def test_twists_are_zero_at_rest_and_lead_back_to_the_path_in_motion():

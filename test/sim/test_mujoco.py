@@ -37,6 +37,28 @@ def model(tmp_path):
     return written
 
 
+@pytest.fixture
+def load(tmp_path):
+    def loaded(text):
+        (tmp_path / 'arm.xml').write_text(text)
+        return load_mujoco(str(tmp_path / 'arm.xml'))
+    return loaded
+
+
+@pytest.fixture
+def check_patched(load):
+    """Return a check that numbers act, and that a model patched by them does the same."""
+    def check(robot, values, seconds=3.0, atol=1e-6):
+        inputs = Inputs(0.0, seconds, joints=told(seconds))
+        before, after = (robot.simulate(inputs, one)['pose'][1]
+                         for one in (nominal(robot), values))
+        assert np.abs(after - before).max() > 1e-4
+        own = load(robot.patched(values))
+        assert nominal(own) == pytest.approx(values)
+        np.testing.assert_allclose(own.simulate(inputs, nominal(own))['pose'][1], after, atol=atol)
+    return check
+
+
 def test_at_rest_the_wrench_is_the_weight_in_the_frame_of_the_site(model):
     robot = load_mujoco(model())
     inputs = Inputs(0.0, 1.0, joints=told(1.0, 0.0))
@@ -63,16 +85,15 @@ def test_its_numbers_are_parameters_by_their_own_names(model):
     assert robot.notes == ()
 
 
-@pytest.mark.parametrize('name, value', [
-    ('dof_frictionloss[lift]', 3.0), ('kp[lift]', 2000.0), ('kv[lift]', 500.0),
-    ('body_ipos[gripper].z', 0.08), ('tilt.y', 0.1)])
-def test_each_number_acts_and_leaves_nothing_behind(model, name, value):
+def test_each_number_acts_and_leaves_nothing_behind(model):
     robot = load_mujoco(model())
     inputs = Inputs(0.0, 3.0, joints=told(3.0))
     before = robot.simulate(inputs, nominal(robot))
-    changed = robot.simulate(inputs, {**nominal(robot), name: value})
+    for name, value in (('dof_frictionloss[lift]', 3.0), ('kp[lift]', 2000.0), ('kv[lift]', 500.0),
+                        ('body_ipos[gripper].z', 0.08), ('tilt.y', 0.1)):
+        changed = robot.simulate(inputs, {**nominal(robot), name: value})
+        assert np.abs(changed['wrench'][1] - before['wrench'][1]).max() > 0.01, name
     again = robot.simulate(inputs, nominal(robot))
-    assert np.abs(changed['wrench'][1] - before['wrench'][1]).max() > 0.01
     for stream in ('wrench', 'pose'):
         np.testing.assert_array_equal(again[stream][1], before[stream][1])
 
@@ -100,13 +121,11 @@ def test_a_patched_model_does_what_it_did_with_the_numbers(model, tmp_path, tool
         np.testing.assert_allclose(found[stream][1], expected[stream][1], atol=2e-3)
 
 
-def test_a_joint_is_driven_by_its_position_and_not_by_its_velocity_or_torque(tmp_path):
-    path = tmp_path / 'arm.xml'
+def test_a_joint_is_driven_by_its_position_and_not_by_its_velocity_or_torque(load):
     beside = '<velocity joint="pan" kv="0.1"/><motor joint="lift"/></actuator>'
     inputs, made = Inputs(0.0, 3.0, joints=told(3.0), measured_joints=NAMES), []
     for end in ('</actuator>', beside):
-        path.write_text(mjcf().replace('</actuator>', end))
-        robot = load_mujoco(str(path))
+        robot = load(mjcf().replace('</actuator>', end))
         made.append(robot.simulate(inputs, nominal(robot))['joints'][1])
     # the velocity's actuator, told nothing, drags by 0.1 N m s beside 150
     np.testing.assert_allclose(made[1], made[0], atol=1e-3)
@@ -136,20 +155,18 @@ def driven_by(kind):
     return text.replace('</mujoco>', GAINS.format(numerics) + '</mujoco>')
 
 
-def followed(path, kind, inputs):
-    """Return stamps and places of the joints of an arm with such actuators."""
-    path.write_text(driven_by(kind))
-    robot = load_mujoco(str(path))
-    return robot.simulate(inputs, nominal(robot))['joints']
-
-
-@pytest.mark.parametrize('kind', ['geared', 'scaled', 'intvelocity'])
-def test_actuators_that_hold_a_position_in_other_numbers_do_the_same(tmp_path, kind):
-    inputs = Inputs(0.0, 6.0, joints=told(6.0), measured_joints=NAMES)
-    (_, plain), (_, other) = (followed(tmp_path / 'arm.xml', one, inputs)
-                              for one in ('position', kind))
-    assert np.ptp(plain, axis=0).min() > 0.4
-    np.testing.assert_allclose(other, plain, atol=1e-9)
+def test_actuators_follow_in_other_numbers_or_by_their_controllers_gains(load):
+    inputs, joints = Inputs(0.0, 6.0, joints=told(6.0), measured_joints=NAMES), {}
+    for kind in HELD:
+        robot = load(driven_by(kind))
+        t, joints[kind] = robot.simulate(inputs, nominal(robot))['joints']
+    assert np.ptp(joints['position'], axis=0).min() > 0.4
+    for kind in ('geared', 'scaled', 'intvelocity'):
+        np.testing.assert_allclose(joints[kind], joints['position'], atol=1e-9)
+    commanded = np.stack([np.interp(t, inputs.joints.t, q) for q in inputs.joints.values.T])
+    # weight and inertia, 20 N m at most, by the gains: 20 / 4000, and 20 / 100 / 40 rad
+    for kind in ('velocity', 'torque'):
+        np.testing.assert_allclose(joints[kind].T, commanded, atol=0.006)
 
 
 def driven(path, actuator):
@@ -163,10 +180,10 @@ def driven(path, actuator):
 
 
 @pytest.mark.parametrize('actuator', [
-    '<pid joint="{}" kp="4000" kv="150"/>', '<pid joint="{}" kp="1000" kv="37.5" gear="2"/>',
+    '<pid joint="{}" kp="1000" kv="37.5" gear="2"/>',
     '<pid joint="{}" kp="4000" kv="150" ki="500"/>'])
 def test_pid_actuators_follow_position_and_rate_and_their_numbers_are_patched(
-        tmp_path, actuator):
+        tmp_path, check_patched, actuator):
     mujoco = pytest.importorskip('mujoco')
     if not hasattr(mujoco.mjtGain, 'mjGAIN_PID'):
         pytest.skip('this MuJoCo has no <pid>')
@@ -179,12 +196,7 @@ def test_pid_actuators_follow_position_and_rate_and_their_numbers_are_patched(
     values = nominal(robot) | {'kp[lift]': 0.5 * nominal(robot)['kp[lift]']}
     if 'ki[lift]' in values:
         values['ki[lift]'] = 100.0
-    after = robot.simulate(inputs, values)['pose'][1]
-    assert np.abs(after - robot.simulate(inputs, nominal(robot))['pose'][1]).max() > 1e-4
-    (tmp_path / 'patched.xml').write_text(robot.patched(values))
-    own = load_mujoco(str(tmp_path / 'patched.xml'))
-    assert nominal(own) == pytest.approx(values)
-    np.testing.assert_allclose(own.simulate(inputs, nominal(own))['pose'][1], after, atol=1e-6)
+    check_patched(robot, values, 4.0)
 
 
 @pytest.mark.parametrize('actuator, said', [
@@ -206,83 +218,51 @@ def test_delays_of_actuators_and_sensors_are_noted(tmp_path):
     assert 'wrench_delay' in sensors
 
 
-@pytest.mark.parametrize('kind', ['velocity', 'torque'])
-def test_actuators_of_velocity_and_torque_follow_by_their_controllers_gains(tmp_path, kind):
-    inputs = Inputs(0.0, 6.0, joints=told(6.0), measured_joints=NAMES)
-    t, joints = followed(tmp_path / 'arm.xml', kind, inputs)
-    commanded = np.stack([np.interp(t, inputs.joints.t, q) for q in inputs.joints.values.T])
-    # weight and inertia, 20 N m at most, by the gains: 20 / 4000, and 20 / 100 / 40 rad
-    np.testing.assert_allclose(joints.T, commanded, atol=0.006)
-
-
 @pytest.mark.parametrize('kind, changed', [
-    ('geared', {'kp[lift]': 300.0}), ('scaled', {'kp[lift]': 2000.0, 'kv[pan]': 300.0}),
+    ('scaled', {'kp[lift]': 2000.0, 'kv[pan]': 300.0}), ('geared', {'kp[lift]': 300.0}),
     ('intvelocity', {'kp[lift]': 2000.0}), ('velocity', {'p[lift]': 10.0, 'kv[pan]': 150.0}),
     ('torque', {'p[lift]': 2000.0, 'd[pan]': 300.0})])
-def test_numbers_of_every_kind_of_actuator_act_and_are_patched(tmp_path, kind, changed):
-    path = tmp_path / 'arm.xml'
-    path.write_text(driven_by(kind))
-    robot, inputs = load_mujoco(str(path)), Inputs(0.0, 3.0, joints=told(3.0))
-    values = nominal(robot) | changed
+def test_numbers_of_every_kind_of_actuator_act_and_are_patched(
+        load, check_patched, kind, changed):
+    robot = load(driven_by(kind))
     assert set(changed) <= set(nominal(robot))
-    before, after = (robot.simulate(inputs, one)['pose'][1] for one in (nominal(robot), values))
-    assert np.abs(after - before).max() > 1e-4
-    path.write_text(robot.patched(values))
-    own = load_mujoco(str(path))
-    assert nominal(own) == pytest.approx(values)
-    np.testing.assert_allclose(own.simulate(inputs, nominal(own))['pose'][1], after, atol=1e-5)
+    check_patched(robot, nominal(robot) | changed, atol=1e-5)
 
 
-def test_an_actuator_that_wants_a_controller_says_which_gains_to_state(tmp_path):
-    path = tmp_path / 'arm.xml'
+def test_an_actuator_that_wants_a_controller_says_which_gains_to_state(load):
     for kind, said in (('velocity', r'joint pan has one of velocity.+<numeric name="p\[pan\]"'),
                        ('torque', r'joint pan has one of torque.+name="p\[pan\]".+"d\[pan\]"')):
-        path.write_text(re.sub('<custom>.+</custom>', '', driven_by(kind)))
         with pytest.raises(ConfigError, match=said):
-            load_mujoco(str(path))
-    path.write_text(mjcf().replace('<position joint="lift" kp="4000" kv="150"/>',
-                                   '<motor joint="lift"/>'))
-    robot = load_mujoco(str(path))
+            load(re.sub('<custom>.+</custom>', '', driven_by(kind)))
+    robot = load(mjcf().replace('<position joint="lift" kp="4000" kv="150"/>',
+                                '<motor joint="lift"/>'))
     with pytest.raises(ConfigError, match='joint lift is commanded, but joint lift has one of '
                                           'torque; put the gains'):
         robot.simulate(Inputs(0.0, 3.0, joints=told(3.0)), nominal(robot))
 
 
-def test_what_mujoco_would_clip_or_begin_anew_in_silence_is_refused(tmp_path):
-    path, inputs = tmp_path / 'arm.xml', Inputs(0.0, 6.0, joints=told(6.0))
-    path.write_text(mjcf().replace('joint="twist"', 'joint="twist" ctrlrange="-0.5 0.5"'))
-    robot = load_mujoco(str(path))
+def test_what_mujoco_would_clip_in_silence_is_refused(load):
+    robot = load(mjcf().replace('joint="twist"', 'joint="twist" ctrlrange="-0.5 0.5"'))
     with pytest.raises(ConfigError, match='joint twist is commanded from -.+ctrlrange of its'):
-        robot.simulate(inputs, nominal(robot))
-    path.write_text(mjcf().replace('kp="4000"', 'kp="4e7"'))
-    robot = load_mujoco(str(path))
-    with pytest.raises(ConfigError, match='unstable .* MuJoCo reports "Nan, Inf or huge'):
-        robot.simulate(inputs, nominal(robot))
+        robot.simulate(Inputs(0.0, 6.0, joints=told(6.0)), nominal(robot))
 
 
-def test_an_unstable_simulation_is_told_the_time_step_with_which_it_runs(tmp_path):
-    path, inputs = tmp_path / 'arm.xml', Inputs(0.0, 3.0, joints=told(3.0))
-    path.write_text(mjcf().replace('kp="4000"', 'kp="4e6"'))
-    robot = load_mujoco(str(path))
-    with pytest.raises(ConfigError, match='with timestep .* it runs: take that') as caught:
+def test_an_unstable_simulation_is_told_the_time_step_with_which_it_runs(
+        load, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    inputs, text = Inputs(0.0, 3.0, joints=told(3.0)), mjcf().replace('kp="4000"', 'kp="4e6"')
+    robot = load(text)
+    with pytest.raises(ConfigError, match='unstable .* MuJoCo reports "Nan, Inf or huge.*with '
+                                          'timestep .* it runs: take that') as caught:
         robot.simulate(inputs, nominal(robot))
     assert robot.model.opt.timestep == 0.002
     step = re.search('with timestep (.+) for 0.002', str(caught.value)).group(1)
-    path.write_text(path.read_text().replace('timestep="0.002"', f'timestep="{step}"'))
-    robot = load_mujoco(str(path))
+    robot = load(text.replace('timestep="0.002"', f'timestep="{step}"'))
     assert robot.simulate(inputs, nominal(robot))
-    path.write_text(mjcf().replace('kp="4000"', 'kp="4e12"'))
-    robot = load_mujoco(str(path))
+    robot = load(mjcf().replace('kp="4000"', 'kp="4e12"'))
     with pytest.raises(ConfigError, match='nor does it run with timestep 0.000125'):
         robot.simulate(inputs, nominal(robot))
-
-
-def test_what_mujoco_warns_of_is_not_written_where_the_user_is(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / 'arm.xml').write_text(mjcf().replace('kp="4000"', 'kp="4e7"'))
-    with pytest.raises(ConfigError, match='unstable'):
-        robot = load_mujoco('arm.xml')
-        robot.simulate(Inputs(0.0, 3.0, joints=told(3.0)), nominal(robot))
+    # MuJoCo's own log is not left where the user is
     assert [path.name for path in tmp_path.iterdir()] == ['arm.xml']
 
 
@@ -299,11 +279,9 @@ def test_a_second_arm_on_a_base_of_its_own_has_no_numbers(tmp_path):
     np.testing.assert_allclose(wrench, one.simulate(inputs, nominal(one))['wrench'][1], atol=1e-6)
 
 
-def test_joints_that_do_not_move_the_tool_are_not_compared(tmp_path):
-    path = tmp_path / 'arm.xml'
+def test_joints_that_do_not_move_the_tool_are_not_compared(load):
     other = '<body name="head"><joint name="neck"/><geom size="0.1" contype="0"/></body>'
-    path.write_text(mjcf().replace('<body name="link0"', other + '<body name="link0"'))
-    robot = load_mujoco(str(path))
+    robot = load(mjcf().replace('<body name="link0"', other + '<body name="link0"'))
     streams = robot.simulate(Inputs(0.0, 3.0, joints=told(3.0),
                                     measured_joints=('neck', *NAMES)), nominal(robot))
     joints = streams['joints'][1]
@@ -311,19 +289,11 @@ def test_joints_that_do_not_move_the_tool_are_not_compared(tmp_path):
     assert np.isfinite(joints[:, 1:]).all()
 
 
-def test_where_an_actuator_has_no_kv_the_joint_s_damping_may_be_off(tmp_path):
-    path = tmp_path / 'damped.xml'
-    path.write_text(mjcf().replace(' kv="150"', '').replace('armature', 'damping="150" armature'))
-    robot, inputs = load_mujoco(str(path)), Inputs(0.0, 3.0, joints=told(3.0))
+def test_where_an_actuator_has_no_kv_the_joint_s_damping_may_be_off(load, check_patched):
+    robot = load(mjcf().replace(' kv="150"', '').replace('armature', 'damping="150" armature'))
     values = nominal(robot)
     assert values['dof_damping[lift]'] == 150.0 and not any('kv[' in name for name in values)
-    stiffer = values | {'dof_damping[lift]': 250.0}
-    before, after = (robot.simulate(inputs, given)['pose'][1] for given in (values, stiffer))
-    assert np.abs(after - before).max() > 1e-3
-    path.write_text(robot.patched(stiffer))
-    own = load_mujoco(str(path))
-    assert nominal(own) == pytest.approx(stiffer)
-    np.testing.assert_allclose(own.simulate(inputs, nominal(own))['pose'][1], after, atol=1e-6)
+    check_patched(robot, values | {'dof_damping[lift]': 250.0})
 
 
 def test_an_accelerometer_reads_along_the_axes_of_the_wrench(model):
@@ -364,10 +334,8 @@ SPLIT = ('<tendon><fixed name="split"><joint joint="finger" coef="1"/></fixed></
          '</mujoco>')
 
 
-def test_a_gripper_that_nobody_commands_holds_and_takes_no_joint_for_its_own(tmp_path):
-    path = tmp_path / 'arm.xml'
-    path.write_text(mjcf(tool=GRIPPER).replace('</mujoco>', SPLIT))
-    robot = load_mujoco(str(path))
+def test_a_gripper_that_nobody_commands_holds_and_takes_no_joint_for_its_own(load):
+    robot = load(mjcf(tool=GRIPPER).replace('</mujoco>', SPLIT))
     commands = told(4.0)
     pan = replace(commands, values=commands.values[:, :1], names=NAMES[:1])
     inputs = Inputs(0.0, 4.0, joints=pan, measured_joints=(*NAMES, 'finger'))
@@ -449,31 +417,19 @@ def measured(path, seconds, changed):
 
 
 def test_a_model_is_tried_from_the_command_line(model, tmp_path, capsys):
-    path = model()
-    write_recording(tmp_path / 'real', measured(path, 6.0, {}))
-    assert main(['diagnose', '--check', str(tmp_path / 'real'), '--mujoco', path]) == 0
-    said = capsys.readouterr().out
-    assert f'{path}: keeps to the protocol and does the same again' in said
-    assert 'body_mass[gripper]  0.1' in said
+    path, joints = model(), told(4.0)
+    write_recording(tmp_path / 'real', replace(measured(path, 4.0, {}), joints=joints))
     assert main(['diagnose', '--check', str(tmp_path / 'real')]) == 2
     for option in ('--ft-site', '--imu', '--priors'):
         assert main(['diagnose', '--check', str(tmp_path / 'real'), option, 'ft']) == 2
-
-
-def test_measured_joints_are_tried_too(model, tmp_path, capsys):
-    path, joints = model(), told(6.0)
-    write_recording(tmp_path / 'real', replace(measured(path, 6.0, {}), joints=joints))
     place = ['--sensor-from-pose', *'0 0 0 0 0 0 1'.split()]
     assert main(['diagnose', '--check', str(tmp_path / 'real'), '--mujoco', path, *place]) == 0
     said = capsys.readouterr().out
+    assert f'{path}: keeps to the protocol and does the same again' in said
+    assert re.search(r'body_mass\[gripper\]  0\.1', said), said
     assert 'simulates wrench, pose, joints' in said
     again = f'forcecal diagnose {tmp_path / "real"} --mujoco {path} {" ".join(place)} -o diagnosis'
     assert f'next: {again}' in said
-    assert main(['diagnose', '--check', str(tmp_path / 'real'), '--mujoco', path, '--json']) == 0
-    document = json.loads(capsys.readouterr().out)
-    rubs, = (one for one in document['sensitivity'] if one['name'] == 'dof_frictionloss[lift]')
-    # a tenth of 0.5 N m and 0.1 N m, of 4000 N m/rad
-    assert rubs['joints'] == pytest.approx(0.15 / 4e3, rel=0.5)
 
 
 @pytest.mark.long

@@ -41,19 +41,6 @@ def test_jitter_of_the_stamps_neither_drops_nor_doubles_a_command(phase, jitter)
     assert schedule.late == 0
 
 
-@settings(max_examples=40, deadline=None)
-@given(delays=st.lists(st.integers(0, 2 * PERIOD), min_size=5, max_size=60))
-def test_delays_within_the_latency_change_nothing(delays):
-    stamps = [START + (5 + i) * PERIOD for i in range(len(delays))]
-    arrivals = []
-    for stamp, delay in zip(stamps, delays):
-        arrivals.append(max([stamp + delay, *arrivals[-1:]]))
-    taken, schedule = played(stamps, arrivals)
-    undelayed = played(stamps)[0]
-    assert taken[:len(undelayed)] == undelayed
-    assert schedule.late == 0
-
-
 def test_a_late_command_acts_in_the_next_period_and_counts():
     taken, schedule = played([START + 5 * PERIOD], [START + 9 * PERIOD])
     assert [k for k, name in enumerate(taken) if name is not None] == [7]

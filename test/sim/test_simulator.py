@@ -58,13 +58,6 @@ def test_a_period_holds_four_samples_the_last_at_its_end():
     assert simulator.time == pytest.approx(0.008)
 
 
-def test_same_seed_same_data_other_seed_other_data():
-    target = pressing(50)
-    first, again, other = (simulate(RIG, target, seed=seed) for seed in (1, 1, 2))
-    assert all(map(np.array_equal, signals(first), signals(again)))
-    assert not any(map(np.array_equal, signals(first)[:5], signals(other)[:5]))
-
-
 def test_noise_of_one_sensor_does_not_hang_on_another():
     target = pressing(50)
     one, other = (simulate(RIG, target, accelerometer=a, seed=1) for a in ('acc1', 'acc2'))
@@ -73,13 +66,6 @@ def test_noise_of_one_sensor_does_not_hang_on_another():
     clean = simulate(replace(RIG, optidrive=None), target, noise=False)
     assert rigid.wrench.values - clean.wrench.values == pytest.approx(
         one.wrench.values - simulate(RIG, target, noise=False).wrench.values, abs=1e-12)
-
-
-def test_without_a_command_the_rig_rests_at_home():
-    samples = Simulator(RIG).advance(noise=False)
-    assert samples.position[0] == pytest.approx(HOME, abs=1e-12)
-    assert samples.R_base_sensor[0] == pytest.approx(AIM, abs=1e-12)
-    assert samples.wrench[3] == pytest.approx(samples.wrench[0], abs=1e-6)
 
 
 def test_rig_rests_at_its_first_command():
@@ -125,11 +111,6 @@ def test_missing_commands_leave_the_one_before():
     assert np.array_equal(keep[held], expected)
 
 
-def test_without_tolerance_a_late_command_acts_a_period_later():
-    stamps = np.array([0.0, 0.0041, 0.008, 0.012])
-    assert held_commands(stamps, GRID[:4], 0.0).tolist() == [0, 0, 2, 3]
-
-
 @pytest.mark.parametrize('rate', [249.0, 251.0])
 def test_another_rate_of_commands_keeps_up_with_their_stamps(rate):
     stamps = np.arange(1000) / rate
@@ -157,11 +138,6 @@ def test_periods_may_begin_at_another_time_than_the_commands():
                     start=0.0, tolerance=0.0)
     assert late.wrench.values == pytest.approx(
         simulate(RIG, target, noise=False).wrench.values[:len(late.wrench)], abs=1e-9)
-
-
-def test_longer_duration_holds_the_last_command():
-    recording = simulate(RIG, pressing(10), noise=False, duration=1.0)
-    assert len(recording.wrench) == 1000 and len(recording.pose) == 250
 
 
 def test_commands_without_position_are_refused():

@@ -102,12 +102,6 @@ def test_wall_pushes_and_never_pulls():
     assert out.push.max() > 10.0
 
 
-def test_no_contact_no_push():
-    out = slid(RIG, approaching(4000, 5e-4, 0.01), 5e-4)
-    depth = 0.01 * np.linspace(0.0, 2.0, 4001) * np.sin(6.0 * np.pi * np.linspace(0.0, 2.0, 4001))
-    assert out.push[depth + out.slide < -1e-12].max() == 0.0
-
-
 def test_slide_converges_with_the_fourth_power_of_the_step_through_contact_and_release():
     reference = slid(RIG, approaching(32000, 1.0 / 16000, 0.005), 1.0 / 16000)
     assert np.count_nonzero(np.diff(reference.push > 0.0)) > 6

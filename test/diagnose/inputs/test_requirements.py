@@ -1,10 +1,10 @@
 """Recordings that cannot be compared, or not all of the time, are told from gaps."""
 
 from dataclasses import replace
+import re
 import warnings
 
 from forcecal_ros.checks.clocks import clocks, dropouts, skew_between
-from forcecal_ros.checks.entry import checked
 from forcecal_ros.checks.signals import silences
 from forcecal_ros.core.geometry import rotation_about
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
@@ -64,53 +64,36 @@ def both(recording):
     return [d.reason for d in found]
 
 
-@pytest.mark.parametrize('name', ['wrench', 'accelerometer'])
-def test_clocks_hours_apart_are_invalid_and_the_stream_and_a_remedy_are_named(recording, name):
-    for reason in both(shifted(recording, name, 1e4)):
-        assert name in reason and '+10000.0 s' in reason and 'PTP' in reason
+def rows_of(name, change):
+    """Return what changes the values of a stream in place."""
+    def spoilt(recording):
+        values = getattr(recording, name).values.copy()
+        change(values)
+        return with_values(recording, name, values)
+    return spoilt
+
+
+def from_6_s_on(values):
+    values[6000:] = values[6000]
+
+
+@pytest.mark.parametrize('spoil, said', [
+    (lambda r: shifted(r, 'wrench', 1e4), r'wrench.* \+10000\.0 s.*PTP'),
+    (lambda r: shifted(r, 'accelerometer', 1e4), r'accelerometer.* \+10000\.0 s.*PTP'),
+    (rows_of('optidrive', lambda v: v[::20].fill(np.nan)), r'^optidrive: 5\.0 % of the samples'),
+    (rows_of('wrench', lambda v: np.copyto(v, v[0])), '^wrench: the values never change; check'),
+    (rows_of('wrench', from_6_s_on),
+     r'wrench: every channel repeats itself from 6\.00 s to 10\.00 s'),
+    (rows_of('wrench', lambda v: v[:, 2].fill(7.0)), '^force.z stands at 7 throughout; check')])
+def test_what_no_sensor_can_have_said_is_invalid(recording, spoil, said):
+    for reason in both(spoil(recording)):
+        assert re.search(said, reason)
 
 
 def test_commands_on_another_clock_are_told(recording):
     reason = RigSource(load_rig()).diagnose(shifted(recording, 'target', -1e4)).diagnosis.reason
     assert reason.startswith('stamps begin too far from those of wrench: '
                              'target (target_frame) -10000.0 s; set the clocks')
-
-
-@pytest.mark.parametrize('value', [1e30, np.nan, np.inf])
-def test_a_sensor_that_talks_nonsense_is_invalid(recording, value):
-    slide = recording.optidrive.values.copy()
-    slide[::20] = value
-    for reason in both(with_values(recording, 'optidrive', slide)):
-        assert reason.startswith('optidrive: 5.0 % of the samples')
-
-
-def test_a_few_nonsense_values_are_left_out_and_told(recording):
-    slide = recording.optidrive.values.copy()
-    slide[50:60] = 1e30
-    slide[60] = np.nan
-    kept, removed = checked(with_values(recording, 'optidrive', slide))
-    assert len(kept.optidrive) == len(slide) - 11 and removed == {'optidrive': 11}
-    assert kept.notes == ('optidrive: 11 samples are not finite or beyond 1e+06 and left out',)
-
-
-def test_a_dead_wrench_is_invalid(recording):
-    dead = np.tile(recording.wrench.values[0], (len(recording.wrench), 1))
-    for reason in both(with_values(recording, 'wrench', dead)):
-        assert reason.startswith('wrench: the values never change; check')
-
-
-def test_a_wrench_that_freezes_while_the_robot_turns_is_invalid(recording):
-    values = recording.wrench.values.copy()
-    values[6000:] = values[6000]
-    for reason in both(with_values(recording, 'wrench', values)):
-        assert 'wrench: every channel repeats itself from 6.00 s to 10.00 s' in reason
-
-
-def test_a_dead_channel_is_invalid(recording):
-    values = recording.wrench.values.copy()
-    values[:, 2] = 7.0
-    for reason in both(with_values(recording, 'wrench', values)):
-        assert reason.startswith('force.z stands at 7 throughout; check')
 
 
 def test_what_was_not_recorded_is_said_and_nothing_at_all_is_invalid(recording):

@@ -1,4 +1,4 @@
-"""A discrepancy is integrated out as the dense Gaussian says, and its size comes from the data."""
+"""A discrepancy is integrated out as the dense Gaussian says, and so is what a larger one adds."""
 
 import tracemalloc
 
@@ -66,33 +66,6 @@ def test_evidence_is_that_of_the_dense_gaussian_for_training_blocks_and_for_all(
         dense(rows, column, flat, np.full(sum(N), True), size), abs=1e-3)
 
 
-def test_held_out_squares_are_those_beside_what_the_training_blocks_told():
-    _, columns, residual, of = setting(2)
-    rng = np.random.default_rng(3)
-    whitened, total = of.whitened([white(n) for n in N]), 0.0
-    for _ in range(200):
-        w = rng.standard_normal(3) * np.sqrt(SHARE) * 0.003 * SIGNAL
-        made = [np.zeros_like(r) for r in residual]
-        for one, rows in zip(made, of.basis.rows):
-            one[:, 0] = rows.combined(w) + SIGMA * rng.standard_normal(len(one))
-        training, every = (whitened.products(columns, made, training=part).at((0.003,) * 4)
-                           for part in (True, False))
-        total += every.square - training.square - (every.n - training.n)
-    # the sum of 200 chi squares of 30 degrees each has a standard deviation of 110
-    assert abs(total) < 4.0 * 110.0
-
-
-def test_weights_are_found_again_from_the_training_blocks():
-    _, _, residual, of = setting(4)
-    w = np.array([0.4, -0.2, 0.1])
-    for one, rows in zip(residual, of.basis.rows):
-        one[:, 0] += rows.combined(w)
-    beside = of.whitened([white(n) for n in N])
-    found = beside.products([[], []], residual, training=True).weights({0: 0.003})[0]
-    # eighty samples of noise 0.5 know each weight to 0.056
-    assert found == pytest.approx(w, abs=4 * 0.056)
-
-
 def test_as_much_of_a_residual_is_predicted_as_the_features_bear_out_and_nothing_of_noise():
     _, _, residual, of = setting(5)
     beside = of.whitened([white(n) for n in N])
@@ -133,22 +106,6 @@ def test_only_a_channel_that_is_whitened_otherwise_is_whitened_anew():
     fresh = setting(6)[3].whitened(louder)
     got, expected = (one.products(columns, residual).at((3e-3,) * 4) for one in (other, fresh))
     assert got.square == pytest.approx(expected.square)
-
-
-def test_columns_that_were_multiplied_with_the_features_serve_any_residual():
-    _, columns, residual, of = setting(7)
-    kept = of.whitened([white(n) for n in N])
-    kept.products(columns, residual)
-    before = kept.known(kept.noise).crosses
-    assert len(before) == len(N)
-    others = [3.0 * r for r in residual]
-    fresh = setting(7)[3].whitened([white(n) for n in N])
-    got, expected = (one.products(columns, others).at((3e-3,) * 4) for one in (kept, fresh))
-    assert got.vector == pytest.approx(expected.vector)
-    assert got.matrix == pytest.approx(expected.matrix)
-    assert got.square == pytest.approx(expected.square)
-    after = kept.known(kept.noise).crosses
-    assert all(after[key] is one for key, one in before.items())
 
 
 def test_a_column_in_the_place_of_one_that_is_gone_is_multiplied_anew():
@@ -207,3 +164,71 @@ def test_products_need_no_room_for_all_columns_in_double_precision():
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 0.5 * 8 * 60 * n
+
+
+LENGTH, TRAINED, KNOWN, OWN = 80, 50, 3e-3, 0.03
+
+
+def like_a_feature(rng):
+    """Return features, two columns, the first like a feature, and the products of a residual."""
+    features = Compact.of(rng.standard_normal((3, LENGTH)))
+    rows = features.values()
+    columns = Compact.of(np.stack([rows[0] + 0.3 * rng.standard_normal(LENGTH),
+                                   rng.standard_normal(LENGTH)]))
+    residual = np.zeros((LENGTH, len(CHANNELS)))
+    residual[:, 0] = SIGMA * rng.standard_normal(LENGTH) \
+        + OWN * SIGNAL * (np.sqrt(SHARE) * rng.standard_normal(3)) @ rows
+    train = np.arange(LENGTH) < TRAINED
+    of = Discrepancy(Basis((features,), SHARE), np.full(len(CHANNELS), SIGNAL), [train])
+    products = [of.whitened([white(LENGTH)]).products(
+        [[{0: Compact(*one)} for one in zip(columns.numbers, columns.unit)]], [residual],
+        training=training) for training in (False, True)]
+    return rows, columns.values().astype(float), residual, *products
+
+
+def covariance(rows, size):
+    return SIGMA ** 2 * np.eye(rows.shape[1]) + (size * SIGNAL) ** 2 * (rows.T * SHARE) @ rows
+
+
+@pytest.mark.parametrize('known', [0.0, KNOWN])
+def test_products_vary_by_what_a_larger_discrepancy_adds(known):
+    rows, columns, _, products, _ = like_a_feature(np.random.default_rng(1))
+    f, a = rows.astype(float), columns
+    weighed = np.linalg.solve(covariance(f, known), a.T)
+    more = covariance(f, OWN) - covariance(f, known)
+    found = products.spread((known,) * 4, {0: OWN})
+    assert found == pytest.approx(weighed.T @ more @ weighed, rel=1e-3)
+    assert not products.spread((OWN,) * 4, {0: OWN}).any()
+    assert not products.spread((known,) * 4, {}).any()
+
+
+def test_a_number_that_a_discrepancy_is_like_is_off_by_as_much_as_it_is_said_to_be():
+    rng, off, stated = np.random.default_rng(2), [], []
+    prior = Prior(np.zeros(2), np.full(2, 1e-9), np.full(2, -np.inf), np.full(2, np.inf))
+    for _ in range(100):
+        *_, products, _ = like_a_feature(rng)
+        scales = (KNOWN,) * 4
+        found = fit(products.at(scales), prior)
+        more = found.covariance @ products.spread(scales, {0: OWN}) @ found.covariance
+        off.append(found.x)
+        stated.append([np.diag(found.covariance), np.diag(found.covariance + more)])
+    z = np.mean(np.square(off)[:, None] / np.array(stated), axis=0)
+    # as the fit knows it, and as it is: the first is a feature's likeness, the second is not
+    assert z[0, 0] > 3.0
+    assert z[1] == pytest.approx([1.0, 1.0], abs=0.4)
+
+
+def test_a_discrepancy_is_predicted_held_out_and_may_be_off_as_the_dense_gaussian_says():
+    rows, _, residual, _, training = like_a_feature(np.random.default_rng(3))
+    whitened = training.whitened
+    found, = whitened.of_weights(training.weights({0: OWN}), [residual.shape])
+    unseen = whitened.unseen({0: OWN})
+    f, g = rows[:, :TRAINED].astype(float), rows[:, TRAINED:].astype(float)
+    across = (OWN * SIGNAL) ** 2 * (g.T * SHARE) @ f
+    solved = np.linalg.solve(covariance(f, OWN), np.column_stack([residual[:TRAINED, 0],
+                                                                  across.T]))
+    assert found[TRAINED:, 0] == pytest.approx(across @ solved[:, 0], rel=1e-3, abs=1e-3)
+    prior = (OWN * SIGNAL) ** 2 * (g.T * SHARE) @ g
+    assert unseen[0] == pytest.approx(
+        np.mean(np.diag(prior - across @ solved[:, 1:])), rel=1e-2)
+    assert not unseen[1:].any() and not whitened.unseen({}).any() and not training.weights({})

@@ -25,35 +25,27 @@ import pytest
 RIG = load_rig()
 
 
-def test_a_lag_wants_quick_moves_and_no_slow_reversals():
-    timing = timing_for(['wrench_delay'])
-    assert timing.shakes and timing.steps and timing.sweeps and not timing.reversals
-
-
-def test_a_drift_wants_a_long_rest_and_no_sweeps():
-    timing = timing_for(['wrench_bias_drift'])
-    assert timing.rest == LONG_REST_S and not (timing.sweeps or timing.steps or timing.reversals)
-
-
-def test_friction_wants_reversals():
-    assert timing_for(['tool_friction']).reversals and not timing_for(['tool_mass']).reversals
-
-
-def test_all_effects_want_everything():
+@pytest.mark.parametrize('names, needs, leaves_out', [
+    (['wrench_delay'], {'shakes', 'steps', 'sweeps'}, {'reversals'}),
+    (['wrench_bias_drift'], set(), {'sweeps', 'steps', 'reversals'}),
+    (['tool_friction'], {'reversals'}, set()), (['tool_mass'], set(), {'reversals'}),
+    (['wrench_delay', 'tool_friction'], {'shakes', 'reversals'}, set())])
+def test_an_effect_gets_what_it_needs_and_nothing_that_it_does_not(names, needs, leaves_out):
+    timing = timing_for(names)
+    assert all(getattr(timing, part) for part in needs)
+    assert not any(getattr(timing, part) for part in leaves_out)
+    assert (timing.rest == LONG_REST_S) == (names == ['wrench_bias_drift'])
     assert timing_for(()) == Timing(measure=1.0)
-    both = timing_for(['wrench_delay', 'tool_friction'])
-    assert both.shakes and both.reversals
 
 
-@pytest.mark.parametrize('name', EFFECTS)
-def test_each_effect_gets_a_motion_that_excites_it(name):
-    timing, parts = timing_for([name]), parts_for([name])
-    recorded = {'measure', 'move'} | {phase for phase, count in (
-        ('step', timing.steps), ('reverse', timing.reversals),
-        ('sweep', timing.sweeps + timing.turns + timing.shakes)) if count}
-    only_touching = EFFECTS[name].excited_by == ('contact',)
-    assert only_touching or recorded & set(EFFECTS[name].excited_by)
-    assert parts <= parts_for(()) | {'rest'}
+def test_each_effect_gets_a_motion_that_excites_it():
+    for name, effect in EFFECTS.items():
+        timing = timing_for([name])
+        recorded = {'measure', 'move'} | {phase for phase, count in (
+            ('step', timing.steps), ('reverse', timing.reversals),
+            ('sweep', timing.sweeps + timing.turns + timing.shakes)) if count}
+        assert effect.excited_by == ('contact',) or recorded & set(effect.excited_by), name
+        assert parts_for([name]) <= parts_for(()) | {'rest'}
 
 
 def test_a_slow_robot_moves_less_and_poses_outside_the_box_are_left_out():
@@ -66,7 +58,8 @@ def test_a_slow_robot_moves_less_and_poses_outside_the_box_are_left_out():
     assert speed.max() <= 0.05
 
 
-def planned(timing=Timing(), asked=('tool_mass', 'contact_stiffness', 'wrench_delay')):
+@pytest.fixture(scope='module')
+def planned():
     motion = motion_for(RIG, contact=False, effects=['tool_mass'])
     shown = tuple(Visibility(name, '1', energy, '', energy, EFFECTS[name].excited_by)
                   for name, energy
@@ -74,18 +67,19 @@ def planned(timing=Timing(), asked=('tool_mass', 'contact_stiffness', 'wrench_de
                       ('wrench_lowpass', 90.0), ('base_tilt', 90.0)))
     return Planned(motion._replace(timing=replace(motion.timing, amplitude=0.5)), Excitation(
         shown, (Alias('wrench_delay', 'wrench_lowpass', 9.0), Alias('base_tilt', 'tool_mass', 8.0),
-                Alias('base_tilt', 'wrench_lowpass', 7.0))), asked)
+                Alias('base_tilt', 'wrench_lowpass', 7.0))),
+        ('tool_mass', 'contact_stiffness', 'wrench_delay'))
 
 
-def test_a_plan_says_what_it_cannot_show_and_what_it_would_confound():
-    text = plan_text(planned())
+def test_a_plan_says_what_it_cannot_show_and_what_it_would_confound(planned):
+    text = plan_text(planned)
     assert 'wrench_delay / wrench_lowpass' in text and 'base_tilt / wrench_lowpass' not in text
-    assert [line.split(':')[0] for line in limitations(planned())] == [
+    assert [line.split(':')[0] for line in limitations(planned)] == [
         'contact_stiffness', 'wrench_delay', 'the limits allow 50% of the usual distances']
-    assert '--contact' in limitations(planned())[0]
-    assert planned().unclear == ['wrench_delay']
+    assert '--contact' in limitations(planned)[0]
+    assert planned.unclear == ['wrench_delay']
 
 
-def test_the_file_holds_the_parts_that_differ_from_the_defaults():
-    text = plan_parameters(planned())
+def test_the_file_holds_the_parts_that_differ_from_the_defaults(planned):
+    text = plan_parameters(planned)
     assert 'reversals: 0' in text and 'amplitude: 0.5' in text and 'workspace' not in text

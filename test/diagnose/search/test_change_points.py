@@ -67,7 +67,7 @@ def test_an_effect_of_half_a_recording_is_named_with_its_instant(effects, ends, 
 def test_an_effect_of_one_of_two_recordings_is_named_with_its_recording(effects, where):
     rigs = [load_rig(), load_rig()]
     rigs[where] = with_effects(rigs[where], effects)
-    positions, rotations, phases = motion(FREE)
+    positions, rotations, phases = motion(FREE[:7])
     target = PoseStream(PERIOD * np.arange(len(positions)), positions, rotations)
     pair = [replace(simulate(rig, target, seed=40 + i), phases=phases)
             for i, rig in enumerate(rigs)]

@@ -6,46 +6,12 @@ import json
 from forcecal_ros.cli.diagnose import _earlier
 from forcecal_ros.cli.plan import _candidates
 from forcecal_ros.core.errors import UsageError
-from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
 from forcecal_ros.diagnose.result import _from_document, Diagnosis, to_document
 from forcecal_ros.diagnose.search import posterior
 from forcecal_ros.diagnose.search.calibration import Features
 from forcecal_ros.diagnose.search.posterior import Explanation
-from forcecal_ros.diagnose.sources.rig import rig_source
-from forcecal_ros.effects import with_effects
-from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.simulator import simulate
-import numpy as np
 import pytest
-from rig_recordings import motion, PERIOD
-
-
-def recorded(effects, seed=3):
-    """Record the nominal rig with effects along poses, a step and a contact, then a sweep."""
-    positions, rotations, phases = motion()
-    t = PERIOD * np.arange(len(positions))
-    sweep = np.clip(t - t[-1] + 4.0, 0.0, 4.0)
-    positions[:, 1:] += 0.005 * np.sin(2.0 * np.pi * 0.75 * sweep ** 2)[:, np.newaxis]
-    target = PoseStream(t, positions, rotations)
-    return replace(simulate(with_effects(load_rig(), effects), target, seed=seed), phases=phases,
-                   contact_truth=None)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(('name', 'values'), [
-    ('wrench_crosstalk', {'fx_of_fz': 0.03}),
-    ('robot_resonance', {'gain': 0.2, 'frequency': 9.0, 'damping': 0.06}),
-    ('accel_resonance', {'amplitude': 1.0, 'frequency': 60.0, 'damping': 0.1})])
-def test_the_effect_with_the_evidence_is_named_and_no_other(name, values):
-    found = rig_source(load_rig()).diagnose(recorded({name: values})).diagnosis
-    assert [e.name for e in found.effects] == [name]
-    assert found.verdict in ('identified', 'ambiguous', 'partial')
-    assert found.gap.closed > 0.7
-    # a fit that stops before it settles leaves a resonance half an octave off
-    for key, value in values.items():
-        p = found.effects[0].parameters[key]
-        assert p.value == pytest.approx(value, abs=4.0 * p.std)
 
 
 def explanation(names, evidence, gates=0):
