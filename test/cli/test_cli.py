@@ -103,18 +103,6 @@ def test_estimate_finds_the_contact_of_the_other_code(
     assert np.sqrt(np.mean((contact - truth)[clean['t'] < 9] ** 2)) < 1.5
 
 
-def test_simulate_answers_recorded_commands_like_the_other_code(
-        capsys, other_rig, tmp_path):
-    out = tmp_path / 'simulated'
-    status, said, _ = run(capsys, 'simulate', '--commands', other_rig / 'bag', '-o', out,
-                          '--noise-free')
-    assert status == 0 and '21400 wrench' in said
-    clean = np.load(other_rig / 'clean.npz')
-    difference = read_recording(out).wrench.values[:len(clean['t'])] - clean['wrench']
-    assert np.sqrt((difference[:, :3] ** 2).mean()) < 0.005
-    assert np.sqrt((difference[:, 3:] ** 2).mean()) < 0.001
-
-
 def test_raw_channels_are_calibrated_and_observed_through_their_matrix(
         capsys, sample, calibration, tmp_path):
     matrix = np.eye(6) + 0.1 * np.random.default_rng(2).standard_normal((6, 6))

@@ -202,16 +202,6 @@ def test_effects_compose_in_whatever_order_they_are_named():
     assert clean(both, TARGET).wrench.values == pytest.approx(expected, abs=1e-9)
 
 
-@pytest.mark.parametrize('names', [
-    ('wrench_delay', 'accel_gain'), ('tool_friction', 'tool_backlash'),
-    ('robot_resonance', 'robot_delay'), ('cable_force', 'base_tilt')], ids='+'.join)
-def test_two_effects_are_more_than_either(names):
-    both = clean(with_effects(RIG, {
-        **typical(EFFECTS[names[0]]), **typical(EFFECTS[names[1]])}), TARGET)
-    for name in names:
-        assert changed(both, clean(with_effects(RIG, typical(EFFECTS[name])), TARGET))
-
-
 def test_effect_named_again_takes_the_new_values():
     assert with_effects(having('wrench_delay', delay=0.004), {
         'wrench_delay': {'delay': 0.002}}) == having('wrench_delay', delay=0.002)

@@ -89,13 +89,13 @@ def test_the_trajectory_controller_gets_every_joint_and_rest_at_each_end(ros_dom
     home = np.array([0.0, -0.5, 0.5, 0.0, 1.0, 0.0])
     poses = [home, home + [0.1, 0.0, 0.0, 0.3, -0.3, 0.0]]
     away = home + [0.0, 0.01, 0.01, 0.0, 0.0, 0.0]
-    heard, joints = [], home + 0.05
+    heard, joints, stuck = [], home + 0.05, []
     with Live() as live:
         Robot(live, commands=False)
         states = live.node.create_publisher(JointState, 'joint_states', OUTPUT)
 
         def report():
-            at = heard[-1].points[0].positions if heard else joints
+            at = joints if not heard else home if stuck else heard[-1].points[0].positions
             states.publish(JointState(name=names[::-1], position=[*at][::-1]))
 
         live.node.create_timer(0.01, report)
@@ -106,6 +106,26 @@ def test_the_trajectory_controller_gets_every_joint_and_rest_at_each_end(ros_dom
                    limits__workspace_max=[1.3, 0.4, 1.4], **QUICK)
         run(live)
         assert not live.node.get_publishers_info_by_topic('/target_frame')
+        commanded, told = len(heard), live.phases[-1]
+        stuck.append(True)  # joints that stay behind their commands end the motion
+        assert told in ('done', 'aborted')
+        live.phases.clear()
+        live.reasons.clear()
+        answers = []
+
+        def started():
+            answers.append(live.call('sequencer/start'))
+            return answers[-1].success
+
+        live.until(started, 'start')
+        assert 'limits.workspace' in answers[-1].message
+        live.until(lambda: live.phases[-1:] == ['aborted'], 'the end')
+        live.spin(0.3)
+    assert live.reasons[-1].startswith('joint_states: joint_4 is 0.2')
+    late = np.array([message.points[0].positions for message in heard[commanded:]])
+    assert 0.2 < np.abs(late - home)[:, 3].max() < 0.29
+    assert not any(heard[-1].points[0].velocities)
+    del heard[commanded:]
     positions = np.array([message.points[0].positions for message in heard])
     np.testing.assert_allclose(positions[0], home + 0.05, atol=1e-9)
     np.testing.assert_allclose(positions[-1], home, atol=1e-9)

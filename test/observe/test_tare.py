@@ -78,7 +78,6 @@ def test_single_samples_that_are_not_valid_do_not_count():
         tare(with_invalid(0.2), MODEL, LEVELS)
 
 
-
 NOISE = calibration().noise
 RATES = (10.0, 50.0, 125.0, 1000.0)
 SECONDS = 2.6
@@ -140,13 +139,3 @@ def test_poses_do_not_pile_up_while_the_wrench_is_silent():
     for t in np.arange(0.0, 100.0, 0.1):
         window.add_pose(float(t), (0.0,) * 7)
     assert len(window.poses) < 300
-
-
-def test_a_pose_from_before_the_window_is_no_part_of_it():
-    window = Window(0.5)
-    for sample in samples([5.0, 5.1]):
-        window.add(sample)
-    window.add_pose(4.9, (0.0,) * 7)
-    assert window.poses_of_samples() == []
-    window.add_pose(5.1, (0.0,) * 7)
-    assert len(window.poses_of_samples()) == 1

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from forcecal_ros.core.axes import level_from_base, levelled
-from forcecal_ros.core.geometry import compose, matrix_from_quaternion, rotation_from_vector
+from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.observe import design, ObserverSettings, replay
 from forcecal_ros.observe.live import LiveObserver
 from forcecal_ros.observe.playback import events
@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 import numpy as np
 from observing import calibration, record, Swing
 import pytest
-from scipy.spatial.transform import Rotation
 
 TILT = rotation_from_vector([1.2, -0.4, 0.7])
 DOWN = tuple(TILT @ [0.0, 0.0, -1.0])
@@ -84,9 +83,3 @@ def test_a_base_is_turned_until_gravity_points_down(direction):
 def test_a_level_base_is_left_alone(level):
     assert levelled(level, None) is level
     assert levelled(level, (0.0, 0.0, -2.0)) is level
-
-
-def test_a_product_of_quaternions_is_that_of_their_rotations():
-    a, b = Rotation.random(2, random_state=1)
-    q = compose(tuple(a.as_quat()), tuple(b.as_quat()))
-    np.testing.assert_allclose(matrix_from_quaternion(q), (a * b).as_matrix(), atol=1e-12)

@@ -45,23 +45,6 @@ def by_ukf(case):
     return replay(case.recording, case.calibration, ObserverSettings('ukf'))
 
 
-def test_the_simulated_arm_obeys_mechanics():
-    motion = arm.free_motion(np.random.default_rng(3), 3.0)
-    R, dt = motion.R_base_sensor, 1 / arm.RATE
-    middle = slice(1, -1)
-    com = motion.position + np.einsum('nij,j->ni', R, arm.COM)
-    acceleration = (com[2:] - 2 * com[1:-1] + com[:-2]) / dt ** 2
-    force = arm.MASS * np.einsum('nji,nj->ni', R[middle], acceleration - arm.G)
-    momentum = np.einsum('nij,nj->ni', R, motion.omega @ arm.INERTIA)
-    rate = np.einsum('nji,nj->ni', R[middle], (momentum[2:] - momentum[:-2]) / (2 * dt))
-    load = np.hstack([-force, -np.cross(arm.COM, force) - rate])
-    # once, where the start ends, the jerk jumps
-    assert arm.true_load(motion)[middle] == pytest.approx(load, abs=3e-4)
-    turned = np.einsum('nji,njk->nik', R[:-2], R[2:])
-    assert turned[:, 2, 1] - turned[:, 1, 2] == pytest.approx(
-        4 * dt * motion.omega[middle, 0], abs=1e-7)
-
-
 def test_the_errors_stay_within_the_paper_s_table(by_ukf):
     assert (np.abs(by_ukf.contact).max(axis=0) <= arm.TABLE).all()
     assert not by_ukf.status.any()

@@ -283,10 +283,6 @@ def test_the_heat_map_labels_octaves_and_has_rows_of_something_only(narrow):
     assert [one.get_text() for one in axes.get_xticklabels()] == ['step']
 
 
-def test_the_colours_of_the_heat_map_are_those_of_a_dark_screen_too(page):
-    assert page.count('<div class="wide own"') == 1 and '.wide:not(.own) img { filter' in page
-
-
 def test_a_page_leads_to_the_pages_of_its_verdict_and_effects(page):
     assert VERDICTS['identified'] in page
     assert [Path(one).stem for one in re.findall('<a href="file://(.+?)"', page)] == [
