@@ -347,6 +347,7 @@ def test_a_spoilt_table_among_sound_ones_is_refused_by_cause(tables, tmp_path, c
     assert not (tmp_path / 'out').exists()
 
 
+@pytest.mark.long
 def test_time_that_runs_back_and_rows_that_are_repeated_leave_the_result_alone(
         tables, done, tmp_path, capsys):
     names = ['t', *(f'r{k}' for k in range(6)), 'ax', 'ay', 'az']

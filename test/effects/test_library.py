@@ -16,6 +16,7 @@ from forcecal_ros.effects import (
 from forcecal_ros.sim.rig.file import dump_rig, load_rig
 from forcecal_ros.sim.rig.plant import enough_steps
 from forcecal_ros.sim.rig.simulator import checked_commands, Samples, SIGNALS, simulate, Simulator
+from longer import first
 import numpy as np
 import pytest
 from signal_effects import apply_signal_effects
@@ -49,6 +50,13 @@ REFERENCE = clean(RIG, TARGET)
 NOISY = simulate(RIG, TARGET, seed=1)
 NOISE = {'wrench': 0.02, 'accelerometer': 0.01, 'optidrive': 20e-6, 'pose': 20e-6}
 every_effect = pytest.mark.parametrize('effect', EFFECTS.values(), ids=list(EFFECTS))
+ONE_OF_A_KIND = {'wrench_delay', 'wrench_hysteresis', 'accel_highpass', 'tool_friction',
+                 'robot_resonance', 'spindle_vibration', 'clock_skew', 'dropouts'}
+"""With a memory of its own each, or random."""
+
+some_effects = pytest.mark.parametrize('effect', [
+    pytest.param(effect, id=name, marks=() if name in ONE_OF_A_KIND else pytest.mark.long)
+    for name, effect in EFFECTS.items()])
 signal_effects = pytest.mark.parametrize('effect', [
     effect for effect in EFFECTS.values() if effect.where == 'signal'], ids=lambda e: e.name)
 
@@ -90,7 +98,7 @@ def test_at_typical_size_it_shows_in_the_streams_of_its_stage_and_in_none_before
     assert not set(moved) & KEEPS[effect.stage]
 
 
-@every_effect
+@some_effects
 def test_live_periods_few_at_a_time_give_the_recording(effect):
     rig = with_effects(RIG, typical(effect))
     recording = simulate(rig, TARGET, seed=1)
@@ -112,7 +120,7 @@ def test_live_periods_few_at_a_time_give_the_recording(effect):
         assert values == pytest.approx(stream.values, abs=1e-9)
 
 
-@every_effect
+@some_effects
 def test_at_its_limits_everything_stays_finite(effect):
     shorter = pressing(50)
     for q, value in ((one, x) for one in effect.parameters for x in (one.low, one.high)):
@@ -123,7 +131,7 @@ def test_at_its_limits_everything_stays_finite(effect):
 
 
 @signal_effects
-@pytest.mark.parametrize('unit', ['V', 'm/s^2'])
+@pytest.mark.parametrize('unit', first(['m/s^2', 'V']))
 def test_laid_on_a_simulated_signal_it_is_as_if_simulated(effect, unit):
     rig = with_effects(RIG, typical(effect))
     laid = apply_signal_effects(clean(RIG, TARGET, unit=unit), rig)
@@ -231,16 +239,15 @@ def test_other_numbers_are_the_same_rig_with_these_numbers():
         clean(written, TARGET).wrench.values, abs=1e-9)
 
 
-@pytest.mark.parametrize('name, values', [
-    ('tool_friction', {'force': 3.0}),
+@pytest.mark.parametrize('name, values', first([
     ('tool_friction', {'force': 10.0, 'velocity_scale': 2e-4}),
+    ('spindle_vibration', {'sine_x': 5.0, 'cosine_z': 5.0, 'frequency': 50.0}),
+    ('robot_resonance', {'gain': 0.5, 'frequency': 25.0}),
+    ('tool_friction', {'force': 3.0}),
     ('tool_backlash', {'gap': 1e-3}),
     ('tool_stiffening', {'cubic': 1e8}),
     ('cable_force', {'x': 5.0, 'z': 5.0, 'stiffness': 500.0}),
-    ('spindle_vibration', {'sine_x': 5.0, 'cosine_z': 5.0, 'frequency': 50.0}),
-    ('robot_delay', {'delay': 0.0037}),
-    ('robot_resonance', {'gain': 0.5, 'frequency': 25.0}),
-])
+    ('robot_delay', {'delay': 0.0037})], 3))
 def test_finer_steps_change_nothing_that_a_sensor_could_tell(name, values):
     rig, shorter = having(name, **values), pressing(300)
     coarse = clean(rig, shorter)

@@ -49,7 +49,8 @@ def bag(tmp_path_factory):
         stamp = 10**9 + round(1e9 * t)
         arm = ('lift', 'wrist', 'reach') if k % 2 else ('reach', 'lift', 'wrist')
         messages += [('/joint_states', stamp, joint_states(
-            stamp, names, [POSITIONS[name][k] for name in names])) for names in (arm, ('gripper',))]
+            stamp, names, [POSITIONS[name][k] for name in names]))
+            for names in (arm, ('gripper',))]
     return write_messages(tmp_path_factory.mktemp('urdf') / 'bag', messages)
 
 

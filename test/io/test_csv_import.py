@@ -88,7 +88,7 @@ def test_tables_of_one_trajectory_keep_their_stamps(tmp_path, kuka_data, name, p
 
 @given(st.lists(st.integers(1, 10**15), min_size=1, max_size=20, unique=True),
        st.sampled_from([('us', 1000), ('ns', 1), ('ms', 10**6)]))
-@settings(max_examples=30, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=10, deadline=None, suppress_health_check=list(HealthCheck))
 def test_integer_times_are_exact(tmp_path, times, unit):
     name, size = unit
     start = 1_600_000_000 * 10**9 // size

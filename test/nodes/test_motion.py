@@ -261,8 +261,8 @@ def test_a_setting_that_makes_no_sense_is_refused_with_a_reason(ready, change, r
     assert not answer.successful and reason in answer.reason
 
 
-@pytest.mark.parametrize('signals', first([
-    ((signal.SIGINT, signal.SIGINT),), ((signal.SIGTERM,),)]))
+@pytest.mark.parametrize('signals', [
+    (signal.SIGINT, signal.SIGINT), pytest.param((signal.SIGTERM,), marks=pytest.mark.long)])
 def test_a_sequencer_that_is_told_to_go_stops_the_robot_first(ros_domain, signals):
     with Live() as live:
         robot = Robot(live)

@@ -93,6 +93,7 @@ def test_without_a_pose_the_errors_stay_within_twice_the_table(short):
     assert angle.max() < 2.0
 
 
+@pytest.mark.long
 def test_without_a_pose_an_unknown_payload_and_bias_are_learnt(short):
     c = short.calibration
     moved = np.array([0.3, -0.2, 0.25, 0.02, 0.01, -0.02])
