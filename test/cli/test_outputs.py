@@ -152,14 +152,12 @@ def test_a_single_file_goes_to_standard_output_alone(capfd, bag, tmp_path, monke
     assert main(['calibrate', str(bag), '-o', 'c.yaml']) == 0
     table = capfd.readouterr().out
     assert 'written to c.yaml' in table
-    (tmp_path / 'link').symlink_to('/proc/self/fd/1')
-    for place in ('-', 'link'):
-        assert main(['calibrate', str(bag), '-o', place]) == 0
-        found = parse(capfd.readouterr().out, 'standard output')
-        assert float(found.mass) == float(load('c.yaml').mass)
+    assert main(['calibrate', str(bag), '-o', '-']) == 0
+    found = parse(capfd.readouterr().out, 'standard output')
+    assert float(found.mass) == float(load('c.yaml').mass)
     assert main(['export', 'c.yaml', '--for', 'ur', '-o', '-']) == 0
     assert 'written' not in capfd.readouterr().out
-    assert sorted(os.listdir()) == ['c.yaml', 'link']
+    assert os.listdir() == ['c.yaml']
 
 
 def test_a_reader_that_goes_early_is_no_error_of_the_file(brief):

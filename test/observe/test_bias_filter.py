@@ -155,6 +155,7 @@ def test_contact_ends_after_the_quiet_that_was_asked_for(model):
     assert 1000 + 200 <= assumed[-1] < 1000 + 200 + 400
 
 
+@pytest.mark.long
 def test_a_push_too_weak_for_the_test_is_read_short_and_becomes_a_bias(calibration):
     model = learning(calibration, bias_walk=(4e-3, 4e-4))
     _, samples = run(model, pushed(5500, 500, 0.05))
@@ -209,6 +210,7 @@ def test_the_paper_s_covariances_are_those_it_prints():
     assert period == 0.001
 
 
+@pytest.mark.long
 def test_the_paper_s_r_taken_as_noise_gives_three_times_its_table(calibration):
     model = learning(calibration, covariances='paper', states=6)
     noise = np.sqrt(model.covariances.R.diagonal())

@@ -126,7 +126,7 @@ anything = st.lists(st.tuples(
 @pytest.mark.parametrize('coupling', first(['ac', 'dc']))
 @pytest.mark.parametrize('mode', FILTERS)
 @given(sequence=anything, ordered=st.booleans())
-@hypothesis_settings(max_examples=25, deadline=None)
+@hypothesis_settings(max_examples=12, deadline=None)
 def test_no_sample_makes_the_step_raise_or_its_estimate_infinite(
         sequence, ordered, mode, coupling):
     model = design(calibration(wash=0.01 if coupling == 'ac' else 0.0), ObserverSettings(mode))
