@@ -249,10 +249,8 @@ def test_topic_and_frame_are_the_ones_named(tmp_path):
     ('Some sensor\nserial,12\n' + ROWS.replace('7', '7.5'), {'header': 3}),
     (ROWS.replace('7', '7.5').replace(HEADER, HEADER + 's,N,N,N,Nm,Nm,Nm\n'), {'skip': 1}),
     (ROWS.replace('7', '7.5').replace(',', '   ').replace('\n', ' \n '), {'delimiter': ' '}),
-    (HEADER + ROWS[len(HEADER):].replace('7', '7.5').replace('\n', ',\n'), {}),
     (ROWS.replace('7', '7.5').replace('\n', ',\n'), {}),
     (ROWS.replace('7', '7.5') + '3,1,2', {}),
-    ('# ' + ROWS.replace('7', '7.5'), {}),
     ('# ' + ROWS.replace('7', '7.5').replace(',', ' '), {'delimiter': ' '})])
 def test_tables_of_other_programs_hold_the_same_numbers(tmp_path, text, dialect):
     wrench = imported(tmp_path, table(text, tmp_path, **dialect)).signals['wrench']
@@ -267,10 +265,8 @@ def test_tables_of_other_programs_hold_the_same_numbers(tmp_path, text, dialect)
     (ROWS.replace('\n2,', '\n1,'), "line 3: time 1 in column 't' is not after 1"),
     (ROWS.replace('\n2,', '\nnoon,'), "line 3: 'noon' in column 't' is not a number"),
     (ROWS.replace('\n2,', '\n1e400,'), 'out of range; is the unit right'),
-    (ROWS.replace('\n2,', '\n4e9,'), 'between 1970 and 2038'),
     (ROWS.replace(',12', ''), "line 3: '' in column 'tz' is not a number"),
     (ROWS.replace(',12', ',12,13'), 'line 3: more cells than the 7 columns of the header'),
-    (ROWS.replace('fx', 'fX'), "no column 'fx'; there are t, fX, fy"),
     (ROWS.replace('fx,fy', 'fx,fx'), "several columns 'fx'|no column 'fy'"),
     (ROWS[len(HEADER):], "no column 't', and the line .* holds numbers; .* header: 0"),
     ('', 'no rows'),
@@ -419,16 +415,13 @@ def changed(**keys):
      'force.signs is .*, expected 3 times 1 or -1'),
     ({'signals': {}}, 'log.csv has neither signals nor phases'),
     ({'time': {'column': 't', 'unit': 'h'}}, "time.unit is 'h', expected one of s, ms, us, ns"),
-    ({'rate': 0}, r'log.csv\].rate is 0, expected a number above 0 \[Hz\]'),
     ({'time': None}, 'time is None, expected either time .column and unit. or rate'),
     ({'start': 1.0}, 'start is for tables without time'),
     ({'phases': {'each_row': 'measure'}},
      r"phases is \['each_row'\], expected column, or each_row and between"),
-    ({'phases': {'whole': 'rest'}}, "phases.whole is 'rest', expected one of idle"),
     ({'phases': {'each_row': 'move', 'between': 'move'}},
      'phases.between is .*, expected another word than each_row'),
     ({'decimal': ','}, "delimiter is ',', expected another character than decimal"),
-    ({'delimiter': ';;'}, "delimiter is ';;', expected one character"),
 ])
 def test_faulty_specification_names_the_key(tmp_path, change, message):
     entry = {**table(ROWS, tmp_path), **change}
@@ -608,8 +601,7 @@ def test_the_example_of_a_universal_robot_is_imported(tmp_path):
 
 
 @pytest.mark.parametrize('cell', [
-    '2018-01-25T10:47:34.25Z', '2018/01/25/10:47:34.25', '2018-1-25 10:47:34.250',
-    '2018-01-25 12:47:34,25+02:00', '2018-01-25 04:17:34.25-0630'])
+    '2018-01-25T10:47:34.25Z', '2018/01/25/10:47:34.25', '2018-01-25 04:17:34,25-0630'])
 def test_dates_are_times(tmp_path, cell):
     rows = HEADER + f'"{cell}",1,2,3,4,5,6\n2018-01-25 10:47:35.250000001,7,8,9,1,2,3\n'
     found = imported(tmp_path, table(rows, tmp_path, unit='date'))
