@@ -27,45 +27,26 @@ LONG = {**QUICK, 'task__hold': 30.0}
 
 
 @pytest.fixture(scope='module')
-def bench(ros_domain_of_module, tmp_path_factory):
-    """One bench for all: each test starts what another has ended."""
+def calibration(tmp_path_factory):
     path = tmp_path_factory.mktemp('impedance') / 'calibration.yaml'
     save(rehearse(load_rig(), 'acc1', 1), path)
-    with Live() as live:
-        yield Bench(live, path)
+    return path
 
 
 class Bench:
     """Simulated rig, observer and impedance node, and what they say."""
 
-    def __init__(self, live, calibration):
+    def __init__(self, live, calibration, **parameters):
         self.live, self.phases, self.reason, self.commands, self.force = live, [], '', [], [0.0]
         self.counts = {}
-        self._nodes = {
-            'sim': {'seed': 3, **RIG_TIME},
-            'observer': {'calibration__file': calibration, 'use_sim_time': True},
-            'impedance': {'limits__workspace_max': BOX, **WATCH}}
         live.node.create_subscription(DiagnosticArray, 'impedance/phase', self._on_phase, OUTPUT)
         live.hear(PoseStamped, 'target_frame',
                   lambda stamp, values: self.commands.append((stamp * 1e-9, values[0])))
         live.hear(WrenchStamped, 'sim/contact_wrench',
                   lambda stamp, values: self.force.append(-values[0]))
-
-    def prepare(self, **parameters):
-        """Start the nodes that are not there, and forget what was said before."""
-        for name, given in self._nodes.items():
-            if name not in self.live.processes:
-                self.live.diagnostics.pop(name, None)
-                self.live.start(name, **given)
-                for service in [one for one in self.live.clients if one.startswith(name)]:
-                    self.live.node.destroy_client(self.live.clients.pop(service))
-        self.live.until(lambda: {*self._nodes} <= {*self.live.diagnostics}, 'the nodes')
-        answers = self.live.set('impedance', **parameters)
-        assert all(answer.successful for answer in answers), answers
-        del self.force[:-1]
-        self.phases.clear()
-        self.commands.clear()
-        self.live.until(lambda: self.phases, 'a word of the node')
+        live.start('sim', seed=3, **RIG_TIME)
+        live.start('observer', calibration__file=calibration, use_sim_time=True)
+        live.start('impedance', limits__workspace_max=BOX, **parameters)
 
     def _on_phase(self, message):
         status = message.status[0]
@@ -115,74 +96,80 @@ def assert_led_away(bench):
     assert x[0] - 1e-4 < x[-1] < x[turned] - 0.01
 
 
-def test_a_task_ends_as_it_began_or_before_it_does_harm(bench):
-    live = bench.live
-    bench.prepare(**QUICK)
-    assert not bench.commands
-    bench.start()
-    assert not live.call('impedance/start').success
-    bench.until_ended()
-    bench.until_free()
-    assert not bench.reason
-    assert bench.phases[1:] == ['free', 'approach', 'contact', 'retract', 'done']
-    assert bench.counts == {'contacts': 1, 'missed': 0}
-    assert max(bench.force) > 10.0
-    live.spin(0.3)
-    assert abs(bench.commands[-1][1] - bench.commands[0][1]) < 1e-3
-    # a force sensor that sticks: the end, before the wall
-    bench.prepare(task__approach=3.0, watch__frozen_timeout=0.4)
-    bench.start()
-    live.until(lambda: bench.phases[-1] == 'approach', 'the approach')
-    live.set('sim', fault__wrench='stuck')
-    bench.until_ended()
-    bench.until_still()
-    assert bench.phases[-1] == 'aborted'
-    assert bench.reason.startswith('wrench: the same reading')
-    assert max(bench.force) == 0.0
-    live.set('sim', fault__wrench='none')
-    # a wall where none was expected: the same one, said to be farther away
-    bench.prepare(task__clearance=0.14, watch__frozen_timeout=1.0, task__approach=1.0)
-    bench.start()
-    bench.until_ended()
-    assert bench.phases[-1] == 'aborted'
-    assert 'before the wall is expected' in bench.reason
-    bench.until_free()
-    # gains that make it unstable: nothing moves
-    live.set('impedance', design__force_gain=-0.5)
-    bench.until_refused('unstable')
-    assert live.end('impedance') == 0
+def test_a_task_ends_as_it_began_or_before_it_does_harm(ros_domain, calibration):
+    with Live() as live:
+        bench = Bench(live, calibration, **WATCH, **QUICK)
+        live.until(lambda: 'impedance' in live.diagnostics and bench.phases, 'the node')
+        assert not bench.commands and bench.phases == ['idle']
+        bench.start()
+        assert not live.call('impedance/start').success
+        bench.until_ended()
+        bench.until_free()
+        assert not bench.reason
+        assert bench.phases == ['idle', 'free', 'approach', 'contact', 'retract', 'done']
+        assert bench.counts == {'contacts': 1, 'missed': 0}
+        assert max(bench.force) > 10.0
+        live.spin(0.3)
+        assert abs(bench.commands[-1][1] - bench.commands[0][1]) < 1e-3
+        # a force sensor that sticks: the end, before the wall
+        answers = live.set('impedance', task__approach=3.0, watch__frozen_timeout=0.4)
+        assert all(answer.successful for answer in answers)
+        bench.start()
+        live.until(lambda: bench.phases[-1] == 'approach', 'the approach')
+        live.set('sim', fault__wrench='stuck')
+        del bench.force[:-1]
+        bench.until_ended()
+        bench.until_still()
+        assert bench.phases[-1] == 'aborted'
+        assert bench.reason.startswith('wrench: the same reading')
+        assert max(bench.force) == 0.0
+        live.set('sim', fault__wrench='none')
+        # a wall where none was expected: the same one, said to be farther away
+        live.set('impedance', task__clearance=0.14, watch__frozen_timeout=1.0,
+                 task__approach=1.0)
+        bench.start()
+        bench.until_ended()
+        assert bench.phases[-1] == 'aborted'
+        assert 'before the wall is expected' in bench.reason
+        bench.until_free()
+        # gains that make it unstable: nothing moves
+        live.set('impedance', design__force_gain=-0.5)
+        bench.until_refused('unstable')
+        assert live.end('impedance') == 0
 
 
-def test_a_lost_observer_ends_it_in_time_away_from_the_wall(bench):
-    lost_timeout, live = 1.0, bench.live
-    bench.prepare(**LONG, watch__lost_timeout=lost_timeout, watch__pause_timeout=0.5)
-    bench.start()
-    bench.until_pressing()
-    live.processes.pop('observer').kill()
-    live.spin(0.02)
-    lost = bench.commands[-1][0]
-    bench.until_ended()
-    bench.until_free()
-    bench.until_still()
-    assert bench.reason.startswith('observer/contact_wrench: silent for ')
-    t, x = np.array(bench.commands).T
-    turned = t[:-1][(np.diff(x) < -2e-4) & (t[:-1] > lost)][0]
-    assert turned < lost + lost_timeout + 0.1
-    assert_led_away(bench)
-    assert live.said('impedance').count('[ERROR]') == 1
+def test_told_to_go_in_contact_it_leads_the_robot_away_from_the_wall(ros_domain, calibration):
+    with Live() as live:
+        bench = Bench(live, calibration, **WATCH, **LONG)
+        bench.start()
+        bench.until_pressing()
+        assert live.end('impedance', signal.SIGINT) == 0
+        bench.until_free()
+        bench.until_still()
+        assert bench.phases[-1] == 'aborted'
+        assert bench.reason == 'the impedance node received a signal to end'
+        assert_led_away(bench)
 
 
-def test_told_to_go_in_contact_it_leads_the_robot_away_from_the_wall(bench):
-    bench.prepare(**LONG, **{name: WATCH[name] for name in (
-        'watch__lost_timeout', 'watch__pause_timeout')})
-    bench.start()
-    bench.until_pressing()
-    assert bench.live.end('impedance', signal.SIGINT) == 0
-    bench.until_free()
-    bench.until_still()
-    assert bench.phases[-1] == 'aborted'
-    assert bench.reason == 'the impedance node received a signal to end'
-    assert_led_away(bench)
+def test_a_lost_observer_ends_it_in_time_away_from_the_wall(ros_domain, calibration):
+    lost_timeout = 1.0
+    with Live() as live:
+        bench = Bench(live, calibration, **{**WATCH, 'watch__lost_timeout': lost_timeout,
+                                            'watch__pause_timeout': 0.5}, **LONG)
+        bench.start()
+        bench.until_pressing()
+        live.processes.pop('observer').kill()
+        live.spin(0.02)
+        lost = bench.commands[-1][0]
+        bench.until_ended()
+        bench.until_free()
+        bench.until_still()
+        assert bench.reason.startswith('observer/contact_wrench: silent for ')
+        t, x = np.array(bench.commands).T
+        turned = t[:-1][(np.diff(x) < -2e-4) & (t[:-1] > lost)][0]
+        assert turned < lost + lost_timeout + 0.1
+        assert_led_away(bench)
+        assert live.said('impedance').count('[ERROR]') == 1
 
 
 def test_by_default_silence_frozen_readings_and_old_stamps_end_at_rest_within_100_ms():
