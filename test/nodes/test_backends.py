@@ -87,7 +87,7 @@ def test_servo_gets_fresh_velocities_that_lead_to_the_poses_and_zeros_at_the_end
 def test_the_trajectory_controller_gets_every_joint_and_rest_at_each_end(ros_domain):
     names = [f'joint_{i}' for i in range(1, 7)]
     home = np.array([0.0, -0.5, 0.5, 0.0, 1.0, 0.0])
-    poses = [home, home + [0.1, 0.0, 0.0, 0.3, -0.3, 0.0]]
+    poses = [home, home + [0.1, 0.0, 0.0, 0.6, -0.3, 0.0]]
     away = home + [0.0, 0.01, 0.01, 0.0, 0.0, 0.0]
     heard, joints, stuck = [], home + 0.05, []
     with Live() as live:
@@ -106,24 +106,23 @@ def test_the_trajectory_controller_gets_every_joint_and_rest_at_each_end(ros_dom
                    limits__workspace_max=[1.3, 0.4, 1.4], **QUICK)
         run(live)
         assert not live.node.get_publishers_info_by_topic('/target_frame')
-        commanded, told = len(heard), live.phases[-1]
+        commanded = len(heard)
         stuck.append(True)  # joints that stay behind their commands end the motion
-        assert told in ('done', 'aborted')
-        live.phases.clear()
-        live.reasons.clear()
         answers = []
 
-        def started():
-            answers.append(live.call('sequencer/start'))
-            return answers[-1].success
+        def behind():  # started again where a busy machine has ended it by itself
+            if live.reasons and live.reasons[-1].startswith('joint_states: joint_'):
+                return True
+            if live.phases[-1] in ('done', 'aborted'):
+                answers.append(live.call('sequencer/start'))
+            return False
 
-        live.until(started, 'start')
-        assert 'limits.workspace' in answers[-1].message
-        live.until(lambda: live.phases[-1:] == ['aborted'], 'the end')
+        live.until(behind, 'joints that are named')
         live.spin(0.3)
     assert live.reasons[-1].startswith('joint_states: joint_4 is 0.2')
+    assert any('limits.workspace' in answer.message for answer in answers if answer.success)
     late = np.array([message.points[0].positions for message in heard[commanded:]])
-    assert 0.2 < np.abs(late - home)[:, 3].max() < 0.29
+    assert 0.2 < np.abs(late - home)[:, 3].max() < 0.59
     assert not any(heard[-1].points[0].velocities)
     del heard[commanded:]
     positions = np.array([message.points[0].positions for message in heard])
