@@ -6,9 +6,8 @@ from forcecal_ros.core.streams import Stream
 from forcecal_ros.observe import ObserverSettings, replay, Status
 from forcecal_ros.observe.design import design
 from forcecal_ros.observe.live import LiveObserver
-from forcecal_ros.observe.playback import events
 import numpy as np
-from observing import calibration, GAIN, MASS, push, record, Swing, VOLTS_NOISE
+from observing import answers_of, calibration, GAIN, MASS, push, record, Swing, VOLTS_NOISE
 import pytest
 
 FOLLOWED = 2.0
@@ -86,10 +85,7 @@ def test_node_and_replay_hear_the_same(pressed):
     recording = noisier(pressed, 10.0)
     live = LiveObserver(0.5, 0.5)
     live.take_over(design(calibration()))
-    takes = {'wrench': live.on_wrench, 'accelerometer': live.on_accelerometer,
-             'pose': live.on_pose, 'displacement': live.on_displacement}
-    samples = [sample for t, kind, values in events(recording) if t < 3.0
-               for sample in takes[kind](t, values)]
+    samples = answers_of(live, recording, 3.0)
     expected = replay(recording, calibration())
     n = len(samples)
     assert n > 2900 and live.bandwidth < 0.5 * design(calibration()).rate / (2 * np.pi)

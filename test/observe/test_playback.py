@@ -8,6 +8,7 @@ from forcecal_ros.observe.playback import gap_limit
 import gravity_arm as arm
 from longer import first
 import numpy as np
+from observing import without_times
 import pytest
 from slow_log import slow_log
 
@@ -53,9 +54,7 @@ def test_what_is_left_of_a_free_motion_is_near_the_noise(log, calibration):
 def test_gaps_longer_than_the_stream_itself_explains_stay_gaps(calibration):
     _, recording = slow_log(20.0, 20.0)
     pose = recording.pose
-    keep = (pose.t < 4.0) | (pose.t > 6.0)
-    holed = replace(recording, pose=PoseStream(
-        pose.t[keep], pose.position[keep], pose.R_base_sensor[keep]))
+    holed = replace(recording, pose=without_times(pose, (4.0, 6.0)))
     estimate = replay(holed, calibration, ObserverSettings('ukf'))
     assert len(estimate.t) == len(recording.wrench)
     away = (estimate.t > 4.0 + gap_limit(pose, 0.1) + 0.05) & (estimate.t < 6.0)

@@ -6,11 +6,10 @@ from forcecal_ros.core.axes import level_from_base, levelled
 from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.observe import design, ObserverSettings, replay
 from forcecal_ros.observe.live import LiveObserver
-from forcecal_ros.observe.playback import events
 from hypothesis import example, given
 from hypothesis import strategies as st
 import numpy as np
-from observing import calibration, record, Swing
+from observing import answers_of, calibration, record, Swing
 import pytest
 
 TILT = rotation_from_vector([1.2, -0.4, 0.7])
@@ -55,13 +54,10 @@ def test_a_replay_of_a_turned_sensor_is_that_of_one_that_is_not(level, turned):
 @pytest.mark.parametrize('rotation', [None, TURNED])
 def test_the_live_observer_says_the_same_as_the_replay(tilted, turned, rotation):
     c = replace(calibration(), gravity_direction=DOWN, sensor_rotation=rotation)
-    live, found = LiveObserver(1.0, 0.0), []
+    live = LiveObserver(1.0, 0.0)
     live.take_over(design(c), c.wrench_sign, c.gravity_direction, c.sensor_rotation)
     tilted = tilted if rotation is None else turned
-    take = {'wrench': live.on_wrench, 'pose': live.on_pose,
-            'accelerometer': live.on_accelerometer, 'displacement': live.on_displacement}
-    for t, kind, values in events(tilted):
-        found.extend(take[kind](t, values))
+    found = answers_of(live, tilted)
     estimate = replay(tilted, c)
     replayed = dict(zip(estimate.t.tolist(), estimate.contact))
     assert len(found) > 0.9 * len(replayed)
