@@ -380,14 +380,6 @@ def test_failure_while_writing_leaves_the_old_recording(tmp_path):
     assert len(read_recording(path).wrench) == 4
 
 
-def test_overwritten_recording_is_kept(tmp_path):
-    path = tmp_path / 'bag'
-    write_messages(path, wrenches(START_NS + np.arange(1, 5)))
-    write_recording(path, small_recording())
-    assert len(read_recording(tmp_path / 'bag~').wrench) == 4
-    assert len(read_recording(path).wrench) == 400
-
-
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
 def test_writing_to_an_impossible_place_is_one_line(tmp_path, storage):
     (tmp_path / 'file').write_text('')

@@ -39,13 +39,6 @@ def test_parts_that_were_not_identified_come_back_as_none():
     assert_same(back, bare)
 
 
-def test_the_old_file_is_kept_beside_the_new_one(tmp_path):
-    path = tmp_path / 'calibration.yaml'
-    path.write_text('old')
-    calibration_file.save(whole_calibration(), path)
-    assert (tmp_path / 'calibration.yaml~').read_text() == 'old'
-
-
 def test_a_share_directory_is_refused(tmp_path):
     with pytest.raises(ConfigError, match='share directory'):
         calibration_file.save(whole_calibration(), tmp_path / 'share/forcecal_ros/c.yaml')
