@@ -69,9 +69,9 @@ def test_results_that_a_signal_interrupts_leave_no_scratch(tmp_path):
     assert os.listdir(tmp_path) == []
 
 
-@pytest.mark.parametrize('call, package', first([
-    ('entry.sim()', 'numba'), ("cli.main(['calibrate', '.'])", 'lz4'),
-    ("cli.main(['node', 'gap'])", 'numba')], 2))
+@pytest.mark.parametrize('call, package', [
+    ('entry.sim()', 'numba'), ("cli.main(['node', 'gap'])", 'numba'),
+    ("cli.main(['calibrate', '.'])", 'lz4')])
 def test_what_apt_does_not_have_is_named_in_one_line(call, package):
     code = ('import sys; from forcecal_ros import entry; '
             'from forcecal_ros.cli import main as cli; '

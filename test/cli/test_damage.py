@@ -12,7 +12,7 @@ from forcecal_ros.io.bags import write_recording, write_signals
 from hypothesis import given, HealthCheck, settings
 from hypothesis import strategies as st
 from insitu_leg import Leg, PROTOCOL, record
-from longer import but, first
+from longer import but
 import numpy as np
 import pytest
 from rosbags.rosbag2 import CompressionMode, Reader, StoragePlugin
@@ -69,7 +69,7 @@ def answers_or_one_line(capsys, arguments):
     return status, out + said
 
 
-@pytest.mark.parametrize('kind', first(KINDS))
+@pytest.mark.parametrize('kind', KINDS)
 @settings(max_examples=4, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_files_cut_short_or_with_flipped_bits(capsys, folder, files, kind, data):
@@ -117,7 +117,7 @@ def readers(folder, kind):
 
 
 @pytest.mark.parametrize('kind', ['csv', 'mcap'])
-@settings(max_examples=4, suppress_health_check=list(HealthCheck))
+@settings(max_examples=8, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_logs_of_a_leg_cut_short_or_garbled(capsys, folder, leg, kind, data):
     content = bytearray(leg[kind])

@@ -226,6 +226,7 @@ def test_the_example_of_the_foot_works_on_its_recording(icub_data, tmp_path):
 @pytest.mark.parametrize('change, words', [
     ({'format': 'other'}, "format is 'other', expected forcecal-insitu/1"),
     ({'filtre': 'off'}, r'unknown key filtre; did you mean filter\?'),
+    ({'sensors': {}}, 'one or more sensors'),
     ({'sensors': {'leg': {'columns': ['a', 'b']}}},
      r'sensors.leg.columns is .*, expected a list of 6 or more'),
     ({'accelerometer': {'columns': ['a', 'b', 'c'], 'unit': 'mile'}},
@@ -347,7 +348,6 @@ def test_a_spoilt_table_among_sound_ones_is_refused_by_cause(tables, tmp_path, c
     assert not (tmp_path / 'out').exists()
 
 
-@pytest.mark.long
 def test_time_that_runs_back_and_rows_that_are_repeated_leave_the_result_alone(
         tables, done, tmp_path, capsys):
     names = ['t', *(f'r{k}' for k in range(6)), 'ax', 'ay', 'az']

@@ -71,6 +71,7 @@ def everything_in(folder):
     ('calibrate', 'no_bag', '-o', '-', '--json'),
     ('calibrate', 'no_bag', '-o', 'stdout', '--json'),
     ('calibrate', 'no_bag', 'other', '-o', '-'),
+    ('calibrate', 'no_bag', 'other', '-o', 'no/out'),
     ('calibrate', '@list', '-o', 'out'),
     ('calibrate', '@no_list', '-o', 'out'),
     ('calibrate', '@binary', '-o', 'out'),

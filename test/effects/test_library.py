@@ -50,9 +50,10 @@ REFERENCE = clean(RIG, TARGET)
 NOISY = simulate(RIG, TARGET, seed=1)
 NOISE = {'wrench': 0.02, 'accelerometer': 0.01, 'optidrive': 20e-6, 'pose': 20e-6}
 every_effect = pytest.mark.parametrize('effect', EFFECTS.values(), ids=list(EFFECTS))
-ONE_OF_A_KIND = {'wrench_delay', 'wrench_hysteresis', 'accel_highpass', 'tool_friction',
-                 'robot_resonance', 'spindle_vibration', 'clock_skew', 'dropouts'}
-"""With a memory of its own each, or random."""
+ONE_OF_A_KIND = {'wrench_delay', 'wrench_lowpass', 'wrench_hysteresis', 'accel_highpass',
+                 'tool_friction', 'robot_resonance', 'spindle_vibration', 'wall_position',
+                 'clock_skew', 'dropouts'}
+"""With a memory of its own each, random, or at rest in the wall at a limit."""
 
 some_effects = pytest.mark.parametrize('effect', [
     pytest.param(effect, id=name, marks=() if name in ONE_OF_A_KIND else pytest.mark.long)

@@ -267,6 +267,7 @@ def test_tables_of_other_programs_hold_the_same_numbers(tmp_path, text, dialect)
     (ROWS.replace('\n2,', '\n1e400,'), 'out of range; is the unit right'),
     (ROWS.replace(',12', ''), "line 3: '' in column 'tz' is not a number"),
     (ROWS.replace(',12', ',12,13'), 'line 3: more cells than the 7 columns of the header'),
+    (ROWS.replace(',12', ',12,13,14'), 'line 3: more cells than the 7 columns of the header'),
     (ROWS.replace('fx,fy', 'fx,fx'), "several columns 'fx'|no column 'fy'"),
     (ROWS[len(HEADER):], "no column 't', and the line .* holds numbers; .* header: 0"),
     ('', 'no rows'),

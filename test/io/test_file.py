@@ -48,6 +48,7 @@ def test_a_share_directory_is_refused(tmp_path):
     (('format',), 'forcecal-calibration/9', 'format'),
     (('mass', 'value'), -1.0, 'mass.value is -1.0, expected a number above 0 [kg]'),
     (('mass', 'value'), 'heavy', "mass.value is 'heavy', expected a number"),
+    (('mass', 'unit'), 'lb', "mass.unit is 'lb', expected kg"),
     (('com',), {'value': [1, 2], 'unit': 'm'},
      'com.value is [1, 2], expected a list of 3 numbers [m]'),
     (('wrench_bias', 'value'), [math.nan] * 6, 'wrench_bias.value'),

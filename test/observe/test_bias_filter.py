@@ -2,7 +2,8 @@
 
 from dataclasses import replace
 
-from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.errors import ConfigError, DataError
+from forcecal_ros.core.streams import Stream
 from forcecal_ros.observe import design, FilterSettings, ObserverSettings, Status
 from forcecal_ros.observe.bias_filter import (
     begin,
@@ -234,6 +235,9 @@ def test_a_calibration_without_noise_takes_it_from_a_recording(calibration):
     assert np.sqrt(found.specific_force.value.diagonal()) == pytest.approx(
         [arm.ACCELERATION_NOISE] * 3, rel=0.06)
     assert found.wrench_rate == pytest.approx(1000)
+    with pytest.raises(DataError, match='99 samples do not show the noise'):
+        with_noise(replace(calibration, noise=None), replace(recording, wrench=Stream(
+            recording.wrench.t[:99], recording.wrench.values[:99])))
 
 
 def test_missing_noise_is_an_error_that_says_what_to_do(calibration):

@@ -5,10 +5,15 @@ from dataclasses import replace
 from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.observe import Imu, ObserverSettings, Status
+from forcecal_ros.observe.gaussian import Gaussian
 from forcecal_ros.observe.pose_free import (
     pose_free_model,
     pose_free_step,
     PoseFreeState,
+    readings,
+    relevelled,
+    start_pose_free,
+    Turning,
 )
 import gravity_arm as arm
 from hypothesis import example, given, settings
@@ -79,3 +84,15 @@ def test_without_pose_the_calibration_needs_an_accelerometer_with_dc(calibration
         pose_free_model(replace(calibration, accelerometer=coupled))
     with pytest.raises(ConfigError, match='needs a pose'):
         pose_free_model(calibration, ObserverSettings('static'))
+
+
+def test_moving_the_tilt_into_the_frame_changes_no_gravity(calibration):
+    model = pose_free_model(calibration)
+    belief = start_pose_free(model, np.array([1.0, -2.0, 9.0]))
+    mean = belief.states.mean.copy()
+    mean[13:15] = 0.3, -0.5
+    still = Turning(np.zeros(3), np.zeros(3))
+    before = readings(belief.level, model, still).value(mean)
+    after = relevelled(belief.level, Gaussian(mean.copy(), belief.states.cov))
+    assert readings(after.level, model, still).value(after.states.mean) == pytest.approx(before)
+    assert after.level.T @ after.level == pytest.approx(np.eye(3), abs=1e-12)
