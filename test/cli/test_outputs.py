@@ -79,6 +79,7 @@ def everything_in(folder):
     ('estimate', 'no_bag', '--calibration', 'no.yaml', '-o', 'pipe'),
     ('estimate', 'folder/in', '--calibration', 'no.yaml', '-o', 'folder'),
     ('estimate', 'no_bag', '--calibration', 'no.yaml', '-o', '.'),
+    ('estimate', 'folder', 'file', '--calibration', 'no.yaml', '-o', '.'),
     ('estimate', 'no_bag', '--calibration', 'no.yaml', '-o', 'x', '--bandwidth', '-3'),
     ('estimate', 'no_bag', '--calibration', 'no.yaml', '-o', 'x', '--bandwidth', '9',
      '--filter', 'newton'),
