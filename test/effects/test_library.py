@@ -1,6 +1,7 @@
 """Claims about every effect of the library: nothing at nominal, visible at typical, live alike."""
 
 from dataclasses import replace
+from functools import cache
 from itertools import cycle
 
 from effects_runs import changed, clean, having, nominal, pressing, RIG, RIGID, typical
@@ -46,8 +47,6 @@ KEEPS = {
     'timing': set(),
 }
 TARGET = pressing()
-REFERENCE = clean(RIG, TARGET)
-NOISY = simulate(RIG, TARGET, seed=1)
 NOISE = {'wrench': 0.02, 'accelerometer': 0.01, 'optidrive': 20e-6, 'pose': 20e-6}
 every_effect = pytest.mark.parametrize('effect', EFFECTS.values(), ids=list(EFFECTS))
 ONE_OF_A_KIND = {'wrench_delay', 'wrench_lowpass', 'wrench_hysteresis', 'accel_highpass',
@@ -60,6 +59,16 @@ some_effects = pytest.mark.parametrize('effect', [
     for name, effect in EFFECTS.items()])
 signal_effects = pytest.mark.parametrize('effect', [
     effect for effect in EFFECTS.values() if effect.where == 'signal'], ids=lambda e: e.name)
+
+
+@cache
+def reference():
+    return clean(RIG, TARGET)
+
+
+@cache
+def with_noise():
+    return simulate(RIG, TARGET, seed=1)
 
 
 def test_library_holds_every_effect_that_has_a_name():
@@ -88,13 +97,13 @@ def test_nuisance_is_a_spread_and_its_effect_nothing_but_a_change_of_it(effect):
 @every_effect
 def test_at_nominal_it_changes_nothing(effect):
     rig = with_effects(RIG, nominal(effect))
-    assert not changed(clean(rig, TARGET), REFERENCE)
-    assert not changed(simulate(rig, TARGET, seed=1), NOISY)
+    assert not changed(clean(rig, TARGET), reference())
+    assert not changed(simulate(rig, TARGET, seed=1), with_noise())
 
 
 @every_effect
 def test_at_typical_size_it_shows_in_the_streams_of_its_stage_and_in_none_before(effect):
-    moved = changed(simulate(with_effects(RIG, typical(effect)), TARGET, seed=1), NOISY)
+    moved = changed(simulate(with_effects(RIG, typical(effect)), TARGET, seed=1), with_noise())
     assert {name for name in moved if moved[name] > 3.0 * NOISE[name]} >= MOVES[effect.stage]
     assert not set(moved) & KEEPS[effect.stage]
 
@@ -219,10 +228,10 @@ def test_effect_named_again_takes_the_new_values():
 def test_noise_does_not_hang_on_effects():
     rig = with_effects(RIG, {'tool_mass': {'change': 0.1}, 'wrench_delay': {'delay': 0.003},
                              'accel_gain': {'x': 0.1}, 'tool_friction': {'force': 2.0}})
-    noise = NOISY.wrench.values - REFERENCE.wrench.values
+    noise = with_noise().wrench.values - reference().wrench.values
     noisy, quiet = simulate(rig, TARGET, seed=1), clean(rig, TARGET)
     assert noisy.wrench.values - quiet.wrench.values == pytest.approx(noise, abs=1e-9)
-    volts = NOISY.accelerometer.values - REFERENCE.accelerometer.values
+    volts = with_noise().accelerometer.values - reference().accelerometer.values
     assert noisy.accelerometer.values - quiet.accelerometer.values == pytest.approx(
         volts, abs=1e-9)
 
