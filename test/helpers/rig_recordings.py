@@ -45,6 +45,9 @@ MOTION = (
 FREE = MOTION[:10]
 """Of these the two poses and the step, which is less than half, without a wall."""
 
+TURNING = (*MOTION[:8], ('step', 0.8, *MOTION[8][2:]), *MOTION[16:19])
+"""And with turns about every axis, which tell the accelerometer's."""
+
 
 def motion(parts=MOTION):
     """Return positions (n, 3) and rotations (n, 3, 3), one every 4 ms, and the phases."""
@@ -78,6 +81,12 @@ def free_part(recording: Recording) -> Recording:
                for name in ('wrench', 'accelerometer', 'optidrive', 'pose', 'target')}
     return replace(recording, phases=tuple(p for p in recording.phases if p.start < end - PERIOD),
                    **streams)
+
+
+def write_own(folder: Path) -> Path:
+    """Write the rig's turns, without a wall, as ``folder/bag``."""
+    write_recording(folder / 'bag', replace(own_recording(parts=TURNING), contact_truth=None))
+    return folder
 
 
 def write_second(folder: Path, seed: int = 9) -> Path:
