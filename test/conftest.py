@@ -140,13 +140,6 @@ def _compile_observer(_):
 
 
 @pytest.fixture(scope='session')
-def rig_run(once):
-    """Return a folder with ``bag``: this package's rig in poses, a step and turns."""
-    from rig_recordings import write_own
-    return once('rig_run', write_own)
-
-
-@pytest.fixture(scope='session')
 def brief(once):
     """Return a folder with ``bag``, a brief calibration run at 250 Hz, and ``c.yaml`` of it."""
     from calibration_runs import brief_run

@@ -76,6 +76,7 @@ def test_work_is_spread_over_processes(tmp_path):
     assert len(pids) == 2 and os.getpid() not in pids
 
 
+@pytest.mark.long
 def test_a_process_killed_half_way_costs_nothing_but_time(tmp_path):
     tasks = [(number, str(tmp_path / 'mark')) for number in range(6)]
     assert values(each(killed_at_first, tasks, jobs=2)) == {i: i * i for i in range(6)}

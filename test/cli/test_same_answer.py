@@ -10,7 +10,7 @@ from forcecal_ros.cli.main import main
 from forcecal_ros.core.streams import Stream
 from forcecal_ros.io.bags import write_recording, write_signals
 from insitu_leg import Leg, PROTOCOL, record
-from longer import first
+from longer import but, first
 import numpy as np
 import pytest
 import yaml
@@ -139,7 +139,7 @@ def answers(capsys, folder, recording):
         yield name, *said_by(capsys, arguments)
 
 
-@pytest.mark.parametrize('damage', REFUSED)
+@pytest.mark.parametrize('damage', but(REFUSED, {'one channel stuck from 45 % on'}))
 def test_every_command_refuses_with_the_same_sentence(capsys, folder, recording, damage):
     change, sentence = REFUSED[damage]
     reasons = set()

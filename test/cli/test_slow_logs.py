@@ -5,12 +5,12 @@ import json
 from typing import Any
 
 from forcecal_ros.cli.main import main
-from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.io.bags import read_recording, write_recording
 from forcecal_ros.io.calibration_file import save
 import gravity_arm as arm
 from longer import first
 import numpy as np
+from observing import without_times
 import pytest
 from rosbags.highlevel import AnyReader
 from slow_log import slow_log
@@ -26,10 +26,8 @@ def folder(tmp_path_factory):
     for name, rates in RATES.items():
         write_recording(path / name, slow_log(*rates)[1])
     recording = slow_log(20.0, 20.0)[1]
-    keep = (recording.pose.t < 4.0) | (recording.pose.t > 6.0)
-    write_recording(path / 'holed', replace(recording, pose=PoseStream(*(
-        column[keep] for column in (
-            recording.pose.t, recording.pose.position, recording.pose.R_base_sensor)))))
+    write_recording(path / 'holed', replace(recording, pose=without_times(
+        recording.pose, (4.0, 6.0))))
     return path
 
 

@@ -145,8 +145,7 @@ print('after')
 """
 
 
-@pytest.mark.parametrize('where', ['pipe', 'file'])
-@pytest.mark.parametrize('number', [1, 2])
+@pytest.mark.parametrize('number, where', [(1, 'file'), (2, 'pipe')])
 def test_an_open_stream_is_written_to_where_it_stands(tmp_path, number, where):
     (tmp_path / 'stream').symlink_to(f'/proc/self/fd/{number}')
     with (tmp_path / 'file').open('w+') as file:
@@ -196,8 +195,7 @@ def test_the_working_folder_and_a_mounted_one_are_not_replaced(tmp_path, monkeyp
     refuse_folder('new', replaced=True)
 
 
-@pytest.mark.parametrize('folder', ['/proc', '/sys'])
-def test_a_folder_that_takes_no_files_is_found_before_the_work(folder):
+def test_a_folder_that_takes_no_files_is_found_before_the_work():
     for attempt in (refuse_file, lambda path: refuse_folder(path, replaced=True)):
         with pytest.raises(ConfigError, match='cannot be written'):
-            attempt(f'{folder}/result')
+            attempt('/proc/result')

@@ -1,6 +1,7 @@
 """Claims about every effect of the library: nothing at nominal, visible at typical, live alike."""
 
 from dataclasses import replace
+from functools import cache
 from itertools import cycle
 
 from effects_runs import changed, clean, having, nominal, pressing, RIG, RIGID, typical
@@ -16,6 +17,7 @@ from forcecal_ros.effects import (
 from forcecal_ros.sim.rig.file import dump_rig, load_rig
 from forcecal_ros.sim.rig.plant import enough_steps
 from forcecal_ros.sim.rig.simulator import checked_commands, Samples, SIGNALS, simulate, Simulator
+from longer import first
 import numpy as np
 import pytest
 from signal_effects import apply_signal_effects
@@ -45,12 +47,28 @@ KEEPS = {
     'timing': set(),
 }
 TARGET = pressing()
-REFERENCE = clean(RIG, TARGET)
-NOISY = simulate(RIG, TARGET, seed=1)
 NOISE = {'wrench': 0.02, 'accelerometer': 0.01, 'optidrive': 20e-6, 'pose': 20e-6}
 every_effect = pytest.mark.parametrize('effect', EFFECTS.values(), ids=list(EFFECTS))
+ONE_OF_A_KIND = {'wrench_delay', 'wrench_lowpass', 'wrench_hysteresis', 'accel_highpass',
+                 'tool_friction', 'robot_resonance', 'spindle_vibration', 'wall_position',
+                 'clock_skew', 'dropouts'}
+"""With a memory of its own each, random, or at rest in the wall at a limit."""
+
+some_effects = pytest.mark.parametrize('effect', [
+    pytest.param(effect, id=name, marks=() if name in ONE_OF_A_KIND else pytest.mark.long)
+    for name, effect in EFFECTS.items()])
 signal_effects = pytest.mark.parametrize('effect', [
     effect for effect in EFFECTS.values() if effect.where == 'signal'], ids=lambda e: e.name)
+
+
+@cache
+def reference():
+    return clean(RIG, TARGET)
+
+
+@cache
+def with_noise():
+    return simulate(RIG, TARGET, seed=1)
 
 
 def test_library_holds_every_effect_that_has_a_name():
@@ -79,18 +97,18 @@ def test_nuisance_is_a_spread_and_its_effect_nothing_but_a_change_of_it(effect):
 @every_effect
 def test_at_nominal_it_changes_nothing(effect):
     rig = with_effects(RIG, nominal(effect))
-    assert not changed(clean(rig, TARGET), REFERENCE)
-    assert not changed(simulate(rig, TARGET, seed=1), NOISY)
+    assert not changed(clean(rig, TARGET), reference())
+    assert not changed(simulate(rig, TARGET, seed=1), with_noise())
 
 
 @every_effect
 def test_at_typical_size_it_shows_in_the_streams_of_its_stage_and_in_none_before(effect):
-    moved = changed(simulate(with_effects(RIG, typical(effect)), TARGET, seed=1), NOISY)
+    moved = changed(simulate(with_effects(RIG, typical(effect)), TARGET, seed=1), with_noise())
     assert {name for name in moved if moved[name] > 3.0 * NOISE[name]} >= MOVES[effect.stage]
     assert not set(moved) & KEEPS[effect.stage]
 
 
-@every_effect
+@some_effects
 def test_live_periods_few_at_a_time_give_the_recording(effect):
     rig = with_effects(RIG, typical(effect))
     recording = simulate(rig, TARGET, seed=1)
@@ -112,7 +130,7 @@ def test_live_periods_few_at_a_time_give_the_recording(effect):
         assert values == pytest.approx(stream.values, abs=1e-9)
 
 
-@every_effect
+@some_effects
 def test_at_its_limits_everything_stays_finite(effect):
     shorter = pressing(50)
     for q, value in ((one, x) for one in effect.parameters for x in (one.low, one.high)):
@@ -123,7 +141,7 @@ def test_at_its_limits_everything_stays_finite(effect):
 
 
 @signal_effects
-@pytest.mark.parametrize('unit', ['V', 'm/s^2'])
+@pytest.mark.parametrize('unit', first(['m/s^2', 'V']))
 def test_laid_on_a_simulated_signal_it_is_as_if_simulated(effect, unit):
     rig = with_effects(RIG, typical(effect))
     laid = apply_signal_effects(clean(RIG, TARGET, unit=unit), rig)
@@ -202,16 +220,6 @@ def test_effects_compose_in_whatever_order_they_are_named():
     assert clean(both, TARGET).wrench.values == pytest.approx(expected, abs=1e-9)
 
 
-@pytest.mark.parametrize('names', [
-    ('wrench_delay', 'accel_gain'), ('tool_friction', 'tool_backlash'),
-    ('robot_resonance', 'robot_delay'), ('cable_force', 'base_tilt')], ids='+'.join)
-def test_two_effects_are_more_than_either(names):
-    both = clean(with_effects(RIG, {
-        **typical(EFFECTS[names[0]]), **typical(EFFECTS[names[1]])}), TARGET)
-    for name in names:
-        assert changed(both, clean(with_effects(RIG, typical(EFFECTS[name])), TARGET))
-
-
 def test_effect_named_again_takes_the_new_values():
     assert with_effects(having('wrench_delay', delay=0.004), {
         'wrench_delay': {'delay': 0.002}}) == having('wrench_delay', delay=0.002)
@@ -220,10 +228,10 @@ def test_effect_named_again_takes_the_new_values():
 def test_noise_does_not_hang_on_effects():
     rig = with_effects(RIG, {'tool_mass': {'change': 0.1}, 'wrench_delay': {'delay': 0.003},
                              'accel_gain': {'x': 0.1}, 'tool_friction': {'force': 2.0}})
-    noise = NOISY.wrench.values - REFERENCE.wrench.values
+    noise = with_noise().wrench.values - reference().wrench.values
     noisy, quiet = simulate(rig, TARGET, seed=1), clean(rig, TARGET)
     assert noisy.wrench.values - quiet.wrench.values == pytest.approx(noise, abs=1e-9)
-    volts = NOISY.accelerometer.values - REFERENCE.accelerometer.values
+    volts = with_noise().accelerometer.values - reference().accelerometer.values
     assert noisy.accelerometer.values - quiet.accelerometer.values == pytest.approx(
         volts, abs=1e-9)
 
@@ -241,16 +249,15 @@ def test_other_numbers_are_the_same_rig_with_these_numbers():
         clean(written, TARGET).wrench.values, abs=1e-9)
 
 
-@pytest.mark.parametrize('name, values', [
-    ('tool_friction', {'force': 3.0}),
+@pytest.mark.parametrize('name, values', first([
     ('tool_friction', {'force': 10.0, 'velocity_scale': 2e-4}),
+    ('spindle_vibration', {'sine_x': 5.0, 'cosine_z': 5.0, 'frequency': 50.0}),
+    ('robot_resonance', {'gain': 0.5, 'frequency': 25.0}),
+    ('tool_friction', {'force': 3.0}),
     ('tool_backlash', {'gap': 1e-3}),
     ('tool_stiffening', {'cubic': 1e8}),
     ('cable_force', {'x': 5.0, 'z': 5.0, 'stiffness': 500.0}),
-    ('spindle_vibration', {'sine_x': 5.0, 'cosine_z': 5.0, 'frequency': 50.0}),
-    ('robot_delay', {'delay': 0.0037}),
-    ('robot_resonance', {'gain': 0.5, 'frequency': 25.0}),
-])
+    ('robot_delay', {'delay': 0.0037})], 3))
 def test_finer_steps_change_nothing_that_a_sensor_could_tell(name, values):
     rig, shorter = having(name, **values), pressing(300)
     coarse = clean(rig, shorter)

@@ -5,6 +5,7 @@ from dataclasses import replace
 from datetime import datetime, timedelta, timezone
 import json
 import re
+import shutil
 from xml.etree import ElementTree
 
 from forcecal_ros.cli.main import main
@@ -30,16 +31,22 @@ def night(path, number, rng, drifted, **source):
         'recorded': (DAY + timedelta(days=number)).isoformat(), **source})))
 
 
-@pytest.fixture
-def fleet(tmp_path):
-    rng = np.random.default_rng(1)
+@pytest.fixture(scope='module')
+def written(tmp_path_factory):
+    rng, folder = np.random.default_rng(1), tmp_path_factory.mktemp('fleet')
     for number in range(NIGHTS):
-        night(tmp_path / f'nights/left/n{number:02d}/calibration.yaml', number, rng, True)
-        night(tmp_path / f'nights/mixed/n{number:02d}.yaml', number, rng, False, robot='right')
-    (tmp_path / 'nights/left/damaged.yaml').write_text('format: forcecal-calibration/1\nmass: [')
-    (tmp_path / 'nights/left/diagnosis.json').write_text(json.dumps({
+        night(folder / f'left/n{number:02d}/calibration.yaml', number, rng, True)
+        night(folder / f'mixed/n{number:02d}.yaml', number, rng, False, robot='right')
+    (folder / 'left/damaged.yaml').write_text('format: forcecal-calibration/1\nmass: [')
+    (folder / 'left/diagnosis.json').write_text(json.dumps({
         **to_document(Diagnosis('partial', '', gap=Gap(3.0, 2.0, 0.4, 0.8, (0.7, 0.9), {})), {},
                       None), 'source': {'recorded': DAY.isoformat()}}))
+    return folder
+
+
+@pytest.fixture
+def fleet(written, tmp_path):
+    shutil.copytree(written, tmp_path / 'nights')
     return tmp_path
 
 

@@ -174,12 +174,27 @@ def lossy(recording, seed, lost=0.05, jitter=0.1):
         for name in ('wrench', 'accelerometer', 'pose', 'optidrive')})
 
 
-def observed(recording, model, seconds=0.5):
-    """Return an observer that has heard a recording as the node hears topics."""
-    live = LiveObserver(seconds, 0.5)
-    live.take_over(model)
+def without_times(stream, *gaps):
+    """Return a stream without the samples of some intervals [s]."""
+    keep = np.ones(len(stream), dtype=bool)
+    for start, end in gaps:
+        keep &= (stream.t < start) | (stream.t >= end)
+    if isinstance(stream, PoseStream):
+        return PoseStream(stream.t[keep], stream.position[keep], stream.R_base_sensor[keep])
+    return Stream(stream.t[keep], stream.values[keep])
+
+
+def answers_of(live, recording, end=np.inf):
+    """Let an observer hear a recording as the node hears topics; return what it answers."""
     takes = {'wrench': live.on_wrench, 'accelerometer': live.on_accelerometer,
              'pose': live.on_pose, 'displacement': live.on_displacement}
-    for t, kind, values in events(recording):
-        takes[kind](t, values)
+    return [sample for t, kind, values in events(recording) if t < end
+            for sample in takes[kind](t, values)]
+
+
+def observed(recording, model, seconds=0.5):
+    """Return an observer that has heard a recording."""
+    live = LiveObserver(seconds, 0.5)
+    live.take_over(model)
+    answers_of(live, recording)
     return live

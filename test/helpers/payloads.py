@@ -74,12 +74,6 @@ def at_rest(seed, load, start=2.0, seconds=8.0):
                       accelerometer_bias=drift), calibration
 
 
-def rig_calibration():
-    """Return what a perfect identification of the nominal rig gives."""
-    from observing import calibration
-    return replace(calibration(), tool=None)
-
-
 TURNS = tuple(('move', 2.0, (0.0, y, 0.0), turn) for y, turn in (
     (0.05, (0.5, 0.3, 0.0)), (-0.05, (-0.4, 0.4, 0.3)), (0.05, (0.3, -0.5, -0.2)),
     (0.0, (-0.5, -0.2, 0.4)), (0.05, (0.4, 0.5, 0.1)), (-0.05, (-0.3, -0.4, 0.0)),

@@ -43,7 +43,7 @@ def value_at(message, path):
 
 
 @pytest.mark.parametrize('msgtype', sorted(FIELDS))
-@settings(max_examples=25)
+@settings(max_examples=10)
 @given(data=st.data())
 def test_rosbags_reads_what_was_encoded(msgtype, data):
     paths = FIELDS[msgtype] if msgtype != JOINT_STATE else ('position[0]', 'position[1]')
@@ -63,6 +63,7 @@ def test_rosbags_reads_what_was_encoded(msgtype, data):
 
 
 @pytest.mark.parametrize('little', [True, False])
+@settings(max_examples=15)
 @given(frames=st.lists(TEXT, min_size=1, max_size=6), data=st.data())
 def test_messages_of_rosbags_are_decoded_whatever_their_frame(little, frames, data):
     n = len(frames)
@@ -85,7 +86,7 @@ def test_messages_of_rosbags_are_decoded_whatever_their_frame(little, frames, da
 
 
 @pytest.mark.parametrize('msgtype', TYPES)
-@settings(max_examples=30)
+@settings(max_examples=10)
 @given(content=st.binary(max_size=400))
 def test_noise_is_decoded_or_counted(msgtype, content):
     decoder = Decoder(STORE, msgtype)

@@ -12,6 +12,7 @@ from bag_samples import (
     write_messages,
 )
 from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.streams import Recording, Stream
 from forcecal_ros.io.bags import read_recording, write_recording
 from forcecal_ros.io.bags.header_stamps import increasing
 from hypothesis import given, HealthCheck, settings
@@ -138,12 +139,16 @@ def records(content):
     return found
 
 
+MESSAGES = 24000
+
+
 @pytest.fixture(scope='module')
 def chunks(folder):
     """Return a file of several chunks, and where each begins and ends."""
-    path = write_messages(folder / 'chunks', [
-        ('/wrench', START_NS + i * 10**6, wrench_message(START_NS + i * 10**6, np.full(6, i)))
-        for i in range(24000)]) / 'chunks.mcap'
+    values = np.arange(MESSAGES)[:, np.newaxis] * np.ones(6)
+    write_recording(folder / 'chunks', Recording(
+        wrench=Stream(1e-3 * values[:, 0], values, 'ft_sensor'), start_ns=START_NS))
+    path = folder / 'chunks' / 'chunks.mcap'
     places = [(start, end) for opcode, start, end in records(path.read_bytes()) if opcode == CHUNK]
     assert len(places) >= 3
     return path, places
@@ -154,7 +159,7 @@ def test_file_without_index_is_read_whole(folder, chunks):
     unclosed = folder / 'unclosed.mcap'
     unclosed.write_bytes(path.read_bytes()[:places[-1][1]])
     recording = read_recording(unclosed)
-    assert len(recording.wrench) == 24000
+    assert len(recording.wrench) == MESSAGES
     assert any('has no index' in note for note in recording.notes)
 
 
@@ -166,7 +171,7 @@ def test_unchunked_file_is_read_whole(folder, chunks):
         loose += content[start + 9 + 40:end]
     (folder / 'loose.mcap').write_bytes(loose)
     recording = read_recording(folder / 'loose.mcap')
-    np.testing.assert_array_equal(recording.wrench.values[:, 0], np.arange(24000))
+    np.testing.assert_array_equal(recording.wrench.values[:, 0], np.arange(MESSAGES))
 
 
 @pytest.mark.parametrize('at', [0, 1, 2, 3, 8])
@@ -176,7 +181,7 @@ def test_damaged_length_of_a_chunk_costs_nothing(folder, chunks, at):
     content[places[1][0] + 1 + at % 8] ^= 0xff
     (folder / 'length.mcap').write_bytes(content)
     recording = read_recording(folder / 'length.mcap')
-    assert len(recording.wrench) == 24000
+    assert len(recording.wrench) == MESSAGES
 
 
 def test_damaged_record_costs_its_chunk_only(folder, chunks):
@@ -186,9 +191,9 @@ def test_damaged_record_costs_its_chunk_only(folder, chunks):
     content[start] = 0xff
     (folder / 'framing.mcap').write_bytes(content)
     recording = read_recording(folder / 'framing.mcap')
-    lost = 24000 - len(recording.wrench)
+    lost = MESSAGES - len(recording.wrench)
     share = (end - start) / sum(stop - begin for begin, stop in places)
-    assert 0 < lost < 24000 * share * 1.5
+    assert 0 < lost < MESSAGES * share * 1.5
     assert any('damaged or cut off at byte' in note for note in recording.notes)
 
 
@@ -199,7 +204,7 @@ def test_last_chunk_of_a_cut_file_gives_what_it_holds(folder, chunks):
     (folder / 'without.mcap').write_bytes(path.read_bytes()[:start])
     half, without = (len(read_recording(folder / f'{name}.mcap').wrench)
                      for name in ('half', 'without'))
-    assert half - without == pytest.approx((24000 - without) / 2, abs=2)
+    assert half - without == pytest.approx((MESSAGES - without) / 2, abs=2)
 
 
 def test_chunk_that_claims_to_be_huge_is_left_out(folder, chunks):
@@ -209,7 +214,7 @@ def test_chunk_that_claims_to_be_huge_is_left_out(folder, chunks):
     content[start + 25:start + 33] = struct.pack('<Q', 1 << 60)
     (folder / 'bomb.mcap').write_bytes(content)
     recording = read_recording(folder / 'bomb.mcap')
-    assert 0 < len(recording.wrench) < 24000
+    assert 0 < len(recording.wrench) < MESSAGES
     assert any('is damaged (1152921504606846976 bytes claimed)' in note
                for note in recording.notes)
 

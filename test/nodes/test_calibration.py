@@ -72,17 +72,14 @@ class Flange:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize('on_flange', [False, True])
-def test_calibrates_publishes_observes_and_touches(ros_domain, tmp_path, on_flange):
+def test_calibrates_publishes_observes_and_touches(ros_domain, tmp_path):
     path = tmp_path / 'calibration.yaml'
     with Live() as live:
-        ears = Ears(live, 'rig/target_frame' if on_flange else 'target_frame')
+        ears = Ears(live, 'rig/target_frame')
         texts = live.latched(String, 'sequencer/calibration')
-        remap, given = (), {}
-        if on_flange:
-            flange = Flange(live)
-            given = flange.GIVEN | {'identify__sensor_rotation': flange.TURN}
-            remap = [f'{topic}:=rig/{topic}' for topic in flange.TOPICS]
+        flange = Flange(live)
+        given = flange.GIVEN | {'identify__sensor_rotation': flange.TURN}
+        remap = [f'{topic}:=rig/{topic}' for topic in flange.TOPICS]
         live.start('sim', remap=remap, seed=5, **RIG_TIME)
         live.start('observer', use_sim_time=True)
         live.start('sequencer', save__path=path, **given, **ON_RIG_TIME)

@@ -38,12 +38,3 @@ def test_the_parameter_file_holds_every_parameter_at_its_default(node):
             assert value == pytest.approx(expected, abs=1e-11), row.name
         else:
             assert value == expected, row.name
-
-
-@pytest.mark.parametrize('node', TABLES)
-def test_every_parameter_stands_below_its_meaning_and_range(node):
-    text = ' '.join(line.strip().removeprefix('# ')
-                    for line in (CONFIG / f'{node}.yaml').read_text().splitlines())
-    for row in TABLES[node][0]:
-        bounded = row.low is not None and row.high is not None
-        assert row.text + (f' (from {row.low:.6g} to' if bounded else '') in text, row.name

@@ -13,7 +13,7 @@ def bench(ros_domain_of_module):
 @pytest.mark.parametrize('fault, phase, reason', [
     pytest.param('wrench stuck', 'measure', 'wrench: the same reading', marks=pytest.mark.long),
     pytest.param('wrench garbage', 'contact', 'wrench: ', marks=pytest.mark.long),
-    ('pose delayed', 'move', 'current_pose: newest stamp is'),
+    pytest.param('pose delayed', 'move', 'current_pose: newest stamp is', marks=pytest.mark.long),
     pytest.param('pose wrong', 'contact', 'current_pose: ', marks=pytest.mark.long),
     pytest.param('robot runaway', 'approach', 'current_pose: ', marks=pytest.mark.long),
     pytest.param(ABORT, 'step', 'requested by sequencer/abort', marks=pytest.mark.long),
@@ -29,6 +29,7 @@ def test_the_commands_come_to_rest_and_stay_there(bench, fault, phase, reason):
     assert reason in outcome.reason
 
 
+@pytest.mark.long
 def test_a_second_sequencer_is_refused_or_both_stop(bench):
     """One that has not discovered the first yet starts, and each hears the other at once."""
     outcome = bench.run(SECOND, 'approach')

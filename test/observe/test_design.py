@@ -16,19 +16,16 @@ from forcecal_ros.observe import (
 from forcecal_ros.observe.bandwidth import (
     butterworth,
     contact_bandwidth,
-    offset_poles,
     Poles,
-    stationary_gain,
 )
 from forcecal_ros.observe.motion import tracking_gains
-from joint_filter import design_joint, joint_model, stationary_filter
+from joint_filter import stationary_filter
 import numpy as np
 from observing import calibration, push, record
 import pytest
-from scipy.linalg import solve_discrete_lyapunov
 
 LEVELS = noise_levels(calibration().noise)
-MASS, DT = 13.0, 0.001
+MASS = 13.0
 
 
 def test_design_refuses_an_undetectable_offset_and_auto_leaves_it_out():
@@ -37,46 +34,6 @@ def test_design_refuses_an_undetectable_offset_and_auto_leaves_it_out():
     assert not design(calibration(), ObserverSettings(offset='auto', position=False)).track_offset
     assert not design(calibration(), ObserverSettings(offset='off')).track_offset
     assert design(calibration(), ObserverSettings(offset='on')).track_offset
-
-
-def force_error(gain, levels, settings):
-    """Stationary standard deviation of the force error with any gain of the joint problem."""
-    A, C, Q, R, S = joint_model(levels, MASS, settings, DT)
-    keep = np.eye(4) - gain @ C
-    # error after update: keep (A e + w) - gain v', w of this instant and v' of the next
-    F = keep @ A
-    noise = keep @ Q @ keep.T + gain @ R @ gain.T
-    carried = keep @ A @ gain
-    # w is correlated with v of the instant before, which sits in e through -gain v
-    noise -= keep @ S @ carried.T + carried @ S.T @ keep.T
-    P = solve_discrete_lyapunov(F, noise)
-    return np.sqrt(P[3, 3])
-
-
-def running_gain(noise=1.0, settings=ObserverSettings()):
-    """Return the gain that runs: pose corrects place and offset, wrench the force alone."""
-    model = design(calibration(noise=noise), settings)
-    gain = np.zeros((4, 2))
-    k = tracking_gains(DT, model.offset_poles)
-    gain[:3, 0] = k[0], k[1], -k[2]
-    gain[3, 1] = 1 - np.exp(-model.rate * DT)
-    return gain
-
-
-@pytest.mark.parametrize(('noise', 'cost'), [(0.1, 1.01), (1.0, 1.001), (10.0, 1.1)])
-def test_keeping_the_force_out_of_the_offset_costs_little_at_any_noise(noise, cost):
-    """
-    The unconstrained joint filter, correlated noise and all, is hardly better.
-
-    With ten times the noise it finds more of the acceleration from the poses than from the
-    accelerometer.
-    """
-    settings = ObserverSettings(pose_position_std=noise * 1e-4)
-    levels = noise_levels(calibration(noise=noise).noise)
-    joint = design_joint(levels, MASS, settings, DT)
-    gain = running_gain(noise, settings)
-    assert force_error(gain, levels, settings) < cost * np.sqrt(joint.updated[3, 3])
-    assert gain[2, 1] == 0.0
 
 
 def test_a_lasting_contact_does_not_become_an_offset():
@@ -110,29 +67,6 @@ def test_gains_place_the_poles_whatever_the_period(dt, poles):
     pair = -poles.mean + np.array([1, -1]) * np.emath.sqrt(-poles.split)
     wanted = np.exp(dt * np.array([-poles.real, *pair]).astype(complex))
     assert np.poly(found) == pytest.approx(np.real(np.poly(wanted)), abs=1e-9)
-
-
-def test_offset_poles_are_those_of_the_riccati_equation():
-    dt = 1 / ObserverSettings().pose_rate
-    poles = offset_poles(LEVELS, ObserverSettings(), ObserverSettings().pose_position_std)
-    found = np.array(tracking_gains(dt, poles))
-    A = np.array([[1, dt, -dt * dt / 2], [0, 1, -dt], [0, 0, 1]])
-    Q = np.zeros((3, 3))
-    Q[:2, :2] = LEVELS.specific_force * np.array([[dt ** 3 / 3, dt ** 2 / 2], [dt ** 2 / 2, dt]])
-    Q[2, 2] = ObserverSettings().offset_walk ** 2 * dt
-    C, R = np.array([[1.0, 0.0, 0.0]]), np.array([[ObserverSettings().pose_position_std ** 2]])
-    wanted = stationary_filter(A, C, Q, R).gain[:, 0]
-    assert found * [1, 1, -1] == pytest.approx(wanted, rel=1e-3)
-
-
-def test_stationary_gain_is_the_limit_of_the_recursion():
-    A, C, Q, R, _ = joint_model(LEVELS, MASS, ObserverSettings(), 0.004)
-    found = stationary_gain(A, C, Q, R)
-    P = np.diag([1e-6, 1e-4, 1e-2, 10.0])
-    for _ in range(6000):
-        gain = P @ C.T @ np.linalg.inv(C @ P @ C.T + R)
-        P = A @ (np.eye(4) - gain @ C) @ P @ A.T + Q
-    assert found == pytest.approx(gain, rel=1e-3, abs=1e-12)
 
 
 @pytest.mark.parametrize('walk', [0.1, 2.5, 10.0])

@@ -29,17 +29,10 @@ OF_THE_TOOL = 1e3
 SWING = Swing(place=(0.004, 0.006, 0.006), turn=0.3, axis=(0.2, 1.0, 0.0), slide=0.002)
 
 ANY = st.floats() | st.sampled_from([0.0, -0.0, 1e308, -1e308, 5e-324, 1e9, 130.0])
-NEAR = st.floats(0.0, 3.0)
 
 
 def numbers(n):
     return st.tuples(*[ANY] * n)
-
-
-EVENTS = st.lists(st.tuples(NEAR | ANY, st.one_of(
-    st.tuples(st.just('wrench'), numbers(6)), st.tuples(st.just('accelerometer'), numbers(3)),
-    st.tuples(st.just('displacement'), numbers(1)), st.tuples(st.just('pose'), numbers(7)))),
-    max_size=40)
 
 
 def fed(events, model):
@@ -112,13 +105,3 @@ def test_memory_does_not_grow_and_the_estimate_does_not_drift():
     early, late = np.array(contact[2000:6000]), np.array(contact[-4000:])
     sigma = early.std(axis=0) / np.sqrt(20)  # a filter of 16 Hz leaves five samples a second
     assert (np.abs(late.mean(axis=0) - early.mean(axis=0)) < 5 * sigma).all()
-
-
-def test_ten_observers_in_one_process_do_not_know_each_other():
-    recordings = [record(0.5, SWING, push(0, 5.0 * i), seed=i) for i in range(10)]
-    alone = [run(recording, MODEL)[1] for recording in recordings]
-    together = [[] for _ in recordings]
-    for step in zip(*(answers(recording, MODEL) for recording in recordings)):
-        for i, (_, out) in enumerate(step):
-            together[i] += out
-    assert together == alone

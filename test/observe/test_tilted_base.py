@@ -3,16 +3,14 @@
 from dataclasses import replace
 
 from forcecal_ros.core.axes import level_from_base, levelled
-from forcecal_ros.core.geometry import compose, matrix_from_quaternion, rotation_from_vector
+from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.observe import design, ObserverSettings, replay
 from forcecal_ros.observe.live import LiveObserver
-from forcecal_ros.observe.playback import events
 from hypothesis import example, given
 from hypothesis import strategies as st
 import numpy as np
-from observing import calibration, record, Swing
+from observing import answers_of, calibration, record, Swing
 import pytest
-from scipy.spatial.transform import Rotation
 
 TILT = rotation_from_vector([1.2, -0.4, 0.7])
 DOWN = tuple(TILT @ [0.0, 0.0, -1.0])
@@ -56,13 +54,10 @@ def test_a_replay_of_a_turned_sensor_is_that_of_one_that_is_not(level, turned):
 @pytest.mark.parametrize('rotation', [None, TURNED])
 def test_the_live_observer_says_the_same_as_the_replay(tilted, turned, rotation):
     c = replace(calibration(), gravity_direction=DOWN, sensor_rotation=rotation)
-    live, found = LiveObserver(1.0, 0.0), []
+    live = LiveObserver(1.0, 0.0)
     live.take_over(design(c), c.wrench_sign, c.gravity_direction, c.sensor_rotation)
     tilted = tilted if rotation is None else turned
-    take = {'wrench': live.on_wrench, 'pose': live.on_pose,
-            'accelerometer': live.on_accelerometer, 'displacement': live.on_displacement}
-    for t, kind, values in events(tilted):
-        found.extend(take[kind](t, values))
+    found = answers_of(live, tilted)
     estimate = replay(tilted, c)
     replayed = dict(zip(estimate.t.tolist(), estimate.contact))
     assert len(found) > 0.9 * len(replayed)
@@ -84,9 +79,3 @@ def test_a_base_is_turned_until_gravity_points_down(direction):
 def test_a_level_base_is_left_alone(level):
     assert levelled(level, None) is level
     assert levelled(level, (0.0, 0.0, -2.0)) is level
-
-
-def test_a_product_of_quaternions_is_that_of_their_rotations():
-    a, b = Rotation.random(2, random_state=1)
-    q = compose(tuple(a.as_quat()), tuple(b.as_quat()))
-    np.testing.assert_allclose(matrix_from_quaternion(q), (a * b).as_matrix(), atol=1e-12)

@@ -24,22 +24,6 @@ def test_the_picture_shows_the_imports_of_today():
     assert f']({architecture.PICTURE.name})' in PAGE
 
 
-def test_an_arrow_is_left_out_only_where_others_lead_there():
-    graph = architecture.rooms()
-    kept = architecture.reduced(graph)
-
-    def reached(one):
-        return kept[one].union(*(reached(target) for target in kept[one]))
-
-    assert all(graph[one] <= reached(one) for one in graph)
-
-
-def test_every_room_lies_above_all_that_it_imports():
-    graph = architecture.rooms()
-    level = architecture.levels(graph)
-    assert all(level[one] > level[target] for one in graph for target in graph[one])
-
-
 def test_every_room_has_its_row():
     rows = set(re.findall(r'^\| `([\w.]+)` \|', PAGE, re.MULTILINE))
     assert set(architecture.rooms()) <= rows

@@ -9,14 +9,13 @@ import sys
 import time
 
 from forcecal_ros.cli.node import NODES
-from longer import first
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = 'forcecal_ros'
 START_SECONDS = 300.0
 
-pytestmark = pytest.mark.workspace
+pytestmark = [pytest.mark.workspace, pytest.mark.long]
 
 
 def _colcon(workspace, *arguments):
@@ -112,7 +111,7 @@ def test_workspace_uses_its_own_copy(workspace):
     assert Path(out.strip()).is_relative_to(workspace / 'install')
 
 
-@pytest.mark.parametrize('name', first(['observer', 'impedance', 'sequencer', 'sim']))
+@pytest.mark.parametrize('name', ['observer', 'impedance', 'sequencer', 'sim'])
 def test_node_starts_and_ends_cleanly_when_interrupted(running, heard, name):
     process, end = running(name), time.monotonic() + START_SECONDS
     while name not in heard():
@@ -132,7 +131,6 @@ def test_share_holds_what_launch_files_and_tools_look_for(workspace):
     assert (share / 'package.xml').is_file()
 
 
-@pytest.mark.long
 def test_colcon_test_finds_the_tests(workspace):
     _colcon(workspace, 'test', '--packages-select', PACKAGE, '--return-code-on-test-failure',
             '--pytest-args', 'test/project/test_packaging.py', '-k', 'test_version_is_the_same')

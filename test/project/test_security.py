@@ -1,6 +1,7 @@
 """What a recording or a document says is data: no code, no markup, no place to write to."""
 
 import ast
+from functools import cache
 from pathlib import Path
 import re
 
@@ -26,11 +27,16 @@ LISTENING = {('nodes/live.py', 'http.server')}
 """Tested by a browser, in ``test_live.py``."""
 
 
+@cache
+def syntax(path):
+    return [*ast.walk(ast.parse(path.read_text()))]
+
+
 def nodes(words='', folder=''):
     """Yield the syntax of the files in which a pattern is found."""
     for path in sorted((SOURCE / folder).rglob('*.py')):
-        if re.search(words, text := path.read_text()):
-            for node in ast.walk(ast.parse(text)):
+        if re.search(words, path.read_text()):
+            for node in syntax(path):
                 yield path.relative_to(SOURCE), node
 
 

@@ -1,6 +1,7 @@
 """Growth is a decision: code lines of each package, files and constants have a budget."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -19,22 +20,27 @@ MOST_FILES, MOST_CONSTANTS = 255, 592
 FILES = sorted(PACKAGE.rglob('*.py'))
 
 
+@cache
+def parsed(path):
+    return ast.parse(path.read_text())
+
+
+@cache
 def code_lines(path):
     """Count lines that are neither blank, comment nor docstring."""
-    text = path.read_text()
     documented = sum(
-        one.end_lineno - one.lineno + 1 for node in ast.walk(ast.parse(text))
+        one.end_lineno - one.lineno + 1 for node in ast.walk(parsed(path))
         if isinstance(getattr(node, 'body', None), list) for one in vars(node)['body']
         if isinstance(one, ast.Expr) and isinstance(one.value, ast.Constant)
         and isinstance(one.value.value, str))
-    lines = [line.strip() for line in text.splitlines()]
+    lines = [line.strip() for line in path.read_text().splitlines()]
     return len([line for line in lines if line and not line.startswith('#')]) - documented
 
 
 def constants(path):
     """Count numbers that are bound to upper-case names at module level."""
     count = 0
-    for node in ast.parse(path.read_text()).body:
+    for node in parsed(path).body:
         targets = node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(
             node, ast.AnnAssign) else []
         value = getattr(node, 'value', None)

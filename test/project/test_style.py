@@ -25,13 +25,11 @@ def test_source_follows_the_rules_of_ament():
 
 
 @pytest.mark.lint
-@pytest.mark.parametrize('folders', [
-    pytest.param(('forcecal_ros',), id='package'),
-    pytest.param((), id='all, with tests and benchmarks', marks=pytest.mark.long)])
-def test_types_are_strict(folders):
+@pytest.mark.long
+def test_types_are_strict():
     pytest.importorskip('numpy', minversion='2.2', reason='older ones have types of their own')
     pytest.importorskip('rclpy', reason='without ROS the types of the nodes are not known')
-    _check('mypy', *folders)
+    _check('mypy')
 
 
 @pytest.mark.lint

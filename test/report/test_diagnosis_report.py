@@ -55,6 +55,11 @@ def _view(diagnosis, n=6000):
                 measured, residual, residual, named * residual, ())
 
 
+def words(diagnosis, view=view_without_signals):
+    """Return what the first screen says, by its labels."""
+    return {one.label: one.words for one in facts(view(diagnosis), NEXT)}
+
+
 @pytest.fixture(scope='module')
 def page():
     return render(replace(_view(IDENTIFIED), cells=(
@@ -100,8 +105,8 @@ def test_a_sentence_leaves_out_what_is_chance():
 def test_a_number_of_somebodys_simulator_is_called_by_its_name():
     friction = NamedEffect('friction', {'value': Parameter(0.4213, 0.004, '1')}, 0.9)
     assert sentence(friction) == 'friction should be 0.421 ± 0.008'
-    said = {one.label: one.words for one in facts(view_without_signals(replace(
-        IDENTIFIED, effects=(friction,), candidates=(('friction', 0.9), ('kp', 0.1)))), NEXT)}
+    said = words(replace(
+        IDENTIFIED, effects=(friction,), candidates=(('friction', 0.9), ('kp', 0.1))))
     assert said['What'] == 'Friction is not what the simulator has'
     assert said['How sure'] == '90 % friction, 10 % kp.'
 
@@ -127,15 +132,15 @@ def test_other_causes_are_explained_and_an_ambiguous_verdict_says_what_tells_the
         ('wrench_delay', 0.7), ('wrench_lowpass', 0.3)),
         reason='wrench_delay explains 98 % of the misfit, but wrench_lowpass may be the '
                'cause instead')
-    said = {one.label: one.words for one in facts(view_without_signals(two), NEXT)}
+    said = words(two)
     assert said['How sure'] == ('70 % wrench_delay, 30 % wrench_lowpass (force and torque are '
                                 'smoothed by a filter).')
     assert 'In full' not in said and 'In addition' not in said  # the first sentence says it
     rest = replace(two, reason=f'{two.reason}; what remains: force.x in step')
-    said = {one.label: one.words for one in facts(view_without_signals(rest), NEXT)}
+    said = words(rest)
     assert said['In addition'] == 'What remains: force.x in step.'
     left = replace(IDENTIFIED, reason=f'{IDENTIFIED.reason}; what remains: force.x in step')
-    said = {one.label: one.words for one in facts(view_without_signals(left), NEXT)}
+    said = words(left)
     assert said['In addition'] == 'What remains: force.x in step.'
     step = next_step(two, 'bag', 'out', ('rig_patched.yaml',))
     assert step.command == 'forcecal plan --after out -o plan.yaml' and '--prior out' in step.words
@@ -144,26 +149,25 @@ def test_other_causes_are_explained_and_an_ambiguous_verdict_says_what_tells_the
 def test_probabilities_of_effects_that_act_together_are_said_to():
     two = replace(IDENTIFIED, verdict='unknown', reason='a gap', effects=(), candidates=(
         ('unknown', 0.73), ('wrench_crosstalk', 0.28), ('wrench_saturation', 0.27)))
-    said = {one.label: one.words for one in facts(view_without_signals(two), NEXT)}
+    said = words(two)
     assert said['How sure'].endswith('; several may act at once.')
     one = replace(two, candidates=(('unknown', 0.72), ('wrench_crosstalk', 0.28)))
-    said = {one.label: one.words for one in facts(view_without_signals(one), NEXT)}
+    said = words(one)
     assert 'at once' not in said['How sure']
 
 
 def test_a_report_without_a_gap_says_which_effects_would_not_have_shown():
     none = replace(IDENTIFIED, verdict='no_gap', effects=(), not_excited=())
     hidden = replace(none, not_excited=tuple('abcdefgh'))
-    said = [next(f.words for f in facts(view_without_signals(d), NEXT) if f.label == 'How sure')
-            for d in (none, hidden)]
     shown = 'Every effect looked for would have shown at its usual size'
-    assert said == [f'{shown}.', f'{shown}, except a, b, c, d, e, f, and 2 more.']
+    assert [words(d)['How sure'] for d in (none, hidden)] == [
+        f'{shown}.', f'{shown}, except a, b, c, d, e, f, and 2 more.']
 
 
 @pytest.mark.parametrize('verdict', ['not_excited', 'invalid_data'])
 def test_a_report_without_a_comparison_says_that_nothing_is_known_of_size_and_cause(verdict):
     d = replace(IDENTIFIED, verdict=verdict, reason=NO_REASON, effects=())
-    said = {one.label: one.words for one in facts(view_without_signals(d), NEXT)}
+    said = words(d)
     assert said['How large'].startswith('Not known: ') and said['Next']
     assert said['How sure'].startswith({'not_excited': 'Not at all', 'invalid_data': 'No effect'}[
         verdict])
@@ -188,11 +192,11 @@ def test_the_facts_name_place_time_and_next_command():
 
 def test_an_effect_that_began_says_when():
     begun = replace(IDENTIFIED, effects=(replace(LATE, begin=12.3005, begin_ci95=(12.29, 12.31)),))
-    said = {one.label: one.words for one in facts(_view(begun), NEXT)}
+    said = words(begun, _view)
     assert said['When'] == 'From 12.30 s on (95 %: 12.290 to 12.310 s).'
     assert figures.closest(_view(begun)).instants == (12.3005,)
     ended = replace(IDENTIFIED, effects=(replace(LATE, end=14.5, end_ci95=(14.46, 14.53)),))
-    said = {one.label: one.words for one in facts(_view(ended), NEXT)}
+    said = words(ended, _view)
     assert said['When'] == 'Until 14.50 s (95 %: 14.460 to 14.530 s).'
 
 
@@ -281,10 +285,6 @@ def test_the_heat_map_labels_octaves_and_has_rows_of_something_only(narrow):
     octaves = [one.get_text() for one in axes.get_xticklabels(minor=True)]
     assert octaves == [f'{high:g}' for _, high in BANDS[:-1]]
     assert [one.get_text() for one in axes.get_xticklabels()] == ['step']
-
-
-def test_the_colours_of_the_heat_map_are_those_of_a_dark_screen_too(page):
-    assert page.count('<div class="wide own"') == 1 and '.wide:not(.own) img { filter' in page
 
 
 def test_a_page_leads_to_the_pages_of_its_verdict_and_effects(page):
