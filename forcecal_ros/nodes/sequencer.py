@@ -9,7 +9,7 @@ from forcecal_ros.core.errors import ConfigError, DataError, ForcecalError, Moti
 from forcecal_ros.core.geometry import rotation_vector
 from forcecal_ros.core.sensor_matrix import corrected, required_sensor_matrix, SensorMatrix
 from forcecal_ros.io.calibration_file import dump, load, save
-from forcecal_ros.motion.monitor import KEPT, POSITIONING_ERROR, Stillness
+from forcecal_ros.motion.monitor import POSITIONING_ERROR, Stillness
 from forcecal_ros.motion.plan import (
     check_wrench,
     continuous_plan,
@@ -19,7 +19,6 @@ from forcecal_ros.motion.plan import (
     path_of,
     PlannedSegment,
     prepare,
-    repeat_plan,
     SEQUENCES,
 )
 from forcecal_ros.motion.profiles import Pose
@@ -125,10 +124,7 @@ class Sequencer(MotionNode[SequencerSettings]):
         self._calibration: Calibration | None = None
         self._checks = 0
         self._stillness: Stillness | None = None
-        self._measured: list[str] = []
         self._preview: Preview | None = None
-        self._repeats = 0
-        self._rejected: tuple[Calibration, int] | None = None
         sensors = self._listen()
         self._make_outputs()
         self._serve(self._sequence, sensors, backend_of(self, self._inbox, sensors),
@@ -178,8 +174,6 @@ class Sequencer(MotionNode[SequencerSettings]):
         self.get_logger().info(f'{settings.sequence} starts, {how}')
         self._collector.clear()
         self._collector.frames.update(self._sensors.frames)
-        self._measured = list(settings.poses)
-        self._repeats = 0 if settings.continuous else settings.repeats
         self._sequence.settings = settings.stream
         self._sequence.start(parts, start, 'identification' if SEQUENCES[
             settings.sequence].identifies else '')
@@ -253,13 +247,6 @@ class Sequencer(MotionNode[SequencerSettings]):
         if self._identification.under_way:
             if (result := self._identification.take()) is not None:
                 self._take(result)
-        elif self._rejected is not None:
-            result, until = self._rejected
-            if self._sequence.running and self._now() < until:
-                return
-            self._rejected = None
-            if self._sequence.running and not self._repeated(result):
-                self._keep(result)
         elif self._sequence.moved and not self._sequence.streaming:
             if SEQUENCES[self._settings.sequence].identifies:
                 self._identification.begin(self._collector, self._settings.identification)
@@ -267,20 +254,11 @@ class Sequencer(MotionNode[SequencerSettings]):
                 self._finish()
 
     def _take(self, result: Calibration | str) -> None:
-        # time before a pose is measured again [s]: a start requires that the robot has stood for
-        # the samples that are kept, and their latency
-        rest = KEPT + 0.3
         if not self._sequence.running:
             return
         if isinstance(result, str):
             self._abort(Fault(result))
             return
-        if self._repeats and result.quality['rejection']['pose'] is not None:
-            self._rejected = result, self._now() + round(rest * SECOND)
-            return
-        self._keep(result)
-
-    def _keep(self, result: Calibration) -> None:
         self._calibration = result
         self._calibration_out.publish(String(data=dump(result)))
         self._inertia_out.publish(tool_message(result, self.get_clock().now()))
@@ -293,30 +271,6 @@ class Sequencer(MotionNode[SequencerSettings]):
                 self.get_logger().info(self._save())
             except ForcecalError as error:
                 self.get_logger().error(with_id(error))
-
-    def _repeated(self, result: Calibration) -> bool:
-        """Measure the pose again that the rejection test names; whether that has begun."""
-        pose = result.quality['rejection']['pose']
-        name = self._measured[pose - 1]
-        self._sequence.finish()
-        try:
-            self._make_ready()
-            start = self._backend.measured()
-            goals, _ = self._settings.goals(start)
-            home = next(iter(goals.values()))
-            parts = prepare(repeat_plan(name, goals[name], home, self._settings.timing), start,
-                            self._settings.pace, self._settings.limits)
-            self._sequence.start(parts, start)
-        except ForcecalError as error:
-            self.get_logger().warning(f'{name} is not measured again: {error}')
-            return False
-        self._repeats -= 1
-        self._collector.reject(pose - 1)
-        self._measured = [*self._measured[:pose - 1], *self._measured[pose:], name]
-        self.get_logger().warning(f'{name} is off what the other poses predict and is measured '
-                                  'again')
-        self._begin_stream()
-        return True
 
     def _finish(self) -> None:
         self._sequence.finish()

@@ -94,9 +94,6 @@ PARAMETERS = (
           "Rotation vector of the wrench's axes, seen from the frame of current_pose", 'rad'),
     _live('identify.tool_compliance', 'auto', 'Whether the tool slides along x of ft_sensor',
           choices=COMPLIANCES),
-    _live('identify.repeats', 0, 'Number of poses that are measured again, one after the other, '
-          'where the rejection test finds one off what the others predict; 0: they are only named',
-          low=0, high=10),
     _live('observer.mode', 'kalman', 'Observer that publishes the contact wrench', choices=MODES),
     _live('observer.design', 'kalman', "Design of the paper's gain", choices=DESIGNS),
     _live('observer.poles', [-30.0, -40.0], "Poles of the observer's error with the design poles",
@@ -120,7 +117,6 @@ class SequencerSettings(NamedTuple):
     watch: WatchSettings
     stream: StreamSettings
     identification: IdentificationSettings
-    repeats: int = 0
     continuous: bool = False
 
     def goals(self, start: Goal) -> tuple[dict[str, Goal], Goal]:
@@ -155,7 +151,6 @@ def settings_of(value: Mapping[str, Any]) -> SequencerSettings:
     return SequencerSettings(
         value['sequence'], poses, joints, away, section_of(Timing, value, 'timing'),
         section_of(Pace, value, 'pace'), limits, watch, stream, _identification(value),
-        value['identify.repeats'],
         value['sequence'] == 'calibrate' and value['motion.sequence'] == 'continuous')
 
 
