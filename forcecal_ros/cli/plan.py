@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from forcecal_ros.motion.plan import Timing
     from forcecal_ros.motion.profiles import Pace, Pose
 
-CRITERIA = ('D', 'mass', 'com', 'force-bias', 'torque-bias', 'offset', 'gain')
 
 MAX_TILT_DEG = 170.0
 """Of --tilt [deg]: a move back from farther has no clear direction."""
@@ -73,8 +72,6 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--calibration', metavar='CALIBRATION.yaml',
                         help='calibration: mass and noise of tool and sensors from an earlier one '
                              "(default: the rig's)")
-    parser.add_argument('--criterion', choices=CRITERIA,
-                        help='calibration: D-optimal, or c-optimal for one parameter (default: D)')
     parser.add_argument('--duration', metavar='S', type=positive,
                         help='calibration: time that the sequence may take (default: 16 s)')
     parser.add_argument('--tilt', metavar='DEG', type=positive,
@@ -144,7 +141,7 @@ def run(args: argparse.Namespace) -> int:
 def _check(args: argparse.Namespace) -> None:
     """Refuse options of the other purpose."""
     other = (('effects', 'after', 'contact') if args.purpose == 'calibration'
-             else ('calibration', 'criterion', 'duration', 'tilt'))
+             else ('calibration', 'duration', 'tilt'))
     for name in other:
         if getattr(args, name):
             raise UsageError(f'--{name} is not for --for {args.purpose}; leave it out')
@@ -235,7 +232,6 @@ def _calibration(args: argparse.Namespace) -> int:
     from forcecal_ros.io.calibration_file import load
     from forcecal_ros.motion.optimal_design import (
         as_text,
-        criterion_of,
         design_calibration,
         Robot,
         sensors_of,
@@ -251,7 +247,7 @@ def _calibration(args: argparse.Namespace) -> int:
     with stages(args) as stage:
         stage('exchanging poses')
         design = design_calibration(robot, sensors, args.duration or 16.0,
-                                    criterion_of(args.criterion or 'D'), setup.timing)
+                                    setup.timing)
     if args.output:
         write_text(args.output, to_parameters(design, robot))
     _say(args, to_document(design), as_text(design), design.duration)

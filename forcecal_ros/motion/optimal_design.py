@@ -10,7 +10,7 @@ The search is an exchange algorithm [Fedorov1972]: one pose after the other is r
 candidate that helps, for three, four and five poses, until nothing helps.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -251,23 +251,10 @@ def errors_of(information: Information, sensors: Sensors) -> Errors:
     return Errors(both)
 
 
-Criterion = Callable[[Errors], float]
-
-
 def d_optimality(errors: Errors) -> float:
     """Return the logarithm of the determinant of the covariance, per parameter."""
     sign, value = np.linalg.slogdet(errors.covariance)
     return float(value) / len(errors.covariance) if sign > 0 else np.inf
-
-
-def c_optimality(name: str) -> Criterion:
-    """Return the criterion of one of ``GROUPS``, compounded with D-optimality."""
-    return lambda errors: (float(np.log((errors.std(name)**2).sum())) + d_optimality(errors))
-
-
-def criterion_of(name: str) -> Criterion:
-    """Return ``D``, or c-optimality for one of ``GROUPS`` (hyphens for blanks)."""
-    return d_optimality if name == 'D' else c_optimality(name.replace('-', ' '))
 
 
 class Robot(NamedTuple):
@@ -404,39 +391,37 @@ class Planner:
         total = total.plus(self._rests[0][1], SETTLE + self._step)
         return errors_of(total, self.sensors)
 
-    def value(self, sequence: Sequence[int], criterion: Criterion) -> float:
+    def value(self, sequence: Sequence[int]) -> float:
         """Return the criterion; infinite where the sequence does not fit."""
         measure = self.measure(sequence)
         # shortest measurement: of a pose [s]: 20 blocks of the identification, twice as many as
         # its noise is measured on
         if not measure >= 0.4:
             return np.inf
-        return criterion(self.errors(sequence, measure))
+        return d_optimality(self.errors(sequence, measure))
 
-    def exchange(self, sequence: list[int], criterion: Criterion) -> tuple[float, list[int]]:
+    def exchange(self, sequence: list[int]) -> tuple[float, list[int]]:
         """Replace poses, the first excepted, until none helps; return the criterion."""
-        best = self.value(sequence, criterion)
+        best = self.value(sequence)
         while True:
             before = best
             for place in range(1, len(sequence)):
                 for other in sorted(set(range(len(self.poses))) - set(sequence)):
                     tried = [*sequence[:place], other, *sequence[place + 1:]]
-                    if (value := self.value(tried, criterion)) < best:
+                    if (value := self.value(tried)) < best:
                         best, sequence = value, tried
             if not best < before:
                 return best, sequence
 
-    def search(self, criterion: Criterion, sizes: Sequence[int], seed: int = 0
-               ) -> tuple[float, list[int]]:
+    def search(self, sizes: Sequence[int], seed: int = 0) -> tuple[float, list[int]]:
         """Return the best criterion and sequence, of a random start for each number of poses."""
         rng = np.random.default_rng(seed)
-        found = [self.exchange([0, *(1 + rng.choice(len(self.poses) - 1, n - 1, replace=False))],
-                               criterion) for n in sizes]
-        return min(found, key=lambda one: one[0])
+        starts = ([0, *(1 + rng.choice(len(self.poses) - 1, n - 1, replace=False))] for n in sizes)
+        return min(map(self.exchange, starts), key=lambda one: one[0])
 
 
 def design_calibration(robot: Robot, sensors: Sensors, duration: float,
-                       criterion: Criterion = d_optimality, timing: Timing = Timing()) -> Design:
+                       timing: Timing = Timing()) -> Design:
     """
     Choose poses and times of a calibration.
 
@@ -455,7 +440,7 @@ def design_calibration(robot: Robot, sensors: Sensors, duration: float,
     poses = candidates(robot)
     planner = Planner(robot, sensors, poses, timing, duration)
     planner.require_room()
-    value, sequence = planner.search(criterion, (3, 4, 5))
+    value, sequence = planner.search((3, 4, 5))
     if not np.isfinite(value):
         raise MotionError(f'no three poses fit into {duration:g} s: give more time '
                           '(--duration)')

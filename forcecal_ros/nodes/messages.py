@@ -27,7 +27,7 @@ TOPIC = '~/tool'
 """Topic of the tool in use."""
 
 
-PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+PAIRS = tuple(zip(*np.triu_indices(3)))
 """Elements of an inertia in the order of the message's fields."""
 
 
@@ -195,9 +195,6 @@ def _ellipsoid(header: Header, namespace: str, centre: Array, covariance: Array)
     return marker
 
 
-_EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2, 4)]
-
-
 def plan_markers(low: ArrayLike, high: ArrayLike, path: Array, frame: str, stamp: Time
                  ) -> MarkerArray:
     """
@@ -214,7 +211,8 @@ def plan_markers(low: ArrayLike, high: ArrayLike, path: Array, frame: str, stamp
     ends = np.array([np.where(np.isfinite(low), low, path.min(axis=0) - 1.0),
                      np.where(np.isfinite(high), high, path.max(axis=0) + 1.0)])
     corners = np.array([[ends[k >> axis & 1, axis] for axis in range(3)] for k in range(8)])
-    box.points = _points(corners[[k for edge in _EDGES for k in edge]])
+    edges = [k for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2, 4) for k in (a, b)]
+    box.points = _points(corners[edges])
     line.points = _points(path)
     box.scale.x, line.scale.x, box.color, line.color = 0.003, 0.005, BLUE, ORANGE
     return MarkerArray(markers=[box, line])

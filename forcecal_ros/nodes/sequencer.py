@@ -56,20 +56,15 @@ AGAIN = 'call sequencer/preview and look at sequencer/planned_path'
 
 
 class Preview(NamedTuple):
-    """What a start does: parameters as text, with the poses of a file, and where it begins."""
+    """What a start does: parameters as text, and where it begins."""
 
     parameters: dict[str, str]
     start: Goal
 
     @classmethod
-    def of(cls, values: Mapping[str, Any], poses: Mapping[str, Pose], start: Goal) -> 'Preview':
+    def of(cls, values: Mapping[str, Any], start: Goal) -> 'Preview':
         """Note values as text, which can be compared: NaN, as poses may hold, equals nothing."""
-        text = {name: repr(value) for name, value in values.items()}
-        if values['poses.file']:
-            text['poses.file'] += repr([
-                (name, pose.position.tolist(), pose.R_base_sensor.tolist())
-                for name, pose in poses.items()])
-        return cls(text, start)
+        return cls({name: repr(value) for name, value in values.items()}, start)
 
     def refuse_other(self, shown: 'Preview | None') -> None:
         """
@@ -167,7 +162,7 @@ class Sequencer(MotionNode[SequencerSettings]):
     def _begin(self) -> str:
         settings, start = self._settings, self._backend.measured()
         if self.get_parameter('motion.require_preview').value:
-            Preview.of(self._values(), settings.poses, start).refuse_other(self._preview)
+            Preview.of(self._values(), start).refuse_other(self._preview)
         parts = self._plan(start)
         how = ('in continuous motion' if settings.continuous
                else f'with poses {", ".join(settings.poses)}')
@@ -202,7 +197,7 @@ class Sequencer(MotionNode[SequencerSettings]):
         self._path_out.publish(path_message(positions, rotations, frame, now))
         self._markers_out.publish(plan_markers(
             limits.workspace_min, limits.workspace_max, positions, frame, now))
-        self._preview = Preview.of(self._values(), self._settings.poses, start)
+        self._preview = Preview.of(self._values(), start)
         found = in_words(outline(parts, self._settings.limits.tip))
         return self._with_caveat(f'{self._settings.sequence}: {found}')
 

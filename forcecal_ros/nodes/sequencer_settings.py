@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from forcecal_ros.calibrate.settings import (
@@ -15,7 +14,6 @@ from forcecal_ros.calibrate.settings import (
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.geometry import Array, POSE_LENGTH, STANDARD_GRAVITY
 from forcecal_ros.core.parameters import Parameter, parameters_of, section_of
-from forcecal_ros.core.safe_yaml import LARGEST, load_yaml
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import WatchSettings
 from forcecal_ros.motion.plan import Goal, SEQUENCES, Timing
@@ -53,8 +51,6 @@ PARAMETERS = (
     _live('poses.values', flatten_poses(nominal_poses()),
           'x y z [m] qx qy qz qw of each pose of ft_sensor in base, one after the other; a '
           'position of .nan keeps the robot where it stands')._replace(per_line=POSE_LENGTH),
-    _live('poses.file', '', 'YAML file with a list of {name, position, orientation} that takes '
-          'the place of poses.names and poses.values; empty: none'),
     *parameters_of('timing', Timing()),
     *parameters_of('pace', Pace()),
     *parameters_of('limits', Limits()),
@@ -146,7 +142,7 @@ def settings_of(value: Mapping[str, Any]) -> SequencerSettings:
     stream = StreamSettings(
         rate=value['motion.rate'], stop_duration=limits.stop_duration,
         settle_minimum=watch.window + 0.05, settle_timeout=value['settle.timeout'])
-    poses = _poses(value)
+    poses = read_poses(value['poses.names'], value['poses.values'])
     joints, away = _joint_vectors(list(poses), value)
     return SequencerSettings(
         value['sequence'], poses, joints, away, section_of(Timing, value, 'timing'),
@@ -169,12 +165,6 @@ def _identification(value: Mapping[str, Any]) -> IdentificationSettings:
         observer_poles=tuple(value['observer.poles']), source={'by': 'sequencer'})
 
 
-def _poses(value: Mapping[str, Any]) -> dict[str, Pose]:
-    if value['poses.file']:
-        return poses_from_file(Path(value['poses.file']))
-    return read_poses(value['poses.names'], value['poses.values'])
-
-
 def _joint_vectors(names: list[str], value: Mapping[str, Any]
                    ) -> tuple[dict[str, Array], Array]:
     if value['motion.backend'] != 'joint_trajectory':
@@ -190,29 +180,3 @@ def _joint_vectors(names: list[str], value: Mapping[str, Any]
     if not (np.isfinite(vectors).all() and np.isfinite(away).all()):
         raise ConfigError('joints.values or joints.away holds a number that is not finite')
     return dict(zip(names, vectors.reshape(len(names), -1))), away
-
-
-def poses_from_file(path: Path) -> dict[str, Pose]:
-    """
-    Read poses from a YAML list of {name, position, orientation}.
-
-    Raises
-    ------
-    ConfigError
-        The file is missing, too large, or holds something else.
-    """
-    try:
-        with path.open('rb') as file:
-            entries = load_yaml(file.read(LARGEST + 1), f'poses.file {path}')
-    except OSError as error:
-        raise ConfigError(f'poses.file {path}: cannot be read ({error.strerror})') from error
-    try:
-        names = [entry['name'] for entry in entries]
-        numbers = [float(x) for entry in entries
-                   for x in (*entry['position'], *entry['orientation'])]
-        if not all(isinstance(name, str) for name in names):
-            raise TypeError('a name that is no word')
-    except (TypeError, KeyError, ValueError) as error:
-        raise ConfigError(f'poses.file {path}: expected a list of '
-                          '{name, position: [x, y, z], orientation: [x, y, z, w]}') from error
-    return read_poses(names, numbers)

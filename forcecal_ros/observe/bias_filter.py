@@ -37,6 +37,7 @@ Where [Ukf2025] leaves a choice open, this is ours:
   the rise time. No free motion can show Q: it is the room left to contact.
 """
 
+from collections.abc import Callable
 from math import exp, inf, log, nan
 from typing import Any, NamedTuple
 
@@ -65,6 +66,9 @@ from forcecal_ros.observe.sample import (
 from forcecal_ros.observe.settings import FilterSettings
 import numpy as np
 from scipy.special import chdtri
+
+WRENCH, BIAS, MASS = slice(0, 6), slice(6, 12), 12
+"""Where they are among the states; the mass where it is one."""
 
 MAX_PERIOD_S = 10.0
 """A pause counts as at most this long: all but the biases is forgotten by then, and covariances
@@ -162,6 +166,9 @@ class BiasModel(NamedTuple):
         Where the biases start; with six states, what they are.
     bias_cov, bias_walk : ndarray, shape (6, 6)
         At the start; gained in one second.
+    H : ndarray, shape (6, n)
+        An unloaded reading of 6 and of 12 states: y = F + b. [Ukf2025] measures F alone; weight
+        and inertia are removed already.
     covariances : Covariances
     contact : ContactModel
     """
@@ -170,6 +177,7 @@ class BiasModel(NamedTuple):
     bias: Array
     bias_cov: Array
     bias_walk: Array
+    H: Array
     covariances: Covariances
     contact: ContactModel
 
@@ -202,7 +210,8 @@ def bias_model(calibration: Calibration, settings: FilterSettings, pose_noise: A
     bias_cov = np.diag(std ** 2) + pair(*settings.bias_prior) + 1e-4 * covariances.R
     return BiasModel(
         settings=settings, bias=calibration.wrench_bias.value, bias_cov=bias_cov,
-        bias_walk=pair(*settings.bias_walk), covariances=covariances,
+        bias_walk=pair(*settings.bias_walk), H=np.tile(np.eye(6), settings.states // 6),
+        covariances=covariances,
         contact=ContactModel(pair(*settings.contact_floor), slow_noise,
                              float(chdtri(6, settings.false_alarm)),
                              settings.contact_window, settings.release_time))
@@ -245,11 +254,6 @@ def transition(model: BiasModel, dt: float, contact: bool) -> tuple[Array, Array
     if model.augmented:
         Q[6:, 6:] = model.bias_walk * dt
     return A, Q
-
-
-_WRENCH, _SUM = np.eye(6), np.hstack([np.eye(6), np.eye(6)])
-"""An unloaded reading of 6 and of 12 states: y = F + b. [Ukf2025] measures F alone; weight and
-inertia are removed already."""
 
 
 class Contact(NamedTuple):
@@ -338,8 +342,39 @@ def opened(belief: Gaussian) -> Gaussian:
     cov = belief.cov.copy()
     # at the onset of contact the wrench is held for that many times as uncertain, in variance, as
     # its bias: then what came up is read as wrench (91 % of it at once), not as bias
-    cov[:6, :6] += 10.0 * cov[6:12, 6:12]
+    cov[WRENCH, WRENCH] += 10.0 * cov[BIAS, BIAS]
     return Gaussian(belief.mean, cov)
+
+
+class Taken(NamedTuple):
+    """A reading that was taken in: what it left, what was expected, its NIS without contact."""
+
+    states: Gaussian
+    contact: Contact
+    expected: Expected
+    nis: float
+
+
+def take_reading(states: Gaussian, expect: Callable[[Gaussian], Expected], reading: Array,
+                 R: Array, contact: Contact, dt: float, model: ContactModel,
+                 learns: slice | None) -> Taken:
+    """
+    Test a reading for contact, ``dt`` [s] after the one before, and take it in.
+
+    Parameters
+    ----------
+    reading : ndarray, shape (k,)
+        A wrench, then what else was read; ``R`` (6, 6) is the covariance of the wrench's noise.
+    learns : slice or None
+        States that only readings without contact may teach.
+    """
+    expected = expect(states)
+    after, nis = assess(contact, free_hypothesis(states, expected, reading[:6], R), dt, model)
+    if learns and after.assumed and not contact.assumed:
+        states = opened(states)
+        expected = expect(states)
+    return Taken(condition(states, expected, reading, learns if after.assumed else None), after,
+                 expected, nis)
 
 
 class Belief(NamedTuple):
@@ -386,17 +421,13 @@ def learn(memory: Any, reading: Unloaded, model: BiasModel) -> tuple[Belief, Con
 def _filter(belief: Belief, reading: Unloaded, dt: float, model: BiasModel
             ) -> tuple[Belief, ContactSample]:
     y, R = np.array(reading.measured) + model.bias, model.covariances.R
-    H, offset = (_SUM, 0.0) if model.augmented else (_WRENCH, model.bias)
-    moved = predict(belief.states, *transition(model, dt, belief.contact.assumed))
-    expected = expect_linear(moved, H, offset, R)
-    contact, nis = assess(belief.contact, free_hypothesis(moved, expected, y, R), dt,
-                          model.contact)
-    frozen = slice(6, 12) if contact.assumed and model.augmented else None
-    if frozen and not belief.contact.assumed:
-        moved = opened(moved)
-        expected = expect_linear(moved, H, offset, R)
-    belief = Belief(reading.t, condition(moved, expected, y, frozen), contact)
-    return belief, _sample(belief, reading, model, y - expected.mean, nis)
+    learns, offset = (BIAS, 0.0) if model.augmented else (None, model.bias)
+    taken = take_reading(
+        predict(belief.states, *transition(model, dt, belief.contact.assumed)),
+        lambda states: expect_linear(states, model.H, offset, R), y, R, belief.contact, dt,
+        model.contact, learns)
+    belief = Belief(reading.t, taken.states, taken.contact)
+    return belief, _sample(belief, reading, model, y - taken.expected.mean, taken.nis)
 
 
 def _sample(belief: Belief, reading: Unloaded, model: BiasModel,

@@ -17,19 +17,19 @@ from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.geometry import Array, skew
 from forcecal_ros.observe.bias_filter import (
-    assess,
+    BIAS,
     BiasModel,
     Contact,
-    free_hypothesis,
     learned_of,
+    MASS,
     MAX_PERIOD_S,
-    opened,
     relaxation,
+    take_reading,
+    WRENCH,
     wrench_tuple,
 )
 from forcecal_ros.observe.design import design
 from forcecal_ros.observe.gaussian import (
-    condition,
     expect,
     first,
     Function,
@@ -52,11 +52,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
-WRENCH, BIAS, MASS = slice(0, 6), slice(6, 12), 12
-
 TILT, ACCELERATION = slice(13, 15), slice(15, 18)
+"""Where they are among the states, behind wrench, bias and mass."""
 
-STATES = 18
+STATES = ACCELERATION.stop
 
 LEARNED = slice(6, 13)
 """Biases and mass: what only readings without contact may teach."""
@@ -425,17 +424,13 @@ def _filter(state: PoseFreeState, t: float, y: Array, f: Array | None, omega: Ar
     moved = predict(state.belief.states, A, Q)
     h, k = readings(level, model, turning), 6 if f is None else 9
     reading = np.concatenate([y, _NOTHING if f is None else f])[:k]
-    expected = first(k, expect(moved, h, model.noise))
-    free = free_hypothesis(moved, expected, y, model.noise[:6, :6])
-    contact, nis = assess(state.contact, free, dt, model.wrench.contact)
-    frozen = LEARNED if contact.assumed else None
-    if frozen and not state.contact.assumed:
-        moved = opened(moved)
-        expected = first(k, expect(moved, h, model.noise))
-    inertial = expected.mean[:6] - moved.mean[WRENCH] - moved.mean[BIAS]
-    belief = relevelled(level, condition(moved, expected, reading, frozen))
-    state = PoseFreeState(t, belief, contact, filtered)
-    return state, _report(state, model, t, status, nis, y - expected.mean[:6], inertial,
+    taken = take_reading(
+        moved, lambda states: first(k, expect(states, h, model.noise)), reading,
+        model.noise[:6, :6], state.contact, dt, model.wrench.contact, LEARNED)
+    expected = taken.expected.mean[:6]
+    inertial = expected - moved.mean[WRENCH] - moved.mean[BIAS]
+    state = PoseFreeState(t, relevelled(level, taken.states), taken.contact, filtered)
+    return state, _report(state, model, t, status, taken.nis, y - expected, inertial,
                           y - model.wrench.bias - inertial)
 
 

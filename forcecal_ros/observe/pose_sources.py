@@ -15,6 +15,7 @@ from forcecal_ros.core.geometry import (
     ZERO,
 )
 from forcecal_ros.core.schema import Vector7
+from forcecal_ros.core.streams import CLOCK_JUMP_S
 from forcecal_ros.io.transforms import FIELDS, FORM, Route, route, transforms_of
 from forcecal_ros.io.urdf import Description, Joint
 from forcecal_ros.observe.frames import combine, invert, Placement
@@ -22,11 +23,6 @@ from forcecal_ros.observe.frames import combine, invert, Placement
 KEPT_VALUES = 1000
 """Transforms that are kept of each frame, to interpolate between: one second at 1 kHz. One that is
 later than that against the others counts as lost."""
-
-CLOCK_JUMP_NS = 1_000_000_000
-"""Stamps that go back by more are of a clock that was set, or of a recording that begins again;
-by less, of messages that overtook each other [ns]."""
-
 
 NEVER_NS = -2**63
 """Before any stamp [ns]."""
@@ -109,7 +105,7 @@ class TransformPose:
             self._fixed.pop(child, None)
             kept = self._moving[child] = deque(maxlen=KEPT_VALUES)
         elif stamp <= kept[-1][0]:
-            if kept[-1][0] - stamp < CLOCK_JUMP_NS:
+            if kept[-1][0] - stamp < CLOCK_JUMP_S * 1e9:
                 return
             self._forget()
             kept = self._moving[child] = deque(maxlen=KEPT_VALUES)
@@ -322,7 +318,7 @@ class JointPose:
             if one is None:
                 continue
             if kept and stamp <= kept[-1][0]:
-                if kept[-1][0] - stamp < CLOCK_JUMP_NS:
+                if kept[-1][0] - stamp < CLOCK_JUMP_S * 1e9:
                     continue
                 self._forget()
             kept.append((stamp, one))

@@ -23,15 +23,13 @@ from forcecal_ros.io.transforms import (
     transforms_of,
     way_up,
 )
-from forcecal_ros.io.urdf import Description, Joint
+from forcecal_ros.io.urdf import Description, FARTHEST_TURN, Joint
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 FROM_TF = 'tf:'
 """``tf:BASE:SENSOR`` in place of a topic's name."""
 
-FARTHEST_TURN = 4.0 * np.pi
-"""Joints between limits turn by less: those of arms by one turn either way, 6.3 rad."""
 
 
 @dataclass

@@ -25,14 +25,13 @@ from forcecal_ros.io.csv_import.specification import (
     UNITS,
 )
 from forcecal_ros.io.csv_import.table import nanoseconds, read_table, Table
+from forcecal_ros.io.urdf import FARTHEST_TURN
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 _NOT_A_ROTATION = 1e-2
 """A matrix or quaternion that is further from orthogonal or from norm 1 is no rotation."""
-_TOO_FAR = 4 * np.pi
-"""Two turns [rad], more than the wrist of a robot makes: unwrapped angles may pass one."""
 
 
 @dataclass(frozen=True)
@@ -234,7 +233,7 @@ def _rotations(table: Table, signal: Signal) -> Array:
     values = _part(table, signal, name)
     if name in ANGLES:
         _refuse(table, ~np.isfinite(values).all(axis=1), 'no angles')
-        _refuse(table, (np.abs(values) > _TOO_FAR).any(axis=1),
+        _refuse(table, (np.abs(values) > FARTHEST_TURN).any(axis=1),
                 f'more than two turns ({np.abs(values).max():.4g} rad); is {name} in degrees '
                 '(unit: deg)?')
         return _turn(name, values)

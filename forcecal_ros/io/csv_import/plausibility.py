@@ -5,12 +5,9 @@ from collections.abc import Iterator, Mapping
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import PoseStream, Stream
+from forcecal_ros.io.bags.header_stamps import MANY, SLOWEST
 from forcecal_ros.io.csv_import.table import Table
 import numpy as np
-
-SLOW, MANY = 2.5, 1000
-"""So many rows at no more than so many a second [Hz] are questioned: a log of 0.4 to 2.5 kHz whose
-milliseconds are taken for seconds looks like that."""
 
 FASTEST = 50_000.0
 """No force sensor sends more rows a second [Hz]."""
@@ -36,7 +33,7 @@ many times as much it leaves by the orientation as it was read."""
 
 def question_rate(rows: int, span: float, what: str, unit: str) -> Iterator[str]:
     """Question a rate that no sensor has; ``span`` from the first row to the last [s]."""
-    if rows >= MANY and rows <= SLOW * span:
+    if rows >= MANY and rows <= SLOWEST * span:
         yield (f'{what}: {rows} rows over {span / 3600:.2g} h, {rows / span:.3g} a second; if '
                f'that is too slow, time is not in {unit}: state the unit that it is in')
     if rows >= MANY and rows > FASTEST * span:
