@@ -150,16 +150,13 @@ def pose_free_model(calibration: Calibration, settings: ObserverSettings = Obser
         raise ConfigError('the calibration holds no noise.specific_force; calibrate with a '
                           'stretch at rest')
     wrench = design(calibration, settings).bias_filter
-    if wrench is None or not wrench.augmented:
-        raise ConfigError(f'filter {settings.filter} with {settings.learning.states} states needs '
-                          f'a pose; without one use {LEARNING[0]} with 12')
+    if wrench is None:
+        raise ConfigError(f'filter {settings.filter} needs a pose; without one use {LEARNING[0]}')
     com = calibration.com.value
     place = com if accelerometer.position is None else accelerometer.position.value
     inertia = np.zeros((3, 3)) if calibration.inertia is None else calibration.inertia.value
     mass_std = float(np.nan_to_num(calibration.mass.std))
-    paper = settings.learning.covariances == 'paper'
-    R = block_diag(wrench.covariances.R if paper else noise.wrench.value,
-                   noise.specific_force.value)
+    R = block_diag(noise.wrench.value, noise.specific_force.value)
     return PoseFreeModel(
         wrench, imu, calibration.gravity, float(calibration.mass),
         sqrt(mass_std ** 2 + imu.payload_std ** 2 + 1e-12),
@@ -440,7 +437,7 @@ def _report(state: PoseFreeState, model: PoseFreeModel, t: float, status: int, n
     level, (mean, cov) = _UNKNOWN if state.belief is None else state.belief
     innovation, inertial, measured = (
         (wrench_tuple(one) for one in wrenches) if wrenches else (NO_WRENCH,) * 3)
-    learned = learned_of(Gaussian(mean[:12], cov[:12, :12]), state.contact, nis, model.wrench)
+    learned = learned_of(Gaussian(mean[:12], cov[:12, :12]), state.contact, nis)
     # tilt about the first axis moves gravity along the second, and the other way round
     across = level[:, 1::-1] * (-1.0, 1.0)
     variance = ((across @ cov[TILT, TILT]) * across).sum(axis=1)

@@ -6,13 +6,7 @@ from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.core.streams import Stream
 from forcecal_ros.observe import design, FilterSettings, ObserverSettings, Status
 from forcecal_ros.observe.bandwidth import load_maps
-from forcecal_ros.observe.bias_filter import (
-    begin,
-    gain_of,
-    learn,
-    paper_covariances,
-    transition,
-)
+from forcecal_ros.observe.bias_filter import begin, Covariances, gain_of, learn, transition
 from forcecal_ros.observe.contact import Memory, tool_wrench
 from forcecal_ros.observe.gaussian import Gaussian
 from forcecal_ros.observe.playback import white_noise, with_noise
@@ -27,8 +21,6 @@ from scipy.stats import chi2
 DT = 0.001
 ZERO = (0.0,) * 3
 LOAD = (1.0, -2.0, 5.0, 0.1, 0.2, 0.0)
-KINDS = {'ukf': ObserverSettings('ukf'),
-         'six': ObserverSettings('ukf', learning=FilterSettings(states=6))}
 NUMBER = st.floats(-4e8, 4e8)
 
 
@@ -38,13 +30,8 @@ def calibration():
 
 
 @pytest.fixture(scope='module')
-def models(calibration):
-    return {name: design(calibration, choice).bias_filter for name, choice in KINDS.items()}
-
-
-@pytest.fixture(scope='module')
-def model(models):
-    return models['ukf']
+def model(calibration):
+    return learning(calibration)
 
 
 def learning(calibration, **choices):
@@ -88,9 +75,7 @@ def pushed(n, at, force, axis=0):
 @example(measured=[4e8] * 6, t=1e300)
 @example(measured=[1.0] * 6, t=1e-7)
 @settings(max_examples=60, deadline=None)
-@pytest.mark.parametrize('kind', KINDS)
-def test_no_sample_makes_the_filter_raise_or_lose_its_numbers(models, kind, measured, t):
-    model = models[kind]
+def test_no_sample_makes_the_filter_raise_or_lose_its_numbers(model, measured, t):
     belief, _ = learn(begin(model), reading(0.0, ZERO * 2), model)
     _, sample = learn(belief, reading(t, measured), model)
     assert np.isfinite(sample.contact).all()
@@ -218,13 +203,6 @@ def test_the_errors_are_as_large_as_the_filter_says_for_a_wrench_that_wanders(ca
         np.ones(6), abs=4 * np.sqrt(2 / runs))
 
 
-def test_six_states_keep_the_calibration_s_bias(models):
-    _, samples = run(models['six'], np.zeros((300, 6)), np.random.default_rng(12))
-    last = samples[-1].learned
-    assert (last.bias == models['six'].bias).all()
-    assert (last.correlation == 0).all()
-
-
 
 ZERO = (0.0,) * 3
 
@@ -243,16 +221,10 @@ def test_at_rest_the_weight_is_on_the_wire_as_rig_and_drivers_have_it(calibratio
         np.concatenate([m * g, np.cross(c, m * g)]))
 
 
-def test_the_paper_s_covariances_are_those_it_prints():
-    Q, R, P0, period = paper_covariances()
-    assert Q.diagonal() == pytest.approx([0.01] * 3 + [0.001] * 3)
-    assert R.diagonal() == pytest.approx([0.1] * 3 + [0.01] * 3)
-    assert P0.diagonal() == pytest.approx([1.0] * 3 + [0.1] * 3)
-    assert period == 0.001
-
-
 def test_the_paper_s_r_taken_as_noise_gives_three_times_its_table(calibration):
-    model = learning(calibration, covariances='paper', states=6)
+    model = learning(calibration)._replace(covariances=Covariances(
+        np.diag([0.01] * 3 + [0.001] * 3), np.diag([0.1] * 3 + [0.01] * 3),
+        np.diag([1.0] * 3 + [0.1] * 3), DT))
     noise = np.sqrt(model.covariances.R.diagonal())
     rng = np.random.default_rng(4)
     belief, errors = begin(model), []
