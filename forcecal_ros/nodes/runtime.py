@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from difflib import get_close_matches
 from functools import partial
 import gc
+from math import copysign, isfinite
 import os
 from pathlib import Path
 import signal
@@ -466,12 +467,10 @@ def refuse_changes(node: Node, check: Callable[[dict[str, Any]], object]) -> Non
 
 
 def _descriptor(row: Parameter) -> ParameterDescriptor:
-    # bound in the descriptor of a range that is open on one side: beyond any value of a parameter
-    unbounded = 1e9
     descriptor = ParameterDescriptor(description=row.text, read_only=not row.live)
-    bounded = row.low is not None or row.high is not None
-    low = row.low if row.low is not None else -unbounded
-    high = row.high if row.high is not None else unbounded
+    # of a range that is open on one side: beyond any value of a parameter
+    low, high = (x if isfinite(x) else copysign(1e9, x) for x in (row.low, row.high))
+    bounded = row.row.range()
     if bounded and isinstance(row.default, float):
         descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
     elif bounded and isinstance(row.default, int):

@@ -1,5 +1,6 @@
 """The files of config/ are those written from the rows, and hold what the nodes declare."""
 
+from math import isfinite
 from pathlib import Path
 
 from forcecal_ros.nodes.config import config_files, TABLES
@@ -45,5 +46,5 @@ def test_every_parameter_stands_below_its_meaning_and_range(node):
     text = ' '.join(line.strip().removeprefix('# ')
                     for line in (CONFIG / f'{node}.yaml').read_text().splitlines())
     for row in TABLES[node][0]:
-        bounded = row.low is not None and row.high is not None
+        bounded = isfinite(row.low) and isfinite(row.high)
         assert row.text + (f' (from {row.low:.6g} to' if bounded else '') in text, row.name

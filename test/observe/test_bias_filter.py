@@ -284,7 +284,7 @@ def test_a_calibration_without_noise_takes_it_from_a_recording(calibration):
 
 
 def test_missing_noise_is_an_error_that_says_what_to_do(calibration):
-    with pytest.raises(ConfigError, match='covariances: paper'):
+    with pytest.raises(ConfigError, match='R is unknown; calibrate again'):
         learning(replace(calibration, noise=None))
 
 
@@ -293,7 +293,7 @@ def test_static_needs_no_noise(calibration):
 
 
 @pytest.mark.parametrize('wrong', [
-    {'states': 8}, {'covariances': 'guess'}, {'rise_time': 0.0}, {'relaxation': float('nan')},
+    {'rise_time': 0.0}, {'relaxation': float('nan')},
     {'bias_walk': (1.0,)}, {'contact_floor': (-1.0, 0.0)}, {'false_alarm': 1.0}])
 def test_settings_that_make_no_sense_are_refused(wrong):
     with pytest.raises(ConfigError, match=f'gravity.{next(iter(wrong))}'):
