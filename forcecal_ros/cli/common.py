@@ -80,7 +80,7 @@ def add_bag(parser: argparse.ArgumentParser, *, several: str = '') -> None:
         What becomes of several; without it there is one.
     """
     if several:
-        parser.add_argument('bag', metavar='BAG', nargs='+', action=Listed,
+        parser.add_argument('bag', metavar='BAG', nargs='+',
                             help='rosbag2 folder or file (mcap, sqlite3); several, or @FILE with '
                                  f'one a line: {several}')
     else:
@@ -91,32 +91,6 @@ def add_bag(parser: argparse.ArgumentParser, *, several: str = '') -> None:
         '--wrench-sign', type=int, choices=(1, -1),
         help='-1 for a driver that reports the wrench of the tool on its environment (default: '
              'as the calibration has it, or 1)')
-
-
-class Listed(argparse.Action):
-    """Replaces @FILE by what it lists, one a line, without comments."""
-
-    def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace,
-                 values: Any, option_string: str | None = None) -> None:
-        """Put what is named, and what is listed, into the arguments."""
-        named = [line for word in values
-                 for line in (self._listed(word[1:]) if word.startswith('@') else [word])]
-        if not named or '' in named:
-            what = 'an empty name' if named else 'nothing'
-            raise argparse.ArgumentError(
-                self, f'{what} is given; name a {self.metavar}, or @FILE with one a line')
-        setattr(namespace, self.dest, named)
-
-    def _listed(self, file: str) -> list[str]:
-        try:
-            lines = Path(file).read_text().splitlines()
-            return [line for line in lines if line and not line.startswith('#')]
-        except OSError as error:
-            why = error.strerror
-        except UnicodeDecodeError:
-            why = 'it is not text'
-        raise argparse.ArgumentError(
-            self, f'@{file}: cannot be read ({why}); name a file with one {self.metavar} a line')
 
 
 def add_topics(parser: argparse.ArgumentParser, option: str = '--topic', of: str = '') -> None:

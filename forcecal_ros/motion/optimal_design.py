@@ -39,8 +39,11 @@ from forcecal_ros.motion.profiles import (
     step_goal,
 )
 import numpy as np
+from scipy.linalg import block_diag
 
-_TOOL, _ACCELEROMETER = 10, 16
+TOOL, PARAMETERS = 10, 26
+"""Of the tool: mass, force bias, first moment, torque bias; with those of the accelerometer:
+offset, map (row by row), delay, lever from the centre of mass."""
 
 
 class Sensors(NamedTuple):
@@ -111,61 +114,24 @@ def _density(density: Estimate | None, covariance: Estimate, rate: float) -> Arr
     return np.diag(covariance.value / rate if density is None else density.value)
 
 
-class Information(NamedTuple):
-    """
-    Fisher information, which adds up over stretches of a sequence.
-
-    Attributes
-    ----------
-    tool : ndarray, shape (10, 10)
-        Of mass, force bias, first moment, torque bias.
-    accelerometer : ndarray, shape (16, 16)
-        Of offset, map (row by row), delay, lever from the centre of mass.
-    by_tool : ndarray, shape (16, 10)
-        How errors of the tool enter the normal equations of the accelerometer.
-    """
-
-    tool: Array
-    accelerometer: Array
-    by_tool: Array
-
-    def plus(self, other: 'Information', times: float = 1.0) -> 'Information':
-        """Return the sum with ``times`` another."""
-        return Information(*(a + times * b for a, b in zip(self, other)))
-
-    def covariances(self) -> tuple[Array, Array]:
-        """Return those of the tool (10, 10) and of the accelerometer (16, 16)."""
-        tool = _inverse(self.tool)
-        inverse = _inverse(self.accelerometer)
-        carried = inverse @ self.by_tool
-        return tool, inverse + carried @ tool @ carried.T
-
-
-def nothing() -> Information:
-    """Return the information of no reading."""
-    return Information(np.zeros((_TOOL, _TOOL)), np.zeros((_ACCELEROMETER, _ACCELEROMETER)),
-                       np.zeros((_ACCELEROMETER, _TOOL)))
-
-
-def at_rest(R_base_sensor: Array, sensors: Sensors) -> Information:
-    """Return the information of one second in a pose."""
+def at_rest(R_base_sensor: Array, sensors: Sensors) -> Array:
+    """Return the Fisher information of one second in a pose, shape (26, 26)."""
     g = -sensors.gravity * R_base_sensor[2]
-    design = np.zeros((6, _TOOL))
-    design[:3, 0] = g
-    design[:3, 1:4] = design[3:, 7:] = np.eye(3)
-    design[3:, 4:7] = -skew(g)
-    design /= np.repeat([sensors.force, sensors.torque], 3)[:, None]
-    empty = nothing()
-    if not sensors.has_accelerometer:
-        return empty._replace(tool=design.T @ design)
-    J = _accelerometer_rows(-g[None], np.zeros((1, 3)), np.zeros((1, 3, 3)), sensors)[0]
-    return empty._replace(tool=design.T @ design, accelerometer=J.T @ J / sensors.volts**2)
+    J = np.zeros((9, PARAMETERS))
+    J[:3, 0] = g
+    J[:3, 1:4] = J[3:6, 7:TOOL] = np.eye(3)
+    J[3:6, 4:7] = -skew(g)
+    J[:6] /= np.repeat([sensors.force, sensors.torque], 3)[:, None]
+    if sensors.has_accelerometer:
+        J[6:, TOOL:] = _accelerometer_rows(-g[None], np.zeros((1, 3)), np.zeros((1, 3, 3)),
+                                           sensors)[0] / sensors.volts
+    return np.asarray(J.T @ J)
 
 
-def in_motion(move: Move, sensors: Sensors) -> Information:
-    """Return the information of a move, or of settling where it has no distance."""
+def in_motion(move: Move, sensors: Sensors) -> Array:
+    """Return the same of a move, or of settling where it has no distance."""
     if not sensors.has_accelerometer:
-        return nothing()
+        return np.zeros((PARAMETERS, PARAMETERS))
     # moves are sampled that densely [s]: the block length of the identification
     n = max(2, round(move.duration / 0.02))
     s, rate, change = quintic((np.arange(n) + 0.5) / n)
@@ -173,26 +139,22 @@ def in_motion(move: Move, sensors: Sensors) -> Information:
     alpha = change[:, None] * move.turn / move.duration**2
     R = move.start.R_base_sensor @ rotation_from_vector(s[:, None] * move.turn)
     f = sensors.gravity * R[:, 2]
-    J = _accelerometer_rows(f, -np.cross(omega, f), skew(alpha) + skew(omega) @ skew(omega),
-                            sensors)
+    J = np.zeros((n, 3, PARAMETERS))
+    J[:, :, TOOL:] = _accelerometer_rows(
+        f, -np.cross(omega, f), skew(alpha) + skew(omega) @ skew(omega), sensors)
     # f = (b_F - F) / m, by the mass and by the force bias
-    by_tool = np.zeros((n, 3, _TOOL))
-    by_tool[:, :, 0] = -f * sensors.gain / sensors.mass
-    by_tool[:, :, 1:4] = np.eye(3) * sensors.gain / sensors.mass
-    weight = move.duration / n / (
-        sensors.volts**2 + (sensors.gain * sensors.force / sensors.mass)**2)
-    return nothing()._replace(accelerometer=weight * _products(J, J),
-                              by_tool=weight * _products(J, by_tool))
-
-
-def _products(a: Array, b: Array) -> Array:
-    """Sum a^T b over n instants and three readings, (n, 3, p) and (n, 3, q) to (p, q)."""
-    return a.reshape(-1, a.shape[2]).T @ b.reshape(-1, b.shape[2])
+    J[:, :, 0] = -f * sensors.gain / sensors.mass
+    J[:, :, 1:4] = np.eye(3) * sensors.gain / sensors.mass
+    J *= np.sqrt(move.duration / n / (
+        sensors.volts**2 + (sensors.gain * sensors.force / sensors.mass)**2))
+    information = np.einsum('nij,nik->jk', J, J)
+    information[:TOOL, :TOOL] = 0.0  # the tool is identified at rest alone
+    return np.asarray(information)
 
 
 def _accelerometer_rows(f: Array, slope: Array, turning: Array, sensors: Sensors) -> Array:
     """Jacobian of the three readings at each of n instants, shape (n, 3, 16)."""
-    J = np.zeros((len(f), 3, _ACCELEROMETER))
+    J = np.zeros((len(f), 3, PARAMETERS - TOOL))
     for i in range(3):
         J[:, i, i] = 1.0
         J[:, i, 3 + 3 * i:6 + 3 * i] = f
@@ -237,18 +199,19 @@ class Errors(NamedTuple):
         return [name for name, (_, at) in GROUPS.items() if at[-1] < len(self.covariance)]
 
 
-def errors_of(information: Information, sensors: Sensors) -> Errors:
+def errors_of(information: Array, sensors: Sensors) -> Errors:
     """Return the covariance that an information promises, the centre of mass in metres."""
-    tool, accelerometer = information.covariances()
-    to_com = np.eye(10)
+    tool = _inverse(information[:TOOL, :TOOL])
+    to_com = np.eye(TOOL)
     to_com[4:7, 4:7] /= sensors.mass
     to_com[4:7, 0] = -sensors.com / sensors.mass
-    tool = to_com @ tool @ to_com.T
+    in_metres = to_com @ tool @ to_com.T
     if not sensors.has_accelerometer:
-        return Errors(tool)
-    both = np.zeros((22, 22))
-    both[:10, :10], both[10:, 10:] = tool, accelerometer[:12, :12]
-    return Errors(both)
+        return Errors(in_metres)
+    inverse = _inverse(information[TOOL:, TOOL:])
+    carried = inverse @ information[TOOL:, :TOOL]
+    accelerometer = inverse + carried @ tool @ carried.T
+    return Errors(np.asarray(block_diag(in_metres, accelerometer[:12, :12])))
 
 
 def d_optimality(errors: Errors) -> float:
@@ -323,11 +286,11 @@ class Planner:
     duration: float
 
     @cached_property
-    def _moves(self) -> dict[tuple[int, int], tuple[float, Information] | None]:
+    def _moves(self) -> dict[tuple[int, int], tuple[float, Array] | None]:
         """Duration and information of the moves looked at so far; None where not allowed."""
         return {}
 
-    def move(self, i: int, j: int) -> tuple[float, Information] | None:
+    def move(self, i: int, j: int) -> tuple[float, Array] | None:
         """Return duration and information of a move; None where a limit forbids it."""
         if (i, j) not in self._moves:
             try:
@@ -349,7 +312,7 @@ class Planner:
             raise MotionError(f'of {others} candidate poses {others - len(refused)} are within '
                               f'the limits: {refused[0]}')
 
-    def _moved(self, start: Pose, goal: Pose) -> tuple[float, Information] | None:
+    def _moved(self, start: Pose, goal: Pose) -> tuple[float, Array] | None:
         if Move(start, goal, 1.0).angle > LONGEST_TURN:
             return None
         move = Move(start, goal, shortest_duration(start, goal, self.robot.pace))
@@ -357,7 +320,7 @@ class Planner:
         return move.duration, in_motion(move, self.sensors)
 
     @cached_property
-    def _rests(self) -> list[tuple[Information, Information]]:
+    def _rests(self) -> list[tuple[Array, Array]]:
         """What a second of measuring and of settling contributes in each pose."""
         return [(at_rest(pose.R_base_sensor, self.sensors),
                  in_motion(Move(pose, pose, 1.0), self.sensors)) for pose in self.poses]
@@ -381,15 +344,14 @@ class Planner:
 
     def errors(self, sequence: Sequence[int], measure: float) -> Errors:
         """Return what a sequence of allowed moves promises."""
-        total = nothing()
+        total = np.zeros((PARAMETERS, PARAMETERS))
         for pair in self._pairs(sequence):
             if one := self.move(*pair):
-                total = total.plus(one[1])
+                total += one[1]
         for i in sequence:
             resting, settling = self._rests[i]
-            total = total.plus(resting, measure).plus(settling, SETTLE)
-        total = total.plus(self._rests[0][1], SETTLE + self._step)
-        return errors_of(total, self.sensors)
+            total += measure * resting + SETTLE * settling
+        return errors_of(total + (SETTLE + self._step) * self._rests[0][1], self.sensors)
 
     def value(self, sequence: Sequence[int]) -> float:
         """Return the criterion; infinite where the sequence does not fit."""
