@@ -98,13 +98,15 @@ def parameter_file(node: str, table: Iterable[Parameter], heading: str) -> str:
     """
     Return the text of a node's parameter file, every parameter at its default with its meaning.
 
-    ``heading`` is its first comment. Names without a dot come first, then the groups.
+    ``heading`` is its first comment, of one line or more. Names without a dot come first, then
+    the groups.
     """
     groups: dict[str, list[tuple[str, Parameter]]] = {'': []}
     for parameter in table:
         group, dot, name = parameter.name.partition('.')
         groups.setdefault(group if dot else '', []).append((name or group, parameter))
-    lines = [*_comment(heading, ''), *_comment(_FLOATS, ''), f'/**/{node}:', '  ros__parameters:']
+    lines = [line for part in (*heading.splitlines(), _FLOATS) for line in _comment(part, '')]
+    lines += [f'/**/{node}:', '  ros__parameters:']
     for group, rows in groups.items():
         lines += [f'    {group}:'] if group else []
         for name, parameter in rows:

@@ -24,9 +24,8 @@ from forcecal_ros.core.geometry import (
     skew,
     STANDARD_GRAVITY,
 )
-from forcecal_ros.core.parameters import parameters_of
+from forcecal_ros.core.parameters import Parameter, parameter_file, parameters_of
 from forcecal_ros.core.quantity import size, sizes
-from forcecal_ros.core.schema import yaml_value
 from forcecal_ros.motion.limits import check_move, Limits, pace_within, share_allowed
 from forcecal_ros.motion.plan import Timing
 from forcecal_ros.motion.profiles import (
@@ -422,23 +421,15 @@ def sequencer_parameters(sequence: str, poses: Mapping[str, Pose], timing: Timin
     heading : str
         Comment at its top.
     """
-    numbers = [round(x, 12) + 0.0 for x in flatten_poses(poses)]
-    rows = [yaml_value(numbers[i:i + POSE_LENGTH])[1:-1]
-            for i in range(0, len(numbers), POSE_LENGTH)]
-    comment = ''.join(f'# {line}'.rstrip() + '\n' for line in heading.splitlines())
-    return (f'{comment}/**/sequencer:\n  ros__parameters:\n    sequence: {sequence}\n    poses:\n'
-            f'      names: {yaml_value(list(poses))}\n      values: [\n        '
-            + ',\n        '.join(rows) + ']\n'
-            + _group('timing', timing, Timing()) + _group('pace', pace, Pace())
-            + _group('limits', limits, Limits()))
-
-
-def _group(name: str, section: Any, usual: Any) -> str:
-    """Return the parameters of a section that are not at their default."""
-    given = [(p.name.partition('.')[2], p.default) for p, other in zip(
-        parameters_of(name, section), parameters_of(name, usual)) if p.default != other.default]
-    return ''.join([f'    {name}:\n' * bool(given),
-                    *(f'      {key}: {yaml_value(value)}\n' for key, value in given)])
+    given = (one for name, section, usual in (
+        ('timing', timing, Timing()), ('pace', pace, Pace()), ('limits', limits, Limits()))
+        for one, other in zip(parameters_of(name, section), parameters_of(name, usual))
+        if one.default != other.default)
+    return parameter_file('sequencer', [
+        Parameter('sequence', sequence, 'Sequence that a start runs'),
+        Parameter('poses.names', list(poses), 'Names of the poses in their order'),
+        Parameter('poses.values', flatten_poses(poses), 'x y z [m] qx qy qz qw of each',
+                  per_line=POSE_LENGTH), *given], heading)
 
 
 def as_text(design: Design) -> str:

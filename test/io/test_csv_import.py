@@ -548,30 +548,6 @@ def test_a_wrench_in_base_is_not_blamed_on_the_orientation(tmp_path):
     assert len(moved(tmp_path, q, in_base=True, quaternion_xyzw='').signals['pose']) == 400
 
 
-def poses_alone(folder, t, angles, unit):
-    text = 't,a,b,c\n' + '\n'.join(','.join(map(repr, row)) for row in np.column_stack(
-        [t, angles]).tolist()) + '\n'
-    return imported(folder, table(text, folder, signals={'pose': {
-        'frame': 'base', 'rpy': {'columns': ['a', 'b', 'c'], 'unit': unit}}}))
-
-
-def test_small_degrees_without_a_wrench_are_told_by_their_speed(tmp_path):
-    t = np.arange(500) / 100.0
-    degrees = np.stack([12 * np.sin(t), 9 * np.cos(1.3 * t), 5 * np.sin(0.7 * t)], axis=1)
-    assert poses_alone(tmp_path, t, degrees, 'deg').notes == ()
-    with pytest.raises(DataError, match='rpy in rad the sensor turns by .*unit: deg'):
-        poses_alone(tmp_path, t, degrees, 'rad')
-
-
-def test_radians_without_a_wrench_are_told_by_their_jumps(tmp_path):
-    t = np.arange(500) / 100.0
-    roll = np.angle(np.exp(1j * (np.pi + 0.3 * np.sin(t))))
-    radians = np.stack([roll, 0.2 * np.cos(t), 0.1 * t], axis=1)
-    assert poses_alone(tmp_path, t, radians, 'rad').notes == ()
-    with pytest.raises(DataError, match=r'line \d+: rpy jumps .* in radians'):
-        poses_alone(tmp_path, t, radians, 'deg')
-
-
 def rows_at(times, cell='1'):
     return HEADER + ''.join(f'{t!r},{cell},2,3,4,5,6\n' for t in times)
 

@@ -88,7 +88,7 @@ def assemble(specification: Specification) -> Imported:
         found: dict[str, Stream | PoseStream | tuple[Phase, ...]] = {}
         for role, signal in one.signals.given.items():
             found[role] = value = _signal(*_having(table, t, signal), signal)
-            notes.extend(_notes(role, signal, table, value, timed=one.time is not None))
+            notes.extend(_notes(role, signal, table, value))
         if one.phases:
             found['phase'] = _phases(one, table, t)
         if not found:
@@ -119,17 +119,12 @@ def _table(specification: TableSpecification) -> Table:
     return table if time is None else table.renewed(names)
 
 
-def _notes(role: str, given: Signal, table: Table, signal: Stream | PoseStream, *, timed: bool
-           ) -> Iterator[str]:
+def _notes(role: str, given: Signal, table: Table, signal: Stream | PoseStream) -> Iterator[str]:
     part, _ = _having(table, np.zeros(len(table)), given)
     if len(part) < len(table):
         yield f'{table.path}: {len(part)} of {len(table)} rows have cells of {role}'
     if isinstance(signal, Stream):
         yield from plausibility.missing(part, role, signal.values)
-    elif timed and (name := _orientation(given)) in ANGLES:
-        plausibility.refuse_degrees_and_radians(
-            part, signal.t, name, part.numbers(given.parts[name].columns), given.parts[name].unit,
-            signal.R_base_sensor)
 
 
 def _refuse_other_readings(tables: Sequence[tuple[TableSpecification, Table]],

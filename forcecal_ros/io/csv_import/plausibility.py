@@ -12,13 +12,6 @@ import numpy as np
 FASTEST = 50_000.0
 """No force sensor sends more rows a second [Hz]."""
 
-TURNS = 6.0
-"""No robot turns a sensor so fast on average [rad/s]; degrees that are taken for radians do."""
-
-HALF_TURN = (3.0, 3.1417)
-"""Angles that jump between the ends of this range with changed sign, and never exceed it, are in
-radians."""
-
 MOST = 2000
 """Rows that are looked at."""
 
@@ -58,29 +51,6 @@ def missing(table: Table, role: str, values: Array) -> Iterator[str]:
     if bad.all() or bad.sum() > max(FEW, SPOILT * len(bad)):
         raise DataError(f'{where}; remove what is not a reading')
     yield f'{where}; they are left out where the recording is used'
-
-
-def refuse_degrees_and_radians(table: Table, t: Array, name: str, angles: Array, unit: str,
-                               R: Array) -> None:
-    """Refuse angles [as written] that are in the other unit, by their speed or their jumps."""
-    if unit == 'rad' and len(t) >= 50:
-        cosine = (np.einsum('nij,nij->n', R[1:], R[:-1]) - 1) / 2
-        rate = float(np.arccos(np.clip(cosine, -1, 1)).sum() / (t[-1] - t[0]))
-        if rate > TURNS:
-            raise DataError(
-                f'{table.path}: by {name} in rad the sensor turns by {rate:.3g} rad/s on average, '
-                f'faster than any robot; is {name} in degrees (unit: deg), or time in another '
-                'unit?')
-    low, high = HALF_TURN
-    vector = name == 'rotation_vector'
-    size = np.linalg.norm(angles, axis=1, keepdims=True) if vector else np.abs(angles)
-    turned = ((angles[1:] * angles[:-1]).sum(axis=1, keepdims=True) < 0 if vector else
-              angles[1:] * angles[:-1] < 0)
-    jumps = turned & (size[1:] > low) & (size[:-1] > low)
-    if unit == 'deg' and size.max() <= high and jumps.any():
-        row = int(np.argmax(jumps.any(axis=1))) + 1
-        raise DataError(f'{table.place(row)}: {name} jumps from one end of +-pi '
-                        'to the other and never exceeds it; is it in radians (unit: rad)?')
 
 
 def refuse_other_reading(wrench: Stream, pose: PoseStream, others: Mapping[str, Array],
