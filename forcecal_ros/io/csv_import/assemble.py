@@ -6,7 +6,7 @@ from itertools import groupby, pairwise
 from pathlib import Path
 
 from forcecal_ros.core.errors import ConfigError, DataError
-from forcecal_ros.core.geometry import Array, matrix_from_quaternion, read_from_w
+from forcecal_ros.core.geometry import Array, matrix_from_quaternion
 from forcecal_ros.core.streams import (
     JointStream,
     Phase,
@@ -134,31 +134,17 @@ def _refuse_other_readings(tables: Sequence[tuple[TableSpecification, Table]],
         return
     table, signal = next((table, one.signals.pose) for one, table in tables if one.signals.pose)
     table, _ = _having(table, np.zeros(len(table)), signal)
-    name = _orientation(signal)
-    plausibility.refuse_other_reading(wrench, pose, _other_readings(table, signal, name),
-                                f'{table.path}: {name}')
-
-
-def _other_readings(table: Table, signal: Signal, name: str) -> Mapping[str, Array]:
-    """R_base_sensor as it would be with the other unit, or the other order."""
-    if name in ANGLES:
-        return _other_angles(name, _part(table, signal, name), signal.parts[name].unit)
-    R = _rotations(table, signal)
-    if name == 'quaternion_xyzw':
-        return {'its columns are in the order w, x, y, z': read_from_w(R),
-                'it is that of base in the sensor: turn the signs of x, y, z':
-                    R.transpose(0, 2, 1)}
-    return {"rows are columns (R_base_sensor, R_sensor_base are each other's transpose)":
-            R.transpose(0, 2, 1)}
+    if (name := _orientation(signal)) in ANGLES:  # others are checked with every recording
+        plausibility.refuse_other_reading(
+            wrench, pose, _other_angles(name, _part(table, signal, name), signal.parts[name].unit),
+            f'{table.path}: {name}')
 
 
 def _other_angles(name: str, angles: Array, stated: str) -> Mapping[str, Array]:
-    """Orientations by angles [rad] that are in the other unit, about other axes or turned."""
+    """Orientations by angles [rad] that are in the other unit or about other axes."""
     unit = 'deg' if stated == 'rad' else 'rad'
     size = UNITS['angle'][unit] / UNITS['angle'][stated]
-    others = {f'its unit is {unit}': _turn(name, size * angles),
-              'it is that of base in the sensor, whose transpose is required':
-                  _turn(name, angles).transpose(0, 2, 1)}
+    others = {f'its unit is {unit}': _turn(name, size * angles)}
     if name != 'rotation_vector':
         others['its columns are in the order yaw, pitch, roll'] = _turn(name, angles[:, ::-1])
     others['its angles are about the moving axes z, y, z, to be written as quaternions'] = (

@@ -15,10 +15,6 @@ FASTEST = 50_000.0
 MOST = 2000
 """Rows that are looked at."""
 
-SPOILT, FEW = 0.01, 5
-"""Share of rows, and number of them, that later commands leave out at most where they are no
-readings (:mod:`forcecal_ros.checks.signals`)."""
-
 FOLLOWS, WORSE = 0.1, 10.0
 """Share of the changes of force that a weight leaves at most where it is what turns there, and how
 many times as much it leaves by the orientation as it was read."""
@@ -35,22 +31,12 @@ def question_rate(rows: int, span: float, what: str, unit: str) -> Iterator[str]
 
 
 def missing(table: Table, role: str, values: Array) -> Iterator[str]:
-    """
-    Say how many rows have cells that are not finite.
-
-    Raises
-    ------
-    DataError
-        More than later commands would leave out.
-    """
+    """Say how many rows have cells that are not finite, and where the first is."""
     bad = ~np.isfinite(values).all(axis=1)
-    if not bad.any():
-        return
-    where = (f'{int(bad.sum())} of {len(bad)} rows of {role} are not finite, first in '
-             f'{table.place(int(np.argmax(bad)))}')
-    if bad.all() or bad.sum() > max(FEW, SPOILT * len(bad)):
-        raise DataError(f'{where}; remove what is not a reading')
-    yield f'{where}; they are left out where the recording is used'
+    if bad.any():
+        yield (f'{int(bad.sum())} of {len(bad)} rows of {role} are not finite, first in '
+               f'{table.place(int(np.argmax(bad)))}; a few are left out where the recording is '
+               'used, remove what is not a reading')
 
 
 def refuse_other_reading(wrench: Stream, pose: PoseStream, others: Mapping[str, Array],
@@ -89,30 +75,17 @@ def other_reading(force: Array, R_base_sensor: Array, others: Mapping[str, Array
     others : mapping of str to ndarray, shape (n, 3, 3)
         R_base_sensor by other readings, and how messages call them.
     """
-    mine, _ = _unexplained_share(force, R_base_sensor)
-    fits = [(*_unexplained_share(force, R), words) for words, R in others.items()]
-    for unexplained, (weight, bias), words in sorted(fits, key=lambda fit: fit[0]):
-        if unexplained < FOLLOWS and WORSE * unexplained < mine and (
-                _is_vertical(weight) or not _is_vertical(bias)):
-            return (f'force turns as a weight does if {words} ({1 - unexplained:.0%} of its '
-                    f'changes follow), not as stated ({1 - mine:.0%})')
+    mine = _unexplained_share(force, R_base_sensor)
+    unexplained, words = min((_unexplained_share(force, R), words) for words, R in others.items())
+    if unexplained < FOLLOWS and WORSE * unexplained < mine:
+        return (f'force turns as a weight does if {words} ({1 - unexplained:.0%} of its changes '
+                f'follow), not as stated ({1 - mine:.0%})')
     return ''
 
 
-def _unexplained_share(force: Array, R: Array) -> tuple[float, Array]:
-    """Share of the changes of force that a constant one in base and a bias leave; these two."""
+def _unexplained_share(force: Array, R: Array) -> float:
+    """Share of the changes of force that a constant one in base and a bias leave."""
     x = np.concatenate([R.transpose(0, 2, 1), np.broadcast_to(np.eye(3), R.shape)], axis=2)
     x, y = x.reshape(-1, 6), force.ravel()
     found = np.linalg.lstsq(x, y, rcond=1e-9)[0]
-    unexplained = float(((y - x @ found) ** 2).sum() / ((force - force.mean(axis=0)) ** 2).sum())
-    return unexplained, found.reshape(2, 3)
-
-
-def _is_vertical(force: Array) -> bool:
-    """
-    Whether a force is a weight's, were base level.
-
-    A wrench expressed in base fits orientations the other way round, with weight and bias
-    exchanged; that is for the checks of frames to say.
-    """
-    return bool(np.hypot(force[0], force[1]) < 0.1 * np.linalg.norm(force))
+    return float(((y - x @ found) ** 2).sum() / ((force - force.mean(axis=0)) ** 2).sum())
