@@ -399,9 +399,9 @@ def stages(args: argparse.Namespace, after: float = PROGRESS_DELAY_S
         print(CLEAR, end='', file=sys.stderr, flush=True)
 
 
-def _number(expected: str, fits: Callable[[float], bool]) -> Callable[[str], float]:
+def number(expected: str, fits: Callable[[float], bool]) -> Callable[[str], float]:
     """Return a function that reads a finite number within limits."""
-    def number(text: str) -> float:
+    def take(text: str) -> float:
         try:
             value = float(text)
         except ValueError as error:
@@ -410,16 +410,16 @@ def _number(expected: str, fits: Callable[[float], bool]) -> Callable[[str], flo
             raise ArgumentTypeError(f'{text} is not {expected}')
         return value
 
-    return number
+    return take
 
 
-real = _number('a number', lambda x: True)
-positive = _number('a number above 0', lambda x: x > 0)
-not_negative = _number('a number, 0 or more', lambda x: x >= 0)
+real = number('a number', lambda x: True)
+positive = number('a number above 0', lambda x: x > 0)
+not_negative = number('a number, 0 or more', lambda x: x >= 0)
 # from the Moon's to Jupiter's: a number outside has a wrong sign or another unit
-gravity = _number('the magnitude of gravity, 1.6 to 25 m/s^2', lambda x: 1.6 <= x <= 25.0)
+gravity = number('the magnitude of gravity, 1.6 to 25 m/s^2', lambda x: 1.6 <= x <= 25.0)
 # a sensor on a wrist is no farther from the force sensor: 30 or 120 is meant in millimetres
-nearby = _number('a coordinate from -1 to 1 m', lambda x: abs(x) <= 1.0)
+nearby = number('a coordinate from -1 to 1 m', lambda x: abs(x) <= 1.0)
 
 
 def _whole(least: int, most: int) -> Callable[[str], int]:

@@ -9,10 +9,10 @@ from forcecal_ros.cli.common import (
     add_topics,
     from_arguments,
     new_parser,
+    number,
     one_of,
     or_nearest,
     POSE7,
-    positive,
     print_json,
     read,
     real,
@@ -28,13 +28,6 @@ if TYPE_CHECKING:
     from forcecal_ros.motion.limits import Limits
     from forcecal_ros.motion.plan import Timing
     from forcecal_ros.motion.profiles import Pace, Pose
-
-
-MAX_TILT_DEG = 170.0
-"""Of --tilt [deg]: a move back from farther has no clear direction."""
-
-MAX_DURATION_S = 3600.0
-"""Of --duration [s]: biases drift within an hour by more than any plan would promise."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -72,9 +65,13 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--calibration', metavar='CALIBRATION.yaml',
                         help='calibration: mass and noise of tool and sensors from an earlier one '
                              "(default: the rig's)")
-    parser.add_argument('--duration', metavar='S', type=positive,
+    # biases drift within an hour by more than any plan would promise
+    parser.add_argument('--duration', metavar='S',
+                        type=number('a time up to 3600 s', lambda x: 0 < x <= 3600.0),
                         help='calibration: time that the sequence may take (default: 16 s)')
-    parser.add_argument('--tilt', metavar='DEG', type=positive,
+    # a move back from farther has no clear direction
+    parser.add_argument('--tilt', metavar='DEG',
+                        type=number('an angle up to 170 deg', lambda x: 0 < x <= 170.0),
                         help='calibration: largest rotation of a pose from home (default: '
                              '100 deg)')
     add_output(parser, '-o', '--output', kind=FILE, metavar='PLAN.yaml',
@@ -147,10 +144,6 @@ def _check(args: argparse.Namespace) -> None:
             raise UsageError(f'--{name} is not for --for {args.purpose}; leave it out')
     if args.after and args.effects:
         raise UsageError('--after and --effects exclude each other: both state the effects')
-    if args.tilt and args.tilt > MAX_TILT_DEG:
-        raise UsageError(f'--tilt {args.tilt:g}: at most {MAX_TILT_DEG:g} deg')
-    if args.duration and args.duration > MAX_DURATION_S:
-        raise UsageError(f'--duration {args.duration:g}: at most {MAX_DURATION_S:g} s')
     for name in {name for name, _ in args.set}:
         values = [value for one, value in args.set if one == name]
         if any(value != values[0] for value in values):

@@ -72,7 +72,7 @@ def test_information_adds_up():
     there = in_motion(Move(HOME, nominal_poses()['h'], 2.0), SENSORS)
     assert not there[:TOOL, :TOOL].any() and np.linalg.eigvalsh(there[TOOL:, TOOL:])[0] > -1e-6
     before, after = (errors_of(one, SENSORS) for one in (a + b + there, a + 2 * b + there))
-    assert all((after.std(name) <= before.std(name)).all() for name in before.names)
+    assert all((after.std(name) < 1.000001 * before.std(name)).all() for name in before.names)
 
 
 def test_a_design_keeps_time_tilt_and_limits_and_is_better_than_the_default():
