@@ -81,7 +81,7 @@ KINDS: dict[str, str] = {
     'FC0105': 'insitu.spec insitu.sources',
     'FC0106': 'io.csv_import.specification io.csv_import.assemble',
     'FC0107': 'io.csv_import.table',
-    'FC0108': 'io.csv_import.plausibility',
+    'FC0108': 'io.csv_import.assemble:refuse_other_reading',
     'FC0109': 'io.urdf io.transforms io.bags.poses observe.pose_sources nodes.inputs',
     'FC0110': 'io.exports',
     'FC0111': 'diagnose.result fleet',

@@ -14,7 +14,6 @@ from forcecal_ros.core.streams import (
     PoseStream,
     Stream,
 )
-from forcecal_ros.io.csv_import import plausibility
 from forcecal_ros.io.csv_import.specification import (
     ANGLES,
     Joints,
@@ -24,7 +23,12 @@ from forcecal_ros.io.csv_import.specification import (
     TableSpecification,
     UNITS,
 )
-from forcecal_ros.io.csv_import.table import nanoseconds, read_table, Table
+from forcecal_ros.io.csv_import.table import (
+    nanoseconds,
+    question_rate,
+    read_table,
+    Table,
+)
 from forcecal_ros.io.urdf import FARTHEST_TURN
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +36,14 @@ from scipy.spatial.transform import Rotation
 
 _NOT_A_ROTATION = 1e-2
 """A matrix or quaternion that is further from orthogonal or from norm 1 is no rotation."""
+
+
+MOST = 2000
+"""Rows that are looked at."""
+
+FOLLOWS, WORSE = 0.1, 10.0
+"""Share of the changes of force that a weight leaves at most where it is what turns there, and how
+many times as much it leaves by the orientation as it was read."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +94,7 @@ def assemble(specification: Specification) -> Imported:
         t = (times - start) / 1e9
         notes.extend(table.notes)
         if one.time is not None:
-            notes.extend(plausibility.question_rate(
+            notes.extend(question_rate(
                 len(t), float(t[-1] - t[0]), f'{table.path}, column {one.time.column!r}',
                 one.time.unit))
         found: dict[str, Stream | PoseStream | tuple[Phase, ...]] = {}
@@ -123,8 +135,11 @@ def _notes(role: str, given: Signal, table: Table, signal: Stream | PoseStream) 
     part, _ = _having(table, np.zeros(len(table)), given)
     if len(part) < len(table):
         yield f'{table.path}: {len(part)} of {len(table)} rows have cells of {role}'
-    if isinstance(signal, Stream):
-        yield from plausibility.missing(part, role, signal.values)
+    bad = ~np.isfinite(signal.values).all(axis=1) if isinstance(signal, Stream) else np.array([])
+    if bad.any():
+        yield (f'{int(bad.sum())} of {len(bad)} rows of {role} are not finite, first in '
+               f'{part.place(int(np.argmax(bad)))}; a few are left out where the recording is '
+               'used, remove what is not a reading')
 
 
 def _refuse_other_readings(tables: Sequence[tuple[TableSpecification, Table]],
@@ -135,7 +150,7 @@ def _refuse_other_readings(tables: Sequence[tuple[TableSpecification, Table]],
     table, signal = next((table, one.signals.pose) for one, table in tables if one.signals.pose)
     table, _ = _having(table, np.zeros(len(table)), signal)
     if (name := _orientation(signal)) in ANGLES:  # others are checked with every recording
-        plausibility.refuse_other_reading(
+        refuse_other_reading(
             wrench, pose, _other_angles(name, _part(table, signal, name), signal.parts[name].unit),
             f'{table.path}: {name}')
 
@@ -150,6 +165,43 @@ def _other_angles(name: str, angles: Array, stated: str) -> Mapping[str, Array]:
     others['its angles are about the moving axes z, y, z, to be written as quaternions'] = (
         np.asarray(Rotation.from_euler('ZYZ', angles).as_matrix()))
     return others | {f'it is {other}': _turn(other, angles) for other in ANGLES if other != name}
+
+
+def refuse_other_reading(wrench: Stream, pose: PoseStream, others: Mapping[str, Array],
+                         key: str) -> None:
+    """
+    Refuse an orientation by which force does not turn as a weight, but by another reading does.
+
+    Parameters
+    ----------
+    others : mapping of str to ndarray, shape (n, 3, 3)
+        R_base_sensor by other readings, and how messages call them.
+    key : str
+        What the specification calls it.
+    """
+    inside = np.flatnonzero((pose.t >= wrench.t[0]) & (pose.t <= wrench.t[-1]))
+    inside = inside[::max(1, len(inside) // MOST)]
+    force = np.stack([np.interp(pose.t[inside], wrench.t, column)
+                      for column in wrench.values[:, :3].T], axis=1)
+    good = np.isfinite(force).all(axis=1)
+    inside, force = inside[good], force[good]
+    if len(inside) < 10 or not np.ptp(force, axis=0).any():
+        return
+    mine = _unexplained_share(force, pose.R_base_sensor[inside])
+    other, words = min((_unexplained_share(force, R[inside]), words)
+                       for words, R in others.items())
+    if other < FOLLOWS and WORSE * other < mine:
+        raise DataError(
+            f'{key}: force turns as a weight does if {words} ({1 - other:.0%} of its changes '
+            f'follow), not as stated ({1 - mine:.0%}); state what it is')
+
+
+def _unexplained_share(force: Array, R: Array) -> float:
+    """Share of the changes of force that a constant one in base and a bias leave."""
+    x = np.concatenate([R.transpose(0, 2, 1), np.broadcast_to(np.eye(3), R.shape)], axis=2)
+    x, y = x.reshape(-1, 6), force.ravel()
+    found = np.linalg.lstsq(x, y, rcond=1e-9)[0]
+    return float(((y - x @ found) ** 2).sum() / ((force - force.mean(axis=0)) ** 2).sum())
 
 
 def _orientation(signal: Signal) -> str:

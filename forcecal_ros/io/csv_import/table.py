@@ -12,6 +12,7 @@ from typing import Any
 
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
+from forcecal_ros.io.bags.header_stamps import MANY, SLOWEST
 from forcecal_ros.io.csv_import.specification import Column, DATE, NANOSECONDS, Written
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,10 @@ _DATE_AND_TIME = re.compile(
 
 _MAX_TIME = 1 << 62
 """Later times are out of range of 64 bits once they are shifted [ns]."""
+
+
+FASTEST = 50_000.0
+"""No force sensor sends more rows a second [Hz]."""
 
 
 @dataclass(frozen=True)
@@ -443,3 +448,13 @@ def _exact(cell: str, unit: int) -> int:
     if not number.is_finite():
         raise ValueError(cell)
     return _MAX_TIME if number.adjusted() > 18 else int((number * unit).to_integral_value())
+
+
+def question_rate(rows: int, span: float, what: str, unit: str) -> Iterator[str]:
+    """Question a rate that no sensor has; ``span`` from the first row to the last [s]."""
+    if rows >= MANY and rows <= SLOWEST * span:
+        yield (f'{what}: {rows} rows over {span / 3600:.2g} h, {rows / span:.3g} a second; if '
+               f'that is too slow, time is not in {unit}: state the unit that it is in')
+    if rows >= MANY and rows > FASTEST * span:
+        yield (f'{what}: {rows} rows in {span:.3g} s, more than any sensor sends; if time is '
+               f'not in {unit}, state the unit that it is in')
