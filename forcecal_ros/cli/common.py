@@ -4,6 +4,7 @@ import argparse
 from argparse import ArgumentTypeError
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
+from importlib import import_module
 import json
 from math import isfinite
 from pathlib import Path
@@ -141,14 +142,19 @@ def gravity_of(args: argparse.Namespace) -> dict[str, Any]:
             'gravity_direction': unit_direction(direction)}
 
 
-def preset(name: str) -> str:
-    """Read the name of a preset of a robot."""
-    from forcecal_ros.core.topics import ROBOTS
+def word(what: str, module: str, names: str) -> Callable[[str], str]:
+    """Return a function that reads one of the names that a module of this package lists."""
+    def take(name: str) -> str:
+        known = getattr(import_module(f'forcecal_ros.{module}'), names)
+        if name not in known:
+            raise ArgumentTypeError(
+                f'{name} is not {what}{or_nearest(name, known) or one_of(known)}')
+        return name
 
-    if name not in ROBOTS:
-        raise ArgumentTypeError(
-            f'{name} is not a preset{or_nearest(name, ROBOTS) or one_of(ROBOTS)}')
-    return name
+    return take
+
+
+preset = word('a preset', 'core.topics', 'ROBOTS')
 
 
 def _role_and_name(text: str) -> tuple[str, str]:

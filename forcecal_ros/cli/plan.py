@@ -10,7 +10,6 @@ from forcecal_ros.cli.common import (
     from_arguments,
     new_parser,
     number,
-    one_of,
     or_nearest,
     POSE7,
     print_json,
@@ -19,6 +18,7 @@ from forcecal_ros.cli.common import (
     say,
     stages,
     warn_if_compiling,
+    word,
 )
 from forcecal_ros.cli.outputs import add_output, FILE, stdout_is_taken
 from forcecal_ros.core.errors import UsageError
@@ -54,7 +54,8 @@ def add_parser(subparsers: Any) -> None:
                         help='a parameter of the sequencer, e.g. limits.speed=0.1 or '
                              'limits.workspace_min=0.2,-0.5,0.1; of limits, pace or timing; may '
                              'be repeated')
-    parser.add_argument('--effects', metavar='NAME', nargs='+', type=_effect,
+    parser.add_argument('--effects', metavar='NAME', nargs='+',
+                        type=word('an effect', 'effects', 'EFFECTS'),
                         help='diagnosis: effects that it is to show (default: all)')
     parser.add_argument('--after', metavar='DIR',
                         help='diagnosis: results of forcecal diagnose, whose candidates it is to '
@@ -77,15 +78,6 @@ def add_parser(subparsers: Any) -> None:
     add_output(parser, '-o', '--output', kind=FILE, metavar='PLAN.yaml',
                help='parameters for the sequencer to write, - for standard output')
     parser.set_defaults(run=run, inputs=('rig', 'recording', 'calibration', 'after'))
-
-
-def _effect(name: str) -> str:
-    from forcecal_ros.effects import EFFECTS
-
-    if name not in EFFECTS:
-        raise argparse.ArgumentTypeError(
-            f'{name} is not an effect{or_nearest(name, EFFECTS) or one_of(EFFECTS)}')
-    return name
 
 
 def _setting(text: str) -> tuple[str, Any]:
