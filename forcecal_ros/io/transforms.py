@@ -11,9 +11,6 @@ from scipy.spatial.transform import Rotation
 
 TF = 'tf2_msgs/msg/TFMessage'
 
-DEEPEST = 200
-"""Transforms from a frame to the root of its tree: more go round in a circle."""
-
 
 class Transform(NamedTuple):
     """Where a frame is in its parent: x y z [m] qx qy qz qw, at a stamp [ns]."""
@@ -62,9 +59,9 @@ def way_up(parents: Mapping[str, str], frame: str, source: str = '/tf') -> list[
     """
     way = [frame]
     while way[-1] in parents:
-        way.append(parents[way[-1]])
-        if len(way) > DEEPEST:
+        if parents[way[-1]] in way:
             raise DataError(f'{source}: the parents of {frame} go round in a circle')
+        way.append(parents[way[-1]])
     return way
 
 

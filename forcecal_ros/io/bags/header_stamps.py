@@ -144,9 +144,6 @@ def refuse_two_senders(name: str, values: NDArray[Any]) -> None:
             'drivers publish on one topic; give each its own, and record again')
 
 
-_BACK = round(CLOCK_JUMP_S * 1e9)
-
-
 class Order(NamedTuple):
     """
     Messages to keep, by increasing stamp.
@@ -182,7 +179,7 @@ def increasing(stamps: Integers) -> Order:
     if not len(stamps) or ((np.diff(stamps) > 0).all()
                            and stamps[-1] - stamps[0] < 86400 * 10**9):
         return Order(np.arange(len(stamps)), 0, 0)
-    cuts = np.flatnonzero(np.abs(np.diff(stamps.astype(float))) > _BACK) + 1
+    cuts = np.flatnonzero(np.abs(np.diff(stamps.astype(float))) > 1e9 * CLOCK_JUMP_S) + 1
     bounds = np.concatenate([[0], cuts, [len(stamps)]])
     kept = np.zeros(len(stamps), bool)
     for stretch in _largest_chain(
