@@ -4,7 +4,7 @@ from bisect import bisect_left
 from typing import Any, NamedTuple
 
 from forcecal_ros.core.errors import DataError
-from forcecal_ros.core.streams import CLOCK_JUMP_S
+from forcecal_ros.core.streams import CLOCK_JUMP_S, MANY, SLOWEST
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,10 +20,6 @@ stamps do not resolve the messages: drivers that are read twice in a period repe
 ALIKE = 0.05
 """The clocks of stamps and of recording are alike where they pass at the same rate to this share;
 one that is a thousand times as fast is so to the same share."""
-
-SLOWEST, MANY = 2.5, 1000
-"""So many messages at fewer a second [Hz] may be stamped in milliseconds taken for seconds: a log
-of 0.4 to 2.5 kHz looks like that."""
 
 SHORT_STEP, LONG_STEP = 1_500_000, 20_000_000
 """Stamps in steps between these are rounded [ns]: below, a turn is off by little, beyond, nothing

@@ -12,7 +12,7 @@ from typing import Any
 
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.io.bags.header_stamps import MANY, SLOWEST
+from forcecal_ros.core.streams import MANY, SLOWEST
 from forcecal_ros.io.csv_import.specification import Column, DATE, NANOSECONDS, Written
 import numpy as np
 from numpy.typing import NDArray
