@@ -357,7 +357,7 @@ class PoseFreeSample(NamedTuple):
     ----------
     contact : ContactSample
         As with a pose; the NIS it has learned covers the wrench alone.
-    gravity, gravity_std : ndarray, shape (3,)
+    gravity : ndarray, shape (3,)
         In ft_sensor [m/s^2].
     mass, mass_std : float
         [kg]
@@ -365,7 +365,6 @@ class PoseFreeSample(NamedTuple):
 
     contact: ContactSample
     gravity: Array
-    gravity_std: Array
     mass: float
     mass_std: float
 
@@ -438,11 +437,7 @@ def _report(state: PoseFreeState, model: PoseFreeModel, t: float, status: int, n
     innovation, inertial, measured = (
         (wrench_tuple(one) for one in wrenches) if wrenches else (NO_WRENCH,) * 3)
     learned = learned_of(Gaussian(mean[:12], cov[:12, :12]), state.contact, nis)
-    # tilt about the first axis moves gravity along the second, and the other way round
-    across = level[:, 1::-1] * (-1.0, 1.0)
-    variance = ((across @ cov[TILT, TILT]) * across).sum(axis=1)
-    G = model.gravity
     return PoseFreeSample(
         ContactSample(t, NO_WRENCH if state.belief is None else wrench_tuple(mean), status,
                       measured, innovation, inertial, learned),
-        G * level[:, 2], G * np.sqrt(variance), float(mean[MASS]), sqrt(cov[MASS, MASS]))
+        model.gravity * level[:, 2], float(mean[MASS]), sqrt(cov[MASS, MASS]))
