@@ -382,14 +382,13 @@ def learn(memory: Any, reading: Unloaded, model: BiasModel) -> tuple[Belief, Con
     """
     belief = memory if isinstance(memory, Belief) else begin(model)
     if reading.status & INVALID:
-        return belief, _sample(belief, reading, model)
+        return belief, _sample(belief, reading)
     dt = reading.t - belief.t if belief.t == belief.t else model.covariances.period
     try:
         return _filter(belief, reading, min(dt, MAX_PERIOD_S), model)
     except NotPositiveDefinite:
         belief = begin(model)._replace(t=reading.t)
-        return belief, _sample(
-            belief, reading._replace(status=reading.status | RESTARTED), model)
+        return belief, _sample(belief, reading._replace(status=reading.status | RESTARTED))
 
 
 def _filter(belief: Belief, reading: Unloaded, dt: float, model: BiasModel
@@ -400,11 +399,11 @@ def _filter(belief: Belief, reading: Unloaded, dt: float, model: BiasModel
         lambda states: expect_linear(states, _SUM, 0.0, R), y, R, belief.contact, dt,
         model.contact, BIAS)
     belief = Belief(reading.t, taken.states, taken.contact)
-    return belief, _sample(belief, reading, model, y - taken.expected.mean, taken.nis)
+    return belief, _sample(belief, reading, y - taken.expected.mean, taken.nis)
 
 
-def _sample(belief: Belief, reading: Unloaded, model: BiasModel,
-            innovation: Array | None = None, nis: float = nan) -> ContactSample:
+def _sample(belief: Belief, reading: Unloaded, innovation: Array | None = None,
+            nis: float = nan) -> ContactSample:
     t, status, measured, inertial, _ = reading
     return ContactSample(
         t, wrench_tuple(belief.states.mean), status, measured,
