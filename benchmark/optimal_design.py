@@ -18,7 +18,7 @@ for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
 from forcecal_ros.calibrate.pipeline import identify
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.motion.limits import Limits
-from forcecal_ros.motion.optimal_design import criterion_of, design_calibration, Planner, Robot
+from forcecal_ros.motion.optimal_design import design_calibration, Planner, Robot
 from forcecal_ros.motion.plan import calibration_plan, prepare, preview, Timing
 from forcecal_ros.motion.profiles import nominal_poses, orientation, Pace, Pose, step_goal
 from forcecal_ros.sim.rig.file import expected_sensors, load_rig
@@ -40,10 +40,8 @@ def sequences() -> dict[str, Sequence]:
     found = {'three poses of 1 s': ({'v': home, 'h': poses['h'], 'tilt': tilt},
                                     Timing(measure=1.0)),
              'default': (poses, Timing())}
-    for criterion in ('D', 'offset'):
-        design = design_calibration(Robot(home), expected_sensors(load_rig()), 16.0,
-                                    criterion_of(criterion))
-        found[f'--criterion {criterion}'] = design.poses, design.timing
+    design = design_calibration(Robot(home), expected_sensors(load_rig()), 16.0)
+    found['designed'] = design.poses, design.timing
     return found
 
 

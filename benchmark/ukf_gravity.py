@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'test' / 'helpers'))
 
 from forcecal_ros.observe import design, FilterSettings, Imu, ObserverSettings, replay
-from forcecal_ros.observe.bias_filter import begin, learn
+from forcecal_ros.observe.bias_filter import begin, Covariances, learn
 from forcecal_ros.observe.gaussian import (
     condition,
     expect,
@@ -48,16 +48,15 @@ from scipy.stats import chi2
 FIRST = 2000
 """Seed of the first unseen motion; the filters were set up on others."""
 
-SIX = ObserverSettings('ukf', learning=FilterSettings(states=6))
-PAPER = ObserverSettings('ukf', learning=FilterSettings(covariances='paper'))
+PAPER = Covariances(np.diag([0.01] * 3 + [0.001] * 3), np.diag([0.1] * 3 + [0.01] * 3),
+                    np.diag([1.0] * 3 + [0.1] * 3), 0.001)
+"""Q, R and P0 as [Ukf2025] prints them, which samples at 1000 Hz."""
 
 WAYS = {
     'kalman': lambda r, c: replay(r, c, ObserverSettings('kalman')),
     'kalman, 12 ms': lambda r, c: replay(r, c, ObserverSettings('kalman', bandwidth_hz=29.1)),
     'ukf': lambda r, c: replay(r, c, ObserverSettings('ukf')),
     'ekf': lambda r, c: replay(r, c, ObserverSettings('ekf')),
-    'ukf, 6 states': lambda r, c: replay(r, c, SIX),
-    'ukf, Q R P0 of the paper': lambda r, c: replay(r, c, PAPER),
     'static': lambda r, c: replay(r, c, ObserverSettings('static')),
     'ukf without pose': lambda r, c: replay(r, c, ObserverSettings('ukf'), Imu()),
     'ekf without pose': lambda r, c: replay(r, c, ObserverSettings('ekf'), Imu()),
@@ -170,7 +169,7 @@ def response():
     return {name: {f'{size} N': max(rise(name, axis, size * scale, calibration, drift)
                                     for axis, scale in ((0, 1.0), (2, 1.0), (4, 0.06)))
                    for size in (0.5, 2.0, 20.0)}
-            for name in ('ukf', 'ukf, 6 states', 'ukf without pose')}
+            for name in ('ukf', 'ukf without pose')}
 
 
 def reading(t, measured):
@@ -180,8 +179,7 @@ def reading(t, measured):
 def papers_noise():
     """Largest error in 20 s, the first 0.1 s left out, where the paper's R is the true noise."""
     calibration, _ = arm.calibrate(np.random.default_rng(1))
-    model = design(calibration, ObserverSettings('ukf', learning=FilterSettings(
-        covariances='paper', states=6))).bias_filter
+    model = design(calibration, ObserverSettings('ukf')).bias_filter._replace(covariances=PAPER)
     rng = np.random.default_rng(3)
     std, belief, worst = np.sqrt(model.covariances.R.diagonal()), begin(model), np.zeros(6)
     for k in range(20000):

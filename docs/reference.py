@@ -8,7 +8,6 @@ import re
 
 from forcecal_ros.cli import COMMANDS, GROUPS
 from forcecal_ros.cli.main import build_parser
-from forcecal_ros.core.errors import KINDS
 from forcecal_ros.core.parameters import Parameter
 from forcecal_ros.nodes.config import TABLES
 from forcecal_ros.observe.sample import describe, Status
@@ -150,16 +149,7 @@ def _row(action: argparse.Action) -> str:
     return f'- `{name}`: {" ".join(text.split())}\n'
 
 
-def errors() -> Iterator[str]:
-    """Yield the page of the errors: what is wrong, why it matters and how to fix it."""
-    yield ('# Errors\n\nThis page explains the id that ends each error message, such as `[FC0202]`. The message itself '
-           'has the numbers of your case. Here: what is wrong in bold, why it matters, and what to do in italics. Generated from '
-           'the code.\n')
-    yield from (f'\n## {kind.id}\n\n**{kind.what}.** {kind.why} *{kind.fix}*\n'
-                for kind in KINDS)
-
-
-PAGES = {'nodes.md': nodes, 'commands.md': commands, 'errors.md': errors}
+PAGES = {'nodes.md': nodes, 'commands.md': commands}
 """Name of a page and what writes it."""
 
 

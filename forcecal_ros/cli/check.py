@@ -15,8 +15,6 @@ STREAMS = ('wrench', 'accelerometer', 'angular_velocity', 'pose', 'joints', 'opt
            'joint_commands')
 """Signals of a recording, in the order of the table."""
 
-SHOWN_TOPICS = 6
-"""Topics that may be meant for a role, at most."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -157,6 +155,7 @@ def _next(args: argparse.Namespace, recording: 'Recording', document: dict[str, 
 
 def as_text(document: dict[str, Any]) -> str:
     """Return the document as lines for a terminal."""
+    from forcecal_ros.core.topics import listed
     from forcecal_ros.report.rows import aligned
 
     rows = [['signal', 'samples', 'rate', 'longest gap', 'from', 'to', 'frame']]
@@ -167,9 +166,7 @@ def as_text(document: dict[str, Any]) -> str:
                      f'{one["end"]:.2f} s', one['frame'] or '-'])
     lines = [document['recording'], '', *aligned(rows, left=(0, 6))]
     for role, names in document['missing'].items():
-        more = f', and {len(names) - SHOWN_TOPICS} more' if len(names) > SHOWN_TOPICS else ''
-        lines.append(f'{role}: not found; may be {", ".join(names[:SHOWN_TOPICS])}{more} '
-                     f'(--topic {role}=NAME)')
+        lines.append(f'{role}: not found; may be {listed(names)} (--topic {role}=NAME)')
     if motion := document['motion']:
         moved = '' if motion['range_m'] is None else ', moves by ' + ' x '.join(
             f'{length:.3g}' for length in motion['range_m']) + ' m'

@@ -4,6 +4,7 @@ import argparse
 from argparse import ArgumentTypeError
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
+from importlib import import_module
 import json
 from math import isfinite
 from pathlib import Path
@@ -80,7 +81,7 @@ def add_bag(parser: argparse.ArgumentParser, *, several: str = '') -> None:
         What becomes of several; without it there is one.
     """
     if several:
-        parser.add_argument('bag', metavar='BAG', nargs='+', action=Listed,
+        parser.add_argument('bag', metavar='BAG', nargs='+',
                             help='rosbag2 folder or file (mcap, sqlite3); several, or @FILE with '
                                  f'one a line: {several}')
     else:
@@ -91,32 +92,6 @@ def add_bag(parser: argparse.ArgumentParser, *, several: str = '') -> None:
         '--wrench-sign', type=int, choices=(1, -1),
         help='-1 for a driver that reports the wrench of the tool on its environment (default: '
              'as the calibration has it, or 1)')
-
-
-class Listed(argparse.Action):
-    """Replaces @FILE by what it lists, one a line, without comments."""
-
-    def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace,
-                 values: Any, option_string: str | None = None) -> None:
-        """Put what is named, and what is listed, into the arguments."""
-        named = [line for word in values
-                 for line in (self._listed(word[1:]) if word.startswith('@') else [word])]
-        if not named or '' in named:
-            what = 'an empty name' if named else 'nothing'
-            raise argparse.ArgumentError(
-                self, f'{what} is given; name a {self.metavar}, or @FILE with one a line')
-        setattr(namespace, self.dest, named)
-
-    def _listed(self, file: str) -> list[str]:
-        try:
-            lines = Path(file).read_text().splitlines()
-            return [line for line in lines if line and not line.startswith('#')]
-        except OSError as error:
-            why = error.strerror
-        except UnicodeDecodeError:
-            why = 'it is not text'
-        raise argparse.ArgumentError(
-            self, f'@{file}: cannot be read ({why}); name a file with one {self.metavar} a line')
 
 
 def add_topics(parser: argparse.ArgumentParser, option: str = '--topic', of: str = '') -> None:
@@ -167,14 +142,19 @@ def gravity_of(args: argparse.Namespace) -> dict[str, Any]:
             'gravity_direction': unit_direction(direction)}
 
 
-def preset(name: str) -> str:
-    """Read the name of a preset of a robot."""
-    from forcecal_ros.core.topics import ROBOTS
+def word(what: str, module: str, names: str) -> Callable[[str], str]:
+    """Return a function that reads one of the names that a module of this package lists."""
+    def take(name: str) -> str:
+        known = getattr(import_module(f'forcecal_ros.{module}'), names)
+        if name not in known:
+            raise ArgumentTypeError(
+                f'{name} is not {what}{or_nearest(name, known) or one_of(known)}')
+        return name
 
-    if name not in ROBOTS:
-        raise ArgumentTypeError(
-            f'{name} is not a preset{or_nearest(name, ROBOTS) or one_of(ROBOTS)}')
-    return name
+    return take
+
+
+preset = word('a preset', 'core.topics', 'ROBOTS')
 
 
 def _role_and_name(text: str) -> tuple[str, str]:
@@ -425,9 +405,9 @@ def stages(args: argparse.Namespace, after: float = PROGRESS_DELAY_S
         print(CLEAR, end='', file=sys.stderr, flush=True)
 
 
-def _number(expected: str, fits: Callable[[float], bool]) -> Callable[[str], float]:
+def number(expected: str, fits: Callable[[float], bool]) -> Callable[[str], float]:
     """Return a function that reads a finite number within limits."""
-    def number(text: str) -> float:
+    def take(text: str) -> float:
         try:
             value = float(text)
         except ValueError as error:
@@ -436,16 +416,16 @@ def _number(expected: str, fits: Callable[[float], bool]) -> Callable[[str], flo
             raise ArgumentTypeError(f'{text} is not {expected}')
         return value
 
-    return number
+    return take
 
 
-real = _number('a number', lambda x: True)
-positive = _number('a number above 0', lambda x: x > 0)
-not_negative = _number('a number, 0 or more', lambda x: x >= 0)
+real = number('a number', lambda x: True)
+positive = number('a number above 0', lambda x: x > 0)
+not_negative = number('a number, 0 or more', lambda x: x >= 0)
 # from the Moon's to Jupiter's: a number outside has a wrong sign or another unit
-gravity = _number('the magnitude of gravity, 1.6 to 25 m/s^2', lambda x: 1.6 <= x <= 25.0)
+gravity = number('the magnitude of gravity, 1.6 to 25 m/s^2', lambda x: 1.6 <= x <= 25.0)
 # a sensor on a wrist is no farther from the force sensor: 30 or 120 is meant in millimetres
-nearby = _number('a coordinate from -1 to 1 m', lambda x: abs(x) <= 1.0)
+nearby = number('a coordinate from -1 to 1 m', lambda x: abs(x) <= 1.0)
 
 
 def _whole(least: int, most: int) -> Callable[[str], int]:

@@ -279,8 +279,7 @@ def prepared(calibration: 'Calibration', recording: 'Recording', settings: 'Obse
 
     notes: tuple[str, ...] = ()
     in_axes = in_axes_of_pose(recording, calibration.sensor_rotation)
-    if (calibration.noise is None and settings.filter in LEARNING
-            and settings.learning.covariances == 'measured'):
+    if calibration.noise is None and settings.filter in LEARNING:
         calibration = with_noise(calibration, in_axes)
         notes = ('the calibration holds no noise; estimated from this recording',)
     if calibration.noise is None and settings.filter in (None, 'kalman') and (

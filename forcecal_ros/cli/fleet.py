@@ -4,7 +4,7 @@ import argparse
 import json
 from typing import Any
 
-from forcecal_ros.cli.common import Listed, new_parser, positive, print_json, say, warn
+from forcecal_ros.cli.common import new_parser, positive, print_json, say, warn
 from forcecal_ros.cli.outputs import add_output, RESULTS
 from forcecal_ros.core.files import write_results
 
@@ -14,7 +14,7 @@ FILES = ('fleet.html', 'fleet.csv', 'fleet.json')
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(subparsers, 'fleet', example='forcecal fleet nights/ -o fleet')
-    parser.add_argument('places', metavar='DIR', nargs='+', action=Listed,
+    parser.add_argument('places', metavar='DIR', nargs='+',
                         help='folder with calibrations and diagnoses of robots, which is '
                              'searched, or one of them; several, or @FILE with one a line')
     add_output(parser, '-o', '--output', kind=RESULTS, metavar='OUT', required=True,

@@ -10,11 +10,11 @@ from forcecal_ros.cli.common import (
     add_namespace,
     needs_ros,
     new_parser,
-    or_nearest,
     positive,
     preset,
     say,
     warn,
+    word,
 )
 from forcecal_ros.cli.outputs import add_output, FILE, stdout_is_taken
 
@@ -26,7 +26,8 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--preset', metavar='NAME', type=preset, required=True,
                         help="topics and parameters of a robot's driver: ur, franka, kuka_fri, "
                              'broadcaster')
-    parser.add_argument('--controller', metavar='NAME', type=_controller,
+    parser.add_argument('--controller', metavar='NAME',
+                        type=word('a controller', 'core.topics', 'CONTROLLERS'),
                         help='what moves the robot: moveit_servo, joint_trajectory_controller, '
                              'cartesian_controllers, admittance_controller')
     add_namespace(parser)
@@ -39,15 +40,6 @@ def add_parser(subparsers: Any) -> None:
                help='parameter file to write, - for standard output; an earlier one is kept as '
                     'FILE~')
     parser.set_defaults(run=run)
-
-
-def _controller(name: str) -> str:
-    from forcecal_ros.core.topics import CONTROLLERS
-
-    if name not in CONTROLLERS:
-        raise argparse.ArgumentTypeError(
-            f'{name} is not a controller{or_nearest(name, CONTROLLERS)}')
-    return name
 
 
 def run(args: argparse.Namespace) -> int:

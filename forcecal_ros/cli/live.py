@@ -15,9 +15,6 @@ from forcecal_ros.cli.common import (
 )
 from forcecal_ros.core.errors import UsageError
 
-PERIOD = 0.05
-"""Between two looks for a signal, and for nodes that have ended [s]."""
-
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
@@ -61,6 +58,7 @@ def _wrench_is_published(args: argparse.Namespace) -> bool:
     import time
 
     from forcecal_ros.nodes.client import temporary_node
+    from forcecal_ros.nodes.runtime import SIGNAL_CHECK
 
     place = args.namespace.strip('/')
     with temporary_node('live') as ros:
@@ -70,7 +68,7 @@ def _wrench_is_published(args: argparse.Namespace) -> bool:
         while time.monotonic() < end and not ros.interrupted:
             if ros.node.count_publishers(name.replace('//', '/')):
                 return True
-            ros.spin(PERIOD)
+            ros.spin(SIGNAL_CHECK)
         if ros.interrupted:
             raise KeyboardInterrupt
     return False
@@ -117,6 +115,7 @@ def _simulated(args: argparse.Namespace, page: Any) -> int:
 def _show(page: Any, ros: Any, view: Any, robot: str, check: Any) -> int:
     """Serve until a signal."""
     from forcecal_ros.nodes.live import SEQUENCES
+    from forcecal_ros.nodes.runtime import SIGNAL_CHECK
     from forcecal_ros.report.page import render_page
 
     text = render_page('live.html.j2', 'Live', robot=robot, nonce=page.nonce,
@@ -126,7 +125,7 @@ def _show(page: Any, ros: Any, view: Any, robot: str, check: Any) -> int:
             say(f'{page.address} shows {robot}; Ctrl-C ends it')
             while not ros.interrupted:
                 check()
-                ros.spin(PERIOD)
+                ros.spin(SIGNAL_CHECK)
     finally:
         view.close()
     warn('ended' + ', and all that was started with it' * view.simulated)

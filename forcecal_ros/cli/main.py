@@ -48,7 +48,7 @@ class StoreOnce(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace,
                  values: Any, option_string: str | None = None) -> None:
         """Put it into the arguments; an empty name is refused."""
-        if values == '' and self.type is None:
+        if self.type is None and '' in (values if isinstance(values, list) else [values]):
             raise argparse.ArgumentError(self, 'an empty name is given; name it')
         if self.option_strings and self._before not in (None, values):
             raise argparse.ArgumentError(
@@ -64,7 +64,7 @@ class Parser(argparse.ArgumentParser):
     """Parsers of the commands, by name."""
 
     def __init__(self, **settings: Any) -> None:
-        super().__init__(**settings)
+        super().__init__(fromfile_prefix_chars='@', **settings)
         for name in (None, 'store'):
             self.register('action', name, StoreOnce)
 
@@ -74,6 +74,12 @@ class Parser(argparse.ArgumentParser):
         own = [name for action in self._actions for name in action.option_strings
                if name.startswith('--')]
         return [*own, *(name for one in self.commands.values() for name in one.options)]
+
+    def convert_arg_line_to_args(self, arg_line: str) -> list[str]:
+        """Return what a line of @FILE lists; nothing of a comment."""
+        if not arg_line.isprintable():
+            raise UnicodeError
+        return [arg_line] if arg_line and not arg_line.startswith('#') else []
 
     def error(self, message: str) -> NoReturn:
         """Print what is wrong and end with status 2."""
@@ -129,7 +135,10 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
         parser.exit(2)
     if not first.startswith('-') and first not in COMMANDS:
         parser.error(f'{first} is not a command{or_nearest(first, (*COMMANDS, *VERBS))}')
-    args, left = parser.parse_known_args(arguments)
+    try:
+        args, left = parser.parse_known_args(arguments)
+    except UnicodeError:  # Python before 3.12 raises one by itself
+        parser.error('what @ names is not text; list one BAG or DIR a line')
     if left:
         command = getattr(args, 'parser', parser)
         word = next((one for one in left if one.startswith('-')), left[0]).partition('=')[0]

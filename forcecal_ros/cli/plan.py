@@ -9,16 +9,16 @@ from forcecal_ros.cli.common import (
     add_topics,
     from_arguments,
     new_parser,
-    one_of,
+    number,
     or_nearest,
     POSE7,
-    positive,
     print_json,
     read,
     real,
     say,
     stages,
     warn_if_compiling,
+    word,
 )
 from forcecal_ros.cli.outputs import add_output, FILE, stdout_is_taken
 from forcecal_ros.core.errors import UsageError
@@ -28,14 +28,6 @@ if TYPE_CHECKING:
     from forcecal_ros.motion.limits import Limits
     from forcecal_ros.motion.plan import Timing
     from forcecal_ros.motion.profiles import Pace, Pose
-
-CRITERIA = ('D', 'mass', 'com', 'force-bias', 'torque-bias', 'offset', 'gain')
-
-MAX_TILT_DEG = 170.0
-"""Of --tilt [deg]: a move back from farther has no clear direction."""
-
-MAX_DURATION_S = 3600.0
-"""Of --duration [s]: biases drift within an hour by more than any plan would promise."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -62,7 +54,8 @@ def add_parser(subparsers: Any) -> None:
                         help='a parameter of the sequencer, e.g. limits.speed=0.1 or '
                              'limits.workspace_min=0.2,-0.5,0.1; of limits, pace or timing; may '
                              'be repeated')
-    parser.add_argument('--effects', metavar='NAME', nargs='+', type=_effect,
+    parser.add_argument('--effects', metavar='NAME', nargs='+',
+                        type=word('an effect', 'effects', 'EFFECTS'),
                         help='diagnosis: effects that it is to show (default: all)')
     parser.add_argument('--after', metavar='DIR',
                         help='diagnosis: results of forcecal diagnose, whose candidates it is to '
@@ -73,25 +66,18 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--calibration', metavar='CALIBRATION.yaml',
                         help='calibration: mass and noise of tool and sensors from an earlier one '
                              "(default: the rig's)")
-    parser.add_argument('--criterion', choices=CRITERIA,
-                        help='calibration: D-optimal, or c-optimal for one parameter (default: D)')
-    parser.add_argument('--duration', metavar='S', type=positive,
+    # biases drift within an hour by more than any plan would promise
+    parser.add_argument('--duration', metavar='S',
+                        type=number('a time up to 3600 s', lambda x: 0 < x <= 3600.0),
                         help='calibration: time that the sequence may take (default: 16 s)')
-    parser.add_argument('--tilt', metavar='DEG', type=positive,
+    # a move back from farther has no clear direction
+    parser.add_argument('--tilt', metavar='DEG',
+                        type=number('an angle up to 170 deg', lambda x: 0 < x <= 170.0),
                         help='calibration: largest rotation of a pose from home (default: '
                              '100 deg)')
     add_output(parser, '-o', '--output', kind=FILE, metavar='PLAN.yaml',
                help='parameters for the sequencer to write, - for standard output')
     parser.set_defaults(run=run, inputs=('rig', 'recording', 'calibration', 'after'))
-
-
-def _effect(name: str) -> str:
-    from forcecal_ros.effects import EFFECTS
-
-    if name not in EFFECTS:
-        raise argparse.ArgumentTypeError(
-            f'{name} is not an effect{or_nearest(name, EFFECTS) or one_of(EFFECTS)}')
-    return name
 
 
 def _setting(text: str) -> tuple[str, Any]:
@@ -144,16 +130,12 @@ def run(args: argparse.Namespace) -> int:
 def _check(args: argparse.Namespace) -> None:
     """Refuse options of the other purpose."""
     other = (('effects', 'after', 'contact') if args.purpose == 'calibration'
-             else ('calibration', 'criterion', 'duration', 'tilt'))
+             else ('calibration', 'duration', 'tilt'))
     for name in other:
         if getattr(args, name):
             raise UsageError(f'--{name} is not for --for {args.purpose}; leave it out')
     if args.after and args.effects:
         raise UsageError('--after and --effects exclude each other: both state the effects')
-    if args.tilt and args.tilt > MAX_TILT_DEG:
-        raise UsageError(f'--tilt {args.tilt:g}: at most {MAX_TILT_DEG:g} deg')
-    if args.duration and args.duration > MAX_DURATION_S:
-        raise UsageError(f'--duration {args.duration:g}: at most {MAX_DURATION_S:g} s')
     for name in {name for name, _ in args.set}:
         values = [value for one, value in args.set if one == name]
         if any(value != values[0] for value in values):
@@ -235,7 +217,6 @@ def _calibration(args: argparse.Namespace) -> int:
     from forcecal_ros.io.calibration_file import load
     from forcecal_ros.motion.optimal_design import (
         as_text,
-        criterion_of,
         design_calibration,
         Robot,
         sensors_of,
@@ -251,7 +232,7 @@ def _calibration(args: argparse.Namespace) -> int:
     with stages(args) as stage:
         stage('exchanging poses')
         design = design_calibration(robot, sensors, args.duration or 16.0,
-                                    criterion_of(args.criterion or 'D'), setup.timing)
+                                    setup.timing)
     if args.output:
         write_text(args.output, to_parameters(design, robot))
     _say(args, to_document(design), as_text(design), design.duration)

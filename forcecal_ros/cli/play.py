@@ -2,7 +2,6 @@
 
 import argparse
 from collections.abc import Iterable, Sequence
-import sys
 from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.cli.common import (
@@ -79,7 +78,8 @@ def run(args: argparse.Namespace) -> int:
         player.offer(named)
         # time to find subscribers of commands: discovery of DDS takes 3 s at worst [s]
         time.sleep(max(args.delay, 3.5) if commands else args.delay)
-        if not args.yes and not _consented(player, commands):
+        if not args.yes:
+            refuse_listeners(player, commands)
             player.unreceived = set(commands)
         with bar(args, unit=' s') as done:
             player.play(dropwhile(lambda one: one.log_ns < begin, chain([first], messages)),
@@ -142,31 +142,18 @@ def _named(left_out: Sequence['Topic']) -> str:
         (outputs, 'outputs of nodes that may be running: --with-outputs')) if names)
 
 
-def _consented(player: 'Player', commands: Sequence['Topic']) -> bool:
+def refuse_listeners(player: 'Player', commands: Sequence['Topic']) -> None:
     """
-    Ask whether those who listen on command topics may hear commands.
-
-    Returns
-    -------
-    bool
-        False where no one listens, so that there was nothing to ask.
+    Refuse commands that a node would hear.
 
     Raises
     ------
     MotionError
-        The answer is no, or there is no terminal to ask on.
+        Names topics and nodes.
     """
     from forcecal_ros.core.errors import MotionError
 
-    listeners = player.listeners(commands)
-    if not listeners:
-        return False
-    who = ', '.join(f'{topic} ({", ".join(nodes)})' for topic, nodes in listeners.items())
-    if sys.stdin.isatty() and sys.stderr.isatty():
-        print(f'forcecal: nodes subscribe to {who} and may move at once. Publish? [y/N] ',
-              end='', file=sys.stderr, flush=True)
-        if sys.stdin.readline().strip().lower() in ('y', 'yes'):
-            return True
-        raise MotionError('nothing was published')
-    raise MotionError(f'nodes subscribe to {who} and may move at once; give --yes if that is '
-                      'intended')
+    if listeners := player.listeners(commands):
+        who = ', '.join(f'{topic} ({", ".join(nodes)})' for topic, nodes in listeners.items())
+        raise MotionError(f'nodes subscribe to {who} and may move at once; give --yes if that is '
+                          'intended')

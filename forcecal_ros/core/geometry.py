@@ -102,11 +102,6 @@ def quaternion_from_matrix(rotation: ArrayLike) -> Array:
     return np.asarray(Rotation.from_matrix(np.array(rotation, dtype=float)).as_quat())
 
 
-def read_from_w(R_base_sensor: Array) -> Array:
-    """Return orientations as they are if quaternions w, x, y, z were read as x, y, z, w."""
-    return matrix_from_quaternion(quaternion_from_matrix(R_base_sensor)[:, [1, 2, 3, 0]])
-
-
 def quaternion_of(rotation: Array) -> tuple[float, float, float, float]:
     """
     Return the xyzw quaternion of one exact rotation matrix, in plain floats for fast streams.

@@ -1,7 +1,7 @@
 """Parameters of nodes as a table, and the parameter file that is made of it."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from math import inf, isfinite
+from math import inf
 from textwrap import wrap
 from typing import Any, NamedTuple, TypeVar
 
@@ -25,8 +25,8 @@ class Parameter(NamedTuple):
         Its type is the parameter's.
     description : str
     unit : str
-    low, high : float or None
-        Range of a number; None: unbounded.
+    low, high : float
+        Range of a number.
     choices : tuple of str
         All words allowed; empty: any.
     live : bool
@@ -39,8 +39,8 @@ class Parameter(NamedTuple):
     default: Any
     description: str
     unit: str = ''
-    low: float | None = None
-    high: float | None = None
+    low: float = -inf
+    high: float = inf
     choices: tuple[str, ...] = ()
     live: bool = False
     per_line: int = 0
@@ -55,8 +55,7 @@ class Parameter(NamedTuple):
     @property
     def row(self) -> Row:
         """Its row: unit, range and words."""
-        return Row(self.description, self.unit, -inf if self.low is None else self.low,
-                   inf if self.high is None else self.high, words=self.choices)
+        return Row(self.description, self.unit, self.low, self.high, words=self.choices)
 
 
 def parameters_of(prefix: str, section: Any, *names: str, live: bool = True
@@ -70,8 +69,8 @@ def parameters_of(prefix: str, section: Any, *names: str, live: bool = True
     return tuple(
         Parameter(_key(prefix, column), _plain(getattr(section, column.name)),
                   column.row.meaning, column.row.unit,
-                  0.0 if column.optional and column.row.above == 0.0 else _end(column.row.low),
-                  _end(column.row.high), column.row.words, live)
+                  0.0 if column.optional and column.row.above == 0.0 else column.row.low,
+                  column.row.high, column.row.words, live)
         for column in columns(type(section)) if not names or column.name in names)
 
 
@@ -95,21 +94,19 @@ def _plain(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray) else value
 
 
-def _end(bound: float) -> float | None:
-    return bound if isfinite(bound) else None
-
-
 def parameter_file(node: str, table: Iterable[Parameter], heading: str) -> str:
     """
     Return the text of a node's parameter file, every parameter at its default with its meaning.
 
-    ``heading`` is its first comment. Names without a dot come first, then the groups.
+    ``heading`` is its first comment, of one line or more. Names without a dot come first, then
+    the groups.
     """
     groups: dict[str, list[tuple[str, Parameter]]] = {'': []}
     for parameter in table:
         group, dot, name = parameter.name.partition('.')
         groups.setdefault(group if dot else '', []).append((name or group, parameter))
-    lines = [*_comment(heading, ''), *_comment(_FLOATS, ''), f'/**/{node}:', '  ros__parameters:']
+    lines = [line for part in (*heading.splitlines(), _FLOATS) for line in _comment(part, '')]
+    lines += [f'/**/{node}:', '  ros__parameters:']
     for group, rows in groups.items():
         lines += [f'    {group}:'] if group else []
         for name, parameter in rows:

@@ -138,7 +138,7 @@ class Row:
         """
         if not self.words and _holds(kind) is float and self._right(value, shape_of(kind)):
             return value
-        if isinstance(value, np.ndarray | np.generic):
+        if hasattr(value, 'tolist'):  # arrays of NumPy, and of rclpy
             value = value.tolist()
         if self.words:
             if type(value) is bool or value not in self.words:

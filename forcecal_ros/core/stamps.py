@@ -49,9 +49,6 @@ sample in five is lost and nothing jitters, it takes all.
 PAUSE = 6.0
 """An interval longer than the period by so many standard deviations of the jitter is a pause."""
 
-BURSTS = 1.0
-"""Jitter of so many periods is no delay on the way but messages that arrive together."""
-
 LEAST_LATE = 0.02
 """Share of the messages of bursts that are less late than is taken for none: the last of each
 burst, of which fifty messages at most make one."""
@@ -215,7 +212,7 @@ def with_even_stamps(stream: _TimedStream) -> tuple[_TimedStream, Jitter]:
     ratio = roughness(even, values) / max(roughness(stream.t, values), np.finfo(float).tiny)
     if ratio > SMOOTHER and not (ratio < 1 / SMOOTHER and jitter.std > HALF_WAY * jitter.period):
         return stream, jitter
-    if jitter.std > BURSTS * jitter.period:  # what arrives together was measured before
+    if jitter.std > jitter.period:  # what arrives together was measured before
         even = even + np.quantile(stream.t - even, LEAST_LATE)
     return replace(stream, t=even), jitter
 
@@ -234,7 +231,8 @@ def with_even_bursts(recording: Recording) -> Recording:
     for name in ('wrench', 'pose', 'accelerometer', 'angular_velocity', 'optidrive'):
         stream = getattr(recording, name)
         jitter = None if stream is None else jitter_of(stream.t)
-        if stream is None or jitter is None or not jitter.std > BURSTS * jitter.period:
+        if stream is None or jitter is None or not (
+                jitter.std > jitter.period):  # less is a delay on the way
             continue
         changes[name], _ = with_even_stamps(stream)
         if changes[name] is not stream:

@@ -1,6 +1,6 @@
 """The topics of this package: role, usual name, message type; and what a command must have."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 import re
@@ -198,8 +198,6 @@ def candidates(available: Collection[Topic], found: Mapping[str, Topic],
 
 
 _ATTRIBUTES = {'phase': 'phases', 'imu': 'angular_velocity', 'accel': 'accelerometer'}
-_LISTED = 6
-"""Topics to choose from that still fit in one line of a terminal or two."""
 
 
 def require(recording: Recording, roles: Collection[str]) -> None:
@@ -241,9 +239,13 @@ def naming(recording: Recording, role: str) -> str:
         return f'record {ROLES[role].topic}'
     if len(others) < 2:
         return f'name its topic with --topic {role}={others[0]}'
-    more = f' and {len(others) - _LISTED} more' if len(others) > _LISTED else ''
-    return (f'name its topic with --topic {role}=NAME, one of {", ".join(others[:_LISTED])}'
-            f'{more}')
+    return f'name its topic with --topic {role}=NAME, one of {listed(others)}'
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return names of topics to choose from, as many as fit in a line of a terminal or two."""
+    shown = ', '.join(names[:6])
+    return f'{shown} and {len(names) - 6} more' if len(names) > 6 else shown
 
 
 ROBOTS = ('broadcaster', 'franka', 'kuka_fri', 'ur')

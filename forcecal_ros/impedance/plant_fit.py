@@ -20,7 +20,7 @@ from forcecal_ros.core.files import write_text
 from forcecal_ros.core.geometry import Array, rotation_vector
 from forcecal_ros.core.schema import plain
 from forcecal_ros.core.streams import PoseStream, Recording
-from forcecal_ros.impedance.plant import FORMAT, Plant, Robot, Slide, state_space
+from forcecal_ros.impedance.plant import FORMAT, Plant, Robot, Slide
 from forcecal_ros.motion.profiles import quintic
 import numpy as np
 from scipy.signal import lfilter
@@ -596,7 +596,6 @@ def excitation_commands(seconds: float, period: float, *, seed: int = 0) -> Arra
 def to_document(fit: PlantFit) -> dict[str, Any]:
     """Return the content of ``plant.yaml``, which ``--json`` prints too."""
     found = fit.robot
-    continuous = state_space(fit.plant)
     document: dict[str, Any] = plain({
         'format': FORMAT,
         **plain(fit.plant),
@@ -609,7 +608,6 @@ def to_document(fit: PlantFit) -> dict[str, Any]:
                 for pair in found.pairs],
             'windows': fit.slide.windows, 'spring_error': fit.slide.spring_error,
             'inertia_error': fit.slide.inertia_error},
-        'state_space': continuous._asdict() if continuous else 'has no continuous form',
     })
     return document
 

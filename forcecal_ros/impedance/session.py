@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, NamedTuple
 
-from forcecal_ros.core.errors import above, ConfigError, MotionError
-from forcecal_ros.core.schema import Row
+from forcecal_ros.core.errors import above, MotionError
+from forcecal_ros.core.schema import Row, Section
 from forcecal_ros.impedance.law import Controller, Measurement, Reference
 from forcecal_ros.motion.profiles import quintic
 import numpy as np
@@ -38,12 +38,6 @@ class Program:
     """Stages one after another, beginning at zero."""
 
     stages: tuple[Stage, ...]
-
-    def __post_init__(self) -> None:
-        for stage in self.stages:
-            if not (stage.duration > 0 and np.isfinite([stage.goal, stage.duration]).all()):
-                raise ConfigError(f'a stage of phase {stage.phase} goes to {stage.goal:g} m in '
-                                  f'{stage.duration:g} s; give finite numbers and a duration')
 
     @cached_property
     def ends(self) -> tuple[float, ...]:
@@ -207,7 +201,7 @@ def _peak_acceleration(withdrawal: Withdrawal) -> float:
 
 
 @dataclass(frozen=True)
-class Bounds:
+class Bounds(Section, name='limits'):
     """Limits of the command of S, and forces that end the task."""
 
     speed: Annotated[float, Row(
@@ -238,12 +232,7 @@ class Bounds:
         'to where the task began at most',
         'm', 0.0005, 0.5)] = 0.015
     closing: Annotated[float, Row(
-        'Duration of the commands at rest that end the stream', 's')] = 0.1
-
-    def __post_init__(self) -> None:
-        for name in self.__dataclass_fields__:
-            if not getattr(self, name) > 0.0:
-                raise ConfigError(f'{name} is {getattr(self, name)}; expected a positive number')
+        'Duration of the commands at rest that end the stream', 's', above=0.0)] = 0.1
 
 
 class TaskStatus(NamedTuple):

@@ -80,7 +80,7 @@ class TableSource:
             yield (f'{name}: {self.left_out} rows without numbers or not in order of time were '
                    'left out')
         if time and self._spec.rows == 'samples':
-            from forcecal_ros.io.csv_import.plausibility import question_rate
+            from forcecal_ros.io.csv_import.table import question_rate
 
             yield from question_rate(rows, span, f'{name}, column {time.column!r}', time.unit)
 

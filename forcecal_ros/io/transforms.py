@@ -1,19 +1,15 @@
 """Messages of /tf, the way from one of their frames to another, and the pose along it."""
 
-from collections.abc import Callable, Mapping, Sequence
-from struct import error as StructError
-from struct import Struct, unpack_from
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
+from forcecal_ros.core.cdr import Layout
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 TF = 'tf2_msgs/msg/TFMessage'
-
-DEEPEST = 200
-"""Transforms from a frame to the root of its tree: more go round in a circle."""
 
 
 class Transform(NamedTuple):
@@ -32,95 +28,19 @@ class Route(NamedTuple):
     down: tuple[str, ...]
 
 
+FORM = (('i', 'I', 's', 's', '7d'),)
+"""Of a TFMessage: stamp, names of parent and child, x y z [m] qx qy qz qw of each transform."""
+
 FIELDS = 13
-"""Of one transform: sec, nanosec, length and text of either name, and seven numbers."""
+"""Values of one transform, as :class:`FormReader` gives them after their count."""
 
 
-class Layout(NamedTuple):
-    """Where everything is in messages of one length, as long as their names are the same."""
-
-    unpack: Callable[[bytes], tuple[Any, ...]]
-    names: tuple[tuple[Any, ...], ...]
-    frames: tuple[tuple[str, str], ...]
-
-
-class TransformReader:
-    """Reads serialised TFMessages; one publisher's are all laid out alike, which is remembered."""
-
-    def __init__(self) -> None:
-        self._layouts: dict[tuple[int, int], Layout] = {}
-
-    def __call__(self, raw: bytes) -> list[Transform]:
-        """
-        Read one message.
-
-        Raises
-        ------
-        struct.error
-            It is shorter than it states.
-        """
-        return transforms_of(*self.laid_out(raw))
-
-    def laid_out(self, raw: bytes) -> tuple[Layout, tuple[Any, ...]]:
-        """
-        Return where everything is in one message, the same object for the same names, and values.
-
-        Raises
-        ------
-        struct.error
-            It is shorter than it states.
-        """
-        key = raw[1], len(raw)
-        layout = self._layouts.get(key)
-        values = layout.unpack(raw) if layout else ()
-        if layout is None or _names(values) != layout.names:
-            if len(self._layouts) > 100:
-                self._layouts.clear()
-            layout = self._layouts[key] = _layout(raw)
-            values = layout.unpack(raw)
-        return layout, values
-
-
-def transforms_of(layout: Layout, values: tuple[Any, ...]) -> list[Transform]:
-    """Return the transforms of one message."""
-    return [Transform(parent, child, values[k] * 1_000_000_000 + values[k + 1],
-                      values[k + 6:k + FIELDS])
-            for k, (parent, child) in zip(range(0, len(values), FIELDS), layout.frames)]
-
-
-def _names(values: tuple[Any, ...]) -> tuple[tuple[Any, ...], ...]:
-    """Return the texts; where they are the same, lengths differ by zeros behind them only."""
-    return values[3::FIELDS], values[5::FIELDS]
-
-
-def _layout(raw: bytes) -> Layout:
-    """Walk through a message; alignment counts from behind the first 4 bytes."""
-    order = '<' if raw[1] == 1 else '>'
-    (count,) = unpack_from(order + 'I', raw, 4)
-    at, parts = 8, [order, '8x']
-    for _ in range(count):
-        for head in ('iI', ''):
-            padding = -at % 4
-            at += padding + 4 * len(head)
-            (length,) = unpack_from(order + 'I', raw, at)
-            if length > len(raw):
-                raise StructError('a name is longer than its message')
-            parts.append(f'{padding}x{head}I{length}s')
-            at += 4 + length
-        padding = (4 - at) % 8
-        parts.append(f'{padding}x7d')
-        at += padding + 56
-        if at > len(raw):
-            raise StructError('a message is shorter than it states')
-    struct = Struct(''.join(parts))
-    values = struct.unpack_from(raw)
-    names = _names(values)
-    frames = zip(map(_text, names[0]), map(_text, names[1]))
-    return Layout(struct.unpack_from, names, tuple(frames))
-
-
-def _text(name: bytes) -> str:
-    return name.rstrip(b'\0').decode(errors='replace').lstrip('/')
+def transforms_of(layout: Layout, values: tuple[Any, ...]) -> Iterator[Transform]:
+    """Yield the transforms of one message of ``FORM``."""
+    names = [name.lstrip('/') for name in layout.texts]
+    for k, parent, child in zip(range(1, len(values), FIELDS), names[::2], names[1::2]):
+        yield Transform(parent, child, values[k] * 1_000_000_000 + values[k + 1],
+                        values[k + 6:k + FIELDS])
 
 
 def frames_of(parents: Mapping[str, str]) -> set[str]:
@@ -139,9 +59,9 @@ def way_up(parents: Mapping[str, str], frame: str, source: str = '/tf') -> list[
     """
     way = [frame]
     while way[-1] in parents:
-        way.append(parents[way[-1]])
-        if len(way) > DEEPEST:
+        if parents[way[-1]] in way:
             raise DataError(f'{source}: the parents of {frame} go round in a circle')
+        way.append(parents[way[-1]])
     return way
 
 

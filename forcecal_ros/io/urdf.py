@@ -11,6 +11,10 @@ from forcecal_ros.io.transforms import Placement
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+FARTHEST_TURN = 4.0 * np.pi
+"""Joints between limits turn by less, those of arms by one turn either way, as do the angles of a
+wrist, which may be unwrapped beyond one [rad]."""
+
 _TURNS = ('revolute', 'continuous')
 _SLIDES = ('prismatic',)
 

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from forcecal_ros.core.errors import above, below, ConfigError, MotionError
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.schema import Row
+from forcecal_ros.core.schema import Row, Section
 from forcecal_ros.motion.profiles import (
     JointMove,
     Move,
@@ -22,7 +22,7 @@ MARGIN = 0.967
 
 
 @dataclass(frozen=True)
-class Limits:
+class Limits(Section):
     """Limits of planned and of measured motion; the names are the parameters' keys."""
 
     speed: Annotated[float, Row(
@@ -73,12 +73,7 @@ class Limits:
         'Duration from the first command of a stop to rest', 's', 0.01, 0.5)] = 0.045
 
     def __post_init__(self) -> None:
-        for name in ('workspace_min', 'workspace_max', 'tip'):
-            value = np.array(getattr(self, name), dtype=float)
-            if value.shape != (3,) or not np.isfinite(value).all():
-                raise ConfigError(f'limits.{name} requires three finite numbers, got {value}')
-            value.setflags(write=False)
-            object.__setattr__(self, name, value)
+        super().__post_init__()
         if (self.workspace_min >= self.workspace_max).any():
             raise ConfigError(
                 f'limits.workspace_min {self.workspace_min.tolist()} m is not below '

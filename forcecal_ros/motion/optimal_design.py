@@ -10,7 +10,7 @@ The search is an exchange algorithm [Fedorov1972]: one pose after the other is r
 candidate that helps, for three, four and five poses, until nothing helps.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -24,9 +24,8 @@ from forcecal_ros.core.geometry import (
     skew,
     STANDARD_GRAVITY,
 )
-from forcecal_ros.core.parameters import parameters_of
+from forcecal_ros.core.parameters import Parameter, parameter_file, parameters_of
 from forcecal_ros.core.quantity import size, sizes
-from forcecal_ros.core.schema import yaml_value
 from forcecal_ros.motion.limits import check_move, Limits, pace_within, share_allowed
 from forcecal_ros.motion.plan import Timing
 from forcecal_ros.motion.profiles import (
@@ -39,8 +38,11 @@ from forcecal_ros.motion.profiles import (
     step_goal,
 )
 import numpy as np
+from scipy.linalg import block_diag
 
-_TOOL, _ACCELEROMETER = 10, 16
+TOOL, PARAMETERS = 10, 26
+"""Of the tool: mass, force bias, first moment, torque bias; with those of the accelerometer:
+offset, map (row by row), delay, lever from the centre of mass."""
 
 
 class Sensors(NamedTuple):
@@ -111,61 +113,24 @@ def _density(density: Estimate | None, covariance: Estimate, rate: float) -> Arr
     return np.diag(covariance.value / rate if density is None else density.value)
 
 
-class Information(NamedTuple):
-    """
-    Fisher information, which adds up over stretches of a sequence.
-
-    Attributes
-    ----------
-    tool : ndarray, shape (10, 10)
-        Of mass, force bias, first moment, torque bias.
-    accelerometer : ndarray, shape (16, 16)
-        Of offset, map (row by row), delay, lever from the centre of mass.
-    by_tool : ndarray, shape (16, 10)
-        How errors of the tool enter the normal equations of the accelerometer.
-    """
-
-    tool: Array
-    accelerometer: Array
-    by_tool: Array
-
-    def plus(self, other: 'Information', times: float = 1.0) -> 'Information':
-        """Return the sum with ``times`` another."""
-        return Information(*(a + times * b for a, b in zip(self, other)))
-
-    def covariances(self) -> tuple[Array, Array]:
-        """Return those of the tool (10, 10) and of the accelerometer (16, 16)."""
-        tool = _inverse(self.tool)
-        inverse = _inverse(self.accelerometer)
-        carried = inverse @ self.by_tool
-        return tool, inverse + carried @ tool @ carried.T
-
-
-def nothing() -> Information:
-    """Return the information of no reading."""
-    return Information(np.zeros((_TOOL, _TOOL)), np.zeros((_ACCELEROMETER, _ACCELEROMETER)),
-                       np.zeros((_ACCELEROMETER, _TOOL)))
-
-
-def at_rest(R_base_sensor: Array, sensors: Sensors) -> Information:
-    """Return the information of one second in a pose."""
+def at_rest(R_base_sensor: Array, sensors: Sensors) -> Array:
+    """Return the Fisher information of one second in a pose, shape (26, 26)."""
     g = -sensors.gravity * R_base_sensor[2]
-    design = np.zeros((6, _TOOL))
-    design[:3, 0] = g
-    design[:3, 1:4] = design[3:, 7:] = np.eye(3)
-    design[3:, 4:7] = -skew(g)
-    design /= np.repeat([sensors.force, sensors.torque], 3)[:, None]
-    empty = nothing()
-    if not sensors.has_accelerometer:
-        return empty._replace(tool=design.T @ design)
-    J = _accelerometer_rows(-g[None], np.zeros((1, 3)), np.zeros((1, 3, 3)), sensors)[0]
-    return empty._replace(tool=design.T @ design, accelerometer=J.T @ J / sensors.volts**2)
+    J = np.zeros((9, PARAMETERS))
+    J[:3, 0] = g
+    J[:3, 1:4] = J[3:6, 7:TOOL] = np.eye(3)
+    J[3:6, 4:7] = -skew(g)
+    J[:6] /= np.repeat([sensors.force, sensors.torque], 3)[:, None]
+    if sensors.has_accelerometer:
+        J[6:, TOOL:] = _accelerometer_rows(-g[None], np.zeros((1, 3)), np.zeros((1, 3, 3)),
+                                           sensors)[0] / sensors.volts
+    return np.asarray(J.T @ J)
 
 
-def in_motion(move: Move, sensors: Sensors) -> Information:
-    """Return the information of a move, or of settling where it has no distance."""
+def in_motion(move: Move, sensors: Sensors) -> Array:
+    """Return the same of a move, or of settling where it has no distance."""
     if not sensors.has_accelerometer:
-        return nothing()
+        return np.zeros((PARAMETERS, PARAMETERS))
     # moves are sampled that densely [s]: the block length of the identification
     n = max(2, round(move.duration / 0.02))
     s, rate, change = quintic((np.arange(n) + 0.5) / n)
@@ -173,26 +138,22 @@ def in_motion(move: Move, sensors: Sensors) -> Information:
     alpha = change[:, None] * move.turn / move.duration**2
     R = move.start.R_base_sensor @ rotation_from_vector(s[:, None] * move.turn)
     f = sensors.gravity * R[:, 2]
-    J = _accelerometer_rows(f, -np.cross(omega, f), skew(alpha) + skew(omega) @ skew(omega),
-                            sensors)
+    J = np.zeros((n, 3, PARAMETERS))
+    J[:, :, TOOL:] = _accelerometer_rows(
+        f, -np.cross(omega, f), skew(alpha) + skew(omega) @ skew(omega), sensors)
     # f = (b_F - F) / m, by the mass and by the force bias
-    by_tool = np.zeros((n, 3, _TOOL))
-    by_tool[:, :, 0] = -f * sensors.gain / sensors.mass
-    by_tool[:, :, 1:4] = np.eye(3) * sensors.gain / sensors.mass
-    weight = move.duration / n / (
-        sensors.volts**2 + (sensors.gain * sensors.force / sensors.mass)**2)
-    return nothing()._replace(accelerometer=weight * _products(J, J),
-                              by_tool=weight * _products(J, by_tool))
-
-
-def _products(a: Array, b: Array) -> Array:
-    """Sum a^T b over n instants and three readings, (n, 3, p) and (n, 3, q) to (p, q)."""
-    return a.reshape(-1, a.shape[2]).T @ b.reshape(-1, b.shape[2])
+    J[:, :, 0] = -f * sensors.gain / sensors.mass
+    J[:, :, 1:4] = np.eye(3) * sensors.gain / sensors.mass
+    J *= np.sqrt(move.duration / n / (
+        sensors.volts**2 + (sensors.gain * sensors.force / sensors.mass)**2))
+    information = np.einsum('nij,nik->jk', J, J)
+    information[:TOOL, :TOOL] = 0.0  # the tool is identified at rest alone
+    return np.asarray(information)
 
 
 def _accelerometer_rows(f: Array, slope: Array, turning: Array, sensors: Sensors) -> Array:
     """Jacobian of the three readings at each of n instants, shape (n, 3, 16)."""
-    J = np.zeros((len(f), 3, _ACCELEROMETER))
+    J = np.zeros((len(f), 3, PARAMETERS - TOOL))
     for i in range(3):
         J[:, i, i] = 1.0
         J[:, i, 3 + 3 * i:6 + 3 * i] = f
@@ -237,37 +198,25 @@ class Errors(NamedTuple):
         return [name for name, (_, at) in GROUPS.items() if at[-1] < len(self.covariance)]
 
 
-def errors_of(information: Information, sensors: Sensors) -> Errors:
+def errors_of(information: Array, sensors: Sensors) -> Errors:
     """Return the covariance that an information promises, the centre of mass in metres."""
-    tool, accelerometer = information.covariances()
-    to_com = np.eye(10)
+    tool = _inverse(information[:TOOL, :TOOL])
+    to_com = np.eye(TOOL)
     to_com[4:7, 4:7] /= sensors.mass
     to_com[4:7, 0] = -sensors.com / sensors.mass
-    tool = to_com @ tool @ to_com.T
+    in_metres = to_com @ tool @ to_com.T
     if not sensors.has_accelerometer:
-        return Errors(tool)
-    both = np.zeros((22, 22))
-    both[:10, :10], both[10:, 10:] = tool, accelerometer[:12, :12]
-    return Errors(both)
-
-
-Criterion = Callable[[Errors], float]
+        return Errors(in_metres)
+    inverse = _inverse(information[TOOL:, TOOL:])
+    carried = inverse @ information[TOOL:, :TOOL]
+    accelerometer = inverse + carried @ tool @ carried.T
+    return Errors(np.asarray(block_diag(in_metres, accelerometer[:12, :12])))
 
 
 def d_optimality(errors: Errors) -> float:
     """Return the logarithm of the determinant of the covariance, per parameter."""
     sign, value = np.linalg.slogdet(errors.covariance)
     return float(value) / len(errors.covariance) if sign > 0 else np.inf
-
-
-def c_optimality(name: str) -> Criterion:
-    """Return the criterion of one of ``GROUPS``, compounded with D-optimality."""
-    return lambda errors: (float(np.log((errors.std(name)**2).sum())) + d_optimality(errors))
-
-
-def criterion_of(name: str) -> Criterion:
-    """Return ``D``, or c-optimality for one of ``GROUPS`` (hyphens for blanks)."""
-    return d_optimality if name == 'D' else c_optimality(name.replace('-', ' '))
 
 
 class Robot(NamedTuple):
@@ -336,11 +285,11 @@ class Planner:
     duration: float
 
     @cached_property
-    def _moves(self) -> dict[tuple[int, int], tuple[float, Information] | None]:
+    def _moves(self) -> dict[tuple[int, int], tuple[float, Array] | None]:
         """Duration and information of the moves looked at so far; None where not allowed."""
         return {}
 
-    def move(self, i: int, j: int) -> tuple[float, Information] | None:
+    def move(self, i: int, j: int) -> tuple[float, Array] | None:
         """Return duration and information of a move; None where a limit forbids it."""
         if (i, j) not in self._moves:
             try:
@@ -362,7 +311,7 @@ class Planner:
             raise MotionError(f'of {others} candidate poses {others - len(refused)} are within '
                               f'the limits: {refused[0]}')
 
-    def _moved(self, start: Pose, goal: Pose) -> tuple[float, Information] | None:
+    def _moved(self, start: Pose, goal: Pose) -> tuple[float, Array] | None:
         if Move(start, goal, 1.0).angle > LONGEST_TURN:
             return None
         move = Move(start, goal, shortest_duration(start, goal, self.robot.pace))
@@ -370,7 +319,7 @@ class Planner:
         return move.duration, in_motion(move, self.sensors)
 
     @cached_property
-    def _rests(self) -> list[tuple[Information, Information]]:
+    def _rests(self) -> list[tuple[Array, Array]]:
         """What a second of measuring and of settling contributes in each pose."""
         return [(at_rest(pose.R_base_sensor, self.sensors),
                  in_motion(Move(pose, pose, 1.0), self.sensors)) for pose in self.poses]
@@ -394,49 +343,46 @@ class Planner:
 
     def errors(self, sequence: Sequence[int], measure: float) -> Errors:
         """Return what a sequence of allowed moves promises."""
-        total = nothing()
+        total = np.zeros((PARAMETERS, PARAMETERS))
         for pair in self._pairs(sequence):
             if one := self.move(*pair):
-                total = total.plus(one[1])
+                total += one[1]
         for i in sequence:
             resting, settling = self._rests[i]
-            total = total.plus(resting, measure).plus(settling, SETTLE)
-        total = total.plus(self._rests[0][1], SETTLE + self._step)
-        return errors_of(total, self.sensors)
+            total += measure * resting + SETTLE * settling
+        return errors_of(total + (SETTLE + self._step) * self._rests[0][1], self.sensors)
 
-    def value(self, sequence: Sequence[int], criterion: Criterion) -> float:
+    def value(self, sequence: Sequence[int]) -> float:
         """Return the criterion; infinite where the sequence does not fit."""
         measure = self.measure(sequence)
         # shortest measurement: of a pose [s]: 20 blocks of the identification, twice as many as
         # its noise is measured on
         if not measure >= 0.4:
             return np.inf
-        return criterion(self.errors(sequence, measure))
+        return d_optimality(self.errors(sequence, measure))
 
-    def exchange(self, sequence: list[int], criterion: Criterion) -> tuple[float, list[int]]:
+    def exchange(self, sequence: list[int]) -> tuple[float, list[int]]:
         """Replace poses, the first excepted, until none helps; return the criterion."""
-        best = self.value(sequence, criterion)
+        best = self.value(sequence)
         while True:
             before = best
             for place in range(1, len(sequence)):
                 for other in sorted(set(range(len(self.poses))) - set(sequence)):
                     tried = [*sequence[:place], other, *sequence[place + 1:]]
-                    if (value := self.value(tried, criterion)) < best:
+                    if (value := self.value(tried)) < best:
                         best, sequence = value, tried
             if not best < before:
                 return best, sequence
 
-    def search(self, criterion: Criterion, sizes: Sequence[int], seed: int = 0
-               ) -> tuple[float, list[int]]:
+    def search(self, sizes: Sequence[int], seed: int = 0) -> tuple[float, list[int]]:
         """Return the best criterion and sequence, of a random start for each number of poses."""
         rng = np.random.default_rng(seed)
-        found = [self.exchange([0, *(1 + rng.choice(len(self.poses) - 1, n - 1, replace=False))],
-                               criterion) for n in sizes]
-        return min(found, key=lambda one: one[0])
+        starts = ([0, *(1 + rng.choice(len(self.poses) - 1, n - 1, replace=False))] for n in sizes)
+        return min(map(self.exchange, starts), key=lambda one: one[0])
 
 
 def design_calibration(robot: Robot, sensors: Sensors, duration: float,
-                       criterion: Criterion = d_optimality, timing: Timing = Timing()) -> Design:
+                       timing: Timing = Timing()) -> Design:
     """
     Choose poses and times of a calibration.
 
@@ -455,7 +401,7 @@ def design_calibration(robot: Robot, sensors: Sensors, duration: float,
     poses = candidates(robot)
     planner = Planner(robot, sensors, poses, timing, duration)
     planner.require_room()
-    value, sequence = planner.search(criterion, (3, 4, 5))
+    value, sequence = planner.search((3, 4, 5))
     if not np.isfinite(value):
         raise MotionError(f'no three poses fit into {duration:g} s: give more time '
                           '(--duration)')
@@ -475,23 +421,15 @@ def sequencer_parameters(sequence: str, poses: Mapping[str, Pose], timing: Timin
     heading : str
         Comment at its top.
     """
-    numbers = [round(x, 12) + 0.0 for x in flatten_poses(poses)]
-    rows = [yaml_value(numbers[i:i + POSE_LENGTH])[1:-1]
-            for i in range(0, len(numbers), POSE_LENGTH)]
-    comment = ''.join(f'# {line}'.rstrip() + '\n' for line in heading.splitlines())
-    return (f'{comment}/**/sequencer:\n  ros__parameters:\n    sequence: {sequence}\n    poses:\n'
-            f'      names: {yaml_value(list(poses))}\n      values: [\n        '
-            + ',\n        '.join(rows) + ']\n'
-            + _group('timing', timing, Timing()) + _group('pace', pace, Pace())
-            + _group('limits', limits, Limits()))
-
-
-def _group(name: str, section: Any, usual: Any) -> str:
-    """Return the parameters of a section that are not at their default."""
-    given = [(p.name.partition('.')[2], p.default) for p, other in zip(
-        parameters_of(name, section), parameters_of(name, usual)) if p.default != other.default]
-    return ''.join([f'    {name}:\n' * bool(given),
-                    *(f'      {key}: {yaml_value(value)}\n' for key, value in given)])
+    given = (one for name, section, usual in (
+        ('timing', timing, Timing()), ('pace', pace, Pace()), ('limits', limits, Limits()))
+        for one, other in zip(parameters_of(name, section), parameters_of(name, usual))
+        if one.default != other.default)
+    return parameter_file('sequencer', [
+        Parameter('sequence', sequence, 'Sequence that a start runs'),
+        Parameter('poses.names', list(poses), 'Names of the poses in their order'),
+        Parameter('poses.values', flatten_poses(poses), 'x y z [m] qx qy qz qw of each',
+                  per_line=POSE_LENGTH), *given], heading)
 
 
 def as_text(design: Design) -> str:

@@ -118,13 +118,6 @@ def calibration_plan(goals: Mapping[str, Goal], away: Goal, timing: Timing
     return (*plan, *step_segments(home, away, timing))
 
 
-def repeat_plan(name: str, goal: Goal, home: Goal, timing: Timing) -> tuple[Segment, ...]:
-    """Measure one pose again, and go home."""
-    return (Segment('move', f'to {name} again', goal), Segment('settle', name),
-            Segment('measure', name, duration=timing.measure),
-            Segment('move', 'home', home), Segment('settle', 'home'))
-
-
 def step_segments(home: Goal, away: Goal, timing: Timing) -> tuple[Segment, ...]:
     """Step out and back, with time for the tool to ring after each."""
     return (Segment('step', 'out', away, timing.step_duration),

@@ -10,7 +10,7 @@ from forcecal_ros.core.errors import DataError, ForcecalError, with_id
 from forcecal_ros.core.geometry import Array, matrix_from_quaternion
 from forcecal_ros.core.schema import Vector7
 from forcecal_ros.core.sensor_matrix import with_matrix_of
-from forcecal_ros.core.streams import Phase, PoseStream, Recording, STILL, Stream
+from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream
 from forcecal_ros.observe.design import with_kalman_gains
 import numpy as np
 
@@ -73,11 +73,6 @@ class Collector:
         """Add a phase; one that is announced again changes nothing."""
         if not self._phases or self._phases[-1][0] != phase:
             self._phases.append((phase, stamp_ns))
-
-    def reject(self, pose: int) -> None:
-        """Take the static pose of that number, from 0, for a part that is not informative."""
-        places = [i for i, (phase, _) in enumerate(self._phases) if phase in STILL]
-        self._phases[places[pose]] = ('idle', self._phases[places[pose]][1])
 
     def recording(self) -> Recording:
         """

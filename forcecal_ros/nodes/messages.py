@@ -27,7 +27,7 @@ TOPIC = '~/tool'
 """Topic of the tool in use."""
 
 
-PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+PAIRS = tuple(zip(*np.triu_indices(3)))
 """Elements of an inertia in the order of the message's fields."""
 
 
@@ -195,15 +195,12 @@ def _ellipsoid(header: Header, namespace: str, centre: Array, covariance: Array)
     return marker
 
 
-_EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2, 4)]
-
-
 def plan_markers(low: ArrayLike, high: ArrayLike, path: Array, frame: str, stamp: Time
                  ) -> MarkerArray:
     """
     Draw the workspace box by its edges, and the path (n, 3) that a start would take [m].
 
-    A side at infinity is drawn 1 m beyond the path; without positions nothing of it is drawn.
+    Without positions nothing of it is drawn.
     """
     header = Header(stamp=stamp.to_msg(), frame_id=frame)
     box = _marker(header, 'workspace', Marker.LINE_LIST)
@@ -211,10 +208,10 @@ def plan_markers(low: ArrayLike, high: ArrayLike, path: Array, frame: str, stamp
     if not len(path):
         box.action = line.action = Marker.DELETE
         return MarkerArray(markers=[box, line])
-    ends = np.array([np.where(np.isfinite(low), low, path.min(axis=0) - 1.0),
-                     np.where(np.isfinite(high), high, path.max(axis=0) + 1.0)])
+    ends = np.array([low, high])
     corners = np.array([[ends[k >> axis & 1, axis] for axis in range(3)] for k in range(8)])
-    box.points = _points(corners[[k for edge in _EDGES for k in edge]])
+    edges = [k for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2, 4) for k in (a, b)]
+    box.points = _points(corners[edges])
     line.points = _points(path)
     box.scale.x, line.scale.x, box.color, line.color = 0.003, 0.005, BLUE, ORANGE
     return MarkerArray(markers=[box, line])

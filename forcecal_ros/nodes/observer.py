@@ -134,13 +134,13 @@ class Observer(ManagedNode):
             self.get_logger().error(self._failure)
             self._release()
             return TransitionCallbackReturn.FAILURE
-        self._out = self.create_lifecycle_publisher(WrenchStamped, '~/contact_wrench', OUTPUT)
+        self._out = self.publisher(WrenchStamped, '~/contact_wrench', OUTPUT)
         self._optional = []
         for name, field in OPTIONAL_OUTPUTS.items():
             if self._value(f'publish.{name}'):
-                self._optional.append((field, self.create_lifecycle_publisher(
-                    WrenchStamped, f'~/{name}', OUTPUT)))
-        self._accuracy = self.create_lifecycle_publisher(Float64MultiArray, '~/accuracy', LATCHED)
+                self._optional.append(
+                    (field, self.publisher(WrenchStamped, f'~/{name}', OUTPUT)))
+        self._accuracy = self.publisher(Float64MultiArray, '~/accuracy', LATCHED)
         self._frames = FrameOutputs(self, frames)
         if self._value('publish.marker_rate') > 0:
             self._markers = ContactMarkers(self, self._value('publish.marker_rate'))
@@ -178,10 +178,7 @@ class Observer(ManagedNode):
         self._release()
         return TransitionCallbackReturn.SUCCESS
 
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Release topics and calibration."""
-        self._release()
-        return TransitionCallbackReturn.SUCCESS
+    on_shutdown = on_cleanup
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Release all after an exception in a transition, which rclpy keeps to itself."""
@@ -194,18 +191,8 @@ class Observer(ManagedNode):
         for subscription in (*getattr(self, '_inputs', ()), self._accelerometer):
             if subscription is not None:
                 self._inbox.unsubscribe(subscription)
-        publishers = [publisher for _, publisher in getattr(self, '_optional', ())]
-        if hasattr(self, '_out'):
-            publishers += [self._out, self._accuracy]
-            del self._out, self._accuracy
-        for publisher in publishers:
-            self.destroy_lifecycle_publisher(publisher)
-        self._inputs, self._optional, self._accelerometer = [], [], None
-        if self._frames is not None:
-            self._frames.destroy()
-        for output in (self._markers, self._transform):
-            if output is not None:
-                output.destroy()
+        self.end_publishers()
+        self._inputs, self._accelerometer = [], None
         self._markers = self._transform = None
         self._source = None
         self._tool.release()

@@ -16,7 +16,7 @@ from forcecal_ros.nodes.messages import (
     transform_of,
 )
 from forcecal_ros.nodes.observer_settings import TRACKED
-from forcecal_ros.nodes.runtime import LATCHED, OUTPUT
+from forcecal_ros.nodes.runtime import LATCHED, ManagedNode, OUTPUT
 from forcecal_ros.nodes.wire import Writer
 from forcecal_ros.observe.frames import Frames
 from forcecal_ros.observe.live import LiveObserver
@@ -32,8 +32,6 @@ from forcecal_ros.observe.sample import describe, level, Wrench
 from forcecal_ros.observe.tracker import Tracker
 from geometry_msgs.msg import InertiaStamped, WrenchStamped
 import numpy as np
-from rclpy.lifecycle import LifecycleNode
-from rclpy.node import Node
 from rclpy.time import Time
 from visualization_msgs.msg import MarkerArray
 
@@ -41,11 +39,11 @@ from visualization_msgs.msg import MarkerArray
 class FrameOutputs:
     """One publisher a frame."""
 
-    def __init__(self, node: LifecycleNode, frames: Frames) -> None:
+    def __init__(self, node: ManagedNode, frames: Frames) -> None:
         self._node, self._frames = node, frames
-        self._out = {name: (node.create_lifecycle_publisher(
-            WrenchStamped, f'~/contact_wrench/{name}', OUTPUT), Writer(WrenchStamped, name))
-            for name in frames.names}
+        self._out = {
+            name: (node.publisher(WrenchStamped, f'~/contact_wrench/{name}', OUTPUT),
+                   Writer(WrenchStamped, name)) for name in frames.names}
 
     def on_pose(self, t: float, pose: tuple[float, ...], frame: str) -> None:
         """Note a measured pose and its frame_id."""
@@ -70,12 +68,6 @@ class FrameOutputs:
         """Forget all poses."""
         self._frames.forget()
 
-    def destroy(self) -> None:
-        """End the publishers."""
-        for publisher, _ in self._out.values():
-            self._node.destroy_lifecycle_publisher(publisher)
-        self._out = {}
-
 
 class SensorTransform:
     """
@@ -87,13 +79,13 @@ class SensorTransform:
         tf2_msgs is missing, or the poses come from /tf, which knows the sensor then.
     """
 
-    def __init__(self, node: Node, topic: str) -> None:
+    def __init__(self, node: ManagedNode, topic: str) -> None:
         if topic == '/tf':
             raise ConfigError('publish.transform: poses are taken from /tf already (pose.base, '
                               'pose.frame); leave it false')
         self._type: Any = transform_type('publish.transform publishes ft_sensor on /tf')
         self._node, self._last = node, 0
-        self._out = node.create_publisher(self._type, '/tf', OUTPUT)
+        self._out = node.publisher(self._type, '/tf', OUTPUT)
 
     def publish(self, stamp_ns: int, pose: tuple[float, ...], parent: str, child: str) -> None:
         """Publish a pose, unless one was published just now or its position is not known."""
@@ -103,17 +95,13 @@ class SensorTransform:
         self._last = stamp_ns
         self._out.publish(self._type(transforms=[transform_of(stamp_ns, pose, parent, child)]))
 
-    def destroy(self) -> None:
-        """End the publisher."""
-        self._node.destroy_publisher(self._out)
-
 
 class ContactMarkers:
     """``observer/markers``: the contact force now and then, where anybody looks."""
 
-    def __init__(self, node: LifecycleNode, rate: float) -> None:
+    def __init__(self, node: ManagedNode, rate: float) -> None:
         self._node, self._period, self._next = node, 1e9 / rate, 0
-        self._out = node.create_lifecycle_publisher(MarkerArray, '~/markers', OUTPUT)
+        self._out = node.publisher(MarkerArray, '~/markers', OUTPUT)
         self.covariance = np.full((6, 6), np.nan)
 
     def publish(self, stamp_ns: int, wrench: Wrench, frame: str) -> None:
@@ -124,10 +112,6 @@ class ContactMarkers:
         self._out.publish(contact_markers(
             np.array(wrench), self.covariance, frame, Time(nanoseconds=stamp_ns)))
 
-    def destroy(self) -> None:
-        """End the publisher."""
-        self._node.destroy_lifecycle_publisher(self._out)
-
 
 class ToolOnSensor:
     """
@@ -137,7 +121,7 @@ class ToolOnSensor:
     never depends on what it subtracts.
     """
 
-    def __init__(self, node: LifecycleNode, chain: LiveObserver) -> None:
+    def __init__(self, node: ManagedNode, chain: LiveObserver) -> None:
         self._node, self._chain = node, chain
         self._out: Any = None
         self._in: Any = None
@@ -148,7 +132,7 @@ class ToolOnSensor:
     def configure(self, track: bool) -> None:
         """Create the publisher of an observer that tracks."""
         if track:
-            self._out = self._node.create_lifecycle_publisher(InertiaStamped, TOPIC, LATCHED)
+            self._out = self._node.publisher(InertiaStamped, TOPIC, LATCHED)
 
     def use(self, tracked: bool) -> None:
         """Use the tool as received or tracked from now on, or as calibrated."""
@@ -217,10 +201,8 @@ class ToolOnSensor:
                 tool_warning(tracker.estimate, model.load.m))
 
     def release(self) -> None:
-        """End publisher and subscription."""
+        """End the subscription, and let go of the publisher."""
         self.use(False)
-        if self._out is not None:
-            self._node.destroy_lifecycle_publisher(self._out)
         self._out = self._published = self._calibration = self._chain.tracker = None
 
 

@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from difflib import get_close_matches
 from functools import partial
 import gc
+from math import copysign, isfinite
 import os
 from pathlib import Path
 import signal
@@ -285,9 +286,20 @@ class ManagedNode(LifecycleNode):
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
+        self._made: list[Any] = []
         for service in self.services:
             if service.srv_type is ChangeState:
                 service.callback = _refusing(service.callback)
+
+    def publisher(self, message_type: Any, topic: str, quality: QoSProfile) -> Any:
+        """Return a lifecycle publisher, which :meth:`end_publishers` ends."""
+        self._made.append(self.create_lifecycle_publisher(message_type, topic, quality))
+        return self._made[-1]
+
+    def end_publishers(self) -> None:
+        """End all that :meth:`publisher` has returned."""
+        while self._made:
+            self.destroy_lifecycle_publisher(self._made.pop())
 
 
 def _refusing(change: Callable[..., Any]) -> Callable[..., Any]:
@@ -403,7 +415,8 @@ def declare(node: Node, table: Iterable[Parameter],
         try:
             node.declare_parameter(row.name, row.default, _descriptor(row))
         except ParameterException as error:
-            raise ConfigError(_explain(row, _given(node, row))) from error
+            given = node._parameter_overrides[row.name].value  # noqa: SLF001 - as below
+            raise ConfigError(_explain(row, given)) from error
         _check(row, node.get_parameter(row.name).value)
     _refuse_unknown(node, rows)
 
@@ -454,12 +467,10 @@ def refuse_changes(node: Node, check: Callable[[dict[str, Any]], object]) -> Non
 
 
 def _descriptor(row: Parameter) -> ParameterDescriptor:
-    # bound in the descriptor of a range that is open on one side: beyond any value of a parameter
-    unbounded = 1e9
     descriptor = ParameterDescriptor(description=row.text, read_only=not row.live)
-    bounded = row.low is not None or row.high is not None
-    low = row.low if row.low is not None else -unbounded
-    high = row.high if row.high is not None else unbounded
+    # of a range that is open on one side: beyond any value of a parameter
+    low, high = (x if isfinite(x) else copysign(1e9, x) for x in (row.low, row.high))
+    bounded = row.row.range()
     if bounded and isinstance(row.default, float):
         descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
     elif bounded and isinstance(row.default, int):
@@ -473,22 +484,9 @@ def _check(row: Parameter, value: Any) -> None:
         row.row.take(type(row.default), value, f'parameter {row.name}')
 
 
-def _given(node: Node, row: Parameter) -> object:
-    """Return the value given at start to a parameter that could not be declared."""
-    anything = ParameterDescriptor(dynamic_typing=True)
-    value = node.declare_parameter(row.name, row.default, anything).value
-    node.undeclare_parameter(row.name)
-    return value
-
-
 def _explain(row: Parameter, given: object) -> str:
-    kind = type(row.default).__name__
-    hint = ''
-    if isinstance(row.default, float):
-        hint = ', written with a point'
-        if row.low is not None or row.high is not None:
-            hint += f', from {row.low:g}' if row.low is not None else ''
-            hint += f' to {row.high:g}' if row.high is not None else ''
-    elif isinstance(row.default, list):
-        kind = f'list of {type(row.default[0]).__name__}'
-    return f'parameter {row.name} is {given!r}, expected a {kind}{hint}'
+    one = row.default[0] if isinstance(row.default, list) else row.default
+    kind = 'list of ' * isinstance(row.default, list) + type(one).__name__
+    more = [*(['written with a point'] if type(one) is float else []), row.row.range()]
+    return ', '.join((f'parameter {row.name} is {given!r}, expected a {kind}',
+                      *filter(None, more)))

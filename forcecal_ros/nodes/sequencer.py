@@ -9,7 +9,7 @@ from forcecal_ros.core.errors import ConfigError, DataError, ForcecalError, Moti
 from forcecal_ros.core.geometry import rotation_vector
 from forcecal_ros.core.sensor_matrix import corrected, required_sensor_matrix, SensorMatrix
 from forcecal_ros.io.calibration_file import dump, load, save
-from forcecal_ros.motion.monitor import KEPT, POSITIONING_ERROR, Stillness
+from forcecal_ros.motion.monitor import POSITIONING_ERROR, Stillness
 from forcecal_ros.motion.plan import (
     check_wrench,
     continuous_plan,
@@ -19,7 +19,6 @@ from forcecal_ros.motion.plan import (
     path_of,
     PlannedSegment,
     prepare,
-    repeat_plan,
     SEQUENCES,
 )
 from forcecal_ros.motion.profiles import Pose
@@ -57,20 +56,15 @@ AGAIN = 'call sequencer/preview and look at sequencer/planned_path'
 
 
 class Preview(NamedTuple):
-    """What a start does: parameters as text, with the poses of a file, and where it begins."""
+    """What a start does: parameters as text, and where it begins."""
 
     parameters: dict[str, str]
     start: Goal
 
     @classmethod
-    def of(cls, values: Mapping[str, Any], poses: Mapping[str, Pose], start: Goal) -> 'Preview':
+    def of(cls, values: Mapping[str, Any], start: Goal) -> 'Preview':
         """Note values as text, which can be compared: NaN, as poses may hold, equals nothing."""
-        text = {name: repr(value) for name, value in values.items()}
-        if values['poses.file']:
-            text['poses.file'] += repr([
-                (name, pose.position.tolist(), pose.R_base_sensor.tolist())
-                for name, pose in poses.items()])
-        return cls(text, start)
+        return cls({name: repr(value) for name, value in values.items()}, start)
 
     def refuse_other(self, shown: 'Preview | None') -> None:
         """
@@ -125,10 +119,7 @@ class Sequencer(MotionNode[SequencerSettings]):
         self._calibration: Calibration | None = None
         self._checks = 0
         self._stillness: Stillness | None = None
-        self._measured: list[str] = []
         self._preview: Preview | None = None
-        self._repeats = 0
-        self._rejected: tuple[Calibration, int] | None = None
         sensors = self._listen()
         self._make_outputs()
         self._serve(self._sequence, sensors, backend_of(self, self._inbox, sensors),
@@ -171,15 +162,13 @@ class Sequencer(MotionNode[SequencerSettings]):
     def _begin(self) -> str:
         settings, start = self._settings, self._backend.measured()
         if self.get_parameter('motion.require_preview').value:
-            Preview.of(self._values(), settings.poses, start).refuse_other(self._preview)
+            Preview.of(self._values(), start).refuse_other(self._preview)
         parts = self._plan(start)
         how = ('in continuous motion' if settings.continuous
                else f'with poses {", ".join(settings.poses)}')
         self.get_logger().info(f'{settings.sequence} starts, {how}')
         self._collector.clear()
         self._collector.frames.update(self._sensors.frames)
-        self._measured = list(settings.poses)
-        self._repeats = 0 if settings.continuous else settings.repeats
         self._sequence.settings = settings.stream
         self._sequence.start(parts, start, 'identification' if SEQUENCES[
             settings.sequence].identifies else '')
@@ -208,7 +197,7 @@ class Sequencer(MotionNode[SequencerSettings]):
         self._path_out.publish(path_message(positions, rotations, frame, now))
         self._markers_out.publish(plan_markers(
             limits.workspace_min, limits.workspace_max, positions, frame, now))
-        self._preview = Preview.of(self._values(), self._settings.poses, start)
+        self._preview = Preview.of(self._values(), start)
         found = in_words(outline(parts, self._settings.limits.tip))
         return self._with_caveat(f'{self._settings.sequence}: {found}')
 
@@ -253,13 +242,6 @@ class Sequencer(MotionNode[SequencerSettings]):
         if self._identification.under_way:
             if (result := self._identification.take()) is not None:
                 self._take(result)
-        elif self._rejected is not None:
-            result, until = self._rejected
-            if self._sequence.running and self._now() < until:
-                return
-            self._rejected = None
-            if self._sequence.running and not self._repeated(result):
-                self._keep(result)
         elif self._sequence.moved and not self._sequence.streaming:
             if SEQUENCES[self._settings.sequence].identifies:
                 self._identification.begin(self._collector, self._settings.identification)
@@ -267,20 +249,11 @@ class Sequencer(MotionNode[SequencerSettings]):
                 self._finish()
 
     def _take(self, result: Calibration | str) -> None:
-        # time before a pose is measured again [s]: a start requires that the robot has stood for
-        # the samples that are kept, and their latency
-        rest = KEPT + 0.3
         if not self._sequence.running:
             return
         if isinstance(result, str):
             self._abort(Fault(result))
             return
-        if self._repeats and result.quality['rejection']['pose'] is not None:
-            self._rejected = result, self._now() + round(rest * SECOND)
-            return
-        self._keep(result)
-
-    def _keep(self, result: Calibration) -> None:
         self._calibration = result
         self._calibration_out.publish(String(data=dump(result)))
         self._inertia_out.publish(tool_message(result, self.get_clock().now()))
@@ -293,30 +266,6 @@ class Sequencer(MotionNode[SequencerSettings]):
                 self.get_logger().info(self._save())
             except ForcecalError as error:
                 self.get_logger().error(with_id(error))
-
-    def _repeated(self, result: Calibration) -> bool:
-        """Measure the pose again that the rejection test names; whether that has begun."""
-        pose = result.quality['rejection']['pose']
-        name = self._measured[pose - 1]
-        self._sequence.finish()
-        try:
-            self._make_ready()
-            start = self._backend.measured()
-            goals, _ = self._settings.goals(start)
-            home = next(iter(goals.values()))
-            parts = prepare(repeat_plan(name, goals[name], home, self._settings.timing), start,
-                            self._settings.pace, self._settings.limits)
-            self._sequence.start(parts, start)
-        except ForcecalError as error:
-            self.get_logger().warning(f'{name} is not measured again: {error}')
-            return False
-        self._repeats -= 1
-        self._collector.reject(pose - 1)
-        self._measured = [*self._measured[:pose - 1], *self._measured[pose:], name]
-        self.get_logger().warning(f'{name} is off what the other poses predict and is measured '
-                                  'again')
-        self._begin_stream()
-        return True
 
     def _finish(self) -> None:
         self._sequence.finish()

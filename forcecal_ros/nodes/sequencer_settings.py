@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from forcecal_ros.calibrate.settings import (
@@ -15,7 +14,6 @@ from forcecal_ros.calibrate.settings import (
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.geometry import Array, POSE_LENGTH, STANDARD_GRAVITY
 from forcecal_ros.core.parameters import Parameter, parameters_of, section_of
-from forcecal_ros.core.safe_yaml import LARGEST, load_yaml
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import WatchSettings
 from forcecal_ros.motion.plan import Goal, SEQUENCES, Timing
@@ -53,8 +51,6 @@ PARAMETERS = (
     _live('poses.values', flatten_poses(nominal_poses()),
           'x y z [m] qx qy qz qw of each pose of ft_sensor in base, one after the other; a '
           'position of .nan keeps the robot where it stands')._replace(per_line=POSE_LENGTH),
-    _live('poses.file', '', 'YAML file with a list of {name, position, orientation} that takes '
-          'the place of poses.names and poses.values; empty: none'),
     *parameters_of('timing', Timing()),
     *parameters_of('pace', Pace()),
     *parameters_of('limits', Limits()),
@@ -94,9 +90,6 @@ PARAMETERS = (
           "Rotation vector of the wrench's axes, seen from the frame of current_pose", 'rad'),
     _live('identify.tool_compliance', 'auto', 'Whether the tool slides along x of ft_sensor',
           choices=COMPLIANCES),
-    _live('identify.repeats', 0, 'Number of poses that are measured again, one after the other, '
-          'where the rejection test finds one off what the others predict; 0: they are only named',
-          low=0, high=10),
     _live('observer.mode', 'kalman', 'Observer that publishes the contact wrench', choices=MODES),
     _live('observer.design', 'kalman', "Design of the paper's gain", choices=DESIGNS),
     _live('observer.poles', [-30.0, -40.0], "Poles of the observer's error with the design poles",
@@ -120,7 +113,6 @@ class SequencerSettings(NamedTuple):
     watch: WatchSettings
     stream: StreamSettings
     identification: IdentificationSettings
-    repeats: int = 0
     continuous: bool = False
 
     def goals(self, start: Goal) -> tuple[dict[str, Goal], Goal]:
@@ -150,12 +142,11 @@ def settings_of(value: Mapping[str, Any]) -> SequencerSettings:
     stream = StreamSettings(
         rate=value['motion.rate'], stop_duration=limits.stop_duration,
         settle_minimum=watch.window + 0.05, settle_timeout=value['settle.timeout'])
-    poses = _poses(value)
+    poses = read_poses(value['poses.names'], value['poses.values'])
     joints, away = _joint_vectors(list(poses), value)
     return SequencerSettings(
         value['sequence'], poses, joints, away, section_of(Timing, value, 'timing'),
         section_of(Pace, value, 'pace'), limits, watch, stream, _identification(value),
-        value['identify.repeats'],
         value['sequence'] == 'calibrate' and value['motion.sequence'] == 'continuous')
 
 
@@ -174,12 +165,6 @@ def _identification(value: Mapping[str, Any]) -> IdentificationSettings:
         observer_poles=tuple(value['observer.poles']), source={'by': 'sequencer'})
 
 
-def _poses(value: Mapping[str, Any]) -> dict[str, Pose]:
-    if value['poses.file']:
-        return poses_from_file(Path(value['poses.file']))
-    return read_poses(value['poses.names'], value['poses.values'])
-
-
 def _joint_vectors(names: list[str], value: Mapping[str, Any]
                    ) -> tuple[dict[str, Array], Array]:
     if value['motion.backend'] != 'joint_trajectory':
@@ -195,29 +180,3 @@ def _joint_vectors(names: list[str], value: Mapping[str, Any]
     if not (np.isfinite(vectors).all() and np.isfinite(away).all()):
         raise ConfigError('joints.values or joints.away holds a number that is not finite')
     return dict(zip(names, vectors.reshape(len(names), -1))), away
-
-
-def poses_from_file(path: Path) -> dict[str, Pose]:
-    """
-    Read poses from a YAML list of {name, position, orientation}.
-
-    Raises
-    ------
-    ConfigError
-        The file is missing, too large, or holds something else.
-    """
-    try:
-        with path.open('rb') as file:
-            entries = load_yaml(file.read(LARGEST + 1), f'poses.file {path}')
-    except OSError as error:
-        raise ConfigError(f'poses.file {path}: cannot be read ({error.strerror})') from error
-    try:
-        names = [entry['name'] for entry in entries]
-        numbers = [float(x) for entry in entries
-                   for x in (*entry['position'], *entry['orientation'])]
-        if not all(isinstance(name, str) for name in names):
-            raise TypeError('a name that is no word')
-    except (TypeError, KeyError, ValueError) as error:
-        raise ConfigError(f'poses.file {path}: expected a list of '
-                          '{name, position: [x, y, z], orientation: [x, y, z, w]}') from error
-    return read_poses(names, numbers)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from functools import partial
+from math import inf
 from typing import NamedTuple, Protocol, TYPE_CHECKING, TypeAlias
 
 from forcecal_ros.core.geometry import matrix_from_quaternion
@@ -120,8 +121,6 @@ CLOCK_JUMP = 0.1
 """Largest change of the clock of the stamps against the steady one in a sequence: the slewing of
 NTP, at most 0.5 ms/s, stays below it for three minutes [s]."""
 
-UNKNOWN_RATE = 1e3
-"""Rate that a simulated clock may have until it is known, far above any simulator's [s/s]."""
 
 
 class Fault(NamedTuple):
@@ -172,7 +171,7 @@ class Guard:
         steady, now = self._readings()
         self._started = self._ticked = steady
         self._offset = now - steady
-        self._seen, self._advanced, self._rate = now, steady, UNKNOWN_RATE
+        self._seen, self._advanced, self._rate = now, steady, inf  # rate not known yet
         self._stale_since: int | None = None
         self.pauses, self.stale = 0, ''
 
@@ -257,7 +256,7 @@ class Guard:
             rate = step / max(elapsed, 0.02)
             # factor by which the fastest rate of a simulated clock decays from check to check: by
             # half in 0.7 s of a check every 20 ms
-            self._rate = max(self._rate * 0.98, rate) if self._rate < UNKNOWN_RATE else rate
+            self._rate = max(self._rate * 0.98, rate) if self._rate < inf else rate
             return None if 0 < step < usual else Fault(
                 f'/clock jumped by {step:.3g} s', at_once=True)
         if steady - self._advanced > self._sensors.monitor.settings.clock_timeout * SECOND:

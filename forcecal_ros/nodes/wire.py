@@ -9,10 +9,10 @@ before it decides anything.
 """
 
 from collections.abc import Callable, Sequence
-from struct import error as StructError
 from struct import pack, Struct, unpack_from
 from typing import Any, NamedTuple
 
+from forcecal_ros.core.cdr import FormReader, Layout
 from forcecal_ros.core.parameters import Parameter
 from forcecal_ros.nodes.runtime import declare, SENSOR, values_of
 from geometry_msgs.msg import (
@@ -45,11 +45,6 @@ class Sample(NamedTuple):
 
     stamp_ns: int
     values: tuple[float, ...]
-
-
-def _aligned(position: int, size: int) -> int:
-    """Return the next offset aligned to ``size``, counted behind the encapsulation."""
-    return position + (4 - position) % size
 
 
 class Reader:
@@ -102,7 +97,9 @@ class JointsReader:
 
     def __init__(self, joints: Sequence[str]) -> None:
         self._joints = tuple(joints)
-        self._layouts: dict[bytes, tuple[tuple[str, ...], tuple[int, ...]]] = {}
+        self._read = FormReader(('i', 'I', 's', ('s',), ('d',)))
+        self._layout: Layout | None = None
+        self._slots: list[int | None] = []
         self.names: tuple[str, ...] = ()
 
     def __call__(self, raw: bytes) -> tuple[int, list[float | None]]:
@@ -120,57 +117,15 @@ class JointsReader:
         struct.error
             The message is shorter than its type.
         """
-        order = '<' if raw[1] == 1 else '>'
-        sec, nanosec, length = unpack_from(order + 'iII', raw, 4)
-        start = _aligned(16 + length, 4)
-        end = self._end(raw, order, start)
-        names = raw[start:end]
-        layout = self._layouts.get(names)
-        if layout is None:
-            layout = self._learn(names, order)
-        self.names, slots = layout
-        at = _aligned(end, 4)
-        (count,) = unpack_from(order + 'I', raw, at)
-        if count > len(raw):
-            raise StructError('positions are longer than their message')
-        values: tuple[float | None, ...] = (
-            unpack_from(f'{order}{count}d', raw, _aligned(at + 4, 8)) if count else ())
-        if count < len(self.names):
-            values += (None,) * (len(self.names) - count)
-        values += (None,)  # which the slot of a joint that is not there, -1, points at
-        return sec * 1_000_000_000 + nanosec, [values[slot] for slot in slots]
-
-    def _end(self, raw: bytes, order: str, start: int) -> int:
-        """Return where the names end: those of a message before are looked for first."""
-        for names in self._layouts:
-            if raw.startswith(names, start):
-                return start + len(names)
-        (count,) = unpack_from(order + 'I', raw, start)
-        position = start + 4
-        for _ in range(count):
-            position = _aligned(position, 4)
-            (length,) = unpack_from(order + 'I', raw, position)
-            position += 4 + length
-            if position > len(raw):
-                raise StructError('a name is longer than its message')
-        return position
-
-    def _learn(self, names: bytes, order: str) -> tuple[tuple[str, ...], tuple[int, ...]]:
-        """Find the joints among the names; all count from an offset that is aligned."""
-        (count,) = unpack_from(order + 'I', names, 0)
-        position, found = 4, []
-        for _ in range(count):
-            position += -position % 4
-            (length,) = unpack_from(order + 'I', names, position)
-            text = names[position + 4:position + 4 + length]
-            found.append(text.rstrip(b'\0').decode(errors='replace'))
-            position += 4 + length
-        if len(self._layouts) > 20:
-            self._layouts.clear()
-        layout = tuple(found), tuple(
-            found.index(joint) if joint in found else -1 for joint in self._joints)
-        self._layouts[names] = layout
-        return layout
+        layout, values = self._read(raw)
+        if layout is not self._layout:
+            self._layout, self.names = layout, layout.texts[1:]
+            count = layout.counts[1]
+            listed = self.names[:count]
+            self._slots = [len(values) - count + listed.index(joint) if joint in listed else None
+                           for joint in self._joints]
+        return values[0] * 1_000_000_000 + values[1], [
+            None if slot is None else values[slot] for slot in self._slots]
 
 
 class JointReader:

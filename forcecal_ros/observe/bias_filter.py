@@ -28,15 +28,17 @@ Where [Ukf2025] leaves a choice open, this is ours:
   returns to zero while contact is excluded.
 - x0. The paper has both "the first reading" and zero. Ours: zero, since the first reading is
   mostly the weight; biases start from the calibration.
-- n = 8 or 12. The paper lists b_f and b_m, two names of three numbers each. Ours: 12, or 6.
+- n = 8 or 12. The paper lists b_f and b_m, two names of three numbers each. Ours: 12.
 - Scale factors are no states: a scale on F cannot be separated from F. They belong into the
   calibration (``matrix``).
-- Q, R, P0. The paper's as ``covariances: paper``. Ours, ``measured``: R is the covariance
-  measured at rest, the accelerometer's part included; P0 of the biases the calibration's
-  standard errors, of the wrench R, so that the first estimate is no raw reading; Q follows from
-  the rise time. No free motion can show Q: it is the room left to contact.
+- Q, R, P0. The paper's R = 0.1 N^2 is a noise of 0.32 N: on a sensor that really is so noisy
+  they give three times the errors of its own table. Ours: R is the covariance measured at rest,
+  the accelerometer's part included; P0 of the biases the calibration's standard errors, of the
+  wrench R, so that the first estimate is no raw reading; Q follows from the rise time. No free
+  motion can show Q: it is the room left to contact.
 """
 
+from collections.abc import Callable
 from math import exp, inf, log, nan
 from typing import Any, NamedTuple
 
@@ -66,11 +68,12 @@ from forcecal_ros.observe.settings import FilterSettings
 import numpy as np
 from scipy.special import chdtri
 
+WRENCH, BIAS, MASS = slice(0, 6), slice(6, 12), 12
+"""Where they are among the states; the mass where it is one."""
+
 MAX_PERIOD_S = 10.0
 """A pause counts as at most this long: all but the biases is forgotten by then, and covariances
 that grew further would lose their digits [s]."""
-
-_UNCORRELATED = np.zeros(6)
 
 
 class Covariances(NamedTuple):
@@ -95,19 +98,6 @@ class Covariances(NamedTuple):
     period: float
 
 
-def paper_covariances() -> Covariances:
-    """
-    Return Q, R and P0 as [Ukf2025] prints them.
-
-    R = 0.1 N^2 is a noise of 0.32 N. On a sensor that really is so noisy these give errors of
-    0.5 N, three times the paper's own table; on a quiet one they are only its ratio Q/R, a rise
-    in about 7 ms, and an innovation far smaller than the filter thinks.
-    """
-    # [Ukf2025] samples at 1000 Hz [s]
-    return Covariances(np.diag([0.01] * 3 + [0.001] * 3), np.diag([0.1] * 3 + [0.01] * 3),
-                       np.diag([1.0] * 3 + [0.1] * 3), 0.001)
-
-
 def gain_of(rise_time: float, period: float) -> float:
     """Gain of a first-order filter with a 10-90 % rise [s] at a period [s]."""
     return 1 - exp(-log(9.0) * period / rise_time)
@@ -130,7 +120,7 @@ def measured_covariances(calibration: Calibration, rise_time: float, pose_noise:
     noise = calibration.noise
     if noise is None or not noise.wrench_rate > 0:
         raise ConfigError('the calibration holds no noise.wrench with its rate, so R is unknown; '
-                          'set gravity.covariances: paper')
+                          'calibrate again')
     R = noise_of_reading(calibration, noise)[0] + pose_noise
     k = gain_of(rise_time, 1 / noise.wrench_rate)
     return Covariances(R * k * k / (1 - k), R, R.copy(), 1 / noise.wrench_rate)
@@ -159,7 +149,7 @@ class BiasModel(NamedTuple):
     ----------
     settings : FilterSettings
     bias : ndarray, shape (6,)
-        Where the biases start; with six states, what they are.
+        Where the biases start.
     bias_cov, bias_walk : ndarray, shape (6, 6)
         At the start; gained in one second.
     covariances : Covariances
@@ -172,11 +162,6 @@ class BiasModel(NamedTuple):
     bias_walk: Array
     covariances: Covariances
     contact: ContactModel
-
-    @property
-    def augmented(self) -> bool:
-        """Whether the biases are states."""
-        return self.settings.states == 12
 
 
 def bias_model(calibration: Calibration, settings: FilterSettings, pose_noise: Array,
@@ -195,8 +180,7 @@ def bias_model(calibration: Calibration, settings: FilterSettings, pose_noise: A
     ConfigError
         The calibration does not hold what the settings need.
     """
-    covariances = (paper_covariances() if settings.covariances == 'paper' else
-                   measured_covariances(calibration, settings.rise_time, pose_noise))
+    covariances = measured_covariances(calibration, settings.rise_time, pose_noise)
     std = np.nan_to_num(calibration.wrench_bias.std, nan=0.0)
     # a bias of which nothing is uncertain would leave a singular covariance
     bias_cov = np.diag(std ** 2) + pair(*settings.bias_prior) + 1e-4 * covariances.R
@@ -215,11 +199,8 @@ def pair(force: float, torque: float) -> Array:
 
 def start(model: BiasModel) -> Gaussian:
     """Return the belief before the first reading: no wrench, the calibration's biases."""
-    P0 = model.covariances.P0
-    if not model.augmented:
-        return Gaussian(np.zeros(6), P0.copy())
     cov = np.zeros((12, 12))
-    cov[:6, :6], cov[6:, 6:] = P0, model.bias_cov
+    cov[WRENCH, WRENCH], cov[BIAS, BIAS] = model.covariances.P0, model.bias_cov
     return Gaussian(np.concatenate([np.zeros(6), model.bias]), cov)
 
 
@@ -227,9 +208,9 @@ def relaxation(model: BiasModel, contact: bool) -> float:
     """
     Time in which the wrench is expected to return to zero [s].
 
-    In contact it wanders freely; its biases are frozen then. Without biases it always does.
+    In contact it wanders freely; its biases are frozen then.
     """
-    return inf if contact or not model.augmented else model.settings.relaxation
+    return inf if contact else model.settings.relaxation
 
 
 def transition(model: BiasModel, dt: float, contact: bool) -> tuple[Array, Array]:
@@ -238,18 +219,15 @@ def transition(model: BiasModel, dt: float, contact: bool) -> tuple[Array, Array
 
     The wrench follows F' = exp(-dt/relaxation) F + w, the biases b' = b + w.
     """
-    n = model.settings.states
-    A, Q = np.eye(n), np.zeros((n, n))
-    A[:6, :6] *= exp(-dt / relaxation(model, contact))
-    Q[:6, :6] = model.covariances.Q * (dt / model.covariances.period)
-    if model.augmented:
-        Q[6:, 6:] = model.bias_walk * dt
+    A, Q = np.eye(12), np.zeros((12, 12))
+    A[WRENCH, WRENCH] *= exp(-dt / relaxation(model, contact))
+    Q[WRENCH, WRENCH] = model.covariances.Q * (dt / model.covariances.period)
+    Q[BIAS, BIAS] = model.bias_walk * dt
     return A, Q
 
 
-_WRENCH, _SUM = np.eye(6), np.hstack([np.eye(6), np.eye(6)])
-"""An unloaded reading of 6 and of 12 states: y = F + b. [Ukf2025] measures F alone; weight and
-inertia are removed already."""
+_SUM = np.hstack([np.eye(6), np.eye(6)])
+"""An unloaded reading: y = F + b. [Ukf2025] measures F alone; weight and inertia are removed."""
 
 
 class Contact(NamedTuple):
@@ -338,8 +316,39 @@ def opened(belief: Gaussian) -> Gaussian:
     cov = belief.cov.copy()
     # at the onset of contact the wrench is held for that many times as uncertain, in variance, as
     # its bias: then what came up is read as wrench (91 % of it at once), not as bias
-    cov[:6, :6] += 10.0 * cov[6:12, 6:12]
+    cov[WRENCH, WRENCH] += 10.0 * cov[BIAS, BIAS]
     return Gaussian(belief.mean, cov)
+
+
+class Taken(NamedTuple):
+    """A reading that was taken in: what it left, what was expected, its NIS without contact."""
+
+    states: Gaussian
+    contact: Contact
+    expected: Expected
+    nis: float
+
+
+def take_reading(states: Gaussian, expect: Callable[[Gaussian], Expected], reading: Array,
+                 R: Array, contact: Contact, dt: float, model: ContactModel, learns: slice
+                 ) -> Taken:
+    """
+    Test a reading for contact, ``dt`` [s] after the one before, and take it in.
+
+    Parameters
+    ----------
+    reading : ndarray, shape (k,)
+        A wrench, then what else was read; ``R`` (6, 6) is the covariance of the wrench's noise.
+    learns : slice
+        States that only readings without contact may teach.
+    """
+    expected = expect(states)
+    after, nis = assess(contact, free_hypothesis(states, expected, reading[:6], R), dt, model)
+    if after.assumed and not contact.assumed:
+        states = opened(states)
+        expected = expect(states)
+    return Taken(condition(states, expected, reading, learns if after.assumed else None), after,
+                 expected, nis)
 
 
 class Belief(NamedTuple):
@@ -373,39 +382,33 @@ def learn(memory: Any, reading: Unloaded, model: BiasModel) -> tuple[Belief, Con
     """
     belief = memory if isinstance(memory, Belief) else begin(model)
     if reading.status & INVALID:
-        return belief, _sample(belief, reading, model)
+        return belief, _sample(belief, reading)
     dt = reading.t - belief.t if belief.t == belief.t else model.covariances.period
     try:
         return _filter(belief, reading, min(dt, MAX_PERIOD_S), model)
     except NotPositiveDefinite:
         belief = begin(model)._replace(t=reading.t)
-        return belief, _sample(
-            belief, reading._replace(status=reading.status | RESTARTED), model)
+        return belief, _sample(belief, reading._replace(status=reading.status | RESTARTED))
 
 
 def _filter(belief: Belief, reading: Unloaded, dt: float, model: BiasModel
             ) -> tuple[Belief, ContactSample]:
     y, R = np.array(reading.measured) + model.bias, model.covariances.R
-    H, offset = (_SUM, 0.0) if model.augmented else (_WRENCH, model.bias)
-    moved = predict(belief.states, *transition(model, dt, belief.contact.assumed))
-    expected = expect_linear(moved, H, offset, R)
-    contact, nis = assess(belief.contact, free_hypothesis(moved, expected, y, R), dt,
-                          model.contact)
-    frozen = slice(6, 12) if contact.assumed and model.augmented else None
-    if frozen and not belief.contact.assumed:
-        moved = opened(moved)
-        expected = expect_linear(moved, H, offset, R)
-    belief = Belief(reading.t, condition(moved, expected, y, frozen), contact)
-    return belief, _sample(belief, reading, model, y - expected.mean, nis)
+    taken = take_reading(
+        predict(belief.states, *transition(model, dt, belief.contact.assumed)),
+        lambda states: expect_linear(states, _SUM, 0.0, R), y, R, belief.contact, dt,
+        model.contact, BIAS)
+    belief = Belief(reading.t, taken.states, taken.contact)
+    return belief, _sample(belief, reading, y - taken.expected.mean, taken.nis)
 
 
-def _sample(belief: Belief, reading: Unloaded, model: BiasModel,
-            innovation: Array | None = None, nis: float = nan) -> ContactSample:
+def _sample(belief: Belief, reading: Unloaded, innovation: Array | None = None,
+            nis: float = nan) -> ContactSample:
     t, status, measured, inertial, _ = reading
     return ContactSample(
         t, wrench_tuple(belief.states.mean), status, measured,
         NO_WRENCH if innovation is None else wrench_tuple(innovation), inertial,
-        learned_of(belief.states, belief.contact, nis, model))
+        learned_of(belief.states, belief.contact, nis))
 
 
 def wrench_tuple(values: Array) -> Wrench:
@@ -414,14 +417,9 @@ def wrench_tuple(values: Array) -> Wrench:
     return a, b, c, d, e, f
 
 
-def learned_of(states: Gaussian, contact: Contact, nis: float, model: BiasModel) -> Learned:
-    """Put together the quality of a belief of 6 or 12 states."""
+def learned_of(states: Gaussian, contact: Contact, nis: float) -> Learned:
+    """Put together the quality of a belief of 12 states."""
     mean, cov = states
     std = np.sqrt(cov.diagonal())
-    if len(mean) == 12:
-        bias, bias_std = mean[6:], std[6:]
-        correlation = cov.diagonal(6) / (std[:6] * bias_std)
-    else:
-        bias, bias_std = model.bias, np.sqrt(model.bias_cov.diagonal())
-        correlation = _UNCORRELATED
-    return Learned(std[:6], bias, bias_std, correlation, nis, contact.assumed)
+    return Learned(std[WRENCH], mean[BIAS], std[BIAS],
+                   cov.diagonal(6) / (std[WRENCH] * std[BIAS]), nis, contact.assumed)

@@ -97,8 +97,10 @@ class Frames:
             if not NAME.fullmatch(name):
                 raise ConfigError(f'publish.frames: {name!r} cannot be part of a topic; names '
                                   'have letters, digits and underscores')
-        self._fixed = {name: _placed(name, numbers[POSE_LENGTH * i:POSE_LENGTH * (i + 1)])
-                       for i, name in enumerate(self.names[:rows])}
+        self._fixed = {
+            name: invert(placement(numbers[POSE_LENGTH * i:POSE_LENGTH * (i + 1)],
+                                   f'publish.frame_poses of {name}'))
+            for i, name in enumerate(self.names[:rows])}
         self.base = self.names[-1] if len(self.names) > rows else ''
         self._poses: deque[tuple[float, Placement]] = deque(maxlen=64)
 
@@ -121,15 +123,6 @@ class Frames:
             if abs(stamp - t) <= timeout:
                 found[self.base] = transported(wrench, place)
         return found
-
-
-def _placed(name: str, numbers: Sequence[float]) -> Placement:
-    """Turn the pose of a frame in ft_sensor into that of ft_sensor in the frame."""
-    x, y, z, a, b, c, d = numbers
-    if not abs(hypot(a, b, c, d) - 1) < 1e-3:
-        raise ConfigError(f'publish.frame_poses: the quaternion of {name} has norm '
-                          f'{hypot(a, b, c, d):.4g}, not 1')
-    return invert(Placement((x, y, z), (a, b, c, d)))
 
 
 class ContactPoint(NamedTuple):
@@ -173,21 +166,25 @@ def mounting_of(numbers: Sequence[float], name: str) -> Placement | None:
     Parameters
     ----------
     numbers : sequence of float
-        x y z [m] qx qy qz qw of ft_sensor in that frame. One number or none: the pose is that of
-        ft_sensor.
+        As of :func:`placement`. One number or none: the pose is that of ft_sensor.
     name : str
         What they were given as, for messages.
+    """
+    return placement(numbers, name) if len(numbers) > 1 else None
+
+
+def placement(numbers: Sequence[float], name: str) -> Placement:
+    """
+    Read a pose, x y z [m] qx qy qz qw.
 
     Raises
     ------
     ConfigError
         They are not seven finite numbers with a unit quaternion at the end.
     """
-    if len(numbers) < 2:
-        return None
     if len(numbers) != POSE_LENGTH or not all(map(isfinite, numbers)):
         raise ConfigError(f'{name} is {list(numbers)}, expected the {POSE_LENGTH} numbers x y z '
-                          '[m] qx qy qz qw of ft_sensor in the frame whose pose is measured')
+                          '[m] qx qy qz qw')
     x, y, z, a, b, c, d = map(float, numbers)
     n = hypot(a, b, c, d)
     if not abs(n - 1) < 1e-3:

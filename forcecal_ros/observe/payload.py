@@ -40,10 +40,13 @@ from forcecal_ros.observe import gaussian
 from forcecal_ros.observe.bandwidth import noise_of_reading
 from forcecal_ros.observe.bias_filter import (
     assess,
+    BIAS,
     Contact,
     ContactModel,
     free_hypothesis,
+    MASS,
     pair,
+    WRENCH,
 )
 from forcecal_ros.observe.gaussian import (
     condition,
@@ -56,11 +59,8 @@ from forcecal_ros.observe.gaussian import (
 import numpy as np
 from scipy.special import chdtri
 
-WRENCH, BIAS = slice(0, 6), slice(6, 12)
-
-MASS, MOMENT, EXCESS = 12, slice(13, 16), 16
-
-STATES = 17
+MOMENT, EXCESS, STATES = slice(13, 16), 16, 17
+"""Where they are among the states, behind wrench, bias and mass, and how many those are."""
 
 _PAIR = tuple[float, float]
 

@@ -17,19 +17,19 @@ from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.geometry import Array, skew
 from forcecal_ros.observe.bias_filter import (
-    assess,
+    BIAS,
     BiasModel,
     Contact,
-    free_hypothesis,
     learned_of,
+    MASS,
     MAX_PERIOD_S,
-    opened,
     relaxation,
+    take_reading,
+    WRENCH,
     wrench_tuple,
 )
 from forcecal_ros.observe.design import design
 from forcecal_ros.observe.gaussian import (
-    condition,
     expect,
     first,
     Function,
@@ -52,11 +52,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
-WRENCH, BIAS, MASS = slice(0, 6), slice(6, 12), 12
-
 TILT, ACCELERATION = slice(13, 15), slice(15, 18)
+"""Where they are among the states, behind wrench, bias and mass."""
 
-STATES = 18
+STATES = ACCELERATION.stop
 
 LEARNED = slice(6, 13)
 """Biases and mass: what only readings without contact may teach."""
@@ -151,16 +150,13 @@ def pose_free_model(calibration: Calibration, settings: ObserverSettings = Obser
         raise ConfigError('the calibration holds no noise.specific_force; calibrate with a '
                           'stretch at rest')
     wrench = design(calibration, settings).bias_filter
-    if wrench is None or not wrench.augmented:
-        raise ConfigError(f'filter {settings.filter} with {settings.learning.states} states needs '
-                          f'a pose; without one use {LEARNING[0]} with 12')
+    if wrench is None:
+        raise ConfigError(f'filter {settings.filter} needs a pose; without one use {LEARNING[0]}')
     com = calibration.com.value
     place = com if accelerometer.position is None else accelerometer.position.value
     inertia = np.zeros((3, 3)) if calibration.inertia is None else calibration.inertia.value
     mass_std = float(np.nan_to_num(calibration.mass.std))
-    paper = settings.learning.covariances == 'paper'
-    R = block_diag(wrench.covariances.R if paper else noise.wrench.value,
-                   noise.specific_force.value)
+    R = block_diag(noise.wrench.value, noise.specific_force.value)
     return PoseFreeModel(
         wrench, imu, calibration.gravity, float(calibration.mass),
         sqrt(mass_std ** 2 + imu.payload_std ** 2 + 1e-12),
@@ -361,7 +357,7 @@ class PoseFreeSample(NamedTuple):
     ----------
     contact : ContactSample
         As with a pose; the NIS it has learned covers the wrench alone.
-    gravity, gravity_std : ndarray, shape (3,)
+    gravity : ndarray, shape (3,)
         In ft_sensor [m/s^2].
     mass, mass_std : float
         [kg]
@@ -369,7 +365,6 @@ class PoseFreeSample(NamedTuple):
 
     contact: ContactSample
     gravity: Array
-    gravity_std: Array
     mass: float
     mass_std: float
 
@@ -425,17 +420,13 @@ def _filter(state: PoseFreeState, t: float, y: Array, f: Array | None, omega: Ar
     moved = predict(state.belief.states, A, Q)
     h, k = readings(level, model, turning), 6 if f is None else 9
     reading = np.concatenate([y, _NOTHING if f is None else f])[:k]
-    expected = first(k, expect(moved, h, model.noise))
-    free = free_hypothesis(moved, expected, y, model.noise[:6, :6])
-    contact, nis = assess(state.contact, free, dt, model.wrench.contact)
-    frozen = LEARNED if contact.assumed else None
-    if frozen and not state.contact.assumed:
-        moved = opened(moved)
-        expected = first(k, expect(moved, h, model.noise))
-    inertial = expected.mean[:6] - moved.mean[WRENCH] - moved.mean[BIAS]
-    belief = relevelled(level, condition(moved, expected, reading, frozen))
-    state = PoseFreeState(t, belief, contact, filtered)
-    return state, _report(state, model, t, status, nis, y - expected.mean[:6], inertial,
+    taken = take_reading(
+        moved, lambda states: first(k, expect(states, h, model.noise)), reading,
+        model.noise[:6, :6], state.contact, dt, model.wrench.contact, LEARNED)
+    expected = taken.expected.mean[:6]
+    inertial = expected - moved.mean[WRENCH] - moved.mean[BIAS]
+    state = PoseFreeState(t, relevelled(level, taken.states), taken.contact, filtered)
+    return state, _report(state, model, t, status, taken.nis, y - expected, inertial,
                           y - model.wrench.bias - inertial)
 
 
@@ -445,12 +436,8 @@ def _report(state: PoseFreeState, model: PoseFreeModel, t: float, status: int, n
     level, (mean, cov) = _UNKNOWN if state.belief is None else state.belief
     innovation, inertial, measured = (
         (wrench_tuple(one) for one in wrenches) if wrenches else (NO_WRENCH,) * 3)
-    learned = learned_of(Gaussian(mean[:12], cov[:12, :12]), state.contact, nis, model.wrench)
-    # tilt about the first axis moves gravity along the second, and the other way round
-    across = level[:, 1::-1] * (-1.0, 1.0)
-    variance = ((across @ cov[TILT, TILT]) * across).sum(axis=1)
-    G = model.gravity
+    learned = learned_of(Gaussian(mean[:12], cov[:12, :12]), state.contact, nis)
     return PoseFreeSample(
         ContactSample(t, NO_WRENCH if state.belief is None else wrench_tuple(mean), status,
                       measured, innovation, inertial, learned),
-        G * level[:, 2], G * np.sqrt(variance), float(mean[MASS]), sqrt(cov[MASS, MASS]))
+        model.gravity * level[:, 2], float(mean[MASS]), sqrt(cov[MASS, MASS]))

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from math import cos, isfinite, sin, sqrt
 from typing import Any, NamedTuple
 
+from forcecal_ros.core.cdr import FormReader, Layout
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import (
     compose,
@@ -14,24 +15,14 @@ from forcecal_ros.core.geometry import (
     ZERO,
 )
 from forcecal_ros.core.schema import Vector7
-from forcecal_ros.io.transforms import (
-    FIELDS,
-    Layout,
-    Route,
-    route,
-    TransformReader,
-)
+from forcecal_ros.core.streams import CLOCK_JUMP_S
+from forcecal_ros.io.transforms import FIELDS, FORM, Route, route, transforms_of
 from forcecal_ros.io.urdf import Description, Joint
 from forcecal_ros.observe.frames import combine, invert, Placement
 
 KEPT_VALUES = 1000
 """Transforms that are kept of each frame, to interpolate between: one second at 1 kHz. One that is
 later than that against the others counts as lost."""
-
-CLOCK_JUMP_NS = 1_000_000_000
-"""Stamps that go back by more are of a clock that was set, or of a recording that begins again;
-by less, of messages that overtook each other [ns]."""
-
 
 NEVER_NS = -2**63
 """Before any stamp [ns]."""
@@ -61,7 +52,7 @@ class TransformPose:
 
     def __init__(self, base: str, frame: str) -> None:
         self._base, self._frame = base, frame
-        self._read = TransformReader()
+        self._read = FormReader(FORM)
         self._parents: dict[str, str] = {}
         self._fixed: dict[str, Placement] = {}
         self._moving: dict[str, deque[tuple[int, Placement]]] = {}
@@ -69,6 +60,7 @@ class TransformPose:
         self._needed: set[str] = set()
         self._last = NEVER_NS
         self._layout: Layout | None = None
+        self._children: tuple[str, ...] = ()
         self.why_not = 'no message'
 
     def take_static(self, raw: bytes) -> None:
@@ -80,7 +72,7 @@ class TransformPose:
         struct.error
             It is shorter than it states.
         """
-        for one in self._read(raw):
+        for one in transforms_of(*self._read(raw)):
             if (place := _placement(one.numbers)) is not None:
                 self._fixed[one.child] = place
                 self._moving.pop(one.child, None)
@@ -95,13 +87,14 @@ class TransformPose:
         struct.error
             It is shorter than it states.
         """
-        layout, values = self._read.laid_out(raw)
+        layout, values = self._read(raw)
         if layout is not self._layout:
-            self._layout = layout
-            for parent, child in layout.frames:
-                if self._parents.get(child) != parent:
-                    self._attach(parent, child)
-        for k, (_, child) in zip(range(0, len(values), FIELDS), layout.frames):
+            found = list(transforms_of(layout, values))
+            self._layout, self._children = layout, tuple(one.child for one in found)
+            for one in found:
+                if self._parents.get(one.child) != one.parent:
+                    self._attach(one.parent, one.child)
+        for k, child in zip(range(1, len(values), FIELDS), self._children):
             if child in self._needed and (place := _placement(values[k + 6:k + FIELDS])):
                 self._keep(child, values[k] * 1_000_000_000 + values[k + 1], place)
         return self._newest()
@@ -112,7 +105,7 @@ class TransformPose:
             self._fixed.pop(child, None)
             kept = self._moving[child] = deque(maxlen=KEPT_VALUES)
         elif stamp <= kept[-1][0]:
-            if kept[-1][0] - stamp < CLOCK_JUMP_NS:
+            if kept[-1][0] - stamp < CLOCK_JUMP_S * 1e9:
                 return
             self._forget()
             kept = self._moving[child] = deque(maxlen=KEPT_VALUES)
@@ -325,7 +318,7 @@ class JointPose:
             if one is None:
                 continue
             if kept and stamp <= kept[-1][0]:
-                if kept[-1][0] - stamp < CLOCK_JUMP_NS:
+                if kept[-1][0] - stamp < CLOCK_JUMP_S * 1e9:
                     continue
                 self._forget()
             kept.append((stamp, one))

@@ -15,7 +15,6 @@ LEARNING = ('ukf', 'ekf')
 """Filters that estimate the wrench biases along."""
 
 OFFSETS = ('auto', 'on', 'off')
-COVARIANCES = ('measured', 'paper')
 
 
 _PAIR = tuple[float, float]
@@ -25,9 +24,6 @@ _PAIR = tuple[float, float]
 class FilterSettings(Section, name='gravity'):
     """Choices of filters ``ukf`` and ``ekf``, after [Ukf2025]."""
 
-    states: Annotated[int, Row('6: wrench; 12: wrench and biases', words=(6, 12))] = 12
-    covariances: Annotated[str, Row(
-        'Those measured at rest or those that the paper prints', words=COVARIANCES)] = 'measured'
     rise_time: Annotated[float, Row(
         '10-90 % rise of a contact wrench that measured covariances aim at', 's', above=0.0)
         ] = 0.012

@@ -24,6 +24,7 @@ from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Quaternion, Vector
 from forcecal_ros.core.sensor_matrix import corrected
+from forcecal_ros.core.streams import CLOCK_JUMP_S
 from forcecal_ros.observe.align import (
     bounded,
     Channel,
@@ -98,11 +99,8 @@ Result = tuple[State, tuple[ContactSample, ...]]
 
 def _refuse(state: State, which: int, t: float, last: float) -> bool:
     """Count a message that is not used; the second that agrees on an earlier clock starts anew."""
-    # stamps that go back by more than this, twice, are a new clock; one is a bad stamp. Longer
-    # than any message is late, shorter than any clock is set back [s]
-    min_clock_jump = 1.0
     counts, stamps = list(state.refusals.counts), list(state.refusals.stamps)
-    again = t < last - min_clock_jump and 0 < t - stamps[which] < min_clock_jump
+    again = t < last - CLOCK_JUMP_S and 0 < t - stamps[which] < CLOCK_JUMP_S
     counts[which] += not again
     stamps[which] = t
     state.refusals = Refusals(tuple(counts), tuple(stamps))

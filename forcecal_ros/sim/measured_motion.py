@@ -162,11 +162,7 @@ class MeasuredMotion:
         given = recording, start, n_blocks, accelerometer
         self._full, self._clear = CarriedTool(*given), CarriedTool(*given, clear=True)
         self._unclear = self._full.wire(rigid_tool) - self._clear.wire(rigid_tool)
-
-    @property
-    def driven(self) -> bool:
-        """Whether a measured acceleration drives it."""
-        return self._full.accelerated
+        self.driven = self._full.accelerated
 
     def can_show(self, effect: str, rig: Rig) -> bool:
         """Say whether an effect can show: a delay that is not known is estimated along instead."""

@@ -150,8 +150,7 @@ class Rerun:
     """
 
     band, exact, accelerometer = MOST, EXACT_RATIO, 'acc1'
-    starts_white = True
-    driven = False
+    starts_white, driven = True, False
 
     def __init__(self, runs: Runs, start: float, n_blocks: int, rigid_tool: RigidTool) -> None:
         self.runs, self.start, self.n_blocks, self._rigid_tool = runs, start, n_blocks, rigid_tool

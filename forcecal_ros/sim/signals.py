@@ -162,10 +162,7 @@ class Simulation(Protocol):
     exact: float
     starts_white: bool
     library: Mapping[str, Effect]
-
-    @property
-    def driven(self) -> bool:
-        """See above."""
+    driven: bool
 
     def signals(self, rig: Rig) -> Signals:
         """Simulate a rig, with its effects."""

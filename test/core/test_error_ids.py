@@ -9,11 +9,11 @@ import re
 from forcecal_ros.checks.hypotheses import TABLE
 from forcecal_ros.cli.main import main
 from forcecal_ros.core import errors
-from forcecal_ros.core.errors import ForcecalError, kind_of, KINDS, with_id
+from forcecal_ros.core.errors import ForcecalError, id_of, KINDS, with_id
 import pytest
 
 PACKAGE = Path(errors.__file__).parents[1]
-PLACES = {place for kind in KINDS for place in kind.places.split(' ')}
+PLACES = {place for places in KINDS.values() for place in places.split(' ')}
 CLASSES = {'ModuleNotFoundError', 'OSError', ''}
 
 
@@ -26,9 +26,11 @@ def functions(module):
             if isinstance(node, ast.FunctionDef)}
 
 
-def test_ids_are_different_and_at_most_80():
-    ids = [kind.id for kind in KINDS]
-    assert len(set(ids)) == len(ids) <= 80 and all(re.fullmatch(r'FC\d{4}', one) for one in ids)
+def test_the_page_explains_at_most_80_ids_what_is_wrong_why_and_what_to_do():
+    page = (PACKAGE.parent / 'docs/reference/errors.md').read_text()
+    explained = re.findall(r'\n## (FC\d{4})\n\n\*\*.+\.\*\* .+\. \*.+\.\*\n', page)
+    assert explained == list(KINDS) and len(KINDS) <= 80
+    assert page.count('\n## ') == len(KINDS)
 
 
 @pytest.mark.parametrize('place', sorted(PLACES - CLASSES))
@@ -55,7 +57,7 @@ def test_the_innermost_refusal_decides():
             raise errors.DataError('inner') from OSError('a file')
         except ForcecalError as error:
             raise errors.UsageError('outer') from error
-    assert kind_of(caught.value).id == 'FC0990'  # raised here, outside the package
+    assert id_of(caught.value) == 'FC0990'  # raised here, outside the package
     assert with_id(caught.value) == 'outer [FC0990]'
     assert with_id(caught.value, 'said by a node [FC0702]') == 'said by a node [FC0702]'
 

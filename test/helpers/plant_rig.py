@@ -21,6 +21,13 @@ def shaken(seconds, seed):
     return record(excitation_commands(seconds, RIG.robot.period, seed=seed), seed=seed + 100)
 
 
+def response(robot, frequency):
+    """Return the complex response of a difference equation at frequencies [Hz]."""
+    q = np.exp(-2j * np.pi * frequency * robot.period)
+    return (np.polynomial.polynomial.polyval(q, robot.feedforward.value) * q**robot.delay
+            / np.polynomial.polynomial.polyval(q, [1.0, *(-robot.feedback.value)]))
+
+
 def true_response(frequency):
     """From what one command of 1 mm does, without noise; poses come at the end of a period."""
     pulse = np.zeros(1000)

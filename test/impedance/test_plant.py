@@ -9,7 +9,7 @@ import json
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.core.errors import ConfigError, DataError
-from forcecal_ros.impedance.plant import load_plant, Plant, Robot, Slide, state_space
+from forcecal_ros.impedance.plant import load_plant, Plant, Robot, Slide
 from forcecal_ros.impedance.plant_fit import (
     fit_output_error,
     identify_plant,
@@ -18,8 +18,9 @@ from forcecal_ros.impedance.plant_fit import (
     Signal,
 )
 from forcecal_ros.io.bags import write_recording
+from gamez_continuous import state_space
 import numpy as np
-from plant_rig import record, RIG, shaken, true_response
+from plant_rig import record, response, RIG, shaken, true_response
 import pytest
 from scipy.linalg import expm
 from scipy.signal import lfilter
@@ -82,7 +83,7 @@ def test_noise_of_20_um_hides_that_pair_and_one_order_less_is_chosen():
     fit = identify_robot(command, position, PERIOD, orders=(1, 2, 3), delays=(1,))
     assert len(fit.robot.feedback.value) == 2
     frequency = np.linspace(0.5, 40.0, 50)
-    ratio = fit.robot.response(frequency) / EQ_28.response(frequency)
+    ratio = response(fit.robot, frequency) / response(EQ_28, frequency)
     assert np.abs(ratio - 1.0).max() < 0.02
 
 
@@ -103,7 +104,7 @@ def test_rig_is_identified_from_its_bag_to_99_5_percent_and_1_percent_up_to_40_h
     path, document = found
     assert document['quality']['fit'] >= 0.995
     frequency = np.linspace(0.5, 40.0, 80)
-    ratio = load_plant(path).robot.response(frequency) / true_response(frequency)
+    ratio = response(load_plant(path).robot, frequency) / true_response(frequency)
     assert np.abs(ratio - 1.0).max() < 0.01
 
 

@@ -362,8 +362,7 @@ def test_angles_about_other_axes_do_not_turn_as_the_weight_does(tmp_path):
             (R.as_euler('XYZ'), 'rpy', 'if it is euler_xyz'),
             (R.as_euler('xyz'), 'euler_xyz', 'if it is rpy'),
             (R.as_euler('ZYZ'), 'rpy', 'about the moving axes z, y, z'),
-            (R.as_rotvec(), 'rpy', 'if it is rotation_vector'),
-            (R.inv().as_rotvec(), 'rotation_vector', 'that of base in the sensor')):
+            (R.as_rotvec(), 'rpy', 'if it is rotation_vector')):
         with pytest.raises(DataError, match=said):
             moved(tmp_path, written, **{key: 'rad'})
 
@@ -509,49 +508,9 @@ def test_angles_in_another_unit_do_not_turn_as_the_weight_does(tmp_path, key, un
         moved(tmp_path, angles[unit], spread, **{key: other})
 
 
-def test_quaternions_and_matrices_of_another_order_do_not_turn_as_the_weight_does(tmp_path):
-    R = weighed()[1]
-    q = R.as_quat()
-    assert moved(tmp_path, q, quaternion_xyzw='').notes == ()
-    with pytest.raises(DataError, match='in the order w, x, y, z'):
-        moved(tmp_path, q[:, [3, 0, 1, 2]], quaternion_xyzw='')
-    with pytest.raises(DataError, match='if it is that of base in the sensor'):
-        moved(tmp_path, R.inv().as_quat(), quaternion_xyzw='')
-    with pytest.raises(DataError, match='rows are columns'):
-        moved(tmp_path, R.as_matrix().reshape(-1, 9), R_sensor_base='')
-
-
 def test_a_wrench_in_base_is_not_blamed_on_the_orientation(tmp_path):
-    R = weighed()[1].as_matrix()
-    for seen, key in ((R, 'R_base_sensor'), (R.transpose(0, 2, 1), 'R_sensor_base')):
-        one = moved(tmp_path, seen.reshape(-1, 9), in_base=True, **{key: ''})
-        assert len(one.signals['pose']) == 400
-    q = weighed()[1].as_quat()
-    assert len(moved(tmp_path, q, in_base=True, quaternion_xyzw='').signals['pose']) == 400
-
-
-def poses_alone(folder, t, angles, unit):
-    text = 't,a,b,c\n' + '\n'.join(','.join(map(repr, row)) for row in np.column_stack(
-        [t, angles]).tolist()) + '\n'
-    return imported(folder, table(text, folder, signals={'pose': {
-        'frame': 'base', 'rpy': {'columns': ['a', 'b', 'c'], 'unit': unit}}}))
-
-
-def test_small_degrees_without_a_wrench_are_told_by_their_speed(tmp_path):
-    t = np.arange(500) / 100.0
-    degrees = np.stack([12 * np.sin(t), 9 * np.cos(1.3 * t), 5 * np.sin(0.7 * t)], axis=1)
-    assert poses_alone(tmp_path, t, degrees, 'deg').notes == ()
-    with pytest.raises(DataError, match='rpy in rad the sensor turns by .*unit: deg'):
-        poses_alone(tmp_path, t, degrees, 'rad')
-
-
-def test_radians_without_a_wrench_are_told_by_their_jumps(tmp_path):
-    t = np.arange(500) / 100.0
-    roll = np.angle(np.exp(1j * (np.pi + 0.3 * np.sin(t))))
-    radians = np.stack([roll, 0.2 * np.cos(t), 0.1 * t], axis=1)
-    assert poses_alone(tmp_path, t, radians, 'rad').notes == ()
-    with pytest.raises(DataError, match=r'line \d+: rpy jumps .* in radians'):
-        poses_alone(tmp_path, t, radians, 'deg')
+    R = weighed()[1].as_euler('xyz')
+    assert len(moved(tmp_path, R, in_base=True, rpy='rad').signals['pose']) == 400
 
 
 def rows_at(times, cell='1'):
@@ -568,12 +527,10 @@ def test_a_rate_that_no_sensor_has_is_questioned(tmp_path):
     assert 'more than any sensor sends' in note
 
 
-def test_cells_that_are_nan_are_counted_and_many_refused(tmp_path):
+def test_cells_that_are_nan_are_counted_and_their_line_is_named(tmp_path):
     text = rows_at(range(1, 1001)).replace('\n7,1,', '\n7,nan,')
     note, = (one for one in imported(tmp_path, table(text, tmp_path, unit='ms')).notes)
     assert '1 of 1000 rows of wrench are not finite' in note and 'log.csv line 8;' in note
-    with pytest.raises(DataError, match='1000 of 1000 rows of wrench are not finite'):
-        imported(tmp_path, table(rows_at(range(1, 1001), 'nan'), tmp_path, unit='ms'))
 
 
 def test_lines_that_skip_leaves_out_are_counted(tmp_path, capsys):

@@ -1,5 +1,7 @@
 """Motion: the quintic, the stop that keeps to its path, limits that refuse with the number."""
 
+from array import array
+
 from forcecal_ros.core.errors import ConfigError, MotionError
 from forcecal_ros.core.geometry import (
     quaternion_from_matrix,
@@ -198,8 +200,9 @@ def test_limits_that_cannot_be_stopped_from_are_refused():
         Limits(speed=1.0)
     with pytest.raises(ConfigError, match='workspace_min'):
         Limits(workspace_min=[0, 0, 2.0])
-    with pytest.raises(ConfigError, match='limits.tip requires three finite numbers'):
+    with pytest.raises(ConfigError, match='limits.tip is .* expected a list of 3 finite numbers'):
         Limits(tip=[0, np.nan, 0])
+    assert Limits(tip=array('d', [0.1, 0.0, 0.0])).tip.tolist() == [0.1, 0.0, 0.0]  # of rclpy
 
 
 def test_default_plan_keeps_the_limits_and_takes_twelve_to_sixteen_seconds():

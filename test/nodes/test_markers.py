@@ -62,7 +62,7 @@ def test_a_force_within_its_noise_is_taken_away_and_an_unknown_noise_is_not_draw
 
 def test_the_box_is_drawn_by_its_twelve_edges_with_the_path_in_it():
     path = np.array([[0.5, 0.0, 1.0], [0.6, 0.1, 1.1], [0.7, 0.0, 1.0]])
-    shown = of(plan_markers([0.0, -1.0, 0.5], [1.0, 1.0, np.inf], path, 'base', NOW))
+    shown = of(plan_markers([0.0, -1.0, 0.5], [1.0, 1.0, 2.1], path, 'base', NOW))
     ends = np.array([[p.x, p.y, p.z] for p in shown['workspace'].points]).reshape(12, 2, 3)
     lengths = np.abs(ends[:, 1] - ends[:, 0])
     assert ((lengths > 0).sum(axis=1) == 1).all()

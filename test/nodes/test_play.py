@@ -1,9 +1,6 @@
 """forcecal play in a robot's domain: no motion, no second voice, unless asked for."""
 
 from collections import Counter
-from contextlib import suppress
-import os
-import pty
 import subprocess
 import sys
 
@@ -134,42 +131,3 @@ def test_commands_end_when_somebody_begins_to_listen(ros_domain, bag):
         robot.spin(0.3)
         assert process.returncode == 1 and 'a subscription has appeared' in err
         assert robot.heard['/wrench'] < SAMPLES and robot.heard['/target_frame'] <= 1
-
-
-class OnTerminal:
-    """Plays commands from a terminal, which may be asked something."""
-
-    def __init__(self, robot, bag):
-        self.ours, self.theirs = pty.openpty()
-        os.set_blocking(self.ours, False)
-        self.said = b''
-        self.process = robot.play(bag, '--with-commands', stdin=self.theirs, stderr=self.theirs)
-
-    def asked(self):
-        with suppress(OSError):
-            self.said += os.read(self.ours, 4096)
-        return b'[y/N]' in self.said
-
-    def ended(self):
-        self.asked()  # a terminal that nobody reads keeps who writes to it
-        return self.process.poll() is not None
-
-    def close(self):
-        self.process.stdout.close()
-        os.close(self.ours)
-        os.close(self.theirs)
-
-
-def test_on_a_terminal_the_question_is_asked(ros_domain, bag):
-    with Robot(ALL) as robot:
-        players = [OnTerminal(robot, bag) for _ in range(2)]
-        robot.until(lambda: all(player.asked() for player in players), 'the questions')
-        assert not robot.heard
-        for player, reply in zip(players, (b'\n', b'y\n')):
-            os.write(player.ours, reply)
-        robot.until(lambda: all(player.ended() for player in players), 'the end', 20.0)
-        robot.spin(0.3)
-        assert [player.process.returncode for player in players] == [1, 0]
-        assert robot.heard['/target_frame'] == SAMPLES
-    for player in players:
-        player.close()

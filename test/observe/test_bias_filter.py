@@ -5,11 +5,7 @@ from dataclasses import replace
 from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.core.streams import Stream
 from forcecal_ros.observe import design, FilterSettings, ObserverSettings, Status
-from forcecal_ros.observe.bias_filter import (
-    begin,
-    learn,
-    paper_covariances,
-)
+from forcecal_ros.observe.bias_filter import begin, Covariances, learn
 from forcecal_ros.observe.gaussian import Gaussian
 from forcecal_ros.observe.playback import with_noise
 from forcecal_ros.observe.sample import Unloaded
@@ -23,8 +19,6 @@ from scipy.stats import chi2
 DT = 0.001
 ZERO = (0.0,) * 3
 LOAD = (1.0, -2.0, 5.0, 0.1, 0.2, 0.0)
-KINDS = {'ukf': ObserverSettings('ukf'),
-         'six': ObserverSettings('ukf', learning=FilterSettings(states=6))}
 NUMBER = st.floats(-4e8, 4e8)
 
 
@@ -34,13 +28,8 @@ def calibration():
 
 
 @pytest.fixture(scope='module')
-def models(calibration):
-    return {name: design(calibration, choice).bias_filter for name, choice in KINDS.items()}
-
-
-@pytest.fixture(scope='module')
-def model(models):
-    return models['ukf']
+def model(calibration):
+    return learning(calibration)
 
 
 def learning(calibration, **choices):
@@ -84,9 +73,7 @@ def pushed(n, at, force, axis=0):
 @example(measured=[4e8] * 6, t=1e300)
 @example(measured=[1.0] * 6, t=1e-7)
 @settings(max_examples=60, deadline=None)
-@pytest.mark.parametrize('kind', KINDS)
-def test_no_sample_makes_the_filter_raise_or_lose_its_numbers(models, kind, measured, t):
-    model = models[kind]
+def test_no_sample_makes_the_filter_raise_or_lose_its_numbers(model, measured, t):
     belief, _ = learn(begin(model), reading(0.0, ZERO * 2), model)
     _, sample = learn(belief, reading(t, measured), model)
     assert np.isfinite(sample.contact).all()
@@ -193,27 +180,14 @@ def test_the_errors_are_as_large_as_the_filter_says_for_a_wrench_that_wanders(ca
         np.ones(6), abs=4 * np.sqrt(2 / runs))
 
 
-def test_six_states_keep_the_calibration_s_bias(models):
-    _, samples = run(models['six'], np.zeros((300, 6)), np.random.default_rng(12))
-    last = samples[-1].learned
-    assert (last.bias == models['six'].bias).all()
-    assert (last.correlation == 0).all()
-
 
 ZERO = (0.0,) * 3
 
 
-def test_the_paper_s_covariances_are_those_it_prints():
-    Q, R, P0, period = paper_covariances()
-    assert Q.diagonal() == pytest.approx([0.01] * 3 + [0.001] * 3)
-    assert R.diagonal() == pytest.approx([0.1] * 3 + [0.01] * 3)
-    assert P0.diagonal() == pytest.approx([1.0] * 3 + [0.1] * 3)
-    assert period == 0.001
-
-
-@pytest.mark.long
 def test_the_paper_s_r_taken_as_noise_gives_three_times_its_table(calibration):
-    model = learning(calibration, covariances='paper', states=6)
+    model = learning(calibration)._replace(covariances=Covariances(
+        np.diag([0.01] * 3 + [0.001] * 3), np.diag([0.1] * 3 + [0.01] * 3),
+        np.diag([1.0] * 3 + [0.1] * 3), DT))
     noise = np.sqrt(model.covariances.R.diagonal())
     rng = np.random.default_rng(4)
     belief, errors = begin(model), []
@@ -241,12 +215,12 @@ def test_a_calibration_without_noise_takes_it_from_a_recording(calibration):
 
 
 def test_missing_noise_is_an_error_that_says_what_to_do(calibration):
-    with pytest.raises(ConfigError, match='covariances: paper'):
+    with pytest.raises(ConfigError, match='R is unknown; calibrate again'):
         learning(replace(calibration, noise=None))
 
 
 @pytest.mark.parametrize('wrong', [
-    {'states': 8}, {'covariances': 'guess'}, {'rise_time': 0.0}, {'relaxation': float('nan')},
+    {'rise_time': 0.0}, {'relaxation': float('nan')},
     {'bias_walk': (1.0,)}, {'contact_floor': (-1.0, 0.0)}, {'false_alarm': 1.0}])
 def test_settings_that_make_no_sense_are_refused(wrong):
     with pytest.raises(ConfigError, match=f'gravity.{next(iter(wrong))}'):

@@ -145,9 +145,10 @@ class _Table:
     """All effects, for all of the time, in one recording alone, and from or until an instant."""
 
     def __init__(self, model: LinearisedModel, found: Sequence[Hypothesis]) -> None:
-        self.driven = any(c.simulation.driven for c in model.datasets)
         self.parts = {h.name: h for h in everywhere(model, found)}
         self.found = [*found, *in_one_recording(model, list(self.parts.values()))]
+        self.taken_up = [] if model.datasets[0].simulation.driven else [
+            name for name, h in self.parts.items() if h.effect.nuisance]
 
     def candidates(self, now: JointFit) -> list[Candidate]:
         """List what may be added to an explanation, the likeliest first, by linear evidence."""
@@ -158,11 +159,9 @@ class _Table:
         # of an effect that begins or ends a part shows as if it acted longer, unless a number of
         # the model takes up its mean
         likely = list(dict.fromkeys(t.effect.name for t in screened if t.evidence > WORTH))
-        parts = [_renamed(h, step) for h in self.parts.values()
-                 if h.name == BIAS.name or (
-                     h.name not in taken and not h.effect.begins_anew
-                     and (h.name in likely[:2 * REFINED]
-                          or (h.effect.nuisance and not self.driven)))]
+        begin = {BIAS.name, *({*likely[:2 * REFINED], *self.taken_up} - taken)}
+        parts = [_renamed(h, step) for name, h in self.parts.items()
+                 if name in begin and not h.effect.begins_anew]
         found: dict[str, Candidate] = {}
         for some in ([t for t in screened if t.gate is None], [t for t in screened if t.gate],
                      screen_change_points(now, comparison, parts)):

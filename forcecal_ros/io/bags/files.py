@@ -109,8 +109,9 @@ _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _CHUNK_INDEX, _DATA_END, _LAST = 3, 4, 5, 6
 _FOOTER_SIZE = 9 + 20 + 8
 """Bytes of the footer record: opcode and length, content, magic."""
 
-_LARGEST = 1 << 28
-"""Bytes that a record or an unpacked chunk may have: a length beyond it is damage."""
+UNPACKED = 1 << 28
+"""Bytes that a record, an unpacked chunk or batch may have: a length beyond it is damage, or a
+decompression bomb."""
 
 
 class McapFile:
@@ -152,7 +153,7 @@ class McapFile:
                             'what it holds was read record by record')
             return
         file.seek(start)
-        summary = file.read(_LARGEST)
+        summary = file.read(UNPACKED)
         for opcode, position, size in _records(summary)[1]:
             content = summary[position:position + size]
             self._learn(opcode, content)
@@ -190,18 +191,18 @@ class McapFile:
                 end = position + 9 + size
                 if len(head) < 9 or not 0 < opcode <= _LAST or end > self._size:
                     if opcode == _CHUNK and len(head) == 9:
-                        yield from self._chunk(file.read(_LARGEST), position, channels)
+                        yield from self._chunk(file.read(UNPACKED), position, channels)
                     position = self._resume(position)
                 elif opcode == _CHUNK:
-                    yield from self._chunk(file.read(min(size, _LARGEST)), position, channels)
+                    yield from self._chunk(file.read(min(size, UNPACKED)), position, channels)
                     position = end
                 elif opcode == _DATA_END:
                     break
                 else:
                     if opcode == _MESSAGE:
-                        loose.append(head + file.read(min(size, _LARGEST)))
+                        loose.append(head + file.read(min(size, UNPACKED)))
                     elif opcode in (_SCHEMA, _CHANNEL):
-                        self._learn(opcode, file.read(min(size, _LARGEST)))
+                        self._learn(opcode, file.read(min(size, UNPACKED)))
                     position = end
                 if len(loose) * 128 > 1 << 22:
                     yield from self._messages(b''.join(loose), channels)
@@ -276,7 +277,7 @@ def _unpack(content: bytes) -> bytes:
     compression, position = _string(content, 28)
     (packed,) = struct.unpack_from('<Q', content, position)
     data = content[position + 8:position + 8 + packed]
-    if size > _LARGEST:
+    if size > UNPACKED:
         raise ValueError(f'{size} bytes claimed')
     if compression:
         data = _decompressor(compression).decompress(data, size)

@@ -4,14 +4,11 @@ from bisect import bisect_left
 from typing import Any, NamedTuple
 
 from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.streams import CLOCK_JUMP_S, MANY, SLOWEST
 import numpy as np
 from numpy.typing import NDArray
 
 Integers = NDArray[np.int64]
-
-MAX_APART_S, MAX_BACK_S = 1.0, 1.0
-"""Clocks that are farther apart, or go back by more, twice, are other clocks; by less, messages
-are out of order [s]."""
 
 FEWEST = 50
 """Fewer messages tell nothing of how a topic is stamped."""
@@ -20,18 +17,9 @@ COARSE = 0.05
 """From this share of messages on that bear the stamp of the one before and say something else,
 stamps do not resolve the messages: drivers that are read twice in a period repeat the values."""
 
-SECOND = 1.0
-"""Whole seconds are off by up to so much [s]."""
-
-HALF = 0.5
-"""Where so many messages at least have a stamp of their own, the others can be left out."""
-
 ALIKE = 0.05
 """The clocks of stamps and of recording are alike where they pass at the same rate to this share;
 one that is a thousand times as fast is so to the same share."""
-
-SLOWEST = 2.5
-"""A thousand messages at fewer a second [Hz] may be stamped in milliseconds taken for seconds."""
 
 SHORT_STEP, LONG_STEP = 1_500_000, 20_000_000
 """Stamps in steps between these are rounded [ns]: below, a turn is off by little, beyond, nothing
@@ -45,10 +33,7 @@ share: the same messages lost from both leave them alike."""
 ALTERNATES = 5.0
 """Messages of two senders differ from the next by so many times what they differ from the one
 after that by: motion makes that half, noise one, and a ripple of half the sampling rate is in few
-channels."""
-
-CHANNELS = 0.5
-"""Share of the channels in which they do at least."""
+channels, not in half of them."""
 
 
 class Stamped(NamedTuple):
@@ -90,10 +75,11 @@ def usable_stamps(name: str, stamps: Integers, log: Integers, values: NDArray[An
         _refuse_milliseconds(name, len(stamps), passed, took)
         return Stamped(stamps, '')
     apart = abs(float(np.median(log - stamps))) / 1e9
-    if abs(passed - took) < ALIKE * took + 1e9 * SECOND and apart < MAX_APART_S + SECOND and (
+    # whole seconds are off by up to one
+    if abs(passed - took) < ALIKE * took + 1e9 and apart < CLOCK_JUMP_S + 1.0 and (
             len(np.unique(log)) == len(log)):
         return Stamped(log, f'{name}: {why}; the times of recording were used')
-    if len(np.unique(stamps)) > HALF * len(stamps):
+    if len(np.unique(stamps)) > len(stamps) / 2:  # the others can be left out
         return Stamped(stamps, '')
     raise DataError(f'{name}: {why}; stamp in whole nanoseconds in the driver, and record again')
 
@@ -125,7 +111,7 @@ def _cut_off(stamps: Integers, values: NDArray[Any]) -> str:
 
 
 def _refuse_milliseconds(name: str, count: int, passed: float, took: float) -> None:
-    slow = count >= 1000 and count < SLOWEST * passed / 1e9
+    slow = count >= MANY and count < SLOWEST * passed / 1e9
     if slow and took > 0.0 and abs(passed / took / 1000.0 - 1.0) < ALIKE:
         raise DataError(
             f'{name}: its stamps pass 1000 times as fast as its messages came: they hold '
@@ -146,15 +132,12 @@ def refuse_two_senders(name: str, values: NDArray[Any]) -> None:
     next_one, one_after = (np.median(np.abs(values[k:] - values[:-k]), axis=0) for k in (1, 2))
     moving = one_after > 0.0
     apart = moving & (next_one > ALTERNATES * one_after)
-    if moving.any() and apart.sum() >= max(2, CHANNELS * moving.sum()):
+    if moving.any() and apart.sum() >= max(2, moving.sum() / 2):
         j = int(np.argmax(next_one))
         raise DataError(
             f'{name}: every other message is of another sensor (column {known[j] + 1} differs by '
             f'{next_one[j]:.3g} from one to the next, by {one_after[j]:.3g} over two): two '
             'drivers publish on one topic; give each its own, and record again')
-
-
-_BACK = round(MAX_BACK_S * 1e9)
 
 
 class Order(NamedTuple):
@@ -192,7 +175,7 @@ def increasing(stamps: Integers) -> Order:
     if not len(stamps) or ((np.diff(stamps) > 0).all()
                            and stamps[-1] - stamps[0] < 86400 * 10**9):
         return Order(np.arange(len(stamps)), 0, 0)
-    cuts = np.flatnonzero(np.abs(np.diff(stamps.astype(float))) > _BACK) + 1
+    cuts = np.flatnonzero(np.abs(np.diff(stamps.astype(float))) > 1e9 * CLOCK_JUMP_S) + 1
     bounds = np.concatenate([[0], cuts, [len(stamps)]])
     kept = np.zeros(len(stamps), bool)
     for stretch in _largest_chain(

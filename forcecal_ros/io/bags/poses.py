@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from struct import error as StructError
 
+from forcecal_ros.core.cdr import FormReader
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.topics import STRING, Topic
@@ -12,24 +13,23 @@ from forcecal_ros.io.bags.messages import Decoder
 from forcecal_ros.io.bags.series import Collector, Series, series_of
 from forcecal_ros.io.bags.storage import Bag
 from forcecal_ros.io.transforms import (
+    FORM,
     frames_of,
     Placement,
     pose_along,
     route,
     TF,
     Transform,
-    TransformReader,
+    transforms_of,
     way_up,
 )
-from forcecal_ros.io.urdf import Description, Joint
+from forcecal_ros.io.urdf import Description, FARTHEST_TURN, Joint
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 FROM_TF = 'tf:'
 """``tf:BASE:SENSOR`` in place of a topic's name."""
 
-FARTHEST_TURN = 4.0 * np.pi
-"""Joints between limits turn by less: those of arms by one turn either way, 6.3 rad."""
 
 
 @dataclass
@@ -95,11 +95,11 @@ def pose_series(bag: Bag, named: str, wrench_frame: str) -> tuple[Series, str] |
 
 
 def _links(bag: Bag) -> dict[str, _Link]:
-    read, links = TransformReader(), dict[str, _Link]()
+    read, links = FormReader(FORM), dict[str, _Link]()
     for batch in bag.batches({topic for topic in bag.topics if topic.type == TF}):
         for start, length in zip(batch.start.tolist(), batch.length.tolist()):
             try:
-                found = read(bytes(batch.buffer[start:start + length]))
+                found = transforms_of(*read(bytes(batch.buffer[start:start + length])))
             except (StructError, IndexError):
                 bag.notes.add('/tf: messages that cannot be read were left out')
                 continue

@@ -31,30 +31,6 @@ class Series(NamedTuple):
         return frozen(np.asarray((self.stamp_ns - start_ns) / 1e9))
 
 
-class _Column:
-    """An array that grows; room not yet used costs no memory."""
-
-    def __init__(self, dtype: type) -> None:
-        self._rows: NDArray[Any] = np.empty(0, dtype)
-        self._used = 0
-
-    def extend(self, part: NDArray[Any]) -> None:
-        end = self._used + len(part)
-        if end > len(self._rows):
-            rows = np.empty((max(end, 2 * len(self._rows), 4096), *part.shape[1:]),
-                            self._rows.dtype)
-            if self._used:
-                rows[:self._used] = self._rows[:self._used]
-            self._rows = rows
-        self._rows[self._used:end] = part
-        self._used = end
-
-    def take(self) -> NDArray[Any]:
-        """Return what is there, and forget it."""
-        rows, self._rows = self._rows, np.empty(0, self._rows.dtype)
-        return frozen(frozen(rows)[:self._used])
-
-
 def frozen(array: NDArray[Any]) -> NDArray[Any]:
     """Make an array read-only, so that a stream may keep it without a copy."""
     array.setflags(write=False)
@@ -82,8 +58,7 @@ class Collector:
         self._width = 0
         self._frames: Counter[str] = Counter()
         self._without: Counter[str] = Counter()
-        self._stamps, self._log = _Column(np.int64), _Column(np.int64)
-        self._values = _Column(object if text else float)
+        self._parts: list[tuple[Integers, Integers, NDArray[Any]]] = []
 
     def add(self, batch: Batch) -> None:
         """Take in a batch."""
@@ -95,9 +70,7 @@ class Collector:
                 continue
             log = batch.log_ns[group.where]
             stamps = group.stamps()
-            self._stamps.extend(log if stamps is None else stamps)
-            self._log.extend(log)
-            self._values.extend(values)
+            self._parts.append((log if stamps is None else stamps, log, values))
             self._frames[group.layout.text.get('header.frame_id', '')] += len(group.where)
 
     def _columns(self, group: Group) -> NDArray[Any]:
@@ -131,6 +104,7 @@ class Collector:
             notes.add(f'{name}: {count} messages were left out: {what}')
         if not self._frames:
             notes.add(f'{name}: no message in the recording')
+        if not self._parts:
             return None
         frame, count = self._frames.most_common(1)[0]
         if len(self._frames) > 1:
@@ -143,7 +117,8 @@ class Collector:
     def _without_broken(self, notes: Notes, unreadable: bool
                         ) -> tuple[Integers, Integers, NDArray[Any]]:
         """Return stamps, times of recording and values of the messages that can be used."""
-        stamps, log, values = self._stamps.take(), self._log.take(), self._values.take()
+        stamps, log, values = map(np.concatenate, zip(*self._parts))
+        self._parts = []
         broken = _unstamped(stamps)
         if broken.mean() > 0.5:
             notes.add(f'{self._topic.name}: header stamps are zero; the times of recording were '

@@ -8,7 +8,7 @@ import tempfile
 from types import TracebackType
 
 from forcecal_ros.core.errors import ConfigError, DataError
-from forcecal_ros.core.safe_yaml import load_yaml
+from forcecal_ros.core.safe_yaml import LARGEST, load_yaml
 from forcecal_ros.core.topics import Topic
 from forcecal_ros.io.bags.files import (
     Batch,
@@ -18,6 +18,7 @@ from forcecal_ros.io.bags.files import (
     McapFile,
     Notes,
     SqliteFile,
+    UNPACKED,
 )
 import numpy as np
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores, TypesysError
@@ -31,11 +32,6 @@ else:
 _SQLITE_MAGIC = b'SQLite format 3\0'
 _ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 
-_LARGEST_METADATA = 1 << 20
-"""Bytes of metadata.yaml beyond which it is not read: those of real recordings are kilobytes."""
-
-_LARGEST_BATCH = 1 << 28
-"""Bytes that the compressed messages of a batch may unpack to; more is a decompression bomb."""
 
 
 class Bag:
@@ -127,8 +123,7 @@ class Bag:
         path = self.path / 'metadata.yaml'
         try:
             with path.open('rb') as file:
-                document = load_yaml(file.read(_LARGEST_METADATA + 1), str(path),
-                                     _LARGEST_METADATA)
+                document = load_yaml(file.read(LARGEST + 1), str(path))
             listed = document['rosbag2_bagfile_information']['relative_file_paths']
             return {Path(name).name for name in listed}
         except FileNotFoundError:
@@ -174,7 +169,7 @@ class Bag:
         if not len(batch.start) or batch.buffer[batch.start[0]:batch.start[0] + 4] != _ZSTD_MAGIC:
             return batch
         messages = []
-        room = _LARGEST_BATCH
+        room = UNPACKED
         for start, length in zip(batch.start, batch.length):
             message = b''
             try:

@@ -1,12 +1,9 @@
 """Arrays to recordings."""
 
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, ExitStack
-from importlib.metadata import version
 from pathlib import Path
 import sqlite3
-from struct import Struct
 from types import TracebackType
 
 from forcecal_ros.core.errors import ConfigError
@@ -25,18 +22,10 @@ from rosbags.interfaces import (
 )
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2.errors import WriterError
-from rosbags.rosbag2.storage_mcap import McapWriter
 from rosbags.typesys import get_typestore, Stores
 
 STORAGES = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
 """Storage formats of rosbag2 by the names that `ros2 bag` has for them."""
-
-_KNOWN = '0.11.'
-"""Versions of rosbags whose chunks in memory :func:`_append` adds to."""
-
-_HEAD = Struct('<BQHIQQ')
-"""Of a message in MCAP: opcode, length, channel, sequence, when logged and when published."""
-
 
 _FOREVER = QosTime(9223372036, 854775807)
 """How rosbag2 writes an unlimited duration: 2^63 - 1 ns."""
@@ -136,14 +125,8 @@ class BagWriter:
             merged = np.concatenate(stamps) if stamps else np.empty(0, int)
             order = np.argsort(merged, kind='stable')
             rows = [iter(one.rows) for one in messages]
-            merged_rows = ((connections[i], stamp, next(rows[i]).data)
-                           for i, stamp in zip(source[order].tolist(), merged[order].tolist()))
-            storage = self._writer.storage
-            if isinstance(storage, McapWriter) and version('rosbags').startswith(_KNOWN):
-                _append(self._writer, storage, merged_rows)
-            else:
-                for one in merged_rows:
-                    self._writer.write(*one)
+            for i, stamp in zip(source[order].tolist(), merged[order].tolist()):
+                self._writer.write(connections[i], stamp, next(rows[i]).data)
 
     @contextmanager
     def _blamed(self) -> Iterator[None]:
@@ -153,35 +136,6 @@ class BagWriter:
         except (OSError, sqlite3.Error, WriterError) as error:
             raise ConfigError(f'{self.path}: cannot be written ({error}); choose a folder of '
                               'your own with enough space') from error
-
-
-def _append(writer: Writer, storage: McapWriter,
-            messages: Iterable[tuple[Connection, int, memoryview]]) -> None:
-    """
-    Do for messages what ``writer.write`` does for each, to the byte.
-
-    It composes each of a dozen parts, which takes longer than all else of a recording.
-    """
-    chunk, at = storage.chunk, storage.chunk.bio.tell()
-    earliest, latest, counts = writer.min_timestamp, writer.max_timestamp, Counter[int]()
-    for connection, stamp, data in messages:
-        earliest, latest = min(earliest, stamp), max(latest, stamp)
-        chunk.message_start_time = min(chunk.message_start_time, stamp)
-        chunk.message_end_time = max(chunk.message_end_time, stamp)
-        counts[connection.id] += 1
-        chunk.msgs[connection.id].append((stamp, at))
-        length = len(data)
-        chunk.bio.write(_HEAD.pack(5, length + 22, connection.id, 0, stamp, stamp))
-        chunk.bio.write(data)
-        at += _HEAD.size + length
-        if at > 2**20:
-            storage.close_chunk()
-            chunk, at = storage.chunk, 0
-    writer.min_timestamp = storage.message_start_time = earliest
-    writer.max_timestamp = storage.message_end_time = latest
-    for channel, count in counts.items():
-        writer.counts[channel] += count
-        storage.channel_stats[channel] += count
 
 
 def write_signals(

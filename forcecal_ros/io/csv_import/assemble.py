@@ -6,7 +6,7 @@ from itertools import groupby, pairwise
 from pathlib import Path
 
 from forcecal_ros.core.errors import ConfigError, DataError
-from forcecal_ros.core.geometry import Array, matrix_from_quaternion, read_from_w
+from forcecal_ros.core.geometry import Array, matrix_from_quaternion
 from forcecal_ros.core.streams import (
     JointStream,
     Phase,
@@ -14,7 +14,6 @@ from forcecal_ros.core.streams import (
     PoseStream,
     Stream,
 )
-from forcecal_ros.io.csv_import import plausibility
 from forcecal_ros.io.csv_import.specification import (
     ANGLES,
     Joints,
@@ -24,15 +23,27 @@ from forcecal_ros.io.csv_import.specification import (
     TableSpecification,
     UNITS,
 )
-from forcecal_ros.io.csv_import.table import nanoseconds, read_table, Table
+from forcecal_ros.io.csv_import.table import (
+    nanoseconds,
+    question_rate,
+    read_table,
+    Table,
+)
+from forcecal_ros.io.urdf import FARTHEST_TURN
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 _NOT_A_ROTATION = 1e-2
 """A matrix or quaternion that is further from orthogonal or from norm 1 is no rotation."""
-_TOO_FAR = 4 * np.pi
-"""Two turns [rad], more than the wrist of a robot makes: unwrapped angles may pass one."""
+
+
+MOST = 2000
+"""Rows that are looked at."""
+
+FOLLOWS, WORSE = 0.1, 10.0
+"""Share of the changes of force that a weight leaves at most where it is what turns there, and how
+many times as much it leaves by the orientation as it was read."""
 
 
 @dataclass(frozen=True)
@@ -83,13 +94,13 @@ def assemble(specification: Specification) -> Imported:
         t = (times - start) / 1e9
         notes.extend(table.notes)
         if one.time is not None:
-            notes.extend(plausibility.question_rate(
+            notes.extend(question_rate(
                 len(t), float(t[-1] - t[0]), f'{table.path}, column {one.time.column!r}',
                 one.time.unit))
         found: dict[str, Stream | PoseStream | tuple[Phase, ...]] = {}
         for role, signal in one.signals.given.items():
             found[role] = value = _signal(*_having(table, t, signal), signal)
-            notes.extend(_notes(role, signal, table, value, timed=one.time is not None))
+            notes.extend(_notes(role, signal, table, value))
         if one.phases:
             found['phase'] = _phases(one, table, t)
         if not found:
@@ -120,17 +131,15 @@ def _table(specification: TableSpecification) -> Table:
     return table if time is None else table.renewed(names)
 
 
-def _notes(role: str, given: Signal, table: Table, signal: Stream | PoseStream, *, timed: bool
-           ) -> Iterator[str]:
+def _notes(role: str, given: Signal, table: Table, signal: Stream | PoseStream) -> Iterator[str]:
     part, _ = _having(table, np.zeros(len(table)), given)
     if len(part) < len(table):
         yield f'{table.path}: {len(part)} of {len(table)} rows have cells of {role}'
-    if isinstance(signal, Stream):
-        yield from plausibility.missing(part, role, signal.values)
-    elif timed and (name := _orientation(given)) in ANGLES:
-        plausibility.refuse_degrees_and_radians(
-            part, signal.t, name, part.numbers(given.parts[name].columns), given.parts[name].unit,
-            signal.R_base_sensor)
+    bad = ~np.isfinite(signal.values).all(axis=1) if isinstance(signal, Stream) else np.array([])
+    if bad.any():
+        yield (f'{int(bad.sum())} of {len(bad)} rows of {role} are not finite, first in '
+               f'{part.place(int(np.argmax(bad)))}; a few are left out where the recording is '
+               'used, remove what is not a reading')
 
 
 def _refuse_other_readings(tables: Sequence[tuple[TableSpecification, Table]],
@@ -140,36 +149,59 @@ def _refuse_other_readings(tables: Sequence[tuple[TableSpecification, Table]],
         return
     table, signal = next((table, one.signals.pose) for one, table in tables if one.signals.pose)
     table, _ = _having(table, np.zeros(len(table)), signal)
-    name = _orientation(signal)
-    plausibility.refuse_other_reading(wrench, pose, _other_readings(table, signal, name),
-                                f'{table.path}: {name}')
-
-
-def _other_readings(table: Table, signal: Signal, name: str) -> Mapping[str, Array]:
-    """R_base_sensor as it would be with the other unit, or the other order."""
-    if name in ANGLES:
-        return _other_angles(name, _part(table, signal, name), signal.parts[name].unit)
-    R = _rotations(table, signal)
-    if name == 'quaternion_xyzw':
-        return {'its columns are in the order w, x, y, z': read_from_w(R),
-                'it is that of base in the sensor: turn the signs of x, y, z':
-                    R.transpose(0, 2, 1)}
-    return {"rows are columns (R_base_sensor, R_sensor_base are each other's transpose)":
-            R.transpose(0, 2, 1)}
+    if (name := _orientation(signal)) in ANGLES:  # others are checked with every recording
+        refuse_other_reading(
+            wrench, pose, _other_angles(name, _part(table, signal, name), signal.parts[name].unit),
+            f'{table.path}: {name}')
 
 
 def _other_angles(name: str, angles: Array, stated: str) -> Mapping[str, Array]:
-    """Orientations by angles [rad] that are in the other unit, about other axes or turned."""
+    """Orientations by angles [rad] that are in the other unit or about other axes."""
     unit = 'deg' if stated == 'rad' else 'rad'
     size = UNITS['angle'][unit] / UNITS['angle'][stated]
-    others = {f'its unit is {unit}': _turn(name, size * angles),
-              'it is that of base in the sensor, whose transpose is required':
-                  _turn(name, angles).transpose(0, 2, 1)}
+    others = {f'its unit is {unit}': _turn(name, size * angles)}
     if name != 'rotation_vector':
         others['its columns are in the order yaw, pitch, roll'] = _turn(name, angles[:, ::-1])
     others['its angles are about the moving axes z, y, z, to be written as quaternions'] = (
         np.asarray(Rotation.from_euler('ZYZ', angles).as_matrix()))
     return others | {f'it is {other}': _turn(other, angles) for other in ANGLES if other != name}
+
+
+def refuse_other_reading(wrench: Stream, pose: PoseStream, others: Mapping[str, Array],
+                         key: str) -> None:
+    """
+    Refuse an orientation by which force does not turn as a weight, but by another reading does.
+
+    Parameters
+    ----------
+    others : mapping of str to ndarray, shape (n, 3, 3)
+        R_base_sensor by other readings, and how messages call them.
+    key : str
+        What the specification calls it.
+    """
+    inside = np.flatnonzero((pose.t >= wrench.t[0]) & (pose.t <= wrench.t[-1]))
+    inside = inside[::max(1, len(inside) // MOST)]
+    force = np.stack([np.interp(pose.t[inside], wrench.t, column)
+                      for column in wrench.values[:, :3].T], axis=1)
+    good = np.isfinite(force).all(axis=1)
+    inside, force = inside[good], force[good]
+    if len(inside) < 10 or not np.ptp(force, axis=0).any():
+        return
+    mine = _unexplained_share(force, pose.R_base_sensor[inside])
+    other, words = min((_unexplained_share(force, R[inside]), words)
+                       for words, R in others.items())
+    if other < FOLLOWS and WORSE * other < mine:
+        raise DataError(
+            f'{key}: force turns as a weight does if {words} ({1 - other:.0%} of its changes '
+            f'follow), not as stated ({1 - mine:.0%}); state what it is')
+
+
+def _unexplained_share(force: Array, R: Array) -> float:
+    """Share of the changes of force that a constant one in base and a bias leave."""
+    x = np.concatenate([R.transpose(0, 2, 1), np.broadcast_to(np.eye(3), R.shape)], axis=2)
+    x, y = x.reshape(-1, 6), force.ravel()
+    found = np.linalg.lstsq(x, y, rcond=1e-9)[0]
+    return float(((y - x @ found) ** 2).sum() / ((force - force.mean(axis=0)) ** 2).sum())
 
 
 def _orientation(signal: Signal) -> str:
@@ -234,7 +266,7 @@ def _rotations(table: Table, signal: Signal) -> Array:
     values = _part(table, signal, name)
     if name in ANGLES:
         _refuse(table, ~np.isfinite(values).all(axis=1), 'no angles')
-        _refuse(table, (np.abs(values) > _TOO_FAR).any(axis=1),
+        _refuse(table, (np.abs(values) > FARTHEST_TURN).any(axis=1),
                 f'more than two turns ({np.abs(values).max():.4g} rad); is {name} in degrees '
                 '(unit: deg)?')
         return _turn(name, values)

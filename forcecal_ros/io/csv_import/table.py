@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime, timedelta, timezone
 from decimal import Decimal, InvalidOperation
 from functools import partial
 from itertools import islice
@@ -13,6 +12,7 @@ from typing import Any
 
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.streams import MANY, SLOWEST
 from forcecal_ros.io.csv_import.specification import Column, DATE, NANOSECONDS, Written
 import numpy as np
 from numpy.typing import NDArray
@@ -22,12 +22,16 @@ MATLAB = '.mat'
 _DECIMAL_COMMA = re.compile(r'\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*')
 _DATE = re.compile(r'\s*\d{1,4}[-/.:]\d{1,2}[-/.:]\d{1,4}')
 _DATE_AND_TIME = re.compile(
-    r'(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})[ T_/-](\d{1,2}):(\d{2}):(\d{2})'
-    r'(?:[.,](\d{1,9}))?\s*(Z|[+-]\d{2}:?\d{2})?')
+    r'(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})[ T_/-](\d{1,2})(:\d{2}:\d{2})(?:[.,](\d{1,9}))?\s*'
+    r'(Z|[+-]\d{2}:?\d{2})?')
 """As ISO 8601 and its neighbours write them; year first, because others are ambiguous."""
 
 _MAX_TIME = 1 << 62
 """Later times are out of range of 64 bits once they are shifted [ns]."""
+
+
+FASTEST = 50_000.0
+"""No force sensor sends more rows a second [Hz]."""
 
 
 @dataclass(frozen=True)
@@ -425,20 +429,14 @@ def _lacks_zeros(cells: Sequence[str]) -> bool:
     return len({len(more) for *_, more in parts}) > 1 and all(map(lt, times, times[1:]))
 
 
-_EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
-
-
 def _date(cell: str) -> int:
     """Convert a date to nanoseconds since 1970; of no other form than year first."""
     found = _DATE_AND_TIME.fullmatch(cell.strip())
     if found is None:
         raise ValueError(cell)
-    *numbers, fraction, zone = found.groups()
-    at = datetime(*map(int, numbers), tzinfo=timezone.utc)  # type: ignore[misc, arg-type]
-    if zone and zone != 'Z':
-        hours, minutes = int(zone[1:3]), int(zone[-2:])
-        at -= (1 if zone[0] == '+' else -1) * timedelta(hours=hours, minutes=minutes)
-    return (at - _EPOCH) // timedelta(seconds=1) * 10**9 + int((fraction or '').ljust(9, '0'))
+    year, month, day, hour, more, fraction, zone = found.groups()
+    return int(pd.Timestamp(f'{year}-{month:0>2}-{day:0>2}T{hour:0>2}{more}.{fraction or 0}'
+                            f'{zone or "Z"}').value)
 
 
 def _exact(cell: str, unit: int) -> int:
@@ -450,3 +448,13 @@ def _exact(cell: str, unit: int) -> int:
     if not number.is_finite():
         raise ValueError(cell)
     return _MAX_TIME if number.adjusted() > 18 else int((number * unit).to_integral_value())
+
+
+def question_rate(rows: int, span: float, what: str, unit: str) -> Iterator[str]:
+    """Question a rate that no sensor has; ``span`` from the first row to the last [s]."""
+    if rows >= MANY and rows <= SLOWEST * span:
+        yield (f'{what}: {rows} rows over {span / 3600:.2g} h, {rows / span:.3g} a second; if '
+               f'that is too slow, time is not in {unit}: state the unit that it is in')
+    if rows >= MANY and rows > FASTEST * span:
+        yield (f'{what}: {rows} rows in {span:.3g} s, more than any sensor sends; if time is '
+               f'not in {unit}, state the unit that it is in')
