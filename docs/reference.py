@@ -45,11 +45,11 @@ with depth 100 or more; *reliable* is RELIABLE with depth 10.
 | | publishes | `observer/contact_wrench` | WrenchStamped | reliable | each wrench; sensor frame, about its origin |
 | | publishes | `observer/inertial_wrench`, `observer/innovation` | WrenchStamped | reliable | if enabled |
 | | publishes | `observer/contact_wrench/FRAME` | WrenchStamped | reliable | `publish.frames` |
-| | publishes | `observer/accuracy` | covariance of the error | latched | |
+| | publishes | `observer/accuracy` | std_msgs/Float64MultiArray | latched | covariance of the error |
 | | publishes | `observer/tool` | InertiaStamped | latched | with `payload.track` |
 | | publishes | `observer/markers` | MarkerArray | reliable | `publish.marker_rate` |
 | | serves | `observer/tare`, `/reset`, `/reload_calibration` | std_srvs/Trigger | | |
-| sim | subscribes | `target_frame` | PoseStamped | reliable | 250 Hz |
+| sim | subscribes | `target_frame` | PoseStamped | sensor | 250 Hz |
 | | publishes | `wrench`, `accelerometer/raw`, `current_pose`, `optidrive`, `sim/contact_wrench`; `imu/data_raw` and `/clock` if enabled | | reliable | rates of the rig |
 | gap | subscribes | `target_frame`, `wrench`, `accelerometer/raw` or `imu/data_raw` or `accel`, `current_pose`, `optidrive` | as above | sensor | |
 | | publishes | `/diagnostics` | DiagnosticArray | reliable | 1 Hz: excess of each channel in noise RMS |

@@ -7,7 +7,6 @@ from forcecal_ros.calibrate.pipeline import identify
 from forcecal_ros.calibrate.rejection import PoseError, rejected, touched
 from forcecal_ros.calibrate.static_readings import Statics
 from forcecal_ros.core.streams import Stream
-from forcecal_ros.nodes.collector import Collector
 from forcecal_ros.report.calibration import in_words
 from longer import first
 import numpy as np
@@ -61,18 +60,6 @@ def test_the_threshold_is_for_all_poses_together():
     assert rejected(errors(0.5, 2e-4, 0.5, np.nan), 1e-3) == 1
     assert rejected(errors(0.5, 3e-4, 0.5, 0.5), 1e-3) is None
     assert rejected(errors(np.nan, np.nan), 1e-3) is None and rejected([], 1e-3) is None
-
-
-def test_a_rejected_pose_counts_no_more():
-    collector = Collector('V', 1)
-    for k in range(10):
-        collector.add('wrench', k * 10**8, (0.0,) * 6)
-        collector.add('pose', k * 10**8, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
-    for k, phase in enumerate(('measure', 'move', 'measure', 'move', 'measure')):
-        collector.enter(phase, 2 * k * 10**8)
-    collector.reject(1)
-    assert [phase.name for phase in collector.recording().phases] == [
-        'measure', 'move', 'idle', 'move', 'measure']
 
 
 def poses(change, seed, n=12):

@@ -31,6 +31,11 @@ RVIZ = {'rviz_default_plugins/MarkerArray': 'visualization_msgs/msg/MarkerArray'
         'rviz_default_plugins/Pose': 'geometry_msgs/msg/PoseStamped'}
 """What the displays of RViz take."""
 
+QOS = {'sensor': (ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE),
+       'reliable': (ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE),
+       'latched': (ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)}
+"""What the page's words mean."""
+
 NUMBERS = (ParameterType.PARAMETER_INTEGER, ParameterType.PARAMETER_DOUBLE)
 
 
@@ -152,6 +157,38 @@ def test_the_page_names_every_topic_and_service(described, node):
         names = found - {'rosout', 'parameter_events', 'diagnostics'}
         # a node hears its own topic of commands to notice others there
         assert names - {f'{node}/transition_event', *says} <= {*named}
+
+
+def promised(node):
+    """Yield direction, topic, type ('' where a row gives several) and QoS of the page's rows."""
+    owner = ''
+    for line in PAGE.read_text().splitlines():
+        cells = [cell.strip() for cell in line.split('|')[1:-1]]
+        if len(cells) != 6:
+            continue
+        owner = cells[0].partition(' ')[0] or owner
+        if owner == node and cells[4] in QOS:
+            topics, types = re.findall('`(.+?)`', cells[2]), cells[3].split(', ')
+            types = types * len(topics) if len(types) == 1 else types
+            for topic, kind in zip(topics, types if len(types) == len(topics)
+                                   else [''] * len(topics)):
+                word = kind.partition(' (')[0].rpartition('/')[2]
+                yield cells[1], topic, '' if word == 'as above' else word, cells[4]
+
+
+@pytest.mark.parametrize('node, ends', [
+    ('sim', 1), ('sequencer', 11), ('observer', 5), ('gap', 3), ('impedance', 3)])
+def test_the_page_has_the_type_and_qos_of_a_topic(described, node, ends):
+    graph, seen = described[0].node, 0
+    look = {'publishes': graph.get_publishers_info_by_topic,
+            'subscribes': graph.get_subscriptions_info_by_topic}
+    for direction, topic, kind, qos in promised(node):
+        for one in look[direction](topic):
+            if one.node_name == node:
+                seen += 1
+                assert kind in ('', one.topic_type.rpartition('/')[2]), topic
+                assert (one.qos_profile.reliability, one.qos_profile.durability) == QOS[qos], topic
+    assert seen >= ends
 
 
 @pytest.mark.parametrize('node, words', [
