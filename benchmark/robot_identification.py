@@ -12,6 +12,7 @@ from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import PoseStream, Recording
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.impedance.design import design
+from forcecal_ros.impedance.plant import Robot
 from forcecal_ros.impedance.plant_fit import excitation_commands, identify_plant, save_plant
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import simulate
@@ -43,6 +44,14 @@ def true_response(rig: Rig, frequency: Array) -> Array:
     return np.asarray(np.exp(-2j * np.pi * np.outer(frequency, delay)) @ moved)
 
 
+def response_of(robot: Robot, frequency: Array) -> Array:
+    """Return the frequency response of an identified robot."""
+    q = np.exp(-2j * np.pi * frequency * robot.period)
+    above = np.polynomial.polynomial.polyval(q, robot.feedforward.value) * q**robot.delay
+    return np.asarray(above / (1.0 - q * np.polynomial.polynomial.polyval(
+        q, robot.feedback.value)))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--write', metavar='FILE', help='write the first plant')
@@ -56,7 +65,7 @@ def main() -> None:
         fit = identify_plant(record(rig, excitation_commands(SECONDS, rig.robot.period, seed=run),
                                     seed=100 + run))
         robot, slide = fit.robot.robot, fit.slide.slide
-        error = np.abs(robot.response(FREQUENCIES) / truth - 1.0).max()
+        error = np.abs(response_of(robot, FREQUENCIES) / truth - 1.0).max()
         off = [(float(one) - value) / float(one.std)
                for one, value in zip((slide.mass, slide.stiffness, slide.damping), known)]
         print(f'{run:3}  {len(robot.feedback.value):5}  {100 * fit.robot.fit:7.3f}  '
