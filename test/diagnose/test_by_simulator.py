@@ -81,6 +81,17 @@ def test_the_commands_of_the_page_say_what_to_change(example, robot, monkeypatch
                      capsys.readouterr().out, re.MULTILINE)
 
 
+def test_a_payload_that_is_picked_up_on_the_way_is_found_with_its_instant(robot):
+    light, heavy = measured(robot, 1.2, 0.07), measured(robot, 1.35, 0.07)
+    t, at = light.wrench.t, 8.0
+    values = np.where(t[:, np.newaxis] < at, light.wrench.values, heavy.wrench.values)
+    real = replace(light, target=commands(), wrench=Stream(t, values))
+    effect, = SimulatorSource(robot, TOLERANCES).diagnose(real).diagnosis.effects
+    found = effect.parameters['value']
+    assert effect.name == 'payload' and effect.begin == pytest.approx(at, abs=4e-3)
+    assert found.value == pytest.approx(1.35, abs=4 * found.std) and found.std < 0.005
+
+
 @pytest.mark.parametrize('factor, said', first([
     (-1.0, 'it has the opposite sign'), (1.0 / 9.80665, 'its forces are in kgf')]))
 def test_units_and_sign_of_the_robots_wrench_are_asked_before_effects(robot, factor, said):

@@ -293,11 +293,8 @@ def everywhere(model: LinearisedModel, found: Sequence[Hypothesis]) -> list[Hypo
     found : sequence of Hypothesis
         Some of them nuisances whose prior is lifted, which a part of the time cannot have.
     """
-    # numbers of a simulator that is run cannot change while it runs
-    own = {n.key for n in model.nuisances if n.prior_std is not None}
     out = [_of_nuisances(model, h) if h.releases else h
-           for h in found if h.name not in CLIPPING and h.effect.where != 'stamps'
-           and h.effect.nuisance not in own]
+           for h in found if h.name not in CLIPPING and h.effect.where != 'stamps']
     bias = Hypothesis(BIAS.name, BIAS, (), ())
     return [h for h in (*out, _of_nuisances(model, bias)) if h.atoms]
 

@@ -297,8 +297,8 @@ def _chosen(start: LinearisedModel, found: Sequence[Explanation], best: Explanat
 def _all_the_time(now: Explanation) -> Explanation:
     """Remove the change point of the newest effect; keep it only where it is worth its place."""
     model, name = now.fit.model, now.fit.accepted[-1].name
-    if name not in model.gates or kind_of(name) == BIAS.name:
-        return now
+    if name not in model.gates or model.library[name].nuisance:
+        return now  # all the time it is a recalibrated number
     gates = {n: g for n, g in model.gates.items() if n != name}
     fit = joint_fit_if_finite(replace(model, gates=gates), now.fit.accepted)
     other = fit and weigh(fit, now.ways)
