@@ -161,8 +161,6 @@ PARAMETERS = (
     Parameter('frames.base', 'base', 'frame_id of poses; commands in another frame are ignored'),
     Parameter('frames.sensor', 'ft_sensor', 'frame_id of wrenches'),
     Parameter('frames.accelerometer', 'accelerometer', 'frame_id of the accelerometer'),
-    Parameter('command_timeout', 0.1, 'Silence after which a stream of commands counts as ended: '
-              'the robot holds its last command', 's', low=0.01, high=10.0),
     *FAULT_PARAMETERS,
 )
 
@@ -187,12 +185,12 @@ class Sim(ReceivingNode):
             value['seed'] if value['seed'] >= 0 else None)
         self._noise = value['noise']
         self._frame = value['frames.base']
-        self._timeout = value['command_timeout']
         self._make_clock(value)
         self._make_publishers(value)
         self._read = Reader(PoseStamped)
         self._checked_frame = b''
-        self._ignored, self._received = 0, -10**12
+        self._ignored = 0
+        self._received = self._reported = -10**12
         self._last_command: Sequence[float] | None = None
         self._faults = Faults(self, value['seed'] if value['seed'] >= 0 else None,
                               self._jump if self._own_clock else None)
@@ -253,8 +251,6 @@ class Sim(ReceivingNode):
         if not self._faults.clock_stopped:
             self._pass(round((steady - self._ticked) * self._speed), steady)
         self._ticked = steady
-        if self._schedule is not None and steady - self._received > self._timeout * 1e9:
-            self._schedule.drop()
         now = self._now()
         if now <= 0:
             return
@@ -380,8 +376,9 @@ class Sim(ReceivingNode):
             self._diagnostics.publish(diagnostic_array(
                 self, '', 'stale', 'waiting for /clock', {}))
             return
-        silent = (STEADY.now().nanoseconds - self._received) * 1e-9
-        message = 'following target_frame' if silent < self._timeout else 'holding'
+        followed = self._received > self._reported
+        self._reported = STEADY.now().nanoseconds
+        message = 'following target_frame' if followed else 'holding'
         if self._faults.active:
             message += f'; faults switched on: {", ".join(self._faults.active)}'
         behind = (self._now() - self._start) * 1e-9 - self._next * self._period_ns * 1e-9

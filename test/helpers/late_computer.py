@@ -27,7 +27,6 @@ TICK = 4_000_000
 SECOND = 10**9
 START = 3 * SECOND
 LONGEST = 90 * SECOND
-COMMAND_TIMEOUT = 0.1
 LOOK = 5
 
 
@@ -111,7 +110,7 @@ class Rig:
         self._waits = waits(rng, conditions.load)
         self._held = stretches(rng, 0.25, lambda n: rng.uniform(0.2, 1.0, n) * conditions.stall)
         self._wire: list[tuple[int, int, tuple]] = []
-        self._arrival, self._received, self._period = 0, 0, 0
+        self._arrival, self._period = 0, 0
 
     def send(self, now: int, stamp: int, pose: tuple) -> None:
         """Put a command on the wire; commands stay in their order."""
@@ -129,9 +128,6 @@ class Rig:
         while self._wire and self._wire[0][0] <= now:
             _, stamp, pose = self._wire.pop(0)
             self.schedule.add(stamp, now, self._period, pose)
-            self._received = now
-        if now - self._received > COMMAND_TIMEOUT * SECOND:
-            self.schedule.drop()
         while (self._period + 1) * TICK <= now:
             command = self.schedule.take(self._period)
             if command is not None:

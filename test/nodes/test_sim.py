@@ -3,6 +3,7 @@
 from importlib import import_module
 from pathlib import Path
 import signal
+import time
 
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.core.geometry import quaternion_from_matrix
@@ -66,14 +67,19 @@ class RigTime:
     def until(self, stamp):
         self.live.until(lambda: self.now >= stamp, 'time')
 
-    def command(self, poses, frame='base'):
-        """Command poses, one a period; return their stamps."""
+    def command(self, poses, frame='base', stall=None):
+        """Command poses, one a period, the sim stopped for a while before one; return stamps."""
         self.live.until(lambda: self.publisher.get_subscription_count() and self.ticks, 'a sim')
         write, stamps = Writer(PoseStamped, frame), []
         began = self.now - self.now % PERIOD + PERIOD
         for i, pose in enumerate(poses):
             stamps.append(began + i * PERIOD)
             self.until(stamps[-1])
+            if i == stall:
+                self.live.processes['sim'].send_signal(signal.SIGSTOP)
+                time.sleep(0.3)
+                self.live.processes['sim'].send_signal(signal.SIGCONT)
+                time.sleep(0.05)
             self.publisher.publish(write(stamps[-1], (
                 *pose.position, *quaternion_from_matrix(pose.R_base_sensor))))
         return stamps
@@ -98,7 +104,7 @@ def test_live_says_what_offline_says_of_the_same_commands(ros_domain):
         assert "target_frame is in 'tool0', the robot base is 'base'" in live.said('sim')
 
         poses = poses_of(Move(HOME, step_goal(HOME, 0.01), 0.1))
-        stamps = rig.command(poses)
+        stamps = rig.command(poses, stall=70)
         live.until(lambda: heard.newest('wrench') > stamps[-1] + 300_000_000, 'the end')
         assert live.end('sim', signal.SIGINT) == 0
 

@@ -110,11 +110,6 @@ class CommandSchedule:
         schedule.late = self.late
         return schedule
 
-    def drop(self) -> None:
-        """Forget what waits, its sender silent; a stream that lags acts to its end."""
-        if not self._lag:
-            self._queue.clear()
-
     def take(self, period: int) -> Any:
         """Return the newest command that acts in a period; None: the one before holds."""
         newest = None
