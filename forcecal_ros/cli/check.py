@@ -16,7 +16,6 @@ STREAMS = ('wrench', 'accelerometer', 'angular_velocity', 'pose', 'joints', 'opt
 """Signals of a recording, in the order of the table."""
 
 
-
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = new_parser(subparsers, 'check', example='forcecal check my_bag --preset ur')

@@ -31,14 +31,13 @@ TOUCHING = ('approach', 'contact', 'retract')
 STILL = ('measure',)
 """Phases in which nothing touches the tool while the robot stands."""
 
-SLOWEST, MANY = 2.5, 1000
-"""So many messages at fewer a second [Hz] may be stamped in milliseconds taken for seconds: a log
-of 0.4 to 2.5 kHz looks like that."""
+SLOWEST_HZ, MANY_MESSAGES = 2.5, 1000
+"""So many messages at a lower rate [Hz] may be stamped in milliseconds taken for seconds: a log of
+0.4 to 2.5 kHz looks like that."""
 
 CLOCK_JUMP_S = 1.0
 """Stamps that go back by more, twice, are of a clock that was set, or of a recording that begins
-again; by less, of messages out of order: longer than any is late. Clocks that are farther apart
-are other clocks [s]."""
+again [s]: no message is so late. By less, they are of messages out of order."""
 
 _POSE = (*(f'pose.{axis}' for axis in 'xyz'), *9 * ('pose.orientation',))
 

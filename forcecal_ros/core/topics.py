@@ -244,8 +244,9 @@ def naming(recording: Recording, role: str) -> str:
 
 def listed(names: Sequence[str]) -> str:
     """Return names of topics to choose from, as many as fit in a line of a terminal or two."""
-    shown = ', '.join(names[:6])
-    return f'{shown} and {len(names) - 6} more' if len(names) > 6 else shown
+    most = 6
+    more = f' and {len(names) - most} more' if len(names) > most else ''
+    return ', '.join(names[:most]) + more
 
 
 ROBOTS = ('broadcaster', 'franka', 'kuka_fri', 'ur')

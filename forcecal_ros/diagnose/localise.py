@@ -170,8 +170,6 @@ MIN_STRETCH_BLOCKS, MIN_STRETCH_SAMPLES = 50.0, 8
 """Stretch whose spectrum is taken, in blocks: 0.2 s tell octaves from 5 Hz on; its samples."""
 
 
-
-
 class TimeFrequencyBin(NamedTuple):
     """Energy of one channel, phase and octave against the noise at standstill."""
 

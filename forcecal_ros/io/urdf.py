@@ -12,8 +12,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 FARTHEST_TURN = 4.0 * np.pi
-"""Joints between limits turn by less, those of arms by one turn either way, as do the angles of a
-wrist, which may be unwrapped beyond one [rad]."""
+"""Angle that no joint and no wrist reaches [rad], so that it is in degrees: arms turn by one turn
+either way, and unwrapped angles may pass one."""
 
 _TURNS = ('revolute', 'continuous')
 _SLIDES = ('prismatic',)

@@ -122,7 +122,6 @@ CLOCK_JUMP = 0.1
 NTP, at most 0.5 ms/s, stays below it for three minutes [s]."""
 
 
-
 class Fault(NamedTuple):
     """Reason to abort; ``at_once``: the robot rests already."""
 

@@ -162,7 +162,7 @@ class MeasuredMotion:
         given = recording, start, n_blocks, accelerometer
         self._full, self._clear = CarriedTool(*given), CarriedTool(*given, clear=True)
         self._unclear = self._full.wire(rigid_tool) - self._clear.wire(rigid_tool)
-        self.driven = self._full.accelerated
+        self.from_accelerometer = self._full.accelerated
 
     def can_show(self, effect: str, rig: Rig) -> bool:
         """Say whether an effect can show: a delay that is not known is estimated along instead."""
@@ -179,7 +179,7 @@ class MeasuredMotion:
         found += [Nuisance(f'tool.inertia.{a}', 'own_inertia', with_inertia(i), least=-own[i],
                            limit=NAMELESS)
                   for i, a in enumerate('xyz')]
-        if self.driven:
+        if self.from_accelerometer:
             assert isinstance(rig, RigidTool)
             unknown = rig.spreads.accel_behind >= UNKNOWN_DELAY
             found.append(Nuisance('accelerometer.delay', 'accel_behind', _behind,

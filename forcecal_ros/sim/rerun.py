@@ -150,7 +150,7 @@ class Rerun:
     """
 
     band, exact, accelerometer = MOST, EXACT_RATIO, 'acc1'
-    starts_white, driven = True, False
+    starts_white, from_accelerometer = True, False
 
     def __init__(self, runs: Runs, start: float, n_blocks: int, rigid_tool: RigidTool) -> None:
         self.runs, self.start, self.n_blocks, self._rigid_tool = runs, start, n_blocks, rigid_tool

@@ -151,8 +151,9 @@ class Simulation(Protocol):
         the noise by itself.
     library : mapping of str to Effect
         What a recording may have beside what is simulated.
-    driven : bool
-        Whether a measured acceleration drives it, whose drift at rest is in the residual, too.
+    from_accelerometer : bool
+        Whether its motion is that of the measured accelerometer, whose drift at rest is in the
+        residual, too.
     """
 
     start: float
@@ -162,7 +163,7 @@ class Simulation(Protocol):
     exact: float
     starts_white: bool
     library: Mapping[str, Effect]
-    driven: bool
+    from_accelerometer: bool
 
     def signals(self, rig: Rig) -> Signals:
         """Simulate a rig, with its effects."""

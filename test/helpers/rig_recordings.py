@@ -74,12 +74,6 @@ def own_recording(seed: int = 8, parts=MOTION) -> Recording:
     return replace(simulate(load_rig(), target, seed=seed), phases=phases)
 
 
-def write_own(folder: Path) -> Path:
-    """Write the rig's turns, without a wall, as ``folder/bag``."""
-    write_recording(folder / 'bag', replace(own_recording(parts=TURNING), contact_truth=None))
-    return folder
-
-
 def write_second(folder: Path, seed: int = 9) -> Path:
     """
     Let the second rig, which shares no code with this package, run the motion.

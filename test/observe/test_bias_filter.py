@@ -180,7 +180,6 @@ def test_the_errors_are_as_large_as_the_filter_says_for_a_wrench_that_wanders(ca
         np.ones(6), abs=4 * np.sqrt(2 / runs))
 
 
-
 ZERO = (0.0,) * 3
 
 

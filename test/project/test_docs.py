@@ -136,8 +136,6 @@ def test_every_script_named_is_there(script):
     assert (ROOT / script).is_file()
 
 
-
-
 @pytest.mark.long
 def test_the_pages_become_a_site_without_a_warning(tmp_path):
     pytest.importorskip('furo', reason="requires pip install -e '.[docs]'")

@@ -14,7 +14,7 @@ BUDGETS = {
     'nodes': 3650, 'observe': 2995, 'report': 1595, 'rig_fit': 530, 'sim': 2844}
 """Code lines; less is better: lower a number with the code."""
 
-MOST_FILES, MOST_CONSTANTS = 255, 563
+MOST_FILES, MOST_CONSTANTS = 255, 561
 """Of the whole package; a constant is a number bound to an upper-case name of a module."""
 
 FILES = sorted(PACKAGE.rglob('*.py'))

@@ -147,8 +147,8 @@ class _Table:
     def __init__(self, model: LinearisedModel, found: Sequence[Hypothesis]) -> None:
         self.parts = {h.name: h for h in everywhere(model, found)}
         self.found = [*found, *in_one_recording(model, list(self.parts.values()))]
-        self.taken_up = [] if model.datasets[0].simulation.driven else [
-            name for name, h in self.parts.items() if h.effect.nuisance]
+        self.taken_up = [name for name, h in self.parts.items() if h.effect.nuisance
+                         and not model.datasets[0].simulation.from_accelerometer]
 
     def candidates(self, now: JointFit) -> list[Candidate]:
         """List what may be added to an explanation, the likeliest first, by linear evidence."""

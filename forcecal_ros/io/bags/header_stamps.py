@@ -4,7 +4,7 @@ from bisect import bisect_left
 from typing import Any, NamedTuple
 
 from forcecal_ros.core.errors import DataError
-from forcecal_ros.core.streams import CLOCK_JUMP_S, MANY, SLOWEST
+from forcecal_ros.core.streams import CLOCK_JUMP_S, MANY_MESSAGES, SLOWEST_HZ
 import numpy as np
 from numpy.typing import NDArray
 
@@ -111,7 +111,7 @@ def _cut_off(stamps: Integers, values: NDArray[Any]) -> str:
 
 
 def _refuse_milliseconds(name: str, count: int, passed: float, took: float) -> None:
-    slow = count >= MANY and count < SLOWEST * passed / 1e9
+    slow = count >= MANY_MESSAGES and count < SLOWEST_HZ * passed / 1e9
     if slow and took > 0.0 and abs(passed / took / 1000.0 - 1.0) < ALIKE:
         raise DataError(
             f'{name}: its stamps pass 1000 times as fast as its messages came: they hold '

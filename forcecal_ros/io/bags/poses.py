@@ -31,7 +31,6 @@ FROM_TF = 'tf:'
 """``tf:BASE:SENSOR`` in place of a topic's name."""
 
 
-
 @dataclass
 class _Link:
     """Where a frame is in its parent, message by message."""

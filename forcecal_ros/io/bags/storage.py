@@ -33,7 +33,6 @@ _SQLITE_MAGIC = b'SQLite format 3\0'
 _ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 
 
-
 class Bag:
     """
     A recording opened for reading; use it as a context.

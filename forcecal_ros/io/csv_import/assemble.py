@@ -37,13 +37,9 @@ from scipy.spatial.transform import Rotation
 _NOT_A_ROTATION = 1e-2
 """A matrix or quaternion that is further from orthogonal or from norm 1 is no rotation."""
 
-
-MOST = 2000
-"""Rows that are looked at."""
-
-FOLLOWS, WORSE = 0.1, 10.0
-"""Share of the changes of force that a weight leaves at most where it is what turns there, and how
-many times as much it leaves by the orientation as it was read."""
+WORSE = 10.0
+"""How many times as much of the changes of force a weight leaves by the orientation as stated, at
+least, where another reading is refused for it."""
 
 
 @dataclass(frozen=True)
@@ -180,7 +176,6 @@ def refuse_other_reading(wrench: Stream, pose: PoseStream, others: Mapping[str, 
         What the specification calls it.
     """
     inside = np.flatnonzero((pose.t >= wrench.t[0]) & (pose.t <= wrench.t[-1]))
-    inside = inside[::max(1, len(inside) // MOST)]
     force = np.stack([np.interp(pose.t[inside], wrench.t, column)
                       for column in wrench.values[:, :3].T], axis=1)
     good = np.isfinite(force).all(axis=1)
@@ -190,7 +185,7 @@ def refuse_other_reading(wrench: Stream, pose: PoseStream, others: Mapping[str, 
     mine = _unexplained_share(force, pose.R_base_sensor[inside])
     other, words = min((_unexplained_share(force, R[inside]), words)
                        for words, R in others.items())
-    if other < FOLLOWS and WORSE * other < mine:
+    if WORSE * other < mine:
         raise DataError(
             f'{key}: force turns as a weight does if {words} ({1 - other:.0%} of its changes '
             f'follow), not as stated ({1 - mine:.0%}); state what it is')

@@ -12,7 +12,7 @@ from typing import Any
 
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.streams import MANY, SLOWEST
+from forcecal_ros.core.streams import MANY_MESSAGES, SLOWEST_HZ
 from forcecal_ros.io.csv_import.specification import Column, DATE, NANOSECONDS, Written
 import numpy as np
 from numpy.typing import NDArray
@@ -452,9 +452,9 @@ def _exact(cell: str, unit: int) -> int:
 
 def question_rate(rows: int, span: float, what: str, unit: str) -> Iterator[str]:
     """Question a rate that no sensor has; ``span`` from the first row to the last [s]."""
-    if rows >= MANY and rows <= SLOWEST * span:
+    if rows >= MANY_MESSAGES and rows <= SLOWEST_HZ * span:
         yield (f'{what}: {rows} rows over {span / 3600:.2g} h, {rows / span:.3g} a second; if '
                f'that is too slow, time is not in {unit}: state the unit that it is in')
-    if rows >= MANY and rows > FASTEST * span:
+    if rows >= MANY_MESSAGES and rows > FASTEST * span:
         yield (f'{what}: {rows} rows in {span:.3g} s, more than any sensor sends; if time is '
                f'not in {unit}, state the unit that it is in')

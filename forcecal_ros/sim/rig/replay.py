@@ -36,7 +36,7 @@ class Replay:
         ``acc1`` or ``acc2``.
     """
 
-    band, exact, starts_white, library, driven = inf, 0.0, False, EFFECTS, False
+    band, exact, starts_white, library, from_accelerometer = inf, 0.0, False, EFFECTS, False
 
     def __init__(self, rig: Rig, target: PoseStream, start: float, end: float,
                  accelerometer: str) -> None:
