@@ -49,7 +49,7 @@ def pytest_collection_modifyitems(items):
     for item in items:
         name = item.location[0]
         if _is_live(item):
-            item.add_marker(pytest.mark.flaky(reruns=1, condition=SHARED))
+            item.add_marker(pytest.mark.flaky(reruns=2, condition=SHARED))
         if name in live:  # whose module fixtures are made once
             item.add_marker(pytest.mark.with_live)
         group = name.removeprefix('test/').removesuffix('.py')
@@ -67,7 +67,7 @@ def pytest_runtest_setup(item):
 
 @pytest.fixture(autouse=True)
 def _machine(request):
-    """Run a live test that failed beside others once more, without them: that counts."""
+    """Run a live test that failed beside others again, without them: that counts."""
     if not SHARED:
         yield
         return

@@ -66,8 +66,9 @@ class Bench:
         self.live.until(started, 'a start')
 
     def until_pressing(self, force=10.0):
-        self.live.until(lambda: self.force[-1] > force and self.phases[-1] == 'contact',
-                        'contact')
+        self.live.until(lambda: self.phases[-1] == 'aborted' or (
+            self.force[-1] > force and self.phases[-1] == 'contact'), 'contact')
+        assert self.phases[-1] == 'contact', self.reason
 
     def until_free(self):
         self.live.until(lambda: self.force[-1] == 0.0, 'the tool free of the wall')
