@@ -74,6 +74,7 @@ def test_only_a_full_sample_covariance_gives_k13_other_than_zero():
 
 
 @given(st.floats(-3, 3), st.floats(-3, 3))
+@pytest.mark.long
 def test_k13_and_k23_do_not_touch_the_stability(k13, k23):
     K = riccati_gain(MODEL.A, MODEL.C, Q, R)
     changed = K.copy()

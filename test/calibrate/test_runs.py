@@ -59,7 +59,8 @@ def coupled():
     return run(delay=DELAY, seed=2, accelerometer='acc2')
 
 
-@pytest.mark.parametrize('settle', first([0.2, 0.3]))
+@pytest.mark.parametrize('settle', [0.2, 0.3])
+@pytest.mark.long
 def test_ringing_left_in_the_poses_pulls_nothing(settle):
     """
     Without noise what is off is off in every run: by a tenth of a standard error at most.
@@ -126,6 +127,7 @@ def test_raw_and_tared_readings_give_the_same_but_for_the_bias(recording, calibr
         assert found.quality['paper'][key] == pytest.approx(calibration.quality['paper'][key])
 
 
+@pytest.mark.long
 def test_with_theta_the_plain_mass_is_short_and_the_joint_one_is_not():
     theta = 0.4
     poses = {'v': Pose(PLACE, orientation_v(theta)), 'h': Pose(PLACE, orientation_h(theta)),
@@ -136,6 +138,7 @@ def test_with_theta_the_plain_mass_is_short_and_the_joint_one_is_not():
     assert float(found.mass) == pytest.approx(13, abs=5 * float(found.mass.std))
 
 
+@pytest.mark.long
 def test_the_plain_offset_of_an_ac_sensor_is_wrong_and_the_joint_one_is_not():
     order = {name: THREE[name] for name in ('h', 'v', 'tilt')}
     recording = run(seed=5, accelerometer='acc2', poses=order, start=THREE['v'],
@@ -170,6 +173,7 @@ def test_the_delay_biases_equation_17_and_the_note_says_so(calibration):
                for line in calibration.quality['notes'])
 
 
+@pytest.mark.long
 def test_a_wrench_that_comes_late_is_set_against_pose_and_slide():
     found = identify(run(delay=-0.008, seed=6))
     assert_within(found, truth_of(RIG, delay=-0.008))
@@ -206,6 +210,7 @@ def test_a_sag_that_nothing_shows_is_found_by_the_poses_themselves(recording):
                           if not key.startswith('inertia')})
 
 
+@pytest.mark.long
 def test_a_rigid_tool_is_taken_for_one():
     rig = load_rig('rigid_tool.yaml')
     found = identify(run(rig, seed=8, delay=0.003))
@@ -323,6 +328,7 @@ def test_a_missing_wrench_or_pose_names_the_topic(recording):
         identify(replace(recording, pose=None))
 
 
+@pytest.mark.long
 def test_a_channel_at_the_end_of_its_range_is_refused(recording):
     wrench = recording.wrench
     clipped = np.array(wrench.values)
@@ -341,6 +347,7 @@ def test_a_channel_clipped_in_motion_is_reported(three):
                for line in warnings)
 
 
+@pytest.mark.long
 def test_other_rates_dropouts_and_samples_that_are_no_numbers_do_no_harm(recording):
     wrench, force = recording.wrench, recording.accelerometer
     values, volts = np.array(wrench.values), np.array(force.values)
@@ -403,6 +410,7 @@ def test_the_observer_gain_is_the_papers_with_k23_of_one(calibration):
     assert calibration.observer.dt == pytest.approx(0.001)
 
 
+@pytest.mark.long
 def test_coloured_noise_widens_the_intervals(recording, calibration):
     rng = np.random.default_rng(3)
     rho = 0.9

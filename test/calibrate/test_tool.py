@@ -112,6 +112,7 @@ def test_the_force_alone_will_do():
     assert fit.damping == pytest.approx(D, abs=4.5 * np.sqrt(fit.covariance[1, 1]))
 
 
+@pytest.mark.long
 def test_errors_of_the_ringing_hold():
     true = np.array([K, D, 0.003])
     off = []

@@ -66,7 +66,7 @@ def test_a_turned_sensor_on_a_tilted_base_is_both():
         judge(forces(1, 24, Q=turn(0.0, 45.0, 0.0), gravity=turn(90.0, 0.0, 0.0) @ G), G)
 
 
-@pytest.mark.parametrize('sign', [1, -1])
+@pytest.mark.parametrize('sign', [1, pytest.param(-1, marks=pytest.mark.long)])
 def test_the_opposite_sign_is_not_taken_for_a_turn(sign):
     for seed in range(3):
         with pytest.raises(DataError, match=f'set wrench.sign to {-sign} .*upside|upside.*'

@@ -112,6 +112,7 @@ def test_what_moves_into_a_phase_at_rest_is_cut_off():
     assert rest_within(recording.pose, *moving) == moving
 
 
+@pytest.mark.long
 def test_a_tool_is_found_where_robot_and_commands_were_late_for_their_phases():
     found = identify(announced_early(run(seed=3), 1.2))
     assert abs(found.mass.value - 13.0) < 4.0 * found.mass.std

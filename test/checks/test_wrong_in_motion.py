@@ -40,7 +40,8 @@ def test_a_wrench_that_a_driver_smooths_a_little_is_told_by_its_delay(seed):
     assert judge(spoilt('nothing', seed), DOWN) == ()
 
 
-@pytest.mark.parametrize('make', first([log, moving]))
+@pytest.mark.parametrize('make', [log, moving])
+@pytest.mark.long
 def test_torques_about_another_point_are_warned_of_while_calibrating(make, tmp_path):
     wrong = WRONG['torque about the tool centre'].make(make(70), None)
     save(identify(recording_of(wrong)), tmp_path / 'c.yaml')

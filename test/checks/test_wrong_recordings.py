@@ -41,6 +41,7 @@ def test_a_wrench_of_another_arm_is_refused_as_no_weight_in_any_frame():
         identify(poses('wrench of another arm'))
 
 
+@pytest.mark.long
 def test_torques_about_another_point_are_told_by_the_calibration():
     assert refuse_disagreeing(at_work('nothing'), known()) == ()
     note, = refuse_disagreeing(at_work('torque about the tool centre'), known())
@@ -68,9 +69,11 @@ def test_sound_logs_are_not_remarked_upon(seed):
 
 
 @pytest.mark.parametrize('wrong, said', [
-    ('wrench behind a low-pass of 0.5 Hz', 'wrench follows gravity as behind a low-pass of 0.'),
+    pytest.param('wrench behind a low-pass of 0.5 Hz',
+                 'wrench follows gravity as behind a low-pass of 0.', marks=pytest.mark.long),
     ('wrench averaged over 1 s', 'its driver smooths it'),
-    ('wrench 80 ms late', r'wrench shows the weight turn (7|8)\d \+- \d+ ms later')])
+    pytest.param('wrench 80 ms late', r'wrench shows the weight turn (7|8)\d \+- \d+ ms later',
+                 marks=pytest.mark.long)])
 def test_how_a_wrench_follows_gravity_is_noted(wrong, said):
     assert any(re.search(said, note) for note in refuse_disagreeing(at_work(wrong), known()))
 
@@ -110,7 +113,8 @@ def test_stamps_that_are_cut_off_give_way_to_the_times_of_recording(tmp_path, wr
 @pytest.mark.parametrize('wrong, said', [
     ('stamps of single precision, of the epoch', 'stamps are cut off'),
     ('milliseconds as seconds', 'they hold milliseconds where seconds belong'),
-    ('another arm on the same topic', 'two drivers publish on one topic'),
+    pytest.param('another arm on the same topic', 'two drivers publish on one topic',
+                 marks=pytest.mark.long),
     ('another arm of another frame_id', 'two drivers publish on one topic')])
 def test_stamps_of_no_clock_and_two_senders_are_refused(tmp_path, wrong, said):
     one = WRONG[wrong].make(log(1, **SHORT), None)

@@ -80,7 +80,8 @@ def test_regular_stamps_are_no_rounded_ones():
     assert (stamps == t[kept]).all()
 
 
-@pytest.mark.parametrize('seed', first([302, 702]))
+@pytest.mark.parametrize('seed', [302, 702])
+@pytest.mark.long
 def test_a_mean_over_one_second_is_told_at_any_seed(seed):
     note, *_ = judge(spoilt('wrench averaged over 1 s', work(seed)), DOWN)
     assert 'its driver smooths it' in note

@@ -9,7 +9,6 @@ from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.core.streams import Stream
 from forcecal_ros.io.bags import read_recording, write_recording
 from forcecal_ros.io.calibration_file import load
-from longer import first
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -54,7 +53,7 @@ def test_the_table_says_what_the_poses_leave_over(bags, tmp_path, capsys):
 
 
 @pytest.mark.parametrize('bag, cause', [('swapped', 'x, y, z show y, x, z'),
-                                        ('wall', '--gravity-direction 0 1')])
+    pytest.param('wall', '--gravity-direction 0 1', marks=pytest.mark.long)])
 def test_a_refusal_is_one_line_and_writes_nothing(bags, tmp_path, capsys, bag, cause):
     assert main(['calibrate', str(bags / bag), '-o', str(tmp_path / 'c.yaml')]) == 1
     lines = [line for line in capsys.readouterr().err.splitlines() if line.strip()]
@@ -62,6 +61,7 @@ def test_a_refusal_is_one_line_and_writes_nothing(bags, tmp_path, capsys, bag, c
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.long
 def test_an_arm_on_a_wall_is_calibrated_with_the_direction_stated(bags, tmp_path, capsys):
     path = tmp_path / 'c.yaml'
     assert main(['calibrate', str(bags / 'wall'), '--gravity-direction', '0', '1', '0', '--json',
@@ -87,7 +87,8 @@ def test_a_transform_that_was_given_is_set_right_by_the_one_that_a_refusal_names
         float(load(bags / 'sound.yaml').mass), rel=1e-3)
 
 
-@pytest.mark.parametrize('bag, given', first([('turned', []), ('both', FROM_POSE)]))
+@pytest.mark.parametrize('bag, given', [('turned', []), ('both', FROM_POSE)])
+@pytest.mark.long
 def test_a_turned_sensor_is_calibrated_once_its_rotation_is_stated(
         bags, tmp_path, capsys, bag, given):
     calibrate = ['calibrate', str(bags / bag), *given, '-o', str(tmp_path / 'turned.yaml')]
@@ -115,6 +116,7 @@ def test_an_export_that_cannot_turn_readings_is_refused(bags, tmp_path, capsys):
     assert 'sensor.rotation' in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_poses_of_a_flange_want_the_transform_and_the_calibration_keeps_it(
         bags, tmp_path, capsys):
     flange, path, out = str(bags / 'flange'), tmp_path / 'c.yaml', str(tmp_path / 'out')

@@ -88,7 +88,8 @@ def test_raw_channels_are_calibrated_and_observed_through_their_matrix(
 
 
 @pytest.mark.parametrize('storage', [
-    pytest.param(StoragePlugin.SQLITE3, marks=pytest.mark.long), StoragePlugin.MCAP],
+    pytest.param(StoragePlugin.SQLITE3, marks=pytest.mark.long),
+    pytest.param(StoragePlugin.MCAP, marks=pytest.mark.long)],
     ids=lambda storage: storage.name)
 def test_a_recording_in_several_files_says_the_same(
         capsys, sample, calibration, tmp_path, storage):

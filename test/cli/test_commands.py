@@ -41,8 +41,10 @@ def test_check_shows_what_is_there_and_the_next_command(brief, capsys):
 
 
 @pytest.mark.parametrize('change, expected', [
-    (lambda r: replace(r, target=None), 'diagnose with a simulator: no: no commands'),
-    (lambda r: replace(r, wrench=replace(r.wrench, values=-r.wrench.values)), '--wrench-sign -1'),
+    pytest.param(lambda r: replace(r, target=None), 'diagnose with a simulator: no: no commands',
+                 marks=pytest.mark.long),
+    pytest.param(lambda r: replace(r, wrench=replace(r.wrench, values=-r.wrench.values)),
+                 '--wrench-sign -1', marks=pytest.mark.long),
     (lambda r: replace(r, pose=None, target=None), 'neither a pose nor an IMU was recorded')])
 def test_check_says_what_cannot_be_done_and_why(tmp_path, recording, capsys, change, expected):
     write_recording(tmp_path / 'bag', change(recording))
@@ -70,6 +72,7 @@ def test_removed_samples_reach_the_calibration_and_its_report(tmp_path, recordin
     capsys.readouterr()
 
 
+@pytest.mark.long
 def test_compare_fails_on_drift_if_requested(brief, tmp_path, capsys):
     c = load(brief / 'c.yaml')
     save(replace(c, mass=Estimate(float(c.mass) + 1.0, c.mass.std, 'kg')), tmp_path / 'b.yaml')

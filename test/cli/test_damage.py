@@ -116,7 +116,7 @@ def readers(folder, kind):
               if kind == 'csv' else [])]
 
 
-@pytest.mark.parametrize('kind', ['csv', 'mcap'])
+@pytest.mark.parametrize('kind', [pytest.param('csv', marks=pytest.mark.long), 'mcap'])
 @settings(max_examples=8, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_logs_of_a_leg_cut_short_or_garbled(capsys, folder, leg, kind, data):
@@ -130,7 +130,7 @@ def test_logs_of_a_leg_cut_short_or_garbled(capsys, folder, leg, kind, data):
         answers_or_one_line(capsys, arguments)
 
 
-@pytest.mark.parametrize('kind', ['csv', 'mcap'])
+@pytest.mark.parametrize('kind', [pytest.param('csv', marks=pytest.mark.long), 'mcap'])
 def test_logs_of_a_leg_that_are_whole_are_answered(capsys, folder, leg, kind):
     (folder / f'hurt.{kind}').write_bytes(leg[kind])
     for arguments in readers(folder, kind):
@@ -171,7 +171,8 @@ BROKEN = {
 
 
 MORE = {'two of the accelerometer', 'half the recording', 'absurd slides', 'absurd volts',
-        'phases of no length', 'only contact', 'accelerometer at 5 Hz', 'no phases'}
+        'phases of no length', 'only contact', 'accelerometer at 5 Hz', 'no phases', 'no wrench',
+        'no pose', 'no commands', 'absurd wrenches'}
 """As one of the others, of another stream or a little less."""
 
 
@@ -184,7 +185,7 @@ def test_recordings_that_lack_or_twist_something(capsys, folder, source, recordi
 
 
 @pytest.mark.parametrize('name, against', [
-    ('one wrench', 'model'), ('one wrench', 'calibration'),
+    ('one wrench', 'model'), pytest.param('one wrench', 'calibration', marks=pytest.mark.long),
     pytest.param('half the recording', 'calibration', marks=pytest.mark.long)])
 def test_diagnosis_answers_or_says_what_is_invalid(
         capsys, folder, source, recording, name, against):
@@ -198,6 +199,7 @@ def test_diagnosis_answers_or_says_what_is_invalid(
     assert status in (0, 1) and out.startswith('invalid_data: ') is (status == 1)
 
 
+@pytest.mark.long
 def test_messages_out_of_order_with_stamps_that_come_twice(capsys, folder, source):
     with Reader(source) as reader:
         messages = [(connection.topic, log_ns, STORE.deserialize_cdr(data, connection.msgtype))

@@ -80,6 +80,7 @@ def test_gravity_of_a_file_of_others_is_that_stated(tmp_path):
     assert load(written).gravity == 9.78
 
 
+@pytest.mark.long
 def test_estimate_takes_a_direction_of_gravity_of_its_own(tmp_path, one, sound, capsys):
     read = kth(tmp_path / 'kth.yaml')
     found = contact_of(tmp_path, leaning(one), read, '--gravity-direction', *DOWN)

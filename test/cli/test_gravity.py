@@ -47,7 +47,10 @@ def test_the_bag_holds_what_the_replay_gives(capsys, folder, tmp_path):
     assert written.t == pytest.approx(expected.t)
 
 
-@pytest.mark.parametrize('name', ['ukf', 'ekf', 'static'])
+@pytest.mark.parametrize('name', [
+    pytest.param('ukf', marks=pytest.mark.long),
+    pytest.param('ekf', marks=pytest.mark.long),
+    'static'])
 def test_json_tells_the_figures(capsys, folder, tmp_path, name):
     status, out, _ = run(capsys, folder, tmp_path / 'out', '--filter', name, '--json')
     document = json.loads(out)

@@ -117,6 +117,7 @@ def test_the_tables_are_printed_with_estimate_and_manufacturer(tables, done):
     assert 'set5' in printed and 'set1 (trained on)' in printed
 
 
+@pytest.mark.long
 def test_several_sensors_share_one_accelerometer(tables):
     content = document()
     content['sensors']['foot'] = {'columns': [f's{k}' for k in range(6)], 'unit': 'N or N m'}
@@ -142,6 +143,7 @@ def test_several_sensors_share_one_accelerometer(tables):
         'foot_forces.png~', 'foot_subspace.png~', 'foot_singular_values.png~'}
 
 
+@pytest.mark.long
 def test_recordings_give_what_tables_give(tables, done, tmp_path):
     for k, load_ in enumerate(PROTOCOL):
         rows = table_of(load_, LEG, 700 + k)
@@ -211,6 +213,7 @@ def test_the_examples_can_be_read(path):
     assert spec.sensors and spec.data_sets
 
 
+@pytest.mark.long
 def test_the_example_of_the_foot_works_on_its_recording(icub_data, tmp_path):
     for path in (EXAMPLES / 'insitu_icub_foot.yaml',
                  icub_data / 'right_foot_in_air.csv'):
@@ -327,12 +330,14 @@ def test_units_in_the_names_of_columns_hold(tmp_path):
 
 @pytest.mark.parametrize('spoil, said', [
     (lambda rows: rows[:0], 'set2.csv: no rows'),
-    (lambda rows: np.where(np.arange(len(rows))[:, None] > 1000, rows[1000], rows)
+    pytest.param(lambda rows: np.where(np.arange(len(rows))[:, None] > 1000, rows[1000], rows)
      * (np.arange(10) == 8) + rows * (np.arange(10) != 8),
-     r'gravity along y repeats \S+ from 10.0'),
+     r'gravity along y repeats \S+ from 10.0', marks=pytest.mark.long),
     (lambda rows: np.where(np.arange(10) == 8, 0.0, rows), 'gravity along y of the sensor never'),
-    (lambda rows: np.where((np.arange(len(rows))[:, None] % 10 == 0) & (np.arange(10) == 3),
-                           np.nan, rows), r'10.0 % of the samples are not finite')])
+    pytest.param(
+        lambda rows: np.where((np.arange(len(rows))[:, None] % 10 == 0) & (np.arange(10) == 3),
+                              np.nan, rows),
+        r'10.0 % of the samples are not finite', marks=pytest.mark.long)])
 def test_a_spoilt_table_among_sound_ones_is_refused_by_cause(tables, tmp_path, capsys, spoil,
                                                             said):
     names = ['t', *(f'r{k}' for k in range(6)), 'ax', 'ay', 'az']

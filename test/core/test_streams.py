@@ -49,8 +49,10 @@ def test_messages_of_split_files_come_in_the_order_of_recording(tmp_path):
 
 
 @pytest.mark.parametrize('storage, mode', [
-    (StoragePlugin.SQLITE3, CompressionMode.NONE), (StoragePlugin.SQLITE3, CompressionMode.FILE),
-    (StoragePlugin.MCAP, CompressionMode.STORAGE), (StoragePlugin.MCAP, CompressionMode.MESSAGE)])
+    (StoragePlugin.SQLITE3, CompressionMode.NONE),
+    pytest.param(StoragePlugin.SQLITE3, CompressionMode.FILE, marks=pytest.mark.long),
+    pytest.param(StoragePlugin.MCAP, CompressionMode.STORAGE, marks=pytest.mark.long),
+    pytest.param(StoragePlugin.MCAP, CompressionMode.MESSAGE, marks=pytest.mark.long)])
 def test_messages_are_those_of_rosbags_however_stored(tmp_path, storage, mode):
     write_recording(tmp_path / 'one', small_recording())
     with Reader(tmp_path / 'one') as reader:

@@ -84,6 +84,7 @@ def test_the_patched_calibration_leaves_what_was_claimed(kuka, found):
         assert abs(more) < 3.0 * std
 
 
+@pytest.mark.long
 def test_the_patched_calibration_knows_the_delay_as_well_as_it_was_found(kuka, found, capsys):
     delay = load(kuka / 'out' / 'calibration_patched.yaml').accelerometer.delay
     value, std = recalibrated(found, 'accelerometer.delay')
@@ -111,7 +112,8 @@ def commands():
 
 @pytest.mark.parametrize('rig_name, effects, name', [
     ('rig.yaml', {}, None),
-    ('rigid_tool.yaml', {'tool_mass': {'change': 0.05}}, 'tool_mass'),
+    pytest.param('rigid_tool.yaml', {'tool_mass': {'change': 0.05}}, 'tool_mass',
+                 marks=pytest.mark.long),
     pytest.param('rigid_tool.yaml', {'accel_bias': {'y': 0.2}}, 'accel_bias',
                  marks=pytest.mark.long),
 ])

@@ -20,7 +20,6 @@ from forcecal_ros.effects import with_effects
 from forcecal_ros.io.bags import write_recording
 from forcecal_ros.sim.measured_motion import express_in_base, merge_poses
 from forcecal_ros.sim.rig.simulator import simulate
-from longer import first
 import numpy as np
 from own_arm import commands, GRIPPER, LATE, real, RIG, simulated, TOLERANCES, with_imu
 import pytest
@@ -95,6 +94,7 @@ def test_two_recordings_are_brought_to_one_clock_by_commands_and_else_by_poses()
     assert 77.0 < alignment.shift < 77.05
 
 
+@pytest.mark.long
 def test_the_zero_of_the_sensor_is_that_of_the_first_recording_in_the_second_too():
     first, second = ((real({}, seed, phase), shift_times(simulated(phase), -1000.0))
                      for seed, phase in ((3, 0.0), (4, 0.7)))
@@ -134,8 +134,8 @@ def with_wrench(recording, change):
 
 @pytest.mark.parametrize('change, said', [
     (lambda w, R: w / 9.80665, 'its forces are in kgf'),
-    (lambda w, R: w - np.hstack([f := WEIGHT @ R, np.cross(GRIPPER.com, f)]),
-     'the driver takes its weight off; let it leave the weight in')])
+    pytest.param(lambda w, R: w - np.hstack([f := WEIGHT @ R, np.cross(GRIPPER.com, f)]),
+     'the driver takes its weight off; let it leave the weight in', marks=pytest.mark.long)])
 def test_frame_sign_and_units_of_the_robots_wrench_are_asked_before_effects(change, said):
     wrong = PairSource(TOLERANCES, simulated()).diagnose(with_wrench(real({}), change))
     assert wrong.diagnosis.verdict == 'invalid_data'
@@ -143,7 +143,7 @@ def test_frame_sign_and_units_of_the_robots_wrench_are_asked_before_effects(chan
 
 
 @pytest.mark.parametrize('change, said', [
-    (lambda w, R: -w, '--simulated-wrench-sign -1'),
+    pytest.param(lambda w, R: -w, '--simulated-wrench-sign -1', marks=pytest.mark.long),
     (in_base, 'the simulated wrench: it is expressed in base')])
 def test_frame_and_sign_of_the_simulated_wrench_are_asked_before_its_tool(change, said):
     wrong = PairSource(TOLERANCES, with_wrench(simulated(), change)).diagnose(real({}))
@@ -151,14 +151,18 @@ def test_frame_and_sign_of_the_simulated_wrench_are_asked_before_its_tool(change
     assert re.search(said, wrong.diagnosis.reason)
 
 
-@pytest.mark.parametrize('effects', first([
-    {'tool_mass': {'change': 0.4}}, {'base_tilt': {'x': 0.05, 'y': -0.03}},
+@pytest.mark.parametrize('effects', [
+    {'tool_mass': {'change': 0.4}},
+    {'base_tilt': {'x': 0.05, 'y': -0.03}},
     {'cable_force': {'x': 2.0, 'y': 1.0, 'z': 0.0, 'stiffness': 40.0}},
-    {'wrench_gain': {'fx': 0.15, 'fz': -0.15}}, {'wrench_crosstalk': {'fx_of_fz': 0.06}}]))
+    {'wrench_gain': {'fx': 0.15, 'fz': -0.15}},
+    {'wrench_crosstalk': {'fx_of_fz': 0.06}}])
+@pytest.mark.long
 def test_effects_of_any_usual_size_are_no_other_frame(effects):
     prepare_pair(real(effects), shift_times(simulated(), -1000.0), None, TOLERANCES)
 
 
+@pytest.mark.long
 def test_where_the_simulated_tool_touches_something_nothing_is_compared(clean):
     def pressed(recording, stiffness):
         wrench, t0 = recording.wrench, recording.wrench.t[0]

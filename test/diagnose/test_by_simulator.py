@@ -81,6 +81,7 @@ def test_the_commands_of_the_page_say_what_to_change(example, robot, monkeypatch
                      capsys.readouterr().out, re.MULTILINE)
 
 
+@pytest.mark.long
 def test_a_payload_that_is_picked_up_on_the_way_is_found_with_its_instant(robot):
     light, heavy = measured(robot, 1.2, 0.07), measured(robot, 1.35, 0.07)
     t, at = light.wrench.t, 8.0

@@ -197,6 +197,7 @@ def test_step_leaves_its_state_as_it_was(designed):
     assert not state.estimate.any() and state.command == 0.0
 
 
+@pytest.mark.long
 def test_simulated_rig_presses_on_its_wall_as_the_wanted_spring_does():
     rig, law = load_rig(), design(PLANT, WANTED, SETTINGS).law
     simulator, state = Simulator(rig, 'acc1', 4), at_rest(law)

@@ -172,6 +172,7 @@ def test_a_robot_that_stands_is_refused_with_the_remedy():
         identify_plant(record(np.zeros(1000), seed=1))
 
 
+@pytest.mark.long
 def test_a_recording_without_displacement_is_refused(tmp_path, capsys):
     write_recording(tmp_path / 'bag', replace(shaken(1.0, seed=1), optidrive=None))
     assert main(['fit-rig', str(tmp_path / 'bag'), '--for', 'impedance', '-o',

@@ -32,7 +32,7 @@ def test_a_tare_is_told_with_its_instant_and_size(share):
                                             abs=0.0025)
 
 
-@pytest.mark.parametrize('leg', [LEG, REAL])
+@pytest.mark.parametrize('leg', [LEG, pytest.param(REAL, marks=pytest.mark.long)])
 def test_noise_bends_hysteresis_and_drift_are_no_jump(leg):
     for seed in range(3):
         assert jump(lambda t: 0.0 * t[:, None], leg, seed) is None

@@ -54,6 +54,7 @@ def test_the_accelerometers_bias_is_found_in_the_norm_of_gravity(real):
     assert (np.abs(real.norm.offset - bias) < 4 * real.norm.std).all()
 
 
+@pytest.mark.long
 def test_blocks_as_long_as_the_motion_bias_nothing(monkeypatch):
     monkeypatch.setattr('forcecal_ros.insitu.blocks.MOST_BLOCKS', 60)
     leg = Leg(accelerometer_bias=(0.05, -0.05, 0.05), duration=120.0)
@@ -110,6 +111,7 @@ def turned_sets(leg, positions_in_accelerometer):
         yield data_set(replace(log, accel=log.accel @ TURN), Load(load.mass, tuple(at)), f'{k}')
 
 
+@pytest.mark.long
 def test_known_rotation_of_the_accelerometer_changes_nothing_nor_do_positions_in_its_frame():
     leg = Leg(duration=20.0)
     plain = calibrated(leg, 0.4, protocol=PROTOCOL[:4])

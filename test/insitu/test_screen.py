@@ -51,7 +51,9 @@ def test_a_clean_recording_is_kept_whole(leg):
     assert seconds(result.kept) == 60.0
 
 
-@pytest.mark.parametrize('force', [(6, -2, 4, 0.4, 0.2, 0.6), (0, 0, 0, 0.5, 0, 0)])
+@pytest.mark.parametrize('force', [
+    (0, 0, 0, 0.5, 0, 0),
+    pytest.param((6, -2, 4, 0.4, 0.2, 0.6), marks=pytest.mark.long)])
 def test_a_contact_is_cut_and_the_rest_kept(log, force):
     _, result = screened(touched(log, 20.0, 30.0, force))
     assert all(start >= 29.0 or end <= 21.5 for start, end in result.kept)
@@ -59,6 +61,7 @@ def test_a_contact_is_cut_and_the_rest_kept(log, force):
     assert 'contact' in result.cuts[0].reason
 
 
+@pytest.mark.long
 def test_the_offset_is_right_in_spite_of_a_contact(log):
     result = offset_only(touched(log, 20.0, 30.0, (6, -2, 4, 0.4, 0.2, 0.6)))
     assert (np.abs(result.offset.value - OFFSET) < 4 * result.offset.std).all()
@@ -74,6 +77,7 @@ def test_a_tap_is_cut(log):
     assert result.cuts[0].end - result.cuts[0].start < 1.0
 
 
+@pytest.mark.long
 def test_a_knee_that_moves_is_said_to_be_another_body(log):
     bent = record(Load(0.51, (0.20, 0.15, 0.25)), Leg(), 3)
     _, result = screened(with_raw(log, np.where((log.t < 38)[:, None], log.raw, bent.raw)))
@@ -142,6 +146,7 @@ def test_motion_about_one_axis_is_refused_with_the_axis(log):
         offset_only(replace(log, raw=raw, accel=accel))
 
 
+@pytest.mark.long
 def test_noise_alone_leaves_the_subspace_in_no_more_than_a_few_of_a_thousand():
     chances = []
     for seed in range(40):
@@ -160,7 +165,7 @@ def found_causes(leg, seed):
 @pytest.mark.parametrize('leg, bending, hysteresis', [
     (Leg(), False, False),
     (Leg(flex=np.deg2rad(0.3)), True, False),
-    (Leg(hysteresis=0.005), False, True),
+    pytest.param(Leg(hysteresis=0.005), False, True, marks=pytest.mark.long),
     (Leg(hysteresis=0.005, flex=np.deg2rad(0.3)), True, True),
 ])
 def test_flex_and_hysteresis_are_told_apart(leg, bending, hysteresis):

@@ -68,16 +68,18 @@ def test_careful_hands_contradict_nothing_and_standard_errors_hold_them(seed):
     (stated(2, mass=1.54), 'all but set 2 agree: by the others it has 1.4.. kg .* 1.54 kg'),
     (stated(3, position=(-0.1, -0.12, 0.20)),
      r'all but set 3 .* 1\.\d+ kg at \(-0.[01].., -0.1.., 0.1[45].\) m, stated 1.6 kg'),
-    ([LOADS[k] for k in (0, 3, 2, 1, 4)], 'no single data set .* loads exchanged'),
-    ([replace(one, position=(-one.position[1], one.position[0], one.position[2]))
-      for one in LOADS], r'no single data set .*R_sensor_accelerometer')])
+    pytest.param([LOADS[k] for k in (0, 3, 2, 1, 4)], 'no single data set .* loads exchanged',
+                 marks=pytest.mark.long),
+    pytest.param([replace(one, position=(-one.position[1], one.position[0], one.position[2]))
+      for one in LOADS], r'no single data set .*R_sensor_accelerometer', marks=pytest.mark.long)])
 def test_a_wrong_load_is_named_with_what_the_others_say(loads, words):
     assert re.search(words, said(sets_of(1, loads)))
 
 
 @pytest.mark.parametrize('change, words', [
-    (lambda k, raw, g: (raw, g * [1, -1, 1]), 'left-handed'),
-    (lambda k, raw, g: (raw, -g if k == 2 else g), 'all but set 2 agree'),
+    pytest.param(lambda k, raw, g: (raw, g * [1, -1, 1]), 'left-handed', marks=pytest.mark.long),
+    pytest.param(lambda k, raw, g: (raw, -g if k == 2 else g), 'all but set 2 agree',
+                 marks=pytest.mark.long),
     (lambda k, raw, g: (raw - raw[0], g), 'offset moved between data sets'),
     (lambda k, raw, g: (raw[:, ::-1] if k == 1 else raw, g), 'set 1'),
     (lambda k, raw, g: (np.where(np.arange(6) == 2, raw % 7.0, raw), g),

@@ -49,7 +49,7 @@ def wrenches(stamps_ns, log_ns=None, topic='/wrench', frames=None):
             for stamp, log, frame in zip(stamps_ns, logs, frames)]
 
 
-@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+@pytest.mark.parametrize('storage', ['mcap', pytest.param('sqlite3', marks=pytest.mark.long)])
 def test_recording_comes_back_as_it_was_written(tmp_path, storage):
     recording = small_recording()
     write_recording(tmp_path / 'bag', recording, storage)

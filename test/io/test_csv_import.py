@@ -72,7 +72,8 @@ def test_table_of_poses_gives_one_measurement_a_row(tmp_path, kuka_data):
 
 
 @pytest.mark.parametrize('name, part', [
-    ('baseline', '1-baseline'), ('contact', '3-vibrations-contact')])
+    ('baseline', '1-baseline'),
+    pytest.param('contact', '3-vibrations-contact', marks=pytest.mark.long)])
 def test_tables_of_one_trajectory_keep_their_stamps(tmp_path, kuka_data, name, part):
     folder = kuka_data
     recording = run_import(example(name), tmp_path / 'bag', '--tables', folder)

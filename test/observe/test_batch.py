@@ -120,6 +120,7 @@ def test_batch_equals_step(case):
             np.testing.assert_allclose(values, expected, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.long
 def test_cases_meet_everything_a_status_can_say():
     seen = 0
     for recording, known, settings in CASES.values():

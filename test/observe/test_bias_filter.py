@@ -113,6 +113,7 @@ def test_a_step_of_force_rises_within_15_ms(model, size, axis):
     assert response[150:].mean() == pytest.approx(1.0, abs=0.01)
 
 
+@pytest.mark.long
 def test_while_free_the_biases_learn(calibration):
     model = learning(calibration, bias_prior=(0.3, 0.02))
     moved = np.array([0.25, -0.2, 0.1, 0.01, -0.01, 0.02])
@@ -123,6 +124,7 @@ def test_while_free_the_biases_learn(calibration):
     assert not any(touching(samples))
 
 
+@pytest.mark.long
 def test_in_contact_the_biases_are_frozen_and_grow_less_certain(model):
     belief, _ = run(model, np.zeros((500, 6)), np.random.default_rng(5))
     _, samples = run(model, pushed(3000, 0, 5.0), np.random.default_rng(6), belief)
@@ -163,6 +165,7 @@ def test_nis_keeps_to_its_bounds_where_all_is_as_modelled(model):
     assert inside == pytest.approx(0.95, abs=4 * np.sqrt(0.05 * 0.95 / len(nis)))
 
 
+@pytest.mark.long
 def test_the_errors_are_as_large_as_the_filter_says_for_a_wrench_that_wanders(calibration):
     # in contact from the start, all as modelled: a random walk; b from its prior
     model = learning(calibration, bias_prior=(0.1, 0.01))
@@ -183,6 +186,7 @@ def test_the_errors_are_as_large_as_the_filter_says_for_a_wrench_that_wanders(ca
 ZERO = (0.0,) * 3
 
 
+@pytest.mark.long
 def test_the_paper_s_r_taken_as_noise_gives_three_times_its_table(calibration):
     model = learning(calibration)._replace(covariances=Covariances(
         np.diag([0.01] * 3 + [0.001] * 3), np.diag([0.1] * 3 + [0.01] * 3),

@@ -20,6 +20,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 import numpy as np
 from observing import calibration, push, record, Swing
+import pytest
 
 MODEL = design(calibration())
 DAY = 86_400.0
@@ -53,6 +54,7 @@ def fed(events, model):
 
 @given(st.lists(st.tuples(st.floats(0.001, 0.01), numbers(6)), min_size=3, max_size=20))
 @settings(max_examples=50)
+@pytest.mark.long
 def test_a_wrench_that_is_no_number_is_said_to_be_none(steps):
     t, events = 0.0, []
     for dt, values in steps:
@@ -78,6 +80,7 @@ def test_gains_of_any_covariance_are_finite_or_refused_in_one_line(sizes, mass):
         assert '\n' not in str(error)
 
 
+@pytest.mark.long
 def test_estimates_ten_days_later_are_the_same():
     """Stamps at that distance are exact to 1.5e-11 s a day, which the microsecond outlives."""
     recording = record(2.0, SWING, push(0, 20.0, 1.0))
@@ -94,6 +97,7 @@ def shifted(recording, by):
         ('wrench', 'accelerometer', 'pose', 'optidrive') if (stream := getattr(recording, name))})
 
 
+@pytest.mark.long
 def test_memory_does_not_grow_and_the_estimate_does_not_drift():
     recording = record(12.0)
     sizes, contact = [], []

@@ -62,6 +62,7 @@ def test_a_steady_acceleration_is_followed_without_error(dt):
     assert state.omega == pytest.approx(axis * times[-1], abs=1e-6)
 
 
+@pytest.mark.long
 def test_noise_of_the_angular_acceleration_is_what_the_design_reckons_with():
     """White noise leaves density corner^5 / 3."""
     rng = np.random.default_rng(1)

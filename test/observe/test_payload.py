@@ -72,7 +72,7 @@ def swinging(seed, seconds=16.0):
     return arm.free_motion(np.random.default_rng(seed), seconds)
 
 
-@pytest.mark.parametrize('load', first([0.06, -0.2, 1.2], 2))
+@pytest.mark.parametrize('load', first([0.06, -0.2, 1.2]))
 def test_a_payload_is_heard_of_and_known(hand, load):
     moving = swinging(5)
     state, found = followed(hand, moving, weight(moving, load, 4.0))
@@ -217,6 +217,7 @@ def test_sixty_grams_on_a_real_arm(real, start):
     np.testing.assert_allclose(last.com, com, atol=1.5e-3)
 
 
+@pytest.mark.long
 def test_a_real_arm_that_carries_nothing_and_is_touched_keeps_its_mass(kuka_data, real):
     known, free = real
     result = follow(free, known)

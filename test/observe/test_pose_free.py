@@ -55,6 +55,7 @@ def test_no_sample_makes_the_step_raise(model, wrench, force, omega, t):
         assert status & Status.NO_GYRO
 
 
+@pytest.mark.long
 def test_a_silent_accelerometer_leaves_gravity_to_the_gyro(model):
     rng = np.random.default_rng(13)
     motion = arm.free_motion(rng, 1.6)

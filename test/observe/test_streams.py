@@ -37,7 +37,9 @@ def shuffled(sequence, rng, skew):
     return [sequence[i] for _, i in sorted(arrivals)]
 
 
-@pytest.mark.parametrize('delay', [0.0, 0.0073, -0.0073])
+@pytest.mark.parametrize('delay', [0.0,
+    pytest.param(0.0073, marks=pytest.mark.long),
+    pytest.param(-0.0073, marks=pytest.mark.long)])
 def test_estimates_do_not_depend_on_the_order_in_which_topics_arrive(delay):
     """Other rates than the wrench's, gaps, late starts, all bit for bit."""
     r = record(2.0, SWING, push(0, 20.0, 0.5), seed=1, delay=delay, rates=(1000., 254., 100.))
@@ -83,16 +85,17 @@ def test_accelerometer_stamped_alike_adds_no_latency():
     assert latencies(-0.006, (1000., 1000., 250.)).max() < 1e-9
 
 
-@pytest.mark.parametrize('delay', [0.0, 0.006])
+@pytest.mark.parametrize('delay', [0.0, pytest.param(0.006, marks=pytest.mark.long)])
 def test_latency_is_the_delay_and_at_most_one_period_of_the_accelerometer(delay):
     assert latencies(delay, (1000., 254., 100.)).max() < delay + 1 / 254 + 1e-9
     assert latencies(delay, (1000., 1000., 250.)).max() < delay + 1e-9
 
 
 @pytest.mark.parametrize(('stream', 'wait'), [
-    ('accelerometer', ObserverSettings().accelerometer_timeout + SKEW),
+    pytest.param('accelerometer', ObserverSettings().accelerometer_timeout + SKEW,
+                 marks=pytest.mark.long),
     ('optidrive', ObserverSettings().accelerometer_timeout + SKEW),
-    ('pose', SKEW)])
+    pytest.param('pose', SKEW, marks=pytest.mark.long)])
 def test_a_stream_that_stops_holds_the_output_back_once(stream, wait):
     r = record(1.5, SWING)
     r = replace(r, **{stream: without_times(getattr(r, stream), (0.7, 2.0))})
@@ -130,6 +133,7 @@ def test_no_sample_makes_the_step_raise_or_its_estimate_infinite(
     assert [s.t for s in samples] == sorted(s.t for s in samples) or not ordered
 
 
+@pytest.mark.long
 def test_one_bad_sample_leaves_no_trace_beyond_its_own_instant():
     r = record(2.0, SWING)
     sequence = list(events(r))

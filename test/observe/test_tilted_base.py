@@ -51,7 +51,7 @@ def test_a_replay_of_a_turned_sensor_is_that_of_one_that_is_not(level, turned):
                                atol=1e-6)
 
 
-@pytest.mark.parametrize('rotation', [None, TURNED])
+@pytest.mark.parametrize('rotation', [pytest.param(None, marks=pytest.mark.long), TURNED])
 def test_the_live_observer_says_the_same_as_the_replay(tilted, turned, rotation):
     c = replace(calibration(), gravity_direction=DOWN, sensor_rotation=rotation)
     live = LiveObserver(1.0, 0.0)

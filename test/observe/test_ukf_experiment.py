@@ -96,6 +96,7 @@ def test_without_a_pose_an_unknown_payload_and_bias_are_learnt(case):
     assert (np.abs(result.contact[3000:]).max(axis=0) <= 2 * arm.TABLE).all()
 
 
+@pytest.mark.long
 def test_a_wrench_and_its_reaction_to_contact_come_out_whole(case):
     contact = np.zeros((len(case.motion.t), 6))
     contact[3000:4000] = [4.0, -3.0, 6.0, 0.3, 0.2, -0.1]

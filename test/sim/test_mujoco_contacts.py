@@ -64,6 +64,7 @@ def on_table(robot, changed):
     return np.mean(push), np.quantile(rub, 0.8)
 
 
+@pytest.mark.long
 def test_only_what_is_touched_may_be_softer_or_smoother(tmp_path):
     arm = third_party('arm', load_mujoco(scene(tmp_path / 'arm.xml')))
     listed = {p.name: p for p in arm.parameters if p.stage == 'environment'}

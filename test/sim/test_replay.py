@@ -7,6 +7,7 @@ from forcecal_ros.effects import with_effects
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.replay import Replay
 import numpy as np
+import pytest
 from rig_recordings import FREE, own_recording
 
 RIG = load_rig()
@@ -30,6 +31,7 @@ def test_signals_are_the_same_whatever_was_simulated_in_between():
     assert np.array_equal(again.position, position)
 
 
+@pytest.mark.long
 def test_no_more_is_kept_than_the_last_motion_and_the_last_signals():
     tracemalloc.start()
     one = replay()

@@ -102,6 +102,7 @@ def _groups(document):
             yield from _groups(value)
 
 
+@pytest.mark.long
 def test_every_key_is_needed_and_no_other_is_known(tmp_path, document):
     for group in _groups(document):
         for key in list(group):

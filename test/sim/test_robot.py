@@ -110,6 +110,7 @@ def test_turn_about_one_axis_is_a_critically_damped_second_order_lag(seed):
     assert np.abs(turned).max() < 1e-7  # [rad]
 
 
+@pytest.mark.long
 def test_orientation_stays_a_rotation_and_omega_is_its_rate():
     vectors = smooth(200, seed=7, size=1.5)
     motion = moved(np.zeros((200, 3)), rotation_from_vector(vectors), steps=32)

@@ -11,7 +11,6 @@ from forcecal_ros.sim.rig.sensors import highpass_settled, respond, Response
 from forcecal_ros.sim.rig.simulator import simulate
 from forcecal_ros.sim.rig.tool import Slide, slide_along, tool_at_rest
 from hypothesis import given, settings, strategies
-from longer import first
 import numpy as np
 import pytest
 from scipy.signal import lsim, TransferFunction
@@ -73,7 +72,8 @@ def derivative(values, h):
     return (values[:-4] - 8.0 * values[1:-3] + 8.0 * values[3:-1] - values[4:]) / (12.0 * h)
 
 
-@pytest.mark.parametrize('rig', first([RIG, RIGID]), ids=['compliant', 'rigid'])
+@pytest.mark.parametrize('rig', [RIG, RIGID], ids=['compliant', 'rigid'])
+@pytest.mark.long
 def test_momentum_changes_by_weight_and_the_reaction_of_the_sensor(rig):
     steps = 64
     motion, slide, response = internals(rig, swinging(500), steps)
@@ -92,6 +92,7 @@ def test_momentum_changes_by_weight_and_the_reaction_of_the_sensor(rig):
     assert np.abs(m * acceleration).max() > 20.0 and np.abs(about_com).max() > 1.0
 
 
+@pytest.mark.long
 def test_accelerometer_feels_the_acceleration_of_its_place_on_the_tool():
     steps = 64
     motion, slide, response = internals(RIG, swinging(500), steps)
