@@ -1,14 +1,17 @@
 """``import forcecal_ros as fc``: quick to import, and the notebook that shows it runs."""
 
+from dataclasses import replace
 import json
 from pathlib import Path
 import subprocess
 import sys
 from types import SimpleNamespace
 
+from calibration_runs import brief_run
 import forcecal_ros as fc
 from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.diagnose import plan
+from forcecal_ros.io.bags import write_recording
 from longer import first
 from matplotlib.figure import Figure
 import numpy as np
@@ -69,6 +72,20 @@ def test_results_print_as_tables_and_draw(cells, name):
     result = cells[name]
     assert repr(result).count('\n') == len(result.rows) + 1
     assert isinstance(result.plot(), Figure) and json.dumps(result.to_dict())
+
+
+def test_a_stated_sign_goes_into_the_calibration_and_comes_from_it(tmp_path):
+    made = brief_run()
+    turned = replace(made, wrench=replace(made.wrench, values=-made.wrench.values))
+    write_recording(tmp_path / 'bag', turned)
+    calibration = fc.calibrate(fc.read(tmp_path / 'bag', wrench_sign=-1))
+    fc.save(calibration, tmp_path / 'c.yaml')
+    assert fc.load(tmp_path / 'c.yaml').value.wrench_sign == -1
+    stated, by_calibration = (
+        fc.estimate(fc.read(tmp_path / 'bag', wrench_sign=sign), tmp_path / 'c.yaml').value
+        for sign in (-1, None))
+    np.testing.assert_array_equal(stated.contact, by_calibration.contact)
+    assert np.abs(stated.contact[stated.t < 1.0, :3]).max() < 5.0
 
 
 def test_results_become_data_frames(cells):

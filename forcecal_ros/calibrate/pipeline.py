@@ -120,8 +120,8 @@ def identify(recording: Recording, settings: IdentificationSettings = Identifica
             recording, warnings, slight = _judged(_evened(recording), settings)
             stages = _stages_or_motion(recording, settings, slight)
     except TurnedWrench as error:
-        raise DataError(f'{error}; set wrench.sign to {-settings.wrench_sign} '
-                        f'(--wrench-sign {-settings.wrench_sign})') from error
+        other = -(recording.wrench_sign or 1)
+        raise DataError(f'{error}; set wrench.sign to {other} (--wrench-sign {other})') from error
     except ValueError as error:
         if not isinstance(error, np.linalg.LinAlgError) and 'infs or NaNs' not in str(error):
             raise
@@ -167,7 +167,7 @@ def _stated(recording: Recording, settings: IdentificationSettings) -> dict[str,
         'gravity': settings.gravity,
         'gravity_direction': unit_direction(settings.gravity_direction),
         'sensor_rotation': _turned(settings.sensor_rotation),
-        'sensor_frame': wrench.frame or 'ft_sensor', 'wrench_sign': settings.wrench_sign,
+        'sensor_frame': wrench.frame or 'ft_sensor', 'wrench_sign': recording.wrench_sign or 1,
         'sensor_from_pose': recording.sensor_from_pose,
         'source': {'recording': recording.source, **_recorded(recording), **settings.source}}
 
@@ -358,7 +358,7 @@ def _judged(recording: Recording, settings: IdentificationSettings
     """Refuse what another hypothesis explains better; return warnings, and a slight misfit."""
     level = level_from_base(settings.gravity_direction)
     down = DOWN if level is None else level.T @ DOWN
-    stated = Stated(down, settings.wrench_sign, settings.sensor_rotation,
+    stated = Stated(down, recording.wrench_sign or 1, settings.sensor_rotation,
                     recording.sensor_from_pose)
     judged = in_axes_of_pose(recording, settings.sensor_rotation)
     if settings.coupling == 'dc':

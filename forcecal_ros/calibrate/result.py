@@ -72,18 +72,19 @@ class Stages:
     stops: tuple[Clipping, ...] = ()
 
 
-def with_settings(calibration: Calibration, settings: IdentificationSettings) -> Calibration:
+def with_settings(calibration: Calibration, settings: IdentificationSettings, wrench_sign: int
+                  ) -> Calibration:
     """
-    Give a calibration of another package what settings state of robot and sensor.
+    Give a calibration of another package what is stated of robot and sensor.
 
     Its numbers are in the axes of its wrench, which are turned into those of the pose, and of the
-    sign in which its mass is positive, which readings are given.
+    sign in which its mass is positive, which readings are given by ``wrench_sign``.
     """
     R = pose_from_wire(settings.sensor_rotation)
     turn = np.eye(3) if R is None else R
     com, bias = calibration.com, calibration.wrench_bias
     return replace(
-        calibration, gravity=settings.gravity, wrench_sign=settings.wrench_sign,
+        calibration, gravity=settings.gravity, wrench_sign=wrench_sign,
         gravity_direction=unit_direction(settings.gravity_direction),
         sensor_rotation=None if R is None else settings.sensor_rotation,
         com=Estimate(turn @ com.value, com.std, com.unit),

@@ -76,8 +76,6 @@ class IdentificationSettings(Section, name=''):
     tool_compliance: Annotated[str, Row(
         'Whether the tool slides along x of ft_sensor; auto looks for an Optidrive that moves or '
         'for ringing after the step', words=COMPLIANCES)] = 'auto'
-    wrench_sign: Annotated[int, Row(
-        'What the readings were multiplied by when they were read', words=(1, -1))] = 1
     largest_delay: Annotated[float, Row(
         'Delays between sensors are looked for up to this; longer ones are other clocks', 's',
         above=0.0)] = 0.1

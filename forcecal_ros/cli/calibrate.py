@@ -173,7 +173,7 @@ def _as_stated(calibration: 'Calibration', args: argparse.Namespace) -> 'Calibra
     with from_arguments():
         given = mounting_of(args.sensor_from_pose or (), '--sensor-from-pose')
     if 'of' in calibration.source:  # another package, whose files do not state these
-        calibration = with_settings(calibration, _settings_of(args))
+        calibration = with_settings(calibration, _settings_of(args), args.wrench_sign or 1)
     elif stated := next((name for name in ('gravity', 'gravity_direction', 'sensor_rotation',
                                            'wrench_sign') if getattr(args, name)), ''):
         raise UsageError(f'{args.bag} states its own --{stated.replace("_", "-")}; calibrate its '
@@ -226,7 +226,7 @@ def _settings_of(args: argparse.Namespace, source: Any = ()) -> 'IdentificationS
         sensor_rotation=(math.radians(rotation[0]), math.radians(rotation[1]),
                          math.radians(rotation[2])) if rotation else None,
         cutoff=args.cutoff, accelerometer_position=tuple(position) if position else None,
-        wrench_sign=args.wrench_sign or 1, observer_mode=args.filter, source=dict(source))
+        observer_mode=args.filter, source=dict(source))
 
 
 def write_report(args: argparse.Namespace, recording: 'Recording', calibration: 'Calibration'

@@ -241,7 +241,7 @@ def read(args: argparse.Namespace, bag: str, option: str = '--sensor-from-pose',
     option, topics : str
         Those of :func:`add_sensor_pose` and :func:`add_topics`.
     wrench_sign : int, optional
-        By default that of ``--wrench-sign``, or 1 without such an option.
+        By default that of ``--wrench-sign``.
     joints : bool
         Whether to read the measured positions of joints, too.
     """
@@ -252,7 +252,7 @@ def read(args: argparse.Namespace, bag: str, option: str = '--sensor-from-pose',
         mounting = mounting_of(getattr(args, option.strip('-').replace('-', '_')) or (), option)
     sign = getattr(args, 'wrench_sign', None) if wrench_sign is None else wrench_sign
     return taken_to_sensor(read_recording(
-        bag, topics=topic_names(args, topics, bag), wrench_sign=sign or 1, joints=joints),
+        bag, topics=topic_names(args, topics, bag), wrench_sign=sign, joints=joints),
         mounting)
 
 

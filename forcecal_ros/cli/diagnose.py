@@ -27,9 +27,6 @@ from forcecal_ros.core.errors import UsageError
 from forcecal_ros.core.files import write_results
 from forcecal_ros.diagnose.verdict import TOLERANCE
 
-RIGID = 'rigid_tool.yaml'
-"""Gives the tolerances of a calibrated tool if no rig is named."""
-
 NOMINAL, NOMINAL_RIG = 'nominal', "this package's rig.yaml, nominal"
 
 SIMULATORS = ('simulator', 'mujoco', 'simulated')
@@ -171,6 +168,7 @@ def _simulator_of(args: argparse.Namespace) -> Any:
 
 def _check_simulator(args: argparse.Namespace) -> int:
     """Print whether a simulator can be compared with a robot, and the command that does it."""
+    from forcecal_ros.diagnose.sources.choice import RIGID
     from forcecal_ros.diagnose.sources.simulator import conformance
     from forcecal_ros.sim.rig.file import load_rig
 
@@ -216,14 +214,10 @@ def _earlier(folder: str, explained_by: str) -> Any:
 def _source_of(args: argparse.Namespace, stage: Callable[[str], None]
                ) -> tuple[Any, list[Any]]:
     """Return what the options compare with, and the recordings."""
-    from forcecal_ros.diagnose.sources.pair import PairSource
-    from forcecal_ros.diagnose.sources.rig import rig_source
-    from forcecal_ros.diagnose.sources.simulator import SimulatorSource
-    from forcecal_ros.diagnose.sources.tool import ToolSource
+    from forcecal_ros.diagnose.sources.choice import source_of
     from forcecal_ros.io.calibration_file import load
     from forcecal_ros.sim.rig.file import load_rig
     from forcecal_ros.sim.rig.simulator import waits_for_compiler
-    from forcecal_ros.sim.rigid_tool import rigid_tool_of_calibration, rigid_tool_of_rig
 
     def read_one(bag: str, of: str = '', sign: int | None = None) -> Any:
         stage(f'reading {bag}')
@@ -231,27 +225,21 @@ def _source_of(args: argparse.Namespace, stage: Callable[[str], None]
             return read(args, bag, f'--{of}sensor-from-pose', f'--{of}topic', sign)
         return read(args, bag, joints=bool(args.simulator or args.mujoco))
 
-    simulator = _simulator_of(args) if args.simulator or args.mujoco else None
+    against = _simulator_of(args) if args.simulator or args.mujoco else None
     recordings = [read_one(bag) for bag in (args.bag, args.heldout) if bag]
-    if simulator is not None:
-        return SimulatorSource(simulator, load_rig(RIGID)), recordings
     if args.simulated:
-        return PairSource(load_rig(RIGID), *(
-            read_one(bag, 'simulated-', args.simulated_wrench_sign)
-            for bag in (args.simulated, args.heldout_simulated) if bag)), recordings
+        against = [read_one(bag, 'simulated-', args.simulated_wrench_sign)
+                   for bag in (args.simulated, args.heldout_simulated) if bag]
+    rig = load_rig(None if args.rig == NOMINAL else args.rig) if args.rig else None
     if args.calibration:
-        calibration, rig = load(args.calibration), load_rig(args.rig or RIGID)
-        recordings = [as_calibrated(one, calibration, args.calibration, args.wrench_sign)
-                      for one in recordings]
-        tool = rigid_tool_of_calibration(calibration, rig)
-        return ToolSource(tool, calibration, args.accelerometer), recordings
-    if not args.rig:
-        _require_simulated_rig(args, recordings)
-    rig = load_rig(None if args.rig in (None, NOMINAL) else args.rig)
-    if not recordings[0].target:
-        return ToolSource(rigid_tool_of_rig(rig), None, args.accelerometer), recordings
-    warn_if_compiling(waits_for_compiler(), 'the simulator')
-    return rig_source(rig, args.accelerometer), recordings
+        against = load(args.calibration)
+    elif against is None:
+        if not args.rig:
+            _require_simulated_rig(args, recordings)
+        against = rig
+        if recordings[0].target:
+            warn_if_compiling(waits_for_compiler(), 'the simulator')
+    return source_of(against, recordings, rig, args.accelerometer, args.calibration)
 
 
 def _require_simulated_rig(args: argparse.Namespace, recordings: list[Any]) -> None:
@@ -262,18 +250,6 @@ def _require_simulated_rig(args: argparse.Namespace, recordings: list[Any]) -> N
         f'{args.bag}: nothing states what was recorded, so there is nothing to compare it with; '
         'give --calibration C.yaml (forcecal calibrate writes it), --rig FILE or --rig nominal, '
         '--simulated SIM_BAG, --mujoco MODEL.xml or --simulator MODULE:FACTORY')
-
-
-def as_calibrated(recording: Any, calibration: Any, about: str, wrench_sign: int | None) -> Any:
-    """Bring poses to ft_sensor, base to level and readings to their axes, as calibrated."""
-    from forcecal_ros.cli.estimate import in_sign_of
-    from forcecal_ros.core.axes import in_axes_of_pose, levelled
-    from forcecal_ros.observe.frames import taken_as_calibrated
-
-    taken = in_sign_of(calibration, wrench_sign, taken_as_calibrated(
-        recording, calibration, about))
-    return in_axes_of_pose(levelled(taken, calibration.gravity_direction),
-                           calibration.sensor_rotation)
 
 
 def _named(args: argparse.Namespace) -> str:

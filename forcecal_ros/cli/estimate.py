@@ -128,9 +128,7 @@ def _refuse_unused(args: argparse.Namespace) -> None:
 
 def answer(args: argparse.Namespace) -> Answer:
     """Estimate over one recording."""
-    from forcecal_ros.core.stamps import with_even_bursts
     from forcecal_ros.io.calibration_file import load
-    from forcecal_ros.observe.frames import taken_as_calibrated
 
     settings = _settings_of(args)
     raw = bool(args.calibration) and load(args.calibration).matrix is not None
@@ -139,11 +137,10 @@ def answer(args: argparse.Namespace) -> Answer:
     calibration, source = _calibration_for(args, recording)
     calibration = replace(calibration, **{name: value for name, value in gravity_of(
         args).items() if getattr(args, name) is not None})
-    recording = with_even_bursts(in_sign_of(calibration, args.wrench_sign, taken_as_calibrated(
-        recording, calibration, args.calibration or args.bag)))
-    about = [*_warnings_of(calibration, source), *refuse_disagreeing(recording, calibration)]
-    calibration, assumed = prepared(calibration, recording, settings)
-    about += assumed
+    about = [*_warnings_of(calibration, source)]
+    recording, calibration, notes = as_taken(recording, calibration, settings,
+                                             args.calibration or args.bag)
+    about += notes
     with with_notes_of(recording):
         estimate, followed = _estimate(args, recording, calibration, settings, by_imu)
     also = [name for name, requested in (
@@ -202,7 +199,7 @@ def _calibration_for(args: argparse.Namespace, recording: 'Recording'
         return parse(recorded[-1], f'{args.bag}: sequencer/calibration'), 'in the recording'
     try:
         return identify(recording, IdentificationSettings(
-            **gravity_of(args), wrench_sign=args.wrench_sign or 1)), IDENTIFIED
+            **gravity_of(args))), IDENTIFIED
     except (DataError, UnobservableError) as error:
         error.args = (f'no --calibration is given, and {args.bag} identifies none: {error}',)
         raise
@@ -216,12 +213,37 @@ def _warnings_of(calibration: 'Calibration', source: str) -> tuple[str, ...]:
     return (*(line for line in quality['warnings'] if 'suspect' in line), *quality['questions'])
 
 
-def in_sign_of(calibration: 'Calibration', given: int | None, recording: 'Recording'
-               ) -> 'Recording':
-    """Return a recording with the wrench in a calibration's sign, unless one was ``given``."""
-    if given is not None or calibration.wrench_sign > 0 or recording.wrench is None:
-        return recording
-    return replace(recording, wrench=replace(recording.wrench, values=-recording.wrench.values))
+def as_taken(recording: 'Recording', calibration: 'Calibration', settings: 'ObserverSettings',
+             name: str) -> tuple['Recording', 'Calibration', tuple[str, ...]]:
+    """
+    Bring a recording and a calibration together; refuse those that disagree.
+
+    Parameters
+    ----------
+    name : str
+        Of the calibration, for messages.
+
+    Returns
+    -------
+    recording : Recording
+        In the sign of the calibration, poses of ft_sensor, stamps even.
+    calibration : Calibration
+        With what it does not know by itself, estimated from the recording.
+    notes : tuple of str
+        What was assumed.
+
+    Raises
+    ------
+    ConfigError, DataError
+        Names cause and remedy.
+    """
+    from forcecal_ros.core.stamps import with_even_bursts
+    from forcecal_ros.observe.frames import taken_as_calibrated
+
+    recording = with_even_bursts(taken_as_calibrated(recording, calibration, name))
+    found = refuse_disagreeing(recording, calibration)
+    calibration, assumed = prepared(calibration, recording, settings)
+    return recording, calibration, (*found, *assumed)
 
 
 def refuse_disagreeing(recording: 'Recording', calibration: 'Calibration') -> tuple[str, ...]:

@@ -95,7 +95,7 @@ def _fit_rig(args: argparse.Namespace, gravity: dict[str, Any]) -> int:
     heldout = read_checked(args, args.heldout, ()) if args.heldout else None
     warn_if_compiling(waits_for_compiler(), 'the simulator')
     fit = fit_rig(recordings, heldout, load_rig(RIGID), IdentificationSettings(
-        **gravity, wrench_sign=args.wrench_sign or 1))
+        **gravity))
     heading = '\n'.join(f'# {line}' for line in (
         f'Fitted by forcecal fit-rig to {", ".join(args.bag)}. SI units throughout.', '',
         *rig_text(fit).splitlines()))

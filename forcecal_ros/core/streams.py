@@ -243,6 +243,8 @@ class Recording:
     sensor_from_pose : tuple of 7 float or None
         By which the poses were taken from another frame to ft_sensor: x y z [m] qx qy qz qw of
         ft_sensor in that frame.
+    wrench_sign : int or None
+        What the wrench was multiplied by, 1 or -1; None: nobody has stated a sign.
     removed : mapping of str to int, or None
         Samples that the checks removed from each stream; None before they have run.
     """
@@ -263,6 +265,7 @@ class Recording:
     notes: tuple[str, ...] = field(default=())
     candidates: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     sensor_from_pose: Vector7 | None = None
+    wrench_sign: int | None = None
     removed: Mapping[str, int] | None = None
 
 

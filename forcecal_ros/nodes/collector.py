@@ -6,7 +6,7 @@ from typing import TypeAlias
 from forcecal_ros.calibrate.pipeline import identify
 from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.core.calibration import Calibration
-from forcecal_ros.core.errors import DataError, ForcecalError, with_id
+from forcecal_ros.core.errors import ConfigError, DataError, ForcecalError, with_id
 from forcecal_ros.core.geometry import Array, matrix_from_quaternion
 from forcecal_ros.core.schema import Vector7
 from forcecal_ros.core.sensor_matrix import with_matrix_of
@@ -41,6 +41,8 @@ class Collector:
 
     def __init__(self, accelerometer_unit: str, wrench_sign: int,
                  sensor_from_pose: Vector7 | None = None) -> None:
+        if wrench_sign not in (1, -1):
+            raise ConfigError(f'wrench.sign is {wrench_sign}, expected 1 or -1')
         self._unit = accelerometer_unit
         self._sign = wrench_sign
         self._sensor_from_pose = sensor_from_pose
@@ -97,7 +99,7 @@ class Collector:
             target=self._poses('target', streams),
             optidrive=self._stream('optidrive', streams),
             phases=self._closed_phases(start), start_ns=start, source='live',
-            sensor_from_pose=self._sensor_from_pose)
+            sensor_from_pose=self._sensor_from_pose, wrench_sign=self._sign)
 
     def _sorted(self, name: str, start: int) -> Sorted:
         stamps = np.array(self._stamps[name], dtype=np.int64)

@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray
-from forcecal_ros.core.errors import ConfigError, ForcecalError
+from forcecal_ros.core.errors import ForcecalError
 from forcecal_ros.core.parameters import Parameter
 from forcecal_ros.diagnose.live import Judgement, LiveGap
 from forcecal_ros.nodes.collector import Collector
@@ -58,8 +58,6 @@ class Gap(ReceivingNode):
     def __init__(self) -> None:
         super().__init__('gap', PARAMETERS)
         value = self._values()
-        if value['wrench.sign'] == 0:
-            raise ConfigError('wrench.sign is 0, expected 1 or -1')
         self._rig = load_rig(Path(value['rig']) if value['rig'] else None)
         warm_up()
         self._value = value

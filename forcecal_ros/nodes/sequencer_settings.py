@@ -151,16 +151,13 @@ def settings_of(value: Mapping[str, Any]) -> SequencerSettings:
 
 
 def _identification(value: Mapping[str, Any]) -> IdentificationSettings:
-    sign = value['wrench.sign']
-    if sign not in (1, -1):
-        raise ConfigError(f'wrench.sign is {sign}, expected 1 or -1')
     return IdentificationSettings(
         gravity=value['identify.gravity'],
         gravity_direction=tuple(value['identify.gravity_direction']),
         sensor_rotation=tuple(value['identify.sensor_rotation']),
         coupling=value['accelerometer.coupling'],
         cutoff=value['accelerometer.cutoff'] or None,
-        tool_compliance=value['identify.tool_compliance'], wrench_sign=sign,
+        tool_compliance=value['identify.tool_compliance'],
         observer_mode=value['observer.mode'], observer_design=value['observer.design'],
         observer_poles=tuple(value['observer.poles']), source={'by': 'sequencer'})
 

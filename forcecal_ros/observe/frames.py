@@ -230,7 +230,9 @@ def taken_to_sensor(recording: Recording, mounting: Placement | None) -> Recordi
 
 def taken_as_calibrated(recording: Recording, calibration: Calibration, name: str) -> Recording:
     """
-    Return a recording with the poses that a calibration was made with: those of ft_sensor.
+    Return a recording in the sign that a calibration was made in, with poses of ft_sensor.
+
+    A sign that was stated when the recording was read stays.
 
     Parameters
     ----------
@@ -242,6 +244,7 @@ def taken_as_calibrated(recording: Recording, calibration: Calibration, name: st
     ConfigError
         The poses were taken to ft_sensor by another transform than the calibration's.
     """
+    recording = _in_sign_of(calibration, recording)
     if recording.sensor_from_pose is None and _is_of_sensor(recording):
         return recording
     given = recording.sensor_from_pose
@@ -251,6 +254,13 @@ def taken_as_calibrated(recording: Recording, calibration: Calibration, name: st
     noted = replace(recording, notes=(*recording.notes, (
         f'poses are taken to ft_sensor by sensor.from_pose of {name}')))
     return taken_to_sensor(noted, mounting)
+
+
+def _in_sign_of(calibration: Calibration, recording: Recording) -> Recording:
+    wrench, sign = recording.wrench, calibration.wrench_sign
+    if recording.wrench_sign is not None or wrench is None or sign > 0:
+        return recording
+    return replace(recording, wrench=replace(wrench, values=-wrench.values), wrench_sign=sign)
 
 
 def agreed(given: Placement | None, calibration: Calibration, name: str) -> Placement | None:

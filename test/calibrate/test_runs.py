@@ -317,8 +317,7 @@ def test_two_poses_and_the_motion_give_the_centre_of_mass(recording):
 def test_the_wrong_sign_of_the_wrench_is_named(recording):
     wrench = recording.wrench
     with pytest.raises(DataError, match='wrench.sign to 1 '):
-        identify(replace(recording, wrench=Stream(wrench.t, -wrench.values)),
-                 IdentificationSettings(wrench_sign=-1))
+        identify(replace(recording, wrench=Stream(wrench.t, -wrench.values), wrench_sign=-1))
 
 
 def test_a_missing_wrench_or_pose_names_the_topic(recording):

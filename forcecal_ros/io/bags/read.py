@@ -24,8 +24,8 @@ _STREAMS = ('wrench', 'accelerometer', 'imu', 'accel', 'pose', 'target', 'optidr
 
 
 def read_recording(
-        path: Path | str, topics: Mapping[str, str] | None = None, wrench_sign: int = 1, *,
-        joints: bool = False) -> Recording:
+        path: Path | str, topics: Mapping[str, str] | None = None,
+        wrench_sign: int | None = None, *, joints: bool = False) -> Recording:
     """
     Read a rosbag2 recording: a folder or one file, SQLite or MCAP, compressed or not.
 
@@ -42,8 +42,8 @@ def read_recording(
         /tf and /tf_static, where it is also looked for if there is no other pose, of the wrench's
         frame in the root of its tree. ``urdf:FILE:BASE:LINK`` takes it from joint states and a
         URDF, which may be a topic of the recording.
-    wrench_sign : int
-        -1 for a driver that reports the wrench of the tool on its environment.
+    wrench_sign : int, optional
+        -1 for a driver that reports the wrench of the tool on its environment; it is kept.
     joints : bool
         Whether to read the measured positions of joints, too.
 
@@ -146,7 +146,7 @@ def _of_one_clock(series: dict[Topic, Series], notes: Notes) -> dict[Topic, Seri
 
 
 def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Series],
-               wrench_sign: int, pose_of: str) -> Recording:
+               wrench_sign: int | None, pose_of: str) -> Recording:
     received = [one.stamp_ns for one in series.values() if len(one.stamp_ns)]
     if not received:
         names = ', '.join(sorted(topic.name for topic in bag.topics))
@@ -182,7 +182,7 @@ def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Seri
 
     in_volts = 'accelerometer' not in found or found['accelerometer'].type == VECTOR3
     return Recording(
-        wrench=stream('wrench', scale=wrench_sign),
+        wrench=stream('wrench', scale=wrench_sign or 1),
         accelerometer=stream('accelerometer', slice(3)),
         accelerometer_unit='V' if in_volts else 'm/s^2',
         pose=poses('pose', pose_of), target=poses('target'), optidrive=stream('optidrive'),
@@ -192,7 +192,7 @@ def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Seri
         joints=joints('joint_states', lambda: _measured_joints(bag, found)),
         phases=_phases(series.get(found['phase']) if 'phase' in found else None, start_ns, end),
         start_ns=start_ns, source=str(bag.path), notes=tuple(bag.notes),
-        candidates=candidates(bag.topics, found, _STREAMS))
+        candidates=candidates(bag.topics, found, _STREAMS), wrench_sign=wrench_sign)
 
 
 def _rotations(quaternions: Array) -> Array:
