@@ -11,6 +11,7 @@ from forcecal_ros.observe.design import noise_of_force, rise_time
 from forcecal_ros.observe.settings import BANDWIDTH_LIMITS
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatter, NullLocator
 import numpy as np
 from scipy import signal
 
@@ -123,8 +124,13 @@ def drawn(shown: Shown) -> Figure:
     """Draw a picture; the legend stands above the panels."""
     n = len(shown.panels)
     shown = shown._replace(start=shown.visible[0], end=shown.visible[1])
-    figure = Figure(figsize=(9.0, 0.7 + 1.9 * n), layout='constrained')
-    rows = list(np.atleast_1d(figure.subplots(n, 1, sharex=True)))
+    width, height = 9.0, 0.9 + 1.9 * n
+    figure = Figure(figsize=(width, height))
+    # margins as wide as any label, in inches: to measure all labels takes a third of drawing them
+    rows = list(np.atleast_1d(figure.subplots(n, 1, sharex=True, gridspec_kw={
+        'left': 0.85 / width, 'right': 1.0 - 0.1 / width, 'bottom': 0.5 / height,
+        'top': 1.0 - 0.5 / height, 'hspace': 0.12})))
+    figure.align_ylabels(rows)
     for axes, panel in zip(rows, shown.panels):
         for line in panel.lines:
             if not line.hidden:
@@ -140,8 +146,7 @@ def drawn(shown: Shown) -> Figure:
     rows[0].set_xlim(shown.start, shown.end)
     handles, labels = rows[0].get_legend_handles_labels()
     if len(labels) > 1:
-        figure.legend(handles, labels, loc='outside upper left', ncols=4, frameon=False,
-                      fontsize=9)
+        figure.legend(handles, labels, loc='upper left', ncols=4, frameon=False, fontsize=9)
     return figure
 
 
@@ -382,8 +387,20 @@ def spectra(recording: Recording, calibration: Calibration, contact: Stream) -> 
     return figure
 
 
+def plain_powers(axes: Axes) -> None:
+    """Label a drawn logarithmic axis by plain numbers, of whole powers where it has several."""
+    for axis in (axes.xaxis, axes.yaxis):
+        if axis.get_scale() == 'log':
+            low, high = axis.get_view_interval()
+            axis.set_major_formatter(LogFormatter())
+            axis.set_minor_formatter(LogFormatter(minor_thresholds=(1.0, 0.4)))
+            if high > 100.0 * low:
+                axis.set_minor_locator(NullLocator())  # hundreds of ticks take a second to draw
+
+
 def headed(axes: Axes, title: str, columns: int = 3) -> None:
     """Put title and legend above the curves, one over the other."""
+    plain_powers(axes)
     lines = -(-len(axes.get_legend_handles_labels()[1]) // columns)
     axes.set_title(title, loc='left', fontsize=10, pad=6.0 + 14.0 * lines)
     axes.legend(fontsize=8, ncols=columns, frameon=False, loc='lower left',

@@ -8,9 +8,11 @@ from forcecal_ros.core.axes import in_axes_of_pose, levelled
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.streams import Recording
 from forcecal_ros.diagnose.sources.source import Source
+from forcecal_ros.diagnose.sources.tool import ToolSource
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.observe.frames import taken_as_calibrated
 from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rigid_tool import rigid_tool_of_calibration, rigid_tool_of_rig
 
 RIGID = 'rigid_tool.yaml'
 """Gives the tolerances of a tool if no rig is named."""
@@ -49,14 +51,10 @@ def source_of(against: Any, recordings: Sequence[Recording], rig: Rig | None = N
     name : str
         Of a calibration, for messages.
     """
-    from forcecal_ros.diagnose.sources.pair import PairSource
-    from forcecal_ros.diagnose.sources.rig import rig_source
-    from forcecal_ros.diagnose.sources.simulator import SimulatorSource
-    from forcecal_ros.diagnose.sources.tool import ToolSource
-    from forcecal_ros.sim.rigid_tool import rigid_tool_of_calibration, rigid_tool_of_rig
-
     given = [*recordings]
     if against is None or isinstance(against, Rig):
+        from forcecal_ros.diagnose.sources.rig import rig_source
+
         by = against or load_rig()
         return (rig_source(by, accelerometer) if given[0].target else
                 ToolSource(rigid_tool_of_rig(by), None, accelerometer)), given
@@ -68,5 +66,9 @@ def source_of(against: Any, recordings: Sequence[Recording], rig: Rig | None = N
         tool = rigid_tool_of_calibration(against, rig)
         return ToolSource(tool, against, accelerometer), given
     if isinstance(against, Sequence):
+        from forcecal_ros.diagnose.sources.pair import PairSource  # loads scipy.stats: 0.7 s
+
         return PairSource(rig, *against), given
+    from forcecal_ros.diagnose.sources.simulator import SimulatorSource
+
     return SimulatorSource(against, rig), given
