@@ -151,13 +151,17 @@ def samples_disagree(stages: Stages, settings: IdentificationSettings) -> Iterat
 
 
 def residuals_of(values: Array, blocks: Blocks, noise: Array) -> Residuals:
-    """Return residuals (m, k) of rows; in motion their noise is what half of them show."""
-    moving, sigma = blocks.groups == 1, np.tile(noise, (len(values), 1))
-    if moving.any():
-        scatter = np.median(np.abs(values[moving]), axis=0) / 0.6745
-        sigma[moving] = np.maximum(sigma[moving], scatter)
+    """
+    Return residuals (m, k) of rows; at rest and in motion their noise is what half of them show.
+
+    The noise of the sensor alone (k,) is less: derivatives of a noisy pose come on top of it.
+    """
+    sigma = np.tile(noise, (len(values), 1))
+    for part in (blocks.groups == 0, blocks.groups == 1):
+        if part.any():
+            sigma[part] = np.maximum(noise, np.median(np.abs(values[part]), axis=0) / 0.6745)
     return Residuals(blocks.times, values, sigma, np.full(values.shape[1], INFLATION),
-                     np.ones(len(values), dtype=bool))
+                     blocks.sampled)
 
 
 def torque_departs(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
@@ -173,8 +177,8 @@ def torque_departs(stages: Stages, settings: IdentificationSettings) -> Iterator
     for where, part, shortest, suspect in (
             ('at rest', ~moves, 1, ALL),
             ('in motion', moves, _RESOLVED, ALL if by_motion else MOTION),
-            ('on the whole', np.ones_like(moves), _RESOLVED, ALL)):
-        found = largest_deviation(residuals._replace(use=part), shortest)
+            ('on the whole', residuals.use, _RESOLVED, ALL)):
+        found = largest_deviation(residuals._replace(use=part & residuals.use), shortest)
         if found.is_chance or abs(found.size) <= small or (
                 mentioned and where == 'on the whole'):
             continue

@@ -91,6 +91,9 @@ class Blocks(NamedTuple):
         Blocks that are fitted.
     pose : ndarray of int, shape (m,)
         Which static pose a row lies in with all that the low-pass takes in; -1 for none.
+    sampled : ndarray of bool, shape (m,)
+        Rows in which the low-pass takes in no gap of a stream: a straight line across it is no
+        measurement, which a robust fit outweighs, but a look at single rows does not.
     gravity : float
         Magnitude [m/s^2].
     """
@@ -102,6 +105,7 @@ class Blocks(NamedTuple):
     still: NDArray[np.intp]
     rows: NDArray[np.intp]
     pose: NDArray[np.intp]
+    sampled: NDArray[np.bool_]
     gravity: float
 
     @property
@@ -172,16 +176,19 @@ def blocks_of(stream: Stream, pose: PoseStream, gravity: Array, largest_delay: f
         slide = Averager(optidrive.t, optidrive.values).interpolated(starts, step)[:, 0]
         motion = sliding(motion, slide, step)
     still, free = labelled(starts, step, list(windows), phases)
-    whole = free | (still >= 0)
+    sampled, bridged = free | (still >= 0), free | (still >= 0)
     for one, period, late in ((pose, periods[0], 0.0), (stream, periods[1], largest_delay)):
-        # straight lines do for gaps that are shorter than the low-pass
-        wide = np.flatnonzero(np.diff(one.t) > max(2.5 * period, LOWPASS * step))
-        for begin, end in zip(one.t[wide], one.t[wide + 1]):
-            whole &= (starts + step <= begin - late) | (starts >= end + late)
-    rows = np.flatnonzero(binary_erosion(whole, iterations=REACH))[::THINNING]
+        gaps = np.diff(one.t)
+        for i in np.flatnonzero(gaps > max(2.5 * period, step)):
+            beside = (starts + step <= one.t[i] - late) | (starts >= one.t[i + 1] + late)
+            sampled &= beside
+            if gaps[i] > LOWPASS * step:  # straight lines do for those that are shorter
+                bridged &= beside
+    rows = np.flatnonzero(binary_erosion(bridged, iterations=REACH))[::THINNING]
     rests = binary_erosion(still >= 0, iterations=int(3 * LOWPASS))
     pose_of = np.where(rests, still, -1)[rows]
-    return Blocks(starts, step, motion, slide, still, rows, pose_of,
+    whole = binary_erosion(sampled, iterations=REACH)[rows]
+    return Blocks(starts, step, motion, slide, still, rows, pose_of, whole,
                   float(np.linalg.norm(gravity)))
 
 

@@ -1,6 +1,10 @@
 """A tool from motion that never rests."""
 
+from types import SimpleNamespace
+
+from forcecal_ros.calibrate.findings import residuals_of
 from forcecal_ros.calibrate.joint import blocks_of, joint_fit
+from forcecal_ros.calibrate.residuals import largest_deviation
 from forcecal_ros.core.geometry import skew
 from forcecal_ros.core.streams import PoseStream, Stream
 import numpy as np
@@ -71,3 +75,22 @@ def test_standard_errors_cover():
         z += [(fit.theta[0] - MASS) / fit.std[0], *(fit.com - COM) / fit.com_std,
               (fit.delay - DELAY) / fit.delay_std]
     assert np.mean(np.abs(z) < 2) > 0.85, np.round(z, 1)
+
+
+def test_rows_beside_a_gap_of_20_ms_are_fitted_and_not_looked_at():
+    wrench, pose = moving(1)
+    kept = np.abs(wrench.t - 10.0) > 0.01
+    blocks = blocks_of(Stream(wrench.t[kept], wrench.values[kept]), pose, GRAVITY)
+    beside = np.abs(blocks.times - 10.0) < 0.1
+    assert beside.any() and not blocks.sampled[beside].any()
+    assert blocks.sampled[np.abs(blocks.times - 10.0) > 0.3].all()
+
+
+def test_what_all_rows_at_rest_scatter_is_no_touch_and_what_one_is_off_is():
+    scatter = np.random.default_rng(2).normal(0, 5.0, (300, 1))
+    blocks = SimpleNamespace(groups=np.repeat([0, 1], 150), times=np.arange(300.0),
+                             sampled=np.ones(300, bool))
+    assert largest_deviation(residuals_of(scatter, blocks, np.array([1.0]))).is_chance
+    scatter[40] += 100.0
+    found = largest_deviation(residuals_of(scatter, blocks, np.array([1.0])))
+    assert not found.is_chance and abs(found.time - 40.0) < 2.0

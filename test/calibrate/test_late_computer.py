@@ -36,6 +36,14 @@ def test_a_robot_that_leaves_is_not_taken_for_one_that_stands_while_the_tool_rin
     assert not found.quality['warnings']
 
 
+@pytest.mark.parametrize('seed', [98, 133, 137])
+def test_what_a_touch_would_look_like_is_none_where_samples_are_late_or_lost(seed):
+    settings = IdentificationSettings(coupling='ac' if seed % 4 == 3 else 'dc')
+    found = identify(run(seed, accelerometer='acc2' if seed % 4 == 3 else 'acc1').recording,
+                     settings)
+    assert not found.quality['warnings']
+
+
 def with_gaps(stream, t0):
     """Leave out 60 ms from each of three instants on, in motion [s]."""
     keep = np.ones(len(stream.t), dtype=bool)
