@@ -22,7 +22,7 @@ TOPICS = """
 
 Names are relative: `observer/contact_wrench` in the namespace `/left` is `/left/observer/contact_wrench`. What a node publishes and serves is
 private to it (`~/phase`), so `-r __node:=left` has `left/phase`. *latched* is RELIABLE and TRANSIENT_LOCAL with depth 1; *sensor* is BEST_EFFORT
-with depth 100 or more; *reliable* is RELIABLE with depth 10.
+with depth 100 or more; *reliable* is RELIABLE with depth 10, of the rig's sensors 200.
 
 | node | direction | topic | type | QoS | rate, frame |
 |---|---|---|---|---|---|

@@ -53,6 +53,9 @@ SIGNAL_CHECK = 0.02
 OUTPUT = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 """QoS of commands and results: a reliable publisher serves any subscription."""
 
+STREAM = QoSProfile(depth=200, reliability=ReliabilityPolicy.RELIABLE)
+"""QoS of what is published at 1 kHz: a recorder may be late by 0.2 s and loses nothing."""
+
 SENSOR = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
 """QoS of sensor topics: best effort, which any publisher serves; 0.2 s at 1 kHz."""
 

@@ -16,6 +16,7 @@ from forcecal_ros.nodes.runtime import (
     refuse_changes,
     run,
     STEADY,
+    STREAM,
     SYSTEM,
     values_of,
     Waiting,
@@ -315,15 +316,15 @@ class Sim(ReceivingNode):
 
     def _make_publishers(self, value: dict[str, Any]) -> None:
         sensor, base = value['frames.sensor'], value['frames.base']
-        self._wrench = self.create_publisher(WrenchStamped, 'wrench', OUTPUT)
-        self._contact = self.create_publisher(WrenchStamped, '~/contact_wrench', OUTPUT)
-        self._volts = self.create_publisher(Vector3Stamped, 'accelerometer/raw', OUTPUT)
-        self._pose = self.create_publisher(PoseStamped, 'current_pose', OUTPUT)
+        self._wrench = self.create_publisher(WrenchStamped, 'wrench', STREAM)
+        self._contact = self.create_publisher(WrenchStamped, '~/contact_wrench', STREAM)
+        self._volts = self.create_publisher(Vector3Stamped, 'accelerometer/raw', STREAM)
+        self._pose = self.create_publisher(PoseStamped, 'current_pose', STREAM)
         self._optidrive = self._imu = None
         if self._rig.optidrive:
-            self._optidrive = self.create_publisher(JointState, 'optidrive', OUTPUT)
+            self._optidrive = self.create_publisher(JointState, 'optidrive', STREAM)
         if value['imu.publish']:
-            self._imu = self.create_publisher(Imu, 'imu/data_raw', OUTPUT)
+            self._imu = self.create_publisher(Imu, 'imu/data_raw', STREAM)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', OUTPUT)
         self._write_wrench = Writer(WrenchStamped, sensor)
         self._write_volts = Writer(Vector3Stamped, value['frames.accelerometer'])

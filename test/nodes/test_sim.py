@@ -24,6 +24,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 
 PERIOD = 4_000_000
+LATE = 200_000_000
 HOME = nominal_poses()['v']
 
 
@@ -68,13 +69,13 @@ class RigTime:
         self.live.until(lambda: self.now >= stamp, 'time')
 
     def command(self, poses, frame='base', stall=None):
-        """Command poses, one a period, the sim stopped for a while before one; return stamps."""
+        """Command poses, the first late, the sim stopped for a while before one; return stamps."""
         self.live.until(lambda: self.publisher.get_subscription_count() and self.ticks, 'a sim')
         write, stamps = Writer(PoseStamped, frame), []
         began = self.now - self.now % PERIOD + PERIOD
         for i, pose in enumerate(poses):
             stamps.append(began + i * PERIOD)
-            self.until(stamps[-1])
+            self.until(stamps[-1] + (LATE if not i else 0))
             if i == stall:
                 self.live.processes['sim'].send_signal(signal.SIGSTOP)
                 time.sleep(0.3)

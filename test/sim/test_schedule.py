@@ -82,6 +82,9 @@ def test_a_lag_ends_when_the_stream_rests():
     taken = [schedule.take(k) for k in range(20)]
     assert [name for name in taken if name is not None][:11] == list(range(11))
     assert taken[19] == 10
+    for k in range(20, 30):
+        schedule.add(START + k * PERIOD, START + k * PERIOD, k, k)
+    assert [schedule.take(k) for k in range(20, 30)] == list(range(20, 30))
 
 
 def test_commands_that_wait_while_time_is_skipped_act_one_after_the_other():

@@ -71,9 +71,11 @@ class CommandSchedule:
         frontier = self._start + next_period * self._period
         if not frontier - 10**9 <= stamp_ns <= now_ns:
             stamp_ns = now_ns
-        if command == self._newest:
-            self._lag = 0
-        due = self._due(stamp_ns - self._start)
+        since = stamp_ns - self._start
+        if command == self._newest:  # at rest nothing is dropped: the stream is in step again
+            self._lag, due = 0, -(-since // self._period)
+        else:
+            due = self._due(since)
         behind = next_period - due
         if behind > self._lag:
             self._lag = min(behind, LONGEST_LAG)
