@@ -157,8 +157,9 @@ KINDS: dict[str, str] = {
     'FC0706': 'impedance',
     # diagnosis
     'FC0801':
-        'api cli.diagnose:_require_simulated_rig diagnose diagnose.recordings:_require_commands '
-        'diagnose.recordings:estimate_start diagnose.sources.simulator',
+        'report cli.diagnose:_require_simulated_rig diagnose '
+        'diagnose.recordings:_require_commands diagnose.recordings:estimate_start '
+        'diagnose.sources.simulator',
     'FC0802':
         'diagnose.sources.pair diagnose.sources.simulated_tool '
         'diagnose.recordings:require_same_sensors '

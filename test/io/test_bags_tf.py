@@ -53,7 +53,7 @@ def bag(tmp_path_factory):
 def expected(t):
     R, p = Rotation.identity(len(t)), np.zeros((len(t), 3))
     for own, place in (*(turn(i, t) for i in range(3)), FIXED):
-        p = p + R.apply(np.broadcast_to(place, p.shape))
+        p = p + R.apply(np.broadcast_to(place, p.shape).copy())
         R = R * own
     return R.as_matrix(), p
 

@@ -10,7 +10,7 @@ from forcecal_ros.core.geometry import quaternion_from_matrix
 from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.motion.profiles import Move, nominal_poses, Pose, step_goal
 from forcecal_ros.nodes import sim
-from forcecal_ros.nodes.runtime import OUTPUT
+from forcecal_ros.nodes.runtime import STREAM
 from forcecal_ros.nodes.sequencer import Sequencer
 from forcecal_ros.nodes.wire import JointReader, Writer
 from forcecal_ros.sim.rig.file import load_rig
@@ -59,7 +59,7 @@ class RigTime:
         live.node.create_subscription(
             Clock, '/clock', lambda m: self.ticks.append(m.clock.sec * 10**9 + m.clock.nanosec),
             10)
-        self.publisher = live.node.create_publisher(PoseStamped, 'target_frame', OUTPUT)
+        self.publisher = live.node.create_publisher(PoseStamped, 'target_frame', STREAM)
 
     @property
     def now(self):
