@@ -127,10 +127,11 @@ def contact_figures(recording: 'Recording', contact: 'Stream') -> dict[str, floa
     Returns
     -------
     dict
-        ``truth`` and ``observer``, means over phase ``contact`` [N].
+        ``truth`` and ``observer``, means over phase ``contact`` at the stamps published [N].
     """
     assert recording.contact_truth is not None
     hold = next(phase for phase in recording.phases if phase.name == 'contact')
-    truth, observer = (float(stream.between(hold.start, hold.end).values[:, 0].mean())
-                       for stream in (recording.contact_truth, contact))
+    held = contact.between(hold.start, hold.end)  # a busy computer publishes or records less
+    truth, observer = (float(values[:, 0].mean())
+                       for values in (recording.contact_truth.at(held.t), held.values))
     return {'truth': truth, 'observer': observer, 'unit': 'N'}
