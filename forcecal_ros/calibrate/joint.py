@@ -172,14 +172,16 @@ def blocks_of(stream: Stream, pose: PoseStream, gravity: Array, largest_delay: f
     if len(starts) <= 4:
         starts = np.empty(0)
     motion, slide = body_motion(pose, starts, step, gravity), None
+    streams: list[tuple[Stream | PoseStream, float]] = [(pose, 0.0), (stream, largest_delay)]
     if optidrive is not None and len(optidrive) > 1 and len(starts):
         slide = Averager(optidrive.t, optidrive.values).interpolated(starts, step)[:, 0]
         motion = sliding(motion, slide, step)
+        streams.append((optidrive, 0.0))
     still, free = labelled(starts, step, list(windows), phases)
     sampled, bridged = free | (still >= 0), free | (still >= 0)
-    for one, period, late in ((pose, periods[0], 0.0), (stream, periods[1], largest_delay)):
+    for one, late in streams:
         gaps = np.diff(one.t)
-        for i in np.flatnonzero(gaps > max(2.5 * period, step)):
+        for i in np.flatnonzero(gaps > max(2.5 * float(np.median(gaps)), step)):
             beside = (starts + step <= one.t[i] - late) | (starts >= one.t[i + 1] + late)
             sampled &= beside
             if gaps[i] > LOWPASS * step:  # straight lines do for those that are shorter

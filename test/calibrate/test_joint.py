@@ -77,10 +77,17 @@ def test_standard_errors_cover():
     assert np.mean(np.abs(z) < 2) > 0.85, np.round(z, 1)
 
 
-def test_rows_beside_a_gap_of_20_ms_are_fitted_and_not_looked_at():
+@pytest.mark.parametrize('late', ['wrench', 'pose', 'optidrive'])
+def test_rows_beside_a_gap_of_20_ms_are_fitted_and_not_looked_at(late):
     wrench, pose = moving(1)
-    kept = np.abs(wrench.t - 10.0) > 0.01
-    blocks = blocks_of(Stream(wrench.t[kept], wrench.values[kept]), pose, GRAVITY)
+    streams = {'wrench': wrench, 'pose': pose,
+               'optidrive': Stream(wrench.t, np.zeros((len(wrench), 1)))}
+    whole = streams[late]
+    kept = np.abs(whole.t - 10.0) > 0.01
+    streams[late] = (PoseStream(whole.t[kept], whole.position[kept], whole.R_base_sensor[kept])
+                     if late == 'pose' else Stream(whole.t[kept], whole.values[kept]))
+    blocks = blocks_of(streams['wrench'], streams['pose'], GRAVITY,
+                       optidrive=streams['optidrive'])
     beside = np.abs(blocks.times - 10.0) < 0.1
     assert beside.any() and not blocks.sampled[beside].any()
     assert blocks.sampled[np.abs(blocks.times - 10.0) > 0.3].all()
