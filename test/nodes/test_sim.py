@@ -95,7 +95,7 @@ def test_live_says_what_offline_says_of_the_same_commands(ros_domain):
     with Live() as live:
         heard, rig = Listener(live), RigTime(live)
         live.start('sim', noise='false', imu__publish='true', latency=0.1,
-                   **RIG_TIME | {'clock__wait': 2.0})
+                   **RIG_TIME | {'clock__wait': 5.0})
         live.until(lambda: len(heard['current_pose']) > 20, 'poses')
 
         rig.command(poses_of(Move(HOME, step_goal(HOME, 0.03), 0.1)), frame='tool0')
