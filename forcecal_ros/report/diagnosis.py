@@ -17,7 +17,7 @@ from forcecal_ros.diagnose.result import Diagnosis
 from forcecal_ros.diagnose.verdict import FIRST, FURTHER, percent, WITHIN
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.report.effect_words import phrase, sentence, VERDICTS, WORDS
-from forcecal_ros.report.figures import COLOURS, joined, Line, Panel, plain_powers, Shown
+from forcecal_ros.report.figures import COLOURS, joined, label_log_axes, Line, Panel, Shown
 from forcecal_ros.report.page import docs_page, Fact, Picture, picture, render_page, Step
 from forcecal_ros.report.rows import HALF
 from forcecal_ros.sim.signals import JOINTS, Signals
@@ -679,7 +679,7 @@ def spectra(view: View, *, narrow: bool = False) -> Figure | None:
                 _spectrum(ax, values, COLOURS[role], label, _rate(there))
         name = CHANNELS[c].name
         ax.set(xlabel='frequency [Hz]')
-        plain_powers(ax)
+        label_log_axes(ax)
         ax.set_title(f'{name} [{_squared(view.units[name])}/Hz]', fontsize=9)
     axes[0].set_ylabel('power density')
     for ax in axes[len(chosen):]:

@@ -387,8 +387,8 @@ def spectra(recording: Recording, calibration: Calibration, contact: Stream) -> 
     return figure
 
 
-def plain_powers(axes: Axes) -> None:
-    """Label a drawn logarithmic axis by plain numbers, of whole powers where it has several."""
+def label_log_axes(axes: Axes) -> None:
+    """Label logarithmic axes by plain numbers; over two decades by powers of ten alone."""
     for axis in (axes.xaxis, axes.yaxis):
         if axis.get_scale() == 'log':
             low, high = axis.get_view_interval()
@@ -400,7 +400,7 @@ def plain_powers(axes: Axes) -> None:
 
 def headed(axes: Axes, title: str, columns: int = 3) -> None:
     """Put title and legend above the curves, one over the other."""
-    plain_powers(axes)
+    label_log_axes(axes)
     lines = -(-len(axes.get_legend_handles_labels()[1]) // columns)
     axes.set_title(title, loc='left', fontsize=10, pad=6.0 + 14.0 * lines)
     axes.legend(fontsize=8, ncols=columns, frameon=False, loc='lower left',

@@ -47,7 +47,6 @@ def test_two_poses_and_a_free_way_tell_the_centre_of_mass():
     assert found.com.std.max() < 2e-3
 
 
-@pytest.mark.long
 def test_two_poses_and_a_hand_do_not():
     with pytest.raises(UnobservableError, match='not observable.* add a pose'):
         identify(led(TWO, 8.0))
@@ -61,7 +60,6 @@ def test_a_light_hand_widens_the_errors_by_what_it_leaves_over(hand):
     assert (off < 4.0 * found.com.std).all()
 
 
-@pytest.mark.long
 def test_a_hand_between_three_poses_spoils_the_motion_alone():
     for hand in (0.0, 8.0):
         found = identify(led(THREE, hand))
@@ -70,7 +68,6 @@ def test_a_hand_between_three_poses_spoils_the_motion_alone():
         np.testing.assert_allclose(found.com.value, COM, atol=1e-4)
 
 
-@pytest.mark.long
 def test_noise_of_a_light_tool_is_no_hand():
     noisy = identify(led(THREE, 0.0, noise=(6.0, 0.3)))
     assert not any('touches the tool' in line for line in noisy.quality['warnings'])

@@ -50,7 +50,6 @@ def test_the_tool_that_was_calibrated_passes_with_or_without_pushes(contact, see
                               C) == ()
 
 
-@pytest.mark.long
 def test_a_push_all_along_or_a_sensor_that_hardly_turns_says_nothing():
     always = recorded()
     wander = 20.0 * np.sin(T / 3.0)[:, None] * [1.0, 0.5, -1.0]
@@ -72,7 +71,6 @@ def test_another_tool_and_a_sensor_tared_since_are_said_with_their_size():
     assert 'bias +40 ' in note and ' -60 N off' in note
 
 
-@pytest.mark.long
 def test_a_tare_and_a_payload_half_way_are_told_with_time_and_size():
     recording = recorded(contact=5.0)
     after = T[:, None] > 31.0

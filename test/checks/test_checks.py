@@ -18,6 +18,7 @@ from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.core.streams import CHANNELS, PoseStream, Recording, Stream
 from forcecal_ros.sim.rig.file import load_rig
+from longer import first
 import numpy as np
 import pytest
 
@@ -271,8 +272,7 @@ def turned(late, sign=1.0, contact=0.0):
 DOWN = np.array([0.0, 0.0, -9.81])
 
 
-@pytest.mark.parametrize('late, sign', [(3.0, 1.0), (7.0, 1.0)])
-@pytest.mark.long
+@pytest.mark.parametrize('late, sign', first([(3.0, 1.0), (7.0, 1.0)]))
 def test_a_wrench_that_shows_gravity_turn_at_another_time_is_told_by_how_much(late, sign):
     wrench, pose = turned(late, sign)
     side = 'later' if late > 0 else 'earlier'
@@ -281,8 +281,7 @@ def test_a_wrench_that_shows_gravity_turn_at_another_time_is_told_by_how_much(la
         judge(Recording(wrench=wrench, pose=pose), DOWN)
 
 
-@pytest.mark.parametrize('contact', [50.0, 0.0, 5.0])
-@pytest.mark.long
+@pytest.mark.parametrize('contact', first([50.0, 0.0, 5.0]))
 def test_pushes_and_delays_of_filters_are_no_other_clock(contact):
     wrench, pose = turned(0.05, contact=contact)
     judge(Recording(wrench=wrench, pose=pose), DOWN)

@@ -47,18 +47,14 @@ def lifted(w, R):
 
 
 @pytest.mark.parametrize('change', first([
-    lifted,
-    lambda w, R: w.clip([-8.0] * 6, [12.0] * 6),
-    lambda w, R: 0.4 * w,
-    turned(1.0)]))
+    lifted, lambda w, R: w.clip([-8.0] * 6, [12.0] * 6), lambda w, R: 0.4 * w, turned(1.0)], 2))
 def test_pushes_gains_biases_and_small_turns_are_left_to_whoever_looks_for_them(change):
     refuse_other_axes(recorded(0, change))
 
 
 @pytest.mark.parametrize('change, said', [
     (lambda w, R: w * [1.0, 1.0, 1.0, -1.0, -1.0, -1.0], r'the model has it at \(0.005 -0.012 '),
-    pytest.param(lambda w, R: w * [1e-3, 1e-3, 1e-3, 1.0, 1.0, 1.0],
-                 'its forces are in kN; multiply by', marks=pytest.mark.long)])
+    (lambda w, R: w * [1e-3, 1e-3, 1e-3, 1.0, 1.0, 1.0], 'its forces are in kN; multiply by')])
 def test_other_frames_axes_and_units_are_refused_by_cause(change, said):
     with pytest.raises(DataError, match=said):
         refuse_other_axes(recorded(0, change))
@@ -71,7 +67,6 @@ def test_a_sensor_that_hardly_turns_says_nothing():
         T, np.zeros((len(T), 3)), still)))
 
 
-@pytest.mark.long
 def test_a_diagnosis_names_the_unit_before_it_looks_for_effects():
     one = own_recording(20)
     scaled = Recording(**{**vars(one), 'wrench': Stream(one.wrench.t, one.wrench.values / 9.80665,

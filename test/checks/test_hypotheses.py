@@ -118,7 +118,6 @@ def test_a_known_tool_tells_units_and_signs_while_the_arm_moves(row):
         judge(recording_of(spoil(moving(2))), DOWN, Stated(by='calibration'), KNOWN)
 
 
-@pytest.mark.long
 def test_a_known_tool_passes_and_another_one_is_noted():
     assert judge(recording_of(moving(3)), DOWN, Stated(by='calibration'), KNOWN) == ()
     note, = judge(recording_of(moving(3, mass=1.4)), DOWN, Stated(by='calibration'), KNOWN)
@@ -126,15 +125,13 @@ def test_a_known_tool_passes_and_another_one_is_noted():
 
 
 @pytest.mark.parametrize('factor, said', [
-    pytest.param(1e3, 'in mm', marks=pytest.mark.long),
-    (1e2, 'in cm'), (1 / 0.0254, 'in inches'), (1e-3, 'in m and taken for mm')])
+    (1e3, 'in mm'), (1e2, 'in cm'), (1 / 0.0254, 'in inches'), (1e-3, 'in m and taken for mm')])
 def test_lengths_of_positions_are_told_by_inertia(factor, said):
     one = moving(4)
     with pytest.raises(DataError, match=said):
         judge(recording_of(replace(one, place=factor * one.place)), DOWN)
 
 
-@pytest.mark.long
 def test_a_delay_is_noted_as_one_and_not_as_smoothing():
     note, = judge(recording_of(late(moving(7), 0.03)), DOWN)
     assert '30 +- ' in note and 'later' in note and 'smooths' not in note

@@ -331,8 +331,8 @@ def test_units_in_the_names_of_columns_hold(tmp_path):
 @pytest.mark.parametrize('spoil, said', [
     (lambda rows: rows[:0], 'set2.csv: no rows'),
     pytest.param(lambda rows: np.where(np.arange(len(rows))[:, None] > 1000, rows[1000], rows)
-     * (np.arange(10) == 8) + rows * (np.arange(10) != 8),
-     r'gravity along y repeats \S+ from 10.0', marks=pytest.mark.long),
+                 * (np.arange(10) == 8) + rows * (np.arange(10) != 8),
+                 r'gravity along y repeats \S+ from 10.0', marks=pytest.mark.long),
     (lambda rows: np.where(np.arange(10) == 8, 0.0, rows), 'gravity along y of the sensor never'),
     pytest.param(
         lambda rows: np.where((np.arange(len(rows))[:, None] % 10 == 0) & (np.arange(10) == 3),

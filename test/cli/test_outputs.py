@@ -132,7 +132,6 @@ def test_what_cannot_be_right_is_found_before_the_data_are_looked_at(
     assert everything_in(tmp_path) == before
 
 
-@pytest.mark.long
 def test_a_single_file_goes_to_standard_output_alone(capfd, bag, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(['calibrate', str(bag), '-o', 'c.yaml']) == 0
@@ -153,7 +152,6 @@ def test_a_reader_that_goes_early_is_no_error_of_the_file(brief):
     assert 'Traceback' not in done.stderr and 'cannot be written' not in done.stderr
 
 
-@pytest.mark.long
 def test_a_pipe_takes_what_a_command_writes_and_stays(bag, tmp_path, capsys):
     os.mkfifo(tmp_path / 'pipe')
     heard = []
@@ -200,7 +198,7 @@ def test_results_of_an_earlier_run_are_set_aside_and_other_files_are_left(tmp_pa
                      'notes.txt': 'mine'}
 
 
-@pytest.mark.parametrize('against', ['rig', pytest.param('calibration', marks=pytest.mark.long)])
+@pytest.mark.parametrize('against', ['rig', 'calibration'])
 def test_a_verdict_of_invalid_data_leaves_nothing_of_an_older_one(
         capsys, brief, tmp_path, against):
     recording = read_recording(brief / 'bag')

@@ -135,7 +135,8 @@ def with_wrench(recording, change):
 @pytest.mark.parametrize('change, said', [
     (lambda w, R: w / 9.80665, 'its forces are in kgf'),
     pytest.param(lambda w, R: w - np.hstack([f := WEIGHT @ R, np.cross(GRIPPER.com, f)]),
-     'the driver takes its weight off; let it leave the weight in', marks=pytest.mark.long)])
+                 'the driver takes its weight off; let it leave the weight in',
+                 marks=pytest.mark.long)])
 def test_frame_sign_and_units_of_the_robots_wrench_are_asked_before_effects(change, said):
     wrong = PairSource(TOLERANCES, simulated()).diagnose(with_wrench(real({}), change))
     assert wrong.diagnosis.verdict == 'invalid_data'

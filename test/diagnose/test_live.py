@@ -23,7 +23,7 @@ def commands():
 
 
 @pytest.mark.parametrize('effects, stage', [
-    pytest.param({}, '', marks=pytest.mark.long),
+    ({}, ''),
     ({'robot_delay': {'delay': 0.004}}, 'robot'),
     pytest.param({'tool_stiffness': {'change': 0.1}}, 'tool', marks=pytest.mark.long),
     pytest.param({'contact_stiffness': {'change': 0.5}}, 'environment', marks=pytest.mark.long),

@@ -71,7 +71,8 @@ def test_careful_hands_contradict_nothing_and_standard_errors_hold_them(seed):
     pytest.param([LOADS[k] for k in (0, 3, 2, 1, 4)], 'no single data set .* loads exchanged',
                  marks=pytest.mark.long),
     pytest.param([replace(one, position=(-one.position[1], one.position[0], one.position[2]))
-      for one in LOADS], r'no single data set .*R_sensor_accelerometer', marks=pytest.mark.long)])
+                  for one in LOADS],
+                 r'no single data set .*R_sensor_accelerometer', marks=pytest.mark.long)])
 def test_a_wrong_load_is_named_with_what_the_others_say(loads, words):
     assert re.search(words, said(sets_of(1, loads)))
 

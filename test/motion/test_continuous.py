@@ -72,7 +72,6 @@ def test_velocities_are_those_of_the_poses(move):
             now.angular_velocity, atol=1e-6)
 
 
-@pytest.mark.long
 def test_it_keeps_the_pace_and_uses_it(move):
     measured = rates([move.at(t).pose for t in np.arange(0.0, DURATION_S, PERIOD)])
     allowed = (PACE.speed, PACE.acceleration, PACE.angular_speed, PACE.angular_acceleration)
@@ -94,12 +93,8 @@ def test_a_stop_at_any_instant_stays_on_the_path_and_within_the_limits(seed):
 
 
 @pytest.mark.parametrize('limit, value', first([
-    ('speed', 0.05),
-    ('angular_acceleration', 14.0),
-    ('acceleration', 1.7),
-    ('jerk', 200.0),
-    ('angular_speed', 0.4),
-    ('angular_jerk', 1300.0)]))
+    ('speed', 0.05), ('angular_acceleration', 14.0), ('acceleration', 1.7), ('jerk', 200.0),
+    ('angular_speed', 0.4), ('angular_jerk', 1300.0)], 2))
 def test_each_limit_alone_makes_it_smaller(move, limit, value):
     speeds = {'acceleration': {'speed': 0.05}, 'jerk': {'speed': 0.06},
               'angular_acceleration': {'angular_speed': 0.42},
@@ -136,7 +131,6 @@ def test_too_little_room_is_refused_before_anything_moves():
         continuous_plan(np.zeros(6), TIMING, PACE, LIMITS)
 
 
-@pytest.mark.long
 def test_a_stream_of_it_has_its_phases_and_ends_where_it_began():
     commands, phases = commanded()
     order = [phase for i, phase in enumerate(phases) if i == 0 or phases[i - 1] != phase]

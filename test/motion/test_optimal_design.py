@@ -75,7 +75,6 @@ def test_information_adds_up():
     assert all((after.std(name) < 1.000001 * before.std(name)).all() for name in before.names)
 
 
-@pytest.mark.long
 def test_a_design_keeps_time_tilt_and_limits_and_is_better_than_the_default():
     design = design_calibration(Robot(HOME), SENSORS, 16.0)
     plan = calibration_plan(design.poses, step_goal(HOME, design.timing.step_distance),

@@ -66,7 +66,6 @@ def test_of_joints_an_outline_says_their_speed_and_no_box():
     assert not len(path_of(plan)[0])
 
 
-@pytest.mark.long
 def test_contact_is_refused_where_the_box_does_not_reach_the_wall():
     timing = Timing(contacts=1)
     with pytest.raises(MotionError, match='workspace_max'):

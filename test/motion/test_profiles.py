@@ -103,7 +103,6 @@ def test_half_a_turn_is_refused_because_noise_would_choose_the_way():
 
 @settings(max_examples=25, deadline=None)
 @given(vectors(0.2), vectors(1.5))
-@pytest.mark.long
 def test_shortest_duration_keeps_to_the_pace(line, turn):
     goal = Pose(HOME.position + line, HOME.R_base_sensor @ rotation_from_vector(turn))
     pace = Pace()

@@ -206,7 +206,6 @@ def test_an_abort_at_rest_or_at_once_only_holds(lead, at_once):
     assert not velocity.any() and not spin.any() and not sequence.streaming
 
 
-@pytest.mark.long
 def test_a_pause_comes_to_rest_within_the_stop_and_goes_on_along_the_same_path():
     reference, _ = run(started(), 5000)
     sequence = started()
@@ -434,9 +433,7 @@ def test_a_sensor_that_never_repeats_itself_is_found_frozen_at_rest(bench):
     assert 'wrench: the same reading' in fault and after < 0.06
 
 
-@pytest.mark.parametrize('seconds, healed', [(0.06, 0.5),
-    pytest.param(1.2, 2.1, marks=pytest.mark.long),
-    pytest.param(1.2, 4.0, marks=pytest.mark.long)])
+@pytest.mark.parametrize('seconds, healed', [(0.06, 0.5), (1.2, 2.1), (1.2, 4.0)])
 def test_a_freeze_that_has_healed_does_not_excuse_the_next(bench, seconds, healed):
     bench.frozen['wrench'] = bench.monitor.channels['wrench'].values
     for _ in range(round(seconds / PERIOD)):
@@ -466,7 +463,6 @@ def test_a_sensor_that_is_frozen_keeps_a_sequence_from_starting_until_it_changes
     bench.monitor.begin(bench.ms * 1e-3)
 
 
-@pytest.mark.long
 def test_readings_that_use_to_repeat_for_a_while_at_rest_are_not_frozen():
     bench = Bench()
     for tick in range(2500):

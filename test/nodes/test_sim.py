@@ -3,11 +3,14 @@
 from importlib import import_module
 from pathlib import Path
 import signal
+import subprocess
+import sys
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.core.geometry import quaternion_from_matrix
 from forcecal_ros.core.streams import PoseStream
+from forcecal_ros.io.bags import read_recording
 from forcecal_ros.motion.profiles import Move, nominal_poses, Pose, step_goal
 from forcecal_ros.nodes import sim
 from forcecal_ros.nodes.runtime import STREAM
@@ -213,6 +216,30 @@ def test_a_rig_that_publishes_the_clock_waits_for_nobodys(ros_domain):
         assert all(began < stamp < now for heard in poses.values() for stamp in heard)
         assert 'publishes /clock' in live.said('second')
         assert 'waiting' not in live.said('second')
+
+
+@pytest.mark.long
+def test_a_recorder_that_is_kept_waiting_loses_no_sample(ros_domain, tmp_path, monkeypatch):
+    """By shared memory, the transport that a user's own processes have."""
+    monkeypatch.delenv('FASTRTPS_DEFAULT_PROFILES_FILE', raising=False)
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    sim, recorder = (subprocess.Popen([sys.executable, '-m', 'forcecal_ros.cli.main', *arguments])
+                     for arguments in (['node', 'sim'], ['record', '-o', str(tmp_path / 'bag')]))
+    try:
+        time.sleep(10.0)
+        for _ in range(8):
+            recorder.send_signal(signal.SIGSTOP)
+            time.sleep(0.15)
+            recorder.send_signal(signal.SIGCONT)
+            time.sleep(0.5)
+    finally:
+        for process in (recorder, sim):
+            process.send_signal(signal.SIGINT)
+            process.wait(60)
+    recording = read_recording(tmp_path / 'bag')
+    for stream in (recording.wrench, recording.accelerometer):
+        lost = np.diff(stream.t[-5000:]) / 1e-3 - 1.0  # between one sample and the next
+        assert len(stream) > 5000 and lost.sum() < 60.0
 
 
 @pytest.mark.parametrize('module, arguments, message', [

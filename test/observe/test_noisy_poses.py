@@ -54,7 +54,6 @@ def at_rest():
     return Recording(wrench=Stream(t, wrench), pose=poses(125.0))
 
 
-@pytest.mark.long
 def test_at_rest_only_the_push_is_contact(at_rest):
     found = replay(at_rest, CALIBRATION, ObserverSettings('ukf'))
     free = (found.t > 0.5) & ((found.t < TOUCH[0]) | (found.t > TOUCH[1] + 1.0))

@@ -33,7 +33,6 @@ def test_free_motion_leaves_little_force(free):
     assert (free.contact[:, :3].std(axis=0) < [0.40, 0.17, 0.18]).all()
 
 
-@pytest.mark.long
 def test_without_the_accelerometer_gravity_alone_leaves_three_times_as_much(
         kuka_data, known, free):
     # but not along y: the arm turns about y and hardly accelerates that way, so all that the
@@ -46,7 +45,6 @@ def test_without_the_accelerometer_gravity_alone_leaves_three_times_as_much(
     assert left[0] > 2.5 * better[0] and left[2] > 2 * better[2] and left[1] < better[1]
 
 
-@pytest.mark.long
 def test_contact_is_seen_when_it_is_there_and_only_then(kuka_data, known, free):
     touched = replay(kuka_recording(kuka_data, '3-vibrations-contact'), known)
     above = touched.t[np.linalg.norm(touched.contact[:, :3], axis=1) > THRESHOLD]
@@ -83,7 +81,6 @@ def slow_std(result):
     return slow(result).std(axis=0)
 
 
-@pytest.mark.long
 def test_below_10_hz_little_is_left(recording, calibration, by_observer):
     left = slow_std(replay(recording, calibration, ObserverSettings('ukf')))
     assert (left < [0.13, 0.045, 0.07]).all()
@@ -91,7 +88,6 @@ def test_below_10_hz_little_is_left(recording, calibration, by_observer):
     assert (left < 1.02 * by_observer).all()
 
 
-@pytest.mark.long
 def test_with_its_vibration_stated_the_arm_is_free_and_its_bias_is_found(
         recording, calibration, by_observer):
     result = replay(recording, calibration, VIBRATION)

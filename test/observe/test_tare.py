@@ -24,8 +24,7 @@ def window(recording, start, end, model=MODEL):
 
 
 @pytest.mark.parametrize('euler', but(
-    [(np.pi, 0.0, 0.0), (2.0, 0.5, 1.0), (0.0, np.pi / 2, 0.0)],
-    [(np.pi, 0.0, 0.0), (2.0, 0.5, 1.0)]))
+    [(np.pi, 0.0, 0.0), (2.0, 0.5, 1.0), (0.0, np.pi / 2, 0.0)], [(np.pi, 0.0, 0.0)]))
 def test_tare_finds_the_bias_in_any_orientation(euler):
     home = Rotation.from_euler('xyz', euler).as_matrix()
     found = tare(window(record(2.5, home=home), 0.5, 2.4, UNTARED), UNTARED, LEVELS)
@@ -45,14 +44,12 @@ def test_after_taring_the_contact_wrench_is_zero():
 
 
 @pytest.mark.parametrize('swing', [
-    pytest.param(Swing(place=(0.01, 0.0, 0.0), place_hz=1.0), marks=pytest.mark.long),
-    Swing(turn=0.05, turn_hz=0.3, axis=(0., 1., 0.))])
+    Swing(place=(0.01, 0.0, 0.0), place_hz=1.0), Swing(turn=0.05, turn_hz=0.3, axis=(0., 1., 0.))])
 def test_tare_is_refused_in_motion(swing):
     with pytest.raises(DataError, match='moves'):
         tare(window(record(2.5, swing), 1.2, 2.4), MODEL, LEVELS)
 
 
-@pytest.mark.long
 def test_tare_is_refused_while_a_contact_begins():
     with pytest.raises(DataError, match='touches something.*force.x'):
         tare(window(record(2.5, contact=push(0, 5.0, 1.5)), 0.5, 2.4), MODEL, LEVELS)

@@ -60,7 +60,6 @@ def test_the_truth_stands_beside_with_its_distance(calibration):
     assert '+1.1 sigma' in as_text(rows)
 
 
-@pytest.mark.long
 def test_what_a_recording_says_is_escaped(calibration, recording):
     page = render(recording, calibration)
     assert '<script>' not in page and '&lt;script&gt;' in page
@@ -76,7 +75,6 @@ def test_one_file_without_network(calibration, recording):
         '<details>')
 
 
-@pytest.mark.long
 def test_the_first_sentence_says_what_becomes_of_weight_and_inertia(calibration, recording):
     still = replace(recording, wrench=replace(recording.wrench, values=np.tile(
         [4.0, -3.0, 108.0, 0.0, 0.0, 0.0], (400, 1))))

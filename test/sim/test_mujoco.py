@@ -469,7 +469,6 @@ def test_what_a_finer_integration_changes_is_told_by_half_the_step(model):
         assert np.linalg.norm(left) < 0.03 * np.linalg.norm(all_of_it) > 0.0, name
 
 
-@pytest.mark.long
 def test_a_step_of_integration_is_a_nuisance_and_no_effect(model):
     robot = load_mujoco(model())
     simulator, inputs = third_party('arm', robot), Inputs(0.0, 4.0, joints=told(4.0))
@@ -555,11 +554,9 @@ def spoilt(real, fault):
     return replace(real, wrench=replace(real.wrench, values=values))
 
 
-@pytest.mark.parametrize('fault, said', [
-    (turned_wrench([0.0, 0.0, 20.0]), 'turned'),
-    (lambda w, pose: -w, 'it has the opposite sign'),
-    (lambda w, pose: w / ([9.80665] * 3 + [1.0] * 3), 'its forces are in kgf')])
-@pytest.mark.long
+@pytest.mark.parametrize('fault, said', first([
+    (turned_wrench([0.0, 0.0, 20.0]), 'turned'), (lambda w, pose: -w, 'it has the opposite sign'),
+    (lambda w, pose: w / ([9.80665] * 3 + [1.0] * 3), 'its forces are in kgf')]))
 def test_frame_sign_and_units_of_the_robots_wrench_are_asked_before_effects(sample, fault, said):
     arm, real = sample
     wrong, rig = spoilt(real, fault), load_rig('rigid_tool.yaml')
