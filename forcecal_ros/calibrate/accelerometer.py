@@ -133,7 +133,8 @@ def accelerometer_fit(stream: Stream, blocks: Blocks, coupling: str = 'dc',
         about[12:15] = q
         y = y + X @ about
         return robust_fit(X[::every], y[::every], prior, groups=blocks.groups[::every],
-                          tolerance=1e-5 if every == 1 else 1e-2, noise=off[::every], about=about)
+                          tolerance=1e-5 if every == 1 else 1e-2,
+                          noise=off if every == 1 else None, about=about)
 
     corner = cutoff
     if coupling == 'ac' and cutoff is None:

@@ -303,7 +303,8 @@ def joint_fit(wrench: Stream, blocks: Blocks, has_position: bool, largest_delay:
         off = np.concatenate([noise, exact, (noise_rates @ tool)[:, :, None], exact[:, :, :1]],
                              axis=2)
         return robust_fit(columns[::every], y[::every], prior, groups=blocks.groups[::every],
-                          tolerance=1e-5 if every == 1 else 1e-2, noise=off[::every])
+                          tolerance=1e-5 if every == 1 else 1e-2,
+                          noise=off if every == 1 else None)
 
     delay, fit = nearest_delay(largest_delay, blocks, fitted)
     for _ in range(ITERATIONS):
