@@ -20,7 +20,9 @@ RIDGE = 1e-12
 determine gets a standard error a million times that of what they do."""
 
 CHANCE = 1e-3
-"""Probability that a combination of columns that is noise alone is taken for more than that."""
+"""Probability by which one test takes noise for more than that: a combination of columns, a mean
+of residuals, an offset. Of 1495 looks at the residuals of 299 fault-free recordings the least
+probable had 5e-3, where as many independent ones would have had 7e-4."""
 
 CHUNK = 48
 """Rows of one matrix product, too few for threads, which take longer to meet than to multiply."""
