@@ -215,7 +215,7 @@ class Bounds(Section, name='limits'):
     force: Annotated[float, Row(
         'Contact force above which the motion stops, wherever it occurs', 'N', 0.5, 1e5)] = 100.0
     free_force: Annotated[float, Row(
-        'Contact force above which the motion stops where no wall is expected',
+        'Contact force above which the motion stops away from the wall',
         'N', 0.5, 1e5)] = 10.0
     margin: Annotated[float, Row(
         'Distance before task.clearance from which on the wall is expected',
@@ -228,8 +228,7 @@ class Bounds(Section, name='limits'):
         'Distance by which a stop at the wall takes the tool back within that time',
         'm', 0.0005, 0.1)] = 0.005
     withdraw: Annotated[float, Row(
-        'Distance by which it goes on from there, slowly, and again as long as the tool presses, '
-        'to where the task began at most',
+        'Further distance, slowly and repeated while the tool presses, at most to the start',
         'm', 0.0005, 0.5)] = 0.015
     closing: Annotated[float, Row(
         'Duration of the commands at rest that end the stream', 's', above=0.0)] = 0.1

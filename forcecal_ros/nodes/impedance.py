@@ -59,11 +59,10 @@ PARAMETERS = (
               'empty: those of the nominal rig'),
     *parameters_of('design', _DESIGN, 'latency', 'effort'),
     _live('design.softest_wall', _DESIGN.wall_stiffness[0], 'Softest wall against which the loop '
-          'has to be stable to be started', 'N/m', 0.1, 1e7),
+          'must be stable to start', 'N/m', 0.1, 1e7),
     _live('design.stiffest_wall', _DESIGN.wall_stiffness[1], 'Stiffest wall against which the '
-          'loop has to be stable to be started', 'N/m', 0.1, 1e7),
-    _live('design.state_gain', [0.0], 'L of the control law in the place of the optimal one; '
-          'zeros: the optimal one'),
+          'loop must be stable to start', 'N/m', 0.1, 1e7),
+    _live('design.state_gain', [0.0], 'L of the control law; zeros: the optimal one'),
     *parameters_of('design', _DESIGN, 'force_gain', 'position_gain'),
     *parameters_of('limits', Bounds(), 'speed', 'acceleration', 'force', 'free_force', 'margin',
                    'deviation', 'stop_duration', 'retract', 'withdraw', 'touch'),
