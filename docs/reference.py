@@ -104,16 +104,25 @@ def nodes() -> Iterator[str]:
     yield '\n## Status bits of the observer\n\n| bit | name | meaning |\n|--:|---|---|\n'
     yield from (f'| {bit.value} | {bit.name} | {describe(bit.value)[0]} |\n'
                 for bit in Status if bit.value)
-    users: dict[Parameter, list[str]] = {}
+    users: dict[Parameter, dict[str, Parameter]] = {}  # the same but for the default
     for node, (table, _) in TABLES.items():
         for row in table:
-            users.setdefault(row._replace(default=str(row.default)), []).append(node)
-    yield '\n## Parameters of several nodes\n\n'
-    yield from (_parameter(row, row.name, f' Of {", ".join(names)}.')
-                for row, names in users.items() if len(names) > 1)
+            row = row._replace(default=str(row.default))
+            users.setdefault(row._replace(default='', live=False), {})[node] = row
+    together: dict[str, list[dict[str, Parameter]]] = {}
+    for of in users.values():
+        if len(of) > 1:
+            together.setdefault(', '.join(of), []).append(of)
+    for names, shared in together.items():
+        yield f'\n## Parameters of {names}\n\n'
+        for of in shared:
+            first, *others = of.values()
+            defaults = '' if all(row.default == first.default for row in others) else ''.join(
+                f', `{row.default}` of {node}' for node, row in list(of.items())[1:])
+            yield _parameter(first, first.name, defaults)
     for node in TABLES:
         alike: dict[Parameter, list[str]] = {}  # one row for the same fault of several sensors
-        for row in (row for row, names in users.items() if names == [node]):
+        for row in (of[node] for of in users.values() if [*of] == [node]):
             words = re.sub(r'of the sensor \w+,', 'of a sensor,', row.description)
             name = row.name if words == row.description else ''
             alike.setdefault(row._replace(name=name, description=words), []).append(row.name)
@@ -160,12 +169,13 @@ def _argument(call: ast.Call, words: dict[str | None, ast.expr]) -> str:
             f'{ast.literal_eval(words["description"])}.')
 
 
-def _parameter(row: Parameter, names: str, more: str = '') -> str:
+def _parameter(row: Parameter, names: str, others: str = '') -> str:
     words = ', '.join(f'`{word}`' if word else "`''`" for word in row.choices)
     default = row.default if len(row.default) <= 30 else f'{row.default[:27]}...'
     default = f'`{default}` {row.unit}'.strip() if default else 'empty'
     limits = words or row.row.range().removeprefix('from ').replace(' to ', '..')
-    return f'- `{names}`: {default}{f" ({limits})" if limits else ""}. {row.description}.{more}\n'
+    return (f'- `{names}`: {default}{others}{f" ({limits})" if limits else ""}. '
+            f'{row.description}.\n')
 
 
 def commands() -> Iterator[str]:

@@ -67,7 +67,7 @@ class Limits(Section):
         'joint_trajectory, that of each joint',
         'rad', 0.005, 3.0)] = 0.2
     overspeed: Annotated[float, Row(
-        'Factor by which measured speeds, accelerations and jerks may exceed the limits',
+        'Factor by which measured speed, acceleration and jerk may exceed the limits',
         low=1.0, high=10.0)] = 1.5
     stop_duration: Annotated[float, Row(
         'Duration from the first command of a stop to rest', 's', 0.01, 0.5)] = 0.045
