@@ -101,8 +101,8 @@ def nodes() -> Iterator[str]:
     yield ('# Nodes\n\nThis page lists topics, services, status bits and parameters of all nodes. The parameters are '
            'generated from the code, each with its default and range; `ros2 param describe` prints the same.\n' + TOPICS)
     yield from launch_arguments()
-    yield '\n## Status bits of the observer\n\n| bit | name | meaning |\n|--:|---|---|\n'
-    yield from (f'| {bit.value} | {bit.name} | {describe(bit.value)[0]} |\n'
+    yield '\n## Status bits of the observer\n\n'
+    yield from (f'- {bit.value}, {bit.name}: {describe(bit.value)[0]}\n'
                 for bit in Status if bit.value)
     users: dict[Parameter, dict[str, Parameter]] = {}  # the same but for the default
     for node, (table, _) in TABLES.items():
@@ -170,7 +170,8 @@ def _argument(call: ast.Call, words: dict[str | None, ast.expr]) -> str:
 
 
 def _parameter(row: Parameter, names: str, others: str = '') -> str:
-    words = ', '.join(f'`{word}`' if word else "`''`" for word in row.choices)
+    listed = all(f'{word}: ' in row.description for word in row.choices)
+    words = ', '.join(f'`{word}`' if word else "`''`" for word in row.choices if not listed)
     default = row.default if len(row.default) <= 30 else f'{row.default[:27]}...'
     default = f'`{default}` {row.unit}'.strip() if default else 'empty'
     limits = words or row.row.range().removeprefix('from ').replace(' to ', '..')

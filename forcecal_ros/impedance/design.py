@@ -44,8 +44,7 @@ class DesignSettings(Section, name='design'):
         'Cost of a command off its steady value, small against the target stiffness',
         'N/m', 1e-3, 1e6)] = 100.0
     latency: Annotated[int, Row(
-        "Control periods that a command takes beyond the robot's own delay, transport of the "
-        'sensors included', low=0, high=50)] = 0
+        "Control periods of delay beyond the robot's own, sensors included", low=0, high=50)] = 0
     force_lag: Annotated[float, Row(
         'Time constant of the contact force that is fed back', 's', above=0.0)] = 0.004
     force_std: Annotated[float, Row('Error of that force, white', 'N', above=0.0)] = 0.3

@@ -60,11 +60,11 @@ class Limits(Section):
     torque: Annotated[float, Row(
         'Norm of the measured torque likewise', 'N m', 0.1, 1e4)] = 60.0
     tracking_error: Annotated[float, Row(
-        'Distance between measured and commanded position above which the motion stops',
+        'Error of the position above which the motion stops',
         'm', 0.0005, 1.0)] = 0.02
     tracking_angle: Annotated[float, Row(
-        'Angle between measured and commanded orientation above which the motion stops; with '
-        'joint_trajectory, that of each joint',
+        'Error of the orientation above which the motion stops; with joint_trajectory, of each '
+        'joint',
         'rad', 0.005, 3.0)] = 0.2
     overspeed: Annotated[float, Row(
         'Factor by which measured speed, acceleration and jerk may exceed the limits',

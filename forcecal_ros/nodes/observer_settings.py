@@ -32,11 +32,12 @@ PARAMETERS = (
               'while running'),
     Parameter('tools', '', 'Folder of calibrations of one sensor with one tool each, NAME.yaml'),
     _live('tool', '',
-          'NAME in tools of the tool on the sensor; a change is faded in, the bias stays; '
+          'NAME in tools of the tool on the sensor; the bias stays at a change; '
           'empty: that of the calibration; tracked: that of observer/tool, or with payload.track '
           "the node's own estimate"),
-    Parameter('payload.track', False, 'Estimate mass and centre of mass of tool and payload while '
-              'the robot works, and publish them on observer/tool'),
+    Parameter('payload.track',
+              False, 'Estimate mass and centre of mass while the robot works, and '
+              'publish observer/tool'),
     Parameter('payload.largest', 0.0, "Largest payload that is expected; 0: the tool's own mass",
               'kg', 0.0, 1e4),
     Parameter('payload.floor_force', PayloadSettings().floor[0], 'Residual force in free '
@@ -65,8 +66,8 @@ PARAMETERS = (
     Parameter('publish.marker_rate', 20.0,
               'Rate of observer/markers, which draws the contact force '
               'and its uncertainty for its subscribers; 0: never', 'Hz', 0.0, 100.0),
-    Parameter('publish.transform', False, 'Publish ft_sensor on /tf by current_pose, at up to 50 '
-              'Hz, if no other node does; requires tf2_msgs'),
+    Parameter('publish.transform', False, 'Publish ft_sensor on /tf by current_pose; requires '
+              'tf2_msgs'),
     _live('observer.mode', '',
           'Observer that publishes; empty: as the calibration states', choices=('', *MODES)),
     *parameters_of('observer', _DEFAULT, 'bandwidth_hz', 'contact_walk', 'bandwidth_min_hz',

@@ -59,7 +59,7 @@ PARAMETERS = (
     *parameters_of('settle', _WATCH, 'window', 'factor', 'force_floor', 'torque_floor',
                    'position_floor'),
     _live('settle.timeout', StreamSettings().settle_timeout, 'Time after a move in which the '
-          'tool must become still, or the sequence aborts', 's', 0.5, 120.0),
+          'tool must become still', 's', 0.5, 120.0),
     Parameter('motion.backend', 'target_frame', 'Topic and type of the commands',
               choices=('target_frame', 'joint_trajectory', 'delta_twist_cmds')),
     Parameter('motion.rate', 250.0, 'Rate of the commands', 'Hz', 100.0, 250.0),

@@ -149,15 +149,11 @@ PARAMETERS = (
     Parameter('speed', 1.0,
               'Simulated seconds per second; if not 1, /clock is published', low=0.1, high=20.0),
     Parameter('clock.publish', False,
-              'Publish /clock for nodes with use_sim_time, which is slower on a busy computer; '
-              "otherwise a rig with use_sim_time requires another node's /clock"),
+              "Publish /clock; otherwise a rig with use_sim_time requires another node's /clock"),
     Parameter('clock.wait', 0.0,
-              'Longest time for which /clock waits for the next command, so that '
-              'a busy computer makes none late',
-              's', 0.0, 10.0),
+              'Longest wait of /clock for the next command, on a busy computer', 's', 0.0, 10.0),
     Parameter('latency', 0.004,
-              'Delay after which a robot period is simulated, for its commands to '
-              'arrive; stamps do not contain it', 's', 0.0, 0.1),
+              'Delay of the simulation, for commands to arrive; not in stamps', 's', 0.0, 0.1),
     Parameter('imu.publish', False, 'Also publish imu/data_raw, scaled specific force'),
     Parameter('frames.base', 'base', 'frame_id of poses; commands in another frame are ignored'),
     Parameter('frames.sensor', 'ft_sensor', 'frame_id of wrenches'),

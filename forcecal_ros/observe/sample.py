@@ -48,8 +48,7 @@ _TEXT = {
     NO_GRAVITY: 'weight unknown: neither pose nor accelerometer shows gravity; the last estimate '
                 'is repeated',
     BAD_WRENCH: 'the wrench is not finite or too large; the last estimate is repeated',
-    RESTARTED: 'the filter was restarted after a pause of the wrench, or with a covariance that '
-               'was not positive definite',
+    RESTARTED: 'the filter was restarted after a pause or a numerical failure',
     SATURATED: 'a sensor is at the end of its range',
     NO_GYRO: 'no gyro: gravity is followed by the accelerometer alone',
     NOISY: 'the wrench is noisier than calibrated: the filter is slower than designed',
