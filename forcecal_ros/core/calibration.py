@@ -193,8 +193,8 @@ class Calibration:
         'Unit vector in base that gravity points along; absent: -z', low=-1.0, high=1.0,
         omit=True)] = None
     sensor_rotation: Annotated[Vector3 | None, Row(
-        "Rotation vector of the wire's axes, seen from the frame of the pose, into which readings "
-        'are rotated; absent: the same axes', 'rad', key='sensor.rotation', omit=True)] = None
+        "Rotation vector of the wire's axes in the frame of the pose, into which readings are "
+        'rotated; absent: the same axes', 'rad', key='sensor.rotation', omit=True)] = None
     sensor_frame: Annotated[str, Row('frame_id of the wrench', key='sensor.frame')] = 'ft_sensor'
     wrench_sign: Annotated[int, Row(
         '-1 if the driver reports tool on environment; readings were multiplied by it',

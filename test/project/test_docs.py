@@ -3,6 +3,7 @@
 import contextlib
 from fnmatch import fnmatch
 from importlib import import_module
+import json
 from pathlib import Path
 import re
 import subprocess
@@ -12,6 +13,8 @@ from forcecal_ros.cli import COMMANDS, VERBS
 from forcecal_ros.cli.main import build_parser
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.schema import columns
+from forcecal_ros.diagnose.model.discrepancy import SCALES
+from forcecal_ros.diagnose.search.posterior import WORTH
 from forcecal_ros.effects.library import EFFECTS
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.io.bags import write_recording
@@ -171,7 +174,8 @@ AVOIDED = re.compile(r"""(?<![\w-])(
     | nobody | somebody | anybody | of \s (others|yours|ours) | stands? \s for
     | comes? \s out \s as | (is|are) \s no | besides? | whatever | misfit | slides?
     | optidrive | turned | doubts? | sayings?
-    | loud | deafening | faint | onset | imitators? | alike | held | fewest
+    | loud | deafening | faint | onset | gates? | instants? | imitators? | ties? | alike | held
+    | rooms? | houses? | sound | level | hot | fewest
     | where (?= \s (no|not|known|nothing|one \s of|it \s is|that \s is|the \s base) \b)
     )(?![\w-])""", re.VERBOSE | re.IGNORECASE)
 """Words that have a plainer one, or a second meaning; where: in place of if."""
@@ -210,3 +214,16 @@ def test_the_pages_become_a_site_without_a_warning(tmp_path):
         capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / 'docs' / 'reference' / 'errors.html').is_file()
+
+
+def test_the_page_of_the_diagnosis_has_the_numbers_of_the_decision():
+    text = (ROOT / 'docs/explanation/diagnosis.md').read_text()
+    stored = json.loads((ROOT / 'forcecal_ros/diagnose/search/calibration.json').read_text())
+    gain, explained = stored['weights']
+    assert (f'= {stored["intercept"]:.2f} + {gain:g} log10((1 + G) / (1 + M)) + {explained:g} '
+            f'min(0, log10(h / (1 - h) / {stored["enough"]:g}))') in text
+    assert (f'T = {stored["temperature"]:g} + {stored["form"]:g} G + {stored["taken_up"]:g} M'
+            ) in text
+    assert f'within {1.0 - stored["largest"]:.2f} and {stored["largest"]:g}' in text
+    assert f'has to gain {WORTH:g}' in text and f's is at most {SCALES[-1]:.1%}'.replace(
+        '%', ' %') in text
