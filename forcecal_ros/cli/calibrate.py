@@ -69,7 +69,7 @@ def add_identification(parser: argparse.ArgumentParser) -> None:
                        help='name of the robot, kept in the calibration for forcecal fleet')
     add_gravity(setup)
     setup.add_argument('--sensor-rotation', metavar=('X', 'Y', 'Z'), nargs=3, type=real,
-                       help="rotation vector of the wrench's axes, seen from the frame of the "
+                       help="rotation vector of the wrench's axes in the frame of the "
                             'pose [deg], if the sensor is rotated on its flange')
     setup.add_argument('--coupling', choices=('dc', 'ac'), default='dc',
                        help='of the accelerometer; ac: it lets gravity decay (high-pass)')

@@ -124,8 +124,8 @@ def add_gravity(options: Any, *defaults: str) -> None:
     options.add_argument('--gravity', metavar='M/S^2', type=gravity,
                          help=f'magnitude of gravity at the robot (default: {size})')
     options.add_argument('--gravity-direction', metavar=('X', 'Y', 'Z'), nargs=3, type=real,
-                         help="direction of gravity in the robot's base, of any length, where the "
-                              f'base is not level (default: {direction})')
+                         help="direction of gravity in the robot's base, of any length, if the "
+                              f'base is tilted (default: {direction})')
 
 
 def gravity_of(args: argparse.Namespace) -> dict[str, Any]:

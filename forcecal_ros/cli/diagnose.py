@@ -63,7 +63,7 @@ def add_parser(subparsers: Any) -> None:
                                 'same model, from which this diagnosis continues')
     recording.add_argument('--tolerance', metavar='X', type=positive, default=TOLERANCE,
                            help="what is unexplained and smaller than X times a channel's noise "
-                                '(RMS) does not matter: it is no gap (default: '
+                                '(RMS) does not matter and is not a gap (default: '
                            f'{TOLERANCE:g})')
     recording.add_argument('--robot', metavar='NAME',
                            help='name of the robot, kept in diagnosis.json for forcecal fleet')

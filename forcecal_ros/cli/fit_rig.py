@@ -44,7 +44,7 @@ def add_parser(subparsers: Any) -> None:
     add_bag(parser, several='the rig is fitted to all of them')
     parser.add_argument('--for', dest='purpose', choices=tuple(OUTPUTS), default='diagnosis',
                         help='diagnosis: a rig, to simulate and to diagnose by; impedance: how '
-                             'the robot follows commands and how the tool slides, for the '
+                             'the robot follows commands and how the tool yields, for the '
                              'impedance node (one BAG, shaken along x)')
     model = group(parser, MODEL)
     model.add_argument('--heldout', metavar='BAG',

@@ -59,7 +59,7 @@ def add_parser(subparsers: Any) -> None:
                         help='diagnosis: effects that it is to show (default: all)')
     parser.add_argument('--after', metavar='DIR',
                         help='diagnosis: results of forcecal diagnose, whose candidates it is to '
-                             'separate; touches the wall where one of them shows in no other way')
+                             'separate; touches the wall if one of them shows in no other way')
     parser.add_argument('--contact', action='store_true',
                         help="diagnosis: touch the rig's wall as well; its effects show in no "
                              'other way')
