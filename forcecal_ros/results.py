@@ -225,7 +225,7 @@ def run_simulation(recording: Recording, rig: Any, seed: int) -> Recording:
 
 
 def of_diagnosis(d: 'Diagnosis', document: Mapping[str, Any], found: Any = None,
-                 recording: Recording = Recording()) -> Result:
+                 recording: Recording | None = None) -> Result:
     """Return the effects that a diagnosis names; ``found`` of a source draws them."""
     from forcecal_ros.diagnose.dataset import units
     from forcecal_ros.report.diagnosis import closest, headline, signals, view_of
@@ -235,7 +235,11 @@ def of_diagnosis(d: 'Diagnosis', document: Mapping[str, Any], found: Any = None,
         if found is not None and found.outcome.datasets:
             view = view_of(found.outcome, '', units(found.unit))
             return drawn(closest(view) or signals(view))
-        return _arms(d.gap.channels) if d.gap else _signals(recording)
+        if d.gap:
+            return _arms(d.gap.channels)
+        if recording is None:
+            raise DataError(f'nothing was compared that could be drawn: {d.reason}')
+        return _signals(recording)
 
     return Result(d, f'{d.verdict}: {headline(d)}',
                   ('effect', 'parameter', 'value', 'standard error', 'unit', 'probability'),

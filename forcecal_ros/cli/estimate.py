@@ -452,7 +452,7 @@ def _lines(document: dict[str, Any]) -> Iterator[str]:
            f'{document["filter"]}, gravity from the {document["orientation"]}, calibration '
            f'{document["calibration"]}{_valid_only(document)}')
     bias = document['bias']
-    rows = [['', 'mean', 'std', 'unit'] + ['bias'] * bool(bias)]
+    rows = [['', 'mean', 'std. dev.', 'unit'] + ['bias (95 % interval)'] * bool(bias)]
     for i, (name, mean, std) in enumerate(zip(WRENCH_AXES, document['mean'], document['std'])):
         if std is not None:
             unit = 'N' if i < 3 else 'N m'
@@ -465,7 +465,7 @@ def _lines(document: dict[str, Any]) -> Iterator[str]:
         yield (f'NIS {document["nis"]:.2f} without contact (6 if all is as modelled), contact '
                f'{100 * document["contact_share"]:.1f} % of the time')
     if document.get('mass') is not None:
-        yield f'mass {quantity(document["mass"], document["mass_std"], "kg")}'
+        yield f'mass {quantity(document["mass"], document["mass_std"], "kg")} (95 % interval)'
     if 'tool' in document:
         yield from _tool_lines(document['tool'])
 
@@ -475,7 +475,8 @@ def _tool_lines(tool: dict[str, Any]) -> Iterator[str]:
 
     yield (f'tool: {tool["state"]}, {quantity(tool["mass"], tool["mass_std"], "kg")}, centre of '
            'mass ' + ', '.join(quantity(x, std, 'm')
-                               for x, std in zip(tool['com'], tool['com_std'])))
+                               for x, std in zip(tool['com'], tool['com_std']))
+           + ' (95 % intervals)')
     evidence = {True: 'weight and accelerations', False: 'weight alone: a steady push straight '
                 'down is not excluded'}
     for one in tool['changes']:
