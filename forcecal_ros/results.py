@@ -104,7 +104,7 @@ def load(path: str | Path) -> Any:
         from forcecal_ros.diagnose.result import load_diagnosis
 
         return of_diagnosis(*load_diagnosis(path))
-    found = known(path)
+    found = value_of(path)
     return of_calibration(found) if isinstance(found, Calibration) else found
 
 
@@ -131,7 +131,7 @@ def save(result: Result, path: str | Path) -> None:
         write_text(path, json.dumps(result.document, indent=2, allow_nan=False) + '\n')
 
 
-def known(model: Any) -> Any:
+def value_of(model: Any) -> Any:
     """Return what a file describes, or what is behind a result."""
     from forcecal_ros.diagnose.sources.choice import model_of
 
@@ -191,7 +191,7 @@ def run_estimate(recording: Recording, calibration: Any, settings: Mapping[str, 
     from forcecal_ros.observe import ObserverSettings, replay
 
     chosen = ObserverSettings(**settings)
-    recording, model, notes = as_taken(recording, known(calibration), chosen, 'the calibration')
+    recording, model, notes = as_taken(recording, value_of(calibration), chosen, 'the calibration')
     found = replay(recording, model, chosen)
     document = {**statistics(found), 'notes': [*notes, *status_notes(found)]}
     contact = Recording(wrench=Stream(found.t, found.contact), phases=recording.phases)
@@ -206,7 +206,7 @@ def run_diagnosis(recording: Recording, against: Any, heldout: Recording | None)
     """Diagnose."""
     from forcecal_ros.diagnose.sources.choice import source_of
 
-    model = known(against)
+    model = value_of(against)
     source, taken = source_of([model] if isinstance(model, Recording) else model,
                               [one for one in (recording, heldout) if one is not None])
     found = source.diagnose(*taken)
@@ -275,7 +275,7 @@ def _arms(channels: Mapping[str, tuple[float, float, float, float]]) -> 'Figure'
 
     figure, (axes,) = axes_grid(1, 1, height=1.5 + 0.3 * len(channels))
     for i, arm in enumerate(('before', 'recalibrated', 'with the effects')):
-        axes.plot([rms[i] / rms[3] for rms in channels.values()], [*channels], 'os^'[i],
+        axes.plot([rms[i] / (rms[3] or 1.0) for rms in channels.values()], [*channels], 'os^'[i],
                   fillstyle='none', label=arm)
     axes.invert_yaxis()
     axes.set(xscale='log', xlabel='residual over noise (RMS)')

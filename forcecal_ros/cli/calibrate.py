@@ -204,7 +204,7 @@ def calibrated(recording: 'Recording', args: argparse.Namespace) -> 'Calibration
     from forcecal_ros.observe.design import with_kalman_gains
     from forcecal_ros.observe.settings import ObserverSettings
 
-    source = {'recording': recording.source, **({'robot': args.robot} if args.robot else {}),
+    source = {**({'robot': args.robot} if args.robot else {}),
               'created': datetime.now(timezone.utc).isoformat(timespec='seconds')}
     return with_kalman_gains(identify(recording, _settings_of(args, source)),
                              ObserverSettings(**bandwidth_of(args)))

@@ -155,7 +155,7 @@ KINDS: dict[str, str] = {
     'FC0706': 'impedance',
     # diagnosis
     'FC0801':
-        'report cli.diagnose:_require_simulated_rig diagnose '
+        'results cli.diagnose:_require_simulated_rig diagnose '
         'diagnose.recordings:_require_commands diagnose.recordings:estimate_start '
         'diagnose.sources.simulator',
     'FC0802':

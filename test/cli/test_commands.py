@@ -2,7 +2,10 @@
 
 from dataclasses import replace
 import json
+import os
 import shlex
+import subprocess
+import sys
 
 from calibration_runs import brief_run
 from forcecal_ros.cli.main import main
@@ -146,3 +149,14 @@ def test_init_writes_every_parameter_of_a_preset_with_its_meaning(tmp_path, caps
     assert len(sequencer['poses']['values']) == 7 * len(sequencer['poses']['names'])
     assert written['/**/observer']['ros__parameters']['accelerometer']['source'] == 'none'
     assert text.count('    # ') > 100
+
+
+@pytest.mark.parametrize('line, expected', [
+    ('forcecal ch', 'check'), ('forcecal check --wr', '--wrench-sign'),
+    ('forcecal estimate --filter n', 'newton')])
+def test_a_shell_completes_commands_options_and_choices(tmp_path, line, expected):
+    found = tmp_path / 'found'
+    subprocess.run([sys.executable, '-m', 'forcecal_ros.cli.main'], check=True, env={
+        **os.environ, '_ARGCOMPLETE': '1', '_ARGCOMPLETE_IFS': ' ', 'COMP_LINE': line,
+        'COMP_POINT': str(len(line)), '_ARGCOMPLETE_STDOUT_FILENAME': str(found)})
+    assert found.read_text().strip() == expected

@@ -14,7 +14,7 @@ BUDGETS = {
     'nodes': 3646, 'observe': 3000, 'report': 1609, 'rig_fit': 527, 'sim': 2843}
 """Code lines; less is better: lower a number with the code."""
 
-MOST_AT_ROOT = 234
+MOST_AT_ROOT = 238
 """Code lines of the modules next to the packages: the interface from Python."""
 
 MOST_FILES, MOST_CONSTANTS = 257, 561
