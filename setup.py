@@ -34,6 +34,7 @@ setup(
         (f'share/{PACKAGE}/layouts', sorted(glob('layouts/*.*'))),
     ],
     install_requires=[
+        'argcomplete>=2.0',
         "backports.zstd>=1.0; python_version < '3.14'",  # in the standard library since
         'jinja2>=3.1',
         'lz4>=4.0',

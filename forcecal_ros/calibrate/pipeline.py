@@ -169,7 +169,7 @@ def _stated(recording: Recording, settings: IdentificationSettings) -> dict[str,
         'sensor_rotation': _turned(settings.sensor_rotation),
         'sensor_frame': wrench.frame or 'ft_sensor', 'wrench_sign': recording.wrench_sign or 1,
         'sensor_from_pose': recording.sensor_from_pose,
-        'source': {'recording': recording.source, **_recorded(recording), **settings.source}}
+        'source': {**provenance(recording), **settings.source}}
 
 
 def _stages_or_motion(recording: Recording, settings: IdentificationSettings, slight: str
@@ -219,12 +219,12 @@ def _turned(rotation: Vector3 | None) -> Vector3 | None:
     return rotation if rotation is not None and any(rotation) else None
 
 
-def _recorded(recording: Recording) -> dict[str, str]:
-    """Say when the recording began, where it says so."""
+def provenance(recording: Recording) -> dict[str, str]:
+    """Return whose recording it is, and when it began, where that is known."""
     if not recording.start_ns > 0:
-        return {}
+        return {'recording': recording.source}
     start = datetime.fromtimestamp(recording.start_ns // 10**9, timezone.utc)
-    return {'recorded': start.isoformat()}
+    return {'recording': recording.source, 'recorded': start.isoformat()}
 
 
 def _observer(stages: Stages, noise: Noise | None, settings: IdentificationSettings

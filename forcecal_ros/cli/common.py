@@ -3,7 +3,7 @@
 import argparse
 from argparse import ArgumentTypeError
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import import_module
 import json
 from math import isfinite
@@ -408,13 +408,10 @@ def stages(args: argparse.Namespace, after: float = PROGRESS_DELAY_S
 def number(expected: str, fits: Callable[[float], bool]) -> Callable[[str], float]:
     """Return a function that reads a finite number within limits."""
     def take(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError as error:
-            raise ArgumentTypeError(f'{text or "nothing"} is not {expected}') from error
-        if not (isfinite(value) and fits(value)):
-            raise ArgumentTypeError(f'{text} is not {expected}')
-        return value
+        with suppress(ValueError):
+            if isfinite(value := float(text)) and fits(value):
+                return value
+        raise ArgumentTypeError(f'{text or "nothing"} is not {expected}')
 
     return take
 

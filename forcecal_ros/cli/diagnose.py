@@ -260,20 +260,12 @@ def _named(args: argparse.Namespace) -> str:
         rig))) or NOMINAL_RIG
 
 
-def _source(args: argparse.Namespace, recording: Any) -> dict[str, str]:
-    """Say whose recording it was, and when it was made and diagnosed."""
-    from datetime import datetime, timezone
-
-    made = {} if recording.start_ns <= 0 else {'recorded': datetime.fromtimestamp(
-        recording.start_ns // 10**9, timezone.utc).isoformat()}
-    return {'recording': recording.source, **({'robot': args.robot} if args.robot else {}), **made,
-            'created': datetime.now(timezone.utc).isoformat(timespec='seconds')}
-
-
 def _written(args: argparse.Namespace, recordings: list[Any], found: Any) -> Answer:
     """Write what was found, a report of it, and other files."""
+    from datetime import datetime, timezone
     import json
 
+    from forcecal_ros.calibrate.pipeline import provenance
     from forcecal_ros.diagnose.dataset import units
     from forcecal_ros.diagnose.plan import advice
     from forcecal_ros.report.diagnosis import (
@@ -286,7 +278,9 @@ def _written(args: argparse.Namespace, recordings: list[Any], found: Any) -> Ans
     from forcecal_ros.report.page import origin
 
     diagnosis, folder, document = found.diagnosis, args.output, found.document()
-    document['source'] = _source(args, recordings[0])
+    document['source'] = {
+        **provenance(recordings[0]), **({'robot': args.robot} if args.robot else {}),
+        'created': datetime.now(timezone.utc).isoformat(timespec='seconds')}
     view = (view_of(found.outcome, advice(diagnosis), units(found.unit))
             if found.outcome.datasets else view_without_signals(diagnosis))
     step = next_step(diagnosis, args.bag, folder, tuple(found.files), read_likewise(args))

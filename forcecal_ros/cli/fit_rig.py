@@ -121,7 +121,8 @@ def rig_text(fit: 'RigFit') -> str:
     assert left is not None
     lines = [f'commands every {size(rig.robot.period, "s")}']
     lines += [f'{name}: order {a.order or "of another axis"}, lag '
-              f'{quantity(a.lag, a.lag_std, "s")}' for name, a in zip('xyz', fit.axes)]
+              f'{quantity(a.lag, a.lag_std, "s")} (95 % interval)'
+              for name, a in zip('xyz', fit.axes)]
     lines += [(f'orientation: lag {size(turn.lag, "s")}, delay '
               f'{size(rig.servo.orientation_delay or 0.0, "s")}, bandwidth '
               f'{size(rig.servo.orientation_bandwidth, "rad/s")}'),

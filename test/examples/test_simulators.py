@@ -44,7 +44,7 @@ def test_a_heavier_payload_is_named(name, module, monkeypatch):
                          TURN_RAD * turn)))
     gap = fc.diagnose(robot, against=arm)
     assert gap.to_dict()['verdict'] in ('identified', 'ambiguous')  # a gain looks like a mass
-    payload, = gap.value.diagnosis.effects
+    payload, = gap.value.effects
     value, = payload.parameters.values()
     assert payload.name == 'payload' and payload.probability > 0.8
     assert abs(value.value - HEAVIER_KG) < 4.0 * value.std < 0.03
