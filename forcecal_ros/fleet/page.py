@@ -7,10 +7,10 @@ from io import StringIO
 import shlex
 from typing import Any
 
-from forcecal_ros.core.quantity import quantity
+from forcecal_ros.core.quantity import HALF, quantity
 from forcecal_ros.fleet.history import Entry, Robot, Series
 from forcecal_ros.report.page import render_page
-from forcecal_ros.report.rows import HALF, number
+from forcecal_ros.report.rows import number
 
 COLUMNS = ('robot', 'time', 'path', 'verdict', 'error', 'key', 'unit', 'value', 'std', 'cusum',
            'change')

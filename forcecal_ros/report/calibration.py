@@ -99,7 +99,7 @@ def free_motion(recording: Recording, calibration: Calibration, contact: Stream 
 
 
 def _headline(c: Calibration, free: Free | None) -> str:
-    tool = f'The tool weighs {quantity(float(c.mass), HALF * float(c.mass.std), "kg")}.'
+    tool = f'The tool weighs {quantity(float(c.mass), float(c.mass.std), "kg")}.'
     if free is None:
         return tool
     return (f'{tool} Where nothing touches it, {size(free.sensor, "N")} of weight and inertia '
@@ -108,7 +108,7 @@ def _headline(c: Calibration, free: Free | None) -> str:
 
 def _facts(c: Calibration, free: Free | None, warnings: list[str], step: Step | None
            ) -> list[Fact]:
-    com = ', '.join(f'{axis} {quantity(float(v), HALF * float(s), "m")}'
+    com = ', '.join(f'{axis} {quantity(float(v), float(s), "m")}'
                     for axis, v, s in zip('xyz', c.com.value, c.com.std))
     facts = [Fact('Tool', f'Centre of mass {com} from the sensor (± is a 95 % interval).')]
     if free is not None:
@@ -132,7 +132,7 @@ def _begun(delay: Estimate) -> str:
     if abs(late) < HALF * std:
         return f'In step with the wrench, within {size(HALF * std, "s", 2)}'
     where = 'behind' if late > 0.0 else 'ahead of'
-    return f'{quantity(abs(late), HALF * std, "s")} {where} the wrench'
+    return f'{quantity(abs(late), std, "s")} {where} the wrench'
 
 
 def _origin(recording: Recording, c: Calibration) -> list[str]:

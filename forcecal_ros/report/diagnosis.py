@@ -11,7 +11,7 @@ from forcecal_ros.core.quantity import beside, rounded, size, with_error
 from forcecal_ros.core.streams import Phase
 from forcecal_ros.diagnose.dataset import Blocks, CHANNELS, STAGES, units
 from forcecal_ros.diagnose.engine import Outcome
-from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, instants, Parameter
+from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, instants
 from forcecal_ros.diagnose.localise import BANDS, BLOCK_RATE, time_frequency_bins, TimeFrequencyBin
 from forcecal_ros.diagnose.result import Diagnosis
 from forcecal_ros.diagnose.verdict import FIRST, FURTHER, percent, WITHIN
@@ -19,7 +19,6 @@ from forcecal_ros.effects import EFFECTS
 from forcecal_ros.report.effect_words import phrase, sentence, VERDICTS, WORDS
 from forcecal_ros.report.figures import COLOURS, joined, label_log_axes, Line, Panel, Shown
 from forcecal_ros.report.page import docs_page, Fact, Picture, picture, render_page, Step
-from forcecal_ros.report.rows import HALF
 from forcecal_ros.sim.signals import JOINTS, Signals
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
@@ -531,16 +530,10 @@ def _pictures(view: View, drawings: Mapping[str, Callable[[View], Figure | Shown
                           own_colours=title == 'Where else', narrow=narrow)
 
 
-def _with_error(p: Parameter) -> tuple[str, str]:
-    """Write a number and half its 95 % interval, or that it is at its bound."""
-    if p.at_bound:
-        return with_error(p.value, 0.0)[0], AT_BOUND
-    return with_error(p.value, HALF * p.std)
-
-
 def _numbers(d: Diagnosis) -> list[tuple[str, str, str, str, str]]:
     """Return every number that was found, in SI units, as a rig file requires them."""
-    out = [(e.name, name, *_with_error(p), '' if p.unit == '1' else p.unit)
+    out = [(e.name, name, *((rounded(p.value), AT_BOUND) if p.at_bound else with_error(
+        p.value, p.std)), '' if p.unit == '1' else p.unit)
            for e in d.effects for name, p in e.parameters.items()
            if p.value or p.std or p.at_bound]
     return out + [(e.name, word, f'{at:.3f}', f'{low:.3f} to {high:.3f} (95 %)', 's')

@@ -4,7 +4,6 @@ from forcecal_ros.core.quantity import quantity
 from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, NamedEffect, Parameter
 from forcecal_ros.diagnose.model.gates import kind_of
 from forcecal_ros.effects.library import EFFECTS, Quantity
-from forcecal_ros.report.rows import HALF
 
 WORDS = {
     'wrench_delay': 'force and torque come late',
@@ -89,7 +88,7 @@ def number(effect: str, name: str, p: Parameter) -> str:
     plain = _shapes(effect, name) or effect not in WORDS
     known = _quantities(effect).get(name)
     signed = known is None or known.low < 0.0 <= known.high
-    text = quantity(p.value, 0.0 if p.at_bound else HALF * p.std, '' if p.unit == '1' and plain
+    text = quantity(p.value, 0.0 if p.at_bound else p.std, '' if p.unit == '1' and plain
                     else p.unit, signed=signed and not plain).strip()
     return f'{text} ({AT_BOUND})' if p.at_bound else text
 

@@ -12,7 +12,7 @@ from forcecal_ros.insitu.offset import principal_directions, Subspace, to_coordi
 from forcecal_ros.insitu.result import DataSetResult
 from forcecal_ros.report.figures import headed
 from forcecal_ros.report.page import Fact, picture, png, render_page
-from forcecal_ros.report.rows import aligned, HALF
+from forcecal_ros.report.rows import aligned
 from matplotlib.figure import Figure
 import numpy as np
 
@@ -228,11 +228,11 @@ def tables(result: SensorResult) -> Iterator[tuple[str, list[str], Rows]]:
         yield from _masses(result)
         yield (f'Matrix [N per {unit}, N m per {unit}]', ['', *(str(k + 1) for k in range(len(
             result.offset.value)))],
-               [[axis, *map(_interval, row, std)] for axis, row, std in zip(
+               [[axis, *map(pair, row, std)] for axis, row, std in zip(
                    AXES, result.matrix.value, result.matrix.std)])
         yield 'Body', ['', 'estimate'], list(_body(result, result.mass, result.com))
     yield (f'Offset [{unit}]', ['channel', 'offset'],
-           [[str(k + 1), _interval(v, s)]
+           [[str(k + 1), pair(v, s)]
             for k, (v, s) in enumerate(zip(result.offset.value, result.offset.std))])
     if result.matrix is not None:
         yield _ellipsoids(result)
@@ -247,7 +247,7 @@ def tables(result: SensorResult) -> Iterator[tuple[str, list[str], Rows]]:
 
 
 def _body(result: SensorResult, mass: Estimate, com: Estimate) -> Iterator[list[str]]:
-    yield ['mass [kg]', _interval(float(mass), float(mass.std))]
+    yield ['mass [kg]', pair(float(mass), float(mass.std))]
     yield ['centre of mass x, y, z [m]', _estimate(com)]
     if result.inertia is not None:
         yield ['inertia about it xx, yy, zz [kg m^2]', _pairs(
@@ -293,13 +293,8 @@ def _vector(values: Array, digits: int) -> str:
     return ', '.join(f'{round(float(value), digits) + 0.0:.{digits}f}' for value in values)
 
 
-def _interval(value: float, std: float) -> str:
-    """Write a value and half its 95 % interval."""
-    return pair(value, HALF * std)
-
-
 def _pairs(values: Array, errors: Array) -> str:
-    return ', '.join(map(_interval, np.atleast_1d(values), np.atleast_1d(errors)))
+    return ', '.join(map(pair, np.atleast_1d(values), np.atleast_1d(errors)))
 
 
 def _estimate(estimate: Estimate | None) -> str:

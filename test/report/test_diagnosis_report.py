@@ -6,7 +6,7 @@ from pathlib import Path
 import re
 import sys
 
-from forcecal_ros.core.quantity import beside, quantity, rounded
+from forcecal_ros.core.quantity import beside, HALF, quantity, rounded
 from forcecal_ros.core.streams import Phase, Recording, Stream
 from forcecal_ros.diagnose.dataset import CHANNELS, units
 from forcecal_ros.diagnose.judge.gap import Gap
@@ -66,14 +66,14 @@ def page():
         TimeFrequencyBin(0, 'step', (8.0, 16.0), 3.0, 9.0),)), ['bag'], NEXT)
 
 
-@pytest.mark.parametrize(('value', 'std', 'unit', 'said'), [
+@pytest.mark.parametrize(('value', 'half', 'unit', 'said'), [
     (0.00400042, 0.000141, 's', '4.00 ± 0.14 ms'), (0.0501693, 0.00082, '1', '5.02 ± 0.08 %'),
     (0.03, 0.0011, 'rad', '1.72 ± 0.06 deg'),
     (1.234e7, 2e5, 'N/m^3', '(1.234 ± 0.020) x 10^7 N/m^3'),
     (2e-4, 1e-5, '1', '200 ± 10 ppm'), (13.0, float('nan'), 'kg', '13.0 kg'),
     (0.0, 0.2, 'N', '0.00 ± 0.20 N'), (0.6059, 0.00785, 'N', '0.606 ± 0.008 N')])
-def test_a_number_has_the_digits_that_are_known_and_a_handy_unit(value, std, unit, said):
-    assert quantity(value, std, unit) == said
+def test_a_number_has_the_digits_that_are_known_and_a_handy_unit(value, half, unit, said):
+    assert quantity(value, half / HALF, unit) == said
 
 
 def test_a_share_is_all_or_nothing_only_where_it_is():
@@ -367,3 +367,10 @@ def test_a_drive_at_its_limit_is_the_next_thing_to_look_at():
                   f'{FIRST}{drive}')
     words = next_step(d, 'bag', 'out', ()).words
     assert words.startswith(f'In {drive[3:]}. Move more slowly, or give the model the limit')
+
+
+def test_an_interval_is_made_in_one_place():
+    for path in Path(figures.__file__).parents[1].rglob('*.py'):
+        text = path.read_text()
+        assert '+- {' not in text, f'{path}: use quantity() or pair(), which print 95 %'
+        assert not re.search(r'\b(?:quantity|pair|with_error)\([^\n]*HALF', text), path
