@@ -6,13 +6,12 @@ from typing import Any, NamedTuple
 from forcecal_ros.core.axes import in_axes_of_pose, levelled
 from forcecal_ros.core.calibration import Calibration, Estimate
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.quantity import quantity, rounded, size, sizes
+from forcecal_ros.core.quantity import HALF, quantity, rounded, size, sizes
 from forcecal_ros.core.streams import FREE, Recording, STILL, Stream
 from forcecal_ros.report import figures
 from forcecal_ros.report.figures import Line, Panel, Shown
-from forcecal_ros.report.page import Fact, origin, Picture, picture, render_page, Step
+from forcecal_ros.report.page import docs_link, Fact, origin, Picture, picture, render_page, Step
 from forcecal_ros.report.rows import (
-    HALF,
     handy,
     interval,
     negligible,
@@ -63,7 +62,7 @@ def render(recording: Recording, calibration: Calibration, contact: Stream | Non
     rows = [*table(calibration, truth), *promises(calibration)]
     warnings = list(calibration.quality.get('warnings', ()))
     with_truth = any(row.truth is not None for row in rows)
-    free = free_motion(recording, calibration, contact)
+    free, found = free_motion(recording, calibration, contact), list(in_words(calibration.quality))
     return render_page(
         'calibration.html.j2', 'Calibration report', origin=_origin(recording, calibration),
         tone='warn' if warnings else 'good',
@@ -74,7 +73,9 @@ def render(recording: Recording, calibration: Calibration, contact: Stream | Non
         rows=[_cells(handy(row), with_truth) for row in rows],
         first=list(_before_and_after(recording, calibration, contact)),
         figures=list(_pictures(recording, calibration, contact)),
-        quality=list(in_words(calibration.quality)))
+        quality=[one for one in found if one[0] != 'Note'],
+        notes=[words for title, words in found if title == 'Note'],
+        pages=[docs_link('explanation/calibration', 'calibration')])
 
 
 def free_motion(recording: Recording, calibration: Calibration, contact: Stream | None
