@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from io import BytesIO
 import json
+import os
 from pathlib import Path
 import subprocess
 import sys
@@ -17,7 +18,7 @@ import tempfile
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / 'test' / 'helpers'))
+sys.path[:0] = [str(ROOT), str(ROOT / 'test' / 'helpers')]
 
 from browser import browser, Page  # noqa: E402
 from forcecal_ros.core.calibration import Estimate  # noqa: E402
@@ -156,7 +157,8 @@ def main(folder: Path, *, keep: bool) -> None:
             nights(folder)
         if not (folder / name).exists():
             subprocess.run([sys.executable, '-m', 'forcecal_ros.cli.main', *arguments],
-                           cwd=folder, check=True, stdout=subprocess.DEVNULL)
+                           cwd=folder, check=True, stdout=subprocess.DEVNULL,
+                           env={**os.environ, 'PYTHONPATH': str(ROOT)})
     live(folder)
     report(folder)
     if keep:

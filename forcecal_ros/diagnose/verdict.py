@@ -110,7 +110,7 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
         elif closed is None or closed < 0.0:
             why = 'the held-out residual is larger with it'
         else:
-            why = f'explain{end} only {percent(closed)} of the residual'
+            why = f'explain{end} {percent(closed)} of the residual'
         more = f'; residual: {part.words}' if significant else ''
         return 'unknown', (f'no effect of the library explains the gap: {listed} come{end} '
                            f'closest, but {why}{more}')

@@ -291,6 +291,8 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
         and compares it with the same model.
     """
     again = shlex.join(('forcecal', 'diagnose', 'NEW_BAG', *against, '-o', folder))
+    anew = ['NEW_SIM_BAG' if before == '--simulated' else word
+            for before, word in zip(('', *against), against)]
     if d.verdict == 'ambiguous' and {name for name, _ in d.candidates} & EFFECTS.keys():
         plan = shlex.join(('forcecal', 'plan', '--after', folder, '-o', 'plan.yaml'))
         return Step(f'Record what separates these; diagnose it with --prior {folder}:', plan)
@@ -321,13 +323,14 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
                     f'{" and ".join(d.not_compared)}.')
     return {
         'no_gap': Step('Nothing has to be changed.'),
-        'unknown': Step('Record the same motion again: a residual that repeats belongs to the '
-                        'robot or its model. Nothing was added to the model.', again),
+        'unknown': Step('Nothing was added to the model. Record the same motion again: a residual '
+                        'that repeats belongs to the robot or its model.', again),
         'not_excited': Step('Record a motion that shows what a diagnosis needs:',
                             'forcecal plan -o plan.yaml'),
         'invalid_data': Step('Fix what is named above, and diagnose again:', again),
     }.get(d.verdict, Step('Correct the simulation by the values below, simulate the same '
-                          'commands, and diagnose again:', again))
+                          'commands, and diagnose again:', shlex.join(
+                              ('forcecal', 'diagnose', bag, *anew, '-o', folder))))
 
 
 SENSOR_REMEDIES = {
@@ -516,7 +519,7 @@ def render(view: View, origin: list[str], step: Step) -> str:
         candidates=[(name, percent(p), phrase(name), 100.0 * p) for name, p in d.candidates
                     ] if len(d.candidates) > 1 else [],
         head=('channel', *kept, 'unit'),
-        channels=[_row(name, [rms[k] for k in kept.values()], view.units[name])
+        channels=[_row(name, [*(rms[k] for k in kept.values()), rms[3]], view.units[name])
                   for name, rms in shown],
         worst=apart.index(max(apart)) if any(apart) else -1,
         alike=[name for name, rms in channels.items() if not any(rms[:3])],
@@ -527,8 +530,9 @@ def render(view: View, origin: list[str], step: Step) -> str:
 
 
 def _row(channel: str, values: list[float], unit: str) -> list[str]:
+    """Write all but the last value, which is the noise, to its digits."""
     shown, cells = beside(values, unit)
-    return [channel, *cells, shown]
+    return [channel, *cells[:-1], shown]
 
 
 def _pictures(view: View, drawings: Mapping[str, Callable[[View], Figure | Shown | None]]
@@ -670,8 +674,9 @@ def spectra(view: View) -> Figure | None:
         label_log_axes(ax)
         ax.set_title(f'{name} [{_squared(view.units[name])}/Hz]', fontsize=9)
     axes[0].set_ylabel('power density')
-    figure.legend(*axes[0].get_legend_handles_labels(), loc='outside upper left',
-                  ncols=3, frameon=False, fontsize=9)
+    lines = {label: line for ax in axes for line, label in zip(*ax.get_legend_handles_labels())}
+    figure.legend(lines.values(), lines.keys(), loc='outside upper left', ncols=2, frameon=False,
+                  fontsize=9)
     return figure
 
 

@@ -131,8 +131,6 @@ def narrowed(figure: Figure) -> Figure:
     places = figure.add_gridspec(rows, columns)
     for i, one in enumerate(axes):
         one.set_subplotspec(places[divmod(i, columns)])
-    for legend in figure.legends:
-        legend.set_ncols(2)
     return figure
 
 
@@ -354,7 +352,7 @@ def accelerometer_regression(recording: Recording, calibration: Calibration) -> 
     middle = part.values[:, axis].mean() - slope * f.mean()
     axes.plot(line, middle + slope * line, color=ESTIMATED, label=f'gain {slope:.4f}')
     axes.set(xlabel='specific force from the wrench [m/s²]', ylabel=f'reading [{sensor.unit}]')
-    headed(axes, 'Accelerometer against force over mass, during the step')
+    headed(axes, 'Accelerometer and specific force in the step')
     return figure
 
 
@@ -378,7 +376,7 @@ def noise_against_rise(calibration: Calibration) -> Figure | None:
     for limit in limits:
         axes.axvline(1e3 * rise_time(limit), color=TRUE, linestyle=':', linewidth=0.8)
     axes.set(xlabel='10-90 % rise [ms]', ylabel='noise of the force [N]')
-    headed(axes, 'Filter kalman: noise against response, dotted the limits')
+    headed(axes, 'Filter kalman; dotted: limits of its bandwidth')
     return figure
 
 

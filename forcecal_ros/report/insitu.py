@@ -94,8 +94,10 @@ def _grid(data_sets: Sequence[DataSetResult], title: str) -> tuple[Figure, list[
 def _finished(figure: Figure, axes: Sequence[Any]) -> Figure:
     """Give all axes of clouds one scale, and their legend."""
     for one in axes:
-        one.set_box_aspect(np.ptp([one.get_xlim(), one.get_ylim(), one.get_zlim()], axis=1),
-                           zoom=0.9)
+        spans = np.ptp([one.get_xlim(), one.get_ylim(), one.get_zlim()], axis=1)
+        flat = spans[2] < 0.6 * spans[0]
+        one.set_box_aspect(spans, zoom=1.15 if flat else 0.9)
+        one.locator_params('z', nbins=2 if flat else 3)
     figure.legend(*axes[0].get_legend_handles_labels(), loc='outside lower left', frameon=False,
                   fontsize=9, ncols=COLUMNS)
     return figure

@@ -396,3 +396,11 @@ def test_an_interval_is_made_in_one_place():
 def test_a_diagnosis_fits_a_phone(page, tmp_path):
     (tmp_path / 'report.html').write_text(page)
     assert cut_on_a_phone(tmp_path / 'report.html', tmp_path / 'browser') == []
+
+
+def test_a_simulation_of_the_users_is_corrected_and_compared_with_the_same_recording():
+    mass = NamedEffect('tool_mass', {'change': Parameter(0.05, 0.001, '1')}, 0.97)
+    step = next_step(replace(IDENTIFIED, effects=(mass,)), 'bag', 'out', (),
+                     against=('--simulated', 'sim_bag', '--simulated-wrench-sign', '-1'))
+    assert step.command == ('forcecal diagnose bag --simulated NEW_SIM_BAG '
+                            '--simulated-wrench-sign -1 -o out')

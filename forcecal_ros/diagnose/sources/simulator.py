@@ -108,7 +108,7 @@ class Changed(NamedTuple):
 
     def __str__(self) -> str:
         std, unit = (not self.at_bound) * self.std, '' if self.unit == '1' else f' {self.unit}'
-        text = f'{self.name} {self.before:.4g} -> {pair(self.after, std)}{unit}'
+        text = f'{self.name} {self.before:.5g} -> {pair(self.after, std)}{unit}'
         return text if std else f'{text} ({AT_BOUND})'
 
 

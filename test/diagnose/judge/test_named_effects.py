@@ -48,7 +48,7 @@ def test_what_stands_at_its_limit_is_not_identified():
 
 
 @pytest.mark.parametrize('closed, why', [
-    (0.3, 'explains only 30 % of the residual'),
+    (0.3, 'explains 30 % of the residual'),
     (-0.1, 'the held-out residual is larger with it')])
 def test_what_is_too_little_to_be_named_is_unknown_with_the_reason(closed, why):
     word, sentence = verdict(['wrench_gain'], [('unknown', 0.8), ('wrench_gain', 0.2)],

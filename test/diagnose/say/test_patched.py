@@ -68,7 +68,7 @@ def test_the_report_is_one_file_with_all_parts(diagnosed):
     page = (diagnosed / 'out' / 'report.html').read_text()
     assert 'lags the simulated one: delay 6.0' in page
     for part in ('Where it shows most', 'How far', 'Where else', 'Signals', 'Residuals',
-                 'Spectra', 'Its numbers'):
+                 'Spectra', 'Parameters'):
         assert f'<h2>{part}' in page
     words = re.sub('</?span>', '', page)  # that keep a command from breaking within a word
     assert words.index('one (wrench_delay)') < words.index('forcecal diagnose NEW_BAG')
