@@ -43,6 +43,7 @@ from forcecal_ros.core.geometry import (
     skew,
     STANDARD_GRAVITY,
 )
+from forcecal_ros.core.quantity import quantity
 from forcecal_ros.core.streams import Recording, Stream
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -365,8 +366,8 @@ def refuse_other_mass(found: float, std: float, stated: float) -> None:
     why = (f'its forces are in {unit[0]}; {corrected(unit[1], unit[0])}' if unit else
            'no unit explains it; put all on the scale that hangs below the sensor, couplings too. '
            'If the mass was right, the driver takes a load off or its gain is another')
-    raise DataError(f'wrench: a tool of {stated:.4g} kg weighs {found:.4g} +- {std:.2g} kg in it: '
-                    f'{why}')
+    raise DataError(f'wrench: a tool of {stated:.4g} kg weighs '
+                    f'{quantity(found, std, "kg")} in it: {why}')
 
 
 def corrected(factor: float, unit: str) -> str:
@@ -404,10 +405,10 @@ def _other_tool(fit: Explained, known: Known) -> str:
     shown = f'wrench: the tool of {mass:.4g} kg weighs {fit.mass:.4g} kg in this recording'
     about = np.linalg.norm(fit.gravity - fit.gravity.mean(axis=0), axis=1)
     if fit.force.scale > 0.5 * mass * float(np.sqrt((about**2).mean() / 3.0)):
-        return (f'a weight of {fit.mass:.3g} +- {fit.mass_std:.2g} kg leaves '
-                f'{fit.force.scale:.2g} N RMS of the forces: pose and wrench do not belong to '
-                'each other, or the tool touches all along; name the pose with --topic '
-                'pose=NAME')
+        return (f'a weight of {quantity(fit.mass, fit.mass_std, "kg")} leaves '
+                f'a residual of {fit.force.scale:.2g} N RMS: pose and wrench do not belong to '
+                'each other, or the tool touches something all the time; name the pose with '
+                '--topic pose=NAME')
     if (unit := force_unit_of(fit.mass, mass)) and fit.mass > CONTRADICTION_SIGMA * fit.mass_std:
         raise DataError(f'{shown}: its forces are in {unit[0]}; {corrected(unit[1], unit[0])}')
     if fit.mass < SLIGHT * mass:
@@ -419,10 +420,10 @@ def _other_tool(fit: Explained, known: Known) -> str:
         return ''
     if known.bias is None:
         return ''  # a model, which may be off, or something that pulls
-    return (f'what weighs on the sensor all along is {fit.mass:.4g} +- {fit.mass_std:.2g} kg '
-            f'and a bias {" ".join(f"{x:+.2g}" for x in off)} N off, {mass:.4g} kg by the '
-            'calibration: another tool, a payload, a sensor tared since, or one whose zero '
-            'drifts; calibrate again')
+    return (f'the load of the sensor is {quantity(fit.mass, fit.mass_std, "kg")}, '
+            f'{mass:.4g} kg by the calibration, and its bias differs by '
+            f'{" ".join(f"{x:+.2g}" for x in off)} N: another tool, a payload, a tare after the '
+            'calibration, or a bias that drifts; calibrate again')
 
 
 def _other_time(fit: Explained) -> str:
@@ -441,10 +442,10 @@ def _other_time(fit: Explained) -> str:
                 f'its positions are in m and taken for {unit}; state their unit as m')
     if times < 1.5:
         return ''
-    return (f'wrench shows {times:.2g} +- {std:.1g} times the inertia that the '
-            'accelerations of the pose make: the stamps run at some '
-            f'{times**-0.5:.2g} of the speed of time, as of a log that was played slowly '
-            'and stamped anew; inertia counts as contact: use the log as it was recorded')
+    return (f'wrench shows {quantity(times, std, "")}times the inertia that the '
+            f'accelerations of the pose cause: the stamps run at {times**-0.5:.2g} of real time, '
+            'as in a log that was played slowly and stamped again; inertia is then reported as '
+            'contact: use the log as it was recorded')
 
 
 def _late(fit: Explained, late: float, recording: Recording) -> str:
@@ -460,10 +461,10 @@ def _late(fit: Explained, late: float, recording: Recording) -> str:
     size = abs(late) * fit.mass * turning
     if abs(late) < max(CONTRADICTION_SIGMA * std, MIN_DELAY_S) or size < noise:
         return ''
-    return (f'wrench shows the weight turn {1e3 * abs(late):.0f} +- {1e3 * std:.0f} ms '
-            f'{"later" if late > 0 else "earlier"} than the pose, which leaves {size:.2g} N RMS '
-            'as contact while the robot turns: a low-pass of its driver, or stamps; switch the '
-            'filter off, and stamp both when they are measured')
+    return (f'wrench shows the weight rotate {quantity(abs(late), std, "s")} '
+            f'{"later" if late > 0 else "earlier"} than the pose, which adds {size:.2g} N RMS '
+            'to the contact force while the robot rotates: a low-pass of its driver, or stamps; '
+            'switch the filter off, and stamp both when they are measured')
 
 
 def _other_point(fit: Explained, recording: Recording, known: Known | None) -> str:

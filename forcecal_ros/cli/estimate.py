@@ -317,7 +317,7 @@ def prepared(calibration: 'Calibration', recording: 'Recording', settings: 'Obse
         delay = estimate_delay(in_axes, calibration)
     except DataError as error:
         return calibration, (*notes, f'{unknown}; taken to be 0: {error}')
-    found = f'{1e3 * float(delay):.2f} +- {1e3 * float(delay.std):.2f} ms in this recording'
+    found = f'{1e3 * float(delay):.2f} ms (standard error {1e3 * float(delay.std):.2f} ms)'
     if not delay.std < MAX_DELAY_STD_S:
         return calibration, (*notes, f'{unknown}; taken to be 0, as {found} is too uncertain')
     return with_delay(calibration, delay), (*notes, f'{unknown}; estimated {found}')

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+import re
 
 from calibration_runs import run
 from forcecal_ros.checks.entry import checked
@@ -66,7 +67,7 @@ ROWS = {
         one, np.full(len(one.t), True))), 'expressed in base, not in the frame'),
     'inverted': (wrong('pose of base in the sensor'), 'that of base in the sensor'),
     'wxyz': (wrong('quaternions w first'), 'in the order w, x, y, z'),
-    '30 deg': (turned(TURN), r'turned by -?(30|29)\.\d+ \+- 0\.\d+ deg about z'),
+    '30 deg': (turned(TURN), r'turned by -?(30|29)\.\d+ ± 0\.\d+ deg about z'),
     '90 deg': (turned(QUARTER), r'turned by -?(90|89)\.\d+ .* about z.*: x, y, z show'),
     'swapped': (mapped(lambda w: w[:, SWAPPED]), 'mirrored .*x, y, z show y, x, z'),
     'one force axis': (mapped(lambda w: w * [1, -1, 1, 1, 1, 1]), 'forces are mirrored.*x, -y, z'),
@@ -121,7 +122,7 @@ def test_a_known_tool_tells_units_and_signs_while_the_arm_moves(row):
 def test_a_known_tool_passes_and_another_one_is_noted():
     assert judge(recording_of(moving(3)), DOWN, Stated(by='calibration'), KNOWN) == ()
     note, = judge(recording_of(moving(3, mass=1.4)), DOWN, Stated(by='calibration'), KNOWN)
-    assert 'is 1.4 +- ' in note and 'another tool' in note
+    assert 'is 1.400' in note and '± 0.000' in note and 'another tool' in note
 
 
 @pytest.mark.parametrize('factor, said', [
@@ -134,7 +135,7 @@ def test_lengths_of_positions_are_told_by_inertia(factor, said):
 
 def test_a_delay_is_noted_as_one_and_not_as_smoothing():
     note, = judge(recording_of(late(moving(7), 0.03)), DOWN)
-    assert '30 +- ' in note and 'later' in note and 'smooths' not in note
+    assert re.search(r'rotate (30|29)\.\d+ ± 0\.\d+ ms later', note) and 'smooths' not in note
     assert judge(recording_of(mapped(lambda w: w + 0.03 * w[:, [2, 2, 2, 5, 5, 5]] * [
         1, 0, 0, 0, 0, 0])(moving(7))), DOWN) == ()
 

@@ -202,7 +202,7 @@ def summarise_residual(model: LinearisedModel,
         exact=model.datasets[0].simulation.exact)
     if discrepancy_evidence < WITHOUT_NAME <= seen:
         summary = summary._replace(notes=(*wanders, 'slow noise, or else ' + _discrepancy_in_words(
-            summary) + ': the recording is too short to tell'), slow_noise=True)
+            summary) + ': the recording is too short to decide'), slow_noise=True)
     return summary
 
 
