@@ -164,8 +164,8 @@ def judge(recording: Recording, gravity: Array, stated: Stated = Stated(),
     if best is not plain and lead > MARGIN and gain > MIN_GAIN:
         if not motion.step:  # at rest there is no contact that its tails would be
             messages.refuse_unexplained(best)
-        close = [one for one in found if one is not best and one is not plain
-                 and best.evidence - one.evidence < MARGIN]
+        close = [one for one in found if best.evidence - one.evidence < MARGIN
+                 and one is not plain and best.name not in one.name]  # nor what includes it
         message = messages.of(best, plain, stated, close)
         if message and not (known and best.row.is_note):
             raise DataError(message, messages.about(best))
@@ -251,8 +251,7 @@ def candidates(motion: Motion) -> list[Candidate]:
         for row in TABLE[1:]:
             others = [fit for one, _, fit in fits[1:]
                       if not one.name.endswith('changes') or not row.name.endswith('changes')]
-            if row.is_costly and any(explains(fit) or (
-                    is_true(fit) and not is_true(plain)) for fit in others):
+            if row.is_costly and any(explains(fit) for fit in others):
                 break  # nothing is left that it could explain better, but for another change
             undone = row.undo(motion)
             fit = None if undone is None else explain(undone)
@@ -265,11 +264,6 @@ def candidates(motion: Motion) -> list[Candidate]:
                       + fit.torque.evidence(effective[1])
                       - 0.5 * row.unknowns * float(np.log(effective[0])), row)
             for row, undone, fit in fits]
-
-
-def is_true(fit: Explained) -> bool:
-    """Whether a fit leaves no more than sensors are true to in most rows."""
-    return fit.mass > 0.0 and all(part.scale <= part.floor for part in (fit.force, fit.torque))
 
 
 def explains(fit: Explained) -> bool:

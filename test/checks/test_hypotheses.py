@@ -91,6 +91,13 @@ def test_a_fault_is_refused_by_its_name(which, row):
         judge(recording_of(spoil(LOGS[which]())), DOWN)
 
 
+@pytest.mark.parametrize('spoil', first([leaning, turned(TURN)]))
+def test_a_row_of_two_faults_is_no_alternative_to_one_of_them_beside_contact(spoil):
+    with pytest.raises(DataError) as error:
+        judge(recording_of(spoil(work(1, poses=10, rate=100.0))), DOWN)
+    assert ', or ' not in str(error.value)
+
+
 @pytest.mark.parametrize('seed', first(range(3)))
 def test_sound_recordings_are_as_they_are(seed):
     for one in (moving(seed), log(seed, hold=2.0, move=1.2, rate=100.0),
