@@ -59,23 +59,32 @@ FIXED = {
 """Cause and remedy of hypotheses that have no numbers of their own."""
 
 
-class EstimateWarning(str):  # noqa: SLOT000 - it has an attribute
+class Finding(str):  # noqa: SLOT000 - it has attributes
     """
-    A note that calls estimates into question.
+    One sentence that calls estimates into question.
 
     Attributes
     ----------
     suspect : tuple of str
-        Keys of these estimates in a calibration.
+        Keys of these estimates in a calibration; none where a standard error says so already.
+    point : ndarray, shape (3,), or None
+        Place in ft_sensor that torques are about [m].
     """
 
     suspect: tuple[str, ...]
+    point: Array | None
 
-    def __new__(cls, text: str, *suspect: str) -> 'EstimateWarning':
+    def __new__(cls, text: str, suspect: tuple[str, ...] = (), point: Array | None = None
+                ) -> 'Finding':
         """Return a text that knows what it calls into question."""
         self = super().__new__(cls, text)
-        self.suspect = suspect
+        self.suspect, self.point = suspect, point
         return self
+
+    @property
+    def line(self) -> str:
+        """The sentence with the estimates that it spoils."""
+        return f'{self}; suspect: {", ".join(self.suspect)}' if self.suspect else str(self)
 
 
 class Stated(NamedTuple):
