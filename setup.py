@@ -52,6 +52,8 @@ setup(
         'mujoco': MUJOCO,
         # many recordings on many machines: --dask
         'scale': SCALE,
+        # benchmark/any_simulator.py and examples/drake_arm.py; the package does not import it
+        'drake': ['drake>=1.40'],
         # pictures of reports that zoom; rosdep has no key for it, and pages do without
         'plots': PLOTS,
         # the pages of docs/ as a site: sphinx-build -W -c docs . build/site

@@ -64,10 +64,11 @@ def add_parser(subparsers: Any) -> None:
     recording.add_argument('--prior', metavar='DIR',
                            help='results of an earlier recording of the same robot, against the '
                                 'same model, from which this diagnosis continues')
-    recording.add_argument('--tolerance', metavar='X', type=positive, default=TOLERANCE,
+    recording.add_argument('--tolerance', metavar='X', type=positive,
                            help="what is unexplained and smaller than X times a channel's noise "
-                                '(RMS) does not matter and is not a gap (default: '
-                           f'{TOLERANCE:g})')
+                                f'(RMS) does not matter: it is no gap (default: {TOLERANCE:g}; '
+                                '0.2 where the wrench is compared along the measured motion or '
+                                'by a simulator, which are not more exact than that)')
     recording.add_argument('--robot', metavar='NAME',
                            help='name of the robot, kept in diagnosis.json for forcecal fleet')
     model = group(parser, MODEL)

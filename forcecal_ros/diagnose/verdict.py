@@ -10,6 +10,12 @@ UNKNOWN = 'unknown'
 TOLERANCE = 0.1
 """RMS of what is unexplained, in that of a channel's noise, that does not matter by default."""
 
+
+def tolerated(given: float | None, exact: float) -> float:
+    """Return the tolerance: the given one, else TOLERANCE or, if coarser, how exact a model is."""
+    return max(TOLERANCE, exact) if given is None else given
+
+
 MIN_EXPLAINED_WHOLE = 0.95
 """Explained share from which what is unexplained does not matter beside it."""
 

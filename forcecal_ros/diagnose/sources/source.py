@@ -13,7 +13,6 @@ from forcecal_ros.diagnose.judge.named_effects import estimated
 from forcecal_ros.diagnose.model.evidence import FIRST_RECORDING
 from forcecal_ros.diagnose.recordings import Corrected, require_same_sensors
 from forcecal_ros.diagnose.result import Diagnosis, NO_MOTION, to_document
-from forcecal_ros.diagnose.verdict import TOLERANCE
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.effects.signals import FORCES
 
@@ -101,8 +100,9 @@ class Source:
         What the recording is compared with, in ``diagnosis.json``; empty for a rig.
     requires_motion : bool
         Whether a robot at rest shows it nothing.
-    tolerance : float
-        RMS of what is unexplained, in that of a channel's noise, that does not matter.
+    tolerance : float or None
+        RMS of what is unexplained, in that of a channel's noise, that does not matter; None: the
+        default, TOLERANCE, or as exact as a simulation is where that is coarser.
     earlier : Earlier
         What earlier recordings of the same robot found; set both before diagnosing.
     """
@@ -112,7 +112,8 @@ class Source:
     requires_motion = True
 
     def __init__(self, rig: Rig, unit: str = 'V') -> None:
-        self.rig, self.unit, self.tolerance, self.earlier = rig, unit, TOLERANCE, FIRST_RECORDING
+        self.rig, self.unit, self.earlier = rig, unit, FIRST_RECORDING
+        self.tolerance: float | None = None
 
     def diagnose(self, recording: Recording, heldout: Recording | None = None) -> Diagnosed:
         """
