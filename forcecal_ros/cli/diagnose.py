@@ -67,8 +67,8 @@ def add_parser(subparsers: Any) -> None:
     recording.add_argument('--tolerance', metavar='X', type=positive,
                            help="what is unexplained and smaller than X times a channel's noise "
                                 f'(RMS) does not matter: it is no gap (default: {TOLERANCE:g}; '
-                                '0.2 where the wrench is compared along the measured motion or '
-                                'by a simulator, which are not more exact than that)')
+                                '0.2 along measured motion and by a simulator, which are not more '
+                                'exact)')
     recording.add_argument('--robot', metavar='NAME',
                            help='name of the robot, kept in diagnosis.json for forcecal fleet')
     model = group(parser, MODEL)
