@@ -49,13 +49,7 @@ from forcecal_ros.calibrate.static_readings import (
     Statics,
     TurnedWrench,
 )
-from forcecal_ros.calibrate.statics import (
-    displacement,
-    read_statics,
-    ring_of,
-    sag_of,
-    with_noise,
-)
+from forcecal_ros.calibrate.statics import displacement, read_statics, ring_of, sag_of, with_noise
 from forcecal_ros.calibrate.tool import identify_tool, tool_of_motion
 from forcecal_ros.checks.accelerometer import refuse_on_another_link, refuse_other_unit
 from forcecal_ros.checks.entry import checked
@@ -185,7 +179,8 @@ def _stages_or_motion(recording: Recording, settings: IdentificationSettings,
         except TurnedWrench:
             raise
         except (DataError, UnobservableError) as refused:
-            raise type(refused)(f'{error}, or let motion show the tool: {refused}') from refused
+            refused.args = (f'{error}, or let motion show the tool: {refused}',)
+            raise
     except UnobservableError as error:
         if not _same_orientation(recording, settings):
             raise

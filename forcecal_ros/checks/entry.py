@@ -38,6 +38,7 @@ def checked(recording: Recording, raw_wrench: bool = False) -> Checked:
     What the signals mean together is judged by :func:`forcecal_ros.checks.hypotheses.judge`.
 
     It runs once: a recording that was checked is returned as it is, with what was removed then.
+    Only raw channels are checked once more, as a wrench, after their matrix.
 
     Parameters
     ----------
@@ -50,7 +51,7 @@ def checked(recording: Recording, raw_wrench: bool = False) -> Checked:
         A stream is empty, spoilt, dead or stuck, or clocks are apart; one sentence says which
         channel, when, and what to do.
     """
-    if recording.removed is not None:
+    if recording.removed is not None and not recording.raw_wrench:
         return Checked(recording, dict(recording.removed))
     if recording.wrench is not None and not len(recording.wrench):
         raise DataError('wrench: no message was recorded; look at its topic and its driver, and '
@@ -76,9 +77,8 @@ def checked(recording: Recording, raw_wrench: bool = False) -> Checked:
     notes = (*_coarse(recording), *signals.silences(recording), *signals.lost_messages(recording),
              *(str(one) for one in signals.clipped(recording)))
     fresh = [note for note in notes if note not in recording.notes]
-    # raw channels are checked once more as a wrench, after their matrix
-    return Checked(replace(recording, notes=(*recording.notes, *fresh),
-                           removed=None if raw_wrench else removed), removed)
+    return Checked(replace(recording, notes=(*recording.notes, *fresh), removed=removed,
+                           raw_wrench=raw_wrench), removed)
 
 
 def computed(recording: Recording) -> Recording:
@@ -128,14 +128,14 @@ def _begun(recording: Recording) -> Recording:
 
 def _readable(recording: Recording, raw_wrench: bool) -> tuple[Recording, dict[str, int]]:
     """Leave out samples that are no readings."""
-    removed = {}
+    removed = dict(recording.removed or {})
     for name in _ALL:
         stream = getattr(recording, name)
         if stream is not None:
             limit = signals.ABSURD_RAW if raw_wrench and name == 'wrench' else signals.ABSURD
             good, note = signals.readable(stream, name, limit)
             if note:
-                removed[name] = int((~good).sum())
+                removed[name] = removed.get(name, 0) + int((~good).sum())
                 recording = _without(recording, name, good, note)
     if recording.wrench is not None:
         lost = signals.lost_packets(recording.wrench.values)

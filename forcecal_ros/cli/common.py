@@ -292,7 +292,7 @@ def with_notes_of(recording: 'Recording') -> Iterator[None]:
         yield
     except ForcecalError as error:
         found = [note for note in recording.notes if any(word in note for word in READING_NOTES)]
-        error.args = ('; '.join([str(error), *found]), *error.args[1:])
+        error.args = ('; '.join([str(error), *found]),)
         raise
 
 

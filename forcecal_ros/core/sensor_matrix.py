@@ -96,8 +96,7 @@ def recording_corrected(recording: Recording, part: SensorMatrix) -> Recording:
     raw = recording.wrench
     if raw is None:
         return recording
-    return replace(recording,
-                   wrench=Stream(raw.t, all_corrected(raw.values, part), raw.frame))
+    return replace(recording, wrench=Stream(raw.t, all_corrected(raw.values, part), raw.frame))
 
 
 def with_matrix_of(calibration: Calibration, source: Calibration) -> Calibration:

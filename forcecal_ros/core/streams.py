@@ -246,6 +246,8 @@ class Recording:
         What the wrench was multiplied by, 1 or -1; None: nobody has stated a sign.
     removed : mapping of str to int, or None
         Samples that the checks removed from each stream; None before they have run.
+    raw_wrench : bool
+        Whether they took the wrench for raw channels; it is checked again after their matrix.
     """
 
     wrench: Stream | None = None
@@ -267,6 +269,7 @@ class Recording:
     sensor_from_pose: Vector7 | None = None
     wrench_sign: int | None = None
     removed: Mapping[str, int] | None = None
+    raw_wrench: bool = False
 
     def __repr__(self) -> str:
         found = {one.name: getattr(self, one.name) for one in fields(self)}

@@ -17,13 +17,7 @@ from forcecal_ros.insitu.moments import (
     window_samples,
 )
 from forcecal_ros.insitu.offset import Norm, norm
-from forcecal_ros.insitu.screen import (
-    given_window,
-    screen,
-    Screening,
-    untouched,
-    whole,
-)
+from forcecal_ros.insitu.screen import given_window, screen, Screening, untouched, whole
 from forcecal_ros.insitu.uncertainty import Departure, departure
 import numpy as np
 
@@ -236,4 +230,5 @@ def _named(data_set: DataSet) -> Iterator[None]:
     try:
         yield
     except ForcecalError as error:
-        raise type(error)(f'{data_set.name}: {error}') from error
+        error.args = (f'{data_set.name}: {error}',)
+        raise

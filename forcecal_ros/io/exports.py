@@ -18,8 +18,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 import yaml
 
-_AXES = tuple(f'{kind}.{axis}' for kind in ('force', 'torque') for axis in 'xyz')
-
 
 class Place(NamedTuple):
     """
@@ -116,11 +114,8 @@ def _plain(values: ArrayLike) -> Any:
 
 
 def _by_axis(values: ArrayLike) -> dict[str, dict[str, float]]:
-    parts: dict[str, dict[str, float]] = {}
-    for name, value in zip(_AXES, _plain(values)):
-        kind, axis = name.split('.')
-        parts.setdefault(kind, {})[axis] = value
-    return parts
+    force, torque = _plain(np.reshape(values, (2, 3)))
+    return {'force': dict(zip('xyz', force)), 'torque': dict(zip('xyz', torque))}
 
 
 def _parameters(node: str, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -183,19 +178,17 @@ def _ur(c: Calibration, place: Place) -> dict[str, Any]:
 
 
 def _kth(c: Calibration, place: Place) -> dict[str, Any]:
-    document: dict[str, Any] = plain(Kth(
+    return dict(plain(Kth(
         bias=_plain(c.wrench_bias.value), gripper_mass=_plain(c.mass.value),
         gripper_com_frame_id=c.sensor_frame,
-        gripper_com_pose=(*_plain(c.com.value), 0.0, 0.0, 0.0)))
-    return document
+        gripper_com_pose=(*_plain(c.com.value), 0.0, 0.0, 0.0))))
 
 
 def _ft_tools(c: Calibration, place: Place) -> dict[str, Any]:
     bias = _plain(c.wrench_bias.value)
-    document: dict[str, Any] = plain(FtTools(
+    return dict(plain(FtTools(
         mass=_plain(c.mass.value), sensor_frame_to_com=_plain(c.com.value),
-        force_offset=bias[:3], torque_offset=bias[3:]))
-    return document
+        force_offset=bias[:3], torque_offset=bias[3:])))
 
 
 CONSUMERS: Mapping[str, Consumer] = {

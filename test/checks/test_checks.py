@@ -90,6 +90,18 @@ def test_counts_of_a_converter_are_readings_before_the_matrix_and_none_after(rig
         checked(counts)
 
 
+def test_both_checks_of_raw_channels_count_what_they_remove(rig):
+    def broken(values):
+        values[7], values[8] = np.nan, 1e8
+        return values
+
+    once, removed = checked(with_values(rig, 'wrench', broken), raw_wrench=True)
+    assert removed == once.removed == {'wrench': 1}
+    twice, removed = checked(once)
+    assert removed == twice.removed == {'wrench': 2}
+    assert len(twice.wrench) == len(rig.wrench) - 2 and checked(twice).recording is twice
+
+
 def test_one_of_few_poses_may_be_missing():
     t = np.arange(24.0)
     values = noise(t=t)

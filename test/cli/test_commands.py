@@ -112,13 +112,20 @@ def test_check_names_a_fault_with_status_1(tmp_path, recording, capsys):
     assert document['next'] == ['check the sensor, its cable and its driver, and record again']
 
 
-def test_removed_samples_reach_the_calibration_and_its_report(tmp_path, recording, capsys):
-    values = recording.wrench.values.copy()
+@pytest.mark.parametrize('scale', [None, 2.0], ids=['wrench', 'raw channels'])
+def test_removed_samples_reach_the_calibration_and_its_report(
+        brief, tmp_path, recording, capsys, scale):
+    values = recording.wrench.values / (scale or 1.0)
     values[1000:1003] = np.nan
+    matrix = []
+    if scale:
+        save(replace(load(brief / 'c.yaml'), matrix=Estimate(scale * np.eye(6), 0.0, '1'),
+                     matrix_offset=Estimate(np.zeros(6), 0.0, '1')), tmp_path / 'six.yaml')
+        matrix = ['--matrix', str(tmp_path / 'six.yaml')]
     write_recording(tmp_path / 'bag', replace(recording, wrench=replace(
         recording.wrench, values=values)))
     assert main(['calibrate', str(tmp_path / 'bag'), '-o', str(tmp_path / 'c.yaml'),
-                 '--report', str(tmp_path / 'r.html')]) == 0
+                 '--report', str(tmp_path / 'r.html'), *matrix]) == 0
     assert load(tmp_path / 'c.yaml').quality['removed_samples'] == {'wrench': 3}
     assert 'Samples left out' in (tmp_path / 'r.html').read_text()
     capsys.readouterr()

@@ -3,7 +3,8 @@
 from dataclasses import replace
 
 from forcecal_ros.core.errors import DataError, UnobservableError
-from forcecal_ros.insitu import Chunk, DataSet
+from forcecal_ros.core.schema import Mismatch
+from forcecal_ros.insitu import calibrate, Chunk, DataSet, Options
 from forcecal_ros.insitu.blocks import Mounting, prepare, to_blocks
 from forcecal_ros.insitu.screen import screen
 from forcecal_ros.insitu.uncertainty import causes, departure
@@ -127,6 +128,15 @@ def test_a_channel_that_never_changes_is_refused_by_its_number(log):
     raw[:, 4] = 17.0
     with pytest.raises(DataError, match='one: channel 5 stands at 17 throughout'):
         offset_only(with_raw(log, raw))
+
+
+def test_an_error_of_any_kind_gets_the_name_of_its_data_set():
+    def broken():
+        raise Mismatch('rate', 3, 'above 10')
+
+    with pytest.raises(Mismatch, match='^one: rate is 3, expected above 10$') as caught:
+        calibrate('leg', [DataSet('one', broken)], Mounting(), Options(matrix=False))
+    assert caught.value.where == 'rate'
 
 
 def test_a_few_blocks_name_no_cause_of_what_is_left(log):

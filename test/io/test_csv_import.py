@@ -4,6 +4,7 @@ import argparse
 import json
 from pathlib import Path
 import re
+import struct
 
 from forcecal_ros.cli import import_csv
 from forcecal_ros.core.errors import ConfigError, DataError, ForcecalError
@@ -11,11 +12,13 @@ from forcecal_ros.core.streams import Phase
 from forcecal_ros.io.bags import read_recording
 from forcecal_ros.io.csv_import import assemble, load_specification
 from forcecal_ros.io.csv_import.specification import ORIENTATIONS, UNITS
+from forcecal_ros.io.csv_import.table import read_table
 from hypothesis import given, HealthCheck, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from scipy.io import savemat
+import scipy
+from scipy.io import loadmat, savemat
 from scipy.spatial.transform import Rotation
 import yaml
 
@@ -575,6 +578,12 @@ def test_what_is_no_date_is_told(tmp_path, cell):
         imported(tmp_path, table(rows, tmp_path, unit='date'))
 
 
+def test_a_date_beyond_64_bits_is_out_of_range(tmp_path):
+    text = HEADER + '9018-01-25 10:47:34,0,0,0,0,0,0\n'
+    with pytest.raises(DataError, match="'t' are out of range"):
+        imported(tmp_path, table(text, tmp_path, unit='date'))
+
+
 def test_messages_that_were_not_renewed_are_left_out(tmp_path):
     rows = ('t,u,fx,fy,fz,tx,ty,tz,x,y,z,w\n'
             '1,1,1,2,3,4,5,6,0,0,0,1\n1,2,1,2,3,4,5,6,0,0,1,0\n2,3,7,8,9,1,2,3,1,0,0,0\n')
@@ -677,3 +686,35 @@ def test_a_matlab_file_that_lacks_a_variable_is_refused_by_name(tmp_path):
     spec = json.loads((tmp_path / 'spec.yaml').read_text())
     with pytest.raises(DataError, match='log.mat: .*MATLAB'):
         imported(tmp_path, *spec['tables'])
+
+
+def test_a_matlab_file_with_numbers_of_an_unknown_type_is_refused(tmp_path):
+    """scipy.io.loadmat ends the process over such a file."""
+    ramp = np.arange(1.0, 5.0)
+    matlab(tmp_path, t=ramp, log={'f': np.ones((4, 3))}, tx=ramp, ty=ramp, tz=ramp)
+    path = tmp_path / 'log.mat'
+    content, tag = path.read_bytes(), struct.pack('<2I', 9, 8 * len(ramp))
+    path.write_bytes(content.replace(tag, struct.pack('<2I', 0x4009, 8 * len(ramp)), 1))
+    assert path.read_bytes() != content
+    spec = json.loads((tmp_path / 'spec.yaml').read_text())
+    with pytest.raises(DataError, match='no intact MATLAB file of version 5 to 7'):
+        imported(tmp_path, *spec['tables'])
+
+
+@pytest.mark.parametrize('name', ['big_endian', 'testdouble_6.1_SOL2', 'testmulti_7.4_GLNX86',
+                                  'teststruct_7.4_GLNX86'])
+def test_files_by_matlab_hold_what_scipy_reads(name):
+    path = Path(scipy.io.__file__).parent / f'matlab/tests/data/{name}.mat'
+    if not path.exists():
+        pytest.skip('SciPy is installed without its tests')
+    known = {}
+    for key, value in loadmat(path, simplify_cells=True).items():
+        fields = {f'{key}.{k}': v for k, v in value.items()} if isinstance(value, dict) else {
+            key: value}
+        for field, one in fields.items():
+            if isinstance(one, np.ndarray) and one.dtype.kind in 'fiu':
+                known |= {field: one} if one.ndim == 1 else {
+                    f'{field}({k})': column for k, column in enumerate(one.T, 1)}
+    assert known
+    for column, values in known.items():
+        assert read_table(path, None, [column]).numbers([column])[:, 0].tolist() == values.tolist()

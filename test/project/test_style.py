@@ -1,5 +1,6 @@
 """Style and types of the source, with the rules of ruff.toml and mypy.ini."""
 
+import ast
 from pathlib import Path
 import re
 import subprocess
@@ -48,3 +49,15 @@ def test_no_file_knows_the_machine_it_was_written_on(project_files):
             text = (ROOT / path).read_bytes().decode(errors='replace')
             found += [f'{path}: {line}' for line in text.splitlines() if MACHINE_PATH.search(line)]
     assert not found
+
+
+def test_no_error_is_rebuilt_from_its_type():
+    """A constructor of another signature raises TypeError there, and attributes are lost."""
+    rebuilt = [f'{path.relative_to(ROOT)}:{node.lineno}'
+               for path in (ROOT / 'forcecal_ros').rglob('*.py')
+               if ')(' in (text := path.read_text()) or '__class__(' in text
+               for node in ast.walk(ast.parse(text))
+               if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call)
+               and (isinstance(node.exc.func, ast.Call)
+                    or getattr(node.exc.func, 'attr', '') == '__class__')]
+    assert not rebuilt

@@ -172,8 +172,7 @@ def increasing(stamps: Integers) -> Order:
     stamps : ndarray of int, shape (n,)
         In the order of recording [ns].
     """
-    if not len(stamps) or ((np.diff(stamps) > 0).all()
-                           and stamps[-1] - stamps[0] < 86400 * 10**9):
+    if not len(stamps) or ((np.diff(stamps) > 0).all() and stamps[-1] - stamps[0] < 86400 * 10**9):
         return Order(np.arange(len(stamps)), 0, 0)
     cuts = np.flatnonzero(np.abs(np.diff(stamps.astype(float))) > 1e9 * CLOCK_JUMP_S) + 1
     bounds = np.concatenate([[0], cuts, [len(stamps)]])

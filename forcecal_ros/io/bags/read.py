@@ -91,8 +91,7 @@ def _pose_of_transforms(bag: Bag, chain: str, found: dict[str, Topic],
     return pose_of
 
 
-def _choose_accelerometer(
-        found: dict[str, Topic], given: Mapping[str, str], notes: Notes) -> None:
+def _choose_accelerometer(found: dict[str, Topic], given: Mapping[str, str], notes: Notes) -> None:
     """Let one topic be the accelerometer; an IMU keeps its gyro."""
     sources = [role for role in ('accelerometer', 'imu', 'accel') if role in found]
     sources.sort(key=lambda role: role not in given)

@@ -1,7 +1,7 @@
 """Find the files of a recording, in any storage, and hand out their messages."""
 
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 import sys
 import tempfile
@@ -127,7 +127,7 @@ class Bag:
             return {Path(name).name for name in listed}
         except FileNotFoundError:
             self.notes.add('metadata.yaml is missing; all files in the folder were read')
-        except (ConfigError, TypeError, KeyError):
+        except (ConfigError, *DAMAGE):
             self.notes.add('metadata.yaml is damaged; all files in the folder were read')
         return set()
 
@@ -171,12 +171,10 @@ class Bag:
         room = UNPACKED
         for start, length in zip(batch.start, batch.length):
             message = b''
-            try:
+            with suppress(zstd.ZstdError):
                 if room:
                     message = zstd.ZstdDecompressor().decompress(
                         batch.buffer[start:start + length], room)
-            except zstd.ZstdError:
-                pass
             messages.append(message)
             room -= len(message)
         length = np.array([len(message) for message in messages])

@@ -7,13 +7,7 @@ from pathlib import Path
 
 from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.core.geometry import Array, matrix_from_quaternion
-from forcecal_ros.core.streams import (
-    JointStream,
-    Phase,
-    PHASES,
-    PoseStream,
-    Stream,
-)
+from forcecal_ros.core.streams import JointStream, Phase, PHASES, PoseStream, Stream
 from forcecal_ros.io.csv_import.specification import (
     ANGLES,
     Joints,
@@ -23,12 +17,7 @@ from forcecal_ros.io.csv_import.specification import (
     TableSpecification,
     UNITS,
 )
-from forcecal_ros.io.csv_import.table import (
-    nanoseconds,
-    question_rate,
-    read_table,
-    Table,
-)
+from forcecal_ros.io.csv_import.table import nanoseconds, question_rate, read_table, Table
 from forcecal_ros.io.urdf import FARTHEST_TURN
 import numpy as np
 from numpy.typing import NDArray
@@ -178,7 +167,7 @@ def refuse_other_reading(wrench: Stream, pose: PoseStream, others: Mapping[str, 
     inside = np.flatnonzero((pose.t >= wrench.t[0]) & (pose.t <= wrench.t[-1]))
     force = np.stack([np.interp(pose.t[inside], wrench.t, column)
                       for column in wrench.values[:, :3].T], axis=1)
-    good = np.isfinite(force).all(axis=1)
+    good = (np.abs(force) < 1e6).all(axis=1)  # others are no readings
     inside, force = inside[good], force[good]
     if len(inside) < 10 or not np.ptp(force, axis=0).any():
         return

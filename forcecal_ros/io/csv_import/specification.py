@@ -116,13 +116,6 @@ class _Columns(Row):
                                          entry.signs or (1,) * width), entry.unit)
 
 
-_FORCE, _TORQUE = _Columns(quantity='force', width=3), _Columns(quantity='torque', width=3)
-_ACCELERATION = _Columns(quantity='acceleration', width=3)
-_TURN = _Columns(quantity='angular velocity', width=3)
-_LENGTHS = _Columns(quantity='length', width=3)
-_MATRIX = _Columns(quantity='number', width=9)
-
-
 @dataclass(frozen=True, kw_only=True)
 class Signal(Section):
     """One signal of a table: its parts, the frame and, if not the usual, the topic."""
@@ -141,8 +134,8 @@ class Signal(Section):
 class Wrench(Signal):
     """Force and torque."""
 
-    force: Annotated[Part, _FORCE]
-    torque: Annotated[Part, _TORQUE]
+    force: Annotated[Part, _Columns(quantity='force', width=3)]
+    torque: Annotated[Part, _Columns(quantity='torque', width=3)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,23 +149,23 @@ class Voltage(Signal):
 class Acceleration(Signal):
     """Specific force."""
 
-    acceleration: Annotated[Part, _ACCELERATION]
+    acceleration: Annotated[Part, _Columns(quantity='acceleration', width=3)]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Imu(Acceleration):
     """Specific force and, where there is one, the gyro."""
 
-    angular_velocity: Annotated[Part | None, _TURN] = None
+    angular_velocity: Annotated[Part | None, _Columns(quantity='angular velocity', width=3)] = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pose(Signal):
     """An orientation in one of its forms and, where it is known, a position."""
 
-    position: Annotated[Part | None, _LENGTHS] = None
-    R_base_sensor: Annotated[Part | None, _MATRIX] = None
-    R_sensor_base: Annotated[Part | None, _MATRIX] = None
+    position: Annotated[Part | None, _Columns(quantity='length', width=3)] = None
+    R_base_sensor: Annotated[Part | None, _Columns(quantity='number', width=9)] = None
+    R_sensor_base: Annotated[Part | None, _Columns(quantity='number', width=9)] = None
     quaternion_xyzw: Annotated[Part | None, _Columns(quantity='number', width=4)] = None
     rpy: Annotated[Part | None, _Columns(quantity='angle', width=3)] = None
     euler_xyz: Annotated[Part | None, _Columns(quantity='angle', width=3)] = None
@@ -239,8 +232,7 @@ class Time(Section):
         super().__post_init__()
         if self.unit == DATE and self.nanoseconds is not None:
             raise self.wrong('nanoseconds', 'none: a date has its own fractions of a second')
-        if self.unit != DATE and (
-                other := contradiction((self.column,), self.unit, NANOSECONDS)):
+        if self.unit != DATE and (other := contradiction((self.column,), self.unit, NANOSECONDS)):
             raise self.wrong('unit', other)
 
 

@@ -8,7 +8,9 @@ from itertools import islice
 from operator import lt
 from pathlib import Path
 import re
+import struct
 from typing import Any
+import zlib
 
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
@@ -19,6 +21,10 @@ from numpy.typing import NDArray
 import pandas as pd
 
 MATLAB = '.mat'
+_STORED = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 9: 'f8', 12: 'i8',
+           13: 'u8'}
+"""How a MATLAB file stores numbers; over any other type scipy.io.loadmat ends the process."""
+
 _DECIMAL_COMMA = re.compile(r'\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*')
 _DATE = re.compile(r'\s*\d{1,4}[-/.:]\d{1,2}[-/.:]\d{1,4}')
 _DATE_AND_TIME = re.compile(
@@ -146,9 +152,8 @@ class Table:
         Tables that merge streams of several rates leave the others' cells empty; all rows are
         returned if all are empty.
         """
-        filled = np.zeros(len(self), dtype=bool)
-        for name in names:
-            filled |= np.array([cell.strip() != '' for cell in self.cells(name)])
+        cells = self.columns(names).to_numpy()
+        filled = np.array([any(cell.strip() for cell in row) for row in cells])
         return filled if filled.any() else ~filled
 
     def widened(self, time: str, unit: str, name: str, value: str) -> 'Table':
@@ -288,16 +293,16 @@ def read_table(path: Path, dialect: Written, names: Sequence[str]) -> Table:
 
 def _read_matlab(path: Path, names: Sequence[str]) -> Table:
     """Read variables of one length; of a matrix x the columns x(1), x(2), of a struct s s.x."""
-    from scipy.io import loadmat
-
     try:
-        found = dict(_columns('', loadmat(path, simplify_cells=True)))
-    except NotImplementedError as error:
-        raise DataError(f"{path}: MATLAB 7.3 (HDF5) is not read; save it with '-v7'") from error
+        content = path.read_bytes()
+        order = {b'\0\1IM': '<', b'\1\0MI': '>'}[content[124:128]]
+        found = {name: column for kind, one in _elements(content[128:], order) if kind == 14
+                 for name, column in _columns(one, order) if name}
     except OSError as error:
         raise DataError(f'{path}: cannot be read ({error.strerror})') from error
     except Exception as error:  # any error of a damaged file
-        raise DataError(f'{path}: not a MATLAB file ({error})') from error
+        raise DataError(f"{path}: no intact MATLAB file of version 5 to 7 ({error}); save it with "
+                        "'-v7'") from error
     if lacking := [name for name in names if name not in found]:
         raise DataError(f'{path}: no column {lacking[0]!r}; there are {", ".join(found)}')
     lengths = {name: len(found[name]) for name in names}
@@ -308,15 +313,42 @@ def _read_matlab(path: Path, names: Sequence[str]) -> Table:
                                     dtype=object))
 
 
-def _columns(name: str, value: Any) -> Iterator[tuple[str, list[Any]]]:
-    if isinstance(value, dict):
-        for key, one in value.items():
-            if not key.startswith('__'):
-                yield from _columns(f'{name}.{key}' if name else key, one)
-    elif isinstance(value, np.ndarray) and value.ndim == 1:
-        yield name, value.tolist()
-    elif isinstance(value, np.ndarray) and value.ndim == 2:
-        yield from ((f'{name}({k})', column.tolist()) for k, column in enumerate(value.T, 1))
+def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
+    """Yield type and content of the elements of a MATLAB file, those that are compressed too."""
+    at = 0
+    while at + 8 <= len(data):
+        kind, size = struct.unpack_from(f'{order}2I', data, at)
+        at += 8
+        content = data[at:at + size]
+        if kind >> 16:  # up to four bytes, within the tag
+            yield kind & 0xffff, data[at - 4:at - 4 + (kind >> 16)]
+        elif kind == 15:
+            yield from _elements(zlib.decompressobj().decompress(content, 1 << 28), order)
+            at += size
+        else:
+            yield kind, content
+            at += -(-size // 8) * 8
+
+
+def _columns(array: bytes, order: str, name: str = '') -> Iterator[tuple[str, list[Any]]]:
+    """Yield names and cells of the columns of an array, none where it holds no real numbers."""
+    parts = list(_elements(array, order))
+    if len(parts) < 4:  # empty
+        return
+    (_, flags), (_, shape), (_, own), (stored, values), *fields = parts
+    name, kind = name or own.decode(), struct.unpack_from(f'{order}I', flags)[0] & 0x8ff
+    if kind == 2:  # struct
+        (size,), names = struct.unpack(f'{order}I', values), fields.pop(0)[1]
+        keys = [names[k:k + size].rstrip(b'\0').decode() for k in range(0, len(names), size)]
+        for key, (_, one) in zip(keys, fields if len(fields) == len(keys) else ()):
+            yield from _columns(one, order, f'{name}.{key}')
+    elif kind in range(6, 16):  # double to uint64, not complex
+        found = np.frombuffer(values, order + _STORED[stored]).reshape(
+            np.frombuffer(shape, f'{order}i4'), order='F').squeeze()
+        if found.ndim == 1:
+            yield name, found.tolist()
+        elif found.ndim == 2:
+            yield from ((f'{name}({k})', one.tolist()) for k, one in enumerate(found.T, 1))
 
 
 def is_number(cell: str) -> bool:
@@ -372,9 +404,7 @@ def nanoseconds(table: Table, name: str, unit: str, further: str | None = None) 
 
 
 def _times(table: Table, name: str, unit: str) -> Times:
-    def convert(cell: str) -> int:
-        return _date(cell) if unit == DATE else _exact(cell, NANOSECONDS[unit])
-
+    convert = _date if unit == DATE else partial(_exact, unit=NANOSECONDS[unit])
     cells = table.cells(name)
     try:
         times = [convert(cell) for cell in cells]
@@ -435,8 +465,8 @@ def _date(cell: str) -> int:
     if found is None:
         raise ValueError(cell)
     year, month, day, hour, more, fraction, zone = found.groups()
-    return int(pd.Timestamp(f'{year}-{month:0>2}-{day:0>2}T{hour:0>2}{more}.{fraction or 0}'
-                            f'{zone or "Z"}').value)
+    return _MAX_TIME if not 1900 < int(year) < 2100 else int(pd.Timestamp(
+        f'{year}-{month:0>2}-{day:0>2}T{hour:0>2}{more}.{fraction or 0}{zone or "Z"}').value)
 
 
 def _exact(cell: str, unit: int) -> int:
