@@ -50,7 +50,7 @@ def literal_keys(module, function, name):
             None, [getattr(node, 'target', None)]))} | {getattr(node, 'arg', '')}
         if isinstance(value, ast.Dict) and (name in of or (
                 name == 'return' and isinstance(node, ast.Return))):
-            yield from (key.value for key in value.keys if key)
+            yield from (ast.literal_eval(key) for key in value.keys if key)
 
 
 def test_the_page_has_the_keys_of_quality():
