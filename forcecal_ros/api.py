@@ -103,9 +103,15 @@ def diagnose(recording: Recording, against: Any = None, *, heldout: Recording | 
     against : optional
         A Recording by a simulator of the same commands; a calibration (Result, Calibration or
         path), along the measured motion; an MJCF file (``.xml``) or a simulator, run with the
-        recorded commands; a rig or its file. None: the nominal rig of this package.
+        recorded commands; a rig or its file. None: the nominal rig of this package, for a
+        recording that the simulated rig made.
     heldout : Recording, optional
         To judge on; by default parts of every phase of the first.
+
+    Raises
+    ------
+    UsageError
+        Neither ``against`` nor the recording states what it is compared with.
     """
     from forcecal_ros.diagnose.sources.choice import source_of
 
