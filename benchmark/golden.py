@@ -9,13 +9,17 @@
 Recordings are made once and kept in --recordings (FORCECAL_GOLDEN, ~/.cache/forcecal_golden).
 golden.json pins the hash of each and the answer on it: before the redesign, but for `rig/*/fifth`
 and ten of `rig/*/full`, which were pinned after it, all right. ``check`` exits with 1 where an
-answer was right and is not any more; a crash, or no answer in --timeout, is a wrong answer.
+answer was right and is not any more, and where a pinned one cannot be judged: its case is gone, or
+its recording cannot be made or is another one; only real recordings may be absent. A crash, or no
+answer in --timeout, is a wrong answer.
 
 Right is
 - of a diagnosis: ``exact``, only true effects are named, all of them; ``first``, the first name
   is true; ``alias``, the first name is an alias of a true effect, or the verdict is ambiguous, and
   the true one is among the candidates. Where there is no effect: none is named, and without any
   background the verdict is no_gap. What a background resembles is neither right nor wrong.
+  Values are compared with the pinned ones, not graded: `nominal rig/accel_resonance` is exact with
+  100 Hz in place of 60.
 - of a calibration: written, and within 3.5 standard errors of the truth (or within what is of no
   account); of a spoilt recording: refused, or right, or written with a warning that names the
   cause.
@@ -298,7 +302,8 @@ def compare(pinned: Answer, now: Answer) -> tuple[str, list[str]]:
     -------
     word : str
         ``worse``: was right, is not; ``better``: the other way round; ``lower``, ``higher``: right
-        with another grade; ``moved``: a value, by more than 0.1 standard error; ``same``.
+        with another grade; ``moved``: a value, by more than 0.1 standard error, or one that is
+        there in one of them only; ``same``.
     lines : list of str
         What has changed.
     """
@@ -306,6 +311,8 @@ def compare(pinned: Answer, now: Answer) -> tuple[str, list[str]]:
     moved = [f'{key}: {was[key][0]} -> {there[key][0]} (std {was[key][1]})' for key in was
              if key in there and abs(was[key][0] - there[key][0]) > MOVED * was[key][1]
              + 1e-4 * abs(was[key][0])]
+    moved += [f'{key}: {was.get(key, ["none"])[0]} -> {there.get(key, ["none"])[0]}'
+              for key in (*was, *there) if (key in was) != (key in there)]
     before, after = (one['grade'] in GRADES for one in (pinned, now))
     if before != after:
         word = 'better' if after else 'worse'
@@ -337,31 +344,50 @@ def table(answers: dict[str, Answer], cases: list[Case]) -> str:
     return '\n'.join(rows)
 
 
-def report(pinned: dict[str, Answer], answers: dict[str, Answer], cases: list[Case]) -> int:
-    """Print what has changed; return 1 where an answer became worse."""
+def report(pinned: dict[str, Answer], answers: dict[str, Answer], cases: list[Case],
+           gone: list[str] | None = None) -> int:
+    """
+    Print what has changed.
+
+    Parameters
+    ----------
+    gone : list of str
+        Pinned answers without a case.
+
+    Returns
+    -------
+    int
+        1 where an answer became worse or a pinned one cannot be judged.
+    """
     words: Counter[str] = Counter()
+    for name in gone or ():
+        words['not judged'] += 1
+        print(f'NOT JUDGED {name}: it is pinned, and no case any more')
     for case in cases:
         now, before = answers.get(case.name), pinned.get(case.name)
-        if now is None:
-            continue
         if before is None:
-            words['not pinned'] += 1
+            continue
+        if now is None:
+            words['not judged'] += 1
+            print(f'NOT JUDGED {case.name}: its recording cannot be made')
             continue
         word, lines = compare(before, now)
         words[word] += 1
         if before['digest'] != now['digest']:
-            words['altered recordings'] += 1
+            words['not judged'] += 1
             print(f'RECORDING of {case.name} differs from the pinned one: its making has changed')
         if word != 'same' or lines:
             print(f'{word.upper() if word == "worse" else word} {case.name}, truth {case.truth}')
             print(''.join(f'    {line}\n' for line in lines), end='')
     print('\n' + table(answers, cases))
+    if unpinned := [case.name for case in cases if case.name not in pinned]:
+        print(f'\n{len(unpinned)} not pinned: {", ".join(unpinned)}')
     pairs = [(pinned[name]['seconds'], one['seconds']) for name, one in answers.items()
              if name in pinned]
     print(f'\nprocessor time {sum(b for _, b in pairs):.0f} s, pinned '
           f'{sum(a for a, _ in pairs):.0f} s; '
           + ', '.join(f'{n} {word}' for word, n in words.most_common()))
-    return int(words['worse'] > 0)
+    return int(words['worse'] + words['not judged'] > 0)
 
 
 # command line
@@ -438,15 +464,18 @@ def main(words: list[str] | None = None) -> int:
     if args.list or args.action == 'list':
         print('\n'.join(f'{c.name}\t{c.family}\t{c.command}\t{c.truth}' for c in cases))
         return 0
-    for reason, count in Counter(filter(None, map(skipped, cases))).items():
-        print(f'{count} cases are skipped: {reason}')
+    for reason in sorted({*map(skipped, cases)} - {''}):
+        names = [case.name for case in cases if skipped(case) == reason]
+        print(f'{len(names)} cases are skipped, {reason}: {", ".join(names)}')
     cases = [case for case in cases if not skipped(case)]
     pinned = read(args.pinned)
     if args.action == 'make':
         left = [case for case in cases if args.anew or case.name not in pinned]
         print(table(measured(left, args, pinned, args.pinned), cases))
         return 0
-    return report(pinned, measured(cases, args, {}, args.out), cases)
+    known = {case.name for case in all_cases()}
+    gone = [name for name in pinned if name not in known and fnmatch(name, args.only or '*')]
+    return report(pinned, measured(cases, args, {}, args.out), cases, gone)
 
 
 if __name__ == '__main__':

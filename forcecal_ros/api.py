@@ -119,7 +119,7 @@ def diagnose(recording: Recording, against: Any = None, *, heldout: Recording | 
     against : optional
         A Recording by a simulator of the same commands; a calibration (Result, Calibration or
         path), along the measured motion; an MJCF file (``.xml``) or a simulator, run with the
-        recorded commands; a rig or its file. None: the nominal rig of this package.
+        recorded commands; a rig or its file. None: the nominal rig, if the recording is by it.
 
     Returns
     -------

@@ -21,7 +21,7 @@ from forcecal_ros.calibrate.joint import (
 )
 from forcecal_ros.calibrate.poses import StaticPose
 from forcecal_ros.calibrate.static_readings import gravity_spread
-from forcecal_ros.core.errors import UnobservableError
+from forcecal_ros.core.errors import above, UnobservableError
 from forcecal_ros.core.estimation import robust_fit, RobustFit
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.autocovariance import Autocovariance
@@ -203,10 +203,11 @@ def identify_static_accelerometer(
     spread, directions = gravity_spread(gravity)
     if n < 5 or spread[2] * condition < spread[0]:
         axis = int(np.argmax(np.abs(directions[2])))
+        found = above(spread[0] / max(spread[2], 1e-12), condition)
         raise UnobservableError(
             f"the accelerometer's map is not observable from {n} static poses without motion "
-            f'between them (condition {spread[0] / max(spread[2], 1e-12):.3g} > {condition:.3g}, '
-            f'at least 5 poses wanted); add poses with gravity along {"xyz"[axis]} of ft_sensor')
+            f'between them (condition {found}, wanted {condition:g} at most, by 5 poses or more); '
+            f'add poses with gravity along {"xyz"[axis]} of ft_sensor')
     rows = np.column_stack([np.ones(n), -gravity])
     bread = np.linalg.inv(rows.T @ rows)
     solution = bread @ rows.T @ volts

@@ -379,7 +379,7 @@ def require_rotation(blocks: Blocks) -> None:
     spread, directions = principal_spread(force)
     if spread[1] >= MIN_GRAVITY_SPREAD:
         return
-    degrees = np.degrees(spread)
+    degrees, needed = np.degrees(spread), float(np.degrees(MIN_GRAVITY_SPREAD))
     if spread[0] < MIN_GRAVITY_SPREAD:
         raise UnobservableError(
             f'gravity turns by {degrees[0]:.2g} deg RMS in ft_sensor, so that mass, centre of '
@@ -390,8 +390,8 @@ def require_rotation(blocks: Blocks) -> None:
     other = 'xyz'[int(np.argmax(np.abs(directions[0])))]
     raise UnobservableError(
         f'the sensor turns about one axis only, near its {axis}: gravity moves by '
-        f'{degrees[0]:.2g} deg RMS one way and {degrees[1]:.2g} deg across, and '
-        f'{np.degrees(MIN_GRAVITY_SPREAD):.2g} deg are needed for centre of mass and torque bias; '
+        f'{degrees[0]:.2g} deg RMS one way and {below(degrees[1], needed, 2)} deg across, and '
+        f'{needed:.3g} deg are needed for centre of mass and torque bias; '
         f'rotate about {other} as well, by 10 deg or more')
 
 

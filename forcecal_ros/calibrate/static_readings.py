@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from forcecal_ros.core.errors import DataError, UnobservableError
+from forcecal_ros.core.errors import below, DataError, UnobservableError
 from forcecal_ros.core.geometry import Array
 import numpy as np
 
@@ -79,8 +79,9 @@ def check_weight(gravity: Array, condition: float) -> None:
     if spread[0] < 1 / condition:
         raise UnobservableError(
             f'{n} static pose{"s" * (n > 1)} with gravity along one direction of ft_sensor '
-            f'(spread {spread[0]:.2g}, wanted {1 / condition:.2g}): mass and bias cannot be told '
-            'apart; add a pose tilted by 90 deg about y of ft_sensor and one about x')
+            f'(spread {below(spread[0], 1 / condition, 2)}, wanted {1 / condition:g}): mass and '
+            'bias cannot be told apart; add a pose tilted by 90 deg about y of ft_sensor, and one '
+            'about x')
 
 
 def check_poses(gravity: Array, condition: float) -> None:

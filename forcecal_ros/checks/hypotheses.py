@@ -34,7 +34,7 @@ from forcecal_ros.checks.evidence import (
     STEP_S,
 )
 from forcecal_ros.checks.messages import Finding, SLIGHT, Stated
-from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.errors import above, DataError
 from forcecal_ros.core.geometry import (
     Array,
     matrix_from_quaternion,
@@ -335,9 +335,9 @@ def _refuse_counts(fit: Explained, recording: Recording) -> None:
             "metre), or record the driver's topic in newtons")
     if bias > MAX_BIAS_N:
         raise DataError(
-            f'wrench: a bias of {bias:.3g} N is beyond the range of any wrist sensor '
-            f'({MAX_BIAS_N:g} N): these are raw counts of a converter; divide them by the counts '
-            "a newton, or record the driver's topic in newtons")
+            f'wrench: a bias of {above(bias, MAX_BIAS_N)} N is beyond the range of any wrist '
+            f'sensor ({MAX_BIAS_N:g} N): these are raw counts of a converter; divide them by the '
+            "counts a newton, or record the driver's topic in newtons")
 
 
 def force_unit_of(shown: float, mass: float) -> tuple[str, float] | None:

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise, permutations
 from typing import NamedTuple
 
-from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.errors import above, DataError
 from forcecal_ros.core.geometry import Array, rotation_vector
 from forcecal_ros.core.noise.white import difference_gain
 from forcecal_ros.core.stamps import jitter_of
@@ -818,5 +818,5 @@ def refuse_far_displacement(optidrive: Stream | None) -> None:
         return
     away = float(np.nanmedian(np.abs(optidrive.values)))
     if away > FARTHEST:
-        raise DataError(f'optidrive: the tool is displaced by {away:.3g} m, expected {FARTHEST:g} '
-                        'm at most; is the displacement in mm? Multiply it by 0.001')
+        raise DataError(f'optidrive: the tool is displaced by {above(away, FARTHEST)} m, expected '
+                        f'{FARTHEST:g} m at most; is the displacement in mm? Multiply it by 0.001')

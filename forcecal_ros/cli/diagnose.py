@@ -226,7 +226,7 @@ def _earlier(folder: str, explained_by: str) -> Any:
 def _source_of(args: argparse.Namespace, stage: Callable[[str], None]
                ) -> tuple[Any, list[Any]]:
     """Return what the options compare with, and the recordings."""
-    from forcecal_ros.diagnose.sources.choice import source_of
+    from forcecal_ros.diagnose.sources.choice import own_rig, source_of
     from forcecal_ros.io.calibration_file import load
     from forcecal_ros.sim.rig.file import load_rig
     from forcecal_ros.sim.rig.simulator import waits_for_compiler
@@ -246,22 +246,10 @@ def _source_of(args: argparse.Namespace, stage: Callable[[str], None]
     if args.calibration:
         against = load(args.calibration)
     elif against is None:
-        if not args.rig:
-            _require_simulated_rig(args, recordings)
-        against = rig
+        against = rig or own_rig(recordings)
         if recordings[0].target:
             warn_if_compiling(waits_for_compiler(), 'the simulator')
     return source_of(against, recordings, rig, args.accelerometer, args.calibration)
-
-
-def _require_simulated_rig(args: argparse.Namespace, recordings: list[Any]) -> None:
-    """Refuse to guess the model, unless the topic of the simulated rig's truth was recorded."""
-    if all(one.contact_truth is not None for one in recordings):
-        return
-    raise UsageError(
-        f'{args.bag}: nothing states what was recorded, so there is nothing to compare it with; '
-        'give --calibration C.yaml (forcecal calibrate writes it), --rig FILE or --rig nominal, '
-        '--simulated SIM_BAG, --mujoco MODEL.xml or --simulator MODULE:FACTORY')
 
 
 def _named(args: argparse.Namespace) -> str:

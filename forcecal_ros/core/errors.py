@@ -155,9 +155,8 @@ KINDS: dict[str, str] = {
     'FC0706': 'impedance',
     # diagnosis
     'FC0801':
-        'results cli.diagnose:_require_simulated_rig diagnose '
-        'diagnose.recordings:_require_commands diagnose.recordings:estimate_start '
-        'diagnose.sources.simulator',
+        'results diagnose diagnose.recordings:_require_commands '
+        'diagnose.recordings:estimate_start diagnose.sources.simulator',
     'FC0802':
         'diagnose.sources.pair diagnose.sources.simulated_tool '
         'diagnose.recordings:require_same_sensors '

@@ -29,18 +29,8 @@ from forcecal_ros.diagnose.judge.named_effects import (
     NamedEffect,
     not_identified,
 )
-from forcecal_ros.diagnose.judge.residual_summary import (
-    lines_of,
-    summarise_residual,
-    WANDERING,
-)
-from forcecal_ros.diagnose.localise import (
-    BANDS,
-    Line,
-    localise,
-    Location,
-    stage_of,
-)
+from forcecal_ros.diagnose.judge.residual_summary import lines_of, summarise_residual, WANDERING
+from forcecal_ros.diagnose.localise import BANDS, Line, localise, Location, stage_of
 from forcecal_ros.diagnose.model.evidence import Earlier, FIRST_RECORDING
 from forcecal_ros.diagnose.model.hypotheses import CLIPPING, hypotheses
 from forcecal_ros.diagnose.model.linearised import linearised_model, LinearisedModel

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from forcecal_ros.core.calibration import Estimate
-from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.errors import above, DataError
 from forcecal_ros.core.files import write_text
 from forcecal_ros.core.geometry import Array, rotation_vector
 from forcecal_ros.core.schema import plain
@@ -540,8 +540,8 @@ def _axis(pose: PoseStream) -> Array:
     turn = max((float(np.linalg.norm(rotation_vector(start.T @ R)))
                 for R in pose.R_base_sensor[::10]), default=0.0)
     if turn > most_turn:
-        raise DataError(f'the sensor turns by {turn:.3f} rad; move it along x of ft_sensor only '
-                        f'({most_turn} rad at most)')
+        raise DataError(f'the sensor turns by {above(turn, most_turn)} rad; move it along x of '
+                        f'ft_sensor only ({most_turn} rad at most)')
     return np.array(start[:, 0])
 
 

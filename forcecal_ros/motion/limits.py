@@ -57,8 +57,7 @@ class Limits(Section):
     force: Annotated[float, Row(
         'Norm of the force, weight included, above which no motion starts or continues',
         'N', 1.0, 1e5)] = 250.0
-    torque: Annotated[float, Row(
-        'Norm of the measured torque likewise', 'N m', 0.1, 1e4)] = 60.0
+    torque: Annotated[float, Row('Norm of the measured torque likewise', 'N m', 0.1, 1e4)] = 60.0
     tracking_error: Annotated[float, Row(
         'Error of the position above which the motion stops',
         'm', 0.0005, 1.0)] = 0.02

@@ -287,8 +287,7 @@ class Monitor:
         # robot there overshoots a little [m]
         workspace_slack = 0.002
         limits = self.limits
-        for axis, x, low, high in zip('xyz', position, limits.workspace_min,
-                                      limits.workspace_max):
+        for axis, x, low, high in zip('xyz', position, limits.workspace_min, limits.workspace_max):
             if not low - workspace_slack <= x <= high + workspace_slack:
                 self._fault(f'{channel.topic}: {axis} = '
                             f'{below(x, low, 4) if x < low else above(x, high, 4)} m of {name} is '
@@ -419,8 +418,9 @@ class Monitor:
         for channel in self.channels.values():
             same = channel.received - channel.changed
             if self.settings.frozen_timeout and same > channel.rest_timeout:
-                return (f'{channel.topic}: the same reading for {same:.3f} s, at rest it changed '
-                        f'within {channel.rest_timeout:.3g} s')
+                usual = below(channel.rest_timeout, same)
+                return (f'{channel.topic}: the same reading for {above(same, float(usual))} s, at '
+                        f'rest it changed within {usual} s')
         return ''
 
     def _tracking_fault(self) -> str:
@@ -471,8 +471,8 @@ class Monitor:
         channel, window = self.channels[name], self.settings.window
         windows = int(channel.span / window)
         if windows < 2:
-            raise DataError(f'{channel.topic}: {channel.span:.2f} s received, {2 * window:g} s '
-                            'are needed; wait and start again')
+            raise DataError(f'{channel.topic}: {below(channel.span, 2 * window)} s received, '
+                            f'{2 * window:g} s are needed; wait and start again')
         values = np.array_split(channel.window(channel.span, len(NAMES[name])), windows)
         if not all(np.isfinite(part).all() for part in values):
             raise DataError(f'{channel.topic}: a reading is not finite')
@@ -504,8 +504,9 @@ class Monitor:
             bound = np.hypot(self.settings.factor * self._noise[name], self._floor(name))
             i = int(np.argmax(std / bound))
             if not std[i] <= bound[i]:
+                most = below(bound[i], std[i])
                 return Stillness(False, f'{channel.topic}: standard deviation of {labels[i]} is '
-                                        f'{std[i]:.3g} > {bound[i]:.3g}')
+                                        f'{above(std[i], float(most))} > {most}')
         if self._commands:
             self._arrived = self._commands[-1][1], self.channels['pose'].values
         return Stillness(True, '')

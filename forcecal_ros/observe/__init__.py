@@ -6,13 +6,7 @@ recording -> playback (batch: the same functions, compiled) -> the same for all 
 """
 
 from forcecal_ros.observe.bandwidth import noise_levels, NoiseLevels
-from forcecal_ros.observe.design import (
-    design,
-    kalman_gains,
-    Model,
-    with_bias,
-    with_kalman_gains,
-)
+from forcecal_ros.observe.design import design, kalman_gains, Model, with_bias, with_kalman_gains
 from forcecal_ros.observe.live import Tare, tare
 from forcecal_ros.observe.playback import replay
 from forcecal_ros.observe.pose_free import Imu

@@ -7,7 +7,7 @@ from math import nan, tau
 from typing import NamedTuple
 
 from forcecal_ros.core.axes import level_from_base, pose_from_wire
-from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.errors import above, below, DataError
 from forcecal_ros.core.geometry import (
     Array,
     compose,
@@ -94,8 +94,9 @@ def tare(samples: Sequence[ContactSample], model: Model, levels: NoiseLevels,
     """
     span = samples[-1].t - samples[0].t if samples else 0.0
     if span < seconds or len(samples) < MIN_SAMPLES:
-        raise DataError(f'tare needs {seconds:g} s at rest and {MIN_SAMPLES} samples, the window '
-                        f'has {span:.3f} s and {len(samples)}; wait for the wrench to flow')
+        raise DataError(
+            f'tare needs {seconds:g} s at rest and {MIN_SAMPLES} samples, the window has '
+            f'{below(span, seconds)} s and {len(samples)}; wait for the wrench to flow')
     rate = (len(samples) - 1) / span
     bad = [s.status for s in samples if s.status & INVALID]
     # share of samples that may be missing: what a busy computer was late with now and then, where
@@ -150,9 +151,11 @@ def _refuse(values: Array, noise: Array, rate: float, what: str, remedy: str) ->
         allowed = np.hypot(3.0, 4.0 * by_chance) * noise
         worst = int(np.argmax(size / allowed))
         if size[worst] > allowed[worst]:
+            most = below(allowed[worst], size[worst])
             raise DataError(
-                f'tare refused, {what}: {CHANNELS[worst]} {word} {size[worst]:.3g} '
-                f'> {allowed[worst]:.3g} {"N" if worst < 3 else "N m"}; {remedy}')
+                f'tare refused, {what}: {CHANNELS[worst]} {word} '
+                f'{above(size[worst], float(most))} > {most} {"N" if worst < 3 else "N m"}; '
+                f'{remedy}')
 
 
 class Window:

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from calibration_runs import run
+from calibration_runs import run, shifted
 from forcecal_ros.calibrate.pipeline import identify
 from forcecal_ros.calibrate.poses import orientation_h, orientation_v
 from forcecal_ros.calibrate.settings import IdentificationSettings
@@ -89,6 +89,19 @@ def test_the_demonstration_run_is_as_accurate_as_promised(accelerometer, couplin
     assert np.abs(found.com.value - RIG.tool.com).max() < 1e-4
     assert_within(found, truth_of(RIG, accelerometer, delay))
     assert not found.quality['warnings']
+
+
+CROSSTALK = np.eye(6) + 0.03 * np.outer(np.eye(6)[0], np.eye(6)[2])
+
+
+@pytest.mark.parametrize('spoil', [
+    lambda wrench: shifted(wrench, 0.006),
+    lambda wrench: replace(wrench, values=wrench.values @ CROSSTALK.T)],
+    ids=['6 ms late', '3 % of z in x'])
+def test_a_driver_is_not_said_to_smooth_what_is_late_or_crosstalk(brief, spoil):
+    recording = read_recording(brief / 'bag')
+    found = identify(replace(recording, wrench=spoil(recording.wrench)))
+    assert not any('smooths' in one for one in found.quality['warnings'])
 
 
 def test_without_noise_the_run_is_identified_to_a_few_millionths():

@@ -140,11 +140,14 @@ def test_lengths_of_positions_are_told_by_inertia(factor, said):
         judge(recording_of(replace(one, place=factor * one.place)), DOWN)
 
 
-def test_a_delay_is_noted_as_one_and_not_as_smoothing():
-    note, = judge(recording_of(late(moving(7), 0.03)), DOWN)
-    assert re.search(r'rotate (30|29)\.\d+ ± 0\.\d+ ms later', note) and 'smooths' not in note
+@pytest.mark.parametrize('make', [moving, log])
+def test_a_delay_is_noted_as_one_and_not_as_smoothing(make):
+    for milliseconds in (6, 30):
+        note, = judge(recording_of(late(make(7), 1e-3 * milliseconds)), DOWN)
+        found = float(re.search(r'rotate (\d+\.?\d*) ± \S+ ms later', note).group(1))
+        assert abs(found - milliseconds) < 1.0 and 'smooths' not in note
     assert judge(recording_of(mapped(lambda w: w + 0.03 * w[:, [2, 2, 2, 5, 5, 5]] * [
-        1, 0, 0, 0, 0, 0])(moving(7))), DOWN) == ()
+        1, 0, 0, 0, 0, 0])(make(7))), DOWN) == ()
 
 
 def test_raw_counts_are_refused_by_their_bias():

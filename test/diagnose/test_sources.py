@@ -2,7 +2,9 @@
 
 from dataclasses import replace
 
+import forcecal_ros as fc
 from forcecal_ros.cli.main import main
+from forcecal_ros.core.errors import UsageError
 from forcecal_ros.core.streams import JointStream
 from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
 from forcecal_ros.diagnose.result import Diagnosis
@@ -26,6 +28,9 @@ def test_a_recording_that_states_no_model_is_refused_with_the_options(tmp_path, 
                    '--simulator'):
         assert option in message
     assert not out.exists()
+    with pytest.raises(UsageError) as refused:
+        fc.diagnose(fc.read(tmp_path / 'bag'))
+    assert str(refused.value) in message and 'against=' in message
 
 
 def test_two_recordings_with_joint_commands_are_aligned_by_these():

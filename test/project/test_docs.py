@@ -35,6 +35,12 @@ def test_every_link_leads_somewhere(page):
         assert target.startswith('http') or (page.parent / target).exists(), target
 
 
+def test_no_number_is_left_to_be_filled_in():
+    written = [*PAGES, ROOT / 'CHANGELOG.md', *(ROOT / 'benchmark').rglob('*.md')]
+    assert not [(page.name, word) for page in written for word in re.findall(
+        r'\b(?:X{2,}|XS|TODO|TBD|FIXME)\b|\?{3}', page.read_text())]
+
+
 def test_every_page_is_in_the_contents_of_the_site():
     index = ROOT / 'docs/index.md'
     listed = {(index.parent / f'{line}.md').resolve()

@@ -40,6 +40,13 @@ def test_a_value_has_moved_when_it_differs_by_more_than_a_tenth_of_a_standard_er
     assert 'mass: 2.0 -> 2.02' in lines[0]
 
 
+def test_a_value_that_vanishes_or_appears_has_moved():
+    word, lines = golden.compare(diagnosed('exact', mass=[2.0, 0.1], com=[0.1, 0.1]),
+                                 diagnosed('exact', mass=[2.0, 0.1], gain=[1.0, 0.1]))
+    assert word == 'moved'
+    assert lines == ['com: 0.1 -> none', 'gain: none -> 1.0']
+
+
 @pytest.mark.parametrize('after, status', [('wrong', 1), ('alias', 0), ('exact', 0)])
 def test_the_exit_status_is_1_for_a_worse_answer_only(after, status, capsys):
     pinned = {DELAY.name: diagnosed('exact')}
@@ -47,10 +54,35 @@ def test_the_exit_status_is_1_for_a_worse_answer_only(after, status, capsys):
     assert ('WORSE rig/delay' in capsys.readouterr().out) == bool(status)
 
 
-def test_an_altered_recording_is_reported(capsys):
+def test_a_pinned_answer_that_cannot_be_judged_is_an_error(capsys):
+    pinned = {DELAY.name: diagnosed('exact')}
     altered = {**diagnosed('exact'), 'digest': 'b'}
-    golden.report({DELAY.name: diagnosed('exact')}, {DELAY.name: altered}, [DELAY])
+    assert golden.report(pinned, {DELAY.name: altered}, [DELAY]) == 1
     assert 'RECORDING of rig/delay differs' in capsys.readouterr().out
+    assert golden.report(pinned, {}, [DELAY]) == 1
+    assert 'NOT JUDGED rig/delay: its recording cannot be made' in capsys.readouterr().out
+    assert golden.report(pinned, {}, [], gone=[DELAY.name]) == 1
+    assert 'NOT JUDGED rig/delay: it is pinned, and no case' in capsys.readouterr().out
+
+
+def test_answers_that_are_not_pinned_are_named_in_one_line(capsys):
+    others = [DELAY._replace(name=name) for name in ('one', 'two')]
+    assert golden.report({}, {'one': diagnosed('wrong')}, others) == 0
+    assert '2 not pinned: one, two\n' in capsys.readouterr().out
+
+
+def test_check_skips_real_recordings_that_are_absent_and_no_others(
+        tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(golden, 'all_cases', lambda: [DELAY._replace(name='arm', family='real')])
+    monkeypatch.setattr(golden, 'REAL_DATA', tmp_path / 'none')
+    golden.write({name: diagnosed('exact') for name in ('arm', 'rig/gone')}, tmp_path / 'pinned')
+    words = ['check', '--pinned', str(tmp_path / 'pinned'), '--out', str(tmp_path / 'out.json'),
+             '--recordings', str(tmp_path / 'recordings')]
+    assert golden.main(words) == 1
+    said = capsys.readouterr().out
+    assert '1 cases are skipped' in said and said.splitlines()[0].endswith(': arm')
+    assert 'NOT JUDGED rig/gone' in said and 'NOT JUDGED arm' not in said
+    assert golden.main([*words, '--only', 'arm']) == 0
 
 
 @pytest.mark.parametrize('case, answer, grade', [

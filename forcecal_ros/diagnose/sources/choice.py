@@ -6,6 +6,7 @@ from typing import Any
 
 from forcecal_ros.core.axes import in_axes_of_pose, levelled
 from forcecal_ros.core.calibration import Calibration
+from forcecal_ros.core.errors import UsageError
 from forcecal_ros.core.streams import Recording
 from forcecal_ros.diagnose.sources.source import Source
 from forcecal_ros.diagnose.sources.tool import ToolSource
@@ -32,6 +33,25 @@ def model_of(path: str | Path) -> Any:
     return load_rig(path) if rig else load(path)
 
 
+def own_rig(recordings: Sequence[Recording]) -> Rig:
+    """
+    Return the nominal rig of this package, for recordings that the simulated rig made.
+
+    Raises
+    ------
+    UsageError
+        The topic of that rig's true contact was not recorded; no model is guessed.
+    """
+    for one in recordings:
+        if one.contact_truth is None:
+            raise UsageError(
+                f'{one.source or "the recording"}: nothing states what was recorded, so there is '
+                'nothing to compare it with; give --calibration C.yaml (forcecal calibrate writes '
+                'it), --rig FILE or --rig nominal, --simulated SIM_BAG, --mujoco MODEL.xml or '
+                "--simulator MODULE:FACTORY (in Python against=, 'rig.yaml' for --rig nominal)")
+    return load_rig()
+
+
 def source_of(against: Any, recordings: Sequence[Recording], rig: Rig | None = None,
               accelerometer: str | None = None, name: str = 'the calibration'
               ) -> tuple[Source, list[Recording]]:
@@ -43,7 +63,7 @@ def source_of(against: Any, recordings: Sequence[Recording], rig: Rig | None = N
     against : sequence of Recording, Calibration, Rig, simulator or None
         What a simulator recorded of the same commands, one for each recording; what is known of
         tool and sensors, along the measured motion; a rig, by commands where they were recorded;
-        an object with ``parameters`` and ``simulate``; None: the nominal rig.
+        an object with ``parameters`` and ``simulate``; None: that of :func:`own_rig`.
     rig : Rig, optional
         Gives the tolerances of a tool or simulator.
     accelerometer : str, optional
@@ -55,7 +75,7 @@ def source_of(against: Any, recordings: Sequence[Recording], rig: Rig | None = N
     if against is None or isinstance(against, Rig):
         from forcecal_ros.diagnose.sources.rig import rig_source
 
-        by = against or load_rig()
+        by = against or own_rig(given)
         return (rig_source(by, accelerometer) if given[0].target else
                 ToolSource(rigid_tool_of_rig(by), None, accelerometer)), given
     rig = rig or load_rig(RIGID)

@@ -15,7 +15,7 @@ from dataclasses import replace
 from itertools import combinations
 from typing import Any, NamedTuple
 
-from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.errors import below, DataError
 from forcecal_ros.core.estimation import BLOCKS, robust_fit
 from forcecal_ros.core.geometry import Array, skew
 from forcecal_ros.core.quantity import quantity
@@ -318,8 +318,8 @@ def fit_surface(touches: Sequence[Touch], rough: float = ROUGH_M) -> tuple[_Rows
     """
     for one, name in zip(touches, WHOSE):
         if one.seconds < MIN_CONTACT_S:
-            raise DataError(f'the {name} touches for {one.seconds:.1f} s only, '
-                            f'{MIN_CONTACT_S:g} s are needed; press longer')
+            raise DataError(f'the {name} touches for {below(one.seconds, MIN_CONTACT_S, 2)} s '
+                            f'only, {MIN_CONTACT_S:g} s are needed; press longer')
         if not one.position.any():
             raise DataError(f'the poses of the {name} have no position, so the depth is not known')
     means = [one.in_base.sum(axis=0) / np.linalg.norm(one.force, axis=1).sum() for one in touches]
