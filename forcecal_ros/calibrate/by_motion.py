@@ -66,7 +66,7 @@ def calibrate_by_motion(recording: Recording, settings: IdentificationSettings, 
             f'and pose, and record free of contact; suspect: {", ".join(suspect)}')
     quality = {
         'method': 'motion', 'warnings': warnings, 'suspect': suspect,
-        'questions': list(questions_of(mass, float(np.linalg.norm(found.com)))),
+        'questions': list(questions_of(mass, found.com, found.theta[10:13])),
         'notes': [*recording.notes, f'{why}: estimated from motion'],
         'residual_rms': np.repeat(found.scale, 3),
         'apparent_gravity_spread': principal_spread(found.blocks.apparent_gravity)[0],

@@ -65,7 +65,7 @@ def quality_of(stages: Stages, calibration: Calibration, settings: Identificatio
     quality: dict[str, Any] = {
         'warnings': [*weak_estimates(calibration, settings), *(finding.line for finding in found)],
         'suspect': [key for key in ALL if any(key in finding.suspect for finding in found)],
-        'questions': list(questions_of(tool.mass, float(np.linalg.norm(tool.com)))),
+        'questions': list(questions_of(tool.mass, tool.com, tool.force_bias)),
         'notes': [*stages.recording.notes, *_notes(stages, calibration, plain)],
         'poses': [{'start': round(p.start, 3), 'gravity': g, 'residual': r} for p, g, r in
                   zip(stages.poses, stages.statics.gravity, tool.residuals)],

@@ -289,9 +289,10 @@ TORQUE_UNITS = {'N mm': 1e-3, 'N cm': 1e-2, 'dN m': 0.1, 'lbf in': 0.1129848,
 LENGTH_UNITS = {'mm': 1e-3, 'cm': 1e-2, 'inches': 0.0254}
 """[m]"""
 
-MAX_BIAS_N, MAX_MASS_KG, MIN_MASS_KG = 5e3, 200.0, 0.25
-"""A wrist sensor's bias is within its range, of 2.5 kN in the largest ones of arms; arms carry
-200 kg at most, and grippers weigh 0.3 kg with their coupling."""
+MAX_BIAS_N, LARGE_BIAS_N, LARGE_MASS_KG, MIN_MASS_KG = 5e3, 500.0, 50.0, 0.25
+"""A wrist sensor's bias is within its range, of 2.5 kN in the largest ones of arms; from 500 N or
+50 kg on it is questioned, as most arms carry 35 kg at most and their sensors have 500 N; grippers
+weigh 0.3 kg with their coupling."""
 
 FAR_M = 0.3
 """A centre of mass so far away is questioned: grippers and hands have theirs within 0.2 m."""
@@ -371,16 +372,17 @@ def corrected(factor: float, unit: str) -> str:
             f'"unit: {unit}" into its specification instead)')
 
 
-def questions_of(mass: float, away: float) -> Iterator[str]:
+def questions_of(mass: float, com: Array, bias: Array) -> Iterator[str]:
     """
-    Question a mass [kg] or a distance of the centre of mass [m] that is odd for a tool.
+    Question a mass [kg], a centre of mass (3,) [m] or a bias (3,) [N] that is odd for a tool.
 
     A unit that all readings share makes them so, and no recording tells it.
     """
-    if mass > MAX_MASS_KG:
-        yield (f'a mass of {mass:.3g} kg is much for a wrist to carry: weigh the tool and give '
-               f'--tool-mass, which tells the unit; if it weighs {mass / 1000:.3g} kg, the wrench '
-               'is in mN, else in counts of a converter: divide them by the counts a newton')
+    away, off = float(np.linalg.norm(com)), float(np.abs(bias).max())
+    if mass > LARGE_MASS_KG or off > LARGE_BIAS_N:
+        yield (f'a mass of {mass:.3g} kg with a bias of {off:.3g} N is much for a wrist: weigh '
+               'the tool and give --tool-mass, which tells the unit; if it is neither that nor '
+               f'{mass / 1000:.3g} kg (mN), divide the counts of a converter by those a newton')
     if mass < MIN_MASS_KG:
         yield (f'a mass of {mass:.3g} kg is little for a wrist to carry: weigh the tool and give '
                '--tool-mass, which tells the unit; if it weighs '

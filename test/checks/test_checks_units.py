@@ -40,16 +40,19 @@ def test_no_gravity_is_the_drivers_doing_unless_it_decays():
 
 
 def test_a_tool_of_a_kilogram_in_another_unit_is_questioned():
-    question, = questions_of(0.932 / 9.80665, 0.1)
+    near, unbiased = np.array([0.0, 0.0, 0.1]), np.zeros(3)
+    question, = questions_of(0.932 / 9.80665, near, unbiased)
     assert 'give --tool-mass' in question
     assert 'if it weighs 0.932 kg, the wrench is in kgf' in question
-    question, = questions_of(0.932 / 4.448, 0.1)
+    question, = questions_of(0.932 / 4.448, near, unbiased)
     assert 'if 0.932 kg, in lbf' in question
-    question, = questions_of(1300.0, 0.1)
-    assert 'counts of a converter' in question
-    question, = questions_of(1.0, 0.07 / 0.11298)
+    for mass, bias in ((1300.0, unbiased), (0.932, [3.0, -800.0, 0.0])):
+        question, = questions_of(mass, near, bias)
+        assert 'counts of a converter' in question
+    question, = questions_of(1.0, near * 0.7 / 0.11298, unbiased)
     assert 'if it is 0.07 m, the torques are in lbf in' in question
-    assert not [*questions_of(0.932, 0.2), *questions_of(90.0, 0.0)]
+    assert not [*questions_of(0.932, 2.0 * near, unbiased),
+                *questions_of(40.0, unbiased, [300.0, -20.0, 50.0])]
 
 
 def test_an_accelerometer_that_does_not_turn_with_the_pose_is_on_another_link():
