@@ -34,6 +34,7 @@ setup(
         (f'share/{PACKAGE}/layouts', sorted(glob('layouts/*.*'))),
     ],
     install_requires=[
+        'argcomplete>=2.0',
         "backports.zstd>=1.0; python_version < '3.14'",  # in the standard library since
         'jinja2>=3.1',
         'lz4>=4.0',
@@ -51,6 +52,8 @@ setup(
         'mujoco': MUJOCO,
         # many recordings on many machines: --dask
         'scale': SCALE,
+        # benchmark/any_simulator.py and examples/drake_arm.py; the package does not import it
+        'drake': ['drake>=1.40'],
         # pictures of reports that zoom; rosdep has no key for it, and pages do without
         'plots': PLOTS,
         # the pages of docs/ as a site: sphinx-build -W -c docs . build/site

@@ -1,6 +1,6 @@
 """A robot against somebody else's simulation of it: what can be told of it in three ways.
 
-    pip install mujoco
+    pip install mujoco    # and drake for --drake, --drake-mujoco
     python benchmark/any_simulator.py --out any_simulator.jsonl
         [--rerun | --mujoco | --fit-rig | --drake | --drake-mujoco]
         [--jobs N] [--clean N] [--seeds N] [--first N] [--effects NAME ...]
@@ -15,7 +15,7 @@ motions tells it. With --rerun the simulation is run again with other numbers, a
 joints has a name. With --mujoco it is run as a model in MuJoCo, and the robot is integrated by
 implicitfast at 0.1 ms; the table is MuJoCo's own contact, pressed on for a third of the time. With
 --fit-rig there is no simulation: a rig is fitted to a recording of the robot without an effect,
-and others of the same robot and day are compared with that. With --drake (pip install drake) the
+and others of the same robot and day are compared with that. With --drake (the extra drake) the
 robot moves in Drake instead, a millisecond later, its joints have no dry friction but a viscous
 one of 1 N m s/rad that the simulation lacks, and its gears turn the tool by 0.05 mrad, ten times
 in a turn; it is compared with a simulation in MuJoCo by two recordings, or with --drake-mujoco as
@@ -28,6 +28,7 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 import argparse
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 import sys
 import tempfile
@@ -37,6 +38,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from forcecal_ros.core.extras import installing
 from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.diagnose.sources.pair import PairSource, shift_times
 from forcecal_ros.diagnose.sources.rig import rig_source
@@ -359,6 +361,9 @@ def main():
     way = ('rerun' if args.rerun else 'mujoco' if args.mujoco
            else 'fit-rig' if args.fit_rig else 'drake' if args.drake
            else 'drake-mujoco' if args.drake_mujoco else 'compared')
+    if way in IN_DRAKE and find_spec('pydrake') is None:
+        print(f'skipped: pydrake is not installed ({installing("drake")})')
+        return
     each = {'none': args.clean, **dict.fromkeys(NONE[1:], 1), **dict.fromkeys(TRUTH, args.seeds)}
     left_out = {'fit-rig': ('none, table', 'contact softness'),
                 **dict.fromkeys(IN_DRAKE, NOT_IN_DRAKE)}.get(way, ())

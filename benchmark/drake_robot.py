@@ -1,4 +1,4 @@
-"""The arm of mujoco_arm as a robot in another physics engine: Drake (pip install drake)."""
+"""The arm of mujoco_arm as a robot in another physics engine: Drake, an extra of setup.py."""
 
 import logging
 

@@ -21,7 +21,7 @@ TOOLS = ('core',)
 WITHIN = ('io.bags',)
 """Parts of a room that are shown apart from it."""
 
-PART_OF = {'entry': 'cli'}
+PART_OF = {'entry': 'cli', 'results': 'api'}
 """Modules next to the packages that belong to one: ``entry`` loads others by name."""
 
 HOLDS = {

@@ -12,8 +12,7 @@ release = re.search(r"__version__ = '(.+)'",
 
 extensions = ['myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.napoleon']
 root_doc = 'docs/index'
-include_patterns = ['README.md', 'CONTRIBUTING.md', 'CHANGELOG.md', 'docs/**.md',
-                    'benchmark/**.md']
+include_patterns = ['README.md', 'CONTRIBUTING.md', 'CHANGELOG.md', 'docs/**.md']
 exclude_patterns = ['.venv', 'build', 'install', 'log', 'test', 'forcecal_ros']
 html_theme = 'furo'
 html_title = f'forcecal_ros {release}'
@@ -24,3 +23,9 @@ autodoc_typehints = 'description'
 autodoc_member_order = 'bysource'
 napoleon_google_docstring = False
 napoleon_use_ivar = True
+
+
+def setup(app):
+    """Offer files of the benchmarks, which are no pages of the site, as downloads."""
+    app.connect('source-read', lambda app, page, source: source.__setitem__(
+        0, re.sub(r'\]\((?=(\.\./)+benchmark/)', '](path:', source[0])))

@@ -1,13 +1,16 @@
 """Make the pictures of the README in a real browser: ``python docs/pictures.py [FOLDER]``.
 
 live.gif: the page of ``forcecal live`` with a recording of the simulated rig, played at its pace.
-report.png: the first screen of a diagnosis. FOLDER keeps what they are made of. Requires Chromium
-or Chrome, and pillow.
+report.png: the first screen of a diagnosis. FOLDER keeps what they are made of, and shows every
+page as a reader sees it: FOLDER/pages/PAGE_WIDTH_SCHEME.png. Requires Chromium or Chrome, and
+pillow.
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 from io import BytesIO
 import json
+import os
 from pathlib import Path
 import subprocess
 import sys
@@ -15,11 +18,12 @@ import tempfile
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / 'test' / 'helpers'))
+sys.path[:0] = [str(ROOT), str(ROOT / 'test' / 'helpers')]
 
 from browser import browser, Page  # noqa: E402
+from forcecal_ros.core.calibration import Estimate  # noqa: E402
 from forcecal_ros.io.bags import read_recording  # noqa: E402
-from forcecal_ros.io.calibration_file import load  # noqa: E402
+from forcecal_ros.io.calibration_file import dump, load  # noqa: E402
 from forcecal_ros.observe import replay  # noqa: E402
 from forcecal_ros.report.page import render_page  # noqa: E402
 import numpy as np  # noqa: E402
@@ -27,9 +31,17 @@ from PIL import Image  # noqa: E402
 
 COMMANDS = {
     'sample': ['sample', 'rig', '-o', 'sample'],
-    'calibration.yaml': ['calibrate', 'sample/sound', '-o', 'calibration.yaml', '--quiet'],
-    'gap': ['diagnose', 'sample/late', '--rig', 'nominal', '-o', 'gap', '--quiet']}
+    'calibration.yaml': ['calibrate', 'sample/sound', '-o', 'calibration.yaml', '--report',
+                         'calibration.html', '--quiet'],
+    'gap': ['diagnose', 'sample/late', '--rig', 'nominal', '-o', 'gap', '--quiet'],
+    'limb': ['sample', 'insitu', '-o', 'limb'],
+    'insitu': ['insitu', 'limb/spec.yaml', '-o', 'insitu'],
+    'fleet': ['fleet', 'nights', 'gap', '-o', 'fleet']}
 """What each of them makes, one after the other."""
+
+PAGES = {'calibration': 'calibration.html', 'diagnosis': 'gap/report.html',
+         'insitu': 'insitu/report.html', 'fleet': 'fleet/fleet.html', 'live': 'live.html'}
+"""Where the pages are."""
 
 BIN_S, FRAME_S, SHOWN_S = 0.04, 0.8, 0.12
 """Of a row of the page; between two frames, in the recording and in the GIF [s]."""
@@ -104,17 +116,55 @@ def report(folder: Path) -> None:
         seen(page, int(bottom) + 12).quantize(64).save(ROOT / 'docs' / 'report.png', optimize=True)
 
 
-def main(folder: Path) -> None:
+def nights(folder: Path) -> None:
+    """Write calibrations of two robots, the tool of one of which changes."""
+    whole, rng = load(folder / 'calibration.yaml'), np.random.default_rng(0)
+    (folder / 'nights').mkdir(exist_ok=True)
+    for robot, change in (('left', 0.02), ('right', 0.0)):
+        for night in range(14):
+            mass = float(whole.mass) + 0.001 * rng.normal() + change * (night > 9)
+            (folder / 'nights' / f'{robot}_{night}.yaml').write_text(dump(replace(
+                whole, mass=Estimate(mass, 0.001, 'kg'), source={
+                    'recorded': f'2026-03-{night + 1:02d}T02:00:00+00:00', 'robot': robot})))
+
+
+def pages(folder: Path) -> None:
+    """Show every page on a screen and on a phone, light and dark, with all its parts open."""
+    now = list(snapshots(folder))[20:60]
+    (folder / 'pages').mkdir(exist_ok=True)
+    with browser(folder / 'browser') as page:
+        for name, path in PAGES.items():
+            for width, dark in ((w, d) for w in (1280, 400) for d in (False, True)):
+                page.size(width, 900, dark)
+                page.open(f'file://{folder}/{path}')
+                page.run('document.querySelectorAll("details").forEach(one => { one.open = true; })')
+                if name == 'live':
+                    page.run(f'events.close(); {json.dumps(now)}.forEach(show); '
+                             'buttons.forEach(button => { button.disabled = false; })')
+                    page.until('!changed')
+                page.until('[...document.querySelectorAll(".live")].every('
+                           'one => one.querySelector(".main-svg"))')
+                page.size(width, page.run('document.documentElement.scrollHeight'), dark)
+                (folder / 'pages' / f'{name}_{width}_{"dark" if dark else "light"}.png'
+                 ).write_bytes(page.picture())
+
+
+def main(folder: Path, *, keep: bool) -> None:
     """Make what is not there, then the pictures of it."""
     folder.mkdir(exist_ok=True)
     for name, arguments in COMMANDS.items():
+        if name == 'fleet':
+            nights(folder)
         if not (folder / name).exists():
             subprocess.run([sys.executable, '-m', 'forcecal_ros.cli.main', *arguments],
-                           cwd=folder, check=True, stdout=subprocess.DEVNULL)
+                           cwd=folder, check=True, stdout=subprocess.DEVNULL,
+                           env={**os.environ, 'PYTHONPATH': str(ROOT)})
     live(folder)
     report(folder)
+    if keep:
+        pages(folder)
 
 
 if __name__ == '__main__':
     with tempfile.TemporaryDirectory() as scratch:
-        main(Path(sys.argv[1] if len(sys.argv) > 1 else scratch).resolve())
+        main(Path(sys.argv[1] if len(sys.argv) > 1 else scratch).resolve(), keep=len(sys.argv) > 1)

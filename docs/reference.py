@@ -1,14 +1,21 @@
 """Write the pages of docs/reference that follow from the code: ``python docs/reference.py``."""
 
 import argparse
+import ast
 from collections import Counter
 from collections.abc import Iterator
+from itertools import groupby
 from pathlib import Path
 import re
+from typing import Any
 
 from forcecal_ros.cli import COMMANDS, GROUPS
 from forcecal_ros.cli.main import build_parser
+from forcecal_ros.core.calibration import Calibration, Entry
 from forcecal_ros.core.parameters import Parameter
+from forcecal_ros.core.schema import Column, columns, shape_of
+from forcecal_ros.core.topics import CONTROLLERS, ROBOTS
+from forcecal_ros.effects.rig import Rig
 from forcecal_ros.nodes.config import TABLES
 from forcecal_ros.observe.sample import describe, Status
 
@@ -17,49 +24,75 @@ EVERYWHERE = ('-h', '--json', '--quiet', '--debug', '--namespace', '--timeout', 
 
 FOLDER = Path(__file__).with_name('reference')
 
+ROOT = Path(__file__).resolve().parents[1]
+FILES = sorted((ROOT / 'launch').glob('*.launch.py'))
+SHARED = ROOT / 'forcecal_ros' / 'nodes' / 'launching.py'
+
 TOPICS = """
 ## Topics and services
 
 Names are relative: `observer/contact_wrench` in the namespace `/left` is `/left/observer/contact_wrench`. What a node publishes and serves is
 private to it (`~/phase`), so `-r __node:=left` has `left/phase`. *latched* is RELIABLE and TRANSIENT_LOCAL with depth 1; *sensor* is BEST_EFFORT
-with depth 100 or more; *reliable* is RELIABLE with depth 10, of the rig's sensors 200.
+with depth 100 or more; *reliable* is RELIABLE with depth 10, of the rig's sensors 200. A line lists types, QoS, rate and frame. The observer is a lifecycle node.
 
-| node | direction | topic | type | QoS | rate, frame |
-|---|---|---|---|---|---|
-| sequencer | subscribes | `wrench` | geometry_msgs/WrenchStamped | sensor | sensor frame |
-| | subscribes | `accelerometer/raw` or `imu/data_raw` or `accel` | Vector3Stamped (V), sensor_msgs/Imu, AccelStamped | sensor | own frame |
-| | subscribes | `current_pose` | PoseStamped | sensor | base |
-| | subscribes | `optidrive` | sensor_msgs/JointState | sensor | displacement of a compliant axis [m] |
-| | subscribes | `deadman` | std_msgs/Header | sensor | with `motion.deadman_timeout` |
-| | publishes | `target_frame` or `joint_trajectory` or `delta_twist_cmds` | PoseStamped, JointTrajectory, TwistStamped | reliable | `motion.rate`, base |
-| | publishes | `sequencer/phase` | diagnostic_msgs/DiagnosticArray | reliable | on change and 1 Hz |
-| | publishes | `sequencer/state` | std_msgs/String | reliable | the same word |
-| | publishes | `sequencer/planned_path`, `sequencer/markers` | nav_msgs/Path, MarkerArray | latched | after a preview |
-| | publishes | `sequencer/calibration` | std_msgs/String | latched | calibration YAML |
-| | publishes | `sequencer/observer_gain` | std_msgs/Float64MultiArray | latched | K, 2 x 3 |
-| | publishes | `sequencer/tool_inertia` | geometry_msgs/InertiaStamped | latched | sensor frame |
-| | serves | `sequencer/preview`, `/start`, `/abort`, `/save_calibration` | std_srvs/Trigger | | |
-| observer (lifecycle) | subscribes | `wrench`, `accelerometer/raw` or `imu/data_raw` or `accel`, `current_pose`, `optidrive` | as above | sensor | |
-| | subscribes | `sequencer/calibration` | std_msgs/String | latched | |
-| | subscribes | `observer/tool` | InertiaStamped | latched | with `tool: tracked` |
-| | publishes | `observer/contact_wrench` | WrenchStamped | reliable | each wrench; sensor frame, about its origin |
-| | publishes | `observer/inertial_wrench`, `observer/innovation` | WrenchStamped | reliable | if enabled |
-| | publishes | `observer/contact_wrench/FRAME` | WrenchStamped | reliable | `publish.frames` |
-| | publishes | `observer/accuracy` | std_msgs/Float64MultiArray | latched | covariance of the error |
-| | publishes | `observer/tool` | InertiaStamped | latched | with `payload.track` |
-| | publishes | `observer/markers` | MarkerArray | reliable | `publish.marker_rate` |
-| | serves | `observer/tare`, `/reset`, `/reload_calibration` | std_srvs/Trigger | | |
-| sim | subscribes | `target_frame` | PoseStamped | sensor | 250 Hz |
-| | publishes | `wrench`, `accelerometer/raw`, `current_pose`, `optidrive`, `sim/contact_wrench`; `imu/data_raw` and `/clock` if enabled | | reliable | rates of the rig |
-| gap | subscribes | `target_frame`, `wrench`, `accelerometer/raw` or `imu/data_raw` or `accel`, `current_pose`, `optidrive` | as above | sensor | |
-| | publishes | `/diagnostics` | DiagnosticArray | reliable | 1 Hz: excess of each channel in noise RMS |
-| | serves | `gap/reset` | std_srvs/Trigger | | |
-| impedance | subscribes | `wrench`, `observer/contact_wrench`, `current_pose`, `optidrive`, `deadman` | | sensor | |
-| | publishes | `target_frame`, `impedance/phase`, `impedance/state` | | reliable | `motion.rate` |
-| | serves | `impedance/start`, `/abort` | std_srvs/Trigger | | |
+### Topics of sequencer
 
-All nodes publish `/diagnostics` at 1 Hz. Words of a phase: `idle` `settle` `move` `measure` `step` `sweep` `reverse` `approach` `contact` `retract`
-`done` `aborted`; the last one with its reason.
+- subscribes `wrench`: geometry_msgs/WrenchStamped; sensor; `ft_sensor`
+- subscribes `accelerometer/raw` or `imu/data_raw` or `accel`: geometry_msgs/Vector3Stamped [V], sensor_msgs/Imu, geometry_msgs/AccelStamped; sensor; its own
+- subscribes `current_pose`: geometry_msgs/PoseStamped; sensor; base
+- subscribes `optidrive`: sensor_msgs/JointState [m]; sensor
+- subscribes `deadman`: std_msgs/Header; sensor; `motion.deadman_timeout`
+- publishes `target_frame` or `joint_trajectory` or `delta_twist_cmds`: geometry_msgs/PoseStamped, trajectory_msgs/JointTrajectory, geometry_msgs/TwistStamped; reliable; `motion.rate`; that of `current_pose`
+- publishes `sequencer/phase`: diagnostic_msgs/DiagnosticArray; reliable; on change, 1 Hz
+- publishes `sequencer/state`: std_msgs/String; reliable; on change, 1 Hz
+- publishes `sequencer/planned_path`, `sequencer/markers`: nav_msgs/Path, visualization_msgs/MarkerArray; latched; each preview; base
+- publishes `sequencer/calibration`: std_msgs/String; latched; each result
+- publishes `sequencer/observer_gain`: std_msgs/Float64MultiArray (K of Eq. 4); latched; each result
+- publishes `sequencer/tool_inertia`: geometry_msgs/InertiaStamped; latched; each result; `ft_sensor`
+- serves `sequencer/preview`, `/start`, `/abort`, `/save_calibration`: std_srvs/Trigger
+
+### Topics of observer
+
+- subscribes `wrench`: geometry_msgs/WrenchStamped; sensor; `ft_sensor`
+- subscribes `accelerometer/raw` or `imu/data_raw` or `accel`: geometry_msgs/Vector3Stamped [V], sensor_msgs/Imu, geometry_msgs/AccelStamped; sensor; its own
+- subscribes `current_pose`, `optidrive`: geometry_msgs/PoseStamped, sensor_msgs/JointState; sensor; base
+- subscribes `sequencer/calibration`: std_msgs/String; latched
+- subscribes `observer/tool`: geometry_msgs/InertiaStamped; latched; with `tool: tracked`; `ft_sensor`
+- publishes `observer/contact_wrench`: geometry_msgs/WrenchStamped; reliable; each wrench; `ft_sensor`
+- publishes `observer/inertial_wrench`, `observer/innovation`: geometry_msgs/WrenchStamped; reliable; each wrench, if enabled; `ft_sensor`
+- publishes `observer/contact_wrench/FRAME`: geometry_msgs/WrenchStamped; reliable; each wrench; `publish.frames`
+- publishes `observer/accuracy`: std_msgs/Float64MultiArray (covariance of the error); latched; each calibration
+- publishes `observer/tool`: geometry_msgs/InertiaStamped; latched; with `payload.track`; `ft_sensor`
+- publishes `observer/markers`: visualization_msgs/MarkerArray; reliable; `publish.marker_rate`; `ft_sensor`
+- serves `observer/tare`, `/reset`, `/reload_calibration`: std_srvs/Trigger
+
+### Topics of sim
+
+- subscribes `target_frame`: geometry_msgs/PoseStamped; sensor; 250 Hz; `frames.base`
+- publishes `wrench`, `sim/contact_wrench`: geometry_msgs/WrenchStamped; reliable; 1000 Hz; `frames.sensor`
+- publishes `accelerometer/raw`: geometry_msgs/Vector3Stamped; reliable; 1000 Hz; `frames.accelerometer`
+- publishes `current_pose`: geometry_msgs/PoseStamped; reliable; 250 Hz; `frames.base`
+- publishes `optidrive`: sensor_msgs/JointState [m]; reliable; 1000 Hz
+- publishes `imu/data_raw`, `/clock`: sensor_msgs/Imu, rosgraph_msgs/Clock; reliable; if enabled
+
+### Topics of gap
+
+- subscribes `target_frame`, `current_pose`: geometry_msgs/PoseStamped; sensor; 250 Hz; base
+- subscribes `wrench`, `optidrive`: geometry_msgs/WrenchStamped, sensor_msgs/JointState; sensor; as the rig; `ft_sensor`
+- subscribes `accelerometer/raw` or `imu/data_raw` or `accel`: geometry_msgs/Vector3Stamped [V], sensor_msgs/Imu, geometry_msgs/AccelStamped; sensor; as the rig; its own
+- publishes `/diagnostics`: diagnostic_msgs/DiagnosticArray (excess of each channel in noise RMS); reliable; 1 Hz
+- serves `gap/reset`: std_srvs/Trigger
+
+### Topics of impedance
+
+- subscribes `wrench`, `observer/contact_wrench`: geometry_msgs/WrenchStamped; sensor; `ft_sensor`
+- subscribes `current_pose`, `optidrive`, `deadman`: geometry_msgs/PoseStamped, sensor_msgs/JointState, std_msgs/Header; sensor; base
+- publishes `target_frame`: geometry_msgs/PoseStamped; reliable; 250 Hz; that of `current_pose`
+- publishes `impedance/phase`, `impedance/state`: diagnostic_msgs/DiagnosticArray, std_msgs/String; reliable; on change, 1 Hz
+- serves `impedance/start`, `/abort`: std_srvs/Trigger
+
+`ft_sensor` is the frame of the wrench (`sensor.frame` of the calibration). Wrenches of the observer act on the tool and are about its origin. All nodes publish `/diagnostics` at 1 Hz. A phase is
+`idle` `settle` `move` `measure` `step` `sweep` `reverse` `approach` `contact` `retract` `done` or `aborted`; the last one has its reason.
 """
 
 
@@ -67,19 +100,29 @@ def nodes() -> Iterator[str]:
     """Yield the page of the nodes: topics, status bits and every parameter."""
     yield ('# Nodes\n\nThis page lists topics, services, status bits and parameters of all nodes. The parameters are '
            'generated from the code, each with its default and range; `ros2 param describe` prints the same.\n' + TOPICS)
-    yield '\n## Status bits of the observer\n\n| bit | name | meaning |\n|--:|---|---|\n'
-    yield from (f'| {bit.value} | {bit.name} | {describe(bit.value)[0]} |\n'
+    yield from launch_arguments()
+    yield '\n## Status bits of the observer\n\n'
+    yield from (f'- {bit.value}, {bit.name}: {describe(bit.value)[0]}\n'
                 for bit in Status if bit.value)
-    users: dict[Parameter, list[str]] = {}
+    users: dict[Parameter, dict[str, Parameter]] = {}  # the same but for the default
     for node, (table, _) in TABLES.items():
         for row in table:
-            users.setdefault(row._replace(default=str(row.default)), []).append(node)
-    yield '\n## Parameters of several nodes\n\n'
-    yield from (_parameter(row, row.name, f' Of {", ".join(names)}.')
-                for row, names in users.items() if len(names) > 1)
+            row = row._replace(default=str(row.default))
+            users.setdefault(row._replace(default='', live=False), {})[node] = row
+    together: dict[str, list[dict[str, Parameter]]] = {}
+    for of in users.values():
+        if len(of) > 1:
+            together.setdefault(', '.join(of), []).append(of)
+    for names, shared in together.items():
+        yield f'\n## Parameters of {names}\n\n'
+        for of in shared:
+            first, *others = of.values()
+            defaults = '' if all(row.default == first.default for row in others) else ''.join(
+                f', `{row.default}` of {node}' for node, row in list(of.items())[1:])
+            yield _parameter(first, first.name, defaults)
     for node in TABLES:
         alike: dict[Parameter, list[str]] = {}  # one row for the same fault of several sensors
-        for row in (row for row, names in users.items() if names == [node]):
+        for row in (of[node] for of in users.values() if [*of] == [node]):
             words = re.sub(r'of the sensor \w+,', 'of a sensor,', row.description)
             name = row.name if words == row.description else ''
             alike.setdefault(row._replace(name=name, description=words), []).append(row.name)
@@ -87,12 +130,53 @@ def nodes() -> Iterator[str]:
         yield from (_parameter(row, '`, `'.join(names)) for row, names in alike.items())
 
 
-def _parameter(row: Parameter, names: str, more: str = '') -> str:
-    words = ', '.join(f'`{word}`' if word else "`''`" for word in row.choices)
+def launch_arguments() -> Iterator[str]:
+    """Yield the arguments of the launch files, read as text: ``launch`` is not on PyPI."""
+    tree = ast.parse(SHARED.read_text())
+    table = next(one.value for one in tree.body
+                 if isinstance(one, ast.Assign) and ast.unparse(one.targets[0]) == 'TOPICS')
+    topics = {name: topic for name, (topic, _) in ast.literal_eval(table).items()}
+    yield '\n## Arguments of the launch files\n\n- '
+    yield ', '.join(f'`{name}`' + f' (`{topic}`)' * (name != topic)
+                    for name, topic in topics.items())
+    yield ': names of topics; by default those of `robot` and `controller`, or the usual ones.\n- '
+    parsed = {file.name.partition('.')[0]: ast.parse(file.read_text()) for file in FILES}
+    nodes = [call.args[0] for one in (*parsed.values(), tree)
+             for call in _calls(one, 'parameters_argument')]
+    yield ', '.join(dict.fromkeys(f'`{node.value}_params`' for node in nodes
+                                  if isinstance(node, ast.Constant)))
+    yield ': parameter file of the node, with priority over those of `controller` and `robot`.\n'
+    users: dict[str, list[str]] = {}
+    for file, one in (('', tree), *parsed.items()):
+        for call in _calls(one, 'DeclareLaunchArgument'):
+            words = {word.arg: word.value for word in call.keywords}
+            if isinstance(words['description'], ast.Constant):
+                users.setdefault(_argument(call, words), []).append(file)
+    for row, files in users.items():
+        yield row + f' Of {", ".join(files)}.' * any(files) + '\n'
+
+
+def _calls(tree: ast.Module, function: str) -> list[ast.Call]:
+    return [one for one in ast.walk(tree) if isinstance(one, ast.Call)
+            and ast.unparse(one.func) == function]
+
+
+def _argument(call: ast.Call, words: dict[str | None, ast.expr]) -> str:
+    choices = eval(ast.unparse(words['choices']),  # noqa: S307  of this package's own source
+                   {'ROBOTS': ROBOTS, 'CONTROLLERS': CONTROLLERS}) if 'choices' in words else ()
+    listed = ', '.join(f'`{word}`' for word in choices if word)
+    return (f'- `{ast.literal_eval(call.args[0])}`{f" ({listed})" * bool(listed)}: '
+            f'{ast.literal_eval(words["description"])}.')
+
+
+def _parameter(row: Parameter, names: str, others: str = '') -> str:
+    listed = all(f'{word}: ' in row.description for word in row.choices)
+    words = ', '.join(f'`{word}`' if word else "`''`" for word in row.choices if not listed)
     default = row.default if len(row.default) <= 30 else f'{row.default[:27]}...'
-    default = f'{default} {row.unit}'.strip() if default else 'empty'
-    limits = words or row.row.range().removeprefix('from ')
-    return f'- `{names}`: {default}{f" ({limits})" if limits else ""}. {row.description}.{more}\n'
+    default = f'`{default}` {row.unit}'.strip() if default else 'empty'
+    limits = words or row.row.range().removeprefix('from ').replace(' to ', '..')
+    return (f'- `{names}`: {default}{others}{f" ({limits})" if limits else ""}. '
+            f'{row.description}.\n')
 
 
 def commands() -> Iterator[str]:
@@ -100,7 +184,7 @@ def commands() -> Iterator[str]:
     yield ('# Commands\n\nThis page lists every command of `forcecal` with its options. It is generated from the code; '
            '`forcecal COMMAND --help` prints the same with an example.\n\nEvery command that computes has `--json` (print the result as JSON) and '
            '`--quiet` (no progress). Commands that talk to running nodes have `--namespace NAME` and '
-           '`--timeout S`; commands that take many recordings have `--jobs N` and `--dask ADDRESS`. `--debug` shows the traceback of an error. Exit status: 0 done, 1 the data '
+           '`--timeout S`; commands that take many recordings have `--jobs N` and `--dask ADDRESS`. `--debug` shows the traceback of an error. An earlier output is kept as NAME~. Exit status: 0 done, 1 the data '
            'cannot answer, 2 wrong usage, 3 found what `--fail-on` names.\n')
     parsers = {name: build_parser(name).commands[name] for name in COMMANDS}
     rows = {name: [row for action in parser._actions if action.help != argparse.SUPPRESS
@@ -109,8 +193,9 @@ def commands() -> Iterator[str]:
             for name, parser in parsers.items()}
     users = Counter(row for own in rows.values() for row in own)
     shared = {row.partition(':')[0]: row for row, n in reversed(users.most_common()) if n > 1}
+    known: dict[str, str] = {}
     yield '\n## Options of several commands\n\n'
-    yield from reversed(shared.values())
+    yield from (_unless_known(row, known) for row in reversed(shared.values()))
     for purpose, group in GROUPS.items():
         yield f'\n## {purpose[0].upper()}{purpose[1:]}\n'
         for name in group:
@@ -121,7 +206,19 @@ def commands() -> Iterator[str]:
             yield f' Takes {", ".join(f"`{one}`" for one in also)} as above.\n' if also else '\n'
             if own := [row for row in rows[name] if row not in shared.values()]:
                 yield '\n'
-                yield from own
+                yield from (_unless_known(row, known) for row in own)
+
+
+def _unless_known(row: str, known: dict[str, str]) -> str:
+    """Return a row, of an option that was described before what differs: its default."""
+    name, _, text = row.partition(': ')
+    text, bracket, default = text.partition(' (default: ')
+    plain = re.sub(r'`--simulated-(\S+).*', r'`--\1', name[2:])
+    before = next((told for one, told in known.items() if one.startswith(plain)), '')
+    known.setdefault(name[2:], text)
+    if plain != name[2:] and text.split()[:3] == before.split()[:3]:
+        return f"{name}: as `{plain[1:]}`, of the simulator's recording\n"
+    return f'{name}: as above{bracket}{default}' if before == text and bracket else row
 
 
 def _rows(action: argparse.Action) -> Iterator[str]:
@@ -146,10 +243,61 @@ def _row(action: argparse.Action) -> str:
     else:
         name = str(shown)
     text = (action.help or '').replace('%(default)s', str(action.default)).replace('%%', '%')
+    text = re.sub(r'[;,] (an )?earlier (one|results?|ones) (is|are) kept as \S+~', '', text)
     return f'- `{name}`: {" ".join(text.split())}\n'
 
 
-PAGES = {'nodes.md': nodes, 'commands.md': commands}
+def files() -> Iterator[str]:
+    """Yield the page of the files, whose fields are those of the code."""
+    page = (FOLDER / 'files.md').read_text()
+    for name, rows in (('calibration', _fields(Calibration)), ('rig', _groups(Rig))):
+        page = re.sub(rf'(?<=<!-- {name} -->\n).*?(?=<!-- -->)',
+                      lambda _: f'\n{"".join(rows)}\n', page,  # noqa: B023  called at once
+                      flags=re.DOTALL)
+    yield page
+
+
+def _fields(section: Any, indent: str = '') -> Iterator[str]:
+    """Yield a line for each field of a document: key, shape, unit, meaning."""
+    for column in columns(section):
+        if column.holds_sections:
+            yield f'{indent}- `{column.key}`:\n'
+            yield from _fields(column.kind, indent + '  ')
+        else:
+            meaning = column.row.meaning[0].lower() + column.row.meaning[1:]
+            star = '' if isinstance(column.row, Entry) else '\\*'
+            yield f'{indent}- {_named(column)}{star}: {meaning}\n'
+
+
+def _groups(section: Any) -> Iterator[str]:
+    """Yield a line for each group of a document with the names and units of its keys."""
+    for column in columns(section):
+        if column.holds_sections:
+            purpose = column.row.meaning or column.kind.__doc__.split('\n')[0].rstrip('.')
+            names = ', '.join(_with_its_own(list(alike)) for _, alike in groupby(
+                columns(column.kind), lambda one: one.kind))
+            yield f'- `{column.key}`: {names}. {purpose[0].upper()}{purpose[1:]}.\n'
+        elif column.row.meaning:
+            yield f'- {_named(column)}: {column.row.meaning}.\n'
+
+
+def _with_its_own(alike: list[Column]) -> str:
+    """Return fields of the same kind, those of a group with its fields in brackets."""
+    if not alike[0].holds_sections:
+        return ', '.join(map(_named, alike))
+    own = ', '.join(map(_named, columns(alike[0].kind)))
+    return f'{", ".join(f"`{one.key}`" for one in alike)} {{{own}}}'
+
+
+def _named(column: Column) -> str:
+    """Return key, shape and unit of a field."""
+    shape = column.row.shape or shape_of(column.kind)
+    size = f'({" x ".join("n" if n is None else str(n) for n in shape)})' if shape else ''
+    unit = f'[{column.row.unit}]' if column.row.unit not in ('', '1') else ''
+    return ' '.join(filter(None, (f'`{column.key}`', size, unit)))
+
+
+PAGES = {'nodes.md': nodes, 'commands.md': commands, 'files.md': files}
 """Name of a page and what writes it."""
 
 

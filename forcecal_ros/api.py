@@ -1,15 +1,14 @@
 """The package from Python: ``import forcecal_ros as fc``, then ``fc.read``, ``fc.calibrate``."""
 
 from collections.abc import Mapping
-import json
 from pathlib import Path
 from typing import Any
 
-from forcecal_ros.core.calibration import Calibration
-from forcecal_ros.core.files import write_text
+from forcecal_ros import results
 from forcecal_ros.core.streams import Recording
-from forcecal_ros.core.topics import require
-from forcecal_ros.report.answer import of_calibration, of_check, of_diagnosis, of_estimate, Result
+from forcecal_ros.results import load, Result, save
+
+__all__ = ['calibrate', 'check', 'diagnose', 'estimate', 'load', 'read', 'save', 'simulate']
 
 
 def read(bag: str | Path, *, topics: Mapping[str, str] | None = None, preset: str = '',
@@ -25,8 +24,7 @@ def read(bag: str | Path, *, topics: Mapping[str, str] | None = None, preset: st
         Role (``wrench``, ``pose``, ``target``, ...) to topic, if it is not the usual one or that
         of a driver: ``ur``, ``franka``, ``kuka_fri`` or ``broadcaster``.
     wrench_sign : int, optional
-        -1 for a driver that reports the wrench of the tool on its environment; by default the
-        calibration's that the recording is used with, or 1.
+        -1 if the driver reports tool on environment; by default as the calibration has it, or 1.
 
     Raises
     ------
@@ -42,55 +40,71 @@ def read(bag: str | Path, *, topics: Mapping[str, str] | None = None, preset: st
 
 
 def check(recording: Recording) -> Result:
-    """Return what a recording holds and which functions it can be used for; never raises."""
-    from forcecal_ros.cli.check import inspect
+    """
+    Return what a recording can be used for, and why not.
 
-    return of_check(inspect(recording), recording)
+    Parameters
+    ----------
+    recording : Recording
+
+    Returns
+    -------
+    Result
+        Streams, motion, wrench sign and fault are in ``to_dict()``.
+    """
+    return results.run_check(recording)
 
 
 def calibrate(recording: Recording, **settings: Any) -> Result:
     """
-    Estimate tool, sensors, noise and observer from a recording of static poses and motion.
+    Estimate tool, sensors, noise and observer.
 
     Parameters
     ----------
+    recording : Recording
+        Static poses or motion, without contact.
     settings : dict
         Fields of :class:`forcecal_ros.calibrate.settings.IdentificationSettings`, as ``gravity``
         [m/s^2], ``sensor_rotation`` [rad] or ``coupling``.
+
+    Returns
+    -------
+    Result
+        Of a Calibration: SI units, ft_sensor, environment on tool.
 
     Raises
     ------
     DataError, UnobservableError
         The recording does not determine the tool; names the cause and the remedy.
     """
-    from forcecal_ros.calibrate.pipeline import identify
-    from forcecal_ros.calibrate.settings import IdentificationSettings
-    from forcecal_ros.observe.design import with_kalman_gains
-
-    return of_calibration(with_kalman_gains(identify(
-        recording, IdentificationSettings(**settings))), recording)
+    return results.run_calibration(recording, settings)
 
 
 def estimate(recording: Recording, calibration: Any, *, filter: str | None = None,  # noqa: A002
              **settings: Any) -> Result:
     """
-    Estimate the contact wrench at every sample: environment on tool, in ft_sensor [N, N m].
+    Estimate the contact wrench at every sample.
 
     Parameters
     ----------
+    recording : Recording
     calibration : Result, Calibration or path
     filter : str, optional
         ``kalman``, ``newton``, ``ukf``, ``ekf`` or ``static``; by default the calibration's.
     settings : dict
         Further fields of :class:`forcecal_ros.observe.ObserverSettings`.
-    """
-    from forcecal_ros.cli.estimate import as_taken, statistics, status_notes
-    from forcecal_ros.observe import ObserverSettings, replay
 
-    chosen = ObserverSettings(filter=filter, **settings)
-    recording, known, notes = as_taken(recording, _known(calibration), chosen, 'the calibration')
-    found = replay(recording, known, chosen)
-    return of_estimate(found, {**statistics(found), 'notes': [*notes, *status_notes(found)]})
+    Returns
+    -------
+    Result
+        Of a ContactEstimate, (n, 6): environment on tool, in ft_sensor [N, N m].
+
+    Raises
+    ------
+    DataError
+        The recording lacks a stream, or contradicts the calibration.
+    """
+    return results.run_estimate(recording, calibration, {'filter': filter, **settings})
 
 
 def diagnose(recording: Recording, against: Any = None, *, heldout: Recording | None = None
@@ -100,56 +114,33 @@ def diagnose(recording: Recording, against: Any = None, *, heldout: Recording | 
 
     Parameters
     ----------
+    recording, heldout : Recording
+        The second, optional, is to judge on; by default parts of every phase of the first.
     against : optional
         A Recording by a simulator of the same commands; a calibration (Result, Calibration or
         path), along the measured motion; an MJCF file (``.xml``) or a simulator, run with the
         recorded commands; a rig or its file. None: the nominal rig of this package, for a
         recording that the simulated rig made.
-    heldout : Recording, optional
-        To judge on; by default parts of every phase of the first.
 
-    Raises
-    ------
-    UsageError
-        Neither ``against`` nor the recording states what it is compared with.
+    Returns
+    -------
+    Result
+        Of a Diagnosis; the effects that it names, or a verdict without any.
     """
-    from forcecal_ros.diagnose.sources.choice import source_of
-
-    model = _known(against)
-    source, taken = source_of([model] if isinstance(model, Recording) else model,
-                              [one for one in (recording, heldout) if one is not None])
-    return of_diagnosis(source.diagnose(*taken))
+    return results.run_diagnosis(recording, against, heldout)
 
 
 def simulate(recording: Recording, rig: Any = None, *, seed: int = 0) -> Recording:
-    """Return what a rig (of :func:`load`, or nominal) measures under the recorded commands."""
-    from forcecal_ros.sim.rig.file import load_rig
-    from forcecal_ros.sim.rig.simulator import simulate as run
+    """
+    Return what a rig measures under the recorded commands.
 
-    require(recording, ['target'])
-    rig = load_rig(rig) if rig is None or isinstance(rig, str | Path) else rig
-    return run(rig, recording.target, seed=seed)  # type: ignore[arg-type]
-
-
-def load(path: str | Path) -> Any:
-    """Read a calibration (.yaml), a rig (.yaml) or the document of a diagnosis (.json)."""
-    found = json.loads(Path(path).read_text()) if Path(path).suffix == '.json' else _known(path)
-    return of_calibration(found) if isinstance(found, Calibration) else found
-
-
-def save(result: Result, path: str | Path) -> None:
-    """Write a calibration as ``calibration.yaml``, any other result as JSON; keeps NAME~."""
-    from forcecal_ros.io.calibration_file import save as save_calibration
-
-    if isinstance(result.value, Calibration):
-        save_calibration(result.value, path)
-    else:
-        write_text(path, json.dumps(result.document, indent=2, allow_nan=False) + '\n')
-
-
-def _known(model: Any) -> Any:
-    """Return what a file describes, or what is behind a result."""
-    from forcecal_ros.diagnose.sources.choice import model_of
-
-    found = model_of(model) if isinstance(model, str | Path) else model
-    return found.value if isinstance(found, Result) else found
+    Parameters
+    ----------
+    recording : Recording
+        With the ``target``; a DataError names what is missing.
+    rig : Rig or path, optional
+        By default the nominal one of this package.
+    seed : int
+        Of the sensor noise.
+    """
+    return results.run_simulation(recording, rig, seed)

@@ -1,6 +1,7 @@
 """``import forcecal_ros as fc``: quick to import, and the notebook that shows it runs."""
 
 from dataclasses import replace
+import inspect
 import json
 from pathlib import Path
 import subprocess
@@ -9,6 +10,7 @@ from types import SimpleNamespace
 
 from calibration_runs import brief_run
 import forcecal_ros as fc
+from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.diagnose import plan
 from forcecal_ros.io.bags import write_recording
@@ -89,7 +91,8 @@ def test_a_stated_sign_goes_into_the_calibration_and_comes_from_it(tmp_path):
 
 
 def test_results_become_data_frames(cells):
-    assert list(cells['calibration'].to_dataframe()) == ['estimate', 'value', 'std', 'unit']
+    assert list(cells['calibration'].to_dataframe()) == ['estimate', 'value', 'standard error',
+                                                         'unit']
     assert len(cells['contact'].to_dataframe()) == cells['contact'].to_dict()['samples']
 
 
@@ -97,4 +100,48 @@ def test_a_calibration_is_saved_and_loaded(cells, tmp_path):
     fc.save(cells['calibration'], tmp_path / 'c.yaml')
     assert fc.load(tmp_path / 'c.yaml').value.mass.value == cells['calibration'].value.mass.value
     fc.save(cells['gap'], tmp_path / 'gap.json')
-    assert fc.load(tmp_path / 'gap.json')['verdict'] == cells['gap'].to_dict()['verdict']
+    again = fc.load(tmp_path / 'gap.json')
+    assert again.headline == cells['gap'].headline and again.to_dict() == cells['gap'].to_dict()
+    assert [row[:5] for row in again.rows] == [row[:5] for row in cells['gap'].rows]
+    names = [one.get_text() for one in again.plot().axes[0].get_yticklabels()]
+    assert 'force.x' in names and len(names) == len(again.value.gap.channels)
+
+
+def test_a_calibration_is_drawn_without_phases_and_without_its_recording(tmp_path):
+    result = fc.calibrate(replace(brief_run(), phases=()))
+    assert [axes.get_ylabel() for axes in result.plot().axes] == [
+        f'{what}force {axis} [N]' for what in ('', 'contact ') for axis in 'xyz']
+    fc.save(result, tmp_path / 'c.yaml')
+    shown = [one.get_text() for axes in fc.load(tmp_path / 'c.yaml').plot().axes
+             for one in axes.get_yticklabels()]
+    assert [text.partition('  ')[0] for text in shown] == [row[0] for row in result.rows]
+    assert shown[0].endswith(' kg') and ' ± ' in shown[0]
+
+
+def test_a_recording_prints_and_checks_as_a_table():
+    made = brief_run()
+    lines = repr(made).splitlines()
+    assert lines[2].split() == ['wrench', '3833', '250', 'Hz', '15.33', 's'] and len(lines) == 8
+    checked = fc.check(replace(made, wrench=None))
+    assert ('calibrate', 'no') in [row[:2] for row in checked.rows]
+    assert [axes.get_ylabel() for axes in checked.plot().axes] == [
+        f'accel.{axis} [V]' for axis in 'xyz']
+    with pytest.raises(DataError, match='record wrench'):
+        fc.check(replace(made, wrench=None, accelerometer=None, optidrive=None)).plot()
+
+
+@pytest.mark.parametrize('name', sorted({*fc.API} - {'Result'}))
+def test_every_function_describes_each_of_its_parameters(name):
+    function = getattr(fc, name)
+    about = inspect.getdoc(function)
+    _, _, parameters = about.partition('Parameters\n----------\n')
+    named = {word for line in parameters.partition('\n\n')[0].splitlines()
+             if not line.startswith(' ') for word in line.partition(' :')[0].split(', ')}
+    assert named == {*inspect.signature(function).parameters}
+    if name not in ('read', 'simulate', 'save'):
+        assert 'Returns\n-------\n' in about
+
+
+def test_the_module_stays_short():
+    path = Path(fc.__file__).with_name('api.py')
+    assert len(path.read_text().splitlines()) <= 150

@@ -11,13 +11,21 @@ cannot. An AC-coupled sensor shows f less its own low-passed past.
 from dataclasses import replace
 from typing import NamedTuple
 
-from forcecal_ros.calibrate.joint import Blocks, ITERATIONS, nearest_delay, noise_at_rest, smooth
+from forcecal_ros.calibrate.joint import (
+    Blocks,
+    ITERATIONS,
+    lever,
+    nearest_delay,
+    noise_at_rest,
+    smooth,
+)
 from forcecal_ros.calibrate.poses import StaticPose
 from forcecal_ros.calibrate.static_readings import gravity_spread
 from forcecal_ros.core.errors import above, UnobservableError
 from forcecal_ros.core.estimation import robust_fit, RobustFit
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.autocovariance import Autocovariance
+from forcecal_ros.core.rigid_body import BodyMotion
 from forcecal_ros.core.streams import Stream
 from forcecal_ros.core.time_grid import Averager
 import numpy as np
@@ -89,12 +97,16 @@ def accelerometer_fit(stream: Stream, blocks: Blocks, coupling: str = 'dc',
         Delays after the pose up to this are looked for [s].
     """
     rows, step, n = blocks.rows, blocks.length, len(blocks.rows)
-    eye, whole, readings = np.eye(3), blocks.lever, Averager(stream.t, stream.values)
-    lever = whole if place is None else np.zeros_like(whole)
-    plain = -smooth(blocks.motion.apparent_gravity)
+    eye, readings = np.eye(3), Averager(stream.t, stream.values)
     known = np.zeros(3) if place is None else place
-    if place is not None:
-        plain = plain + whole @ place
+
+    def derived(motion: BodyMotion) -> Array:
+        """Acceleration by the place, and specific force at the known one, (n, 3, 4)."""
+        by_place = lever(motion)
+        force = by_place @ known - motion.apparent_gravity
+        return np.concatenate([by_place * (place is None), force[:, :, None]], axis=2)
+
+    whole, noise = smooth(derived(blocks.motion)), blocks.noise_of(derived)
     prior = np.zeros(20)
     prior[12:15], prior[15], prior[16:] = PLACE_M**-2, largest_delay**-2, 0.0
 
@@ -103,22 +115,26 @@ def accelerometer_fit(stream: Stream, blocks: Blocks, coupling: str = 'dc',
         """Fit map, offset, place, delay, initial state and corner, linear about theta."""
         y = smooth(readings.interpolated(blocks.starts + delay, step))[rows]
         q = np.zeros(3) if theta is None else theta[12:15]
-        force = plain + lever @ q
-        shown = _highpassed(force, step, corner)
-        X = np.zeros((n, 3, 20))
-        X[:, :, :9] = np.einsum('ij,nk->nijk', eye, shown[rows]).reshape(n, 3, 9)
+        X, off = np.zeros((2, n, 3, 20))
+        for columns, Z in ((X, whole), (off, noise)):
+            shown = _highpassed(Z[:, :, 3] + Z[:, :, :3] @ q, step, corner)
+            columns[:, :, :9] = np.einsum('ij,nk->nijk', eye, shown[rows]).reshape(n, 3, 9)
+            if theta is not None:
+                M = theta[:9].reshape(3, 3)
+                columns[:, :, 12:15] = M @ _highpassed(Z[:, :, :3], step, corner)[rows]
+                columns[:, :, 15] = -np.gradient(shown, step, axis=0)[rows] @ M.T
         X[:, :, 9:12] = eye
         if corner is not None:
-            X[:, :, 16:19] = fading(len(force), step, corner)[rows, None, None] * eye
-        if theta is not None:
-            M = theta[:9].reshape(3, 3)
-            X[:, :, 12:15] = M @ _highpassed(lever, step, corner)[rows]
-            X[:, :, 15] = -np.gradient(shown, step, axis=0)[rows] @ M.T
-            if corner is not None and cutoff is None:
-                X[:, :, 19] = _by_corner(force, step, corner, M, theta[16:19])[rows]
-            y = y + X[:, :, 12:15] @ q
-        return robust_fit(X[::every], y[::every], prior, tolerance=1e-5 if every == 1 else 1e-2,
-                          groups=blocks.groups[::every])
+            X[:, :, 16:19] = fading(len(whole), step, corner)[rows, None, None] * eye
+            if theta is not None and cutoff is None:
+                X[:, :, 19] = _by_corner(whole[:, :, 3] + whole[:, :, :3] @ q, step, corner,
+                                         theta[:9].reshape(3, 3), theta[16:19])[rows]
+        about = np.zeros(20)
+        about[12:15] = q
+        y = y + X @ about
+        return robust_fit(X[::every], y[::every], prior, groups=blocks.groups[::every],
+                          tolerance=1e-5 if every == 1 else 1e-2,
+                          noise=off if every == 1 else None, about=about)
 
     corner = cutoff
     if coupling == 'ac' and cutoff is None:
@@ -137,7 +153,7 @@ def accelerometer_fit(stream: Stream, blocks: Blocks, coupling: str = 'dc',
     C = fit.covariance[np.ix_(pick, pick)].copy()
     if corner is not None:
         C[13], C[:, 13] = C[13] * corner, C[:, 13] * corner
-    shown = _highpassed(plain + lever @ theta[12:15], step, corner)
+    shown = _highpassed(whole[:, :, 3] + whole[:, :, :3] @ theta[12:15], step, corner)
     explained = shown @ theta[:9].reshape(3, 3).T
     if corner is not None:
         explained = explained + np.outer(fading(len(shown), step, corner), theta[16:19])

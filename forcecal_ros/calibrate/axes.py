@@ -93,10 +93,5 @@ def jacobian(score: Callable[[Array], Array], theta: Array, steps: Array) -> Arr
     -------
     ndarray, shape (q, p)
     """
-    columns = []
-    for i, step in enumerate(steps):
-        forward, backward = theta.copy(), theta.copy()
-        forward[i] += step
-        backward[i] -= step
-        columns.append((score(forward) - score(backward)) / (2 * step))
-    return np.stack(columns, axis=1)
+    return np.stack([(score(theta + step) - score(theta - step)) / (2 * size)
+                     for size, step in zip(steps, np.diag(steps), strict=True)], axis=1)

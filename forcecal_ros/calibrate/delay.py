@@ -11,6 +11,7 @@ from dataclasses import replace
 from forcecal_ros.core.calibration import Calibration, Estimate
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.quantity import quantity
 from forcecal_ros.core.streams import Recording, Stream
 from forcecal_ros.core.time_grid import Averager, block_length
 import numpy as np
@@ -85,9 +86,9 @@ def estimate_delay(recording: Recording, calibration: Calibration) -> Estimate:
     explained = 1 - float(np.nansum(residual(best) ** 2)) / moved
     if explained < 0.5 or abs(best) > _LARGEST - _STEP or variance > (_LARGEST / 10) ** 2:
         raise DataError(
-            f'the motion does not tell the delay: {1e3 * best:.1f} +- {1e3 * variance ** 0.5:.1f} '
-            f'ms, the acceleration explains {100 * explained:.0f} % of the force; move faster, '
-            f'free of contact; delays beyond {1e3 * _LARGEST:.0f} ms are not looked for')
+            f'the motion does not identify the delay: {quantity(best, variance ** 0.5, "s")}, the '
+            f'acceleration explains {100 * explained:.0f} % of the force; move faster, free of '
+            f'contact; delays beyond {1e3 * _LARGEST:.0f} ms are not searched')
     return Estimate(best, np.sqrt(variance), 's')
 
 
@@ -110,7 +111,6 @@ def with_delay(calibration: Calibration, delay: Estimate) -> Calibration:
 def _minimum(residual: Callable[[float], Array], grid: Array, costs: Array, use: Array) -> float:
     """Return the delay with the least squared residual over some of the blocks."""
     around = grid[int(np.argmin(costs[:, use].sum(axis=1)))]
-    found = minimize_scalar(lambda d: float(np.nansum(residual(d)[use] ** 2)),
-                            bounds=(around - _STEP, around + _STEP), method='bounded',
-                            options={'xatol': 1e-7})
-    return float(found.x)
+    return float(minimize_scalar(lambda d: float(np.nansum(residual(d)[use] ** 2)),
+                                 bounds=(around - _STEP, around + _STEP), method='bounded',
+                                 options={'xatol': 1e-7}).x)

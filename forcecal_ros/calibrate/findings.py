@@ -9,7 +9,6 @@ gravity, or a force that never changes: they look like another mass and another 
 """
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 from forcecal_ros.calibrate.joint import (
     Blocks,
@@ -29,6 +28,7 @@ from forcecal_ros.calibrate.residuals import (
 )
 from forcecal_ros.calibrate.result import Stages
 from forcecal_ros.calibrate.settings import IdentificationSettings
+from forcecal_ros.checks.messages import Finding
 from forcecal_ros.core.geometry import Array, rotation_vector
 from forcecal_ros.core.streams import CHANNELS, Recording
 import numpy as np
@@ -67,29 +67,8 @@ NO_ACCELEROMETER = (
 """Why readings of an accelerometer are not used, and what would help."""
 
 
-class Finding(NamedTuple):
-    """
-    One sentence, and the keys of the estimates that it calls into question.
-
-    Attributes
-    ----------
-    suspect : tuple of str
-        None where it is only a weak one, whose standard error says so already.
-    """
-
-    text: str
-    suspect: tuple[str, ...] = ()
-
-    @property
-    def line(self) -> str:
-        """The sentence with the estimates that it spoils."""
-        return f'{self.text}; suspect: {", ".join(self.suspect)}' if self.suspect else self.text
-
-
 def findings(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
     """Make every check of this module."""
-    if stages.slight_misfit:
-        yield Finding(stages.slight_misfit, STANDSTILL)
     yield from poses_disagree(stages, settings)
     yield from samples_disagree(stages, settings)
     yield from torque_departs(stages, settings)

@@ -83,6 +83,8 @@ class Blocks(NamedTuple):
         [s]
     motion : BodyMotion
         Of the tool's origin, its displacement included.
+    halves : tuple of BodyMotion
+        The same by the even and by the odd poses.
     displacement : ndarray, shape (n,), or None
         Of the tool along x [m].
     still : ndarray of int, shape (n,)
@@ -101,6 +103,7 @@ class Blocks(NamedTuple):
     starts: Array
     length: float
     motion: BodyMotion
+    halves: tuple[BodyMotion, BodyMotion]
     displacement: Array | None
     still: NDArray[np.intp]
     rows: NDArray[np.intp]
@@ -128,17 +131,27 @@ class Blocks(NamedTuple):
         """Of the rows, in the middle of their blocks [s]."""
         return np.asarray(self.starts[self.rows] + self.length / 2)
 
-    @property
-    def lever(self) -> Array:
-        """Acceleration of a place by the place, low-passed, (n, 3, 3) [1/s^2]."""
-        W = skew(self.motion.omega)
-        return smooth(skew(self.motion.alpha) + W @ W)
+    def noise_of(self, derived: Callable[[BodyMotion], Array]) -> Array:
+        """
+        Return a draw of the pose's noise in what is derived from the motion, low-passed.
+
+        Even and odd poses have independent noise: half of the difference of what is derived from
+        each has the covariance of the noise in what is derived from all.
+        """
+        even, odd = (derived(motion) for motion in self.halves)
+        return smooth(odd - even) / 2
 
 
 def row_noise(noise: Autocovariance) -> Array:
     """Return the standard deviation of low-passed rows (k,) from the noise of blocks."""
     return np.asarray(np.sqrt(
         np.diag(noise.at_least_white) / (2 * np.sqrt(np.pi) * LOWPASS)))
+
+
+def lever(motion: BodyMotion) -> Array:
+    """Return the acceleration of a place by the place, (n, 3, 3) [1/s^2]."""
+    W = skew(motion.omega)
+    return np.asarray(skew(motion.alpha) + W @ W)
 
 
 def smooth(values: Array) -> Array:
@@ -171,11 +184,13 @@ def blocks_of(stream: Stream, pose: PoseStream, gravity: Array, largest_delay: f
     starts = np.arange(first + largest_delay, last - largest_delay - step, step)
     if len(starts) <= 4:
         starts = np.empty(0)
-    motion, slide = body_motion(pose, starts, step, gravity), None
+    motions = [body_motion(pose.rows(part), starts, step, gravity)
+               for part in (slice(None), slice(0, None, 2), slice(1, None, 2))]
+    slide = None
     streams: list[tuple[Stream | PoseStream, float]] = [(pose, 0.0), (stream, largest_delay)]
     if optidrive is not None and len(optidrive) > 1 and len(starts):
         slide = Averager(optidrive.t, optidrive.values).interpolated(starts, step)[:, 0]
-        motion = sliding(motion, slide, step)
+        motions = [sliding(motion, slide, step) for motion in motions]
         streams.append((optidrive, 0.0))
     still, free = labelled(starts, step, list(windows), phases)
     sampled, bridged = free | (still >= 0), free | (still >= 0)
@@ -190,8 +205,8 @@ def blocks_of(stream: Stream, pose: PoseStream, gravity: Array, largest_delay: f
     rests = binary_erosion(still >= 0, iterations=int(3 * LOWPASS))
     pose_of = np.where(rests, still, -1)[rows]
     whole = binary_erosion(sampled, iterations=REACH)[rows]
-    return Blocks(starts, step, motion, slide, still, rows, pose_of, whole,
-                  float(np.linalg.norm(gravity)))
+    return Blocks(starts, step, motions[0], (motions[1], motions[2]), slide, still, rows,
+                  pose_of, whole, float(np.linalg.norm(gravity)))
 
 
 class JointFit(NamedTuple):
@@ -267,12 +282,13 @@ def joint_fit(wrench: Stream, blocks: Blocks, has_position: bool, largest_delay:
         Whether the tool is displaced along x by its weight, with nothing that measures it.
     """
     rows, step = blocks.rows, blocks.length
-    X = smooth(regressor(blocks.motion, blocks.displacement))
+    whole = smooth(regressor(blocks.motion, blocks.displacement))
+    noise = blocks.noise_of(lambda motion: regressor(motion, blocks.displacement))
     if not has_position:
-        X[:, :, 4:] = 0.0
-    rates = -np.gradient(X, step, axis=0)[rows]
-    whole, bias = X, np.broadcast_to(np.eye(6), (len(rows), 6, 6))
-    X = X[rows]
+        whole[:, :, 4:] = noise[:, :, 4:] = 0.0
+    (X, rates), (noise, noise_rates) = ((Z[rows], -np.gradient(Z, step, axis=0)[rows])
+                                        for Z in (whole, noise))
+    bias, exact = np.broadcast_to(np.eye(6), (len(rows), 6, 6)), np.zeros((len(rows), 6, 6))
     prior = np.zeros(18)
     prior[4:INERTIAL], prior[16] = PRIOR_INERTIA**-2, largest_delay**-2
     readings, compliance = Averager(wrench.t, wrench.values), np.zeros((len(X), 6, 1))
@@ -282,11 +298,13 @@ def joint_fit(wrench: Stream, blocks: Blocks, has_position: bool, largest_delay:
 
     def fitted(delay: float, theta: Array | None, every: int = 1) -> RobustFit:
         y = smooth(readings.interpolated(blocks.starts + delay, step))[rows]
-        rate = np.zeros((len(X), 6, 1)) if theta is None else (
-            rates @ theta[:INERTIAL])[:, :, None]
-        columns = np.concatenate([X, bias, rate, compliance], axis=2)[::every]
-        return robust_fit(columns, y[::every], prior,
-                          tolerance=1e-5 if every == 1 else 1e-2, groups=blocks.groups[::every])
+        tool = np.zeros(INERTIAL) if theta is None else theta[:INERTIAL]
+        columns = np.concatenate([X, bias, (rates @ tool)[:, :, None], compliance], axis=2)
+        off = np.concatenate([noise, exact, (noise_rates @ tool)[:, :, None], exact[:, :, :1]],
+                             axis=2)
+        return robust_fit(columns[::every], y[::every], prior, groups=blocks.groups[::every],
+                          tolerance=1e-5 if every == 1 else 1e-2,
+                          noise=off if every == 1 else None)
 
     delay, fit = nearest_delay(largest_delay, blocks, fitted)
     for _ in range(ITERATIONS):

@@ -11,7 +11,7 @@ from forcecal_ros.calibrate.accelerometer import (
     identify_static_accelerometer,
 )
 from forcecal_ros.calibrate.by_motion import calibrate_by_motion
-from forcecal_ros.calibrate.findings import Finding
+from forcecal_ros.calibrate.findings import STANDSTILL
 from forcecal_ros.calibrate.joint import (
     blocks_of,
     joint_fit,
@@ -54,7 +54,7 @@ from forcecal_ros.calibrate.tool import identify_tool, tool_of_motion
 from forcecal_ros.checks.accelerometer import refuse_on_another_link, refuse_other_unit
 from forcecal_ros.checks.entry import checked
 from forcecal_ros.checks.hypotheses import judge, refuse_late_accelerometer, slight_misfit
-from forcecal_ros.checks.messages import EstimateWarning, Stated
+from forcecal_ros.checks.messages import Finding, Stated
 from forcecal_ros.checks.signals import clipped
 from forcecal_ros.core.axes import (
     DOWN,
@@ -65,8 +65,9 @@ from forcecal_ros.core.axes import (
 )
 from forcecal_ros.core.calibration import Calibration, Estimate, Noise, ObserverGain
 from forcecal_ros.core.errors import DataError, UnobservableError
+from forcecal_ros.core.estimation import robust_fit
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.autocovariance import SHORTEST
-from forcecal_ros.core.schema import Vector3
 from forcecal_ros.core.stamps import with_even_stamps
 from forcecal_ros.core.streams import Recording, Stream
 import numpy as np
@@ -111,8 +112,9 @@ def identify(recording: Recording, settings: IdentificationSettings = Identifica
     recording = checked(recording).recording
     try:
         with np.errstate(all='ignore'):
-            recording, warnings, slight = _judged(_evened(recording), settings)
-            stages = _stages_or_motion(recording, settings, slight)
+            recording, found = _judged(_evened(recording), settings)
+            points = [one.point for one in found if one.point is not None]
+            stages = _stages_or_motion(recording, settings, *points)
     except TurnedWrench as error:
         other = -(recording.wrench_sign or 1)
         raise DataError(f'{error}; set wrench.sign to {other} (--wrench-sign {other})') from error
@@ -122,7 +124,7 @@ def identify(recording: Recording, settings: IdentificationSettings = Identifica
         raise DataError(f'{recording.source or "the recording"}: the fit breaks down ({error}); '
                         'look for readings of absurd size and stamps of another clock') from error
     if isinstance(stages, dict):
-        return _natural(Calibration(**stages, **_stated(recording, settings)), warnings)
+        return _natural(Calibration(**stages, **_stated(recording, settings)), found)
     noise = noise_of(stages, settings.coupling)
     tool, std = stages.tool, np.sqrt(np.diag(stages.tool.covariance))
     calibration = Calibration(
@@ -138,15 +140,15 @@ def identify(recording: Recording, settings: IdentificationSettings = Identifica
         observer=_observer(stages, noise, settings),
         **_stated(recording, settings))
     return _natural(replace(calibration, quality=quality_of(stages, calibration, settings)),
-                    warnings)
+                    found)
 
 
-def _natural(calibration: Calibration, warnings: Sequence[Finding]) -> Calibration:
+def _natural(calibration: Calibration, found: Sequence[Finding]) -> Calibration:
     """Refuse what no tool can be; leave out an inertia that no body has; add warnings."""
     refuse_unnatural(calibration)
     quality = calibration.quality
-    quality['warnings'][:0] = [one.line for one in warnings]
-    quality['suspect'].extend(key for one in warnings for key in one.suspect
+    quality['warnings'][:0] = [one.line for one in found]
+    quality['suspect'].extend(key for one in found for key in one.suspect
                               if key not in quality['suspect'])
     if not (no_body := unnatural_inertia(calibration)):
         return calibration
@@ -160,20 +162,20 @@ def _stated(recording: Recording, settings: IdentificationSettings) -> dict[str,
     return {
         'gravity': settings.gravity,
         'gravity_direction': unit_direction(settings.gravity_direction),
-        'sensor_rotation': _turned(settings.sensor_rotation),
+        'sensor_rotation': turn if (turn := settings.sensor_rotation) and any(turn) else None,
         'sensor_frame': wrench.frame or 'ft_sensor', 'wrench_sign': recording.wrench_sign or 1,
         'sensor_from_pose': recording.sensor_from_pose,
-        'source': {'recording': recording.source, **_recorded(recording), **settings.source}}
+        'source': {**provenance(recording), **settings.source}}
 
 
-def _stages_or_motion(recording: Recording, settings: IdentificationSettings, slight: str
-                      ) -> Stages | dict[str, Any]:
+def _stages_or_motion(recording: Recording, settings: IdentificationSettings,
+                      point: Array | None = None) -> Stages | dict[str, Any]:
     """Identify from static poses, or from motion where they are missing or all alike."""
     try:
-        return replace(identify_stages(recording, settings), slight_misfit=slight)
+        return identify_stages(recording, settings, point)
     except NeverAtRest as error:
         try:
-            return _by_motion(recording, settings, 'the robot never stands still')
+            return _by_motion(recording, settings, 'the robot never stands still', point)
         except TurnedWrench:
             raise
         except (DataError, UnobservableError) as refused:
@@ -183,17 +185,17 @@ def _stages_or_motion(recording: Recording, settings: IdentificationSettings, sl
         if not _same_orientation(recording, settings):
             raise
         try:
-            return _by_motion(recording, settings, 'the static poses have one orientation')
+            return _by_motion(recording, settings, 'the static poses have one orientation', point)
         except (DataError, UnobservableError):
             raise error from None
 
 
-def _by_motion(recording: Recording, settings: IdentificationSettings, why: str
-               ) -> dict[str, Any]:
+def _by_motion(recording: Recording, settings: IdentificationSettings, why: str,
+               point: Array | None) -> dict[str, Any]:
     recording = levelled(recording, settings.gravity_direction)
     recording = in_axes_of_pose(recording, settings.sensor_rotation)
     slide = optidrive_of(recording, settings)
-    joint = fit_motion(recording, settings, (), slide)
+    joint = fit_motion(recording, settings, (), slide, point)
     assert joint is not None and recording.pose is not None  # without poses it is one or refused
     require_tool(joint, recording.pose.has_position, settings.largest_delay)
     accelerometer = None
@@ -209,17 +211,12 @@ def _same_orientation(recording: Recording, settings: IdentificationSettings) ->
     return bool(spread[0] < MIN_GRAVITY_SPREAD)
 
 
-def _turned(rotation: Vector3 | None) -> Vector3 | None:
-    """Return a rotation vector that is not zero."""
-    return rotation if rotation is not None and any(rotation) else None
-
-
-def _recorded(recording: Recording) -> dict[str, str]:
-    """Say when the recording began, where it says so."""
+def provenance(recording: Recording) -> dict[str, str]:
+    """Return whose recording it is, and when it began, where that is known."""
     if not recording.start_ns > 0:
-        return {}
+        return {'recording': recording.source}
     start = datetime.fromtimestamp(recording.start_ns // 10**9, timezone.utc)
-    return {'recorded': start.isoformat()}
+    return {'recording': recording.source, 'recorded': start.isoformat()}
 
 
 def _observer(stages: Stages, noise: Noise | None, settings: IdentificationSettings
@@ -231,9 +228,15 @@ def _observer(stages: Stages, noise: Noise | None, settings: IdentificationSetti
         return None
 
 
-def identify_stages(recording: Recording, settings: IdentificationSettings) -> Stages:
+def identify_stages(recording: Recording, settings: IdentificationSettings,
+                    point: Array | None = None) -> Stages:
     """
     Run every stage; :func:`identify` makes the calibration of them.
+
+    Parameters
+    ----------
+    point : ndarray, shape (3,), or None
+        As of :func:`fit_motion`.
 
     Raises
     ------
@@ -251,7 +254,7 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
     statics = read_statics(recording, poses, settings)
     check_weight(statics.gravity, settings.thresholds.condition)
     slide = optidrive_of(recording, settings)
-    joint = fit_motion(recording, settings, poses, slide)
+    joint = fit_motion(recording, settings, poses, slide, point)
     assert recording.pose is not None
     if joint is None:
         return replace(_single_samples(recording, removed, poses, statics, settings), stops=stops)
@@ -265,7 +268,7 @@ def identify_stages(recording: Recording, settings: IdentificationSettings) -> S
         ring = ring_of(recording, statics, joint, density, sag, spans)
     if ring is not None:
         slide = displacement(recording, ring, joint)
-        joint = fit_motion(recording, settings, poses, slide) or joint
+        joint = fit_motion(recording, settings, poses, slide, point) or joint
         if not statics.slide.any():
             statics = statics._replace(slide=np.array([
                 window_mean(slide, pose.start, pose.end)[0] for pose in poses]))
@@ -293,7 +296,8 @@ def optidrive_of(recording: Recording, settings: IdentificationSettings) -> Stre
 
 
 def fit_motion(recording: Recording, settings: IdentificationSettings,
-               poses: Sequence[StaticPose] = (), slide: Stream | None = None) -> JointFit | None:
+               poses: Sequence[StaticPose] = (), slide: Stream | None = None,
+               point: Array | None = None) -> JointFit | None:
     """
     Fit the tool to a recording; None where its poses are too short for that.
 
@@ -301,9 +305,18 @@ def fit_motion(recording: Recording, settings: IdentificationSettings,
     ----------
     slide : Stream or None
         Displacement of the tool along x [m].
+    point : ndarray, shape (3,), or None
+        Place in ft_sensor that torques are about [m]: the tool is fitted as one on a sensor that
+        is near it, where it explains most. None: the origin of ft_sensor, exactly.
     """
     wrench, pose = require_wrench(recording), recording.pose
     assert pose is not None
+    if point is not None:
+        moved = (replace(recording, pose=replace(
+            pose, position=pose.position + pose.R_base_sensor @ (point + step)))
+            for step in 1e-3 * np.eye(4, 3, -1))  # none, and a millimetre along each axis
+        fit, *others = (fit_motion(one, settings, poses, slide) for one in moved)
+        return fit and _with_best_point(fit, [one for one in others if one])
     if not len(poses):
         require_overlap(wrench, pose)
     if min(len(wrench), len(pose)) < MIN_SAMPLES:
@@ -322,6 +335,16 @@ def fit_motion(recording: Recording, settings: IdentificationSettings,
     if not len(poses):
         require_rotation(blocks)
     return joint_fit(wrench, blocks, pose.has_position, settings.largest_delay, sag)
+
+
+def _with_best_point(fit: JointFit, others: Sequence[JointFit]) -> JointFit:
+    """Move a fit to where it leaves least, by fits that are a step away along each axis."""
+    by_step = np.stack([fit.residual - one.residual for one in others], axis=2)
+    steps = robust_fit(by_step, fit.residual, groups=fit.blocks.groups)
+    off = np.transpose([one.theta - fit.theta for one in others])
+    return fit._replace(theta=fit.theta + off @ steps.theta,
+                        covariance=fit.covariance + off @ steps.covariance @ off.T,
+                        residual=steps.residual.reshape(-1, 6))
 
 
 def fit_accelerometer(recording: Recording, settings: IdentificationSettings, joint: JointFit,
@@ -349,8 +372,8 @@ def fit_accelerometer(recording: Recording, settings: IdentificationSettings, jo
 
 
 def _judged(recording: Recording, settings: IdentificationSettings
-            ) -> tuple[Recording, list[Finding], str]:
-    """Refuse what another hypothesis explains better; return warnings, and a slight misfit."""
+            ) -> tuple[Recording, list[Finding]]:
+    """Refuse what another hypothesis explains better; return what is questioned."""
     level = level_from_base(settings.gravity_direction)
     down = DOWN if level is None else level.T @ DOWN
     stated = Stated(down, recording.wrench_sign or 1, settings.sensor_rotation,
@@ -359,12 +382,12 @@ def _judged(recording: Recording, settings: IdentificationSettings
     if settings.coupling == 'dc':
         refuse_late_accelerometer(judged, settings.gravity * down)
     found = judge(judged, settings.gravity * down, stated)
-    warnings = [Finding(str(one), one.suspect) for one in found
-                if isinstance(one, EstimateWarning)]
-    # of what is estimated as well, as a delay
-    notes = [one for one in found if not isinstance(one, EstimateWarning)]
-    return (replace(recording, notes=(*recording.notes, *notes)), warnings,
-            slight_misfit(judged, settings.gravity * down, stated))
+    questions = [one for one in found if isinstance(one, Finding)]
+    if slight := slight_misfit(judged, settings.gravity * down, stated):
+        questions.append(Finding(slight, STANDSTILL))
+    # others are of what is estimated as well, as a delay
+    notes = [one for one in found if not isinstance(one, Finding)]
+    return replace(recording, notes=(*recording.notes, *notes)), questions
 
 
 def _evened(recording: Recording) -> Recording:
@@ -372,8 +395,7 @@ def _evened(recording: Recording) -> Recording:
     changes: dict[str, Any] = {}
     notes = []
     for name in ('wrench', 'accelerometer', 'optidrive', 'pose'):
-        stream = getattr(recording, name)
-        if stream is None:
+        if (stream := getattr(recording, name)) is None:
             continue
         changes[name], jitter = with_even_stamps(stream)
         if changes[name] is not stream:

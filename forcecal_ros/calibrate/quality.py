@@ -5,7 +5,7 @@ system are not in the right order" [Gamez2005]: here each such sentence says whi
 how much, and where to look.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 from forcecal_ros.calibrate.axes import Axes, in_words
@@ -16,13 +16,14 @@ from forcecal_ros.calibrate.error_analysis import (
     mass_error,
     offset_error,
 )
-from forcecal_ros.calibrate.findings import ALL, Finding, findings, MOTION
+from forcecal_ros.calibrate.findings import ALL, findings, MOTION
 from forcecal_ros.calibrate.paper import Alignment, Plain, plain_procedure
-from forcecal_ros.calibrate.poses import orientation_h, orientation_v, StaticPose
+from forcecal_ros.calibrate.poses import orientation_h, orientation_v
 from forcecal_ros.calibrate.rejection import pose_errors, rejected
 from forcecal_ros.calibrate.result import Stages
 from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.checks.hypotheses import questions_of
+from forcecal_ros.checks.messages import Finding
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import above
 from forcecal_ros.core.geometry import Array
@@ -219,19 +220,14 @@ def _without_inertia(stages: Stages) -> str:
     if stages.inertia is not None:
         i, j = np.unravel_index(int(np.argmax(stages.inertia.std)), (3, 3))
         return f'the motion hardly shows J_{"".join(sorted("xyz"[i] + "xyz"[j]))}; {remedy}'
-    pose, wrench = stages.recording.pose, stages.recording.wrench
-    if pose is None or wrench is None or not _between(stages.poses, pose.t):
-        return f'no rotation was recorded; {remedy}'
+    pose, wrench, poses = stages.recording.pose, stages.recording.wrench, stages.poses
+    if pose is None or wrench is None or np.sum(np.all(
+            [(pose.t < one.start) | (pose.t >= one.end) for one in poses], 0)) <= 2 * len(poses):
+        return f'no rotation was recorded; {remedy}'  # or too few samples of it
     rate = 1.0 / max(float(np.median(np.diff(one.t))) for one in (pose, wrench))
-    length = float(np.median([one.end - one.start for one in stages.poses]))
+    length = float(np.median([one.end - one.start for one in poses]))
     return (f'readings at {rate:.3g} Hz in poses of {length:.2g} s do not show noise and how the '
             'turning between them accelerates; record faster, or hold each pose longer')
-
-
-def _between(poses: Sequence[StaticPose], t: Array) -> bool:
-    """Whether there are several samples for each of the moves between static poses."""
-    still = np.any([(t >= one.start) & (t < one.end) for one in poses], axis=0)
-    return int((~still).sum()) > 2 * len(poses)
 
 
 def _errors(stages: Stages, c: Calibration, settings: IdentificationSettings, plain: Plain

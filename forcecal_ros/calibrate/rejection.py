@@ -35,11 +35,14 @@ class PoseError(NamedTuple):
         observed weight in place of that of a wrong orientation [kg].
     probability : float
         Of as large a shift by chance; NaN where nothing is predicted.
+    chi_square : float
+        Of the shift: it ranks poses whose probabilities are all too small for a number.
     """
 
     shift: Array
     mass: float
     probability: float
+    chi_square: float = 0.0
 
 
 def pose_errors(statics: Statics, tool: ToolFit) -> list[PoseError]:
@@ -68,7 +71,7 @@ def _error(residual: Array, basis: Array, lower: Array, gravity: Array) -> PoseE
     shift = lower @ vectors[:, known] @ (along / values[known])
     statistic = float((along**2 / values[known]).sum())
     return PoseError(shift, float(shift[:3] @ gravity / (gravity @ gravity)),
-                     float(chdtrc(int(known.sum()), statistic)))
+                     float(chdtrc(int(known.sum()), statistic)), statistic)
 
 
 def rejected(errors: Sequence[PoseError], probability: float) -> int | None:
@@ -81,7 +84,7 @@ def rejected(errors: Sequence[PoseError], probability: float) -> int | None:
     chances = [1.0 if np.isnan(one.probability) else one.probability for one in errors]
     if not chances or min(chances) * len(chances) >= probability:
         return None
-    return int(np.argmin(chances))
+    return min(range(len(errors)), key=lambda i: (chances[i], -errors[i].chi_square))
 
 
 TOUCHED_SIGMA, MAX_TOUCHED = 10.0, 0.34

@@ -3,14 +3,11 @@
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from forcecal_ros.core.estimation import CHANCE
 from forcecal_ros.core.geometry import Array
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtr, stdtrit
-
-CHANCE = 1e-3
-"""A look at residuals doubts a sound recording less often than that: of 1495 looks at 299 sound
-recordings the least probable had 5e-3, where as many independent ones would have had 7e-4."""
 
 _DEGREES = 100
 """Noise is known from some hundred values, so that large deviations are commoner than Gauss's."""

@@ -51,8 +51,6 @@ class Stages:
         How much later than the wrench the pose shows the same instant, and its error [s].
     joint : JointFit or None
         None where the poses were single samples.
-    slight_misfit : str
-        What the forces show of a small rotation of the sensor or tilt of the base.
     stops : tuple of Clipping
         Where channels stop at a limit.
     """
@@ -68,7 +66,6 @@ class Stages:
     inertia: Estimate | None
     pose_delay: tuple[float, float] | None
     joint: JointFit | None
-    slight_misfit: str = ''
     stops: tuple[Clipping, ...] = ()
 
 

@@ -12,6 +12,7 @@ from forcecal_ros.core.geometry import (
     quaternion_from_matrix,
     rotation_vector,
 )
+from forcecal_ros.core.quantity import quantity
 from forcecal_ros.core.schema import Vector7
 import numpy as np
 
@@ -58,23 +59,32 @@ FIXED = {
 """Cause and remedy of hypotheses that have no numbers of their own."""
 
 
-class EstimateWarning(str):  # noqa: SLOT000 - it has an attribute
+class Finding(str):  # noqa: SLOT000 - it has attributes
     """
-    A note that calls estimates into question.
+    One sentence that calls estimates into question.
 
     Attributes
     ----------
     suspect : tuple of str
-        Keys of these estimates in a calibration.
+        Keys of these estimates in a calibration; none where a standard error says so already.
+    point : ndarray, shape (3,), or None
+        Place in ft_sensor that torques are about [m].
     """
 
     suspect: tuple[str, ...]
+    point: Array | None
 
-    def __new__(cls, text: str, *suspect: str) -> 'EstimateWarning':
+    def __new__(cls, text: str, suspect: tuple[str, ...] = (), point: Array | None = None
+                ) -> 'Finding':
         """Return a text that knows what it calls into question."""
         self = super().__new__(cls, text)
-        self.suspect = suspect
+        self.suspect, self.point = suspect, point
         return self
+
+    @property
+    def line(self) -> str:
+        """The sentence with the estimates that it spoils."""
+        return f'{self}; suspect: {", ".join(self.suspect)}' if self.suspect else str(self)
 
 
 class Stated(NamedTuple):
@@ -173,20 +183,20 @@ def refuse_weightless(plain: Any) -> None:
             SLIGHT * inertial, INERTIA_SIGMA * fit.mass_std):  # more is a length in mm
         raise DataError(
             f'wrench: it shows the inertia of {inertial:.3g} kg and the weight of '
-            f'{max(fit.mass, 0.0):.2g} +- {fit.mass_std:.2g} kg: the driver removes the weight; '
+            f'{quantity(max(fit.mass, 0.0), fit.mass_std, "kg")}: the driver removes the '
+            'weight; '
             "let it leave the weight in, or record the sensor's own readings", WEIGHT_REMOVED)
     explained = 1.0 - (residual / max(changes, 1e-300))**2
     if abs(fit.mass) < 3.0 * fit.mass_std or (fit.mass < 0.0 and explained < EXPLAINED):
         if residual > NO_NOISE_N:
             raise DataError(
                 f'the forces change by {changes:.2g} N, and not as a weight does (mass '
-                f'{fit.mass:.3g} +- {fit.mass_std:.2g} kg, residual RMS {residual:.2g} N), in '
-                'whatever frame: the weight was taken off, as from what a robot says of external '
-                'forces, or wrench and pose are not of the same robot or of the same time; '
-                "record the sensor's own readings, or compare them pose by pose")
+                f'{quantity(fit.mass, fit.mass_std, "kg")}, residual RMS {residual:.2g} N), '
+                'in any frame: the driver removes the weight, or wrench and pose are of different '
+                "robots or times; record the sensor's own readings, or compare them pose by pose")
         raise UnobservableError(
             'the forces show no weight that turns with the sensor (mass '
-            f'{fit.mass:.3g} +- {fit.mass_std:.2g} kg, residual RMS {residual:.2g} N)'
+            f'{quantity(fit.mass, fit.mass_std, "kg")}, residual RMS {residual:.2g} N)'
             f'{as_in_base(force, motion.gravity)}; hang the tool on the sensor, add poses, and '
             "look whether the driver publishes in the sensor's frame")
     refuse_unexplained(plain)
@@ -355,14 +365,7 @@ def _turn(Q: Array, std: float) -> str:
     about = f'({_numbers(axis)})'
     if np.abs(axis[i]) > 0.99 and (1.0 - np.abs(axis[i])) * angle < TOLERANCE_DEG:
         angle, about = angle * float(np.sign(axis[i])), 'xyz'[i]
-    return f'{_deg(angle, std)} about {about}'
-
-
-def _deg(angle: float, std: float) -> str:
-    """Say an angle [deg] with its standard error [rad], to the digits that this warrants."""
-    error = float(np.degrees(std))
-    decimals = int(np.clip(1 - np.floor(np.log10(max(error, 1e-300))), 0, 3))
-    return f'{angle:.{decimals}f} +- {error:.{decimals}f} deg'
+    return f'{quantity(np.radians(angle), std, "rad")} about {about}'
 
 
 def _angle(Q: Array) -> float:
@@ -379,7 +382,8 @@ def _down(one: Any) -> Array:
 
 
 def _tilt(one: Any, stated: Stated) -> str:
-    return _deg(_angle_between(_down(one), stated.down), _turn_std(one))
+    return quantity(
+        np.radians(_angle_between(_down(one), stated.down)), _turn_std(one), 'rad')
 
 
 def _numbers(vector: Array) -> str:

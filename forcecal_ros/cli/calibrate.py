@@ -69,7 +69,7 @@ def add_identification(parser: argparse.ArgumentParser) -> None:
                        help='name of the robot, kept in the calibration for forcecal fleet')
     add_gravity(setup)
     setup.add_argument('--sensor-rotation', metavar=('X', 'Y', 'Z'), nargs=3, type=real,
-                       help="rotation vector of the wrench's axes, seen from the frame of the "
+                       help="rotation vector of the wrench's axes in the frame of the "
                             'pose [deg], if the sensor is rotated on its flange')
     setup.add_argument('--coupling', choices=('dc', 'ac'), default='dc',
                        help='of the accelerometer; ac: it lets gravity decay (high-pass)')
@@ -94,43 +94,37 @@ def add_bandwidth(options: Any, defaults: tuple[str, str, str]) -> None:
         options.add_argument(name, metavar='HZ', type=positive, help=words)
 
 
-def bandwidth_of(args: argparse.Namespace) -> dict[str, Any]:
+def bandwidth_of(args: argparse.Namespace, low: float = 0.0, high: float = math.inf
+                 ) -> dict[str, Any]:
     """
     Return these options as fields of the observer's settings.
+
+    Parameters
+    ----------
+    low, high : float
+        Limits that count if none is given [Hz].
 
     Raises
     ------
     UsageError
         The slowest is above the fastest.
     """
-    low, high = args.bandwidth_min, args.bandwidth_max
-    if low is not None and high is not None and low > high:
-        raise UsageError(f'--bandwidth-min {low:g} is above --bandwidth-max {high:g}; exchange '
-                         'them')
-    return {'contact_walk': args.contact_walk, 'bandwidth_min_hz': low, 'bandwidth_max_hz': high}
-
-
-def check_identification(args: argparse.Namespace) -> None:
-    """Refuse options that contradict each other."""
-    from forcecal_ros.observe.settings import BANDWIDTH_LIMITS
-
-    gravity_of(args)
-    bandwidth_of(args)
-    low, high = args.bandwidth_min, args.bandwidth_max
-    if low is None and high is not None and high < BANDWIDTH_LIMITS[0]:
-        raise UsageError(f'--bandwidth-max {high:g} is below the slowest, {BANDWIDTH_LIMITS[0]:g} '
-                         'Hz; give --bandwidth-min as well')
-    if high is None and low is not None and low > BANDWIDTH_LIMITS[1]:
-        raise UsageError(f'--bandwidth-min {low:g} is above the fastest, {BANDWIDTH_LIMITS[1]:g} '
-                         'Hz; give --bandwidth-max as well')
-    if args.cutoff is not None and args.coupling != 'ac':
-        raise UsageError('--cutoff is the corner of an ac accelerometer; give --coupling ac as '
-                         'well')
+    if (low := args.bandwidth_min or low) > (high := args.bandwidth_max or high):
+        raise UsageError(f'--bandwidth-min is {low:g} Hz, above --bandwidth-max, {high:g} Hz; '
+                         'give both')
+    return {'contact_walk': args.contact_walk, 'bandwidth_min_hz': args.bandwidth_min,
+            'bandwidth_max_hz': args.bandwidth_max}
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    check_identification(args)
+    from forcecal_ros.observe.settings import BANDWIDTH_LIMITS
+
+    gravity_of(args)
+    bandwidth_of(args, *BANDWIDTH_LIMITS)
+    if args.cutoff is not None and args.coupling != 'ac':
+        raise UsageError('--cutoff is the corner of an ac accelerometer; give --coupling ac as '
+                         'well')
     return run_each(args, answer)
 
 
@@ -199,7 +193,7 @@ def _write(calibration: 'Calibration', args: argparse.Namespace, notes: tuple[st
         to_document(calibration),
         as_text([*table(calibration), *promises(calibration), *residuals(calibration)])
         + f'\n\n{written}',
-        f'mass {quantity(mass, std, "kg")}, {written}',
+        f'mass {quantity(mass, std, "kg")} (95 % interval), {written}',
         (*(note for note in notes if not any(note in warning for warning in warnings)), *warnings,
          *calibration.quality.get('questions', ())))
 
@@ -210,7 +204,7 @@ def calibrated(recording: 'Recording', args: argparse.Namespace) -> 'Calibration
     from forcecal_ros.observe.design import with_kalman_gains
     from forcecal_ros.observe.settings import ObserverSettings
 
-    source = {'recording': recording.source, **({'robot': args.robot} if args.robot else {}),
+    source = {**({'robot': args.robot} if args.robot else {}),
               'created': datetime.now(timezone.utc).isoformat(timespec='seconds')}
     return with_kalman_gains(identify(recording, _settings_of(args, source)),
                              ObserverSettings(**bandwidth_of(args)))
@@ -223,8 +217,7 @@ def _settings_of(args: argparse.Namespace, source: Any = ()) -> 'IdentificationS
     position, rotation = args.accelerometer_position, args.sensor_rotation
     return IdentificationSettings(
         **gravity_of(args), coupling=args.coupling,
-        sensor_rotation=(math.radians(rotation[0]), math.radians(rotation[1]),
-                         math.radians(rotation[2])) if rotation else None,
+        sensor_rotation=tuple(map(math.radians, rotation)) if rotation else None,  # type: ignore[arg-type]
         cutoff=args.cutoff, accelerometer_position=tuple(position) if position else None,
         observer_mode=args.filter, source=dict(source))
 

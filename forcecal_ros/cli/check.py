@@ -1,6 +1,7 @@
 """``forcecal check``: what is in a recording, what can be done with it, and the next command."""
 
 import argparse
+import re
 import shlex
 from typing import Any, TYPE_CHECKING
 
@@ -8,12 +9,19 @@ from forcecal_ros.cli.common import add_bag, new_parser, read, read_likewise, sh
 from forcecal_ros.core.errors import ForcecalError, with_id
 
 if TYPE_CHECKING:
-    from forcecal_ros.core.calibration import Calibration
     from forcecal_ros.core.streams import Recording
 
-STREAMS = ('wrench', 'accelerometer', 'angular_velocity', 'pose', 'joints', 'optidrive', 'target',
-           'joint_commands')
-"""Signals of a recording, in the order of the table."""
+SIGNALS = {'wrench': 'wrench', 'accelerometer': 'accelerometer', 'imu': 'angular_velocity',
+           'pose': 'pose', 'joint_states': 'joints', 'optidrive': 'optidrive', 'target': 'target',
+           'joint_commands': 'joint_commands'}
+"""Role -> stream of a recording, in the order of the table."""
+
+SIGNS = {1: '1, environment on tool, by gravity', -1: '-1, tool on environment, by gravity',
+         None: 'not identifiable'}
+"""Of the wrench in the driver's messages."""
+
+OPTION = re.compile(r'--[a-z-]+(?: -?[\d.]+(?:e-?\d+)?)+')
+"""An option with numbers, as a message of the checks states it for a remedy."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -43,32 +51,41 @@ def inspect(recording: 'Recording') -> dict[str, Any]:
     Returns
     -------
     dict
-        ``streams`` (samples, rate [Hz], longest gap [s], frame), ``missing`` (role -> topics that
-        may be meant), ``motion``, ``fault`` (what the checks refuse; empty), ``notes``, ``uses``
-        (command -> empty, or why not), ``estimates`` (of a calibration, if there is one).
+        ``streams`` (by role: topic and type if read from a bag, samples, rate [Hz], longest gap
+        [s], start and end [s], frame), ``missing`` (role -> topics that may be meant),
+        ``motion``, ``fault`` (what the checks refuse; empty), ``notes``, ``wrench_sign`` (by
+        gravity; None: not identifiable), ``uses`` (command -> empty, or why not), ``estimates``
+        (of a calibration, if there is one).
     """
+    from forcecal_ros.calibrate.pipeline import identify
     from forcecal_ros.checks.entry import checked
+    from forcecal_ros.checks.messages import SIGN
+    from forcecal_ros.core.topics import require
 
-    fault, calibration, why = '', None, ''
     document: dict[str, Any] = {
         'recording': recording.source,
-        'streams': {name: _stream(stream) for name in STREAMS
-                    if (stream := getattr(recording, name)) is not None and len(stream)},
+        'streams': {role: {**dict(zip(('topic', 'type'), recording.topics.get(role, ()))),
+                           **_stream(stream)} for role, name in SIGNALS.items()
+                    if (stream := getattr(recording, name))},
         'missing': {role: list(names) for role, names in recording.candidates.items()
                     if role in ('wrench', 'pose', 'accelerometer')},
         'motion': _motion(recording)}
+    found, why, about, sign = None, '', '', recording.wrench_sign or 1
     try:
         recording = checked(recording).recording
-        calibration, why = _calibrate(recording)
+        require(recording, ['wrench', 'pose'])
+        found = identify(recording)  # which refuses wrong signs, frames and units
     except ForcecalError as error:
-        fault = with_id(error)
-    quality = {} if calibration is None else calibration.quality
+        why, about = with_id(error), error.about
+    # what is about the recording spoils every use, what a calibration alone lacks does not
+    fault = why if about or recording.removed is None else ''
+    quality = {} if found is None else found.quality
     return {**document, 'fault': fault, 'notes': [
         *recording.notes, *quality.get('warnings', ()), *quality.get('questions', ())],
-        'uses': _uses(recording, fault, why),
-        'estimates': None if calibration is None else {
-            'mass': float(calibration.mass), 'mass_std': float(calibration.mass.std),
-            'poses': len(quality.get('poses', ())), 'sign': calibration.wrench_sign}}
+        'wrench_sign': sign if found else -sign if about == SIGN else None,
+        'uses': _uses(recording, fault, why), 'estimates': None if found is None else {
+            'mass': float(found.mass), 'mass_std': float(found.mass.std),
+            'poses': len(quality.get('poses', ()))}}
 
 
 def _stream(stream: Any) -> dict[str, Any]:
@@ -96,18 +113,6 @@ def _motion(recording: 'Recording') -> dict[str, Any] | None:
             'phases': list(dict.fromkeys(phase.name for phase in recording.phases))}
 
 
-def _calibrate(recording: 'Recording') -> tuple['Calibration | None', str]:
-    """Calibrate, which finds wrong signs, frames and units; or return why that is impossible."""
-    from forcecal_ros.calibrate.pipeline import identify
-    from forcecal_ros.core.topics import require
-
-    try:
-        require(recording, ['wrench', 'pose'])
-        return identify(recording), ''
-    except ForcecalError as error:
-        return None, with_id(error)
-
-
 def _uses(recording: 'Recording', fault: str, why: str) -> dict[str, str]:
     """Return for each command nothing, or why the recording does not do for it."""
     if fault:
@@ -131,25 +136,34 @@ def _uses(recording: 'Recording', fault: str, why: str) -> dict[str, str]:
                                  else f'target_frame or the pose is missing{by_joints}')}
 
 
-def _next(args: argparse.Namespace, recording: 'Recording', document: dict[str, Any]) -> str:
-    """Return the command to run next."""
-    words = list(read_likewise(args))
-    if args.wrench_sign is not None:
-        words += ['--wrench-sign', str(args.wrench_sign)]
+def _next(args: argparse.Namespace, recording: 'Recording', document: dict[str, Any]) -> list[str]:
+    """Return the commands that may follow, the likeliest first; or what else to do."""
+    def command(name: str, *words: str, but: str = '') -> str:
+        sign = () if args.wrench_sign is None or '--wrench-sign' in but else (
+            '--wrench-sign', str(args.wrench_sign))
+        return shlex.join(('forcecal', name, args.bag, *read_likewise(
+            args, poses='--sensor-from-pose' not in but), *sign, *words))
+
+    uses, why = document['uses'], document['fault'] or document['uses']['calibrate']
     unnamed = {role: names for role, names in document['missing'].items()
                if role in ('wrench', 'pose') and getattr(recording, role) is None}
-    if document['fault']:
-        return ''
-    if unnamed:
-        named = [word for role, names in unnamed.items() for word in (
-            '--topic', f'{role}={names[0] if len(names) == 1 else "NAME"}')]
-        return shlex.join(('forcecal', 'check', args.bag, *words, *named))
-    if not document['uses']['calibrate']:
-        return shlex.join(('forcecal', 'calibrate', args.bag, *words, '--report', 'report.html'))
-    if not document['uses']['estimate']:
-        known = () if document['calibration_recorded'] else ('--calibration', 'calibration.yaml')
-        return shlex.join(('forcecal', 'estimate', args.bag, *words, *known, '-o', 'contact'))
-    return ''
+    if unnamed and not document['fault']:
+        return [command('check', *(word for role, names in unnamed.items() for word in (
+            '--topic', f'{role}={names[0] if len(names) == 1 else "NAME"}')))]
+    known, report = ('--calibration', 'calibration.yaml'), ('--report', 'report.html')
+    found = [command('calibrate', *' '.join(options).split(), *report, but=words)
+             for words in why.split(' unless ') if (options := OPTION.findall(words))]
+    if not why:
+        found = [command('calibrate', *report)]
+    elif not uses['estimate']:
+        found += [command('estimate', *(() if document['calibration_recorded'] else known),
+                          '-o', 'contact')]
+    if not uses['diagnose']:
+        model = (() if recording.contact_truth else ('--mujoco', 'MODEL.xml')
+                 if recording.joint_commands else ('--simulated', 'SIM_BAG')
+                 if recording.target else known)
+        found += [command('diagnose', *model, '-o', 'diagnosis')]
+    return found or [why.rpartition('; ')[2].partition(' [')[0]]
 
 
 def as_text(document: dict[str, Any]) -> str:
@@ -157,13 +171,14 @@ def as_text(document: dict[str, Any]) -> str:
     from forcecal_ros.core.topics import listed
     from forcecal_ros.report.rows import aligned
 
-    rows = [['signal', 'samples', 'rate', 'longest gap', 'from', 'to', 'frame']]
-    for name, one in document['streams'].items():
+    rows = [['role', 'topic', 'type', 'rate', 'longest gap', 'from', 'to', 'frame']]
+    for role, one in document['streams'].items():
         rate, gap = one['rate'], one['longest_gap']
-        rows.append([name, str(one['samples']), '-' if rate is None else f'{rate:.4g} Hz',
+        rows.append([role, one['topic'], one['type'].rpartition('/')[2],
+                     '-' if rate is None else f'{rate:.4g} Hz',
                      '-' if gap is None else f'{1e3 * gap:.3g} ms', f'{one["start"]:.2f} s',
                      f'{one["end"]:.2f} s', one['frame'] or '-'])
-    lines = [document['recording'], '', *aligned(rows, left=(0, 6))]
+    lines = [document['recording'], '', *aligned(rows, left=(0, 1, 2, 7))]
     for role, names in document['missing'].items():
         lines.append(f'{role}: not found; may be {listed(names)} (--topic {role}=NAME)')
     if motion := document['motion']:
@@ -172,11 +187,13 @@ def as_text(document: dict[str, Any]) -> str:
         phases = f'; phases {", ".join(motion["phases"])}' if motion['phases'] else ''
         lines.append(f'motion: rotates by up to {motion["rotation_deg"]:.0f} deg{moved}{phases}')
     if found := document['estimates']:
-        lines.append(f'tool: {found["mass"]:.4g} kg from {found["poses"]} static poses; sign, '
-                     'frame and units of the wrench agree with gravity')
+        lines.append(f'tool: {found["mass"]:.4g} kg from {found["poses"]} static poses; frame '
+                     'and units of the wrench agree with gravity')
+    lines.append(f'wrench sign: {SIGNS[document["wrench_sign"]]}')
     lines += [f'note: {note}' for note in document['notes']]
     if document['fault']:
         lines.append(f'fault: {document["fault"]}')
     lines += ['', *(f'{use}: {f"no: {why}" if why else "yes"}'
                     for use, why in document['uses'].items())]
-    return '\n'.join([*lines, *([f'next: {document["next"]}'] if document.get('next') else [])])
+    return '\n'.join([*lines, *(f'{"next" if not i else "  or"}: {one}'
+                                for i, one in enumerate(document['next']))])

@@ -3,7 +3,7 @@
 import argparse
 from argparse import ArgumentTypeError
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import import_module
 import json
 from math import isfinite
@@ -124,8 +124,8 @@ def add_gravity(options: Any, *defaults: str) -> None:
     options.add_argument('--gravity', metavar='M/S^2', type=gravity,
                          help=f'magnitude of gravity at the robot (default: {size})')
     options.add_argument('--gravity-direction', metavar=('X', 'Y', 'Z'), nargs=3, type=real,
-                         help="direction of gravity in the robot's base, of any length, where the "
-                              f'base is not level (default: {direction})')
+                         help="direction of gravity in the robot's base, of any length, if the "
+                              f'base is tilted (default: {direction})')
 
 
 def gravity_of(args: argparse.Namespace) -> dict[str, Any]:
@@ -408,13 +408,10 @@ def stages(args: argparse.Namespace, after: float = PROGRESS_DELAY_S
 def number(expected: str, fits: Callable[[float], bool]) -> Callable[[str], float]:
     """Return a function that reads a finite number within limits."""
     def take(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError as error:
-            raise ArgumentTypeError(f'{text or "nothing"} is not {expected}') from error
-        if not (isfinite(value) and fits(value)):
-            raise ArgumentTypeError(f'{text} is not {expected}')
-        return value
+        with suppress(ValueError):
+            if isfinite(value := float(text)) and fits(value):
+                return value
+        raise ArgumentTypeError(f'{text or "nothing"} is not {expected}')
 
     return take
 

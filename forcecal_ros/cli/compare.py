@@ -2,13 +2,10 @@
 
 import argparse
 from pathlib import Path
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 from forcecal_ros.cli.common import new_parser, show
 from forcecal_ros.core.errors import UsageError
-
-if TYPE_CHECKING:
-    from forcecal_ros.report.comparison import Comparison
 
 
 def add_parser(subparsers: Any) -> None:
@@ -27,31 +24,20 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    from forcecal_ros.report.comparison import as_text, to_document
+    from forcecal_ros.diagnose.result import load_diagnosis
+    from forcecal_ros.io.calibration_file import load
+    from forcecal_ros.report.comparison import as_text, compare, compare_diagnoses, to_document
 
-    kinds = [_is_diagnosis(path) for path in (args.first, args.second)]
+    paths = (args.first, args.second)
+    kinds = [_is_diagnosis(path) for path in paths]
     if any(kinds) != all(kinds):
-        one, other = sorted((args.first, args.second), key=_is_diagnosis, reverse=True)
+        one, other = sorted(paths, key=_is_diagnosis, reverse=True)
         raise UsageError(f'{one} is a diagnosis, {other} is not; name two of a kind')
-    comparison = (_of_diagnoses if all(kinds) else _of_calibrations)(args.first, args.second)
-    show(args, {'first': args.first, 'second': args.second, **to_document(comparison)},
-         as_text(comparison))
-    return 3 if args.fail_on and comparison.changed else 0
+    found = (compare_diagnoses(*(load_diagnosis(path)[0] for path in paths)) if all(kinds)
+             else compare(*map(load, paths)))
+    show(args, {'first': args.first, 'second': args.second, **to_document(found)}, as_text(found))
+    return 3 if args.fail_on and found.changed else 0
 
 
 def _is_diagnosis(path: str) -> bool:
     return path.endswith('.json') or (Path(path) / 'diagnosis.json').exists()
-
-
-def _of_calibrations(first: str, second: str) -> 'Comparison':
-    from forcecal_ros.io.calibration_file import load
-    from forcecal_ros.report.comparison import compare
-
-    return compare(load(first), load(second))
-
-
-def _of_diagnoses(first: str, second: str) -> 'Comparison':
-    from forcecal_ros.diagnose.result import load_diagnosis
-    from forcecal_ros.report.comparison import compare_diagnoses
-
-    return compare_diagnoses(load_diagnosis(first)[0], load_diagnosis(second)[0])

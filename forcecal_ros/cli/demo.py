@@ -57,8 +57,8 @@ def run(args: argparse.Namespace) -> int:
                      'simulator and observer')
     make_folder(out)
     with stages(args, after=0.0) as show_phase:
-        result = run_demo(args.accelerometer, out, args.seed, show_phase)
-    calibration = parse(result.calibration, 'sequencer/calibration')
+        published_text, duration = run_demo(args.accelerometer, out, args.seed, show_phase)
+    calibration = parse(published_text, 'sequencer/calibration')
     truth = true_calibration(load_rig(), args.accelerometer)
     recording = read_recording(out / 'bag')
     published = read_contact(out / 'bag', recording.start_ns)
@@ -72,13 +72,13 @@ def run(args: argparse.Namespace) -> int:
     touch = contact_figures(recording, published)
     if args.json:
         print_json({**to_document(calibration), 'demo': {
-            'motion_to_gains': {'value': result.duration, 'std': None, 'unit': 's'},
+            'motion_to_gains': {'value': duration, 'std': None, 'unit': 's'},
             'step': step, 'contact': touch}})
         return 0
     for warning in calibration.quality.get('warnings', ()):
         warn(warning)
     say(as_text(table(calibration, truth)))
-    say(f'\nfrom the first command to the gains: {result.duration:.1f} s')
+    say(f'\nfrom the first command to the gains: {duration:.1f} s')
     sensor, observer, true, published_force = (size(float(x), 'N', 4) for x in (
         step['sensor'], step['observer'], touch['truth'], touch['observer']))
     say(f'step, no contact: sensor {sensor} RMS along x without bias, observer {observer} '

@@ -32,6 +32,9 @@ NOMINAL, NOMINAL_RIG = 'nominal', "this package's rig.yaml, nominal"
 SIMULATORS = ('simulator', 'mujoco', 'simulated')
 """Options that name a simulator of the user's."""
 
+COMPARED = (*SIMULATORS, 'calibration', 'rig')
+"""Options that name what a recording is compared with."""
+
 FILES = ('diagnosis.json', 'report.html', 'rig_patched.yaml', 'calibration_patched.yaml',
          'model_patched.xml')
 """All that a diagnosis may write."""
@@ -61,10 +64,11 @@ def add_parser(subparsers: Any) -> None:
     recording.add_argument('--prior', metavar='DIR',
                            help='results of an earlier recording of the same robot, against the '
                                 'same model, from which this diagnosis continues')
-    recording.add_argument('--tolerance', metavar='X', type=positive, default=TOLERANCE,
+    recording.add_argument('--tolerance', metavar='X', type=positive,
                            help="what is unexplained and smaller than X times a channel's noise "
-                                '(RMS) does not matter: it is no gap (default: '
-                           f'{TOLERANCE:g})')
+                                f'(RMS) does not matter: it is no gap (default: {TOLERANCE:g}; '
+                                '0.2 along measured motion and by a simulator, which are not more '
+                                'exact)')
     recording.add_argument('--robot', metavar='NAME',
                            help='name of the robot, kept in diagnosis.json for forcecal fleet')
     model = group(parser, MODEL)
@@ -129,7 +133,7 @@ def _check_models(args: argparse.Namespace) -> None:
     if args.check and (not (args.simulator or args.mujoco) or len(args.bag) > 1):
         raise UsageError('--check requires one BAG and what is to be checked: --simulator '
                          'MODULE:FACTORY or --mujoco MODEL.xml')
-    named = [name for name in (*SIMULATORS, 'rig', 'calibration') if getattr(args, name)]
+    named = [name for name in COMPARED if getattr(args, name)]
     if named and named[0] in SIMULATORS:
         if len(named) > 1:
             raise UsageError(f'--{named[0]} and --{named[1]} exclude each other: one model at a '
@@ -174,13 +178,21 @@ def _check_simulator(args: argparse.Namespace) -> int:
 
     found = conformance(_simulator_of(args), read(args, args.bag[0], joints=True),
                         load_rig(RIGID))
-    named = [word for name in ('simulator', 'mujoco', 'imu', 'ft_site', 'priors')
-             if (value := getattr(args, name))
-             for word in (f'--{name.replace("_", "-")}', value)]
-    command = shlex.join(('forcecal', 'diagnose', args.bag[0], *named, *read_likewise(args), '-o',
-                          args.output))
-    show(args, found.document(), f'{found}\nnext: {command}')
+    words = ('forcecal', 'diagnose', args.bag[0], *_likewise(args), '-o', args.output)
+    show(args, found.document(), f'{found}\nnext: {shlex.join(words)}')
     return 0
+
+
+def _likewise(args: argparse.Namespace) -> tuple[str, ...]:
+    """Return the words by which another recording is read likewise, against the same model."""
+    words = [word for role, name in args.simulated_topic
+             for word in ('--simulated-topic', f'{role}={name}')]
+    for name in (*COMPARED, 'imu', 'ft_site', 'priors', 'accelerometer', 'tolerance',
+                 'simulated_wrench_sign', 'simulated_sensor_from_pose'):
+        if (value := getattr(args, name)) not in (None, 1, TOLERANCE):
+            numbers = value if isinstance(value, list) else [value]
+            words += [f'--{name.replace("_", "-")}', *map(str, numbers)]
+    return (*words, *read_likewise(args))
 
 
 def answer(args: argparse.Namespace) -> Answer:
@@ -242,50 +254,36 @@ def _source_of(args: argparse.Namespace, stage: Callable[[str], None]
 
 def _named(args: argparse.Namespace) -> str:
     """Return the models that are compared with."""
-    rig = NOMINAL_RIG if args.rig == NOMINAL else args.rig
-    return ' and '.join(filter(None, (
-        args.simulator, args.mujoco, args.simulated, args.heldout_simulated, args.calibration,
-        rig))) or NOMINAL_RIG
-
-
-def _source(args: argparse.Namespace, recording: Any) -> dict[str, str]:
-    """Say whose recording it was, and when it was made and diagnosed."""
-    from datetime import datetime, timezone
-
-    made = {} if recording.start_ns <= 0 else {'recorded': datetime.fromtimestamp(
-        recording.start_ns // 10**9, timezone.utc).isoformat()}
-    return {'recording': recording.source, **({'robot': args.robot} if args.robot else {}), **made,
-            'created': datetime.now(timezone.utc).isoformat(timespec='seconds')}
+    names = [getattr(args, name) for name in (*COMPARED[:3], 'heldout_simulated', *COMPARED[3:])]
+    return ' and '.join(NOMINAL_RIG if one == NOMINAL else one for one in names if one
+                        ) or NOMINAL_RIG
 
 
 def _written(args: argparse.Namespace, recordings: list[Any], found: Any) -> Answer:
     """Write what was found, a report of it, and other files."""
+    from datetime import datetime, timezone
     import json
 
+    from forcecal_ros.calibrate.pipeline import provenance
     from forcecal_ros.diagnose.dataset import units
     from forcecal_ros.diagnose.plan import advice
-    from forcecal_ros.report.diagnosis import (
-        headline,
-        next_step,
-        render,
-        view_of,
-        view_without_signals,
-    )
+    from forcecal_ros.report.diagnosis import headline, next_step, render, view_of
     from forcecal_ros.report.page import origin
 
     diagnosis, folder, document = found.diagnosis, args.output, found.document()
-    document['source'] = _source(args, recordings[0])
-    view = (view_of(found.outcome, advice(diagnosis), units(found.unit))
-            if found.outcome.datasets else view_without_signals(diagnosis))
-    step = next_step(diagnosis, args.bag, folder, tuple(found.files), read_likewise(args))
+    document['source'] = {
+        **provenance(recordings[0]), **({'robot': args.robot} if args.robot else {}),
+        'created': datetime.now(timezone.utc).isoformat(timespec='seconds')}
+    view = view_of(found.outcome, advice(diagnosis), units(found.unit))
+    step = next_step(diagnosis, args.bag, folder, tuple(found.files), read_likewise(args),
+                     _likewise(args))
     write_results(folder, {
         'diagnosis.json': json.dumps(document, indent=2, allow_nan=False) + '\n',
         'report.html': render(
             view, [*origin(recordings), f'compared with {_named(args)}'], step),
         **found.files}, FILES)
     verdict = f'{diagnosis.verdict}: {diagnosis.reason}'
-    first = headline(diagnosis)
-    text = '\n'.join((verdict, *((first,) if diagnosis.effects else ()),
+    text = '\n'.join((verdict, *((headline(diagnosis),) if diagnosis.effects else ()),
                       f'next: {step.words} {step.command}'.rstrip(), f'written to {folder}',
                       *found.actions))
     return Answer(document, text, verdict, (*recordings[0].notes, *diagnosis.notes),
@@ -294,6 +292,5 @@ def _written(args: argparse.Namespace, recordings: list[Any], found: Any) -> Ans
 
 def _status(args: argparse.Namespace, verdict: str) -> int:
     """Return 1 for data that cannot be used, and what ``--fail-on`` requires."""
-    if verdict == 'invalid_data':
-        return 1
-    return FOUND if args.fail_on and verdict != 'no_gap' else 0
+    return 1 if verdict == 'invalid_data' else FOUND * (
+        bool(args.fail_on) and verdict != 'no_gap')

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from forcecal_ros.observe import ContactEstimate, ObserverSettings
     from forcecal_ros.observe.playback import Followed
 
-FILTERS = ('observer', 'kalman', 'newton', 'ukf', 'ekf', 'static')
+FILTERS = ('kalman', 'newton', 'ukf', 'ekf', 'static')
 LEARNING = ('ukf', 'ekf')
 """Filters that estimate the biases as well."""
 
@@ -60,10 +60,10 @@ def add_parser(subparsers: Any) -> None:
                          help='written by forcecal calibrate, demo or the sequencer (default: the '
                               'one in the recording, or what the recording itself identifies)')
     add_gravity(options, *('as the calibration has it',) * 2)
-    options.add_argument('--filter', choices=FILTERS, default='observer',
-                         help='last stage: observer: kalman or newton, as the calibration has it; '
-                              'ukf, ekf: biases are estimated as well; static: weight and bias '
-                              'removed, nothing filtered')
+    options.add_argument('--filter', choices=FILTERS,
+                         help='last stage; ukf, ekf: biases are estimated as well; static: weight '
+                              'and bias removed, nothing filtered (default: kalman or newton, as '
+                              'the calibration has it)')
     options.add_argument('--track-tool', action='store_true',
                          help='estimate mass and centre of mass of the tool while they change, '
                               'and write them as observer/tool')
@@ -113,14 +113,13 @@ def _refuse_unused(args: argparse.Namespace) -> None:
     kalman, learning = (
         [f'--{name.replace("_", "-")}' for name in names if getattr(args, name) is not None]
         for names in (('bandwidth', 'contact_walk', 'bandwidth_min', 'bandwidth_max'), LEARNED))
-    if kalman and args.filter not in ('observer', 'kalman'):
+    if kalman and args.filter not in (None, 'kalman'):
         raise UsageError(f'{kalman[0]} belongs to filter kalman, not to {args.filter}; leave it '
                          'out')
     if args.bandwidth is not None and any(bandwidth.values()):
         raise UsageError(f'--bandwidth fixes the bandwidth; leave {kalman[1]} out')
     if learning and args.filter not in LEARNING:
-        raise UsageError(f'{", ".join(learning)}: filter {args.filter} has no such setting; leave '
-                         'it out')
+        raise UsageError(f'{", ".join(learning)} belongs to filters ukf and ekf; leave it out')
     if args.payload and args.orientation == 'pose':
         raise UsageError('--payload is estimated where an IMU measures gravity; give '
                          '--orientation imu as well')
@@ -150,7 +149,8 @@ def answer(args: argparse.Namespace) -> Answer:
     if args.payload and not by_imu:
         about.append('--payload is not used: the pose gives gravity')
     figures = statistics(estimate)
-    document = {'output': args.output, 'filter': args.filter,
+    document = {'output': args.output,
+                'filter': args.filter or getattr(calibration.observer, 'mode', 'kalman'),
                 'orientation': 'imu' if by_imu else 'pose', 'calibration': source,
                 'notes': [*recording.notes, *about, *status_notes(estimate)],
                 **figures, **_learned(estimate)}
@@ -169,7 +169,7 @@ def _settings_of(args: argparse.Namespace) -> 'ObserverSettings':
     learning = {name: tuple(value) if isinstance(value, list) else value for name in LEARNED
                 if (value := getattr(args, name)) is not None}
     return ObserverSettings(
-        filter=None if args.filter == 'observer' else args.filter, bandwidth_hz=args.bandwidth,
+        filter=args.filter, bandwidth_hz=args.bandwidth,
         **bandwidth_of(args), learning=FilterSettings(**learning))  # type: ignore[arg-type]
 
 
@@ -317,7 +317,7 @@ def prepared(calibration: 'Calibration', recording: 'Recording', settings: 'Obse
         delay = estimate_delay(in_axes, calibration)
     except DataError as error:
         return calibration, (*notes, f'{unknown}; taken to be 0: {error}')
-    found = f'{1e3 * float(delay):.2f} +- {1e3 * float(delay.std):.2f} ms in this recording'
+    found = f'{1e3 * float(delay):.2f} ms (standard error {1e3 * float(delay.std):.2f} ms)'
     if not delay.std < MAX_DELAY_STD_S:
         return calibration, (*notes, f'{unknown}; taken to be 0, as {found} is too uncertain')
     return with_delay(calibration, delay), (*notes, f'{unknown}; estimated {found}')
@@ -408,8 +408,7 @@ def _learned(estimate: 'ContactEstimate') -> dict[str, Any]:
 
     learned, valid = estimate.learned, estimate.valid
     if learned is None or not valid.any():
-        return {'bias': None, 'bias_std': None, 'correlation': None, 'contact_share': None,
-                'nis': None}
+        return dict.fromkeys(('bias', 'bias_std', 'correlation', 'contact_share', 'nis'))
 
     def plain(values: Any) -> Any:
         return [float(x) if np.isfinite(x) else None for x in values]
@@ -452,7 +451,7 @@ def _lines(document: dict[str, Any]) -> Iterator[str]:
            f'{document["filter"]}, gravity from the {document["orientation"]}, calibration '
            f'{document["calibration"]}{_valid_only(document)}')
     bias = document['bias']
-    rows = [['', 'mean', 'std', 'unit'] + ['bias'] * bool(bias)]
+    rows = [['', 'mean', 'std. dev.', 'unit'] + ['bias (95 % interval)'] * bool(bias)]
     for i, (name, mean, std) in enumerate(zip(WRENCH_AXES, document['mean'], document['std'])):
         if std is not None:
             unit = 'N' if i < 3 else 'N m'
@@ -465,7 +464,7 @@ def _lines(document: dict[str, Any]) -> Iterator[str]:
         yield (f'NIS {document["nis"]:.2f} without contact (6 if all is as modelled), contact '
                f'{100 * document["contact_share"]:.1f} % of the time')
     if document.get('mass') is not None:
-        yield f'mass {quantity(document["mass"], document["mass_std"], "kg")}'
+        yield f'mass {quantity(document["mass"], document["mass_std"], "kg")} (95 % interval)'
     if 'tool' in document:
         yield from _tool_lines(document['tool'])
 
@@ -475,7 +474,8 @@ def _tool_lines(tool: dict[str, Any]) -> Iterator[str]:
 
     yield (f'tool: {tool["state"]}, {quantity(tool["mass"], tool["mass_std"], "kg")}, centre of '
            'mass ' + ', '.join(quantity(x, std, 'm')
-                               for x, std in zip(tool['com'], tool['com_std'])))
+                               for x, std in zip(tool['com'], tool['com_std']))
+           + ' (95 % intervals)')
     evidence = {True: 'weight and accelerations', False: 'weight alone: a steady push straight '
                 'down is not excluded'}
     for one in tool['changes']:

@@ -44,7 +44,7 @@ def add_parser(subparsers: Any) -> None:
     add_bag(parser, several='the rig is fitted to all of them')
     parser.add_argument('--for', dest='purpose', choices=tuple(OUTPUTS), default='diagnosis',
                         help='diagnosis: a rig, to simulate and to diagnose by; impedance: how '
-                             'the robot follows commands and how the tool slides, for the '
+                             'the robot follows commands and how the tool yields, for the '
                              'impedance node (one BAG, shaken along x)')
     model = group(parser, MODEL)
     model.add_argument('--heldout', metavar='BAG',
@@ -121,7 +121,8 @@ def rig_text(fit: 'RigFit') -> str:
     assert left is not None
     lines = [f'commands every {size(rig.robot.period, "s")}']
     lines += [f'{name}: order {a.order or "of another axis"}, lag '
-              f'{quantity(a.lag, a.lag_std, "s")}' for name, a in zip('xyz', fit.axes)]
+              f'{quantity(a.lag, a.lag_std, "s")} (95 % interval)'
+              for name, a in zip('xyz', fit.axes)]
     lines += [(f'orientation: lag {size(turn.lag, "s")}, delay '
               f'{size(rig.servo.orientation_delay or 0.0, "s")}, bandwidth '
               f'{size(rig.servo.orientation_bandwidth, "rad/s")}'),

@@ -18,6 +18,9 @@ from forcecal_ros.cli.common import (
 )
 from forcecal_ros.cli.outputs import add_output, FILE, stdout_is_taken
 
+NO_POSE = ('No pose was received: poses.* are tilts of a sensor whose z points down, '
+           'limits.workspace_* are those of a simulated rig; set them for your cell.')
+
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
@@ -54,70 +57,68 @@ def run(args: argparse.Namespace) -> int:
     names = [name for name in (args.preset, args.controller) if name]
     presets = [read_preset(name) for name in names]
     topics = {key: str(value) for one in presets for key, value in one['topics'].items()}
-    found = {} if args.offline else _driver(args, topics)
-    texts = []
-    for node in ('sequencer', 'observer'):
-        values = {key: value for one in presets for key, value in one.get(node, {}).items()}
-        if node == 'sequencer':
-            values = {**_poses((1.0, 0.0, 0.0, 0.0)), **found.get('joints', {}), **values,
-                      **found.get('poses', {})}
-        texts.append(parameter_file(
-            node, [row._replace(default=values.get(row.name, row.default))
-                   for row in TABLES[node][0]],
-            _heading(args, topics, found) if node == 'sequencer' else 'The observer.'))
-    write_text(args.output, '\n'.join(texts))
+    given = {node: {key: value for one in presets for key, value in one.get(node, {}).items()}
+             for node in ('sequencer', 'observer')}
+    looked_for = ['wrench', 'joint_states', *['current_pose'] * (
+        not given['sequencer'].get('pose.frame'))]  # else from /tf
+    values, other, about = ({}, {}, NO_POSE) if args.offline else _driver(
+        args, {key: topics.get(key, key) for key in looked_for})
+    given['sequencer'] = {**_poses((1.0, 0.0, 0.0, 0.0)), **values, **given['sequencer']}
+    launch = shlex.join((
+        'ros2', 'launch', 'forcecal_ros', 'calibrate.launch.py', f'robot:={args.preset}',
+        *([f'controller:={args.controller}'] if args.controller else ()),
+        *(f'{key}:={name}' for key, name in other.items()), f'sequencer_params:={args.output}'))
+    named = ', '.join(f'{key} {name}' for key, name in {**topics, **other}.items())
+    headings = {'observer': 'The observer.', 'sequencer': (
+        f'Parameters for {" and ".join(names)}; start with {launch}. Topics: {named}. {about} '
+        'Nothing moves before forcecal start.')}
+    write_text(args.output, '\n'.join(parameter_file(
+        node, [row._replace(default=values.get(row.name, row.default)) for row in TABLES[node][0]],
+        headings[node]) for node, values in given.items()))
     if not stdout_is_taken(args):
         say(f'written to {args.output}; set limits.* and poses.* for your cell')
-        say(f'next: {_launch(args)}')
+        say(f'next: {launch}')
     return 0
 
 
-def _launch(args: argparse.Namespace) -> str:
-    controller = [f'controller:={args.controller}'] if args.controller else []
-    return shlex.join(('ros2', 'launch', 'forcecal_ros', 'calibrate.launch.py',
-                       f'robot:={args.preset}', *controller, f'sequencer_params:={args.output}'))
-
-
-def _heading(args: argparse.Namespace, topics: Mapping[str, str], found: Mapping[str, Any]) -> str:
-    named = ', '.join(f'{key} {name}' for key, name in topics.items())
-    source = (f'Poses and workspace are proposals around the present pose ({found["about"]}): '
-              'check them with forcecal preview.' if found else
-              'No driver was running: poses.* are tilts of a sensor whose z points down, '
-              'limits.workspace_* are those of a simulated rig; set them for your cell.')
-    names = ' and '.join(name for name in (args.preset, args.controller) if name)
-    return (f'Parameters for {names}; start with {_launch(args)}. Topics: {named}. {source} '
-            'Nothing moves before forcecal start.')
-
-
-def _driver(args: argparse.Namespace, topics: Mapping[str, str]) -> dict[str, Any]:
-    """Return joints, poses and frames of a running driver as parameters; empty without one."""
+def _driver(args: argparse.Namespace, topics: Mapping[str, str]
+            ) -> tuple[dict[str, Any], dict[str, str], str]:
+    """Return parameters, topics that differ from the preset's and a comment, by a driver."""
     try:
         with needs_ros():
             from forcecal_ros.nodes.client import first_messages
     except Exception as error:  # noqa: BLE001 - the file is written without a driver, too
         warn(f'{error}; the file is written without a driver')
-        return {}
-    messages = first_messages(args.namespace, {
-        'wrench': topics.get('wrench', 'wrench'),
-        'pose': topics.get('current_pose', 'current_pose'),
-        'joints': topics.get('joint_states', 'joint_states')}, args.timeout)
-    if not messages:
+        return {}, {}, NO_POSE
+    found, others = first_messages(args.namespace, topics, args.timeout)
+    choices = ' '.join(f'Choose one of {", ".join(names)} by {key}:=NAME.'
+                       for key, names in others.items() if len(names) > 1)
+    if choices:
+        warn(choices)
+    if not found:
         warn('no message of a driver was received; start it with the same ROS_DOMAIN_ID, or give '
              '--offline')
-        return {}
-    about = [f'{role} in {message.header.frame_id}' for role, message in messages.items()
-             if message.header.frame_id]
-    return {'about': ', '.join(about) or 'frames are not named',
-            'joints': {'joints.names': list(messages['joints'].name)} if 'joints' in messages
-            else {}, 'poses': _around(messages['pose'].pose) if 'pose' in messages else {}}
+        return {}, {}, f'{choices} {NO_POSE}'.strip()
+    values, poses = {}, NO_POSE
+    if 'current_pose' in found:
+        values = _around(found['current_pose'])
+        poses = ('Poses and workspace are proposals around the present pose: check them with '
+                 'forcecal preview.')
+    if 'joint_states' in found:
+        values['joints.names'] = list(found['joint_states'].name)
+    frames = ', '.join(f'{key} in {message.header.frame_id or "no frame"}'
+                       for key, message in found.items())
+    return values, {key: names[0] for key, names in others.items() if key in found}, (
+        f'{choices} Received: {frames}. {poses}').strip()
 
 
-def _around(pose: Any) -> dict[str, Any]:
-    """Return poses tilted from the present one, and a box around it, as parameters."""
+def _around(message: Any) -> dict[str, Any]:
+    """Return poses tilted from the present one, a box around it and its frame as parameters."""
     # of the proposed workspace around the present position of the sensor
-    margin = 0.15
+    margin, pose = 0.15, message.pose
     position = [getattr(pose.position, axis) for axis in 'xyz']
     return {**_poses([getattr(pose.orientation, axis) for axis in 'xyzw']),
+            'motion.frame': message.header.frame_id,
             'limits.workspace_min': [x - margin for x in position],
             'limits.workspace_max': [x + margin for x in position]}
 

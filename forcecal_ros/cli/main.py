@@ -33,6 +33,7 @@ example:
   forcecal diagnose sample/late -o diagnosis
 
 a message ends with its id, as [FC0202]: docs/reference/errors.md explains each
+eval "$(register-python-argcomplete forcecal)" completes words with the tabulator
 """
 
 
@@ -126,6 +127,11 @@ def command_list() -> str:
 
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
     """Parse the command line; wrong usage exits with 2, and names the nearest word."""
+    if '_ARGCOMPLETE' in os.environ:  # the shell wants what may follow
+        from argcomplete import autocomplete
+
+        words = os.environ['COMP_LINE'].split()
+        autocomplete(build_parser(words[1] if len(words) > 1 else ''))
     if arguments and arguments[0] in VERBS:
         arguments = ['robot', *arguments]
     first = arguments[0] if arguments else ''

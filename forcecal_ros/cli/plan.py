@@ -59,7 +59,7 @@ def add_parser(subparsers: Any) -> None:
                         help='diagnosis: effects that it is to show (default: all)')
     parser.add_argument('--after', metavar='DIR',
                         help='diagnosis: results of forcecal diagnose, whose candidates it is to '
-                             'separate; touches the wall where one of them shows in no other way')
+                             'separate; touches the wall if one of them shows in no other way')
     parser.add_argument('--contact', action='store_true',
                         help="diagnosis: touch the rig's wall as well; its effects show in no "
                              'other way')
@@ -177,7 +177,6 @@ def _setup(args: argparse.Namespace) -> Setup:
 
 
 def _diagnosis(args: argparse.Namespace) -> int:
-    from forcecal_ros.core.files import write_text
     from forcecal_ros.diagnose.plan import plan_document, plan_for, plan_parameters, plan_text
     from forcecal_ros.effects import EFFECTS
     from forcecal_ros.sim.rig.simulator import waits_for_compiler
@@ -190,11 +189,9 @@ def _diagnosis(args: argparse.Namespace) -> int:
     with stages(args) as stage:
         stage('simulating the sequence with every effect')
         planned = plan_for(setup.rig, contact=contact, effects=effects, limits=setup.limits)
-    if args.output:
-        write_text(args.output, plan_parameters(planned))
     t = planned.motion.target.t
-    _say(args, plan_document(planned), plan_text(planned), float(t[-1] - t[0]))
-    return 0
+    return _written(args, plan_document(planned), plan_text(planned), float(t[-1] - t[0]),
+                    plan_parameters(planned))
 
 
 def _candidates(folder: str) -> tuple[str, ...]:
@@ -213,7 +210,6 @@ def _candidates(folder: str) -> tuple[str, ...]:
 def _calibration(args: argparse.Namespace) -> int:
     import math
 
-    from forcecal_ros.core.files import write_text
     from forcecal_ros.io.calibration_file import load
     from forcecal_ros.motion.optimal_design import (
         as_text,
@@ -233,13 +229,16 @@ def _calibration(args: argparse.Namespace) -> int:
         stage('exchanging poses')
         design = design_calibration(robot, sensors, args.duration or 16.0,
                                     setup.timing)
+    return _written(args, to_document(design), as_text(design), design.duration,
+                    to_parameters(design, robot))
+
+
+def _written(args: argparse.Namespace, document: dict[str, Any], text: str, duration: float,
+             parameters: str) -> int:
+    from forcecal_ros.core.files import write_text
+
     if args.output:
-        write_text(args.output, to_parameters(design, robot))
-    _say(args, to_document(design), as_text(design), design.duration)
-    return 0
-
-
-def _say(args: argparse.Namespace, document: dict[str, Any], text: str, duration: float) -> None:
+        write_text(args.output, parameters)
     if args.json:
         print_json(document)
     elif not stdout_is_taken(args):
@@ -248,3 +247,4 @@ def _say(args: argparse.Namespace, document: dict[str, Any], text: str, duration
         if args.output:
             say(f'written to {args.output}\nnext: ros2 run forcecal_ros sequencer --ros-args '
                 f'--params-file {shlex.quote(args.output)}')
+    return 0

@@ -105,7 +105,7 @@ class Accelerometer:
     coupling: Annotated[str, Row(
         'ac for a sensor with a first-order high-pass', words=('dc', 'ac'))] = 'dc'
     delay: Annotated[Estimate, Entry(
-        'How much later than the wrench it shows the same instant', 's')]
+        'How much later than the wrench it reads', 's')]
     cutoff: Annotated[Estimate | None, Entry(
         'Corner of the high-pass; None for dc', 'Hz', omit=True)] = None
     position: Annotated[Estimate | None, Entry(
@@ -193,11 +193,11 @@ class Calibration:
         'Unit vector in base that gravity points along; absent: -z', low=-1.0, high=1.0,
         omit=True)] = None
     sensor_rotation: Annotated[Vector3 | None, Row(
-        "Rotation vector of the wire's axes, seen from the frame of the pose, into which readings "
-        'are turned; absent: the same axes', 'rad', key='sensor.rotation', omit=True)] = None
+        "Rotation vector of the wire's axes in the frame of the pose, into which readings are "
+        'rotated; absent: the same axes', 'rad', key='sensor.rotation', omit=True)] = None
     sensor_frame: Annotated[str, Row('frame_id of the wrench', key='sensor.frame')] = 'ft_sensor'
     wrench_sign: Annotated[int, Row(
-        '-1 where the driver reports tool on environment; readings were multiplied by it',
+        '-1 if the driver reports tool on environment; readings were multiplied by it',
         words=(1, -1), key='sensor.sign')] = 1
     sensor_from_pose: Annotated[Vector7 | None, Row(
         'x y z [m] qx qy qz qw of ft_sensor in the frame whose pose was read; absent: the pose '
@@ -207,7 +207,7 @@ class Calibration:
     noise: Noise | None = None
     observer: ObserverGain | None = None
     matrix: Annotated[Estimate | None, Entry(
-        'Six-axis calibration of n raw channels', shape=(6, None), omit=True)] = None
+        'Converts n raw channels to a wrench', shape=(6, None), omit=True)] = None
     matrix_offset: Annotated[Estimate | None, Entry(
         'Raw reading without any load', shape=(None,), key='matrix.offset', omit=True)] = None
     quality: Annotated[Mapping[str, Any], Row(

@@ -48,18 +48,16 @@ class MotionError(ForcecalError):
 
 def above(value: float, limit: float, digits: int = 3) -> str:
     """
-    Print a value that is above a limit so that it reads above it.
+    Print a value that is above a limit so that it reads above it, and below one below.
 
     Digits are added until the rounded value is on its side of the limit.
     """
     texts = (f'{value:.{more}g}' for more in range(digits, 18))
-    return next(text for text in texts if not value > limit or float(text) > limit)
+    return next(text for text in texts if (float(text) > limit) >= (value > limit)
+                and (float(text) < limit) >= (value < limit))
 
 
-def below(value: float, limit: float, digits: int = 3) -> str:
-    """Print a value that is below a limit so that it reads below it; see :func:`above`."""
-    texts = (f'{value:.{more}g}' for more in range(digits, 18))
-    return next(text for text in texts if not value < limit or float(text) < limit)
+below = above
 
 
 KINDS: dict[str, str] = {
@@ -157,7 +155,7 @@ KINDS: dict[str, str] = {
     'FC0706': 'impedance',
     # diagnosis
     'FC0801':
-        'report diagnose diagnose.recordings:_require_commands '
+        'results diagnose diagnose.recordings:_require_commands '
         'diagnose.recordings:estimate_start diagnose.sources.simulator',
     'FC0802':
         'diagnose.sources.pair diagnose.sources.simulated_tool '

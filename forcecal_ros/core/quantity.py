@@ -1,31 +1,34 @@
 """Numbers as a person writes them: as many digits as are known, in units of a handy size."""
 
 from collections.abc import Sequence
-from math import floor, isfinite, log10, nan
+from math import floor, inf, isfinite, log10, nan
+
+HALF = 1.96
+"""Standard errors from the middle of a 95 % interval to its end."""
 
 SCALES = {
-    's': ((1e-3, 'µs', 1e6), (0.5, 'ms', 1e3), (float('inf'), 's', 1.0)),
-    'm': ((1e-3, 'µm', 1e6), (0.5, 'mm', 1e3), (float('inf'), 'm', 1.0)),
-    'rad': ((float('inf'), 'deg', 57.29577951308232),),
-    '1': ((1e-3, 'ppm', 1e6), (float('inf'), '%', 100.0)),
-    'V': ((0.1, 'mV', 1e3), (float('inf'), 'V', 1.0)),
-    'V/(m/s^2)': ((0.5, 'mV/(m/s^2)', 1e3), (float('inf'), 'V/(m/s^2)', 1.0)),
-    'kg': ((0.1, 'g', 1e3), (float('inf'), 'kg', 1.0)),
-    'kg m^2': ((0.01, 'g m^2', 1e3), (float('inf'), 'kg m^2', 1.0)),
-    'N': ((0.01, 'mN', 1e3), (float('inf'), 'N', 1.0)),
-    'N m': ((0.01, 'mN m', 1e3), (float('inf'), 'N m', 1.0)),
+    's': ((1e-3, 'µs', 1e6), (0.5, 'ms', 1e3), (inf, 's', 1.0)),
+    'm': ((1e-3, 'µm', 1e6), (0.5, 'mm', 1e3), (inf, 'm', 1.0)),
+    'rad': ((inf, 'deg', 57.29577951308232),),
+    '1': ((1e-3, 'ppm', 1e6), (inf, '%', 100.0)),
+    'V': ((0.1, 'mV', 1e3), (inf, 'V', 1.0)),
+    'V/(m/s^2)': ((0.5, 'mV/(m/s^2)', 1e3), (inf, 'V/(m/s^2)', 1.0)),
+    'kg': ((0.1, 'g', 1e3), (inf, 'kg', 1.0)),
+    'kg m^2': ((0.01, 'g m^2', 1e3), (inf, 'kg m^2', 1.0)),
+    'N': ((0.01, 'mN', 1e3), (inf, 'N', 1.0)),
+    'N m': ((0.01, 'mN m', 1e3), (inf, 'N m', 1.0)),
 }
 """SI unit -> (below which size, unit that is shown, factor); other units stay as they are."""
 
 
 def quantity(value: float, std: float, unit: str, *, signed: bool = False) -> str:
     """
-    Write an estimate: value, standard error and unit.
+    Write an estimate: value ± half its 95 % interval, and unit.
 
     Parameters
     ----------
     value, std : float
-        In ``unit``; a standard error that is not known (0 or NaN) is left out.
+        With its standard error, in ``unit``; one that is not known (0 or NaN) is left out.
     unit : str
         SI; ``1``: relative.
     signed : bool
@@ -39,10 +42,9 @@ def quantity(value: float, std: float, unit: str, *, signed: bool = False) -> st
     shown, factor = scaled(value, unit, std)
     value, std = value * factor, std * factor
     sign = '+' if signed and value > 0 else ''
-    if abs(value) >= 1e5:
-        power = floor(log10(abs(value)))
-        return (f'({sign}{pair(value / 10 ** power, std / 10 ** power)}) x 10^{power} {shown}')
-    return f'{sign}{pair(value, std)} {shown}'
+    power = floor(log10(abs(value))) if abs(value) >= 1e5 else 0
+    text = f'{sign}{pair(value / 10 ** power, std / 10 ** power)}'
+    return f'({text}) x 10^{power} {shown}' if power else f'{text} {shown}'
 
 
 def size(value: float, unit: str, digits: int = 3) -> str:
@@ -79,28 +81,26 @@ def rounded(value: float, digits: int = 3) -> str:
 def scaled(value: float, unit: str, std: float = nan) -> tuple[str, float]:
     """Return the unit in which a number, or its larger error, is of a handy size, and how many."""
     largest = max(abs(value), 0.0, std)
-    for below, shown, factor in SCALES.get(unit, ()):
-        if largest < below and largest:
-            return shown, factor
-    *_, (_, shown, factor) = SCALES.get(unit, ((0.0, unit, 1.0),))
+    scales = SCALES.get(unit, ((inf, unit, 1.0),))
+    _, shown, factor = next((one for one in scales if 0.0 < largest < one[0]), scales[-1])
     return shown, factor
 
 
 def with_error(value: float, std: float) -> tuple[str, str]:
-    """Write both to the digits of the error: two where it begins with 1 or 2, else one."""
+    """Write a value and half its 95 % interval, to the digits that this warrants."""
     if not std > 0.0 or not isfinite(std):
         return rounded(value), '-'
-    decimals = decimals_of(std)
-    return f'{round(value, decimals) + 0.0:.{decimals}f}', f'{std:.{decimals}f}'
+    decimals = decimals_of(HALF * std)
+    return f'{round(value, decimals) + 0.0:.{decimals}f}', f'{HALF * std:.{decimals}f}'
 
 
 def decimals_of(std: float) -> int:
-    """Return how many decimals a standard error above zero warrants."""
+    """Return how many decimals an error warrants: of two digits if it begins with 1 or 2."""
     power = floor(log10(std))
     return max(0, (1 if std / 10.0 ** power < 2.95 else 0) - power)
 
 
 def pair(value: float, std: float) -> str:
-    """Write both, the error where it is known."""
+    """Write a value ± half its 95 % interval where its standard error is known."""
     number, error = with_error(value, std)
     return number if error == '-' else f'{number} ± {error}'

@@ -26,15 +26,10 @@ class _Loader(yaml.SafeLoader):
         self._depth -= 1
         return node
 
-    def construct_yaml_int(self, node: Any) -> int:
-        if len(node.value) > _LONGEST_NUMBER:
+    def construct_scalar(self, node: Any) -> Any:
+        if node.tag.endswith((':int', ':float')) and len(node.value) > _LONGEST_NUMBER:
             raise yaml.YAMLError(f'a number of {len(node.value)} digits')
-        return int(super().construct_yaml_int(node))
-
-    def construct_yaml_float(self, node: Any) -> float:
-        if len(node.value) > _LONGEST_NUMBER:
-            raise yaml.YAMLError(f'a number of {len(node.value)} digits')
-        return float(super().construct_yaml_float(node))
+        return super().construct_scalar(node)
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         mapping = super().construct_mapping(node, deep=deep)
@@ -46,8 +41,6 @@ class _Loader(yaml.SafeLoader):
 # YAML 1.2, in which 2e-5 is a number; PyYAML requires a point and a sign
 _Loader.add_implicit_resolver('tag:yaml.org,2002:float', re.compile(
     r'[-+]?(\.\d+|\d+(\.\d*)?)[eE][-+]?\d+$', re.ASCII), list('-+.0123456789'))
-_Loader.add_constructor('tag:yaml.org,2002:int', _Loader.construct_yaml_int)
-_Loader.add_constructor('tag:yaml.org,2002:float', _Loader.construct_yaml_float)
 
 
 def load_yaml(text: str | bytes, name: str, largest: int = LARGEST) -> Any:

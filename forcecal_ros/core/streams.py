@@ -5,13 +5,17 @@ Time comes first: streams are sorted by header stamp and counted in seconds from
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING
 
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.schema import Vector7
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from typing import Self  # Python 3.11
 
 Rows = slice | NDArray[np.bool_] | NDArray[np.intp]
 """Which samples."""
@@ -65,8 +69,26 @@ def _is_frozen(values: object) -> bool:
     return values is None
 
 
+class Samples:
+    """Arrays, one row for each time ``t`` [s]."""
+
+    t: Array
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def between(self, start: float, end: float) -> 'Self':
+        """Return the samples with ``start <= t < end`` [s]."""
+        return self.rows(slice(*np.searchsorted(self.t, [start, end])))
+
+    def rows(self, kept: Rows) -> 'Self':
+        """Return some of the samples."""
+        arrays = {name: one[kept] for name, one in vars(self).items() if hasattr(one, 'shape')}
+        return replace(self, **arrays)  # type: ignore[type-var]
+
+
 @dataclass(frozen=True)
-class Stream:
+class Stream(Samples):
     """
     One signal over time.
 
@@ -91,22 +113,10 @@ class Stream:
         object.__setattr__(self, 't', t)
         object.__setattr__(self, 'values', values)
 
-    def __len__(self) -> int:
-        return len(self.t)
-
     @property
     def rate(self) -> float:
         """Median rate of the samples [Hz]."""
         return float(1.0 / np.median(np.diff(self.t))) if len(self.t) > 1 else float('nan')
-
-    def between(self, start: float, end: float) -> 'Stream':
-        """Return the samples with ``start <= t < end`` [s]."""
-        i, j = np.searchsorted(self.t, [start, end])
-        return self.rows(slice(i, j))
-
-    def rows(self, kept: Rows) -> 'Stream':
-        """Return some of the samples."""
-        return replace(self, t=self.t[kept], values=self.values[kept])
 
     def at(self, t: Array) -> Array:
         """
@@ -141,7 +151,7 @@ class JointStream(Stream):
 
 
 @dataclass(frozen=True)
-class PoseStream:
+class PoseStream(Samples):
     """
     The sensor's pose in base over time, measured or commanded.
 
@@ -176,23 +186,10 @@ class PoseStream:
         object.__setattr__(self, 'position', p)
         object.__setattr__(self, 'R_base_sensor', R)
 
-    def __len__(self) -> int:
-        return len(self.t)
-
     @property
     def has_position(self) -> bool:
         """Whether every position is known, not the orientation alone."""
         return len(self.t) > 0 and bool(np.isfinite(self.position).all())
-
-    def between(self, start: float, end: float) -> 'PoseStream':
-        """Return the samples with ``start <= t < end`` [s]."""
-        i, j = np.searchsorted(self.t, [start, end])
-        return self.rows(slice(i, j))
-
-    def rows(self, kept: Rows) -> 'PoseStream':
-        """Return some of the samples."""
-        return replace(self, t=self.t[kept], position=self.position[kept],
-                       R_base_sensor=self.R_base_sensor[kept])
 
 
 @dataclass(frozen=True)
@@ -238,6 +235,8 @@ class Recording:
         Where it came from, for messages to the user.
     notes : tuple of str
         What reading had to leave out or correct, one plain sentence each.
+    topics : mapping of str to tuple of (str, str)
+        Role -> name and type of the topic that it was read from.
     candidates : mapping of str to tuple of str
         Role without a topic -> topics of the recording whose type fits it and that nothing uses.
     sensor_from_pose : tuple of 7 float or None
@@ -265,11 +264,22 @@ class Recording:
     start_ns: int = 0
     source: str = ''
     notes: tuple[str, ...] = field(default=())
+    topics: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     candidates: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     sensor_from_pose: Vector7 | None = None
     wrench_sign: int | None = None
     removed: Mapping[str, int] | None = None
     raw_wrench: bool = False
+
+    def __repr__(self) -> str:
+        found = {one.name: getattr(self, one.name) for one in fields(self)}
+        lines = [f'{"stream":16}{"samples":>9}{"rate":>12}{"duration":>11}']
+        for name, one in found.items():
+            if isinstance(one, Samples) and len(one):
+                s = float(one.t[-1] - one.t[0])
+                rate = f'{(len(one) - 1) / s:.4g} Hz' if s else '-'
+                lines.append(f'{name:16}{len(one):9}{rate:>12}{s:9.2f} s')
+        return '\n'.join([self.source or 'recording', *lines])
 
 
 def phase_spans(phases: tuple[Phase, ...], names: tuple[str, ...]) -> list[tuple[float, float]]:

@@ -215,7 +215,7 @@ def require(recording: Recording, roles: Collection[str]) -> None:
         Names the topics that are missing, what reading had to say about them, and the topics
         that could be meant.
     """
-    missing = [role for role in roles if not _there(recording, role)]
+    missing = [role for role in roles if not getattr(recording, _ATTRIBUTES.get(role, role))]
     if not missing:
         return
     reported = [note for note in recording.notes
@@ -225,11 +225,6 @@ def require(recording: Recording, roles: Collection[str]) -> None:
         f'{", ".join(f"{ROLES[role].topic} ({role})" for role in missing)}; '
         + ' and '.join(naming(recording, role) for role in missing)
         + ''.join(f'; {note}' for note in reported))
-
-
-def _there(recording: Recording, role: str) -> bool:
-    stream = getattr(recording, _ATTRIBUTES.get(role, role))
-    return stream is not None and len(stream) > 0
 
 
 def naming(recording: Recording, role: str) -> str:

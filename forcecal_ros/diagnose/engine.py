@@ -37,7 +37,7 @@ from forcecal_ros.diagnose.model.linearised import linearised_model, LinearisedM
 from forcecal_ros.diagnose.recordings import convert_to_volts, Corrected, missing_streams
 from forcecal_ros.diagnose.result import Diagnosis, patched_rig
 from forcecal_ros.diagnose.search.posterior import Posterior, search
-from forcecal_ros.diagnose.verdict import TOLERANCE, UNKNOWN, verdict
+from forcecal_ros.diagnose.verdict import UNKNOWN, verdict
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.effects.rig import Rig
 import numpy as np
@@ -86,7 +86,7 @@ class Outcome:
 
 
 def diagnose_datasets(rig: Rig, datasets: tuple[Dataset, ...], stamps: Sequence[Corrected],
-                      given: Sequence[Recording], tolerance: float = TOLERANCE,
+                      given: Sequence[Recording], tolerance: float | None = None,
                       earlier: Earlier = FIRST_RECORDING) -> Outcome:
     """
     Diagnose recordings that are ready.
@@ -99,8 +99,9 @@ def diagnose_datasets(rig: Rig, datasets: tuple[Dataset, ...], stamps: Sequence[
         What their stamps and values show.
     given : sequence of Recording
         As recorded.
-    tolerance : float
-        RMS of what is unexplained, in that of a channel's noise, that does not matter.
+    tolerance : float or None
+        RMS of what is unexplained, in that of a channel's noise, that does not matter; None: as
+        exact as the simulation is meant to be, TOLERANCE at least.
     earlier : Earlier
         What earlier recordings of the same robot found.
     """

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array, rotation_vector
 from forcecal_ros.core.noise.autoregression import Autoregression
+from forcecal_ros.core.quantity import quantity
 from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.diagnose.dataset import Blocks, CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.model.jacobian import Column
@@ -59,7 +60,7 @@ class Difference(NamedTuple):
         """Return the delay, and what it leaves in thousandths, behind a sentence."""
         if not np.isfinite(self.delay):
             return ''
-        return (f'; the robot is {1e3 * self.delay:.1f} +- {1e3 * self.delay_std:.1f} ms later, '
+        return (f'; the robot is {quantity(self.delay, self.delay_std, "s")} later, '
                 f'which leaves {1e3 * self.unexplained:.2g} {unit}')
 
 

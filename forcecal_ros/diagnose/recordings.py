@@ -221,7 +221,7 @@ def missing_streams(recording: Recording) -> str:
     """
     missing = [f'{stages} (no {name} to compare)' for name, stages in STAGES_OF_STREAM.items()
                if not _has(recording, name)]
-    return f'; not looked at: {", ".join(missing)}' if missing else ''
+    return f'; not compared: {", ".join(missing)}' if missing else ''
 
 
 def _has(recording: Recording, name: str) -> bool:

@@ -67,8 +67,8 @@ class Diagnosis:
 
 
 NO_MOTION = Diagnosis('not_excited',
-                      'the robot does not move; record a motion that turns the tool '
-                      'and speeds it up')
+                      'the robot does not move; record a motion that rotates the tool '
+                      'and accelerates it')
 """The diagnosis of a recording in which the robot does not move."""
 
 

@@ -10,6 +10,12 @@ UNKNOWN = 'unknown'
 TOLERANCE = 0.1
 """RMS of what is unexplained, in that of a channel's noise, that does not matter by default."""
 
+
+def tolerated(given: float | None, exact: float) -> float:
+    """Return the tolerance: the given one, else TOLERANCE or, if coarser, how exact a model is."""
+    return max(TOLERANCE, exact) if given is None else given
+
+
 MIN_EXPLAINED_WHOLE = 0.95
 """Explained share from which what is unexplained does not matter beside it."""
 
@@ -69,15 +75,15 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
     named : sequence of str
         Accepted effects.
     closed : float or None
-        Share of the gap that the effects close; None where they show in stamps and values alone.
+        Explained fraction; None where effects show in stamps and values alone.
     excited : bool
-        Whether the recording moves enough to tell effects apart.
+        Whether the recording moves enough to separate effects.
     whole : bool
-        Whether every stream could be looked at.
+        Whether every stream could be compared.
     with_discrepancy : bool
-        Whether the effects were weighed beside a discrepancy, which then is what remains.
+        Whether the effects were weighed beside a discrepancy, which then is the residual.
     slow_noise : bool
-        Whether what varies slowly is taken for noise, and may be none.
+        Whether slow variation counts as noise, which it may not be.
     band : float
         Up to which frequency the simulation is meant to hold [Hz].
     certain : sequence of str
@@ -88,15 +94,15 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
     listed = ' and '.join(named)
     significant = part.ratio >= 1.0
     if not excited:
-        return 'not_excited', ('the recording moves too little to tell effects apart; record '
+        return 'not_excited', ('the recording moves too little to separate effects; record '
                                'what forcecal plan writes')
     if not named:
         if significant:
             return 'unknown', (f'there is a gap that no effect of the library explains: '
                                f'{part.words}')
-        what = 'the recording' if whole else 'what could be looked at'
+        what = 'the recording' if whole else 'what could be compared'
         below = f' below {band:g} Hz' if band < inf else ''
-        slow = ', if what varies slowly is noise' if slow_noise else ''
+        slow = ', if slow variation is noise' if slow_noise else ''
         if part.within:
             return 'no_gap', (f'the recalibrated rig explains {what}{below} {WITHIN}{slow}: '
                               f'{part.within}')
@@ -105,22 +111,20 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
     end = '' if len(named) > 1 else 's'
     if at_limit or (unknown and not certain):
         if at_limit:
-            why = (f'{" and ".join(at_limit)} is as large as that can be: another robot, tool or '
-                   'unit was recorded than it is compared with')
+            why = (f'{" and ".join(at_limit)} is at its limit: another robot, tool or unit '
+                   'was recorded than it is compared with')
         elif closed is None or closed < 0.0:
-            why = 'what was held out is worse with it'
+            why = 'the held-out residual is larger with it'
         else:
-            why = f'explain{end} only {percent(closed)} of the misfit'
-        more = f'; unexplained: {part.words}' if significant else ''
+            why = f'explain{end} {percent(closed)} of the residual'
+        more = f'; residual: {part.words}' if significant else ''
         return 'unknown', (f'no effect of the library explains the gap: {listed} come{end} '
                            f'closest, but {why}{more}')
-    done = f'explain{end} {percent(closed or 0.0)} of the misfit'
+    done = f'explain{end} {percent(closed or 0.0)} of the residual'
     if closed is None:
         done, closed = f'show{end} in stamps and values', 1.0
     beside = with_discrepancy and not unknown
-    rest = ''
-    if significant:
-        rest = f'; {"what remains" if beside else "unexplained"}: {part.words}'
+    rest = f'; residual: {part.words}' if significant else ''
     others = [name for name in named if name not in certain]
     if unknown and others:
         these = ' and '.join(others) if certain else 'these together'

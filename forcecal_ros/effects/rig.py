@@ -89,7 +89,7 @@ class Robot(Section):
     y: Annotated[Axis | None, Row('in place of Eq. 28', omit=True)] = None
     z: Annotated[Axis | None, Row('in place of Eq. 28', omit=True)] = None
     unexplained: Annotated[Unexplained | None, Row(
-        'RMS of measured less simulated motion, noise subtracted', omit=True)] = None
+        'RMS of measured minus simulated motion, without noise', omit=True)] = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -109,16 +109,16 @@ class Servo(Section):
     orientation_bandwidth: Annotated[float, Row(
         'second order on SO(3), critically damped', 'rad/s', above=0.0)]
     orientation_damping: Annotated[float | None, Row(
-        'of that second order, 1 where it is absent', '1', above=0.0, omit=True)] = None
+        'of that second order; absent: 1', '1', above=0.0, omit=True)] = None
     orientation_delay: Annotated[float | None, Row(
-        'of the commanded orientations, 0 where it is absent', 's', 0.0, 1.0, omit=True)] = None
+        'of the commanded orientations; absent: 0', 's', 0.0, 1.0, omit=True)] = None
     orientation_tolerance: Annotated[Matrix3 | None, Row(
         'changes of bandwidth, damping, delay, each 1 sigma and independent', omit=True)] = None
 
 
 @dataclass(frozen=True)
 class Tool(Section):
-    """What the sensor carries; in ft_sensor, the Optidrive undisplaced."""
+    """What the sensor carries; in ft_sensor, without displacement."""
 
     mass: Annotated[float, Row('', 'kg', above=0.0)]
     com: Annotated[Vector3, Row('centre of mass', 'm')]
@@ -165,7 +165,7 @@ class WrenchSensor(Section, name='wrench_sensor'):
 
 @dataclass(frozen=True)
 class AccelerometerModel(Section):
-    """V = gain f + offset + noise, f high-passed first where the sensor is AC-coupled."""
+    """V = gain f + offset + noise, f high-passed first if the sensor is AC-coupled."""
 
     gain: Annotated[Vector3, Row('x y z', 'V/(m/s^2)')]
     offset: Annotated[Vector3, Row('', 'V')]
@@ -182,7 +182,7 @@ class Accelerometer(Section):
     """Rides on the tool, axes along ft_sensor; V = gain f + offset + noise."""
 
     mounted: Annotated[str, Row('which of the two below', words=('acc1', 'acc2'))]
-    position: Annotated[Vector3, Row('in ft_sensor, the Optidrive undisplaced', 'm')]
+    position: Annotated[Vector3, Row('in ft_sensor, without displacement', 'm')]
     rate: Annotated[float, Row('', 'Hz', above=0.0)]
     noise: Annotated[float, Row('1 sigma, white', 'V', 0.0)]
     acc1: Annotated[AccelerometerModel, Row('PCB, capacitive, DC')]
@@ -225,8 +225,8 @@ class NominalTolerances(Section):
     mass: Annotated[float, Row('relative', '1', 0.0)]
     com: Annotated[float, Row('', 'm', 0.0)]
     inertia: Annotated[float, Row('relative', '1', 0.0)]
-    stiffness: Annotated[float, Row('relative, of the Optidrive', '1', 0.0)]
-    damping: Annotated[float, Row('relative, of the Optidrive', '1', 0.0)]
+    stiffness: Annotated[float, Row('relative, of the compliance', '1', 0.0)]
+    damping: Annotated[float, Row('relative, of the compliance', '1', 0.0)]
     wall_position: Annotated[float, Row('', 'm', 0.0)]
     wall_stiffness: Annotated[float, Row('relative', '1', 0.0)]
     wall_damping: Annotated[float, Row('relative', '1', 0.0)]
@@ -280,7 +280,7 @@ class Rig(Section):
     servo: Servo
     tool: Tool
     optidrive: Annotated[Optidrive | None, Row(
-        'lets the tool slide along x of ft_sensor; null: a rigid tool')]
+        'Compliance of the tool along x of ft_sensor; null: a rigid tool')]
     wall: Wall
     wrench_sensor: WrenchSensor
     accelerometer: Accelerometer

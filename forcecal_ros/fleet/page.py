@@ -7,10 +7,10 @@ from io import StringIO
 import shlex
 from typing import Any
 
-from forcecal_ros.core.quantity import quantity
+from forcecal_ros.core.quantity import HALF, quantity
 from forcecal_ros.fleet.history import Entry, Robot, Series
-from forcecal_ros.report.page import render_page
-from forcecal_ros.report.rows import HALF, number
+from forcecal_ros.report.page import docs_link, render_page
+from forcecal_ros.report.rows import number
 
 COLUMNS = ('robot', 'time', 'path', 'verdict', 'error', 'key', 'unit', 'value', 'std', 'cusum',
            'change')
@@ -85,10 +85,10 @@ def render(entries: Sequence[Entry], robots: Sequence[Robot], run_length: float)
     return render_page(
         'fleet.html.j2', 'Fleet', tone='warn' if changed else 'bad' if failed else 'good',
         word=f'{len(changed)} of {len(robots)} robots changed', headline=headline(robots),
-        run_length=run_length, compare=compare, failed=failed,
+        pages=[docs_link('how-to/fleet', 'fleet')], compare=compare, failed=failed,
         origin=[f'{len(entries) - len(failed)} results of {len(robots)} robots'],
         head=('robot', 'drifted first', 'last verdict', 'last', 'read'),
-        rows=[_line(robot) for robot in robots],
+        rows=[_line(robot) for robot in robots], run_length=run_length,
         robots=[(robot, list(_pictures(robot))) for robot in robots], shown=MAX_PICTURES)
 
 

@@ -41,11 +41,10 @@ class DesignSettings(Section, name='design'):
     """
 
     effort: Annotated[float, Row(
-        'What a command off its steady value costs, as a force per distance: small against the '
-        'target stiffness, so that the impedance relation counts', 'N/m', 1e-3, 1e6)] = 100.0
+        'Cost of a command off its steady value, small against the target stiffness',
+        'N/m', 1e-3, 1e6)] = 100.0
     latency: Annotated[int, Row(
-        "Control periods that a command takes beyond the robot's own delay, transport of the "
-        'sensors included', low=0, high=50)] = 0
+        "Control periods of delay beyond the robot's own, sensors included", low=0, high=50)] = 0
     force_lag: Annotated[float, Row(
         'Time constant of the contact force that is fed back', 's', above=0.0)] = 0.004
     force_std: Annotated[float, Row('Error of that force, white', 'N', above=0.0)] = 0.3
@@ -59,8 +58,7 @@ class DesignSettings(Section, name='design'):
     wall_damping: Annotated[float, Row('Of the wall', 'N s/m', 0.0)] = 0.0
     state_gain: Annotated[tuple[float, ...] | None, Row('L, in place of the optimal one')] = None
     force_gain: Annotated[float | None, Row(
-        'c of the control law in the place of the one that makes the steady state right; 0: that '
-        'one', 'm/N', -1.0, 1.0)] = None
+        'c of the control law; 0: the one with a correct steady state', 'm/N', -1.0, 1.0)] = None
     position_gain: Annotated[float | None, Row('l_r likewise', '', -1e3, 1e3)] = None
 
     def __post_init__(self) -> None:

@@ -78,24 +78,24 @@ class Task:
     """The three phases of [Gamez2005] V in numbers."""
 
     swing: Annotated[float, Row(
-        'Distance of each free move, out and back, away from the wall', 'm', 0.0, 0.5)] = 0.035
+        'Distance of each free move, out and back', 'm', 0.0, 0.5)] = 0.035
     swing_duration: Annotated[float, Row('Duration of each of these', 's', 0.05, 10.0)] = 0.3
     swings: Annotated[int, Row('Number of free moves out and back', low=0, high=1000)] = 2
     clearance: Annotated[float, Row(
         'Distance of the wall from the tool at the start, along x of ft_sensor', 'm', 0.0, 1.0)
         ] = 0.08
     depth: Annotated[float, Row(
-        'Distance by which the reference goes behind the wall, which presses',
+        'Depth of the reference behind the wall',
         'm', 0.0, 0.2)] = 0.02
     approach: Annotated[float, Row(
         'Duration of the move to the wall, and of the one back', 's', 0.1, 60.0)] = 1.4
     sweep: Annotated[float, Row(
-        'Distance by which the reference moves out and back in contact', 'm', 0.0, 0.1)] = 0.005
+        'Amplitude of the reference in contact', 'm', 0.0, 0.1)] = 0.005
     hold: Annotated[float, Row(
         'Duration of each of the three holds in contact', 's', 0.1, 600.0)] = 1.0
     rest: Annotated[float, Row('Duration of the holds between free moves', 's', 0.01, 60.0)] = 0.25
     settle: Annotated[float, Row(
-        'Duration of the hold after the move back, for the tool to arrive',
+        'Duration of the hold after the move back',
         's', 0.01, 60.0)] = 0.75
 
     def program(self, cycles: int = 1) -> Program:
@@ -210,26 +210,25 @@ class Bounds(Section, name='limits'):
     acceleration: Annotated[float, Row(
         'Largest acceleration of the commands', 'm/s^2', 0.01, 50.0)] = 8.0
     deviation: Annotated[float, Row(
-        'Distance of the command from the reference above which the loop counts as unstable',
+        'Distance of command and reference above which the loop counts as unstable',
         'm', 0.001, 1.0)] = 0.06
     force: Annotated[float, Row(
         'Contact force above which the motion stops, wherever it occurs', 'N', 0.5, 1e5)] = 100.0
     free_force: Annotated[float, Row(
-        'Contact force above which the motion stops where no wall is expected',
+        'Contact force above which the motion stops away from the wall',
         'N', 0.5, 1e5)] = 10.0
     margin: Annotated[float, Row(
-        'Distance before task.clearance from which on the wall is expected',
+        'Distance before task.clearance at which the wall is expected',
         'm', 0.0005, 1.0)] = 0.01
     touch: Annotated[float, Row(
         'Contact force above which the tool touches', 'N', 0.05, 1000.0)] = 1.0
     stop_duration: Annotated[float, Row(
         'Duration from the first command of a stop to rest', 's', 0.01, 0.5)] = 0.062
     retract: Annotated[float, Row(
-        'Distance by which a stop at the wall takes the tool back within that time',
+        'Retreat of the tool during a stop at the wall',
         'm', 0.0005, 0.1)] = 0.005
     withdraw: Annotated[float, Row(
-        'Distance by which it goes on from there, slowly, and again as long as the tool presses, '
-        'to where the task began at most',
+        'Slow retreat after that, repeated while the tool presses',
         'm', 0.0005, 0.5)] = 0.015
     closing: Annotated[float, Row(
         'Duration of the commands at rest that end the stream', 's', above=0.0)] = 0.1

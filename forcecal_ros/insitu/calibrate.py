@@ -6,6 +6,7 @@ from dataclasses import replace
 from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.quantity import quantity
 from forcecal_ros.insitu.blocks import Mounting
 from forcecal_ros.insitu.equations import Load, MOVING, STATIC
 from forcecal_ros.insitu.fit import MatrixProblem, with_known_wrenches, with_matrix
@@ -159,10 +160,9 @@ def _require_possible(result: SensorResult, reduced: Sequence[Reduced]) -> None:
         if mass is not None and float(mass.value) < -FORBIDDEN * np.hypot(float(mass.std), known):
             words = [found.words] if found else [
                 'stated masses, places or the direction of gravity are wrong']
-            raise DataError(
-                f'{name} has a mass of {float(mass.value):.3g} +- {float(mass.std):.2g} kg, which '
-                'nature forbids: ' + '; '.join(
-                    [*causes, *words] if causes else [*words, 'or the sensor is not linear']))
+            words += [] if causes else ['or the sensor is not linear']
+            weight = quantity(float(mass), float(mass.std), 'kg')
+            raise DataError(f'{name} has a mass of {weight}: {"; ".join([*causes, *words])}')
 
 
 def _training_loads(data_sets: Sequence[DataSet]) -> list[Load]:

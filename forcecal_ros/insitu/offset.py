@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from forcecal_ros.core.errors import below, DataError, UnobservableError
+from forcecal_ros.core.estimation import CHANCE
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.autocovariance import noise_of_residuals
 from forcecal_ros.insitu.blocks import Blocks, Mask, TINY
@@ -280,9 +281,6 @@ WRONG_UNIT = 0.2
 TRUSTED = 0.02
 """Largest standard error at which an accelerometer offset found from |g| is used [m/s^2]."""
 
-SIGNIFICANT = 1e-3
-"""Probability by chance below which such an offset is taken to be there."""
-
 
 @dataclass(frozen=True)
 class Excitation:
@@ -370,7 +368,7 @@ class Norm:
     @property
     def usable(self) -> bool:
         """Whether the offset is there and known well enough to be removed."""
-        return self.p < SIGNIFICANT and bool(self.std.max() < TRUSTED) and bool(
+        return self.p < CHANCE and bool(self.std.max() < TRUSTED) and bool(
             np.linalg.norm(self.offset) < WRONG_UNIT * self.magnitude)
 
 

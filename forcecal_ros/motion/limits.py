@@ -39,14 +39,14 @@ class Limits(Section):
     angular_jerk: Annotated[float, Row(
         'Largest angular jerk of a plan, stops included', 'rad/s^3', 1.0, 1e6)] = 6000.0
     joint_speed: Annotated[float, Row(
-        'Largest speed of each joint, where joints are commanded', 'rad/s', 0.01, 10.0)] = 1.5
+        'Largest speed of each joint, with joint_trajectory', 'rad/s', 0.01, 10.0)] = 1.5
     joint_acceleration: Annotated[float, Row(
         'Largest acceleration of each joint likewise', 'rad/s^2', 0.1, 300.0)] = 60.0
     joint_jerk: Annotated[float, Row(
         'Largest jerk of each joint likewise', 'rad/s^3', 1.0, 1e6)] = 6000.0
     workspace_min: Annotated[Array, Row(
-        'Lower corner, in base, of the box that ft_sensor and the tip stay in; planned and '
-        'measured, with joint_trajectory measured only', 'm', shape=(3,))
+        'Lower corner, in base, of the box that ft_sensor and the tip stay in; with '
+        'joint_trajectory only measured', 'm', shape=(3,))
         ] = (0.6, -0.4, 0.6)  # type: ignore[assignment]
     workspace_max: Annotated[Array, Row(
         'Upper corner of that box', 'm', shape=(3,))
@@ -55,18 +55,18 @@ class Limits(Section):
         "The tool's foremost point in ft_sensor", 'm', shape=(3,))
         ] = (0.2, 0.0, 0.1)  # type: ignore[assignment]
     force: Annotated[float, Row(
-        'Norm of the measured force, weight included, above which no motion starts or goes on',
+        'Norm of the force, weight included, above which no motion starts or continues',
         'N', 1.0, 1e5)] = 250.0
     torque: Annotated[float, Row('Norm of the measured torque likewise', 'N m', 0.1, 1e4)] = 60.0
     tracking_error: Annotated[float, Row(
-        'Distance between measured and commanded position above which the motion stops',
+        'Error of the position above which the motion stops',
         'm', 0.0005, 1.0)] = 0.02
     tracking_angle: Annotated[float, Row(
-        'Angle between measured and commanded orientation above which the motion stops; with '
-        'joint_trajectory, that of each joint',
+        'Error of the orientation above which the motion stops; with joint_trajectory, of each '
+        'joint',
         'rad', 0.005, 3.0)] = 0.2
     overspeed: Annotated[float, Row(
-        'Factor by which measured speeds, accelerations and jerks may exceed the limits',
+        'Factor by which measured speed, acceleration and jerk may exceed the limits',
         low=1.0, high=10.0)] = 1.5
     stop_duration: Annotated[float, Row(
         'Duration from the first command of a stop to rest', 's', 0.01, 0.5)] = 0.045

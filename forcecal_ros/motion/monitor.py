@@ -177,31 +177,30 @@ class WatchSettings:
     """
 
     pause_timeout: Annotated[float, Row(
-        'Silence of a sensor that brings the motion to rest until it is back', 's', 0.008, 10.0)
+        'Silence of a sensor that pauses the motion', 's', 0.008, 10.0)
         ] = 0.04
     most_pauses: Annotated[int, Row(
         'How often sensors may fall silent or late in one sequence; 0: no limit',
         low=0, high=1_000_000)] = 20
     lost_timeout: Annotated[float, Row(
-        'A sensor that stays silent or late for that long ends the motion', 's', 0.01, 60.0)
+        'Silence or lateness of a sensor that ends the motion', 's', 0.01, 60.0)
         ] = 1.0
     frozen_timeout: Annotated[float, Row(
-        'Readings that repeat to the last bit for that long in motion stop it; 0: not checked',
+        'Duration of identical readings that stops the motion; 0: not checked',
         's', 0.0, 10.0)] = 0.035
     max_age: Annotated[float, Row(
-        'Age of its newest header stamp above which a sensor is late; 0: not checked, for '
-        'clocks that are not synchronised', 's', 0.0, 10.0)] = 0.25
+        'Age of the newest header stamp above which a sensor is late; 0: not checked',
+        's', 0.0, 10.0)] = 0.25
     clock_timeout: Annotated[float, Row(
-        'With use_sim_time, a clock that stands still for longer ends the motion',
+        'Standstill of /clock that ends the motion, with use_sim_time',
         's', 0.02, 60.0)] = 0.1
     window: Annotated[float, Row(
-        'Length of the window in which the readings have to be as quiet as before the start for '
-        'the tool to be still', 's', 0.05, 5.0)] = 0.25
+        'Window in which readings must be as quiet as before the start', 's', 0.05, 5.0)] = 0.25
     factor: Annotated[float, Row(
         'Factor by which standard deviations may exceed those before the start',
         low=1.0, high=100.0)] = 1.25
     force_floor: Annotated[float, Row(
-        'Standard deviation of forces that counts as still anyway', 'N', 0.0, 100.0)] = 0.02
+        'Standard deviation of forces that always counts as still', 'N', 0.0, 100.0)] = 0.02
     torque_floor: Annotated[float, Row('The same of torques', 'N m', 0.0, 10.0)] = 0.002
     position_floor: Annotated[float, Row('The same of positions', 'm', 0.0, 0.1)] = 5e-6
 

@@ -16,16 +16,21 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 
 RECORDED = QoSProfile(depth=2000)
 """QoS of a recorded topic, whose queue holds two seconds at 1 kHz."""
 
 
-def message_class(msgtype: str) -> Any:
-    """Return the class of a message type such as ``geometry_msgs/msg/WrenchStamped``."""
-    package, _, name = msgtype.split('/')
-    return getattr(import_module(f'{package}.msg'), name)
+def message_class(msgtype: str, unknown: set[str]) -> Any:
+    """Return the class of a type as ``geometry_msgs/msg/WrenchStamped``; None: it is unknown."""
+    try:
+        package, _, name = msgtype.split('/')
+        return getattr(import_module(f'{package}.msg'), name)
+    except (ImportError, AttributeError, ValueError):
+        unknown.add(msgtype)
+        return None
 
 
 def of_this_package(name: str, msgtype: str) -> bool:
@@ -75,10 +80,7 @@ class Recorder:
 
     def _subscribe(self, name: str, msgtype: str, offered: list[QoSProfile]) -> None:
         self._subscribed.add(name)
-        try:
-            kind = message_class(msgtype)
-        except (ImportError, AttributeError, ValueError):
-            self.unknown.add(msgtype)
+        if (kind := message_class(msgtype, self.unknown)) is None:
             return
         latched = all(one.durability == DurabilityPolicy.TRANSIENT_LOCAL for one in offered)
         reliable = all(one.reliability == ReliabilityPolicy.RELIABLE for one in offered)
@@ -169,7 +171,7 @@ class Player:
                 now = first + int((time.monotonic_ns() - began) * self._rate)
                 clock_ns = min(now, message.log_ns)  # on a busy computer messages may lag
                 if self._clock is not None and clock_ns >= next_tick:
-                    self._clock.publish(_clock_message(clock_ns))
+                    self._clock.publish(Clock(clock=Time(nanoseconds=clock_ns).to_msg()))
                     next_tick = clock_ns + int(self._tick * self._rate)
                     each((clock_ns - first) / SECOND)
                 if now >= message.log_ns or self._host.interrupted:
@@ -201,17 +203,8 @@ class Player:
             self.counts[publisher.topic_name] += 1
 
     def _publisher(self, topic: Topic) -> Publisher | None:
-        try:
-            kind = message_class(topic.type)
-        except (ImportError, AttributeError, ValueError):
-            self.unknown.add(topic.type)
+        if (kind := message_class(topic.type, self.unknown)) is None:
             return None
         latched = topic.name.endswith(tuple(f'/{name}' for name in LATCHED_NAMES))
         return self._host.node.create_publisher(
             kind, self._renamed(topic.name), LATCHED if latched else RECORDED)
-
-
-def _clock_message(now: int) -> Clock:
-    message = Clock()
-    message.clock.sec, message.clock.nanosec = divmod(now, SECOND)
-    return message

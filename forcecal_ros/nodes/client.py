@@ -17,9 +17,9 @@ from typing import Any, IO
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.schema import yaml_value
+from forcecal_ros.core.topics import ROLES, Topic
 from forcecal_ros.nodes.runtime import Interrupt, LEVELS, OUTPUT, starting
 from geometry_msgs.msg import PoseStamped, WrenchStamped
-from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import SetParameters
 import rclpy
 from rclpy.executors import Executor
@@ -126,16 +126,14 @@ def own_domain() -> Iterator[dict[str, str]]:
     """
     domain = os.environ.get('ROS_DOMAIN_ID') or str(random.randint(1, 101))
     environment = {'ROS_DOMAIN_ID': domain, **only_this_machine()}
-    before = {name: os.environ.get(name) for name in environment}
+    before = {name: os.environ[name] for name in environment if name in os.environ}
     os.environ.update(environment)
     try:
         yield environment
     finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
+        for name in environment:
+            os.environ.pop(name, None)
+        os.environ.update(before)
 
 
 class TemporaryNode:
@@ -216,8 +214,8 @@ def ask(ros: TemporaryNode, service: str, patience: float) -> Trigger.Response:
 
 def sequence_request(name: str) -> SetParameters.Request:
     """Return the request that lets the sequencer run this sequence at its next start."""
-    value = Parameter('sequence', value=name).get_parameter_value()
-    return SetParameters.Request(parameters=[ParameterMessage(name='sequence', value=value)])
+    return SetParameters.Request(parameters=[
+        Parameter('sequence', value=name).to_parameter_msg()])
 
 
 def node_statuses(ros: TemporaryNode, seconds: float) -> dict[str, DiagnosticStatus]:
@@ -244,25 +242,44 @@ def _until(ros: TemporaryNode, condition: Callable[[], bool], patience: float) -
     return condition()
 
 
-def first_messages(namespace: str, topics: Mapping[str, str], timeout: float) -> dict[str, Any]:
+def first_messages(namespace: str, topics: Mapping[str, str], timeout: float
+                   ) -> tuple[dict[str, Any], dict[str, list[str]]]:
     """
-    Return the first message of each topic that is published, by its key.
+    Return the first message of each topic, or of the only other one of its type.
 
     Parameters
     ----------
     namespace : str
         Of topics without a leading slash.
     topics : mapping of str to str
-        Key to name: ``wrench``, ``pose`` or ``joints``.
+        Key to name: ``wrench``, ``current_pose`` or ``joint_states``.
     timeout : float
-        How long to wait [s].
+        How long to wait [s], twice if a topic is not there.
+
+    Returns
+    -------
+    found : dict of str to message
+    others : dict of str to list of str
+        Key of a topic without a message, to those of its type that are published.
     """
-    types = {'wrench': WrenchStamped, 'pose': PoseStamped, 'joints': JointState}
+    types = {'wrench': WrenchStamped, 'current_pose': PoseStamped, 'joint_states': JointState}
     found: dict[str, Any] = {}
     with temporary_node('init') as ros:
-        for key, name in topics.items():
-            full = name if name.startswith('/') else f'/{namespace.strip("/")}/{name}'
-            ros.node.create_subscription(types[key], full.replace('//', '/'),
-                                         partial(found.setdefault, key), qos_profile_sensor_data)
-        _until(ros, lambda: len(found) == len(topics), timeout)
-    return found
+        def take(names: Mapping[str, str]) -> None:
+            for key, name in names.items():
+                ros.node.create_subscription(types[key], name, partial(found.setdefault, key),
+                                             qos_profile_sensor_data)
+            _until(ros, lambda: names.keys() <= found.keys(), timeout)
+
+        take({key: name if name.startswith('/') else f'/{namespace}/{name}'.replace('//', '/')
+              for key, name in topics.items()})
+        published = [Topic(name, kind.rpartition('/')[2])
+                     for name, kinds in ros.node.get_topic_names_and_types() for kind in kinds
+                     if ros.node.count_publishers(name)]
+        others = {key: sorted(
+            one.name for one in published if one.type == types[key].__name__
+            and not one.is_command and not one.name.endswith(tuple(
+                f'/{role.topic}' for role in ROLES.values() if role.topic != key)))
+            for key in topics if key not in found}
+        take({key: names[0] for key, names in others.items() if len(names) == 1})
+    return found, others

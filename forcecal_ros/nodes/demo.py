@@ -1,7 +1,6 @@
 """Calibration end to end over DDS: simulated rig, sequencer and observer, all topics recorded."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 import time
 from typing import Any
@@ -63,23 +62,6 @@ No robot moves there; the limits of a robot are for its user to widen.
 
 Progress = Callable[[str], None]
 """Called with each phase."""
-
-
-@dataclass(frozen=True)
-class DemoResult:
-    """
-    Result of a demo.
-
-    Attributes
-    ----------
-    calibration : str
-        Text of ``calibration.yaml``, as the sequencer published it.
-    duration : float
-        From the first command to the gains, in simulated time [s].
-    """
-
-    calibration: str
-    duration: float
 
 
 class _Demo:
@@ -178,7 +160,7 @@ class _Demo:
         return (self.since - began) * 1e-9
 
 
-def run_demo(accelerometer: str, out: Path, seed: int, progress: Progress) -> DemoResult:
+def run_demo(accelerometer: str, out: Path, seed: int, progress: Progress) -> tuple[str, float]:
     """
     Calibrate the simulated rig over DDS, then touch its wall with the observer running.
 
@@ -190,6 +172,13 @@ def run_demo(accelerometer: str, out: Path, seed: int, progress: Progress) -> De
         Folder in which the recording is written, as ``bag``.
     seed : int
         Of the sensor noise.
+
+    Returns
+    -------
+    calibration : str
+        Text of ``calibration.yaml``, as the sequencer published it.
+    duration : float
+        From the first command to the gains, in simulated time [s].
 
     Raises
     ------
@@ -211,4 +200,4 @@ def run_demo(accelerometer: str, out: Path, seed: int, progress: Progress) -> De
         demo.wait(lambda: demo.count('contact_wrench') > received + 500, PATIENCE,
                   'the observer taking over the calibration')
         demo.run_sequence('contact')
-        return DemoResult(demo.calibration, duration)
+        return demo.calibration, duration

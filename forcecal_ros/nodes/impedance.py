@@ -40,11 +40,7 @@ WATCH = WatchSettings(pause_timeout=0.025, lost_timeout=0.029, frozen_timeout=0.
 
 _DESCRIPTIONS = {
     'jerk': 'Largest jerk; a measured one above it times limits.overspeed stops',
-    'workspace_min': 'Lower corner, in base, of the box that ft_sensor and the tip stay in',
     'torque': 'Norm of the contact torque above which the motion stops',
-    'tracking_angle': 'Angle between measured and commanded orientation above which the motion '
-                      'stops',
-    'overspeed': 'Factor by which measured speed, acceleration and jerk may exceed the limits',
 }
 """Of limits that mean something else here, where nothing is planned before the start."""
 
@@ -59,15 +55,15 @@ PARAMETERS = (
               'empty: those of the nominal rig'),
     *parameters_of('design', _DESIGN, 'latency', 'effort'),
     _live('design.softest_wall', _DESIGN.wall_stiffness[0], 'Softest wall against which the loop '
-          'has to be stable to be started', 'N/m', 0.1, 1e7),
+          'must be stable to start', 'N/m', 0.1, 1e7),
     _live('design.stiffest_wall', _DESIGN.wall_stiffness[1], 'Stiffest wall against which the '
-          'loop has to be stable to be started', 'N/m', 0.1, 1e7),
-    _live('design.state_gain', [0.0], 'L of the control law in the place of the optimal one; '
-          'zeros: the optimal one'),
+          'loop must be stable to start', 'N/m', 0.1, 1e7),
+    _live('design.state_gain', [0.0], 'L of the control law; zeros: the optimal one'),
     *parameters_of('design', _DESIGN, 'force_gain', 'position_gain'),
     *parameters_of('limits', Bounds(), 'speed', 'acceleration', 'force', 'free_force', 'margin',
                    'deviation', 'stop_duration', 'retract', 'withdraw', 'touch'),
-    *parameters_of('limits', _LIMITS, 'workspace_max', 'tip', 'tracking_error'),
+    *parameters_of('limits', _LIMITS, 'workspace_min', 'workspace_max', 'tip', 'tracking_error',
+                   'tracking_angle', 'overspeed'),
     *(row._replace(description=_DESCRIPTIONS[row.name.partition('.')[2]])
       for row in parameters_of('limits', _LIMITS, *_DESCRIPTIONS)),
     *parameters_of('watch', WATCH, 'pause_timeout', 'lost_timeout', 'frozen_timeout', 'max_age',

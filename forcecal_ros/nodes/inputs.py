@@ -21,28 +21,31 @@ from sensor_msgs.msg import Imu, JointState
 
 SENSOR_FROM_POSE = Parameter(
     'sensor.from_pose', [0.0], 'x y z [m] qx qy qz qw of ft_sensor in the frame whose pose is '
-    'measured and commanded, a flange or a TCP; one number: both are of ft_sensor')
+    'measured and commanded, a flange or TCP; one number: the same frame')
 
 ACCELEROMETER_SOURCE = Parameter(
-    'accelerometer.source', 'raw', 'Where the accelerometer comes from: accelerometer/raw in '
-    'volts, imu/data_raw or accel in m/s^2', choices=('raw', 'imu', 'accel', 'none'))
+    'accelerometer.source', 'raw', 'Topic of the accelerometer: accelerometer/raw in volts, '
+    'imu/data_raw or accel in m/s^2', choices=('raw', 'imu', 'accel', 'none'))
 
 WRENCH_SIGN = Parameter('wrench.sign', 1, '-1 for a driver that reports the wrench of the tool on '
                         'its environment', low=-1, high=1)
 
 COMMAND_PARAMETERS = (
-    Parameter('motion.frame', '', 'frame_id of commands: the robot base link; empty: that of '
-              'current_pose, from which it may not differ'),
+    Parameter('motion.frame', '',
+              'frame_id of commands, that of current_pose; empty: taken from there'),
     Parameter('motion.deadman_timeout', 0.0, 'Silence of the topic deadman that stops a motion; '
               '0: no dead-man switch', 's', 0.0, 10.0))
 
 POSE_PARAMETERS = (
-    Parameter('pose.base', '', 'Frame of /tf that poses are given in; with pose.frame: poses are '
-              'taken from /tf; both empty: from current_pose'),
-    Parameter('pose.frame', '', 'Frame of /tf whose pose is taken, as often as the slowest moving '
-              'transform between the two comes; see sensor.from_pose where it is not ft_sensor'),
-    Parameter('pose.urdf', '', 'URDF of the robot, a file or its text: poses of the link '
-              'pose.frame in the link pose.base are computed from joint_states; empty: from /tf'),
+    Parameter('pose.base', '',
+              'Frame of /tf that poses are given in, with pose.frame; both empty: '
+              'poses are those of current_pose'),
+    Parameter('pose.frame', '',
+              'Frame of /tf whose pose is taken, at the rate of the slowest moving '
+              'transform; if it is not ft_sensor, set sensor.from_pose'),
+    Parameter('pose.urdf', '',
+              'URDF of the robot, a file or its text, for poses from joint_states; '
+              'empty: from /tf'),
     SENSOR_FROM_POSE)
 
 STATIC = QoSProfile(depth=100, reliability=LATCHED.reliability, durability=LATCHED.durability)

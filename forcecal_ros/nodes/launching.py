@@ -32,9 +32,9 @@ def preset_arguments() -> list[LaunchDescriptionEntity]:
     """Return the arguments that name presets, which others default to."""
     return [
         DeclareLaunchArgument('robot', default_value='', choices=['', *ROBOTS],
-                              description='preset of topics and parameters, see docs/robots.md'),
+                              description='preset of topics and parameters'),
         DeclareLaunchArgument('controller', default_value='', choices=['', *CONTROLLERS],
-                              description='preset of what moves the robot, in addition')]
+                              description='preset of what moves the robot')]
 
 
 def common_arguments() -> list[LaunchDescriptionEntity]:
@@ -48,7 +48,7 @@ def common_arguments() -> list[LaunchDescriptionEntity]:
                               description='of all nodes, and of the topics that are relative'),
         DeclareLaunchArgument('use_sim_time', default_value='false', choices=['true', 'false'],
                               description='take the time from /clock, which the simulated rig '
-                                          'publishes where there is one'),
+                                          'publishes if it runs'),
         DeclareLaunchArgument('sim', default_value='false', choices=['true', 'false'],
                               description='run the simulated rig in place of a robot'),
         parameters_argument('sim'),

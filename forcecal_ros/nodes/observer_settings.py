@@ -28,61 +28,63 @@ PARAMETERS = (
           'sequencer/calibration'),
     _live('calibration.max_age', 0.0, 'A file whose recording is older is refused; 0: of '
           'any age', 'd', 0.0, 36500.0),
-    Parameter('calibration.follow', True, 'Take over every calibration that the sequencer '
-              'publishes while running'),
+    Parameter('calibration.follow', True, 'Use each calibration that the sequencer publishes '
+              'while running'),
     Parameter('tools', '', 'Folder of calibrations of one sensor with one tool each, NAME.yaml'),
-    _live('tool', '', 'Which of these is on the sensor, by its NAME; set while running, it is '
-          'faded in, and the bias of the sensor stays as it is; empty: as calibration.file or '
-          'sequencer/calibration states; tracked: mass and centre of mass as on observer/tool, or '
-          'with payload.track as this node finds'),
-    Parameter('payload.track', False, 'Follow mass and centre of mass of what hangs on the sensor '
-              'while the robot works, and publish them latched on observer/tool'),
+    _live('tool', '',
+          'NAME in tools of the tool on the sensor; the bias stays at a change; '
+          'empty: that of the calibration; tracked: that of observer/tool, or with payload.track '
+          "the node's own estimate"),
+    Parameter('payload.track',
+              False, 'Estimate mass and centre of mass while the robot works, and '
+              'publish observer/tool'),
     Parameter('payload.largest', 0.0, "Largest payload that is expected; 0: the tool's own mass",
               'kg', 0.0, 1e4),
-    Parameter('payload.floor_force', PayloadSettings().floor[0], 'What weight and inertia leave '
-              'unexplained in free motion, averaged over 0.2 s', 'N', 0.0, 1e3),
-    Parameter('payload.floor_torque', PayloadSettings().floor[1], 'The same of the torque', 'N m',
+    Parameter('payload.floor_force', PayloadSettings().floor[0], 'Residual force in free '
+              'motion, averaged over 0.2 s', 'N', 0.0, 1e3),
+    Parameter('payload.floor_torque', PayloadSettings().floor[1], 'The same for the torque', 'N m',
               0.0, 1e3),
     Parameter('accelerometer.source', 'auto', 'accelerometer/raw (volts), imu/data_raw or accel '
               '(m/s^2); auto: by the unit of the calibration',
               choices=('auto', *ACCELEROMETERS, 'none')),
     *POSE_PARAMETERS[:-1],
     SENSOR_FROM_POSE._replace(description='x y z [m] qx qy qz qw of ft_sensor in the frame whose '
-                              'pose is measured, a flange or a TCP; one number: as the '
-                              'calibration states, from which it may not differ'),
-    Parameter('poll_rate', 0.0, 'How often the topics are polled, which halves the load of the '
-              'node and adds half a period to the latency; 0: every message is taken at once',
-              'Hz', 0.0, 2000.0),
+                              'pose is measured; one number: as the calibration states'),
+    Parameter('poll_rate', 0.0,
+              'Rate at which topics are polled: half the load, and half a period '
+              'more latency; 0: each message is taken at once', 'Hz', 0.0, 2000.0),
     Parameter('optidrive.joint', 'optidrive', 'Name in the JointState of the compliant tool; '
               'empty: no such sensor'),
-    Parameter('publish.inertial_wrench', False, 'Publish observer/inertial_wrench: the wrench '
-              'of weight and inertia of the tool'),
+    Parameter('publish.inertial_wrench', False, 'Publish observer/inertial_wrench, of the '
+              "tool's weight and inertia"),
     Parameter('publish.innovation', False, 'Publish observer/innovation'),
-    Parameter('publish.frames', [''], 'Publish observer/contact_wrench/<frame> too: along the '
-              'axes of each of these frames, about its origin; empty: none'),
-    Parameter('publish.frame_poses', [0.0], 'x y z [m] qx qy qz qw of each of them in ft_sensor, '
-              'one after the other; none for the last if it is the frame of current_pose'),
-    Parameter('publish.marker_rate', 20.0, 'How often observer/markers draws the contact force at '
-              'its point, with its uncertainty, while anybody listens; 0: never', 'Hz', 0.0,
-              100.0),
-    Parameter('publish.transform', False, 'Say on /tf where ft_sensor is, by current_pose, at up '
-              'to 50 Hz: where no other node does; requires tf2_msgs'),
-    _live('observer.mode', '', 'Observer whose estimate is published; empty: as the calibration '
-          'states', choices=('', *MODES)),
+    Parameter('publish.frames', [''],
+              'Publish observer/contact_wrench/FRAME in each of these frames, '
+              'about its origin'),
+    Parameter('publish.frame_poses', [0.0], 'x y z [m] qx qy qz qw of each of them in ft_sensor; '
+              'none for the last if it is the frame of current_pose'),
+    Parameter('publish.marker_rate', 20.0,
+              'Rate of observer/markers, which draws the contact force '
+              'and its uncertainty for its subscribers; 0: never', 'Hz', 0.0, 100.0),
+    Parameter('publish.transform', False, 'Publish ft_sensor on /tf by current_pose; requires '
+              'tf2_msgs'),
+    _live('observer.mode', '',
+          'Observer that publishes; empty: as the calibration states', choices=('', *MODES)),
     *parameters_of('observer', _DEFAULT, 'bandwidth_hz', 'contact_walk', 'bandwidth_min_hz',
                    'bandwidth_max_hz', 'adaptive', 'offset', 'accelerometer_timeout',
                    'pose_timeout', 'skew'),
-    _live('gravity.filter', 'none', 'Publish the estimate of this filter of gravity compensation '
-          'instead: ukf and ekf estimate the biases too, static filters nothing; none: that of '
-          'the observer', choices=('none', *(name for name in FILTERS if name not in MODES))),
+    _live('gravity.filter', 'none',
+          'Filter that publishes instead: ukf and ekf estimate the biases, too, static '
+          'filters nothing; none: the observer',
+          choices=('none', *(name for name in FILTERS if name not in MODES))),
     _live('limits.force', 0.0, 'End of the force sensor range per axis; 0: unknown', 'N',
           0.0, 1e6),
     _live('limits.torque', 0.0, 'End of the torque range per axis; 0: unknown', 'N m', 0.0, 1e5),
     _live('limits.accelerometer', 0.0, 'End of the accelerometer range about zero, in its unit; '
           '0: unknown', '', 0.0, 1e5),
-    _live('tare.duration', 0.5, 'Duration at rest over which a tare averages; longer where that '
-          'is fewer than 20 samples', 's', 0.1, 10.0),
-    _live('takeover.duration', 0.5, 'Duration over which a new calibration or setting is faded in',
+    _live('tare.duration', 0.5, 'Duration at rest over which a tare averages, at least 20 '
+          'samples', 's', 0.1, 10.0),
+    _live('takeover.duration', 0.5, 'Fade-in of a new calibration or setting',
           's', 0.01, 10.0),
     _live('stale_timeout', 0.5, 'Silence after which /diagnostics calls a sensor stale', 's',
           0.01, 60.0),

@@ -76,7 +76,7 @@ SECOND = 1_000_000_000
 
 EXECUTOR = Parameter(
     'executor', 'events',
-    'Executor of the node: events takes a half to a third of the time of single per message',
+    'Executor of the node; events takes half the time of single or less',
     choices=('events', 'single'))
 
 

@@ -44,13 +44,13 @@ PARAMETERS = (
     EXECUTOR,
     _live('sequence', 'calibrate', 'Sequence that a start runs', choices=tuple(SEQUENCES)),
     _live('motion.sequence', 'poses', 'How calibrate moves. poses: to each pose, at rest in it, '
-          'and a step; continuous: 10 s of smooth motion in all axes about where the robot '
-          'stands, within limits and pace', choices=('poses', 'continuous')),
+          'and a step; continuous: 10 s of smooth motion in all axes about the present pose',
+          choices=('poses', 'continuous')),
     _live('poses.names', list(nominal_poses()), 'Names of the poses in their order; the step is '
           'made in the first'),
     _live('poses.values', flatten_poses(nominal_poses()),
-          'x y z [m] qx qy qz qw of each pose of ft_sensor in base, one after the other; a '
-          'position of .nan keeps the robot where it stands')._replace(per_line=POSE_LENGTH),
+          'x y z [m] qx qy qz qw of each pose of ft_sensor in base, one after the other; '
+          '.nan keeps the present position')._replace(per_line=POSE_LENGTH),
     *parameters_of('timing', Timing()),
     *parameters_of('pace', Pace()),
     *parameters_of('limits', Limits()),
@@ -59,36 +59,35 @@ PARAMETERS = (
     *parameters_of('settle', _WATCH, 'window', 'factor', 'force_floor', 'torque_floor',
                    'position_floor'),
     _live('settle.timeout', StreamSettings().settle_timeout, 'Time after a move in which the '
-          'tool has to become still, or the sequence is aborted', 's', 0.5, 120.0),
+          'tool must become still', 's', 0.5, 120.0),
     Parameter('motion.backend', 'target_frame', 'Topic and type of the commands',
               choices=('target_frame', 'joint_trajectory', 'delta_twist_cmds')),
     Parameter('motion.rate', 250.0, 'Rate of the commands', 'Hz', 100.0, 250.0),
     *COMMAND_PARAMETERS,
-    _live('motion.require_preview', False, 'Refuse a start unless sequencer/preview has shown '
-          'what it does, with these parameters and the robot where it is'),
+    _live('motion.require_preview', False, 'Refuse a start without a sequencer/preview of these '
+          'parameters from the present pose'),
     Parameter('motion.twist_gain', 5.0, 'delta_twist_cmds: gain from the pose error to the '
               'velocity', '1/s', 0.0, 50.0),
     Parameter('joints.names', [''], 'joint_trajectory: names of all joints of the controller'),
-    _live('joints.values', [0.0], 'joint_trajectory: joint vectors of the poses, one after the '
-          'other', 'rad'),
+    _live('joints.values', [0.0], 'joint_trajectory: joint vectors of the poses', 'rad'),
     _live('joints.away', [0.0], 'joint_trajectory: joint vector at the end of the step', 'rad'),
     *POSE_PARAMETERS,
     WRENCH_SIGN,
-    Parameter('wrench.matrix_file', '', 'calibration.yaml of forcecal insitu whose matrix turns '
-              'the raw channels on the wrench topic into a wrench; empty: they are one'),
+    Parameter('wrench.matrix_file', '', 'calibration.yaml of forcecal insitu, whose matrix '
+              'converts raw channels to a wrench; empty: wrench is one'),
     ACCELEROMETER_SOURCE,
     _live('accelerometer.coupling', 'dc', 'ac for a sensor that does not measure a constant '
           'acceleration', choices=COUPLINGS),
-    _live('accelerometer.cutoff', 0.0, 'Cut-off frequency of an ac sensor where known; 0: '
-          'estimated', 'Hz', 0.0, 10.0),
+    _live('accelerometer.cutoff', 0.0,
+          'Cut-off frequency of an ac sensor; 0: estimated', 'Hz', 0.0, 10.0),
     Parameter('optidrive.joint', 'optidrive', 'Name in the JointState of the compliant tool'),
     _live('identify.gravity', STANDARD_GRAVITY, 'Magnitude of gravity at the robot',
           'm/s^2', 9.7, 9.9),
     _live('identify.gravity_direction', [0.0, 0.0, -1.0],
           'Direction of gravity in base, of any length'),
     _live('identify.sensor_rotation', [0.0, 0.0, 0.0],
-          "Rotation vector of the wrench's axes, seen from the frame of current_pose", 'rad'),
-    _live('identify.tool_compliance', 'auto', 'Whether the tool slides along x of ft_sensor',
+          "Rotation vector of the wrench's axes in the frame of current_pose", 'rad'),
+    _live('identify.tool_compliance', 'auto', 'Whether the tool is compliant along x of ft_sensor',
           choices=COMPLIANCES),
     _live('observer.mode', 'kalman', 'Observer that publishes the contact wrench', choices=MODES),
     _live('observer.design', 'kalman', "Design of the paper's gain", choices=DESIGNS),

@@ -146,18 +146,14 @@ PARAMETERS = (
               choices=('', 'acc1', 'acc2')),
     Parameter('seed', -1, 'Seed of the noise; -1: another one at each start', low=-1, high=2**31),
     Parameter('noise', True, 'Whether the sensors are noisy'),
-    Parameter('speed', 1.0, 'Simulated seconds per second; where not 1, /clock is published: '
-              'see clock.publish', low=0.1, high=20.0),
+    Parameter('speed', 1.0,
+              'Simulated seconds per second; if not 1, /clock is published', low=0.1, high=20.0),
     Parameter('clock.publish', False,
-              'Publish /clock for nodes with use_sim_time, as always where speed is not 1; on a '
-              'slow machine it runs more slowly. Where it is not published, a rig with '
-              'use_sim_time waits for the /clock of another node'),
-    Parameter('clock.wait', 0.0, 'Greatest time for which that clock waits for the next command '
-              "of a stream at the robot's rate, so that a busy computer makes none late",
-              's', 0.0, 10.0),
-    Parameter('latency', 0.004, 'Delay after which a robot period is simulated, so that its '
-              'commands have arrived; header stamps do not contain it',
-              's', 0.0, 0.1),
+              "Publish /clock; otherwise a rig with use_sim_time requires another node's /clock"),
+    Parameter('clock.wait', 0.0,
+              'Longest wait of /clock for the next command, on a busy computer', 's', 0.0, 10.0),
+    Parameter('latency', 0.004,
+              'Delay of the simulation, for commands to arrive; not in stamps', 's', 0.0, 0.1),
     Parameter('imu.publish', False, 'Also publish imu/data_raw, scaled specific force'),
     Parameter('frames.base', 'base', 'frame_id of poses; commands in another frame are ignored'),
     Parameter('frames.sensor', 'ft_sensor', 'frame_id of wrenches'),

@@ -43,13 +43,12 @@ _TEXT = {
                       'a pose, gravity from the gyro alone',
     NO_POSE: 'no pose: the rotation is taken to be zero, gravity comes from the accelerometer',
     NO_POSITION: 'the pose holds no position',
-    DISPLACEMENT_FROM_FORCE: 'no displacement sensor: the spring force stands in',
-    OFFSET_HELD: 'the accelerometer offset is held, not tracked',
-    NO_GRAVITY: 'weight unknown: neither pose nor accelerometer shows the direction of gravity; '
-                'the last estimate is repeated',
-    BAD_WRENCH: 'the wrench is no usable number; the last estimate is repeated',
-    RESTARTED: 'the filter was restarted: the wrench had paused, or a covariance was no longer '
-               'positive definite',
+    DISPLACEMENT_FROM_FORCE: 'no displacement sensor: the spring force replaces it',
+    OFFSET_HELD: 'the accelerometer offset is frozen, not tracked',
+    NO_GRAVITY: 'weight unknown: neither pose nor accelerometer shows gravity; the last estimate '
+                'is repeated',
+    BAD_WRENCH: 'the wrench is not finite or too large; the last estimate is repeated',
+    RESTARTED: 'the filter was restarted after a pause or a numerical failure',
     SATURATED: 'a sensor is at the end of its range',
     NO_GYRO: 'no gyro: gravity is followed by the accelerometer alone',
     NOISY: 'the wrench is noisier than calibrated: the filter is slower than designed',

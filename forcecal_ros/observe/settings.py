@@ -69,10 +69,10 @@ class ObserverSettings(Section, name='observer'):
 
     filter: Annotated[str | None, Row('None: as the calibration states', words=FILTERS)] = None
     bandwidth_hz: Annotated[float | None, Row(
-        'Bandwidth of the contact wrench in mode kalman; 0: follows from the noise and the three '
-        'below', 'Hz', above=0.0, high=1000.0)] = None
+        'Bandwidth of the contact wrench in mode kalman; 0: from the noise and the three below',
+        'Hz', above=0.0, high=1000.0)] = None
     contact_walk: Annotated[float | None, Row(
-        'How fast a contact force is expected to wander; 0, as for the two below: as the '
+        'Expected random walk of a contact force; 0, as for the two below: as the '
         f'calibration states, or {CONTACT_WALK:g} N/sqrt(s), {BANDWIDTH_LIMITS[0]:g} and '
         f'{BANDWIDTH_LIMITS[1]:g} Hz', 'N/sqrt(s)', above=0.0, high=1e4)] = None
     bandwidth_min_hz: Annotated[float | None, Row(
@@ -80,10 +80,10 @@ class ObserverSettings(Section, name='observer'):
     bandwidth_max_hz: Annotated[float | None, Row(
         'Fastest bandwidth that may follow', 'Hz', above=0.0, high=1000.0)] = None
     adaptive: Annotated[bool, Row(
-        'Whether mode kalman becomes slower, down to bandwidth_min, where the wrench is noisier '
+        'Whether mode kalman becomes slower, down to bandwidth_min, if the wrench is noisier '
         'than calibrated')] = True
     offset: Annotated[str, Row(
-        'Whether the accelerometer offset is tracked; auto: where poses hold positions',
+        'Whether the accelerometer offset is tracked; auto: if poses hold positions',
         words=OFFSETS)] = 'auto'
     offset_walk: Annotated[float, Row(
         'Wander of that offset', 'm/s^2/sqrt(s)', above=0.0)] = 5e-4
@@ -98,7 +98,7 @@ class ObserverSettings(Section, name='observer'):
     pose_timeout: Annotated[float, Row(
         'Pause after which the pose counts as missing', 's', 0.005, 10.0)] = 0.1
     skew: Annotated[float, Row(
-        'Greatest difference of transport times between topics that the observer waits for', 's',
+        'Largest difference of transport times that the observer waits for', 's',
         0.001, 1.0)] = 0.05
     wrench_limit: Annotated[tuple[float, ...] | None, Row(
         "Ends of the force sensor's range", 'N, N m', shape=(6,), finite=False)] = None

@@ -6,13 +6,12 @@ from typing import Any, NamedTuple
 from forcecal_ros.core.axes import in_axes_of_pose, levelled
 from forcecal_ros.core.calibration import Calibration, Estimate
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.quantity import quantity, rounded, size, sizes
+from forcecal_ros.core.quantity import HALF, quantity, rounded, size, sizes
 from forcecal_ros.core.streams import FREE, Recording, STILL, Stream
 from forcecal_ros.report import figures
 from forcecal_ros.report.figures import Line, Panel, Shown
-from forcecal_ros.report.page import Fact, origin, Picture, picture, render_page, Step
+from forcecal_ros.report.page import docs_link, Fact, origin, Picture, picture, render_page, Step
 from forcecal_ros.report.rows import (
-    HALF,
     handy,
     interval,
     negligible,
@@ -63,7 +62,7 @@ def render(recording: Recording, calibration: Calibration, contact: Stream | Non
     rows = [*table(calibration, truth), *promises(calibration)]
     warnings = list(calibration.quality.get('warnings', ()))
     with_truth = any(row.truth is not None for row in rows)
-    free = free_motion(recording, calibration, contact)
+    free, found = free_motion(recording, calibration, contact), list(in_words(calibration.quality))
     return render_page(
         'calibration.html.j2', 'Calibration report', origin=_origin(recording, calibration),
         tone='warn' if warnings else 'good',
@@ -74,7 +73,9 @@ def render(recording: Recording, calibration: Calibration, contact: Stream | Non
         rows=[_cells(handy(row), with_truth) for row in rows],
         first=list(_before_and_after(recording, calibration, contact)),
         figures=list(_pictures(recording, calibration, contact)),
-        quality=list(in_words(calibration.quality)))
+        quality=[one for one in found if one[0] != 'Note'],
+        notes=[words for title, words in found if title == 'Note'],
+        pages=[docs_link('explanation/calibration', 'calibration')])
 
 
 def free_motion(recording: Recording, calibration: Calibration, contact: Stream | None
@@ -99,7 +100,7 @@ def free_motion(recording: Recording, calibration: Calibration, contact: Stream 
 
 
 def _headline(c: Calibration, free: Free | None) -> str:
-    tool = f'The tool weighs {quantity(float(c.mass), HALF * float(c.mass.std), "kg")}.'
+    tool = f'The tool weighs {quantity(float(c.mass), float(c.mass.std), "kg")}.'
     if free is None:
         return tool
     return (f'{tool} Where nothing touches it, {size(free.sensor, "N")} of weight and inertia '
@@ -108,7 +109,7 @@ def _headline(c: Calibration, free: Free | None) -> str:
 
 def _facts(c: Calibration, free: Free | None, warnings: list[str], step: Step | None
            ) -> list[Fact]:
-    com = ', '.join(f'{axis} {quantity(float(v), HALF * float(s), "m")}'
+    com = ', '.join(f'{axis} {quantity(float(v), float(s), "m")}'
                     for axis, v, s in zip('xyz', c.com.value, c.com.std))
     facts = [Fact('Tool', f'Centre of mass {com} from the sensor (± is a 95 % interval).')]
     if free is not None:
@@ -132,7 +133,7 @@ def _begun(delay: Estimate) -> str:
     if abs(late) < HALF * std:
         return f'In step with the wrench, within {size(HALF * std, "s", 2)}'
     where = 'behind' if late > 0.0 else 'ahead of'
-    return f'{quantity(abs(late), HALF * std, "s")} {where} the wrench'
+    return f'{quantity(abs(late), std, "s")} {where} the wrench'
 
 
 def _origin(recording: Recording, c: Calibration) -> list[str]:

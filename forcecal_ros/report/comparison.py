@@ -6,12 +6,12 @@ from math import hypot, isfinite, nan
 from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.core.calibration import Calibration, Estimate
+from forcecal_ros.core.quantity import HALF
 from forcecal_ros.core.schema import plain
 from forcecal_ros.report.rows import (
     aligned,
     estimates,
     FINEST,
-    HALF,
     handy,
     number,
     Row,

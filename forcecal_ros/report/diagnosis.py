@@ -2,8 +2,9 @@
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import inf
+from math import inf, log
 import shlex
+from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.autoregression import fit_autoregression
@@ -11,18 +12,16 @@ from forcecal_ros.core.quantity import beside, rounded, size, with_error
 from forcecal_ros.core.streams import Phase
 from forcecal_ros.diagnose.dataset import Blocks, CHANNELS, STAGES, units
 from forcecal_ros.diagnose.engine import Outcome
-from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, instants, Parameter
+from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, instants, NamedEffect
 from forcecal_ros.diagnose.localise import BANDS, BLOCK_RATE, time_frequency_bins, TimeFrequencyBin
 from forcecal_ros.diagnose.result import Diagnosis
 from forcecal_ros.diagnose.verdict import FIRST, FURTHER, percent, WITHIN
 from forcecal_ros.effects import EFFECTS
-from forcecal_ros.report.effect_words import phrase, sentence, VERDICTS, WORDS
+from forcecal_ros.report.effect_words import phrase, sentence, sizes, VERDICTS, WORDS
 from forcecal_ros.report.figures import COLOURS, joined, label_log_axes, Line, Panel, Shown
-from forcecal_ros.report.page import docs_page, Fact, Picture, picture, render_page, Step
-from forcecal_ros.report.rows import HALF
+from forcecal_ros.report.page import docs_link, Fact, Picture, picture, render_page, Step
 from forcecal_ros.sim.signals import JOINTS, Signals
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 import numpy as np
 from numpy.typing import NDArray
@@ -83,7 +82,7 @@ class View:
                    key=lambda c: c.z, default=None)
 
     def span(self) -> Phase | None:
-        """Return when the misfit of the focus is largest: a phase, or the worst part of it."""
+        """Return when the residual of the focus is largest: a phase, or the worst part of it."""
         place = self.focus()
         # what is shown at most of a phase that is twice as long [s]: some 500 block means
         return None if place is None else self._worst(place.channel, [
@@ -99,15 +98,15 @@ class View:
         return self._worst(place.channel, parts) if len(parts) > 1 else None
 
     def _worst(self, channel: int, parts: list[Phase]) -> Phase | None:
-        """Return the part of the largest misfit."""
+        """Return the part of the largest residual."""
         square = np.where(self.present[:, channel], self.recalibrated[:, channel] ** 2, 0.0)
         total = np.concatenate([[0.0], np.cumsum(square)])
 
-        def misfit(part: Phase) -> float:
+        def energy(part: Phase) -> float:
             first, last = np.searchsorted(self.times, [part.start, part.end])
             return float(total[last] - total[first])
 
-        return max(parts, key=misfit, default=None)
+        return max(parts, key=energy, default=None)
 
     def channels(self, count: int) -> list[int]:
         """Return the channels that changed most or, where none did, the first ones."""
@@ -140,11 +139,11 @@ def view_of(outcome: Outcome, advice: str, of_channels: dict[str, str]) -> View:
 
     Parameters
     ----------
-    outcome : Outcome
-        With cases.
     of_channels : dict of str to str
         Their units.
     """
+    if not outcome.datasets:
+        return view_without_signals(outcome.diagnosis)
     dataset = outcome.datasets[-1]
     present = dataset.measured.present
     nominal = dataset.measured.residual(dataset.nominal)
@@ -182,14 +181,14 @@ HEADS = {
 """First sentence of the verdicts that name no effect; the reason follows a colon."""
 
 UNDECIDED = {
-    'not_excited': ('Not known: what hardly moves shows no gap.',
-                    'Not at all: an effect of its usual size need not have shown.'),
+    'not_excited': ('Not known: the motion is too small to show a difference.',
+                    'Not at all: an effect of its usual size may be hidden.'),
     'invalid_data': ('Not known: nothing was compared.',
                      'No effect was weighed; the fault shows in the recording itself.'),
 }
-"""How large and how sure a gap is that was not looked for."""
+"""How large and how sure a gap is that was not searched."""
 
-SHARE = ' of the misfit'
+SHARE = ' of the residual'
 """A verdict of effects that show in stamps and values alone has no explained fraction."""
 
 INSTEAD = 'may be the cause instead'
@@ -208,8 +207,8 @@ def headline(d: Diagnosis) -> str:
     Returns
     -------
     str
-        ``The wrench comes 4.000 ± 0.014 ms late (92 % sure). Adding it explains 94 % of the
-        misfit (95 % interval: 87 to 98 %).``
+        ``The measured wrench lags the simulated one: delay 4.000 ± 0.014 ms (probability 92 %).
+        Adding it explains 94 % of the residual (95 % interval: 87 % to 98 %).``
     """
     if d.verdict not in NAMED:
         head = HEADS[d.verdict].replace('down to its noise', (
@@ -227,15 +226,15 @@ def _cause_and_remedy(d: Diagnosis) -> tuple[str, str]:
 
 
 def explained(d: Diagnosis) -> str:
-    """Say which share of the misfit the named effects explain; empty where that is not known."""
+    """State the explained fraction; empty where that is not known."""
     if d.verdict not in NAMED or d.gap is None or SHARE not in d.reason:
         return ''
-    low, high = d.gap.closed_ci95
+    low, high = (percent(min(1.0, max(0.0, end))) for end in d.gap.closed_ci95)
     them = 'it' if len(d.effects) == 1 else 'them'
     # a name that is no effect's is a number of a third-party simulator
     do = 'Adding' if any(e.name in WORDS for e in d.effects) else 'Changing'
-    return (f'{do} {them} explains {percent(d.gap.closed)} of the misfit (95 % interval: '
-            f'{max(0.0, 100.0 * low):.0f} to {100.0 * high:.0f} %).')
+    interval = f' (95 % interval: {low} to {high})' if low != high else ''
+    return f'{do} {them} explains {percent(d.gap.closed)}{SHARE}{interval}.'
 
 
 def _but(d: Diagnosis) -> Iterator[str]:
@@ -244,7 +243,7 @@ def _but(d: Diagnosis) -> Iterator[str]:
         these = 'this' if len(others) == 1 else 'each of these'
         yield f'But {these} may be the cause instead: {_listed(others)}.'
     if d.verdict == 'partial':
-        yield 'Part of the misfit is something else.'
+        yield 'The residual has another cause, too.'
 
 
 def facts(view: View, step: Step) -> list[Fact]:
@@ -277,7 +276,7 @@ def _in_full(d: Diagnosis) -> Fact:
 
 
 def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
-              how: Sequence[str] = ()) -> Step:
+              how: Sequence[str] = (), against: Sequence[str] = ()) -> Step:
     """
     Say what to do with a diagnosis.
 
@@ -287,46 +286,51 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
         The recording that was diagnosed, and where the results are.
     files : sequence of str
         What lies there beside the report.
-    how : sequence of str
-        What a command has to say of the recording to find the same in it.
+    how, against : sequence of str
+        Options by which a command reads the recording alike, and by which a diagnosis does so
+        and compares it with the same model.
     """
+    again = shlex.join(('forcecal', 'diagnose', 'NEW_BAG', *against, '-o', folder))
+    anew = ['NEW_SIM_BAG' if before == '--simulated' else word
+            for before, word in zip(('', *against), against)]
     if d.verdict == 'ambiguous' and {name for name, _ in d.candidates} & EFFECTS.keys():
         plan = shlex.join(('forcecal', 'plan', '--after', folder, '-o', 'plan.yaml'))
         return Step(f'Record what separates these; diagnose it with --prior {folder}:', plan)
     if d.verdict == 'invalid_data' and (remedy := _cause_and_remedy(d)[1]):
-        return Step(f'{_begun(remedy)}. Then diagnose again.')
+        return Step(f'{_begun(remedy)}. Then diagnose again:', again)
     rig, calibration, model = (
         next((f'{folder.rstrip("/")}/{f}' for f in files if f.startswith(kind)), '')
         for kind in ('rig', 'calibration_patched', 'model_patched'))
     if d.verdict in NAMED and (remedy := _at_the_sensor(d)):
-        again = shlex.join(('forcecal', 'diagnose', 'NEW_BAG', *how, '-o', folder))
         return Step(f'{remedy} Then record the same motion, and diagnose again:', again)
     if d.verdict in NAMED and model:
-        return Step('Simulate with the model that has what was found; put it beside yours, '
-                    'where its meshes are:', model)
+        return Step('Simulate with the corrected model; put it next to yours, where its meshes '
+                    'are:', model)
     if d.verdict in NAMED and rig:
-        return Step('Simulate the same commands with what was found, and compare:', shlex.join(
+        return Step('Simulate the same commands with the corrected rig, and compare:', shlex.join(
             ('forcecal', 'simulate', '--rig', rig, '--commands', bag, *how, '-o', 'corrected')))
     if d.verdict in NAMED and calibration:
-        return Step('Estimate the contact force with what was found:', shlex.join(
+        return Step('Estimate the contact force with the corrected calibration:', shlex.join(
             ('forcecal', 'estimate', bag, '--calibration', calibration, *how, '-o', 'contact')))
     if first := d.reason.partition(FIRST)[2]:
         return Step(f'{_begun(first)}. Move more slowly, or give the model the limit that the '
-                    'robot has, and diagnose again.')
+                    'robot has, and diagnose again:', again)
     if d.verdict == 'no_gap' and (held := _held(d)):
-        return Step(f'Look at {held}: this recording is explained only with so much of it as its '
-                    'tolerance allows. State by --priors how far it may be off.')
+        return Step(f'Check {held}: this recording is explained only if it differs by as much as '
+                    'its tolerance allows. State its tolerance with --priors.')
     if d.verdict == 'no_gap' and d.not_compared:
         return Step('Nothing has to be changed in what was compared. Not compared: '
                     f'{" and ".join(d.not_compared)}.')
     return {
         'no_gap': Step('Nothing has to be changed.'),
-        'unknown': Step('Record the same motion again: what comes again belongs to the rig or '
-                        'its model, what does not was chance. Nothing was added to the rig.'),
+        'unknown': Step('Nothing was added to the model. Record the same motion again: a residual '
+                        'that repeats belongs to the robot or its model.', again),
         'not_excited': Step('Record a motion that shows what a diagnosis needs:',
                             'forcecal plan -o plan.yaml'),
-        'invalid_data': Step('Fix what is named above, and diagnose again.'),
-    }.get(d.verdict, Step('Give the simulation what was found, and compare again.'))
+        'invalid_data': Step('Fix what is named above, and diagnose again:', again),
+    }.get(d.verdict, Step('Correct the simulation by the values below, simulate the same '
+                          'commands, and diagnose again:', shlex.join(
+                              ('forcecal', 'diagnose', bag, *anew, '-o', folder))))
 
 
 SENSOR_REMEDIES = {
@@ -371,35 +375,42 @@ def _how_large(view: View) -> str:
         return UNDECIDED[d.verdict][0]
     if d.gap is None:
         return ''
+    named = [e for e in d.effects if e.name != 'unknown']
     _, before, after = d.gap.contact_force
-    if d.verdict == 'no_gap':
-        return f'{size(before, "N", 2)} RMS above the noise in the contact force.' if (
-            before) else ''
+    if before > 0.0:
+        parts.append(f'an error of {_change(before, after, "N", "contact force", named)}')
     worst = max(d.gap.channels.items(), key=lambda one: one[1][1] / (one[1][3] or inf),
                 default=None)
-    if worst is not None:
-        name, (_, apart, _, noise) = worst
-        parts.append(f'by {size(apart, view.units[name], 2)} RMS in {name}, whose noise is '
-                     f'{size(noise, view.units[name], 2)}')
-    if before > 0.0:
-        left = f' ({size(after, "N", 2)} with it added)' if d.verdict in NAMED else ''
-        parts.insert(0, f'by {size(before, "N", 2)} RMS in the contact force{left}')
-    return f'Beyond noise they differ {" and ".join(parts)}.' if parts else ''
+    if worst is not None and worst[1][1] > 0.0 and d.verdict != 'no_gap':
+        name, (_, apart, left, noise) = worst
+        parts.append(f'a residual of {_change(apart, left, view.units[name], name, named)}, whose '
+                     f'noise is {size(noise, view.units[name], 2)}')
+    found = [f'{e.name}: {sizes(e)}' if len(named) > 1 else sizes(e) for e in named]
+    consequence = [f'Beyond noise: {" and ".join(parts)}'] if parts else []
+    return ' '.join(f'{_begun(words)}.' for words in ('; '.join(found), *consequence) if words)
+
+
+def _change(before: float, after: float, unit: str, of: str, named: Sequence[NamedEffect]) -> str:
+    """Write an RMS, and what named effects leave of it."""
+    left = f' ({size(after, unit, 2)} after correction)' if named else ''
+    return f'{size(before, unit, 2)} RMS in {"the " * (" " in of)}{of}{left}'
 
 
 def _how_sure(d: Diagnosis) -> str:
     if d.verdict == 'no_gap':
         hidden = f', except {_few(d.not_excited)}' if d.not_excited else ''
-        return f'Every effect looked for would have shown at its usual size{hidden}.'
+        return f'Every effect of the library would have shown at its usual size{hidden}.'
     if d.verdict in UNDECIDED:
         return UNDECIDED[d.verdict][1]
-    if not d.candidates:
-        return ''
     named = {e.name for e in d.effects}
     text = ', '.join(f'{percent(p)} {_called(name, named)}' for name, p in d.candidates)
     # what rounding adds to probabilities of which one alone is true
-    together = sum(p for _, p in d.candidates) > 1.0 + 0.02
-    return f'{text}{"; several may act at once" if together else ""}.'
+    if sum(p for _, p in d.candidates) > 1.0 + 0.02:
+        text += '; several may act at once'
+    if d.verdict in NAMED and named >= {name for name, _ in d.candidates}:  # the headline has them
+        text = f'All other causes: {percent(1.0 - min(e.probability for e in d.effects))}'
+    hidden = f'. This motion cannot show {_few(d.not_excited)}' if d.not_excited else ''
+    return f'{text}{hidden}.' if text else ''
 
 
 def _few(names: Sequence[str]) -> str:
@@ -460,12 +471,10 @@ TONES = {'no_gap': 'good', 'identified': 'known', 'ambiguous': 'warn', 'partial'
 CAPTIONS = {
     'Where it shows most': 'The channel and the phase that the verdict names: its residual, '
                            'measured - simulated; below, the signals.',
-    'Where else': 'How far measured and simulated are apart beyond the noise at rest, by stage '
-                  'and channel, phase and octave. Grey: no farther than noise.',
-    'Signals': 'Simulated: after what differs from robot to robot was re-estimated within its '
+    'Signals': 'Simulated: by the model whose parameters are re-estimated within their '
                'tolerances.',
     'Residuals': 'The same channels, measured - simulated.',
-    'Spectra': 'Power of the residuals in motion, beside the noise at rest.',
+    'Spectra': 'Power of the residuals in motion, and of the noise at rest.',
 }
 
 
@@ -493,32 +502,37 @@ def render(view: View, origin: list[str], step: Step) -> str:
     d = view.diagnosis
     named = d.verdict in NAMED
     kept = {'noise': 3, 'nominal': 0, 'before': 1, **({'after': 2} if named else {})}
-    shown = list(d.gap.channels.items()) if d.gap else []
+    channels = d.gap.channels if d.gap else {}
+    shown = [(name, rms) for name, rms in channels.items() if any(rms[:3])]
     apart = [rms[1] / (rms[3] or inf) for _, rms in shown]
     return render_page(
         'diagnosis.html.j2', 'Sim-to-real gap', origin=origin, verdict=d.verdict.replace('_', ' '),
         tone=TONES[d.verdict], headline=headline(d), facts=facts(view, step), notes=d.notes,
         share=explained(d), effects=_numbers(d), meaning=VERDICTS[d.verdict],
-        pages=[(name, docs_page(name)) for name in ('verdicts', 'effects')],
+        pages=[docs_link('reference/verdicts', d.verdict),
+               *(docs_link('reference/effects', e.name) for e in d.effects if e.name in WORDS
+                 and e.name != 'unknown')],
         gap=None if d.gap is None else {
             'nominal': rounded(d.gap.nominal), 'recalibrated': rounded(d.gap.recalibrated),
             'explained': rounded(d.gap.explained) if named else ''},
-        advice=view.advice if d.verdict != 'invalid_data' else '',
+        advice=view.advice if d.verdict not in ('identified', 'invalid_data') else '',
         candidates=[(name, percent(p), phrase(name), 100.0 * p) for name, p in d.candidates
-                    ] if d.verdict != 'not_excited' else [],
+                    ] if len(d.candidates) > 1 else [],
         head=('channel', *kept, 'unit'),
-        channels=[_row(name, [rms[k] for k in kept.values()], view.units[name])
+        channels=[_row(name, [*(rms[k] for k in kept.values()), rms[3]], view.units[name])
                   for name, rms in shown],
         worst=apart.index(max(apart)) if any(apart) else -1,
+        alike=[name for name, rms in channels.items() if not any(rms[:3])],
+        octaves=[f'{high:g}' for _, high in BANDS[:-1]], heat=heat(view),
         closest=list(_pictures(view, {'Where it shows most': closest})),
-        figures=list(_pictures(view, {'Residuals': residuals, 'Spectra': spectra,
-                                      'Where else': heat_map})),
+        figures=list(_pictures(view, {'Residuals': residuals, 'Spectra': spectra})),
         signals=list(_pictures(view, {'Signals': signals})))
 
 
 def _row(channel: str, values: list[float], unit: str) -> list[str]:
+    """Write all but the last value, which is the noise, to its digits."""
     shown, cells = beside(values, unit)
-    return [channel, *cells, shown]
+    return [channel, *cells[:-1], shown]
 
 
 def _pictures(view: View, drawings: Mapping[str, Callable[[View], Figure | Shown | None]]
@@ -526,21 +540,13 @@ def _pictures(view: View, drawings: Mapping[str, Callable[[View], Figure | Shown
     for title, draw in drawings.items():
         if len(view.times) and (what := draw(view)) is not None:
             more = WITH_EFFECTS.get(title, '') if named(view) else ''
-            narrow = NARROW[title](view, narrow=True) if title in NARROW else None
-            yield picture(title, CAPTIONS[title] + more, what,
-                          own_colours=title == 'Where else', narrow=narrow)
-
-
-def _with_error(p: Parameter) -> tuple[str, str]:
-    """Write a number and half its 95 % interval, or that it is at its bound."""
-    if p.at_bound:
-        return with_error(p.value, 0.0)[0], AT_BOUND
-    return with_error(p.value, HALF * p.std)
+            yield picture(title, CAPTIONS[title] + more, what)
 
 
 def _numbers(d: Diagnosis) -> list[tuple[str, str, str, str, str]]:
     """Return every number that was found, in SI units, as a rig file requires them."""
-    out = [(e.name, name, *_with_error(p), '' if p.unit == '1' else p.unit)
+    out = [(e.name, name, *((rounded(p.value), AT_BOUND) if p.at_bound else with_error(
+        p.value, p.std)), '' if p.unit == '1' else p.unit)
            for e in d.effects for name, p in e.parameters.items()
            if p.value or p.std or p.at_bound]
     return out + [(e.name, word, f'{at:.3f}', f'{low:.3f} to {high:.3f} (95 %)', 's')
@@ -551,43 +557,32 @@ SHOWN = 4
 """Number of channels that are drawn."""
 
 
-def heat_map(view: View, *, narrow: bool = False) -> Figure | None:
-    """Draw the excess of every channel, phase and octave over the noise; narrow: for a phone."""
+class Cell(NamedTuple):
+    """An excess over the noise, in its RMS, and how strong its colour is, of 100."""
+
+    excess: str
+    strength: int
+
+
+def heat(view: View) -> list[tuple[str, list[tuple[str, list[Cell | None]]]]]:
+    """
+    List what exceeds the noise: phase by phase, each of its channels, in each octave.
+
+    Returns
+    -------
+    list of (str, list of (str, list of Cell or None))
+        Phase, channel and what each octave shows; None: no more than noise.
+    """
     found = [c for c in view.cells if c.z > SEEN and c.excess > FAINT]
-    if not found:
-        return None
-    there = {c.channel for c in found}
-    rows = [i for stage in STAGES for i, c in enumerate(CHANNELS) if c.stage == stage
-            and i in there]
-    phases = list(dict.fromkeys(p.name for p in view.phases
-                                if any(c.phase == p.name for c in found)))
-    bands = BANDS[:-1]
-    table = np.full((len(rows), len(phases) * len(bands)), np.nan)
-    for c in found:
-        column = phases.index(c.phase) * len(bands) + bands.index(c.band)
-        table[rows.index(c.channel), column] = c.excess
-    figure = Figure(figsize=(4.4 if narrow else 10.0, 1.4 + 0.27 * len(rows) + narrow),
-                    layout='constrained')
-    axes = figure.subplots()
-    axes.set_facecolor('#f2f2f2')
-    image = axes.imshow(table, aspect='auto', cmap='viridis_r', interpolation='none',
-                        norm=LogNorm(FAINT, max(1.0, float(np.nanmax(table)))))
-    for i in range(1, len(phases)):
-        axes.axvline(i * len(bands) - 0.5, color='white', linewidth=2)
-    axes.xaxis.remove_overlapping_locs = False  # a phase stands below its middle octave
-    axes.set_xticks([(i + 0.5) * len(bands) - 0.5 for i in range(len(phases))], phases,
-                    rotation=60 if narrow else 0, fontsize=8 if narrow else None)
-    axes.set_yticks(range(len(rows)), [
-        CHANNELS[i].name if narrow else f'{CHANNELS[i].stage} {CHANNELS[i].name}'.replace('_', ' ')
-        for i in rows], fontsize=8)
-    axes.set_xticks(range(len(phases) * len(bands)), len(phases) * [
-        f'{high:g}' for _, high in bands], minor=True, fontsize=4.5 if narrow else 6,
-                    rotation=90)
-    axes.tick_params('x', which='major', length=0, pad=22)
-    axes.set_xlabel('octaves, by their upper frequency [Hz], and phase', fontsize=8)
-    figure.colorbar(image, label='excess [noise RMS]',
-                    location='top' if narrow else 'right')
-    return figure
+    most = log(max([1.0, *(c.excess for c in found)]) / FAINT)
+    table: dict[str, dict[int, list[Cell | None]]] = {}
+    for c in sorted(found, key=lambda one: (STAGES.index(CHANNELS[one.channel].stage),
+                                            one.channel)):
+        row = table.setdefault(c.phase, {}).setdefault(c.channel, [None] * len(BANDS[:-1]))
+        row[BANDS.index(c.band)] = Cell(f'{c.excess:.{int(c.excess < 9.95)}f}',
+                                        round(100.0 * log(c.excess / FAINT) / most))
+    return [(name, [(CHANNELS[i].name, row) for i, row in table[name].items()])
+            for name in dict.fromkeys(p.name for p in view.phases) if name in table]
 
 
 def closest(view: View) -> Shown | None:
@@ -658,16 +653,13 @@ def named(view: View) -> bool:
     return not np.array_equal(view.explained, view.recalibrated)
 
 
-def spectra(view: View, *, narrow: bool = False) -> Figure | None:
-    """Draw the residual's spectra before and after, and at standstill; narrow: for a phone."""
+def spectra(view: View) -> Figure | None:
+    """Draw the residual's spectra before and after, and at standstill."""
     chosen = view.channels(SHOWN)
     if not len(chosen):
         return None
-    columns = 2 if narrow and len(chosen) > 1 else len(chosen)
-    rows = -(-len(chosen) // columns)
-    figure = Figure(figsize=(4.4, 0.6 + 2.2 * rows) if narrow else (10.0, 3.0),
-                    layout='constrained')
-    axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
+    figure = Figure(figsize=(10.0, 3.0), layout='constrained')
+    axes = np.atleast_1d(figure.subplots(1, len(chosen)))
     for ax, c in zip(axes, chosen):
         there = view.present[:, c]
         moving = there & (view.groups > 0)
@@ -682,15 +674,10 @@ def spectra(view: View, *, narrow: bool = False) -> Figure | None:
         label_log_axes(ax)
         ax.set_title(f'{name} [{_squared(view.units[name])}/Hz]', fontsize=9)
     axes[0].set_ylabel('power density')
-    for ax in axes[len(chosen):]:
-        ax.set_axis_off()
-    figure.legend(*axes[0].get_legend_handles_labels(), loc='outside upper left',
-                  ncols=2 if narrow else 3, frameon=False, fontsize=9)
+    lines = {label: line for ax in axes for line, label in zip(*ax.get_legend_handles_labels())}
+    figure.legend(lines.values(), lines.keys(), loc='outside upper left', ncols=2, frameon=False,
+                  fontsize=9)
     return figure
-
-
-NARROW: Mapping[str, Callable[..., Figure | None]] = {'Spectra': spectra, 'Where else': heat_map}
-"""Pictures that have a form of their own on a phone."""
 
 
 def _squared(unit: str) -> str:

@@ -4,44 +4,43 @@ from forcecal_ros.core.quantity import quantity
 from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, NamedEffect, Parameter
 from forcecal_ros.diagnose.model.gates import kind_of
 from forcecal_ros.effects.library import EFFECTS, Quantity
-from forcecal_ros.report.rows import HALF
 
 WORDS = {
-    'wrench_delay': 'force and torque come late',
-    'wrench_lowpass': 'force and torque are smoothed by a filter',
-    'wrench_bias_drift': 'the bias of force and torque drifts',
-    'wrench_bias_step': 'the bias of force and torque steps',
-    'wrench_gain': 'force or torque reads too much or too little',
+    'wrench_delay': 'the measured wrench lags the simulated one',
+    'wrench_lowpass': 'a low-pass filter smooths the measured wrench',
+    'wrench_bias_drift': 'the bias of the wrench drifts',
+    'wrench_bias_step': 'the bias of the wrench steps',
+    'wrench_gain': 'the gain of a force or torque channel differs',
     'wrench_crosstalk': 'one channel of the wrench shows part of another',
-    'wrench_hysteresis': 'the reading depends on where the force came from',
-    'wrench_saturation': 'the range of the force sensor ends',
-    'wrench_quantisation': 'force and torque come in coarse steps',
-    'accel_delay': 'the accelerometer comes late',
-    'accel_gain': 'the accelerometer reads too much or too little',
-    'accel_bias': 'the bias of the accelerometer is off',
-    'accel_misalignment': 'the accelerometer is turned on its mount',
-    'accel_highpass': 'the accelerometer loses what stays constant, gravity first',
-    'accel_saturation': 'the range of the accelerometer ends',
-    'accel_resonance': 'the accelerometer rings on something soft',
-    'tool_mass': 'the tool is heavier or lighter',
-    'tool_com': 'the centre of mass is elsewhere',
-    'tool_stiffness': 'the spring of the tool is stiffer or softer',
-    'tool_damping': 'the tool damps more or less',
-    'tool_stiffening': 'the spring of the tool gets harder the further it bends',
-    'tool_friction': 'the tool slides with dry friction',
-    'tool_backlash': 'the tool has backlash',
+    'wrench_hysteresis': 'the wrench shows hysteresis',
+    'wrench_saturation': 'the force sensor saturates',
+    'wrench_quantisation': 'the wrench is quantised in coarse steps',
+    'accel_delay': 'the measured acceleration lags the simulated one',
+    'accel_gain': 'the gain of an accelerometer axis differs',
+    'accel_bias': 'the bias of the accelerometer differs',
+    'accel_misalignment': 'the accelerometer is rotated on its mount',
+    'accel_highpass': 'the accelerometer is AC-coupled: a high-pass removes gravity',
+    'accel_saturation': 'the accelerometer saturates',
+    'accel_resonance': 'the mount of the accelerometer resonates',
+    'tool_mass': 'the mass of the tool differs',
+    'tool_com': 'the centre of mass of the tool differs',
+    'tool_stiffness': 'the stiffness of the compliant axis differs',
+    'tool_damping': 'the damping of the compliant axis differs',
+    'tool_stiffening': 'the compliant axis stiffens with its deflection',
+    'tool_friction': 'the compliant axis has dry friction',
+    'tool_backlash': 'the compliant axis has backlash',
     'cable_force': 'a cable or hose pulls at the tool',
     'spindle_vibration': 'an unbalance shakes the tool',
-    'robot_delay': 'the robot moves late',
-    'robot_resonance': 'the arm rings',
-    'base_tilt': 'the base is not level',
-    'contact_stiffness': 'what is touched is harder or softer',
-    'contact_damping': 'what is touched damps more or less',
-    'wall_position': 'what is touched stands elsewhere',
-    'contact_friction': 'what is touched is rougher or smoother',
+    'robot_delay': 'the robot moves later than simulated',
+    'robot_resonance': 'the arm resonates',
+    'base_tilt': 'the base is tilted',
+    'contact_stiffness': 'the stiffness of the contact differs',
+    'contact_damping': 'the damping of the contact differs',
+    'wall_position': 'the contact surface is at another place',
+    'contact_friction': 'the friction of the contact differs',
     'clock_skew': 'the clock of a stream runs fast or slow',
-    'dropouts': 'messages get lost',
-    'unknown': 'something that is none of the known effects',
+    'dropouts': 'messages are lost',
+    'unknown': 'none of the known effects',
 }
 """By name of the effect; all others are parameters of a third-party simulator."""
 
@@ -62,7 +61,7 @@ VERDICTS = {
 
 def phrase(name: str) -> str:
     """Say what an effect is, without numbers."""
-    return WORDS.get(kind_of(name), f'{name} is not what the simulator has')
+    return WORDS.get(kind_of(name), f'{name} differs from the simulator')
 
 
 def sentence(effect: NamedEffect) -> str:
@@ -85,11 +84,11 @@ def sizes(effect: NamedEffect) -> str:
 
 
 def number(effect: str, name: str, p: Parameter) -> str:
-    """Write a number of an effect ± its 95 % interval; one that only shapes it has no percent."""
+    """Write a number of an effect; one that only shapes it is not in percent."""
     plain = _shapes(effect, name) or effect not in WORDS
     known = _quantities(effect).get(name)
     signed = known is None or known.low < 0.0 <= known.high
-    text = quantity(p.value, 0.0 if p.at_bound else HALF * p.std, '' if p.unit == '1' and plain
+    text = quantity(p.value, 0.0 if p.at_bound else p.std, '' if p.unit == '1' and plain
                     else p.unit, signed=signed and not plain).strip()
     return f'{text} ({AT_BOUND})' if p.at_bound else text
 

@@ -120,16 +120,30 @@ def thinned(t: Array, values: Array) -> tuple[Array, Array]:
     return t[index], values[index]
 
 
-def drawn(shown: Shown) -> Figure:
-    """Draw a picture; the legend stands above the panels."""
+def narrowed(figure: Figure) -> Figure:
+    """Lay out a figure anew for a phone: two axes next to each other at most, or one of two."""
+    axes: list[Any] = figure.axes
+    grid = axes[0].get_gridspec()
+    columns = min(grid.ncols, 1 + (grid.ncols > 2))
+    rows = -(-len(axes) // columns)
+    figure.set_size_inches(4.4, rows * min(figure.get_figheight() / grid.nrows,
+                                             0.9 + 3.0 / columns))
+    places = figure.add_gridspec(rows, columns)
+    for i, one in enumerate(axes):
+        one.set_subplotspec(places[divmod(i, columns)])
+    return figure
+
+
+def drawn(shown: Shown, *, narrow: bool = False) -> Figure:
+    """Draw a picture, the legend above the panels; narrow: for a phone."""
     n = len(shown.panels)
     shown = shown._replace(start=shown.visible[0], end=shown.visible[1])
-    width, height = 9.0, 0.9 + 1.9 * n
+    width, top, height = (4.4, 0.75, 1.1 + 1.9 * n) if narrow else (9.0, 0.5, 0.9 + 1.9 * n)
     figure = Figure(figsize=(width, height))
     # margins as wide as any label, in inches: to measure all labels takes a third of drawing them
     rows = list(np.atleast_1d(figure.subplots(n, 1, sharex=True, gridspec_kw={
         'left': 0.85 / width, 'right': 1.0 - 0.1 / width, 'bottom': 0.5 / height,
-        'top': 1.0 - 0.5 / height, 'hspace': 0.12})))
+        'top': 1.0 - top / height, 'hspace': 0.12})))
     figure.align_ylabels(rows)
     for axes, panel in zip(rows, shown.panels):
         for line in panel.lines:
@@ -141,20 +155,21 @@ def drawn(shown: Shown) -> Figure:
         axes.set_ylabel(f'{panel.title} [{panel.unit}]')
         axes.spines[['top', 'right']].set_visible(False)
         axes.margins(x=0)
-        _shade(axes, shown, axes is rows[0])
+        _shade(axes, shown, LABELLED * 9.0 / width if axes is rows[0] else 1.0)
     rows[-1].set_xlabel('time [s]')
     rows[0].set_xlim(shown.start, shown.end)
     handles, labels = rows[0].get_legend_handles_labels()
     if len(labels) > 1:
-        figure.legend(handles, labels, loc='upper left', ncols=4, frameon=False, fontsize=9)
+        figure.legend(handles, labels, loc='upper left', ncols=2 if narrow else 4, frameon=False,
+                      fontsize=9)
     return figure
 
 
-def _shade(axes: Axes, shown: Shown, named: bool) -> None:
+def _shade(axes: Axes, shown: Shown, labelled: float) -> None:
     for phase, start, end in _visible(shown):
         if kind(phase):
             axes.axvspan(start, end, color=TINTS[kind(phase)], alpha=0.13, linewidth=0)
-        if named and end - start > LABELLED * (shown.end - shown.start):
+        if end - start > labelled * (shown.end - shown.start):
             axes.text(0.5 * (start + end), 1.0, phase, transform=axes.get_xaxis_transform(),
                       ha='center', va='bottom', fontsize=7, color='#555555')
     for at in shown.instants:
@@ -337,7 +352,7 @@ def accelerometer_regression(recording: Recording, calibration: Calibration) -> 
     middle = part.values[:, axis].mean() - slope * f.mean()
     axes.plot(line, middle + slope * line, color=ESTIMATED, label=f'gain {slope:.4f}')
     axes.set(xlabel='specific force from the wrench [m/s²]', ylabel=f'reading [{sensor.unit}]')
-    headed(axes, 'Accelerometer against force over mass, during the step')
+    headed(axes, 'Accelerometer and specific force in the step')
     return figure
 
 
@@ -361,7 +376,7 @@ def noise_against_rise(calibration: Calibration) -> Figure | None:
     for limit in limits:
         axes.axvline(1e3 * rise_time(limit), color=TRUE, linestyle=':', linewidth=0.8)
     axes.set(xlabel='10-90 % rise [ms]', ylabel='noise of the force [N]')
-    headed(axes, 'Filter kalman: noise against response, dotted the limits')
+    headed(axes, 'Filter kalman; dotted: limits of its bandwidth')
     return figure
 
 

@@ -11,20 +11,21 @@ from forcecal_ros.insitu import SensorResult
 from forcecal_ros.insitu.offset import principal_directions, Subspace, to_coordinates
 from forcecal_ros.insitu.result import DataSetResult
 from forcecal_ros.report.figures import headed
-from forcecal_ros.report.page import Fact, picture, png, render_page
-from forcecal_ros.report.rows import aligned, HALF
+from forcecal_ros.report.page import docs_link, Fact, picture, png, render_page
+from forcecal_ros.report.rows import aligned
 from matplotlib.figure import Figure
 import numpy as np
 
 CALIBRATED, MANUFACTURER, TRUE = '#009E73', '#D55E00', '#555555'
 
-COLUMNS = 4
+COLUMNS = 3
 """Most pictures side by side."""
 
 
 def subspace_clouds(result: SensorResult) -> Figure:
     """Draw raw measurements in their subspace with the ellipsoid about the offset, Fig. 5."""
-    figure, axes = _grid(result.data_sets)
+    figure, axes = _grid(result.data_sets,
+                         f'{result.name}: raw measurements [{result.options.raw_unit}]')
     for one, data_set in zip(axes, result.data_sets):
         basis, _ = principal_directions(data_set.raw)
         subspace = Subspace(data_set.raw.mean(axis=0), basis)
@@ -34,11 +35,7 @@ def subspace_clouds(result: SensorResult) -> Figure:
                    CALIBRATED)
         _cloud(one, y, CALIBRATED, 'measured')
         one.scatter(*centre[:, None], color=TRUE, s=20, label='offset')
-        one.set_title(data_set.name, fontsize=8)
-        one.set_aspect('equal')
-    _head(figure, axes[0], f'{result.name}: raw measurements in their three dimensions '
-          f'[{result.options.raw_unit}]')
-    return figure
+    return _finished(figure, axes)
 
 
 def force_clouds(result: SensorResult) -> Figure | None:
@@ -46,7 +43,7 @@ def force_clouds(result: SensorResult) -> Figure | None:
     if result.matrix is None:
         return None
     chosen = [d for d in result.data_sets if not d.train] or list(result.data_sets)
-    figure, axes = _grid(chosen)
+    figure, axes = _grid(chosen, f'{result.name}: measured force [N]')
     matrices = [(result.manufacturer_matrix, MANUFACTURER, 'manufacturer'),
                 (result.matrix.value, CALIBRATED, 'calibrated')]
     for one, data_set in zip(axes, chosen):
@@ -60,10 +57,7 @@ def force_clouds(result: SensorResult) -> Figure | None:
         for axis, name in zip((one.xaxis, one.yaxis, one.zaxis), 'xyz'):
             axis.set_label_text(name, fontsize=8)
             axis.labelpad = -7.0
-        one.set_title(data_set.name, fontsize=8)
-        one.set_aspect('equal')
-    _head(figure, axes[0], f'{result.name}: measured force; gravity makes a sphere of it [N]')
-    return figure
+    return _finished(figure, axes)
 
 
 def singular_values(result: SensorResult) -> Figure:
@@ -83,26 +77,30 @@ def singular_values(result: SensorResult) -> Figure:
     return figure
 
 
-def _grid(data_sets: Sequence[DataSetResult]) -> tuple[Figure, list[Any]]:
+def _grid(data_sets: Sequence[DataSetResult], title: str) -> tuple[Figure, list[Any]]:
     columns = min(len(data_sets), COLUMNS)
     rows = -(-len(data_sets) // columns)
-    height = 2.7 * rows + 0.7
-    figure = Figure(figsize=(max(2.6 * columns, 4.5), height))
-    figure.subplots_adjust(0.02, 0.02, 0.92, 1 - 0.9 / height, 0.2, 0.12)
+    figure = Figure(figsize=(max(3.4 * columns, 4.4), 3.3 * rows + 0.6), layout='constrained')
+    figure.suptitle(title, fontsize=10)
     axes = [figure.add_subplot(rows, columns, k + 1, projection='3d')
             for k in range(len(data_sets))]
-    for one in axes:
-        one.tick_params(labelsize=6, pad=-3)
+    for one, data_set in zip(axes, data_sets):
+        one.set_title(data_set.name, fontsize=9)
+        one.tick_params(labelsize=8, pad=-2)
         one.locator_params(nbins=3)
     return figure, axes
 
 
-def _head(figure: Figure, axes: Any, title: str) -> None:
-    """Put title and legend above all clouds."""
-    figure.suptitle(title, fontsize=10, x=0.02, ha='left', y=1.0 - 0.08 / figure.get_figheight(),
-                    va='top')
-    figure.legend(*axes.get_legend_handles_labels(), loc='upper left', frameon=False, fontsize=8,
-                  ncols=COLUMNS, bbox_to_anchor=(0.0, 1.0 - 0.25 / figure.get_figheight()))
+def _finished(figure: Figure, axes: Sequence[Any]) -> Figure:
+    """Give all axes of clouds one scale, and their legend."""
+    for one in axes:
+        spans = np.ptp([one.get_xlim(), one.get_ylim(), one.get_zlim()], axis=1)
+        flat = spans[2] < 0.6 * spans[0]
+        one.set_box_aspect(spans, zoom=1.15 if flat else 0.9)
+        one.locator_params('z', nbins=2 if flat else 3)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc='outside lower left', frameon=False,
+                  fontsize=9, ncols=COLUMNS)
+    return figure
 
 
 def _map(gravity: Array, values: Array) -> Array:
@@ -138,11 +136,16 @@ WORDS = {
 }
 
 
+def figures(result: SensorResult) -> dict[str, Figure]:
+    """Draw the pictures of one sensor, by title."""
+    drawn = {'forces': force_clouds(result), 'subspace': subspace_clouds(result),
+             'singular_values': singular_values(result)}
+    return {title: figure for title, figure in drawn.items() if figure is not None}
+
+
 def pictures(result: SensorResult) -> dict[str, bytes]:
     """Return the pictures of one sensor as PNG by title."""
-    figures = {'forces': force_clouds(result), 'subspace': subspace_clouds(result),
-               'singular_values': singular_values(result)}
-    return {title: png(figure) for title, figure in figures.items() if figure is not None}
+    return {title: png(figure) for title, figure in figures(result).items()}
 
 
 def render(results: Sequence[SensorResult], drawn: Mapping[str, Mapping[str, bytes]],
@@ -163,10 +166,11 @@ def render(results: Sequence[SensorResult], drawn: Mapping[str, Mapping[str, byt
         'name': r.name, 'warnings': r.warnings, 'headline': conclusion(r),
         'facts': list(_facts(r, written.get(r.name, ''))),
         'tone': 'warn' if r.warnings else 'good', 'tables': list(tables(r)),
-        'figures': [picture(title.replace('_', ' ').capitalize(), WORDS[title], image)
-                    for title, image in drawn[r.name].items()],
+        'figures': [picture(title.replace('_', ' ').capitalize(), WORDS[title], figure,
+                            image=drawn[r.name][title]) for title, figure in figures(r).items()],
     } for r in results]
-    return render_page('insitu.html.j2', 'In-situ calibration', origin=origin, sensors=sensors)
+    return render_page('insitu.html.j2', 'In-situ calibration', origin=origin, sensors=sensors,
+                       pages=[docs_link('how-to/insitu', 'in-situ calibration')])
 
 
 def _facts(result: SensorResult, file: str) -> Iterator[Fact]:
@@ -228,11 +232,11 @@ def tables(result: SensorResult) -> Iterator[tuple[str, list[str], Rows]]:
         yield from _masses(result)
         yield (f'Matrix [N per {unit}, N m per {unit}]', ['', *(str(k + 1) for k in range(len(
             result.offset.value)))],
-               [[axis, *map(_interval, row, std)] for axis, row, std in zip(
+               [[axis, *map(pair, row, std)] for axis, row, std in zip(
                    AXES, result.matrix.value, result.matrix.std)])
         yield 'Body', ['', 'estimate'], list(_body(result, result.mass, result.com))
     yield (f'Offset [{unit}]', ['channel', 'offset'],
-           [[str(k + 1), _interval(v, s)]
+           [[str(k + 1), pair(v, s)]
             for k, (v, s) in enumerate(zip(result.offset.value, result.offset.std))])
     if result.matrix is not None:
         yield _ellipsoids(result)
@@ -247,7 +251,7 @@ def tables(result: SensorResult) -> Iterator[tuple[str, list[str], Rows]]:
 
 
 def _body(result: SensorResult, mass: Estimate, com: Estimate) -> Iterator[list[str]]:
-    yield ['mass [kg]', _interval(float(mass), float(mass.std))]
+    yield ['mass [kg]', pair(float(mass), float(mass.std))]
     yield ['centre of mass x, y, z [m]', _estimate(com)]
     if result.inertia is not None:
         yield ['inertia about it xx, yy, zz [kg m^2]', _pairs(
@@ -293,13 +297,8 @@ def _vector(values: Array, digits: int) -> str:
     return ', '.join(f'{round(float(value), digits) + 0.0:.{digits}f}' for value in values)
 
 
-def _interval(value: float, std: float) -> str:
-    """Write a value and half its 95 % interval."""
-    return pair(value, HALF * std)
-
-
 def _pairs(values: Array, errors: Array) -> str:
-    return ', '.join(map(_interval, np.atleast_1d(values), np.atleast_1d(errors)))
+    return ', '.join(map(pair, np.atleast_1d(values), np.atleast_1d(errors)))
 
 
 def _estimate(estimate: Estimate | None) -> str:

@@ -9,10 +9,11 @@ from io import BytesIO
 from pathlib import Path
 import shlex
 from typing import Any, NamedTuple
+from urllib.parse import quote
 
 from forcecal_ros import __version__
 from forcecal_ros.core.streams import Recording
-from forcecal_ros.report.figures import drawn, live, Shown
+from forcecal_ros.report.figures import drawn, live, narrowed, Shown
 import jinja2
 from matplotlib.figure import Figure
 
@@ -76,8 +77,6 @@ class Picture(NamedTuple):
         The picture as text; it is printed, and shown where nothing can zoom.
     live : dict or None
         The same as a plot that zooms; empty where plotly is missing.
-    own_colours : bool
-        Its scale of colours means something: it is not inverted on a dark screen.
     narrow : str
         The same for a phone, as text; empty: as it is.
     """
@@ -86,20 +85,18 @@ class Picture(NamedTuple):
     words: str
     png: str
     live: dict[str, Any] | None = None
-    own_colours: bool = False
     narrow: str = ''
 
 
-def picture(title: str, words: str, what: Figure | Shown | bytes, dpi: int = 110, *,
-            own_colours: bool = False, narrow: Figure | None = None) -> Picture:
-    """Make a picture of a figure, of what is shown over time, or of a PNG."""
-    if isinstance(what, bytes):
-        return Picture(title, words, _embedded(what))
+def picture(title: str, words: str, what: Figure | Shown, dpi: int = 110,
+            image: bytes = b'') -> Picture:
+    """Make a picture of a figure, whose PNG may be there, or of what is shown over time."""
     if isinstance(what, Shown):
-        return Picture(title, words, _embedded(png(drawn(what), dpi)),
-                       live(what) if _plotly() else {})
-    return Picture(title, words, _embedded(png(what, dpi)), own_colours=own_colours,
-                   narrow=_embedded(png(narrow, dpi)) if narrow else '')
+        zooms = _plotly() is not None
+        return Picture(title, words, _embedded(png(drawn(what), dpi)), live(what) if zooms else {},
+                       '' if zooms else _embedded(png(drawn(what, narrow=True), 160)))
+    return Picture(title, words, _embedded(image or png(what, dpi)),
+                   narrow=_embedded(png(narrowed(what), 160)))
 
 
 def render_page(template: str, title: str, **context: Any) -> str:
@@ -117,11 +114,12 @@ def png(figure: Figure, dpi: int = 110) -> bytes:
     return buffer.getvalue()
 
 
-def docs_page(name: str) -> str:
-    """Return the address of a page of docs/reference next to this package; empty: not there."""
-    return next((page.as_uri() for page in (
-        ROOT / 'build' / 'site' / 'docs' / 'reference' / f'{name}.html',
-        ROOT / 'docs' / 'reference' / f'{name}.md') if page.is_file()), '')
+def docs_link(name: str, word: str) -> tuple[str, str]:
+    """Return a word and its address on a page of docs/; where that is not installed, its path."""
+    pages = ROOT / 'build' / 'site' / 'docs' / f'{name}.html', ROOT / 'docs' / f'{name}.md'
+    found = next((page.as_uri() for page in pages if page.is_file()), '')
+    return (word, f'{found}#:~:text={quote(word)}') if found else (
+        f'docs/{name}.md in the sources of forcecal_ros', '')
 
 
 def _pictures(context: Any) -> Iterator[Picture]:

@@ -5,11 +5,8 @@ from dataclasses import dataclass, replace
 
 from forcecal_ros.core.calibration import Calibration, Estimate
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.quantity import decimals_of, rounded, scaled
+from forcecal_ros.core.quantity import decimals_of, HALF, rounded, scaled
 import numpy as np
-
-HALF = 1.96
-"""Standard errors from the middle of a 95 % interval to its end."""
 
 MOST_DECIMALS = 7
 """Of a number in a table: the part of a unit vector along its axis would have ten, which is not

@@ -17,8 +17,11 @@ from forcecal_ros.motion.profiles import nominal_poses
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import simulate
 from longer import first
+from moving_arm import BIAS, COM, MASS
+from moving_arm import moving as moving_arm
 import numpy as np
 import pytest
+from wrong_recordings import recording_of
 
 RIG = load_rig()
 
@@ -72,6 +75,18 @@ def test_tool_of_a_rig_that_never_rests(moving, every):
     np.testing.assert_allclose(seen.map.value, np.eye(3), atol=2e-3)
     np.testing.assert_allclose(seen.position.value, true.position, atol=1e-3)
     assert abs(float(seen.delay)) < 2e-4 and calibration.observer is None
+
+
+def test_noise_of_the_pose_makes_no_tool_light():
+    off = []
+    for seed in range(4):
+        found = fitted(recording_of(moving_arm(seed, turns=0.3)))
+        truth = np.array([MASS, *(MASS * COM), *BIAS])
+        keep = [0, 1, 2, 3, *range(10, 16)]
+        off.append((found.theta[keep] - truth) / found.std[keep])
+    # diluted by the noise, masses are light by 2.3 standard errors on average, biases as far off
+    assert np.abs(np.mean(off, axis=0)).max() < 3.0 / np.sqrt(4)
+    assert np.square(off).mean() < 2.0
 
 
 def test_static_poses_of_one_orientation_leave_it_to_the_motion(whole):

@@ -30,7 +30,7 @@ def test_a_bias_that_moved_does_not_count():
 
 
 def test_rest_and_short_recordings_are_refused():
-    with pytest.raises(DataError, match='does not tell the delay'):
+    with pytest.raises(DataError, match='does not identify the delay'):
         estimate_delay(record(3.0, seed=2), calibration())
     with pytest.raises(DataError, match='blocks'):
         estimate_delay(record(0.3, SWING), calibration())

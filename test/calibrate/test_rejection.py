@@ -60,6 +60,9 @@ def test_the_threshold_is_for_all_poses_together():
     assert rejected(errors(0.5, 2e-4, 0.5, np.nan), 1e-3) == 1
     assert rejected(errors(0.5, 3e-4, 0.5, 0.5), 1e-3) is None
     assert rejected(errors(np.nan, np.nan), 1e-3) is None and rejected([], 1e-3) is None
+    # too small for a number
+    beyond = [PoseError(np.zeros(6), 0.0, 0.0, one) for one in (3e3, 9e5, 2e3)]
+    assert rejected(beyond, 1e-3) == 1
 
 
 def poses(change, seed, n=12):

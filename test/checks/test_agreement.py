@@ -66,9 +66,9 @@ def test_other_axes_are_refused_by_cause():
 
 def test_another_tool_and_a_sensor_tared_since_are_said_with_their_size():
     note, = refuse_disagreeing(recorded(mass=float(C.mass) + 2.0), C)
-    assert 'is 15 +- ' in note and 'another tool, a payload' in note
+    assert 'is 15.00' in note and '± 0.0' in note and 'another tool, a payload' in note
     note, = refuse_disagreeing(recorded(bias=np.array([40.0, 0.0, -60.0])), C)
-    assert 'bias +40 ' in note and ' -60 N off' in note
+    assert 'bias differs by +40 ' in note and ' -60 N: ' in note
 
 
 def test_a_tare_and_a_payload_half_way_are_told_with_time_and_size():

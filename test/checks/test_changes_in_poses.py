@@ -1,6 +1,7 @@
 """A zero that jumps between poses is named with its time and size, pushed before or not."""
 
 from dataclasses import replace
+from itertools import product
 
 from forcecal_ros.checks.hypotheses import judge
 from forcecal_ros.core.errors import DataError
@@ -15,22 +16,18 @@ JUMP = np.array([4.0, -2.0, 3.0, 0.1, 0.05, 0.0])
 HOLD_S, MOVE_S = 3.0, 1.5
 
 
-def jumped(seed, push):
-    """Record eight poses of which the zero jumps after the third, [N] of a push before it."""
-    one = log(seed, poses=8, hold=HOLD_S, move=MOVE_S)
+@pytest.mark.parametrize('seed, push, times', first(dict.fromkeys(
+    [(0, 80.0, 1), (21, 0.0, 1), (21, 0.0, 3), *product((21, 22, 23), (80.0, 0.0), (1, 2, 3)),
+     *product(range(4), (80.0, 0.0), (1,))]), 3))
+def test_a_jump_after_the_third_of_eight_poses(seed, push, times):
+    one = log(seed, poses=8, hold=HOLD_S, move=MOVE_S, mass=0.95)
     at = 3 * (HOLD_S + MOVE_S) - MOVE_S / 2
-    wrench = one.wrench + JUMP * (one.t >= at)[:, None]
+    wrench = one.wrench + times * JUMP * (one.t >= at)[:, None]
     bump = np.clip(one.t - at + 1.0, 0.0, 1.0)
     wrench[:, 2] += push * np.sin(np.pi * bump)**2
-    return recording_of(replace(one, wrench=wrench)), at
-
-
-@pytest.mark.parametrize('push', first([80.0, 0.0]))
-@pytest.mark.parametrize('seed', first(range(4)))
-def test_a_jump_after_the_third_of_eight_poses(seed, push):
-    recording, at = jumped(seed, push)
-    with pytest.raises(DataError, match=r'on the wrench is \+4 -2 \+3 N off') as error:
-        judge(recording, DOWN)
+    x, y, z = (times * JUMP[:3]).round().astype(int)
+    with pytest.raises(DataError, match=rf'on the wrench is \+{x} {y} \+{z} N off') as error:
+        judge(recording_of(replace(one, wrench=wrench)), DOWN)
     found = float(str(error.value).split('from ')[1].split()[0])
     assert at - 1.1 < found < at + 0.5
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 from calibration_runs import run
 from forcecal_ros.checks.entry import checked
 from forcecal_ros.checks.hypotheses import judge, refuse_late_accelerometer
-from forcecal_ros.checks.messages import EstimateWarning
+from forcecal_ros.checks.messages import Finding
 from forcecal_ros.core.errors import DataError
 import numpy as np
 import pytest
@@ -35,8 +35,9 @@ def test_one_axis_of_another_sign_is_refused_by_its_name(recording):
 def test_torques_about_another_point_call_the_centre_of_mass_into_question(recording):
     note, = judge(mapped(lambda w, R: np.hstack([
         w[:, :3], w[:, 3:] - np.cross([0.0, 0.0, 0.3], w[:, :3])]))(recording), DOWN)
-    assert isinstance(note, EstimateWarning)
-    assert 'are about a point' in note and note.suspect == ('com',)
+    assert isinstance(note, Finding)
+    assert 'are about a point' in note and note.suspect == ('com', 'inertia')
+    np.testing.assert_allclose(note.point, [0.0, 0.0, 0.3], atol=2e-3)
 
 
 def test_the_run_itself_is_as_recorded(recording):

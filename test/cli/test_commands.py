@@ -2,10 +2,15 @@
 
 from dataclasses import replace
 import json
+import os
+import shlex
+import subprocess
+import sys
 
 from calibration_runs import brief_run
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.calibration import Estimate
+from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.core.streams import Stream
 from forcecal_ros.io.bags import write_recording
 from forcecal_ros.io.calibration_file import load, save
@@ -35,21 +40,66 @@ def test_a_bandwidth_beyond_the_limits_is_one_line_and_a_traceback_only_on_reque
 def test_check_shows_what_is_there_and_the_next_command(brief, capsys):
     assert main(['check', str(brief / 'bag')]) == 0
     said = capsys.readouterr().out
-    assert 'wrench' in said and '250 Hz' in said and 'ft_sensor' in said
+    row = next(line.split() for line in said.splitlines() if line.startswith('pose'))
+    assert row[1:5] == ['/current_pose', 'PoseStamped', '250', 'Hz'] and row[-1] == 'base'
     assert 'calibrate: yes' in said and 'diagnose: yes' in said
+    assert 'wrench sign: 1, environment on tool' in said
     assert f'next: forcecal calibrate {brief / "bag"} --report report.html' in said
+    assert f'or: forcecal diagnose {brief / "bag"} -o diagnosis' in said
 
 
 @pytest.mark.parametrize('change, expected', [
-    pytest.param(lambda r: replace(r, target=None), 'diagnose with a simulator: no: no commands',
+    pytest.param(lambda r: replace(r, target=None, contact_truth=None), [
+        'diagnose with a simulator: no: no commands',
+        '--calibration calibration.yaml -o diagnosis'], marks=pytest.mark.long),
+    pytest.param(lambda r: replace(r, contact_truth=None), ['--simulated SIM_BAG -o diagnosis'],
                  marks=pytest.mark.long),
-    pytest.param(lambda r: replace(r, wrench=replace(r.wrench, values=-r.wrench.values)),
-                 '--wrench-sign -1', marks=pytest.mark.long),
-    (lambda r: replace(r, pose=None, target=None), 'neither a pose nor an IMU was recorded')])
+    (lambda r: replace(r, pose=None, target=None), [
+        'neither a pose nor an IMU was recorded', 'wrench sign: not identifiable',
+        'next: record current_pose\n'])])
 def test_check_says_what_cannot_be_done_and_why(tmp_path, recording, capsys, change, expected):
     write_recording(tmp_path / 'bag', change(recording))
     assert main(['check', str(tmp_path / 'bag')]) == 0
-    assert expected in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert all(one in said for one in expected), said
+
+
+R = rotation_from_vector([0.0, 0.0, np.pi / 2])
+TILT = rotation_from_vector([0.3, 0.0, 0.0])
+
+
+def turned_and_tilted(r):
+    return replace(r, wrench=replace(r.wrench, values=r.wrench.values @ np.kron(np.eye(2), R).T),
+                   pose=replace(r.pose, R_base_sensor=TILT @ r.pose.R_base_sensor,
+                                position=r.pose.position @ TILT.T))
+
+
+@pytest.mark.parametrize('change, options, sign', [
+    (lambda r: replace(r, wrench=replace(r.wrench, values=-r.wrench.values)),
+     [['--wrench-sign'], ['--gravity-direction']], -1),
+    (turned_and_tilted, [['--sensor-rotation', '--gravity-direction']], None)])
+def test_the_command_after_a_fault_corrects_it(tmp_path, recording, capsys, change, options,
+                                               sign):
+    write_recording(tmp_path / 'bag', change(recording))
+    assert main(['check', str(tmp_path / 'bag'), '--json']) == 1
+    document = json.loads(capsys.readouterr().out)
+    assert document['wrench_sign'] == sign and set(document['uses'].values()) == {
+        'see the fault above'}
+    commands = [shlex.split(one) for one in document['next']]
+    assert [[word for word in words if word.startswith('--') and word != '--report']
+            for words in commands] == options
+    words = commands[0][1:commands[0].index('--report')]
+    assert main([*words, '-o', str(tmp_path / 'c.yaml')]) == 0
+    capsys.readouterr()
+
+
+def test_a_fault_without_an_option_has_its_remedy_next(tmp_path, recording, capsys):
+    R, wrench = recording.pose.R_base_sensor, recording.wrench
+    in_base = np.einsum('nij,nkj->nki', R, wrench.values.reshape(-1, 2, 3)).reshape(-1, 6)
+    write_recording(tmp_path / 'bag', replace(recording, wrench=Stream(wrench.t, in_base)))
+    assert main(['check', str(tmp_path / 'bag'), '--json']) == 1
+    assert json.loads(capsys.readouterr().out)['next'] == [
+        "set the driver to publish in the sensor's frame"]
 
 
 def test_check_names_a_fault_with_status_1(tmp_path, recording, capsys):
@@ -57,7 +107,9 @@ def test_check_names_a_fault_with_status_1(tmp_path, recording, capsys):
     write_recording(tmp_path / 'bag', replace(recording, wrench=Stream(
         wrench.t, 0 * wrench.values + 1.0)))
     assert main(['check', str(tmp_path / 'bag'), '--json']) == 1
-    assert 'never change' in json.loads(capsys.readouterr().out)['fault']
+    document = json.loads(capsys.readouterr().out)
+    assert 'never change' in document['fault']
+    assert document['next'] == ['check the sensor, its cable and its driver, and record again']
 
 
 @pytest.mark.parametrize('scale', [None, 2.0], ids=['wrench', 'raw channels'])
@@ -104,3 +156,14 @@ def test_init_writes_every_parameter_of_a_preset_with_its_meaning(tmp_path, caps
     assert len(sequencer['poses']['values']) == 7 * len(sequencer['poses']['names'])
     assert written['/**/observer']['ros__parameters']['accelerometer']['source'] == 'none'
     assert text.count('    # ') > 100
+
+
+@pytest.mark.parametrize('line, expected', [
+    ('forcecal ch', 'check'), ('forcecal check --wr', '--wrench-sign'),
+    ('forcecal estimate --filter n', 'newton')])
+def test_a_shell_completes_commands_options_and_choices(tmp_path, line, expected):
+    found = tmp_path / 'found'
+    subprocess.run([sys.executable, '-m', 'forcecal_ros.cli.main'], check=True, env={
+        **os.environ, '_ARGCOMPLETE': '1', '_ARGCOMPLETE_IFS': ' ', 'COMP_LINE': line,
+        'COMP_POINT': str(len(line)), '_ARGCOMPLETE_STDOUT_FILENAME': str(found)})
+    assert found.read_text().strip() == expected

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 import re
 
+from browser import cut_on_a_phone, NEEDED
 from forcecal_ros.cli.insitu import earlier
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import ConfigError, DataError
@@ -83,6 +84,11 @@ def done(tables):
     return tables / 'out'
 
 
+@NEEDED
+def test_the_report_fits_a_phone(done, tmp_path):
+    assert cut_on_a_phone(done / 'report.html', tmp_path) == []
+
+
 def test_it_writes_result_calibration_pictures_and_report(done):
     assert {path.name for path in done.iterdir()} == {
         'insitu.json', 'calibration.yaml', 'report.html', 'leg_forces.png', 'leg_subspace.png',
@@ -107,7 +113,7 @@ def test_the_report_is_one_file_with_the_papers_tables(done):
     assert html.index('Held-out added masses are found within') < html.index('<table')
     for words in ('Table I', 'Table II', 'Table III', 'Spread of gravity', 'data:image/png'):
         assert words in html
-    assert 'src="http' not in html and 'href=' not in html
+    assert 'src="http' not in html and 'href="http' not in html
 
 
 def test_the_tables_are_printed_with_estimate_and_manufacturer(tables, done):

@@ -16,7 +16,7 @@ from rosbags.highlevel import AnyReader
 from slow_log import slow_log
 
 RATES = {'both_20': (20.0, 20.0), 'pose_10_wrench_50': (50.0, 10.0)}
-FILTERS = ('observer', 'ukf')
+FILTERS = ('kalman', 'ukf')
 
 
 @pytest.fixture(scope='module')

@@ -39,3 +39,40 @@ def test_what_no_row_determines_keeps_its_prior():
     X = np.concatenate([X, np.zeros((*y.shape, 1))], axis=2)
     assert robust_fit(X, y, np.array([0.0, 0.0, 0.25])).std[2] == pytest.approx(2.0)
     assert robust_fit(X, y).std[2] > 1e3
+
+
+def noisy(seed, signal, n=600):
+    """Draw a regressor with noise of size 1, and readings of it without; a draw of that noise."""
+    rng = np.random.default_rng(seed)
+    truth = signal * np.sin(np.linspace(0.0, 40.0, n))[:, None] * np.ones(3)
+    X = np.stack([truth + rng.normal(size=(n, 3)), np.ones((n, 3))], axis=2)
+    draw = np.zeros((n, 3, 2))
+    draw[:, :, 0] = rng.normal(size=(n, 3))
+    return X, 2.0 * truth - 1.0 + 0.1 * rng.normal(size=(n, 3)), draw
+
+
+def test_noise_of_a_regressor_dilutes_nothing_where_a_draw_of_it_is_given():
+    draws = (noisy(seed, 2.0) for seed in range(60))
+    fits = [robust_fit(X, y, noise=draw) for X, y, draw in draws]
+    off = np.array([(fit.theta - [2.0, -1.0]) / fit.std for fit in fits])
+    np.testing.assert_allclose(np.sqrt(np.square(off).mean(axis=0)), 1.0, atol=0.25)
+    X, y, _ = noisy(0, 2.0)
+    assert robust_fit(X, y).theta[0] < 1.5  # 2 times signal over signal and noise, 4/6
+
+
+def test_noise_alone_shows_nothing_and_is_estimated_as_such():
+    for seed in range(60):
+        X, y, draw = noisy(seed, 0.0)
+        fit = robust_fit(X, y, noise=draw)
+        assert abs(fit.theta[0]) < 4.0 * fit.std[0]
+        assert np.isfinite(fit.std).all() and abs(fit.theta[1] + 1.0) < 4.0 * fit.std[1]
+
+
+def test_readings_that_were_raised_by_a_regressor_hold_its_noise():
+    off = []
+    for seed in range(60):
+        X, y, draw = noisy(seed, 2.0)
+        about = np.array([0.5, 0.0])
+        fit = robust_fit(X, y + X @ about, noise=draw, about=about)
+        off.append((fit.theta - [2.5, -1.0]) / fit.std)
+    np.testing.assert_allclose(np.sqrt(np.square(off).mean(axis=0)), 1.0, atol=0.25)

@@ -160,7 +160,7 @@ def test_slow_noise_that_does_not_repeat_is_no_gap_and_is_told():
     found = RigSource(load_rig()).diagnose(with_slow_noise(21), with_slow_noise(22)).diagnosis
     assert found.verdict == 'no_gap'
     assert any(note.startswith('slow noise, or else') for note in found.notes)
-    assert 'if what varies slowly is noise' in found.reason
+    assert 'if slow variation is noise' in found.reason
 
 
 def test_a_name_is_listed_once_with_the_most_that_speaks_for_it():

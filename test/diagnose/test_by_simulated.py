@@ -6,6 +6,7 @@ import re
 
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import DataError
+from forcecal_ros.diagnose.judge.residual_summary import summarise_residual
 from forcecal_ros.diagnose.localise import compare_motions
 from forcecal_ros.diagnose.recordings import keep_comparable_imus
 from forcecal_ros.diagnose.sources.pair import (
@@ -16,6 +17,7 @@ from forcecal_ros.diagnose.sources.pair import (
     UNTESTED,
 )
 from forcecal_ros.diagnose.sources.simulated_tool import simulated_tool
+from forcecal_ros.diagnose.verdict import tolerated
 from forcecal_ros.effects import with_effects
 from forcecal_ros.io.bags import write_recording
 from forcecal_ros.sim.measured_motion import express_in_base, merge_poses
@@ -42,6 +44,14 @@ def test_a_sound_robot_that_moves_a_little_otherwise_has_no_gap(clean):
     assert not clean.diagnosis.effects
     assert UNTESTED in clean.diagnosis.notes
     assert clean.diagnosis.reason.endswith('mrad (RMS) from the simulated')
+
+
+def test_the_tolerance_is_how_exact_the_motion_is_unless_a_finer_one_is_given(clean):
+    model = clean.outcome.selection.model
+    assert model.tolerance == model.datasets[0].simulation.exact == 0.2
+    assert tolerated(0.05, 0.2) == 0.05 and tolerated(None, 0.0) == 0.1
+    fine = summarise_residual(replace(model, tolerance=0.05))
+    assert fine.exact == fine.tolerance == 0.05
 
 
 def test_the_tool_is_that_of_the_simulator_and_its_unknown_zero_is_told(clean):

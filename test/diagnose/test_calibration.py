@@ -47,7 +47,7 @@ def test_effects_that_are_alike_share_the_probability_and_are_tied():
     assert dict(candidates)['wrench_lowpass'] == pytest.approx(named['wrench_delay'], rel=0.05)
     assert 'tool_mass' not in dict(candidates)
     note, = ties_of(found)
-    assert note.startswith('wrench_delay and wrench_lowpass are not told apart')
+    assert note.startswith('wrench_delay and wrench_lowpass are confounded')
 
 
 def test_a_gap_without_an_effect_is_unknown_and_what_comes_closest_is_listed():

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
+import sys
 
 import forcecal_ros as fc
 from forcecal_ros.cli.sample import commands, SECONDS
@@ -22,6 +23,21 @@ PLACE_M, TURN_RAD = 2e-5, 5e-5
 @pytest.mark.parametrize('path', sorted(EXAMPLES.glob('*_arm.py')), ids=lambda path: path.stem)
 def test_an_example_has_at_most_60_lines(path):
     assert len(path.read_text().splitlines()) <= 60
+
+
+@pytest.mark.parametrize('way', ['--drake', '--drake-mujoco'])
+def test_without_drake_its_benchmark_is_skipped(way, tmp_path, monkeypatch, capsys):
+    benchmark = EXAMPLES.parent / 'benchmark'
+    if not benchmark.is_dir():
+        pytest.skip('benchmarks are not part of what is installed')
+    monkeypatch.syspath_prepend(benchmark)
+    pytest.importorskip('mujoco', reason='requires mujoco, which is not installed')
+    monkeypatch.setitem(sys.modules, 'pydrake', None)  # as on a machine without it
+    monkeypatch.setattr(sys, 'argv', ['any_simulator.py', '--out', str(tmp_path / 'out'), way])
+    import_module('any_simulator').main()
+    said, = capsys.readouterr().out.splitlines()
+    assert said.startswith('skipped: pydrake is not installed (') and 'pip install' in said
+    assert not (tmp_path / 'out').exists()
 
 
 @pytest.mark.long
@@ -44,7 +60,7 @@ def test_a_heavier_payload_is_named(name, module, monkeypatch):
                          TURN_RAD * turn)))
     gap = fc.diagnose(robot, against=arm)
     assert gap.to_dict()['verdict'] in ('identified', 'ambiguous')  # a gain looks like a mass
-    payload, = gap.value.diagnosis.effects
+    payload, = gap.value.effects
     value, = payload.parameters.values()
     assert payload.name == 'payload' and payload.probability > 0.8
     assert abs(value.value - HEAVIER_KG) < 4.0 * value.std < 0.03

@@ -8,6 +8,7 @@ import re
 import shutil
 from xml.etree import ElementTree
 
+from browser import cut_on_a_phone, NEEDED
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.diagnose.judge.gap import Gap
@@ -80,6 +81,12 @@ def test_what_drifted_first_is_named_and_what_cannot_be_read_is_a_row(fleet, cap
     assert len(pictures) == 2 and all(
         len(list(ElementTree.fromstring(one))) == 6 for one in pictures)
     assert sum('class="change" d="M' in one for one in pictures) == 1
+
+
+@NEEDED
+def test_the_page_fits_a_phone(fleet, capsys):
+    run(fleet, capsys)
+    assert cut_on_a_phone(fleet / 'out' / 'fleet.html', fleet / 'browser') == []
 
 
 def test_a_script_fails_on_drift_alone(fleet, capsys):

@@ -10,11 +10,26 @@ import shutil
 import subprocess
 import time
 
+import pytest
+
 PATIENCE = 30.0
 """For an answer; a loaded machine is slow [s]."""
 
 CHROMIUM = next(filter(None, map(shutil.which, (
     'chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable'))), None)
+
+NEEDED = pytest.mark.skipif(not CHROMIUM,
+                            reason='requires Chromium or Chrome, which is not installed')
+"""Of tests that show a page."""
+
+CUT = """[...document.querySelectorAll(
+    'p, td, dd, pre span, caption, img, canvas, svg[role], button, figure, summary')]
+    .filter(e => !e.closest('.live'))  // a plot fits by itself, its hidden parts need not
+    .map(e => [e, e.getBoundingClientRect()])
+    .filter(([e, r]) => r.width && (r.right > innerWidth || r.left < 0
+        || parseFloat(getComputedStyle(e).fontSize) < 11))
+    .map(([e]) => e.tagName + ' ' + e.textContent.slice(0, 30))"""
+"""What is beyond the edges of the window, or too small to read."""
 
 
 class Page:
@@ -91,6 +106,22 @@ class Page:
             self._left += os.read(self._read, 1 << 20)
         message, _, self._left = self._left.partition(b'\0')
         return json.loads(message)
+
+
+def cut_on_a_phone(path, folder):
+    """Return what of a page is cut on a phone, light and dark, with all its parts open."""
+    found = []
+    with browser(folder) as page:
+        for dark in (False, True):
+            page.size(400, 900, dark)
+            page.open(f'file://{path}')
+            page.run('document.querySelectorAll("details").forEach(one => { one.open = true; })')
+            page.until('[...document.querySelectorAll(".live")].every(one => one.matches('
+                       '".zooms *") && one.querySelector(".main-svg").getBoundingClientRect()'
+                       '.right <= innerWidth)')
+            found += page.run(CUT)
+            found += ['the page'] * page.run('document.documentElement.scrollWidth > 400')
+    return found
 
 
 def _moved(descriptor):

@@ -45,16 +45,17 @@ def _rate(R, R_next):
                      S[:, 1, 0] - S[:, 0, 1]], axis=1) / 2.0
 
 
-def moving(seed, mass=MASS, com=COM, seconds=SECONDS, rate=RATE):
-    """Record the arm without contact, as a Log that can be spoilt."""
-    return _recorded(seed, mass, tuple(com), seconds, rate)
+def moving(seed, mass=MASS, com=COM, seconds=SECONDS, rate=RATE, turns=1.0):
+    """Record the arm without contact, as a Log that can be spoilt; `turns` scales rotations."""
+    return _recorded(seed, mass, tuple(com), seconds, rate, turns)
 
 
 @cache
-def _recorded(seed, mass, com, seconds, rate):
+def _recorded(seed, mass, com, seconds, rate, turns):
     rng = np.random.default_rng(seed)
     hertz = rng.uniform(0.08, 0.6, (6, 3))
-    size = np.concatenate([rng.uniform(0.2, 0.45, (3, 3)), rng.uniform(0.02, 0.08, (3, 3))])
+    size = np.concatenate([turns * rng.uniform(0.2, 0.45, (3, 3)),
+                           rng.uniform(0.02, 0.08, (3, 3))])
     way = Sines(size, hertz, rng.uniform(0.0, 2.0 * np.pi, (6, 3)))
     t, pose_t = np.arange(0.0, seconds, 1 / rate), np.arange(0.003, seconds, 1 / POSE_RATE)
     motion, seen = way.at(t), way.at(pose_t)

@@ -2,10 +2,13 @@
 
 import contextlib
 from importlib import import_module
+from itertools import pairwise
 import json
 from pathlib import Path
 import re
+import statistics
 import time
+from typing import NamedTuple
 
 from forcecal_ros.cli.main import main
 from forcecal_ros.nodes import sim
@@ -103,17 +106,32 @@ def test_every_bound_and_choice_is_held_when_set(described, node):
         assert not result.successful and name in result.reason, (name, result.reason)
 
 
+class Line(NamedTuple):
+    """Of the page's topics of a node: direction, their names, types, and QoS, rate and frame."""
+
+    direction: str
+    names: list
+    types: list
+    cells: list
+
+
 def documented(node):
-    """Return what the page's table says that a node hears, says and serves, names in full."""
-    rows, owner = {'subscribes': [], 'publishes': [], 'serves': []}, ''
-    for line in re.findall(r'^\| .*\|$', PAGE.read_text(), re.MULTILINE):
-        first, direction, names = (cell.strip() for cell in line.split('|')[1:4])
-        owner = first.partition(' ')[0] or owner
-        if owner == node and direction in rows:
-            rows[direction] += re.findall('`(.+?)`', names)
-    hears, says, services = rows.values()
-    prefix = services[0].partition('/')[0] if services else ''
-    return hears, says, [name if name[0] != '/' else prefix + name for name in services]
+    """Yield the lines of a node's topics and services, names in full."""
+    section, = re.findall(rf'^### Topics of {node}\n\n(.+?)\n\n', PAGE.read_text(),
+                          re.MULTILINE | re.DOTALL)
+    for line in section.splitlines():
+        direction, names, rest = re.fullmatch(r'- (\w+) (`.+?`): (.+)', line).groups()
+        types, *cells = rest.split('; ')
+        prefix = node if direction == 'serves' else ''
+        yield Line(direction, [prefix + name if name[0] == '/' else name
+                               for name in re.findall('`(.+?)`', names)],
+                   [one.split()[0] for one in types.split(', ')], cells)
+
+
+def named(node, direction):
+    """Return the names of the page's topics or services of a node."""
+    return [name for line in documented(node) if line.direction == direction
+            for name in line.names]
 
 
 def discovered(node, services):
@@ -150,45 +168,61 @@ def discovered(node, services):
 
 @pytest.mark.parametrize('node', TABLES)
 def test_the_page_names_every_topic_and_service(described, node):
-    hears, says, services = documented(node)
+    hears, says, services = (named(node, one) for one in ('subscribes', 'publishes', 'serves'))
     served, *ends = discovered(node, services)
     assert served == sorted(services)
-    for found, named in zip(ends, (says, hears)):
+    for found, known in zip(ends, (says, hears)):
         names = found - {'rosout', 'parameter_events', 'diagnostics'}
         # a node hears its own topic of commands to notice others there
-        assert names - {f'{node}/transition_event', *says} <= {*named}
-
-
-def promised(node):
-    """Yield direction, topic, type ('' where a row gives several) and QoS of the page's rows."""
-    owner = ''
-    for line in PAGE.read_text().splitlines():
-        cells = [cell.strip() for cell in line.split('|')[1:-1]]
-        if len(cells) != 6:
-            continue
-        owner = cells[0].partition(' ')[0] or owner
-        if owner == node and cells[4] in QOS:
-            topics, types = re.findall('`(.+?)`', cells[2]), cells[3].split(', ')
-            types = types * len(topics) if len(types) == 1 else types
-            for topic, kind in zip(topics, types if len(types) == len(topics)
-                                   else [''] * len(topics)):
-                word = kind.partition(' (')[0].rpartition('/')[2]
-                yield cells[1], topic, '' if word == 'as above' else word, cells[4]
+        assert names - {f'{node}/transition_event', *says} <= {*known}
 
 
 @pytest.mark.parametrize('node, ends', [
-    ('sim', 1), ('sequencer', 11), ('observer', 5), ('gap', 3), ('impedance', 3)])
+    ('sim', 6), ('sequencer', 11), ('observer', 7), ('gap', 6), ('impedance', 7)])
 def test_the_page_has_the_type_and_qos_of_a_topic(described, node, ends):
     graph, seen = described[0].node, 0
     look = {'publishes': graph.get_publishers_info_by_topic,
             'subscribes': graph.get_subscriptions_info_by_topic}
-    for direction, topic, kind, qos in promised(node):
-        for one in look[direction](topic):
-            if one.node_name == node:
-                seen += 1
-                assert kind in ('', one.topic_type.rpartition('/')[2]), topic
-                assert (one.qos_profile.reliability, one.qos_profile.durability) == QOS[qos], topic
+    for line in (line for line in documented(node) if line.direction != 'serves'):
+        types = line.types * len(line.names) if len(line.types) == 1 else line.types
+        assert len(types) == len(line.names), line
+        for topic, kind in zip(line.names, types):
+            for one in look[line.direction](topic):
+                if one.node_name == node:
+                    seen += 1
+                    assert one.topic_type.replace('/msg/', '/') == kind, topic
+                    assert (one.qos_profile.reliability,
+                            one.qos_profile.durability) == QOS[line.cells[0]], topic
     assert seen >= ends
+
+
+@pytest.fixture(scope='module')
+def stamped(described):
+    """Return frames and stamps [s] of the rig's topics, of a second, by name."""
+    live, heard = described[0], {}
+    for line in documented('sim'):
+        if line.direction == 'publishes' and line.cells[1] != 'if enabled':
+            package, _, name = line.types[0].partition('/')
+            kind = getattr(import_module(f'{package}.msg'), name)
+            for topic in line.names:
+                rows = heard.setdefault(topic, [])
+                live.node.create_subscription(kind, topic, lambda message, rows=rows: rows.append(
+                    message.header), 1000)
+    live.until(lambda: all(len(rows) > 100 for rows in heard.values()), 'samples of each sensor')
+    return {topic: ({one.frame_id for one in rows},
+                    [one.stamp.sec + 1e-9 * one.stamp.nanosec for one in rows])
+            for topic, rows in heard.items()}
+
+
+@pytest.mark.parametrize('topic', [
+    'wrench', 'sim/contact_wrench', 'accelerometer/raw', 'current_pose', 'optidrive'])
+def test_the_page_has_rate_and_frame_of_a_topic(stamped, topic):
+    line, = (line for line in documented('sim') if topic in line.names)
+    _, rate, *frames = line.cells
+    seen, stamps = stamped[topic]
+    period = statistics.median(b - a for a, b in pairwise(stamps))
+    assert float(rate.removesuffix(' Hz')) == pytest.approx(1.0 / period, rel=1e-3)
+    assert {table('sim')[frame.strip('`')].default for frame in frames} == seen - {''}
 
 
 @pytest.mark.parametrize('node, words', [
@@ -281,7 +315,17 @@ def test_a_refusal_is_one_line_and_status_1(shell, arguments, why):
 
 
 def test_start_begins_a_motion_and_abort_ends_it(described, shell):
-    described[0].until(lambda: shell('start')[0] == 0, 'a start', 30.0)
+    live, commands = described[0], []
+    live.node.create_subscription(PoseStamped, 'target_frame', lambda message: commands.append(
+        message.header), 1000)
+    live.until(lambda: shell('start')[0] == 0, 'a start', 30.0)
+    live.until(lambda: len(commands) > 20, 'commands')
+    line, = (line for line in documented('sequencer') if 'target_frame' in line.names)
+    assert line.cells[1:] == ['`motion.rate`', 'that of `current_pose`']
+    stamps = [one.stamp.sec + 1e-9 * one.stamp.nanosec for one in commands]
+    assert statistics.median(b - a for a, b in pairwise(stamps)) == pytest.approx(
+        1.0 / table('sequencer')['motion.rate'].default, rel=0.05)
+    assert {one.frame_id for one in commands} == {table('sim')['frames.base'].default}
     shell('abort')  # unless the robot of a busy machine has ended it before
     described[0].until(lambda: described[0].phases[-1] == 'aborted', 'the end')
 

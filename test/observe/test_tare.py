@@ -75,7 +75,7 @@ def test_single_samples_that_are_not_valid_do_not_count():
 
     found = tare(with_invalid(0.05), MODEL, LEVELS)
     assert np.abs(found.bias - wanted.bias).max() < 0.02
-    with pytest.raises(DataError, match='of 550 samples are not valid: the wrench is no usable'):
+    with pytest.raises(DataError, match='of 550 samples are not valid: the wrench is not finite'):
         tare(with_invalid(0.2), MODEL, LEVELS)
 
 

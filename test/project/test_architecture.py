@@ -23,6 +23,7 @@ LAYERS = (
     ('io.bags', 'report'),
     ('fleet', 'nodes'),
     ('cli',),
+    ('results',),
     ('api',),
 )
 """From the ground up: a module may import from its own line and from those above it."""

@@ -25,7 +25,7 @@ def test_the_picture_shows_the_imports_of_today():
 
 
 def test_every_room_has_its_row():
-    rows = set(re.findall(r'^\| `([\w.]+)` \|', PAGE, re.MULTILINE))
+    rows = set(re.findall(r'^- `([\w.]+)`: ', PAGE, re.MULTILINE))
     assert set(architecture.rooms()) <= rows
 
 

@@ -1,7 +1,9 @@
 """What the documents say is there, and what is there is in the documents."""
 
+import contextlib
 from fnmatch import fnmatch
 from importlib import import_module
+import json
 from pathlib import Path
 import re
 import subprocess
@@ -9,15 +11,22 @@ import sys
 
 from forcecal_ros.cli import COMMANDS, VERBS
 from forcecal_ros.cli.main import build_parser
+from forcecal_ros.core.calibration import Calibration
+from forcecal_ros.core.schema import columns
+from forcecal_ros.diagnose.model.discrepancy import SCALES
+from forcecal_ros.diagnose.search.posterior import WORTH
 from forcecal_ros.effects.library import EFFECTS
+from forcecal_ros.effects.rig import Rig
 from forcecal_ros.io.bags import write_recording
+from forcecal_ros.nodes.config import TABLES
 from forcecal_ros.report.effect_words import VERDICTS
 import pytest
 from rig_recordings import FREE, own_recording
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *sorted((ROOT / 'docs').rglob('*.md'))]
-GUIDES = [page for page in PAGES[2:] if page.name not in ('nodes.md', 'commands.md', 'errors.md')]
+GENERATED = ('nodes.md', 'commands.md', 'errors.md', 'files.md')
+GUIDES = [page for page in PAGES[2:] if page.name not in GENERATED]
 
 
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
@@ -69,7 +78,7 @@ def sentences(text):
         r'(?<=[.!?:;])\s+(?=[A-Z`\[*(])', ' '.join(part.split())) if one]
 
 
-@pytest.mark.parametrize('page', GUIDES, ids=lambda page: page.name)
+@pytest.mark.parametrize('page', [*PAGES[1:], ROOT / 'CHANGELOG.md'], ids=lambda page: page.name)
 def test_a_page_begins_with_what_it_is_for(page):
     first = page.read_text().split('\n\n')[1]
     assert first.startswith(('This page ', 'This tutorial ')), first
@@ -83,7 +92,7 @@ def test_sentences_are_short():
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
 def test_every_command_named_exists_with_its_options(page):
     text = page.read_text().replace('\\\n', ' ')
-    for line in re.findall(r'\bforcecal ((?:[a-z-]+) [^`\n]*)', text):
+    for line in re.findall(r'(?:\bforcecal|\./run) ((?:[a-z-]+) [^`\n]*)', text):
         command = line.split()[0]
         if command not in COMMANDS:
             continue
@@ -102,10 +111,10 @@ def test_no_command_is_named_that_is_not_there():
 
 def test_every_effect_and_each_of_its_parameters_is_catalogued():
     text = (ROOT / 'docs/reference/effects.md').read_text()
-    rows = dict(re.findall(r'^\| `(\w+)` \|(.*)$', text, re.MULTILINE))
+    rows = dict(re.findall(r'^- `(\w+)`: (.*)$', text, re.MULTILINE))
     assert list(rows) and set(rows) == {*EFFECTS, 'wrench_bias_step'}
     for name, effect in EFFECTS.items():
-        _, plain, shape, _ = rows[name].split('|')
+        plain, _, shape = rows[name].partition('; shape ')
         words = {True: re.findall(r'\w+', ' '.join(re.findall('`(.+?)`', shape))),
                  False: re.findall(r'\w+', ' '.join(re.findall('`(.+?)`', plain)))}
         for shapes, found in words.items():
@@ -117,23 +126,84 @@ def test_the_page_of_verdicts_has_the_meanings_that_a_report_states():
     assert dict(re.findall(r'^\| `(\w+)` \| ([^|]+?) \|', text, re.MULTILINE)) == VERDICTS
 
 
-PARAMETERS = {row.name for table in (
-    'gap', 'impedance', 'observer_settings', 'sequencer_settings', 'sim')
-    for row in import_module(f'forcecal_ros.nodes.{table}').PARAMETERS}
-FILES = ('.yaml', '.json', '.html', '.md', '.py', '.csv', '.xml', '.svg')
-GROUPS = {name.partition('.')[0] for name in PARAMETERS if '.' in name} - {
-    path.stem for path in (ROOT / 'forcecal_ros').iterdir()}
+PARAMETERS = {row.name for table, _ in TABLES.values() for row in table}
+FILES = ('.toml', '.yaml', '.json', '.html', '.md', '.py', '.csv', '.xml', '.svg')
+OTHERS = {'scale.linear', 'scale.rotational', 'tilt.x', 'tilt.y', 's.x'}
+"""Of MoveIt Servo, of a MuJoCo model, and of a MATLAB file."""
+
+
+def keys(section, prefix=''):
+    """Yield the keys of a file with their groups."""
+    for column in columns(section):
+        yield prefix + column.key
+        if column.holds_sections:
+            yield from keys(column.kind, f'{prefix}{column.key}.')
+
+
+def is_there(name):
+    """Whether a name with dots is one of a parameter, of a key of a file, or of the package."""
+    module, _, attribute = f'forcecal_ros.{name}'.rpartition('.')
+    with contextlib.suppress(ImportError):
+        return hasattr(import_module(module), attribute) or bool(
+            import_module(f'{module}.{attribute}'))
+    return any(fnmatch(known, name) for known in {
+        *PARAMETERS, *keys(Calibration), *keys(Rig), *OTHERS})
 
 
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
-def test_every_parameter_named_is_one_of_a_node(page):
-    for word in re.findall(r'`([a-z]+\.[a-z_*/.]+)`', page.read_text()):
-        group, _, rest = word.partition('.')
-        if group in GROUPS and not word.endswith(FILES):
-            first, *more = rest.split('/')
-            stem = first.rpartition('_')[0]
-            for name in (first, *(f'{stem}_{part}' for part in more)):
-                assert any(fnmatch(known, f'{group}.{name}*') for known in PARAMETERS), word
+def test_every_name_with_dots_is_of_a_parameter_or_of_something_else_that_is_there(page):
+    text = re.sub(r'```.*?```', '', page.read_text(), flags=re.DOTALL)
+    groups = {name.partition('.')[0] for name in PARAMETERS if '.' in name}
+    names = set(re.findall(r'`([a-z_]+(?:\.[a-z_*]+)+)`', text)) | {
+        name for name in re.findall(r'(?<![\w/.`-])([a-z_]+\.[a-z_]+)(?![\w(/])', text)
+        if name.partition('.')[0] in groups}
+    assert not {name for name in names if not name.endswith(FILES) and not is_there(name)}
+
+
+@pytest.mark.parametrize('name', ['calibrate.sensor_rotation', 'limits.fast', 'wrench_sign.x'])
+def test_a_name_that_is_nowhere_is_found_out(name):
+    assert not is_there(name)
+
+
+def test_every_name_that_the_page_from_python_lists_is_there():
+    text = (ROOT / 'docs/reference/api.md').read_text()
+    listed = re.findall(r'automodule:: (\S+)\n   :members:(.*)', text)
+    assert len(listed) > 4
+    for module, names in listed:
+        assert all(hasattr(import_module(module), name) for name in
+                   names.replace(',', ' ').split()), module
+
+
+AVOIDED = re.compile(r"""(?<![\w-])(
+    told | tells? | untold | says? | said | hears? | heard | asked | wants? | wanted
+    | lay \s on | laid \s on | (takes?|took|taken) \s off | mended | believed | felt | seen
+    | nobody | somebody | anybody | of \s (others|yours|ours) | stands? \s for
+    | comes? \s out \s as | (is|are) \s no | besides? | whatever | misfit | slides?
+    | optidrive | turned | doubts? | sayings?
+    | loud | deafening | faint | onset | gates? | instants? | imitators? | ties? | alike | held
+    | rooms? | houses? | sound | level | hot | fewest
+    | where (?= \s (no|not|known|nothing|one \s of|it \s is|that \s is|the \s base) \b)
+    )(?![\w-])""", re.VERBOSE | re.IGNORECASE)
+"""Words that have a plainer one, or a second meaning; where: in place of if."""
+
+
+def prose(page):
+    """Return the text of a page without code."""
+    text = re.sub(r'```.*?```', '', page.read_text(), flags=re.DOTALL)
+    lines = [line for line in text.splitlines() if not line.startswith('    ')]
+    return re.sub('`[^`]*`', '', '\n'.join(lines))
+
+
+def test_pages_have_at_most_20_words_that_have_a_plainer_one():
+    found = [(page.name, word[1]) for page in [*PAGES, ROOT / 'CHANGELOG.md']
+             for word in AVOIDED.finditer(prose(page))]
+    assert len(found) <= 20, found
+
+
+def test_a_word_with_a_plainer_one_is_found_out():
+    text = 'It is told where no pose is. Said nobody: `told`, a held-out part.'
+    assert [word[1] for word in AVOIDED.finditer(re.sub('`.*?`', '', text))] == [
+        'told', 'where', 'Said', 'nobody']
 
 
 @pytest.mark.parametrize('script', sorted(
@@ -150,3 +220,16 @@ def test_the_pages_become_a_site_without_a_warning(tmp_path):
         capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / 'docs' / 'reference' / 'errors.html').is_file()
+
+
+def test_the_page_of_the_diagnosis_has_the_numbers_of_the_decision():
+    text = (ROOT / 'docs/explanation/diagnosis.md').read_text()
+    stored = json.loads((ROOT / 'forcecal_ros/diagnose/search/calibration.json').read_text())
+    gain, explained = stored['weights']
+    assert (f'= {stored["intercept"]:.2f} + {gain:g} log10((1 + G) / (1 + M)) + {explained:g} '
+            f'min(0, log10(h / (1 - h) / {stored["enough"]:g}))') in text
+    assert (f'T = {stored["temperature"]:g} + {stored["form"]:g} G + {stored["taken_up"]:g} M'
+            ) in text
+    assert f'within {1.0 - stored["largest"]:.2f} and {stored["largest"]:g}' in text
+    assert f'has to gain {WORTH:g}' in text and f's is at most {SCALES[-1]:.1%}'.replace(
+        '%', ' %') in text

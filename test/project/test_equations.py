@@ -11,7 +11,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SOURCE = ROOT / 'forcecal_ros'
 TAG = re.compile(
     r'\[(Gamez2005|Traversaro2014)\] Eq\. (\d+(?:(?:, | and | to |-)\d+(?!\.\d))*)')
-ROW = re.compile(r'^\| (\[\w+\] Eq\. [^|]+?) \| `([\w.]+)` \| `([\w/]+)` \|$', re.MULTILINE)
+ROW = re.compile(r'^- (Eq\. [^:]+): `([\w.]+)`, `([\w/]+)`$', re.MULTILINE)
 ELSEWHERE = {'report', 'geometry', 'calibration', 'motion'}
 """Rooms that show, hold or use an equation's result without being its home."""
 
@@ -63,7 +63,9 @@ def called(source):
         if isinstance(f, ast.Attribute) and isinstance(f.value, ast.Name)]
 
 
-ROWS = ROW.findall((ROOT / 'docs/reference/equations.md').read_text())
+ROWS = [(f'{source} {equation}', *names) for source, rows in re.findall(
+    r'^## (\[\w+\])$(.+?)(?=^## )', (ROOT / 'docs/reference/equations.md').read_text(),
+    re.MULTILINE | re.DOTALL) for equation, *names in ROW.findall(rows)]
 
 
 def test_there_is_a_table():

@@ -23,8 +23,9 @@ PACKAGE = 'forcecal_ros'
 SHARE = ('config/**/*.yaml', 'launch/*.launch.py', 'layouts/*.*', 'package.xml')
 INSIDE = ('**/*.py', 'config/*.yaml', 'config/*/*.yaml', '**/*.html.j2', '**/*.xml')
 ROSDEP_KEYS = {  # name in an import -> key
-    'jinja2': 'python3-jinja2', 'matplotlib': 'python3-matplotlib', 'numpy': 'python3-numpy',
-    'scipy': 'python3-scipy', 'yaml': 'python3-yaml',
+    'argcomplete': 'python3-argcomplete', 'jinja2': 'python3-jinja2',
+    'matplotlib': 'python3-matplotlib', 'numpy': 'python3-numpy', 'scipy': 'python3-scipy',
+    'yaml': 'python3-yaml',
 }
 PIP_NAMES = {'yaml': 'pyyaml', 'backports': 'backports-zstd'}
 OPTIONAL = {'scale': {'distributed'}, 'plots': {'plotly'}, 'mujoco': {'mujoco'}}

@@ -9,10 +9,13 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[2] / 'forcecal_ros'
 
 BUDGETS = {
-    'calibrate': 2380, 'checks': 1696, 'cli': 3077, 'core': 2077, 'diagnose': 5732,
+    'calibrate': 2394, 'checks': 1696, 'cli': 3077, 'core': 2098, 'diagnose': 5732,
     'effects': 794, 'fleet': 250, 'impedance': 823, 'insitu': 2160, 'io': 2562, 'motion': 1484,
-    'nodes': 3646, 'observe': 3000, 'report': 1699, 'rig_fit': 527, 'sim': 2843}
+    'nodes': 3646, 'observe': 3000, 'report': 1609, 'rig_fit': 527, 'sim': 2843}
 """Code lines; less is better: lower a number with the code."""
+
+MOST_AT_ROOT = 238
+"""Code lines of the modules next to the packages: the interface from Python."""
 
 MOST_FILES, MOST_CONSTANTS = 257, 561
 """Of the whole package; a constant is a number bound to an upper-case name of a module."""
@@ -63,6 +66,10 @@ def test_a_docstring_and_a_comment_are_no_code(tmp_path):
 @pytest.mark.parametrize('package', BUDGETS)
 def test_a_package_keeps_its_budget(package):
     assert sum(map(code_lines, (PACKAGE / package).rglob('*.py'))) <= BUDGETS[package]
+
+
+def test_the_modules_next_to_the_packages_keep_their_budget():
+    assert sum(map(code_lines, PACKAGE.glob('*.py'))) <= MOST_AT_ROOT
 
 
 def test_every_package_has_a_budget():

@@ -1,14 +1,13 @@
 """A page as a browser shows it: it zooms, prints values, toggles lines, and fits a phone."""
 
-from browser import browser, CHROMIUM
+from browser import browser, CUT, NEEDED
 from forcecal_ros.core.streams import Phase
 from forcecal_ros.report.figures import Line, Panel, Shown
 from forcecal_ros.report.page import Fact, picture, render_page
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.skipif(
-    not CHROMIUM, reason='requires Chromium or Chrome, which is not installed')
+pytestmark = NEEDED
 
 T = np.arange(0.0, 40.0, 0.01)
 PHASES = (Phase('move', 0.0, 10.0), Phase('step', 10.0, 20.0), Phase('contact', 20.0, 40.0))
@@ -28,7 +27,8 @@ def page(tmp_path_factory):
     long = 'a_name_without_a_place_to_break_at_' * 3
     (folder / 'page.html').write_text(render_page(
         'calibration.html.j2', 'Page', origin=[long], tone='good', word='calibrated',
-        headline='The tool weighs 13 kg.', facts=[Fact('Next', 'Do it:', f'forcecal {long}')],
+        headline='The tool weighs 13 kg.', notes=[], pages=[],
+        facts=[Fact('Next', 'Do it:', f'forcecal {long}')],
         warnings=[long], first=[picture('Force', 'words', SHOWN)], figures=[],
         head=['estimate', 'value', 'unit', '95 % interval', 'truth', 'off by'],
         rows=3 * [
@@ -136,14 +136,6 @@ def test_a_page_fits_a_phone_and_follows_its_colours(page, dark):
                               'document.documentElement.clientWidth]')
     assert scrolled == seen <= 400
     page.until(f'document.querySelector(".main-svg").getBoundingClientRect().right <= {seen}')
-
-
-CUT = """[...document.querySelectorAll('td, dd, pre span, img, canvas, svg[role], button, figure')]
-    .filter(e => !e.closest('.live'))  // a plot fits by itself, its hidden parts need not
-    .map(e => [e.tagName, e.textContent.slice(0, 30), e.getBoundingClientRect()])
-    .filter(([, , r]) => r.width && (r.right > innerWidth || r.left < 0))
-    .map(([tag, text]) => tag + ' ' + text)"""
-"""What is beyond the edges of the window."""
 
 
 @pytest.mark.parametrize('dark', [False, True])

@@ -69,7 +69,7 @@ def test_what_a_recording_says_is_escaped(calibration, recording):
 def test_one_file_without_network(calibration, recording):
     contact = Stream(recording.wrench.t, recording.wrench.values)
     page = render(recording, calibration, contact)
-    assert re.findall(r'(?:src|href)="(?!data:)', page) == []
+    assert re.findall(r'(?:src|href)="(?!data:|file:)', page) == []
     assert page.count('<img') == 2
     assert page.index('<h2>Force before and after') < page.index('<h2>Estimates') < page.index(
         '<details>')

@@ -111,7 +111,7 @@ def unjudged(model: LinearisedModel) -> str:
               if not any(n.sigma[:, STREAM_SLICES[name]].any() for n in model.noise)}
     missing = [f'{name} ({count} samples, {FEWEST} in steady succession are needed)'
                for name, count in counts.items() if count]
-    return f'; not looked at: {", ".join(missing)}' if missing else ''
+    return f'; not compared: {", ".join(missing)}' if missing else ''
 
 
 def _blocks(model: LinearisedModel, name: str) -> list[int]:

@@ -49,7 +49,7 @@ def ties_of(found: Posterior) -> tuple[str, ...]:
         other = max(others, key=lambda one: others[one], default='')
         if other and others[other] > ALIAS_ODDS:
             by = SEPARATED_BY.get(frozenset((name, other)), 'what forcecal plan writes')
-            out.append(f'{name} and {other} are not told apart for certain; they are '
+            out.append(f'{name} and {other} are confounded in this recording; they are '
                        f'separated by {by}')
     return tuple(out)
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from forcecal_ros.checks.clocks import JITTER
 from forcecal_ros.checks.signals import clipped, quantisation
 from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.quantity import quantity
 from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.model.gates import BIAS, kind_of, nuisances_of, physical
 from forcecal_ros.diagnose.model.hypotheses import CLIPPING
@@ -78,6 +79,12 @@ class Checks:
     notes: tuple[str, ...]
 
 
+def estimated(value: float, std: float, unit: str, *, signed: bool = False) -> str:
+    """Write an estimate, or that it is at its bound, where it has no standard error."""
+    text = quantity(value, std, unit, signed=signed).strip()
+    return text if std else f'{text} ({AT_BOUND})'
+
+
 def parameters_of(model: LinearisedModel, a: Accepted) -> dict[str, Parameter]:
     """
     Name the numbers of an accepted effect.
@@ -120,7 +127,7 @@ def not_identified(model: LinearisedModel, a: Accepted) -> tuple[str, ...]:
     """Note the numbers of an accepted effect that the recording does not identify."""
     own = parameters_of(model, a)
     missing = [q.name for q in model.library[a.name].parameters if q.name not in own]
-    return (f'{a.name}: this motion does not tell {", ".join(missing)}',) if missing else ()
+    return (f'{a.name}: this motion does not identify {", ".join(missing)}',) if missing else ()
 
 
 def ends(q: Quantity, value: float) -> bool:
@@ -183,10 +190,10 @@ def from_checks(stamps: Sequence[Corrected], noise: Array, model: AccelerometerM
     own = dict(zip((c.name for c in CHANNELS), noise.tolist()))
     steps = [x for one in stamps for x in quantisation(one.recording, own).items()]
     quantised = {}
-    for prefix, quantity in zip(('force', 'torque'), EFFECTS['wrench_quantisation'].parameters):
+    for prefix, q in zip(('force', 'torque'), EFFECTS['wrench_quantisation'].parameters):
         own_steps = [step for channel, step in steps if channel.startswith(prefix)]
         if own_steps:
-            quantised[quantity.name] = Parameter(max(own_steps), 0.0, quantity.unit)
+            quantised[q.name] = Parameter(max(own_steps), 0.0, q.unit)
     if quantised:
         effects['wrench_quantisation'] = quantised
     notes += [f'{channel} comes in steps of {step:.4g}' for channel, step in steps]

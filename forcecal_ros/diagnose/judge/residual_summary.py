@@ -153,7 +153,7 @@ class ResidualSummary(NamedTuple):
     tolerance : float
         RMS of what is unexplained, in that of a channel's noise, that does not matter.
     exact : float
-        The same, up to which the simulation is meant to be right.
+        The same, up to which the simulation is meant to be right, or tolerated to be wrong.
     """
 
     discrepancy: tuple[Array, ...]
@@ -199,10 +199,10 @@ def summarise_residual(model: LinearisedModel,
         np.asarray(sum(count_impulses(n, b) for n, b in zip(model.noise, beyond.residuals))),
         wanders, discrepancy_evidence, level=np.asarray(np.max(
             [n.rms() for n in model.noise], axis=0)), tolerance=model.tolerance,
-        exact=model.datasets[0].simulation.exact)
+        exact=min(model.tolerance, model.datasets[0].simulation.exact))
     if discrepancy_evidence < WITHOUT_NAME <= seen:
         summary = summary._replace(notes=(*wanders, 'slow noise, or else ' + _discrepancy_in_words(
-            summary) + ': the recording is too short to tell'), slow_noise=True)
+            summary) + ': the recording is too short to decide'), slow_noise=True)
     return summary
 
 

@@ -25,7 +25,7 @@ from forcecal_ros.diagnose.model.discrepancy import (
 from forcecal_ros.diagnose.model.evidence import Earlier, FIRST_RECORDING, Fit, fit, Gram, Prior
 from forcecal_ros.diagnose.model.gates import departed, Gate, nuisances_of
 from forcecal_ros.diagnose.model.jacobian import Column, column, combined, nuisance_column
-from forcecal_ros.diagnose.verdict import TOLERANCE
+from forcecal_ros.diagnose.verdict import TOLERANCE, tolerated
 from forcecal_ros.effects import Effect, EFFECTS, with_effects
 from forcecal_ros.effects.nuisances import apply_all, Nuisance, prior_std, ROBOT
 from forcecal_ros.effects.rig import Rig
@@ -409,15 +409,15 @@ def noise_level(rig: Rig, streams: tuple[str, ...], accelerometer: str) -> Array
     return np.maximum(np.array(level) / 2.0, 1e-12)
 
 
-def linearised_model(rig: Rig, datasets: tuple[Dataset, ...], tolerance: float = TOLERANCE,
+def linearised_model(rig: Rig, datasets: tuple[Dataset, ...], tolerance: float | None = None,
                      earlier: Earlier = FIRST_RECORDING) -> LinearisedModel:
-    """Set up a diagnosis, recalibrated."""
+    """Set up a diagnosis, recalibrated; without a tolerance nothing finer than exact matters."""
     name, streams = datasets[0].simulation.accelerometer, datasets[0].measured.streams
     found = datasets[0].simulation.nuisances(rig, streams)
     out = LinearisedModel(rig, datasets, found, np.array(prior_std(rig, found)),
                           noise_level(rig, streams, name), centre=np.zeros(len(found)),
                           library=possible_effects(datasets),
-                          tolerance=max(tolerance, datasets[0].simulation.exact),
+                          tolerance=tolerated(tolerance, datasets[0].simulation.exact),
                           earlier=earlier)
     out.linearise()
     out.allow_discrepancy()

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.quantity import size
+from forcecal_ros.core.quantity import pair, size
 from forcecal_ros.core.streams import Recording
 from forcecal_ros.diagnose.dataset import (
     Dataset,
@@ -17,7 +17,7 @@ from forcecal_ros.diagnose.dataset import (
     span,
 )
 from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
-from forcecal_ros.diagnose.judge.named_effects import AT_BOUND
+from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, estimated
 from forcecal_ros.diagnose.recordings import (
     Corrected,
     even_stamps,
@@ -107,11 +107,9 @@ class Changed(NamedTuple):
     at_bound: bool = False
 
     def __str__(self) -> str:
-        unit = '' if self.unit == '1' else f' {self.unit}'
-        moved = f'{self.name} {self.before:.4g} -> {self.after:.4g}'
-        if self.at_bound or self.std == 0.0:
-            return f'{moved}{unit} ({AT_BOUND})'
-        return f'{moved} +- {self.std:.2g}{unit}'
+        std, unit = (not self.at_bound) * self.std, '' if self.unit == '1' else f' {self.unit}'
+        text = f'{self.name} {self.before:.5g} -> {pair(self.after, std)}{unit}'
+        return text if std else f'{text} ({AT_BOUND})'
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -348,22 +346,16 @@ def recalibrated_notes(simulator: ThirdParty, outcome: Outcome) -> Iterator[str]
         if p.name not in (*named, *limited) and abs(x) > RECALIBRATION_SIGMA * std:
             changes.append(str(Changed(p.name, p.unit, p.nominal, p.nominal + x, std)))
     if changes:
-        yield f'recalibrated, within three of their sigma: {"; ".join(changes)}'
+        yield f'recalibrated, within three sigma of the prior: {"; ".join(changes)}'
     if limited:
-        yield (f'{", ".join(limited)} {FURTHER}, and next to what else is there is not certain '
-               'enough for a name')
+        yield f'{", ".join(limited)} {FURTHER}, and is too uncertain to be named'
     finer, std = outcome.recalibrations.get(INTEGRATION_STEP, (0.0, 0.0))
     if abs(finer) > RECALIBRATION_SIGMA * std:
-        yield (f'the step of its integration makes {_sure(finer, std)} times what half the '
-               'step changes, and that was taken out: a smaller step is nearer to the robot')
+        yield (f'the step of its integration causes {estimated(finer, std, "")} times what half '
+               'the step changes, which was subtracted: a smaller step is nearer to the robot')
     late, std = outcome.recalibrations.get('robot.delay', (0.0, 0.0))
     if 'robot_delay' not in named and abs(late) > RECALIBRATION_SIGMA * std:
-        yield f'the robot is {_sure(1e3 * late, 1e3 * std)} ms later than its simulation'
-
-
-def _sure(value: float, std: float) -> str:
-    """Write a number and its standard error, or that it could go no further."""
-    return f'{value:.2g} +- {std:.1g}' if std > 0.0 else f'{value:.2g} ({AT_BOUND})'
+        yield f'the robot is {estimated(late, std, "s")} later than its simulation'
 
 
 def inputs_of(recording: Recording) -> Inputs:

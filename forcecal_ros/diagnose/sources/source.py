@@ -9,18 +9,17 @@ from forcecal_ros.core.errors import DataError, with_id
 from forcecal_ros.core.streams import Recording
 from forcecal_ros.diagnose.dataset import Dataset, moves, split_datasets, units
 from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
-from forcecal_ros.diagnose.judge.named_effects import AT_BOUND
+from forcecal_ros.diagnose.judge.named_effects import estimated
 from forcecal_ros.diagnose.model.evidence import FIRST_RECORDING
 from forcecal_ros.diagnose.recordings import Corrected, require_same_sensors
 from forcecal_ros.diagnose.result import Diagnosis, NO_MOTION, to_document
-from forcecal_ros.diagnose.verdict import TOLERANCE
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.effects.signals import FORCES
 
 RECALIBRATION_SIGMA = 3.0
 """Standard errors of a recalibration from which it is reported: once in 400 by chance."""
 
-_UNITS = {'accelerometer.delay': ' s', 'tool.com': ' m', 'tool.inertia': ' kg m^2'}
+_UNITS = {'accelerometer.delay': 's', 'tool.com': 'm', 'tool.inertia': 'kg m^2'}
 """Units of nuisances by their names without axis; those that are not listed are relative."""
 
 _VOLTS = re.compile(r'(?<=\d) V(?= RMS in accel)')
@@ -101,8 +100,9 @@ class Source:
         What the recording is compared with, in ``diagnosis.json``; empty for a rig.
     requires_motion : bool
         Whether a robot at rest shows it nothing.
-    tolerance : float
-        RMS of what is unexplained, in that of a channel's noise, that does not matter.
+    tolerance : float or None
+        RMS of what is unexplained, in that of a channel's noise, that does not matter; None: the
+        default, TOLERANCE, or as exact as a simulation is where that is coarser.
     earlier : Earlier
         What earlier recordings of the same robot found; set both before diagnosing.
     """
@@ -112,7 +112,8 @@ class Source:
     requires_motion = True
 
     def __init__(self, rig: Rig, unit: str = 'V') -> None:
-        self.rig, self.unit, self.tolerance, self.earlier = rig, unit, TOLERANCE, FIRST_RECORDING
+        self.rig, self.unit, self.earlier = rig, unit, FIRST_RECORDING
+        self.tolerance: float | None = None
 
     def diagnose(self, recording: Recording, heldout: Recording | None = None) -> Diagnosed:
         """
@@ -208,18 +209,17 @@ def recalibration_notes(outcome: Outcome, unit: str) -> Iterator[str]:
     """List what was recalibrated significantly; accelerometers in ``unit``."""
     for name, (value, std) in outcome.recalibrations.items():
         if abs(value) > RECALIBRATION_SIGMA * std and not name.startswith('wrench.step'):
-            error, bound = (f' +- {std:.2g}', '') if std else ('', f' ({AT_BOUND})')
             stem, _, axis = name.rpartition('.')
             axes = FORCES if stem.startswith('wrench') else 'xyz'
             words = f'{stem}.{axes[int(axis)]}' if axis.isdigit() else name
-            yield (f'recalibrated: {words} by {value:+.3g}{error}'
-                   f'{_unit_of(name, unit)}{bound}')
+            by = estimated(value, std, _unit_of(name, unit), signed=True)
+            yield f'recalibrated: {words} by {by}'
 
 
 def _unit_of(name: str, accelerometer: str) -> str:
     stem, _, axis = name.rpartition('.')
     if stem == 'wrench.bias':
-        return ' N' if int(axis) < 3 else ' N m'
+        return 'N' if int(axis) < 3 else 'N m'
     if stem == 'accelerometer.offset':
-        return f' {accelerometer}'
-    return _UNITS.get(name) or _UNITS.get(stem, '')
+        return accelerometer
+    return _UNITS.get(name) or _UNITS.get(stem, '1')

@@ -164,9 +164,8 @@ def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Seri
         if one is None:
             return None
         values = one.values[:, columns]
-        if scale != 1:
-            values = frozen(values * scale)
-        return Stream(one.seconds(start_ns), values, one.frame)
+        return Stream(one.seconds(start_ns), values if scale == 1 else frozen(values * scale),
+                      one.frame)
 
     def poses(role: str, of: str = '') -> PoseStream | None:
         one = series.get(found[role]) if role in found else None
@@ -191,6 +190,7 @@ def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Seri
         joints=joints('joint_states', lambda: _measured_joints(bag, found)),
         phases=_phases(series.get(found['phase']) if 'phase' in found else None, start_ns, end),
         start_ns=start_ns, source=str(bag.path), notes=tuple(bag.notes),
+        topics={role: (topic.name, topic.type) for role, topic in found.items()},
         candidates=candidates(bag.topics, found, _STREAMS), wrench_sign=wrench_sign)
 
 

@@ -18,10 +18,10 @@ FAULTS = {
     'none': 'healthy',
     'off': 'publishes nothing',
     'stuck': 'repeats its last reading, freshly stamped',
-    'garbage': 'any number of any size, one reading in ten not a number',
+    'garbage': 'random numbers, one reading in ten not a number',
     'wrong': 'plausible, but shifted by a constant',
     'slow': 'one sample in twenty',
-    'delayed': 'arrives 0.3 s late, with the stamps of the measurement',
+    'delayed': 'arrives 0.3 s late, correctly stamped',
     'intermittent': 'silent for 0.1 s in every 0.3 s',
 }
 """What a sensor can be made to do, by the word that switches it on."""
@@ -33,8 +33,8 @@ OFFSETS = {'wrench': (20.0, 20.0, 20.0, 2.0, 2.0, 2.0), 'volts': 0.5, 'specific_
 RUNAWAY = 0.5
 """Speed of a robot that runs away, towards its base [m/s]."""
 
-ROBOT_FAULTS = {'none': 'follows its commands', 'stuck': 'stands where it is',
-                'runaway': f'leaves its commands behind at {RUNAWAY:g} m/s, towards its base'}
+ROBOT_FAULTS = {'none': 'follows its commands', 'stuck': 'stands still',
+                'runaway': f'moves at {RUNAWAY:g} m/s towards its base'}
 """What a robot can be made to do, by the word that switches it on."""
 
 CLOCK_FAULTS = {'none': 'runs', 'stopped': 'stands', 'forward': 'jumps 0.5 s ahead, once',

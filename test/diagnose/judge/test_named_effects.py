@@ -44,16 +44,17 @@ def test_what_stands_at_its_limit_is_not_identified():
     assert verdict(*given)[0] == 'identified'
     word, sentence = verdict(*given, at_limit=['wrench_gain.fx = -0.9'])
     assert word == 'unknown'
-    assert 'wrench_gain comes closest, but wrench_gain.fx = -0.9 is as large as' in sentence
+    assert 'wrench_gain comes closest, but wrench_gain.fx = -0.9 is at its limit' in sentence
 
 
 @pytest.mark.parametrize('closed, why', [
-    (0.3, 'explains only 30 % of the misfit'), (-0.1, 'what was held out is worse with it')])
+    (0.3, 'explains 30 % of the residual'),
+    (-0.1, 'the held-out residual is larger with it')])
 def test_what_is_too_little_to_be_named_is_unknown_with_the_reason(closed, why):
     word, sentence = verdict(['wrench_gain'], [('unknown', 0.8), ('wrench_gain', 0.2)],
                              UnexplainedPart(3.0, 'a line'), closed, True)
     assert word == 'unknown'
-    assert f'wrench_gain comes closest, but {why}; unexplained: a line' in sentence
+    assert f'wrench_gain comes closest, but {why}; residual: a line' in sentence
 
 
 def test_a_number_at_its_bound_is_told_without_a_standard_error(tmp_path):
@@ -65,7 +66,7 @@ def test_a_number_at_its_bound_is_told_without_a_standard_error(tmp_path):
         'kp[elbow] 2000 -> 100 (at its bound)')
     assert str(Changed('rub', 'N m', 0.5, 0.0, 0.1, at_bound=True)) == (
         'rub 0.5 -> 0 N m (at its bound)')
-    assert str(Changed('rub', 'N m', 0.5, 0.7, 0.1)) == 'rub 0.5 -> 0.7 +- 0.1 N m'
+    assert str(Changed('rub', 'N m', 0.5, 0.7, 0.1)) == 'rub 0.5 -> 0.70 ± 0.20 N m'
     found = NamedEffect('wrench_lowpass', {
         'time_constant': Parameter(0.2, 0.0, 's', at_bound=True),
         'second_order': Parameter(1.5, 0.1, '1')}, 0.9)
@@ -81,7 +82,7 @@ def test_a_number_that_only_its_prior_bounds_is_not_stated():
     a = Accepted('accel_misalignment', theta, std, free, frozenset())
     model = LinearisedModel(load_rig(), ())
     assert set(parameters_of(model, a)) == {'x', 'z'}
-    assert not_identified(model, a) == ('accel_misalignment: this motion does not tell y',)
+    assert not_identified(model, a) == ('accel_misalignment: this motion does not identify y',)
     known = a._replace(std=np.full(3, 0.003))
     assert set(parameters_of(model, known)) == {'x', 'y', 'z'}
     assert not_identified(model, known) == ()
@@ -93,4 +94,4 @@ def test_an_alias_is_noted_from_odds_of_one_to_twenty_on():
 
     assert notes(0.04) == ()
     note, = notes(0.06)
-    assert note.startswith('tool_mass and wrench_gain are not told apart for certain')
+    assert note.startswith('tool_mass and wrench_gain are confounded')

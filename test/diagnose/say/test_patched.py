@@ -66,11 +66,11 @@ def test_the_patched_rig_shrinks_the_gap_as_claimed(diagnosed):
 
 def test_the_report_is_one_file_with_all_parts(diagnosed):
     page = (diagnosed / 'out' / 'report.html').read_text()
-    assert 'Force and torque come late: delay 6.0' in page
+    assert 'lags the simulated one: delay 6.0' in page
     for part in ('Where it shows most', 'How far', 'Where else', 'Signals', 'Residuals',
-                 'Spectra', 'What it may be', 'Its numbers'):
+                 'Spectra', 'Parameters'):
         assert f'<h2>{part}' in page
     words = re.sub('</?span>', '', page)  # that keep a command from breaking within a word
-    assert words.index('come late (wrench_delay)') < words.index('forcecal diagnose NEW_BAG')
-    assert page.count('src="data:image/png;base64,') == 5
+    assert words.index('one (wrench_delay)') < words.index('forcecal diagnose NEW_BAG')
+    assert page.count('src="data:image/png;base64,') == 4
     assert not re.search(r'(?:src|href)="(?!data:|file:)', page)

@@ -8,7 +8,7 @@ NOTHING = UnexplainedPart(0.5, 'force.x')
 
 @pytest.mark.parametrize('known, said', [
     ({}, 'the recording down to its noise'),
-    ({'slow_noise': True}, 'the recording down to its noise, if what varies slowly is noise'),
+    ({'slow_noise': True}, 'the recording down to its noise, if slow variation is noise'),
     ({'band': 12.5}, 'the recording below 12.5 Hz down to its noise')])
 def test_no_gap_says_what_was_taken_for_noise_and_what_was_not_looked_at(known, said):
     assert verdict([], [], NOTHING, None, True, **known) == (
