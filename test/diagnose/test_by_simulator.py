@@ -77,7 +77,7 @@ def test_the_commands_of_the_page_say_what_to_change(example, robot, monkeypatch
     assert changed['after'] == pytest.approx(1.272, abs=4 * changed['std'])
     assert changed['std'] < 0.005
     assert document['recomputed'] > 0.5
-    assert re.search(r'^change payload 1\.2 -> 1\.2[67]\d* \+- 0\.00\d+ kg$',
+    assert re.search(r'^change payload 1\.2 -> 1\.2[67]\d* ± 0\.00\d+ kg$',
                      capsys.readouterr().out, re.MULTILINE)
 
 
