@@ -63,9 +63,8 @@ def add_parser(subparsers: Any) -> None:
                                 'same model, from which this diagnosis continues')
     recording.add_argument('--tolerance', metavar='X', type=positive,
                            help="what is unexplained and smaller than X times a channel's noise "
-                                f'(RMS) does not matter: it is no gap (default: {TOLERANCE:g}; '
-                                '0.2 where the wrench is compared along the measured motion or '
-                                'by a simulator, which are not more exact than that)')
+                                f'(RMS) does not matter: it is no gap (default: {TOLERANCE:g}; by '
+                                'measured motion or a simulator 0.2, their own exactness)')
     recording.add_argument('--robot', metavar='NAME',
                            help='name of the robot, kept in diagnosis.json for forcecal fleet')
     model = group(parser, MODEL)
