@@ -29,6 +29,7 @@ from forcecal_ros.diagnose.judge.named_effects import (
     NamedEffect,
     not_identified,
 )
+from forcecal_ros.diagnose.judge.parameter_errors import aliases, recalibrations
 from forcecal_ros.diagnose.judge.residual_summary import lines_of, summarise_residual, WANDERING
 from forcecal_ros.diagnose.localise import BANDS, Line, localise, Location, stage_of
 from forcecal_ros.diagnose.model.evidence import Earlier, FIRST_RECORDING
@@ -72,6 +73,10 @@ class Outcome:
         What was accepted, at its fit.
     checks : Checks or None
         The data without it.
+    aliases : tuple of frozenset of str
+        Nuisances of which the data tell little but a combination.
+    closest : Rig or None
+        With the effect that comes closest, if none was accepted.
     """
 
     diagnosis: Diagnosis
@@ -83,6 +88,8 @@ class Outcome:
     noise: Array | None = None
     selection: Posterior | None = None
     checks: Checks | None = None
+    aliases: tuple[frozenset[str], ...] = ()
+    closest: Rig | None = None
 
 
 def diagnose_datasets(rig: Rig, datasets: tuple[Dataset, ...], stamps: Sequence[Corrected],
@@ -224,12 +231,9 @@ def _outcome(first: LinearisedModel, model: LinearisedModel, found: Posterior, j
         diagnosis = replace(diagnosis, gap=gap, effects=(unknown,))
     if diagnosis.verdict == 'not_excited':
         diagnosis = replace(diagnosis, effects=(), candidates=())
-    return Outcome(diagnosis, patched_rig(final, selection, checks), _moved(final),
+    closest = found.closest and patched_rig(
+        found.closest.model, found._replace(accepted=tuple(found.closest.accepted)), checks)
+    return Outcome(diagnosis, patched_rig(final, selection, checks),
+                   recalibrations(final, judged.errors),
                    tuple(first.residuals), tuple(final.residuals), final.datasets, noise,
-                   selection, checks)
-
-
-def _moved(model: LinearisedModel) -> dict[str, tuple[float, float]]:
-    std = np.sqrt(np.diag(model.fit_nuisances().covariance))
-    return {n.name: (float(x * size), float(s * size)) for n, x, s, size in zip(
-        model.nuisances, model.centre, std, model.prior_std)}
+                   selection, checks, aliases(final, judged.errors), closest)

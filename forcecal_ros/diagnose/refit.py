@@ -6,7 +6,12 @@ from typing import NamedTuple
 
 from forcecal_ros.diagnose.engine import Outcome
 from forcecal_ros.diagnose.judge.named_effects import Parameter, parameters_of
-from forcecal_ros.diagnose.judge.parameter_errors import parameter_errors, with_taken
+from forcecal_ros.diagnose.judge.parameter_errors import (
+    aliases,
+    parameter_errors,
+    recalibrations,
+    with_taken,
+)
 from forcecal_ros.diagnose.result import patched_rig
 from forcecal_ros.diagnose.search.joint_fit import joint_fit_if_finite
 from forcecal_ros.diagnose.search.posterior import Posterior
@@ -50,14 +55,16 @@ def refitted(outcome: Outcome) -> Outcome:
         return outcome
     known = {a.name: parameters_of(now.model, a) for a in now.accepted}
     gap = outcome.diagnosis.gap
-    numbers = with_taken(now.model, now.accepted, known,
-                         parameter_errors(now.comparison()), gap.closed if gap else 1.0)
+    errors = parameter_errors(now.comparison())
+    numbers = with_taken(now.model, now.accepted, known, errors, gap.closed if gap else 1.0)
     effects = tuple(replace(e, parameters=numbers.get(e.name, e.parameters))
                     for e in outcome.diagnosis.effects)
     selection = outcome.selection._replace(model=now.model, accepted=tuple(now.accepted),
                                            jacobians=tuple(now.jacobians))
     return replace(outcome, diagnosis=replace(outcome.diagnosis, effects=effects),
                    rig=patched_rig(now.model, selection, outcome.checks), selection=selection,
+                   recalibrations=recalibrations(now.model, errors),
+                   aliases=aliases(now.model, errors),
                    explained=tuple(now.model.residuals))
 
 

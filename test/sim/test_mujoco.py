@@ -449,6 +449,17 @@ def test_friction_of_a_joint_is_named_with_its_number(model, tmp_path, capsys):
     assert own['dof_frictionloss[lift]'] == pytest.approx(changed['after'])
 
 
+@pytest.mark.long
+def test_a_gain_a_quarter_too_low_is_named_and_found_where_it_is_no_straight_line(model):
+    path = model()
+    arm, real = third_party('arm', load_mujoco(path)), measured(path, 7.0, {'kp[lift]': 3000.0})
+    found = SimulatorSource(arm, load_rig('rigid_tool.yaml')).diagnose(real)
+    assert found.diagnosis.verdict == 'identified'
+    changed, = found.details['parameters']
+    assert changed['name'] == 'kp[lift]' and changed['std'] < 60.0
+    assert changed['after'] == pytest.approx(3000.0, abs=3.0 * changed['std'])
+
+
 def test_what_a_finer_integration_changes_is_told_by_half_the_step(model):
     path = model().replace('arm.xml', 'hard.xml')
     # damping beside a light joint: the joint follows by a time constant of a step or so

@@ -15,7 +15,7 @@ from forcecal_ros.diagnose.judge.named_effects import (
     Parameter,
     parameters_of,
 )
-from forcecal_ros.diagnose.judge.parameter_errors import with_taken
+from forcecal_ros.diagnose.judge.parameter_errors import Errors, with_taken
 from forcecal_ros.diagnose.judge.residual_summary import (
     ResidualSummary,
     summarise_residual,
@@ -78,6 +78,7 @@ class Judged(NamedTuple):
     summary: ResidualSummary
     part: UnexplainedPart
     gap: Gap
+    errors: Errors
     noise: Array
     numbers: dict[str, dict[str, Parameter]]
     effects: tuple[NamedEffect, ...]
@@ -101,7 +102,7 @@ def judge(first: LinearisedModel, found: Posterior, checks: Checks,
     named = [in_its_time(NamedEffect(name, values, probabilities[name]), final, found.instants)
              for name, values in stated.items()]
     candidates += [(e.name, e.probability) for e in checked]
-    return Judged(summary, part, gap, noise, numbers, (*named, *checked), ties_of(found),
+    return Judged(summary, part, gap, errors, noise, numbers, (*named, *checked), ties_of(found),
                   listed_once(candidates), limits)
 
 

@@ -107,7 +107,7 @@ def parameters_of(model: LinearisedModel, a: Accepted) -> dict[str, Parameter]:
         return {q.name: Parameter(float(v), float(s), q.unit, ends(q, float(v)))
                 for q, v, s in zip(quantities, a.theta, a.std)
                 if q.shapes or s < widest * abs(q.typical - q.nominal) or ends(q, float(v))}
-    out, covariance = {}, model.fit_nuisances().covariance
+    out, covariance = {}, model.nuisance_covariance()
     for i, q in zip(nuisances_of(model.nuisances, effect), quantities):
         if model.nuisances[i].name not in a.released:
             out[q.name] = Parameter(q.nominal, 0.0, q.unit)

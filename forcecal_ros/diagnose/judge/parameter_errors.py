@@ -31,6 +31,8 @@ class Errors(NamedTuple):
         That discrepancy in each recording, by the training blocks.
     unseen : ndarray, shape (channels,)
         Mean square over the held-out blocks by which that may be wrong.
+    marginal : ndarray, shape (k, k)
+        Covariance whatever the other parameters are, by noise and by what was taken.
     """
 
     grams: Array
@@ -38,6 +40,7 @@ class Errors(NamedTuple):
     taken: Array | None = None
     predicted: Sequence[Array] = ()
     unseen: Array = np.zeros(len(CHANNELS))
+    marginal: Array = np.zeros((0, 0))
 
     def expected(self) -> Array:
         """Mean square that wrong parameters leave in each channel, shape (channels,)."""
@@ -104,14 +107,36 @@ def parameter_errors(comparison: ModelComparison) -> Errors:
                     grams[c][np.ix_(there, there)] += rows @ rows.T
     grams /= max(1, n)
     if model.discrepancy_scales == NO_DISCREPANCY:
-        return Errors(grams, covariance)
+        return Errors(grams, covariance, marginal=comparison.marginal_covariance(np.zeros((k, k))))
     products = model.products(comparison.extra)
     sizes = products.likeliest_sizes()
     more, whitened = products.spread(comparison.scales, sizes), model.whitened_discrepancy()
     predicted = whitened.of_weights(model.residual_products(training=True).weights(sizes),
                                     [r.shape for r in model.residuals])
     return Errors(grams, covariance, covariance @ more @ covariance, predicted,
-                  whitened.unseen(sizes))
+                  whitened.unseen(sizes), comparison.marginal_covariance(more))
+
+
+def recalibrations(model: LinearisedModel, errors: Errors) -> dict[str, tuple[float, float]]:
+    """Return how far each nuisance moved, and its standard error whatever the others are."""
+    std = np.sqrt(np.diag(errors.marginal))
+    return {n.name: (float(x * size), float(s * size)) for n, x, s, size in zip(
+        model.nuisances, model.centre, std, model.prior_std)}
+
+
+def aliases(model: LinearisedModel, errors: Errors) -> tuple[frozenset[str], ...]:
+    """Return groups of nuisances of which each is an alias of another one."""
+    # correlation from which numbers are an alias: each is known 2.3 times worse than by itself
+    aliased = 0.9
+    std = np.sqrt(np.diag(errors.marginal))[:len(model.nuisances)]
+    m, free = len(std), np.where(std > 0.0, std, np.inf)
+    groups: list[frozenset[str]] = []
+    for i, j in zip(*np.triu_indices(m, 1)):
+        if abs(errors.marginal[i, j]) > aliased * free[i] * free[j]:
+            pair = frozenset((model.nuisances[i].name, model.nuisances[j].name))
+            own = pair.union(*(one for one in groups if one & pair))
+            groups = [*(one for one in groups if not one & pair), own]
+    return tuple(groups)
 
 
 OWN_SHAPE = 0.3

@@ -139,6 +139,27 @@ class Fit(NamedTuple):
             out[np.ix_(self.free, self.free)] = inverse.T @ inverse
         return out
 
+    def marginal_covariance(self, gram: Gram, prior: Prior, least: Array, spread: Array) -> Array:
+        """
+        Return the covariance of parameters whatever the others are, shape (k, k).
+
+        A parameter that stops at a limit of its tolerance is not known to be there. So the others
+        vary with it, and each may be as far off as it would move without that limit.
+
+        Parameters
+        ----------
+        gram, prior
+            Of this fit.
+        least : ndarray, shape (k,)
+            What no parameter can be below.
+        spread : ndarray, shape (k, k)
+            Covariance of the products of columns and residual beside noise.
+        """
+        every = fit(gram, prior._replace(low=least, high=np.full(len(least), np.inf)), self)
+        known = every.covariance
+        known = known + known @ spread @ known + np.diag((every.x - self.x) ** 2)
+        return np.asarray(known * np.outer(self.free, self.free))
+
 
 def fit(gram: Gram, prior: Prior, near: Fit | None = None) -> Fit:
     """

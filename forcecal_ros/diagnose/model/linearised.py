@@ -140,9 +140,10 @@ class LinearisedModel:
 
     def moved(self, step: Array) -> Array:
         """Return the centre after a step, nothing physical below its lowest value."""
-        return np.asarray(np.maximum(self.centre + step, self._least()))
+        return np.asarray(np.maximum(self.centre + step, self.least()))
 
-    def _least(self) -> Array:
+    def least(self) -> Array:
+        """Return the lowest physical value of each nuisance, in prior std, shape (m,)."""
         return np.array([n.least for n in self.nuisances]) / self.prior_std
 
     def prior(self, released: frozenset[str] = frozenset()) -> Prior:
@@ -152,7 +153,7 @@ class LinearisedModel:
         most = np.where(free, np.inf, limits)
         return Prior(self.centre,
                      np.where(free, RELEASED, 1.0),
-                     np.maximum(-most, self._least()), most)
+                     np.maximum(-most, self.least()), most)
 
     def simulate(self, effects: Values, dataset: int) -> Array:
         """Return measured less simulated of one recording with other effects, (n, channels)."""
@@ -309,6 +310,12 @@ class LinearisedModel:
     def fit_nuisances(self) -> Fit:
         """Fit the nuisances alone."""
         return fit(self.gram([[] for _ in self.datasets]), self.prior())
+
+    def nuisance_covariance(self) -> Array:
+        """Return the covariance of each nuisance whatever the others are, shape (m, m)."""
+        gram, prior = self.gram([[] for _ in self.datasets]), self.prior()
+        return fit(gram, prior).marginal_covariance(gram, prior, self.least(),
+                                                    np.zeros_like(gram.matrix))
 
     def log_posterior(self, square: float | None = None) -> float:
         """

@@ -191,6 +191,11 @@ class ModelComparison(Explained):
         every = self._products.at(scales)
         return _Level(scales, every, fit(every, self.null_prior))
 
+    def marginal_covariance(self, spread: Array) -> Array:
+        """Return that of each parameter whatever the others are, shape (k, k)."""
+        least = np.append(self.model.least(), np.full(self.base - self.m, -np.inf))
+        return self.null.marginal_covariance(self.every, self.null_prior, least, spread)
+
     @property
     def discrepancy_evidence(self) -> float:
         """Log-likelihood of a discrepancy against none, and what is unexplained beyond it."""

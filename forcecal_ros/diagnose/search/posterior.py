@@ -103,6 +103,8 @@ class Posterior(NamedTuple):
         Log-likelihood of a discrepancy, and of what else is unexplained.
     instants : dict of str to Instant or None
         When effects begin or end that do not act all the time; None: in one recording alone.
+    closest : JointFit, optional
+        The likeliest of what comes closest, if none was accepted.
     """
 
     model: LinearisedModel
@@ -113,6 +115,7 @@ class Posterior(NamedTuple):
     nearest: Mapping[str, float] = MappingProxyType({})
     discrepancy_evidence: float = 0.0
     instants: Mapping[str, Instant | None] = MappingProxyType({})
+    closest: JointFit | None = None
 
     def earlier(self) -> Earlier:
         """Return what a further recording continues from: none where effects come and go."""
@@ -347,6 +350,7 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
     features: dict[str, Features] = {}
     alternatives: dict[str, dict[str, float]] = {}
     nearest: dict[str, float] = {}
+    closest: JointFit | None = None
     for _ in range(2 * MOST_EFFECTS):
         if len(best.names) == MOST_EFFECTS:
             break
@@ -357,6 +361,7 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
         children = _likeliest([*children, *_exchanged(model, children[0], table, known)])
         if not best.names:
             nearest = {name: e.evidence - best.evidence for e in children for name in e.names}
+            closest = max(children, key=lambda one: one.evidence).fit
         chosen, less = _chosen(model, children, best)
         if chosen.evidence < best.evidence + WORTH:
             break
@@ -375,7 +380,7 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
                      features, alternatives, {} if features else nearest,
                      last.discrepancy_evidence,
                      {name: instant_of(best.fit, name) for name in best.names
-                      if name in best.fit.model.gates})
+                      if name in best.fit.model.gates}, None if features else closest)
 
 
 def features_of(full: Explanation, less: Explanation) -> Features:

@@ -86,6 +86,9 @@ Times that numbers named are fitted once more: each leaves the square of what wa
 that three settle what two rounds came near.
 """
 
+TIED = 'are nearly an alias of each other in this motion'
+"""What a note states of numbers of which the data tell little but a combination."""
+
 IMPACTS = ('for {:.1f} s the simulated tool hits something, or sticks and slips, so that half '
            'the step of its integration changes its wrench by more than 1 N: left out, as that is '
            'chance; touch more softly or slide less')
@@ -227,7 +230,9 @@ class SimulatorSource(Source):
             outcome = self._diagnosed_about(ready, judged)
             if not isinstance(outcome.rig, SimulatedRobot):
                 return outcome
-            point, named = outcome.rig.numbers, self.changes(outcome)
+            # a number far off is no straight line, so that a name it has may be seen only there
+            found = outcome.closest if isinstance(outcome.closest, SimulatedRobot) else outcome.rig
+            point, named = found.numbers, self.changes(outcome)
             linear = _is_linear(ready, point)  # before it is run there
             squares = _squares(ready, judged, outcome) if named else np.zeros(3)
             # what is unexplained may be what a line about the nominal numbers leaves
@@ -343,19 +348,30 @@ def recalibrated_notes(simulator: ThirdParty, outcome: Outcome) -> Iterator[str]
     limited, changes = at_tolerance(simulator, outcome), []
     for p in simulator.parameters:
         x, std = outcome.recalibrations.get(p.name, (0.0, 0.0))
-        if p.name not in (*named, *limited) and abs(x) > RECALIBRATION_SIGMA * std:
+        if p.name not in (*named, *limited) and _is_moved(outcome, p.name):
             changes.append(str(Changed(p.name, p.unit, p.nominal, p.nominal + x, std)))
     if changes:
         yield f'recalibrated, within three sigma of the prior: {"; ".join(changes)}'
     if limited:
         yield f'{", ".join(limited)} {FURTHER}, and is too uncertain to be named'
+    own = {p.name for p in simulator.parameters} | {'robot.delay'}
+    reported = {*named, *limited, *(name for name in own if _is_moved(outcome, name))}
+    for group in outcome.aliases:
+        if group & reported and len(tied := sorted(group & own)) > 1:
+            yield (f'{", ".join(tied)} {TIED}: errors include the direction along it')
     finer, std = outcome.recalibrations.get(INTEGRATION_STEP, (0.0, 0.0))
     if abs(finer) > RECALIBRATION_SIGMA * std:
         yield (f'the step of its integration causes {estimated(finer, std, "")} times what half '
                'the step changes, which was subtracted: a smaller step is nearer to the robot')
     late, std = outcome.recalibrations.get('robot.delay', (0.0, 0.0))
-    if 'robot_delay' not in named and abs(late) > RECALIBRATION_SIGMA * std:
+    if 'robot_delay' not in named and _is_moved(outcome, 'robot.delay'):
         yield f'the robot is {estimated(late, std, "s")} later than its simulation'
+
+
+def _is_moved(outcome: Outcome, name: str) -> bool:
+    """Say whether a number was recalibrated for certain."""
+    x, std = outcome.recalibrations.get(name, (0.0, 0.0))
+    return abs(x) > RECALIBRATION_SIGMA * std
 
 
 def inputs_of(recording: Recording) -> Inputs:

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.judge.named_effects import Parameter
-from forcecal_ros.diagnose.judge.parameter_errors import Errors, with_taken
+from forcecal_ros.diagnose.judge.parameter_errors import aliases, Errors, with_taken
 from forcecal_ros.diagnose.search.model_comparison import Accepted
 from forcecal_ros.effects import EFFECTS
 import numpy as np
@@ -55,3 +55,15 @@ def test_what_is_left_may_be_of_the_effects_own_shape():
 
 def test_nothing_changes_where_nothing_is_beside_the_effect():
     assert with_taken(MODEL, ACCEPTED, NUMBERS, errors(None), 0.2) == NUMBERS
+
+
+def test_numbers_of_which_the_data_tell_a_combination_alone_are_grouped():
+    names = ('kp[lift]', 'robot.delay', 'kv[lift]', 'tilt.x', 'kp[pan]')
+    model = SimpleNamespace(nuisances=[SimpleNamespace(name=name) for name in names])
+    shared = np.array([[1.0, 0.95, 0.5, 0.0, 0.0], [0.95, 1.0, -0.92, 0.8, 0.0],
+                       [0.5, -0.92, 1.0, 0.0, 0.0], [0.0, 0.8, 0.0, 1.0, 0.0],
+                       [0.0, 0.0, 0.0, 0.0, 0.0]])  # the last one is at its limit
+    size = np.diag([3.0, 0.1, 2.0, 1e-3, 1.0])
+    found = aliases(model, Errors(np.zeros((len(CHANNELS), 5, 5)), np.eye(5),
+                                  marginal=size @ shared @ size))
+    assert found == (frozenset(('kp[lift]', 'robot.delay', 'kv[lift]')),)

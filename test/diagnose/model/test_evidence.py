@@ -18,3 +18,24 @@ def test_a_bounded_fit_is_the_best_one_within_the_bounds_however_alike_the_colum
         best = lsq_linear(np.vstack([columns, np.eye(6)]), np.append(data, np.zeros(6)),
                           (low, high), tol=1e-12).x
         assert found == pytest.approx(best, abs=1e-4)
+
+
+def test_beside_a_number_at_its_limit_an_alias_of_it_is_known_no_better_than_without_that_limit():
+    rng = np.random.default_rng(0)
+    own = rng.standard_normal((400, 3))
+    columns = 5.0 * np.column_stack([own[:, 0], own[:, 0] + 0.1 * own[:, 1], own[:, 2]])
+    true, every = np.array([-5.0, 0.3, 1.0]), np.full(3, 3.0)  # five of its sigma off
+    data = columns @ true + rng.standard_normal(400)
+    gram = Gram(columns.T @ columns, columns.T @ data, float(data @ data), 400)
+    prior = Prior(np.zeros(3), np.ones(3), -every, every)
+    found = fit(gram, prior)
+    std = np.sqrt(np.diag(found.marginal_covariance(
+        gram, prior, np.full(3, -np.inf), np.zeros((3, 3)))))
+    assert found.x[0] == -3.0 and std[0] == 0.0
+    assert abs(found.x[1] - true[1]) > 50.0 * np.sqrt(found.covariance[1, 1])
+    assert abs(found.x[1] - true[1]) < 3.0 * std[1]
+    assert abs(found.x[2] - true[2]) < 3.0 * std[2] < 0.1  # of what is no alias nothing is lost
+    free = prior._replace(low=np.full(3, -np.inf), high=np.full(3, np.inf))
+    unbounded = fit(gram, free)
+    assert unbounded.marginal_covariance(gram, free, free.low, np.zeros((3, 3))) == pytest.approx(
+        unbounded.covariance)
