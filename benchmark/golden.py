@@ -373,9 +373,9 @@ def report(pinned: dict[str, Answer], answers: dict[str, Answer], cases: list[Ca
             continue
         word, lines = compare(before, now)
         words[word] += 1
-        if before['digest'] != now['digest']:
-            words['not judged'] += 1
-            print(f'RECORDING of {case.name} differs from the pinned one: its making has changed')
+        if before['digest'] != now['digest']:  # by rounding on another computer, or in its making
+            words['of another recording'] += 1
+            print(f'RECORDING of {case.name} differs from the pinned one')
         if word != 'same' or lines:
             print(f'{word.upper() if word == "worse" else word} {case.name}, truth {case.truth}')
             print(''.join(f'    {line}\n' for line in lines), end='')

@@ -56,13 +56,17 @@ def test_the_exit_status_is_1_for_a_worse_answer_only(after, status, capsys):
 
 def test_a_pinned_answer_that_cannot_be_judged_is_an_error(capsys):
     pinned = {DELAY.name: diagnosed('exact')}
-    altered = {**diagnosed('exact'), 'digest': 'b'}
-    assert golden.report(pinned, {DELAY.name: altered}, [DELAY]) == 1
-    assert 'RECORDING of rig/delay differs' in capsys.readouterr().out
     assert golden.report(pinned, {}, [DELAY]) == 1
     assert 'NOT JUDGED rig/delay: its recording cannot be made' in capsys.readouterr().out
     assert golden.report(pinned, {}, [], gone=[DELAY.name]) == 1
     assert 'NOT JUDGED rig/delay: it is pinned, and no case' in capsys.readouterr().out
+
+
+def test_an_answer_on_another_recording_is_judged_and_reported(capsys):
+    pinned = {DELAY.name: diagnosed('exact')}
+    assert golden.report(pinned, {DELAY.name: {**diagnosed('exact'), 'digest': 'b'}}, [DELAY]) == 0
+    assert '1 of another recording' in capsys.readouterr().out
+    assert golden.report(pinned, {DELAY.name: {**diagnosed('wrong'), 'digest': 'b'}}, [DELAY]) == 1
 
 
 def test_answers_that_are_not_pinned_are_named_in_one_line(capsys):
