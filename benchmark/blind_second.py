@@ -6,13 +6,14 @@
     python benchmark/blind_check.py second 2 baselines     (of an opened part; goes on)
     python benchmark/blind_check.py second 1 --development all --rig 4 --arm 2 --real 4
     python benchmark/blind_check.py verify [--cases N]
-    python benchmark/blind_check.py rerun [--cases N]
+    python benchmark/blind_check.py rerun [--cases N | --all] [--jobs 2]
     python benchmark/blind_check.py compare 2 3
 
 ``seal`` makes all cases and publishes what binds them; commit that. ``run`` asks the tool, in the
 order that was sealed, and starts no case after the hour. Several processes of ``run``, and of
 ``make`` before ``seal``, share the work. ``open`` publishes labels and answers,
-scores, and adds to RESULTS.md. Interrupted, each goes on where it was.
+scores, and adds to RESULTS.md. ``rerun`` asks the tool of today the cases of opened parts and
+prints both scores; answers are kept in ``build/blind``. Interrupted, each goes on where it was.
 """
 
 import os
@@ -20,6 +21,7 @@ import os
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 import argparse
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 import sys
 import time
@@ -34,6 +36,7 @@ from blind.second.sealing import Part
 from tqdm import tqdm
 
 OPENINGS = ROOT / 'benchmark' / 'blind' / 'second'
+AGAIN = ROOT / 'build' / 'blind'
 STEPS = ('seal', 'run', 'open', 'all', 'baselines', 'make', 'ask')
 
 
@@ -64,6 +67,9 @@ def parse(words):
         one.add_argument('--part', type=int, nargs='*', help='(default: all)')
         one.add_argument('--cases', type=int, default=0 if name == 'verify' else 10)
         one.set_defaults(work=function)
+        if name == 'rerun':
+            one.add_argument('--all', dest='cases', action='store_const', const=sys.maxsize)
+            one.add_argument('--jobs', type=int, default=1)
     two = commands.add_parser('compare', help='two opened parts, row by row')
     two.add_argument('parts', type=int, nargs=2)
     two.set_defaults(work=compare)
@@ -210,21 +216,40 @@ def _some(part, count):
 
 
 def rerun(args):
-    import blind_second_tool
+    from blind.second import others, report, score
 
     differ = 0
     for part in opened(args):
-        answers = part.read('answers')
-        for identity, bound in _some(part, args.cases):
-            made = sealing.made_anew(part, identity)
-            again = blind_second_tool.answer(bound['generator'], made.arrays)['document']
-            was = answers[identity]['document']
-            same = _said(again) == _said(was)
-            differ += not same
-            print(f'{part.public.name} {identity}: {_said(was)}'
-                  + ('' if same else f', now {_said(again)}'), flush=True)
+        was = part.read('answers')
+        path = AGAIN / part.public.name / 'answers.json'
+        path.parent.mkdir(parents=True, exist_ok=True)
+        again = read_json(path) if path.exists() else {}
+        chosen = dict(_some(part, args.cases))
+        left = [(part, one, bound) for one, bound in chosen.items() if one not in again]
+        with ProcessPoolExecutor(args.jobs) as pool:
+            for (_, one, _), answer in zip(left, pool.map(_asked_again, left)):
+                again[one] = answer
+                write_json(path, again)
+                before, now = (_said(some[one]['document']) for some in (was, again))
+                print(f'{part.public.name} {one}: {before}'
+                      + ('' if now == before else f', now {now}'), flush=True)
+        differ += sum(_said(again[one]['document']) != _said(was[one]['document'])
+                      for one in chosen)
+        labels = part.read('opened')['labels']
+        figures = [report.plain(score.score(score.judged(
+            labels, {one: some[one] for one in chosen})))
+                   for some in (was, again)]
+        print(f'{part.public.name}, {len(chosen)} of {len(was)} answered cases')
+        print('\n'.join(others.against(*figures)), flush=True)
     print(f'{differ} answers differ')
     return int(differ > 0)
+
+
+def _asked_again(job):
+    import blind_second_tool
+
+    part, identity, bound = job
+    return blind_second_tool.answer(bound['generator'], sealing.made_anew(part, identity).arrays)
 
 
 def compare(args):

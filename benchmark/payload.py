@@ -4,7 +4,7 @@
 
 Payloads on the nominal rig, on a simulated hand that swings, and laid onto the free motion of a
 real arm (folder FORCECAL_DATA); then pushes of several kinds, which are no payloads, and what
-cannot be told: standstill, and a steady push straight down. Prints tables of docs/figures.md.
+cannot be told: standstill, and a steady push straight down. Prints tables of results/figures.md.
 """
 
 from argparse import ArgumentParser

@@ -1,6 +1,6 @@
 """What becomes of recordings that drivers, loggers and clocks have spoilt, by command.
 
-    python benchmark/spoilt_recordings.py                 # the table of docs/faults.md
+    python benchmark/spoilt_recordings.py                 # the table of results/faults.md
     python benchmark/spoilt_recordings.py --wrong counts --say   # some, with what is said
     python benchmark/spoilt_recordings.py --seed 100 --rate 500  # other poses, noise and pushes
 
@@ -35,6 +35,9 @@ from wrong_recordings import BIAS, COM, log, MASS, RATE, RECEIVED, work, write, 
 
 SIGMAS = 5.0
 """An estimate is wrong that is off by more standard errors, and by more than is of no account."""
+
+ESTIMATES = {'estimate': (), 'estimate by ukf': ('--filter', 'ukf')}
+"""Ways to estimate a contact, with their options."""
 
 NO_ACCOUNT = {'mass': 0.005 * MASS, 'com': 0.002, 'wrench_bias': np.repeat([0.1, 0.01], 3)}
 """[kg], [m], [N, N m]"""
@@ -113,8 +116,8 @@ def valid(bag, stamps):
 
 def contact_error(command, bag, one, folder, calibration):
     """Return the RMS error of the contact in forces and torques, or None; and what is said."""
-    document, lines = said(command, bag, '--calibration', calibration, '-o', folder / 'out',
-                           '--json')
+    document, lines = said('estimate', bag, '--calibration', calibration, '-o', folder / 'out',
+                           '--json', *ESTIMATES[command])
     if document is None:
         return None, lines
     found = read_recording(folder / 'out', {'wrench': 'observer/contact_wrench'})
@@ -156,7 +159,7 @@ def cells(name, logs, seed, folder, sound):
     off, lines = calibrated(bags[0], folder)
     lines = [line for line in lines if not shapes([line]) & sound['said']]
     yield 'calibrate', word(off, lines, wrong.cause), off, lines
-    for command in ('estimate', 'gravity'):
+    for command in ESTIMATES:
         error, lines = contact_error(command, bags[1], at_work, folder, known)
         lines = [line for line in lines if not shapes([line]) & sound['said']]
         off = None
@@ -170,7 +173,7 @@ def sound_errors(one, folder):
     """Return the errors of the sound log, by command, and what is ``said`` of it."""
     bag, said_of_it = write(one, folder / 'sound'), shapes(calibrated(folder / 'known', folder)[1])
     errors, known = {}, folder / 'known.yaml'
-    for command in ('estimate', 'gravity'):
+    for command in ESTIMATES:
         errors[command], lines = contact_error(command, bag, one, folder, known)
         said_of_it |= shapes(lines)
     return errors | {'said': said_of_it}
@@ -187,7 +190,8 @@ def main():
     logs = (log(1 + args.seed, rate=args.rate), work(2 + args.seed, rate=args.rate))
     silent = 0
     signal.signal(signal.SIGALRM, too_long)
-    print('| what is wrong | calibrate | estimate | gravity |\n|---|---|---|---|')
+    print('| '.join(('', 'what is wrong ', 'calibrate ', *(f'{name} ' for name in ESTIMATES)))
+          + '|\n|---|---|---|---|')
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         said('calibrate', write(logs[0], folder / 'known'), '-o', folder / 'known.yaml', '--json')

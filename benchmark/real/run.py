@@ -4,7 +4,7 @@
 
 DIR holds what you have fetched, one folder a source: the repositories and records that the files
 `*.yaml` beside this script name, with their licences. Nothing of them is part of this package.
-What is not there is skipped. Prints the table of docs/real.md.
+What is not there is skipped. Prints the table of benchmark/results/real.md.
 """
 
 import os

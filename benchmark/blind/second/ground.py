@@ -10,7 +10,7 @@ from scipy.optimize import lsq_linear
 Departure = Mapping[str, Array]
 """Topic -> change of its channels, (n, k)."""
 WITHIN = 3.0
-"""Sigmas within which the tool recalibrates, as docs/diagnosis.md states."""
+"""Sigmas within which the tool recalibrates, as docs/explanation/diagnosis.md states."""
 
 
 class Ground:
