@@ -7,11 +7,10 @@
     python benchmark/golden.py list
 
 Recordings are made once and kept in --recordings (FORCECAL_GOLDEN, ~/.cache/forcecal_golden).
-golden.json pins the hash of each and the answer on it: before the redesign, but for `rig/*/fifth`
-and ten of `rig/*/full`, which were pinned after it, all right. ``check`` exits with 1 where an
-answer was right and is not any more, and where a pinned one cannot be judged: its case is gone, or
-its recording cannot be made or is another one; only real recordings may be absent. A crash, or no
-answer in --timeout, is a wrong answer.
+golden.json pins the hash of each and the answer on it before the redesign. ``check`` exits with 1
+where an answer was right and is not any more, and where a pinned one cannot be judged: its case is
+gone, or its recording cannot be made; only real recordings may be absent. A crash, or no answer in
+--timeout, is a wrong answer. Computers that round otherwise make other hashes, which is stated.
 
 Right is
 - of a diagnosis: ``exact``, only true effects are named, all of them; ``first``, the first name
