@@ -4,7 +4,7 @@
 
 On a swinging tool of the nominal rig whose noise is ten times as much for three seconds, with a
 push of 20 N, and on the real arm of FORCECAL_DATA, whose noise was measured at rest: in free
-motion, and while something vibrates and presses on its hand. Prints the table of results/figures.md.
+motion, and while something vibrates and presses on its hand. Prints a table of figures.md.
 """
 
 from argparse import ArgumentParser

@@ -1,4 +1,4 @@
-"""Tares at every rate of the wrench, poses from /tf and joints; prints tables of results/figures.md.
+"""Tares at every rate of the wrench, poses from /tf and joints; prints tables of figures.md.
 
     python benchmark/stack.py                  # 50 seeds each, some four minutes
     python benchmark/stack.py --seeds 0        # poses from /tf and joints alone

@@ -70,6 +70,14 @@ class Tracking(NamedTuple):
     translation: Difference
     rotation: Difference
 
+    @property
+    def delay(self) -> float:
+        """By how much the robot is later, by both together; 0 where neither identifies it [s]."""
+        weights = [0.0 if np.isnan(one.delay_std) else 1.0 / max(one.delay_std, 1e-9) ** 2
+                   for one in self]
+        total = sum(weights)
+        return sum(w * one.delay for w, one in zip(weights, self) if w) / total if total else 0.0
+
 
 def compare_motions(measured: PoseStream, simulated: PoseStream, own_delay: bool) -> Tracking:
     """

@@ -24,11 +24,20 @@ from forcecal_ros.effects.nuisances import (
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.effects.signals import INVERTIBLE
 from forcecal_ros.sim.rigid_tool import CABLE, CarriedTool, only, RigidTool, SMOOTH, UNKNOWN_DELAY
-from forcecal_ros.sim.signals import BLOCK, block_means, clear_band, MOST, RATE, Signals, slow
+from forcecal_ros.sim.signals import (
+    BLOCK,
+    block_means,
+    CLEAR,
+    clear_band,
+    MOST,
+    RATE,
+    Signals,
+    slow,
+)
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from scipy.ndimage import maximum_filter1d
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 from scipy.spatial.transform import Rotation, RotationSpline, Slerp
 
 
@@ -265,9 +274,12 @@ class RecordedSimulation(MeasuredMotion):
         super().__init__(replace(recording, pose=merge_poses(measured, made), accelerometer=None),
                          start, n_blocks, accelerometer, rigid_tool)
         own = CarriedTool(simulated, start, n_blocks, accelerometer)
-        self.beyond = own.recorded_wrench(simulated) - own.wire(rigid_tool)
-        self._full.beyond = self._clear.beyond = self.beyond
-        self.touching = contact_blocks(block_means(self.beyond))
+        slowly = own.recorded_wrench(simulated) - own.wire(rigid_tool)
+        quick, clear = _quick_part(simulated, own)
+        self.beyond = self._full.beyond = slowly + quick
+        self._clear.beyond = slowly + clear
+        self._unclear = self._full.wire(rigid_tool) - self._clear.wire(rigid_tool)
+        self.touching = contact_blocks(block_means(slowly))
         self._accel = (None if accel is None
                        else self._carried_over(accel.at(own.t), own, rigid_tool))
 
@@ -289,6 +301,43 @@ class RecordedSimulation(MeasuredMotion):
         accel = np.asarray(self._accel + self._full.weight(rigid_tool))
         return found._replace(volts=on_volts.after_noise(on_volts.before_noise(
             accel * model.gain + model.offset)))
+
+
+QUICK_S = 0.1
+"""Standard deviation of the window over which the power of a quick wrench is averaged [s]."""
+
+NO_NOISE = 1.5
+"""
+Power of a quick wrench, in that of its noise, up to which it is noise: averaged over QUICK_S,
+chance makes 1.1 of it, four times as far off once in ten thousand.
+"""
+
+
+def _quick_part(simulated: Recording, own: CarriedTool) -> tuple[Array, Array]:
+    """
+    Return what a simulated wrench holds above the band of poses, (n, 6), and what is clear of it.
+
+    Noise is left out where it is alone. Effects act on what is clear: noise of a prediction would
+    be smoothed by any low-pass, which would be named for that alone.
+    """
+    from scipy.signal import welch  # takes a second
+
+    wrench = simulated.wrench
+    assert wrench is not None
+    most = wrench.rate / 5.0
+    frequency, power = welch(wrench.values, wrench.rate, nperseg=min(
+        len(wrench), round(4.0 * wrench.rate)), axis=0)
+    floor = np.median(power[frequency > 2.0 * most], axis=0)
+    clear = frequency[(power > CLEAR * floor).any(axis=1)].max(initial=0.0)
+    band = min(most, 2.0 * float(clear))  # flat up to where the wrench is clear
+    if band <= MOST:
+        return np.zeros((len(own.t), 6)), np.zeros((len(own.t), 6))
+    quick = own.recorded_wrench(simulated, band) - own.recorded_wrench(simulated)
+    floor = floor * (band - MOST)
+    there = gaussian_filter1d(quick ** 2, QUICK_S * RATE, axis=0) / np.maximum(floor, 1e-300)
+    ratio = there.max(axis=1, keepdims=True)
+    return (np.asarray(np.where(ratio > NO_NOISE, quick, 0.0)),
+            np.asarray(quick * np.clip(1.0 - CLEAR / np.maximum(ratio, 1e-300), 0.0, 1.0)))
 
 
 CONTACT_FORCE_N = 1.0

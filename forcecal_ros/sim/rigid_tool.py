@@ -245,9 +245,9 @@ class CarriedTool:
         tool: Tool = replace(rig.tool, com=(0.0, 0.0, 0.0))
         return self.specific_force(replace(rig, tool=tool, effects=()))
 
-    def recorded_wrench(self, recording: Recording) -> Array:
-        """Return a recorded wrench at the same instants, shape (n, 6)."""
-        return _wrench_at(self.t, recording)
+    def recorded_wrench(self, recording: Recording, band: float = MOST) -> Array:
+        """Return a recorded wrench at the same instants, up to a frequency [Hz], shape (n, 6)."""
+        return _wrench_at(self.t, recording, band)
 
     def _readings(self, behind: float) -> Array:
         if behind not in self._late:
@@ -292,9 +292,9 @@ def beyond(recording: Recording, signals: Signals) -> Array:
     return block_means(_wrench_at(t, recording) - signals.wrench)
 
 
-def _wrench_at(t: Array, recording: Recording) -> Array:
+def _wrench_at(t: Array, recording: Recording, band: float = MOST) -> Array:
     assert recording.wrench is not None
-    spline = slowed(recording.wrench)
+    spline = slowed(recording.wrench, band)
     return np.asarray(spline(np.clip(t, spline.x[0], spline.x[-1])))
 
 

@@ -15,6 +15,10 @@ LEAST, MOST = 1.0, 12.5
 """Clear band, at least and at most [Hz]: above, arm and gripper ring, and no tool is rigid."""
 
 
+CLEAR = 10.0
+"""Factor above its floor from which the power of a signal is no noise."""
+
+
 def clear_band(rows: Array, rate: float) -> float:
     """
     Tell where a signal's spectrum comes down to its floor.
@@ -43,8 +47,7 @@ def clear_band(rows: Array, rate: float) -> float:
     frequency, power = welch(rows, rate, nperseg=int(window * rate), axis=0)
     power = power.sum(axis=1)
     floor = float(np.median(power[frequency > 2.0 * MOST]))
-    # clear: factor above its floor from which the power of a signal is no noise
-    clear = frequency[(power > 10.0 * floor) & (frequency > 0.0)]
+    clear = frequency[(power > CLEAR * floor) & (frequency > 0.0)]
     return float(np.clip(clear.max(initial=0.0), LEAST, MOST))
 
 

@@ -1,6 +1,7 @@
 """The robot's recording beside what another simulator recorded of the same commands."""
 
 from dataclasses import replace
+from functools import cache
 import json
 import re
 
@@ -91,6 +92,39 @@ def test_a_payload_picked_up_on_the_way_is_no_gain_and_no_cable(change, part):
     assert effect.name == 'tool_mass'
     assert found.value == pytest.approx(change, abs=4.0 * found.std) and found.std < 1e-3
     assert effect.begin == pytest.approx(at, abs=2e-3)
+
+
+@cache
+def shaken():
+    """Return commands that also shake faster than any pose is clear of noise."""
+    target = commands()
+    rise = np.clip(np.minimum(target.t - 2.0, 9.0 - target.t), 0.0, 1.0)
+    shake = 1e-3 * rise * np.sin(2.0 * np.pi * (9.0 + target.t) * target.t)
+    return replace(target, position=target.position + np.outer(shake, [0.0, 1.0, 0.6]))
+
+
+@pytest.mark.parametrize('effects, noisy, named', [
+    ({}, True, []), ({'robot_delay': {'delay': 0.006}}, True, []),
+    ({'wrench_delay': {'delay': 0.004}}, False, ['wrench_delay'])])
+def test_what_a_simulator_does_in_quick_motion_is_compared(effects, noisy, named):
+    robot = simulate(with_effects(RIG, effects), shaken(), seed=3)
+    other = simulate(RIG, shaken(), seed=4, noise=noisy)
+    d = PairSource(TOLERANCES, shift_times(other, 50.0)).diagnose(robot).diagnosis
+    assert [e.name for e in d.effects] == named
+    assert d.verdict in (('identified', 'ambiguous') if named else ('no_gap',))
+    for effect in d.effects:
+        found = effect.parameters['delay']
+        assert found.value == pytest.approx(0.004, abs=3.0 * found.std) and found.std < 1e-4
+
+
+def test_a_strong_cable_is_named_wherever_it_is_tied():
+    pull = {'x': -2.0, 'y': 10.0, 'z': 14.0, 'stiffness': 20.0, 'point_x': -0.1, 'point_z': 0.0}
+    effect, = PairSource(TOLERANCES, simulated()).diagnose(
+        real({'cable_force': pull})).diagnosis.effects
+    assert effect.name == 'cable_force' and effect.probability > 0.9
+    for key, value in pull.items():
+        found = effect.parameters[key]
+        assert found.value == pytest.approx(value, abs=4.0 * found.std), key
 
 
 def test_two_recordings_are_brought_to_one_clock_by_commands_and_else_by_poses():

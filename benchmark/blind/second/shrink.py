@@ -1,8 +1,8 @@
 """What share of a misfit the true effect makes, in the measure that the tool states.
 
-docs/explanation/diagnosis.md has it: means over blocks of 4 ms, their root mean square over the noise of one
-sample, and the root mean square of that over all channels; noise itself is no misfit. The noise
-is that which the answer states, channel by channel.
+docs/explanation/diagnosis.md has it: means over blocks of 4 ms, their root mean square over the
+noise of one sample, and the root mean square of that over all channels; noise itself is no misfit.
+The noise is that which the answer states, channel by channel.
 """
 
 from collections.abc import Mapping

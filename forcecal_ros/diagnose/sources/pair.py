@@ -168,12 +168,22 @@ def _prepare(real: Recording, simulated: Recording, tool: SimulatedTool | None, 
     if measured is not None and made.pose is not None:
         made = replace(made, pose=express_in_base(measured, made.pose))
         compared, made, note = keep_comparable_imus(compared, made)
-    dataset, tool = prepare_pair(compared, made, tool, rig)
+    _require_both(compared, made)
     assert measured is not None
     assert made.pose is not None
+    tracking = compare_motions(measured, made.pose, alignment.by != 'pose')
+    # what is beyond a rigid tool comes with the motion, by so much later
+    made = shift_times(made, tracking.delay)
+    dataset, tool = prepare_pair(compared, made, tool, rig)
     return PairReady(dataset, stamps, keep_compared_streams(real, dataset.measured.streams),
                      (note,) if note else (), alignment=alignment, tool=tool, simulated=made,
-                     tracking=compare_motions(measured, made.pose, alignment.by != 'pose'))
+                     tracking=tracking)
+
+
+def _require_both(recording: Recording, simulated: Recording) -> None:
+    for one, whose in ((recording, "the robot's"), (simulated, 'the simulated')):
+        require_wrench_and_pose(one, f'{whose} recording lacks wrench or measured pose; record '
+                                'wrench and current_pose in both')
 
 
 def prepare_pair(recording: Recording, simulated: Recording, tool: SimulatedTool | None,
@@ -203,9 +213,7 @@ def prepare_pair(recording: Recording, simulated: Recording, tool: SimulatedTool
     DataError
         Wrench or pose are missing, or overlap for too short a time.
     """
-    for one, whose in ((recording, "the robot's"), (simulated, 'the simulated')):
-        require_wrench_and_pose(one, f'{whose} recording lacks wrench or measured pose; record '
-                                'wrench and current_pose in both')
+    _require_both(recording, simulated)
     first, n = span(recording, simulated)
     known = tool or simulated_tool(
         replace(simulated, accelerometer=None), first, n, rig).with_accelerometer()

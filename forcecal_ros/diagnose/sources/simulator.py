@@ -56,10 +56,10 @@ from forcecal_ros.sim.signals import BLOCK
 from forcecal_ros.sim.third_party import STREAMS, ThirdParty
 import numpy as np
 
-MAX_ROUNDS = 2
+MAX_ROUNDS = 4
 """
-Times that all parameters are tried, at the nominal ones and then at those found: 30 parameters and
-two recordings then take 124 runs.
+Times that all parameters are tried, at the nominal ones and then at those found: of a drive that
+is a third weaker, whose sag goes with the inverse of its gain, the third line is still 10 % off.
 """
 
 MAX_LINEAR_ERROR = 0.1
@@ -222,7 +222,7 @@ class SimulatorSource(Source):
         robot = ready[0].robot
         outcome, point, short = Outcome(NO_MOTION, robot), robot.numbers, ''
         squares = np.zeros(3)
-        for _ in range(MAX_ROUNDS):
+        for turn in range(MAX_ROUNDS):
             if short := runs_short(self.simulator, self._runs):
                 break
             for one in ready:
@@ -237,7 +237,7 @@ class SimulatorSource(Source):
             squares = _squares(ready, judged, outcome) if named else np.zeros(3)
             # what is unexplained may be what a line about the nominal numbers leaves
             if linear and not _falls_short(outcome, squares) \
-                    and outcome.diagnosis.verdict != 'unknown':
+                    and (turn or outcome.diagnosis.verdict != 'unknown'):
                 break
         if self.changes(outcome):
             before = outcome
