@@ -184,6 +184,7 @@ class MotionNode(ReceivingNode, Generic[SettingsT]):
 
     def _start(self) -> str:
         self._make_ready()
+        self._backend.require_controller()
         answer = self._begin()
         self._begin_stream()
         return self._with_caveat(answer)
