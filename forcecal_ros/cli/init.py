@@ -126,8 +126,8 @@ def _around(message: Any) -> dict[str, Any]:
     position = [getattr(pose.position, axis) for axis in 'xyz']
     return {**_poses([getattr(pose.orientation, axis) for axis in 'xyzw']),
             'motion.frame': message.header.frame_id,
-            'limits.workspace_min': [x - margin for x in position],
-            'limits.workspace_max': [x + margin for x in position]}
+            'limits.workspace_min': [round(x - margin, 3) for x in position],
+            'limits.workspace_max': [round(x + margin, 3) for x in position]}
 
 
 def _poses(orientation: Sequence[float]) -> dict[str, Any]:
