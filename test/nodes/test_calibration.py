@@ -98,7 +98,7 @@ def test_calibrates_publishes_observes_and_touches(ros_domain, tmp_path):
         check_latched(live)
         saved = live.call('sequencer/save_calibration')
         assert saved.success and re.search(
-            r'calibration from the live recording that ended at .+: mass 1[23]\.\d+ ± 0\.00\d+ kg, '
+            r'calibration from the live recording that ended at .+: mass 1[23]\.\d+ ± 0\.\d+ kg, '
             r'centre of mass x .+ mm, y .+ mm, z .+ mm', saved.message)
         assert saved.message.partition(': ')[2] in live.said('sequencer')
         assert load(path).mass.value == parse(texts[-1].data).mass.value
