@@ -99,9 +99,9 @@ with depth 100 or more; *reliable* is RELIABLE with depth 10, of the rig's senso
 def nodes() -> Iterator[str]:
     """Yield the page of the nodes: topics, status bits and every parameter."""
     yield ('# Nodes\n\nThis page lists topics, services, status bits and parameters of all nodes. The parameters are '
-           'generated from the code, each with its default and range; `ros2 param describe` prints the same.\n' + TOPICS)
+           'generated from the code; `ros2 param describe` prints the same.\n' + TOPICS)
     yield from launch_arguments()
-    yield '\n## Status bits of the observer\n\n'
+    yield ('\n## Status bits of the observer\n\nThe status `observer` on `/diagnostics` has the text of each set bit in its message.\n\n')
     yield from (f'- {bit.value}, {bit.name}: {describe(bit.value)[0]}\n'
                 for bit in Status if bit.value)
     users: dict[Parameter, dict[str, Parameter]] = {}  # the same but for the default

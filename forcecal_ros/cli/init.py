@@ -19,7 +19,12 @@ from forcecal_ros.cli.common import (
 from forcecal_ros.cli.outputs import add_output, FILE, stdout_is_taken
 
 NO_POSE = ('No pose was received: poses.* are tilts of a sensor whose z points down, '
-           'limits.workspace_* are those of a simulated rig; set them for your cell.')
+           'limits.workspace_* are those of a simulated rig.')
+
+TO_SET = ('limits.workspace_min', 'limits.workspace_max', 'limits.tip', 'limits.force',
+          'limits.torque', 'poses.names', 'poses.values')
+JOINTS_TO_SET = ('joints.names', 'joints.values', 'joints.away')
+"""Parameters that depend on the cell, and those of poses as joint vectors."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -71,12 +76,14 @@ def run(args: argparse.Namespace) -> int:
     named = ', '.join(f'{key} {name}' for key, name in {**topics, **other}.items())
     headings = {'observer': 'The observer.', 'sequencer': (
         f'Parameters for {" and ".join(names)}; start with {launch}. Topics: {named}. {about} '
-        'Nothing moves before forcecal start.')}
+        'Set the lines that end with # SET for your cell. Nothing moves before forcecal start.')}
+    of_joints = given['sequencer'].get('motion.backend') == 'joint_trajectory'
+    to_set = {'sequencer': TO_SET + JOINTS_TO_SET * of_joints, 'observer': ()}
     write_text(args.output, '\n'.join(parameter_file(
         node, [row._replace(default=values.get(row.name, row.default)) for row in TABLES[node][0]],
-        headings[node]) for node, values in given.items()))
+        headings[node], to_set[node]) for node, values in given.items()))
     if not stdout_is_taken(args):
-        say(f'written to {args.output}; set limits.* and poses.* for your cell')
+        say(f'written to {args.output}; set the lines that end with # SET for your cell')
         say(f'next: {launch}')
     return 0
 
@@ -119,8 +126,8 @@ def _around(message: Any) -> dict[str, Any]:
     position = [getattr(pose.position, axis) for axis in 'xyz']
     return {**_poses([getattr(pose.orientation, axis) for axis in 'xyzw']),
             'motion.frame': message.header.frame_id,
-            'limits.workspace_min': [x - margin for x in position],
-            'limits.workspace_max': [x + margin for x in position]}
+            'limits.workspace_min': [round(x - margin, 3) for x in position],
+            'limits.workspace_max': [round(x + margin, 3) for x in position]}
 
 
 def _poses(orientation: Sequence[float]) -> dict[str, Any]:

@@ -246,5 +246,5 @@ def _written(args: argparse.Namespace, document: dict[str, Any], text: str, dura
         say(f'the sequence takes about {duration:.0f} s')
         if args.output:
             say(f'written to {args.output}\nnext: ros2 run forcecal_ros sequencer --ros-args '
-                f'--params-file {shlex.quote(args.output)}')
+                f'--params-file my_cell.yaml --params-file {shlex.quote(args.output)}')
     return 0

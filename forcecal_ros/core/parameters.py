@@ -1,6 +1,6 @@
 """Parameters of nodes as a table, and the parameter file that is made of it."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from math import inf
 from textwrap import wrap
 from typing import Any, NamedTuple, TypeVar
@@ -94,12 +94,13 @@ def _plain(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray) else value
 
 
-def parameter_file(node: str, table: Iterable[Parameter], heading: str) -> str:
+def parameter_file(node: str, table: Iterable[Parameter], heading: str,
+                   to_set: Collection[str] = ()) -> str:
     """
     Return the text of a node's parameter file, every parameter at its default with its meaning.
 
     ``heading`` is its first comment, of one line or more. Names without a dot come first, then
-    the groups.
+    the groups. Lines of parameters in ``to_set`` are marked with ``# SET``.
     """
     groups: dict[str, list[tuple[str, Parameter]]] = {'': []}
     for parameter in table:
@@ -110,18 +111,19 @@ def parameter_file(node: str, table: Iterable[Parameter], heading: str) -> str:
     for group, rows in groups.items():
         lines += [f'    {group}:'] if group else []
         for name, parameter in rows:
-            lines += _lines(name, parameter, '      ' if group else '    ')
+            mark = '  # SET' if parameter.name in to_set else ''
+            lines += _lines(name, parameter, '      ' if group else '    ', mark)
     return '\n'.join(lines) + '\n'
 
 
-def _lines(name: str, parameter: Parameter, indent: str) -> Iterator[str]:
+def _lines(name: str, parameter: Parameter, indent: str, mark: str) -> Iterator[str]:
     range_ = parameter.row.range()
     yield from _comment(parameter.text + (f' ({range_})' if range_ else ''), indent)
     value = _rounded(parameter.default)
     if not parameter.per_line:
-        yield f'{indent}{name}: {yaml_value(value)}'
+        yield f'{indent}{name}: {yaml_value(value)}{mark}'
         return
-    yield f'{indent}{name}: ['
+    yield f'{indent}{name}: [{mark}'
     for start in range(0, len(value), parameter.per_line):
         row = yaml_value(value[start:start + parameter.per_line])[1:-1]
         yield f'{indent}  {row}{"," if start + parameter.per_line < len(value) else "]"}'

@@ -156,6 +156,9 @@ first works off its queue, in five periods at 250 Hz [s]."""
 POSITIONING_ERROR = (5e-4, 2e-3)
 """Error with which a robot may reach its command, however short the motion [m], [rad]."""
 
+FOLLOW = 'check that the controller is active and follows, or lower pace.*'
+"""Remedy for a robot that is too far from its commands."""
+
 NAMES = {'wrench': ('force.x', 'force.y', 'force.z', 'torque.x', 'torque.y', 'torque.z'),
          'pose': ('position.x', 'position.y', 'position.z')}
 
@@ -436,7 +439,7 @@ class Monitor:
                  'rad')):
             if off > limit:
                 return (f'{pose.topic}: {above(off, limit)} {unit} from the command, '
-                        f'limits.tracking_{key} is {limit:g} {unit}')
+                        f'limits.tracking_{key} is {limit:g} {unit}; {FOLLOW}')
         return ''
 
     def begin(self, ros_now: float) -> None:

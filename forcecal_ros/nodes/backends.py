@@ -7,6 +7,7 @@ from typing import Any, Generic, TypeVar
 from builtin_interfaces.msg import Duration
 from forcecal_ros.core.errors import above, ConfigError, DataError, MotionError
 from forcecal_ros.core.geometry import Array, matrix_from_quaternion, quaternion_of
+from forcecal_ros.motion.monitor import FOLLOW
 from forcecal_ros.motion.plan import Goal
 from forcecal_ros.motion.profiles import JointSetpoint, Pose, Setpoint, twist_towards
 from forcecal_ros.nodes.inputs import mounting_parameter
@@ -59,6 +60,19 @@ class Backend(ABC, Generic[CommandT]):
         MotionError
             The frame of commands is not that of the measured poses.
         """
+
+    def require_controller(self) -> None:
+        """
+        Refuse to command a topic to which only this node subscribes.
+
+        Raises
+        ------
+        MotionError
+            With the name of the topic.
+        """
+        if self._publisher.get_subscription_count() < 2:
+            raise MotionError(f'no other node subscribes to {self._publisher.topic_name}; start '
+                              'the controller')
 
     def measured(self) -> Goal:
         """Return the measured pose, or joint vector, of the robot at rest: the first command."""
@@ -196,7 +210,7 @@ class JointTrajectories(Backend[JointSetpoint]):
         if nearest[joint] <= limit:
             return ''
         return (f'joint_states: {self._names[joint]} is {above(nearest[joint], limit)} rad from '
-                f'the command, limits.tracking_angle is {limit:g} rad')
+                f'the command, limits.tracking_angle is {limit:g} rad; {FOLLOW}')
 
     def send(self, stamp_ns: int, command: JointSetpoint) -> None:
         """

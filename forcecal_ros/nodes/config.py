@@ -22,7 +22,7 @@ TABLES: Mapping[str, tuple[tuple[Parameter, ...], str]] = {
 }
 """Parameters of every node, and the first comment of their file."""
 
-RIGS = ('rig.yaml', 'rigid_tool.yaml')
+RIGS = ('rig.yaml', 'rigid_tool.yaml', 'rehearsal.yaml')
 """Rig files whose comments are generated; their numbers stay."""
 
 

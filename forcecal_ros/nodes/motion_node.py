@@ -184,6 +184,7 @@ class MotionNode(ReceivingNode, Generic[SettingsT]):
 
     def _start(self) -> str:
         self._make_ready()
+        self._backend.require_controller()
         answer = self._begin()
         self._begin_stream()
         return self._with_caveat(answer)
@@ -280,11 +281,13 @@ class MotionNode(ReceivingNode, Generic[SettingsT]):
 
     def _publish_phase(self, stamp_ns: int | None = None) -> None:
         self._announced, status = self._headline(), self._source.status
+        self._state_out.publish(String(data=status.phase))
+        if self._simulated and not self.get_clock().now().nanoseconds:
+            return  # without /clock there is no stamp
         stamp = None if stamp_ns is None else Time(nanoseconds=stamp_ns)
         self._phase_out.publish(diagnostic_array(
             self, 'phase', 'error' if status.phase == 'aborted' else 'ok', status.phase,
             {'reason': status.reason, **self._details()}, stamp))
-        self._state_out.publish(String(data=status.phase))
 
     def _report(self) -> None:
         self._publish_phase()

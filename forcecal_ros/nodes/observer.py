@@ -50,7 +50,7 @@ from forcecal_ros.observe import ContactSample, design, noise_levels, ObserverSe
 from forcecal_ros.observe.design import accuracy, with_bias
 from forcecal_ros.observe.frames import agreed, at_the_sensor, Frames, Placement
 from forcecal_ros.observe.live import LiveObserver, Samples, Values
-from forcecal_ros.observe.sample import INVALID
+from forcecal_ros.observe.sample import INVALID, NO_ACCELEROMETER
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
@@ -400,6 +400,8 @@ class Observer(ManagedNode):
     def _report(self) -> None:
         self._waiting.of(self._missing())
         count, status = self._chain.report()
+        if self._accelerometer is None:  # none is configured
+            status &= ~NO_ACCELEROMETER
         values = {'estimates a second': count,
                   'calibration': self._source.name if self._source else 'none'}
         for topic, refused in zip(('wrench', 'accelerometer', 'pose', 'optidrive'),

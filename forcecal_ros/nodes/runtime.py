@@ -1,10 +1,12 @@
 """The life of a node: start, spin, transitions, services, diagnostics, stop on a signal."""
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
 from functools import partial
 import gc
+from itertools import pairwise
 from math import copysign, isfinite
 import os
 from pathlib import Path
@@ -18,6 +20,7 @@ from typing import Any, Protocol, runtime_checkable
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from forcecal_ros.core.errors import ConfigError, ForcecalError, with_id
 from forcecal_ros.core.parameters import Parameter
+from forcecal_ros.core.safe_yaml import load_yaml
 from forcecal_ros.core.schema import yaml_value
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import (
@@ -154,7 +157,11 @@ def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | Non
     """
     arguments = list(sys.argv if arguments is None else arguments)
     try:
+        check_parameter_files(arguments)
         extra = remove_ros_args(arguments)[1:]
+    except ConfigError as error:
+        print(f'{name}: {with_id(error)}', file=sys.stderr)
+        return 2
     except RCLError as error:
         print(f'{name}: {" ".join(str(error).split())}', file=sys.stderr)
         return 2
@@ -192,6 +199,36 @@ def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | Non
         rclpy.try_shutdown()
         interrupt.restore()
     return 0
+
+
+def check_parameter_files(arguments: Sequence[str]) -> None:
+    """
+    Refuse parameter files that ROS 2 cannot read, or in which it would drop a value.
+
+    Raises
+    ------
+    ConfigError
+        With the file, and the line or the parameter.
+    """
+    for name in (after for flag, after in pairwise(arguments) if flag == '--params-file'):
+        try:
+            document = load_yaml(Path(name).read_bytes(), name, largest=1 << 24)
+        except OSError as error:
+            raise ConfigError(f'{name}: cannot be read ({error.strerror}); name a parameter file '
+                              'that is there') from error
+        twice = [key for key, count in Counter(_keys(document)).items() if count > 1]
+        if twice:
+            raise ConfigError(f'{name}: {twice[0].partition("ros__parameters.")[2]} is given '
+                              'twice, with a dot and below its group; keep one')
+
+
+def _keys(document: Any, prefix: str = '') -> Iterator[str]:
+    """Yield the keys of all values, those of the groups around them joined by dots."""
+    if not isinstance(document, dict):
+        yield prefix[1:]
+        return
+    for key, value in document.items():
+        yield from _keys(value, f'{prefix}.{key}')
 
 
 def usage(name: str, table: Sequence[Parameter]) -> str:
@@ -491,5 +528,7 @@ def _explain(row: Parameter, given: object) -> str:
     one = row.default[0] if isinstance(row.default, list) else row.default
     kind = 'list of ' * isinstance(row.default, list) + type(one).__name__
     more = [*(['written with a point'] if type(one) is float else []), row.row.range()]
+    quotes = [f"; write '{word}' in quotes" for word in row.choices
+              if word and load_yaml(word, row.name) is given]
     return ', '.join((f'parameter {row.name} is {given!r}, expected a {kind}',
-                      *filter(None, more)))
+                      *filter(None, more))) + ''.join(quotes)

@@ -1,12 +1,14 @@
 """The sequencer: moves the robot, records its sensors, identifies and publishes a calibration."""
 
 from collections.abc import Mapping, Sequence
+from datetime import datetime
 from pathlib import Path as FilePath
 from typing import Any, NamedTuple
 
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import ConfigError, DataError, ForcecalError, MotionError, with_id
 from forcecal_ros.core.geometry import rotation_vector
+from forcecal_ros.core.quantity import quantity
 from forcecal_ros.core.sensor_matrix import corrected, required_sensor_matrix, SensorMatrix
 from forcecal_ros.io.calibration_file import dump, load, save
 from forcecal_ros.motion.monitor import POSITIONING_ERROR, Stillness
@@ -98,6 +100,14 @@ def _moved(before: Goal, now: Goal) -> str:
         found, POSITIONING_ERROR) if size > least)
 
 
+def _tool_in_words(calibration: Calibration) -> str:
+    mass, com = calibration.mass, calibration.com
+    place = ', '.join(f'{axis} {quantity(float(x), float(std), com.unit)}'
+                      for axis, x, std in zip('xyz', com.value, com.std))
+    return (f'mass {quantity(float(mass), float(mass.std), mass.unit)}, centre of mass {place} '
+            '(95 % intervals)')
+
+
 class WrenchReader:
     """Reads the raw channels of a sensor, and makes wrenches of them by its matrix."""
 
@@ -117,6 +127,7 @@ class Sequencer(MotionNode[SequencerSettings]):
         super().__init__('sequencer', PARAMETERS, settings_of)
         self._sequence = MotionSequence(self._settings.stream)
         self._calibration: Calibration | None = None
+        self._identified = ''
         self._checks = 0
         self._stillness: Stillness | None = None
         self._preview: Preview | None = None
@@ -255,6 +266,11 @@ class Sequencer(MotionNode[SequencerSettings]):
             self._abort(Fault(result))
             return
         self._calibration = result
+        now = datetime.now().astimezone().isoformat(' ', 'seconds')
+        self._identified = (
+            f'calibration from the {result.source["recording"]} recording that ended at {now}: '
+            f'{_tool_in_words(result)}')
+        self.get_logger().info(self._identified)
         self._calibration_out.publish(String(data=dump(result)))
         self._inertia_out.publish(tool_message(result, self.get_clock().now()))
         if result.observer is not None:
@@ -272,11 +288,14 @@ class Sequencer(MotionNode[SequencerSettings]):
         self._announce(self.get_clock().now().nanoseconds)
 
     def _save(self) -> str:
+        if self._sequence.running:
+            raise MotionError(f'a motion is under way ({self._headline()}); save when '
+                              'sequencer/state is done')
         if self._calibration is None:
             raise DataError('there is no calibration yet; call sequencer/start')
         path = FilePath(self.get_parameter('save.path').value).expanduser().absolute()
         save(self._calibration, path)
-        return f'written to {path}'
+        return f'written to {path}: {self._identified}'
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -27,4 +27,11 @@ def test_a_running_driver_fills_topics_frame_and_pose(ros_domain, tmp_path, capf
     assert sequencer['motion']['frame'] == 'base'
     assert sequencer['joints']['names'][0] == 'shoulder_pan_joint'
     middle = np.mean([sequencer['limits'][f'workspace_{end}'] for end in ('min', 'max')], axis=0)
+    for end, tip in (('min', np.less), ('max', np.greater)):
+        assert tip(sequencer['limits'][f'workspace_{end}'],
+                   np.add(heard[0][1][:3], sequencer['limits']['tip'])).all()
+    marked = [line.split(':')[0].strip() for line in path.read_text().splitlines()
+              if line.endswith('# SET')]
+    assert marked == ['names', 'values', 'workspace_min', 'workspace_max', 'tip', 'force',
+                      'torque']
     np.testing.assert_allclose(middle, np.array(heard[0][1][:3]), atol=0.01)

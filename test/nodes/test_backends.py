@@ -99,11 +99,13 @@ def test_the_trajectory_controller_gets_every_joint_and_rest_at_each_end(ros_dom
             states.publish(JointState(name=names[::-1], position=[*at][::-1]))
 
         live.node.create_timer(0.01, report)
-        live.node.create_subscription(JointTrajectory, 'joint_trajectory', heard.append, 2000)
         live.start('sequencer', motion__backend='joint_trajectory',
                    joints__names=f'[{", ".join(names)}]',
                    joints__values=np.concatenate(poses).tolist(), joints__away=away.tolist(),
                    limits__workspace_max=[1.3, 0.4, 1.4], **QUICK)
+        live.until(lambda: 'no other node subscribes to /joint_trajectory; start the' in live.call(
+            'sequencer/start').message, 'refusal without a controller')
+        live.node.create_subscription(JointTrajectory, 'joint_trajectory', heard.append, 2000)
         run(live)
         assert not live.node.get_publishers_info_by_topic('/target_frame')
         commanded = len(heard)

@@ -1,5 +1,6 @@
 """The main job over DDS: simulated rig, sequencer and observer, each a process of its own."""
 
+import re
 import signal
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -95,7 +96,11 @@ def test_calibrates_publishes_observes_and_touches(ros_domain, tmp_path):
         live.until(lambda: texts, 'a calibration')
         check_calibration(parse(texts[-1].data))
         check_latched(live)
-        assert live.call('sequencer/save_calibration').success
+        saved = live.call('sequencer/save_calibration')
+        assert saved.success and re.search(
+            r'calibration from the live recording that ended at .+: mass 1[23]\.\d+ ± 0\.\d+ kg, '
+            r'centre of mass x .+ mm, y .+ mm, z .+ mm', saved.message)
+        assert saved.message.partition(': ')[2] in live.said('sequencer')
         assert load(path).mass.value == parse(texts[-1].data).mass.value
 
         live.until(lambda: len(ears.contact) > 1000, 'an observer that took it over')

@@ -130,6 +130,7 @@ def test_abort_brings_the_commands_to_rest_within_a_tenth_of_a_second(ready):
     assert np.linalg.norm(np.subtract(robot.commands[0][1][:3], [1.0, 0.0, 1.0])) < 2e-5
     again = live.call('sequencer/start')
     assert not again.success and 'under way already' in again.message
+    assert 'a motion is under way (move' in live.call('sequencer/save_calibration').message
     assert robot.moving()
     assert live.call('sequencer/abort').success
     assert_came_to_rest(live, robot)

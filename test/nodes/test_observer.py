@@ -19,7 +19,7 @@ from forcecal_ros.sim.rig.simulator import simulate
 from geometry_msgs.msg import WrenchStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
-from live import Live
+from live import Live, Robot
 import numpy as np
 from playing import Player, START
 import pytest
@@ -265,7 +265,7 @@ def check_settings(live, player, recording):
 
 def test_without_calibration_or_wrench_the_diagnostics_say_so(ros_domain):
     with Live() as live:
-        live.start('observer')
+        live.start('observer', accelerometer__source='none')
         live.until(lambda: 'observer' in live.diagnostics, 'diagnostics')
         assert live.diagnostics['observer'].message == 'waiting for a calibration'
         answer = live.call('observer/tare')
@@ -275,6 +275,10 @@ def test_without_calibration_or_wrench_the_diagnostics_say_so(ros_domain):
         live.until(lambda: live.diagnostics['observer'].message == 'wrench: nothing received',
                    'a calibration')
         assert live.diagnostics['observer'].level == b'\2'
+        Robot(live)  # its accelerometer is not configured, and not missed
+        live.until(lambda: 'nothing received' not in live.diagnostics['observer'].message,
+                   'estimates')
+        assert 'no accelerometer' not in live.diagnostics['observer'].message
 
 
 def test_slow_motion_and_slow_turning_are_motion():

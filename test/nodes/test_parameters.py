@@ -11,7 +11,7 @@ import time
 from typing import NamedTuple
 
 from forcecal_ros.cli.main import main
-from forcecal_ros.nodes import sim
+from forcecal_ros.nodes import sequencer, sim
 from forcecal_ros.sim.rig.file import load_rig, urdf
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from live import Live
@@ -335,6 +335,23 @@ def test_ros_arguments_that_cannot_be_read_are_wrong_usage(capsys, arguments):
     assert sim.main(['sim', '--ros-args', *arguments]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith('sim: ') and arguments[-1] in line
+
+
+@pytest.mark.parametrize('text, why', [
+    ('a:\n\tb: 1\n', "'\\t' that cannot start any token in line 2"),
+    ('/**/sim:\n  ros__parameters:\n    a.b: 1\n    a: {b: 2}\n', 'a.b is given twice'),
+    ('/**/sim:\n  ros__parameters:\n    accelerometer: no\n', 'accelerometer is False, expected')])
+def test_a_parameter_file_that_ros_would_misread_is_refused_in_one_line(
+        ros_domain, capfd, tmp_path, text, why):
+    (tmp_path / 'my.yaml').write_text(text)
+    assert sim.main(['sim', '--ros-args', '--params-file', str(tmp_path / 'my.yaml')]) > 0
+    (line,) = capfd.readouterr().err.splitlines()
+    assert why in line
+
+
+def test_a_word_that_yaml_reads_as_yes_or_no_is_named(ros_domain, capfd):
+    assert sequencer.main(['sequencer', '--ros-args', '-p', 'identify.tool_compliance:=no']) == 1
+    assert "expected a str; write 'no' in quotes" in capfd.readouterr().err
 
 
 def test_a_node_that_may_not_start_says_so(ros_domain, capfd, monkeypatch, tmp_path):

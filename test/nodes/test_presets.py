@@ -57,7 +57,10 @@ def test_a_preset_fits_the_nodes_and_the_page_shows_its_topics(name):
 
 
 def test_robots_ask_for_a_preview_and_the_controller_counts_before_the_robot():
-    assert all(read_preset(robot)['sequencer']['motion.require_preview'] for robot in ROBOTS)
+    for robot in ROBOTS:
+        cautious = read_preset(robot)['sequencer']
+        assert cautious['motion.require_preview'] and not any(cautious['limits.tip'])
+        assert cautious['limits.force'] <= 60.0 and cautious['limits.speed'] <= 0.1
     both = ('ur', 'cartesian_controllers')
     assert topic_of('current_pose', 'x', *both) == '/cartesian_motion_controller/current_pose'
     assert topic_of('current_pose', 'x', 'ur', '') == '/tcp_pose_broadcaster/pose'
@@ -71,7 +74,7 @@ def test_robots_ask_for_a_preview_and_the_controller_counts_before_the_robot():
 
 QUICK = {'watch__pause_timeout': 2.0, 'watch__lost_timeout': 5.0, 'timing__measure': 0.2,
          'timing__ring': 0.2, 'settle__window': 0.1, 'pace__angular_speed': 0.4,
-         'limits__workspace_max': [1.3, 0.4, 1.4]}
+         'limits__force': 250.0}
 """A cell of one's own, of a machine that may be busy."""
 
 JOINTS = [f'joint_{i}' for i in range(1, 7)]

@@ -26,7 +26,8 @@ def load_rig(path: Path | str | None = None) -> Rig:
     ----------
     path : Path or str, optional
         The nominal rig of this package where none is given. A bare name of a file that is not
-        there is looked for among the rigs of this package (``rig.yaml``, ``rigid_tool.yaml``).
+        there is looked for among the rigs of this package (``rig.yaml``, ``rigid_tool.yaml``,
+        ``rehearsal.yaml``).
 
     Raises
     ------
