@@ -138,6 +138,8 @@ def _uses(recording: 'Recording', fault: str, why: str) -> dict[str, str]:
 
 def _next(args: argparse.Namespace, recording: 'Recording', document: dict[str, Any]) -> list[str]:
     """Return the commands that may follow, the likeliest first; or what else to do."""
+    from forcecal_ros.core.topics import naming_words
+
     def command(name: str, *words: str, but: str = '') -> str:
         sign = () if args.wrench_sign is None or '--wrench-sign' in but else (
             '--wrench-sign', str(args.wrench_sign))
@@ -148,8 +150,7 @@ def _next(args: argparse.Namespace, recording: 'Recording', document: dict[str, 
     unnamed = {role: names for role, names in document['missing'].items()
                if role in ('wrench', 'pose') and getattr(recording, role) is None}
     if unnamed and not document['fault']:
-        return [command('check', *(word for role, names in unnamed.items() for word in (
-            '--topic', f'{role}={names[0] if len(names) == 1 else "NAME"}')))]
+        return [command('check', *naming_words(unnamed))]
     known, report = ('--calibration', 'calibration.yaml'), ('--report', 'report.html')
     found = [command('calibrate', *' '.join(options).split(), *report, but=words)
              for words in why.split(' unless ') if (options := OPTION.findall(words))]
