@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 from calibration_runs import brief_run
+from forcecal_ros.cli.common import as_started
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.core.geometry import rotation_from_vector
@@ -46,6 +47,14 @@ def test_check_shows_what_is_there_and_the_next_command(brief, capsys):
     assert 'wrench sign: 1, environment on tool' in said
     assert f'next: forcecal calibrate {brief / "bag"} --report report.html' in said
     assert f'or: forcecal diagnose {brief / "bag"} -o diagnosis' in said
+
+
+def test_commands_begin_as_the_program_was_started(monkeypatch):
+    text = 'next: forcecal check a/forcecal check; forcecal fit-rig --help, forcecal_ros'
+    assert as_started(text) == text
+    monkeypatch.setenv('FORCECAL_COMMAND', r'./a\ b/run')
+    assert as_started(text) == (r'next: ./a\ b/run check a/forcecal check; ./a\ b/run fit-rig '
+                                '--help, forcecal_ros')
 
 
 @pytest.mark.parametrize('change, expected', [
