@@ -49,10 +49,10 @@ FIXED = {
     'wxyz': ('pose: its quaternions are in the order w, x, y, z', ('fill x, y, z and w by their '
              'names')),
     'base': ('wrench: it is expressed in base, not in the frame of the sensor',
-             "set the driver to publish in the sensor's frame"),
+             "set the driver to publish in the sensor's frame, and record again"),
     'exchanged': ('wrench: force and torque are exchanged', 'correct their order in the driver'),
     'torque in base': ('wrench: its torques are expressed in base, its forces in the sensor',
-                       "set the driver to publish both in the sensor's frame"),
+                       "set the driver to publish both in the sensor's frame, and record again"),
     'zeroed in poses': ('wrench: it is zeroed at every rest, which removes the weight',
                         'record without taring between poses'),
 }

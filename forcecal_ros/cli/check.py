@@ -60,7 +60,7 @@ def inspect(recording: 'Recording') -> dict[str, Any]:
     from forcecal_ros.calibrate.pipeline import identify
     from forcecal_ros.checks.entry import checked
     from forcecal_ros.checks.messages import SIGN
-    from forcecal_ros.core.topics import require
+    from forcecal_ros.core.topics import MAIN_ROLES, require
 
     document: dict[str, Any] = {
         'recording': recording.source,
@@ -68,7 +68,7 @@ def inspect(recording: 'Recording') -> dict[str, Any]:
                            **_stream(stream)} for role, name in SIGNALS.items()
                     if (stream := getattr(recording, name))},
         'missing': {role: list(names) for role, names in recording.candidates.items()
-                    if role in ('wrench', 'pose', 'accelerometer')},
+                    if role in MAIN_ROLES},
         'motion': _motion(recording)}
     found, why, about, sign = None, '', '', recording.wrench_sign or 1
     try:
@@ -124,6 +124,8 @@ def _uses(recording: 'Recording', fault: str, why: str) -> dict[str, str]:
         f'no wrench was recorded, which every comparison is of{by_joints}')
     gravity = recording.pose is not None or recording.angular_velocity is not None
     commands = recording.target is not None or recording.joint_commands is not None
+    lacking = ' and '.join(f'no {name}' for name, stream in (
+        ('target_frame', recording.target), ('pose', recording.pose)) if stream is None)
     return {
         'calibrate': why,
         'estimate': no_wrench or (
@@ -132,12 +134,13 @@ def _uses(recording: 'Recording', fault: str, why: str) -> dict[str, str]:
                                   'neither a pose nor commands were recorded'),
         'diagnose with a simulator': no_wrench or (
             '' if commands else 'no commands (target_frame, joint_commands) were recorded'),
-        'fit-rig': no_wrench or ('' if recording.target is not None and recording.pose is not None
-                                 else f'target_frame or the pose is missing{by_joints}')}
+        'fit-rig': no_wrench or (lacking and f'{lacking} was recorded{by_joints}')}
 
 
 def _next(args: argparse.Namespace, recording: 'Recording', document: dict[str, Any]) -> list[str]:
     """Return the commands that may follow, the likeliest first; or what else to do."""
+    from forcecal_ros.core.topics import naming_words
+
     def command(name: str, *words: str, but: str = '') -> str:
         sign = () if args.wrench_sign is None or '--wrench-sign' in but else (
             '--wrench-sign', str(args.wrench_sign))
@@ -148,8 +151,7 @@ def _next(args: argparse.Namespace, recording: 'Recording', document: dict[str, 
     unnamed = {role: names for role, names in document['missing'].items()
                if role in ('wrench', 'pose') and getattr(recording, role) is None}
     if unnamed and not document['fault']:
-        return [command('check', *(word for role, names in unnamed.items() for word in (
-            '--topic', f'{role}={names[0] if len(names) == 1 else "NAME"}')))]
+        return [command('check', *naming_words(unnamed))]
     known, report = ('--calibration', 'calibration.yaml'), ('--report', 'report.html')
     found = [command('calibrate', *' '.join(options).split(), *report, but=words)
              for words in why.split(' unless ') if (options := OPTION.findall(words))]

@@ -7,6 +7,7 @@ from contextlib import contextmanager, suppress
 from importlib import import_module
 import json
 from math import isfinite
+import os
 from pathlib import Path
 import re
 import sys
@@ -14,7 +15,7 @@ from threading import Event, Thread
 import time
 from typing import Any, TYPE_CHECKING
 
-from forcecal_ros.cli import COMMANDS
+from forcecal_ros.cli import COMMANDS, VERBS
 
 if TYPE_CHECKING:
     from forcecal_ros.core.streams import Recording
@@ -24,6 +25,10 @@ CLEAR = '\r\033[K'
 
 UNITS = {'S': ' s', 'HZ': ' Hz', 'KG': ' kg', 'DEG': ' deg', 'NS/M': ' N s/m', 'N/M': ' N/m'}
 """Unit that follows a default, by the name that the help gives a number."""
+
+_COMMANDS = re.compile(
+    rf'(?<![\w/.-])forcecal(?= (?:--help|{"|".join((*COMMANDS, *VERBS))})(?![\w-]))')
+"""The name of the program where a command follows."""
 
 PROGRESS_DELAY_S = 2.0
 """Work that is done sooner shows no progress on a terminal."""
@@ -331,9 +336,15 @@ def needs_ros() -> Iterator[None]:
         raise ConfigError(f'ROS 2 is not there ({error}); {remedy}') from error
 
 
+def as_started(text: str) -> str:
+    """Return a text whose commands begin as this one was started, as by ./run."""
+    return _COMMANDS.sub(os.environ.get('FORCECAL_COMMAND', 'forcecal').replace('\\', r'\\'),
+                         text)
+
+
 def say(text: str) -> None:
     """Print one line of result."""
-    print(text, flush=True)
+    print(as_started(text), flush=True)
 
 
 def print_json(document: Mapping[str, Any]) -> None:

@@ -39,6 +39,10 @@ FILES = ('diagnosis.json', 'report.html', 'rig_patched.yaml', 'calibration_patch
          'model_patched.xml')
 """All that a diagnosis may write."""
 
+SEARCH = ('that is the time of the runs; the search takes seconds to minutes in addition, more '
+          'for a longer recording and more parameters')
+"""What ``--check`` adds to the time of the runs."""
+
 FOUND = 3
 """Exit status if what ``--fail-on`` names was found."""
 
@@ -179,7 +183,7 @@ def _check_simulator(args: argparse.Namespace) -> int:
     found = conformance(_simulator_of(args), read(args, args.bag[0], joints=True),
                         load_rig(RIGID))
     words = ('forcecal', 'diagnose', args.bag[0], *_likewise(args), '-o', args.output)
-    show(args, found.document(), f'{found}\nnext: {shlex.join(words)}')
+    show(args, found.document(), f'{found}\n{SEARCH}\nnext: {shlex.join(words)}')
     return 0
 
 
@@ -197,13 +201,19 @@ def _likewise(args: argparse.Namespace) -> tuple[str, ...]:
 
 def answer(args: argparse.Namespace) -> Answer:
     """Diagnose one recording."""
+    from forcecal_ros.diagnose.engine import report_stage
+
     with stages(args) as stage:
         source, recordings = _source_of(args, stage)
         source.tolerance = args.tolerance
         if args.prior:
             source.earlier = _earlier(args.prior, source.explained_by)
         stage(source.task)
-        return _written(args, recordings, source.diagnose(*recordings))
+        before = report_stage.set(stage)
+        try:
+            return _written(args, recordings, source.diagnose(*recordings))
+        finally:
+            report_stage.reset(before)
 
 
 def _earlier(folder: str, explained_by: str) -> Any:

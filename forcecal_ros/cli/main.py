@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 
 from forcecal_ros import __version__
 from forcecal_ros.cli import COMMANDS, GROUPS, VERBS
-from forcecal_ros.cli.common import or_nearest
+from forcecal_ros.cli.common import as_started, or_nearest
 from forcecal_ros.cli.outputs import check_outputs
 from forcecal_ros.core.errors import ForcecalError, UsageError, with_id
 from forcecal_ros.core.files import remedy
@@ -84,7 +84,8 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print what is wrong and end with status 2."""
-        self.exit(2, f'{self.prog}: {message}; {self.prog} --help shows more [{USAGE_ID}]\n')
+        self.exit(2, f'{self.prog}: {message}; '
+                  f'{as_started(self.prog + " --help")} shows more [{USAGE_ID}]\n')
 
 
 def build_parser(command: str = '') -> Parser:
@@ -196,7 +197,7 @@ def main(arguments: Sequence[str] | None = None,
             import traceback
 
             traceback.print_exc()
-        print(f'forcecal: {with_id(error, message)}', file=sys.stderr)
+        print(f'forcecal: {as_started(with_id(error, message))}', file=sys.stderr)
         return 2 if isinstance(error, UsageError) else 1
 
 

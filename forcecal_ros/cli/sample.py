@@ -205,7 +205,8 @@ def _rigid_arm(args: argparse.Namespace) -> int:
     arm = third_party(str(model), load_mujoco(str(source)))
     make_folder(folder)
     write_text(model, source.read_text())
-    for i, (name, factors) in enumerate((('sound', {}), ('heavier', HEAVIER))):
+    for i, (name, factors) in enumerate((
+            ('sound', dict.fromkeys(HEAVIER, 1.0)), ('heavier', HEAVIER))):
         recording = recorded(arm, factors, args.seed + i, motion=args.seed)
         write_recording(folder / name, replace(recording, start_ns=BEGUN))
     say(f'written to {folder}: {source.name}, sound, heavier')

@@ -56,6 +56,8 @@ ROLES: Mapping[str, Role] = {
 }
 """Role -> topic, as nodes publish it and recordings hold it."""
 
+MAIN_ROLES = ('wrench', 'pose', 'accelerometer')
+"""Roles that a user is shown topics for, if they have none."""
 
 _COMMANDS = re.compile(
     r'(^|[/_])(cmds?|commands?|goals?|jog|references?|setpoints?|targets?)([/_]|$)')
@@ -235,6 +237,12 @@ def naming(recording: Recording, role: str) -> str:
     if len(others) < 2:
         return f'name its topic with --topic {role}={others[0]}'
     return f'name its topic with --topic {role}=NAME, one of {listed(others)}'
+
+
+def naming_words(unnamed: Mapping[str, Sequence[str]]) -> list[str]:
+    """Return the options that name topics of :func:`candidates`; NAME if several may be meant."""
+    return [word for role, names in unnamed.items() for word in (
+        '--topic', f'{role}={names[0] if len(names) == 1 else "NAME"}')]
 
 
 def listed(names: Sequence[str]) -> str:

@@ -4,7 +4,8 @@ The engine of every diagnosis: search for effects, judge them, localise, and say
 The ways in (``by_*``) differ in the simulation that they bring, and go on alike from there.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
 
 from forcecal_ros.core.errors import DataError, with_id
@@ -42,6 +43,10 @@ from forcecal_ros.diagnose.verdict import UNKNOWN, verdict
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.effects.rig import Rig
 import numpy as np
+
+report_stage: ContextVar[Callable[[str], None]] = ContextVar(
+    'report_stage', default=lambda stage: None)
+"""Takes the name of each stage as it begins."""
 
 WITHOUT_MEAN = ('wrench_quantisation', 'dropouts')
 """Effects that move no signal's mean."""
@@ -112,6 +117,8 @@ def diagnose_datasets(rig: Rig, datasets: tuple[Dataset, ...], stamps: Sequence[
     earlier : Earlier
         What earlier recordings of the same robot found.
     """
+    stage = report_stage.get()
+    stage('re-estimating parameters within their tolerances')
     observed = [_observed(c, s.stamped, rig) if s.skew else c.measured
                 for c, s in zip(datasets, stamps)]
     first = linearised_model(rig, datasets, tolerance, earlier)
@@ -129,7 +136,9 @@ def diagnose_datasets(rig: Rig, datasets: tuple[Dataset, ...], stamps: Sequence[
             model.allow_discrepancy(frequencies)
             model.refit_noise(np.zeros(len(model.nuisances)))
         tried = hypotheses(model, frequencies[0] if frequencies else None)
+        stage('searching for effects')
         found = search(model, tried)
+        stage('checking what was found')
         last = len(datasets) - 1
         if not all(gate.acts_in(last) for n, gate in found.model.gates.items()
                    if n in found.features):  # the last one alone would not show it

@@ -60,7 +60,8 @@ class Difference(NamedTuple):
         """Return the delay, and what it leaves in thousandths, behind a sentence."""
         if not np.isfinite(self.delay):
             return ''
-        return (f'; the robot is {quantity(self.delay, self.delay_std, "s")} later, '
+        side = 'later' if self.delay > 0.0 else 'earlier'
+        return (f'; the robot is {quantity(abs(self.delay), self.delay_std, "s")} {side}, '
                 f'which leaves {1e3 * self.unexplained:.2g} {unit}')
 
 

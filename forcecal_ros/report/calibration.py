@@ -157,9 +157,9 @@ def forces(recording: Recording, c: Calibration, contact: Stream) -> Shown:
     panels = tuple(Panel(f'force {axis}', 'N', (
         Line('sensor, bias removed', 'simulated', wrench.t,
              wrench.values[:, i] - c.wrench_bias.value[i]),
+        Line('contact force', 'explained', contact.t, contact.values[:, i]),
         *(() if truth is None else (
-            Line('true contact force', 'other', truth.t, truth.values[:, i]),)),
-        Line('contact force', 'explained', contact.t, contact.values[:, i])))
+            Line('true contact force', 'other', truth.t, truth.values[:, i]),))))
         for i, axis in enumerate('xyz'))
     return Shown(panels, recording.phases, float(wrench.t[0]), float(wrench.t[-1]))
 

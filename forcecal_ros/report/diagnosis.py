@@ -14,6 +14,7 @@ from forcecal_ros.diagnose.dataset import Blocks, CHANNELS, STAGES, units
 from forcecal_ros.diagnose.engine import Outcome
 from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, instants, NamedEffect
 from forcecal_ros.diagnose.localise import BANDS, BLOCK_RATE, time_frequency_bins, TimeFrequencyBin
+from forcecal_ros.diagnose.model.gates import kind_of
 from forcecal_ros.diagnose.result import Diagnosis
 from forcecal_ros.diagnose.verdict import FIRST, FURTHER, percent, WITHIN
 from forcecal_ros.effects import EFFECTS
@@ -72,14 +73,15 @@ class View:
     cells: tuple[TimeFrequencyBin, ...]
 
     def focus(self) -> TimeFrequencyBin | None:
-        """Return the place that the verdict speaks of, the strongest; None where all is noise."""
-        for w in self.diagnosis.localisation:
-            if any(p.name == w.phase for p in self.phases):
-                return TimeFrequencyBin(_INDEX[w.channel], w.phase, w.band_hz, w.excess, SEEN)
-        if self.diagnosis.verdict == 'no_gap':
-            return None
-        return max((c for c in self.cells if c.z > SEEN and c.excess > FAINT),
-                   key=lambda c: c.z, default=None)
+        """Return the strongest place of the channel that differs most; None where all is noise."""
+        worst = _INDEX.get(differs_most(self.diagnosis))
+        places = [TimeFrequencyBin(_INDEX[w.channel], w.phase, w.band_hz, w.excess, SEEN)
+                  for w in self.diagnosis.localisation
+                  if any(p.name == w.phase for p in self.phases)]
+        if places or self.diagnosis.verdict != 'no_gap':
+            places += sorted((c for c in self.cells if c.z > SEEN and c.excess > FAINT),
+                             key=lambda c: -c.z)
+        return min(places, key=lambda c: c.channel != worst, default=None)
 
     def span(self) -> Phase | None:
         """Return when the residual of the focus is largest: a phase, or the worst part of it."""
@@ -98,8 +100,9 @@ class View:
         return self._worst(place.channel, parts) if len(parts) > 1 else None
 
     def _worst(self, channel: int, parts: list[Phase]) -> Phase | None:
-        """Return the part of the largest residual."""
-        square = np.where(self.present[:, channel], self.recalibrated[:, channel] ** 2, 0.0)
+        """Return the part that the effects change most, or else of the largest residual."""
+        change = self.recalibrated[:, channel] - named(self) * self.explained[:, channel]
+        square = np.where(self.present[:, channel], change ** 2, 0.0)
         total = np.concatenate([[0.0], np.cumsum(square)])
 
         def energy(part: Phase) -> float:
@@ -218,6 +221,15 @@ def headline(d: Diagnosis) -> str:
     return ' '.join(part for part in (found, explained(d), *_but(d)) if part)
 
 
+def differs_most(d: Diagnosis) -> str:
+    """Return the channel that effects change most, in its noise; else that differs most."""
+    effects = d.verdict in NAMED
+    changes = {name: (before - effects * after) / (noise or inf) for name, (
+        _, before, after, noise) in (d.gap.channels if d.gap else {}).items()}
+    return max((name for name in changes if changes[name] > 0.0), key=lambda one: changes[one],
+               default='')
+
+
 def _cause_and_remedy(d: Diagnosis) -> tuple[str, str]:
     """Part the reason of a recording that identifies nothing into what is wrong and what to do."""
     cause, _, remedy = d.reason.rpartition('; ')
@@ -293,6 +305,7 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
     again = shlex.join(('forcecal', 'diagnose', 'NEW_BAG', *against, '-o', folder))
     anew = ['NEW_SIM_BAG' if before == '--simulated' else word
             for before, word in zip(('', *against), against)]
+    simulate = ', simulate the same commands,' if '--simulated' in against else ','
     if d.verdict == 'ambiguous' and {name for name, _ in d.candidates} & EFFECTS.keys():
         plan = shlex.join(('forcecal', 'plan', '--after', folder, '-o', 'plan.yaml'))
         return Step(f'Record what separates these; diagnose it with --prior {folder}:', plan)
@@ -328,9 +341,23 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
         'not_excited': Step('Record a motion that shows what a diagnosis needs:',
                             'forcecal plan -o plan.yaml'),
         'invalid_data': Step('Fix what is named above, and diagnose again:', again),
-    }.get(d.verdict, Step('Correct the simulation by the values below, simulate the same '
-                          'commands, and diagnose again:', shlex.join(
-                              ('forcecal', 'diagnose', bag, *anew, '-o', folder))))
+    }.get(d.verdict, Step(f'{_correction(d)}{simulate} and diagnose again:', shlex.join(
+        ('forcecal', 'diagnose', bag, *anew, '-o', folder))))
+
+
+def _correction(d: Diagnosis) -> str:
+    """Say which value parameters of a simulator should have, and which effects to add to it."""
+    values, effects = [], []
+    for e in d.effects:
+        value = e.parameters.get('value')
+        if value is None or kind_of(e.name) in WORDS:
+            effects.append(f'{e.name} ({sizes(e)})')
+        else:
+            unit = '' if value.unit == '1' else value.unit
+            values.append(f'{e.name} to {with_error(value.value, value.std)[0]} {unit}'.strip())
+    return '; '.join(filter(None, (
+        f'Set {" and ".join(values)} in parameters()' if values else '',
+        f'Add {" and ".join(effects)} to the simulation' if effects else '')))
 
 
 SENSOR_REMEDIES = {
@@ -379,10 +406,8 @@ def _how_large(view: View) -> str:
     _, before, after = d.gap.contact_force
     if before > 0.0:
         parts.append(f'an error of {_change(before, after, "N", "contact force", named)}')
-    worst = max(d.gap.channels.items(), key=lambda one: one[1][1] / (one[1][3] or inf),
-                default=None)
-    if worst is not None and worst[1][1] > 0.0 and d.verdict != 'no_gap':
-        name, (_, apart, left, noise) = worst
+    if (name := differs_most(d)) and d.verdict != 'no_gap':
+        _, apart, left, noise = d.gap.channels[name]
         parts.append(f'a residual of {_change(apart, left, view.units[name], name, named)}, whose '
                      f'noise is {size(noise, view.units[name], 2)}')
     found = [f'{e.name}: {sizes(e)}' if len(named) > 1 else sizes(e) for e in named]
@@ -443,7 +468,8 @@ def _where(view: View) -> str:
         return ''
     low, high = place.band
     band = f'below {high:g} Hz' if low <= 0.0 else f'{low:g} to {high:g} Hz'
-    more = [f'{w.channel} in {w.phase}' for w in view.diagnosis.localisation[1:3]]
+    more = [f'{w.channel} in {w.phase}' for w in view.diagnosis.localisation
+            if (_INDEX[w.channel], w.phase) != (place.channel, place.phase)][:2]
     then = f'; then {" and ".join(more)}' if more else ''
     return (f'{CHANNELS[place.channel].name} in phase {place.phase}, {band}: '
             f'{size(place.excess, "", 2).strip()} times the noise{then}.')
@@ -469,8 +495,8 @@ TONES = {'no_gap': 'good', 'identified': 'known', 'ambiguous': 'warn', 'partial'
 """Colour of each verdict."""
 
 CAPTIONS = {
-    'Where it shows most': 'The channel and the phase that the verdict names: its residual, '
-                           'measured - simulated; below, the signals.',
+    'Where it shows most': 'The channel that differs most: its residual, measured - simulated; '
+                           'below, the signals.',
     'Signals': 'Simulated: by the model whose parameters are re-estimated within their '
                'tolerances.',
     'Residuals': 'The same channels, measured - simulated.',
@@ -504,7 +530,7 @@ def render(view: View, origin: list[str], step: Step) -> str:
     kept = {'noise': 3, 'nominal': 0, 'before': 1, **({'after': 2} if named else {})}
     channels = d.gap.channels if d.gap else {}
     shown = [(name, rms) for name, rms in channels.items() if any(rms[:3])]
-    apart = [rms[1] / (rms[3] or inf) for _, rms in shown]
+    worst = differs_most(d)
     return render_page(
         'diagnosis.html.j2', 'Sim-to-real gap', origin=origin, verdict=d.verdict.replace('_', ' '),
         tone=TONES[d.verdict], headline=headline(d), facts=facts(view, step), notes=d.notes,
@@ -521,7 +547,7 @@ def render(view: View, origin: list[str], step: Step) -> str:
         head=('channel', *kept, 'unit'),
         channels=[_row(name, [*(rms[k] for k in kept.values()), rms[3]], view.units[name])
                   for name, rms in shown],
-        worst=apart.index(max(apart)) if any(apart) else -1,
+        worst=next((i for i, (name, _) in enumerate(shown) if name == worst), -1),
         alike=[name for name, rms in channels.items() if not any(rms[:3])],
         octaves=[f'{high:g}' for _, high in BANDS[:-1]], heat=heat(view),
         closest=list(_pictures(view, {'Where it shows most': closest})),

@@ -22,16 +22,24 @@ COLOURS = {'measured': '#222222', 'simulated': '#D55E00', 'explained': '#0072B2'
 TINTS = {'exciting': '#0072B2', 'touching': '#E69F00', 'moving': '#777777'}
 """Of a phase, by its kind; at standstill there is none."""
 
+TINT_NAMES = {'moving': 'grey', 'exciting': 'blue', 'touching': 'orange'}
+
 EXCITING, STANDING = ('step', 'sweep', 'reverse'), ('measure', 'settle', 'idle', 'done')
 
-WIDER = {'measured': 2.4, 'other': 2.4}
+WIDER = {'measured': 2.4}
 """How much wider than others a line is, so that it shows beside what covers it."""
+
+DASHED = 'other'
+"""Role of lines that let what they cover show."""
 
 MOST_POINTS = 2400
 """Most points of a line: more than two for each dot across a page."""
 
 LABELLED = 0.05
 """Share of the time shown from which a phase has room for its name."""
+
+LABELLED_NARROW = 0.017
+"""The same on a phone, for each letter of the name."""
 
 
 class Line(NamedTuple):
@@ -151,25 +159,39 @@ def drawn(shown: Shown, *, narrow: bool = False) -> Figure:
                 cut = between(line, shown.start, shown.end)
                 axes.plot(cut.t, cut.values, color=COLOURS[line.role],
                           linewidth=0.9 * WIDER.get(line.role, 1.0),
+                          linestyle='--' if line.role == DASHED else '-',
                           label=line.name)
         axes.set_ylabel(f'{panel.title} [{panel.unit}]')
         axes.spines[['top', 'right']].set_visible(False)
         axes.margins(x=0)
-        _shade(axes, shown, LABELLED * 9.0 / width if axes is rows[0] else 1.0)
+        _shade(axes, shown, axes is rows[0], narrow)
     rows[-1].set_xlabel('time [s]')
     rows[0].set_xlim(shown.start, shown.end)
-    handles, labels = rows[0].get_legend_handles_labels()
-    if len(labels) > 1:
-        figure.legend(handles, labels, loc='upper left', ncols=2 if narrow else 4, frameon=False,
-                      fontsize=9)
+    lines = {label: line for axes in rows
+             for line, label in zip(*axes.get_legend_handles_labels())}
+    if len(lines) > 1:
+        figure.legend(lines.values(), lines.keys(), loc='upper left', ncols=2 if narrow else 4,
+                      frameon=False, fontsize=9)
     return figure
 
 
-def _shade(axes: Axes, shown: Shown, labelled: float) -> None:
+def background(shown: Shown) -> str:
+    """Say which phases each tint is of; empty where there is none."""
+    phases = dict.fromkeys(name for name, _, _ in _visible(shown))
+    tints = [f'{colour} for {", ".join(same)}' for tint, colour in TINT_NAMES.items()
+             if (same := [phase for phase in phases if kind(phase) == tint])]
+    return f'Background: {"; ".join(tints)}.' if tints else ''
+
+
+def _has_room(phase: str, share: float, narrow: bool) -> bool:
+    return share > (LABELLED_NARROW * len(phase) if narrow else LABELLED)
+
+
+def _shade(axes: Axes, shown: Shown, labelled: bool, narrow: bool) -> None:
     for phase, start, end in _visible(shown):
         if kind(phase):
             axes.axvspan(start, end, color=TINTS[kind(phase)], alpha=0.13, linewidth=0)
-        if end - start > labelled * (shown.end - shown.start):
+        if labelled and _has_room(phase, (end - start) / (shown.end - shown.start), narrow):
             axes.text(0.5 * (start + end), 1.0, phase, transform=axes.get_xaxis_transform(),
                       ha='center', va='bottom', fontsize=7, color='#555555')
     for at in shown.instants:
@@ -206,14 +228,16 @@ def live(shown: Shown) -> dict[str, Any]:
         'xaxis': {'title': {'text': 'time [s]'}, 'range': [*shown.visible],
                   'anchor': f'y{n if n > 1 else ""}', **_axis()},
         'shapes': list(_shapes(shown)), 'annotations': list(_labels(shown))}
-    data = []
+    data: list[dict[str, Any]] = []
     for i, panel in enumerate(shown.panels):
         suffix = '' if i == 0 else str(i + 1)
         top = 1.0 - i * (height + 0.06)
         layout[f'yaxis{suffix}'] = {
             'title': {'text': f'{panel.title} [{panel.unit}]'}, **_axis(),
             'domain': [max(0.0, top - height), top]}
-        data += [_trace(line, panel, shown, suffix, i == 0) for line in panel.lines]
+        named = {trace['name'] for trace in data}
+        data += [_trace(line, panel, shown, suffix, line.name not in named)
+                 for line in panel.lines]
     return {'data': data, 'layout': layout}
 
 
@@ -227,7 +251,8 @@ def _trace(line: Line, panel: Panel, shown: Shown, suffix: str, first: bool) -> 
         'type': 'scatter', 'mode': 'lines', 'name': line.name, 'legendgroup': line.name,
         'showlegend': first, 'yaxis': f'y{suffix}', 'xaxis': 'x',
         'visible': 'legendonly' if line.hidden else True,
-        'line': {'color': f'var({line.role})', 'width': 1.2 * WIDER.get(line.role, 1.0)},
+        'line': {'color': f'var({line.role})', 'width': 1.2 * WIDER.get(line.role, 1.0),
+                 'dash': 'dash' if line.role == DASHED else 'solid'},
         'hovertemplate': f'%{{y:.4g}} {panel.unit}',
         'x': [round(float(x), 4) for x in cut.t],
         'y': [float(f'{y:.5g}') if np.isfinite(y) else None for y in cut.values]}
@@ -248,8 +273,8 @@ def _labels(shown: Shown) -> Iterator[dict[str, Any]]:
     first, last = shown.visible
     for phase, start, end in _visible(shown._replace(start=first, end=last)):
         share = (end - start) / (last - first)
-        if share > LABELLED:
-            yield {'name': phase if share > 0.2 else '', 'text': phase,
+        if _has_room(phase, share, narrow=False):
+            yield {'name': phase if _has_room(phase, share, narrow=True) else '', 'text': phase,
                    'x': 0.5 * (start + end), 'xref': 'x', 'y': 1, 'yref': 'paper',
                    'showarrow': False, 'yanchor': 'bottom',
                    'font': {'size': 10, 'color': 'var(quiet)'}}

@@ -13,7 +13,7 @@ from urllib.parse import quote
 
 from forcecal_ros import __version__
 from forcecal_ros.core.streams import Recording
-from forcecal_ros.report.figures import drawn, live, narrowed, Shown
+from forcecal_ros.report.figures import background, drawn, live, narrowed, Shown
 import jinja2
 from matplotlib.figure import Figure
 
@@ -92,7 +92,7 @@ def picture(title: str, words: str, what: Figure | Shown, dpi: int = 110,
             image: bytes = b'') -> Picture:
     """Make a picture of a figure, whose PNG may be there, or of what is shown over time."""
     if isinstance(what, Shown):
-        zooms = _plotly() is not None
+        zooms, words = _plotly() is not None, f'{words} {background(what)}'.strip()
         return Picture(title, words, _embedded(png(drawn(what), dpi)), live(what) if zooms else {},
                        '' if zooms else _embedded(png(drawn(what, narrow=True), 160)))
     return Picture(title, words, _embedded(image or png(what, dpi)),

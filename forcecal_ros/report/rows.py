@@ -112,9 +112,9 @@ def promises(calibration: Calibration) -> list[Row]:
     return [Row(f'{words} {label}'.strip(), f'observer.kalman.{key}', kalman[key].unit_of(i),
                 float(value), float('nan'))
             for key, words, labels in (
-                ('bandwidth', 'contact wrench: -3 dB at', ('',)),
-                ('rise_time', 'contact wrench: 10-90 % rise', ('',)),
-                ('std', 'contact wrench: std of', WRENCH_AXES)) if key in kalman
+                ('bandwidth', 'contact wrench: bandwidth (-3 dB)', ('',)),
+                ('rise_time', 'contact wrench: rise time (10-90 %)', ('',)),
+                ('std', 'contact wrench: noise (1 sigma),', WRENCH_AXES)) if key in kalman
             for i, (label, value) in enumerate(zip(labels, kalman[key].value.ravel()))]
 
 

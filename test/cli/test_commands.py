@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 from calibration_runs import brief_run
+from forcecal_ros.cli.common import as_started
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.core.geometry import rotation_from_vector
@@ -48,6 +49,14 @@ def test_check_shows_what_is_there_and_the_next_command(brief, capsys):
     assert f'or: forcecal diagnose {brief / "bag"} -o diagnosis' in said
 
 
+def test_commands_begin_as_the_program_was_started(monkeypatch):
+    text = 'next: forcecal check a/forcecal check; forcecal fit-rig --help, forcecal_ros'
+    assert as_started(text) == text
+    monkeypatch.setenv('FORCECAL_COMMAND', r'./a\ b/run')
+    assert as_started(text) == (r'next: ./a\ b/run check a/forcecal check; ./a\ b/run fit-rig '
+                                '--help, forcecal_ros')
+
+
 @pytest.mark.parametrize('change, expected', [
     pytest.param(lambda r: replace(r, target=None, contact_truth=None), [
         'diagnose with a simulator: no: no commands',
@@ -55,7 +64,8 @@ def test_check_shows_what_is_there_and_the_next_command(brief, capsys):
     pytest.param(lambda r: replace(r, contact_truth=None), ['--simulated SIM_BAG -o diagnosis'],
                  marks=pytest.mark.long),
     (lambda r: replace(r, pose=None, target=None), [
-        'neither a pose nor an IMU was recorded', 'wrench sign: not identifiable',
+        'neither a pose nor an IMU was recorded', 'fit-rig: no: no target_frame and no pose was',
+        'wrench sign: not identifiable',
         'next: record current_pose\n'])])
 def test_check_says_what_cannot_be_done_and_why(tmp_path, recording, capsys, change, expected):
     write_recording(tmp_path / 'bag', change(recording))
@@ -99,7 +109,7 @@ def test_a_fault_without_an_option_has_its_remedy_next(tmp_path, recording, caps
     write_recording(tmp_path / 'bag', replace(recording, wrench=Stream(wrench.t, in_base)))
     assert main(['check', str(tmp_path / 'bag'), '--json']) == 1
     assert json.loads(capsys.readouterr().out)['next'] == [
-        "set the driver to publish in the sensor's frame"]
+        "set the driver to publish in the sensor's frame, and record again"]
 
 
 def test_check_names_a_fault_with_status_1(tmp_path, recording, capsys):

@@ -45,8 +45,8 @@ def test_the_gripper_of_the_second_arm_is_heavier_than_its_model_says(tmp_path, 
         assert recording.joint_commands.names[2] == 'elbow'
         at_rest = recording.wrench.between(0.0, 0.9).values[:, :3].mean(axis=0)
         masses.append(np.linalg.norm(at_rest - (3.0, -1.0, 2.0)) / 9.80665)
-    assert masses[0] == pytest.approx(1.2, abs=0.02)
-    assert masses[1] == pytest.approx(1.26, abs=0.01)
+    assert masses[0] == pytest.approx(1.2, abs=0.003)
+    assert masses[1] == pytest.approx(1.26, abs=0.003)
 
 
 def test_the_robot_that_was_shaken_is_identified_by_the_command_that_it_says(

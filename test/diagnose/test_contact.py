@@ -164,6 +164,15 @@ def test_a_depth_that_does_not_follow_the_force_is_no_law():
                     found.why_not)
 
 
+def test_motion_without_contact_has_none_to_compare():
+    _, touch, _ = touches(robot())
+    none = touch._replace(**{name: getattr(touch, name)[:0] for name in Touch._fields[:-1]})
+    found = weigh(none, none)
+    assert with_contact(FREE, found).reason.endswith(
+        '; no contact in the recording; contact is not compared')
+    assert not found.why_not and not list(found.notes())
+
+
 def test_forces_of_several_directions_are_no_law_and_the_verdict_states_it():
     _, touch, _ = touches(robot())
     # the second half pushes the other way

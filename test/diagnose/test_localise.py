@@ -13,6 +13,11 @@ def test_noise_that_grows_from_octave_to_octave_is_expected_and_one_strong_octav
     assert localise._expected_colour([(alone * dof, dof)] * 3)[2] == localise.MAX_OCTAVE_RATIO
 
 
+def test_a_robot_ahead_of_its_simulation_is_earlier():
+    early = localise.Difference(1e-3, -0.0015, 0.00025, 1e-4).delay_words('mm')
+    assert early == '; the robot is 1.5 ± 0.5 ms earlier, which leaves 0.1 mm'
+
+
 @pytest.mark.parametrize('degrees', [3.0, 4.0, 8.0])
 def test_a_heavy_tail_makes_no_impulses_and_knocks_do(degrees):
     rng = np.random.default_rng(4)

@@ -4,6 +4,7 @@ import struct
 
 from bag_samples import (
     assert_same_recording,
+    header,
     small_recording,
     START_NS,
     STORE,
@@ -228,6 +229,30 @@ def test_recording_without_messages_says_so(tmp_path, storage):
     write_messages(tmp_path / 'bag', [], storage)
     with pytest.raises(DataError, match='nothing to read; it holds no topics'):
         read_recording(tmp_path / 'bag')
+
+
+def test_topics_of_other_names_are_named_in_a_command(tmp_path):
+    text = STORE.types['std_msgs/msg/String']('x')
+    types = STORE.types
+    wrench = wrench_message(START_NS, np.zeros(6))
+    pose = types['geometry_msgs/msg/PoseStamped'](
+        header(START_NS, 'base'), types['geometry_msgs/msg/Pose'](
+            types['geometry_msgs/msg/Point'](0.0, 0.0, 0.0),
+            types['geometry_msgs/msg/Quaternion'](0.0, 0.0, 0.0, 1.0)))
+    folder = tmp_path / 'my bag'
+    write_messages(folder, [
+        ('/ati/ft_data', START_NS, wrench), ('/arm/ee_pose', START_NS, pose),
+        ('/note', START_NS, text)])
+    with pytest.raises(DataError) as error:
+        read_recording(folder)
+    assert (f"by role (wrench, pose, accelerometer, target, joint_commands, ...): "
+            f"forcecal check '{folder}' --topic wrench=/ati/ft_data --topic pose=/arm/ee_pose; "
+            "in Python topics={'wrench': '/ati/ft_data', 'pose': '/arm/ee_pose'}"
+            ) in str(error.value)
+    write_messages(tmp_path / 'two', [
+        ('/a', START_NS, wrench), ('/b', START_NS, wrench), ('/c', START_NS, pose)])
+    with pytest.raises(DataError, match=r'/a, /b, /c; .*--topic wrench=NAME --topic pose=/c; '):
+        read_recording(tmp_path / 'two')
 
 
 @pytest.mark.parametrize('make, message', [

@@ -231,5 +231,5 @@ def test_the_page_of_the_diagnosis_has_the_numbers_of_the_decision():
     assert (f'T = {stored["temperature"]:g} + {stored["form"]:g} G + {stored["taken_up"]:g} M'
             ) in text
     assert f'within {1.0 - stored["largest"]:.2f} and {stored["largest"]:g}' in text
-    assert f'has to gain {WORTH:g}' in text and f's is at most {SCALES[-1]:.1%}'.replace(
-        '%', ' %') in text
+    assert f'must raise the log evidence by {WORTH:g}' in text
+    assert f's is at most {SCALES[-1]:.1%}'.replace('%', ' %') in text

@@ -93,6 +93,14 @@ def test_arguments_and_folder_reach_the_command(newcomer):
     assert f'PWD={newcomer.home}\n' in out
 
 
+def test_commands_that_are_printed_begin_as_this_one_did(newcomer):
+    out = newcomer.runs('help').stdout
+    assert out.startswith(f'{newcomer.project}/.venv/bin/forcecal --help\n')
+    command = str(newcomer.project / 'run').replace(' ', '\\ ')
+    assert f'FORCECAL_COMMAND={command}\n' in out
+    assert './run help' in newcomer.runs('--help').stdout
+
+
 def test_wheels_never_see_a_distribution_that_the_shell_has_sourced(newcomer):
     out = newcomer.runs('demo', **SOURCED).stdout
     assert '/opt/ros' not in out

@@ -28,7 +28,7 @@ from forcecal_ros.report.diagnosis import (
     view_without_signals,
 )
 from forcecal_ros.report.effect_words import sentence, VERDICTS, WORDS
-from forcecal_ros.report.figures import between, Line, live, MOST_POINTS
+from forcecal_ros.report.figures import background, between, Line, live, MOST_POINTS
 from forcecal_ros.report.page import origin, Step
 import numpy as np
 import pytest
@@ -349,6 +349,21 @@ def test_the_plot_that_zooms_shows_the_phase_and_channel_of_the_verdict():
         'measured', 'simulated', 'explained'}
     step, = (one for one in plot['layout']['shapes'] if one['fillcolor'] == 'var(exciting)')
     assert (step['x0'], step['x1']) == (10.0, 12.0)
+    assert [one['name'] for one in plot['data'] if one['showlegend']] == [
+        'measured - simulated', 'measured - explained', 'measured', 'simulated', 'nominal',
+        'explained']
+    assert background(shown) == 'Background: grey for move; blue for step; orange for contact.'
+
+
+@pytest.mark.parametrize('after, channel', [(0.36, 'torque.x'), (0.01, 'force.y')])
+def test_picture_and_table_show_the_channel_that_the_effects_change_most(after, channel):
+    gap = GAP._replace(channels={'force.y': (0.4, 0.38, after, 0.25),
+                                 'torque.x': (0.02, 0.02, 0.01, 0.02)})
+    view = _view(replace(IDENTIFIED, gap=gap))
+    assert figures.closest(view).panels[1].title == channel
+    page = render(view, ['bag'], NEXT)
+    assert re.findall(r'<tr class="worst"><td[^>]*>([^<]+)', page) == [channel]
+    assert f'RMS in {channel} (' in words(view.diagnosis)['How large']
 
 
 def test_without_plotly_the_page_shows_pictures_and_says_how_to_get_more(monkeypatch):
@@ -402,5 +417,11 @@ def test_a_simulation_of_the_users_is_corrected_and_compared_with_the_same_recor
     mass = NamedEffect('tool_mass', {'change': Parameter(0.05, 0.001, '1')}, 0.97)
     step = next_step(replace(IDENTIFIED, effects=(mass,)), 'bag', 'out', (),
                      against=('--simulated', 'sim_bag', '--simulated-wrench-sign', '-1'))
+    assert step.words == ('Add tool_mass (change +5.00 ± 0.20 %) to the simulation, simulate the '
+                          'same commands, and diagnose again:')
     assert step.command == ('forcecal diagnose bag --simulated NEW_SIM_BAG '
                             '--simulated-wrench-sign -1 -o out')
+    payload = NamedEffect('payload', {'value': Parameter(1.25941, 0.0004, 'kg')}, 0.97)
+    step = next_step(replace(IDENTIFIED, effects=(payload,)), 'bag', 'out', (),
+                     against=('--simulator', 'my_robot:make'))
+    assert step.words == 'Set payload to 1.2594 kg in parameters(), and diagnose again:'

@@ -448,6 +448,8 @@ def compare_contact(robot: Touch, simulated: Touch, spreads: NominalTolerances,
         Of free motion.
     """
     seconds = robot.seconds, simulated.seconds
+    if not any(seconds):
+        return Contact(seconds, not_identified=tuple(QUANTITIES))
     if min(seconds) < min(MIN_CONTACT_S, 0.1 * max(seconds)):
         one, other = WHOSE[::1 if seconds[1] < seconds[0] else -1]
         return Contact(seconds, f'the {one} touches something for {max(seconds):.1f} s, '
@@ -544,6 +546,9 @@ def _energy(rows: _Rows, fit: _Fit, numbers: Array, delay: float, held: NDArray[
 def with_contact(diagnosis: Diagnosis, contact: Contact) -> Diagnosis:
     """Add to a diagnosis of free motion how contact differs."""
     d, both = diagnosis, f'{contact.seconds[0]:.1f} s of contact'
+    if not any(contact.seconds):
+        return replace(d, reason=f'{d.reason}; no contact in the recording; contact is not '
+                       'compared')
     if contact.why_not and not contact.one_sided:
         return replace(d, reason=f'{d.reason}; contact is not compared: {contact.why_not}')
     if contact.why_not:

@@ -4,12 +4,22 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from heapq import heappop, heappush
 from itertools import groupby, pairwise
 from pathlib import Path
+import shlex
 from typing import Any, NamedTuple
 
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array, matrix_from_quaternion
 from forcecal_ros.core.streams import JointStream, Phase, PoseStream, Recording, Stream
-from forcecal_ros.core.topics import candidates, find_topics, IMU, JOINT_STATE, Topic, VECTOR3
+from forcecal_ros.core.topics import (
+    candidates,
+    find_topics,
+    IMU,
+    JOINT_STATE,
+    MAIN_ROLES,
+    naming_words,
+    Topic,
+    VECTOR3,
+)
 from forcecal_ros.io.bags.files import Notes
 from forcecal_ros.io.bags.messages import FIELDS, JOINT_NAMES, JOINTS
 from forcecal_ros.io.bags.poses import FROM_TF, pose_of_joints, pose_series
@@ -148,9 +158,7 @@ def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Seri
                wrench_sign: int | None, pose_of: str) -> Recording:
     received = [one.stamp_ns for one in series.values() if len(one.stamp_ns)]
     if not received:
-        names = ', '.join(sorted(topic.name for topic in bag.topics))
-        what = f'it holds {names}; name the topics with --topic role=NAME' if names else (
-            'it holds no topics; record again')
+        what = _how_to_name(bag, found)
         if any(topic.type == JOINT_STATE for topic in bag.topics):
             what += ('; joint states give the pose (--topic pose=urdf:FILE:BASE:LINK), a wrench '
                      'has to be recorded as well')
@@ -192,6 +200,19 @@ def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Seri
         start_ns=start_ns, source=str(bag.path), notes=tuple(bag.notes),
         topics={role: (topic.name, topic.type) for role, topic in found.items()},
         candidates=candidates(bag.topics, found, _STREAMS), wrench_sign=wrench_sign)
+
+
+def _how_to_name(bag: Bag, found: Mapping[str, Topic]) -> str:
+    """Say what a recording holds of which nothing was read, and how to name it by role."""
+    names = ', '.join(sorted(topic.name for topic in bag.topics))
+    if not names:
+        return 'it holds no topics; record again'
+    roles = f'{", ".join(MAIN_ROLES)}, target, joint_commands, ...'
+    words = naming_words(candidates(bag.topics, found, MAIN_ROLES))
+    command = shlex.join(('forcecal', 'check', str(bag.path), *words))
+    topics = dict(word.split('=') for word in words[1::2])
+    return f'it holds {names}; name the topics by role ({roles})' + (
+        f': {command}; in Python topics={topics}' if topics else '')
 
 
 def _rotations(quaternions: Array) -> Array:
