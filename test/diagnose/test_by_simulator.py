@@ -301,3 +301,19 @@ def test_measured_joints_that_a_simulator_lacks_are_said():
     assert none.startswith('it simulates none of the joints in joint_states (shoulder, elbow)')
     some, = missing_joint_notes(('shoulder', 'finger'), ('shoulder',))
     assert some.endswith('joints finger')
+
+
+@pytest.mark.long
+def test_a_drive_that_is_a_third_too_weak_is_found_with_its_gain(tmp_path):
+    pytest.importorskip('mujoco')
+    from forcecal_ros.sim.mujoco import load_mujoco
+    from golden_recordings import arm
+
+    arm(tmp_path, 304, {'kp': [4000.0, 2600.0, 4000.0]})
+    robot = third_party('arm.xml', load_mujoco(str(tmp_path / 'arm.xml')))
+    found = SimulatorSource(robot, TOLERANCES).diagnose(
+        read_recording(tmp_path / 'a')).diagnosis
+    effect, = found.effects
+    value = effect.parameters['value']
+    assert effect.name == 'kp[lift]' and effect.probability > 0.8
+    assert value.value == pytest.approx(2600.0, abs=4.0 * value.std) and value.std < 20.0
