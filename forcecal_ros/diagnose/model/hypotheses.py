@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from itertools import product
 from typing import NamedTuple
 
-from forcecal_ros.core.geometry import Array, skew
+from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.dataset import CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.model.gates import BIAS, Gate, gated, nuisances_of, physical
 from forcecal_ros.diagnose.model.jacobian import Column, column
@@ -88,9 +88,6 @@ def _best_limit(simulated: Array, measured: Array, low: float, high: float, nois
     best = int(np.argmax(removed))
     return float(limits[best]) if removed[best] > MIN_REMOVED * noise ** 2 else 0.0
 
-
-POINT = {'point_x', 'point_y', 'point_z'}
-"""Parameters of where a force acts."""
 
 MOST_STARTS = 12
 """Starting values, at most, at which one effect is screened."""
@@ -227,13 +224,8 @@ def _atoms(model: LinearisedModel, name: str, effect: Effect, line: float | None
     fixed = {'frequency': (line,)} if line and name == VIBRATION else {}
     grids = [fixed.get(q.name) or (q.starts if q.shapes or not effect.smooth else ())
              or (q.typical,) for q in effect.parameters]
-    starts, atoms = list(product(*grids)), []
-    if {q.name for q in effect.parameters} >= POINT:
-        # how large a pull at another place shows would be judged by torques that it lacks
-        place = dict(zip(sorted(POINT), _place(model)))
-        starts += [tuple(place.get(q.name, x) for q, x in zip(effect.parameters, start))
-                   for start in starts]
-    for start in starts[:MOST_STARTS]:
+    atoms = []
+    for start in list(product(*grids))[:MOST_STARTS]:
         several, moving = [], []
         for i in sized:
             theta = np.array(start, dtype=float)
@@ -249,16 +241,6 @@ def _atoms(model: LinearisedModel, name: str, effect: Effect, line: float | None
             theta[still] = nominal[still]
             atoms.append(Atom(theta, np.array(moving), _transposed(several)))
     return atoms
-
-
-def _place(model: LinearisedModel) -> list[float]:
-    """Return the point at which residual forces act if they cause the residual torques [m]."""
-    wrench = np.concatenate([np.where(d.measured.present, r, np.nan)[:, STREAM_SLICES['wrench']]
-                             for d, r in zip(model.datasets, model.residuals)])
-    wrench = wrench[np.isfinite(wrench).all(axis=1)]
-    wrench = wrench - wrench.mean(axis=0)
-    arms = -skew(wrench[:, :3]).reshape(-1, 3)
-    return list(np.clip(np.linalg.lstsq(arms, wrench[:, 3:].ravel(), rcond=1e-8)[0], -1.0, 1.0))
 
 
 def _difference(model: LinearisedModel, name: str, effect: Effect, theta: Array) -> list[Column]:
