@@ -33,6 +33,7 @@ from forcecal_ros.sim.signals import (
     RATE,
     Signals,
     slow,
+    spectrum,
 )
 import numpy as np
 from numpy.typing import NDArray
@@ -274,12 +275,12 @@ class RecordedSimulation(MeasuredMotion):
         super().__init__(replace(recording, pose=merge_poses(measured, made), accelerometer=None),
                          start, n_blocks, accelerometer, rigid_tool)
         own = CarriedTool(simulated, start, n_blocks, accelerometer)
-        slowly = own.recorded_wrench(simulated) - own.wire(rigid_tool)
-        quick, clear = _quick_part(simulated, own)
-        self.beyond = self._full.beyond = slowly + quick
-        self._clear.beyond = slowly + clear
+        below = own.recorded_wrench(simulated) - own.wire(rigid_tool)
+        above, clear = _above_band(simulated, own)
+        self.beyond = self._full.beyond = below + above
+        self._clear.beyond = below + clear
         self._unclear = self._full.wire(rigid_tool) - self._clear.wire(rigid_tool)
-        self.touching = contact_blocks(block_means(slowly))
+        self.touching = contact_blocks(block_means(below))
         self._accel = (None if accel is None
                        else self._carried_over(accel.at(own.t), own, rigid_tool))
 
@@ -303,41 +304,32 @@ class RecordedSimulation(MeasuredMotion):
             accel * model.gain + model.offset)))
 
 
-QUICK_S = 0.1
-"""Standard deviation of the window over which the power of a quick wrench is averaged [s]."""
-
-NO_NOISE = 1.5
-"""
-Power of a quick wrench, in that of its noise, up to which it is noise: averaged over QUICK_S,
-chance makes 1.1 of it, four times as far off once in ten thousand.
-"""
+POWER_WINDOW_S = 0.1
+"""Standard deviation of the window over which the power above the band is averaged [s]."""
 
 
-def _quick_part(simulated: Recording, own: CarriedTool) -> tuple[Array, Array]:
+def _above_band(simulated: Recording, own: CarriedTool) -> tuple[Array, Array]:
     """
-    Return what a simulated wrench holds above the band of poses, (n, 6), and what is clear of it.
+    Return what a simulated wrench holds above the band of poses, (n, 6), and what of it is clear.
 
-    Noise is left out where it is alone. Effects act on what is clear: noise of a prediction would
-    be smoothed by any low-pass, which would be named for that alone.
+    Effects act on what is clear: a low-pass would smooth the noise of a prediction, and be named
+    for that alone.
     """
-    from scipy.signal import welch  # takes a second
-
     wrench = simulated.wrench
     assert wrench is not None
     most = wrench.rate / 5.0
-    frequency, power = welch(wrench.values, wrench.rate, nperseg=min(
-        len(wrench), round(4.0 * wrench.rate)), axis=0)
+    frequency, power = spectrum(wrench.values, wrench.rate)
     floor = np.median(power[frequency > 2.0 * most], axis=0)
     clear = frequency[(power > CLEAR * floor).any(axis=1)].max(initial=0.0)
     band = min(most, 2.0 * float(clear))  # flat up to where the wrench is clear
     if band <= MOST:
         return np.zeros((len(own.t), 6)), np.zeros((len(own.t), 6))
-    quick = own.recorded_wrench(simulated, band) - own.recorded_wrench(simulated)
-    floor = floor * (band - MOST)
-    there = gaussian_filter1d(quick ** 2, QUICK_S * RATE, axis=0) / np.maximum(floor, 1e-300)
-    ratio = there.max(axis=1, keepdims=True)
-    return (np.asarray(np.where(ratio > NO_NOISE, quick, 0.0)),
-            np.asarray(quick * np.clip(1.0 - CLEAR / np.maximum(ratio, 1e-300), 0.0, 1.0)))
+    above = own.recorded_wrench(simulated, band) - own.recorded_wrench(simulated)
+    noise = np.maximum(floor * (band - MOST), 1e-300)
+    # one motion excites all channels
+    ratio = (gaussian_filter1d(above ** 2, POWER_WINDOW_S * RATE, axis=0) / noise).max(axis=1)
+    share = np.clip(1.0 - CLEAR / np.maximum(ratio, 1e-300), 0.0, 1.0)
+    return above, above * share[:, np.newaxis]
 
 
 CONTACT_FORCE_N = 1.0

@@ -14,6 +14,8 @@ from scipy.interpolate import CubicSpline
 LEAST, MOST = 1.0, 12.5
 """Clear band, at least and at most [Hz]: above, arm and gripper ring, and no tool is rigid."""
 
+WINDOW_S = 4.0
+"""Length of the windows over which spectra are averaged [s]."""
 
 CLEAR = 10.0
 """Factor above its floor from which the power of a signal is no noise."""
@@ -38,22 +40,25 @@ def clear_band(rows: Array, rate: float) -> float:
     float
         [Hz]
     """
-    # length of the windows over which spectra are averaged [s]
-    window = 4.0
-    from scipy.signal import welch  # takes a second, which a node does not start with
-
-    if rate < 5.0 * MOST or len(rows) < window * rate:
+    if rate < 5.0 * MOST or len(rows) < WINDOW_S * rate:
         return MOST  # no floor to be seen
-    frequency, power = welch(rows, rate, nperseg=int(window * rate), axis=0)
+    frequency, power = spectrum(rows, rate)
     power = power.sum(axis=1)
     floor = float(np.median(power[frequency > 2.0 * MOST]))
     clear = frequency[(power > CLEAR * floor) & (frequency > 0.0)]
     return float(np.clip(clear.max(initial=0.0), LEAST, MOST))
 
 
+def spectrum(rows: Array, rate: float) -> tuple[Array, Array]:
+    """Return frequencies [Hz], and the power density of signals there, shape (f, k)."""
+    from scipy.signal import welch  # takes a second, which a node does not start with
+
+    return welch(rows, rate, nperseg=min(len(rows), int(WINDOW_S * rate)), axis=0)
+
+
 def slow(rows: Array, rate: float, band: float = MOST) -> Array:
     """Leave out what is faster than a band; where samples are few, nothing is."""
-    from scipy.signal import butter, sosfiltfilt  # takes a second, see clear_band
+    from scipy.signal import butter, sosfiltfilt  # takes a second, see spectrum
 
     if rate <= 2.0 * band or len(rows) < rate:
         return rows

@@ -21,8 +21,9 @@ from forcecal_ros.diagnose.sources.simulated_tool import simulated_tool
 from forcecal_ros.diagnose.verdict import tolerated
 from forcecal_ros.effects import with_effects
 from forcecal_ros.io.bags import write_recording
-from forcecal_ros.sim.measured_motion import express_in_base, merge_poses
+from forcecal_ros.sim.measured_motion import _above_band, express_in_base, merge_poses
 from forcecal_ros.sim.rig.simulator import simulate
+from forcecal_ros.sim.rigid_tool import CarriedTool
 import numpy as np
 from own_arm import commands, GRIPPER, LATE, real, RIG, simulated, TOLERANCES, with_imu
 import pytest
@@ -101,6 +102,17 @@ def shaken():
     rise = np.clip(np.minimum(target.t - 2.0, 9.0 - target.t), 0.0, 1.0)
     shake = 1e-3 * rise * np.sin(2.0 * np.pi * (9.0 + target.t) * target.t)
     return replace(target, position=target.position + np.outer(shake, [0.0, 1.0, 0.6]))
+
+
+def test_effects_act_on_what_is_clear_of_the_simulators_noise_and_all_is_compared():
+    other = simulate(RIG, shaken(), seed=4)
+    own = CarriedTool(replace(other, accelerometer=None), 0.1, 2900, 'acc1')
+    above, clear = _above_band(other, own)
+    shakes, rests = (own.t > 4.0) & (own.t < 7.0), (own.t < 1.5) | (own.t > 9.5)
+    assert np.abs(clear[rests]).max() == 0.0 < above[rests, :3].std()
+    assert above[shakes, 1].std() > 2.0
+    np.testing.assert_allclose(clear[shakes, 1], above[shakes, 1],
+                               atol=0.05 * above[shakes, 1].std())
 
 
 @pytest.mark.parametrize('effects, noisy, named', [

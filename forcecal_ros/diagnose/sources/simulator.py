@@ -235,8 +235,6 @@ class SimulatorSource(Source):
             point, named = found.numbers, self.changes(outcome)
             linear = _is_linear(ready, point)  # before it is run there
             squares = _squares(ready, judged, outcome) if named else np.zeros(3)
-            if turn and not named and outcome.diagnosis.verdict != 'unknown':
-                break  # effects of sensors alone
             # what is unexplained may be what a line about the nominal numbers leaves
             if linear and not _falls_short(outcome, squares) \
                     and (turn or outcome.diagnosis.verdict != 'unknown'):
