@@ -35,11 +35,11 @@ DASHED = 'other'
 MOST_POINTS = 2400
 """Most points of a line: more than two for each dot across a page."""
 
-LABELLED = 0.05
-"""Share of the time shown from which a phase has room for its name."""
+AXES_IN = {False: 8.05, True: 3.45}
+"""Width of the axes on a page, and on a phone [in]."""
 
-LABELLED_NARROW = 0.017
-"""The same on a phone, for each letter of the name."""
+LETTER_IN = 0.058
+"""Width of a letter of a phase's name, in 7 points [in]: a name is shown where it has room."""
 
 
 class Line(NamedTuple):
@@ -146,7 +146,7 @@ def drawn(shown: Shown, *, narrow: bool = False) -> Figure:
     """Draw a picture, the legend above the panels; narrow: for a phone."""
     n = len(shown.panels)
     shown = shown._replace(start=shown.visible[0], end=shown.visible[1])
-    width, top, height = (4.4, 0.75, 1.1 + 1.9 * n) if narrow else (9.0, 0.5, 0.9 + 1.9 * n)
+    top, height, width = 0.5 + 0.25 * narrow, 0.9 + 0.2 * narrow + 1.9 * n, AXES_IN[narrow] + 0.95
     figure = Figure(figsize=(width, height))
     # margins as wide as any label, in inches: to measure all labels takes a third of drawing them
     rows = list(np.atleast_1d(figure.subplots(n, 1, sharex=True, gridspec_kw={
@@ -184,7 +184,7 @@ def background(shown: Shown) -> str:
 
 
 def _has_room(phase: str, share: float, narrow: bool) -> bool:
-    return share > (LABELLED_NARROW * len(phase) if narrow else LABELLED)
+    return share * AXES_IN[narrow] > LETTER_IN * len(phase)
 
 
 def _shade(axes: Axes, shown: Shown, labelled: bool, narrow: bool) -> None:

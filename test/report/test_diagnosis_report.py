@@ -28,7 +28,16 @@ from forcecal_ros.report.diagnosis import (
     view_without_signals,
 )
 from forcecal_ros.report.effect_words import sentence, VERDICTS, WORDS
-from forcecal_ros.report.figures import background, between, Line, live, MOST_POINTS
+from forcecal_ros.report.figures import (
+    background,
+    between,
+    drawn,
+    Line,
+    live,
+    MOST_POINTS,
+    Panel,
+    Shown,
+)
 from forcecal_ros.report.page import origin, Step
 import numpy as np
 import pytest
@@ -353,6 +362,20 @@ def test_the_plot_that_zooms_shows_the_phase_and_channel_of_the_verdict():
         'measured - simulated', 'measured - explained', 'measured', 'simulated', 'nominal',
         'explained']
     assert background(shown) == 'Background: grey for move; blue for step; orange for contact.'
+
+
+@pytest.mark.parametrize('narrow, names', [
+    (False, {'step', 'approach', 'contact'}), (True, {'step', 'contact'})])
+def test_a_phase_is_named_where_its_name_has_room(narrow, names):
+    t = np.linspace(0.0, 100.0, 200)
+    phases = (Phase('step', 0.0, 8.0), Phase('move', 8.0, 9.0), Phase('approach', 9.0, 18.0),
+              Phase('contact', 18.0, 100.0))
+    shown = Shown((Panel('force x', 'N', (Line('measured', 'measured', t, t),)),), phases,
+                  0.0, 100.0)
+    written = {text.get_text() for text in drawn(shown, narrow=narrow).axes[0].texts}
+    assert written == names
+    labels = live(shown)['layout']['annotations']
+    assert {one['name' if narrow else 'text'] for one in labels} - {''} == names
 
 
 @pytest.mark.parametrize('after, channel', [(0.36, 'torque.x'), (0.01, 'force.y')])
