@@ -122,6 +122,18 @@ def test_stamps_of_no_clock_and_two_senders_are_refused(tmp_path, wrong, said):
         read_recording(write(one, tmp_path / 'bag'))
 
 
+def test_a_simulator_whose_commands_hold_for_two_samples_is_one_sender():
+    rng = np.random.default_rng(0)
+    t = 1_700_000_000 * 10**9 + 2_000_000 * np.arange(6000)
+    moving = np.repeat([False, True, False], [1000, 4000, 1000])[:, np.newaxis]
+    slow = np.cumsum(rng.standard_normal((6000, 6)), axis=0)
+    ripple = 100.0 * np.tile([[1.0], [-1.0]], (3000, 1))
+    simulated = np.where(moving, slow + ripple, slow[1000])
+    assert usable_stamps('/wrench', t, t, simulated).note == ''
+    with pytest.raises(DataError, match='two drivers publish on one topic'):
+        usable_stamps('/wrench', t, t, slow + ripple)
+
+
 def test_stamps_that_a_clock_says_stay_as_they_are():
     rng = np.random.default_rng(0)
     t = 1_700_000_000 * 10**9 + 10**7 * np.arange(3000)

@@ -32,8 +32,12 @@ share: the same messages lost from both leave them alike."""
 
 ALTERNATES = 5.0
 """Messages of two senders differ from the next by so many times what they differ from the one
-after that by: motion makes that half, noise one, and a ripple of half the sampling rate is in few
-channels, not in half of them."""
+after that by, at rest too: motion makes that half, noise one. A simulator whose commands hold for
+two samples alternates while it moves; a ripple of half the sampling rate is in few channels, not
+in half of them."""
+
+AT_REST = 4
+"""Part of a recording, one in so many stretches of it, that moves least."""
 
 
 class Stamped(NamedTuple):
@@ -128,10 +132,13 @@ def refuse_two_senders(name: str, values: NDArray[Any]) -> None:
         Names the topic and how far the senders are apart.
     """
     known = np.flatnonzero(np.isfinite(values).all(axis=0))  # poses may say no place
-    values = values[:, known]
-    next_one, one_after = (np.median(np.abs(values[k:] - values[:-k]), axis=0) for k in (1, 2))
+    n = (len(values) - 2) // FEWEST * FEWEST
+    whole = np.stack([np.abs(values[k:n + k, known] - values[:n, known]) for k in (1, 2)])
+    stretches = np.median(whole.reshape(2, n // FEWEST, FEWEST, len(known)), axis=2)
+    quiet = np.argsort(np.median(stretches[1], axis=1))[:n // FEWEST // AT_REST + 1]
+    (next_one, one_after), at_rest = np.median(whole, axis=1), np.median(stretches[:, quiet], axis=1)
     moving = one_after > 0.0
-    apart = moving & (next_one > ALTERNATES * one_after)
+    apart = moving & (next_one > ALTERNATES * one_after) & (at_rest[0] > ALTERNATES * at_rest[1])
     if moving.any() and apart.sum() >= max(2, moving.sum() / 2):
         j = int(np.argmax(next_one))
         raise DataError(
