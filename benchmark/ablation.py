@@ -1,47 +1,97 @@
 """What each part of the decision of a diagnosis costs and buys, on cached cases, in seconds.
 
     python benchmark/posterior_cases.py -o cases.jsonl
-    python benchmark/ablation.py cases.jsonl
+    python benchmark/posterior_cases.py -o opened.jsonl --opened 2 3
+    python benchmark/ablation.py cases.jsonl opened.jsonl
 
-Each rule is judged on the same steps of the same searches; calibrations are cross-validated by
-generator.
+Each rule is judged on the same steps of the same searches. A search goes on while all effects of a
+step are likelier than not; what its last step named is right where all names are, and one is the
+true effect. Calibrations predict cases of each generator and effect by a fit to the others.
 """
 
 import argparse
+from collections.abc import Callable
+import json
 from pathlib import Path
 import sys
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from calibrate_probabilities import cross_validated, load, rows_of, scores
+from calibrate_probabilities import fit, load, Rows, rows_of, scores
+from forcecal_ros.diagnose.model.gates import kind_of
+from forcecal_ros.diagnose.search.calibration import Features, FILE
+from forcecal_ros.diagnose.search.posterior import NAMED
 import numpy as np
+
+WITHOUT = {'fitted to the others': (), 'the same without what is missing': (0,),
+           'the same without effects beside it': (1,)}
+"""Regressors that a calibration does not use."""
+
+
+def group(case: dict) -> str:
+    """Return the generator and the effect of a case."""
+    return f"{case['generator']}: {case['effect'] or 'none'}"
+
+
+def calibrated(rows: Rows, gone: tuple[int, ...]) -> Callable[[str, np.ndarray], np.ndarray]:
+    """Return probabilities of rows of a group, by a fit to the others without some regressors."""
+    kept = np.array([float(i not in gone) for i in range(rows.x.shape[1])])
+    fits = {g: fit(rows.x[rows.group != g] * kept, rows.right[rows.group != g])
+            for g in {*rows.group, ''}}
+
+    def probability(of: str, x: np.ndarray) -> np.ndarray:
+        w = fits.get(of, fits[''])
+        return np.clip(1.0 / (1.0 + np.exp(-w[0] - (x * kept) @ w[1:])), 0.01, 0.99)
+
+    return probability
+
+
+def stored(of: str, x: np.ndarray) -> np.ndarray:
+    """Return probabilities as the package states them."""
+    found = json.loads(FILE.read_text())
+    z = found['intercept'] + x @ np.array(found['weights'])
+    return np.clip(1.0 / (1.0 + np.exp(-z)), 1.0 - found['largest'], found['largest'])
+
+
+def named(case: dict, probability: Callable[[str, np.ndarray], np.ndarray]) -> list[str]:
+    """Return the effects that a search names by a rule, the likeliest first."""
+    found: list[str] = []
+    for step in case.get('steps', []):
+        p = probability(group(case), np.array([Features(**f).row() for f in step.values()]))
+        if p.min() < NAMED:
+            break
+        found = [list(step)[i] for i in np.argsort(-p)]
+    return [kind_of(name) for name in found]
 
 
 def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('cases', type=Path, nargs='+')
-    arguments = parser.parse_args()
-    cases = load(arguments.cases)
+    cases = load(parser.parse_args().cases)
     rows = rows_of(cases)
-    ratio = 10.0 ** rows.x[:, 0]
-    rules = {'evidence alone, always named': np.full(len(ratio), 0.99),
-             'evidence at least 0.6 of what is missing': np.where(ratio > 0.6, 0.99, 0.01),
-             'calibration': cross_validated(rows)}
-    print('| rule | wrong accepted | right refused | log score | calibration error |')
-    print('|---|---|---|---|---|')
-    for name, p in rules.items():
+    rules = {'always named': lambda g, x: np.full(len(x), 0.99),
+             'the first effect, always named': lambda g, x: np.full(
+                 len(x), 0.99 if len(x) == 1 else 0.01),
+             'more evidence than is missing': lambda g, x: np.where(x[:, 0] > 0.0, 0.99, 0.01),
+             'as stored': stored,
+             **{name: calibrated(rows, gone) for name, gone in WITHOUT.items()}}
+    generators = sorted({case['generator'] for case in cases})
+    print('| rule | log score | calibration error | '
+          + ' | '.join(f'{g}: right, false names' for g in generators) + ' |')
+    print('|---' * (3 + len(generators)) + '|')
+    for rule, probability in rules.items():
+        p = np.concatenate([probability(g, x[np.newaxis]) for g, x in zip(rows.group, rows.x)])
         s = scores(p, rows.right)
-        print(f"| {name} | {s['accepted_wrong']} | {s['refused_right']} | {s['log_score']:.2f} | "
-              f"{s['calibration_error']:.2f} |")
-    for size in sorted({c['size'] for c in cases}, reverse=True):
-        for beside in (False, True):
-            some = [c for c in cases if c['size'] == size and bool(c.get('beside')) == beside]
-            if some:
-                first = sum(c['named'][:1] == [c['name']] if c['name'] else
-                            not set(c['named']) - {'unknown'} for c in some)
-                print(f'size {size}{", beside disturbances" if beside else ""}: right first '
-                      f'(nothing named if there is none) {first} of {len(some)}')
+        cells = [f"{s['log_score']:.2f}", f"{s['calibration_error']:.2f}"]
+        for generator in generators:
+            some = [(c, named(c, probability)) for c in cases if c['generator'] == generator]
+            false = [any(c['right'][n] is False for n in names) for c, names in some]
+            right = [not wrong and (not c['effect'] or any(c['right'][n] for n in names))
+                     for wrong, (c, names) in zip(false, some)]
+            cells.append(f'{sum(right)}, {sum(false)} of {len(some)}')
+        print(f'| {rule} | ' + ' | '.join(cells) + ' |')
 
 
 if __name__ == '__main__':

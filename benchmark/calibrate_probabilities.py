@@ -1,11 +1,12 @@
 """Fits the calibration of a diagnosis to cached development cases, with cross-validation.
 
     python benchmark/posterior_cases.py -o cases.jsonl
-    python benchmark/calibrate_probabilities.py cases.jsonl [--write]
+    python benchmark/posterior_cases.py -o opened.jsonl --opened 2 3
+    python benchmark/calibrate_probabilities.py cases.jsonl opened.jsonl [--write]
 
-One row a step of a search: the effect that was added last, right or not. The logistic regression
-has a prior about a rule that is known to work, and is cross-validated by generator: each kind of
-effect, and recordings with none, are predicted by a fit to the others.
+One row an effect of a step of a search, right or not. The logistic regression is cross-validated
+by generator and effect: those of each, and recordings with none, are predicted by a fit to the
+others.
 """
 
 import argparse
@@ -16,19 +17,20 @@ from typing import NamedTuple
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+from forcecal_ros.diagnose.model.gates import kind_of
 from forcecal_ros.diagnose.search.calibration import Features, FILE
 import numpy as np
 from scipy.optimize import minimize
 
-PRIOR = np.array([0.666, 3.0, 3.0])
-"""Mean of intercept and weights: as likely as not at 0.6 of the missing evidence."""
+PRIOR = np.array([0.0, 1.0, 2.0])
+"""Mean of intercept and weights."""
 
 RIDGE = 1.0
 """Their prior precision, of regressors of order 1."""
 
 
 class Rows(NamedTuple):
-    """Steps of searches: regressors, whether the effect was right, and the generator."""
+    """Effects of steps of searches: regressors, whether they are right, and the generator."""
 
     x: np.ndarray
     right: np.ndarray
@@ -37,18 +39,15 @@ class Rows(NamedTuple):
 
 
 def rows_of(cases: list[dict]) -> Rows:
-    """Take of each step the effect that was added last."""
+    """Take of each step all effects that are right or wrong."""
     x, right, group = [], [], []
     for case in cases:
-        seen: set[tuple[str, ...]] = set()
-        for step in case['steps']:
-            key = tuple(step['names'])
-            if key in seen:
-                continue
-            seen.add(key)
-            x.append(Features(*(step[k] for k in Features._fields)).row())
-            right.append(step['added'] == case['name'])
-            group.append(case['name'] or '+'.join(case.get('beside', ['none'])))
+        for name, found in [pair for step in case.get('steps', []) for pair in step.items()]:
+            true = case['right'][kind_of(name)]
+            if true is not None:
+                x.append(Features(**found).row())
+                right.append(true)
+                group.append(f"{case['generator']}: {case['effect'] or 'none'}")
     return Rows(np.array(x), np.array(right, dtype=float), np.array(group), len(cases))
 
 
@@ -61,7 +60,8 @@ def fit(x: np.ndarray, right: np.ndarray) -> np.ndarray:
         value = np.sum(np.logaddexp(0.0, z) - right * z) + 0.5 * RIDGE * off @ off
         return value, np.append(np.sum(p - right), x.T @ (p - right)) + RIDGE * off
 
-    return minimize(cost, PRIOR.copy(), jac=True, bounds=[(None, None), *[(0.0, None)] * 2],
+    return minimize(cost, PRIOR.copy(), jac=True,
+                    bounds=[(None, None), *[(0.0, None)] * (len(PRIOR) - 1)],
                     method='L-BFGS-B').x
 
 
@@ -89,7 +89,8 @@ def load(paths: list[Path]) -> list[dict]:
     """Read cached cases, each once."""
     lines = [line for path in paths for line in path.read_text().splitlines()]
     cases = [json.loads(line) for line in lines]
-    key = [json.dumps([c['name'], c['size'], c['seed'], c.get('beside')]) for c in cases]
+    key = [json.dumps([c.get(k) for k in ('name', 'size', 'seed', 'beside', 'opened', 'case')])
+           for c in cases]
     return list(dict(zip(key, cases)).values())
 
 
@@ -103,8 +104,9 @@ def main() -> None:
     w = fit(rows.x, rows.right)
     found = scores(cross_validated(rows), rows.right)
     stored = json.loads(FILE.read_text()) | {
-        'provenance': 'benchmark/calibrate_probabilities.py on benchmark/posterior_cases.py, '
-                      'cross-validated by generator',
+        'provenance': 'benchmark/calibrate_probabilities.py on benchmark/posterior_cases.py and '
+                      'parts 2 and 3 of the blind check, cross-validated by generator and effect',
+        'regressors': ['gain_over_missing', 'no_other_beside'],
         'cases': rows.cases, 'intercept': round(float(w[0]), 3),
         'weights': np.round(w[1:], 3).tolist(), 'cross_validation': found}
     print(json.dumps(stored, indent=1))

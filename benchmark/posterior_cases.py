@@ -1,10 +1,19 @@
 """Development cases of the posterior: what the search finds, cached a line a case.
 
+    python benchmark/posterior_cases.py -o cases.jsonl [--part 0 2]
+    python benchmark/posterior_cases.py -o opened.jsonl --opened 2 3 [--part 0 2]
+
 Each effect of the library alone on the simulated rig along 13 s of motion, at full size and at a
-fifth; recordings without effect; both with disturbances that no library has. The cache holds the
-features of the best explanation of each step, so that
-``calibrate_probabilities.py`` and ``ablation.py`` judge decision rules in seconds.
+fifth; recordings without effect; both with disturbances that no library has. With --opened, the
+cases of opened parts of the blind check on a real arm's motion and on the rig. The cache holds
+what the probabilities of each step of a search follow from, also of steps that are too unlikely to
+be taken, so that ``calibrate_probabilities.py`` and ``ablation.py`` judge decision rules in
+seconds.
 """
+
+import os
+
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 import argparse
 from dataclasses import replace
@@ -14,11 +23,14 @@ import sys
 import time
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).parent))
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / 'benchmark')]
 
 import diagnose_cases as cases
+from forcecal_ros.core.errors import ForcecalError
 from forcecal_ros.core.streams import Recording
 from forcecal_ros.diagnose import engine
+from forcecal_ros.diagnose.model.gates import kind_of
 from forcecal_ros.diagnose.search import posterior
 from forcecal_ros.diagnose.sources.rig import RigSource
 from forcecal_ros.effects import EFFECTS, with_effects
@@ -28,6 +40,9 @@ import numpy as np
 from scipy.signal import lfilter
 
 FIFTH = 0.2
+HOPELESS = 0.2
+"""Probability below which no step is taken further, whatever the rule."""
+
 LARGEST = {'wrench_saturation': 234.2, 'accel_saturation': 17.39}
 """What these sensors show at most along the motion [N], [m/s^2]."""
 
@@ -127,70 +142,111 @@ def plan() -> list[dict[str, Any]]:
     return out
 
 
-def run(case: dict[str, Any]) -> dict[str, Any]:
-    """Diagnose a case; keep each step of the search."""
-    recording, steps, timing = make(case), [], {}
-    inner = posterior.features_of
+class _Found(Exception):
+    """A search has ended; what follows it is not needed."""
 
-    def watched(full, less):
-        f = inner(full, less)
-        added, = full.names - less.names
-        steps.append({'added': added, 'names': sorted(full.names), **f._asdict()})
-        return f
 
-    posterior.features_of = watched
-    module: Any = engine
-    searched = module.search
+def steps_of(diagnose) -> list[dict[str, dict[str, float]]]:
+    """Return what each step of a search found of each effect, until it is hopeless."""
+    steps: list[dict[str, dict[str, float]]] = []
+    inner, searched, named = posterior.features_of, engine.search, posterior.NAMED
 
-    def timed(*args):
-        began = time.process_time()
-        out = searched(*args)
-        timing['search'] = time.process_time() - began
-        return out
+    def watched(*args):
+        features = inner(*args)
+        steps.append({name: {k: float(v) for k, v in f._asdict().items()}
+                      for name, f in features.items()})
+        return features
 
-    module.search = timed
+    def ended(*args):
+        searched(*args)
+        raise _Found
+
+    posterior.features_of, engine.search, posterior.NAMED = watched, ended, HOPELESS
     try:
-        began = time.process_time()
-        outcome = RigSource(load_rig()).diagnose(recording).outcome
-        d = outcome.diagnosis
+        diagnose()
+    except _Found:
+        pass
     finally:
-        posterior.features_of, module.search = inner, searched
-    return case | {'steps': steps, 'verdict': d.verdict, 'named': [e.name for e in d.effects],
-                   'candidates': list(d.candidates), 'reason': d.reason,
-                   'closed': d.gap.closed if d.gap else None,
-                   'seconds': time.process_time() - began, **timing}
+        posterior.features_of, engine.search, posterior.NAMED = inner, searched, named
+    return steps
+
+
+def run(case: dict[str, Any]) -> dict[str, Any]:
+    """Diagnose a case; keep each step of the search, and which names are right in it."""
+    began = time.process_time()
+    if 'opened' in case:
+        generator, effect, right, diagnose = _opened(case)
+    else:
+        recording, effect = make(case), case['name']
+        generator = 'rig, disturbed' if case.get('beside') else 'rig'
+
+        def right(name):
+            return name == effect
+
+        def diagnose():
+            RigSource(load_rig()).diagnose(recording)
+    steps = steps_of(diagnose)
+    names = {kind_of(name) for step in steps for name in step}
+    return case | {'generator': generator, 'effect': effect, 'steps': steps,
+                   'right': {name: right(name) for name in sorted(names)},
+                   'seconds': time.process_time() - began}
+
+
+def _opened(case):
+    """Return generator, effect, a judgement of names, and how a case is diagnosed."""
+    import blind_second
+    import blind_second_tool
+    from blind.second import sealing
+    from blind.second.judged import Judged
+
+    part, one = blind_second.part_of(case['opened']), case['case']
+    generator = part.read('commitments')[one]['generator']
+    truth = Judged(one, part.read('opened')['labels'][one],
+                   {'document': {'verdict': ''}})
+
+    def right(name):
+        label = truth.label
+        excused = {*label['excused'], *label['doubtful']}
+        if truth.is_right(name):
+            return True
+        return None if name in excused or (label['ambiguous'] and name == truth.effect) else False
+
+    return f'opened {generator}', truth.effect, right, lambda: blind_second_tool.ASK[generator](
+        sealing.made_anew(part, one).arrays)
+
+
+def opened(parts: list[int]) -> list[dict[str, Any]]:
+    """List the answered cases of opened parts, but those of a simulator that is run."""
+    import blind_second
+
+    return [{'opened': number, 'case': one}
+            for number in parts for part in [blind_second.part_of(number)]
+            for one, bound in part.read('commitments').items()
+            if one in part.read('answers') and bound['generator'] != 'arm']
 
 
 def main() -> None:
     """Run what is not cached yet."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('-o', '--out', type=Path, default=Path('posterior_cases.jsonl'))
+    parser.add_argument('--opened', type=int, nargs='*', help='parts of the blind check')
     parser.add_argument('--part', type=int, nargs=2, default=(0, 1), help='I of N')
-    parser.add_argument('--seconds', type=float, default=500.0)
     arguments = parser.parse_args()
     done = [json.loads(line) for line in arguments.out.read_text().splitlines()] \
         if arguments.out.exists() else []
-    began = time.time()
-    for case in plan()[arguments.part[0]::arguments.part[1]]:
+    cases = opened(arguments.opened) if arguments.opened else plan()
+    for case in cases[arguments.part[0]::arguments.part[1]]:
         if any(case.items() <= one.items() for one in done):
             continue
-        if time.time() - began > arguments.seconds:
-            break
         try:
             result = run(case)
-        except Exception as error:
-            import traceback
-            traceback.print_exc()
-            result = case | {'error': repr(error)}
-            print(case['name'], error, file=sys.stderr)
-            continue
+        except ForcecalError as error:
+            result = case | {'error': str(error)}
         with arguments.out.open('a') as file:
             file.write(json.dumps(result) + '\n')
-        print(case['name'] or 'none', case['size'], case.get('beside', ''), '->',
-              result['verdict'], result['named'],
-              [(s['added'], round(s['gain']), round(s['missing']))
-               for s in result['steps']][:4], round(result.get('search', 0), 1),
-              round(result['seconds'], 1), flush=True)
+        print(case, [{name: (round(f['gain']), round(f['missing'])) for name, f in step.items()}
+                     for step in result.get('steps', [])], flush=True)
 
 
 if __name__ == '__main__':

@@ -3,13 +3,13 @@
 import json
 
 from forcecal_ros.diagnose.judge.judgement import ties_of, weighed
-from forcecal_ros.diagnose.search.calibration import Features, FILE, probability
+from forcecal_ros.diagnose.search.calibration import Features, features_of, FILE, probability
 from forcecal_ros.diagnose.search.posterior import Posterior
 from forcecal_ros.diagnose.verdict import UNKNOWN
 import numpy as np
 import pytest
 
-STRONG = Features(2000.0, 50.0, 0.97)
+STRONG = Features(2000.0, 50.0)
 
 
 def test_the_file_says_how_it_was_fitted_and_how_well_it_does_on_what_it_was_not_fitted_to():
@@ -25,25 +25,31 @@ def test_the_more_is_missing_the_less_likely_an_effect_is():
     assert values[0] > 0.8 and values[-1] < 0.5
 
 
-def test_what_leaves_more_than_it_explains_is_unlikely_however_much_evidence_there_is():
-    large = STRONG._replace(missing=800.0)
-    found = [probability(large._replace(explained=share)) for share in (0.97, 0.8, 0.4, 0.2)]
-    assert found == sorted(found, reverse=True)
-    assert found[0] == found[1] > 0.8 and found[-1] < 0.5
+def test_effects_that_together_leave_nothing_are_not_likelier_than_each_alone():
+    """Several fit any background: what the others bring counts against the weaker ones."""
+    alone = probability(Features(300.0, 1000.0))
+    three = features_of({'wrench_gain': 900.0, 'wrench_crosstalk': 300.0, 'cable_force': 400.0}, 0.0)
+    assert three['wrench_crosstalk'].beside == 2.0
+    assert three['cable_force'].beside == pytest.approx(1.75)
+    assert probability(three['wrench_crosstalk']) < max(alone, 0.5)
+    assert probability(three['wrench_gain']) > 0.5
+    pair = features_of({'wrench_gain': 9e4, 'wrench_delay': 3e4}, 0.0)
+    assert min(map(probability, pair.values())) > 0.9
 
 
-@pytest.mark.parametrize('closed, is_gap, named', [
-    (0.9, True, True), (0.12, True, False), (0.12, False, True), (-0.3, False, False)])
-def test_what_leaves_more_than_it_explains_or_does_harm_is_unknown(closed, is_gap, named):
-    found = Posterior(None, (), (), {'wrench_crosstalk': Features(18.6, 28.9)},
+@pytest.mark.parametrize('possible', [True, False])
+def test_what_does_harm_or_stops_at_a_limit_is_unknown(possible):
+    found = Posterior(None, (), (), {'wrench_crosstalk': Features(186.0, 28.9)},
                       {'wrench_crosstalk': {}})
-    assert (weighed(found, is_gap, closed)[0]['wrench_crosstalk'] > 0.5) == named
+    named, candidates = weighed(found, True, possible)
+    assert (named['wrench_crosstalk'] > 0.5) == possible
+    assert (candidates[0][0] == UNKNOWN) != possible
 
 
 def test_effects_that_are_alike_share_the_probability_and_are_tied():
     found = Posterior(None, (), (), {'wrench_delay': STRONG},
                       {'wrench_delay': {'wrench_lowpass': -0.1, 'tool_mass': -1000.0}})
-    named, candidates = weighed(found, False, 0.9)
+    named, candidates = weighed(found, False, True)
     assert dict(candidates)['wrench_lowpass'] == pytest.approx(named['wrench_delay'], rel=0.05)
     assert 'tool_mass' not in dict(candidates)
     note, = ties_of(found)
@@ -52,6 +58,6 @@ def test_effects_that_are_alike_share_the_probability_and_are_tied():
 
 def test_a_gap_without_an_effect_is_unknown_and_what_comes_closest_is_listed():
     found = Posterior(None, (), (), nearest={'cable_force': 0.0, 'tool_mass': -100.0})
-    assert weighed(found, False, 0.0)[1] == []
-    candidates = weighed(found, True, 0.0)[1]
+    assert weighed(found, False, True)[1] == []
+    candidates = weighed(found, True, True)[1]
     assert candidates[0][0] == UNKNOWN and candidates[1][0] == 'cable_force'

@@ -225,9 +225,9 @@ def test_the_pages_become_a_site_without_a_warning(tmp_path):
 def test_the_page_of_the_diagnosis_has_the_numbers_of_the_decision():
     text = (ROOT / 'docs/explanation/diagnosis.md').read_text()
     stored = json.loads((ROOT / 'forcecal_ros/diagnose/search/calibration.json').read_text())
-    gain, explained = stored['weights']
-    assert (f'= {stored["intercept"]:.2f} + {gain:g} log10((1 + G) / (1 + M)) + {explained:g} '
-            f'min(0, log10(h / (1 - h) / {stored["enough"]:g}))') in text
+    gain, beside = stored['weights']
+    assert (f'= {stored["intercept"]:.2f} + {gain:g} log10((1 + G) / (1 + M)) - {beside:g} B'
+            ) in text
     assert (f'T = {stored["temperature"]:g} + {stored["form"]:g} G + {stored["taken_up"]:g} M'
             ) in text
     assert f'within {1.0 - stored["largest"]:.2f} and {stored["largest"]:g}' in text

@@ -97,7 +97,8 @@ def judge(first: LinearisedModel, found: Posterior, checks: Checks,
     checked = tuple(NamedEffect(n, v, CHECKED) for n, v in checks.effects.items())
     numbers = {a.name: parameters_of(final, a) for a in found.accepted}
     limits = [x for name, values in numbers.items() for x in at_limit(name, values)]
-    probabilities, candidates = weighed(found, part.ratio >= 1.0, gap.closed, not limits)
+    probabilities, candidates = weighed(found, part.ratio >= 1.0,
+                                        gap.closed >= 0.0 and not limits)
     stated = with_taken(final, found.accepted, numbers, errors, gap.closed)
     named = [in_its_time(NamedEffect(name, values, probabilities[name]), final, found.instants)
              for name, values in stated.items()]
@@ -106,7 +107,7 @@ def judge(first: LinearisedModel, found: Posterior, checks: Checks,
                   listed_once(candidates), limits)
 
 
-def weighed(found: Posterior, is_gap: bool, closed: float, possible: bool = True
+def weighed(found: Posterior, is_gap: bool, possible: bool
             ) -> tuple[dict[str, float], list[tuple[str, float]]]:
     """
     Return the probability of each accepted effect, and the candidates.
@@ -115,16 +116,14 @@ def weighed(found: Posterior, is_gap: bool, closed: float, possible: bool = True
     ----------
     is_gap : bool
         Whether something is unexplained.
-    closed : float
-        Share of the misfit that accepted effects explain.
     possible : bool
-        Whether accepted effects can be the cause: no number of theirs is at its limit.
+        Whether accepted effects can be the cause: the misfit of held-out data is no larger with
+        them, and no number of theirs is at its limit.
     """
-    explained = 1.0 - (1.0 - closed) ** 2 if is_gap or closed < 0.0 else 1.0
     named: dict[str, float] = {}
     chosen: list[tuple[str, float]] = []
     for name, features in found.features.items():
-        whole = possible * probability(features._replace(explained=explained))
+        whole = possible * probability(features)
         weight = found.odds[name]
         shares = {k: whole * w / (1.0 + sum(weight.values())) for k, w in weight.items()}
         named[name] = whole - sum(shares.values())

@@ -5,6 +5,7 @@ A logistic regression on what the search found, fitted by ``benchmark/calibrate_
 on development cases and stored with its cross-validation in ``calibration.json``.
 """
 
+from collections.abc import Mapping
 from functools import cache
 import json
 import math
@@ -24,24 +25,22 @@ class Features(NamedTuple):
         Log-evidence with the effect above that without it.
     missing : float
         Log-evidence that a model without any flaw would have more.
-    explained : float
-        Part of the misfit's held-out energy that the explanation removes, once that is known.
+    beside : float
+        Other effects of the explanation, each counted as far as its gain goes in this one.
     """
 
     gain: float
     missing: float
-    explained: float = 1.0
+    beside: float = 0.0
 
     def row(self) -> tuple[float, float]:
         """
         Return the regressors.
 
-        The logarithms of what an effect brings over what is missing; and of the energy that is
-        explained over what is left, which counts only as far as that is too little.
+        The logarithm of what an effect brings over what is missing; and the effects beside it, as
+        several together fit whatever is unexplained.
         """
-        share = min(max(self.explained, 1e-3), 1.0 - 1e-3)
-        return (math.log10((1.0 + max(self.gain, 0.0)) / (1.0 + self.missing)),
-                min(0.0, math.log10(share / (1.0 - share) / _stored()['enough'])))
+        return math.log10((1.0 + max(self.gain, 0.0)) / (1.0 + self.missing)), -self.beside
 
     @property
     def temperature(self) -> float:
@@ -49,6 +48,25 @@ class Features(NamedTuple):
         stored = _stored()
         return float(stored['temperature'] + stored['form'] * max(self.gain, 0.0)
                      + stored['taken_up'] * self.missing)
+
+
+def features_of(gains: Mapping[str, float], missing: float) -> dict[str, Features]:
+    """
+    Return what the probability of each effect of an explanation follows from.
+
+    Parameters
+    ----------
+    gains : mapping of str to float
+        Log-evidence with each effect above that without it.
+    missing : float
+        Log-evidence that a model without any flaw would have more.
+    """
+    def beside(name: str) -> float:
+        own = max(gains[name], 1e-9)
+        return sum(min(1.0, max(0.0, gain) / own)
+                   for other, gain in gains.items() if other != name)
+
+    return {name: Features(gain, missing, beside=beside(name)) for name, gain in gains.items()}
 
 
 @cache

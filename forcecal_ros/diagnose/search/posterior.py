@@ -23,7 +23,7 @@ from forcecal_ros.diagnose.model.hypotheses import (
     in_one_recording,
 )
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
-from forcecal_ros.diagnose.search.calibration import Features, probability
+from forcecal_ros.diagnose.search.calibration import Features, features_of, probability
 from forcecal_ros.diagnose.search.change_points import (
     Instant,
     instant_of,
@@ -365,7 +365,8 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
         chosen, less = _chosen(model, children, best)
         if chosen.evidence < best.evidence + WORTH:
             break
-        own = {name: features_of(chosen, less[name]) for name in chosen.names}
+        own = features_of({name: chosen.evidence - e.evidence for name, e in less.items()},
+                          chosen.missing)
         if min(probability(f) for f in own.values()) < NAMED:
             break
         features = own
@@ -381,11 +382,6 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
                      last.discrepancy_evidence,
                      {name: instant_of(best.fit, name) for name in best.names
                       if name in best.fit.model.gates}, None if features else closest)
-
-
-def features_of(full: Explanation, less: Explanation) -> Features:
-    """Return what the probability of an effect follows from: an explanation with and without."""
-    return Features(full.evidence - less.evidence, full.missing)
 
 
 def _instead(chosen: Explanation, others: Sequence[Explanation], name: str) -> dict[str, float]:
