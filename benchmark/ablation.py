@@ -4,9 +4,10 @@
     python benchmark/posterior_cases.py -o opened.jsonl --opened 2 3
     python benchmark/ablation.py cases.jsonl opened.jsonl
 
-Each rule is judged on the same steps of the same searches. A search goes on while all effects of a
-step are likelier than not; what its last step named is right where all names are, and one is the
-true effect. Calibrations predict cases of each generator and effect by a fit to the others.
+Each rule is judged on the same steps of the same searches. A search ends where two steps in a row
+have an effect that is not likelier than not; what it named is right where all names are, and the
+true effects are among them. Calibrations predict cases of each generator and effect by a fit to
+the others.
 """
 
 import argparse
@@ -56,11 +57,14 @@ def stored(of: str, x: np.ndarray) -> np.ndarray:
 def named(case: dict, probability: Callable[[str, np.ndarray], np.ndarray]) -> list[str]:
     """Return the effects that a search names by a rule, the likeliest first."""
     found: list[str] = []
+    failed = 0
     for step in case.get('steps', []):
         p = probability(group(case), np.array([Features(**f).row() for f in step.values()]))
-        if p.min() < NAMED:
+        failed = failed + 1 if p.min() < NAMED else 0
+        if failed == 2:
             break
-        found = [list(step)[i] for i in np.argsort(-p)]
+        if not failed:
+            found = [list(step)[i] for i in np.argsort(-p)]
     return [kind_of(name) for name in found]
 
 
@@ -88,8 +92,9 @@ def main() -> None:
         for generator in generators:
             some = [(c, named(c, probability)) for c in cases if c['generator'] == generator]
             false = [any(c['right'][n] is False for n in names) for c, names in some]
-            right = [not wrong and (not c['effect'] or any(c['right'][n] for n in names))
-                     for wrong, (c, names) in zip(false, some)]
+            right = [not wrong and (not c['effect'] or sum(
+                bool(c['right'][n]) for n in names) > ('second' in c))
+                for wrong, (c, names) in zip(false, some)]
             cells.append(f'{sum(right)}, {sum(false)} of {len(some)}')
         print(f'| {rule} | ' + ' | '.join(cells) + ' |')
 

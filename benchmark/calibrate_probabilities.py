@@ -89,8 +89,8 @@ def load(paths: list[Path]) -> list[dict]:
     """Read cached cases, each once."""
     lines = [line for path in paths for line in path.read_text().splitlines()]
     cases = [json.loads(line) for line in lines]
-    key = [json.dumps([c.get(k) for k in ('name', 'size', 'seed', 'beside', 'opened', 'case')])
-           for c in cases]
+    known = 'name', 'size', 'seed', 'beside', 'second', 'opened', 'case'
+    key = [json.dumps([c.get(k) for k in known]) for c in cases]
     return list(dict(zip(key, cases)).values())
 
 

@@ -4,11 +4,11 @@
     python benchmark/posterior_cases.py -o opened.jsonl --opened 2 3 [--part 0 2]
 
 Each effect of the library alone on the simulated rig along 13 s of motion, at full size and at a
-fifth; recordings without effect; both with disturbances that no library has. With --opened, the
-cases of opened parts of the blind check on a real arm's motion and on the rig. The cache holds
-what the probabilities of each step of a search follow from, also of steps that are too unlikely to
-be taken, so that ``calibrate_probabilities.py`` and ``ablation.py`` judge decision rules in
-seconds.
+fifth; pairs of them; recordings without effect; some with disturbances that no library has. With
+--opened, the cases of opened parts of the blind check on a real arm's motion and on the rig. The
+cache holds what the probabilities of each step of a search follow from, also of steps that are too
+unlikely to be taken, so that ``calibrate_probabilities.py`` and ``ablation.py`` judge decision
+rules in seconds.
 """
 
 import os
@@ -40,6 +40,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 FIFTH = 0.2
+PAIRS = 20
 HOPELESS = 0.2
 """Probability below which no step is taken further, whatever the rule."""
 
@@ -109,6 +110,8 @@ def make(case: dict[str, Any]) -> Recording:
     """Simulate a case."""
     name, seed = case['name'], case['seed']
     effects = {name: case.get('values') or effect_values(name, case['size'])} if name else {}
+    if 'second' in case:
+        effects[case['second']] = effect_values(case['second'], case['second_size'])
     if case.get('nominal'):
         real = with_effects(load_rig(), effects)
     else:
@@ -139,6 +142,12 @@ def plan() -> list[dict[str, Any]]:
             for i, n in enumerate(mixed)]
     out += [{'name': '', 'size': 0.0, 'seed': 501 + i, 'beside': [k, DISTURBANCES[(i + 1) % 3]]}
             for i, k in enumerate(DISTURBANCES * 2)]
+    rng = np.random.default_rng(11)
+    for i in range(PAIRS):
+        one, other = rng.choice(sorted(names), 2, replace=False).tolist()
+        sizes = rng.choice([1.0, 2 * FIFTH], 2).tolist()
+        out.append({'name': one, 'size': sizes[0], 'second': other, 'second_size': sizes[1],
+                    'seed': 900 + i})
     return out
 
 
@@ -178,10 +187,11 @@ def run(case: dict[str, Any]) -> dict[str, Any]:
         generator, effect, right, diagnose = _opened(case)
     else:
         recording, effect = make(case), case['name']
-        generator = 'rig, disturbed' if case.get('beside') else 'rig'
+        generator = 'rig, disturbed' if case.get('beside') else (
+            'rig, pairs' if 'second' in case else 'rig')
 
         def right(name):
-            return name == effect
+            return name in (effect, case.get('second'))
 
         def diagnose():
             RigSource(load_rig()).diagnose(recording)
@@ -194,10 +204,10 @@ def run(case: dict[str, Any]) -> dict[str, Any]:
 
 def _opened(case):
     """Return generator, effect, a judgement of names, and how a case is diagnosed."""
-    import blind_second
-    import blind_second_tool
     from blind.second import sealing
     from blind.second.judged import Judged
+    import blind_second
+    import blind_second_tool
 
     part, one = blind_second.part_of(case['opened']), case['case']
     generator = part.read('commitments')[one]['generator']

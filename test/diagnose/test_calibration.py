@@ -28,7 +28,8 @@ def test_the_more_is_missing_the_less_likely_an_effect_is():
 def test_effects_that_together_leave_nothing_are_not_likelier_than_each_alone():
     """Several fit any background: what the others bring counts against the weaker ones."""
     alone = probability(Features(300.0, 1000.0))
-    three = features_of({'wrench_gain': 900.0, 'wrench_crosstalk': 300.0, 'cable_force': 400.0}, 0.0)
+    three = features_of({'wrench_gain': 900.0, 'wrench_crosstalk': 300.0, 'cable_force': 400.0},
+                        0.0)
     assert three['wrench_crosstalk'].beside == 2.0
     assert three['cable_force'].beside == pytest.approx(1.75)
     assert probability(three['wrench_crosstalk']) < max(alone, 0.5)

@@ -9,15 +9,15 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[2] / 'forcecal_ros'
 
 BUDGETS = {
-    'calibrate': 2391, 'checks': 1696, 'cli': 3087, 'core': 2098, 'diagnose': 5803,
-    'effects': 794, 'fleet': 250, 'impedance': 820, 'insitu': 2155, 'io': 2579, 'motion': 1484,
+    'calibrate': 2391, 'checks': 1696, 'cli': 3087, 'core': 2098, 'diagnose': 5797,
+    'effects': 794, 'fleet': 250, 'impedance': 820, 'insitu': 2155, 'io': 2582, 'motion': 1484,
     'nodes': 3692, 'observe': 2996, 'report': 1632, 'rig_fit': 527, 'sim': 2874}
 """Code lines; less is better: lower a number with the code."""
 
 MOST_AT_ROOT = 238
 """Code lines of the modules next to the packages: the interface from Python."""
 
-MOST_FILES, MOST_CONSTANTS = 257, 562
+MOST_FILES, MOST_CONSTANTS = 257, 561
 """Of the whole package; a constant is a number bound to an upper-case name of a module."""
 
 FILES = sorted(PACKAGE.rglob('*.py'))

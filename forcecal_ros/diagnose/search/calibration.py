@@ -61,12 +61,10 @@ def features_of(gains: Mapping[str, float], missing: float) -> dict[str, Feature
     missing : float
         Log-evidence that a model without any flaw would have more.
     """
-    def beside(name: str) -> float:
-        own = max(gains[name], 1e-9)
-        return sum(min(1.0, max(0.0, gain) / own)
-                   for other, gain in gains.items() if other != name)
-
-    return {name: Features(gain, missing, beside=beside(name)) for name, gain in gains.items()}
+    size = {name: max(gain, 1e-9) for name, gain in gains.items()}
+    return {name: Features(gains[name], missing,
+                           sum(min(1.0, other / own) for other in size.values()) - 1.0)
+            for name, own in size.items()}
 
 
 @cache

@@ -3,8 +3,8 @@ The posterior over explanations of recordings: nothing, one effect, several.
 
 Every explanation is scored by the marginal likelihood of all data, nuisances and discrepancy
 integrated out. Effects that act all the time and effects that begin or end are candidates of the
-same table. The best are fitted on simulations, beside each explanation of a small beam; each
-effect is tried to be removed or exchanged again.
+same table. The best are fitted on simulations, beside what is explained; each effect is tried to
+be removed or exchanged again.
 """
 
 from collections.abc import Mapping, Sequence
@@ -34,9 +34,6 @@ from forcecal_ros.diagnose.search.joint_fit import joint_fit_if_finite, JointFit
 from forcecal_ros.diagnose.search.model_comparison import Accepted, Candidate
 from forcecal_ros.sim.signals import BLOCK
 import numpy as np
-
-BEAM = 3
-"""Explanations that are extended at each step."""
 
 REFINED = 4
 """Effects that are fitted on simulations beside each explanation."""
@@ -319,12 +316,6 @@ def _with_refitted_noise(best: Explanation) -> Explanation:
     return weigh(fit, best.ways)
 
 
-def _beside(other: Explanation, best: Explanation) -> Explanation:
-    """Weigh an explanation beside the noise of the best one."""
-    model = replace(other.fit.model, noise=best.fit.model.noise)
-    return weigh(other.fit._replace(model=model), other.ways)
-
-
 def _likeliest(pool: Sequence[Explanation]) -> list[Explanation]:
     """Keep each set of effects once, the likeliest first."""
     out: dict[frozenset[str], Explanation] = {}
@@ -345,8 +336,7 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
         Effects of the library, as they act all the time.
     """
     table = _Table(model, found)
-    best = weigh(JointFit(model, [], []))
-    beam, children = [best], []
+    named = best = weigh(JointFit(model, [], []))
     features: dict[str, Features] = {}
     alternatives: dict[str, dict[str, float]] = {}
     nearest: dict[str, float] = {}
@@ -355,7 +345,7 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
         if len(best.names) == MOST_EFFECTS:
             break
         known: set[frozenset[str]] = set()
-        children = _likeliest([e for parent in beam for e in extended(parent, table, known)])
+        children = _likeliest(extended(best, table, known))
         if not children:
             break
         children = _likeliest([*children, *_exchanged(model, children[0], table, known)])
@@ -367,21 +357,18 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
             break
         own = features_of({name: chosen.evidence - e.evidence for name, e in less.items()},
                           chosen.missing)
-        if min(probability(f) for f in own.values()) < NAMED:
-            break
-        features = own
-        alternatives = {name: _instead(chosen, children, name) for name in chosen.names}
-        temperature = max(f.temperature for f in own.values())
+        likely = min(probability(f) for f in own.values()) >= NAMED
+        if best.names and not likely:
+            break  # the first of two of one size is unlikely alone, but not both together
         best = _with_refitted_noise(chosen)
-        beam = [best, *(_beside(e, best) for e in children[:BEAM] if e.names != best.names
-                        and len(e.names) == len(best.names)
-                        and e.evidence > chosen.evidence - 3.0 * temperature)]
-    last = best.fit.comparison()
-    return Posterior(best.fit.model, tuple(best.fit.accepted), tuple(best.fit.jacobians),
+        if likely:
+            named, features = best, own
+            alternatives = {name: _instead(chosen, children, name) for name in chosen.names}
+    return Posterior(named.fit.model, tuple(named.fit.accepted), tuple(named.fit.jacobians),
                      features, alternatives, {} if features else nearest,
-                     last.discrepancy_evidence,
-                     {name: instant_of(best.fit, name) for name in best.names
-                      if name in best.fit.model.gates}, None if features else closest)
+                     named.fit.comparison().discrepancy_evidence,
+                     {name: instant_of(named.fit, name) for name in named.names
+                      if name in named.fit.model.gates}, None if features else closest)
 
 
 def _instead(chosen: Explanation, others: Sequence[Explanation], name: str) -> dict[str, float]:

@@ -36,9 +36,6 @@ after that by, at rest too: motion makes that half, noise one. A simulator whose
 two samples alternates while it moves; a ripple of half the sampling rate is in few channels, not
 in half of them."""
 
-AT_REST = 4
-"""Part of a recording, one in so many stretches of it, that moves least."""
-
 
 class Stamped(NamedTuple):
     """Stamps to use [ns], and a note on it; empty: they are those of the headers."""
@@ -132,11 +129,11 @@ def refuse_two_senders(name: str, values: NDArray[Any]) -> None:
         Names the topic and how far the senders are apart.
     """
     known = np.flatnonzero(np.isfinite(values).all(axis=0))  # poses may say no place
-    n = (len(values) - 2) // FEWEST * FEWEST
-    whole = np.stack([np.abs(values[k:n + k, known] - values[:n, known]) for k in (1, 2)])
-    stretches = np.median(whole.reshape(2, n // FEWEST, FEWEST, len(known)), axis=2)
-    quiet = np.argsort(np.median(stretches[1], axis=1))[:n // FEWEST // AT_REST + 1]
-    (next_one, one_after), at_rest = np.median(whole, axis=1), np.median(stretches[:, quiet], axis=1)
+    steps = np.stack([np.abs(values[k:, known][:len(values) - 2] - values[:-2, known])
+                      for k in (1, 2)])
+    parts = np.array_split(steps, steps.shape[1] // FEWEST + 1, axis=1)
+    at_rest = min((np.median(one, axis=1) for one in parts), key=lambda one: one[1].sum())
+    next_one, one_after = np.median(steps, axis=1)
     moving = one_after > 0.0
     apart = moving & (next_one > ALTERNATES * one_after) & (at_rest[0] > ALTERNATES * at_rest[1])
     if moving.any() and apart.sum() >= max(2, moving.sum() / 2):
