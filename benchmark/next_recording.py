@@ -40,7 +40,7 @@ import numpy as np
 ON_RIG = ('wrench_delay', 'wrench_lowpass', 'accel_delay', 'accel_resonance', 'wrench_gain',
           'tool_com', 'wrench_crosstalk', 'base_tilt', 'cable_force', 'tool_stiffness',
           'wrench_hysteresis', 'robot_delay', 'tool_damping')
-ENERGIES = (3e4, 3e5)
+ENERGIES = (3e4, 1e5)
 ROOM = 0.15
 """Of the arm's flange around where it starts [m]."""
 

@@ -6,9 +6,11 @@ where the error was raised, see :data:`KINDS`.
 """
 
 from collections.abc import Iterator
+import copyreg
 from pathlib import Path
 import re
 from types import TracebackType
+from typing import Any
 
 
 class ForcecalError(Exception):
@@ -24,6 +26,10 @@ class ForcecalError(Exception):
     def __init__(self, message: str = '', about: str = '') -> None:
         super().__init__(message)
         self.about = about
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Come back from another process as it was, whatever its kind is made from."""
+        return copyreg.__newobj__, (type(self), *self.args), self.__dict__  # type: ignore[attr-defined]
 
 
 class DataError(ForcecalError):

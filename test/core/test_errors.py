@@ -1,12 +1,14 @@
 """A value next to its limit reads as it was compared."""
 
 import ast
+from copy import copy
 from math import inf, nan, nextafter
 from pathlib import Path
 import re
 
 import forcecal_ros
-from forcecal_ros.core.errors import above, below
+from forcecal_ros.core.errors import above, below, DataError, UnobservableError
+from forcecal_ros.core.schema import Mismatch
 import pytest
 
 
@@ -62,3 +64,13 @@ def test_no_message_rounds_a_value_next_to_its_limit():
     assert not [f'{path}:{line}' for path in Path(forcecal_ros.__file__).parent.rglob('*.py')
                 if re.search(r':\.\d[efg]\}', text := path.read_text())
                 for line in _rounded_next_to_its_limit(ast.parse(text))]
+
+
+@pytest.mark.parametrize('error', [
+    Mismatch('tool.mass', -1.0, 'a number above 0'), DataError('two drivers', 'sign'),
+    UnobservableError('no motion')])
+def test_an_error_comes_back_from_another_process_as_it_was(error):
+    back = copy(error)  # by what pickle does
+    assert type(back) is type(error)
+    assert str(back) == str(error)
+    assert vars(back) == vars(error)
