@@ -24,7 +24,7 @@ from forcecal_ros.diagnose.judge.judgement import listed_once, weighed
 from forcecal_ros.diagnose.judge.named_effects import MAX_RELATIVE_STD, NamedEffect, Parameter
 from forcecal_ros.diagnose.model.linearised import EFFECT
 from forcecal_ros.diagnose.result import Diagnosis
-from forcecal_ros.diagnose.search.calibration import Features, features_of
+from forcecal_ros.diagnose.search.calibration import Features
 from forcecal_ros.diagnose.search.posterior import NAMED, Posterior, WORTH
 from forcecal_ros.diagnose.verdict import percent, UNKNOWN
 from forcecal_ros.effects import EFFECTS, named_effects, Quantity
@@ -514,7 +514,7 @@ def _weighed_together(names: Sequence[str], change: Array, scatter: Array, wide:
     free = np.array([name in best for name in names])
     square = change @ np.linalg.solve(scatter + np.diag(free * wide ** 2), change)
     missing = max(0.0, 0.5 * float(square - len(names)))
-    return (features_of({name: found[best] - found[best - {name}] for name in best}, missing),
+    return ({name: Features(found[best] - found[best - {name}], missing) for name in best},
             {name: {other: found[best - {name} | {other}] - found[best]
                     for other in names if other not in best} for name in best})
 
