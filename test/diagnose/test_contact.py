@@ -16,6 +16,7 @@ from forcecal_ros.diagnose.sources.contact import (
 )
 from forcecal_ros.diagnose.sources.pair import PairSource
 from forcecal_ros.diagnose.sources.simulated_tool import simulated_tool
+from forcecal_ros.diagnose.verdict import UNKNOWN
 from forcecal_ros.sim.measured_motion import RecordedSimulation
 from forcecal_ros.sim.rigid_tool import beyond
 import numpy as np
