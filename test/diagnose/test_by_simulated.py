@@ -21,6 +21,7 @@ from forcecal_ros.diagnose.sources.simulated_tool import simulated_tool
 from forcecal_ros.diagnose.verdict import tolerated
 from forcecal_ros.effects import with_effects
 from forcecal_ros.io.bags import write_recording
+from forcecal_ros.report.diagnosis import next_step
 from forcecal_ros.sim.measured_motion import _above_band, express_in_base, merge_poses
 from forcecal_ros.sim.rig.simulator import simulate
 from forcecal_ros.sim.rigid_tool import CarriedTool
@@ -43,6 +44,10 @@ def clean():
 
 def test_a_sound_robot_that_moves_a_little_otherwise_has_no_gap(clean):
     assert clean.diagnosis.verdict == 'no_gap'
+    motion, = clean.diagnosis.not_compared
+    assert motion.startswith('what makes the motion differ by ')
+    assert next_step(clean.diagnosis, 'bag', 'out', ()).words == (
+        f'Nothing has to be changed in what was compared. Not compared: {motion}.')
     assert not clean.diagnosis.effects
     assert UNTESTED in clean.diagnosis.notes
     assert clean.diagnosis.reason.endswith('mrad (RMS) from the simulated')

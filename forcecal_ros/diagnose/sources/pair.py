@@ -120,17 +120,15 @@ class PairSource(Source):
         return replace(outcome, diagnosis=with_contact(outcome.diagnosis, self._contact))
 
     def reason(self, diagnosis: Diagnosis, ready: Sequence[Ready], outcome: Outcome) -> str:
-        """Add how far the motion is from the simulated one, and what was not compared."""
-        first = ready[0]
-        assert isinstance(first, PairReady)
-        motion = first.tracking
-        return (f'{diagnosis.reason}; the motion itself is {1e3 * motion.translation.rms:.2g} mm '
-                f'and {1e3 * motion.rotation.rms:.2g} mrad (RMS) from the simulated')
+        """Add how far the motion is from the simulated one."""
+        return f'{diagnosis.reason}; the motion itself is {_apart(ready)} from the simulated'
 
     def not_compared(self, ready: Sequence[Ready]) -> tuple[str, ...]:
-        """Report contact that could not be compared."""
+        """Report contact that could not be compared, and what the motion differs by."""
         found = self._contact
-        return (f'{max(found.seconds):.1f} s of contact',) if found and found.why_not else ()
+        contact = (f'{max(found.seconds):.1f} s of contact',) if found and found.why_not else ()
+        motion = f'what makes the motion differ by {_apart(ready)}: --mujoco or --simulator tells'
+        return (*contact, motion)
 
     def notes(self, ready: Sequence[Ready], outcome: Outcome) -> list[str]:
         """Report recalibrations, how the recordings were compared and how the motions differ."""
@@ -228,6 +226,13 @@ def prepare_pair(recording: Recording, simulated: Recording, tool: SimulatedTool
     simulation.touching |= touching_of_robot(moved, simulation, known.rigid_tool)
     dataset.measured.present[simulation.touching] = False
     return dataset, known
+
+
+def _apart(ready: Sequence[Ready]) -> str:
+    first = ready[0]
+    assert isinstance(first, PairReady)
+    translation, rotation = (1e3 * one.rms for one in first.tracking)
+    return f'{translation:.2g} mm and {rotation:.2g} mrad (RMS)'
 
 
 def _about(pairs: Sequence[PairReady], outcome: Outcome) -> Iterator[str]:
