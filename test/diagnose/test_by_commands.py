@@ -9,12 +9,14 @@ from forcecal_ros.diagnose.judge.judgement import listed_once
 from forcecal_ros.diagnose.judge.named_effects import from_checks
 from forcecal_ros.diagnose.recordings import Corrected
 from forcecal_ros.diagnose.result import to_document
+from forcecal_ros.diagnose.search import posterior
 from forcecal_ros.diagnose.sources.rig import RigSource
 from forcecal_ros.effects import with_effects
 from forcecal_ros.io.bags import read_recording
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
+import posterior_cases
 import pytest
 from rig_recordings import FREE, motion, own_recording, PERIOD
 from scipy.spatial.transform import Rotation
@@ -138,6 +140,17 @@ def test_of_two_small_effects_neither_is_given_to_a_discrepancy():
     diagnosis = RigSource(load_rig()).diagnose(first, second).diagnosis
     assert {e.name for e in diagnosis.effects} == {'wrench_crosstalk', 'tool_friction'}
     assert diagnosis.verdict == 'identified', diagnosis.reason
+
+
+def test_two_effects_of_one_size_are_named_though_either_alone_is_unlikely(monkeypatch):
+    case = {'name': 'cable_force', 'size': 0.4, 'second': 'accel_gain', 'second_size': 0.4,
+            'seed': 3}
+    named, likely = {'cable_force', 'accel_gain'}, []
+    inner = posterior.probability
+    monkeypatch.setattr(posterior, 'probability', lambda f: likely.append(inner(f)) or likely[-1])
+    found = RigSource(load_rig()).diagnose(posterior_cases.make(case)).diagnosis
+    assert likely[0] < posterior.NAMED
+    assert found.verdict == 'identified' and {e.name for e in found.effects} == named
 
 
 def slow_noise(rng, shape, knee):
