@@ -4,8 +4,8 @@
     python benchmark/posterior_cases.py -o opened.jsonl --opened 2 3
     python benchmark/ablation.py cases.jsonl opened.jsonl
 
-Each rule is judged on the same steps of the same searches. A search ends where two steps in a row
-have an effect that is not likelier than not; what it named is right where all names are, and the
+Each rule is judged on the same steps of the same searches. A search ends where an effect is not
+likelier than not, but not at its first step; what it named is right where all names are, and the
 true effects are among them. Calibrations predict cases of each generator and effect by a fit to
 the others.
 """
@@ -18,7 +18,7 @@ import sys
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from calibrate_probabilities import fit, load, Rows, rows_of, scores
+from calibrate_probabilities import fit, group_of, load, predicted, Rows, rows_of, scores
 from forcecal_ros.diagnose.model.gates import kind_of
 from forcecal_ros.diagnose.search.calibration import Features, FILE
 from forcecal_ros.diagnose.search.posterior import NAMED
@@ -29,11 +29,6 @@ WITHOUT = {'fitted to the others': (), 'the same without what is missing': (0,),
 """Regressors that a calibration does not use."""
 
 
-def group(case: dict) -> str:
-    """Return the generator and the effect of a case."""
-    return f"{case['generator']}: {case['effect'] or 'none'}"
-
-
 def calibrated(rows: Rows, gone: tuple[int, ...]) -> Callable[[str, np.ndarray], np.ndarray]:
     """Return probabilities of rows of a group, by a fit to the others without some regressors."""
     kept = np.array([float(i not in gone) for i in range(rows.x.shape[1])])
@@ -41,30 +36,20 @@ def calibrated(rows: Rows, gone: tuple[int, ...]) -> Callable[[str, np.ndarray],
             for g in {*rows.group, ''}}
 
     def probability(of: str, x: np.ndarray) -> np.ndarray:
-        w = fits.get(of, fits[''])
-        return np.clip(1.0 / (1.0 + np.exp(-w[0] - (x * kept) @ w[1:])), 0.01, 0.99)
+        return predicted(fits.get(of, fits['']), x * kept)
 
     return probability
-
-
-def stored(of: str, x: np.ndarray) -> np.ndarray:
-    """Return probabilities as the package states them."""
-    found = json.loads(FILE.read_text())
-    z = found['intercept'] + x @ np.array(found['weights'])
-    return np.clip(1.0 / (1.0 + np.exp(-z)), 1.0 - found['largest'], found['largest'])
 
 
 def named(case: dict, probability: Callable[[str, np.ndarray], np.ndarray]) -> list[str]:
     """Return the effects that a search names by a rule, the likeliest first."""
     found: list[str] = []
-    failed = 0
-    for step in case.get('steps', []):
-        p = probability(group(case), np.array([Features(**f).row() for f in step.values()]))
-        failed = failed + 1 if p.min() < NAMED else 0
-        if failed == 2:
-            break
-        if not failed:
+    for number, step in enumerate(case.get('steps', [])):
+        p = probability(group_of(case), np.array([Features(**f).row() for f in step.values()]))
+        if p.min() >= NAMED:
             found = [list(step)[i] for i in np.argsort(-p)]
+        elif number:
+            break
     return [kind_of(name) for name in found]
 
 
@@ -74,12 +59,13 @@ def main() -> None:
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('cases', type=Path, nargs='+')
     cases = load(parser.parse_args().cases)
-    rows = rows_of(cases)
+    rows, stored = rows_of(cases), json.loads(FILE.read_text())
+    w = np.array([stored['intercept'], *stored['weights']])
     rules = {'always named': lambda g, x: np.full(len(x), 0.99),
              'the first effect, always named': lambda g, x: np.full(
                  len(x), 0.99 if len(x) == 1 else 0.01),
              'more evidence than is missing': lambda g, x: np.where(x[:, 0] > 0.0, 0.99, 0.01),
-             'as stored': stored,
+             'as stored': lambda g, x: predicted(w, x),
              **{name: calibrated(rows, gone) for name, gone in WITHOUT.items()}}
     generators = sorted({case['generator'] for case in cases})
     print('| rule | log score | calibration error | '

@@ -38,6 +38,11 @@ class Rows(NamedTuple):
     cases: int
 
 
+def group_of(case: dict) -> str:
+    """Return the generator and the effect of a case."""
+    return f"{case['generator']}: {case['effect'] or 'none'}"
+
+
 def rows_of(cases: list[dict]) -> Rows:
     """Take of each step all effects that are right or wrong."""
     x, right, group = [], [], []
@@ -47,7 +52,7 @@ def rows_of(cases: list[dict]) -> Rows:
             if true is not None:
                 x.append(Features(**found).row())
                 right.append(true)
-                group.append(f"{case['generator']}: {case['effect'] or 'none'}")
+                group.append(group_of(case))
     return Rows(np.array(x), np.array(right, dtype=float), np.array(group), len(cases))
 
 
@@ -65,13 +70,18 @@ def fit(x: np.ndarray, right: np.ndarray) -> np.ndarray:
                     method='L-BFGS-B').x
 
 
+def predicted(w: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return the probability of rows by intercept and weights."""
+    return np.clip(1.0 / (1.0 + np.exp(-w[0] - x @ w[1:])), 0.01, 0.99)
+
+
 def cross_validated(rows: Rows) -> np.ndarray:
     """Predict each generator's rows by a fit to the others."""
     out = np.zeros(len(rows.right))
     for g in np.unique(rows.group):
-        w = fit(rows.x[rows.group != g], rows.right[rows.group != g])
-        out[rows.group == g] = 1.0 / (1.0 + np.exp(-w[0] - rows.x[rows.group == g] @ w[1:]))
-    return np.clip(out, 0.01, 0.99)
+        own = rows.group == g
+        out[own] = predicted(fit(rows.x[~own], rows.right[~own]), rows.x[own])
+    return out
 
 
 def scores(p: np.ndarray, right: np.ndarray) -> dict[str, float]:

@@ -72,6 +72,11 @@ class Tracking(NamedTuple):
     rotation: Difference
 
     @property
+    def size(self) -> str:
+        """RMS of both, in words."""
+        return f'{1e3 * self.translation.rms:.2g} mm and {1e3 * self.rotation.rms:.2g} mrad (RMS)'
+
+    @property
     def delay(self) -> float:
         """By how much the robot is later, by both together; 0 where neither identifies it [s]."""
         weights = [0.0 if np.isnan(one.delay_std) else 1.0 / max(one.delay_std, 1e-9) ** 2

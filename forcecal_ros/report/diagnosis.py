@@ -534,7 +534,7 @@ def render(view: View, origin: list[str], step: Step) -> str:
     return render_page(
         'diagnosis.html.j2', 'Sim-to-real gap', origin=origin, verdict=d.verdict.replace('_', ' '),
         tone=TONES[d.verdict], headline=headline(d), facts=facts(view, step), notes=d.notes,
-        share=explained(d), effects=_numbers(d), meaning=VERDICTS[d.verdict].replace('`', ''),
+        share=explained(d), effects=_numbers(d), meaning=VERDICTS[d.verdict],
         pages=[docs_link('reference/verdicts', d.verdict),
                *(docs_link('reference/effects', e.name) for e in d.effects if e.name in WORDS
                  and e.name != 'unknown')],

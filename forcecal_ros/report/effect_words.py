@@ -46,8 +46,7 @@ WORDS = {
 
 
 VERDICTS = {
-    'no_gap': 'the residual is noise, within the tolerances of the model, or smaller than '
-              '`--tolerance`',
+    'no_gap': 'the residual is noise, within the tolerances of the model, or too small to matter',
     'identified': 'one cause, or several together, with size and probability',
     'ambiguous': 'several causes explain the data about equally well',
     'partial': 'causes that are probable, and a residual that they do not explain',

@@ -36,7 +36,7 @@ MOST_POINTS = 2400
 """Most points of a line: more than two for each dot across a page."""
 
 AXES_IN = {False: 8.05, True: 3.45}
-"""Width of the axes on a page, and on a phone [in]."""
+"""Width of the axes on a page of 9 in, and on a phone of 4.4 in [in]."""
 
 LETTER_IN = 0.058
 """Width of a letter of a phase's name, in 7 points [in]: a name is shown where it has room."""

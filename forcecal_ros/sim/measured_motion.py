@@ -305,7 +305,8 @@ class RecordedSimulation(MeasuredMotion):
 
 
 POWER_WINDOW_S = 0.1
-"""Standard deviation of the window over which the power above the band is averaged [s]."""
+"""Standard deviation of the window over which the power above the band is averaged, a period of
+its lower end [s]."""
 
 
 def _above_band(simulated: Recording, own: CarriedTool) -> tuple[Array, Array]:

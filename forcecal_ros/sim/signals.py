@@ -15,7 +15,7 @@ LEAST, MOST = 1.0, 12.5
 """Clear band, at least and at most [Hz]: above, arm and gripper ring, and no tool is rigid."""
 
 WINDOW_S = 4.0
-"""Length of the windows over which spectra are averaged [s]."""
+"""Length of the windows over which spectra are averaged [s]: a quarter of LEAST apart."""
 
 CLEAR = 10.0
 """Factor above its floor from which the power of a signal is no noise."""

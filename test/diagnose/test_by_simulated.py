@@ -45,7 +45,7 @@ def clean():
 def test_a_sound_robot_that_moves_a_little_otherwise_has_no_gap(clean):
     assert clean.diagnosis.verdict == 'no_gap'
     motion, = clean.diagnosis.not_compared
-    assert motion.startswith('what makes the motion differ by ')
+    assert motion.startswith('the motions, ')
     assert next_step(clean.diagnosis, 'bag', 'out', ()).words == (
         f'Nothing has to be changed in what was compared. Not compared: {motion}.')
     assert not clean.diagnosis.effects

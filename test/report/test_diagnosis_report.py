@@ -222,7 +222,7 @@ def test_a_verdict_that_names_nothing_says_no_share(verdict):
     page = render(view_without_signals(d), ['bag'], NEXT)
     assert not re.search(r'explains \d+ % of the residual|explained</th>', page)
     assert NO_REASON in page.lower()
-    assert VERDICTS[verdict].replace('`', '') in page
+    assert VERDICTS[verdict] in page and '`' not in VERDICTS[verdict]
 
 
 def test_an_effect_that_shows_in_stamps_alone_explains_no_share():

@@ -514,6 +514,7 @@ def _weighed_together(names: Sequence[str], change: Array, scatter: Array, wide:
     free = np.array([name in best for name in names])
     square = change @ np.linalg.solve(scatter + np.diag(free * wide ** 2), change)
     missing = max(0.0, 0.5 * float(square - len(names)))
+    # measured apart, so that none fits what another leaves
     return ({name: Features(found[best] - found[best - {name}], missing) for name in best},
             {name: {other: found[best - {name} | {other}] - found[best]
                     for other in names if other not in best} for name in best})

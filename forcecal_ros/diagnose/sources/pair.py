@@ -127,7 +127,7 @@ class PairSource(Source):
         """Report contact that could not be compared, and what the motion differs by."""
         found = self._contact
         contact = (f'{max(found.seconds):.1f} s of contact',) if found and found.why_not else ()
-        motion = f'what makes the motion differ by {_apart(ready)}: --mujoco or --simulator tells'
+        motion = f'the motions, {_apart(ready)} apart (--mujoco and --simulator compare them)'
         return (*contact, motion)
 
     def notes(self, ready: Sequence[Ready], outcome: Outcome) -> list[str]:
@@ -229,10 +229,7 @@ def prepare_pair(recording: Recording, simulated: Recording, tool: SimulatedTool
 
 
 def _apart(ready: Sequence[Ready]) -> str:
-    first = ready[0]
-    assert isinstance(first, PairReady)
-    translation, rotation = (1e3 * one.rms for one in first.tracking)
-    return f'{translation:.2g} mm and {rotation:.2g} mrad (RMS)'
+    return next(one.tracking.size for one in ready if isinstance(one, PairReady))
 
 
 def _about(pairs: Sequence[PairReady], outcome: Outcome) -> Iterator[str]:
@@ -240,8 +237,8 @@ def _about(pairs: Sequence[PairReady], outcome: Outcome) -> Iterator[str]:
     force, torque = pairs[0].tool.unexplained
     if force > RIGID_N and not any(one.simulation.touching.any() for one in pairs):
         yield (f'the simulated wrench is not that of a rigid tool: {force:.2g} N and {torque:.2g} '
-               'N m are something else (contact, backlash, noise, another frame), and are '
-               'compared as they are')
+               'N m are something else (contact, backlash, an implicit integrator, noise, '
+               'another frame), and are compared as they are')
     bias = [median + outcome.recalibrations.get(f'{BIAS}.{i}', (0.0, 0.0))[0]
             for i, median in enumerate(pairs[0].tool.zero)]
     yield ('bias of the wrench against the simulated: '

@@ -236,9 +236,8 @@ class TrackedRigSource(ToolSource):
         """Add how far the motion is from the simulated one."""
         motion, left = self._tracking[0], self._rig.robot.unexplained
         assert left is not None
-        return (f'{diagnosis.reason}; the motion itself is {1e3 * motion.translation.rms:.2g} mm '
-                f'and {1e3 * motion.rotation.rms:.2g} mrad (RMS) from the simulated, the rig '
-                f'states {1e3 * np.hypot(left.position, left.position_offset):.2g} mm and '
+        return (f'{diagnosis.reason}; the motion itself is {motion.size} from the simulated, the '
+                f'rig states {1e3 * np.hypot(left.position, left.position_offset):.2g} mm and '
                 f'{1e3 * np.hypot(left.orientation, left.orientation_offset):.2g} mrad')
 
     def notes(self, ready: Sequence[Ready], outcome: Outcome) -> list[str]:
