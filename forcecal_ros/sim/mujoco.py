@@ -3,7 +3,7 @@ A model in MuJoCo as a simulator: loaded, its sensors added, driven by commands 
 
 A force sensor measures all that is below the body of its site, so the tool has to be a body of
 its own. MuJoCo's force sensor reports what the tool does to the arm, so its sign is changed. All
-sensors of a step show the state before it.
+sensors of a step show the state before it, and the acceleration that the step integrates.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -136,19 +136,9 @@ class MujocoRobot:
     def simulate_finer(self, inputs: Inputs, parameters: Mapping[str, float]
                        ) -> Mapping[str, Any]:
         """Simulate with half the model's time step, sampled at the same instants."""
-        return self._with_less(inputs, parameters, 2, 'half')
-
-    def simulate_finest(self, inputs: Inputs, parameters: Mapping[str, float]
-                        ) -> Mapping[str, Any]:
-        """Simulate with a quarter of the model's time step, sampled at the same instants."""
-        return self._with_less(inputs, parameters, 4, 'a quarter of')
-
-    def _with_less(self, inputs: Inputs, parameters: Mapping[str, float], parts: int, share: str
-                   ) -> Mapping[str, Any]:
-        """Simulate with a part of the time step; refuse what is unstable then."""
-        found, warning = self._in_parts(inputs, parameters, parts)
+        found, warning = self._in_parts(inputs, parameters, 2)
         if warning:
-            raise ConfigError(f'--mujoco {self.path}: with {share} its timestep the simulation is '
+            raise ConfigError(f'--mujoco {self.path}: with half its timestep the simulation is '
                               f'unstable, MuJoCo reports "{warning}"; fix the model')
         return found
 
@@ -198,11 +188,12 @@ class MujocoRobot:
         rows, places, skipped = [], [], parts * max(1, round(0.002 / (parts * step)))
         for k in range(len(t)):
             controller.tell(data, k)
-            if k % skipped == 0:
+            before = None if k % skipped else _State.of(model, data)
+            if before:
                 places.append(data.qpos.copy())
             mujoco.mj_step(model, data)
-            if k % skipped == 0:
-                rows.append(data.sensordata.copy())
+            if before:
+                rows.append(_sensed(model, data, before))
             if look:
                 look(data)
         joints = self._joints(inputs.measured_joints, np.array(places))
@@ -252,6 +243,43 @@ class _Seen(NamedTuple):
     def look(self, data: Any) -> None:
         for one in (self.touched, self.forces, self.swing):
             one.look(data)
+
+
+class _State(NamedTuple):
+    """What a model is in: all that the next step depends on."""
+
+    values: Array
+    velocity: Array
+
+    @staticmethod
+    def of(model: Any, data: Any) -> '_State':
+        """Return that of now."""
+        kind = mujoco.mjtState.mjSTATE_INTEGRATION
+        values = np.empty(mujoco.mj_stateSize(model, kind))
+        mujoco.mj_getState(model, data, values, kind)
+        return _State(values, data.qvel.copy())
+
+    def restore(self, model: Any, data: Any) -> None:
+        """Be in it again."""
+        mujoco.mj_setState(model, data, self.values, mujoco.mjtState.mjSTATE_INTEGRATION)
+
+
+def _sensed(model: Any, data: Any, before: _State) -> Array:
+    """
+    Return what sensors show of the state before a step, and of the motion in that step.
+
+    MuJoCo's own force sensor and accelerometer show the acceleration at the step's begin, before
+    dampings that are integrated implicitly act: many times that of the motion, with stiff drives.
+    """
+    after = _State.of(model, data)
+    before.restore(model, data)
+    if int(model.opt.integrator) == int(mujoco.mjtIntegrator.mjINT_RK4):
+        mujoco.mj_forward(model, data)  # whose places are those of a part of the step
+    data.qacc[:] = (after.velocity - before.velocity) / model.opt.timestep
+    mujoco.mj_rnePostConstraint(model, data)
+    mujoco.mj_sensorAcc(model, data)
+    after.restore(model, data)
+    return np.array(data.sensordata)
 
 
 SENSOR_PREFIX = 'forcecal_'
@@ -330,8 +358,7 @@ def load_mujoco(path: str, ft_site: str | None = None, imu: str | None = None) -
                *contact_numbers(model, body.name))
     turned = _axes(model, site).T @ _axes(model, imu) if imu else None
     return MujocoRobot(path, model, body.name, tuple(drives), _chain(model, body.name),
-                       turned, numbers, (*_over_reading_note(model, own),
-                                         *_delay_notes(model, own)), tuple(limits))
+                       turned, numbers, tuple(_delay_notes(model, own)), tuple(limits))
 
 
 def _delay_notes(model: Any, drives: Sequence[Drive]) -> Iterator[str]:
@@ -430,18 +457,3 @@ def _axes(model: Any, site: str) -> Array:
     axes = np.empty(9)
     mujoco.mju_quat2Mat(axes, model.site_quat[model.site(site).id])
     return axes.reshape(3, 3)
-
-
-def _over_reading_note(model: Any, drives: Sequence[Drive]) -> list[str]:
-    """Say by how much the sensor over-reads inertia with an implicit integrator."""
-    kinds = mujoco.mjtIntegrator
-    if int(model.opt.integrator) not in (int(kinds.mjINT_IMPLICIT), int(kinds.mjINT_IMPLICITFAST)):
-        return []
-    factor = 1.0 + model.opt.timestep * max(float(
-        model.dof_damping[one.dof] - model.actuator_gear[one.actuator, 0] ** 2
-        * model.actuator_biasprm[one.actuator, 2]) / model.dof_M0[one.dof] for one in drives)
-    note = (f'its integrator lets the force sensor over-read accelerations, up to {factor:.2f} '
-            'times; Euler does not')
-    # factor by which implicit integrators make MuJoCo's force sensor over-read that is reported:
-    # 0.05 of a tool's inertial force is the noise of a good sensor at 10 m/s^2 and 0.5 kg
-    return [note] if factor >= 1.05 else []

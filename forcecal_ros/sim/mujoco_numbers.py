@@ -413,8 +413,8 @@ def _of_joints(model: Any, drives: Sequence[Drive]) -> list[Number]:
                       for letter, at in zip('pd', drive.gains)]
         else:
             kp = -float(model.actuator_biasprm[i, 1])
-            found.append(Number(_scaled(f'kp[{name}]', kp, GAIN_SIGMA[0], least=0.05),
-                                *_coefficient(model, i, 1, drive.kind)))
+            found.append(Number(_scaled(f'kp[{name}]', kp, GAIN_SIGMA[0], least=0.05)._replace(
+                inverse=True), *_coefficient(model, i, 1, drive.kind)))
         if drive.kind == PID and (ki := float(model.actuator_gainprm[i, 0])) > 0.0:
             found.append(Number(_scaled(f'ki[{name}]', ki, GAIN_SIGMA[1]), *_integral(i)))
         if kv > 0.0:
@@ -436,8 +436,8 @@ def _of_controller(model: Any, letter: str, drive: Drive, at: int) -> Number:
     def patch(spec: Any, value: float) -> None:
         spec.numeric(name).data = [value]
 
-    return Number(_scaled(name, gain, GAIN_SIGMA[letter == 'd'], least=0.05),
-                  _writer('numeric_data', at), patch)
+    return Number(_scaled(name, gain, GAIN_SIGMA[letter == 'd'], least=0.05)._replace(
+        inverse=letter == 'p'), _writer('numeric_data', at), patch)
 
 
 def _of_base(model: Any) -> list[Number]:

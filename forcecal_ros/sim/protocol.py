@@ -28,6 +28,9 @@ class Parameter(NamedTuple):
         ``robot``, ``tool`` or ``environment``: what it is a number of.
     stands_for : tuple of str
         Effects of the library that it makes itself, as ``tool_mass``; these are not tried beside.
+    inverse : bool
+        Whether signals are more nearly linear in its inverse, as in a stiffness: by how much a
+        drive gives way goes with 1 / kp. It is above zero then.
     """
 
     name: str
@@ -38,6 +41,21 @@ class Parameter(NamedTuple):
     high: float = math.inf
     stage: str = 'robot'
     stands_for: tuple[str, ...] = ()
+    inverse: bool = False
+
+    def straight(self, value: float) -> float:
+        """Return what signals are nearly linear in: as the number near its nominal value."""
+        if not self.inverse:
+            return value
+        return self.nominal * (2.0 - self.nominal / value) if value > 0.0 else -math.inf
+
+    def of_straight(self, x: float) -> float:
+        """Return the number again."""
+        return self.nominal / (2.0 - x / self.nominal) if self.inverse else x
+
+    def std_of_straight(self, x: float, std: float) -> float:
+        """Return the standard error of the number."""
+        return std * (self.of_straight(x) / self.nominal) ** 2 if self.inverse else std
 
 
 @dataclass(frozen=True)

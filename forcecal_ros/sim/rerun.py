@@ -24,7 +24,7 @@ from forcecal_ros.sim.signals import block_means, JOINTS, MOST, padded, RATE, Si
 import numpy as np
 from numpy.typing import NDArray
 
-INTEGRATION_STEP, INTEGRATION_BEND, INTEGRATION_STD = 'integration.step', 'integration.bend', 1.0
+INTEGRATION_STEP, INTEGRATION_STD = 'integration.step', 1.0
 """
 What is wrong with a step of integration, 1 sigma, in what half the step changes: a robot is no
 simulation, and of an integrator of first order, as Euler, all of its error is twice that.
@@ -51,9 +51,6 @@ class SimulatedRobot(RigidTool):
         How much later than its simulation the robot does what it is commanded [s].
     finer : float
         What an integration of endless patience changes, in what half the step does.
-    finest : float
-        The same, in what a quarter of the step does beyond 1.5 times that: 2.7 of an error that
-        goes with the square of the step.
     """
 
     numbers: Annotated[tuple[float, ...], Row('of the parameters')] = ()
@@ -61,7 +58,6 @@ class SimulatedRobot(RigidTool):
     zeros: Annotated[tuple[float, ...], Row('of the joints')] = (0.0,) * JOINTS
     late: Annotated[float, Row('robot behind its simulation', 's')] = 0.0
     finer: Annotated[float, Row('of what half the step of integration changes')] = 0.0
-    finest: Annotated[float, Row('of what a quarter of it changes beyond 1.5 times that')] = 0.0
 
 
 def simulated_robot(rigid_tool: RigidTool, parameters: tuple[Parameter, ...]) -> SimulatedRobot:
@@ -99,8 +95,8 @@ def _effect(p: Parameter) -> Effect:
     return Effect(p.name, p.stage, (value,), MOVING, True, 'rig', p.name)
 
 
-def nuisances_of(parameters: tuple[Parameter, ...], joints: int = 0, *, finer: bool = False,
-                 finest: bool = False) -> list[Nuisance]:
+def nuisances_of(parameters: tuple[Parameter, ...], joints: int = 0, *, finer: bool = False
+                 ) -> list[Nuisance]:
     """
     List the simulator's parameters, and where base, sensor and joints are, as nuisances.
 
@@ -108,18 +104,15 @@ def nuisances_of(parameters: tuple[Parameter, ...], joints: int = 0, *, finer: b
     ----------
     finer : bool
         Whether it is known what a finer integration changes.
-    finest : bool
-        Whether it is known what a still finer one changes beyond that.
     """
     change = partial(shifted, '')
     found = [Nuisance(p.name, p.name, change('numbers', i), least=p.low - p.nominal,
                       prior_std=p.sigma) for i, p in enumerate(parameters)]
     # delay of the robot beyond its simulator's, 1 sigma [s]: a cycle of a fast driver
     found.append(Nuisance('robot.delay', 'late', change('late'), prior_std=0.001))
-    for known, name, key in ((finer, INTEGRATION_STEP, 'finer'),
-                             (finest, INTEGRATION_BEND, 'finest')):
-        if known:
-            found.append(Nuisance(name, key, change(key), prior_std=INTEGRATION_STD))
+    if finer:
+        found.append(Nuisance(INTEGRATION_STEP, 'finer', change('finer'),
+                              prior_std=INTEGRATION_STD))
     # place of sensor and base, 1 sigma [m], [rad]: as far as a drawing and an arm are apart
     found += [Nuisance(f'mounting.{i}', 'mounting', change('mounting', i),
                        prior_std=(0.005, 0.01)[i // 3]) for i in range(6)]
@@ -158,7 +151,7 @@ class Rerun:
         self.accelerated = nominal.accelerometer is not None
         self.joints = () if nominal.joints is None else nominal.joints.names
         self.library: Mapping[str, Effect] = library_of(runs.simulator.parameters)
-        self._carried: dict[tuple[Numbers, float, float, float], _Carried] = {}
+        self._carried: dict[tuple[Numbers, float, float], _Carried] = {}
 
     def can_show(self, effect: str, rig: Rig) -> bool:
         """Say whether an effect could be there and be seen."""
@@ -167,7 +160,7 @@ class Rerun:
     def nuisances(self, rig: Rig, streams: tuple[str, ...]) -> tuple[Nuisance, ...]:
         """List the nuisance parameters: those of the simulator, tool, mounting and sensors."""
         found = nuisances_of(self.runs.simulator.parameters, len(self.joints),
-                             finer=self.runs.simulator.has_finer, finest=self.runs.is_coarse)
+                             finer=self.runs.simulator.has_finer)
         if 'tool_mass' in self.library:
             found.append(Nuisance('tool.mass', 'mass', scaled('tool', 'mass'), least=LEAST))
         if 'tool_com' in self.library:
@@ -235,12 +228,12 @@ class Rerun:
 
     def _along(self, rig: SimulatedRobot) -> '_Carried':
         """Carry the simulator's tool along its own motion, so much later; the last are kept."""
-        key = rig.numbers, rig.late, rig.finer, rig.finest
+        key = rig.numbers, rig.late, rig.finer
         if key not in self._carried:
             # carried tools that are kept, one for each motion
             if len(self._carried) >= 6:
                 self._carried.pop(next(iter(self._carried)))
-            made = self.runs.integrated(rig.numbers, rig.finer, rig.finest)
+            made = self.runs.integrated(rig.numbers, rig.finer)
             motion = replace(made, accelerometer=None)
             carried = CarriedTool(motion, self.start - rig.late, self.n_blocks,
                                   self.accelerometer)

@@ -50,7 +50,6 @@ class Runs:
         self._changes: dict[Numbers, list[Change]] = {}
         self._halved: dict[Numbers, Recording] = {}
         self._finer: dict[Numbers, Change] = {}
-        self._finest: dict[Numbers, Change] = {}
 
     def exact(self, numbers: Numbers) -> Recording:
         """Run the simulator, unless it was run so before."""
@@ -85,23 +84,7 @@ class Runs:
             changes.append(change)
         self._changes[numbers] = changes
         if self.simulator.has_finer:
-            finer = _change(*_of_one_length(here, self.halved(numbers)), 1.0)
-            self._finer[numbers] = finer
-            if self.simulator.has_finest and _is_coarse(finer):
-                self._finest[numbers] = self._bend(here, numbers, finer)
-
-    @property
-    def is_coarse(self) -> bool:
-        """Whether its step makes so much that this is no straight line either."""
-        return bool(self._finest)
-
-    def _bend(self, here: Recording, numbers: Numbers, finer: Change) -> Change:
-        """Run it with a quarter of its step; say what that does beyond 1.5 times half of it."""
-        made = self._counted(self.simulator.run_finest(self._inputs, numbers))
-        # what a quarter of a step changes in what half of it does, of an error of first order
-        change = _change(*_of_one_length(here, made), 1.0)
-        return {name: rows - 1.5 * finer[name] for name, rows in change.items()
-                if name in finer}
+            self._finer[numbers] = _change(*_of_one_length(here, self.halved(numbers)), 1.0)
 
     def halved(self, numbers: Numbers) -> Recording:
         """Run it with half its step of integration, unless that was done before."""
@@ -131,14 +114,12 @@ class Runs:
         away = (np.array(numbers) - near) / self._sigma
         return _moved(self._exact[near], self._changes[near], away)
 
-    def integrated(self, numbers: Numbers, finer: float, finest: float = 0.0) -> Recording:
-        """Return its result if its step made so many times what half and a quarter of it do."""
+    def integrated(self, numbers: Numbers, finer: float) -> Recording:
+        """Return its result if its step made so many times what half of it does."""
         made = self.at(numbers)
-        if not self._finer or not (finer or finest):
+        if not self._finer or not finer:
             return made
-        near = self.near(numbers)
-        known = [self._finer[near], *([self._finest[near]] if near in self._finest else [])]
-        return _moved(made, known, np.array([finer, finest])[:len(known)])
+        return _moved(made, [self._finer[self.near(numbers)]], np.array([finer]))
 
     @property
     def _sigma(self) -> Array:
@@ -180,17 +161,6 @@ def _change(here: Recording, there: Recording, scale: float) -> Change:
     return {**found, 'position': scale * (other.position - one.position), 'turn': scale * turn}
 
 
-def _is_coarse(finer: Change) -> bool:
-    """Say whether half the step changes more than the noise of usual sensors."""
-    # noise of a usual wrist sensor [N], [N m], and of poses and joints [m], [rad]: where half the
-    # step changes less, what is no straight line in that, a twentieth of an implicit
-    # integrator's, is none
-    sizes: Mapping[str, Any] = {'wrench': np.repeat([0.15, 0.006], 3), 'position': 1e-4,
-                                'turn': 1e-4, 'joints': 1e-4}
-    return any((np.sqrt(np.mean(finer[name] ** 2, axis=0)) > size).any()
-               for name, size in sizes.items() if name in finer)
-
-
 def _moved(base: Recording, changes: Sequence[Change], away: Array) -> Recording:
     """Add changes, each so many times, to a recording."""
     pose = base.pose
@@ -224,7 +194,7 @@ Runs of a simulator in one diagnosis: two recordings with 30 parameters that are
 EXTRA_RUNS = 3
 """
 Runs of each recording beside those of its parameters: as it is, once found, as proposed. With half
-its step of integration, where it can be run so, it is run once more, and once with a quarter.
+its step of integration, where it can be run so, it is run once more.
 """
 
 
@@ -238,7 +208,7 @@ def refuse_too_many(simulator: ThirdParty, recordings: int) -> None:
         With how many there may be.
     """
     n = len(simulator.parameters)
-    beside = EXTRA_RUNS + simulator.has_finer + simulator.has_finest
+    beside = EXTRA_RUNS + simulator.has_finer
     most = (MAX_RUNS - 1) // recordings - beside
     if n > most:
         enough = recordings > 1 and n <= MAX_RUNS - 1 - beside
@@ -252,7 +222,7 @@ def refuse_too_many(simulator: ThirdParty, recordings: int) -> None:
 def runs_short(simulator: ThirdParty, runs: Sequence[Runs]) -> str:
     """Say so where all parameters cannot be tried once more, else nothing."""
     done, n = sum(one.count for one in runs), len(simulator.parameters)
-    each = n + EXTRA_RUNS + simulator.has_finer + simulator.has_finest - 1
+    each = n + EXTRA_RUNS + simulator.has_finer - 1
     if done + len(runs) * each <= MAX_RUNS:
         return ''
     return (f'the simulator was run {done} times, of at most {MAX_RUNS}, so its {n} parameters '

@@ -40,17 +40,30 @@ class ThirdParty:
     parameters : tuple of Parameter
     notes : tuple of str
         What the user should know of it, where it has such an attribute.
+    straight : bool
+        Whether it is run with what its signals are nearly linear in, and not with the numbers.
     """
 
     name: str
     simulator: Simulator
     parameters: tuple[Parameter, ...]
     notes: tuple[str, ...] = ()
+    straight: bool = False
 
     @property
     def nominal(self) -> tuple[float, ...]:
         """Values of all parameters as they are."""
         return tuple(p.nominal for p in self.parameters)
+
+    def straightened(self) -> 'ThirdParty':
+        """Return it as it is run with what its signals are nearly linear in."""
+        return replace(self, straight=True, parameters=tuple(
+            p._replace(low=p.straight(p.low), high=p.straight(p.high)) for p in self.parameters))
+
+    def numbers(self, values: Sequence[float]) -> dict[str, float]:
+        """Return by name the numbers that it is run with."""
+        return {p.name: float(p.of_straight(v) if self.straight else v)
+                for p, v in zip(self.parameters, values)}
 
     def run(self, inputs: Inputs, values: Sequence[float]) -> Recording:
         """
@@ -96,23 +109,13 @@ class ThirdParty:
         """Whether it can be run with half its step of integration."""
         return callable(getattr(self.simulator, 'simulate_finer', None))
 
-    @property
-    def has_finest(self) -> bool:
-        """Whether it can be run with a quarter of its step of integration, too."""
-        return self.has_finer and callable(getattr(self.simulator, 'simulate_finest', None))
-
-    def run_finest(self, inputs: Inputs, values: Sequence[float]) -> Recording:
-        """Simulate with a quarter of its step of integration; otherwise as :meth:`run`."""
-        return self._recording(inputs, 'simulate_finest', values)
-
     def run_finer(self, inputs: Inputs, values: Sequence[float]) -> Recording:
         """Simulate with half its step of integration; otherwise as :meth:`run`."""
         return self._recording(inputs, 'simulate_finer', values)
 
     def _recording(self, inputs: Inputs, method: str, values: Sequence[float]) -> Recording:
-        named = {p.name: float(v) for p, v in zip(self.parameters, values)}
         with _blamed(f'{self.name}: {method}'):
-            answer = getattr(self.simulator, method)(inputs, named)
+            answer = getattr(self.simulator, method)(inputs, self.numbers(values))
         if not isinstance(answer, Mapping):
             raise ConfigError(f'{self.name}: simulate returned {type(answer).__name__}, expected '
                               'a mapping of streams to (stamps, rows)')
@@ -139,7 +142,7 @@ class ThirdParty:
         if write is None:
             return None
         with _blamed(f'{self.name}: patched'):
-            text = write({p.name: float(v) for p, v in zip(self.parameters, values)})
+            text = write(self.numbers(values))
         if not isinstance(text, str):
             raise ConfigError(f'{self.name}: patched returned {type(text).__name__}, expected the '
                               'text of a model')
@@ -262,6 +265,9 @@ def _check_parameter(name: str, p: Parameter) -> None:
         raise ConfigError(f'{where}: nominal {p.nominal} is not within {p.low} to {p.high}')
     if not (np.isfinite(p.sigma) and p.sigma > 0.0):
         raise ConfigError(f'{where}: sigma {p.sigma}, expected how well it is known, above 0')
+    if p.inverse and not p.low > 0.0:
+        raise ConfigError(f'{where}: low {p.low}, expected above 0, as it acts by '
+                          'its inverse')
     if p.stage not in STAGES:
         raise ConfigError(f'{where}: stage {p.stage!r}, expected one of {", ".join(STAGES)}')
 

@@ -17,7 +17,7 @@ from forcecal_ros.diagnose.sources.simulator import inputs_of, SimulatorSource
 from forcecal_ros.io.bags import write_recording
 from forcecal_ros.sim.mujoco import load_mujoco
 from forcecal_ros.sim.protocol import Inputs
-from forcecal_ros.sim.rerun import INTEGRATION_BEND, INTEGRATION_STEP, library_of, nuisances_of
+from forcecal_ros.sim.rerun import INTEGRATION_STEP, library_of, nuisances_of
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.runs import Runs
 from forcecal_ros.sim.third_party import third_party, with_priors
@@ -363,9 +363,20 @@ def test_a_file_says_how_well_numbers_are_known(model, tmp_path):
             with_priors(robot, str(path))
 
 
-def test_an_implicit_integrator_is_told_to_over_read(model):
-    note, = load_mujoco(model(integrator='implicitfast')).notes
-    assert 'over-read accelerations, up to 1.' in note
+@pytest.mark.parametrize('integrator', ['Euler', 'implicit', 'implicitfast', 'RK4'])
+def test_wrench_and_accelerometer_are_those_of_the_motion(integrator, tmp_path):
+    """MuJoCo's sensors show 1.52 to 1.88 kg, by the integrator."""
+    com = '<site name="imu" pos="0.01 0 0.05"/><site name="ft"/>'
+    (tmp_path / 'arm.xml').write_text(
+        mjcf(TOOL.replace('<site name="ft"/>', com), integrator).replace(
+            'armature="0.4"', 'armature="0.4" damping="40"'))
+    arm = third_party('arm', load_mujoco(str(tmp_path / 'arm.xml'), imu='imu'))
+    made = arm.run(Inputs(0.0, 8.0, joints=told(8.0)), arm.nominal)
+    np.testing.assert_allclose(made.wrench.values[:, :3], -1.5 * made.accelerometer.values,
+                               atol=1e-9)
+    tool = simulated_tool(replace(made, accelerometer=None), 0.0, 400, load_rig('rigid_tool.yaml'))
+    assert tool.rigid_tool.tool.mass == pytest.approx(1.5, abs=0.005)
+    assert tool.unexplained[0] < 0.12
 
 
 ON_LINK = '<site name="ft"/>'
@@ -450,14 +461,48 @@ def test_friction_of_a_joint_is_named_with_its_number(model, tmp_path, capsys):
 
 
 @pytest.mark.long
-def test_a_gain_a_quarter_too_low_is_named_and_found_where_it_is_no_straight_line(model):
+@pytest.mark.parametrize('gain', [3000.0, 1600.0])
+def test_a_gain_much_too_low_is_named_and_found_where_it_is_no_straight_line(model, gain):
     path = model()
-    arm, real = third_party('arm', load_mujoco(path)), measured(path, 7.0, {'kp[lift]': 3000.0})
+    arm, real = third_party('arm', load_mujoco(path)), measured(path, 7.0, {'kp[lift]': gain})
     found = SimulatorSource(arm, load_rig('rigid_tool.yaml')).diagnose(real)
     assert found.diagnosis.verdict == 'identified'
     changed, = found.details['parameters']
     assert changed['name'] == 'kp[lift]' and changed['std'] < 60.0
-    assert changed['after'] == pytest.approx(3000.0, abs=3.0 * changed['std'])
+    assert changed['after'] == pytest.approx(gain, abs=3.0 * changed['std'])
+    effect, = found.diagnosis.effects
+    assert effect.parameters['value'].value == changed['after']
+
+
+def test_of_a_gain_its_inverse_is_more_nearly_straight(model):
+    given = third_party('arm', load_mujoco(model()))
+    inputs = Inputs(0.0, 4.0, joints=told(4.0))
+    i = [p.name for p in given.parameters].index('kp[lift]')
+    gain = given.parameters[i]
+    assert gain.inverse and gain.straight(4000.0) == 4000.0
+    assert gain.of_straight(gain.straight(2400.0)) == pytest.approx(2400.0)
+    step = gain.of_straight(gain.straight(2400.0) + 1.0) - 2400.0
+    assert gain.std_of_straight(gain.straight(2400.0), 1.0) == pytest.approx(step, rel=1e-3)
+    assert gain.straight(0.0) == -np.inf
+    exact = given.run(inputs, [2400.0 if k == i else p.nominal
+                               for k, p in enumerate(given.parameters)]).pose.position
+    left = []
+    for arm, value in ((given, 2400.0), (given.straightened(), gain.straight(2400.0))):
+        runs = Runs(arm, inputs, given.run(inputs, given.nominal).pose)
+        runs.try_all(arm.nominal)
+        at = runs.at(tuple(value if k == i else x for k, x in enumerate(arm.nominal)))
+        left.append(np.linalg.norm(at.pose.position - exact))
+    assert left[1] < 0.25 * left[0]
+    with pytest.raises(ConfigError, match=r'low 0, expected above 0, as it acts by its inverse'):
+        third_party('x', WithLow(gain._replace(low=0)))
+
+
+class WithLow:
+    def __init__(self, parameter):
+        self.parameters = lambda: [parameter]
+
+    def simulate(self, inputs, parameters):
+        raise AssertionError('it is not run')
 
 
 def test_what_a_finer_integration_changes_is_told_by_half_the_step(model):
@@ -475,9 +520,9 @@ def test_what_a_finer_integration_changes_is_told_by_half_the_step(model):
         n = min(len(one[name][0]) for one in (here, half, fine))
         np.testing.assert_allclose(half[name][0][:n], here[name][0][:n], atol=1e-12)
         makes, all_of_it = (one[name][1][:n] - here[name][1][:n] for one in (half, fine))
-        # an error of first order: 1 - 1/4 of it against 1 - 1/2
+        # an error of first order: 1 - 1/4 of it against 1 - 1/2 (of second order: 0.2 left)
         left = all_of_it - 1.5 * makes
-        assert np.linalg.norm(left) < 0.03 * np.linalg.norm(all_of_it) > 0.0, name
+        assert np.linalg.norm(left) < 0.05 * np.linalg.norm(all_of_it) > 0.0, name
 
 
 def test_a_step_of_integration_is_a_nuisance_and_no_effect(model):
@@ -495,26 +540,6 @@ def test_a_step_of_integration_is_a_nuisance_and_no_effect(model):
     assert INTEGRATION_STEP in {one.name for one in nuisances_of(simulator.parameters, finer=True)}
     assert INTEGRATION_STEP not in library_of(simulator.parameters)
     assert INTEGRATION_STEP not in {one.name for one in nuisances_of(simulator.parameters)}
-
-
-def test_what_is_no_straight_line_in_a_coarse_step_is_told_by_a_quarter_of_it(model):
-    path, inputs = model(), Inputs(0.0, 4.0, joints=told(4.0), measured_joints=NAMES)
-    # light joints damped hard, as published models have them
-    Path(path).write_text(mjcf(integrator='implicitfast').replace('armature="0.4"',
-                                                                  'armature="0.01"'))
-    robot = load_mujoco(path)
-    arm = third_party('arm', robot)
-    arm = replace(arm, parameters=arm.parameters[:1])
-    runs = Runs(arm, inputs, arm.run(inputs, arm.nominal).pose)
-    runs.try_all(arm.nominal)
-    assert runs.is_coarse
-    assert INTEGRATION_BEND in {
-        one.name for one in nuisances_of(arm.parameters, finer=True, finest=True)}
-    quarter = arm.run_finest(inputs, arm.nominal)
-    n = len(quarter.wrench)
-    line, both = (runs.integrated(arm.nominal, 1.5, x).wrench.values[:n] for x in (0.0, 1.0))
-    np.testing.assert_allclose(both, quarter.wrench.values, atol=1e-9)
-    assert np.abs(line - quarter.wrench.values)[:, 3:].max() > 0.006  # the noise of a torque
 
 
 @pytest.mark.long

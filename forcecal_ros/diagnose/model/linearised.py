@@ -249,10 +249,16 @@ class LinearisedModel:
         self.evaluate()
 
     def retake(self, names: frozenset[str]) -> None:
-        """Take anew the columns of some nuisances that are simulated, and simulate there."""
+        """
+        Take anew the columns of some nuisances that are simulated, and simulate there.
+
+        Those of all, where simulations are straight about points: they may be at another one now.
+        """
+        rig = self.current(self._always(self.effects))
+        if names and self.datasets[0].simulation.tangent(rig) is not None:
+            names = frozenset(n.name for n in self.nuisances)
         chosen = [j for j, n in enumerate(self.nuisances)
                   if n.name in names and n.acts_on == 'rig']
-        rig = self.current(self._always(self.effects))
         self.jacobian = [list(columns) for columns in self.jacobian]
         for i, c in enumerate(self.datasets if chosen else ()):
             s = c.simulation.signals(rig)

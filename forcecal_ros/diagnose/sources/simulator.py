@@ -17,7 +17,7 @@ from forcecal_ros.diagnose.dataset import (
     span,
 )
 from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
-from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, estimated
+from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, estimated, NamedEffect, Parameter
 from forcecal_ros.diagnose.recordings import (
     Corrected,
     even_stamps,
@@ -157,7 +157,7 @@ class SimulatorSource(Source):
 
     def __init__(self, simulator: ThirdParty, rig: Rig) -> None:
         super().__init__(rig, 'm/s^2')
-        self.simulator = simulator
+        self.simulator = simulator.straightened()
         self.explained_by = simulator.name
         self.task = f'running {simulator.name} with other numbers'
         self._recomputed: float | None = None
@@ -258,6 +258,7 @@ class SimulatorSource(Source):
     def _explained(self, ready: Sequence[RerunReady], outcome: Outcome, short: str) -> Outcome:
         """Add what the user should know of simulator and numbers."""
         d = outcome.diagnosis
+        effects = tuple(replace(e, parameters=self._in_numbers(e)) for e in d.effects)
         remarks = tuple(dict.fromkeys(x for one in ready for x in one.remarks))
         notes = (*self.simulator.notes, *remarks, *recalibrated_notes(self.simulator, outcome),
                  *dict.fromkeys(filter(None, [*(x for one in ready for x in one.notes), short])),
@@ -269,7 +270,15 @@ class SimulatorSource(Source):
                       f'{semicolon}{more}')
         if remarks and d.verdict in ('unknown', 'partial'):
             reason = f'{reason}; {FIRST}{remarks[0]}'
-        return replace(outcome, diagnosis=replace(d, reason=reason, notes=(*d.notes, *notes)))
+        return replace(outcome, diagnosis=replace(
+            d, effects=effects, reason=reason, notes=(*d.notes, *notes)))
+
+    def _in_numbers(self, effect: NamedEffect) -> dict[str, Parameter]:
+        """Return the numbers of an effect in the words of the simulator's user."""
+        p = next((one for one in self.simulator.parameters if one.name == effect.name), None)
+        return {key: replace(x, value=p.of_straight(x.value),
+                             std=p.std_of_straight(x.value, x.std)) if p else x
+                for key, x in effect.parameters.items()}
 
     def _refit(self, ready: Sequence[RerunReady], judged: tuple[Dataset, ...], outcome: Outcome,
                squares: Array, *, again: bool) -> tuple[Outcome, Array]:
@@ -349,7 +358,9 @@ def recalibrated_notes(simulator: ThirdParty, outcome: Outcome) -> Iterator[str]
     for p in simulator.parameters:
         x, std = outcome.recalibrations.get(p.name, (0.0, 0.0))
         if p.name not in (*named, *limited) and _is_moved(outcome, p.name):
-            changes.append(str(Changed(p.name, p.unit, p.nominal, p.nominal + x, std)))
+            x += p.nominal
+            changes.append(str(Changed(p.name, p.unit, p.nominal, p.of_straight(x),
+                                       p.std_of_straight(x, std))))
     if changes:
         yield f'recalibrated, within three sigma of the prior: {"; ".join(changes)}'
     if limited:
