@@ -161,8 +161,8 @@ class Motion:
         Parts of the recording that have a bias each.
     free_gravity : bool
         Gravity may point anywhere in base.
-    extra : ndarray, shape (n, 3, k), or None
-        Further columns of the forces.
+    extra, extra_torque : ndarray, shape (n, 3, k), or None
+        Further columns of the forces, and of the torques.
     axes : ndarray, shape (3, 3), or None
         From true axes to those that were recorded.
     axes_std : float
@@ -177,6 +177,7 @@ class Motion:
     part: NDArray[np.intp] | None = None
     free_gravity: bool = False
     extra: Array | None = None
+    extra_torque: Array | None = None
     axes: Array | None = None
     axes_std: float = 0.0
 
@@ -408,6 +409,8 @@ def explain(motion: Motion) -> Explained | None:
     columns = [-skew(at.gravity @ g - times * at.accel), biases(motion)[rows]]
     if motion.step:
         columns.insert(1, at.inertia)
+    if motion.extra_torque is not None:
+        columns.insert(1, motion.extra_torque[rows])
     return Explained(pull.force, fit_part(np.concatenate(columns, axis=2), torque), pull.mass,
                      pull.mass_std, pull.moving, replace(motion, gravity=g).in_sensor[rows])
 

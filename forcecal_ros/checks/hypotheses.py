@@ -63,6 +63,10 @@ MAX_RESIDUAL_RATIO = 0.9
 """Share of the residual that a slight rotation or tilt leaves at most: beside cables, gains and
 drifts it explains less."""
 
+MAX_COUPLING = 0.25
+"""Share of another channel that one shows at most, and of its own that it lacks: a rotation by
+15 deg shows as much."""
+
 SLIGHT_SIGMA = 7.0
 """Standard errors of a slight rotation or tilt from which it is noted: a real arm's tilt of
 1.2 deg is 9 in 24 poses, what is left of its level base 4."""
@@ -167,7 +171,7 @@ def judge(recording: Recording, gravity: Array, stated: Stated = Stated(),
         close = [one for one in found if best.evidence - one.evidence < MARGIN
                  and one is not plain and best.name not in one.name]  # nor what includes it
         message = messages.of(best, plain, stated, close)
-        if message and not (known and best.row.is_note):
+        if message and not (known and any(one.row.is_note for one in (best, *close))):
             raise DataError(message, messages.about(best))
         if message or (best.row.is_note and best.name != 'tilted'):
             return (message or messages.slight(best, stated),)
@@ -401,7 +405,8 @@ def _other_tool(fit: Explained, known: Known) -> str:
     mass, g = known.mass, float(np.linalg.norm(fit.gravity, axis=1).mean())
     shown = f'wrench: the tool of {mass:.4g} kg weighs {fit.mass:.4g} kg in this recording'
     about = np.linalg.norm(fit.gravity - fit.gravity.mean(axis=0), axis=1)
-    if fit.force.scale > 0.5 * mass * float(np.sqrt((about**2).mean() / 3.0)):
+    weight = max(mass, fit.mass) * float(np.sqrt((about**2).mean() / 3.0))
+    if fit.force.scale > 0.5 * weight:
         return (f'a weight of {quantity(fit.mass, fit.mass_std, "kg")} leaves '
                 f'a residual of {fit.force.scale:.2g} N RMS: pose and wrench do not belong to '
                 'each other, or the tool touches something all the time; name the pose with '
@@ -579,6 +584,33 @@ def _force_axes(motion: Motion) -> Motion | None:
     if mirrored is None or mirrored.axes is None or np.trace(mirrored.axes) < -2.9:  # all reversed
         return None
     return replace(mirrored, wrench=np.hstack([mirrored.wrench[:, :3], motion.wrench[:, 3:]]))
+
+
+def _coupled(motion: Motion) -> Motion | None:
+    """
+    Let each channel show any part of the others, as far as gravity turns: crosstalk and gains.
+
+    None where these parts are so large that no sensor has them.
+    """
+    u, few = motion.in_sensor, _few(motion)
+    _, spread, Vt = np.linalg.svd((u[few] - u[few].mean(axis=0)) / np.sqrt(len(few)))
+    V = Vt[spread > MIN_GRAVITY_SPREAD * np.linalg.norm(motion.gravity)]
+    if len(V) < 2:
+        return None
+    every = np.kron(np.eye(3), (u @ V.T)[:, None, :])
+    own = V.T.reshape(1, -1), (skew(np.eye(3)) @ V.T).reshape(3, -1)  # a weight's, at its lever
+    force, torque = (np.linalg.svd(one)[2][len(one):].T for one in own)
+    out = replace(motion, extra=every @ force, extra_torque=every @ torque)
+    fit = explain(out)
+    if fit is None:
+        return None
+    first, more = 6 if motion.step else 1, force.shape[1]
+    parts = (force @ fit.force.theta[first:first + more]).reshape(3, -1) @ V / fit.mass
+    levers = torque @ fit.torque.theta[3:3 + torque.shape[1]] / fit.mass
+    arm = max(ELSEWHERE_M, float(np.linalg.norm(fit.com_by_torque[0])))
+    if max(np.abs(parts).max(), np.abs(levers).max() / arm) > MAX_COUPLING:
+        return None
+    return replace(out, axes=np.eye(3) + parts)
 
 
 def _procrustes(u: Array, read: Array, hand: float, rounds: int = 10) -> tuple[Array, float]:
@@ -767,6 +799,7 @@ TABLE = (
     Hypothesis('rotated', lambda motion: _axes(motion, 1.0), 3),
     Hypothesis('mirrored', lambda motion: _axes(motion, -1.0), 3),
     Hypothesis('force axes', _force_axes, 3),
+    Hypothesis('coupled', _coupled, is_note=True),
     Hypothesis('tilted', _tilted, is_note=True),
     Hypothesis('exchanged', _exchanged),
     Hypothesis('torque in base', lambda motion: _mapped(

@@ -121,7 +121,8 @@ KINDS: dict[str, str] = {
     'FC0404': 'checks.hypotheses:judge/rotated',
     'FC0405':
         'checks.hypotheses:judge/mirrored checks.hypotheses:judge/force '
-        'checks.hypotheses:judge/torque checks.hypotheses:judge/exchanged',
+        'checks.hypotheses:judge/torque checks.hypotheses:judge/exchanged '
+        'checks.hypotheses:judge/coupled',
     'FC0406': 'checks.hypotheses:judge/tilted',
     'FC0407': 'checks.hypotheses:judge/clock',
     'FC0408': 'checks.hypotheses:judge/smoothed checks.hypotheses:judge/zeroed',

@@ -1,6 +1,7 @@
 """A calibration of other axes, another unit or another tool than a recording's is told."""
 
 from dataclasses import replace
+import re
 
 from forcecal_ros.checks.calibrated import refuse_disagreeing
 from forcecal_ros.core.errors import DataError
@@ -62,6 +63,31 @@ def test_a_push_all_along_or_a_sensor_that_hardly_turns_says_nothing():
 def test_other_axes_are_refused_by_cause():
     with pytest.raises(DataError, match='axes are mirrored'):
         refuse_disagreeing(mapped(recorded(contact=5.0), lambda w: w[:, [1, 0, 2, 4, 3, 5]]), C)
+
+
+def leaning(seed):
+    """Return a recording in which gravity turns in a plane, and little."""
+    whole = recorded(seed=seed)
+    tilt = 0.25 * np.sin(T / 2.0)[:, None] * [1.0, 0.0, 0.0]
+    tilt += 0.2 * np.sin(T / 3.1)[:, None] * [0.0, 1.0, 0.0]
+    R = rotation_from_vector(tilt)
+    force = -float(C.mass) * G * R[:, 2]
+    noise = np.random.default_rng(seed).standard_normal((len(T), 6)) * np.repeat([0.3, 0.03], 3)
+    values = np.hstack([force, np.cross(C.com.value, force)]) + C.wrench_bias.value + noise
+    return replace(whole, wrench=Stream(T, values), pose=replace(whole.pose, R_base_sensor=R))
+
+
+@pytest.mark.parametrize('make, said', [
+    (recorded, r'force\.x shows \+10 % of force\.z'),
+    (leaning, r'force\.y shows -6(\.\d)? % of force\.x')])  # as z is all but constant
+def test_crosstalk_of_a_calibrated_sensor_is_noted_with_its_size_and_is_no_rotation(make, said):
+    matrix = np.eye(6)
+    matrix[0, 2], matrix[1, 0], matrix[3, 1] = 0.1, -0.06, 0.005
+    notes = refuse_disagreeing(mapped(make(seed=1), lambda w: w @ matrix.T), C)
+    assert re.search(f'wrench: its channels are coupled, {said}', notes[0]), notes
+    turn = np.kron(np.eye(2), rotation_from_vector(np.radians([10.0, -25.0, 15.0])))
+    with pytest.raises(DataError, match=r'axes are turned by|axes are mirrored'):
+        refuse_disagreeing(mapped(make(seed=1), lambda w: w @ turn.T), C)
 
 
 def test_another_tool_and_a_sensor_tared_since_are_said_with_their_size():

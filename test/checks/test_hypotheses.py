@@ -72,6 +72,8 @@ ROWS = {
     'swapped': (mapped(lambda w: w[:, SWAPPED]), 'mirrored .*x, y, z show y, x, z'),
     'one force axis': (mapped(lambda w: w * [1, -1, 1, 1, 1, 1]), 'forces are mirrored.*x, -y, z'),
     'leaning': (leaning, r'not level, gravity in it is (10\.|9\.9)'),
+    'crosstalk': (mapped(lambda w: w + 0.1 * w[:, [2]] * [1, 0, 0, 0, 0, 0]),
+                  r'channels are coupled, force\.x shows \+(9\.[89]|10) % of force\.z'),
     'exchanged': (wrong('force and torque exchanged'), 'force and torque are exchanged'),
     'torque in base': (wrong('torque in base, force not'), 'torques are expressed in base'),
     'torque axes': (mapped(lambda w: w[:, [0, 1, 2, 4, 5, 3]]), 'torques are not about the axes'),
@@ -110,6 +112,7 @@ def test_sound_recordings_are_as_they_are(seed):
 KNOWN = Known(moving_arm.MASS, moving_arm.COM, moving_arm.BIAS)
 BY_TOOL = {
     'kgf': (mapped(lambda w: w * np.repeat([1 / 9.80665, 1], 3)), 'forces are in kgf'),
+    'mN': (mapped(lambda w: w * np.repeat([1e3, 1], 3)), 'forces are in mN'),
     'N mm': (mapped(lambda w: w * np.repeat([1, 1e3], 3)), 'torques are in N mm'),
     'lbf in': (mapped(lambda w: w * np.repeat([1, 8.8507], 3)), 'torques are in lbf in'),
     'sign of the torques': (mapped(lambda w: w * np.repeat([1, -1], 3)), 'opposite sign of the f'),

@@ -480,9 +480,9 @@ WRONG = {
     'position in mm': Wrong(
         lambda one, rng: replace(one, place=1e3 * one.place), 'it is in mm'),
     'position in cm': Wrong(
-        lambda one, rng: replace(one, place=1e2 * one.place), 'it is in cm'),
+        lambda one, rng: replace(one, place=1e2 * one.place), 'position is in cm'),
     'position in inches': Wrong(
-        lambda one, rng: replace(one, place=one.place / 0.0254), 'it is in inches'),
+        lambda one, rng: replace(one, place=one.place / 0.0254), 'position is in inches'),
     'position in m, read as mm': Wrong(
         lambda one, rng: replace(one, place=1e-3 * one.place), 'in m and taken for mm'),
     'torque in N mm': Wrong(_wrench(lambda w: w * _TORQUE(1e3)), 'N mm'),
