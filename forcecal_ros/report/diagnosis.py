@@ -270,9 +270,10 @@ def facts(view: View, step: Step) -> list[Fact]:
 
 
 def _begun(words: str) -> str:
-    """Begin a sentence with a capital, unless it begins with the name of a channel."""
+    """Begin a sentence with a capital, unless it begins with the name of a channel or number."""
     first = words.partition(' ')[0]
-    return words if first in _CHANNELS or '_' in first else words[:1].upper() + words[1:]
+    named = first in _CHANNELS or {'_', '['} & set(first)
+    return words if named else words[:1].upper() + words[1:]
 
 
 def _in_full(d: Diagnosis) -> Fact:

@@ -120,6 +120,8 @@ def test_a_number_of_somebodys_simulator_is_called_by_its_name():
         IDENTIFIED, effects=(friction,), candidates=(('friction', 0.9), ('kp', 0.1))))
     assert said['What'] == 'Friction differs from the simulator'
     assert said['How sure'] == '90 % friction, 10 % kp.'
+    gain = replace(IDENTIFIED, effects=(replace(friction, name='kp[lift]'),))
+    assert words(gain)['What'] == 'kp[lift] differs from the simulator'
 
 
 def test_a_number_at_its_bound_says_so_and_has_no_error():
