@@ -63,9 +63,9 @@ MAX_RESIDUAL_RATIO = 0.9
 """Share of the residual that a slight rotation or tilt leaves at most: beside cables, gains and
 drifts it explains less."""
 
-MAX_COUPLING = 0.25
-"""Share of another channel that one shows at most, and of its own that it lacks: a rotation by
-15 deg shows as much."""
+MAX_CROSSTALK = 0.25
+"""Crosstalk and gain error of a sensor, at most, as a share: a rotation by 15 deg shows as
+much."""
 
 SLIGHT_SIGMA = 7.0
 """Standard errors of a slight rotation or tilt from which it is noted: a real arm's tilt of
@@ -586,11 +586,11 @@ def _force_axes(motion: Motion) -> Motion | None:
     return replace(mirrored, wrench=np.hstack([mirrored.wrench[:, :3], motion.wrench[:, 3:]]))
 
 
-def _coupled(motion: Motion) -> Motion | None:
+def _crosstalk(motion: Motion) -> Motion | None:
     """
-    Let each channel show any part of the others, as far as gravity turns: crosstalk and gains.
+    Add crosstalk of forces, crosstalk into torques and gain errors, as far as gravity turns.
 
-    None where these parts are so large that no sensor has them.
+    None where they are so large that no sensor has them.
     """
     u, few = motion.in_sensor, _few(motion)
     _, spread, Vt = np.linalg.svd((u[few] - u[few].mean(axis=0)) / np.sqrt(len(few)))
@@ -608,7 +608,7 @@ def _coupled(motion: Motion) -> Motion | None:
     parts = (force @ fit.force.theta[first:first + more]).reshape(3, -1) @ V / fit.mass
     levers = torque @ fit.torque.theta[3:3 + torque.shape[1]] / fit.mass
     arm = max(ELSEWHERE_M, float(np.linalg.norm(fit.com_by_torque[0])))
-    if max(np.abs(parts).max(), np.abs(levers).max() / arm) > MAX_COUPLING:
+    if max(np.abs(parts).max(), np.abs(levers).max() / arm) > MAX_CROSSTALK:
         return None
     return replace(out, axes=np.eye(3) + parts)
 
@@ -799,7 +799,7 @@ TABLE = (
     Hypothesis('rotated', lambda motion: _axes(motion, 1.0), 3),
     Hypothesis('mirrored', lambda motion: _axes(motion, -1.0), 3),
     Hypothesis('force axes', _force_axes, 3),
-    Hypothesis('coupled', _coupled, is_note=True),
+    Hypothesis('crosstalk', _crosstalk, is_note=True),
     Hypothesis('tilted', _tilted, is_note=True),
     Hypothesis('exchanged', _exchanged),
     Hypothesis('torque in base', lambda motion: _mapped(

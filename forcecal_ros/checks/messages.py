@@ -20,8 +20,8 @@ TOLERANCE_DEG = 3.0
 """Rotations and tilts below are tolerances of mounts and floors, and noted: flanges are pinned to
 0.1 deg, floors level to 1, and 3 deg take 0.2 % off the mass."""
 
-MAX_SLIGHT_COUPLING = float(np.radians(TOLERANCE_DEG))
-"""Share of one channel in another that is noted, as a rotation that shows as much."""
+MAX_SLIGHT_CROSSTALK = float(np.radians(TOLERANCE_DEG))
+"""Share up to which crosstalk is noted: as much as a rotation that is."""
 
 EXPLAINED = 0.5
 """Share of the changes of forces at rest that a weight explains at least, in sum of squares: of
@@ -153,8 +153,8 @@ def slight(best: Any, stated: Stated) -> str:
         return (f'wrench follows gravity as {how}: its '
                 'driver smooths it; contacts are as smooth, and weight is removed too early while '
                 'the robot moves; switch the filter off')
-    if best.name == 'coupled':
-        return f"the wrench's channels are coupled, {coupling(best.motion.axes)[0]}"
+    if best.name == 'crosstalk':
+        return f'the wrench has {crosstalk(best.motion.axes)[0]}'
     parts = []
     if 'tilted' in best.name:
         parts.append(f'gravity is {_tilt(best, stated)} off {_numbers(stated.down)} of base, as '
@@ -165,12 +165,13 @@ def slight(best: Any, stated: Stated) -> str:
     return f'{" and ".join(parts)}, by the forces' if parts else ''
 
 
-def coupling(parts: Array) -> tuple[str, float]:
-    """Name the largest part that a force shows of another or is off by; return its size."""
+def crosstalk(parts: Array) -> tuple[str, float]:
+    """Name the largest crosstalk or gain error of the forces; return its size, too."""
     off = parts - np.eye(3)
     i, j = (int(k) for k in np.unravel_index(np.argmax(np.abs(off)), off.shape))
-    what, share = f'force.{"xyz"[i]}', f'{100 * off[i, j]:+.2g} %'
-    what += f' is {share} off' if i == j else f' shows {share} of force.{"xyz"[j]}'
+    share, shown, of = f'{100 * off[i, j]:+.2g} %', f'force.{"xyz"[i]}', f'force.{"xyz"[j]}'
+    what = (f'a gain error, {share} of {shown}' if i == j
+            else f'crosstalk, {shown} shows {share} of {of}')
     return what, float(abs(off[i, j]))
 
 
@@ -281,10 +282,10 @@ def _cause(one: Any, plain: Any, stated: Stated) -> tuple[str, str] | None:
         return ((f'wrench: its torques are not about the axes of its forces{_order(Q)}, or all '
                 'three the other way round'),
                 'correct the order and the signs of the torques in the driver')
-    if name == 'coupled':
-        part, size = coupling(one.motion.axes)
-        return (f'wrench: its channels are coupled, {part}',
-                'calibrate its matrix (forcecal insitu)') if size > MAX_SLIGHT_COUPLING else None
+    if name == 'crosstalk':
+        what, size = crosstalk(one.motion.axes)
+        return (f'wrench: it has {what}',
+                'calibrate its matrix (forcecal insitu)') if size > MAX_SLIGHT_CROSSTALK else None
     if name == 'clock':
         return clock('wrench', one.motion, plain.motion)
     if name.endswith('changes'):

@@ -122,7 +122,7 @@ KINDS: dict[str, str] = {
     'FC0405':
         'checks.hypotheses:judge/mirrored checks.hypotheses:judge/force '
         'checks.hypotheses:judge/torque checks.hypotheses:judge/exchanged '
-        'checks.hypotheses:judge/coupled',
+        'checks.hypotheses:judge/crosstalk',
     'FC0406': 'checks.hypotheses:judge/tilted',
     'FC0407': 'checks.hypotheses:judge/clock',
     'FC0408': 'checks.hypotheses:judge/smoothed checks.hypotheses:judge/zeroed',

@@ -246,21 +246,21 @@ class _Seen(NamedTuple):
 
 
 class _State(NamedTuple):
-    """What a model is in: all that the next step depends on."""
+    """State of a simulation: all that the next step depends on, and velocities [rad/s], [m/s]."""
 
     values: Array
     velocity: Array
 
     @staticmethod
     def of(model: Any, data: Any) -> '_State':
-        """Return that of now."""
+        """Return the present one."""
         kind = mujoco.mjtState.mjSTATE_INTEGRATION
         values = np.empty(mujoco.mj_stateSize(model, kind))
         mujoco.mj_getState(model, data, values, kind)
         return _State(values, data.qvel.copy())
 
     def restore(self, model: Any, data: Any) -> None:
-        """Be in it again."""
+        """Go back to it."""
         mujoco.mj_setState(model, data, self.values, mujoco.mjtState.mjSTATE_INTEGRATION)
 
 

@@ -43,19 +43,18 @@ class Parameter(NamedTuple):
     stands_for: tuple[str, ...] = ()
     inverse: bool = False
 
-    def straight(self, value: float) -> float:
-        """Return what signals are nearly linear in: as the number near its nominal value."""
+    def to_linear(self, value: float) -> float:
+        """Return what signals are nearly linear in, which equals it and its slope at nominal."""
         if not self.inverse:
             return value
         return self.nominal * (2.0 - self.nominal / value) if value > 0.0 else -math.inf
 
-    def of_straight(self, x: float) -> float:
-        """Return the number again."""
-        return self.nominal / (2.0 - x / self.nominal) if self.inverse else x
-
-    def std_of_straight(self, x: float, std: float) -> float:
-        """Return the standard error of the number."""
-        return std * (self.of_straight(x) / self.nominal) ** 2 if self.inverse else std
+    def from_linear(self, x: float, std: float = 0.0) -> tuple[float, float]:
+        """Return the number again, and its standard error."""
+        if not self.inverse:
+            return x, std
+        value = self.nominal / (2.0 - x / self.nominal)
+        return value, std * (value / self.nominal) ** 2
 
 
 @dataclass(frozen=True)

@@ -40,29 +40,30 @@ class ThirdParty:
     parameters : tuple of Parameter
     notes : tuple of str
         What the user should know of it, where it has such an attribute.
-    straight : bool
-        Whether it is run with what its signals are nearly linear in, and not with the numbers.
+    linear : bool
+        Whether values are what its signals are nearly linear in, and not its own numbers.
     """
 
     name: str
     simulator: Simulator
     parameters: tuple[Parameter, ...]
     notes: tuple[str, ...] = ()
-    straight: bool = False
+    linear: bool = False
 
     @property
     def nominal(self) -> tuple[float, ...]:
         """Values of all parameters as they are."""
         return tuple(p.nominal for p in self.parameters)
 
-    def straightened(self) -> 'ThirdParty':
-        """Return it as it is run with what its signals are nearly linear in."""
-        return replace(self, straight=True, parameters=tuple(
-            p._replace(low=p.straight(p.low), high=p.straight(p.high)) for p in self.parameters))
+    def on_linear_scale(self) -> 'ThirdParty':
+        """Return it with values that its signals are nearly linear in."""
+        return replace(self, linear=True, parameters=tuple(
+            p._replace(low=p.to_linear(p.low), high=p.to_linear(p.high))
+            for p in self.parameters))
 
     def numbers(self, values: Sequence[float]) -> dict[str, float]:
-        """Return by name the numbers that it is run with."""
-        return {p.name: float(p.of_straight(v) if self.straight else v)
+        """Return its own numbers by name."""
+        return {p.name: float(p.from_linear(v)[0] if self.linear else v)
                 for p, v in zip(self.parameters, values)}
 
     def run(self, inputs: Inputs, values: Sequence[float]) -> Recording:

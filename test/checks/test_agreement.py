@@ -10,6 +10,7 @@ from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from longer import first
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 from whole_calibration import whole_calibration
 
 T = np.arange(0.0, 60.0, 0.02)
@@ -84,10 +85,21 @@ def test_crosstalk_of_a_calibrated_sensor_is_noted_with_its_size_and_is_no_rotat
     matrix = np.eye(6)
     matrix[0, 2], matrix[1, 0], matrix[3, 1] = 0.1, -0.06, 0.005
     notes = refuse_disagreeing(mapped(make(seed=1), lambda w: w @ matrix.T), C)
-    assert re.search(f'wrench: its channels are coupled, {said}', notes[0]), notes
+    assert re.search(f'wrench: it has crosstalk, {said}', notes[0]), notes
     turn = np.kron(np.eye(2), rotation_from_vector(np.radians([10.0, -25.0, 15.0])))
     with pytest.raises(DataError, match=r'axes are turned by|axes are mirrored'):
         refuse_disagreeing(mapped(make(seed=1), lambda w: w @ turn.T), C)
+
+
+@pytest.mark.parametrize('fault', [
+    np.kron(np.eye(2), rotation_from_vector(np.radians([0.0, 0.0, 30.0]))),
+    np.eye(6)[[1, 0, 2, 4, 3, 5]], np.eye(6)[[0, 1, 2, 4, 3, 5]],
+    np.diag([1.0, -1.0, 1.0, 1.0, 1.0, 1.0])])
+def test_other_axes_are_no_crosstalk_where_gravity_turns_little_and_residuals_are_slow(fault):
+    slow = gaussian_filter1d(np.random.default_rng(3).standard_normal((len(T), 6)), 100, axis=0)
+    slow *= np.repeat([2.0, 0.2], 3) / slow.std(axis=0)
+    with pytest.raises(DataError, match='axes'):
+        refuse_disagreeing(mapped(leaning(1), lambda w: (w + slow) @ fault.T), C)
 
 
 def test_another_tool_and_a_sensor_tared_since_are_said_with_their_size():

@@ -73,7 +73,7 @@ ROWS = {
     'one force axis': (mapped(lambda w: w * [1, -1, 1, 1, 1, 1]), 'forces are mirrored.*x, -y, z'),
     'leaning': (leaning, r'not level, gravity in it is (10\.|9\.9)'),
     'crosstalk': (mapped(lambda w: w + 0.1 * w[:, [2]] * [1, 0, 0, 0, 0, 0]),
-                  r'channels are coupled, force\.x shows \+(9\.[89]|10) % of force\.z'),
+                  r'it has crosstalk, force\.x shows \+(9\.[89]|10) % of force\.z'),
     'exchanged': (wrong('force and torque exchanged'), 'force and torque are exchanged'),
     'torque in base': (wrong('torque in base, force not'), 'torques are expressed in base'),
     'torque axes': (mapped(lambda w: w[:, [0, 1, 2, 4, 5, 3]]), 'torques are not about the axes'),
@@ -155,6 +155,17 @@ def test_a_delay_is_noted_as_one_and_not_as_smoothing(make, delay):
 def test_crosstalk_is_not_noted_as_smoothing(make):
     assert judge(recording_of(mapped(lambda w: w + 0.03 * w[:, [2, 2, 2, 5, 5, 5]] * [
         1, 0, 0, 0, 0, 0])(make(7))), DOWN) == ()
+
+
+def test_crosstalk_is_noted_up_to_what_a_rotation_within_tolerance_shows():
+    def log(part):
+        return recording_of(mapped(lambda w: w + part * w[:, [2]] * [1, 0, 0, 0, 0, 0])(
+            LOGS['rests']()))
+
+    assert judge(log(0.05), DOWN) == (
+        'the wrench has crosstalk, force.x shows +5 % of force.z',)
+    with pytest.raises(DataError, match=r'it has crosstalk, force\.x shows \+(5\.9|6) %'):
+        judge(log(0.06), DOWN)
 
 
 def test_raw_counts_are_refused_by_their_bias():

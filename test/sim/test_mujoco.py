@@ -474,20 +474,20 @@ def test_a_gain_much_too_low_is_named_and_found_where_it_is_no_straight_line(mod
     assert effect.parameters['value'].value == changed['after']
 
 
-def test_of_a_gain_its_inverse_is_more_nearly_straight(model):
+def test_signals_are_more_nearly_linear_in_the_inverse_of_a_gain(model):
     given = third_party('arm', load_mujoco(model()))
     inputs = Inputs(0.0, 4.0, joints=told(4.0))
     i = [p.name for p in given.parameters].index('kp[lift]')
     gain = given.parameters[i]
-    assert gain.inverse and gain.straight(4000.0) == 4000.0
-    assert gain.of_straight(gain.straight(2400.0)) == pytest.approx(2400.0)
-    step = gain.of_straight(gain.straight(2400.0) + 1.0) - 2400.0
-    assert gain.std_of_straight(gain.straight(2400.0), 1.0) == pytest.approx(step, rel=1e-3)
-    assert gain.straight(0.0) == -np.inf
+    assert gain.inverse and gain.to_linear(4000.0) == 4000.0
+    assert gain.from_linear(gain.to_linear(2400.0))[0] == pytest.approx(2400.0)
+    step = gain.from_linear(gain.to_linear(2400.0) + 1.0)[0] - 2400.0
+    assert gain.from_linear(gain.to_linear(2400.0), 1.0)[1] == pytest.approx(step, rel=1e-3)
+    assert gain.to_linear(0.0) == -np.inf
     exact = given.run(inputs, [2400.0 if k == i else p.nominal
                                for k, p in enumerate(given.parameters)]).pose.position
     left = []
-    for arm, value in ((given, 2400.0), (given.straightened(), gain.straight(2400.0))):
+    for arm, value in ((given, 2400.0), (given.on_linear_scale(), gain.to_linear(2400.0))):
         runs = Runs(arm, inputs, given.run(inputs, given.nominal).pose)
         runs.try_all(arm.nominal)
         at = runs.at(tuple(value if k == i else x for k, x in enumerate(arm.nominal)))
@@ -520,9 +520,12 @@ def test_what_a_finer_integration_changes_is_told_by_half_the_step(model):
         n = min(len(one[name][0]) for one in (here, half, fine))
         np.testing.assert_allclose(half[name][0][:n], here[name][0][:n], atol=1e-12)
         makes, all_of_it = (one[name][1][:n] - here[name][1][:n] for one in (half, fine))
-        # an error of first order: 1 - 1/4 of it against 1 - 1/2 (of second order: 0.2 left)
-        left = all_of_it - 1.5 * makes
-        assert np.linalg.norm(left) < 0.05 * np.linalg.norm(all_of_it) > 0.0, name
+        # an error of first order: 1 - 1/4 of it against 1 - 1/2
+        left, whole = (np.sqrt(np.mean(x ** 2, axis=0)).max()
+                       for x in (all_of_it - 1.5 * makes, all_of_it))
+        # along the motion the step itself makes a wrench of 6 mN, 14 times less than MuJoCo's own
+        assert left < (2.5e-4 if name == 'wrench' else 0.03 * whole), name
+        assert whole > 0.0
 
 
 def test_a_step_of_integration_is_a_nuisance_and_no_effect(model):

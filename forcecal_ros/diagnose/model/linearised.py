@@ -252,7 +252,8 @@ class LinearisedModel:
         """
         Take anew the columns of some nuisances that are simulated, and simulate there.
 
-        Those of all, where simulations are straight about points: they may be at another one now.
+        Those of all nuisances where signals are linear about points that were tried: another point
+        may be the nearest now.
         """
         rig = self.current(self._always(self.effects))
         if names and self.datasets[0].simulation.tangent(rig) is not None:

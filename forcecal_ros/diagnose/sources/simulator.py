@@ -157,7 +157,7 @@ class SimulatorSource(Source):
 
     def __init__(self, simulator: ThirdParty, rig: Rig) -> None:
         super().__init__(rig, 'm/s^2')
-        self.simulator = simulator.straightened()
+        self.simulator = simulator.on_linear_scale()
         self.explained_by = simulator.name
         self.task = f'running {simulator.name} with other numbers'
         self._recomputed: float | None = None
@@ -274,11 +274,13 @@ class SimulatorSource(Source):
             d, effects=effects, reason=reason, notes=(*d.notes, *notes)))
 
     def _in_numbers(self, effect: NamedEffect) -> dict[str, Parameter]:
-        """Return the numbers of an effect in the words of the simulator's user."""
+        """Return the parameters of an effect as the simulator's own numbers."""
         p = next((one for one in self.simulator.parameters if one.name == effect.name), None)
-        return {key: replace(x, value=p.of_straight(x.value),
-                             std=p.std_of_straight(x.value, x.std)) if p else x
-                for key, x in effect.parameters.items()}
+        if p is None:
+            return effect.parameters
+        own = {key: p.from_linear(x.value, x.std) for key, x in effect.parameters.items()}
+        return {key: replace(effect.parameters[key], value=value, std=std)
+                for key, (value, std) in own.items()}
 
     def _refit(self, ready: Sequence[RerunReady], judged: tuple[Dataset, ...], outcome: Outcome,
                squares: Array, *, again: bool) -> tuple[Outcome, Array]:
@@ -358,9 +360,8 @@ def recalibrated_notes(simulator: ThirdParty, outcome: Outcome) -> Iterator[str]
     for p in simulator.parameters:
         x, std = outcome.recalibrations.get(p.name, (0.0, 0.0))
         if p.name not in (*named, *limited) and _is_moved(outcome, p.name):
-            x += p.nominal
-            changes.append(str(Changed(p.name, p.unit, p.nominal, p.of_straight(x),
-                                       p.std_of_straight(x, std))))
+            changes.append(str(Changed(p.name, p.unit, p.nominal,
+                                       *p.from_linear(p.nominal + x, std))))
     if changes:
         yield f'recalibrated, within three sigma of the prior: {"; ".join(changes)}'
     if limited:
