@@ -27,6 +27,25 @@ def test_standard_errors_are_those_of_the_errors_however_many_channels_a_group_h
     np.testing.assert_allclose(np.sqrt(np.square(off).mean(axis=0)), 1.0, atol=0.2)
 
 
+SHOWN = {
+    'in all blocks': lambda rng, t: rng.normal(size=(len(t), 16)),
+    'in a sixteenth each': lambda rng, t: np.arange(16) == np.floor(16 * t)[:, None],
+    'in one block each': lambda rng, t: (2 * np.arange(16) == np.floor(40 * t)[:, None])
+    * rng.normal(size=(len(t), 16))}
+"""Columns of regressors by the time at which they differ from 0, from 0 to 1."""
+
+
+@pytest.mark.parametrize('shown', SHOWN)
+def test_estimates_are_within_1_96_standard_errors_however_many_blocks_show_them(shown):
+    within = []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        X = SHOWN[shown](rng, np.arange(1200) / 1200)[:, None, :] * rng.normal(size=(1, 3, 1))
+        fit = robust_fit(X, rng.normal(size=(1200, 3)))
+        within.append(np.abs(fit.theta) < 1.96 * fit.std)
+    assert 0.93 < np.mean(within) < 0.97
+
+
 def test_quiet_rows_count_more_than_loud_ones():
     X, y, loud = regression(0, 3)
     fit = robust_fit(X, y, groups=loud)

@@ -72,8 +72,8 @@ def test_what_the_robots_surface_has_otherwise_is_named_with_its_size(wall, rubs
     (number,) = effect.parameters.values()
     assert effect.name == name
     assert effect.probability > 0.9
-    # of the noise of poses in a law of 3 to 7 s: 20 um on 2.5 mm, 3 ms of damping
-    assert number.std < 0.1 * abs(value)
+    # of the noise of poses in a law of 3 to 7 s, some ten blocks, by Student's t
+    assert number.std < 0.11 * abs(value)
     assert number.value == pytest.approx(value, abs=max(3.0 * number.std, 0.01 * abs(value)))
     assert found.explained > 0.99
     d = with_contact(FREE, found)
