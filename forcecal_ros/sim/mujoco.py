@@ -19,6 +19,7 @@ from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import JointStream
 from forcecal_ros.sim.mujoco_numbers import (
     BACKLASH,
+    carrying,
     contact_numbers,
     Controller,
     Drive,
@@ -391,13 +392,10 @@ def _ignore(_: str) -> None:
 
 def _chain(model: Any, body: str) -> tuple[str, ...]:
     """Name the joints that move a body, or what hangs on it, of one number each."""
-    def above(i: int) -> set[int]:
-        return {0} if i == 0 else {i} | above(int(model.body_parentid[i]))
-
     tool = int(model.body(body).id)
-    carrying = above(tool)
+    arm = set(carrying(model, tool))
     return tuple(model.joint(k).name for k in range(model.njnt) if is_scalar(model, k)
-                 and ((i := int(model.jnt_bodyid[k])) in carrying or tool in above(i)))
+                 and ((i := int(model.jnt_bodyid[k])) in arm or tool in carrying(model, i)))
 
 
 def _site(spec: Any, path: str, given: str | None) -> str:

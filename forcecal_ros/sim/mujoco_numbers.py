@@ -21,6 +21,9 @@ PID = 'position and rate'
 
 BACKLASH = 'backlash'
 
+_GAIN_LETTERS = {VELOCITY: 'p', TORQUE: 'pd'}
+"""Gains of the controller that an actuator needs, by what it holds."""
+
 
 class Drive(NamedTuple):
     """
@@ -67,7 +70,7 @@ def found_drives(model: Any, path: str) -> list[Drive]:
     holds = (POSITION, PID)
     for i in range(len(model.actuator_trntype)):  # model.nu counts inputs
         drive = _drive(model, i)
-        if drive and _has_gains(drive):
+        if drive and len(drive.gains) == len(_GAIN_LETTERS.get(drive.kind, '')):
             before = able.get(drive.joint)
             if before is None or (drive.kind in holds and before.kind not in holds):
                 able[drive.joint] = drive
@@ -80,10 +83,6 @@ def found_drives(model: Any, path: str) -> list[Drive]:
 def reason_not_driven(model: Any, joint: str) -> str:
     """Say which actuators a joint has, and what they require."""
     return _requirements(model, joint) or 'no actuator of the model drives it'
-
-
-def _has_gains(drive: Drive) -> bool:
-    return len(drive.gains) == {VELOCITY: 1, TORQUE: 2}.get(drive.kind, 0)
 
 
 def _requirements(model: Any, joint: str = '') -> str:
@@ -100,7 +99,7 @@ def _requirements(model: Any, joint: str = '') -> str:
     if kinds:
         first, kind = next(iter(kinds.items()))
         gains = [f'<numeric name="{letter}[{first}]" data="..."/>'
-                 for letter in ('p' if kind == VELOCITY else 'pd')]
+                 for letter in _GAIN_LETTERS[kind]]
         listed = ', '.join(f'joint {name} has one of {kind}' for name, kind in kinds.items())
         return (f'{listed}; put the gains of its controller into <custom>, '
                 f'{" and ".join(gains)}')
@@ -140,9 +139,9 @@ def _drive(model: Any, i: int) -> Drive | None:
         return None
     held = {VELOCITY: -float(model.actuator_biasprm[i, 2]),
             TORQUE: 1.0 / gear ** 2}.get(kind, stiff)
-    letters = {VELOCITY: 'p', TORQUE: 'pd'}.get(kind, '')
     numerics = {model.numeric(k).name: int(model.numeric_adr[k]) for k in range(model.nnumeric)}
-    gains = tuple(numerics[f'{a}[{name}]'] for a in letters if f'{a}[{name}]' in numerics)
+    gains = tuple(numerics[f'{letter}[{name}]'] for letter in _GAIN_LETTERS.get(kind, '')
+                  if f'{letter}[{name}]' in numerics)
     joint = model.joint(name).id
     act = -1 if kind == PID else int(model.actuator_actadr[i])  # that of a <pid> is its integral
     scale = gear if kind == PID else gear * held / gain
@@ -548,10 +547,8 @@ class Forces:
 
     def __init__(self, model: Any, limits: Sequence[Limit]) -> None:
         self._limits = limits
-        self._of = [(field, np.array([i for i, one in enumerate(limits) if one.field == field]),
-                     np.array([_force_row(model, one) for one in limits if one.field == field]))
-                    for field in (ACTUATOR, JOINT, INPUT)
-                    if any(one.field == field for one in limits)]
+        self._places = [(_GIVEN[one.field], int(model.joint(one.joint).dofadr[0])
+                         if one.field == JOINT else one.row) for one in limits]
         ends = np.array([getattr(model, one.field)[one.row] for one in limits]).reshape(-1, 2)
         self._low, self._high = ends.T
         self.most = np.zeros(len(limits))
@@ -559,9 +556,7 @@ class Forces:
 
     def look(self, data: Any) -> None:
         """See what the drives give now."""
-        now = np.zeros(len(self._limits))
-        for field, which, places in self._of:
-            now[which] = getattr(data, _GIVEN[field])[places]
+        now = np.array([getattr(data, field)[row] for field, row in self._places])
         ends = np.where(now < 0.0, self._low, self._high)
         part = np.divide(now, ends, out=np.zeros_like(now), where=ends != 0.0)
         self.most = np.maximum(self.most, part)
@@ -588,11 +583,6 @@ _GIVEN = {ACTUATOR: 'actuator_force', JOINT: 'qfrc_actuator', INPUT: 'ctrl'}
 """Where the data of a run have what each field limits."""
 
 
-def _force_row(model: Any, one: Limit) -> int:
-    """Return where the data have what a limit clips."""
-    return int(model.joint(one.joint).dofadr[0]) if one.field == JOINT else one.row
-
-
 SOLREF, FRICTION, PLACE = 'geom_solref', 'geom_friction', 'geom_pos'
 
 AXES = 'xyz'
@@ -613,10 +603,11 @@ def own_geoms(model: Any, body: str) -> NDArray[np.intp]:
     """List the geoms of a body and of all that hangs on it."""
     tool = int(model.body(body).id)
     return np.array([i for i in range(model.ngeom)
-                     if tool in _carrying(model, int(model.geom_bodyid[i]))], dtype=np.intp)
+                     if tool in carrying(model, int(model.geom_bodyid[i]))], dtype=np.intp)
 
 
-def _carrying(model: Any, body: int) -> Iterator[int]:
+def carrying(model: Any, body: int) -> Iterator[int]:
+    """Yield a body and those that carry it, the world left out."""
     while body:
         yield body
         body = int(model.body_parentid[body])
