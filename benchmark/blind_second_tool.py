@@ -4,9 +4,11 @@ import os
 
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
+from contextlib import redirect_stdout
 from dataclasses import replace
 from functools import lru_cache
 from hashlib import sha256
+import io
 from pathlib import Path
 import subprocess
 import sys
@@ -18,19 +20,23 @@ sys.path[:0] = [str(ROOT), str(ROOT / 'benchmark')]
 
 from blind.second.arm import JOINTS, PERIOD
 from blind.sensors import Recorded
-import blind_real
 from blind_tool import to_recording
+from forcecal_ros.cli.main import main as forcecal
 from forcecal_ros.core.streams import JointStream, PoseStream, Recording, Stream
 from forcecal_ros.diagnose.dataset import units
 from forcecal_ros.diagnose.result import to_document
 from forcecal_ros.diagnose.sources.rig import RigSource
 from forcecal_ros.diagnose.sources.simulator import SimulatorSource
 from forcecal_ros.diagnose.sources.tool import ToolSource
+from forcecal_ros.io.bags import read_recording
+from forcecal_ros.io.calibration_file import load
 from forcecal_ros.sim.mujoco import load_mujoco
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rigid_tool import rigid_tool_of_calibration
 from forcecal_ros.sim.third_party import third_party
 import numpy as np
+
+DATA = Path(os.environ.get('FORCECAL_DATA', ROOT.parent / 'shared' / 'data')) / 'kuka_lbr_med'
 
 PLACES = 3
 """Places of the gap that an answer keeps."""
@@ -67,8 +73,15 @@ def on_arm(arrays):
 
 @lru_cache(maxsize=1)
 def real_arm():
-    with tempfile.TemporaryDirectory() as folder:
-        return blind_real.prepared(Path(folder))
+    """Return the free motion of the real arm, and its calibration from static poses."""
+    with tempfile.TemporaryDirectory() as name, redirect_stdout(io.StringIO()):
+        folder = Path(name)
+        for table in ('poses', 'baseline'):
+            forcecal(['import', str(ROOT / f'config/examples/kuka_{table}.yaml'), '--tables',
+                      str(DATA), '-o', str(folder / table)])
+        forcecal(['calibrate', str(folder / 'poses'), '--gravity', '9.8209', '-o',
+                  str(folder / 'known.yaml')])
+        return read_recording(folder / 'baseline'), load(folder / 'known.yaml')
 
 
 def on_real(arrays):

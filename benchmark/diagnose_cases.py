@@ -1,4 +1,4 @@
-"""Recordings of the simulated rig whose cause is known: for diagnose_effects.py."""
+"""Recordings of the simulated rig whose cause is known."""
 
 from collections.abc import Mapping
 from dataclasses import replace

@@ -104,7 +104,7 @@ SHAPES: dict[str, tuple[dict[str, float], tuple[str, ...], float, str]] = {
     'clock_skew': ({'wrench': 2e-4}, ('wrench',), 0.0, ''),
     'dropouts': ({'wrench': 0.02, 'accelerometer': 0.01}, ('wrench', 'accelerometer'), 0.0, ''),
 }
-"""Effect -> parameters at full size as in diagnose_effects.py; those that its size scales; of an
+"""Effect -> parameters at full size; those that its size scales; of an
 effect of a tolerance's name, 3.5 tolerances in full sizes, to which the size is added, and the
 tolerance, which is then left alone."""
 

@@ -117,7 +117,7 @@ def rig_text(fit: 'RigFit') -> str:
     from forcecal_ros.core.quantity import quantity, size
 
     rig, turn = fit.rig, fit.rotation
-    left, tool = rig.robot.unexplained, rig.tool
+    left, tool, pose = rig.robot.unexplained, rig.tool, rig.pose_sensor
     assert left is not None
     lines = [f'commands every {size(rig.robot.period, "s")}']
     lines += [f'{name}: order {a.order or "of another axis"}, lag '
@@ -130,8 +130,8 @@ def rig_text(fit: 'RigFit') -> str:
               + ('rigid' if rig.optidrive is None else
                  f'on a spring of {size(rig.optidrive.stiffness, "N/m", 4)}'),
               (f'noise: {size(rig.wrench_sensor.force_noise, "N", 2)}, '
-              f'{size(rig.wrench_sensor.torque_noise, "N m", 2)}, {size(fit.noise[0], "m", 2)}, '
-              f'{size(fit.noise[1], "rad", 2)}'),
+               f'{size(rig.wrench_sensor.torque_noise, "N m", 2)}, '
+               f'{size(pose.position_noise, "m", 2)}, {size(pose.orientation_noise, "rad", 2)}'),
               (f'the model of the robot leaves {size(left.position, "m", 2)} and '
                f'{size(left.orientation, "rad", 2)} RMS of motion that it was not fitted to, '
                f'beyond noise, and rests {size(left.position_offset, "m", 2)} and '

@@ -170,7 +170,7 @@ KINDS: dict[str, str] = {
         'diagnose.recordings:apply_accelerometer_calibration',
     'FC0803':
         'diagnose.recordings:bridge_pauses diagnose.recordings:refuse_sparse_commands rig_fit',
-    'FC0804': 'sim sim.third_party sim.runs',
+    'FC0804': 'sim sim.third_party sim.rerun',
     'FC0805': 'sim.mujoco sim.mujoco_numbers',
     'FC0806': 'diagnose.judge.coverage',
     # in situ

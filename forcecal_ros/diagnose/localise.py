@@ -10,8 +10,7 @@ from forcecal_ros.core.quantity import quantity
 from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.diagnose.dataset import Blocks, CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.model.jacobian import Column
-from forcecal_ros.sim.measured_motion import pose_at
-from forcecal_ros.sim.signals import BLOCK
+from forcecal_ros.sim.signals import BLOCK, pose_at
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d

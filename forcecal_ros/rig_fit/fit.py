@@ -8,9 +8,10 @@ from forcecal_ros.calibrate.pipeline import identify
 from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.core.axes import DOWN
 from forcecal_ros.core.calibration import Accelerometer as CalibratedAccelerometer
-from forcecal_ros.core.calibration import Calibration, Estimate
+from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import above, DataError, UnobservableError
 from forcecal_ros.core.geometry import Array, quaternion_of, rotation_vector
+from forcecal_ros.core.noise.white import difference_gain
 from forcecal_ros.core.streams import PoseStream, Recording
 from forcecal_ros.core.topics import naming
 from forcecal_ros.diagnose.recordings import even_stamps
@@ -19,7 +20,6 @@ from forcecal_ros.effects.rig import (
     Accelerometer,
     AccelerometerModel,
     Axis,
-    NominalTolerances,
     Optidrive,
     Rig,
     Unexplained,
@@ -27,6 +27,7 @@ from forcecal_ros.effects.rig import (
 from forcecal_ros.rig_fit.robot import (
     at_ends,
     AxisFit,
+    centred,
     fit_and_judge,
     fit_rotation,
     fit_translation,
@@ -34,7 +35,7 @@ from forcecal_ros.rig_fit.robot import (
     RotationFit,
     turned_apart,
 )
-from forcecal_ros.sim.rigid_tool import GYRATION
+from forcecal_ros.sim.rigid_tool import GYRATION, known_std, tool_uncertainty, widened
 import numpy as np
 from scipy.signal import welch
 
@@ -71,40 +72,27 @@ def fit_tool(rig: Rig, recordings: Sequence[Recording], settings: Identification
 def _calibrated(rig: Rig, recording: Recording, c: Calibration) -> ToolFit:
     # relative tolerance of an inertia that is not identifiable
     unknown_inertia = 1.0
-    mass, usual, notes = float(c.mass), rig.spreads, []
+    mass, notes = float(c.mass), []
     inertia, relative = mass * GYRATION ** 2 * np.eye(3), unknown_inertia
     if c.inertia is None:
         notes.append(f'the inertia of the tool is not identifiable; that of a gripper of '
                      f'{mass:.3g} kg is taken')
     else:
         inertia = possible(c.inertia.value)
-        known = np.diag(_std(c.inertia)) / np.maximum(np.diag(inertia), 1e-9)
+        known = np.diag(known_std(c.inertia)) / np.maximum(np.diag(inertia), 1e-9)
         relative = min(unknown_inertia, float(known.max()))
     com = tuple(c.com.value.tolist())
     rig = replace(
         rig, tool=replace(rig.tool, mass=mass, com=com, inertia=rows_of(inertia), tip=com),
         wrench_sensor=replace(rig.wrench_sensor, bias=tuple(c.wrench_bias.value.tolist())),
         optidrive=_slide(rig, recording, c),
-        spreads=_no_surer(usual, mass=_std(c.mass).max() / mass, com=_std(c.com).max(),
-                          inertia=relative, force_bias=_std(c.wrench_bias)[:3].max(),
-                          torque_bias=_std(c.wrench_bias)[3:].max()))
+        spreads=widened(rig.spreads, **tool_uncertainty(c), inertia=relative))
     if c.tool is not None and rig.optidrive is None:
         notes.append('the tool gives, and no displacement sensor measures how far; it is taken '
                      'as rigid')
     if c.accelerometer is None:
         return ToolFit(rig, (*notes, 'no accelerometer was recorded; the rig has the nominal one'))
     return _with_accelerometer(rig, c.accelerometer, tuple(notes))
-
-
-def _std(estimate: Estimate) -> Any:
-    return np.nan_to_num(np.atleast_1d(estimate.std))
-
-
-def _no_surer(usual: NominalTolerances, **known: float) -> NominalTolerances:
-    """Add what an estimate does not know to how far a healthy rig departs from its file."""
-    spreads: NominalTolerances = replace(usual, **{
-        name: float(np.hypot(getattr(usual, name), std)) for name, std in known.items()})
-    return spreads
 
 
 def _slide(rig: Rig, recording: Recording, c: Calibration) -> Optidrive | None:
@@ -134,7 +122,7 @@ def _with_accelerometer(rig: Rig, a: CalibratedAccelerometer, notes: tuple[str, 
         x, y, z = a.position.value.tolist()
         position = (x, y, z)
     gain, offset = a.gain.value, a.offset.value
-    of_gain = float(np.max(_std(a.gain) / np.abs(gain)))
+    of_gain = float(np.max(known_std(a.gain) / np.abs(gain)))
     if a.unit != 'V':
         of_gain = float(np.hypot(of_gain, np.abs(gain - 1.0).max()))
         gain = np.ones(3)
@@ -143,13 +131,10 @@ def _with_accelerometer(rig: Rig, a: CalibratedAccelerometer, notes: tuple[str, 
                                float(a.cutoff) if ac and a.cutoff is not None else 0.0)
     mounted: Accelerometer = replace(rig.accelerometer, mounted='acc1', acc1=model,
                                      position=position)
-    spreads = _no_surer(rig.spreads, accelerometer_gain=of_gain,
-                        accelerometer_offset=_std(a.offset).max())
+    spreads = widened(rig.spreads, accelerometer_gain=of_gain,
+                      accelerometer_offset=known_std(a.offset).max())
     return ToolFit(replace(rig, accelerometer=mounted, spreads=spreads), notes)
 
-
-_SMOOTHEST = (1.0, -4.0, 6.0, -4.0, 1.0)
-"""Fourth difference: of a motion within 10 Hz at 250 Hz it leaves less than a hundredth."""
 
 FEWEST = 50
 """Samples from which rate and noise are estimated."""
@@ -201,9 +186,9 @@ def noise_of(values: Array) -> float:
     rows = np.reshape(values, (len(values), -1))
     if len(rows) < FEWEST:
         return 0.0
-    apart = sum(c * rows[i:len(rows) - 4 + i] for i, c in enumerate(_SMOOTHEST))
-    scale = float(np.sqrt(np.square(_SMOOTHEST).sum()))
-    return float(np.sqrt(np.mean(np.median(np.abs(apart), axis=0) ** 2))) / (0.6745 * scale)
+    # of a motion within 10 Hz at 250 Hz fourth differences leave less than a hundredth
+    apart = np.median(np.abs(np.diff(rows, 4, axis=0)), axis=0)
+    return float(np.sqrt(np.mean(apart ** 2) / difference_gain(4))) / 0.6745
 
 
 def orientation_noise(pose: PoseStream) -> float:
@@ -221,8 +206,6 @@ class RigFit:
     ----------
     axes : tuple of AxisFit
     rotation : RotationFit
-    noise : tuple of float
-        Of one pose, per axis [m], [rad].
     good_up_to : float
         Frequency from which the model leaves more than a tenth of the motion [Hz].
     moved_up_to : float
@@ -232,7 +215,6 @@ class RigFit:
     rig: Rig
     axes: tuple[AxisFit, ...]
     rotation: RotationFit
-    noise: tuple[float, float]
     good_up_to: float
     moved_up_to: float
     notes: tuple[str, ...]
@@ -289,10 +271,7 @@ def fit_rig(recordings: Sequence[Recording], heldout: Recording | None, base: Ri
              for name, axis in zip('xyz', axes) if not axis.order]
     if not rotation.identified:
         notes.append('orientation never turned, and follows as late as the position')
-    sensor = found.rig.pose_sensor
-    return RigFit(found.rig, tuple(axes), rotation,
-                  (sensor.position_noise, sensor.orientation_noise), good, moved,
-                  (*notes, *found.notes))
+    return RigFit(found.rig, tuple(axes), rotation, good, moved, (*notes, *found.notes))
 
 
 def _required(recording: Recording) -> Recording:
@@ -323,7 +302,8 @@ def _measured(base: Rig, recording: Recording, period: float, settings: Identifi
     poses = replace(base.pose_sensor, rate=rate_beside(pose.t, period),
                     position_noise=noise_of(pose.position),
                     orientation_noise=orientation_noise(pose))
-    accelerometer = replace(base.accelerometer, rate=_multiple(base.accelerometer.rate, period))
+    rate = max(1, round(base.accelerometer.rate * period)) / period
+    accelerometer = replace(base.accelerometer, rate=rate)
     if volts is not None and len(volts) > 1:
         accelerometer = replace(accelerometer, rate=rate_beside(volts.t, period),
                                 noise=noise_of(volts.values))
@@ -342,10 +322,6 @@ def _measured(base: Rig, recording: Recording, period: float, settings: Identifi
         wall=replace(base.wall, position=float(target.position[:, 0].max()) + 10.0))
 
 
-def _multiple(rate: float, period: float) -> float:
-    return max(1, round(rate * period)) / period
-
-
 def _heldout_error(rig: Rig, ready: Sequence[Followed]) -> tuple[Unexplained, float, float]:
     """Return what the robot's model leaves on what was held out, and up to where it is good."""
     apart, turned, moved = [], [], []
@@ -355,11 +331,11 @@ def _heldout_error(rig: Rig, ready: Sequence[Followed]) -> tuple[Unexplained, fl
         made = at_ends(rig, one).position
         apart.append((one.reached - made)[one.held])
         turned.append(turned_apart(rig, one)[one.held])
-        moved.append(_centred(one.reached[one.held]))
+        moved.append(centred(one.reached[one.held]))
     position, orientation = (np.concatenate(rows) for rows in (apart, turned))
-    good, up_to = _good_up_to(_centred(position), np.concatenate(moved), rig.robot.period)
+    good, up_to = _good_up_to(centred(position), np.concatenate(moved), rig.robot.period)
     return Unexplained(
-        _beyond_noise(_centred(position)), _beyond_noise(_centred(orientation)),
+        _beyond_noise(centred(position)), _beyond_noise(centred(orientation)),
         *(float(np.linalg.norm(rows.mean(axis=0))) for rows in (position, orientation))
     ), good, up_to
 
@@ -382,10 +358,6 @@ def _good_up_to(left: Array, moved: Array, period: float) -> tuple[float, float]
     # part of the motion that the model may leave at a frequency, in amplitude
     bad = np.flatnonzero(rest[1:last + 1] > 0.1 ** 2 * motion[1:last + 1])
     return (float(f[1 + bad[0]]) if len(bad) else np.inf), float(f[max(1, last)])
-
-
-def _centred(rows: Array) -> Array:
-    return np.asarray(rows - rows.mean(axis=0))
 
 
 def document(fit: RigFit, path: str) -> dict[str, Any]:

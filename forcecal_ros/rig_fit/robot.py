@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from forcecal_ros.core.errors import above, below, DataError
 from forcecal_ros.core.geometry import Array, quaternion_from_matrix, rotation_vector
-from forcecal_ros.core.schema import Matrix3, Vector6
+from forcecal_ros.core.schema import Matrix3
 from forcecal_ros.core.streams import phase_spans, Recording, TOUCHING
 from forcecal_ros.diagnose.recordings import grid_shift
 from forcecal_ros.effects.rig import Axis, Directions, Rig, Servo
@@ -23,10 +23,10 @@ from forcecal_ros.impedance.plant_fit import (
     OutputError,
     with_covariance,
 )
-from forcecal_ros.sim.measured_motion import pose_at
 from forcecal_ros.sim.rig.plant import Plant
 from forcecal_ros.sim.rig.robot import Motion
 from forcecal_ros.sim.rig.simulator import held_commands
+from forcecal_ros.sim.signals import pose_at
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares, OptimizeResult
@@ -45,15 +45,12 @@ class Followed(NamedTuple):
 
     Attributes
     ----------
-    start : float
-        When period 0 begins [s].
     position, reached : ndarray, shape (m, 3)
     R_command, R_reached : ndarray, shape (m, 3, 3)
     used, held : ndarray of bool, shape (m,)
         To fit on, and to judge on.
     """
 
-    start: float
     position: Array
     R_command: Array
     reached: Array
@@ -97,7 +94,7 @@ def followed(recording: Recording, period: float) -> Followed:
     for begin, end in phase_spans(recording.phases, TOUCHING):
         free &= (starts + period < begin) | (starts >= end)
     late = np.floor(starts - start).astype(int) % EVERY == EVERY - 1
-    return Followed(start, target.position[held], target.R_base_sensor[held], reached, R,
+    return Followed(target.position[held], target.R_base_sensor[held], reached, R,
                     free & ~late, free & late)
 
 
@@ -164,16 +161,12 @@ def fit_translation(rig: Rig, followed: Sequence[Followed]) -> list[AxisFit]:
         raise DataError(f'target_frame: the commands move by '
                         f'{below(1e3 * strokes.max(), 1e3 * moved, 2)} mm, '
                         f'expected {1e3 * moved:g} mm at least along one axis; record a motion')
-    smooth = [through_servo(rig, one) for one in followed]
+    # where a robot without equation would be at the end of each period
+    smooth = [at_ends(rig, one).position for one in followed]
     found = {axis: _fit_axis(rig, followed, smooth, axis)
              for axis in range(3) if strokes[axis] >= moved}
     leading = found[max(found, key=lambda axis: float(strokes[axis]))]
     return [found.get(axis, leading._replace(order=0)) for axis in range(3)]
-
-
-def through_servo(rig: Rig, one: Followed) -> Array:
-    """Return where a robot without equation would be at the end of each period, shape (m, 3)."""
-    return at_ends(rig, one).position
 
 
 def at_ends(rig: Rig, one: Followed) -> Motion:
@@ -206,14 +199,15 @@ def _fit_axis(rig: Rig, followed: Sequence[Followed], smooth: Sequence[Array], a
     # orders: of the difference equation that are tried: a rig holds three
     for order in (1, 2, 3):
         tried: dict[int, Candidate] = {}
-        for delay in sorted({0, most // 3, 2 * most // 3, most}):
-            _try(tried, order, delay, command, position, used, held)
-        for _ in range(2):
-            best = min(tried.values(), key=lambda one: one.error).model.delay
-            for delay in {best - 2, best - 1, best + 1, best + 2} - set(tried):
+        delays = {0, most // 3, 2 * most // 3, most}
+        for _ in range(3):
+            for delay in sorted(delays - set(tried)):
                 if 0 <= delay <= most + 1:
-                    _try(tried, order, delay, command, position, used, held)
-        candidates.append(min(tried.values(), key=lambda one: one.error))
+                    model = fit_damped(command, position, order, delay, used)
+                    tried[delay] = judged(model, order, command, position, held)
+            best = min(tried.values(), key=lambda one: one.error)
+            delays = {best.model.delay + k for k in (-2, -1, 1, 2)}
+        candidates.append(best)
     # not the smallest that is hardly worse: what it leaves would be in the forces, and what the
     # greater one does not know of itself is in its tolerance
     known = [one for one in candidates if _lag(one.model)[1] < sure]
@@ -229,12 +223,6 @@ def _fit_axis(rig: Rig, followed: Sequence[Followed], smooth: Sequence[Array], a
     return AxisFit(_axis(chosen.model, period), chosen.order, lag * period + servo, std * period)
 
 
-def _try(tried: dict[int, Candidate], order: int, delay: int, command: Array, position: Array,
-         used: Array, held: Array) -> None:
-    tried[delay] = judged(fit_damped(command, position, order, delay, used),
-                          order, command, position, held)
-
-
 def _shift(command: Array, position: Array, used: Array, most: int) -> int:
     """Return by how many periods a command has to be shifted to be nearest to the position."""
     def apart(k: int) -> float:
@@ -243,11 +231,9 @@ def _shift(command: Array, position: Array, used: Array, most: int) -> int:
 
 
 def _axis(model: OutputError, period: float) -> Axis:
-    feedback, feedforward = (np.append(c, np.zeros(3 - len(c)))
+    feedback, feedforward = (tuple(np.pad(c, (0, 3 - len(c))).tolist())
                              for c in (model.feedback, model.feedforward))
-    a, b, c = feedback.tolist()
-    d, e, f = feedforward.tolist()
-    return Axis(model.delay * period, (a, b, c), (d, e, f), _directions(model))
+    return Axis(model.delay * period, feedback, feedforward, _directions(model))
 
 
 def _directions(model: OutputError) -> Directions:
@@ -259,13 +245,7 @@ def _directions(model: OutputError) -> Directions:
         step = np.sqrt(max(0.0, values[k])) * vectors[:, k]
         rows[i, :order], rows[i, 3:3 + order] = step[:order], step[order:]
     rows[:, 3] -= rows.sum(axis=1)  # rounding
-    a, b, c, d, e = (_six(row) for row in rows)
-    return a, b, c, d, e
-
-
-def _six(row: Array) -> Vector6:
-    a, b, c, d, e, f = row.tolist()
-    return a, b, c, d, e, f
+    return tuple(map(tuple, rows.tolist()))  # type: ignore[return-value]
 
 
 def _lag(model: OutputError) -> tuple[float, float]:
@@ -441,7 +421,7 @@ def _searched(rig: Rig, followed: Sequence[Followed], delay: float, start: list[
 
     def residual(x: Array) -> Array:
         changed = replace(rig, servo=_servo(rig, x, delay))
-        return np.concatenate([_centred(turned_apart(changed, one)[one.used]).ravel()
+        return np.concatenate([centred(turned_apart(changed, one)[one.used]).ravel()
                                for one in used])
 
     low, high = np.array(LIMITS)
@@ -463,7 +443,8 @@ def turned_apart(rig: Rig, one: Followed) -> Array:
     return rotation_vector(np.swapaxes(R, 1, 2) @ one.R_reached)
 
 
-def _centred(rows: Array) -> Array:
+def centred(rows: Array) -> Array:
+    """Remove the mean of each column."""
     return np.asarray(rows - rows.mean(axis=0))
 
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array, rotation_vector
 from forcecal_ros.core.streams import PoseStream, Recording
-from forcecal_ros.effects import AccelerometerEffects, EFFECTS, physical_rig
+from forcecal_ros.effects import EFFECTS, physical_rig
 from forcecal_ros.effects.nuisances import (
     LEAST,
     NAMELESS,
@@ -25,11 +25,13 @@ from forcecal_ros.effects.rig import Rig
 from forcecal_ros.effects.signals import INVERTIBLE
 from forcecal_ros.sim.rigid_tool import CABLE, CarriedTool, only, RigidTool, SMOOTH, UNKNOWN_DELAY
 from forcecal_ros.sim.signals import (
+    accelerometer_volts,
     BLOCK,
     block_means,
     CLEAR,
     clear_band,
     MOST,
+    pose_at,
     RATE,
     Signals,
     slow,
@@ -37,9 +39,8 @@ from forcecal_ros.sim.signals import (
 )
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
-from scipy.spatial.transform import Rotation, RotationSpline, Slerp
+from scipy.spatial.transform import Rotation, Slerp
 
 
 def merge_poses(measured: PoseStream, simulated: PoseStream) -> PoseStream:
@@ -69,14 +70,6 @@ def merge_poses(measured: PoseStream, simulated: PoseStream) -> PoseStream:
     return replace(measured, t=t, position=position,
                    R_base_sensor=S @ Rotation.from_rotvec(
                        _without_noise(turned, rate)).as_matrix())
-
-
-def pose_at(stream: PoseStream, t: Array) -> tuple[Array, Array]:
-    """Return position, NaN where there is none, and orientation at other times."""
-    R = RotationSpline(stream.t, Rotation.from_matrix(np.array(stream.R_base_sensor)))
-    position = (CubicSpline(stream.t, stream.position)(t) if stream.has_position
-                else np.full((len(t), 3), np.nan))
-    return np.asarray(position), np.asarray(R(t).as_matrix())
 
 
 def _without_noise(difference: Array, rate: float) -> Array:
@@ -217,16 +210,9 @@ class MeasuredMotion:
             The accelerometer's are those of rest.
         """
         rigid_tool, full = physical_rig(rig), self._full
-        wire = self._clear.wire(rig) + self._unclear
-        model = rigid_tool.accelerometer.model(self.accelerometer)
-        on_volts = AccelerometerEffects(replace(rigid_tool,
-                                                effects=only(rigid_tool.effects, INVERTIBLE)),
-                                        self.accelerometer, 1.0 / RATE)
-        volts = on_volts.before_noise(full.weight(rigid_tool) * model.gain + model.offset)
-        n = len(full.t)
-        return Signals(self.start, wire, volts, full.slide, full.position, full.R_base_sensor,
-                       full.velocity, full.acceleration, full.omega, full.alpha, np.zeros(n),
-                       np.zeros((n, 6)), full.specific_force(rig))
+        resting = replace(rigid_tool, effects=only(rigid_tool.effects, INVERTIBLE))
+        volts = accelerometer_volts(resting, self.accelerometer, full.weight(rigid_tool))
+        return full.signals(rig, self._clear.wire(rig) + self._unclear, volts)
 
     def smooth(self, signals: Signals) -> Signals:
         """Return signals without the noise of pose and accelerometer, which is in them all."""
@@ -296,12 +282,8 @@ class RecordedSimulation(MeasuredMotion):
         found = super().signals(rig)
         if self._accel is None:
             return found
-        rigid_tool = physical_rig(rig)
-        model = rigid_tool.accelerometer.model(self.accelerometer)
-        on_volts = AccelerometerEffects(rig, self.accelerometer, 1.0 / RATE)
-        accel = np.asarray(self._accel + self._full.weight(rigid_tool))
-        return found._replace(volts=on_volts.after_noise(on_volts.before_noise(
-            accel * model.gain + model.offset)))
+        accel = np.asarray(self._accel + self._full.weight(physical_rig(rig)))
+        return found._replace(volts=accelerometer_volts(rig, self.accelerometer, accel))
 
 
 POWER_WINDOW_S = 0.1

@@ -9,7 +9,9 @@ sensors of a step show the state before it, and the acceleration that the step i
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
+from xml.etree import ElementTree
 
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.extras import installing
@@ -17,12 +19,14 @@ from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import JointStream
 from forcecal_ros.sim.mujoco_numbers import (
     BACKLASH,
+    carrying,
     contact_numbers,
     Controller,
     Drive,
     Forces,
     found_drives,
     is_scalar,
+    JOINT,
     Limit,
     limit_numbers,
     limits_of,
@@ -222,14 +226,22 @@ class MujocoRobot:
 
     def patched(self, parameters: Mapping[str, float]) -> str:
         """Return the source with other numbers, an MJCF whose files lie where the model's do."""
-        spec = mujoco.MjSpec.from_file(self.path)
-        spec.compile()  # numbers its geoms
+        model = mujoco.MjModel.from_xml_path(self.path)
         for one in self.numbers:
-            one.patch(spec, parameters.get(one.parameter.name, one.parameter.nominal))
+            one.write(model, parameters.get(one.parameter.name, one.parameter.nominal))
+        with TemporaryDirectory() as folder:
+            path = Path(folder, 'model.xml')
+            mujoco.mj_saveLastXML(str(path), model)
+            root = ElementTree.parse(path).getroot()  # noqa: S314  # MuJoCo's own
+        for limit in self.limits:
+            if limit.field == JOINT:  # which MuJoCo saves as they were read
+                low, high = model.jnt_actfrcrange[limit.row]
+                for joint in root.iterfind(f"worldbody//joint[@name='{limit.joint}']"):
+                    joint.set('actuatorfrcrange', f'{low:.6g} {high:.6g}')
         comments = ''.join(
             f'<!-- {BACKLASH}[{name}]: MuJoCo has no such number; command the joint through play '
             f'of {half:.4g} to either side -->\n' for name, half in _backlash(parameters).items())
-        return comments + str(spec.to_xml())
+        return f'{comments}{ElementTree.tostring(root, "unicode")}\n'
 
 
 class _Seen(NamedTuple):
@@ -380,13 +392,10 @@ def _ignore(_: str) -> None:
 
 def _chain(model: Any, body: str) -> tuple[str, ...]:
     """Name the joints that move a body, or what hangs on it, of one number each."""
-    def above(i: int) -> set[int]:
-        return {0} if i == 0 else {i} | above(int(model.body_parentid[i]))
-
     tool = int(model.body(body).id)
-    carrying = above(tool)
+    arm = set(carrying(model, tool))
     return tuple(model.joint(k).name for k in range(model.njnt) if is_scalar(model, k)
-                 and ((i := int(model.jnt_bodyid[k])) in carrying or tool in above(i)))
+                 and ((i := int(model.jnt_bodyid[k])) in arm or tool in carrying(model, i)))
 
 
 def _site(spec: Any, path: str, given: str | None) -> str:

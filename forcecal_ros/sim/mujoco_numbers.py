@@ -21,6 +21,9 @@ PID = 'position and rate'
 
 BACKLASH = 'backlash'
 
+_GAIN_LETTERS = {VELOCITY: 'p', TORQUE: 'pd'}
+"""Gains of the controller that an actuator needs, by what it holds."""
+
 
 class Drive(NamedTuple):
     """
@@ -67,7 +70,7 @@ def found_drives(model: Any, path: str) -> list[Drive]:
     holds = (POSITION, PID)
     for i in range(len(model.actuator_trntype)):  # model.nu counts inputs
         drive = _drive(model, i)
-        if drive and _has_gains(drive):
+        if drive and len(drive.gains) == len(_GAIN_LETTERS.get(drive.kind, '')):
             before = able.get(drive.joint)
             if before is None or (drive.kind in holds and before.kind not in holds):
                 able[drive.joint] = drive
@@ -80,10 +83,6 @@ def found_drives(model: Any, path: str) -> list[Drive]:
 def reason_not_driven(model: Any, joint: str) -> str:
     """Say which actuators a joint has, and what they require."""
     return _requirements(model, joint) or 'no actuator of the model drives it'
-
-
-def _has_gains(drive: Drive) -> bool:
-    return len(drive.gains) == {VELOCITY: 1, TORQUE: 2}.get(drive.kind, 0)
 
 
 def _requirements(model: Any, joint: str = '') -> str:
@@ -100,7 +99,7 @@ def _requirements(model: Any, joint: str = '') -> str:
     if kinds:
         first, kind = next(iter(kinds.items()))
         gains = [f'<numeric name="{letter}[{first}]" data="..."/>'
-                 for letter in ('p' if kind == VELOCITY else 'pd')]
+                 for letter in _GAIN_LETTERS[kind]]
         listed = ', '.join(f'joint {name} has one of {kind}' for name, kind in kinds.items())
         return (f'{listed}; put the gains of its controller into <custom>, '
                 f'{" and ".join(gains)}')
@@ -140,9 +139,9 @@ def _drive(model: Any, i: int) -> Drive | None:
         return None
     held = {VELOCITY: -float(model.actuator_biasprm[i, 2]),
             TORQUE: 1.0 / gear ** 2}.get(kind, stiff)
-    letters = {VELOCITY: 'p', TORQUE: 'pd'}.get(kind, '')
     numerics = {model.numeric(k).name: int(model.numeric_adr[k]) for k in range(model.nnumeric)}
-    gains = tuple(numerics[f'{a}[{name}]'] for a in letters if f'{a}[{name}]' in numerics)
+    gains = tuple(numerics[f'{letter}[{name}]'] for letter in _GAIN_LETTERS.get(kind, '')
+                  if f'{letter}[{name}]' in numerics)
     joint = model.joint(name).id
     act = -1 if kind == PID else int(model.actuator_actadr[i])  # that of a <pid> is its integral
     scale = gear if kind == PID else gear * held / gain
@@ -325,16 +324,12 @@ def warning_of(data: Any) -> str:
 GAIN_SIGMA = (0.05, 0.1)
 """Of the gains kp and kv of a position actuator, 1 sigma, relative: as controllers are set."""
 
-_Both = tuple[_Write, _Write]
-"""Into a model that was compiled, and into its source."""
-
 
 class Number(NamedTuple):
-    """A parameter, and how it is written."""
+    """A parameter, and how it is written into a model."""
 
     parameter: Parameter
     write: _Write
-    patch: _Write
 
 
 def numbers_of(model: Any, drives: Sequence[Drive], body: str, site: str
@@ -355,40 +350,19 @@ def _of_tool(model: Any, body: str, site: str) -> list[Number]:
     mass, com = float(model.body_mass[i]), model.body_ipos[i].copy()
     if mass <= 0.0:
         raise ConfigError(f'body {body} below site {site} weighs nothing; give the tool its mass')
-    inertia, axes = model.body_inertia[i].copy(), model.body_iquat[i].copy()
+    inertia = model.body_inertia[i].copy()
 
     def weigh(to: Any, value: float) -> None:
         to.body_mass[i] = value
         to.body_inertia[i] = inertia * (value / mass)
 
-    def explicit(spec: Any) -> Any:
-        """Return the body with the numbers it has, be they given or those of its geoms."""
-        found = spec.site(site).parent
-        if not found.explicitinertial or found.inertia[0] <= 0.0:
-            found.explicitinertial, found.mass = True, mass
-            found.ipos, found.iquat, found.inertia = com, axes, inertia
-            found.fullinertia[0] = np.nan
-        return found
-
-    def patch_mass(spec: Any, value: float) -> None:
-        to = explicit(spec)
-        to.mass, to.inertia = value, to.inertia * (value / mass)
-
-    def place(axis: int) -> _Both:
-        def write(to: Any, value: float) -> None:
-            to.body_ipos[i, axis] = value
-
-        def patch(spec: Any, value: float) -> None:
-            explicit(spec).ipos[axis] = value
-        return write, patch
-
     # mass sigma and com sigma: how well a tool is known by its drawing: mass (relative) and
     # centre of mass [m], 1 sigma
     found = [Number(Parameter(f'body_mass[{body}]', mass, 0.01 * mass, 'kg', 0.05 * mass,
-                               20.0 * mass, 'tool', ('tool_mass',)), weigh, patch_mass)]
+                              20.0 * mass, 'tool', ('tool_mass',)), weigh)]
     return found + [Number(Parameter(
         f'body_ipos[{body}].{a}', float(com[k]), 0.001, 'm', com[k] - 0.5, com[k] + 0.5,
-        'tool', ('tool_com',)), *place(k)) for k, a in enumerate('xyz')]
+        'tool', ('tool_com',)), _writer('body_ipos', (i, k))) for k, a in enumerate('xyz')]
 
 
 def _of_joints(model: Any, drives: Sequence[Drive]) -> list[Number]:
@@ -402,28 +376,29 @@ def _of_joints(model: Any, drives: Sequence[Drive]) -> list[Number]:
         damping, kv = float(model.dof_damping[dof]), -float(model.actuator_biasprm[i, 2])
         sigma = joint_friction_sigma[0] * friction + joint_friction_sigma[1]
         found.append(Number(Parameter(f'dof_frictionloss[{name}]', friction, sigma,
-                                       'N' if slides else 'N m', 0.0),
-                             _writer('dof_frictionloss', dof), _rubbing(name)))
+                                      'N' if slides else 'N m', 0.0),
+                            _writer('dof_frictionloss', dof)))
         # half the play of a joint, 1 sigma: of gears with an arc minute; the model has none
         sigma, unit = (5e-5, 'm') if slides else (1.5e-4, 'rad')
         found.append(Number(Parameter(f'{BACKLASH}[{name}]', 0.0, sigma, unit, 0.0, 0.05),
-                             _nowhere, _nowhere))
+                            _nowhere))
         if drive.kind in (VELOCITY, TORQUE):
             found += [_of_controller(model, letter, drive, at)
                       for letter, at in zip('pd', drive.gains)]
         else:
             kp = -float(model.actuator_biasprm[i, 1])
             found.append(Number(_scaled(f'kp[{name}]', kp, GAIN_SIGMA[0], least=0.05)._replace(
-                inverse=True), *_coefficient(model, i, 1, drive.kind)))
+                inverse=True), _coefficient(model, i, 1, drive.kind)))
         if drive.kind == PID and (ki := float(model.actuator_gainprm[i, 0])) > 0.0:
-            found.append(Number(_scaled(f'ki[{name}]', ki, GAIN_SIGMA[1]), *_integral(i)))
+            found.append(Number(_scaled(f'ki[{name}]', ki, GAIN_SIGMA[1]),
+                                _writer('actuator_gainprm', (i, 0))))
         if kv > 0.0:
             found.append(Number(_scaled(f'kv[{name}]', kv, GAIN_SIGMA[1]),
-                                *_coefficient(model, i, 2, drive.kind)))
+                                _coefficient(model, i, 2, drive.kind)))
         elif damping > 0.0:  # which the other would be added to
             unit = 'N s/m' if slides else 'N m s/rad'
             found.append(Number(_scaled(f'dof_damping[{name}]', damping, GAIN_SIGMA[1], unit),
-                                _writer('dof_damping', dof), _damping(name)))
+                                _writer('dof_damping', dof)))
     return found
 
 
@@ -432,34 +407,27 @@ def _of_controller(model: Any, letter: str, drive: Drive, at: int) -> Number:
     name, gain = f'{letter}[{drive.joint}]', float(model.numeric_data[at])
     if gain <= 0.0:
         raise ConfigError(f'numeric {name}: got {gain:g}, expected a gain above zero')
-
-    def patch(spec: Any, value: float) -> None:
-        spec.numeric(name).data = [value]
-
     return Number(_scaled(name, gain, GAIN_SIGMA[letter == 'd'], least=0.05)._replace(
-        inverse=letter == 'p'), _writer('numeric_data', at), patch)
+        inverse=letter == 'p'), _writer('numeric_data', at))
 
 
 def _of_base(model: Any) -> list[Number]:
     """Tilt the base under gravity, about X and Y."""
     down = model.opt.gravity.copy()
-    tilt = np.zeros(2)
-
-    def turn(option: Any, axis: int, value: float) -> None:
-        tilt[axis] = value
-        x, y = tilt
-        size = float(np.linalg.norm(down))
-        option.gravity[:] = size * np.array([np.sin(y), -np.sin(x), -np.cos(x) * np.cos(y)])
-
-    def write(axis: int) -> _Both:
-        return (lambda model, value: turn(model.opt, axis, value),
-                lambda spec, value: turn(spec.option, axis, value))
-
     if not np.allclose(down[:2], 0.0) or down[2] >= 0.0:
         return []
+    size, tilt = float(np.linalg.norm(down)), np.zeros(2)
+
+    def about(axis: int) -> _Write:
+        def write(to: Any, value: float) -> None:
+            tilt[axis] = value
+            x, y = tilt
+            to.opt.gravity[:] = size * np.array([np.sin(y), -np.sin(x), -np.cos(x) * np.cos(y)])
+        return write
+
     # tilt of a base that was levelled by hand, 1 sigma [rad]
     return [Number(Parameter(f'tilt.{a}', 0.0, 0.003, 'rad', -0.5, 0.5, 'robot',
-                              ('base_tilt',)), *write(k)) for k, a in enumerate('xy')]
+                             ('base_tilt',)), about(k)) for k, a in enumerate('xy')]
 
 
 def _scaled(name: str, value: float, sigma: float, unit: str = '1', least: float = 0.0
@@ -468,9 +436,9 @@ def _scaled(name: str, value: float, sigma: float, unit: str = '1', least: float
     return Parameter(name, value, sigma * value, unit, least * value, 20.0 * value)
 
 
-def _writer(field: str, index: Any) -> _Write:
+def _writer(field: str, index: Any, scale: Any = 1.0) -> _Write:
     def write(to: Any, value: float) -> None:
-        getattr(to, field)[index] = value
+        getattr(to, field)[index] = value * scale
     return write
 
 
@@ -478,47 +446,17 @@ def _nowhere(to: Any, value: float) -> None:
     """Write nothing: the number acts on commands, and no model holds it."""
 
 
-def _rubbing(joint: str) -> _Write:
-    def patch(spec: Any, value: float) -> None:
-        spec.joint(joint).frictionloss = value
-    return patch
-
-
-def _damping(joint: str) -> _Write:
-    def patch(spec: Any, value: float) -> None:
-        powers = np.atleast_1d(np.array(spec.joint(joint).damping, dtype=float))
-        powers[0] = value  # newer MuJoCo has terms of higher powers of the speed behind it
-        spec.joint(joint).damping = powers if len(powers) > 1 else value
-    return patch
-
-
-def _coefficient(model: Any, i: int, k: int, kind: str) -> _Both:
+def _coefficient(model: Any, i: int, k: int, kind: str) -> _Write:
     """Set kp (1) or kv (2) of an actuator, and its input's gain if that is the same number."""
     scale = 0.0
     if kind == VELOCITY if k == 2 else kind in (POSITION, INTEGRATED):
         scale = float(model.actuator_gainprm[i, 0] / model.actuator_biasprm[i, k])
 
-    def change(gain: Any, bias: Any, value: float) -> None:
-        bias[k] = -value
+    def write(to: Any, value: float) -> None:
+        to.actuator_biasprm[i, k] = -value
         if scale:
-            gain[0] = -scale * value
-
-    def write(to: Any, value: float) -> None:
-        change(to.actuator_gainprm[i], to.actuator_biasprm[i], value)
-
-    def patch(spec: Any, value: float) -> None:
-        change(spec.actuators[i].gainprm, spec.actuators[i].biasprm, value)
-    return write, patch
-
-
-def _integral(i: int) -> _Both:
-    """Set ki of a ``<pid>`` actuator."""
-    def write(to: Any, value: float) -> None:
-        to.actuator_gainprm[i, 0] = value
-
-    def patch(spec: Any, value: float) -> None:
-        spec.actuators[i].gainprm[0] = value
-    return write, patch
+            to.actuator_gainprm[i, 0] = -scale * value
+    return write
 
 
 LIMIT_SIGMA = 0.1
@@ -585,29 +523,14 @@ def limit_numbers(model: Any, limits: Sequence[Limit]) -> Iterator[Number]:
     """
     for one in limits:
         unit = '1' if one.field == INPUT else 'N' if is_slide(model, one.joint) else 'N m'
+        ends = np.array(getattr(model, one.field)[one.row]) / one.most
         yield Number(_scaled(one.name, one.most, LIMIT_SIGMA, unit, 0.05),
-                     *_actuator_of(model, one))
+                     _writer(one.field, one.row, ends))
 
 
 def is_slide(model: Any, joint: str) -> bool:
     """Whether a joint slides, in place of turning."""
     return bool(model.jnt_type[model.joint(joint).id] == mujoco.mjtJoint.mjJNT_SLIDE)
-
-
-def _actuator_of(model: Any, one: Limit) -> tuple[_Write, _Write]:
-    ends = np.array(getattr(model, one.field)[one.row]) / one.most
-    i = one.row if one.field != INPUT else next(
-        k for k in range(len(model.actuator_trntype)) if _input_of(model, k) == one.row)
-
-    def write(to: Any, value: float) -> None:
-        getattr(to, one.field)[one.row] = value * ends
-
-    def patch(spec: Any, value: float) -> None:
-        if one.field == JOINT:
-            spec.joint(one.joint).actfrcrange = value * ends
-        else:
-            setattr(spec.actuators[i], one.field.removeprefix('actuator_'), value * ends)
-    return write, patch
 
 
 class Forces:
@@ -624,10 +547,8 @@ class Forces:
 
     def __init__(self, model: Any, limits: Sequence[Limit]) -> None:
         self._limits = limits
-        self._of = [(field, np.array([i for i, one in enumerate(limits) if one.field == field]),
-                     np.array([_force_row(model, one) for one in limits if one.field == field]))
-                    for field in (ACTUATOR, JOINT, INPUT)
-                    if any(one.field == field for one in limits)]
+        self._places = [(_GIVEN[one.field], int(model.joint(one.joint).dofadr[0])
+                         if one.field == JOINT else one.row) for one in limits]
         ends = np.array([getattr(model, one.field)[one.row] for one in limits]).reshape(-1, 2)
         self._low, self._high = ends.T
         self.most = np.zeros(len(limits))
@@ -635,9 +556,7 @@ class Forces:
 
     def look(self, data: Any) -> None:
         """See what the drives give now."""
-        now = np.zeros(len(self._limits))
-        for field, which, places in self._of:
-            now[which] = getattr(data, _GIVEN[field])[places]
+        now = np.array([getattr(data, field)[row] for field, row in self._places])
         ends = np.where(now < 0.0, self._low, self._high)
         part = np.divide(now, ends, out=np.zeros_like(now), where=ends != 0.0)
         self.most = np.maximum(self.most, part)
@@ -664,11 +583,6 @@ _GIVEN = {ACTUATOR: 'actuator_force', JOINT: 'qfrc_actuator', INPUT: 'ctrl'}
 """Where the data of a run have what each field limits."""
 
 
-def _force_row(model: Any, one: Limit) -> int:
-    """Return where the data have what a limit clips."""
-    return int(model.joint(one.joint).dofadr[0]) if one.field == JOINT else one.row
-
-
 SOLREF, FRICTION, PLACE = 'geom_solref', 'geom_friction', 'geom_pos'
 
 AXES = 'xyz'
@@ -689,10 +603,11 @@ def own_geoms(model: Any, body: str) -> NDArray[np.intp]:
     """List the geoms of a body and of all that hangs on it."""
     tool = int(model.body(body).id)
     return np.array([i for i in range(model.ngeom)
-                     if tool in _carrying(model, int(model.geom_bodyid[i]))], dtype=np.intp)
+                     if tool in carrying(model, int(model.geom_bodyid[i]))], dtype=np.intp)
 
 
-def _carrying(model: Any, body: int) -> Iterator[int]:
+def carrying(model: Any, body: int) -> Iterator[int]:
+    """Yield a body and those that carry it, the world left out."""
     while body:
         yield body
         body = int(model.body_parentid[body])
@@ -710,8 +625,7 @@ def contact_numbers(model: Any, body: str) -> Iterator[Number]:
 
     Yields
     ------
-    Parameter, write, patch
-        Into a model that was compiled, and into its source, which was compiled, too.
+    Number
     """
     # factor by which either may be off, at most: beyond, another material was meant
     max_contact_factor = 5.0
@@ -731,7 +645,7 @@ def contact_numbers(model: Any, body: str) -> Iterator[Number]:
             unit = '1' if field == FRICTION else '1/s^2' if stiffness else 's'
             yield Number(Parameter(
                 f'{field}[{name}]', value, (1 + stiffness) * part * abs(value), unit, low, high,
-                'environment'), *shared.of(i))
+                'environment'), shared.of(i))
     for i, name in names.items():
         if model.body_weldid[model.geom_bodyid[i]] == 0:
             yield from _places(model, i, name)
@@ -742,22 +656,11 @@ def _places(model: Any, i: int, name: str) -> Iterator[Number]:
     # Were it taken to be where the model has it, one that is a millimetre lower would be
     # called softer
     place_sigma, max_place_shift = 0.001, 0.1
-    first = model.geom_pos[i].copy()
-
-    def along(axis: int) -> tuple[_Write, _Write]:
-        def write(to: Any, value: float) -> None:
-            to.geom_pos[i, axis] = value
-
-        def patch(spec: Any, value: float) -> None:
-            geom = {one.id: one for one in spec.geoms}[i]
-            for place in (geom.pos[axis:], geom.fromto[axis:], geom.fromto[axis + 3:]):
-                place[0] += value - first[axis]
-        return write, patch
-
     for k, a in enumerate(AXES):
+        first = float(model.geom_pos[i, k])
         yield Number(Parameter(
-            f'{PLACE}[{name}].{a}', float(first[k]), place_sigma, 'm', first[k] - max_place_shift,
-            first[k] + max_place_shift, 'environment'), *along(k))
+            f'{PLACE}[{name}].{a}', first, place_sigma, 'm', first - max_place_shift,
+            first + max_place_shift, 'environment'), _writer(PLACE, (i, k)))
 
 
 class _Shared:
@@ -767,23 +670,14 @@ class _Shared:
         self._field, self._own, self._ratio = field, own, dict[int, float]()
         self.first = getattr(model, field)[:, 0].copy()
 
-    def of(self, geom: int) -> tuple[_Write, _Write]:
+    def of(self, geom: int) -> _Write:
         """Return what writes that of a geom, and the tool's along."""
-        def write(model: Any, value: float) -> None:
-            rows = getattr(model, self._field)
-            for i, number in self._changed(geom, value).items():
-                rows[i, 0] = number
-
-        def patch(spec: Any, value: float) -> None:
-            geoms = {one.id: one for one in spec.geoms}
-            for i, number in self._changed(geom, value).items():
-                getattr(geoms[i], self._field.removeprefix('geom_'))[0] = number
-        return write, patch
-
-    def _changed(self, geom: int, value: float) -> Mapping[int, float]:
-        self._ratio[geom] = value / self.first[geom]
-        whole = float(np.prod(list(self._ratio.values())))
-        return {geom: value, **{int(i): float(self.first[i] * whole) for i in self._own}}
+        def write(to: Any, value: float) -> None:
+            rows = getattr(to, self._field)
+            self._ratio[geom] = value / self.first[geom]
+            rows[geom, 0] = value
+            rows[self._own, 0] = self.first[self._own] * np.prod(list(self._ratio.values()))
+        return write
 
 
 class Touched:

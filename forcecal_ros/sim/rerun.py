@@ -1,13 +1,21 @@
-"""A simulator that can be run again, as what a diagnosis changes and compares a recording with."""
+"""
+A simulator that can be run again, as what a diagnosis changes and compares a recording with.
 
-from collections.abc import Hashable, Mapping
+Running it is expensive. So its streams are linear in the parameters about the nearest point where
+all of them were tried, one after the other; where it was run itself, its own answer is used. A
+diagnosis runs it a limited number of times.
+"""
+
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
-from forcecal_ros.core.geometry import Array, rotation_from_vector
+from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.geometry import Array, rotation_from_vector, rotation_vector
 from forcecal_ros.core.schema import Row
-from forcecal_ros.effects import AccelerometerEffects, Effect, EFFECTS, physical_rig, Quantity
+from forcecal_ros.core.streams import PoseStream, Recording
+from forcecal_ros.effects import Effect, EFFECTS, physical_rig, Quantity
 from forcecal_ros.effects.library import MOVING
 from forcecal_ros.effects.nuisances import LEAST, Nuisance, of_sensors, scaled, shifted
 from forcecal_ros.effects.rig import Rig
@@ -15,20 +23,232 @@ from forcecal_ros.sim.measured_motion import (
     contact_blocks,
     CONTACT_FORCE_N,
     EXACT_RATIO,
+    express_in_base,
     widen_blocks,
 )
-from forcecal_ros.sim.protocol import Parameter
+from forcecal_ros.sim.protocol import Inputs, Parameter
 from forcecal_ros.sim.rigid_tool import CABLE, CarriedTool, RigidTool
-from forcecal_ros.sim.runs import Numbers, Runs
-from forcecal_ros.sim.signals import block_means, JOINTS, MOST, padded, RATE, Signals, UNSEEN
+from forcecal_ros.sim.signals import (
+    accelerometer_volts,
+    block_means,
+    JOINTS,
+    MOST,
+    padded,
+    Signals,
+    UNSEEN,
+)
+from forcecal_ros.sim.third_party import ThirdParty
 import numpy as np
 from numpy.typing import NDArray
 
-INTEGRATION_STEP, INTEGRATION_STD = 'integration.step', 1.0
+Numbers = tuple[float, ...]
+
+Change = Mapping[str, Array]
+"""What one sigma of a parameter does: to wrench, accelerometer and joints as far as they are
+there, to the position, and the rotation vector by which it turns."""
+
+_STREAMS = ('wrench', 'accelerometer', 'joints')
+
+
+class Runs:
+    """
+    A simulator under one recording's commands.
+
+    Parameters
+    ----------
+    measured : PoseStream
+        Of the robot, on the inputs' clock: in its base.
+
+    Attributes
+    ----------
+    count : int
+        How often it was run.
+    """
+
+    def __init__(self, simulator: ThirdParty, inputs: Inputs, measured: PoseStream) -> None:
+        self.simulator, self.count = simulator, 0
+        self._inputs, self._measured = inputs, measured
+        self._exact: dict[Numbers, Recording] = {}
+        self._changes: dict[Numbers, list[Change]] = {}
+        self._halved: dict[Numbers, Recording] = {}
+        self._finer: dict[Numbers, Change] = {}
+
+    def exact(self, numbers: Numbers) -> Recording:
+        """Run the simulator, unless it was run so before."""
+        if numbers not in self._exact:
+            self._exact[numbers] = self._counted(self.simulator.run(self._inputs, numbers))
+        return self._exact[numbers]
+
+    def halved(self, numbers: Numbers) -> Recording:
+        """Run it with half its step of integration, unless that was done before."""
+        if numbers not in self._halved:
+            self._halved[numbers] = self._counted(self.simulator.run_finer(self._inputs, numbers))
+        return self._halved[numbers]
+
+    def _counted(self, made: Recording) -> Recording:
+        """Count a run, and bring its poses into the robot's base."""
+        self.count += 1
+        assert made.pose is not None
+        return replace(made, pose=express_in_base(self._measured, made.pose))
+
+    def repeats(self) -> bool:
+        """Run the simulator once more with its own numbers; say whether it does the same."""
+        numbers = self.simulator.nominal
+        first = self._exact.pop(numbers)
+        again = self.exact(numbers)
+        return all(np.array_equal(a, b) for a, b in zip(_arrays(first), _arrays(again)))
+
+    def refuse_unsteady(self) -> None:
+        """Refuse a simulator that does something else the second time."""
+        if not self.repeats():
+            raise ConfigError(f'{self.simulator.name}: the same commands and parameters gave '
+                              'another answer the second time; seed its noise, and begin each '
+                              'run from the same state')
+
+    def try_all(self, numbers: Numbers) -> None:
+        """See what each parameter does at a point: one run for each, and one for the point."""
+        here, changes = self.exact(numbers), []
+        for i, p in enumerate(self.simulator.parameters):
+            step = p.sigma  # small enough for a straight line, large enough to be seen
+            if numbers[i] + step > p.high:
+                step = -step
+            change = self._changed(here, numbers, i, step)
+            nothing = not any(rows.any() for rows in change.values())
+            if nothing and numbers[i] - step > p.low:  # a limit acts where it is lower
+                change = self._changed(here, numbers, i, -step)
+            changes.append(change)
+        self._changes[numbers] = changes
+        if self.simulator.has_finer:
+            self._finer[numbers] = _change(*_of_one_length(here, self.halved(numbers)), 1.0)
+
+    def changes(self, numbers: Numbers) -> Sequence[Change]:
+        """Return what one sigma of each parameter does at a point that was tried."""
+        return self._changes[numbers]
+
+    def _changed(self, here: Recording, numbers: Numbers, i: int, step: float) -> Change:
+        """Run it with another value of a parameter, and say what one sigma of that does."""
+        moved = (*numbers[:i], numbers[i] + step, *numbers[i + 1:])
+        there = self._counted(self.simulator.run(self._inputs, moved))
+        return _change(here, there, self.simulator.parameters[i].sigma / step)
+
+    def at(self, numbers: Numbers) -> Recording:
+        """Return its result with other parameters, as far as that is linear in them."""
+        if numbers in self._exact or not self._changes:
+            return self.exact(numbers)
+        near = self.near(numbers)
+        away = (np.array(numbers) - near) / self._sigma
+        return _moved(self._exact[near], self._changes[near], away)
+
+    def integrated(self, numbers: Numbers, finer: float) -> Recording:
+        """Return its result if its step made so many times what half of it does."""
+        made = self.at(numbers)
+        if not self._finer or not finer:
+            return made
+        return _moved(made, [self._finer[self.near(numbers)]], np.array([finer]))
+
+    @property
+    def _sigma(self) -> Array:
+        return np.array([p.sigma for p in self.simulator.parameters])
+
+    def near(self, numbers: Numbers) -> Numbers:
+        """Return the nearest point at which all parameters were tried."""
+        return min(self._changes, key=lambda one: float(
+            np.linalg.norm((np.array(numbers) - one) / self._sigma)))
+
+
+def _arrays(made: Recording) -> list[Array]:
+    assert made.wrench is not None
+    assert made.pose is not None
+    others = [one.values for one in (made.accelerometer, made.joints) if one is not None]
+    return [made.wrench.values, made.pose.position, made.pose.R_base_sensor, *others]
+
+
+def _of_one_length(here: Recording, finer: Recording) -> tuple[Recording, Recording]:
+    """Let the last row represent one that a finer run lacks, whose last step may end earlier."""
+    def padded_as(one: Any, like: Any) -> Any:
+        rows = np.minimum(np.arange(len(like)), len(one) - 1)
+        return replace(one.rows(rows), t=like.t)
+
+    return here, replace(finer, **{
+        name: padded_as(getattr(finer, name), getattr(here, name))
+        for name in ('wrench', 'pose', 'accelerometer', 'joints')
+        if getattr(finer, name) is not None})
+
+
+def _change(here: Recording, there: Recording, scale: float) -> Change:
+    """Compare two recordings; ``scale`` is that of the result."""
+    one, other = here.pose, there.pose
+    assert one is not None
+    assert other is not None
+    turn = rotation_vector(np.swapaxes(one.R_base_sensor, 1, 2) @ other.R_base_sensor)
+    found = {name: scale * (getattr(there, name).values - getattr(here, name).values)
+             for name in _STREAMS if getattr(here, name) and getattr(there, name)}
+    return {**found, 'position': scale * (other.position - one.position), 'turn': scale * turn}
+
+
+def _moved(base: Recording, changes: Sequence[Change], away: Array) -> Recording:
+    """Add changes, each so many times, to a recording."""
+    pose = base.pose
+    assert pose is not None
+
+    def added(name: str, start: Array) -> Array:
+        return sum((x * change[name] for change, x in zip(changes, away) if name in change), start)
+
+    streams = {name: replace(stream, values=added(name, np.array(stream.values)))
+               for name in _STREAMS if (stream := getattr(base, name)) is not None}
+    turn = added('turn', np.zeros_like(pose.position))
+    return replace(base, **streams, pose=replace(
+        pose, position=added('position', np.array(pose.position)),
+        R_base_sensor=pose.R_base_sensor @ rotation_from_vector(turn)))
+
+
+MAX_RUNS = 150
 """
-What is wrong with a step of integration, 1 sigma, in what half the step changes: a robot is no
-simulation, and of an integrator of first order, as Euler, all of its error is twice that.
+Runs of a simulator in one diagnosis: two recordings with 30 parameters that are tried twice take
+129, and a simulator of a second a run then takes two minutes.
 """
+
+EXTRA_RUNS = 3
+"""
+Runs of each recording beside those of its parameters: as it is, once found, as proposed. With half
+its step of integration, where it can be run so, it is run once more.
+"""
+
+
+def refuse_too_many(simulator: ThirdParty, recordings: int) -> None:
+    """
+    Refuse a simulator whose parameters cannot all be tried.
+
+    Raises
+    ------
+    ConfigError
+        With how many there may be.
+    """
+    n = len(simulator.parameters)
+    beside = EXTRA_RUNS + simulator.has_finer
+    most = (MAX_RUNS - 1) // recordings - beside
+    if n > most:
+        enough = recordings > 1 and n <= MAX_RUNS - 1 - beside
+        alone = ', or diagnose without --heldout' if enough else ''
+        raise ConfigError(
+            f'{simulator.name}: to try its {n} parameters on {recordings} recording'
+            f'{"s" if recordings > 1 else ""} it would be run more than {MAX_RUNS} times; let '
+            f'parameters() list at most {most}, those that are least certain{alone}')
+
+
+def runs_short(simulator: ThirdParty, runs: Sequence[Runs]) -> str:
+    """Say so where all parameters cannot be tried once more, else nothing."""
+    done, n = sum(one.count for one in runs), len(simulator.parameters)
+    each = n + EXTRA_RUNS + simulator.has_finer - 1
+    if done + len(runs) * each <= MAX_RUNS:
+        return ''
+    return (f'the simulator was run {done} times, of at most {MAX_RUNS}, so its {n} parameters '
+            'were not tried again at the numbers found, where its signals are not those of a '
+            'straight line: change it as proposed and diagnose again')
+
+
+INTEGRATION_STEP = 'integration.step'
+"""What a step of integration does wrong, in what half the step changes."""
 
 ADDABLE = frozenset({'robot_delay', 'tool_mass', 'tool_com', 'base_tilt', CABLE})
 """Effects of robot and tool that are added to any simulator's signals."""
@@ -110,9 +330,8 @@ def nuisances_of(parameters: tuple[Parameter, ...], joints: int = 0, *, finer: b
                       prior_std=p.sigma) for i, p in enumerate(parameters)]
     # delay of the robot beyond its simulator's, 1 sigma [s]: a cycle of a fast driver
     found.append(Nuisance('robot.delay', 'late', change('late'), prior_std=0.001))
-    if finer:
-        found.append(Nuisance(INTEGRATION_STEP, 'finer', change('finer'),
-                              prior_std=INTEGRATION_STD))
+    if finer:  # of an integrator of first order, as Euler, all of its error is twice 1 sigma
+        found.append(Nuisance(INTEGRATION_STEP, 'finer', change('finer'), prior_std=1.0))
     # place of sensor and base, 1 sigma [m], [rad]: as far as a drawing and an arm are apart
     found += [Nuisance(f'mounting.{i}', 'mounting', change('mounting', i),
                        prior_std=(0.005, 0.01)[i // 3]) for i in range(6)]
@@ -209,22 +428,15 @@ class Rerun:
         assert isinstance(rig, SimulatedRobot)
         carried, accel, joints = self._along(rig)
         place, turn = np.array(rig.mounting[:3]), np.array(rig.mounting[3:])
-        n = len(carried.t)
-        volts = np.zeros((n, 3)) if accel is None else self._volts(rig, carried, accel)
+        volts = np.zeros((len(carried.t), 3))
+        if accel is not None:
+            tilted = carried.weight(physical_rig(rig)) - carried.weight(self._rigid_tool)
+            volts = accelerometer_volts(rig, self.accelerometer, accel + tilted)
         if joints is not None:
             joints = padded(joints + rig.zeros[:len(self.joints)])
-        return Signals(
-            self.start, carried.wire(rig), volts, carried.slide, carried.position + place,
-            carried.R_base_sensor @ rotation_from_vector(turn), carried.velocity,
-            carried.acceleration, carried.omega, carried.alpha, np.zeros(n), np.zeros((n, 6)),
-            carried.specific_force(rig), joints)
-
-    def _volts(self, rig: Rig, carried: CarriedTool, readings: Array) -> Array:
-        rigid_tool = physical_rig(rig)
-        model = rigid_tool.accelerometer.model(self.accelerometer)
-        readings = readings + carried.weight(rigid_tool) - carried.weight(self._rigid_tool)
-        on_volts = AccelerometerEffects(rig, self.accelerometer, 1.0 / RATE)
-        return on_volts.after_noise(on_volts.before_noise(readings * model.gain + model.offset))
+        return carried.signals(rig, carried.wire(rig), volts)._replace(
+            start=self.start, position=carried.position + place,
+            R_base_sensor=carried.R_base_sensor @ rotation_from_vector(turn), joints=joints)
 
     def _along(self, rig: SimulatedRobot) -> '_Carried':
         """Carry the simulator's tool along its own motion, so much later; the last are kept."""

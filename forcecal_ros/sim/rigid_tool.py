@@ -1,7 +1,7 @@
 """A rigid tool and its sensors: what is known of both, and the wrench along a motion."""
 
 from dataclasses import dataclass, fields, replace
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 from forcecal_ros.core.calibration import Calibration, Estimate
 from forcecal_ros.core.geometry import Array, rotation_vector, skew
@@ -17,6 +17,7 @@ from forcecal_ros.sim.signals import (
     block_means,
     clear_band,
     MOST,
+    pose_at,
     RATE,
     Signals,
     slow,
@@ -24,8 +25,8 @@ from forcecal_ros.sim.signals import (
     UNSEEN,
 )
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation, RotationSpline
+
+Spreads = TypeVar('Spreads', bound=NominalTolerances)
 
 UNKNOWN_DELAY = 0.01
 """Delay between two sensors that no calibration gives, 1 sigma [s]; three are a slow driver."""
@@ -96,22 +97,31 @@ def rigid_tool_of_calibration(calibration: Calibration, rig: Rig) -> RigidTool:
 def _tolerances(c: Calibration, usual: RigidToolSpreads) -> RigidToolSpreads:
     """Add what the calibration does not know to what changes from day to day."""
     mass, a = float(c.mass), c.accelerometer
-    bias = _known(c.wrench_bias)
     late = np.inf if a is None else float(a.delay.std)
     offset = 0.0 if a is None else float(np.abs(
         np.linalg.solve(a.matrix, np.nan_to_num(a.offset.std))).max())
     gyration = mass * GYRATION ** 2
     return replace(
-        usual, mass=float(np.hypot(usual.mass, _known(c.mass).max() / mass)),
-        com=float(np.hypot(usual.com, _known(c.com).max())),
-        force_bias=float(np.hypot(usual.force_bias, bias[:3].max())),
-        torque_bias=float(np.hypot(usual.torque_bias, bias[3:].max())),
-        accelerometer_offset=float(np.hypot(usual.accelerometer_offset, offset)),
+        widened(usual, **tool_uncertainty(c), accelerometer_offset=offset),
         accel_behind=late if np.isfinite(late) else UNKNOWN_DELAY,
-        own_inertia=gyration if c.inertia is None else min(gyration, _known(c.inertia).max()))
+        own_inertia=gyration if c.inertia is None else min(gyration, known_std(c.inertia).max()))
 
 
-def _known(estimate: Estimate) -> Array:
+def widened(usual: Spreads, **unknown: float) -> Spreads:
+    """Add, by name, what is not known to how far a healthy rig departs from its file."""
+    return replace(usual, **{
+        name: float(np.hypot(getattr(usual, name), std)) for name, std in unknown.items()})
+
+
+def tool_uncertainty(c: Calibration) -> dict[str, float]:
+    """Return by name of the tolerance what a calibration does not know of tool and biases."""
+    bias = known_std(c.wrench_bias)
+    return {'mass': known_std(c.mass).max() / float(c.mass), 'com': known_std(c.com).max(),
+            'force_bias': bias[:3].max(), 'torque_bias': bias[3:].max()}
+
+
+def known_std(estimate: Estimate) -> Array:
+    """Return standard errors, 0 of what has none."""
     return np.nan_to_num(np.atleast_1d(estimate.std))
 
 
@@ -169,15 +179,15 @@ class CarriedTool:
         assert pose is not None
         count = 1.0 + np.arange(n_blocks * round(BLOCK * RATE))
         self.t: Array = np.asarray(start + count / RATE, dtype=np.float64)
-        self.accelerometer, self._clear = accelerometer, clear
+        self.start, self.accelerometer, self._clear = start, accelerometer, clear
+        position, self.R_base_sensor = pose_at(pose, np.clip(self.t, pose.t[0], pose.t[-1]))
         self._turn(pose)
-        self._travel(pose)
+        self._travel(pose, position)
         stream, self.slide = recording.optidrive, np.zeros(len(self.t))
         if stream is not None and len(stream) > 1:
             self.slide = stream.at(self.t)[:, 0]
         volts = recording.accelerometer
         self._volts = None if volts is None else slowed(volts, self._band(volts.t, volts.values))
-        self._late: dict[float, Array] = {}
         self.beyond = np.zeros((len(self.t), 6))
 
     def _band(self, t: Array, rows: Array) -> float:
@@ -189,8 +199,6 @@ class CarriedTool:
         return clear_band(np.stack([np.interp(even, t, x) for x in rows.T], axis=1), rate)
 
     def _turn(self, pose: PoseStream) -> None:
-        spline = RotationSpline(pose.t, Rotation.from_matrix(np.array(pose.R_base_sensor)))
-        self.R_base_sensor: Array = spline(np.clip(self.t, pose.t[0], pose.t[-1])).as_matrix()
         R = self.R_base_sensor
         turns = rotation_vector(np.swapaxes(R[:-1], 1, 2) @ R[1:]) * RATE
         band = self._band(pose.t, pose.R_base_sensor.reshape(-1, 9))
@@ -199,12 +207,11 @@ class CarriedTool:
         W = skew(self.omega)
         self.lever = skew(self.alpha) + W @ W
 
-    def _travel(self, pose: PoseStream) -> None:
+    def _travel(self, pose: PoseStream, position: Array) -> None:
         self._placed = pose.has_position
         self.position = self.velocity = self.acceleration = np.zeros((len(self.t), 3))
         if self._placed:
-            at = np.clip(self.t, pose.t[0], pose.t[-1])
-            self.position = CubicSpline(pose.t, pose.position)(at)
+            self.position = position
             self.velocity = slow(_rate_of(self.position), RATE,
                                  self._band(pose.t, pose.position))
             self.acceleration = _rate_of(self.velocity)
@@ -223,6 +230,13 @@ class CarriedTool:
         effects = tuple(one for one in rigid_tool.effects if one[0] not in UNSEEN)
         return self._through(rigid_tool, effects, out) if effects else out
 
+    def signals(self, rig: Rig, wrench: Array, volts: Array) -> Signals:
+        """Return what sensors report along its motion, in free space."""
+        n = len(self.t)
+        return Signals(self.start, wrench, volts, self.slide, self.position, self.R_base_sensor,
+                       self.velocity, self.acceleration, self.omega, self.alpha, np.zeros(n),
+                       np.zeros((n, 6)), self.specific_force(rig))
+
     def weight(self, rigid_tool: Rig) -> Array:
         """Return the specific force of rest in S, shape (n, 3)."""
         return np.asarray(-np.array(rigid_tool.gravity) @ self.R_base_sensor)
@@ -237,7 +251,8 @@ class CarriedTool:
             along = np.einsum('nij,ni->nj', self.R_base_sensor, self.acceleration)
             return np.asarray(self.weight(rigid_tool) + along + self.lever @ com)
         behind = getattr(rig, 'accel_behind', 0.0) + named.get('accel_delay', {}).get('delay', 0.0)
-        f = specific_force_of(rigid_tool, self.accelerometer, self._readings(behind))
+        at = np.clip(self.t + behind, self._volts.x[0], self._volts.x[-1])
+        f = specific_force_of(rigid_tool, self.accelerometer, self._volts(at))
         return np.asarray(f + self.lever @ (com - rigid_tool.accelerometer.position))
 
     def specific_force_of_origin(self, rig: Rig) -> Array:
@@ -248,16 +263,6 @@ class CarriedTool:
     def recorded_wrench(self, recording: Recording, band: float = MOST) -> Array:
         """Return a recorded wrench at the same instants, up to a frequency [Hz], shape (n, 6)."""
         return _wrench_at(self.t, recording, band)
-
-    def _readings(self, behind: float) -> Array:
-        if behind not in self._late:
-            # delays for which the accelerometer's readings are kept
-            if len(self._late) >= 12:
-                self._late.pop(next(iter(self._late)))
-            assert self._volts is not None
-            at = np.clip(self.t + behind, self._volts.x[0], self._volts.x[-1])
-            self._late[behind] = self._volts(at)
-        return self._late[behind]
 
     def _wrench(self, rigid_tool: Rig, f: Array) -> Array:
         """Return the wrench of the tool's weight, inertia and cable in S, shape (n, 6)."""

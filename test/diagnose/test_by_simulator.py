@@ -20,8 +20,7 @@ from forcecal_ros.diagnose.sources.simulator import SimulatorSource
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.io.bags import read_recording, write_recording
 from forcecal_ros.sim.protocol import Inputs, Parameter
-from forcecal_ros.sim.rerun import is_addable, library_of
-from forcecal_ros.sim.runs import refuse_too_many, Runs, runs_short
+from forcecal_ros.sim.rerun import is_addable, library_of, refuse_too_many, Runs, runs_short
 from forcecal_ros.sim.third_party import load_simulator, third_party
 from longer import first
 import numpy as np

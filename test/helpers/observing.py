@@ -165,9 +165,7 @@ def lossy(recording, seed, lost=0.05, jitter=0.1):
     def damaged(stream):
         kept = rng.random(len(stream)) >= lost
         t = stream.t + jitter * np.median(np.diff(stream.t)) * rng.uniform(-1, 1, len(stream))
-        if isinstance(stream, PoseStream):
-            return PoseStream(t[kept], stream.position[kept], stream.R_base_sensor[kept])
-        return Stream(t[kept], stream.values[kept])
+        return replace(stream, t=t).rows(kept)
 
     return replace(recording, **{
         name: damaged(getattr(recording, name))
@@ -179,9 +177,7 @@ def without_times(stream, *gaps):
     keep = np.ones(len(stream), dtype=bool)
     for start, end in gaps:
         keep &= (stream.t < start) | (stream.t >= end)
-    if isinstance(stream, PoseStream):
-        return PoseStream(stream.t[keep], stream.position[keep], stream.R_base_sensor[keep])
-    return Stream(stream.t[keep], stream.values[keep])
+    return stream.rows(keep)
 
 
 def answers_of(live, recording, end=np.inf):

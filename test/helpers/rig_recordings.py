@@ -45,9 +45,6 @@ MOTION = (
 FREE = MOTION[:10]
 """Of these the two poses and the step, which is less than half, without a wall."""
 
-TURNING = (*MOTION[:8], ('step', 0.8, *MOTION[8][2:]), *MOTION[16:19])
-"""And with turns about every axis, which tell the accelerometer's."""
-
 
 def motion(parts=MOTION):
     """Return positions (n, 3) and rotations (n, 3, 3), one every 4 ms, and the phases."""

@@ -15,10 +15,11 @@ from forcecal_ros.nodes.messages import (
     transform_of,
 )
 from forcecal_ros.nodes.observer_outputs import SensorTransform
-from forcecal_ros.sim.rig.file import load_rig, urdf
+from forcecal_ros.sim.rig.file import load_rig
 import numpy as np
 import pytest
 from rclpy.time import Time
+from rig_urdf import urdf
 from visualization_msgs.msg import Marker
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -81,8 +82,7 @@ def test_a_pose_becomes_the_transform_of_the_sensor():
 
 def test_the_urdf_is_that_of_the_nominal_rig():
     text = (ROOT / 'layouts' / 'rig.urdf').read_text()
-    assert text == urdf(load_rig()), ('python -m forcecal_ros.sim.rig.file > '
-                                      'layouts/rig.urdf')
+    assert text == urdf(load_rig()), 'python test/helpers/rig_urdf.py > layouts/rig.urdf'
     robot = ET.fromstring(text)
     links = {link.get('name') for link in robot.iter('link')}
     children = {joint.find('child').get('link') for joint in robot.iter('joint')}

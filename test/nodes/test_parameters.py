@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 from forcecal_ros.cli.main import main
 from forcecal_ros.nodes import sequencer, sim
-from forcecal_ros.sim.rig.file import load_rig, urdf
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from live import Live
 import pytest
@@ -270,7 +269,7 @@ def test_topics_types_and_frames_of_the_layouts_are_those_of_the_nodes(described
         if asked['Reliability Policy'] == 'Reliable':
             assert publisher.qos_profile.reliability == ReliabilityPolicy.RELIABLE
     assert frames['current_pose'] == manager['Global Options']['Fixed Frame']
-    assert f'<link name="{frames["wrench"]}">' in urdf(load_rig())
+    assert f'<link name="{frames["wrench"]}">' in (LAYOUTS / 'rig.urdf').read_text()
     follow = {config['followTf'] for config in json.loads(
         (LAYOUTS / 'foxglove.json').read_text())['configById'].values() if 'followTf' in config}
     assert follow == {frames['current_pose']}

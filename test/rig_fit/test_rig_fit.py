@@ -200,7 +200,7 @@ def test_any_orientation_that_is_tried_while_fitting_is_integrated_stably():
     t = 0.004 * np.arange(1000)
     R = rotation_from_vector(np.outer(np.sin(6.0 * t), [0.6, 0.8, 0.0]))
     place, all_rows = np.zeros((len(t), 3)), np.ones(len(t), dtype=bool)
-    told = Followed(0.0, place, R, place, R, all_rows, all_rows)
+    told = Followed(place, R, place, R, all_rows, all_rows)
     for w in (LIMITS[0][0], LIMITS[1][0]):
         rig = replace(NOMINAL, robot=replace(NOMINAL.robot, period=0.004), servo=replace(
             NOMINAL.servo, orientation_bandwidth=w, orientation_damping=LIMITS[1][1]))

@@ -17,9 +17,8 @@ from forcecal_ros.diagnose.sources.simulator import inputs_of, SimulatorSource
 from forcecal_ros.io.bags import write_recording
 from forcecal_ros.sim.mujoco import load_mujoco
 from forcecal_ros.sim.protocol import Inputs
-from forcecal_ros.sim.rerun import INTEGRATION_STEP, library_of, nuisances_of
+from forcecal_ros.sim.rerun import INTEGRATION_STEP, library_of, nuisances_of, Runs
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.runs import Runs
 from forcecal_ros.sim.third_party import third_party, with_priors
 from longer import first
 import numpy as np
@@ -143,12 +142,18 @@ HELD = {
 GAINS = '<custom>{}</custom>'
 
 
-def driven_by(kind):
-    """Return the arm with other actuators, and their controller's gains where they want one."""
-    text = mjcf().replace('armature="0.4" frictionloss="0.5"', 'armature="0.4"')
+def driven(actuator):
+    """Return the arm with another actuator of each joint."""
+    text = mjcf()
     for name in NAMES:
         text = text.replace(f'<position joint="{name}" kp="4000" kv="150"/>',
-                            HELD[kind].format(name))
+                            actuator.format(name))
+    return text
+
+
+def driven_by(kind):
+    """Return the arm with other actuators, and their controller's gains where they want one."""
+    text = driven(HELD[kind]).replace('armature="0.4" frictionloss="0.5"', 'armature="0.4"')
     gains = {'velocity': (('p', 40.0),), 'torque': (('p', 4000.0), ('d', 150.0))}.get(kind, ())
     numerics = ''.join(f'<numeric name="{letter}[{name}]" data="{gain}"/>'
                        for letter, gain in gains for name in NAMES)
@@ -169,25 +174,15 @@ def test_actuators_follow_in_other_numbers_or_by_their_controllers_gains(load):
         np.testing.assert_allclose(joints[kind].T, commanded, atol=0.006)
 
 
-def driven(path, actuator):
-    """Write the arm with another actuator of each joint."""
-    text = mjcf()
-    for name in NAMES:
-        text = text.replace(f'<position joint="{name}" kp="4000" kv="150"/>',
-                            actuator.format(name))
-    path.write_text(text)
-    return str(path)
-
-
 @pytest.mark.parametrize('actuator', [
     '<pid joint="{}" kp="1000" kv="37.5" gear="2"/>',
     '<pid joint="{}" kp="4000" kv="150" ki="500"/>'])
 def test_pid_actuators_follow_position_and_rate_and_their_numbers_are_patched(
-        tmp_path, check_patched, actuator):
+        load, check_patched, actuator):
     mujoco = pytest.importorskip('mujoco')
     if not hasattr(mujoco.mjtGain, 'mjGAIN_PID'):
         pytest.skip('this MuJoCo has no <pid>')
-    robot = load_mujoco(driven(tmp_path / 'arm.xml', actuator))
+    robot = load(driven(actuator))
     inputs = Inputs(0.0, 4.0, joints=told(4.0), measured_joints=NAMES)
     t, joints = robot.simulate(inputs, nominal(robot))['joints']
     commanded = np.stack([np.interp(t, inputs.joints.t, q) for q in inputs.joints.values.T])
@@ -203,17 +198,15 @@ def test_pid_actuators_follow_position_and_rate_and_their_numbers_are_patched(
     ('<dcmotor joint="{}" motorconst="0.5 0.5" resistance="1"/>', 'kind dcmotor'),
     (('<general joint="{}" gaintype="affine" gainprm="1 1 0" biastype="affine" '
      'biasprm="0 -10 -1"/>'), 'kind affine')])
-def test_an_actuator_that_is_not_supported_is_named(tmp_path, actuator, said):
+def test_an_actuator_that_is_not_supported_is_named(load, actuator, said):
     with pytest.raises(ConfigError, match=f'joint pan has an actuator of {said}.+not supported'):
-        load_mujoco(driven(tmp_path / 'arm.xml', actuator))
+        load(driven(actuator))
 
 
-def test_delays_of_actuators_and_sensors_are_noted(tmp_path):
-    path = driven(tmp_path / 'arm.xml',
-                  '<position joint="{}" kp="4000" kv="150" delay="0.01" nsample="10"/>')
-    Path(path).write_text(Path(path).read_text().replace(
-        '</sensor>', '<accelerometer site="ft" delay="0.01" nsample="10"/></sensor>'))
-    actuators, sensors = load_mujoco(path).notes
+def test_delays_of_actuators_and_sensors_are_noted(load):
+    text = driven('<position joint="{}" kp="4000" kv="150" delay="0.01" nsample="10"/>')
+    actuators, sensors = load(text.replace(
+        '</sensor>', '<accelerometer site="ft" delay="0.01" nsample="10"/></sensor>')).notes
     assert 'pan 10 ms' in actuators and 'robot_delay' in actuators
     assert 'wrench_delay' in sensors
 
@@ -413,18 +406,20 @@ def test_commands_of_other_joints_are_refused(model, joints, why):
 
 def measured(path, seconds, changed):
     """Return what an arm with other numbers has, with noise."""
-    robot = third_party('robot', load_mujoco(path))
-    joints, rng = told(seconds), np.random.default_rng(2)
+    robot, joints = third_party('robot', load_mujoco(path)), told(seconds)
     values = [changed.get(p.name, p.nominal) for p in robot.parameters]
     made = robot.run(Inputs(0.0, float(joints.t[-1]), joints=joints), values)
-    noisy = made.wrench.values + rng.normal(size=made.wrench.values.shape) * np.repeat(
-        [0.1, 0.005], 3)
-    place = made.pose.position + 1e-4 * rng.normal(size=made.pose.position.shape)
-    turned = rotation_from_vector(2e-4 * rng.normal(size=place.shape))
-    return replace(made, joint_commands=joints, start_ns=10**18,
-                   wrench=replace(made.wrench, values=noisy),
-                   pose=replace(made.pose, position=place,
-                                R_base_sensor=made.pose.R_base_sensor @ turned))
+    return noisy(made, joints, np.random.default_rng(2))
+
+
+def noisy(made, joints, rng, force=0.1, torque=0.005, angle=2e-4):
+    noise = rng.normal(size=(len(made.wrench), 6)) * np.repeat([force, torque], 3)
+    place, turn = rng.normal(size=(2, len(made.pose), 3))
+    return replace(
+        made, joint_commands=joints, start_ns=10**18,
+        wrench=replace(made.wrench, values=made.wrench.values + noise),
+        pose=replace(made.pose, position=made.pose.position + 1e-4 * place,
+                     R_base_sensor=made.pose.R_base_sensor @ rotation_from_vector(angle * turn)))
 
 
 def test_a_model_is_tried_from_the_command_line(model, tmp_path, capsys):
@@ -560,14 +555,8 @@ def test_a_payload_is_named_and_no_other_effect_whatever_the_steps_of_model_and_
             p.nominal * (weigh if p.name == 'body_mass[gripper]' else 1.0)
             for p in simulator.parameters])
         robot.model.opt.timestep = 0.002
-        noise = rng.normal(size=(len(made.wrench), 6)) * np.repeat([0.15, 0.006], 3)
-        place, turn = 1e-4 * rng.normal(size=(2, len(made.pose), 3))
-        recording = replace(
-            made, joint_commands=joints,
-            wrench=replace(made.wrench, values=made.wrench.values + noise),
-            pose=replace(made.pose, position=made.pose.position + place,
-                         R_base_sensor=made.pose.R_base_sensor @ rotation_from_vector(turn)))
-        found[name] = SimulatorSource(simulator, rig).diagnose(recording)
+        found[name] = SimulatorSource(simulator, rig).diagnose(
+            noisy(made, joints, rng, 0.15, 0.006, 1e-4))
     assert found['none'].diagnosis.verdict == 'no_gap'
     changed, = found['payload'].details['parameters']
     assert changed['name'] == 'body_mass[gripper]'

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from forcecal_ros.sim.mujoco import load_mujoco
 from forcecal_ros.sim.protocol import Inputs
-from forcecal_ros.sim.runs import Runs
+from forcecal_ros.sim.rerun import Runs
 from forcecal_ros.sim.third_party import third_party
 from longer import first
 import numpy as np

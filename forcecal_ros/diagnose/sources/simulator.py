@@ -42,16 +42,17 @@ from forcecal_ros.diagnose.verdict import FIRST, FURTHER
 from forcecal_ros.effects.nuisances import LIMIT
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.protocol import Inputs
-from forcecal_ros.sim.rerun import INTEGRATION_STEP, Rerun, simulated_robot, SimulatedRobot
-from forcecal_ros.sim.rigid_tool import beyond
-from forcecal_ros.sim.runs import (
+from forcecal_ros.sim.rerun import (
+    INTEGRATION_STEP,
     MAX_RUNS,
-    Numbers,
     refuse_too_many,
-    refuse_unsteady,
+    Rerun,
     Runs,
     runs_short,
+    simulated_robot,
+    SimulatedRobot,
 )
+from forcecal_ros.sim.rigid_tool import beyond
 from forcecal_ros.sim.signals import BLOCK
 from forcecal_ros.sim.third_party import STREAMS, ThirdParty
 import numpy as np
@@ -125,12 +126,12 @@ class RerunReady(Ready):
     robot: SimulatedRobot
     remarks: tuple[str, ...] = ()
 
-    def run(self, numbers: Numbers) -> None:
+    def run(self, numbers: tuple[float, ...]) -> None:
         """Run the simulator with these numbers: its signals are then exact there."""
         self.runs.exact(numbers)
         self.simulation.forget()
 
-    def try_all(self, numbers: Numbers) -> None:
+    def try_all(self, numbers: tuple[float, ...]) -> None:
         """Linearise the simulator in all parameters about these numbers."""
         self.runs.try_all(numbers)
         self.simulation.forget()
@@ -217,7 +218,7 @@ class SimulatorSource(Source):
 
     def _search(self, ready: Sequence[RerunReady]) -> Outcome:
         self._runs, self._recomputed = tuple(one.runs for one in ready), None
-        refuse_unsteady(ready[0].runs)
+        ready[0].runs.refuse_unsteady()
         judged = self.split([one.dataset for one in ready])
         robot = ready[0].robot
         outcome, point, short = Outcome(NO_MOTION, robot), robot.numbers, ''
@@ -415,7 +416,7 @@ def _shifts(ready: Sequence[RerunReady], outcome: Outcome) -> dict[str, Bent]:
     return bent(outcome.selection)
 
 
-def _is_linear(ready: Sequence[RerunReady], point: Numbers) -> bool:
+def _is_linear(ready: Sequence[RerunReady], point: tuple[float, ...]) -> bool:
     """Return whether the linear prediction holds at the parameters found."""
     for one in ready:
         linear, nominal = one.runs.at(point), one.runs.exact(one.robot.numbers)
@@ -545,7 +546,7 @@ def conformance(simulator: ThirdParty, recording: Recording, rig: Rig) -> Confor
     began = time.process_time()
     made = runs.exact(simulator.nominal)
     seconds = time.process_time() - began
-    refuse_unsteady(runs)
+    runs.refuse_unsteady()
     simulated_tool(replace(made, accelerometer=None), start, n, rig, TURN)
     runs.try_all(simulator.nominal)
     streams = tuple(name for name in (*STREAMS, 'joints') if getattr(made, name) is not None)

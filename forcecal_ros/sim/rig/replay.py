@@ -7,14 +7,14 @@ from math import inf, lcm
 from typing import Generic, TypeVar
 
 from forcecal_ros.core.streams import PoseStream
-from forcecal_ros.effects import AccelerometerEffects, applicable, EFFECTS, WrenchEffects
+from forcecal_ros.effects import applicable, EFFECTS, WrenchEffects
 from forcecal_ros.effects.nuisances import Nuisance, nuisances
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.measured_motion import EXACT_RATIO
 from forcecal_ros.sim.rig.plant import common_samples, enough_steps, Plant, same_motion
 from forcecal_ros.sim.rig.robot import Motion
 from forcecal_ros.sim.rig.simulator import checked_commands, held_commands
-from forcecal_ros.sim.signals import BLOCK, RATE, Signals, UNSEEN
+from forcecal_ros.sim.signals import accelerometer_volts, BLOCK, RATE, Signals, UNSEEN
 import numpy as np
 
 T = TypeVar('T')
@@ -72,18 +72,14 @@ class Replay:
     def signals(self, rig: Rig) -> Signals:
         """Simulate the rig."""
         physics = self._physics(rig)
-        model, sensor = rig.accelerometer.model(self.accelerometer), rig.wrench_sensor
+        sensor = rig.wrench_sensor
         effects = tuple(one for one in rig.effects if one[0] not in UNSEEN)
         seen = rig if effects == rig.effects else replace(rig, effects=effects)
-        wrench, volts = physics.wrench * sensor.gain, physics.specific_force * model.gain
-        wrench += sensor.bias
-        volts += model.offset
-        if seen.effects:
-            on_wrench = WrenchEffects(seen, 1.0 / RATE)
-            on_volts = AccelerometerEffects(seen, self.accelerometer, 1.0 / RATE)
-            wrench = on_wrench.after_noise(on_wrench.before_noise(wrench))
-            volts = on_volts.after_noise(on_volts.before_noise(volts))
-        return physics._replace(wrench=wrench, volts=volts)
+        on_wrench = WrenchEffects(seen, 1.0 / RATE)
+        wrench = on_wrench.after_noise(
+            on_wrench.before_noise(physics.wrench * sensor.gain + sensor.bias))
+        return physics._replace(wrench=wrench, volts=accelerometer_volts(
+            seen, self.accelerometer, physics.specific_force))
 
     def _physics(self, rig: Rig) -> Signals:
         """Simulate without what the sensors add, which many effects act on alone."""

@@ -383,8 +383,7 @@ def held_commands(stamps: Array, starts: Array, tolerance: float) -> NDArray[np.
 
 
 def simulate(rig: Rig, target: PoseStream, *, accelerometer: str | None = None,
-             noise: bool = True, seed: int | None = None, start: float | None = None,
-             duration: float | None = None, tolerance: float | None = None,
+             noise: bool = True, seed: int | None = None, duration: float | None = None,
              unit: Literal['V', 'm/s^2'] = 'V', steps: int | None = None) -> Recording:
     """
     Simulate the recording that a stream of commands would give.
@@ -393,22 +392,17 @@ def simulate(rig: Rig, target: PoseStream, *, accelerometer: str | None = None,
     ----------
     target : PoseStream
         Commanded poses. In each period of the robot the command holds that is the latest at its
-        start: a late one takes effect a period later, a missing one leaves the one before.
+        start, give or take half a period: jitter neither drops nor doubles any, and a missing one
+        leaves the one before.
     accelerometer : str, optional
         ``acc1`` or ``acc2``; the rig's mounted one where none is given.
     noise : bool
         False: readings of noise-free sensors, without losses.
     seed : int, optional
         Of the noise; fresh noise each time where none is given.
-    start : float, optional
-        When period 0 begins [s]; at the first command where none is given.
     duration : float, optional
-        How long to go on from the start [s]; one period beyond the last command where none is
-        given.
-    tolerance : float, optional
-        How late a stamp may be and still count for its period [s]; half a period where none is
-        given, so that each command counts for the period nearest to its stamp and jitter neither
-        drops nor doubles any.
+        How long to go on from the first command [s]; one period beyond the last command where
+        none is given.
     unit : str
         Of the accelerometer: ``V``, or ``m/s^2`` for specific force.
     steps : int, optional
@@ -430,10 +424,10 @@ def simulate(rig: Rig, target: PoseStream, *, accelerometer: str | None = None,
         raise DataError(f'{len(target)} commands with position; a simulation needs at least one, '
                         'and none without: record target_frame')
     period = rig.robot.period
-    t0 = float(target.t[0]) if start is None else start
+    t0 = float(target.t[0])
     span = float(target.t[-1]) - t0 + period if duration is None else duration
     starts = np.array([t0 + k * period for k in range(max(1, round(span / period)))])
-    held = held_commands(target.t, starts, period / 2.0 if tolerance is None else tolerance)
+    held = held_commands(target.t, starts, period / 2.0)
     positions, xyzw = checked_commands(target.position, target.R_base_sensor)
     simulator = Simulator(rig, accelerometer, seed, steps=steps)
     blocks = [simulator.run(positions[held[i:i + block]], xyzw[held[i:i + block]], noise)
