@@ -213,8 +213,7 @@ def prepare_pair(recording: Recording, simulated: Recording, tool: SimulatedTool
     """
     _require_both(recording, simulated)
     first, n = span(recording, simulated)
-    known = tool or simulated_tool(
-        replace(simulated, accelerometer=None), first, n, rig).with_accelerometer()
+    known = tool or simulated_tool(simulated, first, n, rig)
     refuse_other_wrench(recording, known)
     moved = replace(recording, accelerometer=None)
     simulation = RecordedSimulation(moved, simulated, first, n, 'acc1', known.simulated)

@@ -188,8 +188,7 @@ class SimulatorSource(Source):
         inputs = inputs_of(real)
         runs = Runs(simulator, inputs, real.pose)
         made = runs.exact(simulator.nominal)
-        known = tool or simulated_tool(replace(made, accelerometer=None), start, n, self.rig,
-                                       TURN).with_accelerometer()
+        known = tool or simulated_tool(made, start, n, self.rig, TURN)
         refuse_other_wrench(real, known)
         simulation = Rerun(runs, start, n, known.simulated)
         imus, _, note = keep_comparable_imus(real, made)
@@ -546,7 +545,7 @@ def conformance(simulator: ThirdParty, recording: Recording, rig: Rig) -> Confor
     made = runs.exact(simulator.nominal)
     seconds = time.process_time() - began
     refuse_unsteady(runs)
-    simulated_tool(replace(made, accelerometer=None), start, n, rig, TURN)
+    simulated_tool(made, start, n, rig, TURN)
     runs.try_all(simulator.nominal)
     streams = tuple(name for name in (*STREAMS, 'joints') if getattr(made, name) is not None)
     lacking = missing_joint_notes(inputs.measured_joints,
