@@ -31,7 +31,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from forcecal_ros.cli.main import main as forcecal
-from forcecal_ros.diagnose.sources.tool import ToolSource
+from forcecal_ros.diagnose.sources.rig import ToolSource
 from forcecal_ros.io.bags import read_recording
 from forcecal_ros.io.calibration_file import load
 from forcecal_ros.sim.rig.file import load_rig

@@ -23,9 +23,8 @@ from blind_tool import to_recording
 from forcecal_ros.core.streams import JointStream, PoseStream, Recording, Stream
 from forcecal_ros.diagnose.dataset import units
 from forcecal_ros.diagnose.result import to_document
-from forcecal_ros.diagnose.sources.rig import RigSource
+from forcecal_ros.diagnose.sources.rig import RigSource, ToolSource
 from forcecal_ros.diagnose.sources.simulator import SimulatorSource
-from forcecal_ros.diagnose.sources.tool import ToolSource
 from forcecal_ros.sim.mujoco import load_mujoco
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rigid_tool import rigid_tool_of_calibration

@@ -57,8 +57,7 @@ Result = dict[str, Any]
 
 def answer(case: dict[str, Any], first: Any, second: Any, compared: Any) -> Any:
     """Diagnose by commands where they are known, else by the measured motion."""
-    from forcecal_ros.diagnose.sources.rig import RigSource
-    from forcecal_ros.diagnose.sources.tool import ToolSource
+    from forcecal_ros.diagnose.sources.rig import RigSource, ToolSource
     from forcecal_ros.sim.rig.file import load_rig
     from forcecal_ros.sim.rigid_tool import rigid_tool_of_calibration, rigid_tool_of_rig
 

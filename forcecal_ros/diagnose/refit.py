@@ -2,10 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import NamedTuple
 
 from forcecal_ros.diagnose.engine import Outcome
-from forcecal_ros.diagnose.judge.named_effects import Parameter, parameters_of
+from forcecal_ros.diagnose.judge.named_effects import NamedEffect, parameters_of
 from forcecal_ros.diagnose.judge.parameter_errors import (
     aliases,
     parameter_errors,
@@ -16,20 +15,6 @@ from forcecal_ros.diagnose.result import patched_rig
 from forcecal_ros.diagnose.search.joint_fit import joint_fit_if_finite
 from forcecal_ros.diagnose.search.posterior import Posterior
 import numpy as np
-
-
-class Bent(NamedTuple):
-    """
-    How far a number would move if the simulation were fitted as it is, and not as a line.
-
-    Attributes
-    ----------
-    shift, std : float
-        In the nuisance's prior standard deviation; the latter of the number itself.
-    """
-
-    shift: float
-    std: float
 
 
 def refitted(outcome: Outcome) -> Outcome:
@@ -68,9 +53,9 @@ def refitted(outcome: Outcome) -> Outcome:
                    explained=tuple(now.model.residuals))
 
 
-def bent(selection: Posterior) -> dict[str, Bent]:
+def remaining_shifts(selection: Posterior) -> dict[str, float]:
     """
-    Say how far each nuisance would still move, where the simulation was run as it was found.
+    Return how far each number would still move, where the simulation was run as it was found.
 
     Parameters
     ----------
@@ -79,32 +64,31 @@ def bent(selection: Posterior) -> dict[str, Bent]:
 
     Returns
     -------
-    dict of str to Bent
-        Of each nuisance that is a number of an accepted effect.
+    dict of str to float
+        Of each nuisance that is a number of an accepted effect, in its standard error.
     """
     line, model = selection.model, replace(selection.model)
     model.evaluate()
     found = model.fit_nuisances()
     shift = found.x - line.fit_nuisances().x
     std = np.sqrt(np.diag(found.covariance))
-    return {n.name: Bent(float(x), float(s))
-            for n, x, s in zip(model.nuisances, shift, std) if n.name in model.released}
+    return {n.name: abs(float(x / s)) for n, x, s in zip(model.nuisances, shift, std)
+            if n.name in model.released and s}
 
 
-def widened(outcome: Outcome, off: Mapping[str, Bent]) -> Outcome:
+def widened(outcome: Outcome, shifts: Mapping[str, float]) -> Outcome:
     """
     Add to the standard errors of a simulator's numbers what a line leaves wrong in them.
 
     Parameters
     ----------
-    off : mapping of str to Bent
-        By the name of the number, which is that of its effect.
+    shifts : mapping of str to float
+        Of :func:`remaining_shifts`, by the name of the number, which is that of its effect.
     """
-    effects = tuple(replace(e, parameters={k: _wider(p, off[e.name])
-                                           for k, p in e.parameters.items()})
-                    if e.name in off else e for e in outcome.diagnosis.effects)
+    def wider(effect: NamedEffect) -> NamedEffect:
+        factor = float(np.hypot(1.0, shifts.get(effect.name, 0.0)))
+        return replace(effect, parameters={
+            key: replace(p, std=factor * p.std) for key, p in effect.parameters.items()})
+
+    effects = tuple(wider(one) for one in outcome.diagnosis.effects)
     return replace(outcome, diagnosis=replace(outcome.diagnosis, effects=effects))
-
-
-def _wider(p: Parameter, by: Bent) -> Parameter:
-    return replace(p, std=p.std * float(np.hypot(1.0, by.shift / by.std))) if by.std else p

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
-from forcecal_ros.diagnose.sources.tool import ToolSource
+from forcecal_ros.diagnose.sources.rig import ToolSource
 from forcecal_ros.effects import with_effects
 from forcecal_ros.io.bags import read_recording
 from forcecal_ros.io.calibration_file import load

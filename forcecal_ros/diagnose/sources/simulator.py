@@ -15,6 +15,7 @@ from forcecal_ros.diagnose.dataset import (
     motion_groups,
     require_wrench_and_pose,
     span,
+    split_datasets,
 )
 from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
 from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, estimated, NamedEffect, Parameter
@@ -29,8 +30,8 @@ from forcecal_ros.diagnose.recordings import (
     missing_joint_notes,
     select_joints,
 )
-from forcecal_ros.diagnose.refit import Bent, bent, refitted, widened
-from forcecal_ros.diagnose.result import NO_MOTION
+from forcecal_ros.diagnose.refit import refitted, remaining_shifts, widened
+from forcecal_ros.diagnose.result import Diagnosis, NO_MOTION
 from forcecal_ros.diagnose.sources.simulated_tool import (
     refuse_other_wrench,
     simulated_tool,
@@ -123,6 +124,7 @@ class RerunReady(Ready):
     simulation: Rerun
     tool: SimulatedTool
     robot: SimulatedRobot
+    impacts_s: float
     remarks: tuple[str, ...] = ()
 
     def run(self, numbers: Numbers) -> None:
@@ -161,9 +163,10 @@ class SimulatorSource(Source):
         self.explained_by = simulator.name
         self.task = f'running {simulator.name} with other numbers'
         self._recomputed: float | None = None
-        self._runs: tuple[Runs, ...] = ()
+        self._ready: tuple[RerunReady, ...] = ()
+        self._short = ''
 
-    def prepare(self, recordings: Sequence[Recording]) -> list[Ready]:
+    def prepare(self, recordings: Sequence[Recording]) -> Sequence[Ready]:
         """Run the simulator as it is, and identify its tool."""
         recordings = keep_common_joints(recordings)
         for one in recordings:
@@ -172,12 +175,10 @@ class SimulatorSource(Source):
         stamps = [even_stamps(one) for one in recordings]
         self.simulator = self.simulator.acting([inputs_of(one.recording) for one in stamps])
         refuse_too_many(self.simulator, len(recordings))
-        ready: list[Ready] = []
-        tool = None
+        ready: list[RerunReady] = []
         for given, stamp in zip(recordings, stamps):
-            prepared = self._prepare(given, stamp, tool)
-            tool = prepared.tool
-            ready.append(prepared)
+            ready.append(self._prepare(given, stamp, ready[0].tool if ready else None))
+        self._ready = tuple(ready)
         return ready
 
     def _prepare(self, given: Recording, stamps: Corrected, tool: SimulatedTool | None
@@ -203,74 +204,76 @@ class SimulatorSource(Source):
                                motion_groups(simulation.signals(robot)))
         impacts = simulation.knocking(robot)
         dataset.measured.present[impacts] = False
-        left_out = IMPACTS.format(BLOCK * float(impacts.sum())) if impacts.any() else ''
+        impacts_s = BLOCK * float(impacts.sum())
+        left_out = IMPACTS.format(impacts_s) if impacts_s else ''
         given = replace(keep_compared_streams(given, dataset.measured.streams),
                         joints=select_joints(given.joints, simulation.joints))
         return RerunReady(dataset, stamps, given, tuple(filter(None, (note, left_out))), runs=runs,
-                          simulation=simulation, tool=known, robot=robot,
+                          simulation=simulation, tool=known, robot=robot, impacts_s=impacts_s,
                           remarks=simulator.remarks(inputs))
 
     def search(self, ready: Sequence[Ready]) -> Outcome:
         """Try all parameters, at their values and, if these are too far off, at those found."""
-        return self._search([one for one in ready if isinstance(one, RerunReady)])
-
-    def _search(self, ready: Sequence[RerunReady]) -> Outcome:
-        self._runs, self._recomputed = tuple(one.runs for one in ready), None
-        refuse_unsteady(ready[0].runs)
-        judged = self.split([one.dataset for one in ready])
-        robot = ready[0].robot
-        outcome, point, short = Outcome(NO_MOTION, robot), robot.numbers, ''
-        squares = np.zeros(3)
+        self._recomputed, self._short, prepared = None, '', self._ready
+        refuse_unsteady(prepared[0].runs)
+        judged = split_datasets([one.dataset for one in prepared])
+        robot = prepared[0].robot
+        outcome, point, squares = Outcome(NO_MOTION, robot), robot.numbers, np.zeros(3)
         for turn in range(MAX_ROUNDS):
-            if short := runs_short(self.simulator, self._runs):
+            self._short = runs_short(self.simulator, [one.runs for one in prepared])
+            if self._short:
                 break
-            for one in ready:
+            for one in prepared:
                 one.try_all(point)
-            outcome = self._diagnosed_about(ready, judged)
+            outcome = self._diagnose_about(judged)
             if not isinstance(outcome.rig, SimulatedRobot):
                 return outcome
             # a number far off is no straight line, so that a name it has may be seen only there
             found = outcome.closest if isinstance(outcome.closest, SimulatedRobot) else outcome.rig
             point, named = found.numbers, self.changes(outcome)
-            linear = _is_linear(ready, point)  # before it is run there
-            squares = _squares(ready, judged, outcome) if named else np.zeros(3)
+            linear = _is_linear(prepared, point)  # before it is run there
+            squares = _squares(prepared, judged, outcome) if named else np.zeros(3)
             # what is unexplained may be what a line about the nominal numbers leaves
             if linear and not _falls_short(outcome, squares) \
                     and (turn or outcome.diagnosis.verdict != 'unknown'):
                 break
         if self.changes(outcome):
             before = outcome
-            outcome, squares = self._refit(ready, judged, outcome, squares, again=not short)
+            outcome, squares = self._refit(judged, outcome, squares, again=not self._short)
             if _moved(before, outcome):  # what a line about other numbers named may be gone
-                there = self._diagnosed_about(ready, judged)
+                there = self._diagnose_about(judged)
                 if self.changes(there) and _named(there) != _named(outcome):
-                    outcome, squares = self._refit(ready, judged, there, np.zeros(3), again=True)
+                    outcome, squares = self._refit(judged, there, np.zeros(3), again=True)
             self._recomputed = _recomputed(outcome, squares)
-        return self._explained(ready, outcome, short)
+        return outcome
 
-    def _diagnosed_about(self, ready: Sequence[RerunReady], judged: tuple[Dataset, ...]
-                         ) -> Outcome:
+    def _diagnose_about(self, judged: tuple[Dataset, ...]) -> Outcome:
         """Diagnose with the simulator as linear as it is about all numbers that were tried."""
-        return diagnose_datasets(ready[0].robot, judged, [one.stamps for one in ready],
-                                 [one.given for one in ready], self.tolerance, self.earlier)
+        return diagnose_datasets(
+            self._ready[0].robot, judged, [one.stamps for one in self._ready],
+            [one.given for one in self._ready], self.tolerance, self.earlier)
 
-    def _explained(self, ready: Sequence[RerunReady], outcome: Outcome, short: str) -> Outcome:
+    def explain(self, diagnosis: Diagnosis, ready: Sequence[Ready], outcome: Outcome) -> Diagnosis:
         """Add what the user should know of simulator and numbers."""
-        d = outcome.diagnosis
-        effects = tuple(replace(e, parameters=self._in_numbers(e)) for e in d.effects)
-        remarks = tuple(dict.fromkeys(x for one in ready for x in one.remarks))
+        effects = tuple(replace(e, parameters=self._in_numbers(e)) for e in diagnosis.effects)
+        remarks = tuple(dict.fromkeys(x for one in self._ready for x in one.remarks))
         notes = (*self.simulator.notes, *remarks, *recalibrated_notes(self.simulator, outcome),
-                 *dict.fromkeys(filter(None, [*(x for one in ready for x in one.notes), short])),
-                 *joint_channel_notes(ready[0].simulation.joints, [one.given for one in ready]))
-        reason = d.reason
-        if d.verdict == 'no_gap' and (limited := at_tolerance(self.simulator, outcome)):
+                 *dict.fromkeys(note for one in self._ready for note in one.notes),
+                 *filter(None, [self._short]),
+                 *joint_channel_notes(self._ready[0].simulation.joints,
+                                      [one.given for one in self._ready]))
+        reason, verdict = diagnosis.reason, diagnosis.verdict
+        if verdict == 'no_gap' and (limited := at_tolerance(self.simulator, outcome)):
             word, semicolon, more = reason.partition('; ')
             reason = (f'{word}, with {" and ".join(limited)} as far off as three sigma allow'
                       f'{semicolon}{more}')
-        if remarks and d.verdict in ('unknown', 'partial'):
+        if remarks and verdict in ('unknown', 'partial'):
             reason = f'{reason}; {FIRST}{remarks[0]}'
-        return replace(outcome, diagnosis=replace(
-            d, effects=effects, reason=reason, notes=(*d.notes, *notes)))
+        impacts_s = sum(one.impacts_s for one in self._ready)
+        return replace(
+            diagnosis, effects=effects, reason=reason, notes=(*diagnosis.notes, *notes),
+            not_compared=((f'{impacts_s:.1f} s of impacts and slipping contact',)
+                          if impacts_s else ()))
 
     def _in_numbers(self, effect: NamedEffect) -> dict[str, Parameter]:
         """Return the parameters of an effect as the simulator's own numbers."""
@@ -281,14 +284,15 @@ class SimulatorSource(Source):
         return {key: replace(effect.parameters[key], value=value, std=std)
                 for key, (value, std) in own.items()}
 
-    def _refit(self, ready: Sequence[RerunReady], judged: tuple[Dataset, ...], outcome: Outcome,
-               squares: Array, *, again: bool) -> tuple[Outcome, Array]:
+    def _refit(self, judged: tuple[Dataset, ...], outcome: Outcome, squares: Array, *, again: bool
+               ) -> tuple[Outcome, Array]:
         """Fit the numbers named about where they were found; widen by what a line leaves wrong."""
+        ready = self._ready
         off = _shifts(ready, outcome)
         for _ in range(MAX_REFITS if again else 0):
-            moves = any(abs(one.shift) > MAX_SHIFT_STD * one.std for one in off.values())
+            moves = max(off.values(), default=0.0) > MAX_SHIFT_STD
             if not (moves or _falls_short(outcome, squares)) \
-                    or runs_short(self.simulator, self._runs):
+                    or runs_short(self.simulator, [one.runs for one in ready]):
                 break
             assert isinstance(outcome.rig, SimulatedRobot)
             for one in ready:
@@ -309,18 +313,11 @@ class SimulatorSource(Source):
             Changed(p.name, p.unit, p.nominal, found[p.name].value, found[p.name].std,
                     found[p.name].at_bound) for p in self.simulator.parameters if p.name in found)
 
-    def not_compared(self, ready: Sequence[Ready]) -> tuple[str, ...]:
-        """Report impacts."""
-        blocks = sum(float((~one.dataset.measured.present).all(axis=1).sum()) for one in ready
-                     if any('hits something' in note for note in one.notes))
-        return (f'{BLOCK * blocks:.1f} s of impacts and slipping contact',) if blocks else ()
-
     def details(self, ready: Sequence[Ready], outcome: Outcome) -> dict[str, Any]:
         """Return the numbers to change, how often it was run, and what that explains when run."""
         return {'parameters': [one._asdict() for one in self.changes(outcome)],
-                'runs': sum(one.count for one in self._runs) if ready else 0,
-                'recomputed': self._recomputed if ready else None,
-                'model': next(iter(self.files(outcome)), None)}
+                'runs': sum(one.runs.count for one in self._ready) if ready else 0,
+                'recomputed': self._recomputed if ready else None, 'model': None}
 
     def files(self, outcome: Outcome) -> dict[str, str]:
         """Return the model with what was found, if the simulator writes one."""
@@ -347,15 +344,13 @@ def _moved(before: Outcome, after: Outcome) -> bool:
 
 def at_tolerance(simulator: ThirdParty, outcome: Outcome) -> list[str]:
     """List the parameters, not named, that would move further than three of their sigma."""
-    named = {e.name for e in outcome.diagnosis.effects}
-    return [p.name for p in simulator.parameters if p.name not in named and abs(
+    return [p.name for p in simulator.parameters if p.name not in _named(outcome) and abs(
         outcome.recalibrations.get(p.name, (0.0, 0.0))[0]) > 0.999 * LIMIT * p.sigma]
 
 
 def recalibrated_notes(simulator: ThirdParty, outcome: Outcome) -> Iterator[str]:
     """Say which parameters are off by no more than they may be."""
-    named = {e.name for e in outcome.diagnosis.effects}
-    limited, changes = at_tolerance(simulator, outcome), []
+    named, limited, changes = _named(outcome), at_tolerance(simulator, outcome), []
     for p in simulator.parameters:
         x, std = outcome.recalibrations.get(p.name, (0.0, 0.0))
         if p.name not in (*named, *limited) and _is_moved(outcome, p.name):
@@ -405,13 +400,13 @@ def inputs_of(recording: Recording) -> Inputs:
                   recording.joint_commands, joint_names(recording.joints))
 
 
-def _shifts(ready: Sequence[RerunReady], outcome: Outcome) -> dict[str, Bent]:
+def _shifts(ready: Sequence[RerunReady], outcome: Outcome) -> dict[str, float]:
     """Run the simulator as it was found, and return how far its named numbers would still move."""
     if outcome.selection is None or not isinstance(outcome.rig, SimulatedRobot):
         return {}
     for one in ready:
         one.run(outcome.rig.numbers)
-    return bent(outcome.selection)
+    return remaining_shifts(outcome.selection)
 
 
 def _is_linear(ready: Sequence[RerunReady], point: Numbers) -> bool:

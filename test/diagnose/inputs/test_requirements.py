@@ -10,8 +10,7 @@ from forcecal_ros.core.geometry import rotation_about
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from forcecal_ros.diagnose.judge.named_effects import from_checks
 from forcecal_ros.diagnose.recordings import bridge_pauses, Corrected, missing_streams
-from forcecal_ros.diagnose.sources.rig import RigSource
-from forcecal_ros.diagnose.sources.tool import ToolSource
+from forcecal_ros.diagnose.sources.rig import RigSource, ToolSource
 from forcecal_ros.io.bags import read_recording
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rigid_tool import rigid_tool_of_rig
