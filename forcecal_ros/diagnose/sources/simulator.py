@@ -1,6 +1,6 @@
 """A third-party simulator, run with the recorded commands and with other numbers."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 import time
 from typing import Any, NamedTuple
@@ -30,7 +30,6 @@ from forcecal_ros.diagnose.recordings import (
     missing_joint_notes,
     select_joints,
 )
-from forcecal_ros.diagnose.refit import refitted, remaining_shifts, widened
 from forcecal_ros.diagnose.result import Diagnosis, NO_MOTION
 from forcecal_ros.diagnose.sources.simulated_tool import (
     refuse_other_wrench,
@@ -57,7 +56,7 @@ from forcecal_ros.sim.signals import BLOCK
 from forcecal_ros.sim.third_party import STREAMS, ThirdParty
 import numpy as np
 
-MAX_ROUNDS = 4
+MAX_ROUNDS = 6
 """
 Times that all parameters are tried, at the nominal ones and then at those found: of a drive that
 is a third weaker, whose sag goes with the inverse of its gain, the third line is still 10 % off.
@@ -69,22 +68,10 @@ Misfit of the linear prediction at the parameters found, in that of the nominal 
 they are all tried again there: a tenth leaves the explained share within a hundredth.
 """
 
-MAX_SHORTFALL = 0.05
-"""
-Share of the misfit that is gone in the prediction and not when the simulator is run, from which
-all parameters are tried again: the width of most confidence intervals of that share.
-"""
-
 MAX_SHIFT_STD = 1.0
 """
 Standard errors that a number would still move, where the simulator was run as it was found, from
-which it is fitted once more about there: half of what chance makes of it.
-"""
-
-MAX_REFITS = 3
-"""
-Times that numbers named are fitted once more: each leaves the square of what was left before, so
-that three settle what two rounds came near.
+which all are tried again about there: half of what chance makes of it.
 """
 
 TIED = 'are nearly an alias of each other in this motion'
@@ -213,45 +200,72 @@ class SimulatorSource(Source):
                           remarks=simulator.remarks(inputs))
 
     def search(self, ready: Sequence[Ready]) -> Outcome:
-        """Try all parameters, at their values and, if these are too far off, at those found."""
-        self._recomputed, self._short, prepared = None, '', self._ready
-        refuse_unsteady(prepared[0].runs)
-        judged = split_datasets([one.dataset for one in prepared])
-        robot = prepared[0].robot
+        """Try all numbers about their nominal values, then about those found, while that helps."""
+        self._recomputed = None
+        refuse_unsteady(self._ready[0].runs)
+        judged = split_datasets([one.dataset for one in self._ready])
+        robot, shifts = self._ready[0].robot, dict[str, float]()
         outcome, point, squares = Outcome(NO_MOTION, robot), robot.numbers, np.zeros(3)
         for turn in range(MAX_ROUNDS):
-            self._short = runs_short(self.simulator, [one.runs for one in prepared])
+            self._short = runs_short(self.simulator, [one.runs for one in self._ready])
             if self._short:
                 break
-            for one in prepared:
+            for one in self._ready:
                 one.try_all(point)
-            outcome = self._diagnose_about(judged)
-            if not isinstance(outcome.rig, SimulatedRobot):
-                return outcome
+            there = diagnose_datasets(
+                robot, judged, [one.stamps for one in self._ready],
+                [one.given for one in self._ready], self.tolerance, self.earlier)
+            if not isinstance(there.rig, SimulatedRobot):
+                return there
             # a number far off is no straight line, so that a name it has may be seen only there
-            found = outcome.closest if isinstance(outcome.closest, SimulatedRobot) else outcome.rig
-            point, named = found.numbers, self.changes(outcome)
-            linear = _is_linear(prepared, point)  # before it is run there
-            squares = _squares(prepared, judged, outcome) if named else np.zeros(3)
+            found = there.closest if isinstance(there.closest, SimulatedRobot) else there.rig
+            point = found.numbers
+            linear = _is_linear(self._ready, point)  # before it is run there
+            left = self._squares(judged, there) if self.changes(there) else np.zeros(3)
+            if turn and _named(there) == _named(outcome) and left[-1] > squares[-1]:
+                break
+            outcome, squares, shifts = there, left, self._remaining_shifts(there)
             # what is unexplained may be what a line about the nominal numbers leaves
-            if linear and not _falls_short(outcome, squares) \
-                    and (turn or outcome.diagnosis.verdict != 'unknown'):
+            if linear and max(shifts.values(), default=0.0) < MAX_SHIFT_STD \
+                    and (turn or there.diagnosis.verdict != 'unknown'):
                 break
         if self.changes(outcome):
-            before = outcome
-            outcome, squares = self._refit(judged, outcome, squares, again=not self._short)
-            if _moved(before, outcome):  # what a line about other numbers named may be gone
-                there = self._diagnose_about(judged)
-                if self.changes(there) and _named(there) != _named(outcome):
-                    outcome, squares = self._refit(judged, there, np.zeros(3), again=True)
             self._recomputed = _recomputed(outcome, squares)
-        return outcome
+        return _widened(outcome, shifts)
 
-    def _diagnose_about(self, judged: tuple[Dataset, ...]) -> Outcome:
-        """Diagnose with the simulator as linear as it is about all numbers that were tried."""
-        return diagnose_datasets(
-            self._ready[0].robot, judged, [one.stamps for one in self._ready],
-            [one.given for one in self._ready], self.tolerance, self.earlier)
+    def _squares(self, judged: Sequence[Dataset], outcome: Outcome) -> Array:
+        """Sum the squares on judged blocks: recalibrated, as predicted and as it is when run."""
+        noise, robot, squares = outcome.noise, outcome.rig, np.zeros(3)
+        assert isinstance(robot, SimulatedRobot)
+        assert noise is not None
+        for one, dataset, before, linear in zip(self._ready, judged, outcome.recalibrated,
+                                                outcome.explained):
+            one.run(robot.numbers)
+            exact = dataset.measured.residual(one.simulation.signals(robot))
+            for i, blocks in enumerate((before, linear, exact)):
+                rows = np.where(dataset.measured.present, blocks, 0.0)[dataset.held]
+                squares[i] += float(np.sum((rows / np.where(noise > 0.0, noise, np.inf)) ** 2))
+        return squares
+
+    def _remaining_shifts(self, outcome: Outcome) -> dict[str, float]:
+        """
+        Run it as it was found, and return how far the numbers accepted would still move.
+
+        Returns
+        -------
+        dict of str to float
+            By their names, in their standard errors.
+        """
+        if outcome.selection is None or not isinstance(outcome.rig, SimulatedRobot):
+            return {}
+        for one in self._ready:
+            one.run(outcome.rig.numbers)
+        line, model = outcome.selection.model, replace(outcome.selection.model)
+        model.evaluate()
+        found = model.fit_nuisances()
+        shift, std = found.x - line.fit_nuisances().x, np.sqrt(np.diag(found.covariance))
+        return {n.name: abs(float(x / s)) for n, x, s in zip(model.nuisances, shift, std)
+                if n.name in model.released and s}
 
     def explain(self, diagnosis: Diagnosis, ready: Sequence[Ready], outcome: Outcome) -> Diagnosis:
         """Add what the user should know of simulator and numbers."""
@@ -284,27 +298,6 @@ class SimulatorSource(Source):
         return {key: replace(effect.parameters[key], value=value, std=std)
                 for key, (value, std) in own.items()}
 
-    def _refit(self, judged: tuple[Dataset, ...], outcome: Outcome, squares: Array, *, again: bool
-               ) -> tuple[Outcome, Array]:
-        """Fit the numbers named about where they were found; widen by what a line leaves wrong."""
-        ready = self._ready
-        off = _shifts(ready, outcome)
-        for _ in range(MAX_REFITS if again else 0):
-            moves = max(off.values(), default=0.0) > MAX_SHIFT_STD
-            if not (moves or _falls_short(outcome, squares)) \
-                    or runs_short(self.simulator, [one.runs for one in ready]):
-                break
-            assert isinstance(outcome.rig, SimulatedRobot)
-            for one in ready:
-                one.try_all(outcome.rig.numbers)
-            anew = refitted(outcome)
-            # half the step of integration may differ there: both are computed with it
-            squares, there = (_squares(ready, judged, one) for one in (outcome, anew))
-            if there[-1] >= squares[-1]:
-                break
-            outcome, squares, off = anew, there, _shifts(ready, anew)
-        return widened(outcome, off), squares
-
     def changes(self, outcome: Outcome) -> tuple[Changed, ...]:
         """List the parameters that a named effect moves."""
         found = {e.name: e.parameters['value'] for e in outcome.diagnosis.effects
@@ -335,11 +328,15 @@ def _named(outcome: Outcome) -> set[str]:
     return {e.name for e in outcome.diagnosis.effects}
 
 
-def _moved(before: Outcome, after: Outcome) -> bool:
-    """Say whether a number was fitted further away than its standard error."""
-    pairs = [(e.parameters['value'], now.parameters['value']) for e, now in zip(
-        before.diagnosis.effects, after.diagnosis.effects) if 'value' in e.parameters]
-    return any(abs(now.value - was.value) > MAX_SHIFT_STD * was.std for was, now in pairs)
+def _widened(outcome: Outcome, shifts: Mapping[str, float]) -> Outcome:
+    """Add to the standard errors of numbers how far each would still move, in these errors."""
+    def wider(effect: NamedEffect) -> NamedEffect:
+        factor = float(np.hypot(1.0, shifts.get(effect.name, 0.0)))
+        return replace(effect, parameters={
+            key: replace(p, std=factor * p.std) for key, p in effect.parameters.items()})
+
+    effects = tuple(wider(one) for one in outcome.diagnosis.effects)
+    return replace(outcome, diagnosis=replace(outcome.diagnosis, effects=effects))
 
 
 def at_tolerance(simulator: ThirdParty, outcome: Outcome) -> list[str]:
@@ -365,13 +362,13 @@ def recalibrated_notes(simulator: ThirdParty, outcome: Outcome) -> Iterator[str]
     for group in outcome.aliases:
         if group & reported and len(tied := sorted(group & own)) > 1:
             yield (f'{", ".join(tied)} {TIED}: errors include the direction along it')
-    finer, std = outcome.recalibrations.get(INTEGRATION_STEP, (0.0, 0.0))
-    if abs(finer) > RECALIBRATION_SIGMA * std:
-        yield (f'the step of its integration causes {estimated(finer, std, "")} times what half '
+    if _is_moved(outcome, INTEGRATION_STEP):
+        finer = estimated(*outcome.recalibrations[INTEGRATION_STEP], '')
+        yield (f'the step of its integration causes {finer} times what half '
                'the step changes, which was subtracted: a smaller step is nearer to the robot')
-    late, std = outcome.recalibrations.get('robot.delay', (0.0, 0.0))
     if 'robot_delay' not in named and _is_moved(outcome, 'robot.delay'):
-        yield f'the robot is {estimated(late, std, "s")} later than its simulation'
+        late = estimated(*outcome.recalibrations['robot.delay'], 's')
+        yield f'the robot is {late} later than its simulation'
 
 
 def _is_moved(outcome: Outcome, name: str) -> bool:
@@ -400,15 +397,6 @@ def inputs_of(recording: Recording) -> Inputs:
                   recording.joint_commands, joint_names(recording.joints))
 
 
-def _shifts(ready: Sequence[RerunReady], outcome: Outcome) -> dict[str, float]:
-    """Run the simulator as it was found, and return how far its named numbers would still move."""
-    if outcome.selection is None or not isinstance(outcome.rig, SimulatedRobot):
-        return {}
-    for one in ready:
-        one.run(outcome.rig.numbers)
-    return remaining_shifts(outcome.selection)
-
-
 def _is_linear(ready: Sequence[RerunReady], point: Numbers) -> bool:
     """Return whether the linear prediction holds at the parameters found."""
     for one in ready:
@@ -417,12 +405,6 @@ def _is_linear(ready: Sequence[RerunReady], point: Numbers) -> bool:
             if np.linalg.norm(a - b) > MAX_LINEAR_ERROR * np.linalg.norm(b - c):
                 return False
     return True
-
-
-def _falls_short(outcome: Outcome, squares: Array) -> bool:
-    """Return whether a run with what was found leaves more than was predicted."""
-    gap, recomputed = outcome.diagnosis.gap, _recomputed(outcome, squares)
-    return gap is not None and recomputed is not None and recomputed < gap.closed - MAX_SHORTFALL
 
 
 def _rows(recording: Recording) -> tuple[Array, Array]:
@@ -441,21 +423,6 @@ def _recomputed(outcome: Outcome, squares: Array) -> float | None:
     gap, (before, linear, exact) = outcome.diagnosis.gap, squares.tolist()
     explained = before - linear
     return gap.closed * (before - exact) / explained if gap and explained > 0.0 else None
-
-
-def _squares(ready: Sequence[RerunReady], judged: Sequence[Dataset], outcome: Outcome) -> Array:
-    """Sum the squares on judged blocks: recalibrated, as predicted and as it is when run."""
-    noise, robot, squares = outcome.noise, outcome.rig, np.zeros(3)
-    assert isinstance(robot, SimulatedRobot)
-    assert noise is not None
-    for one, dataset, before, linear in zip(ready, judged, outcome.recalibrated,
-                                            outcome.explained):
-        one.run(robot.numbers)
-        exact = dataset.measured.residual(one.simulation.signals(robot))
-        for i, blocks in enumerate((before, linear, exact)):
-            rows = np.where(dataset.measured.present, blocks, 0.0)[dataset.held]
-            squares[i] += float(np.sum((rows / np.where(noise > 0.0, noise, np.inf)) ** 2))
-    return squares
 
 
 class Sensitivity(NamedTuple):
