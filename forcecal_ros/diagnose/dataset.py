@@ -16,7 +16,7 @@ from forcecal_ros.core.streams import (
     Stream,
     TOUCHING,
 )
-from forcecal_ros.effects import Effect
+from forcecal_ros.effects import Effect, Quantity
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.effects.signals import FORCES
 from forcecal_ros.sim.signals import BLOCK, block_means, JOINTS, padded, RATE, Signals, Simulation
@@ -376,29 +376,25 @@ def possible_effects(datasets: Sequence[Dataset]) -> Mapping[str, Effect]:
     """
     library = dict(datasets[0].simulation.library)
     if HYSTERESIS in library:
-        library[HYSTERESIS] = limit_to_load(datasets, library[HYSTERESIS])
+        widest = 0.5 * max(float(np.ptp(dataset.nominal.wrench[:, :3], axis=0).max())
+                           for dataset in datasets)
+        library[HYSTERESIS] = _bounded(library[HYSTERESIS], highest={'width': widest})
     if SATURATION in library and all('wrench' in d.measured.streams for d in datasets):
         least = np.max([_range_reached(d.measured.values('wrench')) for d in datasets], axis=0)
-        library[SATURATION] = _narrowed(library[SATURATION], {
-            name: max(q.low, min(q.high, float(x))) for name, x in zip(FORCES, least)
-            for q in library[SATURATION].parameters if q.name == name})
+        library[SATURATION] = _bounded(library[SATURATION], dict(zip(FORCES, least.tolist())))
     return library
 
 
-def limit_to_load(datasets: Sequence[Dataset], effect: Effect) -> Effect:
-    """Keep a hysteresis so narrow that the load turns for twice its width."""
-    widest = 0.5 * max(float(np.ptp(dataset.nominal.wrench[:, :3], axis=0).max())
-                       for dataset in datasets)
-    return effect._replace(parameters=tuple(
-        q if q.name != 'width' else q._replace(
-            high=max(q.low, min(q.high, widest)),
-            starts=tuple(s for s in q.starts if s <= widest) or q.starts[:1])
-        for q in effect.parameters))
+def _bounded(effect: Effect, lowest: Mapping[str, float] = {}, highest: Mapping[str, float] = {}
+             ) -> Effect:
+    """Raise the lower bounds of an effect's parameters and lower the upper ones, by name."""
+    def bounded(q: Quantity) -> Quantity:
+        low = min(q.high, max(q.low, lowest.get(q.name, q.low)))
+        high = max(q.low, min(q.high, highest.get(q.name, q.high)))
+        starts = tuple(x for x in q.starts if x <= high) or q.starts[:1]
+        return q._replace(low=low, high=high, starts=starts)
 
-
-def _narrowed(effect: Effect, lowest: Mapping[str, float]) -> Effect:
-    return effect._replace(parameters=tuple(
-        q._replace(low=lowest.get(q.name, q.low)) for q in effect.parameters))
+    return effect._replace(parameters=tuple(map(bounded, effect.parameters)))
 
 
 def _range_reached(values: Array) -> Array:

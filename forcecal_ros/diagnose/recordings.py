@@ -254,7 +254,8 @@ def bridge_pauses(recording: Recording) -> Recording:
             raise DataError(f'nothing was recorded for {end - start:.0f} s from {start:.1f} s on; '
                             'cut the recording there, and give one part as --heldout')
         target = _fill_commands(target, start, end)
-        changed = {name: _cut(s, start, end + SETTLE_AFTER_PAUSE_S) for name, s in changed.items()}
+        changed = {name: s.rows((s.t <= start) | (s.t >= end + SETTLE_AFTER_PAUSE_S))
+                   for name, s in changed.items()}
     return replace(recording, target=target, **changed)
 
 
@@ -275,10 +276,6 @@ def _fill_commands(target: PoseStream, start: float, end: float) -> PoseStream:
         position=np.insert(target.position, i + 1,
                            target.position[i] + share[:, np.newaxis] * way, axis=0),
         R_base_sensor=np.insert(target.R_base_sensor, i + 1, turned.as_matrix(), axis=0))
-
-
-def _cut(stream: Stream | PoseStream, start: float, end: float) -> Stream | PoseStream:
-    return stream.rows((stream.t <= start) | (stream.t >= end))
 
 
 def apply_accelerometer_calibration(recording: Recording,
@@ -359,9 +356,6 @@ def scale_to_volts(recording: Recording, gain: Array, offset: Array) -> Recordin
 IMU_OFFSET, IMU_GAIN = 0.03, 0.005
 """Of an Imu, 1 sigma [m/s^2] and relative: 3 mg and half a percent, as data sheets of MEMS say."""
 
-IMU_NOISE = 0.05
-"""Of an Imu [m/s^2], where it does not matter how much it is."""
-
 MAX_GRAVITY_ANGLE = 0.2
 """Angle between gravity as measured and by the pose from which axes are others [rad]."""
 
@@ -373,7 +367,7 @@ def add_imu(tool: SomeTool) -> SomeTool:
     plain = AccelerometerModel((1.0, 1.0, 1.0), (0.0, 0.0, 0.0), 0.0)
     return replace(
         tool,
-        accelerometer=replace(tool.accelerometer, mounted='acc1', acc1=plain, noise=IMU_NOISE,
+        accelerometer=replace(tool.accelerometer, mounted='acc1', acc1=plain,
                               position=(0.0, 0.0, 0.0)),
         spreads=replace(tool.spreads, accelerometer_offset=IMU_OFFSET,
                         accelerometer_gain=IMU_GAIN))
@@ -397,10 +391,9 @@ def keep_comparable_imus(real: Recording, simulated: Recording
     """
     note = ''
     if real.accelerometer is not None and simulated.accelerometer is not None:
-        found = ((_reason_not_comparable(one), whose) for one, whose in (
-            (real, "the robot's"), (simulated, "the simulator's")))
-        note = next((f'accelerometer not compared: {whose} {why}' for why, whose in found if why),
-                    '')
+        note = next((f'accelerometer not compared: {whose} {why}' for one, whose in (
+            (real, "the robot's"), (simulated, "the simulator's"))
+            if (why := _reason_not_comparable(one))), '')
         if not note:
             return real, simulated, ''
     return replace(real, accelerometer=None), replace(simulated, accelerometer=None), note

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-import re
 from typing import Any
 
 from forcecal_ros.core.errors import DataError, with_id
@@ -21,8 +20,6 @@ RECALIBRATION_SIGMA = 3.0
 
 _UNITS = {'accelerometer.delay': 's', 'tool.com': 'm', 'tool.inertia': 'kg m^2'}
 """Units of nuisances by their names without axis; those that are not listed are relative."""
-
-_VOLTS = re.compile(r'(?<=\d) V(?= RMS in accel)')
 
 
 @dataclass(frozen=True)
@@ -189,7 +186,7 @@ class Source:
 def express_in_unit(unit: str, diagnosis: Diagnosis) -> Diagnosis:
     """Give accelerations in sentence, notes and parameters the unit that was compared."""
     def words(text: str) -> str:
-        return _VOLTS.sub(f' {unit}', text)
+        return text.replace(' V RMS in accel', f' {unit} RMS in accel')
 
     return replace(
         diagnosis, reason=words(diagnosis.reason), notes=tuple(map(words, diagnosis.notes)),
