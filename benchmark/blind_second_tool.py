@@ -25,9 +25,8 @@ from forcecal_ros.cli.main import main as forcecal
 from forcecal_ros.core.streams import JointStream, PoseStream, Recording, Stream
 from forcecal_ros.diagnose.dataset import units
 from forcecal_ros.diagnose.result import to_document
-from forcecal_ros.diagnose.sources.rig import RigSource
+from forcecal_ros.diagnose.sources.rig import RigSource, ToolSource
 from forcecal_ros.diagnose.sources.simulator import SimulatorSource
-from forcecal_ros.diagnose.sources.tool import ToolSource
 from forcecal_ros.io.bags import read_recording
 from forcecal_ros.io.calibration_file import load
 from forcecal_ros.sim.mujoco import load_mujoco

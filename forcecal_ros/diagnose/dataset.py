@@ -8,8 +8,15 @@ from weakref import ref
 
 from forcecal_ros.core.errors import below, DataError
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.streams import Phase, Recording, TOUCHING
-from forcecal_ros.effects import Effect
+from forcecal_ros.core.streams import (
+    JointStream,
+    Phase,
+    PoseStream,
+    Recording,
+    Stream,
+    TOUCHING,
+)
+from forcecal_ros.effects import Effect, Quantity
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.effects.signals import FORCES
 from forcecal_ros.sim.signals import BLOCK, block_means, JOINTS, padded, RATE, Signals, Simulation
@@ -108,19 +115,10 @@ class MeasuredBlocks:
         self.start, self.n_blocks = start, n_blocks
         self._streams: dict[str, _Stream] = {}
         self._last_pose: tuple[ref[Array], ref[Array], Array] | None = None
-        if recording.wrench is not None:
-            self._add('wrench', recording.wrench.t, recording.wrench.values)
-        if recording.accelerometer is not None:
-            self._add('accelerometer', recording.accelerometer.t, recording.accelerometer.values)
-        if recording.optidrive is not None:
-            self._add('optidrive', recording.optidrive.t, recording.optidrive.values)
-        pose = recording.pose
-        if pose is not None:
-            values = np.concatenate([pose.position, pose.R_base_sensor.reshape(-1, 9)], axis=1)
-            self._add('pose', pose.t, values)
+        for name in STREAM_SLICES:
+            if (measured := getattr(recording, name)) is not None:
+                self._add(name, measured.t, _columns(measured))
         joints = recording.joints
-        if joints is not None:
-            self._add('joints', joints.t, padded(joints.values))
         self.present = np.zeros((n_blocks, len(CHANNELS)), dtype=bool)
         for name, stream in self._streams.items():
             rows = np.zeros(n_blocks, dtype=bool)
@@ -236,6 +234,12 @@ class MeasuredBlocks:
                                turned[:, 0, 2] - turned[:, 2, 0],
                                turned[:, 1, 0] - turned[:, 0, 1]], axis=1)
         return np.concatenate([stream.values[:, :3] - position, turn], axis=1)
+
+
+def _columns(measured: Stream | PoseStream) -> Array:
+    if isinstance(measured, PoseStream):
+        return np.hstack([measured.position, measured.R_base_sensor.reshape(-1, 9)])
+    return padded(measured.values) if isinstance(measured, JointStream) else measured.values
 
 
 def _simulated(name: str, s: Signals) -> Array:
@@ -372,29 +376,25 @@ def possible_effects(datasets: Sequence[Dataset]) -> Mapping[str, Effect]:
     """
     library = dict(datasets[0].simulation.library)
     if HYSTERESIS in library:
-        library[HYSTERESIS] = limit_to_load(datasets, library[HYSTERESIS])
+        widest = 0.5 * max(float(np.ptp(dataset.nominal.wrench[:, :3], axis=0).max())
+                           for dataset in datasets)
+        library[HYSTERESIS] = _bounded(library[HYSTERESIS], highest={'width': widest})
     if SATURATION in library and all('wrench' in d.measured.streams for d in datasets):
         least = np.max([_range_reached(d.measured.values('wrench')) for d in datasets], axis=0)
-        library[SATURATION] = _narrowed(library[SATURATION], {
-            name: max(q.low, min(q.high, float(x))) for name, x in zip(FORCES, least)
-            for q in library[SATURATION].parameters if q.name == name})
+        library[SATURATION] = _bounded(library[SATURATION], dict(zip(FORCES, least.tolist())))
     return library
 
 
-def limit_to_load(datasets: Sequence[Dataset], effect: Effect) -> Effect:
-    """Keep a hysteresis so narrow that the load turns for twice its width."""
-    widest = 0.5 * max(float(np.ptp(dataset.nominal.wrench[:, :3], axis=0).max())
-                       for dataset in datasets)
-    return effect._replace(parameters=tuple(
-        q if q.name != 'width' else q._replace(
-            high=max(q.low, min(q.high, widest)),
-            starts=tuple(s for s in q.starts if s <= widest) or q.starts[:1])
-        for q in effect.parameters))
+def _bounded(effect: Effect, lowest: Mapping[str, float] = {}, highest: Mapping[str, float] = {}
+             ) -> Effect:
+    """Raise the lower bounds of an effect's parameters and lower the upper ones, by name."""
+    def bounded(q: Quantity) -> Quantity:
+        low = min(q.high, max(q.low, lowest.get(q.name, q.low)))
+        high = max(q.low, min(q.high, highest.get(q.name, q.high)))
+        starts = tuple(x for x in q.starts if x <= high) or q.starts[:1]
+        return q._replace(low=low, high=high, starts=starts)
 
-
-def _narrowed(effect: Effect, lowest: Mapping[str, float]) -> Effect:
-    return effect._replace(parameters=tuple(
-        q._replace(low=lowest.get(q.name, q.low)) for q in effect.parameters))
+    return effect._replace(parameters=tuple(map(bounded, effect.parameters)))
 
 
 def _range_reached(values: Array) -> Array:
@@ -403,9 +403,24 @@ def _range_reached(values: Array) -> Array:
     return np.asarray(np.quantile(np.abs(values), RANGE_QUANTILE, axis=0) - RANGE_SIGMA * noise)
 
 
-def split_by_recording(train: Dataset, held: Dataset) -> tuple[Dataset, Dataset]:
-    """Fit on all of one recording, judge on all of another."""
-    return train, replace(held, train=held.held, held=held.train)
+def split_datasets(datasets: Sequence[Dataset], by_phase: bool = False) -> tuple[Dataset, ...]:
+    """
+    Judge on all of a second recording or, of one, on some of its blocks.
+
+    Parameters
+    ----------
+    datasets : sequence of Dataset
+        One or two.
+    by_phase : bool
+        Whether these are parts of every phase, else every other second.
+    """
+    one, *others = datasets
+    if others:
+        return one, replace(others[0], train=others[0].held, held=others[0].train)
+    if by_phase:
+        return (split_by_phase(one),)
+    held = np.floor(one.times - one.measured.start).astype(int) % 2 == 1
+    return (replace(one, train=~held, held=held),)
 
 
 def split_by_phase(dataset: Dataset) -> Dataset:
@@ -465,20 +480,6 @@ def span(*recordings: Recording) -> tuple[float, int]:
         raise DataError(f'wrench and motion overlap for {common} s; at '
                         f'least {MIN_MOTION_S:g} s are needed: record a longer motion')
     return first, int((last - first) / BLOCK)
-
-
-def moves(datasets: Sequence[Dataset]) -> bool:
-    """Return whether the robot moves in each recording."""
-    return all((c.groups == 1).any() for c in datasets)
-
-
-def split_datasets(datasets: Sequence[Dataset]) -> tuple[Dataset, ...]:
-    """Judge on the second recording or, of one, on every other second."""
-    if len(datasets) > 1:
-        return split_by_recording(*datasets)
-    one, = datasets
-    held = np.floor(one.times - one.measured.start).astype(int) % 2 == 1
-    return (replace(one, train=~held, held=held),)
 
 
 def motion_groups(signals: Signals) -> NDArray[np.intp]:

@@ -32,9 +32,6 @@ ALARM = 10.0
 SMALL = 0.25
 """Excess that is let pass, of blocks or their means, in noise RMS."""
 
-EVERY = 1.0
-"""Time between two judgements of a recording, as between two of the node [s]."""
-
 LASTING = 2
 """Judgements in a row that an excess has to last."""
 
@@ -301,19 +298,3 @@ class LiveGap:
                                float(over / np.sqrt(2.0 / len(rows)))))
             found[CHANNELS[c].name] = (max(e for e, _ in scores), max(z for _, z in scores))
         return found
-
-
-def offline(rig: Rig, recording: Recording) -> list[Judgement]:
-    """
-    Judge a whole recording as if it came in live.
-
-    Parameters
-    ----------
-    recording : Recording
-        With commands, from rest on.
-    """
-    assert recording.target is not None and recording.wrench is not None
-    names = [n for n in STREAM_SLICES if getattr(recording, n) is not None]
-    live, origin = LiveGap(rig, names), float(recording.target.t[0])
-    ends = np.arange(origin + EVERY, float(recording.wrench.t[-1]), EVERY)
-    return [live.judge(recording, origin, float(end)) for end in ends]

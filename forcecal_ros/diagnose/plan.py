@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from itertools import combinations
 import math
 from typing import Any, NamedTuple
 
@@ -12,10 +13,11 @@ from forcecal_ros.core.streams import Phase, PoseStream
 from forcecal_ros.diagnose.dataset import split_by_phase
 from forcecal_ros.diagnose.judge.coverage import VISIBLE_ENERGY
 from forcecal_ros.diagnose.model.hypotheses import hypotheses, Hypothesis
+from forcecal_ros.diagnose.model.jacobian import Column
 from forcecal_ros.diagnose.model.linearised import linearised_model, LinearisedModel
 from forcecal_ros.diagnose.result import Diagnosis
 from forcecal_ros.diagnose.sources.rig import prepare_commanded
-from forcecal_ros.effects import applicable, EFFECTS
+from forcecal_ros.effects import applicable, Effect, EFFECTS, Quantity
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.motion.limits import check_move, Limits, pace_within, share_allowed
 from forcecal_ros.motion.optimal_design import sequencer_parameters
@@ -108,86 +110,79 @@ def excitation(rig: Rig, target: PoseStream, phases: tuple[Phase, ...]) -> Excit
         Commands.
     """
     recording = replace(simulate(rig, target, seed=0), phases=phases)
-    p = linearised_model(rig, (split_by_phase(prepare_commanded(recording, rig)),))
-    found = hypotheses(p)
-    information, parts = _information(p, found)
-    shown = [_visibility(h, information, parts[h.name]) for h in found]
-    accelerometer = p.datasets[0].simulation.accelerometer
-    there = {h.name for h in found}
+    model = linearised_model(rig, (split_by_phase(prepare_commanded(recording, rig)),))
+    tried = hypotheses(model)
+    found = {h.name: _directions(model, h) for h in tried}
+    information, parts = _information(model, found)
+    energy = np.diag(information)
+    shown = [_visibility(h.effect, found[h.name], energy[parts[h.name]]) for h in tried]
+    accelerometer = model.datasets[0].simulation.accelerometer
     for name, effect in EFFECTS.items():
-        if name not in there and applicable(effect, rig, accelerometer):
-            energy = np.nan if name in UNSEEN or name.endswith('saturation') else 0.0
-            shown.append(Visibility(name, '', energy, '', energy, effect.excited_by))
+        if name not in found and applicable(effect, rig, accelerometer):
+            none = np.nan if name in UNSEEN or name.endswith('saturation') else 0.0
+            shown.append(Visibility(name, '', none, '', none, effect.excited_by))
     order = list(EFFECTS)
     return Excitation(tuple(sorted(shown, key=lambda s: order.index(s.name))),
-                      _aliases(found, information, parts))
+                      _aliases(information, parts))
 
 
-def _information(model: LinearisedModel, found: list[Hypothesis]) -> tuple[Array,
-                                                                           dict[str,
-                                                                                NDArray[np.intp]]]:
-    """
-    Return the information of all typical sizes, nuisances within nominal tolerances taken out.
+class _Directions(NamedTuple):
+    """What one effect can do: a column, its scale, parameter and typical size for each."""
 
-    An effect that lifts a nuisance's prior has its own column beside the nuisance's.
-    """
-    m, index, extra = len(model.nuisances), {n.name: i for i, n in enumerate(model.nuisances)}, []
-    parts: dict[str, NDArray[np.intp]] = {}
-    scale: list[float] = []
-    position = m
-    for h in found:
-        columns = ([model.jacobian[0][index[n]] for n in _released(model, h)] if h.releases
-                   else list(h.atoms[0].columns[0]))
-        scale += _typical(model, h) if h.releases else [1.0] * len(columns)
-        extra += columns
-        parts[h.name] = np.arange(position, position + len(columns))
-        position += len(columns)
-    size = np.concatenate([np.ones(m), scale])
+    columns: list[Column]
+    scale: list[float]
+    quantities: list[Quantity]
+    sizes: list[float]
+
+
+def _directions(model: LinearisedModel, h: Hypothesis) -> _Directions:
+    """Return the directions of an effect; one that lifts nuisances' priors has theirs."""
+    if not h.releases:
+        atom = h.atoms[0]
+        columns = list(atom.columns[0])
+        return _Directions(columns, [1.0] * len(columns),
+                           [h.effect.parameters[i] for i in atom.free],
+                           [float(atom.start[i]) for i in atom.free])
+    released = [i for i, n in enumerate(model.nuisances) if n.name in h.releases[0]]
+    quantities = list(h.effect.parameters)
+    return _Directions(
+        [model.jacobian[0][i] for i in released],
+        [(q.typical - q.nominal) / float(model.prior_std[i])
+         for q, i in zip(quantities, released)],
+        quantities, [q.typical for q in quantities])
+
+
+def _information(model: LinearisedModel, found: Mapping[str, _Directions]
+                 ) -> tuple[Array, dict[str, NDArray[np.intp]]]:
+    """Return the information of all typical sizes, and where each effect's are in it."""
+    m = len(model.nuisances)
+    ends = m + np.cumsum([len(one.columns) for one in found.values()])
+    size = np.concatenate([np.ones(m), *(one.scale for one in found.values())])
+    extra = [column for one in found.values() for column in one.columns]
     matrix = model.gram([extra]).matrix * np.outer(size, size)
-    nuisance = np.arange(m)
-    cross = matrix[:, nuisance]
-    inner = matrix[np.ix_(nuisance, nuisance)] + np.eye(m)
-    projected = matrix - cross @ np.linalg.solve(inner, cross.T)
-    return np.asarray(projected), parts
+    # nuisances are taken out as far as their nominal tolerances allow
+    projected = matrix - matrix[:, :m] @ np.linalg.solve(matrix[:m, :m] + np.eye(m), matrix[:m])
+    return np.asarray(projected), {
+        name: np.arange(end - len(one.columns), end)
+        for (name, one), end in zip(found.items(), ends)}
 
 
-def _released(model: LinearisedModel, h: Hypothesis) -> list[str]:
-    return [n.name for n in model.nuisances if n.name in h.releases[0]]
-
-
-def _typical(model: LinearisedModel, h: Hypothesis) -> list[float]:
-    sizes = {n.name: float(s) for n, s in zip(model.nuisances, model.prior_std)}
-    return [(q.typical - q.nominal) / sizes[name]
-            for q, name in zip(h.effect.parameters, _released(model, h))]
-
-
-def _visibility(h: Hypothesis, information: Array, part: NDArray[np.intp]) -> Visibility:
-    energy = np.diag(information)[part]
-    moved = range(len(part)) if h.releases else h.atoms[0].free
-    quantities = [h.effect.parameters[i] for i in moved]
+def _visibility(effect: Effect, directions: _Directions, energy: Array) -> Visibility:
     best, worst = int(energy.argmax()), int(energy.argmin())
-    q = quantities[best]
-    size = q.typical if h.releases else float(h.atoms[0].start[moved[best]])
+    q, size = directions.quantities[best], directions.sizes[best]
     shown, factor = scaled(size, q.unit)
-    return Visibility(h.name, f'{q.name} {factor * size:.3g} {shown}', float(energy[best]),
-                 quantities[worst].name, float(energy[worst]), h.effect.excited_by)
+    return Visibility(effect.name, f'{q.name} {factor * size:.3g} {shown}', float(energy[best]),
+                      directions.quantities[worst].name, float(energy[worst]), effect.excited_by)
 
 
-def _aliases(found: list[Hypothesis], information: Array, parts: dict[str, NDArray[np.intp]]
-             ) -> tuple[Alias, ...]:
-    bases = {}
-    for h in found:
-        part = parts[h.name]
-        seen = part[np.diag(information)[part] > VISIBLE_ENERGY]
-        if len(seen):
-            bases[h.name] = seen
-    names, out = list(bases), []
-    for i, one in enumerate(names):
-        for other in names[i + 1:]:
-            angle = _angle(information, bases[one], bases[other])
-            if angle < CONFOUNDED_DEG:
-                out.append(Alias(one, other, angle))
-    return tuple(sorted(out, key=lambda a: a.angle_deg))
+def _aliases(information: Array, parts: Mapping[str, NDArray[np.intp]]) -> tuple[Alias, ...]:
+    seen = {name: part[np.diag(information)[part] > VISIBLE_ENERGY]
+            for name, part in parts.items()}
+    pairs = combinations([name for name, part in seen.items() if len(part)], 2)
+    angles = (Alias(one, other, _angle(information, seen[one], seen[other]))
+              for one, other in pairs)
+    return tuple(sorted((a for a in angles if a.angle_deg < CONFOUNDED_DEG),
+                        key=lambda a: a.angle_deg))
 
 
 def _angle(information: Array, one: NDArray[np.intp], other: NDArray[np.intp]) -> float:

@@ -254,7 +254,8 @@ def bridge_pauses(recording: Recording) -> Recording:
             raise DataError(f'nothing was recorded for {end - start:.0f} s from {start:.1f} s on; '
                             'cut the recording there, and give one part as --heldout')
         target = _fill_commands(target, start, end)
-        changed = {name: _cut(s, start, end + SETTLE_AFTER_PAUSE_S) for name, s in changed.items()}
+        changed = {name: s.rows((s.t <= start) | (s.t >= end + SETTLE_AFTER_PAUSE_S))
+                   for name, s in changed.items()}
     return replace(recording, target=target, **changed)
 
 
@@ -275,10 +276,6 @@ def _fill_commands(target: PoseStream, start: float, end: float) -> PoseStream:
         position=np.insert(target.position, i + 1,
                            target.position[i] + share[:, np.newaxis] * way, axis=0),
         R_base_sensor=np.insert(target.R_base_sensor, i + 1, turned.as_matrix(), axis=0))
-
-
-def _cut(stream: Stream | PoseStream, start: float, end: float) -> Stream | PoseStream:
-    return stream.rows((stream.t <= start) | (stream.t >= end))
 
 
 def apply_accelerometer_calibration(recording: Recording,
@@ -359,9 +356,6 @@ def scale_to_volts(recording: Recording, gain: Array, offset: Array) -> Recordin
 IMU_OFFSET, IMU_GAIN = 0.03, 0.005
 """Of an Imu, 1 sigma [m/s^2] and relative: 3 mg and half a percent, as data sheets of MEMS say."""
 
-IMU_NOISE = 0.05
-"""Of an Imu [m/s^2], where it does not matter how much it is."""
-
 MAX_GRAVITY_ANGLE = 0.2
 """Angle between gravity as measured and by the pose from which axes are others [rad]."""
 
@@ -373,7 +367,7 @@ def add_imu(tool: SomeTool) -> SomeTool:
     plain = AccelerometerModel((1.0, 1.0, 1.0), (0.0, 0.0, 0.0), 0.0)
     return replace(
         tool,
-        accelerometer=replace(tool.accelerometer, mounted='acc1', acc1=plain, noise=IMU_NOISE,
+        accelerometer=replace(tool.accelerometer, mounted='acc1', acc1=plain,
                               position=(0.0, 0.0, 0.0)),
         spreads=replace(tool.spreads, accelerometer_offset=IMU_OFFSET,
                         accelerometer_gain=IMU_GAIN))
@@ -397,10 +391,9 @@ def keep_comparable_imus(real: Recording, simulated: Recording
     """
     note = ''
     if real.accelerometer is not None and simulated.accelerometer is not None:
-        found = ((_reason_not_comparable(one), whose) for one, whose in (
-            (real, "the robot's"), (simulated, "the simulator's")))
-        note = next((f'accelerometer not compared: {whose} {why}' for why, whose in found if why),
-                    '')
+        note = next((f'accelerometer not compared: {whose} {why}' for one, whose in (
+            (real, "the robot's"), (simulated, "the simulator's"))
+            if (why := _reason_not_comparable(one))), '')
         if not note:
             return real, simulated, ''
     return replace(real, accelerometer=None), replace(simulated, accelerometer=None), note
@@ -443,11 +436,22 @@ def angle_from_gravity(stream: Stream, pose: PoseStream) -> float:
 ON_GRID_S = 2e-5
 """Commands stamped this close to the pose's grid hold from their stamp on [s]."""
 
+MIN_POSES = 50
+"""Measured poses from which they show which commands the robot followed, and when."""
+
+MIN_POSE_NOISE = 1e-6
+"""Noise of poses, at least [m], [rad]: an encoder of 22 bits, and no robot's pose is finer."""
+
 MIN_CONCENTRATION = 0.3
 """Mean of unit vectors, one a stamp, below which stamps keep no grid; even ones give 1, or 0."""
 
-REPLAYED_S = 20.0
-"""Length of a recording, at most, that is replayed to choose among whole periods [s]."""
+
+def replay_motion(target: PoseStream, rig: Rig, accelerometer: str, start: float, end: float
+                  ) -> PoseStream:
+    """Return the poses of a rig that follows commands from its period 0 on [s]."""
+    signals = Replay(rig, target, start, end, accelerometer).signals(rig)
+    t = start + (1.0 + np.arange(len(signals.position), dtype=np.float64)) / RATE
+    return PoseStream(t, signals.position, signals.R_base_sensor, target.frame)
 
 
 def estimate_start(recording: Recording, rig: Rig, accelerometer: str) -> float:
@@ -478,14 +482,14 @@ def estimate_start(recording: Recording, rig: Rig, accelerometer: str) -> float:
         raise DataError('the recording holds no commands (target_frame); record them, the '
                         'simulator replays them')
     first = float(target.t[0])
-    if pose is None or len(pose) < 50 or not pose.has_position:
+    if pose is None or len(pose) < MIN_POSES or not pose.has_position:
         return first
     grid = min(period, float(np.median(np.diff(pose.t))))
     shift = grid_shift(target.t, pose.t, period)
     if not shift:
         return first
     starts = [first + shift + k * grid for k in range(-1, 1 + round(period / grid))]
-    return min(starts, key=lambda start: _pose_error(rig, target, pose, start, accelerometer))
+    return min(starts, key=lambda start: _pose_misfit(pose, target, rig, accelerometer, start))
 
 
 def grid_shift(commands: Array, poses: Array, period: float) -> float:
@@ -511,32 +515,32 @@ def _phase(t: Array, period: float) -> float:
     return float((t[0] + mean * period / (2.0 * np.pi)) % period)
 
 
-def _pose_error(rig: Rig, target: PoseStream, pose: PoseStream, start: float,
-                accelerometer: str) -> float:
-    speed = np.linalg.norm(np.diff(target.position, axis=0), axis=1)
-    moving = target.t[1:][speed > 0.1 * speed.max()] if speed.max() > 0.0 else target.t
-    end = min(float(pose.t[-1]), float(moving[0]) + REPLAYED_S)
-    replayed = Replay(rig, target, start, end, accelerometer).signals(rig)
-    times = start + (1.0 + np.arange(len(replayed.position))) * 1e-3
-    part = pose.between(float(times[0]), float(times[-1]))
-    return float(sum(np.sum((part.position[:, i] - np.interp(
-        part.t, times, replayed.position[:, i])) ** 2) for i in range(3)))
+def _pose_misfit(pose: PoseStream, target: PoseStream, rig: Rig, accelerometer: str, start: float
+                 ) -> float:
+    """RMS of measured less replayed poses, in their noise; NaN where there are too few."""
+    replayed = replay_motion(target, rig, accelerometer, start,
+                             min(float(pose.t[-1]), float(target.t[-1])))
+    seen = pose.between(float(replayed.t[0]), float(replayed.t[-1]))
+    if len(seen) < MIN_POSES:
+        return np.nan
+    there = Stream(replayed.t, np.hstack([
+        replayed.position, replayed.R_base_sensor.reshape(-1, 9)])).at(seen.t)
+    R = there[:, 3:].reshape(-1, 3, 3)
+    turn = rotation_vector(np.swapaxes(R, 1, 2) @ seen.R_base_sensor)
+    sensor = rig.pose_sensor
+    return float(np.sqrt(0.5 * (
+        np.mean(((seen.position - there[:, :3]) / max(sensor.position_noise, MIN_POSE_NOISE)) ** 2)
+        + np.mean((turn / max(sensor.orientation_noise, MIN_POSE_NOISE)) ** 2))))
 
 
 SPARSE_PERIODS = 1.5
 """Distance of commands, in periods of the rig, from which periods without one are the rule."""
-
-MIN_POSES_SPARSE = 50
-"""Measured poses from which they tell how the robot went on between two commands."""
 
 INTERPOLATED_RATIO = 0.5
 """
 Misfit of the poses with commands interpolated, in that with commands held, from which they were
 not held: of poses at 20 Hz 0.006 where 250 Hz were thinned to that, 200 where 20 Hz were held.
 """
-
-MIN_POSE_NOISE = 1e-6
-"""Noise of poses, at least [m], [rad]: an encoder of 22 bits, and no robot's pose is finer."""
 
 
 def refuse_sparse_commands(recording: Recording, rig: Rig, accelerometer: str) -> None:
@@ -558,14 +562,15 @@ def refuse_sparse_commands(recording: Recording, rig: Rig, accelerometer: str) -
         With how far commands and periods are apart.
     """
     target, pose, period = recording.target, recording.pose, rig.robot.period
-    if (target is None or not target.has_position or len(target) < MIN_POSES_SPARSE or pose is None
-            or len(pose) < MIN_POSES_SPARSE or not pose.has_position):
+    if (target is None or not target.has_position or len(target) < MIN_POSES or pose is None
+            or len(pose) < MIN_POSES or not pose.has_position):
         return
     apart = float(np.median(np.diff(target.t)))
     if apart < SPARSE_PERIODS * period:
         return
-    held, led = (_pose_misfit(replace(recording, target=one), rig, accelerometer)
-                 for one in (target, _interpolated(target, period)))
+    held, led = (_pose_misfit(pose, one, rig, accelerometer, estimate_start(
+        replace(recording, target=one), rig, accelerometer))
+        for one in (target, _interpolated(target, period)))
     if led < INTERPOLATED_RATIO * held:
         raise DataError(
             f'commands were recorded every {1e3 * apart:.3g} ms, the rig takes one every '
@@ -581,26 +586,6 @@ def _interpolated(target: PoseStream, period: float) -> PoseStream:
     turned = RotationSpline(target.t, Rotation.from_matrix(np.array(target.R_base_sensor)))
     return replace(target, t=t, position=CubicSpline(target.t, target.position)(t),
                    R_base_sensor=turned(t).as_matrix())
-
-
-def _pose_misfit(recording: Recording, rig: Rig, accelerometer: str) -> float:
-    """RMS of measured less replayed poses, in their noise; NaN where there are too few."""
-    target, pose, sensor = recording.target, recording.pose, rig.pose_sensor
-    assert target is not None
-    assert pose is not None
-    start = estimate_start(recording, rig, accelerometer)
-    replayed = Replay(rig, target, start, float(target.t[-1]), accelerometer).signals(rig)
-    t = start + (1.0 + np.arange(len(replayed.position))) / RATE
-    seen = pose.between(float(t[0]), float(t[-1]))
-    if len(seen) < MIN_POSES_SPARSE:
-        return np.nan
-    nearest = np.clip(np.rint((seen.t - t[0]) * RATE).astype(np.intp), 0, len(t) - 1)
-    turn = rotation_vector(np.swapaxes(replayed.R_base_sensor[nearest], 1, 2)
-                           @ seen.R_base_sensor)
-    shift = seen.position - replayed.position[nearest]
-    return float(np.sqrt(0.5 * (
-        np.mean((shift / max(sensor.position_noise, MIN_POSE_NOISE)) ** 2)
-        + np.mean((turn / max(sensor.orientation_noise, MIN_POSE_NOISE)) ** 2))))
 
 
 def joint_names(joints: JointStream | None) -> tuple[str, ...]:

@@ -7,31 +7,25 @@ from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.diagnose.dataset import CHANNELS as DIAGNOSED
 from forcecal_ros.diagnose.result import to_document
 from forcecal_ros.diagnose.sources.rig import RigSource
-from forcecal_ros.effects import with_effects
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.replay import Replay
-from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 import pytest
-from rig_recordings import FREE, motion, PERIOD
+from rig_recordings import FREE, motion, own_recording, PERIOD
 
 EFFECT = {'wrench_crosstalk': {'fx_of_fz': 0.05}}
 
 
 def recorded(effects, seed=6):
     """Simulate torques that bend with a cable, and a force.y that depends on the place."""
-    positions, rotations, phases = motion(FREE)
-    target = PoseStream(PERIOD * np.arange(len(positions)), positions, rotations)
-    rig = with_effects(load_rig(), effects) if effects else load_rig()
-    out = simulate(rig, target, seed=seed)
+    out = own_recording(seed, FREE, effects)
     down = np.stack([np.interp(out.wrench.t, out.pose.t, c)
                      for c in out.pose.R_base_sensor[:, 2, :].T], axis=1)
     place = np.interp(out.wrench.t, out.pose.t, out.pose.position[:, 0])
     values = out.wrench.values.copy()
     values[:, 1] += 0.15 * np.sin((place - place.mean()) / 0.02)
     values[:, 3:] += 0.02 * down[:, [1, 2, 0]] * np.abs(down)
-    return replace(out, phases=phases, contact_truth=None,
-                   wrench=replace(out.wrench, values=values))
+    return replace(out, contact_truth=None, wrench=replace(out.wrench, values=values))
 
 
 @pytest.mark.long

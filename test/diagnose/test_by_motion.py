@@ -6,7 +6,7 @@ from pathlib import Path
 
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
-from forcecal_ros.diagnose.sources.tool import ToolSource
+from forcecal_ros.diagnose.sources.rig import ToolSource
 from forcecal_ros.effects import with_effects
 from forcecal_ros.io.bags import read_recording
 from forcecal_ros.io.calibration_file import load
@@ -19,7 +19,7 @@ from forcecal_ros.sim.rigid_tool import (
 )
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
+from rig_recordings import swaying
 
 GRAVITY = '9.8209'
 ROOT = Path(__file__).resolve().parents[2]
@@ -99,15 +99,7 @@ def test_the_patched_calibration_knows_the_delay_as_well_as_it_was_found(kuka, f
 @pytest.fixture(scope='module')
 def commands():
     """Poses of different orientation and some steps, without phases and contact."""
-    rig, t = load_rig(), 0.004 * np.arange(3000)
-    u = np.clip(t - 1.5, 0.0, 8.0)
-    rise = np.minimum(1.0, np.minimum(u, 8.0 - u))
-    rise = rise ** 3 * (10.0 - 15.0 * rise + 6.0 * rise ** 2)
-    turn = (0.8 * rise * np.sin(u * np.pi / 2.0))[:, None] * [0.5, 1, 0.3]
-    rest = np.array(rig.home.R_base_sensor)
-    sway = (0.005 * rise * np.sin(6.0 * np.pi * u))[:, None] * [1.0, 0.5, 0.7]
-    return PoseStream(t, np.array(rig.home.position) + sway,
-                      rest @ Rotation.from_rotvec(turn).as_matrix())
+    return swaying(load_rig(), 0.8, [0.005, 0.0025, 0.0035], 3.0)
 
 
 @pytest.mark.parametrize('rig_name, effects, name', [

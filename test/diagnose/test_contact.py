@@ -3,7 +3,6 @@
 from functools import cache
 import re
 
-from forcecal_ros.diagnose.dataset import span
 from forcecal_ros.diagnose.result import Diagnosis
 from forcecal_ros.diagnose.search.posterior import Posterior
 from forcecal_ros.diagnose.sources.contact import (
@@ -11,14 +10,10 @@ from forcecal_ros.diagnose.sources.contact import (
     Touch,
     touch_of_robot,
     touch_of_simulation,
-    touching_of_robot,
     with_contact,
 )
-from forcecal_ros.diagnose.sources.pair import PairSource
-from forcecal_ros.diagnose.sources.simulated_tool import simulated_tool
+from forcecal_ros.diagnose.sources.pair import PairSource, prepare_pair
 from forcecal_ros.diagnose.verdict import UNKNOWN
-from forcecal_ros.sim.measured_motion import RecordedSimulation
-from forcecal_ros.sim.rigid_tool import beyond
 import numpy as np
 from own_arm import TOLERANCES
 import pytest
@@ -33,20 +28,12 @@ def simulated(slide=0.02, absent=False):
     return robot(ABSENT if absent else None, seed=None, slide=slide)
 
 
-@cache
-def tool_of_simulation():
-    made = simulated()
-    return simulated_tool(made, *span(made), TOLERANCES)
-
-
 def touches(recording, slide=0.02, absent=False):
     """Return the contact of both, and the simulation along the robot's motion."""
-    made, tool = simulated(slide, absent), tool_of_simulation()
-    simulation = RecordedSimulation(recording, made, *span(recording, made), 'acc1',
-                                    tool.simulated)
-    rig = tool.zeroed(beyond(recording, simulation.signals(tool.rigid_tool))).rigid_tool
-    simulation.touching |= touching_of_robot(recording, simulation, rig)
-    return (touch_of_robot(recording, simulation, rig, simulation.touching),
+    made = simulated(slide, absent)
+    dataset, tool = prepare_pair(recording, made, None, TOLERANCES)
+    simulation = dataset.simulation
+    return (touch_of_robot(recording, simulation, dataset.rig, simulation.touching),
             touch_of_simulation(made, simulation, tool.simulated), simulation)
 
 

@@ -1,12 +1,13 @@
 """The live gap, second by second over recordings: the first stage that leaves the noise."""
 
-from forcecal_ros.diagnose.live import offline
+from forcecal_ros.diagnose.live import LiveGap
 from forcecal_ros.effects import with_effects
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.plan import diagnosis_plan, prepare, preview, Timing
 from forcecal_ros.motion.profiles import nominal_poses, Pace, step_goal
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import simulate
+import numpy as np
 import pytest
 
 
@@ -32,6 +33,9 @@ def commands():
 ])
 def test_the_first_stage_that_leaves_the_noise_is_named(commands, effects, stage):
     recording = simulate(with_effects(load_rig(), effects), commands, seed=2)
-    found = offline(load_rig(), recording)
+    live = LiveGap(load_rig(), ('wrench', 'accelerometer', 'optidrive', 'pose'))
+    origin = float(recording.target.t[0])
+    found = [live.judge(recording, origin, float(end))
+             for end in np.arange(origin + 1.0, float(recording.wrench.t[-1]))]
     assert found[-1].first == stage
     assert all(j.learning for j in found[:2])  # one a second, and the rest lasts 3 s

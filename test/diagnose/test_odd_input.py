@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from forcecal_ros.core.streams import PoseStream, Stream
+from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.diagnose.dataset import split_by_phase
 from forcecal_ros.diagnose.model.linearised import Diverged, linearised_model
 from forcecal_ros.diagnose.recordings import (
@@ -26,14 +26,8 @@ SENSORS = ('wrench', 'accelerometer', 'optidrive', 'pose')
 
 def _slower(recording, rate, names=SENSORS):
     """Keep every so many samples of some streams."""
-    changed = {}
-    for name in names:
-        s = getattr(recording, name)
-        k = round(1.0 / (rate * float(np.median(np.diff(s.t)))))
-        changed[name] = (replace(s, t=s.t[::k], values=s.values[::k]) if isinstance(s, Stream) else
-                         replace(s, t=s.t[::k], position=s.position[::k],
-                                 R_base_sensor=s.R_base_sensor[::k]))
-    return replace(recording, **changed)
+    return replace(recording, **{name: (s := getattr(recording, name)).rows(slice(
+        None, None, round(1.0 / (rate * float(np.median(np.diff(s.t))))))) for name in names})
 
 
 def _commanded(every, effects=None):

@@ -5,15 +5,11 @@ from dataclasses import replace
 import forcecal_ros as fc
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import UsageError
-from forcecal_ros.core.streams import JointStream
 from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
 from forcecal_ros.diagnose.result import Diagnosis
-from forcecal_ros.diagnose.sources.pair import align
 from forcecal_ros.diagnose.sources.source import express_in_unit
 from forcecal_ros.io.bags import write_recording
 from forcecal_ros.report.diagnosis import next_step
-import numpy as np
-from own_arm import real, simulated
 import pytest
 from rig_recordings import FREE, own_recording
 
@@ -31,17 +27,6 @@ def test_a_recording_that_states_no_model_is_refused_with_the_options(tmp_path, 
     with pytest.raises(UsageError) as refused:
         fc.diagnose(fc.read(tmp_path / 'bag'))
     assert str(refused.value) in message and 'against=' in message
-
-
-def test_two_recordings_with_joint_commands_are_aligned_by_these():
-    t = 0.008 * np.arange(1500)
-    q = np.stack([np.sin(1.3 * t), np.cos(0.7 * t) - 1.0], axis=1)
-    robot = replace(real({}), target=None, joint_commands=JointStream(t, q, '', ('a', 'b')))
-    other = replace(simulated(start=77.0), target=None, joint_commands=JointStream(
-        t + 77.0, q[:, ::-1], '', ('b', 'a')))
-    _, alignment = align(robot, other)
-    assert alignment.by == 'joint_commands'
-    assert alignment.shift == pytest.approx(-77.0, abs=1e-4)
 
 
 def test_an_imu_is_in_its_own_unit_in_sentence_notes_and_numbers():

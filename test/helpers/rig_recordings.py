@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from forcecal_ros.core.streams import Phase, PoseStream, Recording
+from forcecal_ros.effects import with_effects
 from forcecal_ros.io.bags import write_recording
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import simulate
@@ -64,11 +65,24 @@ def motion(parts=MOTION):
     return np.concatenate(positions), rotations, tuple(phases)
 
 
-def own_recording(seed: int = 8, parts=MOTION) -> Recording:
-    """Return what this package's simulator makes of the motion, with noise."""
+def swaying(rig, angle, way, rate) -> PoseStream:
+    """Return commands of 12 s that turn by an angle [rad], and sway by [m] at a rate [Hz]."""
+    t = PERIOD * np.arange(3000)
+    u = np.clip(t - 1.5, 0.0, 8.0)
+    rise = np.minimum(1.0, np.minimum(u, 8.0 - u))
+    rise = rise ** 3 * (10.0 - 15.0 * rise + 6.0 * rise ** 2)
+    turns = np.outer(angle * rise * np.sin(u * np.pi / 2.0), [0.5, 1.0, 0.3])
+    return PoseStream(
+        t, np.array(rig.home.position) + np.outer(rise * np.sin(2.0 * np.pi * rate * u), way),
+        np.array(rig.home.R_base_sensor) @ Rotation.from_rotvec(turns).as_matrix())
+
+
+def own_recording(seed: int = 8, parts=MOTION, effects=None) -> Recording:
+    """Return what this package's simulator makes of the motion, with noise and some effects."""
     positions, rotations, phases = motion(parts)
     target = PoseStream(PERIOD * np.arange(len(positions)), positions, rotations)
-    return replace(simulate(load_rig(), target, seed=seed), phases=phases)
+    rig = with_effects(load_rig(), effects or {})
+    return replace(simulate(rig, target, seed=seed), phases=phases)
 
 
 def write_second(folder: Path, seed: int = 9) -> Path:

@@ -30,7 +30,7 @@ LAYERS = (
 
 WITHIN_DIAGNOSE = (
     ('verdict',), ('dataset', 'recordings'), ('model',), ('localise',), ('search',), ('judge',),
-    ('result',), ('engine',), ('refit',), ('sources',), ('live', 'plan'))
+    ('result',), ('engine',), ('sources',), ('live', 'plan'))
 """The same of the parts of ``diagnose``, its modules and sub-packages."""
 
 

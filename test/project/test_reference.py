@@ -79,7 +79,7 @@ def test_the_page_has_the_keys_of_a_diagnosis():
             {frozenset({'wrench_bias_step'}): 1.0}, 0.0, {}))
     written = {'source', 'recording', 'robot', 'recorded', 'created'} | set(keys_of(
         to_document(whole, {'force.x': 'N'}, 'rig_patched.yaml')))
-    for source in ('pair', 'simulator', 'tool'):
+    for source in ('pair', 'simulator'):
         written |= set(literal_keys(f'diagnose/sources/{source}.py', 'details', 'return'))
     section, = re.findall(r'^## diagnosis.json\n(.+?)^## ', FILES, re.MULTILINE | re.DOTALL)
     assert ticked(section) == written - {'format'} | {'contact', 'calibration'}

@@ -367,7 +367,7 @@ def test_wrench_and_accelerometer_are_those_of_the_motion(integrator, tmp_path):
     made = arm.run(Inputs(0.0, 8.0, joints=told(8.0)), arm.nominal)
     np.testing.assert_allclose(made.wrench.values[:, :3], -1.5 * made.accelerometer.values,
                                atol=1e-9)
-    tool = simulated_tool(replace(made, accelerometer=None), 0.0, 400, load_rig('rigid_tool.yaml'))
+    tool = simulated_tool(made, 0.0, 400, load_rig('rigid_tool.yaml'))
     assert tool.rigid_tool.tool.mass == pytest.approx(1.5, abs=0.005)
     assert tool.unexplained[0] < 0.12
 

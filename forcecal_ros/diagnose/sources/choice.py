@@ -8,8 +8,8 @@ from forcecal_ros.core.axes import in_axes_of_pose, levelled
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import UsageError
 from forcecal_ros.core.streams import Recording
+from forcecal_ros.diagnose.sources.rig import rig_source, ToolSource
 from forcecal_ros.diagnose.sources.source import Source
-from forcecal_ros.diagnose.sources.tool import ToolSource
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.observe.frames import taken_as_calibrated
 from forcecal_ros.sim.rig.file import load_rig
@@ -73,8 +73,6 @@ def source_of(against: Any, recordings: Sequence[Recording], rig: Rig | None = N
     """
     given = [*recordings]
     if against is None or isinstance(against, Rig):
-        from forcecal_ros.diagnose.sources.rig import rig_source
-
         by = against or own_rig(given)
         return (rig_source(by, accelerometer) if given[0].target else
                 ToolSource(rigid_tool_of_rig(by), None, accelerometer)), given

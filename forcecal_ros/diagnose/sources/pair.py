@@ -27,13 +27,13 @@ from forcecal_ros.diagnose.sources.contact import (
     touching_of_robot,
     with_contact,
 )
+from forcecal_ros.diagnose.sources.rig import motion_dataset
 from forcecal_ros.diagnose.sources.simulated_tool import (
     refuse_other_wrench,
     simulated_tool,
     SimulatedTool,
 )
 from forcecal_ros.diagnose.sources.source import Ready, recalibration_notes, Source
-from forcecal_ros.diagnose.sources.tool import motion_dataset
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.effects.signals import FORCES
 from forcecal_ros.sim.measured_motion import express_in_base, RecordedSimulation
@@ -96,62 +96,56 @@ class PairSource(Source):
     def __init__(self, rig: Rig, *simulated: Recording) -> None:
         super().__init__(rig, 'm/s^2')
         self._simulated = simulated
+        self._pairs: tuple[PairReady, ...] = ()
         self._contact: Contact | None = None
 
-    def prepare(self, recordings: Sequence[Recording]) -> list[Ready]:
+    def prepare(self, recordings: Sequence[Recording]) -> Sequence[Ready]:
         """Align each pair, and identify the simulator's tool from the first."""
-        ready: list[Ready] = []
-        tool = None
+        pairs: list[PairReady] = []
         for real, simulated in zip(recordings, self._simulated):
-            one = _prepare(real, simulated, tool, self.rig)
-            tool = one.tool
-            ready.append(one)
-        return ready
+            pairs.append(_prepare(real, simulated, pairs[0].tool if pairs else None, self.rig))
+        self._pairs = tuple(pairs)
+        return pairs
 
     def search(self, ready: Sequence[Ready]) -> Outcome:
         """Search in free motion, and compare contact."""
         outcome = super().search(ready)
-        pairs = [one for one in ready if isinstance(one, PairReady)
-                 and one.simulation.touching.any()]
-        if outcome.selection is None or not pairs:
+        touching = [one for one in self._pairs if one.simulation.touching.any()]
+        if outcome.selection is None or not touching:
             return outcome
-        robot, simulated = map(joined, zip(*(one.touches(outcome.rig) for one in pairs)))
+        robot, simulated = map(joined, zip(*(one.touches(outcome.rig) for one in touching)))
         self._contact = compare_contact(robot, simulated, self.rig.spreads, outcome.selection)
         return replace(outcome, diagnosis=with_contact(outcome.diagnosis, self._contact))
 
-    def reason(self, diagnosis: Diagnosis, ready: Sequence[Ready], outcome: Outcome) -> str:
-        """Add how far the motion is from the simulated one."""
-        return f'{diagnosis.reason}; the motion itself is {_apart(ready)} from the simulated'
-
-    def not_compared(self, ready: Sequence[Ready]) -> tuple[str, ...]:
-        """Report contact that could not be compared, and what the motion differs by."""
-        found = self._contact
-        contact = (f'{max(found.seconds):.1f} s of contact',) if found and found.why_not else ()
-        motion = f'the motions, {_apart(ready)} apart (--mujoco and --simulator compare them)'
-        return (*contact, motion)
-
-    def notes(self, ready: Sequence[Ready], outcome: Outcome) -> list[str]:
-        """Report recalibrations, how the recordings were compared and how the motions differ."""
-        pairs = [one for one in ready if isinstance(one, PairReady)]
+    def explain(self, diagnosis: Diagnosis, ready: Sequence[Ready], outcome: Outcome) -> Diagnosis:
+        """Add recalibrations, how the recordings were compared and how the motions differ."""
+        contact, apart = self._contact, self._pairs[0].tracking.size
         moved = (note for note in recalibration_notes(outcome, self.unit) if BIAS not in note)
-        contact = self._contact.notes() if self._contact else ()
-        return [*moved, *_about(pairs, outcome), *contact, UNTESTED]
+        return replace(
+            diagnosis, reason=f'{diagnosis.reason}; the motion itself is {apart} from the '
+            'simulated',
+            notes=(*diagnosis.notes, *moved, *_about(self._pairs, outcome),
+                   *(contact.notes() if contact else ()), UNTESTED),
+            not_compared=(
+                *((f'{max(contact.seconds):.1f} s of contact',)
+                  if contact and contact.why_not else ()),
+                f'the motions, {apart} apart (--mujoco and --simulator compare them)'))
 
     def details(self, ready: Sequence[Ready], outcome: Outcome) -> dict[str, Any]:
         """Return the simulator's tool, and how the motions differ."""
-        pairs = [one for one in ready if isinstance(one, PairReady)]
-        if not pairs:
+        if not ready:
             return {}
-        tool = pairs[0].tool.rigid_tool.tool
+        found, contact = self._pairs[0].tool, self._contact
+        tool = found.rigid_tool.tool
         return {
-            **({'contact': self._contact.document()} if self._contact else {}),
+            **({'contact': contact.document()} if contact else {}),
             'simulated_tool': {'mass': tool.mass, 'com': list(tool.com),
                                'inertia': [list(row) for row in tool.inertia],
-                               'left': dict(zip(('force', 'torque'), pairs[0].tool.unexplained))},
+                               'left': dict(zip(('force', 'torque'), found.unexplained))},
             'tracking': [{
                 'aligned_by': one.alignment.by, 'correlation': one.alignment.correlation,
                 **{name: part.document() for name, part in one.tracking._asdict().items()}}
-                         for one in pairs]}
+                         for one in self._pairs]}
 
 
 def _prepare(real: Recording, simulated: Recording, tool: SimulatedTool | None, rig: Rig
@@ -161,27 +155,22 @@ def _prepare(real: Recording, simulated: Recording, tool: SimulatedTool | None, 
         made = computed(simulated)
     except DataError as error:
         raise DataError(f'the simulated recording: {error}') from error
-    compared, (made, alignment), note = stamps.recording, align(stamps.recording, made), ''
-    measured = compared.pose
-    if measured is not None and made.pose is not None:
-        made = replace(made, pose=express_in_base(measured, made.pose))
-        compared, made, note = keep_comparable_imus(compared, made)
-    _require_both(compared, made)
+    for one, whose in ((stamps.recording, "the robot's"), (made, 'the simulated')):
+        require_wrench_and_pose(one, f'{whose} recording lacks wrench or measured pose; record '
+                                'wrench and current_pose in both')
+    made, alignment = align(stamps.recording, made)
+    measured, pose = stamps.recording.pose, made.pose
     assert measured is not None
-    assert made.pose is not None
-    tracking = compare_motions(measured, made.pose, alignment.by != 'pose')
+    assert pose is not None
+    pose = express_in_base(measured, pose)
+    compared, made, note = keep_comparable_imus(stamps.recording, replace(made, pose=pose))
+    tracking = compare_motions(measured, pose, alignment.by != 'pose')
     # what is beyond a rigid tool comes with the motion, by so much later
     made = shift_times(made, tracking.delay)
     dataset, tool = prepare_pair(compared, made, tool, rig)
     return PairReady(dataset, stamps, keep_compared_streams(real, dataset.measured.streams),
                      (note,) if note else (), alignment=alignment, tool=tool, simulated=made,
                      tracking=tracking)
-
-
-def _require_both(recording: Recording, simulated: Recording) -> None:
-    for one, whose in ((recording, "the robot's"), (simulated, 'the simulated')):
-        require_wrench_and_pose(one, f'{whose} recording lacks wrench or measured pose; record '
-                                'wrench and current_pose in both')
 
 
 def prepare_pair(recording: Recording, simulated: Recording, tool: SimulatedTool | None,
@@ -192,7 +181,7 @@ def prepare_pair(recording: Recording, simulated: Recording, tool: SimulatedTool
     Parameters
     ----------
     recording, simulated : Recording
-        On one clock.
+        With wrench and pose, on one clock.
     tool : SimulatedTool or None
         The simulator's tool if it is known already.
     rig : Rig
@@ -209,12 +198,10 @@ def prepare_pair(recording: Recording, simulated: Recording, tool: SimulatedTool
     Raises
     ------
     DataError
-        Wrench or pose are missing, or overlap for too short a time.
+        Wrench and pose overlap for too short a time.
     """
-    _require_both(recording, simulated)
     first, n = span(recording, simulated)
-    known = tool or simulated_tool(
-        replace(simulated, accelerometer=None), first, n, rig).with_accelerometer()
+    known = tool or simulated_tool(simulated, first, n, rig)
     refuse_other_wrench(recording, known)
     moved = replace(recording, accelerometer=None)
     simulation = RecordedSimulation(moved, simulated, first, n, 'acc1', known.simulated)
@@ -226,10 +213,6 @@ def prepare_pair(recording: Recording, simulated: Recording, tool: SimulatedTool
     simulation.touching |= touching_of_robot(moved, simulation, known.rigid_tool)
     dataset.measured.present[simulation.touching] = False
     return dataset, known
-
-
-def _apart(ready: Sequence[Ready]) -> str:
-    return next(one.tracking.size for one in ready if isinstance(one, PairReady))
 
 
 def _about(pairs: Sequence[PairReady], outcome: Outcome) -> Iterator[str]:
@@ -248,11 +231,9 @@ def _about(pairs: Sequence[PairReady], outcome: Outcome) -> Iterator[str]:
     for one in pairs:
         for name, part, unit in zip(one.tracking._fields, one.tracking, ('mm', 'mrad')):
             motion = f'{name}: {1e3 * part.rms:.2g} {unit} from the simulated'
-            if one.alignment.by == 'pose':
-                yield (f'{motion}, aligned with it: a delay of the robot cannot show, as the two '
-                       'recordings do not both hold target_frame or joint_commands')
-            else:
-                yield motion + part.delay_words(unit)
+            yield motion + (', aligned with it: a delay of the robot cannot show, as the two '
+                            'recordings do not both hold target_frame or joint_commands'
+                            if one.alignment.by == 'pose' else part.delay_words(unit))
 
 
 SPEED_WINDOW_S = 0.02

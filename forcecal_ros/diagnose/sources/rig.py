@@ -1,47 +1,50 @@
-"""Recorded commands, replayed through a rig."""
+"""A rig: recorded commands replayed through it, or its tool carried along the measured motion."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 
+from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import below, DataError
-from forcecal_ros.core.streams import PoseStream, Recording
+from forcecal_ros.core.noise.autoregression import FEWEST
+from forcecal_ros.core.streams import Recording, Stream
 from forcecal_ros.diagnose.dataset import (
     Dataset,
     make_dataset,
     MIN_MOTION_S,
+    motion_groups,
     require_wrench_and_pose,
     REST_AFTER_BLOCKS,
-    split_by_phase,
-    split_by_recording,
+    span,
 )
 from forcecal_ros.diagnose.engine import Outcome
-from forcecal_ros.diagnose.localise import compare_motions, Difference, Tracking
+from forcecal_ros.diagnose.localise import compare_motions, Tracking
 from forcecal_ros.diagnose.recordings import (
+    apply_accelerometer_calibration,
     convert_to_volts,
     correct_clocks,
     estimate_start,
     even_stamps,
     recognise_accelerometer,
     refuse_sparse_commands,
+    replay_motion,
     require_axes_of,
     require_overlap,
 )
-from forcecal_ros.diagnose.result import Diagnosis
-from forcecal_ros.diagnose.sources.source import Ready, Source
-from forcecal_ros.diagnose.sources.tool import ToolSource
+from forcecal_ros.diagnose.result import Diagnosis, patched_calibration
+from forcecal_ros.diagnose.sources.source import Ready, recalibration_notes, Source
 from forcecal_ros.effects import EFFECTS
-from forcecal_ros.effects.rig import Rig
-from forcecal_ros.sim.measured_motion import merge_poses
+from forcecal_ros.effects.rig import Rig, Unexplained
+from forcecal_ros.io.calibration_file import dump
+from forcecal_ros.sim.measured_motion import MeasuredMotion, merge_poses
 from forcecal_ros.sim.rig.file import dump_rig
 from forcecal_ros.sim.rig.replay import Replay
-from forcecal_ros.sim.rigid_tool import rigid_tool_of_rig
-from forcecal_ros.sim.signals import BLOCK, RATE, Signals
+from forcecal_ros.sim.rigid_tool import rigid_tool_of_rig, RigidTool
+from forcecal_ros.sim.signals import BLOCK, Signals
 import numpy as np
 from numpy.typing import NDArray
 
 MIN_COMMANDED_S = 5.0
 """Length of a recording with commands, at least, that can be diagnosed [s]."""
-
 
 MAX_WALL_SHIFT_M = EFFECTS['wall_position'].parameters[0].high
 """Distance by which a wall may be nearer than in a rig's file: as an effect may shift it [m]."""
@@ -52,26 +55,17 @@ CONTACT_MARGIN_BLOCKS = 25
 NO_WALL = ('phases that touch something are left out, as the rig has no wall within reach; write '
            'where it is into the rig to have them compared')
 
+ALONG_MOTION = ('the model of the robot leaves more than the noise of the poses, so the tool is '
+                'carried along the measured motion')
+
 MAX_UNEXPLAINED = 3.0
 """
 Times what a rig states, from which its robot moves differently than when it was fitted: in other
 places a linear model leaves twice as much.
 """
 
-
-def rig_source(rig: Rig, accelerometer: str | None = None) -> Source:
-    """
-    Return the source for recorded commands and a rig.
-
-    Where the rig states that its model of the robot leaves more than the noise of the poses, the
-    tool is carried along the measured motion.
-
-    Parameters
-    ----------
-    accelerometer : str, optional
-        ``acc1`` or ``acc2``; recognised by its volts if None.
-    """
-    return (TrackedRigSource if is_tracked(rig) else RigSource)(rig, accelerometer)
+IDENTIFIABLE = 0.5
+"""Standard error, in its prior's, up to which the motion identifies a delay or an inertia."""
 
 
 class RigSource(Source):
@@ -86,6 +80,7 @@ class RigSource(Source):
 
     task = 'replaying the commands and weighing effects'
     requires_motion = False
+    by_phase = True
 
     def __init__(self, rig: Rig, accelerometer: str | None = None) -> None:
         super().__init__(rig)
@@ -95,22 +90,9 @@ class RigSource(Source):
         """Bring all streams to the clock of the commands, and replay these."""
         stamps = [correct_clocks(r, self.rig, MIN_COMMANDED_S) for r in recordings]
         require_axes_of(self.rig, [s.recording for s in stamps])
-        return [Ready(prepare_commanded(s.recording, self.rig, self._accelerometer), s, given)
-                for s, given in zip(stamps, recordings)]
-
-    def split(self, datasets: Sequence[Dataset]) -> tuple[Dataset, ...]:
-        """Judge on the second recording or, of one, on parts of every phase."""
-        return (split_by_recording(*datasets) if len(datasets) > 1
-                else (split_by_phase(datasets[0]),))
-
-    def search(self, ready: Sequence[Ready]) -> Outcome:
-        """Leave out contact that the rig has no wall for, and search."""
-        left_out = [exclude_contact(one.dataset, self.rig) for one in ready]
-        outcome = super().search(ready)
-        if not any(left_out):
-            return outcome
-        return replace(outcome, diagnosis=replace(
-            outcome.diagnosis, notes=(NO_WALL, *outcome.diagnosis.notes)))
+        datasets = [prepare_commanded(s.recording, self.rig, self._accelerometer) for s in stamps]
+        return [Ready(dataset, s, given, (NO_WALL,) if exclude_contact(dataset, self.rig) else ())
+                for dataset, s, given in zip(datasets, stamps, recordings)]
 
     def files(self, outcome: Outcome) -> dict[str, str]:
         """Return the rig with what was found."""
@@ -140,9 +122,7 @@ def prepare_commanded(recording: Recording, rig: Rig, accelerometer: str | None 
     DataError
         Commands or wrench are missing, most commands are, or they overlap for too short a time.
     """
-    name = accelerometer or recognise_accelerometer(recording, rig)
-    refuse_sparse_commands(recording, rig, name)
-    start = estimate_start(recording, rig, name)
+    name, start = _begin_replay(recording, rig, accelerometer)
     assert recording.target is not None
     sensed = [s.t for s in (recording.wrench, recording.accelerometer, recording.optidrive)
               if s is not None and len(s)]
@@ -158,6 +138,13 @@ def prepare_commanded(recording: Recording, rig: Rig, accelerometer: str | None 
     compared = convert_to_volts(replace(recording, joints=None), rig, name)
     return make_dataset(recording, compared, replay, rig,
                         _commanded_groups(replay.signals(rig), replay.n_blocks))
+
+
+def _begin_replay(recording: Recording, rig: Rig, accelerometer: str | None) -> tuple[str, float]:
+    """Return which accelerometer is mounted, and when the robot's period 0 began [s]."""
+    name = accelerometer or recognise_accelerometer(recording, rig)
+    refuse_sparse_commands(recording, rig, name)
+    return name, estimate_start(recording, rig, name)
 
 
 def _commanded_groups(signals: Signals, n: int) -> NDArray[np.intp]:
@@ -176,6 +163,121 @@ def _spread(flag: NDArray[np.bool_], blocks: int) -> NDArray[np.bool_]:
     count = np.convolve(flag, np.ones(blocks + 1))[:len(flag)] > 0.5
     before = np.convolve(flag[::-1], np.ones(6))[:len(flag)][::-1] > 0.5
     return np.asarray(count | before)
+
+
+class ToolSource(Source):
+    """
+    Carries a rigid tool along the measured motion.
+
+    Parameters
+    ----------
+    rig : RigidTool
+    calibration : Calibration, optional
+        That it was made of: defines what the accelerometer's readings mean.
+    accelerometer : str, optional
+        ``acc1`` or ``acc2``; the mounted one if None.
+    """
+
+    task = 'comparing the wrench with the measured motion'
+    explained_by = 'measured motion'
+
+    def __init__(self, rig: RigidTool, calibration: Calibration | None = None,
+                 accelerometer: str | None = None) -> None:
+        super().__init__(rig, rig.accelerometer_unit)
+        self._tool, self._calibration = rig, calibration
+        self._accelerometer = accelerometer
+
+    def prepare(self, recordings: Sequence[Recording]) -> list[Ready]:
+        """Check axes and streams, and carry the tool along."""
+        stamps = [even_stamps(r) for r in recordings]
+        require_axes_of(self._tool, [s.recording for s in stamps],
+                        'calibration' if self._calibration else 'rig')
+        if self._calibration is not None:
+            stamps = [s._replace(recording=apply_accelerometer_calibration(
+                s.recording, self._calibration.accelerometer)) for s in stamps]
+        for one in stamps:
+            require_overlap(one.recording, 'pose', MIN_MOTION_S)
+        return [Ready(prepare_motion(s.recording, self._tool, self._accelerometer), s, given)
+                for s, given in zip(stamps, recordings)]
+
+    def explain(self, diagnosis: Diagnosis, ready: Sequence[Ready], outcome: Outcome) -> Diagnosis:
+        """List what was recalibrated."""
+        return replace(diagnosis, notes=(*diagnosis.notes,
+                                         *recalibration_notes(outcome, self.unit)))
+
+    def files(self, outcome: Outcome) -> dict[str, str]:
+        """Return the calibration with what was found."""
+        if self._calibration is None or not outcome.datasets:
+            return {}
+        assert isinstance(outcome.rig, RigidTool)
+        found = {name: std for name, (_, std) in outcome.recalibrations.items()}
+        spreads = outcome.rig.spreads
+        delay = found.get('accelerometer.delay', 0.0)
+        x, y, z = (found.get(f'tool.inertia.{axis}', 0.0) for axis in 'xyz')
+        identified = all(0.0 < std < IDENTIFIABLE * spreads.own_inertia for std in (x, y, z))
+        return {'calibration_patched.yaml': dump(patched_calibration(
+            self._calibration, outcome.rig,
+            delay if 0.0 < delay < IDENTIFIABLE * spreads.accel_behind else None,
+            (x, y, z) if identified else None))}
+
+
+def prepare_motion(recording: Recording, rigid_tool: RigidTool,
+                   accelerometer: str | None = None) -> Dataset:
+    """
+    Make one recording ready; all of its blocks are for training.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of a calibrated tool its accelerometer is in m/s^2 along ft_sensor.
+    accelerometer : str, optional
+        ``acc1`` or ``acc2``; the mounted one if None.
+
+    Returns
+    -------
+    Dataset
+        Its pose is an input, and its accelerometer is compared at rest only.
+
+    Raises
+    ------
+    DataError
+        Wrench or pose are missing, or overlap for too short a time.
+    """
+    require_wrench_and_pose(
+        recording, 'the recording holds neither commands nor wrench with measured pose; record '
+        'wrench and current_pose')
+    name = accelerometer or rigid_tool.accelerometer.mounted
+    moved = convert_to_volts(recording, rigid_tool, name)
+    volts = moved.accelerometer if moved.accelerometer and len(moved.accelerometer) > 1 else None
+    if rigid_tool.accelerometer.model(name).highpass:
+        volts = None
+    moved = replace(moved, accelerometer=volts)
+    simulation = MeasuredMotion(moved, *span(moved), name, rigid_tool)
+    groups = motion_groups(simulation.signals(rigid_tool))
+    return motion_dataset(moved, simulation, rigid_tool, groups,
+                          _at_rest(volts, groups, simulation.start))
+
+
+def motion_dataset(recording: Recording, simulation: MeasuredMotion, rigid_tool: RigidTool,
+                   groups: NDArray[np.intp], accelerometer: Stream | None) -> Dataset:
+    """Compare wrench and accelerometer only, outside phases that touch something."""
+    compared = replace(recording, target=None, pose=None, optidrive=None, joints=None,
+                       accelerometer=accelerometer)
+    dataset = make_dataset(recording, compared, simulation, rigid_tool, groups)
+    dataset.exclude_contact()
+    return dataset
+
+
+def _at_rest(stream: Stream | None, groups: NDArray[np.intp], start: float) -> Stream | None:
+    """Keep readings of an accelerometer at rest: in motion they are an input."""
+    if stream is None:
+        return None
+    block = np.floor((stream.t - start) / BLOCK).astype(int)
+    rest = (block >= 0) & (block < len(groups))
+    rest[rest] = groups[block[rest]] == 0
+    if len(np.unique(block[rest])) < FEWEST:
+        return None
+    return stream.rows(rest)
 
 
 def is_tracked(rig: Rig) -> bool:
@@ -197,77 +299,77 @@ class TrackedRigSource(ToolSource):
 
     def __init__(self, rig: Rig, accelerometer: str | None = None) -> None:
         super().__init__(rigid_tool_of_rig(rig), accelerometer=accelerometer)
-        self.rig, self._rig = rig, rig
+        self.rig = rig
         self._tracking: list[Tracking] = []
 
     def prepare(self, recordings: Sequence[Recording]) -> list[Ready]:
         """Replay the commands, and merge the simulated motion with the measured one."""
-        merging = [self._merge(one) for one in recordings]
-        self._tracking = [tracking for _, tracking in merging]
-        return super().prepare([recording for recording, _ in merging])
-
-    def _merge(self, recording: Recording) -> tuple[Recording, Tracking]:
-        rig = self._rig
-        require_wrench_and_pose(recording, 'the recording lacks wrench or measured pose, and the '
-                                'rig states that its model of the robot does not replace that; '
-                                'record current_pose')
-        ready = even_stamps(recording).recording
-        require_overlap(ready, 'pose', MIN_MOTION_S)
-        target, pose = ready.target, ready.pose
-        assert target is not None
-        assert pose is not None
-        name = self._accelerometer or recognise_accelerometer(ready, rig)
-        refuse_sparse_commands(ready, rig, name)
-        start = estimate_start(ready, rig, name)
-        end = min(float(target.t[-1]) + rig.robot.period, float(pose.t[-1]))
-        signals = Replay(rig, target, start, end, name).signals(rig)
-        t = start + (1.0 + np.arange(float(len(signals.position)))) / RATE
-        simulated = PoseStream(t, signals.position, signals.R_base_sensor, pose.frame)
-        return (replace(ready, pose=merge_poses(pose, simulated)),
-                compare_motions(pose, simulated, True))
+        merged, self._tracking = [], []
+        for one in recordings:
+            require_wrench_and_pose(
+                one, 'the recording lacks wrench or measured pose, and the rig states that its '
+                'model of the robot does not replace that; record current_pose')
+            one = even_stamps(one).recording
+            require_overlap(one, 'pose', MIN_MOTION_S)
+            name, start = _begin_replay(one, self.rig, self._accelerometer)
+            target, pose = one.target, one.pose
+            assert target is not None
+            assert pose is not None
+            end = min(float(target.t[-1]) + self.rig.robot.period, float(pose.t[-1]))
+            simulated = replay_motion(target, self.rig, name, start, end)
+            self._tracking.append(compare_motions(pose, simulated, True))
+            merged.append(replace(one, pose=merge_poses(pose, simulated)))
+        return super().prepare(merged)
 
     def search(self, ready: Sequence[Ready]) -> Outcome:
         """Search, and return the rig of commands."""
         outcome = super().search(ready)
         own = {f.name: getattr(outcome.rig, f.name) for f in fields(Rig)}
-        return replace(outcome, rig=Rig(**{**own, 'spreads': self._rig.spreads}))
+        return replace(outcome, rig=Rig(**{**own, 'spreads': self.rig.spreads}))
 
-    def reason(self, diagnosis: Diagnosis, ready: Sequence[Ready], outcome: Outcome) -> str:
-        """Add how far the motion is from the simulated one."""
-        motion, left = self._tracking[0], self._rig.robot.unexplained
+    def explain(self, diagnosis: Diagnosis, ready: Sequence[Ready], outcome: Outcome) -> Diagnosis:
+        """Add how the motion was compared with the simulated, and with what the rig states."""
+        found, left = super().explain(diagnosis, ready, outcome), self.rig.robot.unexplained
         assert left is not None
-        return (f'{diagnosis.reason}; the motion itself is {motion.size} from the simulated, the '
-                f'rig states {1e3 * np.hypot(left.position, left.position_offset):.2g} mm and '
-                f'{1e3 * np.hypot(left.orientation, left.orientation_offset):.2g} mrad')
+        reason = (
+            f'{found.reason}; the motion itself is {self._tracking[0].size} from the simulated, '
+            f'the rig states {1e3 * np.hypot(left.position, left.position_offset):.2g} mm and '
+            f'{1e3 * np.hypot(left.orientation, left.orientation_offset):.2g} mrad')
+        notes = [note for one in self._tracking for note in self._compared(one, left)]
+        return replace(found, reason=reason, notes=(*found.notes, ALONG_MOTION, *notes))
 
-    def notes(self, ready: Sequence[Ready], outcome: Outcome) -> list[str]:
-        """Add how the motion was compared with what the rig states."""
-        return [*super().notes(ready, outcome),
-                ('the model of the robot leaves more than the noise of the poses, so the tool is '
-                'carried along the measured motion'),
-                *(note for one in self._tracking for note in self._compared(one))]
-
-    def _compared(self, motion: Tracking) -> Iterator[str]:
-        left, sensor = self._rig.robot.unexplained, self._rig.pose_sensor
-        assert left is not None
-        yield self._words('translation', motion.translation, (left.position, left.position_offset),
-                          sensor.position_noise, 'mm')
-        yield self._words('rotation', motion.rotation,
-                          (left.orientation, left.orientation_offset), sensor.orientation_noise,
-                          'mrad')
-
-    def _words(self, name: str, one: Difference, states: tuple[float, float], noise: float,
-               unit: str) -> str:
-        stated, offset = states
-        words = (f'{name}: {1e3 * one.rms:.2g} {unit} from the simulated, the rig states '
-                 f'{1e3 * np.hypot(stated, offset):.2g} {unit}, {1e3 * offset:.2g} of it fixed '
-                 f'and {1e3 * stated:.2g} not{one.delay_words(unit)}')
-        late = np.isfinite(one.delay) and abs(one.delay) > max(
-            3.0 * one.delay_std, 0.5 * self._rig.robot.period)
-        if late or one.unexplained > MAX_UNEXPLAINED * float(np.hypot(stated, noise)):
-            words += '; it moves differently than when the rig was fitted: fit it again'
-        return words
+    def _compared(self, motion: Tracking, left: Unexplained) -> Iterator[str]:
+        """Compare the difference of the motions with what the rig states of it."""
+        sensor = self.rig.pose_sensor
+        for name, one, stated, offset, noise, unit in (
+                ('translation', motion.translation, left.position, left.position_offset,
+                 sensor.position_noise, 'mm'),
+                ('rotation', motion.rotation, left.orientation, left.orientation_offset,
+                 sensor.orientation_noise, 'mrad')):
+            late = np.isfinite(one.delay) and abs(one.delay) > max(
+                3.0 * one.delay_std, 0.5 * self.rig.robot.period)
+            otherwise = late or one.unexplained > MAX_UNEXPLAINED * float(np.hypot(stated, noise))
+            yield (f'{name}: {1e3 * one.rms:.2g} {unit} from the simulated, the rig states '
+                   f'{1e3 * np.hypot(stated, offset):.2g} {unit}, {1e3 * offset:.2g} of it fixed '
+                   f'and {1e3 * stated:.2g} not{one.delay_words(unit)}'
+                   + ('; it moves differently than when the rig was fitted: fit it again'
+                      if otherwise else ''))
 
     def files(self, outcome: Outcome) -> dict[str, str]:
         """Return the rig with what was found."""
         return {'rig_patched.yaml': dump_rig(outcome.rig)} if outcome.datasets else {}
+
+
+def rig_source(rig: Rig, accelerometer: str | None = None) -> Source:
+    """
+    Return the source for recorded commands and a rig.
+
+    Where the rig states that its model of the robot leaves more than the noise of the poses, the
+    tool is carried along the measured motion.
+
+    Parameters
+    ----------
+    accelerometer : str, optional
+        ``acc1`` or ``acc2``; recognised by its volts if None.
+    """
+    return (TrackedRigSource if is_tracked(rig) else RigSource)(rig, accelerometer)

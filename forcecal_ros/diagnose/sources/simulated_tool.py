@@ -7,15 +7,14 @@ from forcecal_ros.checks.hypotheses import judge, Known
 from forcecal_ros.checks.messages import as_in_base, SIGN, Stated, WEIGHT_REMOVED
 from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.geometry import Array, skew
-from forcecal_ros.core.rigid_body import inertia_columns, symmetric
+from forcecal_ros.core.rigid_body import BodyMotion, INERTIAL, regressor, symmetric
 from forcecal_ros.core.streams import phase_spans, Recording, TOUCHING
 from forcecal_ros.diagnose.recordings import add_imu
 from forcecal_ros.effects.nuisances import possible, rows_of
-from forcecal_ros.effects.rig import NominalTolerances, Rig, Tool
+from forcecal_ros.effects.rig import Rig, Tool
 from forcecal_ros.sim.rigid_tool import CarriedTool, GYRATION, rigid_tool_of_rig, RigidTool
-from forcecal_ros.sim.signals import BLOCK, block_means, RATE
+from forcecal_ros.sim.signals import BLOCK, block_means
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 LIGHTEST = 0.02
@@ -42,7 +41,6 @@ much as a tool's weight would move that.
 OUTLIER = 1.345
 """Residual, in its scale, from which it counts linearly: Huber's, 95 % efficient on Gaussians."""
 
-
 SIMULATE_IT = 'simulate what hung there'
 """What to do where another tool hung on the robot than in the simulation."""
 
@@ -62,10 +60,6 @@ class SimulatedTool(NamedTuple):
     rigid_tool: RigidTool
     unexplained: tuple[float, float]
     zero: tuple[float, ...] = (0.0,) * 6
-
-    def with_accelerometer(self) -> 'SimulatedTool':
-        """Give it an accelerometer that speaks m/s^2."""
-        return self._replace(rigid_tool=add_imu(self.rigid_tool))
 
     @property
     def simulated(self) -> RigidTool:
@@ -91,7 +85,7 @@ def simulated_tool(simulated: Recording, start: float, n_blocks: int, rig: Rig,
     Parameters
     ----------
     simulated : Recording
-        Wrench and pose.
+        Wrench and pose; its accelerometer is not used.
     start : float
         When block 0 begins [s].
     rig : Rig
@@ -102,7 +96,7 @@ def simulated_tool(simulated: Recording, start: float, n_blocks: int, rig: Rig,
     Returns
     -------
     SimulatedTool
-        Its accelerometer does not count.
+        With an accelerometer in its origin that speaks m/s^2.
 
     Raises
     ------
@@ -110,8 +104,8 @@ def simulated_tool(simulated: Recording, start: float, n_blocks: int, rig: Rig,
         The wrench holds no weight, or that of a tool that falls up, or is in another frame.
     """
     vertical = _require_own_axes(simulated, rig)
-    motion = CarriedTool(simulated, start, n_blocks, 'acc1')
-    tool, bias, unexplained = tool_along(motion, simulated, rig)
+    tool, bias, unexplained = _fit_tool(
+        replace(simulated, accelerometer=None), start, n_blocks, rig)
     if tool[0] < -LIGHTEST:
         raise DataError("the simulated wrench has the other sign: at rest it must be the tool's "
                         f'weight, pointing down, and shows {tool[0]:.2f} kg; {turn}')
@@ -119,13 +113,13 @@ def simulated_tool(simulated: Recording, start: float, n_blocks: int, rig: Rig,
         raise DataError(f'the simulated wrench holds no weight of a tool ({tool[0]:.3f} kg)'
                         f'{vertical}; let the simulator publish the wrench in the frame of its '
                         'sensor, without compensation')
-    rigid_tool = rigid_tool_of_rig(replace(
-        rig, tool=with_moments(rig.tool, tool), effects=(), optidrive=None,
-        wrench_sensor=replace(rig.wrench_sensor, gain=(1.0,) * 6, bias=tuple(bias.tolist())),
-        spreads=_of_a_drawing(rig.spreads)))
-    spreads = replace(rigid_tool.spreads, own_inertia=float(tool[0]) * GYRATION ** 2)
-    force, torque = (float(np.sqrt(np.mean(unexplained[:, part] ** 2)))
-                     for part in (slice(0, 3), slice(3, 6)))
+    rigid_tool = add_imu(rigid_tool_of_rig(replace(
+        rig, tool=_with_moments(rig.tool, tool), effects=(), optidrive=None,
+        wrench_sensor=replace(rig.wrench_sensor, gain=(1.0,) * 6, bias=tuple(bias.tolist())))))
+    spreads = replace(rigid_tool.spreads, mass=DRAWN[0], com=DRAWN[1], force_bias=ZERO[0],
+                      torque_bias=ZERO[1], own_inertia=float(tool[0]) * GYRATION ** 2)
+    force, torque = (float(np.sqrt(np.mean(part ** 2)))
+                     for part in (unexplained[:, :3], unexplained[:, 3:]))
     return SimulatedTool(replace(rigid_tool, spreads=spreads), (force, torque))
 
 
@@ -168,77 +162,44 @@ def refuse_other_wrench(real: Recording, tool: SimulatedTool) -> None:
           Known(rigid.tool.mass, np.array(rigid.tool.com), None, SIMULATE_IT))
 
 
-def tool_along(motion: CarriedTool, recording: Recording, rig: Rig
-               ) -> tuple[Array, Array, Array]:
+def _fit_tool(simulated: Recording, start: float, n_blocks: int, rig: Rig
+              ) -> tuple[Array, Array, Array]:
     """
-    Fit a tool to the wrench along a motion, robustly.
-
-    Parameters
-    ----------
-    motion : CarriedTool
-        Of the recording.
-    rig : Rig
-        Gives gravity.
+    Fit a tool to the wrench along its motion, robustly.
 
     Returns
     -------
     tool : ndarray, shape (10,)
         Mass [kg], first moments [kg m], six elements of the inertia about the origin [kg m^2].
     bias : ndarray, shape (6,)
+        [N], [N m]
     unexplained : ndarray, shape (n, 6)
-        Of the wrench in free motion.
+        Of the wrench in free motion [N], [N m].
     """
-    n_blocks = len(motion.t) // round(BLOCK * RATE)
-    start = float(motion.t[0]) - 1.0 / RATE
-    rows, wrench = _rows(motion, rig), block_means(motion.recorded_wrench(recording))
-    free = _free(recording, start, n_blocks)
-    scale = np.array([1.0] * 3 + [0.1] * 3)  # a newton counts as much as a tenth of a newton metre
-    a = (rows / scale[:, np.newaxis])[free].reshape(-1, rows.shape[2])
-    b = (wrench / scale)[free].ravel()
+    motion = CarriedTool(simulated, start, n_blocks, 'acc1')
+    by_tool = regressor(BodyMotion(motion.t, -motion.specific_force_of_origin(rig), motion.omega,
+                                   motion.alpha))
+    by_tool = block_means(by_tool.reshape(-1, 6 * INERTIAL)).reshape(-1, 6, INERTIAL)
+    X = np.concatenate([by_tool, np.tile(np.eye(6), (n_blocks, 1, 1))], axis=2)
+    wrench = block_means(motion.recorded_wrench(simulated))
+    free, t = np.ones(n_blocks, dtype=bool), start + BLOCK * (0.5 + np.arange(n_blocks))
+    for begin, end in phase_spans(simulated.phases, TOUCHING):
+        free &= (t < begin) | (t >= end)
+    scale = np.repeat([1.0, 0.1], 3)  # a newton counts as much as a tenth of a newton metre
+    a, b = (X / scale[:, np.newaxis])[free].reshape(-1, X.shape[2]), (wrench / scale)[free].ravel()
     theta = np.linalg.lstsq(a, b, rcond=1e-8)[0]
     spread = float(np.median(np.abs(b - a @ theta))) / 0.6745
     theta = least_squares(lambda x: a @ x - b, theta, lambda x: a, loss='huber',
                           f_scale=OUTLIER * max(spread, 1e-6)).x
-    return theta[:10], theta[10:], (wrench - rows @ theta)[free]
+    return theta[:INERTIAL], theta[INERTIAL:], (wrench - X @ theta)[free]
 
 
-def with_moments(tool: Tool, moments: Array) -> Tool:
-    """Give a tool the mass, first and second moments of :func:`tool_along`."""
+def _with_moments(tool: Tool, moments: Array) -> Tool:
+    """Give a tool the mass, first and second moments of :func:`_fit_tool`."""
     mass = float(moments[0])
     com = moments[1:4] / mass
     W = skew(com)
-    inertia = symmetric(moments[4:10]) + mass * W @ W
+    inertia = symmetric(moments[4:]) + mass * W @ W
     changed: Tool = replace(tool, mass=mass, com=tuple(com.tolist()),
                             inertia=rows_of(possible(inertia)))
     return changed
-
-
-def _of_a_drawing(spreads: NominalTolerances) -> NominalTolerances:
-    return replace(spreads, mass=DRAWN[0], com=DRAWN[1], force_bias=ZERO[0], torque_bias=ZERO[1])
-
-
-def _rows(motion: CarriedTool, rig: Rig) -> Array:
-    """
-    Return the wrench's derivatives by mass, first and second moments and bias, (n, 6, 16).
-
-    F = -m f - L m c + b_F, n = -m c x f - I alpha - omega x I omega + b_n, f the specific force
-    in the sensor's origin, L = [alpha]x + [omega]x^2, I about that origin.
-    """
-    f, lever = motion.specific_force_of_origin(rig), motion.lever
-    n = len(block_means(f))
-    rows = np.zeros((n, 6, 16))
-    rows[:, :3, 0] = -block_means(f)
-    rows[:, :3, 1:4] = -block_means(lever.reshape(-1, 9)).reshape(-1, 3, 3)
-    rows[:, 3:, 1:4] = skew(block_means(f))
-    turning = inertia_columns(motion.alpha) + skew(motion.omega) @ inertia_columns(motion.omega)
-    rows[:, 3:, 4:10] = -block_means(turning.reshape(-1, 18)).reshape(-1, 3, 6)
-    rows[:, :, 10:] = np.eye(6)
-    return rows
-
-
-def _free(recording: Recording, start: float, n_blocks: int) -> NDArray[np.bool_]:
-    t = start + BLOCK * (0.5 + np.arange(n_blocks))
-    free = np.ones(n_blocks, dtype=bool)
-    for begin, end in phase_spans(recording.phases, TOUCHING):
-        free &= (t < begin) | (t >= end)
-    return free

@@ -1,6 +1,6 @@
 """A third-party simulator, run with the recorded commands and with other numbers."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 import time
 from typing import Any, NamedTuple
@@ -15,6 +15,7 @@ from forcecal_ros.diagnose.dataset import (
     motion_groups,
     require_wrench_and_pose,
     span,
+    split_datasets,
 )
 from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
 from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, estimated, NamedEffect, Parameter
@@ -29,8 +30,7 @@ from forcecal_ros.diagnose.recordings import (
     missing_joint_notes,
     select_joints,
 )
-from forcecal_ros.diagnose.refit import Bent, bent, refitted, widened
-from forcecal_ros.diagnose.result import NO_MOTION
+from forcecal_ros.diagnose.result import Diagnosis, NO_MOTION
 from forcecal_ros.diagnose.sources.simulated_tool import (
     refuse_other_wrench,
     simulated_tool,
@@ -57,7 +57,7 @@ from forcecal_ros.sim.signals import BLOCK
 from forcecal_ros.sim.third_party import STREAMS, ThirdParty
 import numpy as np
 
-MAX_ROUNDS = 4
+MAX_ROUNDS = 6
 """
 Times that all parameters are tried, at the nominal ones and then at those found: of a drive that
 is a third weaker, whose sag goes with the inverse of its gain, the third line is still 10 % off.
@@ -69,22 +69,10 @@ Misfit of the linear prediction at the parameters found, in that of the nominal 
 they are all tried again there: a tenth leaves the explained share within a hundredth.
 """
 
-MAX_SHORTFALL = 0.05
-"""
-Share of the misfit that is gone in the prediction and not when the simulator is run, from which
-all parameters are tried again: the width of most confidence intervals of that share.
-"""
-
 MAX_SHIFT_STD = 1.0
 """
 Standard errors that a number would still move, where the simulator was run as it was found, from
-which it is fitted once more about there: half of what chance makes of it.
-"""
-
-MAX_REFITS = 3
-"""
-Times that numbers named are fitted once more: each leaves the square of what was left before, so
-that three settle what two rounds came near.
+which all are tried again about there: half of what chance makes of it.
 """
 
 TIED = 'are nearly an alias of each other in this motion'
@@ -124,6 +112,7 @@ class RerunReady(Ready):
     simulation: Rerun
     tool: SimulatedTool
     robot: SimulatedRobot
+    impacts_s: float
     remarks: tuple[str, ...] = ()
 
     def run(self, numbers: tuple[float, ...]) -> None:
@@ -162,9 +151,10 @@ class SimulatorSource(Source):
         self.explained_by = simulator.name
         self.task = f'running {simulator.name} with other numbers'
         self._recomputed: float | None = None
-        self._runs: tuple[Runs, ...] = ()
+        self._ready: tuple[RerunReady, ...] = ()
+        self._short = ''
 
-    def prepare(self, recordings: Sequence[Recording]) -> list[Ready]:
+    def prepare(self, recordings: Sequence[Recording]) -> Sequence[Ready]:
         """Run the simulator as it is, and identify its tool."""
         recordings = keep_common_joints(recordings)
         for one in recordings:
@@ -173,12 +163,10 @@ class SimulatorSource(Source):
         stamps = [even_stamps(one) for one in recordings]
         self.simulator = self.simulator.acting([inputs_of(one.recording) for one in stamps])
         refuse_too_many(self.simulator, len(recordings))
-        ready: list[Ready] = []
-        tool = None
+        ready: list[RerunReady] = []
         for given, stamp in zip(recordings, stamps):
-            prepared = self._prepare(given, stamp, tool)
-            tool = prepared.tool
-            ready.append(prepared)
+            ready.append(self._prepare(given, stamp, ready[0].tool if ready else None))
+        self._ready = tuple(ready)
         return ready
 
     def _prepare(self, given: Recording, stamps: Corrected, tool: SimulatedTool | None
@@ -189,8 +177,7 @@ class SimulatorSource(Source):
         inputs = inputs_of(real)
         runs = Runs(simulator, inputs, real.pose)
         made = runs.exact(simulator.nominal)
-        known = tool or simulated_tool(replace(made, accelerometer=None), start, n, self.rig,
-                                       TURN).with_accelerometer()
+        known = tool or simulated_tool(made, start, n, self.rig, TURN)
         refuse_other_wrench(real, known)
         simulation = Rerun(runs, start, n, known.simulated)
         imus, _, note = keep_comparable_imus(real, made)
@@ -205,74 +192,103 @@ class SimulatorSource(Source):
                                motion_groups(simulation.signals(robot)))
         impacts = simulation.knocking(robot)
         dataset.measured.present[impacts] = False
-        left_out = IMPACTS.format(BLOCK * float(impacts.sum())) if impacts.any() else ''
+        impacts_s = BLOCK * float(impacts.sum())
+        left_out = IMPACTS.format(impacts_s) if impacts_s else ''
         given = replace(keep_compared_streams(given, dataset.measured.streams),
                         joints=select_joints(given.joints, simulation.joints))
         return RerunReady(dataset, stamps, given, tuple(filter(None, (note, left_out))), runs=runs,
-                          simulation=simulation, tool=known, robot=robot,
+                          simulation=simulation, tool=known, robot=robot, impacts_s=impacts_s,
                           remarks=simulator.remarks(inputs))
 
     def search(self, ready: Sequence[Ready]) -> Outcome:
-        """Try all parameters, at their values and, if these are too far off, at those found."""
-        return self._search([one for one in ready if isinstance(one, RerunReady)])
-
-    def _search(self, ready: Sequence[RerunReady]) -> Outcome:
-        self._runs, self._recomputed = tuple(one.runs for one in ready), None
-        ready[0].runs.refuse_unsteady()
-        judged = self.split([one.dataset for one in ready])
-        robot = ready[0].robot
-        outcome, point, short = Outcome(NO_MOTION, robot), robot.numbers, ''
-        squares = np.zeros(3)
+        """Try all numbers about their nominal values, then about those found, while that helps."""
+        self._recomputed = None
+        self._ready[0].runs.refuse_unsteady()
+        judged = split_datasets([one.dataset for one in self._ready])
+        robot, shifts = self._ready[0].robot, dict[str, float]()
+        outcome, point, squares = Outcome(NO_MOTION, robot), robot.numbers, np.zeros(3)
         for turn in range(MAX_ROUNDS):
-            if short := runs_short(self.simulator, self._runs):
+            self._short = runs_short(self.simulator, [one.runs for one in self._ready])
+            if self._short:
                 break
-            for one in ready:
+            for one in self._ready:
                 one.try_all(point)
-            outcome = self._diagnosed_about(ready, judged)
-            if not isinstance(outcome.rig, SimulatedRobot):
-                return outcome
+            there = diagnose_datasets(
+                robot, judged, [one.stamps for one in self._ready],
+                [one.given for one in self._ready], self.tolerance, self.earlier)
+            if not isinstance(there.rig, SimulatedRobot):
+                return there
             # a number far off is no straight line, so that a name it has may be seen only there
-            found = outcome.closest if isinstance(outcome.closest, SimulatedRobot) else outcome.rig
-            point, named = found.numbers, self.changes(outcome)
-            linear = _is_linear(ready, point)  # before it is run there
-            squares = _squares(ready, judged, outcome) if named else np.zeros(3)
+            found = there.closest if isinstance(there.closest, SimulatedRobot) else there.rig
+            point = found.numbers
+            linear = _is_linear(self._ready, point)  # before it is run there
+            left = self._squares(judged, there) if self.changes(there) else np.zeros(3)
+            if turn and _named(there) == _named(outcome) and left[-1] > squares[-1]:
+                break
+            outcome, squares, shifts = there, left, self._remaining_shifts(there)
             # what is unexplained may be what a line about the nominal numbers leaves
-            if linear and not _falls_short(outcome, squares) \
-                    and (turn or outcome.diagnosis.verdict != 'unknown'):
+            if linear and max(shifts.values(), default=0.0) < MAX_SHIFT_STD \
+                    and (turn or there.diagnosis.verdict != 'unknown'):
                 break
         if self.changes(outcome):
-            before = outcome
-            outcome, squares = self._refit(ready, judged, outcome, squares, again=not short)
-            if _moved(before, outcome):  # what a line about other numbers named may be gone
-                there = self._diagnosed_about(ready, judged)
-                if self.changes(there) and _named(there) != _named(outcome):
-                    outcome, squares = self._refit(ready, judged, there, np.zeros(3), again=True)
             self._recomputed = _recomputed(outcome, squares)
-        return self._explained(ready, outcome, short)
+        return _widened(outcome, shifts)
 
-    def _diagnosed_about(self, ready: Sequence[RerunReady], judged: tuple[Dataset, ...]
-                         ) -> Outcome:
-        """Diagnose with the simulator as linear as it is about all numbers that were tried."""
-        return diagnose_datasets(ready[0].robot, judged, [one.stamps for one in ready],
-                                 [one.given for one in ready], self.tolerance, self.earlier)
+    def _squares(self, judged: Sequence[Dataset], outcome: Outcome) -> Array:
+        """Sum the squares on judged blocks: recalibrated, as predicted and as it is when run."""
+        noise, robot, squares = outcome.noise, outcome.rig, np.zeros(3)
+        assert isinstance(robot, SimulatedRobot)
+        assert noise is not None
+        for one, dataset, before, linear in zip(self._ready, judged, outcome.recalibrated,
+                                                outcome.explained):
+            one.run(robot.numbers)
+            exact = dataset.measured.residual(one.simulation.signals(robot))
+            for i, blocks in enumerate((before, linear, exact)):
+                rows = np.where(dataset.measured.present, blocks, 0.0)[dataset.held]
+                squares[i] += float(np.sum((rows / np.where(noise > 0.0, noise, np.inf)) ** 2))
+        return squares
 
-    def _explained(self, ready: Sequence[RerunReady], outcome: Outcome, short: str) -> Outcome:
+    def _remaining_shifts(self, outcome: Outcome) -> dict[str, float]:
+        """
+        Run it as it was found, and return how far the numbers accepted would still move.
+
+        Returns
+        -------
+        dict of str to float
+            By their names, in their standard errors.
+        """
+        if outcome.selection is None or not isinstance(outcome.rig, SimulatedRobot):
+            return {}
+        for one in self._ready:
+            one.run(outcome.rig.numbers)
+        line, model = outcome.selection.model, replace(outcome.selection.model)
+        model.evaluate()
+        found = model.fit_nuisances()
+        shift, std = found.x - line.fit_nuisances().x, np.sqrt(np.diag(found.covariance))
+        return {n.name: abs(float(x / s)) for n, x, s in zip(model.nuisances, shift, std)
+                if n.name in model.released and s}
+
+    def explain(self, diagnosis: Diagnosis, ready: Sequence[Ready], outcome: Outcome) -> Diagnosis:
         """Add what the user should know of simulator and numbers."""
-        d = outcome.diagnosis
-        effects = tuple(replace(e, parameters=self._in_numbers(e)) for e in d.effects)
-        remarks = tuple(dict.fromkeys(x for one in ready for x in one.remarks))
+        effects = tuple(replace(e, parameters=self._in_numbers(e)) for e in diagnosis.effects)
+        remarks = tuple(dict.fromkeys(x for one in self._ready for x in one.remarks))
         notes = (*self.simulator.notes, *remarks, *recalibrated_notes(self.simulator, outcome),
-                 *dict.fromkeys(filter(None, [*(x for one in ready for x in one.notes), short])),
-                 *joint_channel_notes(ready[0].simulation.joints, [one.given for one in ready]))
-        reason = d.reason
-        if d.verdict == 'no_gap' and (limited := at_tolerance(self.simulator, outcome)):
+                 *dict.fromkeys(note for one in self._ready for note in one.notes),
+                 *filter(None, [self._short]),
+                 *joint_channel_notes(self._ready[0].simulation.joints,
+                                      [one.given for one in self._ready]))
+        reason, verdict = diagnosis.reason, diagnosis.verdict
+        if verdict == 'no_gap' and (limited := at_tolerance(self.simulator, outcome)):
             word, semicolon, more = reason.partition('; ')
             reason = (f'{word}, with {" and ".join(limited)} as far off as three sigma allow'
                       f'{semicolon}{more}')
-        if remarks and d.verdict in ('unknown', 'partial'):
+        if remarks and verdict in ('unknown', 'partial'):
             reason = f'{reason}; {FIRST}{remarks[0]}'
-        return replace(outcome, diagnosis=replace(
-            d, effects=effects, reason=reason, notes=(*d.notes, *notes)))
+        impacts_s = sum(one.impacts_s for one in self._ready)
+        return replace(
+            diagnosis, effects=effects, reason=reason, notes=(*diagnosis.notes, *notes),
+            not_compared=((f'{impacts_s:.1f} s of impacts and slipping contact',)
+                          if impacts_s else ()))
 
     def _in_numbers(self, effect: NamedEffect) -> dict[str, Parameter]:
         """Return the parameters of an effect as the simulator's own numbers."""
@@ -283,26 +299,6 @@ class SimulatorSource(Source):
         return {key: replace(effect.parameters[key], value=value, std=std)
                 for key, (value, std) in own.items()}
 
-    def _refit(self, ready: Sequence[RerunReady], judged: tuple[Dataset, ...], outcome: Outcome,
-               squares: Array, *, again: bool) -> tuple[Outcome, Array]:
-        """Fit the numbers named about where they were found; widen by what a line leaves wrong."""
-        off = _shifts(ready, outcome)
-        for _ in range(MAX_REFITS if again else 0):
-            moves = any(abs(one.shift) > MAX_SHIFT_STD * one.std for one in off.values())
-            if not (moves or _falls_short(outcome, squares)) \
-                    or runs_short(self.simulator, self._runs):
-                break
-            assert isinstance(outcome.rig, SimulatedRobot)
-            for one in ready:
-                one.try_all(outcome.rig.numbers)
-            anew = refitted(outcome)
-            # half the step of integration may differ there: both are computed with it
-            squares, there = (_squares(ready, judged, one) for one in (outcome, anew))
-            if there[-1] >= squares[-1]:
-                break
-            outcome, squares, off = anew, there, _shifts(ready, anew)
-        return widened(outcome, off), squares
-
     def changes(self, outcome: Outcome) -> tuple[Changed, ...]:
         """List the parameters that a named effect moves."""
         found = {e.name: e.parameters['value'] for e in outcome.diagnosis.effects
@@ -311,18 +307,11 @@ class SimulatorSource(Source):
             Changed(p.name, p.unit, p.nominal, found[p.name].value, found[p.name].std,
                     found[p.name].at_bound) for p in self.simulator.parameters if p.name in found)
 
-    def not_compared(self, ready: Sequence[Ready]) -> tuple[str, ...]:
-        """Report impacts."""
-        blocks = sum(float((~one.dataset.measured.present).all(axis=1).sum()) for one in ready
-                     if any('hits something' in note for note in one.notes))
-        return (f'{BLOCK * blocks:.1f} s of impacts and slipping contact',) if blocks else ()
-
     def details(self, ready: Sequence[Ready], outcome: Outcome) -> dict[str, Any]:
         """Return the numbers to change, how often it was run, and what that explains when run."""
         return {'parameters': [one._asdict() for one in self.changes(outcome)],
-                'runs': sum(one.count for one in self._runs) if ready else 0,
-                'recomputed': self._recomputed if ready else None,
-                'model': next(iter(self.files(outcome)), None)}
+                'runs': sum(one.runs.count for one in self._ready) if ready else 0,
+                'recomputed': self._recomputed if ready else None, 'model': None}
 
     def files(self, outcome: Outcome) -> dict[str, str]:
         """Return the model with what was found, if the simulator writes one."""
@@ -340,24 +329,26 @@ def _named(outcome: Outcome) -> set[str]:
     return {e.name for e in outcome.diagnosis.effects}
 
 
-def _moved(before: Outcome, after: Outcome) -> bool:
-    """Say whether a number was fitted further away than its standard error."""
-    pairs = [(e.parameters['value'], now.parameters['value']) for e, now in zip(
-        before.diagnosis.effects, after.diagnosis.effects) if 'value' in e.parameters]
-    return any(abs(now.value - was.value) > MAX_SHIFT_STD * was.std for was, now in pairs)
+def _widened(outcome: Outcome, shifts: Mapping[str, float]) -> Outcome:
+    """Add to the standard errors of numbers how far each would still move, in these errors."""
+    def wider(effect: NamedEffect) -> NamedEffect:
+        factor = float(np.hypot(1.0, shifts.get(effect.name, 0.0)))
+        return replace(effect, parameters={
+            key: replace(p, std=factor * p.std) for key, p in effect.parameters.items()})
+
+    effects = tuple(wider(one) for one in outcome.diagnosis.effects)
+    return replace(outcome, diagnosis=replace(outcome.diagnosis, effects=effects))
 
 
 def at_tolerance(simulator: ThirdParty, outcome: Outcome) -> list[str]:
     """List the parameters, not named, that would move further than three of their sigma."""
-    named = {e.name for e in outcome.diagnosis.effects}
-    return [p.name for p in simulator.parameters if p.name not in named and abs(
+    return [p.name for p in simulator.parameters if p.name not in _named(outcome) and abs(
         outcome.recalibrations.get(p.name, (0.0, 0.0))[0]) > 0.999 * LIMIT * p.sigma]
 
 
 def recalibrated_notes(simulator: ThirdParty, outcome: Outcome) -> Iterator[str]:
     """Say which parameters are off by no more than they may be."""
-    named = {e.name for e in outcome.diagnosis.effects}
-    limited, changes = at_tolerance(simulator, outcome), []
+    named, limited, changes = _named(outcome), at_tolerance(simulator, outcome), []
     for p in simulator.parameters:
         x, std = outcome.recalibrations.get(p.name, (0.0, 0.0))
         if p.name not in (*named, *limited) and _is_moved(outcome, p.name):
@@ -372,13 +363,13 @@ def recalibrated_notes(simulator: ThirdParty, outcome: Outcome) -> Iterator[str]
     for group in outcome.aliases:
         if group & reported and len(tied := sorted(group & own)) > 1:
             yield (f'{", ".join(tied)} {TIED}: errors include the direction along it')
-    finer, std = outcome.recalibrations.get(INTEGRATION_STEP, (0.0, 0.0))
-    if abs(finer) > RECALIBRATION_SIGMA * std:
-        yield (f'the step of its integration causes {estimated(finer, std, "")} times what half '
+    if _is_moved(outcome, INTEGRATION_STEP):
+        finer = estimated(*outcome.recalibrations[INTEGRATION_STEP], '')
+        yield (f'the step of its integration causes {finer} times what half '
                'the step changes, which was subtracted: a smaller step is nearer to the robot')
-    late, std = outcome.recalibrations.get('robot.delay', (0.0, 0.0))
     if 'robot_delay' not in named and _is_moved(outcome, 'robot.delay'):
-        yield f'the robot is {estimated(late, std, "s")} later than its simulation'
+        late = estimated(*outcome.recalibrations['robot.delay'], 's')
+        yield f'the robot is {late} later than its simulation'
 
 
 def _is_moved(outcome: Outcome, name: str) -> bool:
@@ -407,15 +398,6 @@ def inputs_of(recording: Recording) -> Inputs:
                   recording.joint_commands, joint_names(recording.joints))
 
 
-def _shifts(ready: Sequence[RerunReady], outcome: Outcome) -> dict[str, Bent]:
-    """Run the simulator as it was found, and return how far its named numbers would still move."""
-    if outcome.selection is None or not isinstance(outcome.rig, SimulatedRobot):
-        return {}
-    for one in ready:
-        one.run(outcome.rig.numbers)
-    return bent(outcome.selection)
-
-
 def _is_linear(ready: Sequence[RerunReady], point: tuple[float, ...]) -> bool:
     """Return whether the linear prediction holds at the parameters found."""
     for one in ready:
@@ -424,12 +406,6 @@ def _is_linear(ready: Sequence[RerunReady], point: tuple[float, ...]) -> bool:
             if np.linalg.norm(a - b) > MAX_LINEAR_ERROR * np.linalg.norm(b - c):
                 return False
     return True
-
-
-def _falls_short(outcome: Outcome, squares: Array) -> bool:
-    """Return whether a run with what was found leaves more than was predicted."""
-    gap, recomputed = outcome.diagnosis.gap, _recomputed(outcome, squares)
-    return gap is not None and recomputed is not None and recomputed < gap.closed - MAX_SHORTFALL
 
 
 def _rows(recording: Recording) -> tuple[Array, Array]:
@@ -448,21 +424,6 @@ def _recomputed(outcome: Outcome, squares: Array) -> float | None:
     gap, (before, linear, exact) = outcome.diagnosis.gap, squares.tolist()
     explained = before - linear
     return gap.closed * (before - exact) / explained if gap and explained > 0.0 else None
-
-
-def _squares(ready: Sequence[RerunReady], judged: Sequence[Dataset], outcome: Outcome) -> Array:
-    """Sum the squares on judged blocks: recalibrated, as predicted and as it is when run."""
-    noise, robot, squares = outcome.noise, outcome.rig, np.zeros(3)
-    assert isinstance(robot, SimulatedRobot)
-    assert noise is not None
-    for one, dataset, before, linear in zip(ready, judged, outcome.recalibrated,
-                                            outcome.explained):
-        one.run(robot.numbers)
-        exact = dataset.measured.residual(one.simulation.signals(robot))
-        for i, blocks in enumerate((before, linear, exact)):
-            rows = np.where(dataset.measured.present, blocks, 0.0)[dataset.held]
-            squares[i] += float(np.sum((rows / np.where(noise > 0.0, noise, np.inf)) ** 2))
-    return squares
 
 
 class Sensitivity(NamedTuple):
@@ -547,7 +508,7 @@ def conformance(simulator: ThirdParty, recording: Recording, rig: Rig) -> Confor
     made = runs.exact(simulator.nominal)
     seconds = time.process_time() - began
     runs.refuse_unsteady()
-    simulated_tool(replace(made, accelerometer=None), start, n, rig, TURN)
+    simulated_tool(made, start, n, rig, TURN)
     runs.try_all(simulator.nominal)
     streams = tuple(name for name in (*STREAMS, 'joints') if getattr(made, name) is not None)
     lacking = missing_joint_notes(inputs.measured_joints,

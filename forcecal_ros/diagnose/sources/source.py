@@ -2,12 +2,11 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-import re
 from typing import Any
 
 from forcecal_ros.core.errors import DataError, with_id
 from forcecal_ros.core.streams import Recording
-from forcecal_ros.diagnose.dataset import Dataset, moves, split_datasets, units
+from forcecal_ros.diagnose.dataset import Dataset, split_datasets, units
 from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
 from forcecal_ros.diagnose.judge.named_effects import estimated
 from forcecal_ros.diagnose.model.evidence import FIRST_RECORDING
@@ -22,8 +21,6 @@ RECALIBRATION_SIGMA = 3.0
 _UNITS = {'accelerometer.delay': 's', 'tool.com': 'm', 'tool.inertia': 'kg m^2'}
 """Units of nuisances by their names without axis; those that are not listed are relative."""
 
-_VOLTS = re.compile(r'(?<=\d) V(?= RMS in accel)')
-
 
 @dataclass(frozen=True)
 class Ready:
@@ -37,6 +34,7 @@ class Ready:
     given : Recording
         As recorded, with the streams that are compared.
     notes : tuple of str
+        What was left out.
     """
 
     dataset: Dataset
@@ -76,8 +74,9 @@ class Diagnosed:
 
     def document(self) -> dict[str, Any]:
         """Return ``diagnosis.json`` as a dictionary."""
-        rig = next((name for name in self.files if name.startswith('rig')), None)
-        return {**to_document(self.diagnosis, units(self.unit), rig), **self.details}
+        written = {name.partition('_')[0]: name for name in self.files}
+        rig = written.pop('rig', None)
+        return {**to_document(self.diagnosis, units(self.unit), rig), **self.details, **written}
 
 
 class Source:
@@ -100,6 +99,8 @@ class Source:
         What the recording is compared with, in ``diagnosis.json``; empty for a rig.
     requires_motion : bool
         Whether a robot at rest shows it nothing.
+    by_phase : bool
+        Whether parts of every phase of a single recording are judged on, else every other second.
     tolerance : float or None
         RMS of what is unexplained, in that of a channel's noise, that does not matter; None: the
         default, TOLERANCE, or as exact as a simulation is where that is coarser.
@@ -110,6 +111,7 @@ class Source:
     task = 'comparing'
     explained_by = ''
     requires_motion = True
+    by_phase = False
 
     def __init__(self, rig: Rig, unit: str = 'V') -> None:
         self.rig, self.unit, self.earlier = rig, unit, FIRST_RECORDING
@@ -138,14 +140,13 @@ class Source:
         except DataError as error:
             invalid = Diagnosis('invalid_data', with_id(error))
             return self._diagnosed(Outcome(invalid, self.rig), ())
-        if self.requires_motion and not moves([one.dataset for one in ready]):
+        if self.requires_motion and not all(
+                (one.dataset.groups == 1).any() for one in ready):
             return self._diagnosed(Outcome(NO_MOTION, self.rig), ())
         outcome = self.search(ready)
         if outcome.diagnosis.verdict != 'invalid_data':
-            d = express_in_unit(self.unit, outcome.diagnosis)
-            d = replace(d, notes=(*d.notes, *self.notes(ready, outcome)),
-                        not_compared=self.not_compared(ready))
-            outcome = replace(outcome, diagnosis=replace(d, reason=self.reason(d, ready, outcome)))
+            found = express_in_unit(self.unit, outcome.diagnosis)
+            outcome = replace(outcome, diagnosis=self.explain(found, ready, outcome))
         return self._diagnosed(outcome, ready)
 
     def _diagnosed(self, outcome: Outcome, ready: tuple[Ready, ...]) -> Diagnosed:
@@ -157,28 +158,17 @@ class Source:
         """Make recordings ready; a DataError becomes ``invalid_data``."""
         raise NotImplementedError
 
-    def split(self, datasets: Sequence[Dataset]) -> tuple[Dataset, ...]:
-        """Divide blocks into those to fit on and those to judge on."""
-        return split_datasets(datasets)
-
     def search(self, ready: Sequence[Ready]) -> Outcome:
         """Search for effects and judge them."""
         datasets = [one.dataset for one in ready]
-        return diagnose_datasets(datasets[0].rig, self.split(datasets),
+        return diagnose_datasets(datasets[0].rig, split_datasets(datasets, self.by_phase),
                                  [one.stamps for one in ready], [one.given for one in ready],
                                  self.tolerance, self.earlier)
 
-    def notes(self, ready: Sequence[Ready], outcome: Outcome) -> Sequence[str]:
-        """Return what the user should know of the comparison."""
-        return ()
-
-    def reason(self, diagnosis: Diagnosis, ready: Sequence[Ready], outcome: Outcome) -> str:
-        """Return the verdict in one sentence."""
-        return diagnosis.reason
-
-    def not_compared(self, ready: Sequence[Ready]) -> tuple[str, ...]:
-        """Return what of the recordings was left out."""
-        return ()
+    def explain(self, diagnosis: Diagnosis, ready: Sequence[Ready], outcome: Outcome) -> Diagnosis:
+        """Add to a diagnosis what the user should know of the comparison."""
+        notes = dict.fromkeys(note for one in ready for note in one.notes)
+        return replace(diagnosis, notes=(*diagnosis.notes, *notes))
 
     def details(self, ready: Sequence[Ready], outcome: Outcome) -> dict[str, Any]:
         """Return further keys of ``diagnosis.json``."""
@@ -196,7 +186,7 @@ class Source:
 def express_in_unit(unit: str, diagnosis: Diagnosis) -> Diagnosis:
     """Give accelerations in sentence, notes and parameters the unit that was compared."""
     def words(text: str) -> str:
-        return _VOLTS.sub(f' {unit}', text)
+        return text.replace(' V RMS in accel', f' {unit} RMS in accel')
 
     return replace(
         diagnosis, reason=words(diagnosis.reason), notes=tuple(map(words, diagnosis.notes)),

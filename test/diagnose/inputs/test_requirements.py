@@ -10,8 +10,7 @@ from forcecal_ros.core.geometry import rotation_about
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from forcecal_ros.diagnose.judge.named_effects import from_checks
 from forcecal_ros.diagnose.recordings import bridge_pauses, Corrected, missing_streams
-from forcecal_ros.diagnose.sources.rig import RigSource
-from forcecal_ros.diagnose.sources.tool import ToolSource
+from forcecal_ros.diagnose.sources.rig import RigSource, ToolSource
 from forcecal_ros.io.bags import read_recording
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rigid_tool import rigid_tool_of_rig
@@ -21,12 +20,13 @@ import pytest
 STREAMS = ('wrench', 'accelerometer', 'optidrive', 'pose', 'target')
 
 
-def cut(stream, start, end):
-    kept = (stream.t <= start) | (stream.t >= end)
-    if isinstance(stream, PoseStream):
-        return replace(stream, t=stream.t[kept], position=stream.position[kept],
-                       R_base_sensor=stream.R_base_sensor[kept])
-    return replace(stream, t=stream.t[kept], values=stream.values[kept])
+def paused(recording, *pauses):
+    """Leave parts out of all streams."""
+    for start, end in pauses:
+        recording = replace(recording, **{
+            name: (s := getattr(recording, name)).rows((s.t <= start) | (s.t >= end))
+            for name in STREAMS})
+    return recording
 
 
 @pytest.fixture(scope='module')
@@ -90,38 +90,40 @@ def test_what_no_sensor_can_have_said_is_invalid(recording, spoil, said):
         assert re.search(said, reason)
 
 
-def test_commands_on_another_clock_are_told(recording):
-    reason = RigSource(load_rig()).diagnose(shifted(recording, 'target', -1e4)).diagnosis.reason
-    assert reason.startswith('stamps begin too far from those of wrench: '
-                             'target (target_frame) -10000.0 s; set the clocks')
+def minutes_apart(recording):
+    """Let all streams pause for 100 s."""
+    return replace(recording, **{name: replace(s, t=np.where(s.t < 5.5, s.t, s.t + 100.0))
+                                 for name, s in ((n, getattr(recording, n)) for n in STREAMS)})
 
 
-def test_what_was_not_recorded_is_said_and_nothing_at_all_is_invalid(recording):
+@pytest.mark.parametrize('change, said', [
+    (lambda r: [shifted(r, 'target', -1e4)],
+     r'^stamps begin too far from .+ target \(target_frame\) -10000.0 s; set the clocks'),
+    (lambda r: [Recording()], 'target_frame'),
+    (lambda r: [replace(r, wrench=None, accelerometer=None)], 'neither wrench nor accelerometer'),
+    (lambda r: [r, replace(r, wrench=None)], 'holds wrench'),
+    (lambda r: [minutes_apart(r)], '--heldout')])
+def test_what_cannot_be_compared_along_commands_is_invalid(recording, change, said):
+    diagnosis = RigSource(load_rig()).diagnose(*change(recording)).diagnosis
+    assert diagnosis.verdict == 'invalid_data'
+    assert re.search(said, diagnosis.reason)
+
+
+def test_a_missing_sensor_is_stated(recording):
     assert missing_streams(recording) == ''
-    assert 'wrench_sensor and environment (no wrench' in missing_streams(replace(recording,
-                                                                                 wrench=None))
-    nothing = replace(recording, wrench=None, accelerometer=None)
-    assert RigSource(load_rig()).diagnose(nothing).diagnosis.verdict == 'invalid_data'
-
-
-def test_a_second_recording_without_the_wrench_is_refused(recording):
-    other = replace(recording, wrench=None)
-    diagnosis = RigSource(load_rig()).diagnose(recording, other).diagnosis
-    assert diagnosis.verdict == 'invalid_data' and 'holds wrench' in diagnosis.reason
+    assert 'wrench_sensor and environment (no wrench' in missing_streams(
+        replace(recording, wrench=None))
 
 
 def test_a_pause_is_no_lost_samples_and_lost_samples_are_no_pause(recording):
-    paused = replace(recording, **{n: cut(getattr(recording, n), 4.0, 6.0) for n in STREAMS})
-    found = clocks(paused)
+    cut = paused(recording, (4.0, 6.0))
+    found = clocks(cut)
     assert not dropouts(found) and not skew_between(found)
-    assert tuple(silences(paused)) == (
-        'all streams: nothing was recorded for 2.0 s from 4.0 s on',)
-    own = tuple(silences(replace(recording, wrench=paused.wrench)))
+    assert tuple(silences(cut)) == ('all streams: nothing was recorded for 2.0 s from 4.0 s on',)
+    own = tuple(silences(replace(recording, wrench=cut.wrench)))
     assert own == ('wrench: nothing was recorded for 2.0 s from 4.0 s on',)
-    kept = np.random.default_rng(1).random(len(paused.wrench)) > 0.02
-    lossy = replace(paused, wrench=replace(
-        paused.wrench, t=paused.wrench.t[kept], values=paused.wrench.values[kept]))
-    lost = dropouts(clocks(lossy))
+    kept = np.random.default_rng(1).random(len(cut.wrench)) > 0.02
+    lost = dropouts(clocks(replace(cut, wrench=cut.wrench.rows(kept))))
     assert lost == {'wrench': pytest.approx(0.02, abs=5.0 * np.sqrt(0.02 / len(kept)))}
 
 
@@ -133,19 +135,11 @@ def test_a_clock_is_judged_by_its_slope_although_it_starts_anew_after_a_pause(re
 
 
 def test_over_a_pause_the_robot_is_led_from_the_last_command_to_the_next(recording):
-    paused = replace(recording, **{n: cut(getattr(recording, n), 4.0, 6.0) for n in STREAMS})
-    whole = bridge_pauses(paused)
+    whole = bridge_pauses(paused(recording, (4.0, 6.0)))
     np.testing.assert_allclose(np.diff(whole.target.t), 4e-3, atol=1e-9)
     way = np.diff(whole.target.position[:, 0])
     assert (way > -1e-12).all() and way.max() < 5e-4
     assert not ((whole.wrench.t > 4.0) & (whole.wrench.t < 7.0)).any()
-
-
-def test_a_pause_of_minutes_is_refused_with_a_remedy(recording):
-    late = {n: replace(s, t=np.where(s.t < 5.5, s.t, s.t + 100.0))
-            for n, s in ((n, getattr(recording, n)) for n in STREAMS)}
-    diagnosis = RigSource(load_rig()).diagnose(replace(recording, **late)).diagnosis
-    assert diagnosis.verdict == 'invalid_data' and '--heldout' in diagnosis.reason
 
 
 def test_a_limit_that_no_sensor_has_is_a_note_and_no_effect(recording):
@@ -159,8 +153,6 @@ def test_a_limit_that_no_sensor_has_is_a_note_and_no_effect(recording):
 
 @pytest.mark.long
 def test_a_sound_recording_with_pauses_has_no_gap(second_rig):
-    sample = read_recording(second_rig / 'bag')
-    for start, end in ((1.5, 3.2), (15.0, 19.0)):
-        sample = replace(sample, **{n: cut(getattr(sample, n), start, end) for n in STREAMS})
+    sample = paused(read_recording(second_rig / 'bag'), (1.5, 3.2), (15.0, 19.0))
     diagnosis = RigSource(load_rig()).diagnose(sample).diagnosis
     assert diagnosis.verdict == 'no_gap' and len(diagnosis.notes) == 2
