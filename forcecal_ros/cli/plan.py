@@ -230,7 +230,7 @@ def _calibration(args: argparse.Namespace) -> int:
         design = design_calibration(robot, sensors, args.duration or 16.0,
                                     setup.timing)
     return _written(args, to_document(design), as_text(design), design.duration,
-                    to_parameters(design, robot))
+                    to_parameters(design))
 
 
 def _written(args: argparse.Namespace, document: dict[str, Any], text: str, duration: float,

@@ -75,11 +75,6 @@ class Setpoint(NamedTuple):
         return bool(self.velocity.any() or self.angular_velocity.any())
 
 
-def hold(pose: Pose) -> Setpoint:
-    """Return the setpoint at rest at a pose."""
-    return Setpoint(pose, np.zeros(3), np.zeros(3))
-
-
 def quintic(tau: Array | float) -> tuple[Array, Array, Array]:
     """
     Return the minimum-jerk path parameter from rest to rest.
@@ -277,9 +272,11 @@ class JointSetpoint(NamedTuple):
         return bool(self.velocities.any())
 
 
-def hold_joints(positions: Array) -> JointSetpoint:
-    """Return the setpoint at rest at some joint positions."""
-    return JointSetpoint(positions, np.zeros(len(positions)))
+def hold(goal: Pose | Array) -> Setpoint | JointSetpoint:
+    """Return the setpoint at rest at a pose, or at joint positions (n,)."""
+    if isinstance(goal, Pose):
+        return Setpoint(goal, np.zeros(3), np.zeros(3))
+    return JointSetpoint(goal, np.zeros(len(goal)))
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,6 @@ from forcecal_ros.motion.plan import (
     check_wrench,
     continuous_plan,
     Goal,
-    in_words,
     outline,
     path_of,
     PlannedSegment,
@@ -209,7 +208,7 @@ class Sequencer(MotionNode[SequencerSettings]):
         self._markers_out.publish(plan_markers(
             limits.workspace_min, limits.workspace_max, positions, frame, now))
         self._preview = Preview.of(self._values(), start)
-        found = in_words(outline(parts, self._settings.limits.tip))
+        found = outline(parts, limits.tip)
         return self._with_caveat(f'{self._settings.sequence}: {found}')
 
     def _command(self) -> Command | None:
