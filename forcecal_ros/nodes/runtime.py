@@ -262,14 +262,9 @@ def starting(name: str) -> Iterator[None]:
         raise ConfigError(why) from error
 
 
-def _executor(node: Node) -> Executor:
-    if node.get_parameter(EXECUTOR.name).value == 'events':
-        return EventsExecutor()
-    return SingleThreadedExecutor()
-
-
 def _spin(node: Node, interrupt: Interrupt) -> None:
-    executor = _executor(node)
+    events = node.get_parameter(EXECUTOR.name).value == 'events'
+    executor = EventsExecutor() if events else SingleThreadedExecutor()
     executor.add_node(node)
     # Objects that live until the end need not be searched in every garbage collection.
     gc.collect()
@@ -297,9 +292,6 @@ def _come_to_rest(node: Stoppable, executor: Executor) -> None:
         executor.spin_until_future_complete(Future(), timeout_sec=SIGNAL_CHECK)
 
 
-HOME, VARIABLE = 'ROS_HOME', 'ROS_LOG_DIR'
-
-
 def choose_log_folder(name: str) -> None:
     """
     Set another folder where the usual one cannot be written to, and print a note.
@@ -309,15 +301,16 @@ def choose_log_folder(name: str) -> None:
     name : str
         Of the program, for the note.
     """
-    usual = Path(os.environ.get(VARIABLE) or Path(os.environ.get(HOME) or '~/.ros') / 'log')
+    usual = Path(os.environ.get('ROS_LOG_DIR')
+                 or Path(os.environ.get('ROS_HOME') or '~/.ros') / 'log')
     try:
         usual = usual.expanduser()
         usual.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=usual):
             return
     except (OSError, RuntimeError):  # the latter where the home is unknown
-        os.environ[VARIABLE] = tempfile.mkdtemp(prefix='ros_log_')
-        print(f'{name}: note: {usual} cannot be written to; logs go to {os.environ[VARIABLE]}',
+        os.environ['ROS_LOG_DIR'] = instead = tempfile.mkdtemp(prefix='ros_log_')
+        print(f'{name}: note: {usual} cannot be written to; logs go to {instead}',
               file=sys.stderr)
 
 

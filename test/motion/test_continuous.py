@@ -16,7 +16,7 @@ from forcecal_ros.motion.monitor import Stillness
 from forcecal_ros.motion.plan import continuous_plan, outline, path_of, preview, Timing
 from forcecal_ros.motion.profiles import nominal_poses, Pace
 from forcecal_ros.motion.sequence import MotionSequence, StreamSettings
-from forcecal_ros.nodes.sequencer_settings import PARAMETERS, settings_of
+from forcecal_ros.nodes.sequencer import PARAMETERS, settings_of
 from longer import first
 import numpy as np
 import pytest

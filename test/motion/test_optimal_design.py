@@ -23,7 +23,7 @@ from forcecal_ros.motion.optimal_design import (
 )
 from forcecal_ros.motion.plan import calibration_plan, prepare, Timing
 from forcecal_ros.motion.profiles import Move, nominal_poses, reach_of, step_goal
-from forcecal_ros.nodes.sequencer_settings import PARAMETERS, settings_of
+from forcecal_ros.nodes.sequencer import PARAMETERS, settings_of
 from forcecal_ros.sim.rig.file import expected_sensors, load_rig
 import numpy as np
 import pytest

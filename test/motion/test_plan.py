@@ -22,7 +22,7 @@ from forcecal_ros.motion.plan import (
     Timing,
 )
 from forcecal_ros.motion.profiles import JointMove, nominal_poses, Pace, step_goal
-from forcecal_ros.nodes.sequencer_settings import PARAMETERS, settings_of
+from forcecal_ros.nodes.sequencer import PARAMETERS, settings_of
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np

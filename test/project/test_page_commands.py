@@ -17,7 +17,7 @@ from forcecal_ros.motion.plan import outline, prepare, SEQUENCES
 from forcecal_ros.motion.plan import preview as sampled
 from forcecal_ros.motion.profiles import Pose
 from forcecal_ros.nodes.config import TABLES
-from forcecal_ros.nodes.sequencer_settings import settings_of
+from forcecal_ros.nodes.sequencer import settings_of
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
