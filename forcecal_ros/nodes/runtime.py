@@ -159,12 +159,8 @@ def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | Non
     try:
         check_parameter_files(arguments)
         extra = remove_ros_args(arguments)[1:]
-    except ConfigError as error:
-        print(f'{name}: {with_id(error)}', file=sys.stderr)
-        return 2
-    except RCLError as error:
-        print(f'{name}: {" ".join(str(error).split())}', file=sys.stderr)
-        return 2
+    except (ConfigError, RCLError) as error:
+        return _refused(name, error, 2)
     if extra and extra[0] in ('-h', '--help'):
         print(usage(name, table))
         return 0
@@ -182,12 +178,8 @@ def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | Non
             _spin(node, interrupt)
         finally:
             node.destroy_node()
-    except ForcecalError as error:
-        print(f'{name}: {with_id(error)}', file=sys.stderr)
-        return 1
-    except (InvalidNodeNameException, InvalidTopicNameException) as error:
-        print(f'{name}: {" ".join(str(error).split())}', file=sys.stderr)
-        return 1
+    except (ForcecalError, InvalidNodeNameException, InvalidTopicNameException) as error:
+        return _refused(name, error, 1)
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
     except Exception as error:
@@ -199,6 +191,13 @@ def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | Non
         rclpy.try_shutdown()
         interrupt.restore()
     return 0
+
+
+def _refused(name: str, error: Exception, status: int) -> int:
+    """Print in one line why a node does not run; return the exit status."""
+    line = with_id(error) if isinstance(error, ForcecalError) else ' '.join(str(error).split())
+    print(f'{name}: {line}', file=sys.stderr)
+    return status
 
 
 def check_parameter_files(arguments: Sequence[str]) -> None:

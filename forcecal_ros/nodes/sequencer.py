@@ -78,6 +78,7 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 _WATCH = WatchSettings()
+_SETTLE = ('window', 'factor', 'force_floor', 'torque_floor', 'position_floor')
 
 
 PARAMETERS = (
@@ -96,8 +97,7 @@ PARAMETERS = (
     *parameters_of('limits', Limits()),
     *parameters_of('watch', _WATCH, 'pause_timeout', 'most_pauses', 'lost_timeout',
                    'frozen_timeout', 'max_age', 'clock_timeout'),
-    *parameters_of('settle', _WATCH, 'window', 'factor', 'force_floor', 'torque_floor',
-                   'position_floor'),
+    *parameters_of('settle', _WATCH, *_SETTLE),
     _live('settle.timeout', StreamSettings().settle_timeout, 'Time after a move in which the '
           'tool must become still', 's', 0.5, 120.0),
     Parameter('motion.backend', 'target_frame', 'Topic and type of the commands',
@@ -173,9 +173,8 @@ def settings_of(value: Mapping[str, Any]) -> SequencerSettings:
         Values contradict each other, or the file of poses cannot be read.
     """
     limits = section_of(Limits, value, 'limits')
-    watch = replace(section_of(WatchSettings, value, 'watch'), **{
-        name: value[f'settle.{name}'] for name in (
-            'window', 'factor', 'force_floor', 'torque_floor', 'position_floor')})
+    watch = replace(section_of(WatchSettings, value, 'watch'),
+                    **{name: value[f'settle.{name}'] for name in _SETTLE})
     # latency that sensors may have: settling lasts that much longer than the window of stillness,
     # so that all readings in it were taken at rest [s]
     stream = StreamSettings(

@@ -121,10 +121,10 @@ def test_sensors_come_from_a_calibration(calibration):
 
 def test_home_and_box_come_from_a_recording(recording):
     tip = np.array([0.2, 0.0, 0.1])
-    reach = reach_of(recording, tip)
-    assert np.abs(reach.home.position - HOME.position).max() < 1e-3
+    home, lower, upper = reach_of(recording, tip)
+    assert np.abs(home.position - HOME.position).max() < 1e-3
     corner = HOME.position + HOME.R_base_sensor @ tip
-    assert (reach.lower <= corner + 1e-3).all() and (reach.upper >= corner - 1e-3).all()
+    assert (lower <= corner + 1e-3).all() and (upper >= corner - 1e-3).all()
     with pytest.raises(DataError, match='--home'):
         reach_of(replace(recording, pose=None), tip)
 
