@@ -114,12 +114,12 @@ def _simulated(args: argparse.Namespace, page: Any) -> int:
 
 def _show(page: Any, ros: Any, view: Any, robot: str, check: Any) -> int:
     """Serve until a signal."""
-    from forcecal_ros.nodes.live import SEQUENCES
+    from forcecal_ros.motion.plan import SEQUENCES
     from forcecal_ros.nodes.runtime import SIGNAL_CHECK
     from forcecal_ros.report.page import render_page
 
     text = render_page('live.html.j2', 'Live', robot=robot, nonce=page.nonce,
-                       token=page.token if view.simulated else '', sequences=SEQUENCES)
+                       token=page.token if view.simulated else '', sequences=tuple(SEQUENCES))
     try:
         with page.showing(view, text):
             say(f'{page.address} shows {robot}; Ctrl-C ends it')

@@ -159,11 +159,10 @@ def _setup(args: argparse.Namespace) -> Setup:
     values: dict[str, Any] = {'limits.tip': list(rig.tool.tip), **given}
     home = Pose(np.array(rig.home.position), rig.home.R_base_sensor)
     if args.recording:
-        reach = reach_of(read(args, args.recording),
-                         np.array(values['limits.tip']))
-        values = {'limits.workspace_min': reach.lower.tolist(),
-                  'limits.workspace_max': reach.upper.tolist(), **values}
-        home = reach.home
+        home, lower, upper = reach_of(read(args, args.recording),
+                                      np.array(values['limits.tip']))
+        values = {'limits.workspace_min': lower.tolist(),
+                  'limits.workspace_max': upper.tolist(), **values}
     with from_arguments():
         if args.home:
             home = read_poses(['--home'], args.home)['--home']
@@ -230,7 +229,7 @@ def _calibration(args: argparse.Namespace) -> int:
         design = design_calibration(robot, sensors, args.duration or 16.0,
                                     setup.timing)
     return _written(args, to_document(design), as_text(design), design.duration,
-                    to_parameters(design, robot))
+                    to_parameters(design))
 
 
 def _written(args: argparse.Namespace, document: dict[str, Any], text: str, duration: float,

@@ -144,7 +144,7 @@ KINDS: dict[str, str] = {
     'FC0506': 'calibrate.statics checks.signals:refuse_far_displacement',
     # observer
     'FC0601':
-        'observe observe.design nodes.observer nodes.observer_settings nodes.observer_outputs',
+        'observe observe.design nodes.observer nodes.observer_outputs',
     'FC0602':
         'observe.playback:replay observe.playback:follow observe.playback:_replay_pose_free '
         'cli.estimate:_tool_figures',
@@ -157,7 +157,7 @@ KINDS: dict[str, str] = {
     'FC0703': 'motion.sequence nodes.motion_node nodes.sequencer impedance.session',
     'FC0704': 'nodes.backends',
     'FC0705':
-        'nodes motion.profiles:read_poses motion.profiles:reach_of '
+        'nodes nodes.sequencer:_joint_vectors motion.profiles:read_poses motion.profiles:reach_of '
         'motion.optimal_design:sensors_of motion.optimal_design:_density',
     'FC0706': 'impedance',
     # diagnosis

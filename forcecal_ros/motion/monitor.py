@@ -7,12 +7,12 @@ and the length of a window.
 from collections import deque
 from dataclasses import dataclass
 from itertools import islice, pairwise
-from math import asin, inf, isfinite, sqrt
+from math import asin, dist, inf, isfinite, sqrt
 from typing import Annotated, NamedTuple, TypeAlias
 
 from forcecal_ros.checks.signals import ABSURD
 from forcecal_ros.core.errors import above, below, DataError, MotionError
-from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.geometry import Array, rotate
 from forcecal_ros.core.schema import Row
 from forcecal_ros.motion.limits import Limits
 import numpy as np
@@ -129,24 +129,10 @@ def angle_between(a: tuple[float, ...], b: tuple[float, ...]) -> float:
     return 4.0 * asin(min(1.0, sqrt(min(same, opposite)) / 2))
 
 
-def transform_point(point: Array, pose: tuple[float, ...]) -> tuple[float, float, float]:
-    """Transform a point from the frame of a pose, x y z [m] qx qy qz qw, to base [m]."""
-    x, y, z, qx, qy, qz, qw = pose
-    a, b, c = point.tolist()
-    u, v, w = 2 * (qy * c - qz * b), 2 * (qz * a - qx * c), 2 * (qx * b - qy * a)
-    return (x + a + qw * u + qy * w - qz * v, y + b + qw * v + qz * u - qx * w,
-            z + c + qw * w + qx * v - qy * u)
-
-
 def rates(samples: list[Timed]) -> list[Timed]:
     """Return the difference quotients of consecutive samples, at the times halfway between."""
     return [((t1 + t0) / 2, tuple((x1 - x0) / (t1 - t0) for x1, x0 in zip(v1, v0)))
             for (t1, v1), (t0, v0) in pairwise(samples)]
-
-
-def distance_between(a: tuple[float, ...], b: tuple[float, ...]) -> float:
-    """Return the distance of two points [m]."""
-    return sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
 
 
 LATE_PATIENCE = 0.02
@@ -263,7 +249,9 @@ class Monitor:
                         'not 1')
             return
         self._check_workspace(channel, values[:3], 'ft_sensor')
-        self._check_workspace(channel, transform_point(self.limits.tip, values), 'the tip')
+        x, y, z, a, b, c, d = values
+        u, v, w = rotate((a, b, c, d), self.limits.tip.tolist())
+        self._check_workspace(channel, (x + u, y + v, z + w), 'the tip')
         channel.keep()
         self._check_speed(channel)
         self._check_changes(channel)
@@ -307,7 +295,7 @@ class Monitor:
             return
         span = now - stamp
         self._check_overspeed(f'{channel.topic}: moves at', 'speed', 'm/s',
-                              distance_between(values, before) / span)
+                              dist(values[:3], before[:3]) / span)
         self._check_overspeed(f'{channel.topic}: turns at', 'angular_speed', 'rad/s',
                               angle_between(values[3:], before[3:]) / span)
 
@@ -344,7 +332,7 @@ class Monitor:
     def command(self, stamp: float, pose: tuple[float, ...]) -> None:
         """Note a command, x y z [m] qx qy qz qw, with which poses of its time are compared."""
         self._commands.append((stamp, pose))
-        travel = distance_between(pose, self._resting or pose) / VISIBLE_TRAVEL
+        travel = dist(pose[:3], (self._resting or pose)[:3]) / VISIBLE_TRAVEL
         turn = angle_between(pose[3:], (self._resting or pose)[3:]) / VISIBLE_TURN
         self._note_command(stamp, pose, max(travel, turn))
 
@@ -434,7 +422,7 @@ class Monitor:
             return ''
         commanded, limits = commands[0][1], self.limits
         for off, key, limit, unit in (
-                (distance_between(pose.values, commanded), 'error', limits.tracking_error, 'm'),
+                (dist(pose.values[:3], commanded[:3]), 'error', limits.tracking_error, 'm'),
                 (angle_between(pose.values[3:], commanded[3:]), 'angle', limits.tracking_angle,
                  'rad')):
             if off > limit:
@@ -519,11 +507,11 @@ class Monitor:
         if self._arrived is None or not self._commands:
             return ''
         pose, (target, seen), now = self.channels['pose'], self._arrived, self._commands[-1][1]
-        for a, b, done, error, unit in (
-                (now, target, distance_between(pose.values, seen), POSITIONING_ERROR[0], 'm'),
-                (now[3:], target[3:], angle_between(pose.values[3:], seen[3:]),
+        for way, done, error, unit in (
+                (dist(now[:3], target[:3]), dist(pose.values[:3], seen[:3]),
+                 POSITIONING_ERROR[0], 'm'),
+                (angle_between(now[3:], target[3:]), angle_between(pose.values[3:], seen[3:]),
                  POSITIONING_ERROR[1], 'rad')):
-            way = distance_between(a, b) if unit == 'm' else angle_between(a, b)
             # a robot that has done this share of the commanded motion has
             # arrived: its gain may be below 1
             if done < 0.9 * way - error:

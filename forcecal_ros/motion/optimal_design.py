@@ -173,9 +173,6 @@ def _inverse(matrix: Array) -> Array:
 SETTLE = 0.5
 """How long the tool is expected to settle after each move [s]: 0.3 to 0.6 s on the nominal rig."""
 
-LONGEST_TURN = np.radians(165.0)
-"""Largest rotation between two poses [rad], as far from half a turn as a base may be tilted."""
-
 GROUPS = {'mass': ('kg', (0,)), 'force bias': ('N', (1, 2, 3)), 'com': ('m', (4, 5, 6)),
           'torque bias': ('N m', (7, 8, 9)), 'offset': ('', (10, 11, 12)),
           'gain': ('', (13, 17, 21))}
@@ -312,7 +309,8 @@ class Planner:
                               f'the limits: {refused[0]}')
 
     def _moved(self, start: Pose, goal: Pose) -> tuple[float, Array] | None:
-        if Move(start, goal, 1.0).angle > LONGEST_TURN:
+        # largest rotation between two poses, as far from half a turn as a base may be tilted
+        if Move(start, goal, 1.0).angle > np.radians(165.0):
             return None
         move = Move(start, goal, shortest_duration(start, goal, self.robot.pace))
         check_move(move, self.robot.limits)
@@ -453,10 +451,10 @@ def to_document(design: Design) -> dict[str, Any]:
                            'unit': _unit(design, name)} for name in design.errors.names}}
 
 
-def to_parameters(design: Design, robot: Robot) -> str:
+def to_parameters(design: Design) -> str:
     """Return it as a parameter file of the sequencer, the table in its comments."""
     return sequencer_parameters(
-        'calibrate', design.poses, design.timing, design.robot.pace, robot.limits,
+        'calibrate', design.poses, design.timing, design.robot.pace, design.robot.limits,
         f'Recording for forcecal calibrate, about {design.duration:g} s.\n{as_text(design)}')
 
 

@@ -18,6 +18,7 @@ from forcecal_ros.motion.profiles import (
     Pose,
     shortest_duration,
     shortest_joint_duration,
+    step_goal,
 )
 import numpy as np
 
@@ -356,9 +357,7 @@ def _touch(home: Goal, away: Goal, timing: Timing) -> list[Segment]:
 
 def _forward(home: Goal, away: Goal, distance: float) -> Goal:
     """Return the pose ``distance`` [m] along x of ft_sensor; of joint vectors, ``away``."""
-    if not isinstance(home, Pose):
-        return away
-    return Pose(home.position + distance * home.R_base_sensor[:, 0], home.R_base_sensor)
+    return step_goal(home, distance) if isinstance(home, Pose) else away
 
 
 def _rotated(home: Pose, axis: int, angle: float) -> Pose:
@@ -433,72 +432,6 @@ def preview(plan: Sequence[PlannedSegment], rate: float, settle: float
     return PoseStream(t, np.array(positions), np.array(rotations)), tuple(phases)
 
 
-class Box(NamedTuple):
-    """Corners in base, each of shape (3,) [m]."""
-
-    lower: Array
-    upper: Array
-
-
-class Outline(NamedTuple):
-    """
-    What a plan would do.
-
-    Attributes
-    ----------
-    moves, settlings : int
-        How many of each; how long a settling takes is up to the tool.
-    duration : float
-        Without settlings [s].
-    distance, angle : float
-        Sum of all moves [m], [rad].
-    speed, angular_speed, joint_speed : float
-        Largest planned [m/s], [rad/s]; the last of joints, where they are commanded.
-    sensor, tip : Box or None
-        What ft_sensor's origin and the tip stay in; None where joints are commanded.
-    """
-
-    moves: int
-    settlings: int
-    duration: float
-    distance: float
-    angle: float
-    speed: float
-    angular_speed: float
-    joint_speed: float
-    sensor: Box | None
-    tip: Box | None
-
-
-def outline(plan: Sequence[PlannedSegment], tip: Array) -> Outline:
-    """
-    Sum up a plan.
-
-    Parameters
-    ----------
-    tip : ndarray, shape (3,)
-        The tool's foremost point in ft_sensor [m].
-    """
-    moves = [part.move for part in plan if part.move is not None]
-    paths = [move for move in moves if isinstance(move, (Move, MultiSine))]
-    speeds = [move.peak_speeds for move in paths]
-    joints = [move for move in moves if isinstance(move, JointMove)]
-    positions, rotations = path_of(plan)
-    return Outline(
-        len(moves), sum(part.duration is None for part in plan),
-        expected_duration(plan, settle=0.0),
-        sum(move.distance for move in paths), sum(move.angle for move in paths),
-        max((speed for speed, _ in speeds), default=0.0),
-        max((turning for _, turning in speeds), default=0.0),
-        max((PEAK_SPEED * float(np.abs(move.displacement).max()) / move.duration
-             for move in joints), default=0.0),
-        _box(positions), _box(positions + rotations @ tip))
-
-
-def _box(points: Array) -> Box | None:
-    return Box(points.min(axis=0), points.max(axis=0)) if len(points) else None
-
-
 def path_of(plan: Sequence[PlannedSegment]) -> tuple[Array, Array]:
     """Return poses of ft_sensor along all moves, (n, 3) [m] and (n, 3, 3); none of joints."""
     # time between two poses of a path that is shown: 5 mm at the default speed [s]
@@ -510,17 +443,36 @@ def path_of(plan: Sequence[PlannedSegment]) -> tuple[Array, Array]:
     return np.concatenate(positions), np.concatenate(rotations)
 
 
-def in_words(found: Outline) -> str:
-    """Say in one sentence what a plan would do."""
-    text = (f'{found.moves} moves in {found.duration:.1f} s and {found.settlings} settlings'
-            f'{"" if found.sensor else f", at most {found.joint_speed:.3g} rad/s of a joint"}')
-    if found.sensor is None or found.tip is None:
-        return text
-    return (f'{text}, {found.distance:.3g} m and {np.degrees(found.angle):.0f} deg long, at most '
-            f'{found.speed:.3g} m/s and {found.angular_speed:.3g} rad/s; ft_sensor stays within '
-            f'{_corners(found.sensor)}, the tip within {_corners(found.tip)}')
+def outline(plan: Sequence[PlannedSegment], tip: Array) -> str:
+    """
+    Return in one sentence what a plan would do: moves, durations, lengths, speeds and boxes.
+
+    How long a settling takes is up to the tool: durations are without.
+
+    Parameters
+    ----------
+    tip : ndarray, shape (3,)
+        The tool's foremost point in ft_sensor [m].
+    """
+    moves = [part.move for part in plan if part.move is not None]
+    settlings = sum(part.duration is None for part in plan)
+    text = (f'{len(moves)} moves in {expected_duration(plan, settle=0.0):.1f} s and '
+            f'{settlings} settlings')
+    paths = [move for move in moves if isinstance(move, (Move, MultiSine))]
+    if not paths:
+        fastest = max((PEAK_SPEED * float(np.abs(move.displacement).max()) / move.duration
+                       for move in moves if isinstance(move, JointMove)), default=0.0)
+        return f'{text}, at most {fastest:.3g} rad/s of a joint'
+    speed, turning = np.max([move.peak_speeds for move in paths], axis=0)
+    positions, rotations = path_of(plan)
+    return (f'{text}, {sum(move.distance for move in paths):.3g} m and '
+            f'{np.degrees(sum(move.angle for move in paths)):.0f} deg long, at most {speed:.3g} '
+            f'm/s and {turning:.3g} rad/s; ft_sensor stays within {_box(positions)}, the tip '
+            f'within {_box(positions + rotations @ tip)}')
 
 
-def _corners(box: Box) -> str:
-    lower, upper = (' '.join(f'{x:.3f}' for x in corner) for corner in box)
+def _box(points: Array) -> str:
+    """Return the corners of the box around points (n, 3) [m]."""
+    lower, upper = (' '.join(f'{x:.3f}' for x in corner)
+                    for corner in (points.min(axis=0), points.max(axis=0)))
     return f'{lower} to {upper} m'

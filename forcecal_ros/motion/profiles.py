@@ -75,11 +75,6 @@ class Setpoint(NamedTuple):
         return bool(self.velocity.any() or self.angular_velocity.any())
 
 
-def hold(pose: Pose) -> Setpoint:
-    """Return the setpoint at rest at a pose."""
-    return Setpoint(pose, np.zeros(3), np.zeros(3))
-
-
 def quintic(tau: Array | float) -> tuple[Array, Array, Array]:
     """
     Return the minimum-jerk path parameter from rest to rest.
@@ -240,16 +235,15 @@ def shortest_duration(start: Pose, goal: Pose, pace: Pace) -> float:
                float(np.sqrt(PEAK_ACCELERATION * move.angle / pace.angular_acceleration)))
 
 
-class PeakRates(NamedTuple):
-    """Peaks of |ds/dt| [1/s], |d2s/dt2| [1/s^2] and |d3s/dt3| [1/s^3] of the path parameter."""
+def peak_rates(duration: float, stop_duration: float) -> tuple[float, float, float]:
+    """
+    Return the peak rates of a quintic of some duration [s], with a stop at any instant.
 
-    speed: float
-    acceleration: float
-    jerk: float
-
-
-def peak_rates(duration: float, stop_duration: float) -> PeakRates:
-    """Return the peak rates of a quintic of some duration [s], with a stop at any instant."""
+    Returns
+    -------
+    tuple of float
+        Peaks of |ds/dt| [1/s], |d2s/dt2| [1/s^2] and |d3s/dt3| [1/s^3] of the path parameter.
+    """
     begin = np.linspace(0.0, duration, 81)[:, None]
     stopped = np.linspace(0.0, 1.0, 41)
     u, du, ddu = stop_time(stopped)
@@ -259,10 +253,9 @@ def peak_rates(duration: float, stop_duration: float) -> PeakRates:
     acceleration = change * du**2 + rate * ddu / stop_duration
     jerk = (ddds / duration**3 * du**3 + 3 * change * du * ddu / stop_duration
             + rate * (12 * stopped - 6) / stop_duration**2)
-    return PeakRates(float(rate.max()),
-                     max(float(np.abs(acceleration).max()),
-                         float(PEAK_ACCELERATION) / duration**2),
-                     max(float(np.abs(jerk).max()), 60.0 / duration**3))
+    return (float(rate.max()),
+            max(float(np.abs(acceleration).max()), float(PEAK_ACCELERATION) / duration**2),
+            max(float(np.abs(jerk).max()), 60.0 / duration**3))
 
 
 class JointSetpoint(NamedTuple):
@@ -277,9 +270,11 @@ class JointSetpoint(NamedTuple):
         return bool(self.velocities.any())
 
 
-def hold_joints(positions: Array) -> JointSetpoint:
-    """Return the setpoint at rest at some joint positions."""
-    return JointSetpoint(positions, np.zeros(len(positions)))
+def hold(goal: Pose | Array) -> Setpoint | JointSetpoint:
+    """Return the setpoint at rest at a pose, or at joint positions (n,)."""
+    if isinstance(goal, Pose):
+        return Setpoint(goal, np.zeros(3), np.zeros(3))
+    return JointSetpoint(goal, np.zeros(len(goal)))
 
 
 @dataclass(frozen=True)
@@ -393,15 +388,7 @@ def step_goal(home: Pose, distance: float) -> Pose:
     return Pose(home.position + distance * home.R_base_sensor[:, 0], home.R_base_sensor)
 
 
-class Reach(NamedTuple):
-    """First pose, and the corners in base, shape (3,) [m], of what sensor and tip went through."""
-
-    home: Pose
-    lower: Array
-    upper: Array
-
-
-def reach_of(recording: Recording, tip: Array) -> Reach:
+def reach_of(recording: Recording, tip: Array) -> tuple[Pose, Array, Array]:
     """
     Return where the robot of a recording has been.
 
@@ -409,6 +396,11 @@ def reach_of(recording: Recording, tip: Array) -> Reach:
     ----------
     tip : ndarray, shape (3,)
         The tool's foremost point in ft_sensor [m].
+
+    Returns
+    -------
+    Pose and two ndarray, shape (3,)
+        First pose, and lower and upper corner in base of what sensor and tip went through [m].
 
     Raises
     ------
@@ -421,5 +413,5 @@ def reach_of(recording: Recording, tip: Array) -> Reach:
                         'from which home and box follow; state --home and '
                         '--set limits.workspace_min/max instead')
     points = np.concatenate([pose.position, pose.position + pose.R_base_sensor @ tip])
-    return Reach(Pose(pose.position[0], pose.R_base_sensor[0]),
-                 points.min(axis=0), points.max(axis=0))
+    return (Pose(pose.position[0], pose.R_base_sensor[0]),
+            points.min(axis=0), points.max(axis=0))

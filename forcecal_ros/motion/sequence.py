@@ -14,9 +14,7 @@ from forcecal_ros.motion.monitor import Stillness
 from forcecal_ros.motion.plan import expected_duration, Goal, PlannedSegment
 from forcecal_ros.motion.profiles import (
     hold,
-    hold_joints,
     JointSetpoint,
-    Pose,
     Setpoint,
     stop_time,
 )
@@ -286,7 +284,7 @@ class MotionSequence:
 
     def _holding(self) -> Command:
         assert self._rest is not None
-        return hold(self._rest) if isinstance(self._rest, Pose) else hold_joints(self._rest)
+        return hold(self._rest)
 
     def _close(self) -> Command:
         self._closing -= 1

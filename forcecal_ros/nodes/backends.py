@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections import deque
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 from builtin_interfaces.msg import Duration
 from forcecal_ros.core.errors import above, ConfigError, DataError, MotionError
@@ -10,9 +10,8 @@ from forcecal_ros.core.geometry import Array, matrix_from_quaternion, quaternion
 from forcecal_ros.motion.monitor import FOLLOW
 from forcecal_ros.motion.plan import Goal
 from forcecal_ros.motion.profiles import JointSetpoint, Pose, Setpoint, twist_towards
-from forcecal_ros.nodes.inputs import mounting_parameter
+from forcecal_ros.nodes.inputs import mounting_parameter, Sensors
 from forcecal_ros.nodes.runtime import OUTPUT, SENSOR
-from forcecal_ros.nodes.supervision import Sensors
 from forcecal_ros.nodes.wire import Inbox, Writer
 from forcecal_ros.observe.frames import from_the_sensor
 from geometry_msgs.msg import PoseStamped, TwistStamped
@@ -22,13 +21,8 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-UNCHECKED = ('where joint vectors lead is not known beforehand: limits.workspace, speed, force '
-             'and torque are checked while the robot moves, not in the plan')
 
-CommandT = TypeVar('CommandT', Setpoint, JointSetpoint)
-
-
-class Backend(ABC, Generic[CommandT]):
+class Backend(ABC):
     """
     A topic that commands are sent to, watched for commands of other nodes.
 
@@ -60,6 +54,7 @@ class Backend(ABC, Generic[CommandT]):
         MotionError
             The frame of commands is not that of the measured poses.
         """
+        self._period_ns = period_ns
 
     def require_controller(self) -> None:
         """
@@ -79,8 +74,8 @@ class Backend(ABC, Generic[CommandT]):
         return self._sensors.measured_pose()
 
     @abstractmethod
-    def send(self, stamp_ns: int, command: CommandT) -> None:
-        """Send one command."""
+    def send(self, stamp_ns: int, command: Any) -> None:
+        """Send one command: a setpoint of poses or of joints."""
 
     def tracking_fault(self, limit: float) -> str:
         """Check a tracking error that only this back end measures; empty: it is within limit."""
@@ -95,7 +90,7 @@ class Backend(ABC, Generic[CommandT]):
         self._publisher.publish(raw)
 
 
-class CartesianBackend(Backend[Setpoint]):
+class CartesianBackend(Backend):
     """Commands of the frame whose pose is measured, in the frame that this pose is in."""
 
     def __init__(self, node: Node, inbox: Inbox, sensors: Sensors, topic: str, message_type: Any
@@ -106,6 +101,7 @@ class CartesianBackend(Backend[Setpoint]):
 
     def prepare(self, period_ns: int) -> None:
         """Choose the frame of commands: that of the measured poses, unless another is set."""
+        super().prepare(period_ns)
         measured = self._sensors.frames['pose']
         if not (measured or self._frame):
             raise MotionError('current_pose has no frame_id; set motion.frame to the robot base '
@@ -118,7 +114,8 @@ class CartesianBackend(Backend[Setpoint]):
 
     def send(self, stamp_ns: int, command: Setpoint) -> None:
         """Send one command, with which the monitor compares the measured poses."""
-        pose = pose_numbers(command.pose)
+        position, R_base_sensor = command.pose
+        pose = (*position.tolist(), *quaternion_of(R_base_sensor))
         self._sensors.commanded(stamp_ns, pose)
         self._publish(self._write(stamp_ns, self._numbers(command, pose)))
 
@@ -162,17 +159,17 @@ class TwistCommands(CartesianBackend):
         return (*velocity.tolist(), *spin.tolist())
 
 
-class JointTrajectories(Backend[JointSetpoint]):
+class JointTrajectories(Backend):
     """Joint vectors for joint_trajectory_controller: every joint, each message ends at rest."""
 
-    caveat = UNCHECKED
+    caveat = ('where joint vectors lead is not known beforehand: limits.workspace, speed, force '
+              'and torque are checked while the robot moves, not in the plan')
 
     def __init__(self, node: Node, inbox: Inbox, sensors: Sensors, names: list[str]) -> None:
         if not names or names == ['']:
             raise ConfigError('motion.backend joint_trajectory requires joints.names')
         super().__init__(node, inbox, sensors, 'joint_trajectory', JointTrajectory)
         self._names = names
-        self._period_ns = 0
         self._positions: dict[str, float] = {}
         self._sent: deque[Array] = deque(maxlen=50)  # 0.2 s at 250 Hz
         node.create_subscription(JointState, 'joint_states', self._on_joints, SENSOR)
@@ -197,7 +194,7 @@ class JointTrajectories(Backend[JointSetpoint]):
 
     def prepare(self, period_ns: int) -> None:
         """Forget the commands of the motion before."""
-        self._period_ns = period_ns
+        super().prepare(period_ns)
         self._sent.clear()
 
     def tracking_fault(self, limit: float) -> str:
@@ -235,12 +232,7 @@ def _point(positions: Array, velocities: Array, after_ns: int) -> JointTrajector
         time_from_start=Duration(sec=after_ns // 10**9, nanosec=after_ns % 10**9))
 
 
-def pose_numbers(pose: Pose) -> tuple[float, ...]:
-    """Return x y z qx qy qz qw of a pose."""
-    return (*pose.position.tolist(), *quaternion_of(pose.R_base_sensor))
-
-
-def backend_of(node: Node, inbox: Inbox, sensors: Sensors) -> Backend[Any]:
+def backend_of(node: Node, inbox: Inbox, sensors: Sensors) -> Backend:
     """Return the back end that the parameter ``motion.backend`` of a node names."""
     def value(name: str) -> Any:
         return node.get_parameter(name).value

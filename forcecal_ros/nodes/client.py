@@ -69,13 +69,10 @@ class Processes:
         """
         for node, process in self._running.items():
             if process.poll() is not None:
+                self._outputs[node].seek(0)
+                said = self._outputs[node].read().decode(errors='replace').strip().splitlines()
                 raise DataError(f'the {node} node ended with status {process.returncode}: '
-                                f'{self._last_line(node)}')
-
-    def _last_line(self, node: str) -> str:
-        self._outputs[node].seek(0)
-        lines = self._outputs[node].read().decode(errors='replace').strip().splitlines()
-        return lines[-1] if lines else 'no output'
+                                f'{said[-1] if said else "no output"}')
 
     def __enter__(self) -> 'Processes':
         return self

@@ -119,12 +119,10 @@ class Collector:
                           self.frames.get(name, 'base'))
 
     def _closed_phases(self, start: int) -> tuple[Phase, ...]:
-        ends = [*(stamp for _, stamp in self._phases[1:]), self._end()]
+        end = max(max(stamps) for stamps in self._stamps.values() if stamps) + 1
+        ends = [*(stamp for _, stamp in self._phases[1:]), end]
         return tuple(Phase(name, (begin - start) * 1e-9, (end - start) * 1e-9)
                      for (name, begin), end in zip(self._phases, ends) if end > begin)
-
-    def _end(self) -> int:
-        return max(max(stamps) for stamps in self._stamps.values() if stamps) + 1
 
 
 class Identification:

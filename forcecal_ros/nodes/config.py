@@ -5,15 +5,15 @@ from importlib.resources import files
 from pathlib import Path
 
 from forcecal_ros.core.parameters import Parameter, parameter_file
-from forcecal_ros.nodes import gap, impedance, observer_settings, sequencer_settings, sim
+from forcecal_ros.nodes import gap, impedance, observer, sequencer, sim
 from forcecal_ros.sim.rig.file import rewritten
 
 TABLES: Mapping[str, tuple[tuple[Parameter, ...], str]] = {
     'gap': (gap.PARAMETERS, 'Parameters of the gap node, at their defaults.'),
     'impedance': (impedance.PARAMETERS,
                   'Parameters of the impedance node, at their defaults.'),
-    'observer': (observer_settings.PARAMETERS, 'Parameters of the observer, at their defaults.'),
-    'sequencer': (sequencer_settings.PARAMETERS,
+    'observer': (observer.PARAMETERS, 'Parameters of the observer, at their defaults.'),
+    'sequencer': (sequencer.PARAMETERS,
                   ('Parameters of the sequencer, at their defaults: those of the nominal rig. '
                    'Before the first start on a robot of your own set limits.*, poses.* and '
                    'wrench.sign.')),

@@ -17,16 +17,17 @@ from forcecal_ros.nodes.backends import TargetFrame
 from forcecal_ros.nodes.inputs import (
     at_sensor,
     COMMAND_PARAMETERS,
+    Deadman,
     mounting_parameter,
     optidrive_input,
     plain_input,
     POSE_PARAMETERS,
     pose_source,
+    Sensors,
 )
 from forcecal_ros.nodes.motion_node import MotionNode
 from forcecal_ros.nodes.runtime import EXECUTOR, run, SECOND
 from forcecal_ros.nodes.runtime import live_parameter as _live
-from forcecal_ros.nodes.supervision import Deadman, Sensors
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
 
@@ -109,8 +110,10 @@ def _design(value: Mapping[str, Any]) -> DesignSettings:
         wall_stiffness=(value['design.softest_wall'], value['design.stiffest_wall']))
 
 
-class Impedance(MotionNode[ImpedanceSettings]):
+class Impedance(MotionNode):
     """Runs one contact task at a time, from start to done or aborted."""
+
+    _settings: ImpedanceSettings
 
     def __init__(self) -> None:
         super().__init__('impedance', PARAMETERS, settings_of)
@@ -133,7 +136,7 @@ class Impedance(MotionNode[ImpedanceSettings]):
         return Sensors(self._inbox, inputs, deadman, self._settings.watch, self._settings.limits)
 
     def _new_settings(self) -> ImpedanceSettings:
-        before, settings = self._settings, super()._new_settings()
+        before, settings = self._settings, settings_of(self._values())
         if (settings.target, settings.design) != (before.target, before.design):
             self._law = design(self._plant, settings.target, settings.design).law
         return settings

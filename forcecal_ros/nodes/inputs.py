@@ -1,16 +1,21 @@
-"""Topics that nodes read: accelerometers, and the pose of ft_sensor by a topic, /tf or joints."""
+"""Topics that nodes read, and their watch: accelerometers, poses by a topic, /tf or joints."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from struct import error as StructError
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 from forcecal_ros.core.errors import ConfigError, DataError
+from forcecal_ros.core.geometry import matrix_from_quaternion
 from forcecal_ros.core.parameters import Parameter
 from forcecal_ros.io.urdf import Description
-from forcecal_ros.nodes.runtime import LATCHED
-from forcecal_ros.nodes.wire import frame_of, JointReader, JointsReader, Reader, Sample
+from forcecal_ros.motion.limits import Limits
+from forcecal_ros.motion.monitor import Monitor, WatchSettings
+from forcecal_ros.motion.profiles import Pose
+from forcecal_ros.nodes.runtime import LATCHED, SECOND, STEADY
+from forcecal_ros.nodes.wire import frame_of, Inbox, JointReader, JointsReader, Reader, Sample
 from forcecal_ros.observe.frames import at_the_sensor, mounting_of, Placement
 from forcecal_ros.observe.pose_sources import JointPose, TransformPose
 from geometry_msgs.msg import AccelStamped, PoseStamped, Vector3Stamped
@@ -18,6 +23,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import Header
 
 SENSOR_FROM_POSE = Parameter(
     'sensor.from_pose', [0.0], 'x y z [m] qx qy qz qw of ft_sensor in the frame whose pose is '
@@ -235,3 +241,97 @@ def accelerometer_input(source: str) -> tuple[Input | None, str]:
     topic, message_type, unit = ACCELEROMETERS.get(source, ACCELEROMETERS['raw'])
     known = source in ACCELEROMETERS
     return plain_input('accelerometer', topic, message_type) if known else None, unit
+
+
+class Deadman:
+    """
+    Monitor of the topic ``deadman``.
+
+    Parameters
+    ----------
+    timeout : float
+        Silence that stops a motion [s]; 0: there is no switch.
+    """
+
+    def __init__(self, inbox: Inbox, timeout: float) -> None:
+        self._received = 0
+        self._timeout = round(timeout * SECOND)
+        if self._timeout:
+            inbox.subscribe(Header, 'deadman', self._on_deadman)
+
+    def _on_deadman(self, raw: bytes) -> None:
+        self._received = STEADY.now().nanoseconds
+
+    def fault(self, steady_ns: int) -> str:
+        """Return why to stop, at a time on the steady clock [ns]; empty: there is no reason."""
+        silent = steady_ns - self._received
+        if not 0 < self._timeout < silent:
+            return ''
+        if not self._received:
+            return 'deadman: nothing received; press the switch'
+        return f'deadman: silent for {silent / SECOND:.3f} s'
+
+
+Record: TypeAlias = Callable[[str, int, tuple[float, ...]], None]
+"""Called with channel, stamp [ns] and values of every sample and command."""
+
+
+class Sensors:
+    """The topics that a motion depends on, with monitor and dead-man switch."""
+
+    def __init__(self, inbox: Inbox, inputs: Iterable[Input], deadman: Deadman,
+                 watch: WatchSettings, limits: Limits, record: Record | None = None) -> None:
+        inputs = tuple(inputs)
+        self.deadman = deadman
+        self.monitor = Monitor(watch, limits, {
+            one.channel: one.name or one.topic for one in inputs if one.watched})
+        self._record = record
+        self._raw: dict[str, bytes] = {}
+        self._stamps: dict[str, int] = {}
+        self._frame_of = {one.channel: one.frame_of for one in inputs}
+        for one in inputs:
+            inbox.subscribe(one.message_type, one.topic, one.taker(self._user(one)))
+
+    def _user(self, one: Input) -> Callable[[bytes, Sample], None]:
+        channel, record, newest, stamps = one.channel, self._record, self._raw, self._stamps
+        watch = self._watch_of(channel) if one.watched else None
+
+        def use(raw: bytes, sample: Sample) -> None:
+            stamp_ns, values = sample
+            newest[channel], stamps[channel] = raw, stamp_ns
+            if watch is not None:
+                watch(stamp_ns * 1e-9, values)
+            if record is not None:
+                record(channel, stamp_ns, values)
+
+        return use
+
+    def _watch_of(self, channel: str) -> Callable[[float, tuple[float, ...]], None]:
+        monitor = self.monitor
+        return {'wrench': monitor.wrench, 'pose': monitor.pose}.get(
+            channel, partial(monitor.other, channel))
+
+    def commanded(self, stamp_ns: int, pose: tuple[float, ...]) -> None:
+        """Note a command, x y z [m] qx qy qz qw, with which measured poses are compared."""
+        self.monitor.command(stamp_ns * 1e-9, pose)
+        if self._record is not None:
+            self._record('target', stamp_ns, pose)
+
+    def newest(self, channel: str) -> tuple[float, ...]:
+        """Return the newest values of a channel; zero where there is no such channel."""
+        found = self.monitor.channels.get(channel)
+        return found.values if found is not None else (0.0,)
+
+    def measured_pose(self) -> Pose:
+        """Return the pose of a robot at rest, its position averaged over the newest poses."""
+        return Pose(self.monitor.mean('pose'), matrix_from_quaternion(self.newest('pose')[3:]))
+
+    @property
+    def pose_stamp_ns(self) -> int:
+        """Header stamp of the newest pose [ns]."""
+        return self._stamps['pose']
+
+    @property
+    def frames(self) -> dict[str, str]:
+        """The frame_id of the newest message, by channel."""
+        return {channel: self._frame_of[channel](raw) for channel, raw in self._raw.items()}

@@ -20,6 +20,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.diagnose.dataset import CHANNELS, STAGES
+from forcecal_ros.motion.plan import SEQUENCES
 from forcecal_ros.nodes.client import NODES, sequence_request, WORDS
 from forcecal_ros.nodes.inputs import plain_input
 from forcecal_ros.nodes.runtime import OUTPUT, SECOND, STEADY
@@ -33,8 +34,6 @@ from std_srvs.srv import Trigger
 SHOWN = {'wrench': 'wrench', 'contact': 'observer/contact_wrench',
          'inertial': 'observer/inertial_wrench'}
 """Name in a row, and topic; the first may be called otherwise."""
-
-SEQUENCES = ('calibrate', 'contact', 'diagnose')
 
 Extremes = tuple[list[float], list[float]] | None
 

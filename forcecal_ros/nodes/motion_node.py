@@ -3,41 +3,175 @@
 from abc import abstractmethod
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from math import inf
 from time import sleep
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, NamedTuple, TYPE_CHECKING, TypeAlias
 
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.core.errors import DataError, MotionError
 from forcecal_ros.core.parameters import Parameter
-from forcecal_ros.motion.limits import Limits
-from forcecal_ros.motion.monitor import WatchSettings
-from forcecal_ros.motion.sequence import Command, next_in_phase, StreamClock
+from forcecal_ros.motion.sequence import (
+    Command,
+    MotionSequence,
+    next_in_phase,
+    StreamClock,
+)
 from forcecal_ros.nodes.backends import Backend
+from forcecal_ros.nodes.inputs import Sensors
 from forcecal_ros.nodes.runtime import answering, diagnostic_array, OUTPUT, SECOND, STEADY
-from forcecal_ros.nodes.supervision import Fault, Guard, Motion, Sensors
 from forcecal_ros.nodes.wire import ReceivingNode
 import numpy as np
+from rclpy.clock import Clock
 from rclpy.time import Time
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+if TYPE_CHECKING:
+    from forcecal_ros.impedance.session import Session
 
-class MotionSettings(Protocol):
-    """Settings of one motion; each node adds its own."""
+Motion: TypeAlias = 'MotionSequence | Session'
+"""Maker of commands, one a period, from a start to done or aborted."""
 
-    @property
-    def limits(self) -> Limits:
-        """Limits of the measured motion."""
-
-    @property
-    def watch(self) -> WatchSettings:
-        """When a sensor counts as silent, late or frozen."""
+CLOCK_JUMP = 0.1
+"""Largest change of the clock of the stamps against the steady one in a sequence: the slewing of
+NTP, at most 0.5 ms/s, stays below it for three minutes [s]."""
 
 
-SettingsT = TypeVar('SettingsT', bound=MotionSettings)
+class Fault(NamedTuple):
+    """Reason to abort; ``at_once``: the robot rests already."""
+
+    reason: str
+    at_once: bool = False
 
 
-class MotionNode(ReceivingNode, Generic[SettingsT]):
+class Guard:
+    """
+    Supervision of one motion after another.
+
+    Parameters
+    ----------
+    clock : Clock
+        Of the header stamps.
+    steady : Clock
+        Only goes forward.
+    simulated : bool
+        Whether the clock of the stamps also drives the motion.
+
+    Attributes
+    ----------
+    pauses : int
+        Since the start.
+    stale : str
+        Which sensor is silent or late, so that the motion pauses; empty: none is.
+    """
+
+    def __init__(self, sensors: Sensors, backend: Backend, motion: Motion, clock: Clock,
+                 steady: Clock, simulated: bool) -> None:
+        self._sensors, self._backend, self._motion = sensors, backend, motion
+        self._clock, self._steady, self._simulated = clock, steady, simulated
+        self._others_count, self._other_received = 0, -SECOND
+        self.pauses = 0
+        self.stale = ''
+
+    def begin(self) -> None:
+        """Begin the supervision of a motion."""
+        steady, now = self._readings()
+        self._started = self._ticked = steady
+        self._offset = now - steady
+        self._seen, self._advanced, self._rate = now, steady, inf  # rate not known yet
+        self._stale_since: int | None = None
+        self.pauses, self.stale = 0, ''
+
+    def _readings(self) -> tuple[int, int]:
+        """Read both clocks at one instant, as far as the processor is not taken away [ns]."""
+        pairs: list[tuple[int, int, int]] = []
+        # at once and readings: clocks are read again where a reading took longer [s], so many
+        # times at most: a busy machine takes the processor away for 0.15 s now and then, which
+        # would look like a clock that jumps
+        while len(pairs) < 5:
+            before = self._steady.now().nanoseconds
+            now = self._clock.now().nanoseconds
+            within = self._steady.now().nanoseconds - before
+            pairs.append((within, before + within // 2, now))
+            if within < 0.001 * SECOND:
+                break
+        _, steady, now = min(pairs)
+        return steady, now
+
+    def others(self) -> str:
+        """Return why a start is refused: commands of another node, or no dead-man switch."""
+        self.listen()
+        steady = self._steady.now().nanoseconds
+        # a start is refused for that long after a command of another node, which at any usual rate
+        # would have sent the next one by then [s]
+        if steady - self._other_received < 0.5 * SECOND:
+            return f'{self._backend.topic}: another node commands the robot; stop it'
+        return self._sensors.deadman.fault(steady)
+
+    def listen(self) -> None:
+        """Note the time of the newest command of another node."""
+        if self._backend.commands_of_others != self._others_count:
+            self._others_count = self._backend.commands_of_others
+            self._other_received = self._steady.now().nanoseconds
+
+    def check(self, moving: bool) -> Fault | None:
+        """Return why to abort now; pauses the motion while a sensor is silent or late."""
+        steady, now = self._readings()
+        silent, self._ticked = (steady - self._ticked) / SECOND, steady
+        # a command stream that was interrupted for longer is not resumed: a stop takes a tenth of
+        # that, so that the robot has come to rest meanwhile [s]
+        if moving and silent > 0.5 and not self._simulated:
+            return Fault(f'the command stream stalled for {silent:.2f} s; the machine is '
+                         'overloaded', at_once=True)
+        drift = (now - steady - self._offset) / SECOND
+        if not self._simulated and abs(drift) > CLOCK_JUMP:
+            return Fault(f'the system clock jumped by {drift:.2f} s')
+        reason = self._sensors.monitor.check(moving) or self._sensors.deadman.fault(steady)
+        if not reason and self._other_received > self._started:
+            reason = f'{self._backend.topic}: another node commands the robot'
+        reason = reason or self._pause_while_stale(steady, now)
+        return Fault(reason) if reason else None
+
+    def _pause_while_stale(self, steady: int, now: int) -> str:
+        """Pause while a sensor is silent or late; return why to abort if that lasts too long."""
+        monitor = self._sensors.monitor
+        self.stale = monitor.stale(now * 1e-9)
+        self._motion.pause(bool(self.stale))
+        if not self.stale:
+            self._stale_since = None
+            return ''
+        if self._stale_since is None:
+            self._stale_since = steady
+            self.pauses += 1
+            if 0 < monitor.settings.most_pauses < self.pauses:
+                return (f'{self.stale}, for the {self.pauses}th time; watch.most_pauses is '
+                        f'{monitor.settings.most_pauses}')
+        lost = monitor.settings.lost_timeout - monitor.settings.pause_timeout
+        return self.stale if steady - self._stale_since > lost * SECOND else ''
+
+    def clock_fault(self) -> Fault | None:
+        """Return why to abort where the clock that drives the motion stops or jumps."""
+        steady, now = self._readings()
+        if now != self._seen:
+            step, elapsed = (now - self._seen) / SECOND, (steady - self._advanced) / SECOND
+            self._seen, self._advanced = now, steady
+            # a simulated clock that runs by less than this factor faster than before does not
+            # jump: a busy simulator is slow, and then catches up
+            usual = CLOCK_JUMP + 3.0 * self._rate * elapsed
+            # least time over which the rate of a simulated clock is taken:
+            # that between two checks [s]
+            rate = step / max(elapsed, 0.02)
+            # factor by which the fastest rate of a simulated clock decays from check to check: by
+            # half in 0.7 s of a check every 20 ms
+            self._rate = max(self._rate * 0.98, rate) if self._rate < inf else rate
+            return None if 0 < step < usual else Fault(
+                f'/clock jumped by {step:.3g} s', at_once=True)
+        if steady - self._advanced > self._sensors.monitor.settings.clock_timeout * SECOND:
+            return Fault('/clock has stopped', at_once=True)
+        return None
+
+
+class MotionNode(ReceivingNode):
     """
     A node that moves a robot: one motion at a time, begun by its service ``start`` only.
 
@@ -46,23 +180,23 @@ class MotionNode(ReceivingNode, Generic[SettingsT]):
     role : str
         Usual name of the node, of which its topics and services take theirs.
     settings_of : callable
-        Makes settings of the values of all parameters, by name; raises a ConfigError where they
-        contradict each other.
+        Makes settings of the values of all parameters, by name: ``limits``, ``watch`` and what
+        each node adds; raises a ConfigError where they contradict each other.
     """
 
     def __init__(self, role: str, table: Sequence[Parameter],
-                 settings_of: Callable[[Mapping[str, Any]], SettingsT]) -> None:
+                 settings_of: Callable[[Mapping[str, Any]], Any]) -> None:
         super().__init__(
             role, table, lambda changes: settings_of({**self._values(), **changes}))
         self._settings_of = settings_of
-        self._settings = settings_of(self._values())
+        self._settings: Any = settings_of(self._values())
         self._simulated = self.get_parameter('use_sim_time').value
         self._stream: StreamClock | None = None
         self._announced = ''
         self._sent = 0
         self._periods: deque[int] = deque(maxlen=15_000)  # a minute at 250 Hz
 
-    def _serve(self, source: Motion, sensors: Sensors, backend: Backend[Any],
+    def _serve(self, source: Motion, sensors: Sensors, backend: Backend,
                period_ns: int) -> None:
         """Create topics, services and timers; nothing moves before a start."""
         self._source, self._sensors, self._backend = source, sensors, backend
@@ -96,7 +230,7 @@ class MotionNode(ReceivingNode, Generic[SettingsT]):
     def _details(self) -> dict[str, object]:
         """Return the values of a phase message in addition to phase and reason."""
 
-    def _new_settings(self) -> SettingsT:
+    def _new_settings(self) -> Any:
         """Return the settings of a start; raises where they contradict each other."""
         return self._settings_of(self._values())
 

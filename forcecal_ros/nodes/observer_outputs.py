@@ -1,6 +1,7 @@
 """Outputs of the observer: contact wrench in other frames, markers, tool, /tf, diagnostics."""
 
 from collections.abc import Mapping, Sequence
+from math import isfinite
 from typing import Any, NamedTuple
 
 from forcecal_ros.core.calibration import Calibration
@@ -15,7 +16,6 @@ from forcecal_ros.nodes.messages import (
     TOPIC,
     transform_of,
 )
-from forcecal_ros.nodes.observer_settings import TRACKED
 from forcecal_ros.nodes.runtime import LATCHED, ManagedNode, OUTPUT
 from forcecal_ros.nodes.wire import Writer
 from forcecal_ros.observe.frames import Frames
@@ -34,6 +34,9 @@ from geometry_msgs.msg import InertiaStamped, WrenchStamped
 import numpy as np
 from rclpy.time import Time
 from visualization_msgs.msg import MarkerArray
+
+TRACKED = 'tracked'
+"""Value of the parameter ``tool``: the tool on ``observer/tool``, or by the node's own tracker."""
 
 
 class FrameOutputs:
@@ -197,8 +200,13 @@ class ToolOnSensor:
             return values, f'tool: nothing received on {TOPIC}; the calibrated one is subtracted'
         if tracker is None:
             return values, ''
-        return (values | tool_values(tracker.estimate),
-                tool_warning(tracker.estimate, model.load.m))
+        found = tracker.estimate
+        values |= {'tool tracking': found.state, 'tool mass [kg]': found.mass,
+                   'tool mass std [kg]': found.mass_std}
+        if isfinite(found.suspected):
+            values['tool change suspected [kg]'] = found.suspected
+            values['tool change suspected std [kg]'] = found.suspected_std
+        return values, tool_warning(found, model.load.m)
 
     def release(self) -> None:
         """End the subscription, and let go of the publisher."""
@@ -206,23 +214,13 @@ class ToolOnSensor:
         self._out = self._published = self._calibration = self._chain.tracker = None
 
 
-def tool_values(found: ToolEstimate) -> dict[str, object]:
-    """Return what /diagnostics say of a tracked tool."""
-    values: dict[str, object] = {
-        'tool tracking': found.state, 'tool mass [kg]': found.mass,
-        'tool mass std [kg]': found.mass_std}
-    if found.suspected == found.suspected:
-        values['tool change suspected [kg]'] = found.suspected
-        values['tool change suspected std [kg]'] = found.suspected_std
-    return values
-
-
 def tool_warning(found: ToolEstimate, in_use: float) -> str:
     """Return what a user should know of a tracked tool, where another mass may be in use [kg]."""
-    if found.state == NOT_EXCITED and found.suspected == found.suspected:
+    suspected = isfinite(found.suspected)
+    if suspected and found.state == NOT_EXCITED:
         by = quantity(found.suspected, found.suspected_std, 'kg')
         return f'tool: may have changed by {by}, or something pushes; turn it to tell'
-    if found.state == FROZEN and found.suspected == found.suspected:
+    if suspected and found.state == FROZEN:
         return 'tool: a steady force that is no weight; it is not taken for a tool'
     # standard errors by which a tracked mass differs from the one in use
     # before it is called another

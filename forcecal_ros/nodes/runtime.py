@@ -159,12 +159,8 @@ def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | Non
     try:
         check_parameter_files(arguments)
         extra = remove_ros_args(arguments)[1:]
-    except ConfigError as error:
-        print(f'{name}: {with_id(error)}', file=sys.stderr)
-        return 2
-    except RCLError as error:
-        print(f'{name}: {" ".join(str(error).split())}', file=sys.stderr)
-        return 2
+    except (ConfigError, RCLError) as error:
+        return _refused(name, error, 2)
     if extra and extra[0] in ('-h', '--help'):
         print(usage(name, table))
         return 0
@@ -182,12 +178,8 @@ def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | Non
             _spin(node, interrupt)
         finally:
             node.destroy_node()
-    except ForcecalError as error:
-        print(f'{name}: {with_id(error)}', file=sys.stderr)
-        return 1
-    except (InvalidNodeNameException, InvalidTopicNameException) as error:
-        print(f'{name}: {" ".join(str(error).split())}', file=sys.stderr)
-        return 1
+    except (ForcecalError, InvalidNodeNameException, InvalidTopicNameException) as error:
+        return _refused(name, error, 1)
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
     except Exception as error:
@@ -199,6 +191,13 @@ def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | Non
         rclpy.try_shutdown()
         interrupt.restore()
     return 0
+
+
+def _refused(name: str, error: Exception, status: int) -> int:
+    """Print in one line why a node does not run; return the exit status."""
+    line = with_id(error) if isinstance(error, ForcecalError) else ' '.join(str(error).split())
+    print(f'{name}: {line}', file=sys.stderr)
+    return status
 
 
 def check_parameter_files(arguments: Sequence[str]) -> None:
@@ -262,14 +261,9 @@ def starting(name: str) -> Iterator[None]:
         raise ConfigError(why) from error
 
 
-def _executor(node: Node) -> Executor:
-    if node.get_parameter(EXECUTOR.name).value == 'events':
-        return EventsExecutor()
-    return SingleThreadedExecutor()
-
-
 def _spin(node: Node, interrupt: Interrupt) -> None:
-    executor = _executor(node)
+    events = node.get_parameter(EXECUTOR.name).value == 'events'
+    executor = EventsExecutor() if events else SingleThreadedExecutor()
     executor.add_node(node)
     # Objects that live until the end need not be searched in every garbage collection.
     gc.collect()
@@ -297,9 +291,6 @@ def _come_to_rest(node: Stoppable, executor: Executor) -> None:
         executor.spin_until_future_complete(Future(), timeout_sec=SIGNAL_CHECK)
 
 
-HOME, VARIABLE = 'ROS_HOME', 'ROS_LOG_DIR'
-
-
 def choose_log_folder(name: str) -> None:
     """
     Set another folder where the usual one cannot be written to, and print a note.
@@ -309,15 +300,16 @@ def choose_log_folder(name: str) -> None:
     name : str
         Of the program, for the note.
     """
-    usual = Path(os.environ.get(VARIABLE) or Path(os.environ.get(HOME) or '~/.ros') / 'log')
+    usual = Path(os.environ.get('ROS_LOG_DIR')
+                 or Path(os.environ.get('ROS_HOME') or '~/.ros') / 'log')
     try:
         usual = usual.expanduser()
         usual.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=usual):
             return
     except (OSError, RuntimeError):  # the latter where the home is unknown
-        os.environ[VARIABLE] = tempfile.mkdtemp(prefix='ros_log_')
-        print(f'{name}: note: {usual} cannot be written to; logs go to {os.environ[VARIABLE]}',
+        os.environ['ROS_LOG_DIR'] = instead = tempfile.mkdtemp(prefix='ros_log_')
+        print(f'{name}: note: {usual} cannot be written to; logs go to {instead}',
               file=sys.stderr)
 
 

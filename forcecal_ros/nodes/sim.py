@@ -7,7 +7,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.core.errors import ConfigError, MotionError
-from forcecal_ros.core.geometry import Array, matrix_from_quaternion, quaternion_of
+from forcecal_ros.core.geometry import matrix_from_quaternion, quaternion_of
 from forcecal_ros.core.parameters import Parameter
 from forcecal_ros.nodes.runtime import (
     diagnostic_array,
@@ -75,11 +75,16 @@ class Faults:
         Of garbage readings.
     jump : callable or None
         Makes the published clock jump [ns]; None where no clock is published.
+
+    Attributes
+    ----------
+    robot : RobotFault
+        Changes each command, or drops it.
     """
 
     def __init__(self, node: Node, seed: int | None, jump: Callable[[int], None] | None) -> None:
         self._sensors = {sensor: SensorFault(sensor, seed) for sensor in SENSORS}
-        self._robot = RobotFault()
+        self.robot = RobotFault()
         self._jump = jump
         self._clock = 'none'
         refuse_changes(node, self._check)
@@ -97,14 +102,12 @@ class Faults:
     def _set(self, values: dict[str, Any]) -> None:
         for name, kind in values.items():
             part = name.removeprefix(PREFIX)
-            if not name.startswith(PREFIX):
+            if name == part:
                 continue
             if part == 'clock':
                 self._set_clock(kind)
-            elif part == 'robot':
-                self._robot.kind = kind
             else:
-                self._sensors[part].kind = kind
+                (self.robot if part == 'robot' else self._sensors[part]).kind = kind
 
     def _set_clock(self, kind: str) -> None:
         before, self._clock = self._clock, kind
@@ -119,18 +122,9 @@ class Faults:
     @property
     def active(self) -> list[str]:
         """The faults that are switched on, such as ``wrench stuck``."""
-        named = [*((s, f.kind) for s, f in self._sensors.items()), ('robot', self._robot.kind),
+        named = [*((s, f.kind) for s, f in self._sensors.items()), ('robot', self.robot.kind),
                  ('clock', self._clock)]
         return [f'{name} {kind}' for name, kind in named if kind != 'none']
-
-    @property
-    def runaway(self) -> bool:
-        """Whether the robot moves without new commands."""
-        return self._robot.kind == 'runaway'
-
-    def command(self, position: Array, period: float) -> Array | None:
-        """Return the command after faults of the robot, shape (3,) [m]; None: it is ignored."""
-        return self._robot(position, period)
 
     def changed(self, samples: Samples) -> Samples:
         """Return the samples after faults of the sensors."""
@@ -272,13 +266,14 @@ class Sim(ReceivingNode):
     def _advance(self, schedule: CommandSchedule) -> None:
         command = schedule.take(self._next)
         self._last_command = command or self._last_command
-        if self._last_command is not None and (command or self._faults.runaway):
+        runaway = self._faults.robot.kind == 'runaway'  # moves without new commands
+        if self._last_command is not None and (command or runaway):
             self._follow(self._last_command)
         self._publish(self._faults.changed(self._simulator.advance(self._noise)))
         self._next += 1
 
     def _follow(self, command: Sequence[float]) -> None:
-        position = self._faults.command(np.array(command[:3]), self._rig.robot.period)
+        position = self._faults.robot(np.array(command[:3]), self._rig.robot.period)
         if position is None:
             return
         try:
@@ -354,18 +349,14 @@ class Sim(ReceivingNode):
 
     def _publish_imu(self, publisher: Publisher, stamps: Sequence[int], samples: Samples
                      ) -> None:
+        rig = self._rig.accelerometer
+        model = getattr(rig, self.get_parameter('accelerometer').value or rig.mounted)
         nothing = (-1.0, *(0.0,) * 8)
-        variance = (self._rig.accelerometer.noise / self._imu_gain) ** 2
+        variance = (rig.noise / float(np.abs(model.gain).min())) ** 2
         known = (variance, 0.0, 0.0, 0.0, variance, 0.0, 0.0, 0.0, variance)
         for stamp, force in zip(stamps, samples.specific_force.tolist()):
             publisher.publish(self._write_imu(
                 stamp, (0.0, 0.0, 0.0, 1.0, *nothing, 0.0, 0.0, 0.0, *nothing, *force, *known)))
-
-    @property
-    def _imu_gain(self) -> float:
-        model = getattr(self._rig.accelerometer, self.get_parameter('accelerometer').value
-                        or self._rig.accelerometer.mounted)
-        return float(np.abs(model.gain).min())
 
     def _report(self) -> None:
         self._waiting.of('' if self._schedule else '/clock, because use_sim_time is set')

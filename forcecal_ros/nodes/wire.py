@@ -26,7 +26,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 from rclpy.type_support import check_is_valid_msg_type
-from sensor_msgs.msg import Imu, JointState
+from sensor_msgs.msg import Imu
 
 DOUBLES: dict[type, int] = {
     WrenchStamped: 6, PoseStamped: 7, Vector3Stamped: 3, AccelStamped: 6, TwistStamped: 6,
@@ -93,8 +93,6 @@ class JointsReader:
         Joints of the newest message.
     """
 
-    message_type = JointState
-
     def __init__(self, joints: Sequence[str]) -> None:
         self._joints = tuple(joints)
         self._read = FormReader(('i', 'I', 's', ('s',), ('d',)))
@@ -130,8 +128,6 @@ class JointsReader:
 
 class JointReader:
     """Reads the position of one joint, by its name, from serialised JointStates."""
-
-    message_type = JointState
 
     def __init__(self, joint: str) -> None:
         self._read = JointsReader([joint])

@@ -17,8 +17,8 @@ from forcecal_ros.motion.profiles import Pose
 from forcecal_ros.motion.sequence import MotionSequence, next_in_phase, StreamClock
 from forcecal_ros.nodes.collector import Collector
 from forcecal_ros.nodes.demo import FOR_SIMULATION
-from forcecal_ros.nodes.sequencer_settings import PARAMETERS, settings_of
-from forcecal_ros.nodes.supervision import Guard
+from forcecal_ros.nodes.motion_node import Guard
+from forcecal_ros.nodes.sequencer import PARAMETERS, settings_of
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import CommandSchedule, Simulator
 import numpy as np

@@ -13,10 +13,10 @@ from forcecal_ros.motion.continuous import (
 )
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import Stillness
-from forcecal_ros.motion.plan import continuous_plan, in_words, outline, path_of, preview, Timing
+from forcecal_ros.motion.plan import continuous_plan, outline, path_of, preview, Timing
 from forcecal_ros.motion.profiles import nominal_poses, Pace
 from forcecal_ros.motion.sequence import MotionSequence, StreamSettings
-from forcecal_ros.nodes.sequencer_settings import PARAMETERS, settings_of
+from forcecal_ros.nodes.sequencer import PARAMETERS, settings_of
 from longer import first
 import numpy as np
 import pytest
@@ -141,10 +141,11 @@ def test_a_stream_of_it_has_its_phases_and_ends_where_it_began():
 
 def test_its_preview_shows_path_and_outline(move):
     plan = continuous_plan(HOME, TIMING, PACE, LIMITS)
-    found = outline(plan, LIMITS.tip)
-    assert found.moves == 1 and found.duration == pytest.approx(DURATION_S + 2 * TIMING.measure)
-    assert (found.speed, found.angular_speed) == pytest.approx(move.peak_speeds)
-    assert found.distance > 0.5 and 'ft_sensor stays within' in in_words(found)
+    speed, turning = move.peak_speeds
+    said = outline(plan, LIMITS.tip)
+    assert said.startswith(f'1 moves in {DURATION_S + 2 * TIMING.measure:.1f} s')
+    assert f'{move.distance:.3g} m and' in said and move.distance > 0.5
+    assert f'at most {speed:.3g} m/s and {turning:.3g} rad/s; ft_sensor stays within' in said
     assert len(path_of(plan)[0]) == pytest.approx(DURATION_S / 0.02, abs=2)
     target, _ = preview(plan, 1 / PERIOD, 0.3)
     assert np.abs(target.position - HOME.position).max() > 0.01

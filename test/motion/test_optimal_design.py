@@ -23,7 +23,7 @@ from forcecal_ros.motion.optimal_design import (
 )
 from forcecal_ros.motion.plan import calibration_plan, prepare, Timing
 from forcecal_ros.motion.profiles import Move, nominal_poses, reach_of, step_goal
-from forcecal_ros.nodes.sequencer_settings import PARAMETERS, settings_of
+from forcecal_ros.nodes.sequencer import PARAMETERS, settings_of
 from forcecal_ros.sim.rig.file import expected_sensors, load_rig
 import numpy as np
 import pytest
@@ -75,15 +75,21 @@ def test_information_adds_up():
     assert all((after.std(name) < 1.000001 * before.std(name)).all() for name in before.names)
 
 
+def require_kept(poses, timing, pace, limits, duration):
+    """Check that a sequence from its first pose keeps limits, time [s] and a tilt of 100 deg."""
+    home = next(iter(poses.values()))
+    plan = calibration_plan(poses, step_goal(home, timing.step_distance), timing)
+    parts = prepare(plan, home, pace, limits)
+    assert sum(part.duration or 0.5 for part in parts) <= duration
+    for pose in poses.values():
+        cosine = (np.trace(home.R_base_sensor.T @ pose.R_base_sensor) - 1) / 2
+        assert np.degrees(np.arccos(np.clip(cosine, -1, 1))) < 100.001
+
+
 def test_a_design_keeps_time_tilt_and_limits_and_is_better_than_the_default():
     design = design_calibration(Robot(HOME), SENSORS, 16.0)
-    plan = calibration_plan(design.poses, step_goal(HOME, design.timing.step_distance),
-                            design.timing)
-    parts = prepare(plan, HOME, design.robot.pace, Limits())
-    assert sum(part.duration or 0.5 for part in parts) <= 16.0
-    for pose in design.poses.values():
-        cosine = (np.trace(HOME.R_base_sensor.T @ pose.R_base_sensor) - 1) / 2
-        assert np.degrees(np.arccos(np.clip(cosine, -1, 1))) < 100.001
+    require_kept(design.poses, design.timing, design.robot.pace, Limits(), 16.0)
+    np.testing.assert_array_equal(design.poses['home'].position, HOME.position)
     assert d_optimality(design.errors) < d_optimality(default_errors())
 
 
@@ -115,10 +121,10 @@ def test_sensors_come_from_a_calibration(calibration):
 
 def test_home_and_box_come_from_a_recording(recording):
     tip = np.array([0.2, 0.0, 0.1])
-    reach = reach_of(recording, tip)
-    assert np.abs(reach.home.position - HOME.position).max() < 1e-3
+    home, lower, upper = reach_of(recording, tip)
+    assert np.abs(home.position - HOME.position).max() < 1e-3
     corner = HOME.position + HOME.R_base_sensor @ tip
-    assert (reach.lower <= corner + 1e-3).all() and (reach.upper >= corner - 1e-3).all()
+    assert (lower <= corner + 1e-3).all() and (upper >= corner - 1e-3).all()
     with pytest.raises(DataError, match='--home'):
         reach_of(replace(recording, pose=None), tip)
 
@@ -140,13 +146,7 @@ def test_the_command_writes_a_plan_within_time_tilt_and_limits_for_the_sequencer
     assert settings.pace.angular_speed <= 1.2
     home = next(iter(settings.poses.values()))
     np.testing.assert_allclose(home.position, [0.9, 0.0, 1.0])
-    parts = prepare(calibration_plan(
-        settings.poses, step_goal(home, settings.timing.step_distance), settings.timing), home,
-        settings.pace, settings.limits)
-    assert sum(part.duration or 0.5 for part in parts) <= 14.0
-    for pose in settings.poses.values():
-        cosine = (np.trace(home.R_base_sensor.T @ pose.R_base_sensor) - 1) / 2
-        assert np.degrees(np.arccos(np.clip(cosine, -1, 1))) < 100.001
+    require_kept(settings.poses, settings.timing, settings.pace, settings.limits, 14.0)
 
 
 @pytest.mark.parametrize('arguments, said', [

@@ -4,6 +4,7 @@ import contextlib
 from dataclasses import replace
 import io
 import json
+import re
 
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import MotionError
@@ -14,7 +15,6 @@ from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.plan import (
     calibration_plan,
     diagnosis_plan,
-    in_words,
     outline,
     path_of,
     prepare,
@@ -22,7 +22,7 @@ from forcecal_ros.motion.plan import (
     Timing,
 )
 from forcecal_ros.motion.profiles import JointMove, nominal_poses, Pace, step_goal
-from forcecal_ros.nodes.sequencer_settings import PARAMETERS, settings_of
+from forcecal_ros.nodes.sequencer import PARAMETERS, settings_of
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
@@ -46,22 +46,29 @@ def test_every_kind_of_motion_is_within_the_default_limits():
 
 def test_an_outline_holds_what_the_stream_of_commands_does():
     plan, tip = parts(Timing(), Limits()), Limits().tip
-    found, (stream, _) = outline(plan, tip), preview(plan, 250.0, 0.0)
+    said, (stream, _) = outline(plan, tip), preview(plan, 250.0, 0.0)
+    moves = [part.move for part in plan if part.move is not None]
+    largest = max(move.peak_speeds[0] for move in moves)
+    count, duration, sensor, of_tip = re.fullmatch(
+        rf'(\d+) moves in ([\d.]+) s and \d+ settlings, .* deg long, at most {largest:.3g} m/s '
+        r'and .* rad/s; ft_sensor stays within (.*) m, the tip within (.*) m', said).groups()
     speed = np.linalg.norm(np.diff(stream.position, axis=0), axis=1) * 250.0
-    assert 0.99 * found.speed < speed.max() <= found.speed
+    assert 0.99 * largest < speed.max() <= largest
     reached = stream.position + stream.R_base_sensor @ tip
     # quarter of a path's step at 0.16 m/s and 0.3 m of lever at 1.45 rad/s lies between two poses
-    np.testing.assert_allclose(reached.min(axis=0), found.tip.lower, atol=3e-3)
-    np.testing.assert_allclose(stream.position.max(axis=0), found.sensor.upper, atol=3e-3)
-    assert found.duration == pytest.approx(stream.t[-1], abs=0.5)
-    assert f'{found.moves} moves in {found.duration:.1f} s' in in_words(found)
+    for points, corners in ((reached, of_tip), (stream.position, sensor)):
+        lower, upper = (np.array(corner.split(), dtype=float) for corner in corners.split(' to '))
+        np.testing.assert_allclose(points.min(axis=0), lower, atol=3e-3)
+        np.testing.assert_allclose(points.max(axis=0), upper, atol=3e-3)
+    assert float(duration) == pytest.approx(stream.t[-1], abs=0.5)
+    assert int(count) == len(moves)
 
 
 def test_of_joints_an_outline_says_their_speed_and_no_box():
     home, away = np.zeros(6), np.full(6, 0.01)
     plan = prepare(calibration_plan({'a': home, 'b': home + 0.6}, away, Timing()), home, Pace(),
                    Limits())
-    said = in_words(outline(plan, Limits().tip))
+    said = outline(plan, Limits().tip)
     assert 'at most 1.45 rad/s of a joint' in said and 'within' not in said
     assert not len(path_of(plan)[0])
 

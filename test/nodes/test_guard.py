@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import Monitor, WatchSettings
-from forcecal_ros.nodes.supervision import Guard
+from forcecal_ros.nodes.motion_node import Guard
 import pytest
 from rclpy.clock import ROSClock
 from rclpy.time import Time

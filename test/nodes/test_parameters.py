@@ -23,8 +23,7 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from std_msgs.msg import String
 import yaml
 
-TABLES = {'sim': 'sim', 'sequencer': 'sequencer_settings', 'observer': 'observer_settings',
-          'gap': 'gap', 'impedance': 'impedance'}
+NODES = ('sim', 'sequencer', 'observer', 'gap', 'impedance')
 NOT_OURS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 PAGE = Path(__file__).parents[2] / 'docs/reference/nodes.md'
 LAYOUTS = Path(__file__).parents[2] / 'layouts'
@@ -45,10 +44,10 @@ NUMBERS = (ParameterType.PARAMETER_INTEGER, ParameterType.PARAMETER_DOUBLE)
 def described(ros_domain_of_module):
     """Start every node; return a bench, and each node's descriptors by name."""
     with Live() as live:
-        for node in TABLES:
+        for node in NODES:
             live.start(node, **({'publish__marker_rate': 20.0} if node == 'observer' else {}))
         found = {}
-        for node in TABLES:
+        for node in NODES:
             names = live.call(f'{node}/list_parameters', ListParameters).result.names
             ours = [name for name in names if not name.startswith(NOT_OURS)]
             answer = live.call(f'{node}/describe_parameters', DescribeParameters,
@@ -59,7 +58,7 @@ def described(ros_domain_of_module):
 
 def table(node):
     """Return the rows of a node's table by name."""
-    module = import_module(f'forcecal_ros.nodes.{TABLES[node]}')
+    module = import_module(f'forcecal_ros.nodes.{node}')
     return {row.name: row for row in module.PARAMETERS}
 
 
@@ -70,7 +69,7 @@ def bounds(descriptor):
     return None
 
 
-@pytest.mark.parametrize('node', TABLES)
+@pytest.mark.parametrize('node', NODES)
 def test_the_wire_says_what_the_table_says(described, node):
     rows = table(node)
     found = described[1][node]
@@ -87,7 +86,7 @@ def test_the_wire_says_what_the_table_says(described, node):
             assert low <= row.default <= high, name
 
 
-@pytest.mark.parametrize('node', TABLES)
+@pytest.mark.parametrize('node', NODES)
 def test_every_bound_and_choice_is_held_when_set(described, node):
     live, found = described
     rows = table(node)
@@ -165,7 +164,7 @@ def discovered(node, services):
     raise AssertionError(f'{node} serves {seen}, expected {services}')
 
 
-@pytest.mark.parametrize('node', TABLES)
+@pytest.mark.parametrize('node', NODES)
 def test_the_page_names_every_topic_and_service(described, node):
     hears, says, services = (named(node, one) for one in ('subscribes', 'publishes', 'serves'))
     served, *ends = discovered(node, services)
@@ -235,8 +234,8 @@ def test_a_node_says_that_it_is_up_and_what_it_waits_for(described, node, words)
 
 def test_diagnostics_name_the_hardware(described):
     live, _ = described
-    live.until(lambda: {*TABLES} <= {*live.diagnostics}, 'diagnostics of every node')
-    assert all(live.diagnostics[node].hardware_id == 'robot' for node in TABLES)
+    live.until(lambda: {*NODES} <= {*live.diagnostics}, 'diagnostics of every node')
+    assert all(live.diagnostics[node].hardware_id == 'robot' for node in NODES)
 
 
 def test_the_state_is_the_phase_as_a_plain_word(described):
@@ -291,7 +290,7 @@ def test_status_tells_of_every_node(described, shell):
     def told():
         status, out, _ = shell('status', '--json')
         nodes.update(json.loads(out)['nodes'] if status == 0 else {})
-        return set(nodes) == set(TABLES)
+        return set(nodes) == set(NODES)
 
     # a busy computer may take longer to find all nodes than the command listens
     described[0].until(told, 'a word of every node')

@@ -10,9 +10,9 @@ from forcecal_ros.core.topics import CONTROLLERS, preset_file, read_preset, ROBO
 from forcecal_ros.io.calibration_file import save
 from forcecal_ros.nodes.config import TABLES
 from forcecal_ros.nodes.impedance import settings_of as impedance_settings
-from forcecal_ros.nodes.observer_settings import settings_of as observer_settings
+from forcecal_ros.nodes.observer import settings_of as observer_settings
 from forcecal_ros.nodes.runtime import OUTPUT
-from forcecal_ros.nodes.sequencer_settings import settings_of as sequencer_settings
+from forcecal_ros.nodes.sequencer import settings_of as sequencer_settings
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from live import Live, Robot
 import numpy as np

@@ -13,11 +13,11 @@ from forcecal_ros.core.geometry import matrix_from_quaternion
 from forcecal_ros.core.topics import read_preset
 from forcecal_ros.io.bags import write_recording
 from forcecal_ros.io.calibration_file import save
-from forcecal_ros.motion.plan import in_words, outline, prepare, SEQUENCES
+from forcecal_ros.motion.plan import outline, prepare, SEQUENCES
 from forcecal_ros.motion.plan import preview as sampled
 from forcecal_ros.motion.profiles import Pose
 from forcecal_ros.nodes.config import TABLES
-from forcecal_ros.nodes.sequencer_settings import settings_of
+from forcecal_ros.nodes.sequencer import settings_of
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
@@ -143,7 +143,7 @@ def planned(page, *presets, start):
 def test_the_file_of_the_first_robot_is_within_its_limits_and_calibrates():
     start = Pose(np.array([0.45, 0.0, 0.5]), matrix_from_quaternion(np.array([1.0, 0, 0, 0])))
     settings, plan = planned('tutorials/first-robot.md', 'ur', 'moveit_servo', start=start)
-    assert 'the tip within' in in_words(outline(plan, settings.limits.tip))
+    assert 'the tip within' in outline(plan, settings.limits.tip)
     target, phases = sampled(plan, 250.0, 0.5)
     rig = load_rig('rehearsal.yaml')
     recorded = replace(simulate(rig, target, seed=1), phases=phases, accelerometer=None)
