@@ -13,7 +13,7 @@ from urllib.parse import quote
 
 from forcecal_ros import __version__
 from forcecal_ros.core.streams import Recording
-from forcecal_ros.report.figures import background, drawn, live, narrowed, Shown
+from forcecal_ros.report.figures import background, drawn, live, Shown
 import jinja2
 from matplotlib.figure import Figure
 
@@ -77,26 +77,20 @@ class Picture(NamedTuple):
         The picture as text; it is printed, and shown where nothing can zoom.
     live : dict or None
         The same as a plot that zooms; empty where plotly is missing.
-    narrow : str
-        The same for a phone, as text; empty: as it is.
     """
 
     title: str
     words: str
     png: str
     live: dict[str, Any] | None = None
-    narrow: str = ''
 
 
-def picture(title: str, words: str, what: Figure | Shown, dpi: int = 110,
-            image: bytes = b'') -> Picture:
-    """Make a picture of a figure, whose PNG may be there, or of what is shown over time."""
+def picture(title: str, words: str, what: Figure | Shown | bytes, dpi: int = 110) -> Picture:
+    """Make a picture of a figure, of its PNG, or of what is shown over time."""
     if isinstance(what, Shown):
-        zooms, words = _plotly() is not None, f'{words} {background(what)}'.strip()
-        return Picture(title, words, _embedded(png(drawn(what), dpi)), live(what) if zooms else {},
-                       '' if zooms else _embedded(png(drawn(what, narrow=True), 160)))
-    return Picture(title, words, _embedded(image or png(what, dpi)),
-                   narrow=_embedded(png(narrowed(what), 160)))
+        return Picture(title, f'{words} {background(what)}'.strip(),
+                       _embedded(png(drawn(what), dpi)), live(what) if _plotly() else {})
+    return Picture(title, words, _embedded(what if isinstance(what, bytes) else png(what, dpi)))
 
 
 def render_page(template: str, title: str, **context: Any) -> str:
