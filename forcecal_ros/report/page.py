@@ -1,7 +1,7 @@
 """Reports as pages: one HTML file each without network, everything in it escaped."""
 
 import base64
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from datetime import datetime, timezone
 from functools import cache
 import gzip
@@ -95,10 +95,8 @@ def picture(title: str, words: str, what: Figure | Shown | bytes, dpi: int = 110
 
 def render_page(template: str, title: str, **context: Any) -> str:
     """Fill in a template of this folder; everything that is given is escaped."""
-    zooms = any(one.live is not None for one in _pictures(context))
     return PAGES.get_template(template).render(
-        title=title, version=__version__, zooms=zooms, plotly=_plotly() if zooms else None,
-        **context)
+        title=title, version=__version__, plotly=_plotly, **context)
 
 
 def png(figure: Figure, dpi: int = 110) -> bytes:
@@ -114,16 +112,6 @@ def docs_link(name: str, word: str) -> tuple[str, str]:
     found = next((page.as_uri() for page in pages if page.is_file()), '')
     return (word, f'{found}#:~:text={quote(word)}') if found else (
         f'docs/{name}.md in the sources of forcecal_ros', '')
-
-
-def _pictures(context: Any) -> Iterator[Picture]:
-    if isinstance(context, Picture):
-        yield context
-    elif isinstance(context, dict):
-        yield from _pictures(list(context.values()))
-    elif isinstance(context, list):
-        for one in context:
-            yield from _pictures(one)
 
 
 @cache
