@@ -6,24 +6,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, TYPE_CHECKING
 
+from forcecal_ros.cli import common
 from forcecal_ros.cli.calibrate import add_bandwidth, bandwidth_of
-from forcecal_ros.cli.common import (
-    add_gravity,
-    bar,
-    gravity_of,
-    group,
-    MODEL,
-    new_parser,
-    not_negative,
-    positive,
-    read_checked,
-    topic_names,
-    warn_if_compiling,
-    with_notes_of,
-)
 from forcecal_ros.cli.many import add_bags, Answer
 from forcecal_ros.cli.many import run as run_each
-from forcecal_ros.cli.outputs import add_output, RECORDING
 from forcecal_ros.core.errors import DataError, UnobservableError, UsageError
 
 if TYPE_CHECKING:
@@ -43,23 +29,20 @@ MAX_DELAY_STD_S = 5e-4
 """A delay found in the recording itself is used if its standard error is below half a period of a
 sensor at 1 kHz."""
 
-LEVELS = ('ok', 'warn', 'error')
-"""As diagnostic_msgs/DiagnosticStatus counts them."""
-
 IDENTIFIED = 'identified from the recording'
 
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
-    parser = new_parser(
-        subparsers, 'estimate',
+    parser = common.new_parser(
+        subparsers, 'estimate', inputs=('bag', 'calibration'),
         example='forcecal estimate my_bag --calibration calibration.yaml -o contact_bag')
     add_bags(parser)
-    options = group(parser, MODEL)
+    options = common.group(parser, 'model')
     options.add_argument('--calibration', metavar='C.yaml',
                          help='written by forcecal calibrate, demo or the sequencer (default: the '
                               'one in the recording, or what the recording itself identifies)')
-    add_gravity(options, *('as the calibration has it',) * 2)
+    common.add_gravity(options, *('as the calibration has it',) * 2)
     options.add_argument('--filter', choices=FILTERS,
                          help='last stage; ukf, ekf: biases are estimated as well; static: weight '
                               'and bias removed, nothing filtered (default: kalman or newton, as '
@@ -67,35 +50,34 @@ def add_parser(subparsers: Any) -> None:
     options.add_argument('--track-tool', action='store_true',
                          help='estimate mass and centre of mass of the tool while they change, '
                               'and write them as observer/tool')
-    kalman = group(parser, 'filter kalman')
-    kalman.add_argument('--bandwidth', metavar='HZ', type=positive,
+    kalman = common.group(parser, 'filter kalman')
+    kalman.add_argument('--bandwidth', metavar='HZ', type=common.positive,
                         help='of the contact wrench (default: from the noise)')
     add_bandwidth(kalman, ('as the calibration has it',) * 3)
-    _add_learning(group(parser, 'filters ukf and ekf'))
-    add_output(parser, '-o', '--output', kind=RECORDING, metavar='OUT_BAG', required=True,
-               help='recording to write; an earlier one is kept as OUT_BAG~; of several BAGs, '
-                    'a folder for them')
-    out = group(parser, 'output')
+    _add_learning(common.group(parser, 'filters ukf and ekf'))
+    common.add_output(parser, '-o', '--output', kind='recording', metavar='OUT_BAG', required=True,
+                      help='recording to write; an earlier one is kept as OUT_BAG~; of several '
+                           'BAGs, a folder for them')
+    out = common.group(parser, 'output')
     out.add_argument('--inertial-wrench', action='store_true',
                      help="write the wrench of the tool's weight and inertia as well")
     out.add_argument('--innovation', action='store_true',
                      help='write the innovation (measured - predicted) as well; ukf and ekf '
                           'always do')
-    parser.set_defaults(run=run, inputs=('bag', 'calibration'))
 
 
 def _add_learning(options: Any) -> None:
     options.add_argument('--orientation', choices=('auto', 'pose', 'imu'), default='auto',
                          help='source of gravity: the pose, or accelerometer and gyro')
-    options.add_argument('--rise-time', metavar='S', type=positive,
+    options.add_argument('--rise-time', metavar='S', type=common.positive,
                          help='10-90 %% rise of a contact force (default: 0.012 s)')
-    options.add_argument('--contact-floor', metavar=('N', 'NM'), nargs=2, type=not_negative,
+    options.add_argument('--contact-floor', metavar=('N', 'NM'), nargs=2, type=common.not_negative,
                          help='residual of vibration and model errors that does not count as '
                               'contact (default: 0.03 N 0.003 N m)')
-    options.add_argument('--bias-prior', metavar=('N', 'NM'), nargs=2, type=not_negative,
+    options.add_argument('--bias-prior', metavar=('N', 'NM'), nargs=2, type=common.not_negative,
                          help='standard deviation of the change of the biases since the '
                               'calibration (default: 0 N 0 N m)')
-    options.add_argument('--payload', metavar='KG', type=not_negative, default=0.0,
+    options.add_argument('--payload', metavar='KG', type=common.not_negative, default=0.0,
                          help='standard deviation of a payload attached since the calibration '
                               '(imu only)')
 
@@ -103,7 +85,7 @@ def _add_learning(options: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     _refuse_unused(args)
-    gravity_of(args)
+    common.gravity_of(args)
     return run_each(args, answer)
 
 
@@ -131,16 +113,16 @@ def answer(args: argparse.Namespace) -> Answer:
 
     settings = _settings_of(args)
     raw = bool(args.calibration) and load(args.calibration).matrix is not None
-    recording = read_checked(args, args.bag, raw_wrench=raw)
+    recording = common.read_checked(args, args.bag, raw_wrench=raw)
     by_imu = _needs_imu(args, recording)
     calibration, source = _calibration_for(args, recording)
-    calibration = replace(calibration, **{name: value for name, value in gravity_of(
+    calibration = replace(calibration, **{name: value for name, value in common.gravity_of(
         args).items() if getattr(args, name) is not None})
     about = [*_warnings_of(calibration, source)]
     recording, calibration, notes = as_taken(recording, calibration, settings,
                                              args.calibration or args.bag)
     about += notes
-    with with_notes_of(recording):
+    with common.with_notes_of(recording):
         estimate, followed = _estimate(args, recording, calibration, settings, by_imu)
     also = [name for name, requested in (
         ('inertial', args.inertial_wrench),
@@ -194,12 +176,12 @@ def _calibration_for(args: argparse.Namespace, recording: 'Recording'
 
     if args.calibration:
         return load(args.calibration), args.calibration
-    recorded = read_calibrations(args.bag, topic_names(args, bag=args.bag))
+    recorded = read_calibrations(args.bag, common.topic_names(args, bag=args.bag))
     if recorded:
         return parse(recorded[-1], f'{args.bag}: sequencer/calibration'), 'in the recording'
     try:
         return identify(recording, IdentificationSettings(
-            **gravity_of(args))), IDENTIFIED
+            **common.gravity_of(args))), IDENTIFIED
     except (DataError, UnobservableError) as error:
         error.args = (f'no --calibration is given, and {args.bag} identifies none: {error}',)
         raise
@@ -266,7 +248,7 @@ def refuse_disagreeing(recording: 'Recording', calibration: 'Calibration') -> tu
 
     if part := sensor_matrix(calibration):
         recording = recording_corrected(recording, part)
-    with with_notes_of(recording):
+    with common.with_notes_of(recording):
         found = calibrated.refuse_disagreeing(as_calibrated(recording, calibration)[0],
                                               calibration)
     return (*other_frame(recording, calibration), *found)
@@ -328,14 +310,13 @@ def _estimate(args: argparse.Namespace, recording: 'Recording', calibration: 'Ca
               ) -> tuple['ContactEstimate', 'Followed | None']:
     """Run the observer, and the tracking of the tool if requested."""
     from forcecal_ros.observe import Imu, replay
-    from forcecal_ros.observe.batch import waits_for_compiler
     from forcecal_ros.observe.playback import follow
 
     if args.track_tool:
         followed = follow(recording, calibration, settings)
         return followed.contact, followed
-    warn_if_compiling(waits_for_compiler(), 'the observer')
-    with bar(args, total=len(recording.wrench or ()), unit=' samples') as done:
+    common.warn_if_compiling('observer')
+    with common.bar(args, total=len(recording.wrench or ()), unit=' samples') as done:
         return replay(recording, calibration, settings,
                       Imu(payload_std=args.payload) if by_imu else None, done.update), None
 
@@ -377,7 +358,8 @@ def status_changes(estimate: 'ContactEstimate') -> list[Any]:
 
     status = estimate.status
     changes = np.flatnonzero(np.diff(status, prepend=~status[:1]))
-    return [Diagnostic(t, LEVELS.index(level(bits)), '; '.join(describe(bits)) or 'ok', str(bits))
+    levels = ('ok', 'warn', 'error')  # as diagnostic_msgs/DiagnosticStatus counts them
+    return [Diagnostic(t, levels.index(level(bits)), '; '.join(describe(bits)) or 'ok', str(bits))
             for t, bits in zip(estimate.t[changes].tolist(), status[changes].tolist())]
 
 

@@ -15,8 +15,7 @@ from typing import Any, NoReturn
 
 from forcecal_ros import __version__
 from forcecal_ros.cli import COMMANDS, GROUPS, VERBS
-from forcecal_ros.cli.common import as_started, or_nearest
-from forcecal_ros.cli.outputs import check_outputs
+from forcecal_ros.cli.common import as_started, check_outputs, or_nearest
 from forcecal_ros.core.errors import ForcecalError, UsageError, with_id
 from forcecal_ros.core.files import remedy
 
@@ -107,6 +106,7 @@ def build_parser(command: str = '') -> Parser:
     if command in COMMANDS:
         module = import_module(f'forcecal_ros.cli.{COMMANDS[command].module}')
         module.add_parser(subparsers)
+        subparsers.choices[command].set_defaults(run=module.run)
     else:
         for name in COMMANDS:
             subparsers.add_parser(name)

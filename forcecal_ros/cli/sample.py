@@ -6,8 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from forcecal_ros.cli.common import new_parser, say, warn_if_compiling, whole
-from forcecal_ros.cli.outputs import add_output, RESULTS
+from forcecal_ros.cli import common
 from forcecal_ros.core.files import make_folder, write_results, write_text
 from forcecal_ros.core.geometry import Array, rotation_from_vector, STANDARD_GRAVITY
 from forcecal_ros.core.streams import JointStream, Recording
@@ -150,8 +149,8 @@ BEGUN = 1_700_000_000 * 10 ** 9
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
-    parser = new_parser(subparsers, 'sample', json=False, quiet=False,
-                        example='forcecal sample rig -o sample')
+    parser = common.new_parser(subparsers, 'sample', json=False, quiet=False,
+                               example='forcecal sample rig -o sample')
     parser.add_argument('kind', choices=tuple(KINDS),
                         help='rig: two recordings of the simulated rig, one without any fault '
                              'and one whose wrench is 4 ms late; rigid_arm: two of an arm, '
@@ -159,10 +158,9 @@ def add_parser(subparsers: Any) -> None:
                              'in its MuJoCo model, and that model; insitu: tables of a limb with '
                              'added masses, and the spec.yaml that describes them; shaken: the '
                              'simulated rig shaken along x, for fit-rig --for impedance')
-    add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR', required=True,
-               help='folder for them; earlier ones are kept as NAME~')
-    parser.add_argument('--seed', type=whole, default=0, help='of the sensor noise')
-    parser.set_defaults(run=run)
+    common.add_output(parser, '-o', '--output', kind='results', metavar='DIR', required=True,
+                      help='folder for them; earlier ones are kept as NAME~')
+    parser.add_argument('--seed', type=common.whole, default=0, help='of the sensor noise')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -175,10 +173,10 @@ def _rig(args: argparse.Namespace) -> int:
     from forcecal_ros.effects import with_effects
     from forcecal_ros.io.bags import write_recording
     from forcecal_ros.sim.rig.file import load_rig
-    from forcecal_ros.sim.rig.simulator import simulate, waits_for_compiler
+    from forcecal_ros.sim.rig.simulator import simulate
 
     rig, folder = load_rig(), Path(args.output)
-    warn_if_compiling(waits_for_compiler(), 'the simulator')
+    common.warn_if_compiling('simulator')
     make_folder(folder)
     moved = motion_for(rig, contact=True, brief=True)
     for i, (name, effects) in enumerate((('sound', {}), ('late', LATE))):
@@ -186,9 +184,9 @@ def _rig(args: argparse.Namespace) -> int:
                              seed=args.seed + i)
         write_recording(folder / name, replace(
             recording, phases=moved.phases, start_ns=BEGUN))
-    say(f'written to {folder}: sound, late ({moved.target.t[-1]:.0f} s each)')
-    say(f'try: forcecal calibrate {folder}/sound -o calibration.yaml')
-    say(f'try: forcecal diagnose {folder}/late -o diagnosis')
+    common.say(f'written to {folder}: sound, late ({moved.target.t[-1]:.0f} s each)')
+    common.say(f'try: forcecal calibrate {folder}/sound -o calibration.yaml')
+    common.say(f'try: forcecal diagnose {folder}/late -o diagnosis')
     return 0
 
 
@@ -209,9 +207,9 @@ def _rigid_arm(args: argparse.Namespace) -> int:
             ('sound', dict.fromkeys(HEAVIER, 1.0)), ('heavier', HEAVIER))):
         recording = recorded(arm, factors, args.seed + i, motion=args.seed)
         write_recording(folder / name, replace(recording, start_ns=BEGUN))
-    say(f'written to {folder}: {source.name}, sound, heavier')
-    say(f'try: forcecal diagnose {folder}/heavier --simulated {folder}/sound -o two_bags')
-    say(f'try: forcecal diagnose {folder}/heavier --mujoco {model} -o diagnosis')
+    common.say(f'written to {folder}: {source.name}, sound, heavier')
+    common.say(f'try: forcecal diagnose {folder}/heavier --simulated {folder}/sound -o two_bags')
+    common.say(f'try: forcecal diagnose {folder}/heavier --mujoco {model} -o diagnosis')
     return 0
 
 
@@ -237,8 +235,8 @@ def _insitu(args: argparse.Namespace) -> int:
                       for name, load in LOADS.items()]}
     files['spec.yaml'] = yaml.safe_dump(document, sort_keys=False)
     write_results(folder, files)
-    say(f'written to {folder}: {", ".join(files)}')
-    say(f'try: forcecal insitu {folder}/spec.yaml -o limb')
+    common.say(f'written to {folder}: {", ".join(files)}')
+    common.say(f'try: forcecal insitu {folder}/spec.yaml -o limb')
     return 0
 
 
@@ -247,10 +245,10 @@ def _shaken(args: argparse.Namespace) -> int:
     from forcecal_ros.impedance.plant_fit import excitation_commands
     from forcecal_ros.io.bags import write_recording
     from forcecal_ros.sim.rig.file import load_rig
-    from forcecal_ros.sim.rig.simulator import simulate, waits_for_compiler
+    from forcecal_ros.sim.rig.simulator import simulate
 
     rig, folder = load_rig(), Path(args.output)
-    warn_if_compiling(waits_for_compiler(), 'the simulator')
+    common.warn_if_compiling('simulator')
     R, period = rig.home.R_base_sensor, rig.robot.period
     # length of the recording that is shaken [s]: enough for the model to choose its order by
     along_x = excitation_commands(30.0, period, seed=args.seed)
@@ -260,8 +258,8 @@ def _shaken(args: argparse.Namespace) -> int:
         seed=args.seed)
     make_folder(folder)
     write_recording(folder / 'shaken', replace(recording, contact_truth=None, start_ns=BEGUN))
-    say(f'written to {folder}: shaken ({t[-1]:.0f} s)')
-    say(f'try: forcecal fit-rig {folder}/shaken --for impedance -o plant.yaml')
+    common.say(f'written to {folder}: shaken ({t[-1]:.0f} s)')
+    common.say(f'try: forcecal fit-rig {folder}/shaken --for impedance -o plant.yaml')
     return 0
 
 
