@@ -11,7 +11,6 @@ import shlex
 import subprocess
 import sys
 
-from bag_samples import split_bag
 import forcecal_ros
 from forcecal_ros.cli import COMMANDS
 from forcecal_ros.cli.main import build_parser, main
@@ -22,7 +21,6 @@ from forcecal_ros.io.bags import read_recording, write_recording
 from forcecal_ros.io.calibration_file import load, save
 import numpy as np
 import pytest
-from rosbags.rosbag2 import StoragePlugin
 
 PACKAGE = Path(forcecal_ros.__file__).parent
 
@@ -85,24 +83,6 @@ def test_raw_channels_are_calibrated_and_observed_through_their_matrix(
         assert run(capsys, 'estimate', bag, '--calibration', c, '-o', tmp_path / 'o')[0] == 0
         outs.append(read_recording(tmp_path / 'o', {'wrench': '/observer/contact_wrench'}))
     np.testing.assert_allclose(outs[0].wrench.values, outs[1].wrench.values, atol=1e-4)
-
-
-@pytest.mark.parametrize('storage', [
-    pytest.param(StoragePlugin.SQLITE3, marks=pytest.mark.long),
-    pytest.param(StoragePlugin.MCAP, marks=pytest.mark.long)],
-    ids=lambda storage: storage.name)
-def test_a_recording_in_several_files_says_the_same(
-        capsys, sample, calibration, tmp_path, storage):
-    split = split_bag(sample, tmp_path / 'split', storage)
-    assert len(list(split.glob('split_*.*'))) == 3
-    status, said, _ = run(capsys, 'calibrate', split, '-o', tmp_path / 'c.yaml', '--json')
-    again, whole = json.loads(said), load(calibration)
-    assert status == 0
-    for name in ('mass', 'com', 'wrench_bias'):
-        np.testing.assert_array_equal(again[name]['value'], getattr(whole, name).value)
-    status, said, _ = run(capsys, 'estimate', split, '--calibration', calibration,
-                          '-o', tmp_path / 'o', '--json')
-    assert status == 0 and json.loads(said)['samples'] == len(read_recording(sample).wrench)
 
 
 def test_a_terminal_that_lacks_a_letter_shows_another(calibration, tmp_path):
