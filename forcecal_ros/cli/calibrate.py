@@ -16,10 +16,6 @@ if TYPE_CHECKING:
     from forcecal_ros.core.calibration import Calibration
     from forcecal_ros.core.streams import Recording
 
-DEFAULTS = ('2.5 N/sqrt(s); kept in the calibration', '2 Hz; kept likewise',
-            '250 Hz; kept likewise')
-"""Of the options of :func:`add_bandwidth`."""
-
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
@@ -67,40 +63,15 @@ def add_identification(parser: argparse.ArgumentParser) -> None:
     observer = common.group(parser, 'observer')
     observer.add_argument('--filter', choices=('kalman', 'newton'), default='kalman',
                           help='filter that the calibration requires')
-    add_bandwidth(observer, DEFAULTS)
-
-
-def add_bandwidth(options: Any, defaults: tuple[str, str, str]) -> None:
-    """Add what the bandwidth of filter kalman follows from in addition to the noise."""
-    walk, low, high = (f'default: {one}' for one in defaults)
-    options.add_argument('--contact-walk', metavar='N/SQRT(S)', type=common.positive,
-                         help='how fast a contact force is expected to change, which together '
-                              f'with the noise gives the bandwidth of filter kalman ({walk})')
-    for name, words in (('--bandwidth-min', f'slowest bandwidth that may follow ({low})'),
-                        ('--bandwidth-max', f'fastest bandwidth that may follow ({high})')):
-        options.add_argument(name, metavar='HZ', type=common.positive, help=words)
-
-
-def bandwidth_of(args: argparse.Namespace, low: float = 0.0, high: float = math.inf
-                 ) -> dict[str, Any]:
-    """
-    Return these options as fields of the observer's settings.
-
-    Parameters
-    ----------
-    low, high : float
-        Limits that count if none is given [Hz].
-
-    Raises
-    ------
-    UsageError
-        The slowest is above the fastest.
-    """
-    if (low := args.bandwidth_min or low) > (high := args.bandwidth_max or high):
-        raise UsageError(f'--bandwidth-min is {low:g} Hz, above --bandwidth-max, {high:g} Hz; '
-                         'give both')
-    return {'contact_walk': args.contact_walk, 'bandwidth_min_hz': args.bandwidth_min,
-            'bandwidth_max_hz': args.bandwidth_max}
+    observer.add_argument('--contact-walk', metavar='N/SQRT(S)', type=common.positive,
+                          help='how fast a contact force is expected to change, which together '
+                               'with the noise gives the bandwidth of filter kalman (default: '
+                               '2.5 N/sqrt(s); kept in the calibration)')
+    observer.add_argument('--bandwidth-min', metavar='HZ', type=common.positive,
+                          help='slowest bandwidth that may follow (default: 2 Hz; kept likewise)')
+    observer.add_argument('--bandwidth-max', metavar='HZ', type=common.positive,
+                          help='fastest bandwidth that may follow (default: 250 Hz; kept '
+                               'likewise)')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -108,7 +79,11 @@ def run(args: argparse.Namespace) -> int:
     from forcecal_ros.observe.settings import BANDWIDTH_LIMITS
 
     common.gravity_of(args)
-    bandwidth_of(args, *BANDWIDTH_LIMITS)
+    low, high = (args.bandwidth_min or BANDWIDTH_LIMITS[0],
+                 args.bandwidth_max or BANDWIDTH_LIMITS[1])
+    if low > high:
+        raise UsageError(f'--bandwidth-min is {low:g} Hz, above --bandwidth-max, {high:g} Hz; '
+                         'give both')
     if args.cutoff is not None and args.coupling != 'ac':
         raise UsageError('--cutoff is the corner of an ac accelerometer; give --coupling ac as '
                          'well')
@@ -195,7 +170,9 @@ def calibrated(recording: 'Recording', args: argparse.Namespace) -> 'Calibration
     source = {**({'robot': args.robot} if args.robot else {}),
               'created': datetime.now(timezone.utc).isoformat(timespec='seconds')}
     return with_kalman_gains(identify(recording, _settings_of(args, source)),
-                             ObserverSettings(**bandwidth_of(args)))
+                             ObserverSettings(contact_walk=args.contact_walk,
+                                              bandwidth_min_hz=args.bandwidth_min,
+                                              bandwidth_max_hz=args.bandwidth_max))
 
 
 def _settings_of(args: argparse.Namespace, source: Any = ()) -> 'IdentificationSettings':

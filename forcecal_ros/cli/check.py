@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
     recording = common.read(args, args.bag, joints=True)
     document = inspect(recording)
     document['calibration_recorded'] = bool(read_calibrations(
-        args.bag, common.topic_names(args, bag=args.bag)))
+        args.bag, common.topic_names(args, args.bag)))
     document['next'] = _next(args, recording, document)
     common.show(args, document, as_text(document))
     return 1 if document['fault'] else 0

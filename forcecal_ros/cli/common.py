@@ -64,7 +64,7 @@ def new_parser(subparsers: Any, name: str, *, example: str, summary: str = '',
     inputs : tuple of str
         Arguments that name files or folders to read, which no output may replace.
     """
-    summary = summary or COMMANDS[name].summary
+    summary = summary or COMMANDS[name]
     parser: argparse.ArgumentParser = subparsers.add_parser(
         name, help=summary, description=summary[0].upper() + summary[1:] + '.',
         epilog=f'example:\n  {example}', formatter_class=Formatter)
@@ -99,36 +99,38 @@ def add_bag(parser: argparse.ArgumentParser, *, several: str = '') -> None:
                                  f'one a line: {several}')
     else:
         parser.add_argument('bag', metavar='BAG', help='rosbag2 folder or file (mcap, sqlite3)')
-    add_topics(parser)
-    add_sensor_pose(parser)
+    add_streams(parser)
     group(parser, 'recording').add_argument(
         '--wrench-sign', type=int, choices=(1, -1),
         help='-1 for a driver that reports the wrench of the tool on its environment (default: '
              'as the calibration has it, or 1)')
 
 
-def add_topics(parser: argparse.ArgumentParser, option: str = '--topic', of: str = '') -> None:
-    """Add ``--topic role=name`` and ``--preset``, or an option like the first for a simulator."""
-    options = group(parser, 'recording' if not of else 'model')
+def add_streams(parser: argparse.ArgumentParser, of: str = '') -> None:
+    """
+    Add names of topics, and the transform from the frame whose pose was recorded to ft_sensor.
+
+    Parameters
+    ----------
+    of : str
+        ``simulated-``: of what a simulator recorded.
+    """
+    options = group(parser, 'model' if of else 'recording')
+    whose, where = (" of the simulator's", ' in the simulator') if of else ('', '')
     options.add_argument(
-        option, metavar='ROLE=NAME', action='append', default=[], type=_role_and_name,
-        help=f'name of a topic{of} by its role, e.g. wrench=/ft/data; may be repeated; '
+        f'--{of}topic', metavar='ROLE=NAME', action='append', default=[], type=_role_and_name,
+        help=f'name of a topic{whose} by its role, e.g. wrench=/ft/data; may be repeated; '
              'pose=tf:BASE:SENSOR takes the pose from /tf, pose=urdf:FILE:BASE:LINK from joint '
              'states')
     if not of:
         options.add_argument('--preset', metavar='NAME', type=preset,
                              help="names of topics as a robot's driver has them: ur, franka, "
                                   'kuka_fri, broadcaster')
-
-
-def add_sensor_pose(parser: argparse.ArgumentParser, option: str = '--sensor-from-pose',
-                    of: str = '') -> None:
-    """Add the transform from the frame whose pose was recorded to ft_sensor."""
-    group(parser, 'recording' if not of else 'model').add_argument(
-        option, metavar=POSE7, nargs=7, type=real,
-        help=f'pose of ft_sensor in the frame whose pose{of} was recorded and commanded, e.g. a '
-             'flange or TCP [m, quaternion] (default: the recorded pose is that of ft_sensor, or '
-             'as the calibration has it)')
+    options.add_argument(
+        f'--{of}sensor-from-pose', metavar=POSE7, nargs=7, type=real,
+        help=f'pose of ft_sensor in the frame whose pose{where} was recorded and commanded, e.g. '
+             'a flange or TCP [m, quaternion] (default: the recorded pose is that of ft_sensor, '
+             'or as the calibration has it)')
 
 
 def add_gravity(options: Any, *defaults: str) -> None:
@@ -186,8 +188,7 @@ def or_nearest(word: str, names: Collection[str]) -> str:
     return f' (did you mean {near[0]}?)' if near else ''
 
 
-def topic_names(args: argparse.Namespace, option: str = '--topic', bag: str = ''
-                ) -> dict[str, str]:
+def topic_names(args: argparse.Namespace, bag: str = '', of: str = '') -> dict[str, str]:
     """
     Return role to name, by ``--topic`` or an option like it, then by ``--preset``.
 
@@ -195,6 +196,8 @@ def topic_names(args: argparse.Namespace, option: str = '--topic', bag: str = ''
     ----------
     bag : str
         Recording whose topics a preset's names are looked for in.
+    of : str
+        As for :func:`add_streams`.
 
     Raises
     ------
@@ -202,10 +205,10 @@ def topic_names(args: argparse.Namespace, option: str = '--topic', bag: str = ''
         A role has two names.
     """
     names: dict[str, str] = {}
-    for role, name in getattr(args, option.strip('-').replace('-', '_')):
+    for role, name in _given(args, f'{of}topic'):
         if names.setdefault(role, name) != name:
-            raise UsageError(f'{option}: {role} is called {names[role]} and {name}; name one')
-    if option == '--topic' and bag:
+            raise UsageError(f'--{of}topic: {role} is called {names[role]} and {name}; name one')
+    if bag and not of:
         names = preset_topics(getattr(args, 'preset', None) or '', bag) | names
     return names
 
@@ -231,18 +234,20 @@ def read_likewise(args: argparse.Namespace, *, poses: bool = True) -> tuple[str,
             *(('--sensor-from-pose', *(f'{x:g}' for x in given)) if given else ()))
 
 
-def read(args: argparse.Namespace, bag: str, option: str = '--sensor-from-pose',
-         topics: str = '--topic', wrench_sign: int | None = None, *, joints: bool = False
+def _given(args: argparse.Namespace, option: str) -> Any:
+    """Return the value of an option; None if the command does not have it."""
+    return getattr(args, option.replace('-', '_'), None)
+
+
+def read(args: argparse.Namespace, bag: str, of: str = '', *, joints: bool = False
          ) -> 'Recording':
     """
     Read a recording as the arguments describe it, its poses taken to ft_sensor; no checks.
 
     Parameters
     ----------
-    option, topics : str
-        Those of :func:`add_sensor_pose` and :func:`add_topics`.
-    wrench_sign : int, optional
-        By default that of ``--wrench-sign``.
+    of : str
+        As for :func:`add_streams`.
     joints : bool
         Whether to read the measured positions of joints, too.
     """
@@ -250,11 +255,11 @@ def read(args: argparse.Namespace, bag: str, option: str = '--sensor-from-pose',
     from forcecal_ros.observe.frames import mounting_of, taken_to_sensor
 
     with from_arguments():
-        mounting = mounting_of(getattr(args, option.strip('-').replace('-', '_')) or (), option)
-    sign = getattr(args, 'wrench_sign', None) if wrench_sign is None else wrench_sign
+        mounting = mounting_of(_given(args, f'{of}sensor-from-pose') or (),
+                               f'--{of}sensor-from-pose')
     return taken_to_sensor(read_recording(
-        bag, topics=topic_names(args, topics, bag), wrench_sign=sign, joints=joints),
-        mounting)
+        bag, topics=topic_names(args, bag, of), wrench_sign=_given(args, f'{of}wrench-sign'),
+        joints=joints), mounting)
 
 
 def read_checked(args: argparse.Namespace, bag: str, roles: Collection[str] = ('wrench',), *,

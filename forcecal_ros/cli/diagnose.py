@@ -73,8 +73,7 @@ def add_parser(subparsers: Any) -> None:
                        help='what it recorded of the commands of --heldout')
     model.add_argument('--simulated-wrench-sign', type=int, choices=(1, -1), default=1,
                        help="-1: the simulator's wrench has the opposite sign, as MuJoCo's")
-    common.add_topics(parser, '--simulated-topic', " of the simulator's")
-    common.add_sensor_pose(parser, '--simulated-sensor-from-pose', ' in the simulator')
+    common.add_streams(parser, 'simulated-')
     model.add_argument('--simulator', metavar='MODULE:FACTORY',
                        help='your own simulator, which is run with the recorded commands: a '
                             'function without arguments that returns an object with '
@@ -128,7 +127,7 @@ def _check_models(args: argparse.Namespace) -> None:
             raise UsageError(f'--{named[0]} goes with exactly one BAG; diagnose one after the '
                              'other')
     if args.simulated:
-        common.topic_names(args, '--simulated-topic')
+        common.topic_names(args, of='simulated-')
         if bool(args.heldout) != bool(args.heldout_simulated):
             missing = '--heldout' if args.heldout_simulated else '--heldout-simulated'
             raise UsageError('--heldout and --heldout-simulated go together; give '
@@ -222,17 +221,17 @@ def _source_of(args: argparse.Namespace, stage: Callable[[str], None]
     from forcecal_ros.io.calibration_file import load
     from forcecal_ros.sim.rig.file import load_rig
 
-    def read_one(bag: str, of: str = '', sign: int | None = None) -> Any:
-        stage(f'reading {bag}')
-        if of:
-            return common.read(args, bag, f'--{of}sensor-from-pose', f'--{of}topic', sign)
-        return common.read(args, bag, joints=bool(args.simulator or args.mujoco))
+    def read(bags: tuple[str | None, ...], of: str = '') -> list[Any]:
+        found = []
+        for bag in filter(None, bags):
+            stage(f'reading {bag}')
+            found.append(common.read(args, bag, of, joints=bool(args.simulator or args.mujoco)))
+        return found
 
     against = _simulator_of(args) if args.simulator or args.mujoco else None
-    recordings = [read_one(bag) for bag in (args.bag, args.heldout) if bag]
+    recordings = read((args.bag, args.heldout))
     if args.simulated:
-        against = [read_one(bag, 'simulated-', args.simulated_wrench_sign)
-                   for bag in (args.simulated, args.heldout_simulated) if bag]
+        against = read((args.simulated, args.heldout_simulated), 'simulated-')
     rig = load_rig(None if args.rig == NOMINAL else args.rig) if args.rig else None
     if args.calibration:
         against = load(args.calibration)

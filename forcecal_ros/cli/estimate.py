@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.cli import common
-from forcecal_ros.cli.calibrate import add_bandwidth, bandwidth_of
 from forcecal_ros.cli.many import add_bags, Answer
 from forcecal_ros.cli.many import run as run_each
 from forcecal_ros.core.errors import DataError, UnobservableError, UsageError
@@ -21,9 +20,6 @@ if TYPE_CHECKING:
 FILTERS = ('kalman', 'newton', 'ukf', 'ekf', 'static')
 LEARNING = ('ukf', 'ekf')
 """Filters that estimate the biases as well."""
-
-LEARNED = ('rise_time', 'contact_floor', 'bias_prior')
-"""Their settings among the arguments."""
 
 MAX_DELAY_STD_S = 5e-4
 """A delay found in the recording itself is used if its standard error is below half a period of a
@@ -50,68 +46,38 @@ def add_parser(subparsers: Any) -> None:
     options.add_argument('--track-tool', action='store_true',
                          help='estimate mass and centre of mass of the tool while they change, '
                               'and write them as observer/tool')
-    kalman = common.group(parser, 'filter kalman')
-    kalman.add_argument('--bandwidth', metavar='HZ', type=common.positive,
-                        help='of the contact wrench (default: from the noise)')
-    add_bandwidth(kalman, ('as the calibration has it',) * 3)
-    _add_learning(common.group(parser, 'filters ukf and ekf'))
+    common.group(parser, 'filter kalman').add_argument(
+        '--bandwidth', metavar='HZ', type=common.positive,
+        help='of the contact wrench (default: as the calibration and the noise have it)')
+    learning = common.group(parser, 'filters ukf and ekf')
+    learning.add_argument('--orientation', choices=('auto', 'pose', 'imu'), default='auto',
+                          help='source of gravity: the pose, or accelerometer and gyro')
+    learning.add_argument('--payload', metavar='KG', type=common.not_negative, default=0.0,
+                          help='standard deviation of a payload attached since the calibration '
+                               '(imu only)')
     common.add_output(parser, '-o', '--output', kind='recording', metavar='OUT_BAG', required=True,
                       help='recording to write; an earlier one is kept as OUT_BAG~; of several '
                            'BAGs, a folder for them')
-    out = common.group(parser, 'output')
-    out.add_argument('--inertial-wrench', action='store_true',
-                     help="write the wrench of the tool's weight and inertia as well")
-    out.add_argument('--innovation', action='store_true',
-                     help='write the innovation (measured - predicted) as well; ukf and ekf '
-                          'always do')
-
-
-def _add_learning(options: Any) -> None:
-    options.add_argument('--orientation', choices=('auto', 'pose', 'imu'), default='auto',
-                         help='source of gravity: the pose, or accelerometer and gyro')
-    options.add_argument('--rise-time', metavar='S', type=common.positive,
-                         help='10-90 %% rise of a contact force (default: 0.012 s)')
-    options.add_argument('--contact-floor', metavar=('N', 'NM'), nargs=2, type=common.not_negative,
-                         help='residual of vibration and model errors that does not count as '
-                              'contact (default: 0.03 N 0.003 N m)')
-    options.add_argument('--bias-prior', metavar=('N', 'NM'), nargs=2, type=common.not_negative,
-                         help='standard deviation of the change of the biases since the '
-                              'calibration (default: 0 N 0 N m)')
-    options.add_argument('--payload', metavar='KG', type=common.not_negative, default=0.0,
-                         help='standard deviation of a payload attached since the calibration '
-                              '(imu only)')
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    _refuse_unused(args)
-    common.gravity_of(args)
-    return run_each(args, answer)
-
-
-def _refuse_unused(args: argparse.Namespace) -> None:
-    """Refuse options that the chosen filter does not use."""
-    bandwidth = bandwidth_of(args)
-    kalman, learning = (
-        [f'--{name.replace("_", "-")}' for name in names if getattr(args, name) is not None]
-        for names in (('bandwidth', 'contact_walk', 'bandwidth_min', 'bandwidth_max'), LEARNED))
-    if kalman and args.filter not in (None, 'kalman'):
-        raise UsageError(f'{kalman[0]} belongs to filter kalman, not to {args.filter}; leave it '
+    if args.bandwidth is not None and args.filter not in (None, 'kalman'):
+        raise UsageError(f'--bandwidth belongs to filter kalman, not to {args.filter}; leave it '
                          'out')
-    if args.bandwidth is not None and any(bandwidth.values()):
-        raise UsageError(f'--bandwidth fixes the bandwidth; leave {kalman[1]} out')
-    if learning and args.filter not in LEARNING:
-        raise UsageError(f'{", ".join(learning)} belongs to filters ukf and ekf; leave it out')
     if args.payload and args.orientation == 'pose':
         raise UsageError('--payload is estimated where an IMU measures gravity; give '
                          '--orientation imu as well')
+    common.gravity_of(args)
+    return run_each(args, answer)
 
 
 def answer(args: argparse.Namespace) -> Answer:
     """Estimate over one recording."""
     from forcecal_ros.io.calibration_file import load
+    from forcecal_ros.observe import ObserverSettings
 
-    settings = _settings_of(args)
+    settings = ObserverSettings(filter=args.filter, bandwidth_hz=args.bandwidth)
     raw = bool(args.calibration) and load(args.calibration).matrix is not None
     recording = common.read_checked(args, args.bag, raw_wrench=raw)
     by_imu = _needs_imu(args, recording)
@@ -124,10 +90,7 @@ def answer(args: argparse.Namespace) -> Answer:
     about += notes
     with common.with_notes_of(recording):
         estimate, followed = _estimate(args, recording, calibration, settings, by_imu)
-    also = [name for name, requested in (
-        ('inertial', args.inertial_wrench),
-        ('innovation', args.innovation or args.filter in LEARNING)) if requested]
-    write_estimate(args.output, estimate, calibration, recording.start_ns, also, followed)
+    write_estimate(args.output, estimate, calibration, recording.start_ns, followed)
     if args.payload and not by_imu:
         about.append('--payload is not used: the pose gives gravity')
     figures = statistics(estimate)
@@ -141,18 +104,6 @@ def answer(args: argparse.Namespace) -> Answer:
     return Answer(document, '\n'.join(_lines(document)),
                   f'{document["samples"]} contact wrenches{_valid_only(document)}, '
                   f'{_mean_force(document)}', tuple(document['notes']))
-
-
-def _settings_of(args: argparse.Namespace) -> 'ObserverSettings':
-    """Return the settings of the arguments."""
-    from forcecal_ros.observe import ObserverSettings
-    from forcecal_ros.observe.settings import FilterSettings
-
-    learning = {name: tuple(value) if isinstance(value, list) else value for name in LEARNED
-                if (value := getattr(args, name)) is not None}
-    return ObserverSettings(
-        filter=args.filter, bandwidth_hz=args.bandwidth,
-        **bandwidth_of(args), learning=FilterSettings(**learning))  # type: ignore[arg-type]
 
 
 def _needs_imu(args: argparse.Namespace, recording: 'Recording') -> bool:
@@ -176,7 +127,7 @@ def _calibration_for(args: argparse.Namespace, recording: 'Recording'
 
     if args.calibration:
         return load(args.calibration), args.calibration
-    recorded = read_calibrations(args.bag, common.topic_names(args, bag=args.bag))
+    recorded = read_calibrations(args.bag, common.topic_names(args, args.bag))
     if recorded:
         return parse(recorded[-1], f'{args.bag}: sequencer/calibration'), 'in the recording'
     try:
@@ -322,8 +273,8 @@ def _estimate(args: argparse.Namespace, recording: 'Recording', calibration: 'Ca
 
 
 def write_estimate(path: str, estimate: 'ContactEstimate', calibration: 'Calibration',
-                   start_ns: int, also: list[str], followed: 'Followed | None' = None) -> None:
-    """Write a row for every wrench, its status, and ``also``, fields of the estimate."""
+                   start_ns: int, followed: 'Followed | None' = None) -> None:
+    """Write a row for every wrench, its status, and the innovation of a filter that learns."""
     from forcecal_ros.core.streams import Stream
     from forcecal_ros.io.bags import write_signals
     from forcecal_ros.io.calibration_file import dump
@@ -331,8 +282,8 @@ def write_estimate(path: str, estimate: 'ContactEstimate', calibration: 'Calibra
     frame = calibration.sensor_frame
     write_signals(path, {
         'contact_wrench': Stream(estimate.t, estimate.contact, frame),
-        **{f'{name}_wrench' if name == 'inertial' else name:
-           Stream(estimate.t, getattr(estimate, name), frame) for name in also},
+        'innovation': (None if estimate.learned is None else
+                       Stream(estimate.t, estimate.innovation, frame)),
         'status': status_changes(estimate),
         'tool': (_tools_stream(followed, calibration)
                  if followed is not None and followed.announced else None),

@@ -17,8 +17,6 @@ def add_parser(subparsers: Any) -> None:
                         help='where the tables are (default: next to SPEC.yaml)')
     common.add_output(parser, '-o', '--output', kind='recording', metavar='BAG', required=True,
                       help='recording to write; an earlier one is kept as BAG~')
-    parser.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap',
-                        help='how the recording is stored')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -28,7 +26,7 @@ def run(args: argparse.Namespace) -> int:
     from forcecal_ros.io.csv_import import assemble, load_specification
 
     imported = assemble(load_specification(args.specification, args.tables))
-    write_signals(args.output, imported.signals, imported.start_ns, args.storage, imported.topics)
+    write_signals(args.output, imported.signals, imported.start_ns, topics=imported.topics)
     for role, signal in imported.signals.items():
         common.say(f'{imported.topics.get(role, ROLES[role].topic)}: {len(signal)} messages')
     for note in imported.notes:

@@ -104,7 +104,8 @@ def build_parser(command: str = '') -> Parser:
     parser.add_argument('--version', action='version', version=f'forcecal {__version__}')
     subparsers = parser.add_subparsers(metavar='COMMAND', required=True, help='one of those below')
     if command in COMMANDS:
-        module = import_module(f'forcecal_ros.cli.{COMMANDS[command].module}')
+        name = 'import_csv' if command == 'import' else command.replace('-', '_')
+        module = import_module(f'forcecal_ros.cli.{name}')
         module.add_parser(subparsers)
         subparsers.choices[command].set_defaults(run=module.run)
     else:
@@ -120,9 +121,9 @@ def command_list() -> str:
     lines = []
     for purpose, commands in GROUPS.items():
         lines.append(f'{purpose}:')
-        lines += [fill(one.summary, 79, initial_indent=f'  {name:<11}',
+        lines += [fill(summary, 79, initial_indent=f'  {name:<11}',
                        subsequent_indent=' ' * 13)
-                  for name, one in commands.items()]
+                  for name, summary in commands.items()]
     return '\n'.join(lines)
 
 

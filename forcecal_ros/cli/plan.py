@@ -29,8 +29,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--recording', metavar='BAG',
                         help='recording of the robot: it starts where that one starts, and stays '
                              'in the box that sensor and tip stayed in there')
-    common.add_topics(parser)
-    common.add_sensor_pose(parser)
+    common.add_streams(parser)
     parser.add_argument('--home', metavar=common.POSE7, nargs=7,
                         type=common.real, help="pose of ft_sensor in base that it starts from [m] "
                                         "(default: the recording's, or the rig's)")

@@ -22,10 +22,6 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--only', action='store_true', help='record the named topics alone')
     parser.add_argument('--duration', metavar='S', type=common.positive,
                         help='stop after this time')
-    parser.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap',
-                        help='how the recording is stored')
-    parser.add_argument('--no-compression', action='store_true',
-                        help='mcap without Zstandard inside')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -44,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
 
     names = {f'/{name.lstrip("/")}' for name in args.topics}
     with (temporary_node('record') as ros,
-          BagWriter(args.output, args.storage, not args.no_compression) as writer,
+          BagWriter(args.output, compressed=True) as writer,
           common.bar(args, unit=' messages') as done):
         recorder = Recorder(ros.node, writer, lambda name, msgtype: (
             args.all or name in names or (not args.only and of_this_package(name, msgtype))))

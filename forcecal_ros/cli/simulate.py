@@ -22,8 +22,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--noise-free', action='store_true', help='leave the sensor noise out')
     common.add_output(parser, '-o', '--output', kind='recording', metavar='OUT_BAG', required=True,
                       help='recording to write; an earlier one is kept as OUT_BAG~')
-    common.add_topics(parser)
-    common.add_sensor_pose(parser)
+    common.add_streams(parser)
 
 
 def run(args: argparse.Namespace) -> int:
