@@ -84,7 +84,11 @@ def answer(args: argparse.Namespace) -> Answer:
     calibration, source = _calibration_for(args, recording)
     calibration = replace(calibration, **{name: value for name, value in common.gravity_of(
         args).items() if getattr(args, name) is not None})
-    about = [*_warnings_of(calibration, source)]
+    about: list[str] = []
+    if source == IDENTIFIED:  # what speaks against a calibration that no one has looked at
+        quality = calibration.quality
+        about = [*(line for line in quality['warnings'] if 'suspect' in line),
+                 *quality['questions']]
     recording, calibration, notes = as_taken(recording, calibration, settings,
                                              args.calibration or args.bag)
     about += notes
@@ -136,14 +140,6 @@ def _calibration_for(args: argparse.Namespace, recording: 'Recording'
     except (DataError, UnobservableError) as error:
         error.args = (f'no --calibration is given, and {args.bag} identifies none: {error}',)
         raise
-
-
-def _warnings_of(calibration: 'Calibration', source: str) -> tuple[str, ...]:
-    """Return what speaks against a calibration that was identified along the way."""
-    if source != IDENTIFIED:
-        return ()
-    quality = calibration.quality
-    return (*(line for line in quality['warnings'] if 'suspect' in line), *quality['questions'])
 
 
 def as_taken(recording: 'Recording', calibration: 'Calibration', settings: 'ObserverSettings',

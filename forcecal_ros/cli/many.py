@@ -67,8 +67,6 @@ def each(work: Callable[[T], R], items: Sequence[T], *, jobs: int = 1, dask: str
     ConfigError
         There is no such cluster, or the extra ``scale`` is not installed.
     """
-    if jobs < 1:
-        raise ConfigError(f'{jobs} jobs cannot do anything; give 1 or more')
     if dask:
         yield from _on_cluster(work, items, dask)
     elif jobs > 1 and len(items) > 1:
