@@ -220,8 +220,10 @@ def run(args: argparse.Namespace, answer: Callable[[argparse.Namespace], Answer]
                 if found is None:
                     raise DataError(outcome.error)
                 return _show(found, args)
-            if found is None:
-                _set_earlier_aside(task)
+            if found is None:  # what an earlier run found does not stand for this one
+                for place in (getattr(task, one.name) for one in task.outputs):
+                    if place and os.path.lexists(place):
+                        set_aside(Path(place))
             statuses.append(_show_one_of_many(task.bag, found, outcome.error, args.json))
             done.update()
     if not args.json:
@@ -267,13 +269,6 @@ def _tasks(args: argparse.Namespace, bags: Sequence[str]) -> list[argparse.Names
         with naming(Path(place)):
             Path(place).parent.mkdir(parents=True, exist_ok=True)
     return tasks
-
-
-def _set_earlier_aside(task: argparse.Namespace) -> None:
-    """Rename what an earlier run found in a recording that has no answer now."""
-    for one in task.outputs:
-        if (place := getattr(task, one.name)) and os.path.lexists(place):
-            set_aside(Path(place))
 
 
 def _show(answer: Answer, args: argparse.Namespace) -> int:

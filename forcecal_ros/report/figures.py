@@ -317,8 +317,8 @@ def pose_means(recording: Recording, calibration: Calibration) -> Figure | None:
 
 def step_fit(recording: Recording, calibration: Calibration) -> Figure | None:
     """Draw the step: sensor force along x, mass times acceleration, and the residual."""
-    force, f, span = recording.wrench, specific_force(recording, calibration), \
-        step_phase(recording)
+    force, span = recording.wrench, step_phase(recording)
+    f = specific_force(recording, calibration)
     if force is None or f is None or span is None:
         return None
     part = force.between(span.start, span.end)
@@ -341,10 +341,9 @@ def step_fit(recording: Recording, calibration: Calibration) -> Figure | None:
 def accelerometer_regression(recording: Recording, calibration: Calibration) -> Figure | None:
     """Draw voltage against specific force from the wrench, [Gamez2005] Eq. 17 as a picture."""
     wrench, raw, sensor = recording.wrench, recording.accelerometer, calibration.accelerometer
-    if wrench is None or raw is None or sensor is None or step_phase(recording) is None:
-        return None
     span = step_phase(recording)
-    assert span is not None
+    if wrench is None or raw is None or sensor is None or span is None:
+        return None
     part = raw.between(span.start, span.end)
     if len(part) < 2:
         return None
