@@ -199,7 +199,7 @@ def commands() -> Iterator[str]:
     for purpose, group in GROUPS.items():
         yield f'\n## {purpose[0].upper()}{purpose[1:]}\n'
         for name in group:
-            summary = COMMANDS[name].summary
+            summary = COMMANDS[name]
             yield f'\n### {name}\n\n{summary[0].upper()}{summary[1:]}.'
             also = [re.findall(r'--[a-z-]+|`[A-Z.]+`', row)[0].strip('`')
                     for row in rows[name] if row in shared.values()]

@@ -1,6 +1,7 @@
 """Where executables begin: a signal while they are being loaded ends them quietly."""
 
 from collections.abc import Callable
+from functools import partial
 from importlib import import_module
 import os
 import signal
@@ -14,32 +15,8 @@ def forcecal() -> int:
     return int(loaded('cli.main', 130)())
 
 
-def gap() -> int:
-    """Run the gap node."""
-    return _node('gap')
-
-
-def impedance() -> int:
-    """Run the impedance node."""
-    return _node('impedance')
-
-
-def observer() -> int:
-    """Run the observer."""
-    return _node('observer')
-
-
-def sequencer() -> int:
-    """Run the sequencer."""
-    return _node('sequencer')
-
-
-def sim() -> int:
-    """Run the simulated rig."""
-    return _node('sim')
-
-
 def _node(name: str) -> int:
+    """Run a node."""
     try:
         return int(loaded(f'nodes.{name}', 0)())
     except ModuleNotFoundError as error:
@@ -48,6 +25,10 @@ def _node(name: str) -> int:
         if not (why := missing(error)):
             raise
         sys.exit(f'{name}: {why}')
+
+
+gap, impedance, observer, sequencer, sim = (
+    partial(_node, name) for name in ('gap', 'impedance', 'observer', 'sequencer', 'sim'))
 
 
 def loaded(module: str, interrupted: int) -> Callable[..., Any]:

@@ -6,22 +6,9 @@ import math
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from forcecal_ros.cli.common import (
-    add_gravity,
-    from_arguments,
-    gravity_of,
-    group,
-    nearby,
-    new_parser,
-    positive,
-    read_checked,
-    read_likewise,
-    real,
-    with_notes_of,
-)
+from forcecal_ros.cli import common
 from forcecal_ros.cli.many import add_bags, Answer
 from forcecal_ros.cli.many import run as run_each
-from forcecal_ros.cli.outputs import add_output, FILE, is_stdout
 from forcecal_ros.core.errors import UsageError
 
 if TYPE_CHECKING:
@@ -29,99 +16,74 @@ if TYPE_CHECKING:
     from forcecal_ros.core.calibration import Calibration
     from forcecal_ros.core.streams import Recording
 
-DEFAULTS = ('2.5 N/sqrt(s); kept in the calibration', '2 Hz; kept likewise',
-            '250 Hz; kept likewise')
-"""Of the options of :func:`add_bandwidth`."""
-
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
-    parser = new_parser(
-        subparsers, 'calibrate',
+    parser = common.new_parser(
+        subparsers, 'calibrate', inputs=('bag', 'free_motion', 'matrix'),
         example='forcecal calibrate my_bag --topic wrench=/ft/data -o calibration.yaml\n'
                 '  forcecal calibrate ft_calib_data.yaml   # a file of force_torque_tools or '
                 'ft_tools')
     add_bags(parser)
-    options = group(parser, 'further data')
+    options = common.group(parser, 'further data')
     options.add_argument('--free-motion', metavar='BAG2',
                          help='recording of motion without contact, if BAG holds static poses '
                               'only: gives the delay between the sensors')
     options.add_argument('--matrix', metavar='C.yaml',
                          help='calibration.yaml of forcecal insitu whose matrix turns the raw '
                               'channels of the wrench topic into a wrench')
-    options.add_argument('--tool-mass', metavar='KG', type=positive,
+    options.add_argument('--tool-mass', metavar='KG', type=common.positive,
                          help='weight of the tool on a scale: forces that give another mass are '
                               'refused, with the unit that they may be in')
     add_identification(parser)
-    add_output(parser, '-o', '--output', kind=FILE, suffix='.yaml', metavar='FILE',
-               default='calibration.yaml',
-               help='calibration to write, - for standard output; an earlier one is kept as '
-                    'FILE~; of several BAGs, a folder for them')
-    add_output(parser, '--report', kind=FILE, suffix='.html', metavar='FILE',
-               help='write an HTML report as well; of several BAGs, a folder for them')
-    parser.set_defaults(run=run, inputs=('bag', 'free_motion', 'matrix'))
+    common.add_output(parser, '-o', '--output', kind='file', suffix='.yaml', metavar='FILE',
+                      default='calibration.yaml',
+                      help='calibration to write, - for standard output; an earlier one is kept '
+                           'as FILE~; of several BAGs, a folder for them')
+    common.add_output(parser, '--report', kind='file', suffix='.html', metavar='FILE',
+                      help='write an HTML report as well; of several BAGs, a folder for them')
 
 
 def add_identification(parser: argparse.ArgumentParser) -> None:
     """Add how a recording is calibrated."""
-    setup = group(parser, 'robot and sensors')
+    setup = common.group(parser, 'robot and sensors')
     setup.add_argument('--robot', metavar='NAME',
                        help='name of the robot, kept in the calibration for forcecal fleet')
-    add_gravity(setup)
-    setup.add_argument('--sensor-rotation', metavar=('X', 'Y', 'Z'), nargs=3, type=real,
+    common.add_gravity(setup)
+    setup.add_argument('--sensor-rotation', metavar=('X', 'Y', 'Z'), nargs=3, type=common.real,
                        help="rotation vector of the wrench's axes in the frame of the "
                             'pose [deg], if the sensor is rotated on its flange')
     setup.add_argument('--coupling', choices=('dc', 'ac'), default='dc',
                        help='of the accelerometer; ac: it lets gravity decay (high-pass)')
-    setup.add_argument('--cutoff', metavar='HZ', type=positive,
+    setup.add_argument('--cutoff', metavar='HZ', type=common.positive,
                        help='corner of an ac accelerometer (default: estimated)')
-    setup.add_argument('--accelerometer-position', metavar=('X', 'Y', 'Z'), nargs=3, type=nearby,
+    setup.add_argument('--accelerometer-position', metavar=('X', 'Y', 'Z'), nargs=3,
+                       type=common.nearby,
                        help='of the accelerometer in ft_sensor [m] (default: estimated)')
-    observer = group(parser, 'observer')
+    observer = common.group(parser, 'observer')
     observer.add_argument('--filter', choices=('kalman', 'newton'), default='kalman',
                           help='filter that the calibration requires')
-    add_bandwidth(observer, DEFAULTS)
-
-
-def add_bandwidth(options: Any, defaults: tuple[str, str, str]) -> None:
-    """Add what the bandwidth of filter kalman follows from in addition to the noise."""
-    walk, low, high = (f'default: {one}' for one in defaults)
-    options.add_argument('--contact-walk', metavar='N/SQRT(S)', type=positive,
-                         help='how fast a contact force is expected to change, which together '
-                              f'with the noise gives the bandwidth of filter kalman ({walk})')
-    for name, words in (('--bandwidth-min', f'slowest bandwidth that may follow ({low})'),
-                        ('--bandwidth-max', f'fastest bandwidth that may follow ({high})')):
-        options.add_argument(name, metavar='HZ', type=positive, help=words)
-
-
-def bandwidth_of(args: argparse.Namespace, low: float = 0.0, high: float = math.inf
-                 ) -> dict[str, Any]:
-    """
-    Return these options as fields of the observer's settings.
-
-    Parameters
-    ----------
-    low, high : float
-        Limits that count if none is given [Hz].
-
-    Raises
-    ------
-    UsageError
-        The slowest is above the fastest.
-    """
-    if (low := args.bandwidth_min or low) > (high := args.bandwidth_max or high):
-        raise UsageError(f'--bandwidth-min is {low:g} Hz, above --bandwidth-max, {high:g} Hz; '
-                         'give both')
-    return {'contact_walk': args.contact_walk, 'bandwidth_min_hz': args.bandwidth_min,
-            'bandwidth_max_hz': args.bandwidth_max}
+    observer.add_argument('--contact-walk', metavar='N/SQRT(S)', type=common.positive,
+                          help='how fast a contact force is expected to change, which together '
+                               'with the noise gives the bandwidth of filter kalman (default: '
+                               '2.5 N/sqrt(s); kept in the calibration)')
+    observer.add_argument('--bandwidth-min', metavar='HZ', type=common.positive,
+                          help='slowest bandwidth that may follow (default: 2 Hz; kept likewise)')
+    observer.add_argument('--bandwidth-max', metavar='HZ', type=common.positive,
+                          help='fastest bandwidth that may follow (default: 250 Hz; kept '
+                               'likewise)')
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     from forcecal_ros.observe.settings import BANDWIDTH_LIMITS
 
-    gravity_of(args)
-    bandwidth_of(args, *BANDWIDTH_LIMITS)
+    common.gravity_of(args)
+    low, high = (args.bandwidth_min or BANDWIDTH_LIMITS[0],
+                 args.bandwidth_max or BANDWIDTH_LIMITS[1])
+    if low > high:
+        raise UsageError(f'--bandwidth-min is {low:g} Hz, above --bandwidth-max, {high:g} Hz; '
+                         'give both')
     if args.cutoff is not None and args.coupling != 'ac':
         raise UsageError('--cutoff is the corner of an ac accelerometer; give --coupling ac as '
                          'well')
@@ -142,12 +104,13 @@ def answer(args: argparse.Namespace) -> Answer:
         return _write(_as_stated(load(args.bag), args), args, ())
     matrix = load(args.matrix) if args.matrix else None
     part = required_sensor_matrix(matrix, args.matrix) if matrix else None
-    recording = read_checked(args, args.bag, ['wrench', 'pose'], raw_wrench=part is not None)
+    recording = common.read_checked(args, args.bag, ['wrench', 'pose'],
+                                    raw_wrench=part is not None)
     recording = recording_corrected(recording, part) if part else recording
-    with with_notes_of(recording):
+    with common.with_notes_of(recording):
         calibration = calibrated(recording, args)
     if args.free_motion:
-        motion = read_checked(args, args.free_motion, raw_wrench=part is not None)
+        motion = common.read_checked(args, args.free_motion, raw_wrench=part is not None)
         motion = recording_corrected(motion, part) if part else motion
         calibration = with_delay(calibration, estimate_delay(motion, calibration))
     if args.report:
@@ -164,7 +127,7 @@ def _as_stated(calibration: 'Calibration', args: argparse.Namespace) -> 'Calibra
     from forcecal_ros.calibrate.result import with_settings
     from forcecal_ros.observe.frames import agreed, mounting_of, numbers_of
 
-    with from_arguments():
+    with common.from_arguments():
         given = mounting_of(args.sensor_from_pose or (), '--sensor-from-pose')
     if 'of' in calibration.source:  # another package, whose files do not state these
         calibration = with_settings(calibration, _settings_of(args), args.wrench_sign or 1)
@@ -207,7 +170,9 @@ def calibrated(recording: 'Recording', args: argparse.Namespace) -> 'Calibration
     source = {**({'robot': args.robot} if args.robot else {}),
               'created': datetime.now(timezone.utc).isoformat(timespec='seconds')}
     return with_kalman_gains(identify(recording, _settings_of(args, source)),
-                             ObserverSettings(**bandwidth_of(args)))
+                             ObserverSettings(contact_walk=args.contact_walk,
+                                              bandwidth_min_hz=args.bandwidth_min,
+                                              bandwidth_max_hz=args.bandwidth_max))
 
 
 def _settings_of(args: argparse.Namespace, source: Any = ()) -> 'IdentificationSettings':
@@ -216,7 +181,7 @@ def _settings_of(args: argparse.Namespace, source: Any = ()) -> 'IdentificationS
 
     position, rotation = args.accelerometer_position, args.sensor_rotation
     return IdentificationSettings(
-        **gravity_of(args), coupling=args.coupling,
+        **common.gravity_of(args), coupling=args.coupling,
         sensor_rotation=tuple(map(math.radians, rotation)) if rotation else None,  # type: ignore[arg-type]
         cutoff=args.cutoff, accelerometer_position=tuple(position) if position else None,
         observer_mode=args.filter, source=dict(source))
@@ -233,6 +198,6 @@ def write_report(args: argparse.Namespace, recording: 'Recording', calibration: 
 
     estimate = replay(recording, calibration)
     contact = Stream(estimate.t, estimate.contact, calibration.sensor_frame)
-    write_text(args.report, render(
-        recording, calibration, contact, step=None if is_stdout(args.output) else estimated_by(
-            args.bag, args.output, read_likewise(args, poses=False))))
+    step = None if common.is_stdout(args.output) else estimated_by(
+        args.bag, args.output, common.read_likewise(args, poses=False))
+    write_text(args.report, render(recording, calibration, contact, step=step))

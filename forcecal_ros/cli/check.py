@@ -5,7 +5,7 @@ import re
 import shlex
 from typing import Any, TYPE_CHECKING
 
-from forcecal_ros.cli.common import add_bag, new_parser, read, read_likewise, show, topic_names
+from forcecal_ros.cli import common
 from forcecal_ros.core.errors import ForcecalError, with_id
 
 if TYPE_CHECKING:
@@ -26,21 +26,21 @@ OPTION = re.compile(r'--[a-z-]+(?: -?[\d.]+(?:e-?\d+)?)+')
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
-    parser = new_parser(subparsers, 'check', example='forcecal check my_bag --preset ur')
-    add_bag(parser)
-    parser.set_defaults(run=run, inputs=('bag',))
+    parser = common.new_parser(subparsers, 'check', inputs=('bag',),
+                               example='forcecal check my_bag --preset ur')
+    common.add_bag(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     from forcecal_ros.io.bags import read_calibrations
 
-    recording = read(args, args.bag, joints=True)
+    recording = common.read(args, args.bag, joints=True)
     document = inspect(recording)
     document['calibration_recorded'] = bool(read_calibrations(
-        args.bag, topic_names(args, bag=args.bag)))
+        args.bag, common.topic_names(args, args.bag)))
     document['next'] = _next(args, recording, document)
-    show(args, document, as_text(document))
+    common.show(args, document, as_text(document))
     return 1 if document['fault'] else 0
 
 
@@ -144,7 +144,7 @@ def _next(args: argparse.Namespace, recording: 'Recording', document: dict[str, 
     def command(name: str, *words: str, but: str = '') -> str:
         sign = () if args.wrench_sign is None or '--wrench-sign' in but else (
             '--wrench-sign', str(args.wrench_sign))
-        return shlex.join(('forcecal', name, args.bag, *read_likewise(
+        return shlex.join(('forcecal', name, args.bag, *common.read_likewise(
             args, poses='--sensor-from-pose' not in but), *sign, *words))
 
     uses, why = document['uses'], document['fault'] or document['uses']['calibrate']

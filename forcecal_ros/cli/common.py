@@ -1,8 +1,8 @@
-"""Arguments, output and progress that several commands share."""
+"""Arguments, output, progress and places to write to that several commands share."""
 
 import argparse
 from argparse import ArgumentTypeError
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib import import_module
 import json
@@ -13,9 +13,11 @@ import re
 import sys
 from threading import Event, Thread
 import time
-from typing import Any, TYPE_CHECKING
+from typing import Any, NamedTuple, TYPE_CHECKING
 
 from forcecal_ros.cli import COMMANDS, VERBS
+from forcecal_ros.core.errors import ConfigError, ForcecalError, UsageError
+from forcecal_ros.core.files import descriptor_of, refuse_file, refuse_folder, STANDARD_OUTPUT
 
 if TYPE_CHECKING:
     from forcecal_ros.core.streams import Recording
@@ -37,8 +39,6 @@ READING_NOTES = (': frame_id is ', 'because their stamps jump', 'by another cloc
 """Notes of the reader that may be why a recording is refused later."""
 
 POSE7 = ('X', 'Y', 'Z', 'QX', 'QY', 'QZ', 'QW')
-RECORDING, MODEL, MANY, OUTPUT = 'recording', 'model', 'many recordings', 'output'
-"""Titles of groups of options."""
 
 
 class Formatter(argparse.ArgumentDefaultsHelpFormatter, argparse.RawDescriptionHelpFormatter):
@@ -53,20 +53,28 @@ class Formatter(argparse.ArgumentDefaultsHelpFormatter, argparse.RawDescriptionH
         return super()._get_help_string(action)
 
 
-def new_parser(subparsers: Any, name: str, *, example: str, summary: str = '', json: bool = True,
-               quiet: bool = True) -> argparse.ArgumentParser:
-    """Add a command with its summary, an example, ``--json``, ``--quiet`` and ``--debug``."""
-    summary = summary or COMMANDS[name].summary
+def new_parser(subparsers: Any, name: str, *, example: str, summary: str = '',
+               inputs: tuple[str, ...] = (), json: bool = True, quiet: bool = True
+               ) -> argparse.ArgumentParser:
+    """
+    Add a command with its summary, an example, ``--json``, ``--quiet`` and ``--debug``.
+
+    Parameters
+    ----------
+    inputs : tuple of str
+        Arguments that name files or folders to read, which no output may replace.
+    """
+    summary = summary or COMMANDS[name]
     parser: argparse.ArgumentParser = subparsers.add_parser(
         name, help=summary, description=summary[0].upper() + summary[1:] + '.',
         epilog=f'example:\n  {example}', formatter_class=Formatter)
-    out = group(parser, OUTPUT)
+    out = group(parser, 'output')
     if json:
         out.add_argument('--json', action='store_true', help='print the result as JSON')
     if quiet:
         out.add_argument('--quiet', action='store_true', help='show no progress')
     out.add_argument('--debug', action='store_true', help='show the traceback of an error')
-    parser.set_defaults(parser=parser)
+    parser.set_defaults(parser=parser, inputs=inputs)
     return parser
 
 
@@ -91,36 +99,38 @@ def add_bag(parser: argparse.ArgumentParser, *, several: str = '') -> None:
                                  f'one a line: {several}')
     else:
         parser.add_argument('bag', metavar='BAG', help='rosbag2 folder or file (mcap, sqlite3)')
-    add_topics(parser)
-    add_sensor_pose(parser)
-    group(parser, RECORDING).add_argument(
+    add_streams(parser)
+    group(parser, 'recording').add_argument(
         '--wrench-sign', type=int, choices=(1, -1),
         help='-1 for a driver that reports the wrench of the tool on its environment (default: '
              'as the calibration has it, or 1)')
 
 
-def add_topics(parser: argparse.ArgumentParser, option: str = '--topic', of: str = '') -> None:
-    """Add ``--topic role=name`` and ``--preset``, or an option like the first for a simulator."""
-    options = group(parser, RECORDING if not of else MODEL)
+def add_streams(parser: argparse.ArgumentParser, of: str = '') -> None:
+    """
+    Add names of topics, and the transform from the frame whose pose was recorded to ft_sensor.
+
+    Parameters
+    ----------
+    of : str
+        ``simulated-``: of what a simulator recorded.
+    """
+    options = group(parser, 'model' if of else 'recording')
+    whose, where = (" of the simulator's", ' in the simulator') if of else ('', '')
     options.add_argument(
-        option, metavar='ROLE=NAME', action='append', default=[], type=_role_and_name,
-        help=f'name of a topic{of} by its role, e.g. wrench=/ft/data; may be repeated; '
+        f'--{of}topic', metavar='ROLE=NAME', action='append', default=[], type=_role_and_name,
+        help=f'name of a topic{whose} by its role, e.g. wrench=/ft/data; may be repeated; '
              'pose=tf:BASE:SENSOR takes the pose from /tf, pose=urdf:FILE:BASE:LINK from joint '
              'states')
     if not of:
         options.add_argument('--preset', metavar='NAME', type=preset,
                              help="names of topics as a robot's driver has them: ur, franka, "
                                   'kuka_fri, broadcaster')
-
-
-def add_sensor_pose(parser: argparse.ArgumentParser, option: str = '--sensor-from-pose',
-                    of: str = '') -> None:
-    """Add the transform from the frame whose pose was recorded to ft_sensor."""
-    group(parser, RECORDING if not of else MODEL).add_argument(
-        option, metavar=POSE7, nargs=7, type=real,
-        help=f'pose of ft_sensor in the frame whose pose{of} was recorded and commanded, e.g. a '
-             'flange or TCP [m, quaternion] (default: the recorded pose is that of ft_sensor, or '
-             'as the calibration has it)')
+    options.add_argument(
+        f'--{of}sensor-from-pose', metavar=POSE7, nargs=7, type=real,
+        help=f'pose of ft_sensor in the frame whose pose{where} was recorded and commanded, e.g. '
+             'a flange or TCP [m, quaternion] (default: the recorded pose is that of ft_sensor, '
+             'or as the calibration has it)')
 
 
 def add_gravity(options: Any, *defaults: str) -> None:
@@ -136,7 +146,6 @@ def add_gravity(options: Any, *defaults: str) -> None:
 def gravity_of(args: argparse.Namespace) -> dict[str, Any]:
     """Return magnitude and direction of gravity as fields of settings."""
     from forcecal_ros.core.axes import unit_direction
-    from forcecal_ros.core.errors import UsageError
     from forcecal_ros.core.geometry import STANDARD_GRAVITY
 
     direction = args.gravity_direction
@@ -152,8 +161,8 @@ def word(what: str, module: str, names: str) -> Callable[[str], str]:
     def take(name: str) -> str:
         known = getattr(import_module(f'forcecal_ros.{module}'), names)
         if name not in known:
-            raise ArgumentTypeError(
-                f'{name} is not {what}{or_nearest(name, known) or one_of(known)}')
+            nearest = or_nearest(name, known) or f'; take one of {", ".join(known)}'
+            raise ArgumentTypeError(f'{name} is not {what}{nearest}')
         return name
 
     return take
@@ -163,14 +172,10 @@ preset = word('a preset', 'core.topics', 'ROBOTS')
 
 
 def _role_and_name(text: str) -> tuple[str, str]:
-    from forcecal_ros.core.topics import ROLES
-
     role, _, name = text.partition('=')
     if not (role and name):
         raise ArgumentTypeError(f'{text} is not ROLE=NAME, as wrench=/ft/data')
-    if role not in ROLES:
-        raise ArgumentTypeError(f'{role} is not a role{or_nearest(role, ROLES) or one_of(ROLES)}')
-    return role, name
+    return word('a role', 'core.topics', 'ROLES')(role), name
 
 
 def or_nearest(word: str, names: Collection[str]) -> str:
@@ -183,13 +188,7 @@ def or_nearest(word: str, names: Collection[str]) -> str:
     return f' (did you mean {near[0]}?)' if near else ''
 
 
-def one_of(names: Collection[str]) -> str:
-    """Return what follows a word that is like none of the names."""
-    return f'; take one of {", ".join(names)}'
-
-
-def topic_names(args: argparse.Namespace, option: str = '--topic', bag: str = ''
-                ) -> dict[str, str]:
+def topic_names(args: argparse.Namespace, bag: str = '', of: str = '') -> dict[str, str]:
     """
     Return role to name, by ``--topic`` or an option like it, then by ``--preset``.
 
@@ -197,19 +196,19 @@ def topic_names(args: argparse.Namespace, option: str = '--topic', bag: str = ''
     ----------
     bag : str
         Recording whose topics a preset's names are looked for in.
+    of : str
+        As for :func:`add_streams`.
 
     Raises
     ------
     UsageError
         A role has two names.
     """
-    from forcecal_ros.core.errors import UsageError
-
     names: dict[str, str] = {}
-    for role, name in getattr(args, option.strip('-').replace('-', '_')):
+    for role, name in _given(args, f'{of}topic'):
         if names.setdefault(role, name) != name:
-            raise UsageError(f'{option}: {role} is called {names[role]} and {name}; name one')
-    if option == '--topic' and bag:
+            raise UsageError(f'--{of}topic: {role} is called {names[role]} and {name}; name one')
+    if bag and not of:
         names = preset_topics(getattr(args, 'preset', None) or '', bag) | names
     return names
 
@@ -235,18 +234,20 @@ def read_likewise(args: argparse.Namespace, *, poses: bool = True) -> tuple[str,
             *(('--sensor-from-pose', *(f'{x:g}' for x in given)) if given else ()))
 
 
-def read(args: argparse.Namespace, bag: str, option: str = '--sensor-from-pose',
-         topics: str = '--topic', wrench_sign: int | None = None, *, joints: bool = False
+def _given(args: argparse.Namespace, option: str) -> Any:
+    """Return the value of an option; None if the command does not have it."""
+    return getattr(args, option.replace('-', '_'), None)
+
+
+def read(args: argparse.Namespace, bag: str, of: str = '', *, joints: bool = False
          ) -> 'Recording':
     """
     Read a recording as the arguments describe it, its poses taken to ft_sensor; no checks.
 
     Parameters
     ----------
-    option, topics : str
-        Those of :func:`add_sensor_pose` and :func:`add_topics`.
-    wrench_sign : int, optional
-        By default that of ``--wrench-sign``.
+    of : str
+        As for :func:`add_streams`.
     joints : bool
         Whether to read the measured positions of joints, too.
     """
@@ -254,11 +255,11 @@ def read(args: argparse.Namespace, bag: str, option: str = '--sensor-from-pose',
     from forcecal_ros.observe.frames import mounting_of, taken_to_sensor
 
     with from_arguments():
-        mounting = mounting_of(getattr(args, option.strip('-').replace('-', '_')) or (), option)
-    sign = getattr(args, 'wrench_sign', None) if wrench_sign is None else wrench_sign
+        mounting = mounting_of(_given(args, f'{of}sensor-from-pose') or (),
+                               f'--{of}sensor-from-pose')
     return taken_to_sensor(read_recording(
-        bag, topics=topic_names(args, topics, bag), wrench_sign=sign, joints=joints),
-        mounting)
+        bag, topics=topic_names(args, bag, of), wrench_sign=_given(args, f'{of}wrench-sign'),
+        joints=joints), mounting)
 
 
 def read_checked(args: argparse.Namespace, bag: str, roles: Collection[str] = ('wrench',), *,
@@ -291,8 +292,6 @@ def read_checked(args: argparse.Namespace, bag: str, roles: Collection[str] = ('
 @contextmanager
 def with_notes_of(recording: 'Recording') -> Iterator[None]:
     """Add to a refusal what reading found: several frames, a clock that jumps."""
-    from forcecal_ros.core.errors import ForcecalError
-
     try:
         yield
     except ForcecalError as error:
@@ -304,8 +303,6 @@ def with_notes_of(recording: 'Recording') -> Iterator[None]:
 @contextmanager
 def from_arguments() -> Iterator[None]:
     """Turn refused settings into wrong usage, where they come from the command line alone."""
-    from forcecal_ros.core.errors import ConfigError, UsageError
-
     try:
         yield
     except ConfigError as error:
@@ -322,7 +319,6 @@ def needs_ros() -> Iterator[None]:
     ConfigError
         It is not there; with the command that installs it.
     """
-    from forcecal_ros.core.errors import ConfigError
     from forcecal_ros.core.extras import installing, missing
 
     try:
@@ -366,10 +362,12 @@ def warn(text: str) -> None:
           file=sys.stderr)
 
 
-def warn_if_compiling(waits: bool, what: str) -> None:
-    """Note what a first run waits for."""
-    if waits:
-        warn(f'compiling {what} for this computer, some ten seconds; only the first run waits')
+def warn_if_compiling(*parts: str) -> None:
+    """Note that a first run waits for the ``simulator`` or the ``observer`` to be compiled."""
+    modules = {'simulator': 'sim.rig.simulator', 'observer': 'observe.batch'}
+    if any(import_module(f'forcecal_ros.{modules[part]}').waits_for_compiler() for part in parts):
+        warn(f'compiling the {" and the ".join(parts)} for this computer, some ten seconds; only '
+             'the first run waits')
 
 
 def bar(args: argparse.Namespace, **settings: Any) -> Any:
@@ -473,3 +471,119 @@ address = _matching(r'(\w+://)?(\[[\da-fA-F:.]+\]|[^\s:/\[\]]+):\d+',
 def add_namespace(options: Any, what: str = 'namespace of the nodes, e.g. /left') -> None:
     """Add ``--namespace``."""
     options.add_argument('--namespace', metavar='NAME', type=namespace, default='', help=what)
+
+
+class Output(NamedTuple):
+    """
+    An argument that names a place to write to.
+
+    Attributes
+    ----------
+    name, option : str
+        In the parsed arguments, and as the user writes it.
+    kind : str
+        ``file``, which may be standard output; ``results``, a folder that is written into; or
+        ``recording``, which is replaced.
+    suffix : str
+        Follows a recording's name if results of many recordings go to one folder.
+    """
+
+    name: str
+    option: str
+    kind: str
+    suffix: str = ''
+
+
+def add_output(parser: argparse.ArgumentParser, *options: str, kind: str, suffix: str = '',
+               **settings: Any) -> None:
+    """Add an argument that names a place to write to."""
+    action = group(parser, 'output').add_argument(*options, **settings)
+    declared = parser.get_default('outputs') or ()
+    parser.set_defaults(outputs=(*declared, Output(action.dest, options[0], kind, suffix)))
+
+
+def is_many(args: argparse.Namespace) -> bool:
+    """Return whether results go to a folder, under the names of the recordings."""
+    return hasattr(args, 'jobs') and (
+        len(args.bag) > 1 or str(args.output or '').endswith('/'))
+
+
+def check_outputs(args: argparse.Namespace) -> None:
+    """
+    Make sure that what a command will write can be written; ``-`` becomes standard output.
+
+    Raises
+    ------
+    UsageError
+        A place cannot be written to, or is one that the command reads.
+    """
+    taken: dict[Path, str] = {}
+    for output in getattr(args, 'outputs', ()):
+        value = getattr(args, output.name)
+        if value is None:
+            continue
+        try:
+            path = _check_output(args, output, value)
+        except ConfigError as error:
+            raise UsageError(f'{output.option}: {error}') from error
+        if path in taken:
+            raise UsageError(f'{taken[path]} and {output.option} both name {value}; '
+                             f'give {output.option} another place')
+        taken[path] = output.option
+
+
+def _check_output(args: argparse.Namespace, output: Output, value: str) -> Path:
+    """Return the place, links followed."""
+    many = is_many(args)
+    if not value:
+        raise ConfigError('the name is empty; give one')
+    if value == '-':
+        if many or output.kind != 'file':
+            raise ConfigError('standard output takes one file, this is a folder; name it')
+        value = str(STANDARD_OUTPUT)
+        setattr(args, output.name, value)
+    if many:
+        if output.suffix and value.endswith(output.suffix) and not Path(value).is_dir():
+            raise ConfigError(f'of several {value} would be a folder; name one, as results/')
+        refuse_folder(value, replaced=False)
+    elif output.kind == 'file':
+        refuse_file(value)
+        if getattr(args, 'json', False) and is_stdout(value):
+            raise ConfigError('standard output takes one document; leave --json out')
+    else:
+        if output.kind == 'recording' and Path(value).is_file():
+            raise ConfigError(f'{value} is a file, a recording is a folder; name another place')
+        refuse_folder(value, replaced=output.kind == 'recording')
+    if output.kind != 'results' and not many:
+        refuse_inputs(value, output.kind, _inputs(args))
+    return Path(os.path.realpath(value))
+
+
+def refuse_inputs(place: str, kind: str, inputs: Iterable[str]) -> None:
+    """Raise ConfigError if ``place`` is one of ``inputs``, holds one, or is part of one."""
+    path = Path(os.path.realpath(place))
+    part = path.name == 'metadata.yaml' or not {'.mcap', '.db3'}.isdisjoint(path.suffixes)
+    for name in inputs:
+        source = Path(os.path.realpath(name))
+        if path in (source, *(source.parents if kind == 'recording' else ())) or (
+                source in path.parents and part):
+            raise ConfigError(f'{place} would take the place of {name}, which is read; name '
+                              f'another {"folder" if kind == "recording" else "file"}')
+
+
+def is_stdout(value: str | None) -> bool:
+    """Return whether a file goes where results are printed."""
+    return value is not None and descriptor_of(Path(value)) == 1
+
+
+def stdout_is_taken(args: argparse.Namespace) -> bool:
+    """Return whether a file goes to standard output."""
+    return any(o.kind == 'file' and is_stdout(getattr(args, o.name))
+               for o in getattr(args, 'outputs', ()))
+
+
+def _inputs(args: argparse.Namespace) -> Iterator[str]:
+    for name in getattr(args, 'inputs', ()):
+        value = getattr(args, name)
+        if value:
+            yield from [value] if isinstance(value, str) else value

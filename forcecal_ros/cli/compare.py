@@ -4,13 +4,13 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from forcecal_ros.cli.common import new_parser, show
+from forcecal_ros.cli import common
 from forcecal_ros.core.errors import UsageError
 
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
-    parser = new_parser(
+    parser = common.new_parser(
         subparsers, 'compare',
         example='forcecal compare before.yaml after.yaml')
     parser.add_argument('first', metavar='A', help='calibration.yaml, or diagnosis.json (or the '
@@ -19,7 +19,6 @@ def add_parser(subparsers: Any) -> None:
                         'robot')
     parser.add_argument('--fail-on', choices=('drift',),
                         help='drift: exit with status 3 if a number changed beyond chance')
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -35,7 +34,8 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f'{one} is a diagnosis, {other} is not; name two of a kind')
     found = (compare_diagnoses(*(load_diagnosis(path)[0] for path in paths)) if all(kinds)
              else compare(*map(load, paths)))
-    show(args, {'first': args.first, 'second': args.second, **to_document(found)}, as_text(found))
+    document = {'first': args.first, 'second': args.second, **to_document(found)}
+    common.show(args, document, as_text(found))
     return 3 if args.fail_on and found.changed else 0
 
 

@@ -4,17 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from forcecal_ros.cli.common import (
-    needs_ros,
-    new_parser,
-    print_json,
-    say,
-    stages,
-    warn,
-    warn_if_compiling,
-    whole,
-)
-from forcecal_ros.cli.outputs import add_output, RESULTS
+from forcecal_ros.cli import common
 from forcecal_ros.core.files import make_folder, write_results
 
 if TYPE_CHECKING:
@@ -24,39 +14,36 @@ if TYPE_CHECKING:
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
-    parser = new_parser(
+    parser = common.new_parser(
         subparsers, 'demo',
         example='forcecal demo --accelerometer acc2 --output my_demo')
     parser.add_argument('--accelerometer', choices=('acc1', 'acc2'), default='acc1',
                         help='acc1: DC response, acc2: AC-coupled')
-    add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR',
-               default='forcecal_demo',
-               help='folder for calibration.yaml, the recording and report.html; earlier '
-                    'ones are kept as NAME~')
-    parser.add_argument('--seed', type=whole, default=1, help='of the sensor noise')
-    parser.set_defaults(run=run)
+    common.add_output(parser, '-o', '--output', kind='results', metavar='DIR',
+                      default='forcecal_demo',
+                      help='folder for calibration.yaml, the recording and report.html; earlier '
+                           'ones are kept as NAME~')
+    parser.add_argument('--seed', type=common.whole, default=1, help='of the sensor noise')
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    with needs_ros():
+    with common.needs_ros():
         from forcecal_ros.nodes.demo import run_demo
     from forcecal_ros.core.quantity import size
     from forcecal_ros.core.streams import Stream
     from forcecal_ros.io.bags import read_recording
     from forcecal_ros.io.calibration_file import dump, parse, to_document
-    from forcecal_ros.observe import batch, replay
+    from forcecal_ros.observe import replay
     from forcecal_ros.report.calibration import render
     from forcecal_ros.report.page import estimated_by
     from forcecal_ros.report.rows import as_text, table
-    from forcecal_ros.sim.rig import simulator
     from forcecal_ros.sim.rig.file import load_rig, true_calibration
 
     out = Path(args.output)
-    warn_if_compiling(simulator.waits_for_compiler() or batch.waits_for_compiler(),
-                     'simulator and observer')
+    common.warn_if_compiling('simulator', 'observer')
     make_folder(out)
-    with stages(args, after=0.0) as show_phase:
+    with common.stages(args, after=0.0) as show_phase:
         published_text, duration = run_demo(args.accelerometer, out, args.seed, show_phase)
     calibration = parse(published_text, 'sequencer/calibration')
     truth = true_calibration(load_rig(), args.accelerometer)
@@ -71,20 +58,20 @@ def run(args: argparse.Namespace) -> int:
     step = step_figures(recording, calibration, again)
     touch = contact_figures(recording, published)
     if args.json:
-        print_json({**to_document(calibration), 'demo': {
+        common.print_json({**to_document(calibration), 'demo': {
             'motion_to_gains': {'value': duration, 'std': None, 'unit': 's'},
             'step': step, 'contact': touch}})
         return 0
     for warning in calibration.quality.get('warnings', ()):
-        warn(warning)
-    say(as_text(table(calibration, truth)))
-    say(f'\nfrom the first command to the gains: {duration:.1f} s')
+        common.warn(warning)
+    common.say(as_text(table(calibration, truth)))
+    common.say(f'\nfrom the first command to the gains: {duration:.1f} s')
     sensor, observer, true, published_force = (size(float(x), 'N', 4) for x in (
         step['sensor'], step['observer'], touch['truth'], touch['observer']))
-    say(f'step, no contact: sensor {sensor} RMS along x without bias, observer {observer} '
-        f'({step["reduction"]:.1f} dB less)')
-    say(f'contact: true force {true} along x, published {published_force}')
-    say(f'written to {out}: calibration.yaml, bag, report.html')
+    common.say(f'step, no contact: sensor {sensor} RMS along x without bias, observer {observer} '
+               f'({step["reduction"]:.1f} dB less)')
+    common.say(f'contact: true force {true} along x, published {published_force}')
+    common.say(f'written to {out}: calibration.yaml, bag, report.html')
     return 0
 
 

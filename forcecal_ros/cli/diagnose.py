@@ -6,23 +6,9 @@ import os
 import shlex
 from typing import Any
 
-from forcecal_ros.cli.common import (
-    add_sensor_pose,
-    add_topics,
-    group,
-    MODEL,
-    new_parser,
-    positive,
-    read,
-    read_likewise,
-    show,
-    stages,
-    topic_names,
-    warn_if_compiling,
-)
+from forcecal_ros.cli import common
 from forcecal_ros.cli.many import add_bags, Answer
 from forcecal_ros.cli.many import run as run_each
-from forcecal_ros.cli.outputs import add_output, RESULTS
 from forcecal_ros.core.errors import UsageError
 from forcecal_ros.core.files import write_results
 from forcecal_ros.diagnose.verdict import TOLERANCE
@@ -43,14 +29,12 @@ SEARCH = ('that is the time of the runs; the search takes seconds to minutes in 
           'for a longer recording and more parameters')
 """What ``--check`` adds to the time of the runs."""
 
-FOUND = 3
-"""Exit status if what ``--fail-on`` names was found."""
-
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
-    parser = new_parser(
-        subparsers, 'diagnose',
+    parser = common.new_parser(
+        subparsers, 'diagnose', inputs=('bag', 'heldout', 'prior', 'rig', 'calibration',
+                                        'simulated', 'heldout_simulated', 'mujoco', 'priors'),
         example='forcecal diagnose my_bag --calibration calibration.yaml -o diagnosis\n'
                 '  forcecal diagnose my_bag --mujoco arm.xml --check   # can it be compared?')
     add_bags(parser)
@@ -59,7 +43,7 @@ def add_parser(subparsers: Any) -> None:
                              'robot; nothing is written')
     parser.add_argument('--fail-on', choices=('gap',),
                         help='gap: exit with status 3 for every verdict but no_gap')
-    recording = group(parser, 'recording')
+    recording = common.group(parser, 'recording')
     recording.add_argument('--heldout', metavar='BAG',
                            help='second recording, another trajectory, to judge on (default: '
                                 'parts of every phase of the first)')
@@ -68,14 +52,14 @@ def add_parser(subparsers: Any) -> None:
     recording.add_argument('--prior', metavar='DIR',
                            help='results of an earlier recording of the same robot, against the '
                                 'same model, from which this diagnosis continues')
-    recording.add_argument('--tolerance', metavar='X', type=positive,
+    recording.add_argument('--tolerance', metavar='X', type=common.positive,
                            help="what is unexplained and smaller than X times a channel's noise "
                                 f'(RMS) does not matter: it is no gap (default: {TOLERANCE:g}; '
                                 '0.2 along measured motion and by a simulator, which are not more '
                                 'exact)')
     recording.add_argument('--robot', metavar='NAME',
                            help='name of the robot, kept in diagnosis.json for forcecal fleet')
-    model = group(parser, MODEL)
+    model = common.group(parser, 'model')
     model.add_argument('--rig', metavar='RIG.yaml',
                        help='rig to compare with: a file, or nominal (rig.yaml of this package), '
                             'which a recording of the simulated rig needs not state')
@@ -89,8 +73,7 @@ def add_parser(subparsers: Any) -> None:
                        help='what it recorded of the commands of --heldout')
     model.add_argument('--simulated-wrench-sign', type=int, choices=(1, -1), default=1,
                        help="-1: the simulator's wrench has the opposite sign, as MuJoCo's")
-    add_topics(parser, '--simulated-topic', " of the simulator's")
-    add_sensor_pose(parser, '--simulated-sensor-from-pose', ' in the simulator')
+    common.add_streams(parser, 'simulated-')
     model.add_argument('--simulator', metavar='MODULE:FACTORY',
                        help='your own simulator, which is run with the recorded commands: a '
                             'function without arguments that returns an object with '
@@ -108,12 +91,10 @@ def add_parser(subparsers: Any) -> None:
     model.add_argument('--priors', metavar='FILE.yaml',
                        help="how well the simulator's parameters are known, lines of NAME: SIGMA "
                             "(1 sigma, in the parameter's unit)")
-    add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR', default='diagnosis',
-               help='folder for diagnosis.json, report.html and rig_patched.yaml (or '
-                    'calibration_patched.yaml, or model_patched.xml); earlier results are '
-                    'kept as NAME~; of several BAGs, a folder of such folders')
-    parser.set_defaults(run=run, inputs=('bag', 'heldout', 'prior', 'rig', 'calibration',
-                                         'simulated', 'heldout_simulated', 'mujoco', 'priors'))
+    common.add_output(parser, '-o', '--output', kind='results', metavar='DIR', default='diagnosis',
+                      help='folder for diagnosis.json, report.html and rig_patched.yaml (or '
+                           'calibration_patched.yaml, or model_patched.xml); earlier results are '
+                           'kept as NAME~; of several BAGs, a folder of such folders')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -146,7 +127,7 @@ def _check_models(args: argparse.Namespace) -> None:
             raise UsageError(f'--{named[0]} goes with exactly one BAG; diagnose one after the '
                              'other')
     if args.simulated:
-        topic_names(args, '--simulated-topic')
+        common.topic_names(args, of='simulated-')
         if bool(args.heldout) != bool(args.heldout_simulated):
             missing = '--heldout' if args.heldout_simulated else '--heldout-simulated'
             raise UsageError('--heldout and --heldout-simulated go together; give '
@@ -180,10 +161,10 @@ def _check_simulator(args: argparse.Namespace) -> int:
     from forcecal_ros.diagnose.sources.simulator import conformance
     from forcecal_ros.sim.rig.file import load_rig
 
-    found = conformance(_simulator_of(args), read(args, args.bag[0], joints=True),
+    found = conformance(_simulator_of(args), common.read(args, args.bag[0], joints=True),
                         load_rig(RIGID))
     words = ('forcecal', 'diagnose', args.bag[0], *_likewise(args), '-o', args.output)
-    show(args, found.document(), f'{found}\n{SEARCH}\nnext: {shlex.join(words)}')
+    common.show(args, found.document(), f'{found}\n{SEARCH}\nnext: {shlex.join(words)}')
     return 0
 
 
@@ -196,14 +177,14 @@ def _likewise(args: argparse.Namespace) -> tuple[str, ...]:
         if (value := getattr(args, name)) not in (None, 1, TOLERANCE):
             numbers = value if isinstance(value, list) else [value]
             words += [f'--{name.replace("_", "-")}', *map(str, numbers)]
-    return (*words, *read_likewise(args))
+    return (*words, *common.read_likewise(args))
 
 
 def answer(args: argparse.Namespace) -> Answer:
     """Diagnose one recording."""
     from forcecal_ros.diagnose.engine import report_stage
 
-    with stages(args) as stage:
+    with common.stages(args) as stage:
         source, recordings = _source_of(args, stage)
         source.tolerance = args.tolerance
         if args.prior:
@@ -239,26 +220,25 @@ def _source_of(args: argparse.Namespace, stage: Callable[[str], None]
     from forcecal_ros.diagnose.sources.choice import own_rig, source_of
     from forcecal_ros.io.calibration_file import load
     from forcecal_ros.sim.rig.file import load_rig
-    from forcecal_ros.sim.rig.simulator import waits_for_compiler
 
-    def read_one(bag: str, of: str = '', sign: int | None = None) -> Any:
-        stage(f'reading {bag}')
-        if of:
-            return read(args, bag, f'--{of}sensor-from-pose', f'--{of}topic', sign)
-        return read(args, bag, joints=bool(args.simulator or args.mujoco))
+    def read(bags: tuple[str | None, ...], of: str = '') -> list[Any]:
+        found = []
+        for bag in filter(None, bags):
+            stage(f'reading {bag}')
+            found.append(common.read(args, bag, of, joints=bool(args.simulator or args.mujoco)))
+        return found
 
     against = _simulator_of(args) if args.simulator or args.mujoco else None
-    recordings = [read_one(bag) for bag in (args.bag, args.heldout) if bag]
+    recordings = read((args.bag, args.heldout))
     if args.simulated:
-        against = [read_one(bag, 'simulated-', args.simulated_wrench_sign)
-                   for bag in (args.simulated, args.heldout_simulated) if bag]
+        against = read((args.simulated, args.heldout_simulated), 'simulated-')
     rig = load_rig(None if args.rig == NOMINAL else args.rig) if args.rig else None
     if args.calibration:
         against = load(args.calibration)
     elif against is None:
         against = rig or own_rig(recordings)
         if recordings[0].target:
-            warn_if_compiling(waits_for_compiler(), 'the simulator')
+            common.warn_if_compiling('simulator')
     return source_of(against, recordings, rig, args.accelerometer, args.calibration)
 
 
@@ -285,7 +265,7 @@ def _written(args: argparse.Namespace, recordings: list[Any], found: Any) -> Ans
         **provenance(recordings[0]), **({'robot': args.robot} if args.robot else {}),
         'created': datetime.now(timezone.utc).isoformat(timespec='seconds')}
     view = view_of(found.outcome, advice(diagnosis), units(found.unit))
-    step = next_step(diagnosis, args.bag, folder, tuple(found.files), read_likewise(args),
+    step = next_step(diagnosis, args.bag, folder, tuple(found.files), common.read_likewise(args),
                      _likewise(args))
     write_results(folder, {
         'diagnosis.json': json.dumps(document, indent=2, allow_nan=False) + '\n',
@@ -297,10 +277,5 @@ def _written(args: argparse.Namespace, recordings: list[Any], found: Any) -> Ans
                       f'next: {step.words} {step.command}'.rstrip(), f'written to {folder}',
                       *found.actions))
     return Answer(document, text, verdict, (*recordings[0].notes, *diagnosis.notes),
-                  _status(args, diagnosis.verdict))
-
-
-def _status(args: argparse.Namespace, verdict: str) -> int:
-    """Return 1 for data that cannot be used, and what ``--fail-on`` requires."""
-    return 1 if verdict == 'invalid_data' else FOUND * (
-        bool(args.fail_on) and verdict != 'no_gap')
+                  1 if diagnosis.verdict == 'invalid_data' else
+                  3 if args.fail_on and diagnosis.verdict != 'no_gap' else 0)

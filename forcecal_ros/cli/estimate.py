@@ -6,24 +6,9 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, TYPE_CHECKING
 
-from forcecal_ros.cli.calibrate import add_bandwidth, bandwidth_of
-from forcecal_ros.cli.common import (
-    add_gravity,
-    bar,
-    gravity_of,
-    group,
-    MODEL,
-    new_parser,
-    not_negative,
-    positive,
-    read_checked,
-    topic_names,
-    warn_if_compiling,
-    with_notes_of,
-)
+from forcecal_ros.cli import common
 from forcecal_ros.cli.many import add_bags, Answer
 from forcecal_ros.cli.many import run as run_each
-from forcecal_ros.cli.outputs import add_output, RECORDING
 from forcecal_ros.core.errors import DataError, UnobservableError, UsageError
 
 if TYPE_CHECKING:
@@ -36,30 +21,24 @@ FILTERS = ('kalman', 'newton', 'ukf', 'ekf', 'static')
 LEARNING = ('ukf', 'ekf')
 """Filters that estimate the biases as well."""
 
-LEARNED = ('rise_time', 'contact_floor', 'bias_prior')
-"""Their settings among the arguments."""
-
 MAX_DELAY_STD_S = 5e-4
 """A delay found in the recording itself is used if its standard error is below half a period of a
 sensor at 1 kHz."""
-
-LEVELS = ('ok', 'warn', 'error')
-"""As diagnostic_msgs/DiagnosticStatus counts them."""
 
 IDENTIFIED = 'identified from the recording'
 
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
-    parser = new_parser(
-        subparsers, 'estimate',
+    parser = common.new_parser(
+        subparsers, 'estimate', inputs=('bag', 'calibration'),
         example='forcecal estimate my_bag --calibration calibration.yaml -o contact_bag')
     add_bags(parser)
-    options = group(parser, MODEL)
+    options = common.group(parser, 'model')
     options.add_argument('--calibration', metavar='C.yaml',
                          help='written by forcecal calibrate, demo or the sequencer (default: the '
                               'one in the recording, or what the recording itself identifies)')
-    add_gravity(options, *('as the calibration has it',) * 2)
+    common.add_gravity(options, *('as the calibration has it',) * 2)
     options.add_argument('--filter', choices=FILTERS,
                          help='last stage; ukf, ekf: biases are estimated as well; static: weight '
                               'and bias removed, nothing filtered (default: kalman or newton, as '
@@ -67,85 +46,55 @@ def add_parser(subparsers: Any) -> None:
     options.add_argument('--track-tool', action='store_true',
                          help='estimate mass and centre of mass of the tool while they change, '
                               'and write them as observer/tool')
-    kalman = group(parser, 'filter kalman')
-    kalman.add_argument('--bandwidth', metavar='HZ', type=positive,
-                        help='of the contact wrench (default: from the noise)')
-    add_bandwidth(kalman, ('as the calibration has it',) * 3)
-    _add_learning(group(parser, 'filters ukf and ekf'))
-    add_output(parser, '-o', '--output', kind=RECORDING, metavar='OUT_BAG', required=True,
-               help='recording to write; an earlier one is kept as OUT_BAG~; of several BAGs, '
-                    'a folder for them')
-    out = group(parser, 'output')
-    out.add_argument('--inertial-wrench', action='store_true',
-                     help="write the wrench of the tool's weight and inertia as well")
-    out.add_argument('--innovation', action='store_true',
-                     help='write the innovation (measured - predicted) as well; ukf and ekf '
-                          'always do')
-    parser.set_defaults(run=run, inputs=('bag', 'calibration'))
-
-
-def _add_learning(options: Any) -> None:
-    options.add_argument('--orientation', choices=('auto', 'pose', 'imu'), default='auto',
-                         help='source of gravity: the pose, or accelerometer and gyro')
-    options.add_argument('--rise-time', metavar='S', type=positive,
-                         help='10-90 %% rise of a contact force (default: 0.012 s)')
-    options.add_argument('--contact-floor', metavar=('N', 'NM'), nargs=2, type=not_negative,
-                         help='residual of vibration and model errors that does not count as '
-                              'contact (default: 0.03 N 0.003 N m)')
-    options.add_argument('--bias-prior', metavar=('N', 'NM'), nargs=2, type=not_negative,
-                         help='standard deviation of the change of the biases since the '
-                              'calibration (default: 0 N 0 N m)')
-    options.add_argument('--payload', metavar='KG', type=not_negative, default=0.0,
-                         help='standard deviation of a payload attached since the calibration '
-                              '(imu only)')
+    common.group(parser, 'filter kalman').add_argument(
+        '--bandwidth', metavar='HZ', type=common.positive,
+        help='of the contact wrench (default: as the calibration and the noise have it)')
+    learning = common.group(parser, 'filters ukf and ekf')
+    learning.add_argument('--orientation', choices=('auto', 'pose', 'imu'), default='auto',
+                          help='source of gravity: the pose, or accelerometer and gyro')
+    learning.add_argument('--payload', metavar='KG', type=common.not_negative, default=0.0,
+                          help='standard deviation of a payload attached since the calibration '
+                               '(imu only)')
+    common.add_output(parser, '-o', '--output', kind='recording', metavar='OUT_BAG', required=True,
+                      help='recording to write; an earlier one is kept as OUT_BAG~; of several '
+                           'BAGs, a folder for them')
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    _refuse_unused(args)
-    gravity_of(args)
-    return run_each(args, answer)
-
-
-def _refuse_unused(args: argparse.Namespace) -> None:
-    """Refuse options that the chosen filter does not use."""
-    bandwidth = bandwidth_of(args)
-    kalman, learning = (
-        [f'--{name.replace("_", "-")}' for name in names if getattr(args, name) is not None]
-        for names in (('bandwidth', 'contact_walk', 'bandwidth_min', 'bandwidth_max'), LEARNED))
-    if kalman and args.filter not in (None, 'kalman'):
-        raise UsageError(f'{kalman[0]} belongs to filter kalman, not to {args.filter}; leave it '
+    if args.bandwidth is not None and args.filter not in (None, 'kalman'):
+        raise UsageError(f'--bandwidth belongs to filter kalman, not to {args.filter}; leave it '
                          'out')
-    if args.bandwidth is not None and any(bandwidth.values()):
-        raise UsageError(f'--bandwidth fixes the bandwidth; leave {kalman[1]} out')
-    if learning and args.filter not in LEARNING:
-        raise UsageError(f'{", ".join(learning)} belongs to filters ukf and ekf; leave it out')
     if args.payload and args.orientation == 'pose':
         raise UsageError('--payload is estimated where an IMU measures gravity; give '
                          '--orientation imu as well')
+    common.gravity_of(args)
+    return run_each(args, answer)
 
 
 def answer(args: argparse.Namespace) -> Answer:
     """Estimate over one recording."""
     from forcecal_ros.io.calibration_file import load
+    from forcecal_ros.observe import ObserverSettings
 
-    settings = _settings_of(args)
+    settings = ObserverSettings(filter=args.filter, bandwidth_hz=args.bandwidth)
     raw = bool(args.calibration) and load(args.calibration).matrix is not None
-    recording = read_checked(args, args.bag, raw_wrench=raw)
+    recording = common.read_checked(args, args.bag, raw_wrench=raw)
     by_imu = _needs_imu(args, recording)
     calibration, source = _calibration_for(args, recording)
-    calibration = replace(calibration, **{name: value for name, value in gravity_of(
+    calibration = replace(calibration, **{name: value for name, value in common.gravity_of(
         args).items() if getattr(args, name) is not None})
-    about = [*_warnings_of(calibration, source)]
+    about: list[str] = []
+    if source == IDENTIFIED:  # what speaks against a calibration that no one has looked at
+        quality = calibration.quality
+        about = [*(line for line in quality['warnings'] if 'suspect' in line),
+                 *quality['questions']]
     recording, calibration, notes = as_taken(recording, calibration, settings,
                                              args.calibration or args.bag)
     about += notes
-    with with_notes_of(recording):
+    with common.with_notes_of(recording):
         estimate, followed = _estimate(args, recording, calibration, settings, by_imu)
-    also = [name for name, requested in (
-        ('inertial', args.inertial_wrench),
-        ('innovation', args.innovation or args.filter in LEARNING)) if requested]
-    write_estimate(args.output, estimate, calibration, recording.start_ns, also, followed)
+    write_estimate(args.output, estimate, calibration, recording.start_ns, followed)
     if args.payload and not by_imu:
         about.append('--payload is not used: the pose gives gravity')
     figures = statistics(estimate)
@@ -159,18 +108,6 @@ def answer(args: argparse.Namespace) -> Answer:
     return Answer(document, '\n'.join(_lines(document)),
                   f'{document["samples"]} contact wrenches{_valid_only(document)}, '
                   f'{_mean_force(document)}', tuple(document['notes']))
-
-
-def _settings_of(args: argparse.Namespace) -> 'ObserverSettings':
-    """Return the settings of the arguments."""
-    from forcecal_ros.observe import ObserverSettings
-    from forcecal_ros.observe.settings import FilterSettings
-
-    learning = {name: tuple(value) if isinstance(value, list) else value for name in LEARNED
-                if (value := getattr(args, name)) is not None}
-    return ObserverSettings(
-        filter=args.filter, bandwidth_hz=args.bandwidth,
-        **bandwidth_of(args), learning=FilterSettings(**learning))  # type: ignore[arg-type]
 
 
 def _needs_imu(args: argparse.Namespace, recording: 'Recording') -> bool:
@@ -194,23 +131,15 @@ def _calibration_for(args: argparse.Namespace, recording: 'Recording'
 
     if args.calibration:
         return load(args.calibration), args.calibration
-    recorded = read_calibrations(args.bag, topic_names(args, bag=args.bag))
+    recorded = read_calibrations(args.bag, common.topic_names(args, args.bag))
     if recorded:
         return parse(recorded[-1], f'{args.bag}: sequencer/calibration'), 'in the recording'
     try:
         return identify(recording, IdentificationSettings(
-            **gravity_of(args))), IDENTIFIED
+            **common.gravity_of(args))), IDENTIFIED
     except (DataError, UnobservableError) as error:
         error.args = (f'no --calibration is given, and {args.bag} identifies none: {error}',)
         raise
-
-
-def _warnings_of(calibration: 'Calibration', source: str) -> tuple[str, ...]:
-    """Return what speaks against a calibration that was identified along the way."""
-    if source != IDENTIFIED:
-        return ()
-    quality = calibration.quality
-    return (*(line for line in quality['warnings'] if 'suspect' in line), *quality['questions'])
 
 
 def as_taken(recording: 'Recording', calibration: 'Calibration', settings: 'ObserverSettings',
@@ -266,7 +195,7 @@ def refuse_disagreeing(recording: 'Recording', calibration: 'Calibration') -> tu
 
     if part := sensor_matrix(calibration):
         recording = recording_corrected(recording, part)
-    with with_notes_of(recording):
+    with common.with_notes_of(recording):
         found = calibrated.refuse_disagreeing(as_calibrated(recording, calibration)[0],
                                               calibration)
     return (*other_frame(recording, calibration), *found)
@@ -328,21 +257,20 @@ def _estimate(args: argparse.Namespace, recording: 'Recording', calibration: 'Ca
               ) -> tuple['ContactEstimate', 'Followed | None']:
     """Run the observer, and the tracking of the tool if requested."""
     from forcecal_ros.observe import Imu, replay
-    from forcecal_ros.observe.batch import waits_for_compiler
     from forcecal_ros.observe.playback import follow
 
     if args.track_tool:
         followed = follow(recording, calibration, settings)
         return followed.contact, followed
-    warn_if_compiling(waits_for_compiler(), 'the observer')
-    with bar(args, total=len(recording.wrench or ()), unit=' samples') as done:
+    common.warn_if_compiling('observer')
+    with common.bar(args, total=len(recording.wrench or ()), unit=' samples') as done:
         return replay(recording, calibration, settings,
                       Imu(payload_std=args.payload) if by_imu else None, done.update), None
 
 
 def write_estimate(path: str, estimate: 'ContactEstimate', calibration: 'Calibration',
-                   start_ns: int, also: list[str], followed: 'Followed | None' = None) -> None:
-    """Write a row for every wrench, its status, and ``also``, fields of the estimate."""
+                   start_ns: int, followed: 'Followed | None' = None) -> None:
+    """Write a row for every wrench, its status, and the innovation of a filter that learns."""
     from forcecal_ros.core.streams import Stream
     from forcecal_ros.io.bags import write_signals
     from forcecal_ros.io.calibration_file import dump
@@ -350,8 +278,8 @@ def write_estimate(path: str, estimate: 'ContactEstimate', calibration: 'Calibra
     frame = calibration.sensor_frame
     write_signals(path, {
         'contact_wrench': Stream(estimate.t, estimate.contact, frame),
-        **{f'{name}_wrench' if name == 'inertial' else name:
-           Stream(estimate.t, getattr(estimate, name), frame) for name in also},
+        'innovation': (None if estimate.learned is None else
+                       Stream(estimate.t, estimate.innovation, frame)),
         'status': status_changes(estimate),
         'tool': (_tools_stream(followed, calibration)
                  if followed is not None and followed.announced else None),
@@ -377,7 +305,8 @@ def status_changes(estimate: 'ContactEstimate') -> list[Any]:
 
     status = estimate.status
     changes = np.flatnonzero(np.diff(status, prepend=~status[:1]))
-    return [Diagnostic(t, LEVELS.index(level(bits)), '; '.join(describe(bits)) or 'ok', str(bits))
+    levels = ('ok', 'warn', 'error')  # as diagnostic_msgs/DiagnosticStatus counts them
+    return [Diagnostic(t, levels.index(level(bits)), '; '.join(describe(bits)) or 'ok', str(bits))
             for t, bits in zip(estimate.t[changes].tolist(), status[changes].tolist())]
 
 

@@ -3,8 +3,7 @@
 import argparse
 from typing import Any
 
-from forcecal_ros.cli.common import frame, new_parser, node, POSE7, real, say
-from forcecal_ros.cli.outputs import add_output, FILE, stdout_is_taken
+from forcecal_ros.cli import common
 from forcecal_ros.core.errors import UsageError
 
 USED_BY = {'--node': ('broadcaster', 'gravity_filter', 'admittance'),
@@ -16,8 +15,8 @@ BASE = 'base_link'
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
-    parser = new_parser(
-        subparsers, 'export', json=False, quiet=False,
+    parser = common.new_parser(
+        subparsers, 'export', inputs=('calibration',), json=False, quiet=False,
         example='forcecal export calibration.yaml --for broadcaster -o broadcaster.yaml')
     parser.add_argument('calibration', metavar='CALIBRATION', help='calibration.yaml')
     parser.add_argument('--for', dest='consumer', required=True, choices=(
@@ -25,15 +24,14 @@ def add_parser(subparsers: Any) -> None:
         help='force_torque_sensor_broadcaster, GravityCompensation of control_filters, '
              'admittance_controller, payload of a Universal Robot, force_torque_tools of KTH, '
              'ft_tools_ros2')
-    parser.add_argument('--node', metavar='NAME', type=node,
+    parser.add_argument('--node', metavar='NAME', type=common.node,
                         help='node that takes the parameters (default: the usual name)')
-    parser.add_argument('--base-frame', metavar='FRAME', type=frame, default=BASE,
+    parser.add_argument('--base-frame', metavar='FRAME', type=common.frame, default=BASE,
                         help='frame whose z points up')
-    parser.add_argument('--sensor-in-flange', metavar=POSE7, nargs=7, type=real,
+    parser.add_argument('--sensor-in-flange', metavar=common.POSE7, nargs=7, type=common.real,
                         help='ur: pose of the sensor in the flange (default: they are one) [m]')
-    add_output(parser, '-o', '--output', kind=FILE, metavar='FILE',
-               help='file to write (default: print); an earlier one is kept as FILE~')
-    parser.set_defaults(run=run, inputs=('calibration',))
+    common.add_output(parser, '-o', '--output', kind='file', metavar='FILE',
+                      help='file to write (default: print); an earlier one is kept as FILE~')
 
 
 def refuse_unused(args: argparse.Namespace) -> None:
@@ -63,8 +61,8 @@ def run(args: argparse.Namespace) -> int:
         args.node or '', args.base_frame, matrix_from_quaternion(place[3:]), place[:3]))
     if args.output:
         write_text(args.output, text)
-        if not stdout_is_taken(args):
-            say(f'written to {args.output}')
+        if not common.stdout_is_taken(args):
+            common.say(f'written to {args.output}')
     else:
         print(text, end='')
     return 0

@@ -4,21 +4,7 @@ import argparse
 import shlex
 from typing import Any, TYPE_CHECKING
 
-from forcecal_ros.cli.common import (
-    add_bag,
-    add_gravity,
-    gravity_of,
-    group,
-    MODEL,
-    new_parser,
-    read_checked,
-    read_likewise,
-    say,
-    show,
-    warn,
-    warn_if_compiling,
-)
-from forcecal_ros.cli.outputs import add_output, FILE, stdout_is_taken
+from forcecal_ros.cli import common
 from forcecal_ros.core.errors import UsageError
 
 if TYPE_CHECKING:
@@ -37,29 +23,28 @@ OUTPUTS = {'diagnosis': 'my_rig.yaml', 'impedance': 'plant.yaml'}
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
-    parser = new_parser(
-        subparsers, 'fit-rig',
+    parser = common.new_parser(
+        subparsers, 'fit-rig', inputs=('bag', 'heldout'),
         example='forcecal fit-rig my_bag --heldout another_bag -o my_rig.yaml\n'
                 '  forcecal fit-rig shaken_bag --for impedance -o plant.yaml')
-    add_bag(parser, several='the rig is fitted to all of them')
+    common.add_bag(parser, several='the rig is fitted to all of them')
     parser.add_argument('--for', dest='purpose', choices=tuple(OUTPUTS), default='diagnosis',
                         help='diagnosis: a rig, to simulate and to diagnose by; impedance: how '
                              'the robot follows commands and how the tool yields, for the '
                              'impedance node (one BAG, shaken along x)')
-    model = group(parser, MODEL)
+    model = common.group(parser, 'model')
     model.add_argument('--heldout', metavar='BAG',
                        help='diagnosis: recording that chooses the order and judges the model '
                             '(default: every third second)')
-    add_gravity(model)
-    add_output(parser, '-o', '--output', kind=FILE, metavar='FILE',
-               help='file to write (default: my_rig.yaml, or plant.yaml for impedance); an '
-                    'earlier one is kept as FILE~')
-    parser.set_defaults(run=run, inputs=('bag', 'heldout'), one_result=True)
+    common.add_gravity(model)
+    common.add_output(parser, '-o', '--output', kind='file', metavar='FILE',
+                      help='file to write (default: my_rig.yaml, or plant.yaml for impedance); an '
+                           'earlier one is kept as FILE~')
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    settings = gravity_of(args)
+    settings = common.gravity_of(args)
     args.output = args.output or OUTPUTS[args.purpose]
     if args.purpose == 'impedance':
         if len(args.bag) > 1 or args.heldout:
@@ -72,13 +57,13 @@ def _fit_plant(args: argparse.Namespace) -> int:
     """Fit the models for impedance control."""
     from forcecal_ros.impedance.plant_fit import identify_plant, save_plant, to_document
 
-    recording = read_checked(args, args.bag[0], ['target', 'pose', 'wrench', 'optidrive'])
+    recording = common.read_checked(args, args.bag[0], ['target', 'pose', 'wrench', 'optidrive'])
     fit = identify_plant(recording)
     save_plant(fit, args.output)
     for note in recording.notes:
-        warn(note)
-    if args.json or not stdout_is_taken(args):
-        show(args, to_document(fit), f'{plant_text(fit)}\n\nwritten to {args.output}')
+        common.warn(note)
+    if args.json or not common.stdout_is_taken(args):
+        common.show(args, to_document(fit), f'{plant_text(fit)}\n\nwritten to {args.output}')
     return 0
 
 
@@ -89,11 +74,10 @@ def _fit_rig(args: argparse.Namespace, gravity: dict[str, Any]) -> int:
     from forcecal_ros.core.streams import TOUCHING
     from forcecal_ros.rig_fit.fit import document, fit_rig
     from forcecal_ros.sim.rig.file import dump_rig, load_rig
-    from forcecal_ros.sim.rig.simulator import waits_for_compiler
 
-    recordings = [read_checked(args, bag, ()) for bag in args.bag]
-    heldout = read_checked(args, args.heldout, ()) if args.heldout else None
-    warn_if_compiling(waits_for_compiler(), 'the simulator')
+    recordings = [common.read_checked(args, bag, ()) for bag in args.bag]
+    heldout = common.read_checked(args, args.heldout, ()) if args.heldout else None
+    common.warn_if_compiling('simulator')
     fit = fit_rig(recordings, heldout, load_rig(RIGID), IdentificationSettings(
         **gravity))
     heading = '\n'.join(f'# {line}' for line in (
@@ -101,14 +85,14 @@ def _fit_rig(args: argparse.Namespace, gravity: dict[str, Any]) -> int:
         *rig_text(fit).splitlines()))
     write_text(args.output, dump_rig(fit.rig, heading + '\n'))
     for note in (*(n for one in recordings for n in one.notes), *fit.notes):
-        warn(note)
+        common.warn(note)
     if any(phase.name in TOUCHING for one in recordings for phase in one.phases):
-        warn(WALL)
-    show(args, document(fit, args.output), f'{rig_text(fit)}\n\nwritten to {args.output}')
+        common.warn(WALL)
+    common.show(args, document(fit, args.output), f'{rig_text(fit)}\n\nwritten to {args.output}')
     if not args.json:
-        say('next, with another recording: ' + shlex.join((
-            'forcecal', 'diagnose', 'BAG', '--rig', args.output, *read_likewise(args), '-o',
-            'gap')))
+        common.say('next, with another recording: ' + shlex.join((
+            'forcecal', 'diagnose', 'BAG', '--rig', args.output, *common.read_likewise(args),
+            '-o', 'gap')))
     return 0
 
 

@@ -4,8 +4,7 @@ import argparse
 import json
 from typing import Any
 
-from forcecal_ros.cli.common import new_parser, positive, print_json, say, warn
-from forcecal_ros.cli.outputs import add_output, RESULTS
+from forcecal_ros.cli import common
 from forcecal_ros.core.files import write_results
 
 FILES = ('fleet.html', 'fleet.csv', 'fleet.json')
@@ -13,18 +12,17 @@ FILES = ('fleet.html', 'fleet.csv', 'fleet.json')
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
-    parser = new_parser(subparsers, 'fleet', example='forcecal fleet nights/ -o fleet')
+    parser = common.new_parser(subparsers, 'fleet', example='forcecal fleet nights/ -o fleet')
     parser.add_argument('places', metavar='DIR', nargs='+',
                         help='folder with calibrations and diagnoses of robots, which is '
                              'searched, or one of them; several, or @FILE with one a line')
-    add_output(parser, '-o', '--output', kind=RESULTS, metavar='OUT', required=True,
-               help='folder for fleet.html, fleet.csv and fleet.json')
-    parser.add_argument('--run-length', metavar='N', type=positive, default=1000.0,
+    common.add_output(parser, '-o', '--output', kind='results', metavar='OUT', required=True,
+                      help='folder for fleet.html, fleet.csv and fleet.json')
+    parser.add_argument('--run-length', metavar='N', type=common.positive, default=1000.0,
                         help='calibrations of a robot between two false alarms, on average, over '
                              'all its numbers')
     parser.add_argument('--fail-on', choices=('drift',),
                         help='drift: exit with status 3 if a number left its control limits')
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -41,12 +39,12 @@ def run(args: argparse.Namespace) -> int:
         'fleet.json': json.dumps(document, indent=1) + '\n'}, FILES)
     failed = [entry for entry in entries if entry.error]
     for entry in failed:
-        warn(f'{entry.path}: {entry.error}')
+        common.warn(f'{entry.path}: {entry.error}')
     if args.json:
-        print_json({'read': len(entries) - len(failed), **document})
+        common.print_json({'read': len(entries) - len(failed), **document})
     else:
-        say(f'{headline(robots)}\n{len(entries) - len(failed)} of {len(entries)} could be read; '
-            f'written to {args.output}')
+        common.say(f'{headline(robots)}\n{len(entries) - len(failed)} of {len(entries)} could be '
+                   f'read; written to {args.output}')
     if args.fail_on and any(robot.changed for robot in robots):
         return 3
     return 1 if failed else 0

@@ -3,24 +3,20 @@
 import argparse
 from typing import Any
 
-from forcecal_ros.cli.common import new_parser, say, warn
-from forcecal_ros.cli.outputs import add_output, RECORDING
+from forcecal_ros.cli import common
 
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
-    parser = new_parser(
-        subparsers, 'import', json=False, quiet=False,
+    parser = common.new_parser(
+        subparsers, 'import', inputs=('specification', 'tables'), json=False, quiet=False,
         example='forcecal import my_log.yaml -o my_bag')
     parser.add_argument('specification', metavar='SPEC.yaml',
                         help='which columns are which signals, in which units and frames')
     parser.add_argument('--tables', metavar='DIR',
                         help='where the tables are (default: next to SPEC.yaml)')
-    add_output(parser, '-o', '--output', kind=RECORDING, metavar='BAG', required=True,
-               help='recording to write; an earlier one is kept as BAG~')
-    parser.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap',
-                        help='how the recording is stored')
-    parser.set_defaults(run=run, inputs=('specification', 'tables'))
+    common.add_output(parser, '-o', '--output', kind='recording', metavar='BAG', required=True,
+                      help='recording to write; an earlier one is kept as BAG~')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -30,11 +26,12 @@ def run(args: argparse.Namespace) -> int:
     from forcecal_ros.io.csv_import import assemble, load_specification
 
     imported = assemble(load_specification(args.specification, args.tables))
-    write_signals(args.output, imported.signals, imported.start_ns, args.storage, imported.topics)
+    write_signals(args.output, imported.signals, imported.start_ns, topics=imported.topics)
     for role, signal in imported.signals.items():
-        say(f'{imported.topics.get(role, ROLES[role].topic)}: {len(signal)} messages')
+        common.say(f'{imported.topics.get(role, ROLES[role].topic)}: {len(signal)} messages')
     for note in imported.notes:
-        warn(note)
+        common.warn(note)
     if imported.shift:
-        say(f'times are {imported.shift} s later than in the tables: stamps begin after zero')
+        common.say(f'times are {imported.shift} s later than in the tables: stamps begin after '
+                   'zero')
     return 0

@@ -6,17 +6,7 @@ from math import nan
 import shlex
 from typing import Any
 
-from forcecal_ros.cli.common import (
-    add_namespace,
-    needs_ros,
-    new_parser,
-    positive,
-    preset,
-    say,
-    warn,
-    word,
-)
-from forcecal_ros.cli.outputs import add_output, FILE, stdout_is_taken
+from forcecal_ros.cli import common
 
 NO_POSE = ('No pose was received: poses.* are tilts of a sensor whose z points down, '
            'limits.workspace_* are those of a simulated rig.')
@@ -29,32 +19,32 @@ JOINTS_TO_SET = ('joints.names', 'joints.values', 'joints.away')
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
-    parser = new_parser(subparsers, 'init', json=False,
-                        example='forcecal init --preset ur -o my_cell.yaml')
-    parser.add_argument('--preset', metavar='NAME', type=preset, required=True,
+    parser = common.new_parser(subparsers, 'init', json=False,
+                               example='forcecal init --preset ur -o my_cell.yaml')
+    parser.add_argument('--preset', metavar='NAME', type=common.preset, required=True,
                         help="topics and parameters of a robot's driver: ur, franka, kuka_fri, "
                              'broadcaster')
     parser.add_argument('--controller', metavar='NAME',
-                        type=word('a controller', 'core.topics', 'CONTROLLERS'),
+                        type=common.word('a controller', 'core.topics', 'CONTROLLERS'),
                         help='what moves the robot: moveit_servo, joint_trajectory_controller, '
                              'cartesian_controllers, admittance_controller')
-    add_namespace(parser)
+    common.add_namespace(parser)
     parser.add_argument('--offline', action='store_true',
                         help='do not look for a running driver; otherwise topics, frames, joints '
                              'and the present pose are taken from it')
-    parser.add_argument('--timeout', metavar='S', type=positive, default=3.0,
+    parser.add_argument('--timeout', metavar='S', type=common.positive, default=3.0,
                         help='how long to wait for messages of the driver')
-    add_output(parser, '-o', '--output', kind=FILE, metavar='FILE', default='my_cell.yaml',
-               help='parameter file to write, - for standard output; an earlier one is kept as '
-                    'FILE~')
-    parser.set_defaults(run=run)
+    common.add_output(parser, '-o', '--output', kind='file', metavar='FILE',
+                      default='my_cell.yaml',
+                      help='parameter file to write, - for standard output; an earlier one is '
+                           'kept as FILE~')
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     from forcecal_ros.core.files import write_text
 
-    with needs_ros():
+    with common.needs_ros():
         from forcecal_ros.nodes.config import TABLES
     from forcecal_ros.core.parameters import parameter_file
     from forcecal_ros.core.topics import read_preset
@@ -82,9 +72,9 @@ def run(args: argparse.Namespace) -> int:
     write_text(args.output, '\n'.join(parameter_file(
         node, [row._replace(default=values.get(row.name, row.default)) for row in TABLES[node][0]],
         headings[node], to_set[node]) for node, values in given.items()))
-    if not stdout_is_taken(args):
-        say(f'written to {args.output}; set the lines that end with # SET for your cell')
-        say(f'next: {launch}')
+    if not common.stdout_is_taken(args):
+        common.say(f'written to {args.output}; set the lines that end with # SET for your cell')
+        common.say(f'next: {launch}')
     return 0
 
 
@@ -92,19 +82,19 @@ def _driver(args: argparse.Namespace, topics: Mapping[str, str]
             ) -> tuple[dict[str, Any], dict[str, str], str]:
     """Return parameters, topics that differ from the preset's and a comment, by a driver."""
     try:
-        with needs_ros():
+        with common.needs_ros():
             from forcecal_ros.nodes.client import first_messages
     except Exception as error:  # noqa: BLE001 - the file is written without a driver, too
-        warn(f'{error}; the file is written without a driver')
+        common.warn(f'{error}; the file is written without a driver')
         return {}, {}, NO_POSE
     found, others = first_messages(args.namespace, topics, args.timeout)
     choices = ' '.join(f'Choose one of {", ".join(names)} by {key}:=NAME.'
                        for key, names in others.items() if len(names) > 1)
     if choices:
-        warn(choices)
+        common.warn(choices)
     if not found:
-        warn('no message of a driver was received; start it with the same ROS_DOMAIN_ID, or give '
-             '--offline')
+        common.warn('no message of a driver was received; start it with the same ROS_DOMAIN_ID, '
+                    'or give --offline')
         return {}, {}, f'{choices} {NO_POSE}'.strip()
     values, poses = {}, NO_POSE
     if 'current_pose' in found:

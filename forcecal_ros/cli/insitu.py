@@ -7,8 +7,7 @@ import re
 import sys
 from typing import Any, TYPE_CHECKING
 
-from forcecal_ros.cli.common import bar, new_parser, print_json, say, warn
-from forcecal_ros.cli.outputs import add_output, RESULTS
+from forcecal_ros.cli import common
 from forcecal_ros.core.files import write_results
 
 if TYPE_CHECKING:
@@ -21,16 +20,15 @@ TABLES = ('.csv', '.txt', '.tsv', '.npy')
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
-    parser = new_parser(
+    parser = common.new_parser(
         subparsers, 'insitu',
         example='forcecal insitu leg.yaml -o leg_calibration')
     parser.add_argument('specification', metavar='SPEC.yaml',
                         help='data sets, sensors and accelerometer; forcecal sample insitu '
                              'writes one to go by')
-    add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR', required=True,
-               help='folder for insitu.json, calibration.yaml, pictures and report.html; '
-                    'earlier results are kept as NAME~')
-    parser.set_defaults(run=run)
+    common.add_output(parser, '-o', '--output', kind='results', metavar='DIR', required=True,
+                      help='folder for insitu.json, calibration.yaml, pictures and report.html; '
+                           'earlier results are kept as NAME~')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -66,14 +64,14 @@ def run(args: argparse.Namespace) -> int:
             files[named[name]] = dump(to_calibration(result, sensor.frame, str(spec.path)))
     write_results(folder, files, earlier(folder))
     if args.json:
-        print_json(document)
+        common.print_json(document)
         return 0
     for result in results:
         for warning in result.warnings:
-            warn(f'{result.name}: {warning}')
-        say(text(result))
-    say(f'{folder}: report.html, insitu.json'
-        + (', calibration.yaml' if spec.options.matrix else ''))
+            common.warn(f'{result.name}: {warning}')
+        common.say(text(result))
+    common.say(f'{folder}: report.html, insitu.json'
+               + (', calibration.yaml' if spec.options.matrix else ''))
     return 0
 
 
@@ -104,19 +102,19 @@ def _source(args: argparse.Namespace, spec: 'Spec', name: str, path: Path) -> 'S
         if not shown:
             shown.append(f'{name}: reading {path.name}')
             if not args.quiet and not sys.stderr.isatty():
-                warn(shown[-1])
+                common.warn(shown[-1])
         if table:
             chunks = table()
         else:
             topics = topics_of(spec, name)
             chunks = join(readable_chunks(read_chunks(path, topics), topics), spec, name)
-        with bar(args, desc=f'{name}: {path.name}', unit=' samples') as done:
+        with common.bar(args, desc=f'{name}: {path.name}', unit=' samples') as done:
             for chunk in chunks:
                 done.update(len(chunk.t))
                 yield chunk
         if table and len(shown) == 1:
             shown.extend(['', *table.notes])
             for note in table.notes:
-                warn(note)
+                common.warn(note)
 
     return read

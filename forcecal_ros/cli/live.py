@@ -3,22 +3,14 @@
 import argparse
 from typing import Any
 
-from forcecal_ros.cli.common import (
-    add_namespace,
-    needs_ros,
-    new_parser,
-    port,
-    say,
-    topic_name,
-    warn,
-    warn_if_compiling,
-)
+from forcecal_ros.cli import common
 from forcecal_ros.core.errors import UsageError
 
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
-    parser = new_parser(subparsers, 'live', json=False, quiet=False, example='forcecal live')
+    parser = common.new_parser(subparsers, 'live', inputs=('rig',), json=False, quiet=False,
+                               example='forcecal live')
     parser.add_argument('--no-sim', action='store_true',
                         help='show the robot, and wait for its messages (default: if no wrench is '
                              'published, a simulated rig is started, with all that it needs)')
@@ -26,19 +18,18 @@ def add_parser(subparsers: Any) -> None:
                         help='start a simulated rig in any case, apart from any robot')
     parser.add_argument('--rig', metavar='RIG.yaml',
                         help='rig to simulate; the gap is its difference from the nominal one')
-    add_namespace(parser)
-    parser.add_argument('--wrench', metavar='TOPIC', type=topic_name, default='wrench',
+    common.add_namespace(parser)
+    parser.add_argument('--wrench', metavar='TOPIC', type=common.topic_name, default='wrench',
                         help="WrenchStamped of the robot's sensor")
-    parser.add_argument('--port', type=port, default=8642,
+    parser.add_argument('--port', type=common.port, default=8642,
                         help='port of this machine to serve the page on; 0: any that is free')
-    parser.set_defaults(run=run, inputs=('rig',))
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     if args.no_sim and (args.sim or args.rig):
         raise UsageError('--no-sim simulates nothing, --sim and --rig do; leave either out')
-    with needs_ros():
+    with common.needs_ros():
         from forcecal_ros.nodes.live import LivePage
     from forcecal_ros.sim.rig.file import load_rig
 
@@ -92,11 +83,8 @@ def _simulated(args: argparse.Namespace, page: Any) -> int:
     from forcecal_ros.nodes.client import own_domain, Processes, temporary_node
     from forcecal_ros.nodes.demo import FOR_SIMULATION, ON_TIME
     from forcecal_ros.nodes.live import LiveView
-    from forcecal_ros.observe import batch
-    from forcecal_ros.sim.rig import simulator
 
-    warn_if_compiling(simulator.waits_for_compiler() or batch.waits_for_compiler(),
-                     'simulator and observer')
+    common.warn_if_compiling('simulator', 'observer')
     rig = {'rig': os.path.realpath(args.rig)} if args.rig else {}
     clock = {'use_sim_time': True}
     with own_domain() as environment, temporary_node('live') as ros, \
@@ -122,11 +110,11 @@ def _show(page: Any, ros: Any, view: Any, robot: str, check: Any) -> int:
                        token=page.token if view.simulated else '', sequences=tuple(SEQUENCES))
     try:
         with page.showing(view, text):
-            say(f'{page.address} shows {robot}; Ctrl-C ends it')
+            common.say(f'{page.address} shows {robot}; Ctrl-C ends it')
             while not ros.interrupted:
                 check()
                 ros.spin(SIGNAL_CHECK)
     finally:
         view.close()
-    warn('ended' + ', and all that was started with it' * view.simulated)
+    common.warn('ended' + ', and all that was started with it' * view.simulated)
     return 0

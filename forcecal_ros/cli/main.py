@@ -15,8 +15,7 @@ from typing import Any, NoReturn
 
 from forcecal_ros import __version__
 from forcecal_ros.cli import COMMANDS, GROUPS, VERBS
-from forcecal_ros.cli.common import as_started, or_nearest
-from forcecal_ros.cli.outputs import check_outputs
+from forcecal_ros.cli.common import as_started, check_outputs, or_nearest
 from forcecal_ros.core.errors import ForcecalError, UsageError, with_id
 from forcecal_ros.core.files import remedy
 
@@ -105,8 +104,10 @@ def build_parser(command: str = '') -> Parser:
     parser.add_argument('--version', action='version', version=f'forcecal {__version__}')
     subparsers = parser.add_subparsers(metavar='COMMAND', required=True, help='one of those below')
     if command in COMMANDS:
-        module = import_module(f'forcecal_ros.cli.{COMMANDS[command].module}')
+        name = 'import_csv' if command == 'import' else command.replace('-', '_')
+        module = import_module(f'forcecal_ros.cli.{name}')
         module.add_parser(subparsers)
+        subparsers.choices[command].set_defaults(run=module.run)
     else:
         for name in COMMANDS:
             subparsers.add_parser(name)
@@ -120,9 +121,9 @@ def command_list() -> str:
     lines = []
     for purpose, commands in GROUPS.items():
         lines.append(f'{purpose}:')
-        lines += [fill(one.summary, 79, initial_indent=f'  {name:<11}',
+        lines += [fill(summary, 79, initial_indent=f'  {name:<11}',
                        subsequent_indent=' ' * 13)
-                  for name, one in commands.items()]
+                  for name, summary in commands.items()]
     return '\n'.join(lines)
 
 

@@ -14,18 +14,7 @@ import signal
 from threading import Lock
 from typing import Any, Generic, NamedTuple, TypeVar
 
-from forcecal_ros.cli.common import (
-    add_bag,
-    address,
-    at_least_one,
-    bar,
-    group,
-    MANY,
-    print_json,
-    say,
-    warn,
-)
-from forcecal_ros.cli.outputs import is_many, refuse_inputs, RESULTS, stdout_is_taken
+from forcecal_ros.cli import common
 from forcecal_ros.core.errors import ConfigError, DataError, ForcecalError, UsageError, with_id
 from forcecal_ros.core.files import naming, set_aside
 
@@ -78,8 +67,6 @@ def each(work: Callable[[T], R], items: Sequence[T], *, jobs: int = 1, dask: str
     ConfigError
         There is no such cluster, or the extra ``scale`` is not installed.
     """
-    if jobs < 1:
-        raise ConfigError(f'{jobs} jobs cannot do anything; give 1 or more')
     if dask:
         yield from _on_cluster(work, items, dask)
     elif jobs > 1 and len(items) > 1:
@@ -188,25 +175,13 @@ class Answer(NamedTuple):
 
 def add_bags(parser: argparse.ArgumentParser) -> None:
     """Add the recordings, what :func:`add_bag` adds, ``--jobs`` and ``--dask``."""
-    add_bag(parser, several='each is worked on by itself')
-    add_workers(parser)
-
-
-def add_workers(parser: argparse.ArgumentParser) -> None:
-    """Add ``--jobs`` and ``--dask``."""
-    options = group(parser, MANY)
-    options.add_argument('--jobs', metavar='N', type=at_least_one, default=1,
+    common.add_bag(parser, several='each is worked on by itself')
+    options = common.group(parser, 'many recordings')
+    options.add_argument('--jobs', metavar='N', type=common.at_least_one, default=1,
                          help='recordings that are worked on at once')
-    options.add_argument('--dask', metavar='ADDRESS', type=address,
+    options.add_argument('--dask', metavar='ADDRESS', type=common.address,
                          help='scheduler of a Dask cluster to work there, as tcp://host:8786; its '
                               'workers need this package and the same files in the same places')
-
-
-def check_workers(args: argparse.Namespace) -> None:
-    """Refuse --jobs together with --dask."""
-    if args.dask and args.jobs > 1:
-        raise UsageError('--jobs counts processes of this machine, --dask works elsewhere; '
-                         'leave --jobs out')
 
 
 def run(args: argparse.Namespace, answer: Callable[[argparse.Namespace], Answer]) -> int:
@@ -229,13 +204,15 @@ def run(args: argparse.Namespace, answer: Callable[[argparse.Namespace], Answer]
     int
         Exit status: the largest of all; 1 for a recording without an answer.
     """
-    check_workers(args)
-    many = is_many(args)
+    if args.dask and args.jobs > 1:
+        raise UsageError('--jobs counts processes of this machine, --dask works elsewhere; '
+                         'leave --jobs out')
+    many = common.is_many(args)
     tasks = _tasks(args, args.bag) if many else [_with(args, bag=args.bag[0])]
     if not (many or args.dask):
         return _show(answer(tasks[0]), args)
     statuses = []
-    with bar(args, total=len(tasks), unit=' recordings') as done:
+    with common.bar(args, total=len(tasks), unit=' recordings') as done:
         for outcome in each(answer, tasks, jobs=args.jobs, dask=args.dask or ''):
             done.clear()
             task, found = tasks[outcome.index], outcome.value
@@ -243,13 +220,15 @@ def run(args: argparse.Namespace, answer: Callable[[argparse.Namespace], Answer]
                 if found is None:
                     raise DataError(outcome.error)
                 return _show(found, args)
-            if found is None:
-                _set_earlier_aside(task)
+            if found is None:  # what an earlier run found does not stand for this one
+                for place in (getattr(task, one.name) for one in task.outputs):
+                    if place and os.path.lexists(place):
+                        set_aside(Path(place))
             statuses.append(_show_one_of_many(task.bag, found, outcome.error, args.json))
             done.update()
     if not args.json:
-        say(f'{sum(status != 1 for status in statuses)} of {len(tasks)} recordings have an '
-            f'answer, in {args.output}')
+        common.say(f'{sum(status != 1 for status in statuses)} of {len(tasks)} recordings have an '
+                   f'answer, in {args.output}')
     return 1 if 1 in statuses else max(statuses)
 
 
@@ -262,12 +241,12 @@ def _tasks(args: argparse.Namespace, bags: Sequence[str]) -> list[argparse.Names
     """Return the arguments for each recording alone, with absolute paths."""
     named = [Path(bag).absolute() for bag in bags]
     paths = [Path(os.path.normpath(path)) for path in named]  # `..` would lead out of DIR
-    common = Path(os.path.commonpath([path.parent for path in paths]))
+    shared_folder = Path(os.path.commonpath([path.parent for path in paths]))
     shared = {name: str(Path(value).absolute()) for name in args.inputs
               if name != 'bag' and (value := getattr(args, name)) and Path(value).exists()}
     tasks, owner, seen = [], dict[Path, Path](), set[str]()
     for bag, path in zip(named, paths, strict=True):
-        inside = path.relative_to(common)
+        inside = path.relative_to(shared_folder)
         name = inside.with_suffix('') if path.suffix in ('.mcap', '.db3') else inside
         if os.path.realpath(bag) in seen:
             raise UsageError(f'{path} is named twice; name each recording once')
@@ -282,9 +261,9 @@ def _tasks(args: argparse.Namespace, bags: Sequence[str]) -> list[argparse.Names
     for place, one in ((getattr(task, one.name), one) for task in tasks for one in args.outputs):
         if not place:
             continue
-        if one.kind != RESULTS:
+        if one.kind != 'results':
             try:
-                refuse_inputs(place, one.kind, bags)
+                common.refuse_inputs(place, one.kind, bags)
             except ConfigError as error:
                 raise UsageError(f'{one.option}: {error}') from error
         with naming(Path(place)):
@@ -292,37 +271,30 @@ def _tasks(args: argparse.Namespace, bags: Sequence[str]) -> list[argparse.Names
     return tasks
 
 
-def _set_earlier_aside(task: argparse.Namespace) -> None:
-    """Rename what an earlier run found in a recording that has no answer now."""
-    for one in task.outputs:
-        if (place := getattr(task, one.name)) and os.path.lexists(place):
-            set_aside(Path(place))
-
-
 def _show(answer: Answer, args: argparse.Namespace) -> int:
     if args.json:
-        print_json(answer.document)
+        common.print_json(answer.document)
     else:
         for note in answer.notes:
-            warn(note)
-        if not stdout_is_taken(args):
-            say(answer.text)
+            common.warn(note)
+        if not common.stdout_is_taken(args):
+            common.say(answer.text)
     if answer.status == 1:
-        warn(answer.headline)
+        common.warn(answer.headline)
     return answer.status
 
 
 def _show_one_of_many(bag: str, answer: Answer | None, error: str, as_json: bool) -> int:
     """Print one line, with ``--json`` one document; return the status."""
     if answer is None:
-        warn(f'{bag}: {error}')
+        common.warn(f'{bag}: {error}')
         if as_json:
-            say(json.dumps({'recording': bag, 'error': error}))
+            common.say(json.dumps({'recording': bag, 'error': error}))
         return 1
     if as_json:
-        say(json.dumps({'recording': bag, **answer.document}, allow_nan=False))
+        common.say(json.dumps({'recording': bag, **answer.document}, allow_nan=False))
     else:
         for note in answer.notes:
-            warn(f'{bag}: {note}')
-        say(f'{bag}: {answer.headline}')
+            common.warn(f'{bag}: {note}')
+        common.say(f'{bag}: {answer.headline}')
     return answer.status

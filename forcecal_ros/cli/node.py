@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from forcecal_ros.cli.common import needs_ros, new_parser
+from forcecal_ros.cli import common
 from forcecal_ros.entry import loaded
 
 NODES = ('gap', 'impedance', 'observer', 'sequencer', 'sim')
@@ -11,18 +11,17 @@ NODES = ('gap', 'impedance', 'observer', 'sequencer', 'sim')
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
-    parser = new_parser(
+    parser = common.new_parser(
         subparsers, 'node', json=False, quiet=False,
         example='forcecal node sequencer --ros-args -r wrench:=/ft/wrench --params-file my.yaml')
     parser.add_argument('name', metavar='NODE', choices=NODES, help=', '.join(NODES))
     parser.add_argument('arguments', metavar='--ros-args ...', nargs=argparse.REMAINDER,
                         help='what ros2 run would pass on: -p NAME:=VALUE, --params-file FILE, '
                              '-r TOPIC:=TOPIC, -r __ns:=/NAME')
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    with needs_ros():
+    with common.needs_ros():
         main = loaded(f'nodes.{args.name}', 0)
     return int(main([args.name, *args.arguments]))

@@ -4,24 +4,8 @@ import argparse
 import shlex
 from typing import Any, NamedTuple, TYPE_CHECKING
 
-from forcecal_ros.cli.common import (
-    add_sensor_pose,
-    add_topics,
-    from_arguments,
-    new_parser,
-    number,
-    or_nearest,
-    POSE7,
-    print_json,
-    read,
-    real,
-    say,
-    stages,
-    warn_if_compiling,
-    word,
-)
-from forcecal_ros.cli.outputs import add_output, FILE, stdout_is_taken
-from forcecal_ros.core.errors import UsageError
+from forcecal_ros.cli import common
+from forcecal_ros.core.errors import ConfigError, UsageError
 
 if TYPE_CHECKING:
     from forcecal_ros.effects.rig import Rig
@@ -32,8 +16,8 @@ if TYPE_CHECKING:
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
-    parser = new_parser(
-        subparsers, 'plan',
+    parser = common.new_parser(
+        subparsers, 'plan', inputs=('rig', 'recording', 'calibration', 'after'),
         example='forcecal plan --rig rig.yaml --effects wrench_delay tool_mass -o plan.yaml\n'
                 '  forcecal plan --for calibration --calibration calibration.yaml -o plan.yaml\n'
                 '  ros2 run forcecal_ros sequencer --ros-args --params-file plan.yaml')
@@ -45,17 +29,16 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--recording', metavar='BAG',
                         help='recording of the robot: it starts where that one starts, and stays '
                              'in the box that sensor and tip stayed in there')
-    add_topics(parser)
-    add_sensor_pose(parser)
-    parser.add_argument('--home', metavar=POSE7, nargs=7,
-                        type=real, help="pose of ft_sensor in base that it starts from [m] "
+    common.add_streams(parser)
+    parser.add_argument('--home', metavar=common.POSE7, nargs=7,
+                        type=common.real, help="pose of ft_sensor in base that it starts from [m] "
                                         "(default: the recording's, or the rig's)")
     parser.add_argument('--set', metavar='NAME=VALUE', action='append', default=[], type=_setting,
                         help='a parameter of the sequencer, e.g. limits.speed=0.1 or '
                              'limits.workspace_min=0.2,-0.5,0.1; of limits, pace or timing; may '
                              'be repeated')
     parser.add_argument('--effects', metavar='NAME', nargs='+',
-                        type=word('an effect', 'effects', 'EFFECTS'),
+                        type=common.word('an effect', 'effects', 'EFFECTS'),
                         help='diagnosis: effects that it is to show (default: all)')
     parser.add_argument('--after', metavar='DIR',
                         help='diagnosis: results of forcecal diagnose, whose candidates it is to '
@@ -68,21 +51,19 @@ def add_parser(subparsers: Any) -> None:
                              "(default: the rig's)")
     # biases drift within an hour by more than any plan would promise
     parser.add_argument('--duration', metavar='S',
-                        type=number('a time up to 3600 s', lambda x: 0 < x <= 3600.0),
+                        type=common.number('a time up to 3600 s', lambda x: 0 < x <= 3600.0),
                         help='calibration: time that the sequence may take (default: 16 s)')
     # a move back from farther has no clear direction
     parser.add_argument('--tilt', metavar='DEG',
-                        type=number('an angle up to 170 deg', lambda x: 0 < x <= 170.0),
+                        type=common.number('an angle up to 170 deg', lambda x: 0 < x <= 170.0),
                         help='calibration: largest rotation of a pose from home (default: '
                              '100 deg)')
-    add_output(parser, '-o', '--output', kind=FILE, metavar='PLAN.yaml',
-               help='parameters for the sequencer to write, - for standard output')
-    parser.set_defaults(run=run, inputs=('rig', 'recording', 'calibration', 'after'))
+    common.add_output(parser, '-o', '--output', kind='file', metavar='PLAN.yaml',
+                      help='parameters for the sequencer to write, - for standard output')
 
 
 def _setting(text: str) -> tuple[str, Any]:
     """Read NAME=VALUE by the sequencer's parameters."""
-    from forcecal_ros.core.errors import ConfigError
     from forcecal_ros.core.parameters import parameters_of
     from forcecal_ros.motion.limits import Limits
     from forcecal_ros.motion.plan import Timing
@@ -94,7 +75,7 @@ def _setting(text: str) -> tuple[str, Any]:
     name, _, value = text.partition('=')
     if name not in table:
         raise argparse.ArgumentTypeError(
-            f'{name} is not a parameter of limits, pace or timing{or_nearest(name, table)}')
+            f'{name} is not a parameter of limits, pace or timing{common.or_nearest(name, table)}')
     parameter = table[name]
     listed = isinstance(parameter.default, list)
     try:
@@ -159,11 +140,11 @@ def _setup(args: argparse.Namespace) -> Setup:
     values: dict[str, Any] = {'limits.tip': list(rig.tool.tip), **given}
     home = Pose(np.array(rig.home.position), rig.home.R_base_sensor)
     if args.recording:
-        home, lower, upper = reach_of(read(args, args.recording),
+        home, lower, upper = reach_of(common.read(args, args.recording),
                                       np.array(values['limits.tip']))
         values = {'limits.workspace_min': lower.tolist(),
                   'limits.workspace_max': upper.tolist(), **values}
-    with from_arguments():
+    with common.from_arguments():
         if args.home:
             home = read_poses(['--home'], args.home)['--home']
         limits = section_of(Limits, values, 'limits')
@@ -178,14 +159,13 @@ def _setup(args: argparse.Namespace) -> Setup:
 def _diagnosis(args: argparse.Namespace) -> int:
     from forcecal_ros.diagnose.plan import plan_document, plan_for, plan_parameters, plan_text
     from forcecal_ros.effects import EFFECTS
-    from forcecal_ros.sim.rig.simulator import waits_for_compiler
 
     if theirs := [key for key, _ in args.set if not key.startswith('limits.')]:
         raise UsageError(f'--set {theirs[0]} is chosen by a plan for diagnosis; set limits')
     setup, effects = _setup(args), _candidates(args.after) if args.after else args.effects or ()
     contact = args.contact or any(EFFECTS[name].excited_by == ('contact',) for name in effects)
-    warn_if_compiling(waits_for_compiler(), 'the simulator')
-    with stages(args) as stage:
+    common.warn_if_compiling('simulator')
+    with common.stages(args) as stage:
         stage('simulating the sequence with every effect')
         planned = plan_for(setup.rig, contact=contact, effects=effects, limits=setup.limits)
     t = planned.motion.target.t
@@ -224,7 +204,7 @@ def _calibration(args: argparse.Namespace) -> int:
     sensors = (sensors_of(load(args.calibration)) if args.calibration
                else expected_sensors(setup.rig))
     robot = Robot(setup.home, setup.limits, setup.pace, math.radians(args.tilt or 100.0))
-    with stages(args) as stage:
+    with common.stages(args) as stage:
         stage('exchanging poses')
         design = design_calibration(robot, sensors, args.duration or 16.0,
                                     setup.timing)
@@ -239,11 +219,12 @@ def _written(args: argparse.Namespace, document: dict[str, Any], text: str, dura
     if args.output:
         write_text(args.output, parameters)
     if args.json:
-        print_json(document)
-    elif not stdout_is_taken(args):
-        say(text)
-        say(f'the sequence takes about {duration:.0f} s')
+        common.print_json(document)
+    elif not common.stdout_is_taken(args):
+        common.say(text)
+        common.say(f'the sequence takes about {duration:.0f} s')
         if args.output:
-            say(f'written to {args.output}\nnext: ros2 run forcecal_ros sequencer --ros-args '
-                f'--params-file my_cell.yaml --params-file {shlex.quote(args.output)}')
+            common.say(f'written to {args.output}\nnext: ros2 run forcecal_ros sequencer '
+                       '--ros-args --params-file my_cell.yaml '
+                       f'--params-file {shlex.quote(args.output)}')
     return 0

@@ -4,18 +4,8 @@ import argparse
 from collections.abc import Iterable, Sequence
 from typing import Any, TYPE_CHECKING
 
-from forcecal_ros.cli.common import (
-    add_namespace,
-    bar,
-    needs_ros,
-    new_parser,
-    not_negative,
-    or_nearest,
-    positive,
-    show,
-    topic_name,
-    warn,
-)
+from forcecal_ros.cli import common
+from forcecal_ros.core.errors import DataError, MotionError
 
 if TYPE_CHECKING:
     from forcecal_ros.core.topics import Topic
@@ -24,21 +14,22 @@ if TYPE_CHECKING:
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
-    parser = new_parser(
+    parser = common.new_parser(
         subparsers, 'play',
         example='forcecal play my_bag --rate 0.5')
     parser.add_argument('bag', metavar='BAG', help='rosbag2 folder or file (mcap, sqlite3)')
-    parser.add_argument('--rate', metavar='X', type=positive, default=1.0,
+    parser.add_argument('--rate', metavar='X', type=common.positive, default=1.0,
                         help='recorded seconds in each second of playing')
-    parser.add_argument('--clock', metavar='HZ', type=not_negative, default=250.0,
+    parser.add_argument('--clock', metavar='HZ', type=common.not_negative, default=250.0,
                         help='rate of /clock, which carries the recorded time; 0: none')
-    parser.add_argument('--delay', metavar='S', type=not_negative, default=1.0,
+    parser.add_argument('--delay', metavar='S', type=common.not_negative, default=1.0,
                         help='wait before the first message, for listeners to find the topics')
-    parser.add_argument('--start', metavar='S', type=not_negative, default=0.0,
+    parser.add_argument('--start', metavar='S', type=common.not_negative, default=0.0,
                         help='leave out the beginning')
-    parser.add_argument('--only', metavar='TOPIC', action='append', type=topic_name, default=[],
+    parser.add_argument('--only', metavar='TOPIC', action='append', default=[],
+                        type=common.topic_name,
                         help='publish this topic, and of the others only those named likewise')
-    add_namespace(parser, 'publish below a namespace, e.g. /recorded')
+    common.add_namespace(parser, 'publish below a namespace, e.g. /recorded')
     parser.add_argument('--with-outputs', action='store_true',
                         help='also publish the outputs of the recorded nodes of this package: '
                              'observer/..., sequencer/..., impedance/..., diagnostics')
@@ -48,18 +39,16 @@ def add_parser(subparsers: Any) -> None:
                              'while a node subscribes to them')
     parser.add_argument('--yes', action='store_true',
                         help='publish commands although a node subscribes to them')
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    with needs_ros():
+    with common.needs_ros():
         from forcecal_ros.nodes.bags import Player
         from forcecal_ros.nodes.client import temporary_node
     from itertools import chain, dropwhile
     import time
 
-    from forcecal_ros.core.errors import DataError
     from forcecal_ros.io.bags import read_messages, read_topics
 
     topics = read_topics(args.bag)
@@ -81,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
         if not args.yes:
             refuse_listeners(player, commands)
             player.unreceived = set(commands)
-        with bar(args, unit=' s') as done:
+        with common.bar(args, unit=' s') as done:
             player.play(dropwhile(lambda one: one.log_ns < begin, chain([first], messages)),
                         lambda seconds: done.update(round(seconds, 1) - done.n))
         # how long the end waits for slow listeners [s]
@@ -90,10 +79,10 @@ def run(args: argparse.Namespace) -> int:
             raise DataError(f'{args.bag}: nothing to publish from {args.start:g} s on; give an '
                             'earlier --start')
     if left_out:
-        warn(f'not published: {_named(left_out)}')
+        common.warn(f'not published: {_named(left_out)}')
     for msgtype in sorted(player.unknown):
-        warn(f'not published: messages of type {msgtype}, whose package is not installed')
-    show(args, {'bag': args.bag, 'messages': dict(player.counts)}, ', '.join(
+        common.warn(f'not published: messages of type {msgtype}, whose package is not installed')
+    common.show(args, {'bag': args.bag, 'messages': dict(player.counts)}, ', '.join(
         f'{count} {name}' for name, count in sorted(player.counts.items()))
         or 'nothing was published')
     return 0
@@ -108,13 +97,12 @@ def refuse_missing(topics: Iterable['Topic'], args: argparse.Namespace) -> None:
     DataError
         With the nearest name.
     """
-    from forcecal_ros.core.errors import DataError
-
     names = sorted(topic.name for topic in topics)
     for name in (f'/{one.lstrip("/")}' for one in args.only):
         if name not in names:
-            raise DataError(f'--only: {name} is not in {args.bag}{or_nearest(name, names)}; there '
-                            f'are {", ".join(names)}')
+            nearest = common.or_nearest(name, names)
+            raise DataError(f'--only: {name} is not in {args.bag}{nearest}; there are '
+                            f'{", ".join(names)}')
 
 
 def chosen(topics: Iterable['Topic'], args: argparse.Namespace
@@ -151,8 +139,6 @@ def refuse_listeners(player: 'Player', commands: Sequence['Topic']) -> None:
     MotionError
         Names topics and nodes.
     """
-    from forcecal_ros.core.errors import MotionError
-
     if listeners := player.listeners(commands):
         who = ', '.join(f'{topic} ({", ".join(nodes)})' for topic, nodes in listeners.items())
         raise MotionError(f'nodes subscribe to {who} and may move at once; give --yes if that is '

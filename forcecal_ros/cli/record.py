@@ -4,37 +4,24 @@ import argparse
 from contextlib import suppress
 from typing import Any
 
-from forcecal_ros.cli.common import (
-    bar,
-    needs_ros,
-    new_parser,
-    positive,
-    show,
-    topic_name,
-    warn,
-)
-from forcecal_ros.cli.outputs import add_output, RECORDING
-from forcecal_ros.core.errors import UsageError
+from forcecal_ros.cli import common
+from forcecal_ros.core.errors import DataError, UsageError
 
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
-    parser = new_parser(
+    parser = common.new_parser(
         subparsers, 'record',
         example='forcecal record -o my_bag --duration 60 /joint_states')
-    parser.add_argument('topics', metavar='TOPIC', nargs='*', type=topic_name,
+    parser.add_argument('topics', metavar='TOPIC', nargs='*', type=common.topic_name,
                         help="recorded in addition to this package's own, which are taken in any "
                              'namespace')
-    add_output(parser, '-o', '--output', kind=RECORDING, metavar='BAG', required=True,
-               help='recording to write; an earlier one is kept as BAG~')
+    common.add_output(parser, '-o', '--output', kind='recording', metavar='BAG', required=True,
+                      help='recording to write; an earlier one is kept as BAG~')
     parser.add_argument('--all', action='store_true', help='record every topic there is')
     parser.add_argument('--only', action='store_true', help='record the named topics alone')
-    parser.add_argument('--duration', metavar='S', type=positive, help='stop after this time')
-    parser.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap',
-                        help='how the recording is stored')
-    parser.add_argument('--no-compression', action='store_true',
-                        help='mcap without Zstandard inside')
-    parser.set_defaults(run=run)
+    parser.add_argument('--duration', metavar='S', type=common.positive,
+                        help='stop after this time')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -46,16 +33,15 @@ def run(args: argparse.Namespace) -> int:
                          'alone')
     import time
 
-    with needs_ros():
+    with common.needs_ros():
         from forcecal_ros.nodes.bags import of_this_package, Recorder
         from forcecal_ros.nodes.client import temporary_node
-    from forcecal_ros.core.errors import DataError
     from forcecal_ros.io.bags import BagWriter
 
     names = {f'/{name.lstrip("/")}' for name in args.topics}
     with (temporary_node('record') as ros,
-          BagWriter(args.output, args.storage, not args.no_compression) as writer,
-          bar(args, unit=' messages') as done):
+          BagWriter(args.output, compressed=True) as writer,
+          common.bar(args, unit=' messages') as done):
         recorder = Recorder(ros.node, writer, lambda name, msgtype: (
             args.all or name in names or (not args.only and of_this_package(name, msgtype))))
         end = time.monotonic() + args.duration if args.duration is not None else None
@@ -69,10 +55,10 @@ def run(args: argparse.Namespace) -> int:
             raise DataError('no message on any topic of interest; set ROS_DOMAIN_ID '
                             'to that of the robot (others are named as TOPIC)')
     for msgtype in sorted(recorder.unknown):
-        warn(f'not recorded: messages of type {msgtype}, whose package is not installed')
+        common.warn(f'not recorded: messages of type {msgtype}, whose package is not installed')
     for name in recorder.missing(names):
-        warn(f'{name}: no message was received')
-    show(args, {'output': args.output, 'messages': dict(recorder.counts)},
-         f'{args.output}: ' + ', '.join(
-             f'{count} {name}' for name, count in sorted(recorder.counts.items())))
+        common.warn(f'{name}: no message was received')
+    common.show(args, {'output': args.output, 'messages': dict(recorder.counts)},
+                f'{args.output}: ' + ', '.join(
+                    f'{count} {name}' for name, count in sorted(recorder.counts.items())))
     return 0

@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from forcecal_ros.cli.common import add_namespace, needs_ros, new_parser, positive, show
+from forcecal_ros.cli import common
 from forcecal_ros.core.errors import DataError
 
 SERVICES = {
@@ -21,26 +21,32 @@ SERVICES = {
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command and its verbs."""
-    parser = new_parser(subparsers, 'robot', json=False, quiet=False,
-                        example='forcecal robot start\n  forcecal robot status')
+    parser = common.new_parser(subparsers, 'robot', json=False, quiet=False,
+                               example='forcecal robot start\n  forcecal robot status')
     verbs = parser.add_subparsers(metavar='VERB', required=True)
     for verb, (service, summary) in SERVICES.items():
-        one = new_parser(verbs, verb, summary=summary, example=f'forcecal {verb}', quiet=False)
+        one = common.new_parser(verbs, verb, summary=summary, example=f'forcecal {verb}',
+                                quiet=False)
         if '{}' in service:
             one.add_argument('--node', choices=('sequencer', 'impedance'), default='sequencer',
                              help='node that moves the robot')
-        add_namespace(one)
-        one.add_argument('--timeout', metavar='S', type=positive,
+        common.add_namespace(one)
+        one.add_argument('--timeout', metavar='S', type=common.positive,
                          default=10.0 if service else 3.0,
                          help='how long to wait for the node and for its answer' if service else
                          'how long to listen; each node reports once a second')
-        one.set_defaults(run=_call if service else _status, service=service)
+        one.set_defaults(service=service)
     parser.commands = verbs.choices  # type: ignore[attr-defined]
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry it out."""
+    return _call(args) if args.service else _status(args)
 
 
 def _call(args: argparse.Namespace) -> int:
     """Call a service and print its answer."""
-    with needs_ros():
+    with common.needs_ros():
         from forcecal_ros.nodes.client import ask, temporary_node
 
     path = f'{args.namespace.strip("/")}/{args.service.format(getattr(args, "node", ""))}'
@@ -49,13 +55,13 @@ def _call(args: argparse.Namespace) -> int:
         answer = ask(ros, service, args.timeout)
     if not answer.success:
         raise DataError(f'{service}: {answer.message}')
-    show(args, {'service': service, 'message': answer.message}, answer.message)
+    common.show(args, {'service': service, 'message': answer.message}, answer.message)
     return 0
 
 
 def _status(args: argparse.Namespace) -> int:
     """Print what the nodes report on /diagnostics."""
-    with needs_ros():
+    with common.needs_ros():
         from forcecal_ros.nodes.client import node_statuses, temporary_node, WORDS
 
     namespace = args.namespace.strip('/')
@@ -65,7 +71,7 @@ def _status(args: argparse.Namespace) -> int:
     if not found:
         raise DataError(f'no node reports on /diagnostics within {args.timeout:g} s; start it '
                         'with the same ROS_DOMAIN_ID and --namespace')
-    show(args, {'nodes': {name: {
+    common.show(args, {'nodes': {name: {
         'level': WORDS[status.level], 'message': status.message,
         'values': {pair.key: pair.value for pair in status.values}}
         for name, status in found.items()}}, '\n'.join(

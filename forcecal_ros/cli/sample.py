@@ -6,8 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from forcecal_ros.cli.common import new_parser, say, warn_if_compiling, whole
-from forcecal_ros.cli.outputs import add_output, RESULTS
+from forcecal_ros.cli import common
 from forcecal_ros.core.files import make_folder, write_results, write_text
 from forcecal_ros.core.geometry import Array, rotation_from_vector, STANDARD_GRAVITY
 from forcecal_ros.core.streams import JointStream, Recording
@@ -150,8 +149,8 @@ BEGUN = 1_700_000_000 * 10 ** 9
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
-    parser = new_parser(subparsers, 'sample', json=False, quiet=False,
-                        example='forcecal sample rig -o sample')
+    parser = common.new_parser(subparsers, 'sample', json=False, quiet=False,
+                               example='forcecal sample rig -o sample')
     parser.add_argument('kind', choices=tuple(KINDS),
                         help='rig: two recordings of the simulated rig, one without any fault '
                              'and one whose wrench is 4 ms late; rigid_arm: two of an arm, '
@@ -159,47 +158,50 @@ def add_parser(subparsers: Any) -> None:
                              'in its MuJoCo model, and that model; insitu: tables of a limb with '
                              'added masses, and the spec.yaml that describes them; shaken: the '
                              'simulated rig shaken along x, for fit-rig --for impedance')
-    add_output(parser, '-o', '--output', kind=RESULTS, metavar='DIR', required=True,
-               help='folder for them; earlier ones are kept as NAME~')
-    parser.add_argument('--seed', type=whole, default=0, help='of the sensor noise')
-    parser.set_defaults(run=run)
+    common.add_output(parser, '-o', '--output', kind='results', metavar='DIR', required=True,
+                      help='folder for them; earlier ones are kept as NAME~')
+    parser.add_argument('--seed', type=common.whole, default=0, help='of the sensor noise')
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    return KINDS[args.kind](args)
+    written, *commands = KINDS[args.kind](Path(args.output), args.seed)
+    common.say(f'written to {args.output}: {written}')
+    for command in commands:
+        common.say(f'try: forcecal {command}')
+    return 0
 
 
-def _rig(args: argparse.Namespace) -> int:
+def _rig(folder: Path, seed: int) -> tuple[str, ...]:
+    """Write recordings of the rig; return what was written, and commands to try on it."""
     from forcecal_ros.diagnose.plan import motion_for
     from forcecal_ros.effects import with_effects
     from forcecal_ros.io.bags import write_recording
     from forcecal_ros.sim.rig.file import load_rig
-    from forcecal_ros.sim.rig.simulator import simulate, waits_for_compiler
+    from forcecal_ros.sim.rig.simulator import simulate
 
-    rig, folder = load_rig(), Path(args.output)
-    warn_if_compiling(waits_for_compiler(), 'the simulator')
+    rig = load_rig()
+    common.warn_if_compiling('simulator')
     make_folder(folder)
     moved = motion_for(rig, contact=True, brief=True)
     for i, (name, effects) in enumerate((('sound', {}), ('late', LATE))):
         recording = simulate(with_effects(rig, effects) if effects else rig, moved.target,
-                             seed=args.seed + i)
+                             seed=seed + i)
         write_recording(folder / name, replace(
             recording, phases=moved.phases, start_ns=BEGUN))
-    say(f'written to {folder}: sound, late ({moved.target.t[-1]:.0f} s each)')
-    say(f'try: forcecal calibrate {folder}/sound -o calibration.yaml')
-    say(f'try: forcecal diagnose {folder}/late -o diagnosis')
-    return 0
+    return (f'sound, late ({moved.target.t[-1]:.0f} s each)',
+            f'calibrate {folder}/sound -o calibration.yaml',
+            f'diagnose {folder}/late -o diagnosis')
 
 
-def _rigid_arm(args: argparse.Namespace) -> int:
+def _rigid_arm(folder: Path, seed: int) -> tuple[str, ...]:
+    """Write recordings of an arm and its model; return as :func:`_rig` does."""
     from importlib.resources import files
 
     from forcecal_ros.io.bags import write_recording
     from forcecal_ros.sim.mujoco import load_mujoco
     from forcecal_ros.sim.third_party import third_party
 
-    folder = Path(args.output)
     source = files('forcecal_ros') / 'config' / 'examples' / 'rigid_arm.xml'
     model = folder / source.name
     arm = third_party(str(model), load_mujoco(str(source)))
@@ -207,21 +209,21 @@ def _rigid_arm(args: argparse.Namespace) -> int:
     write_text(model, source.read_text())
     for i, (name, factors) in enumerate((
             ('sound', dict.fromkeys(HEAVIER, 1.0)), ('heavier', HEAVIER))):
-        recording = recorded(arm, factors, args.seed + i, motion=args.seed)
+        recording = recorded(arm, factors, seed + i, motion=seed)
         write_recording(folder / name, replace(recording, start_ns=BEGUN))
-    say(f'written to {folder}: {source.name}, sound, heavier')
-    say(f'try: forcecal diagnose {folder}/heavier --simulated {folder}/sound -o two_bags')
-    say(f'try: forcecal diagnose {folder}/heavier --mujoco {model} -o diagnosis')
-    return 0
+    return (f'{source.name}, sound, heavier',
+            f'diagnose {folder}/heavier --simulated {folder}/sound -o two_bags',
+            f'diagnose {folder}/heavier --mujoco {model} -o diagnosis')
 
 
-def _insitu(args: argparse.Namespace) -> int:
+def _insitu(folder: Path, seed: int) -> tuple[str, ...]:
+    """Write tables of a limb and what they are; return as :func:`_rig` does."""
     from io import StringIO
 
     import yaml
 
-    folder, columns = Path(args.output), ('t', *(f'raw{k}' for k in range(6)), 'ax', 'ay', 'az')
-    files, rng = {}, np.random.default_rng(args.seed)
+    columns = ('t', *(f'raw{k}' for k in range(6)), 'ax', 'ay', 'az')
+    files, rng = {}, np.random.default_rng(seed)
     for name, load in LOADS.items():
         table = StringIO()
         np.savetxt(table, record(load, rng), fmt='%.6g', delimiter=',', header=','.join(columns),
@@ -237,32 +239,30 @@ def _insitu(args: argparse.Namespace) -> int:
                       for name, load in LOADS.items()]}
     files['spec.yaml'] = yaml.safe_dump(document, sort_keys=False)
     write_results(folder, files)
-    say(f'written to {folder}: {", ".join(files)}')
-    say(f'try: forcecal insitu {folder}/spec.yaml -o limb')
-    return 0
+    return ', '.join(files), f'insitu {folder}/spec.yaml -o limb'
 
 
-def _shaken(args: argparse.Namespace) -> int:
+def _shaken(folder: Path, seed: int) -> tuple[str, ...]:
+    """Write a recording of the rig shaken along x; return as :func:`_rig` does."""
     from forcecal_ros.core.streams import PoseStream
     from forcecal_ros.impedance.plant_fit import excitation_commands
     from forcecal_ros.io.bags import write_recording
     from forcecal_ros.sim.rig.file import load_rig
-    from forcecal_ros.sim.rig.simulator import simulate, waits_for_compiler
+    from forcecal_ros.sim.rig.simulator import simulate
 
-    rig, folder = load_rig(), Path(args.output)
-    warn_if_compiling(waits_for_compiler(), 'the simulator')
+    rig = load_rig()
+    common.warn_if_compiling('simulator')
     R, period = rig.home.R_base_sensor, rig.robot.period
     # length of the recording that is shaken [s]: enough for the model to choose its order by
-    along_x = excitation_commands(30.0, period, seed=args.seed)
+    along_x = excitation_commands(30.0, period, seed=seed)
     t = np.arange(len(along_x), dtype=float) * period
     recording = simulate(rig, PoseStream(
         t, rig.home.position + np.outer(along_x, R[:, 0]), np.broadcast_to(R, (len(t), 3, 3))),
-        seed=args.seed)
+        seed=seed)
     make_folder(folder)
     write_recording(folder / 'shaken', replace(recording, contact_truth=None, start_ns=BEGUN))
-    say(f'written to {folder}: shaken ({t[-1]:.0f} s)')
-    say(f'try: forcecal fit-rig {folder}/shaken --for impedance -o plant.yaml')
-    return 0
+    return (f'shaken ({t[-1]:.0f} s)',
+            f'fit-rig {folder}/shaken --for impedance -o plant.yaml')
 
 
 KINDS = {'rig': _rig, 'rigid_arm': _rigid_arm, 'insitu': _insitu, 'shaken': _shaken}

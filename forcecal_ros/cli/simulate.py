@@ -3,22 +3,13 @@
 import argparse
 from typing import Any
 
-from forcecal_ros.cli.common import (
-    add_sensor_pose,
-    add_topics,
-    new_parser,
-    read,
-    show,
-    warn_if_compiling,
-    whole,
-)
-from forcecal_ros.cli.outputs import add_output, RECORDING
+from forcecal_ros.cli import common
 
 
 def add_parser(subparsers: Any) -> None:
     """Declare the command."""
-    parser = new_parser(
-        subparsers, 'simulate',
+    parser = common.new_parser(
+        subparsers, 'simulate', inputs=('commands', 'rig'),
         example='forcecal simulate --commands my_bag -o simulated_bag')
     parser.add_argument('--commands', metavar='BAG', required=True,
                         help='recording whose target_frame is replayed')
@@ -27,13 +18,11 @@ def add_parser(subparsers: Any) -> None:
                              'package (default: rig.yaml)')
     parser.add_argument('--accelerometer', choices=('acc1', 'acc2'),
                         help='which one is mounted (default: as in the rig)')
-    parser.add_argument('--seed', type=whole, default=0, help='of the sensor noise')
+    parser.add_argument('--seed', type=common.whole, default=0, help='of the sensor noise')
     parser.add_argument('--noise-free', action='store_true', help='leave the sensor noise out')
-    add_output(parser, '-o', '--output', kind=RECORDING, metavar='OUT_BAG', required=True,
-               help='recording to write; an earlier one is kept as OUT_BAG~')
-    add_topics(parser)
-    add_sensor_pose(parser)
-    parser.set_defaults(run=run, inputs=('commands', 'rig'))
+    common.add_output(parser, '-o', '--output', kind='recording', metavar='OUT_BAG', required=True,
+                      help='recording to write; an earlier one is kept as OUT_BAG~')
+    common.add_streams(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -45,15 +34,15 @@ def run(args: argparse.Namespace) -> int:
     from forcecal_ros.core.topics import require
     from forcecal_ros.io.bags import write_recording
     from forcecal_ros.sim.rig.file import load_rig
-    from forcecal_ros.sim.rig.simulator import simulate, waits_for_compiler
+    from forcecal_ros.sim.rig.simulator import simulate
 
     rig = load_rig(args.rig)
-    commands = read(args, args.commands)
+    commands = common.read(args, args.commands)
     require(commands, ['target'])
     commands = checked(replace(Recording(), target=commands.target, phases=commands.phases,
                                start_ns=commands.start_ns)).recording
     assert commands.target is not None
-    warn_if_compiling(waits_for_compiler(), 'the simulator')
+    common.warn_if_compiling('simulator')
     simulated = simulate(rig, commands.target, accelerometer=args.accelerometer,
                          noise=not args.noise_free, seed=args.seed)
     write_recording(args.output, replace(
@@ -62,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
         'wrench', 'accelerometer', 'optidrive', 'pose', 'target', 'contact_truth')
         if (stream := getattr(simulated, role)) is not None}
     seconds = commands.target.t[-1] - commands.target.t[0]
-    show(args, {'output': args.output, 'samples': samples},
-         f'{args.output}: {seconds:.1f} s of commands simulated; '
-         + ', '.join(f'{n} {role}' for role, n in samples.items()))
+    common.show(args, {'output': args.output, 'samples': samples},
+                f'{args.output}: {seconds:.1f} s of commands simulated; '
+                + ', '.join(f'{n} {role}' for role, n in samples.items()))
     return 0

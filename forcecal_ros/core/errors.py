@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import copyreg
 from pathlib import Path
 import re
+from traceback import extract_tb
 from types import TracebackType
 from typing import Any
 
@@ -69,7 +70,9 @@ below = above
 KINDS: dict[str, str] = {
     # the command line, and what it needs
     'FC0001': 'cli',
-    'FC0002': 'cli.outputs core.files io.bags.write',
+    'FC0002':
+        'cli.common:check_outputs cli.common:_check_output cli.common:refuse_inputs core.files '
+        'io.bags.write',
     'FC0003':
         'ModuleNotFoundError cli.common:needs_ros cli.many:_on_cluster sim.mujoco:load_mujoco '
         'nodes.inputs:transform_type nodes.runtime:starting',
@@ -206,17 +209,13 @@ def with_id(error: BaseException, message: str = '') -> str:
 
 def _places(at: TracebackType | None, about: str) -> Iterator[str]:
     """Yield where an error passed, from the innermost function on, and the packages around it."""
-    frames = []
-    while at is not None:
-        path = Path(at.tb_frame.f_code.co_filename)
+    for frame in reversed(extract_tb(at)):
+        path = Path(frame.filename)
         if path.is_relative_to(_PACKAGE):
-            module = '.'.join(path.relative_to(_PACKAGE).with_suffix('').parts)
-            frames.append((module, at.tb_frame.f_code.co_name))
-        at = at.tb_next
-    for module, function in reversed(frames):
-        yield from (f'{module}:{function}/{about}', f'{module}:{function}')
-        parts = module.split('.')
-        yield from ('.'.join(parts[:n]) for n in range(len(parts), 0, -1))
+            parts = path.relative_to(_PACKAGE).with_suffix('').parts
+            function = f'{".".join(parts)}:{frame.name}'
+            yield from (f'{function}/{about}', function)
+            yield from ('.'.join(parts[:n]) for n in range(len(parts), 0, -1))
 
 
 _ID_AT = {place: id_ for id_, places in KINDS.items() for place in places.split(' ')}

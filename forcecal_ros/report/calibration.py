@@ -1,6 +1,6 @@
 """The report of a calibration as one HTML page, its quality figures as sentences."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from forcecal_ros.core.axes import in_axes_of_pose, levelled
@@ -213,7 +213,8 @@ def in_words(quality: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
             f'{sizes(quality["residual_rms"][3:], "N m")} RMS (x, y, z) between the poses and one '
             'rigid tool.')
     if 'condition' in quality:
-        yield 'Poses', (f'{_number_of(quality.get("poses", ()))}condition '
+        count = f'{len(quality["poses"])}; ' if quality.get('poses') else ''
+        yield 'Poses', (f'{count}condition '
                         f'{rounded(float(quality["condition"]))} (1 is best): how well the poses '
                         'tell mass, centre of mass and bias apart.')
     if 'chi_square' in quality:
@@ -257,10 +258,6 @@ def _rejection(test: Mapping[str, Any]) -> str:
             f'{sizes(one["off"][3:], "N m")} (x, y, z), {size(float(one["mass_eq23"]), "kg", 2)} '
             f'by Eq. 23 (probability {rounded(float(one["probability"]), 2)}, limit {limit} for '
             'all poses). Measure it again.')
-
-
-def _number_of(poses: Sequence[Any]) -> str:
-    return f'{len(poses)}; ' if poses else ''
 
 
 def _sentence(words: str) -> str:

@@ -9,13 +9,13 @@ from forcecal_ros.core.calibration import Calibration, Estimate
 from forcecal_ros.core.quantity import HALF
 from forcecal_ros.core.schema import plain
 from forcecal_ros.report.rows import (
-    aligned,
     estimates,
     FINEST,
     handy,
     number,
     Row,
     rows,
+    ruled,
     value,
     WRENCH_AXES,
 )
@@ -190,8 +190,7 @@ def as_text(comparison: Comparison) -> str:
     body = [[c.first.name, value(c.first), value(c.second), _change(c),
              '-' if c.sigmas is None else f'{c.sigmas:+.1f}',
              '' if c.first.unit == '1' else c.first.unit] for c in changes]
-    rule = ['-' * max(len(line[i]) for line in [head, *body]) for i in range(len(head))]
-    lines = [*aligned([head, rule, *body], left=(0, 5)), '']
+    lines = [*ruled(head, body, left=(0, 5)), '']
     lines += [f'{key}: {_word(a)}, then {_word(b)}' for key, (a, b) in
               comparison.settings.items()]
     lines += [f'only in the {which}: {", ".join(keys)}' for which, keys in (

@@ -10,7 +10,7 @@ from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.autoregression import fit_autoregression
 from forcecal_ros.core.quantity import beside, rounded, size, with_error
 from forcecal_ros.core.streams import Phase
-from forcecal_ros.diagnose.dataset import Blocks, CHANNELS, STAGES, units
+from forcecal_ros.diagnose.dataset import CHANNELS, STAGES, units
 from forcecal_ros.diagnose.engine import Outcome
 from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, instants, NamedEffect
 from forcecal_ros.diagnose.localise import BANDS, BLOCK_RATE, time_frequency_bins, TimeFrequencyBin
@@ -21,7 +21,7 @@ from forcecal_ros.effects import EFFECTS
 from forcecal_ros.report.effect_words import phrase, sentence, sizes, VERDICTS, WORDS
 from forcecal_ros.report.figures import COLOURS, joined, label_log_axes, Line, Panel, Shown
 from forcecal_ros.report.page import docs_link, Fact, Picture, picture, render_page, Step
-from forcecal_ros.sim.signals import JOINTS, Signals
+from forcecal_ros.sim.signals import block_means, JOINTS, Signals
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
@@ -150,26 +150,19 @@ def view_of(outcome: Outcome, advice: str, of_channels: dict[str, str]) -> View:
     dataset = outcome.datasets[-1]
     present = dataset.measured.present
     nominal = dataset.measured.residual(dataset.nominal)
-    measured = np.where(present, _means(dataset.nominal, len(dataset.groups)) + nominal, np.nan)
-    return View(outcome.diagnosis, advice, of_channels, dataset.times, dataset.phases,
-                dataset.groups, present, measured, nominal, outcome.recalibrated[-1],
-                outcome.explained[-1],
-                _cells(dataset, present, outcome.recalibrated[-1], outcome.explained[-1]))
-
-
-def _cells(dataset: Blocks, present: NDArray[np.bool_], before: Array, after: Array
-           ) -> tuple[TimeFrequencyBin, ...]:
+    measured = np.where(present, _means(dataset.nominal) + nominal, np.nan)
+    before, after = outcome.recalibrated[-1], outcome.explained[-1]
     noise = fit_autoregression(after, present, dataset.groups)
-    return tuple(time_frequency_bins(dataset, noise, before))
+    return View(outcome.diagnosis, advice, of_channels, dataset.times, dataset.phases,
+                dataset.groups, present, measured, nominal, before, after,
+                tuple(time_frequency_bins(dataset, noise, before)))
 
 
-def _means(s: Signals, n: int) -> Array:
+def _means(s: Signals) -> Array:
     """Block means of what noise-free sensors say; turns, which are differences, as zero."""
-    length, joints = len(s.wrench), s.joints
-    rows = np.concatenate([s.wrench, s.volts, s.optidrive[:, np.newaxis], s.position,
-                           np.zeros((length, 3)),
-                           np.zeros((length, JOINTS)) if joints is None else joints], axis=1)
-    return np.asarray(rows.reshape(n, -1, rows.shape[1]).mean(axis=1))
+    joints = np.zeros((len(s.wrench), JOINTS)) if s.joints is None else s.joints
+    return block_means(np.column_stack([
+        s.wrench, s.volts, s.optidrive, s.position, np.zeros_like(s.position), joints]))
 
 
 NAMED = ('identified', 'ambiguous', 'partial')
@@ -253,7 +246,8 @@ def _but(d: Diagnosis) -> Iterator[str]:
     others = [n for n, _ in d.candidates if n not in {e.name for e in d.effects} | {'unknown'}]
     if d.verdict == 'ambiguous' and others:
         these = 'this' if len(others) == 1 else 'each of these'
-        yield f'But {these} may be the cause instead: {_listed(others)}.'
+        named = '; '.join(map(_explained_name, others))
+        yield f'But {these} may be the cause instead: {named}.'
     if d.verdict == 'partial':
         yield 'The residual has another cause, too.'
 
@@ -452,10 +446,6 @@ def _called(name: str, named: Collection[str]) -> str:
         return 'none of the known effects'
     text = phrase(name)
     return name if name in named or name in text else f'{name} ({text})'
-
-
-def _listed(names: Sequence[str]) -> str:
-    return '; '.join(map(_explained_name, names))
 
 
 def _explained_name(name: str) -> str:

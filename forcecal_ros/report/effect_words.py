@@ -73,10 +73,11 @@ def sentence(effect: NamedEffect) -> str:
 
 def sizes(effect: NamedEffect) -> str:
     """List the numbers of an effect that are beyond chance, or all if none is, and a frequency."""
-    real = {k: p for k, p in effect.parameters.items() if not _shapes(effect.name, k)}
+    known = _quantities(effect.name)
+    real = {k: p for k, p in effect.parameters.items() if k not in known or not known[k].shapes}
     # standard errors from which a number is one of those: 95 % of chance stays below
-    sure = {k: p for k, p in real.items()
-            if p.at_bound or abs(p.value - _nominal(effect.name, k)) > 2.0 * p.std}
+    sure = {k: p for k, p in real.items() if p.at_bound or abs(
+        p.value - (known[k].nominal if k in known else 0.0)) > 2.0 * p.std}
     shown = {**(sure or real or effect.parameters),
              **{k: p for k, p in effect.parameters.items() if k == 'frequency'}}
     return ', '.join(f'{_called(k)} {number(effect.name, k, p)}' for k, p in shown.items())
@@ -84,8 +85,8 @@ def sizes(effect: NamedEffect) -> str:
 
 def number(effect: str, name: str, p: Parameter) -> str:
     """Write a number of an effect; one that only shapes it is not in percent."""
-    plain = _shapes(effect, name) or effect not in WORDS
     known = _quantities(effect).get(name)
+    plain = effect not in WORDS or (known is not None and known.shapes)
     signed = known is None or known.low < 0.0 <= known.high
     text = quantity(p.value, 0.0 if p.at_bound else p.std, '' if p.unit == '1' and plain
                     else p.unit, signed=signed and not plain).strip()
@@ -97,14 +98,5 @@ def _called(name: str) -> str:
 
 
 def _quantities(effect: str) -> dict[str, Quantity]:
+    """Return the numbers of an effect of the library, by name."""
     return {q.name: q for q in EFFECTS[effect].parameters} if effect in EFFECTS else {}
-
-
-def _shapes(effect: str, name: str) -> bool:
-    known = _quantities(effect).get(name)
-    return bool(known and known.shapes)
-
-
-def _nominal(effect: str, name: str) -> float:
-    known = _quantities(effect).get(name)
-    return float(known.nominal) if known else 0.0

@@ -35,11 +35,8 @@ DASHED = 'other'
 MOST_POINTS = 2400
 """Most points of a line: more than two for each dot across a page."""
 
-AXES_IN = {False: 8.05, True: 3.45}
-"""Width of the axes on a page of 9 in, and on a phone of 4.4 in [in]."""
-
-LETTER_IN = 0.058
-"""Width of a letter of a phase's name, in 7 points [in]: a name is shown where it has room."""
+LETTER_FRACTION = 0.0072
+"""Width of a letter of a phase's name, of that of the axes: a name is shown where it has room."""
 
 
 class Line(NamedTuple):
@@ -128,30 +125,16 @@ def thinned(t: Array, values: Array) -> tuple[Array, Array]:
     return t[index], values[index]
 
 
-def narrowed(figure: Figure) -> Figure:
-    """Lay out a figure anew for a phone: two axes next to each other at most, or one of two."""
-    axes: list[Any] = figure.axes
-    grid = axes[0].get_gridspec()
-    columns = min(grid.ncols, 1 + (grid.ncols > 2))
-    rows = -(-len(axes) // columns)
-    figure.set_size_inches(4.4, rows * min(figure.get_figheight() / grid.nrows,
-                                             0.9 + 3.0 / columns))
-    places = figure.add_gridspec(rows, columns)
-    for i, one in enumerate(axes):
-        one.set_subplotspec(places[divmod(i, columns)])
-    return figure
-
-
-def drawn(shown: Shown, *, narrow: bool = False) -> Figure:
-    """Draw a picture, the legend above the panels; narrow: for a phone."""
+def drawn(shown: Shown) -> Figure:
+    """Draw a picture, the legend above the panels."""
     n = len(shown.panels)
     shown = shown._replace(start=shown.visible[0], end=shown.visible[1])
-    top, height, width = 0.5 + 0.25 * narrow, 0.9 + 0.2 * narrow + 1.9 * n, AXES_IN[narrow] + 0.95
+    height, width = 0.9 + 1.9 * n, 9.0
     figure = Figure(figsize=(width, height))
     # margins as wide as any label, in inches: to measure all labels takes a third of drawing them
     rows = list(np.atleast_1d(figure.subplots(n, 1, sharex=True, gridspec_kw={
         'left': 0.85 / width, 'right': 1.0 - 0.1 / width, 'bottom': 0.5 / height,
-        'top': 1.0 - top / height, 'hspace': 0.12})))
+        'top': 1.0 - 0.5 / height, 'hspace': 0.12})))
     figure.align_ylabels(rows)
     for axes, panel in zip(rows, shown.panels):
         for line in panel.lines:
@@ -164,13 +147,13 @@ def drawn(shown: Shown, *, narrow: bool = False) -> Figure:
         axes.set_ylabel(f'{panel.title} [{panel.unit}]')
         axes.spines[['top', 'right']].set_visible(False)
         axes.margins(x=0)
-        _shade(axes, shown, axes is rows[0], narrow)
+        _shade(axes, shown, labelled=axes is rows[0])
     rows[-1].set_xlabel('time [s]')
     rows[0].set_xlim(shown.start, shown.end)
     lines = {label: line for axes in rows
              for line, label in zip(*axes.get_legend_handles_labels())}
     if len(lines) > 1:
-        figure.legend(lines.values(), lines.keys(), loc='upper left', ncols=2 if narrow else 4,
+        figure.legend(lines.values(), lines.keys(), loc='upper left', ncols=4,
                       frameon=False, fontsize=9)
     return figure
 
@@ -183,15 +166,15 @@ def background(shown: Shown) -> str:
     return f'Background: {"; ".join(tints)}.' if tints else ''
 
 
-def _has_room(phase: str, share: float, narrow: bool) -> bool:
-    return share * AXES_IN[narrow] > LETTER_IN * len(phase)
+def _has_room(phase: str, share: float) -> bool:
+    return share > LETTER_FRACTION * len(phase)
 
 
-def _shade(axes: Axes, shown: Shown, labelled: bool, narrow: bool) -> None:
+def _shade(axes: Axes, shown: Shown, *, labelled: bool) -> None:
     for phase, start, end in _visible(shown):
         if kind(phase):
             axes.axvspan(start, end, color=TINTS[kind(phase)], alpha=0.13, linewidth=0)
-        if labelled and _has_room(phase, (end - start) / (shown.end - shown.start), narrow):
+        if labelled and _has_room(phase, (end - start) / (shown.end - shown.start)):
             axes.text(0.5 * (start + end), 1.0, phase, transform=axes.get_xaxis_transform(),
                       ha='center', va='bottom', fontsize=7, color='#555555')
     for at in shown.instants:
@@ -272,10 +255,8 @@ def _shapes(shown: Shown) -> Iterator[dict[str, Any]]:
 def _labels(shown: Shown) -> Iterator[dict[str, Any]]:
     first, last = shown.visible
     for phase, start, end in _visible(shown._replace(start=first, end=last)):
-        share = (end - start) / (last - first)
-        if _has_room(phase, share, narrow=False):
-            yield {'name': phase if _has_room(phase, share, narrow=True) else '', 'text': phase,
-                   'x': 0.5 * (start + end), 'xref': 'x', 'y': 1, 'yref': 'paper',
+        if _has_room(phase, (end - start) / (last - first)):
+            yield {'text': phase, 'x': 0.5 * (start + end), 'xref': 'x', 'y': 1, 'yref': 'paper',
                    'showarrow': False, 'yanchor': 'bottom',
                    'font': {'size': 10, 'color': 'var(quiet)'}}
 
@@ -336,8 +317,8 @@ def pose_means(recording: Recording, calibration: Calibration) -> Figure | None:
 
 def step_fit(recording: Recording, calibration: Calibration) -> Figure | None:
     """Draw the step: sensor force along x, mass times acceleration, and the residual."""
-    force, f, span = recording.wrench, specific_force(recording, calibration), \
-        step_phase(recording)
+    force, span = recording.wrench, step_phase(recording)
+    f = specific_force(recording, calibration)
     if force is None or f is None or span is None:
         return None
     part = force.between(span.start, span.end)
@@ -360,10 +341,9 @@ def step_fit(recording: Recording, calibration: Calibration) -> Figure | None:
 def accelerometer_regression(recording: Recording, calibration: Calibration) -> Figure | None:
     """Draw voltage against specific force from the wrench, [Gamez2005] Eq. 17 as a picture."""
     wrench, raw, sensor = recording.wrench, recording.accelerometer, calibration.accelerometer
-    if wrench is None or raw is None or sensor is None or step_phase(recording) is None:
-        return None
     span = step_phase(recording)
-    assert span is not None
+    if wrench is None or raw is None or sensor is None or span is None:
+        return None
     part = raw.between(span.start, span.end)
     if len(part) < 2:
         return None

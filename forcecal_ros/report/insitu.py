@@ -136,16 +136,11 @@ WORDS = {
 }
 
 
-def figures(result: SensorResult) -> dict[str, Figure]:
-    """Draw the pictures of one sensor, by title."""
-    drawn = {'forces': force_clouds(result), 'subspace': subspace_clouds(result),
-             'singular_values': singular_values(result)}
-    return {title: figure for title, figure in drawn.items() if figure is not None}
-
-
 def pictures(result: SensorResult) -> dict[str, bytes]:
     """Return the pictures of one sensor as PNG by title."""
-    return {title: png(figure) for title, figure in figures(result).items()}
+    drawn = {'forces': force_clouds(result), 'subspace': subspace_clouds(result),
+             'singular_values': singular_values(result)}
+    return {title: png(figure) for title, figure in drawn.items() if figure is not None}
 
 
 def render(results: Sequence[SensorResult], drawn: Mapping[str, Mapping[str, bytes]],
@@ -166,8 +161,8 @@ def render(results: Sequence[SensorResult], drawn: Mapping[str, Mapping[str, byt
         'name': r.name, 'warnings': r.warnings, 'headline': conclusion(r),
         'facts': list(_facts(r, written.get(r.name, ''))),
         'tone': 'warn' if r.warnings else 'good', 'tables': list(tables(r)),
-        'figures': [picture(title.replace('_', ' ').capitalize(), WORDS[title], figure,
-                            image=drawn[r.name][title]) for title, figure in figures(r).items()],
+        'figures': [picture(title.replace('_', ' ').capitalize(), WORDS[title], image)
+                    for title, image in drawn[r.name].items()],
     } for r in results]
     return render_page('insitu.html.j2', 'In-situ calibration', origin=origin, sensors=sensors,
                        pages=[docs_link('how-to/insitu', 'in-situ calibration')])

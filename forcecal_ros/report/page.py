@@ -1,7 +1,7 @@
 """Reports as pages: one HTML file each without network, everything in it escaped."""
 
 import base64
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from datetime import datetime, timezone
 from functools import cache
 import gzip
@@ -13,7 +13,7 @@ from urllib.parse import quote
 
 from forcecal_ros import __version__
 from forcecal_ros.core.streams import Recording
-from forcecal_ros.report.figures import background, drawn, live, narrowed, Shown
+from forcecal_ros.report.figures import background, drawn, live, Shown
 import jinja2
 from matplotlib.figure import Figure
 
@@ -77,34 +77,26 @@ class Picture(NamedTuple):
         The picture as text; it is printed, and shown where nothing can zoom.
     live : dict or None
         The same as a plot that zooms; empty where plotly is missing.
-    narrow : str
-        The same for a phone, as text; empty: as it is.
     """
 
     title: str
     words: str
     png: str
     live: dict[str, Any] | None = None
-    narrow: str = ''
 
 
-def picture(title: str, words: str, what: Figure | Shown, dpi: int = 110,
-            image: bytes = b'') -> Picture:
-    """Make a picture of a figure, whose PNG may be there, or of what is shown over time."""
+def picture(title: str, words: str, what: Figure | Shown | bytes, dpi: int = 110) -> Picture:
+    """Make a picture of a figure, of its PNG, or of what is shown over time."""
     if isinstance(what, Shown):
-        zooms, words = _plotly() is not None, f'{words} {background(what)}'.strip()
-        return Picture(title, words, _embedded(png(drawn(what), dpi)), live(what) if zooms else {},
-                       '' if zooms else _embedded(png(drawn(what, narrow=True), 160)))
-    return Picture(title, words, _embedded(image or png(what, dpi)),
-                   narrow=_embedded(png(narrowed(what), 160)))
+        return Picture(title, f'{words} {background(what)}'.strip(),
+                       _embedded(png(drawn(what), dpi)), live(what) if _plotly() else {})
+    return Picture(title, words, _embedded(what if isinstance(what, bytes) else png(what, dpi)))
 
 
 def render_page(template: str, title: str, **context: Any) -> str:
     """Fill in a template of this folder; everything that is given is escaped."""
-    zooms = any(one.live is not None for one in _pictures(context))
     return PAGES.get_template(template).render(
-        title=title, version=__version__, zooms=zooms, plotly=_plotly() if zooms else None,
-        **context)
+        title=title, version=__version__, plotly=_plotly, **context)
 
 
 def png(figure: Figure, dpi: int = 110) -> bytes:
@@ -120,16 +112,6 @@ def docs_link(name: str, word: str) -> tuple[str, str]:
     found = next((page.as_uri() for page in pages if page.is_file()), '')
     return (word, f'{found}#:~:text={quote(word)}') if found else (
         f'docs/{name}.md in the sources of forcecal_ros', '')
-
-
-def _pictures(context: Any) -> Iterator[Picture]:
-    if isinstance(context, Picture):
-        yield context
-    elif isinstance(context, dict):
-        yield from _pictures(list(context.values()))
-    elif isinstance(context, list):
-        for one in context:
-            yield from _pictures(one)
 
 
 @cache

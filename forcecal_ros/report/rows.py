@@ -147,8 +147,7 @@ def as_text(shown: list[Row]) -> str:
             cells += [true_value(row),
                       '' if sigmas is None or negligible(row) else f'{sigmas:+.1f} sigma']
         body.append(cells)
-    rule = ['-' * max(len(line[i]) for line in [head, *body]) for i in range(len(head))]
-    return '\n'.join(aligned([head, rule, *body], left=(0, 3)))
+    return '\n'.join(ruled(head, body, left=(0, 3)))
 
 
 def handy(row: Row, beside: float = 0.0) -> Row:
@@ -194,6 +193,12 @@ def number(x: float, std: float) -> str:
         return rounded(x)
     decimals = min(MOST_DECIMALS, decimals_of(std))
     return f'{round(x, decimals) + 0.0:.{decimals}f}'  # + 0.0: no minus before a zero
+
+
+def ruled(head: Sequence[str], body: Sequence[Sequence[str]], left: Container[int]) -> list[str]:
+    """Return a table as :func:`aligned` does, a rule below its head."""
+    rule = ['-' * max(map(len, column)) for column in zip(head, *body)]
+    return aligned([head, rule, *body], left)
 
 
 def aligned(rows: Sequence[Sequence[str]], left: Container[int] = (0,)) -> list[str]:

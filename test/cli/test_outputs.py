@@ -84,7 +84,6 @@ def everything_in(folder):
     ('estimate', 'no_bag', '--calibration', 'no.yaml', '-o', 'x', '--bandwidth', '9',
      '--filter', 'newton'),
     ('estimate', 'no_bag', '-o', 'x', '--payload', '1', '--orientation', 'pose'),
-    ('estimate', 'no_bag', '-o', 'x', '--filter', 'static', '--rise-time', '0.1'),
     ('simulate', '--commands', 'no_bag', '-o', 'x', '--seed', '-1'),
     ('simulate', '--commands', 'no_bag', '-o', 'no/x'),
     ('demo', '--seed', '-1'),

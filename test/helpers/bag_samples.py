@@ -1,13 +1,11 @@
 """Small recordings for tests, written by rosbags alone."""
 
-from pathlib import Path
 
 from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream
 import numpy as np
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 from scipy.spatial.transform import Rotation
-import yaml
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 START_NS = 1_700_000_000_123_456_789
@@ -67,38 +65,6 @@ def copy_bag(source, target, storage, mode, shuffle=None):
             messages = [messages[i] for i in shuffle.permutation(len(messages))]
         for connection, log_ns, data in messages:
             bag.write(connections[connection.id], log_ns, data)
-    return target
-
-
-def split_bag(source, target, storage, parts=3):
-    """Write a bag again in several files, as ``ros2 bag record`` splits it."""
-    with Reader(source) as reader:
-        topics = {one.topic: one.msgtype for one in reader.connections}
-        messages = list(reader.messages())
-    size = -(-len(messages) // parts)
-    target.mkdir()
-    files, counts = [], dict.fromkeys(topics, 0)
-    for k in range(parts):
-        part = target.with_name(f'part_{k}')
-        with Writer(part, version=9, storage_plugin=storage) as bag:
-            connections = {topic: bag.add_connection(topic, kind, typestore=STORE)
-                           for topic, kind in topics.items()}
-            for connection, log_ns, data in messages[k * size:(k + 1) * size]:
-                bag.write(connections[connection.topic], log_ns, data)
-                counts[connection.topic] += 1
-        about = yaml.safe_load((part / 'metadata.yaml').read_text())
-        about = about['rosbag2_bagfile_information']
-        (file,) = about['files']
-        name = f'{target.name}_{k}{Path(file["path"]).suffix}'
-        (part / file['path']).rename(target / name)
-        files.append({**file, 'path': name})
-    for topic in about['topics_with_message_count']:
-        topic['message_count'] = counts[topic['topic_metadata']['name']]
-    about |= {'files': files, 'relative_file_paths': [file['path'] for file in files],
-              'message_count': len(messages), 'starting_time': files[0]['starting_time'],
-              'duration': {'nanoseconds': messages[-1][1] - messages[0][1]}}
-    (target / 'metadata.yaml').write_text(
-        yaml.safe_dump({'rosbag2_bagfile_information': about}))
     return target
 
 

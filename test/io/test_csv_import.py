@@ -45,7 +45,7 @@ def run_import(specification, bag, *options, topics=None):
     parser = argparse.ArgumentParser()
     import_csv.add_parser(parser.add_subparsers())
     args = parser.parse_args(['import', str(specification), '-o', str(bag), *map(str, options)])
-    assert args.run(args) == 0
+    assert import_csv.run(args) == 0
     return read_recording(bag, topics)
 
 
