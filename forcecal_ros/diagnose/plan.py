@@ -112,10 +112,9 @@ def excitation(rig: Rig, target: PoseStream, phases: tuple[Phase, ...]) -> Excit
     found = hypotheses(p)
     information, parts = _information(p, found)
     shown = [_visibility(h, information, parts[h.name]) for h in found]
-    accelerometer = p.datasets[0].simulation.accelerometer
     there = {h.name for h in found}
     for name, effect in EFFECTS.items():
-        if name not in there and applicable(effect, rig, accelerometer):
+        if name not in there and applicable(effect, rig):
             energy = np.nan if name in UNSEEN or name.endswith('saturation') else 0.0
             shown.append(Visibility(name, '', energy, '', energy, effect.excited_by))
     order = list(EFFECTS)

@@ -9,8 +9,8 @@ from forcecal_ros.core.geometry import Array, rotation_from_vector
 from forcecal_ros.core.schema import Row
 from forcecal_ros.effects import AccelerometerEffects, Effect, EFFECTS, physical_rig, Quantity
 from forcecal_ros.effects.library import MOVING
-from forcecal_ros.effects.nuisances import LEAST, Nuisance, of_sensors, scaled, shifted
-from forcecal_ros.effects.rig import Rig
+from forcecal_ros.effects.nuisances import LEAST, Nuisance, of_sensors
+from forcecal_ros.effects.rig import Rig, scaled, shifted
 from forcecal_ros.sim.measured_motion import (
     contact_blocks,
     CONTACT_FORCE_N,

@@ -152,8 +152,8 @@ def test_laid_on_a_simulated_signal_it_is_as_if_simulated(effect, unit):
 
 @every_effect
 def test_only_effects_of_a_slide_do_not_apply_to_a_rigid_tool(effect):
-    assert applicable(effect, RIG, 'acc1') and applicable(effect, RIG, 'acc2')
-    if applicable(effect, RIGID, 'acc1'):
+    assert applicable(effect, RIG)
+    if applicable(effect, RIGID):
         clean(with_effects(RIGID, typical(effect)), pressing(5))
     else:
         assert effect.stage == 'tool'
