@@ -11,7 +11,6 @@ from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import Phase, Recording, TOUCHING
 from forcecal_ros.effects import Effect
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.effects.signals import FORCES
 from forcecal_ros.sim.signals import BLOCK, block_means, JOINTS, padded, RATE, Signals, Simulation
 import numpy as np
 from numpy.typing import NDArray
@@ -222,10 +221,6 @@ class MeasuredBlocks:
         """Measured less simulated of one stream, sample by sample, shape (n, columns)."""
         return self._rows(name, self._streams[name], signals)
 
-    def values(self, name: str) -> Array:
-        """Return the measured samples of one stream, shape (n, columns)."""
-        return self._streams[name].values
-
     def _rows(self, name: str, stream: _Stream, signals: Signals) -> Array:
         if name != 'pose':
             return np.asarray(stream.values - _at(_simulated(name, signals), stream))
@@ -282,14 +277,9 @@ def _lagrange(x: Array) -> Array:
 REST_AFTER_BLOCKS = 50
 """Blocks without motion before it counts as standstill."""
 
-HYSTERESIS, SATURATION = 'wrench_hysteresis', 'wrench_saturation'
-"""Effects whose range the recordings themselves narrow."""
+HYSTERESIS = 'wrench_hysteresis'
+"""Effect whose range the recordings themselves narrow."""
 
-RANGE_QUANTILE, RANGE_SIGMA = 0.99, 3.0
-"""
-Share of a channel's readings that are below a limit of its range, give or take so many standard
-deviations of what neighbouring readings differ by: bursts that come after the limit are rarer.
-"""
 
 @dataclass(frozen=True)
 class Dataset:
@@ -367,17 +357,11 @@ def possible_effects(datasets: Sequence[Dataset]) -> Mapping[str, Effect]:
     Narrow the library by what recordings show without a model.
 
     The load's range is twice the width of a hysteresis at least, so that the load can turn for
-    that much: of a wider one only a gain would show. A range has no end that the readings go
-    beyond.
+    that much: of a wider one only a gain would show.
     """
     library = dict(datasets[0].simulation.library)
     if HYSTERESIS in library:
         library[HYSTERESIS] = limit_to_load(datasets, library[HYSTERESIS])
-    if SATURATION in library and all('wrench' in d.measured.streams for d in datasets):
-        least = np.max([_range_reached(d.measured.values('wrench')) for d in datasets], axis=0)
-        library[SATURATION] = _narrowed(library[SATURATION], {
-            name: max(q.low, min(q.high, float(x))) for name, x in zip(FORCES, least)
-            for q in library[SATURATION].parameters if q.name == name})
     return library
 
 
@@ -390,17 +374,6 @@ def limit_to_load(datasets: Sequence[Dataset], effect: Effect) -> Effect:
             high=max(q.low, min(q.high, widest)),
             starts=tuple(s for s in q.starts if s <= widest) or q.starts[:1])
         for q in effect.parameters))
-
-
-def _narrowed(effect: Effect, lowest: Mapping[str, float]) -> Effect:
-    return effect._replace(parameters=tuple(
-        q._replace(low=lowest.get(q.name, q.low)) for q in effect.parameters))
-
-
-def _range_reached(values: Array) -> Array:
-    """Return what the magnitude of each channel reaches, its noise allowed for."""
-    noise = np.diff(values, axis=0).std(axis=0) / np.sqrt(2.0)
-    return np.asarray(np.quantile(np.abs(values), RANGE_QUANTILE, axis=0) - RANGE_SIGMA * noise)
 
 
 def split_by_recording(train: Dataset, held: Dataset) -> tuple[Dataset, Dataset]:

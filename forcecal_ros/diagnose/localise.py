@@ -178,9 +178,6 @@ BANDS = ((0.0, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 8.0), (8.0, 16.0), (16.0, 32.
          (32.0, 62.5), (62.5, 125.0))
 """Octaves [Hz] of the block means."""
 
-BLOCK_RATE = 250.0
-"""Block means a second [Hz]."""
-
 MIN_STRETCH_BLOCKS, MIN_STRETCH_SAMPLES = 50.0, 8
 """Stretch whose spectrum is taken, in blocks: 0.2 s tell octaves from 5 Hz on; its samples."""
 
@@ -281,12 +278,16 @@ def _octaves(white: Array, rows: NDArray[np.bool_], spacing: float) -> tuple[Arr
         power = np.abs(np.fft.rfft(white[i:j])) ** 2 / n
         weight = np.full(len(power), 2.0)
         weight[0] = 1.0
-        frequency = np.arange(len(power)) * BLOCK_RATE / spacing / n
-        for b, (low, high) in enumerate(BANDS):
-            chosen = (frequency >= low) & (frequency < high)
-            energy[b] += float(np.sum((power * weight)[chosen]))
-            dof[b] += float(np.sum(weight[chosen]))
+        frequency = np.arange(len(power)) / (BLOCK * spacing * n)
+        energy += _in_bands(frequency, power * weight)
+        dof += _in_bands(frequency, weight)
     return energy, dof
+
+
+def _in_bands(frequency: Array, values: Array) -> Array:
+    """Sum what lies in each of BANDS."""
+    return np.array([values[(frequency >= low) & (frequency < high)].sum()
+                     for low, high in BANDS])
 
 
 def count_impulses(noise: Autoregression, residual: Array) -> Array:
@@ -474,7 +475,7 @@ def localise(datasets: Sequence[Blocks], noise: list[Autoregression], residual: 
                 sums[key] = sums.get(key, np.zeros(4)) + now
                 there = own.present[rows, c]
                 bands[key] = bands.get(key, np.zeros(len(BANDS))) + _band_energy(
-                    w[1, there], BLOCK_RATE / own.spacing(c))
+                    w[1, there], 1.0 / (BLOCK * own.spacing(c)))
     tested = sorted(((ndtr(-s[0] / np.sqrt(s[1])), key) for key, s in sums.items()
                      if s[1] > 1e-9), key=lambda one: one[0])
     kept = 0
@@ -504,9 +505,6 @@ def _beyond_sensors(white: Array, columns: Array) -> Array:
 
 
 def _band_energy(white: Array, rate: float) -> Array:
-    if not len(white):
-        return np.zeros(len(BANDS))
-    power = np.abs(np.fft.rfft(white)) ** 2
-    frequency = np.arange(len(power)) * rate / len(white)
-    return np.array([power[(frequency >= low) & (frequency < high)].sum()
-                     for low, high in BANDS])
+    """Return the power of a signal in each of BANDS."""
+    power = np.abs(np.fft.rfft(white)) ** 2 if len(white) else np.zeros(0)
+    return _in_bands(np.arange(len(power)) * rate / max(1, len(white)), power)

@@ -13,7 +13,7 @@ from forcecal_ros.diagnose.judge.parameter_errors import (
     with_taken,
 )
 from forcecal_ros.diagnose.result import patched_rig
-from forcecal_ros.diagnose.search.joint_fit import joint_fit_if_finite
+from forcecal_ros.diagnose.search.model_comparison import joint_fit_if_finite
 from forcecal_ros.diagnose.search.posterior import Posterior
 import numpy as np
 

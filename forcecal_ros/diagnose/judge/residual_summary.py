@@ -1,6 +1,6 @@
 """What a fitted model leaves of the recordings, and whether that is more than noise."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import inf
 from typing import NamedTuple
@@ -28,36 +28,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def long_memory_likelihood_ratio(before: LinearisedModel, after: LinearisedModel) -> float:
-    """
-    Log-likelihood that an effect brings where the noise may have a long memory.
-
-    A drift, a cable and the like look as 1/f noise does. So both residuals, whitened by the
-    same filter, may be predicted from the means of their own past (a heterogeneous
-    autoregression) before they are compared.
-
-    Parameters
-    ----------
-    before, after : LinearisedModel
-        Without and with the effect, each at its best fit.
-    """
-    return _likelihood_ratio(before, after, unpredicted)
-
-
 def of_slow_noise(before: LinearisedModel, after: LinearisedModel) -> float:
     """
     Log-likelihood that is gained by following noise whose memory is long, and by that alone.
 
+    A drift, a cable and the like look as 1/f noise does. What they bring is compared with what
+    they bring where both residuals, whitened by the same filter, may be predicted from the means
+    of their own past (a heterogeneous autoregression).
+
     Parameters
     ----------
     before, after : LinearisedModel
-        Without and with what follows it.
+        Without and with what follows it, each at its best fit.
     """
-    def squares(white: Array, rows: NDArray[np.bool_]) -> float:
-        return float(np.sum(white[rows] ** 2))
-
-    return max(0.0, _likelihood_ratio(before, after, squares)
-               - long_memory_likelihood_ratio(before, after))
+    total = 0.0
+    for _, rows, white in _whitened(after, before.residuals, after.residuals):
+        squares = np.sum(white[:, rows] ** 2, axis=1)
+        left = [unpredicted(w, rows) for w in white]
+        total += 0.5 * int(rows.sum()) * float(
+            np.log(squares[0] / squares[1]) - np.log(left[0] / left[1]))
+    return max(0.0, total)
 
 
 def held_out_likelihood_ratio(before: LinearisedModel, after: LinearisedModel) -> float:
@@ -94,16 +84,6 @@ def _whitened(model: LinearisedModel, *residuals: Sequence[Array]
             stack = np.stack([one[:, c] for one in own])
             if rows.any() and not (stack == stack[0]).all():
                 yield i, rows, noise.whiten(stack, c)
-
-
-def _likelihood_ratio(before: LinearisedModel, after: LinearisedModel,
-                      unexplained: Callable[[Array, NDArray[np.bool_]], float]) -> float:
-    """Compare whitened residuals by the squares of each channel that remain unexplained."""
-    total = 0.0
-    for _, rows, white in _whitened(after, before.residuals, after.residuals):
-        rests = [unexplained(w, rows) for w in white]
-        total += 0.5 * int(rows.sum()) * float(np.log(rests[0] / rests[1]))
-    return total
 
 
 _INDEX = {c.name: i for i, c in enumerate(CHANNELS)}
