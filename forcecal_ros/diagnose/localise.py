@@ -191,11 +191,6 @@ class TimeFrequencyBin(NamedTuple):
     excess: float
     z: float
 
-    @property
-    def p(self) -> float:
-        """One-sided probability by chance."""
-        return float(ndtr(-self.z))
-
 
 def time_frequency_bins(dataset: Blocks, noise: Autoregression,
                         residual: Array) -> list[TimeFrequencyBin]:
@@ -438,7 +433,7 @@ def stage_of(channel: str, phase: str, touched: set[str]) -> str:
 
 def localise(datasets: Sequence[Blocks], noise: list[Autoregression], residual: list[Array],
              difference: list[Array], stage: Callable[[str, str, set[str]], str],
-             sensors: Sequence[Sequence[Column]] = ()) -> tuple[Location, ...]:
+             sensors: Sequence[Sequence[Column]]) -> tuple[Location, ...]:
     """
     Locate what a difference between two simulations explains.
 
@@ -448,7 +443,7 @@ def localise(datasets: Sequence[Blocks], noise: list[Autoregression], residual: 
         Measured less the one simulation; the other less the one.
     stage : callable
         (channel, phase, touched channels) -> stage.
-    sensors : sequence of sequence of Column, optional
+    sensors : sequence of sequence of Column
         Of each recording, what one prior std of each sensor's own offset and gain does: of a
         difference counts what they cannot take up.
 
@@ -464,7 +459,7 @@ def localise(datasets: Sequence[Blocks], noise: list[Autoregression], residual: 
         for c in range(len(CHANNELS)):
             if not own.sigma[:, c].any() or not np.abs(d[:, c]).max() > 0.0:
                 continue
-            columns = [one[c].values() for one in (sensors[i] if sensors else ()) if c in one]
+            columns = [one[c].values() for one in sensors[i] if c in one]
             white = own.whiten(np.stack([r[:, c], d[:, c], *columns]), c)
             beyond = _beyond_sensors(white[1], white[2:])
             for word, rows in phases.items():

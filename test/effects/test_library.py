@@ -197,20 +197,17 @@ def test_wrong_effect_is_refused_in_one_line_with_key_unit_and_range(
             with_effects(RIG, effects)
 
 
-def test_effects_compose_in_whatever_order_they_are_named():
+def test_effects_compose_in_whatever_order_they_are_named_and_a_later_one_replaces_its_own():
     one, other = {'wrench_gain': {'fx': 0.1}}, {'tool_mass': {'change': 0.05}}
     both = with_effects(RIG, {**one, **other})
     assert both == with_effects(RIG, {**other, **one})
     assert both == with_effects(with_effects(RIG, one), other)
+    assert with_effects(with_effects(RIG, {'tool_mass': {'change': 0.2}}), other) == with_effects(
+        RIG, other)
     heavier = clean(with_effects(RIG, other), TARGET).wrench.values
     expected = heavier.copy()
     expected[:, 0] += 0.1 * (heavier[:, 0] - RIG.wrench_sensor.bias[0])
     assert clean(both, TARGET).wrench.values == pytest.approx(expected, abs=1e-9)
-
-
-def test_effect_named_again_takes_the_new_values():
-    assert with_effects(having('wrench_delay', delay=0.004), {
-        'wrench_delay': {'delay': 0.002}}) == having('wrench_delay', delay=0.002)
 
 
 def test_noise_does_not_hang_on_effects():

@@ -282,10 +282,10 @@ def measured_gap(model: LinearisedModel, selection: Posterior, summary: Residual
     recalibrated = Explained(model).by_training() if selection.accepted else changed
     final = replace(selection.model, residuals=[
         r - by for r, by in zip(selection.model.residuals, changed)])
-    without_name = 0.0 if selection.accepted else unpredictable(final, summary.strongest, moved)
+    without_name = 0.0 if selection.accepted else unpredictable(final, summary.bins, moved)
     noise = sample_noise(final, errors.of_parameters() + without_name, moved)
     beside = errors.predicted or moved
-    energy = unpredictable(final, summary.strongest, beside)
+    energy = unpredictable(final, summary.bins, beside)
     for i, (dataset, rows) in enumerate(zip(model.datasets, beside)):
         simulated, means = model.signals(i), dataset.measured.of_wrench
         nominal, before = (observed[i].residual(s) for s in (dataset.nominal, simulated))

@@ -9,7 +9,6 @@ from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.autoregression import unpredicted
 from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.localise import (
-    BANDS,
     BIN_SIGMA,
     count_impulses,
     Line,
@@ -104,9 +103,6 @@ a real arm's of 175), and takes off what 1/f noise in all channels of a rig made
 MOSTLY = 0.5
 """Part of a discrepancy's evidence for following slow noise from which it has to be seen again."""
 
-NOWHERE = TimeFrequencyBin(0, 'no phase', BANDS[0], 0.0, 0.0)
-"""Stands for the bins of recordings whose phases are too short for any."""
-
 
 class ResidualSummary(NamedTuple):
     """
@@ -118,8 +114,8 @@ class ResidualSummary(NamedTuple):
         What follows the motion without a name, in each recording.
     size : ndarray, shape (channels,)
         Its RMS in that of the noise, in the worst kind of motion.
-    strongest : list of TimeFrequencyBin
-        The strongest first.
+    bins : list of TimeFrequencyBin
+        Within the band up to which the simulation is meant to hold.
     lines : tuple of Line
         Not those of a vibration that is explained.
     impulses : ndarray, shape (channels,)
@@ -138,7 +134,7 @@ class ResidualSummary(NamedTuple):
 
     discrepancy: tuple[Array, ...]
     size: Array
-    strongest: list[TimeFrequencyBin]
+    bins: list[TimeFrequencyBin]
     lines: tuple[Line, ...]
     impulses: Array
     notes: tuple[str, ...]
@@ -175,7 +171,7 @@ def summarise_residual(model: LinearisedModel,
             for c in time_frequency_bins(dataset, n, b) if c.band[0] < dataset.simulation.band]
     lines, wanders = _other_lines(lines_of(beyond), beyond)
     summary = ResidualSummary(
-        tuple(found), _sizes(model, found), sorted(bins, key=lambda c: -c.z) or [NOWHERE], lines,
+        tuple(found), _sizes(model, found), bins, lines,
         np.asarray(sum(count_impulses(n, b) for n, b in zip(model.noise, beyond.residuals))),
         wanders, discrepancy_evidence, level=np.asarray(np.max(
             [n.rms() for n in model.noise], axis=0)), tolerance=model.tolerance,
@@ -284,7 +280,7 @@ def _tests(summary: ResidualSummary) -> Iterator[tuple[float, float, str]]:
     """
     yield (summary.discrepancy_evidence / WITHOUT_NAME, float(summary.size.max()),
            _discrepancy_in_words(summary))
-    for one in summary.strongest:
+    for one in summary.bins:
         low, high = one.band
         where = f'{CHANNELS[one.channel].name} in {one.phase}, {low:g} to {high:g} Hz'
         yield one.z / BIN_SIGMA, one.excess, f'{where} ({one.z:.1f} sigma)'

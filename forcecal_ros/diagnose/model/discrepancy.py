@@ -245,8 +245,7 @@ class Discrepancy:
         """Return it whitened by a noise: the last one, which takes much memory, is kept."""
         kept = self._kept
         if kept is None or any(a is not b for a, b in zip(kept.noise, noise, strict=True)):
-            self._kept = kept = WhitenedDiscrepancy(
-                self, list(noise), kept.known(noise) if kept else _Known({}, {}))
+            self._kept = kept = WhitenedDiscrepancy(self, list(noise), kept)
         return kept
 
 
@@ -261,22 +260,6 @@ class Modes(NamedTuple):
     weights: Array
 
 
-class _Known(NamedTuple):
-    """
-    What was found of each channel.
-
-    Its combinations, and factors of its information on them.
-    """
-
-    modes: dict[int, Modes]
-    factors: dict[tuple[int, bool, float], Array]
-
-    def of(self, channels: set[int]) -> '_Known':
-        """Keep some channels."""
-        return _Known({c: modes for c, modes in self.modes.items() if c in channels},
-                      {key: f for key, f in self.factors.items() if key[0] in channels})
-
-
 class WhitenedDiscrepancy:
     """
     A discrepancy, whitened by a given noise.
@@ -285,28 +268,30 @@ class WhitenedDiscrepancy:
     ----------
     noise : list of Autoregression
         Of each recording.
-    known : tuple
-        What was found already, of channels whose noise is the same.
+    before : WhitenedDiscrepancy, optional
+        By another noise: what it found of channels whose noise is the same holds.
     """
 
-    def __init__(self, of: Discrepancy, noise: list[Autoregression], known: _Known) -> None:
+    def __init__(self, of: Discrepancy, noise: list[Autoregression],
+                 before: 'WhitenedDiscrepancy | None') -> None:
         self.basis, self.signal, self.train, self.noise = of.basis, of.signal, of.train, noise
         self.channels = [c for c in range(len(CHANNELS))
                          if any(n.sigma[:, c].any() for n in noise)]
-        self._known = known
-
-    def known(self, noise: Sequence[Autoregression]) -> _Known:
-        """Return what was found of channels that another noise whitens alike."""
-        return self._known.of({c for c in self.channels if all(
-            a.same(b, c) for a, b in zip(self.noise, noise, strict=True))})
+        self.found: dict[int, Modes] = {}
+        self.factors: dict[tuple[int, bool, float], Array] = {}
+        if before is not None:
+            same = {c for c in before.channels if all(
+                a.same(b, c) for a, b in zip(before.noise, noise, strict=True))}
+            self.found = {c: modes for c, modes in before.found.items() if c in same}
+            self.factors = {key: one for key, one in before.factors.items() if key[0] in same}
 
     def modes(self, c: int) -> Modes:
         """Return a channel's whitened features, which are found at the first time they count."""
-        if c not in self._known.modes:
-            self._known.modes[c] = self._modes(c)
-        return self._known.modes[c]
+        if c not in self.found:
+            self.found[c] = self._strongest(c)
+        return self.found[c]
 
-    def _modes(self, c: int) -> Modes:
+    def _strongest(self, c: int) -> Modes:
         scale = np.sqrt(self.basis.variance) * self.signal[c]
         white = [n.whiten_singly(rows.numbers, c, scale * rows.unit[:, 0])
                  if n.sigma[:, c].any() else np.zeros(rows.numbers.shape, dtype=np.float32)
@@ -320,7 +305,7 @@ class WhitenedDiscrepancy:
 
     def factor(self, c: int, size: float, training: bool) -> Array:
         """Return the Cholesky factor of a channel's information on its combinations."""
-        key, factors = (c, training, size), self._known.factors
+        key, factors = (c, training, size), self.factors
         if key not in factors:
             if (flat := (c, training, np.inf)) not in factors:
                 factors[flat] = np.sum([

@@ -222,9 +222,10 @@ def _of_nuisances(model: LinearisedModel, h: Hypothesis) -> Hypothesis:
     return h._replace(releases=(), atoms=tuple(_sparse([atom], h.effect)))
 
 
-def for_a_part(model: LinearisedModel, h: Hypothesis, gate: Gate, times: int) -> Hypothesis:
-    """Let a hypothesis of :func:`everywhere` act for a part of the time, one of so many."""
-    rows = [gate.rows(one.measured, i) for i, one in enumerate(model.datasets)]
+def for_a_part(model: LinearisedModel, h: Hypothesis) -> Hypothesis:
+    """Let the columns of a hypothesis of :func:`everywhere` act as its gate lets it."""
+    assert h.gate is not None
+    rows = [h.gate.rows(one.measured, i) for i, one in enumerate(model.datasets)]
     known: dict[int, Column] = {}  # starts of an effect share their columns
 
     def part(one: Column, acts: Array) -> Column:
@@ -232,7 +233,7 @@ def for_a_part(model: LinearisedModel, h: Hypothesis, gate: Gate, times: int) ->
             known[id(one)] = gated(one, acts)
         return known[id(one)]
 
-    return h._replace(gate=gate, times=times, atoms=tuple(
+    return h._replace(atoms=tuple(
         atom._replace(columns=tuple([part(one, acts) for one in columns]
                                     for columns, acts in zip(atom.columns, rows)))
         for atom in h.atoms))
@@ -241,7 +242,8 @@ def for_a_part(model: LinearisedModel, h: Hypothesis, gate: Gate, times: int) ->
 def in_one_recording(model: LinearisedModel, found: Sequence[Hypothesis]) -> list[Hypothesis]:
     """Let hypotheses of :func:`everywhere` act in each of several recordings alone."""
     n = len(model.datasets)
-    return [for_a_part(model, h, Gate(i), n) for h in found for i in range(n)] if n > 1 else []
+    return [for_a_part(model, h._replace(gate=Gate(i), times=n))
+            for h in found for i in range(n)] if n > 1 else []
 
 
 def _transposed(columns: list[list[Column]]) -> tuple[list[Column], ...]:

@@ -269,10 +269,8 @@ class LinearisedModel:
         """Return the column of a nuisance, the one of before where that holds wherever it is."""
         one = self.datasets[dataset]
         tangent = one.simulation.tangent(rig) if nuisance.acts_on == 'rig' else None
-        if tangent is None:
-            return nuisance_column(one, nuisance, size, rig, base, residual, self.level)
         key = dataset, nuisance.name, tangent
-        if key not in self._straight:
+        if tangent is None or key not in self._straight:
             self._straight[key] = nuisance_column(one, nuisance, size, rig, base, residual,
                                                   self.level)
         return self._straight[key]

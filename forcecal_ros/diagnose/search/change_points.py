@@ -1,6 +1,6 @@
 """Effects that begin or end during a recording: which, and at which instant."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
@@ -11,15 +11,18 @@ from forcecal_ros.diagnose.model.evidence import Prior
 from forcecal_ros.diagnose.model.gates import Gate
 from forcecal_ros.diagnose.model.hypotheses import (
     Atom,
-    bounds_of,
     distinct_columns,
     for_a_part,
     Hypothesis,
-    nominal_of,
 )
 from forcecal_ros.diagnose.model.jacobian import Column, column, combined, stacked
 from forcecal_ros.diagnose.model.linearised import EFFECT, LinearisedModel
-from forcecal_ros.diagnose.search.model_comparison import Candidate, JointFit, ModelComparison
+from forcecal_ros.diagnose.search.model_comparison import (
+    Candidate,
+    Explained,
+    JointFit,
+    ModelComparison,
+)
 from forcecal_ros.sim.signals import BLOCK
 import numpy as np
 from numpy.typing import NDArray
@@ -198,7 +201,7 @@ class Instant(NamedTuple):
     high: float
 
 
-def screen_change_points(now: JointFit, comparison: ModelComparison, found: Sequence[Hypothesis]
+def screen_change_points(comparison: ModelComparison, found: Sequence[Hypothesis]
                          ) -> list[Candidate]:
     """
     Find the likeliest change point of each hypothesis, as linear as its columns are.
@@ -209,10 +212,8 @@ def screen_change_points(now: JointFit, comparison: ModelComparison, found: Sequ
 
     Parameters
     ----------
-    now : JointFit
-        What is explained already.
     comparison : ModelComparison
-        Of that.
+        Of what is explained already.
     found : sequence of Hypothesis
         Of :func:`~forcecal_ros.diagnose.model.hypotheses.everywhere`.
 
@@ -221,27 +222,27 @@ def screen_change_points(now: JointFit, comparison: ModelComparison, found: Sequ
     list of Candidate
         The likeliest first.
     """
-    model, explained = now.model, now.explained()
+    model = comparison.model
     distinct = distinct_columns(found)
     places = {one: j for j, one in enumerate(distinct)}
     several = [[columns[k] for columns in distinct.values()] for k in range(len(model.datasets))]
-    beside = [[*own, *more] for own, more in zip(model.jacobian, explained.extra)]
+    beside = [[*own, *more] for own, more in zip(model.jacobian, comparison.extra)]
     alone = replace(model, noise=model.white_noise(model.residuals), discrepancy=None)
     out: dict[str, Candidate] = {}
     for beside_noise in (model, alone):
-        best: dict[str, _Change] = {}
+        best: dict[str, tuple[float, Hypothesis]] = {}
         for recording, dataset in enumerate(model.datasets):
             n = len(dataset.groups)
             length = max(SHORTEST, -(-n // INSTANTS))
             if n < 4 * length:
                 continue
-            instants = Instants(beside_noise, beside, explained.null_prior, several,
+            instants = Instants(beside_noise, beside, comparison.null_prior, several,
                                 model.residuals, recording, length)
             for h in found:
-                for one in _changes(model, instants, h, places, recording):
-                    if h.name not in best or one.evidence > best[h.name].evidence:
-                        best[h.name] = one
-        parts = [for_a_part(model, one.hypothesis, one.gate, one.times) for one in best.values()]
+                for evidence, one in _changes(model, instants, h, places, recording):
+                    if h.name not in best or evidence > best[h.name][0]:
+                        best[h.name] = evidence, one
+        parts = [for_a_part(model, one) for _, one in best.values()]
         for t in comparison.screen(parts) if parts else ():
             name = t.effect.name
             if name not in out or t.evidence > out[name].evidence:
@@ -249,50 +250,33 @@ def screen_change_points(now: JointFit, comparison: ModelComparison, found: Sequ
     return sorted(out.values(), key=lambda t: -t.evidence)
 
 
-class _Change(NamedTuple):
-    """A hypothesis at one start, when it may begin or end, and how many times were tried."""
-
-    evidence: float
-    hypothesis: Hypothesis
-    gate: Gate
-    times: int
-
-
 def _changes(model: LinearisedModel, instants: Instants, h: Hypothesis,
-             places: Mapping[int, int], recording: int) -> list[_Change]:
-    """List a hypothesis' change points in one recording, one for each start and way."""
-    several, out = len(model.datasets) > 1, []
+             places: Mapping[int, int], recording: int) -> Iterator[tuple[float, Hypothesis]]:
+    """Give a hypothesis' change points in one recording, one for each start and way."""
+    several = len(model.datasets) > 1
     start = model.datasets[recording].measured.start
     for atom in h.atoms:
         of = [places[id(c)] for c in atom.columns[0]]
         for ends, elsewhere in product((False, True), (False, True) if several else (False,)):
             evidence, x = instants.fits(of, ends, elsewhere)
-            evidence = np.where(_possible(h, atom, _theta(h, atom, x)), evidence, -np.inf)
+            evidence = np.where(_possible(h, atom, x), evidence, -np.inf)
             evidence[0] = -np.inf  # all of a recording, which needs no change point
             b = int(np.argmax(evidence))
             if np.isfinite(evidence[b]):
                 at = start + BLOCK * float(instants.blocks[b])
                 gate = (Gate(recording, None, at, elsewhere) if ends
                         else Gate(recording, at, None, elsewhere))
-                out.append(_Change(float(evidence[b]), h._replace(atoms=(atom,)), gate,
-                                   2 * len(evidence) * len(h.atoms)))
-    return out
+                yield float(evidence[b]), h._replace(
+                    atoms=(atom,), gate=gate, times=2 * len(evidence) * len(h.atoms))
 
 
-def _theta(h: Hypothesis, atom: Atom, x: Array) -> Array:
-    """Return the parameters that coefficients stand for, shape (instants, p)."""
-    nominal = nominal_of(h.effect)
-    out = np.repeat(atom.start[np.newaxis], len(x), axis=0)
-    out[:, atom.free] = nominal[atom.free] + x * (atom.start - nominal)[atom.free]
-    return out
-
-
-def _possible(h: Hypothesis, atom: Atom, theta: Array) -> Array:
+def _possible(h: Hypothesis, atom: Atom, x: Array) -> Array:
     """Say at which instants one number alone is within its limits; several are clipped."""
     if len(atom.free) > 1:
-        return np.ones(len(theta), dtype=bool)
-    low, high = bounds_of(h.effect)
-    return np.asarray(((theta >= low - 1e-12) & (theta <= high + 1e-12)).all(axis=1))
+        return np.ones(len(x), dtype=bool)
+    q = h.effect.parameters[atom.free[0]]
+    value = q.nominal + x[:, 0] * (atom.start[atom.free[0]] - q.nominal)
+    return np.asarray((value >= q.low - 1e-12) & (value <= q.high + 1e-12))
 
 
 def instant_of(now: JointFit, name: str) -> Instant | None:
@@ -314,7 +298,7 @@ def instant_of(now: JointFit, name: str) -> Instant | None:
                  for r, a, c in zip(model.residuals, rows, added)]
     predicted = model.whitened_discrepancy().predicted(model.residuals)
     residuals = [r - p for r, p in zip(residuals, predicted)]
-    explained = now._replace(jacobians=[j for j in now.jacobians if j.name != name]).explained()
+    explained = Explained(model, [j for j in now.jacobians if j.name != name])
     beside = [[*own, *more] for own, more in zip(model.jacobian, explained.extra)]
     i, one = gate.recording, model.datasets[gate.recording].measured
     coarse = Instants(model, beside, explained.null_prior, [[c] for c in added], residuals, i, 1)

@@ -85,11 +85,6 @@ class Accepted(NamedTuple):
     free: NDArray[np.intp]
     released: frozenset[str]
 
-    @property
-    def degrees(self) -> int:
-        """Parameters that are estimated, released nuisances among them."""
-        return max(1, len(self.free) + len(self.released))
-
 
 class Candidate(NamedTuple):
     """
@@ -318,10 +313,6 @@ class JointFit(NamedTuple):
     model: LinearisedModel
     accepted: list[Accepted]
     jacobians: list[EffectJacobian]
-
-    def explained(self) -> Explained:
-        """Return what it explains, as columns."""
-        return Explained(self.model, self.jacobians)
 
     def comparison(self) -> ModelComparison:
         """Weigh it, and further hypotheses beside it."""

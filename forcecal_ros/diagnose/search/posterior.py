@@ -168,7 +168,7 @@ class _Table:
                  if name in begin and not h.effect.begins_anew]
         found: dict[str, Candidate] = {}
         for some in ([t for t in screened if t.gate is None], [t for t in screened if t.gate],
-                     screen_change_points(now, comparison, parts)):
+                     screen_change_points(comparison, parts)):
             # what acts all the time needs no recording alone, and what acts in that no instant
             least = {name: t.evidence + WORTH for name, t in found.items()}
             for t in reversed(some):
