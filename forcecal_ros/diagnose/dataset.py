@@ -16,9 +16,8 @@ from forcecal_ros.core.streams import (
     Stream,
     TOUCHING,
 )
-from forcecal_ros.effects import Effect, Quantity
+from forcecal_ros.effects import Effect
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.effects.signals import FORCES
 from forcecal_ros.sim.signals import BLOCK, block_means, JOINTS, padded, RATE, Signals, Simulation
 import numpy as np
 from numpy.typing import NDArray
@@ -220,10 +219,6 @@ class MeasuredBlocks:
         """Measured less simulated of one stream, sample by sample, shape (n, columns)."""
         return self._rows(name, self._streams[name], signals)
 
-    def values(self, name: str) -> Array:
-        """Return the measured samples of one stream, shape (n, columns)."""
-        return self._streams[name].values
-
     def _rows(self, name: str, stream: _Stream, signals: Signals) -> Array:
         if name != 'pose':
             return np.asarray(stream.values - _at(_simulated(name, signals), stream))
@@ -286,14 +281,9 @@ def _lagrange(x: Array) -> Array:
 REST_AFTER_BLOCKS = 50
 """Blocks without motion before it counts as standstill."""
 
-HYSTERESIS, SATURATION = 'wrench_hysteresis', 'wrench_saturation'
-"""Effects whose range the recordings themselves narrow."""
+HYSTERESIS = 'wrench_hysteresis'
+"""Effect whose range the recordings themselves narrow."""
 
-RANGE_QUANTILE, RANGE_SIGMA = 0.99, 3.0
-"""
-Share of a channel's readings that are below a limit of its range, give or take so many standard
-deviations of what neighbouring readings differ by: bursts that come after the limit are rarer.
-"""
 
 @dataclass(frozen=True)
 class Dataset:
@@ -371,36 +361,18 @@ def possible_effects(datasets: Sequence[Dataset]) -> Mapping[str, Effect]:
     Narrow the library by what recordings show without a model.
 
     The load's range is twice the width of a hysteresis at least, so that the load can turn for
-    that much: of a wider one only a gain would show. A range has no end that the readings go
-    beyond.
+    that much: of a wider one only a gain would show.
     """
     library = dict(datasets[0].simulation.library)
     if HYSTERESIS in library:
         widest = 0.5 * max(float(np.ptp(dataset.nominal.wrench[:, :3], axis=0).max())
                            for dataset in datasets)
-        library[HYSTERESIS] = _bounded(library[HYSTERESIS], highest={'width': widest})
-    if SATURATION in library and all('wrench' in d.measured.streams for d in datasets):
-        least = np.max([_range_reached(d.measured.values('wrench')) for d in datasets], axis=0)
-        library[SATURATION] = _bounded(library[SATURATION], dict(zip(FORCES, least.tolist())))
+        library[HYSTERESIS] = library[HYSTERESIS]._replace(parameters=tuple(
+            q if q.name != 'width' else q._replace(
+                high=max(q.low, min(q.high, widest)),
+                starts=tuple(s for s in q.starts if s <= widest) or q.starts[:1])
+            for q in library[HYSTERESIS].parameters))
     return library
-
-
-def _bounded(effect: Effect, lowest: Mapping[str, float] = {}, highest: Mapping[str, float] = {}
-             ) -> Effect:
-    """Raise the lower bounds of an effect's parameters and lower the upper ones, by name."""
-    def bounded(q: Quantity) -> Quantity:
-        low = min(q.high, max(q.low, lowest.get(q.name, q.low)))
-        high = max(q.low, min(q.high, highest.get(q.name, q.high)))
-        starts = tuple(x for x in q.starts if x <= high) or q.starts[:1]
-        return q._replace(low=low, high=high, starts=starts)
-
-    return effect._replace(parameters=tuple(map(bounded, effect.parameters)))
-
-
-def _range_reached(values: Array) -> Array:
-    """Return what the magnitude of each channel reaches, its noise allowed for."""
-    noise = np.diff(values, axis=0).std(axis=0) / np.sqrt(2.0)
-    return np.asarray(np.quantile(np.abs(values), RANGE_QUANTILE, axis=0) - RANGE_SIGMA * noise)
 
 
 def split_datasets(datasets: Sequence[Dataset], by_phase: bool = False) -> tuple[Dataset, ...]:

@@ -177,9 +177,6 @@ BANDS = ((0.0, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 8.0), (8.0, 16.0), (16.0, 32.
          (32.0, 62.5), (62.5, 125.0))
 """Octaves [Hz] of the block means."""
 
-BLOCK_RATE = 250.0
-"""Block means a second [Hz]."""
-
 MIN_STRETCH_BLOCKS, MIN_STRETCH_SAMPLES = 50.0, 8
 """Stretch whose spectrum is taken, in blocks: 0.2 s tell octaves from 5 Hz on; its samples."""
 
@@ -192,11 +189,6 @@ class TimeFrequencyBin(NamedTuple):
     band: tuple[float, float]
     excess: float
     z: float
-
-    @property
-    def p(self) -> float:
-        """One-sided probability by chance."""
-        return float(ndtr(-self.z))
 
 
 def time_frequency_bins(dataset: Blocks, noise: Autoregression,
@@ -280,12 +272,16 @@ def _octaves(white: Array, rows: NDArray[np.bool_], spacing: float) -> tuple[Arr
         power = np.abs(np.fft.rfft(white[i:j])) ** 2 / n
         weight = np.full(len(power), 2.0)
         weight[0] = 1.0
-        frequency = np.arange(len(power)) * BLOCK_RATE / spacing / n
-        for b, (low, high) in enumerate(BANDS):
-            chosen = (frequency >= low) & (frequency < high)
-            energy[b] += float(np.sum((power * weight)[chosen]))
-            dof[b] += float(np.sum(weight[chosen]))
+        frequency = np.arange(len(power)) / (BLOCK * spacing * n)
+        energy += _in_bands(frequency, power * weight)
+        dof += _in_bands(frequency, weight)
     return energy, dof
+
+
+def _in_bands(frequency: Array, values: Array) -> Array:
+    """Sum what lies in each of BANDS."""
+    return np.array([values[(frequency >= low) & (frequency < high)].sum()
+                     for low, high in BANDS])
 
 
 def count_impulses(noise: Autoregression, residual: Array) -> Array:
@@ -436,7 +432,7 @@ def stage_of(channel: str, phase: str, touched: set[str]) -> str:
 
 def localise(datasets: Sequence[Blocks], noise: list[Autoregression], residual: list[Array],
              difference: list[Array], stage: Callable[[str, str, set[str]], str],
-             sensors: Sequence[Sequence[Column]] = ()) -> tuple[Location, ...]:
+             sensors: Sequence[Sequence[Column]]) -> tuple[Location, ...]:
     """
     Locate what a difference between two simulations explains.
 
@@ -446,7 +442,7 @@ def localise(datasets: Sequence[Blocks], noise: list[Autoregression], residual: 
         Measured less the one simulation; the other less the one.
     stage : callable
         (channel, phase, touched channels) -> stage.
-    sensors : sequence of sequence of Column, optional
+    sensors : sequence of sequence of Column
         Of each recording, what one prior std of each sensor's own offset and gain does: of a
         difference counts what they cannot take up.
 
@@ -462,7 +458,7 @@ def localise(datasets: Sequence[Blocks], noise: list[Autoregression], residual: 
         for c in range(len(CHANNELS)):
             if not own.sigma[:, c].any() or not np.abs(d[:, c]).max() > 0.0:
                 continue
-            columns = [one[c].values() for one in (sensors[i] if sensors else ()) if c in one]
+            columns = [one[c].values() for one in sensors[i] if c in one]
             white = own.whiten(np.stack([r[:, c], d[:, c], *columns]), c)
             beyond = _beyond_sensors(white[1], white[2:])
             for word, rows in phases.items():
@@ -473,7 +469,7 @@ def localise(datasets: Sequence[Blocks], noise: list[Autoregression], residual: 
                 sums[key] = sums.get(key, np.zeros(4)) + now
                 there = own.present[rows, c]
                 bands[key] = bands.get(key, np.zeros(len(BANDS))) + _band_energy(
-                    w[1, there], BLOCK_RATE / own.spacing(c))
+                    w[1, there], 1.0 / (BLOCK * own.spacing(c)))
     tested = sorted(((ndtr(-s[0] / np.sqrt(s[1])), key) for key, s in sums.items()
                      if s[1] > 1e-9), key=lambda one: one[0])
     kept = 0
@@ -503,9 +499,6 @@ def _beyond_sensors(white: Array, columns: Array) -> Array:
 
 
 def _band_energy(white: Array, rate: float) -> Array:
-    if not len(white):
-        return np.zeros(len(BANDS))
-    power = np.abs(np.fft.rfft(white)) ** 2
-    frequency = np.arange(len(power)) * rate / len(white)
-    return np.array([power[(frequency >= low) & (frequency < high)].sum()
-                     for low, high in BANDS])
+    """Return the power of a signal in each of BANDS."""
+    power = np.abs(np.fft.rfft(white)) ** 2 if len(white) else np.zeros(0)
+    return _in_bands(np.arange(len(power)) * rate / max(1, len(white)), power)

@@ -116,9 +116,8 @@ def excitation(rig: Rig, target: PoseStream, phases: tuple[Phase, ...]) -> Excit
     information, parts = _information(model, found)
     energy = np.diag(information)
     shown = [_visibility(h.effect, found[h.name], energy[parts[h.name]]) for h in tried]
-    accelerometer = model.datasets[0].simulation.accelerometer
     for name, effect in EFFECTS.items():
-        if name not in found and applicable(effect, rig, accelerometer):
+        if name not in found and applicable(effect, rig):
             none = np.nan if name in UNSEEN or name.endswith('saturation') else 0.0
             shown.append(Visibility(name, '', none, '', none, effect.excited_by))
     order = list(EFFECTS)

@@ -86,8 +86,8 @@ FAST = ('step', 'sweep', 'contact')
 TOUCHING = ('contact',)
 SLIDING = ('step', 'sweep', 'reverse', 'contact')
 
-_FORCES, _AXES = ('fx', 'fy', 'fz', 'tx', 'ty', 'tz'), ('x', 'y', 'z')
-_STREAMS = ('wrench', 'accelerometer', 'optidrive', 'pose')
+FORCES, AXES = ('fx', 'fy', 'fz', 'tx', 'ty', 'tz'), ('x', 'y', 'z')
+STREAMS = ('wrench', 'accelerometer', 'optidrive', 'pose')
 
 
 def _each(names: tuple[str, ...], unit: str, size: float, typical: float, *,
@@ -112,10 +112,10 @@ def _shape(name: str, unit: str, usual: float, low: float, high: float, unit_siz
 
 def _point(x: float, y: float, z: float) -> tuple[Quantity, ...]:
     return tuple(_shape(f'point_{axis}', 'm', at, -1.0, 1.0, 0.05)
-                 for axis, at in zip(_AXES, (x, y, z)))
+                 for axis, at in zip(AXES, (x, y, z)))
 
 
-_WRENCH = (
+EFFECTS: Mapping[str, Effect] = MappingProxyType({effect.name: effect for effect in (
     Effect('wrench_delay', 'wrench_sensor', _delay(), FAST, True, 'signal'),
     Effect('wrench_lowpass', 'wrench_sensor', (
         Quantity('time_constant', 's', 0.0, 0.0, 0.2, 0.004),
@@ -123,19 +123,19 @@ _WRENCH = (
         _shape('second_order', '1', 0.0, 0.0, 2.0, 0.25, (0.0, 0.5)),
     ), FAST, True, 'signal'),
     Effect('wrench_bias_drift', 'wrench_sensor', (
-        *_each(_FORCES[:3], 'N/s', 10.0, 0.05), *_each(_FORCES[3:], 'N m/s', 1.0, 0.005),
+        *_each(FORCES[:3], 'N/s', 10.0, 0.05), *_each(FORCES[3:], 'N m/s', 1.0, 0.005),
         # 0: a ramp; else it levels off at rate / settling
         _shape('settling', '1/s', 0.0, 0.0, 5.0, 0.02, (0.0, 0.05)),
     ), STATIC, True, 'signal', begins_anew=True),
-    Effect('wrench_gain', 'wrench_sensor', _each(_FORCES, '1', 0.9, 0.05), ALWAYS, True,
+    Effect('wrench_gain', 'wrench_sensor', _each(FORCES, '1', 0.9, 0.05), ALWAYS, True,
            'signal', 'wrench_gain'),
     # fx_of_fz: the part of fz that is added to fx
     Effect('wrench_crosstalk', 'wrench_sensor', (
         *(Quantity(f'{to}_of_{source}', '1', 0.0, -0.9, 0.9, 0.03)
-          for group in (_FORCES[:3], _FORCES[3:]) for to in group for source in group
+          for group in (FORCES[:3], FORCES[3:]) for to in group for source in group
           if to != source),
         *(Quantity(f'{to}_of_{source}', 'm', 0.0, -0.5, 0.5, 0.003)
-          for to in _FORCES[3:] for source in _FORCES[:3])), ALWAYS, True, 'signal'),
+          for to in FORCES[3:] for source in FORCES[:3])), ALWAYS, True, 'signal'),
     Effect('wrench_hysteresis', 'wrench_sensor', (
         # lags by the height once a force has gone on for the width, or turned for twice that;
         # runs ahead where it is negative; the torques' width is the forces' times the lever
@@ -150,23 +150,20 @@ _WRENCH = (
         Quantity('limit', 'N', 1e4, 1.0, 1e4, 120.0, (30.0, 60.0, 100.0, 130.0)),
         Quantity('torque_limit', 'N m', 1e3, 0.1, 1e3, 5.0, (1e3, 5.0)),
         # of one axis alone
-        *(Quantity(name, 'N', 1e4, 0.1, 1e4, 60.0) for name in _FORCES[:3]),
-        *(Quantity(name, 'N m', 1e3, 0.01, 1e3, 5.0) for name in _FORCES[3:]),
+        *(Quantity(name, 'N', 1e4, 0.1, 1e4, 60.0) for name in FORCES[:3]),
+        *(Quantity(name, 'N m', 1e3, 0.01, 1e3, 5.0) for name in FORCES[3:]),
     ), ALWAYS, False, 'signal'),
     Effect('wrench_quantisation', 'wrench_sensor', (
         Quantity('step', 'N', 0.0, 0.0, 20.0, 1.0, (0.5, 2.0)),
         Quantity('torque_step', 'N m', 0.0, 0.0, 2.0, 0.1, (0.05, 0.2)),
     ), ALWAYS, False, 'signal'),
-)
-
-_ACCELEROMETER = (
     Effect('accel_delay', 'accelerometer', _delay(), FAST, True, 'signal'),
-    Effect('accel_gain', 'accelerometer', _each(_AXES, '1', 0.9, 0.05), ALWAYS, True, 'signal',
+    Effect('accel_gain', 'accelerometer', _each(AXES, '1', 0.9, 0.05), ALWAYS, True, 'signal',
            'accelerometer_gain'),
-    Effect('accel_bias', 'accelerometer', _each(_AXES, 'V', 5.0, 0.1), STATIC, True, 'signal',
+    Effect('accel_bias', 'accelerometer', _each(AXES, 'V', 5.0, 0.1), STATIC, True, 'signal',
            'accelerometer_offset'),
     # the rotation vector that turns the axes of S into the accelerometer's
-    Effect('accel_misalignment', 'accelerometer', _each(_AXES, 'rad', 0.5, 0.03), ALWAYS, True,
+    Effect('accel_misalignment', 'accelerometer', _each(AXES, 'rad', 0.5, 0.03), ALWAYS, True,
            'signal'),
     Effect('accel_highpass', 'accelerometer', (
         Quantity('rate', '1/s', 0.0, 0.0, 20.0, 0.1, (0.03, 0.3)),
@@ -175,7 +172,7 @@ _ACCELEROMETER = (
     ), ('measure', 'move'), False, 'signal'),
     Effect('accel_saturation', 'accelerometer', (
         Quantity('limit', 'm/s^2', 1e3, 0.1, 1e3, 9.0, (2.0, 5.0, 9.0, 10.0)),
-        *(Quantity(axis, 'm/s^2', 1e3, 0.1, 1e3, 9.0) for axis in _AXES),  # of one axis alone
+        *(Quantity(axis, 'm/s^2', 1e3, 0.1, 1e3, 9.0) for axis in AXES),  # of one axis alone
     ), FAST, False, 'signal'),
     Effect('accel_resonance', 'accelerometer', (
         # 1: the sensor on a spring; between 0 and 1: part of the way
@@ -183,12 +180,9 @@ _ACCELEROMETER = (
         _shape('frequency', 'Hz', 40.0, 3.0, 400.0, 5.0, (15.0, 30.0, 60.0, 120.0)),
         _shape('damping', '1', 0.1, 0.005, 2.0, 0.05),
     ), FAST, True, 'signal'),
-)
-
-_TOOL = (
     # change: relative, of the rig's number
     Effect('tool_mass', 'tool', _change(0.5, 0.05), ALWAYS, True, 'rig', 'mass'),
-    Effect('tool_com', 'tool', _each(_AXES, 'm', 0.2, 0.005), ALWAYS, True, 'rig', 'com'),
+    Effect('tool_com', 'tool', _each(AXES, 'm', 0.2, 0.005), ALWAYS, True, 'rig', 'com'),
     Effect('tool_stiffness', 'tool', _change(), SLIDING, True, 'rig', 'stiffness'),
     Effect('tool_damping', 'tool', _change(0.99, 0.3), SLIDING, True, 'rig', 'damping'),
     Effect('tool_stiffening', 'tool', (
@@ -207,20 +201,17 @@ _TOOL = (
     ), SLIDING, False, 'rig'),
     Effect('cable_force', 'tool', (
         # a force fixed in base, and a spring to where the point is at home
-        *_each(_AXES, 'N', 100.0, 3.0),
+        *_each(AXES, 'N', 100.0, 3.0),
         Quantity('stiffness', 'N/m', 0.0, -200.0, 1000.0, 20.0),
         *_point(0.05, 0.0, 0.18),
     ), ('measure', 'move', 'sweep'), True, 'rig'),
     Effect('spindle_vibration', 'tool', (
         # in ft_sensor; the phase counts from the start
-        *_each(_AXES, 'N', 200.0, 2.0, prefix='sine_'),
-        *_each(_AXES, 'N', 200.0, 2.0, prefix='cosine_'),
+        *_each(AXES, 'N', 200.0, 2.0, prefix='sine_'),
+        *_each(AXES, 'N', 200.0, 2.0, prefix='cosine_'),
         _shape('frequency', 'Hz', 30.0, 0.5, 450.0, 0.1, (10.0, 30.0, 50.0, 100.0)),
         *_point(0.20, 0.0, 0.10),
     ), ALWAYS, True, 'rig'),
-)
-
-_ROBOT = (
     Effect('robot_delay', 'robot', _delay(), MOVING, True, 'rig'),
     Effect('robot_resonance', 'robot', (
         # 1: the robot's position passes through the mode; less: a part of it
@@ -231,10 +222,7 @@ _ROBOT = (
         _shape('grounded', '1', 1.0, 0.0, 1.0, -0.5, (0.0, 1.0)),
     ), FAST, True, 'rig'),
     # the rotation vector, about X and Y of base, by which base is tilted
-    Effect('base_tilt', 'robot', _each(_AXES[:2], 'rad', 0.5, 0.01), STATIC, True, 'rig'),
-)
-
-_ENVIRONMENT = (
+    Effect('base_tilt', 'robot', _each(AXES[:2], 'rad', 0.5, 0.01), STATIC, True, 'rig'),
     Effect('contact_stiffness', 'environment', _change(typical=0.3), TOUCHING, True, 'rig',
            'wall_stiffness'),
     Effect('contact_damping', 'environment', _change(0.99, 1.0), TOUCHING, True, 'rig',
@@ -242,20 +230,13 @@ _ENVIRONMENT = (
     Effect('wall_position', 'environment', (
         Quantity('shift', 'm', 0.0, -0.2, 0.2, 0.001),), TOUCHING, True, 'rig',
         'wall_position'),
-)
-
-_TIMING = (
     # by how much the stamps of each stream run fast
-    Effect('clock_skew', 'timing', _each(_STREAMS, '1', 0.05, 1e-3), MOVING, True, 'stamps'),
+    Effect('clock_skew', 'timing', _each(STREAMS, '1', 0.05, 1e-3), MOVING, True, 'stamps'),
     # the fraction of each stream's samples that never arrives
     Effect('dropouts', 'timing', tuple(
-        Quantity(name, '1', 0.0, 0.0, 0.95, 0.02) for name in _STREAMS), ALWAYS, False,
+        Quantity(name, '1', 0.0, 0.0, 0.95, 0.02) for name in STREAMS), ALWAYS, False,
         'stamps'),
-)
-
-EFFECTS: Mapping[str, Effect] = MappingProxyType({
-    effect.name: effect
-    for effect in (*_WRENCH, *_ACCELEROMETER, *_TOOL, *_ROBOT, *_ENVIRONMENT, *_TIMING)})
+)})
 """Every effect by its name."""
 
 SLIDE_ONLY = frozenset({

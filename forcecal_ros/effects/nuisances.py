@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.effects.rig import Rig, Tool
+from forcecal_ros.effects.rig import Rig, scaled, shifted, Tool, with_entry
 import numpy as np
 
 LIMIT = 3.0
@@ -55,31 +55,6 @@ class Nuisance(NamedTuple):
     limit: float = LIMIT
 
 
-def scaled(section: str, name: str, index: int | None = None) -> Callable[[Rig, float], Rig]:
-    """Change a number of a section, or one of a vector, by a relative amount."""
-    return _changed(section, name, index, lambda value, x: value * (1 + x))
-
-
-def shifted(section: str, name: str, index: int | None = None) -> Callable[[Rig, float], Rig]:
-    """Change a number of a section, or one of a vector, by a difference; '': of the rig itself."""
-    return _changed(section, name, index, lambda value, x: value + x)
-
-
-def _changed(section: str, name: str, index: int | None, by: Callable[[float, float], float]
-             ) -> Callable[[Rig, float], Rig]:
-    def apply(rig: Rig, x: float) -> Rig:
-        part: Any = getattr(rig, section) if section else rig
-        value = getattr(part, name)
-        part = replace(part, **{
-            name: by(value, x) if index is None else _set(value, index, by(value[index], x))})
-        return replace(rig, **{section: part}) if section else part
-    return apply
-
-
-def _set(values: Any, index: int, value: float) -> Any:
-    return (*values[:index], float(value), *values[index + 1:])
-
-
 def _inertia(axis: int) -> Callable[[Rig, float], Rig]:
     def apply(rig: Rig, x: float) -> Rig:
         return with_inertia(axis)(rig, x * rig.tool.inertia[axis][axis])
@@ -115,7 +90,7 @@ def _accelerometer(field: str, index: int, name: str) -> Callable[[Rig, float], 
         model = rig.accelerometer.model(name)
         old = getattr(model, field)
         new = old[index] * (1 + x) if field == 'gain' else old[index] + x
-        changed: dict[str, Any] = {name: replace(model, **{field: _set(old, index, new)})}
+        changed: dict[str, Any] = {name: replace(model, **{field: with_entry(old, index, new)})}
         return replace(rig, accelerometer=replace(rig.accelerometer, **changed))
     return apply
 

@@ -314,35 +314,39 @@ class Rig(Section):
 Named = Mapping[str, float]
 
 
-def _tool_mass(rig: Rig, v: Named) -> Rig:
-    tool: Tool = replace(rig.tool, mass=rig.tool.mass * (1.0 + v['change']))
-    return replace(rig, tool=tool)
+def scaled(section: str, name: str, index: int | None = None) -> Callable[[Rig, float], Rig]:
+    """Change a number of a section, or one of a vector, by a relative amount."""
+    return _changed(section, name, index, lambda value, x: value * (1 + x))
 
 
-def _tool_com(rig: Rig, v: Named) -> Rig:
-    x, y, z = rig.tool.com
-    return replace(rig, tool=replace(rig.tool, com=(x + v['x'], y + v['y'], z + v['z'])))
+def shifted(section: str, name: str, index: int | None = None) -> Callable[[Rig, float], Rig]:
+    """Change a number of a section, or one of a vector, by a difference; '': of the rig itself."""
+    return _changed(section, name, index, lambda value, x: value + x)
 
 
-def _optidrive(name: str) -> Callable[[Rig, Named], Rig]:
-    def change(rig: Rig, v: Named) -> Rig:
-        if rig.optidrive is None:
-            return rig
-        optidrive: Optidrive = replace(
-            rig.optidrive, **{name: getattr(rig.optidrive, name) * (1.0 + v['change'])})
-        return replace(rig, optidrive=optidrive)
-    return change
+def _changed(section: str, name: str, index: int | None, by: Callable[[float, float], float]
+             ) -> Callable[[Rig, float], Rig]:
+    def apply(rig: Rig, x: float) -> Rig:
+        part: Any = getattr(rig, section) if section else rig
+        old = getattr(part, name)
+        new = by(old, x) if index is None else with_entry(old, index, by(old[index], x))
+        part = replace(part, **{name: new})
+        return replace(rig, **{section: part}) if section else part
+    return apply
 
 
-def _wall(name: str) -> Callable[[Rig, Named], Rig]:
-    def change(rig: Rig, v: Named) -> Rig:
-        wall: Wall = replace(rig.wall, **{name: getattr(rig.wall, name) * (1.0 + v['change'])})
-        return replace(rig, wall=wall)
-    return change
+def with_entry(values: Any, index: int, value: float) -> Any:
+    """Return a vector of a section with another number at one place."""
+    return (*values[:index], float(value), *values[index + 1:])
 
 
-def _wall_position(rig: Rig, v: Named) -> Rig:
-    return replace(rig, wall=replace(rig.wall, position=rig.wall.position + v['shift']))
+def _by(*changes: tuple[str, Callable[[Rig, float], Rig]]) -> Callable[[Rig, Named], Rig]:
+    """Change a rig by parameters of an effect, each by what it does."""
+    def apply(rig: Rig, v: Named) -> Rig:
+        for parameter, change in changes:
+            rig = change(rig, v[parameter])
+        return rig
+    return apply
 
 
 def _base_tilt(rig: Rig, v: Named) -> Rig:
@@ -353,10 +357,13 @@ def _base_tilt(rig: Rig, v: Named) -> Rig:
 
 
 NUMBERS: Mapping[str, Callable[[Rig, Named], Rig]] = {
-    'tool_mass': _tool_mass, 'tool_com': _tool_com,
-    'tool_stiffness': _optidrive('stiffness'), 'tool_damping': _optidrive('damping'),
-    'contact_stiffness': _wall('stiffness'), 'contact_damping': _wall('damping'),
-    'wall_position': _wall_position, 'base_tilt': _base_tilt,
+    'tool_mass': _by(('change', scaled('tool', 'mass'))),
+    'tool_com': _by(*((axis, shifted('tool', 'com', i)) for i, axis in enumerate('xyz'))),
+    'tool_stiffness': _by(('change', scaled('optidrive', 'stiffness'))),
+    'tool_damping': _by(('change', scaled('optidrive', 'damping'))),
+    'contact_stiffness': _by(('change', scaled('wall', 'stiffness'))),
+    'contact_damping': _by(('change', scaled('wall', 'damping'))),
+    'wall_position': _by(('shift', shifted('wall', 'position'))), 'base_tilt': _base_tilt,
 }
 """Name of the effect -> the rig with its numbers."""
 
@@ -377,20 +384,8 @@ def physical_rig(rig: Rig) -> Rig:
     return rig if others == rig.effects else replace(rig, effects=others)
 
 
-def applicable(effect: Effect, rig: Rig, accelerometer: str | None = None) -> bool:
-    """
-    Say whether a rig can have an effect at all.
-
-    Parameters
-    ----------
-    accelerometer : str, optional
-        ``acc1`` or ``acc2``; either can have all effects of accelerometers.
-
-    Returns
-    -------
-    bool
-        False for effects of a slide where the tool is rigid.
-    """
+def applicable(effect: Effect, rig: Rig) -> bool:
+    """Say whether a rig can have an effect at all: a rigid tool has none of a slide."""
     return rig.optidrive is not None or effect.name not in SLIDE_ONLY
 
 

@@ -5,14 +5,14 @@ changed as a recorded one is. The tables list in which order they compose.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 from forcecal_ros.core.geometry import Array, rotation_from_vector
 from forcecal_ros.core.jit import compiled
-from forcecal_ros.effects.library import EFFECTS, named_effects
+from forcecal_ros.effects.library import EFFECTS, FORCES, named_effects, STREAMS
 from forcecal_ros.effects.rig import Rig
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 Operator = Callable[[Array], Array]
 """Changes the next samples of a signal, shape (n, k), and keeps what it needs for those after."""
@@ -74,55 +74,23 @@ class Filter:
 
     def __init__(self, numerator: Sequence[float], denominator: Sequence[float], dt: float,
                  settled: float = 1.0) -> None:
-        order = len(denominator) - 1
-        a = np.array(denominator[1:]) / denominator[0]
-        b = np.zeros(order + 1)
-        b[order + 1 - len(numerator):] = np.array(numerator) / denominator[0]
-        A, B = np.eye(order, k=-1), np.eye(order)[0]
-        A[0] = -a
-        self._output, self._through = b[1:] - b[0] * a, b[0]
-        augmented = np.zeros((order + 2, order + 2))  # states, signal, its slope times dt
-        augmented[:order, :order], augmented[:order, order] = A * dt, B * dt
-        augmented[order, order + 1] = 1.0
-        step = expm(augmented)
-        self._A = np.ascontiguousarray(step[:order, :order])
-        self._before = step[:order, order] - step[:order, order + 1]
-        self._after = np.ascontiguousarray(step[:order, order + 1])
-        self._rest = -settled * np.linalg.solve(A, B)
-        self._last: Array | None = None
-        self(np.zeros((1, 1)))  # compiles, before it is needed in real time
-        self._last = None
+        # takes a second, which a node does not start with
+        from scipy.signal import cont2discrete, lfilter, lfiltic
+
+        (b,), a, _ = cont2discrete((numerator, denominator), dt, method='foh')
+        before = np.ones(len(a) - 1)
+        self._rest = lfiltic(b, a, settled * numerator[-1] / denominator[-1] * before, before)
+        self._state: Array | None = None
+        self._filter = partial(lfilter, b, a, axis=0)
 
     def __call__(self, signal: Array) -> Array:
         """Filter the next samples, shape (n, k)."""
         if not len(signal):
             return signal
-        if self._last is None:
-            self._state, self._last = np.outer(self._rest, signal[0]), signal[0].copy()
-        out = np.empty(signal.shape)
-        _filter(self._A, self._before, self._after, self._output, self._through,
-                np.ascontiguousarray(signal), self._state, self._last, out)
-        return out
-
-
-@compiled
-def _filter(A: Array, before: Array, after: Array, output: Array, through: float, signal: Array,
-            state: Array, last: Array, out: Array) -> None:
-    """Step x1 = A x0 + before u0 + after u1, y = output x + through u, column by column."""
-    order, x = len(A), np.empty(len(A))
-    for k in range(signal.shape[1]):
-        for i in range(len(signal)):
-            u = signal[i, k]
-            y = through * u
-            for r in range(order):
-                x[r] = before[r] * last[k] + after[r] * u
-                for c in range(order):
-                    x[r] += A[r, c] * state[c, k]
-            for r in range(order):
-                state[r, k] = x[r]
-                y += output[r] * x[r]
-            last[k] = u
-            out[i, k] = y
+        if self._state is None:
+            self._state = np.outer(self._rest, signal[0])
+        out, self._state = self._filter(signal, zi=self._state)
+        return np.asarray(out)
 
 
 class Hysteresis:
@@ -179,8 +147,6 @@ def _stop(signal: Array, last: Array, held: Array, width: float, exponent: float
 
 
 Named = Mapping[str, float]
-
-FORCES = ('fx', 'fy', 'fz', 'tx', 'ty', 'tz')
 
 
 def _vector(v: Named, *names: str) -> Array:
@@ -403,9 +369,6 @@ def specific_force_of(rig: Rig, accelerometer: str | None, volts: Array) -> Arra
                         for name in ('accel_bias', 'accel_gain', 'accel_misalignment'))
     force = (volts - model.offset - bias) / (model.gain * (1.0 + gain))
     return np.asarray(force @ rotation_from_vector(turn).T)
-
-
-STREAMS = ('wrench', 'accelerometer', 'optidrive', 'pose')
 
 
 class StampEffects:

@@ -13,7 +13,7 @@ from forcecal_ros.core.streams import Phase
 from forcecal_ros.diagnose.dataset import CHANNELS, STAGES, units
 from forcecal_ros.diagnose.engine import Outcome
 from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, instants, NamedEffect
-from forcecal_ros.diagnose.localise import BANDS, BLOCK_RATE, time_frequency_bins, TimeFrequencyBin
+from forcecal_ros.diagnose.localise import BANDS, time_frequency_bins, TimeFrequencyBin
 from forcecal_ros.diagnose.model.gates import kind_of
 from forcecal_ros.diagnose.result import Diagnosis
 from forcecal_ros.diagnose.verdict import FIRST, FURTHER, percent, WITHIN
@@ -21,7 +21,7 @@ from forcecal_ros.effects import EFFECTS
 from forcecal_ros.report.effect_words import phrase, sentence, sizes, VERDICTS, WORDS
 from forcecal_ros.report.figures import COLOURS, joined, label_log_axes, Line, Panel, Shown
 from forcecal_ros.report.page import docs_link, Fact, Picture, picture, render_page, Step
-from forcecal_ros.sim.signals import block_means, JOINTS, Signals
+from forcecal_ros.sim.signals import BLOCK, block_means, JOINTS, Signals
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
@@ -704,7 +704,7 @@ def _squared(unit: str) -> str:
 def _rate(there: NDArray[np.bool_]) -> float:
     """Rate of the blocks that hold samples [Hz]."""
     steps = np.diff(np.flatnonzero(there))
-    return BLOCK_RATE / max(1.0, float(np.median(steps))) if len(steps) else BLOCK_RATE
+    return 1.0 / (BLOCK * max(1.0, float(np.median(steps)) if len(steps) else 1.0))
 
 
 def _spectrum(axes: Axes, rows: Array, color: str, label: str, rate: float) -> None:

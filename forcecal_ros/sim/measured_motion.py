@@ -12,16 +12,8 @@ from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array, rotation_vector
 from forcecal_ros.core.streams import PoseStream, Recording
 from forcecal_ros.effects import EFFECTS, physical_rig
-from forcecal_ros.effects.nuisances import (
-    LEAST,
-    NAMELESS,
-    Nuisance,
-    of_sensors,
-    scaled,
-    shifted,
-    with_inertia,
-)
-from forcecal_ros.effects.rig import Rig
+from forcecal_ros.effects.nuisances import LEAST, NAMELESS, Nuisance, of_sensors, with_inertia
+from forcecal_ros.effects.rig import Rig, scaled, shifted
 from forcecal_ros.effects.signals import INVERTIBLE
 from forcecal_ros.sim.rigid_tool import CABLE, CarriedTool, only, RigidTool, SMOOTH, UNKNOWN_DELAY
 from forcecal_ros.sim.signals import (

@@ -17,8 +17,8 @@ from forcecal_ros.core.schema import Row
 from forcecal_ros.core.streams import PoseStream, Recording
 from forcecal_ros.effects import Effect, EFFECTS, physical_rig, Quantity
 from forcecal_ros.effects.library import MOVING
-from forcecal_ros.effects.nuisances import LEAST, Nuisance, of_sensors, scaled, shifted
-from forcecal_ros.effects.rig import Rig
+from forcecal_ros.effects.nuisances import LEAST, Nuisance, of_sensors
+from forcecal_ros.effects.rig import Rig, scaled, shifted
 from forcecal_ros.sim.measured_motion import (
     contact_blocks,
     CONTACT_FORCE_N,

@@ -10,8 +10,7 @@ from forcecal_ros.diagnose.recordings import (
     correct_clocks,
     recognise_accelerometer,
 )
-from forcecal_ros.diagnose.search.joint_fit import joint_fit_if_finite
-from forcecal_ros.diagnose.search.model_comparison import Accepted
+from forcecal_ros.diagnose.search.model_comparison import Accepted, joint_fit_if_finite
 from forcecal_ros.diagnose.sources.rig import prepare_commanded, RigSource
 from forcecal_ros.effects import with_effects
 from forcecal_ros.sim.rig.file import load_rig

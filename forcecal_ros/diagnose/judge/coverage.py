@@ -91,9 +91,9 @@ def refuse_unjudged(model: LinearisedModel) -> None:
     DataError
         With how many samples there are, and are needed.
     """
-    if not any(n.sigma[:, STREAM_SLICES[name]].any() for n in model.noise for name in SENSORS):
-        counts = {name: max(_blocks(model, name)) for name in SENSORS if max(_blocks(model, name))}
-        listed = ', '.join(f'{name} {n}' for name, n in counts.items())
+    counts = _unknown_noise(model)
+    if all(name in counts for name in SENSORS):
+        listed = ', '.join(f'{name} {counts[name]}' for name in SENSORS if counts[name])
         raise DataError(f'too few samples beside the commands to know the noise ({listed}; '
                         f'{FEWEST} in steady succession are needed); record longer')
 
@@ -107,13 +107,13 @@ def unjudged(model: LinearisedModel) -> str:
     str
         To be put behind a sentence; empty where each was looked at.
     """
-    counts = {name: max(_blocks(model, name)) for name in STREAM_SLICES
-              if not any(n.sigma[:, STREAM_SLICES[name]].any() for n in model.noise)}
     missing = [f'{name} ({count} samples, {FEWEST} in steady succession are needed)'
-               for name, count in counts.items() if count]
+               for name, count in _unknown_noise(model).items() if count]
     return f'; not compared: {", ".join(missing)}' if missing else ''
 
 
-def _blocks(model: LinearisedModel, name: str) -> list[int]:
-    """Count the blocks of one stream in each recording."""
-    return [int(np.sum(c.measured.present[:, STREAM_SLICES[name].start])) for c in model.datasets]
+def _unknown_noise(model: LinearisedModel) -> dict[str, int]:
+    """Count the blocks, in the longest recording, of the streams whose noise is not known."""
+    return {name: max(int(np.sum(c.measured.present[:, rows.start])) for c in model.datasets)
+            for name, rows in STREAM_SLICES.items()
+            if not any(n.sigma[:, rows].any() for n in model.noise)}

@@ -133,11 +133,11 @@ def gap(datasets: tuple[Dataset, ...], arms: list[Arms], noise: Array, cell_ener
         return np.asarray(np.sqrt(np.mean((rms[:, there] / noise[there]) ** 2, axis=1)))
 
     known = errors or Errors(np.zeros((len(noise), 0, 0)), np.zeros((0, 0)))
-    rms = means(np.arange(len(w)), known.expected(), known.beside(left))
+    rms = means(np.arange(len(w)), known.of_parameters(), known.of_discrepancy(left))
     arms3 = overall(rms)
     draw = np.random.default_rng(0)
-    shares = [_closed(overall(means(draw.integers(0, len(w), len(w)), known.drawn(draw),
-                                    known.beside_drawn(draw, left)))) for _ in range(DRAWS)]
+    shares = [_closed(overall(means(draw.integers(0, len(w), len(w)), known.of_parameters(draw),
+                                    known.of_discrepancy(left, draw)))) for _ in range(DRAWS)]
     closed = _closed(arms3)
     # a bootstrap of few blocks is too narrow, by the root of n / (n - 1) and as t is to normal
     few = max(2, len(w))
@@ -282,10 +282,10 @@ def measured_gap(model: LinearisedModel, selection: Posterior, summary: Residual
     recalibrated = Explained(model).by_training() if selection.accepted else changed
     final = replace(selection.model, residuals=[
         r - by for r, by in zip(selection.model.residuals, changed)])
-    without_name = 0.0 if selection.accepted else unpredictable(final, summary.strongest, moved)
-    noise = sample_noise(final, errors.expected() + without_name, moved)
+    without_name = 0.0 if selection.accepted else unpredictable(final, summary.bins, moved)
+    noise = sample_noise(final, errors.of_parameters() + without_name, moved)
     beside = errors.predicted or moved
-    energy = unpredictable(final, summary.strongest, beside)
+    energy = unpredictable(final, summary.bins, beside)
     for i, (dataset, rows) in enumerate(zip(model.datasets, beside)):
         simulated, means = model.signals(i), dataset.measured.of_wrench
         nominal, before = (observed[i].residual(s) for s in (dataset.nominal, simulated))

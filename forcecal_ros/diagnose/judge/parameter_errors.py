@@ -42,11 +42,18 @@ class Errors(NamedTuple):
     unseen: Array = np.zeros(len(CHANNELS))
     marginal: Array = np.zeros((0, 0))
 
-    def expected(self) -> Array:
-        """Mean square that wrong parameters leave in each channel, shape (channels,)."""
-        return np.asarray(np.einsum('cij,ij->c', self.grams, self.covariance))
+    def of_parameters(self, rng: np.random.Generator | None = None) -> Array:
+        """
+        Mean square that wrong parameters leave in each channel, shape (channels,).
 
-    def beside(self, left: Array) -> Array:
+        Parameters
+        ----------
+        rng : numpy.random.Generator, optional
+            Draws the parameters; else what is expected of them.
+        """
+        return _mean_squares(self.grams, self.covariance, rng)
+
+    def of_discrepancy(self, left: Array, rng: np.random.Generator | None = None) -> Array:
         """
         Mean square of a discrepancy that was taken for effects, or missed.
 
@@ -54,6 +61,8 @@ class Errors(NamedTuple):
         ----------
         left : ndarray, shape (channels,)
             Mean square of what effects leave on held-out blocks: no more was missed.
+        rng : numpy.random.Generator, optional
+            Draws what was taken; else what is expected of it.
 
         Returns
         -------
@@ -61,27 +70,16 @@ class Errors(NamedTuple):
         """
         if self.taken is None:
             return np.zeros(len(self.grams))
-        return np.asarray(np.einsum('cij,ij->c', self.grams, self.taken)
-                          + np.minimum(self.unseen, left))
-
-    def drawn(self, rng: np.random.Generator) -> Array:
-        """Return what one draw of parameters leaves, shape (channels,)."""
-        return self._left_by(_draw(self.covariance, rng))
-
-    def beside_drawn(self, rng: np.random.Generator, left: Array) -> Array:
-        """Return one draw of what :meth:`beside` expects, shape (channels,)."""
-        if self.taken is None:
-            return np.zeros(len(self.grams))
-        return self._left_by(_draw(self.taken, rng)) + np.minimum(self.unseen, left)
-
-    def _left_by(self, x: Array) -> Array:
-        return np.asarray(np.einsum('cij,i,j->c', self.grams, x, x))
+        return _mean_squares(self.grams, self.taken, rng) + np.minimum(self.unseen, left)
 
 
-def _draw(covariance: Array, rng: np.random.Generator) -> Array:
-    values, vectors = np.linalg.eigh(covariance)
-    return np.asarray(vectors @ (np.sqrt(np.maximum(values, 0.0))
-                                 * rng.standard_normal(len(values))))
+def _mean_squares(grams: Array, covariance: Array, rng: np.random.Generator | None) -> Array:
+    """Return what parameters of a covariance leave in each channel, shape (channels,)."""
+    if rng is not None:
+        values, vectors = np.linalg.eigh(covariance)
+        x = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(values)))
+        covariance = np.outer(x, x)
+    return np.asarray(np.einsum('cij,ij->c', grams, covariance))
 
 
 def parameter_errors(comparison: ModelComparison) -> Errors:

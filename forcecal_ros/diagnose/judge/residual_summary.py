@@ -1,6 +1,6 @@
 """What a fitted model leaves of the recordings, and whether that is more than noise."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import inf
 from typing import NamedTuple
@@ -9,7 +9,6 @@ from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.autoregression import unpredicted
 from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.localise import (
-    BANDS,
     BIN_SIGMA,
     count_impulses,
     Line,
@@ -28,36 +27,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def long_memory_likelihood_ratio(before: LinearisedModel, after: LinearisedModel) -> float:
-    """
-    Log-likelihood that an effect brings where the noise may have a long memory.
-
-    A drift, a cable and the like look as 1/f noise does. So both residuals, whitened by the
-    same filter, may be predicted from the means of their own past (a heterogeneous
-    autoregression) before they are compared.
-
-    Parameters
-    ----------
-    before, after : LinearisedModel
-        Without and with the effect, each at its best fit.
-    """
-    return _likelihood_ratio(before, after, unpredicted)
-
-
 def of_slow_noise(before: LinearisedModel, after: LinearisedModel) -> float:
     """
     Log-likelihood that is gained by following noise whose memory is long, and by that alone.
 
+    A drift, a cable and the like look as 1/f noise does. What they bring is compared with what
+    they bring where both residuals, whitened by the same filter, may be predicted from the means
+    of their own past (a heterogeneous autoregression).
+
     Parameters
     ----------
     before, after : LinearisedModel
-        Without and with what follows it.
+        Without and with what follows it, each at its best fit.
     """
-    def squares(white: Array, rows: NDArray[np.bool_]) -> float:
-        return float(np.sum(white[rows] ** 2))
-
-    return max(0.0, _likelihood_ratio(before, after, squares)
-               - long_memory_likelihood_ratio(before, after))
+    total = 0.0
+    for _, rows, white in _whitened(after, before.residuals, after.residuals):
+        squares = np.sum(white[:, rows] ** 2, axis=1)
+        left = [unpredicted(w, rows) for w in white]
+        total += 0.5 * int(rows.sum()) * float(
+            np.log(squares[0] / squares[1]) - np.log(left[0] / left[1]))
+    return max(0.0, total)
 
 
 def held_out_likelihood_ratio(before: LinearisedModel, after: LinearisedModel) -> float:
@@ -96,16 +85,6 @@ def _whitened(model: LinearisedModel, *residuals: Sequence[Array]
                 yield i, rows, noise.whiten(stack, c)
 
 
-def _likelihood_ratio(before: LinearisedModel, after: LinearisedModel,
-                      unexplained: Callable[[Array, NDArray[np.bool_]], float]) -> float:
-    """Compare whitened residuals by the squares of each channel that remain unexplained."""
-    total = 0.0
-    for _, rows, white in _whitened(after, before.residuals, after.residuals):
-        rests = [unexplained(w, rows) for w in white]
-        total += 0.5 * int(rows.sum()) * float(np.log(rests[0] / rests[1]))
-    return total
-
-
 _INDEX = {c.name: i for i, c in enumerate(CHANNELS)}
 
 WANDERING = 0.03
@@ -124,9 +103,6 @@ a real arm's of 175), and takes off what 1/f noise in all channels of a rig made
 MOSTLY = 0.5
 """Part of a discrepancy's evidence for following slow noise from which it has to be seen again."""
 
-NOWHERE = TimeFrequencyBin(0, 'no phase', BANDS[0], 0.0, 0.0)
-"""Stands for the bins of recordings whose phases are too short for any."""
-
 
 class ResidualSummary(NamedTuple):
     """
@@ -138,8 +114,8 @@ class ResidualSummary(NamedTuple):
         What follows the motion without a name, in each recording.
     size : ndarray, shape (channels,)
         Its RMS in that of the noise, in the worst kind of motion.
-    strongest : list of TimeFrequencyBin
-        The strongest first.
+    bins : list of TimeFrequencyBin
+        Within the band up to which the simulation is meant to hold.
     lines : tuple of Line
         Not those of a vibration that is explained.
     impulses : ndarray, shape (channels,)
@@ -158,7 +134,7 @@ class ResidualSummary(NamedTuple):
 
     discrepancy: tuple[Array, ...]
     size: Array
-    strongest: list[TimeFrequencyBin]
+    bins: list[TimeFrequencyBin]
     lines: tuple[Line, ...]
     impulses: Array
     notes: tuple[str, ...]
@@ -195,7 +171,7 @@ def summarise_residual(model: LinearisedModel,
             for c in time_frequency_bins(dataset, n, b) if c.band[0] < dataset.simulation.band]
     lines, wanders = _other_lines(lines_of(beyond), beyond)
     summary = ResidualSummary(
-        tuple(found), _sizes(model, found), sorted(bins, key=lambda c: -c.z) or [NOWHERE], lines,
+        tuple(found), _sizes(model, found), bins, lines,
         np.asarray(sum(count_impulses(n, b) for n, b in zip(model.noise, beyond.residuals))),
         wanders, discrepancy_evidence, level=np.asarray(np.max(
             [n.rms() for n in model.noise], axis=0)), tolerance=model.tolerance,
@@ -304,7 +280,7 @@ def _tests(summary: ResidualSummary) -> Iterator[tuple[float, float, str]]:
     """
     yield (summary.discrepancy_evidence / WITHOUT_NAME, float(summary.size.max()),
            _discrepancy_in_words(summary))
-    for one in summary.strongest:
+    for one in summary.bins:
         low, high = one.band
         where = f'{CHANNELS[one.channel].name} in {one.phase}, {low:g} to {high:g} Hz'
         yield one.z / BIN_SIGMA, one.excess, f'{where} ({one.z:.1f} sigma)'

@@ -12,18 +12,17 @@ own shape: then part of it goes into the effect's numbers (:meth:`Products.sprea
 what is left.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import chain, combinations_with_replacement
 from typing import NamedTuple
-from weakref import ref
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.autoregression import Autoregression
 from forcecal_ros.core.noise.pieces import pieces
 from forcecal_ros.diagnose.dataset import CHANNELS, STREAM_SLICES
-from forcecal_ros.diagnose.model.basis import Basis
-from forcecal_ros.diagnose.model.compact import Compact, stacked
 from forcecal_ros.diagnose.model.evidence import Gram
-from forcecal_ros.diagnose.model.jacobian import Column
+from forcecal_ros.diagnose.model.jacobian import Column, Compact, stacked
+from forcecal_ros.sim.signals import BLOCK, block_means, RATE, Signals
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, LinAlgError, solve_triangular
@@ -51,16 +50,169 @@ STREAM = tuple(i for i, name in enumerate(STREAM_SLICES) for c in CHANNELS if c.
 LEAST_WEIGHT = 1e-3
 """Variance of a combination of features, in its noise's, below which it shows nothing."""
 
-MEMORY = 2e8
+FEATURE_SAMPLES = 6.25e6
 """
-Bytes that whitened features may take: of a pair of a minute each two hundred combinations are
-kept, of ten minutes the forty strongest.
+Numbers that the whitened features of a channel may take, of two bytes each, so that 16 channels
+need 200 MB (joints share theirs): of a pair of a minute each two hundred combinations are kept,
+of ten minutes the forty strongest.
 """
-
-SHARING = 16
-"""Channels that share that memory: all but those of joints, whose features are the same."""
 
 BoolArray = NDArray[np.bool_]
+
+BUMPS = 7
+"""Radial bumps along each axis of the workspace: a fifth of a robot's cell between two."""
+
+MEMORIES = (0.1, 0.5, 2.0)
+"""Time constants of what a sensor or mount remembers of its load [s]: foam, glue, thermal."""
+
+COSINES = 13
+"""Slow cosines of each recording: half periods of a minute's drift down to five seconds."""
+
+SLOW_MOTION = 0.05
+"""Part of the RMS speed below which friction is seen to turn over."""
+
+
+class Basis(NamedTuple):
+    """
+    Features of recordings, and how a discrepancy's variance is spread over them.
+
+    Attributes
+    ----------
+    rows : tuple of Compact, shape (k, n)
+        Of each recording, one value a block; of unit RMS over all recordings, without mean.
+    variance : ndarray, shape (k,)
+        Of each feature's weight, in that of the whole; each group has the same.
+    """
+
+    rows: tuple[Compact, ...]
+    variance: Array
+
+
+def basis(signals: Sequence[Signals], frequencies: Sequence[float] = ()) -> Basis:
+    """
+    List what a discrepancy may depend on [KennedyOHagan2001].
+
+    Parameters
+    ----------
+    signals : sequence of Signals
+        Of each recording, simulated.
+    frequencies : sequence of float
+        Of lines that the residual shows [Hz].
+    """
+    groups = [_scaled(rows) for rows in chain(zip(*map(_of_motion, signals), strict=True),
+                                              _of_time(signals, frequencies))]
+    members = np.array([len(of_first.numbers) for of_first, *_ in groups])
+    shares = 1.0 / np.maximum(members * np.count_nonzero(members), 1)
+    return Basis(tuple(map(Compact.joined, zip(*groups))), np.repeat(shares, members))
+
+
+def _scaled(rows: Sequence[Sequence[Array]]) -> list[Compact]:
+    """
+    Take a group's means off, bring all to unit RMS, and leave out what does not vary.
+
+    Parameters
+    ----------
+    rows : sequence of sequence of ndarray, shape (n,)
+        Of each recording, as many in each.
+
+    Returns
+    -------
+    list of Compact, shape (k, n)
+        Of each recording: there are some hundred in all.
+    """
+    n = sum(len(own[0]) for own in rows)
+    means = [sum(float(row.sum()) for row in feature) / n for feature in zip(*rows)]
+    flat = [[row - mean for row, mean in zip(own, means)] for own in rows]
+    size = np.array([np.sqrt(sum(float(row @ row) for row in feature) / n)
+                     for feature in zip(*flat)])
+    kept = np.flatnonzero(size > max(1e-9 * size.max(), 1e-15))
+    return [Compact.of(np.array([own[i] / size[i] for i in kept]).reshape(
+        len(kept), len(own[0]))) for own in flat]
+
+
+def _of_motion(s: Signals) -> Iterator[Sequence[Array]]:
+    """Give one after the other the groups of features that mean the same in every recording."""
+    p, R = _means(s.position), s.R_base_sensor
+    gravity, heading = _means(R[:, 2, :]), _means(R[:, 0, :])
+    velocity, omega = _means(s.velocity), _means(s.omega)
+    own = _means(np.einsum('nij,ni->nj', R, s.velocity))
+    speed, slide = _means(s.speed[:, np.newaxis]), _means(s.optidrive[:, np.newaxis])
+    wrench, force = _means(s.wrench), _means(s.specific_force)
+    wrench = wrench - wrench.mean(axis=1, keepdims=True)
+    contact = _means(s.contact[:, :3])
+    rates = np.concatenate([velocity, own, omega, speed])
+    loads = np.concatenate([wrench, force, slide])
+    time = BLOCK * np.arange(p.shape[1])
+    changing = np.gradient(loads, BLOCK, axis=1)
+    yield list(gravity)
+    yield _products(gravity)
+    yield [*heading, *_products(heading)]
+    yield [*p, *_products(p - p.mean(axis=1, keepdims=True))]
+    yield _bumps(p)
+    yield list(rates)
+    yield _turning_over(rates)
+    yield [*np.abs(rates), *(rates * np.abs(rates)), *_products(omega)]
+    yield [*force, *_means(s.alpha), *_means(s.acceleration)]
+    yield [*wrench, *slide, *_products(wrench[:3]), *wrench[3:] ** 2, *slide ** 3,
+           *_lengths(wrench)]
+    yield [*contact, *np.sqrt(np.abs(contact)), *contact ** 2,
+           (np.abs(contact).max(axis=0) > 0.0).astype(float)]
+    yield list(changing)
+    yield list(np.gradient(changing, BLOCK, axis=1))
+    yield [_remembered(row, t) for t in MEMORIES for row in loads]
+    yield [*(time * wrench), *(time ** 2 * wrench), *(time * force)]
+
+
+def _of_time(signals: Sequence[Signals], frequencies: Sequence[float]
+             ) -> Iterator[Sequence[Sequence[Array]]]:
+    """Give drifts, then lines, which begin anew in each recording; flat in the others."""
+    counts = [len(s.optidrive) // round(BLOCK * RATE) for s in signals]
+    kinds = zip(*(_waves(s.start, n, frequencies) for s, n in zip(signals, counts)))
+    for waves in (one for one in kinds if one[0]):
+        yield [[row if i == j else np.zeros(n) for j, own in enumerate(waves) for row in own]
+               for i, n in enumerate(counts)]
+
+
+def _waves(start: float, n: int, frequencies: Sequence[float]) -> tuple[list[Array], list[Array]]:
+    """Return the slow cosines and the lines of one recording."""
+    t, turns = BLOCK * (np.arange(n) + 0.5), 2.0 * np.pi * np.array(frequencies)
+    return ([np.cos(np.pi * k * t / (n * BLOCK)) for k in range(COSINES)],
+            [wave(rate * (start + t)) for rate in turns for wave in (np.sin, np.cos)])
+
+
+def _means(values: Array) -> Array:
+    """Return block means, channels first."""
+    return block_means(values).T
+
+
+def _products(rows: Array) -> list[Array]:
+    return [rows[i] * rows[j] for i, j in combinations_with_replacement(range(len(rows)), 2)]
+
+
+def _lengths(wrench: Array) -> list[Array]:
+    return [np.linalg.norm(wrench[:3], axis=0), np.linalg.norm(wrench[3:], axis=0)]
+
+
+def _bumps(position: Array) -> list[Array]:
+    out = []
+    for row in position:
+        low, high = float(row.min()), float(row.max())
+        width = (high - low) / (BUMPS - 1) if high > low else 1.0
+        out += [np.exp(-0.5 * ((row - c) / width) ** 2) for c in np.linspace(low, high, BUMPS)]
+    return out
+
+
+def _turning_over(rates: Array) -> list[Array]:
+    rms = np.sqrt(np.mean(rates ** 2, axis=1, keepdims=True))
+    return list(np.tanh(rates / np.where(rms > 0.0, SLOW_MOTION * rms, 1.0)))
+
+
+def _remembered(row: Array, memory: float) -> Array:
+    """Return a signal behind a first-order lag, in equilibrium at the beginning."""
+    from scipy.signal import lfilter  # takes a second, which a node does not start with
+
+    a = float(np.exp(-BLOCK / memory))
+    return np.asarray(lfilter([1.0 - a], [1.0, -a], row, zi=[a * row[0]])[0])
 
 
 def _factor(information: Array) -> Array:
@@ -93,8 +245,7 @@ class Discrepancy:
         """Return it whitened by a noise: the last one, which takes much memory, is kept."""
         kept = self._kept
         if kept is None or any(a is not b for a, b in zip(kept.noise, noise, strict=True)):
-            self._kept = kept = WhitenedDiscrepancy(
-                self, list(noise), kept.known(noise) if kept else _Known({}, {}, {}))
+            self._kept = kept = WhitenedDiscrepancy(self, list(noise), kept)
         return kept
 
 
@@ -109,32 +260,6 @@ class Modes(NamedTuple):
     weights: Array
 
 
-class _Cross(NamedTuple):
-    """A column, and its products with combinations, (r,)."""
-
-    column: 'ref[Compact]'
-    products: NDArray[np.float32]
-
-
-class _Known(NamedTuple):
-    """
-    What was found of each channel.
-
-    Its combinations, factors of its information on them, and products with columns, by channel,
-    recording and identity of the column.
-    """
-
-    modes: dict[int, Modes]
-    factors: dict[tuple[int, bool, float], Array]
-    crosses: dict[tuple[int, int, int], _Cross]
-
-    def of(self, channels: set[int]) -> '_Known':
-        """Keep some channels."""
-        return _Known({c: modes for c, modes in self.modes.items() if c in channels},
-                      {key: f for key, f in self.factors.items() if key[0] in channels},
-                      {key: one for key, one in self.crosses.items() if key[0] in channels})
-
-
 class WhitenedDiscrepancy:
     """
     A discrepancy, whitened by a given noise.
@@ -143,34 +268,36 @@ class WhitenedDiscrepancy:
     ----------
     noise : list of Autoregression
         Of each recording.
-    known : tuple
-        What was found already, of channels whose noise is the same.
+    before : WhitenedDiscrepancy, optional
+        By another noise: what it found of channels whose noise is the same holds.
     """
 
-    def __init__(self, of: Discrepancy, noise: list[Autoregression], known: _Known) -> None:
+    def __init__(self, of: Discrepancy, noise: list[Autoregression],
+                 before: 'WhitenedDiscrepancy | None') -> None:
         self.basis, self.signal, self.train, self.noise = of.basis, of.signal, of.train, noise
         self.channels = [c for c in range(len(CHANNELS))
                          if any(n.sigma[:, c].any() for n in noise)]
-        self._known = known
-
-    def known(self, noise: Sequence[Autoregression]) -> _Known:
-        """Return what was found of channels that another noise whitens alike."""
-        return self._known.of({c for c in self.channels if all(
-            a.same(b, c) for a, b in zip(self.noise, noise, strict=True))})
+        self.found: dict[int, Modes] = {}
+        self.factors: dict[tuple[int, bool, float], Array] = {}
+        if before is not None:
+            same = {c for c in before.channels if all(
+                a.same(b, c) for a, b in zip(before.noise, noise, strict=True))}
+            self.found = {c: modes for c, modes in before.found.items() if c in same}
+            self.factors = {key: one for key, one in before.factors.items() if key[0] in same}
 
     def modes(self, c: int) -> Modes:
         """Return a channel's whitened features, which are found at the first time they count."""
-        if c not in self._known.modes:
-            self._known.modes[c] = self._modes(c)
-        return self._known.modes[c]
+        if c not in self.found:
+            self.found[c] = self._strongest(c)
+        return self.found[c]
 
-    def _modes(self, c: int) -> Modes:
+    def _strongest(self, c: int) -> Modes:
         scale = np.sqrt(self.basis.variance) * self.signal[c]
         white = [n.whiten_singly(rows.numbers, c, scale * rows.unit[:, 0])
                  if n.sigma[:, c].any() else np.zeros(rows.numbers.shape, dtype=np.float32)
                  for n, rows in zip(self.noise, self.basis.rows)]
         values, vectors = np.linalg.eigh(sum((w @ w.T).astype(float) for w in white))
-        most = int(MEMORY / (2 * SHARING * sum(w.shape[1] for w in white)))
+        most = int(FEATURE_SAMPLES / sum(w.shape[1] for w in white))
         kept = np.flatnonzero(values * max(NOISE_SCALES) ** 2 > LEAST_WEIGHT)[-most:]
         turn = vectors[:, kept]
         return Modes([Compact.of(turn.T.astype(np.float32) @ w) for w in white],
@@ -178,7 +305,7 @@ class WhitenedDiscrepancy:
 
     def factor(self, c: int, size: float, training: bool) -> Array:
         """Return the Cholesky factor of a channel's information on its combinations."""
-        key, factors = (c, training, size), self._known.factors
+        key, factors = (c, training, size), self.factors
         if key not in factors:
             if (flat := (c, training, np.inf)) not in factors:
                 factors[flat] = np.sum([
@@ -276,52 +403,31 @@ class WhitenedDiscrepancy:
         """
         Return inner products in one channel of one recording, over some blocks.
 
-        Columns are the same from one hypothesis to the next: only new ones, and the residual, are
-        multiplied with the combinations.
-
         Returns
         -------
         own : ndarray, shape (1 + k, 1 + k)
+            Of the residual and of columns with each other.
         cross : ndarray, shape (r, 1 + k)
+            Of the combinations with them.
         """
         # an effect in all recordings and in this one alone has one column here
         there = {id(one): one for one in given if one is not None}
-        some, keys = list(there.values()), [(c, recording, key) for key in there]
-        known = self._known.crosses if rows.all() and not absent else {}
-        new = {j: one for j, one in enumerate(some) if not (
-            keys[j] in known and known[keys[j]].column() is one)}
-        own, found = self._multiplied(c, recording, residual, some, list(new), absent, rows)
-        known.update({keys[j]: _Cross(ref(one), found[:, 1 + i].astype(np.float32))
-                      for i, (j, one) in enumerate(new.items())})
-        cross = np.column_stack([found[:, 0], *(known[key].products for key in keys)])
-        places = {key: 1 + j for j, key in enumerate(there)}
-        place = np.array([0, *(places.get(id(one), -1) for one in given)])
-        return (np.where((place < 0) | (place < 0)[:, np.newaxis], 0.0,
-                         own[np.ix_(place, place)]), np.where(place < 0, 0.0, cross[:, place]))
-
-    def _multiplied(self, c: int, recording: int, residual: Array, given: Sequence[Compact],
-                    new: Sequence[int], absent: bool, rows: BoolArray) -> tuple[Array, Array]:
-        """
-        Multiply residual and columns with each other, and with the combinations.
-
-        Returns
-        -------
-        own : ndarray, shape (1 + k, 1 + k)
-        cross : ndarray, shape (r, 1 + new)
-            Of the residual and of new columns.
-        """
         features = None if absent else self.modes(c).rows[recording]
-        chosen = [0, *(1 + j for j in new)]
-        own = np.zeros((1 + len(given),) * 2)
-        cross = np.zeros((len(features.numbers) if features else 0, len(chosen)))
-        for part, white in self.noise[recording].whiten_in_pieces(stacked(residual, given), c):
+        own = np.zeros((1 + len(there),) * 2)
+        cross = np.zeros((len(features.numbers) if features else 0, len(own)))
+        for part, white in self.noise[recording].whiten_in_pieces(
+                stacked(residual, list(there.values())), c):
             kept = rows[part]
             white = white if kept.all() else white * kept
             own += white @ white.T
             if features:
-                cross += features.numbers[:, part].astype(np.float32) @ white[chosen].astype(
-                    np.float32).T
-        return own, cross * features.unit if features else cross
+                cross += features.numbers[:, part].astype(np.float32) @ white.astype(np.float32).T
+        if features:
+            cross *= features.unit
+        places = {key: 1 + j for j, key in enumerate(there)}
+        place = np.array([0, *(places.get(id(one), -1) for one in given)])
+        return (np.where((place < 0) | (place < 0)[:, np.newaxis], 0.0,
+                         own[np.ix_(place, place)]), np.where(place < 0, 0.0, cross[:, place]))
 
 
 def _square(features: Compact, blocks: BoolArray) -> Array:

@@ -68,10 +68,6 @@ class Prior(NamedTuple):
     low: Array
     high: Array
 
-    def of(self, index: NDArray[np.intp]) -> 'Prior':
-        """Keep some parameters only."""
-        return Prior(*(one[index] for one in self))
-
 
 class Earlier(NamedTuple):
     """

@@ -5,8 +5,7 @@ from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.dataset import CHANNELS, MeasuredBlocks
-from forcecal_ros.diagnose.model.compact import Compact
-from forcecal_ros.diagnose.model.jacobian import Column
+from forcecal_ros.diagnose.model.jacobian import Column, Compact
 from forcecal_ros.effects import Effect, Quantity
 from forcecal_ros.effects.nuisances import Nuisance
 from forcecal_ros.effects.rig import Rig

@@ -5,7 +5,7 @@ from itertools import product
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.diagnose.dataset import CHANNELS, STREAM_SLICES
+from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.model.gates import BIAS, Gate, gated, nuisances_of, physical
 from forcecal_ros.diagnose.model.jacobian import Column, column
 from forcecal_ros.diagnose.model.linearised import Diverged, EFFECT, LinearisedModel
@@ -15,82 +15,7 @@ from numpy.typing import NDArray
 
 CLIPPING = {'wrench_saturation': tuple(c.name for c in CHANNELS if c.stream == 'wrench'),
             'accel_saturation': tuple(c.name for c in CHANNELS if c.stream == 'accelerometer')}
-"""Effects that the data show without a model and that a model has to follow: their channels."""
-
-LIMITS_TRIED = 40
-"""Limits that are tried, between the largest magnitude and half of it."""
-
-MIN_REMOVED = 30.0
-"""Squares that a limit has to remove, in those of the noise, to be worth a try."""
-
-
-def limit_starts(model: LinearisedModel, effect: str) -> dict[str, float]:
-    """
-    Find limits at which a saturation may act, one for each of its channels that shows any.
-
-    Parameters
-    ----------
-    model : LinearisedModel
-        Recalibrated.
-    effect : str
-        One of CLIPPING.
-
-    Returns
-    -------
-    dict of str to float
-        Parameter of the effect -> limit, within the range that the library leaves it.
-    """
-    quantities = model.library[effect].parameters[-len(CLIPPING[effect]):]
-    stream = 'wrench' if effect == 'wrench_saturation' else 'accelerometer'
-    first, found = STREAM_SLICES[stream].start, {}
-    if any(stream not in dataset.measured.streams for dataset in model.datasets):
-        return {}
-    pairs = [_physical(model, i, stream) for i in range(len(model.datasets))]
-    for k, q in enumerate(quantities):
-        simulated = np.concatenate([s[:, k] for s, _ in pairs])
-        measured = np.concatenate([m[:, k] for _, m in pairs])
-        noise = model.level[first + k] * 2.0
-        if stream == 'accelerometer':
-            noise /= abs(_model_gain(model)[k])
-        limit = _best_limit(simulated, measured, q.low, q.high, noise)
-        if limit and CHANNELS[first + k].name in CLIPPING[effect]:
-            found[q.name] = limit
-    return found
-
-
-def _model_gain(model: LinearisedModel) -> Array:
-    dataset = model.datasets[0]
-    return np.array(model.rig.accelerometer.model(dataset.simulation.accelerometer).gain)
-
-
-def _physical(model: LinearisedModel, i: int, stream: str) -> tuple[Array, Array]:
-    """Give simulated and measured samples, the accelerometer's as specific force."""
-    dataset, base = model.datasets[i], model.signals(i)
-    rest, measured = dataset.measured.samples(stream, base), dataset.measured.values(stream)
-    if stream == 'accelerometer':
-        sensor = model.current().accelerometer.model(dataset.simulation.accelerometer)
-        measured, rest = (measured - sensor.offset) / sensor.gain, rest / sensor.gain
-    return measured - rest, measured
-
-
-def _best_limit(simulated: Array, measured: Array, low: float, high: float, noise: float
-                ) -> float:
-    """Return the limit in a range that removes most squares; 0 where none is worth a try."""
-    size = np.abs(simulated)
-    near = np.flatnonzero(size > 0.5 * size.max())
-    s, m = simulated[near], measured[near]
-    before = (m - s) ** 2
-    limits = size.max() * np.linspace(0.5, 1.0, LIMITS_TRIED, endpoint=False)
-    limits = limits[(limits >= low) & (limits <= high)]
-    if not len(limits):
-        return 0.0
-    removed = [float(np.sum(before - (m - np.clip(s, -x, x)) ** 2)) for x in limits]
-    best = int(np.argmax(removed))
-    return float(limits[best]) if removed[best] > MIN_REMOVED * noise ** 2 else 0.0
-
-
-MOST_STARTS = 12
-"""Starting values, at most, at which one effect is screened."""
+"""Effects that the data show without a model, so that none is searched for: their channels."""
 
 VIBRATION = 'spindle_vibration'
 """The effect that shows as a spectral line."""
@@ -177,15 +102,12 @@ def hypotheses(model: LinearisedModel, line: float | None = None) -> list[Hypoth
     found = []
     simulation = model.datasets[0].simulation
     for name, effect in model.library.items():
-        if name in model.fixed or not simulation.can_show(name, model.rig):
+        if name in CLIPPING or not simulation.can_show(name, model.rig):
             continue
         if effect.nuisance:
             found += _released(model, name, effect)
             continue
-        if name in CLIPPING:
-            atoms = tuple(_limits(model, name, effect))
-        else:
-            atoms = tuple(_sparse(_atoms(model, name, effect, line), effect))
+        atoms = tuple(_sparse(_atoms(model, name, effect, line), effect))
         if atoms:
             found.append(Hypothesis(name, effect, (), atoms))
     return found
@@ -193,29 +115,22 @@ def hypotheses(model: LinearisedModel, line: float | None = None) -> list[Hypoth
 
 def _released(model: LinearisedModel, name: str, effect: Effect) -> list[Hypothesis]:
     own = [n.name for n in model.nuisances if n.key == effect.nuisance]
-    if not own:
-        return []
-    return [Hypothesis(name, effect, tuple(
-        frozenset(own[i] for i in part) for part in _parts(effect, len(own))), ())]
+    parts = tuple(frozenset(own[i] for i in part) for part in _parts(effect, len(own)) if part)
+    return [Hypothesis(name, effect, parts, ())] if parts else []
 
 
 def _parts(effect: Effect, n: int) -> list[list[int]]:
     """
     List which of an effect's first n parameters may be wrong together.
 
-    All, those of one vector, those of one axis of a vibration, or one alone.
+    All, those of one vector, or one alone.
     """
     names = [q.name for q in effect.parameters[:n]]
-    parts = [list(range(n))]
-    if 'sine_x' in names:
-        groups = [f'ine_{axis}' for axis in 'xyz']
-        parts += [[i for i, name in enumerate(names) if name.endswith(g)] for g in groups]
-    else:
-        stems = dict.fromkeys(name[:-1] for name in names if name[-1] in 'xyz')
-        parts += [[i for i, name in enumerate(names) if name[:-1] == stem and name[-1] in 'xyz']
-                  for stem in stems]
-        parts += [[i] for i in range(n)]
-    return [part for i, part in enumerate(parts) if part and part not in parts[:i]]
+    stems = dict.fromkeys(name[:-1] for name in names if name[-1] in 'xyz')
+    parts = [list(range(n)),
+             *([i for i, name in enumerate(names) if name[:-1] == stem and name[-1] in 'xyz']
+               for stem in stems), *([i] for i in range(n))]
+    return [part for i, part in enumerate(parts) if part not in parts[:i]]
 
 
 def _atoms(model: LinearisedModel, name: str, effect: Effect, line: float | None) -> list[Atom]:
@@ -224,22 +139,19 @@ def _atoms(model: LinearisedModel, name: str, effect: Effect, line: float | None
     fixed = {'frequency': (line,)} if line and name == VIBRATION else {}
     grids = [fixed.get(q.name) or (q.starts if q.shapes or not effect.smooth else ())
              or (q.typical,) for q in effect.parameters]
+
+    def only(moving: Sequence[int], start: tuple[float, ...]) -> Array:
+        theta, still = np.array(start, dtype=float), [j for j in sized if j not in moving]
+        theta[still] = nominal[still]
+        return theta
+
     atoms = []
-    for start in list(product(*grids))[:MOST_STARTS]:
-        several, moving = [], []
-        for i in sized:
-            theta = np.array(start, dtype=float)
-            others = [j for j in sized if j != i]
-            theta[others] = nominal[others]
-            columns = _difference(model, name, effect, theta)
-            if any(columns):
-                several.append(columns)
-                moving.append(i)
-        if several:
-            theta = np.array(start, dtype=float)
-            still = [j for j in sized if j not in moving]
-            theta[still] = nominal[still]
-            atoms.append(Atom(theta, np.array(moving), _transposed(several)))
+    for start in product(*grids):
+        columns = {i: _difference(model, name, effect, only([i], start)) for i in sized}
+        moving = [i for i in sized if any(columns[i])]
+        if moving:
+            atoms.append(Atom(only(moving, start), np.array(moving),
+                              _transposed([columns[i] for i in moving])))
     return atoms
 
 
@@ -249,18 +161,6 @@ def _difference(model: LinearisedModel, name: str, effect: Effect, theta: Array)
         return model.difference({**model.effects, name: values_of(effect, theta)})
     except Diverged:
         return [{} for _ in model.datasets]
-
-
-def _limits(model: LinearisedModel, name: str, effect: Effect) -> list[Atom]:
-    """Try each axis by itself, at the limit that its samples suggest."""
-    atoms, names = [], [q.name for q in effect.parameters]
-    for parameter, limit in limit_starts(model, name).items():
-        theta, i = nominal_of(effect), names.index(parameter)
-        theta[i] = limit
-        columns = _difference(model, name, effect, theta)
-        if any(columns):
-            atoms.append(Atom(theta, np.array([i]), _transposed([columns])))
-    return atoms
 
 
 def _sparse(atoms: list[Atom], effect: Effect) -> list[Atom]:
@@ -284,6 +184,11 @@ def fewer(effect: Effect, atom: Atom, part: NDArray[np.intp]) -> Atom:
     return Atom(start, atom.free[part], tuple([one[j] for j in part] for one in atom.columns))
 
 
+def distinct_columns(found: Sequence[Hypothesis]) -> dict[int, tuple[Column, ...]]:
+    """List the columns that hypotheses share once, of each recording, by the first one's id."""
+    return {id(c[0]): c for h in found for a in h.atoms for c in zip(*a.columns)}
+
+
 def everywhere(model: LinearisedModel, found: Sequence[Hypothesis]) -> list[Hypothesis]:
     """
     Return those hypotheses that may begin or end, all with parameters of their own, and a bias.
@@ -294,7 +199,7 @@ def everywhere(model: LinearisedModel, found: Sequence[Hypothesis]) -> list[Hypo
         Some of them nuisances whose prior is lifted, which a part of the time cannot have.
     """
     out = [_of_nuisances(model, h) if h.releases else h
-           for h in found if h.name not in CLIPPING and h.effect.where != 'stamps']
+           for h in found if h.effect.where != 'stamps']
     bias = Hypothesis(BIAS.name, BIAS, (), ())
     return [h for h in (*out, _of_nuisances(model, bias)) if h.atoms]
 
@@ -317,9 +222,10 @@ def _of_nuisances(model: LinearisedModel, h: Hypothesis) -> Hypothesis:
     return h._replace(releases=(), atoms=tuple(_sparse([atom], h.effect)))
 
 
-def for_a_part(model: LinearisedModel, h: Hypothesis, gate: Gate, times: int) -> Hypothesis:
-    """Let a hypothesis of :func:`everywhere` act for a part of the time, one of so many."""
-    rows = [gate.rows(one.measured, i) for i, one in enumerate(model.datasets)]
+def for_a_part(model: LinearisedModel, h: Hypothesis) -> Hypothesis:
+    """Let the columns of a hypothesis of :func:`everywhere` act as its gate lets it."""
+    assert h.gate is not None
+    rows = [h.gate.rows(one.measured, i) for i, one in enumerate(model.datasets)]
     known: dict[int, Column] = {}  # starts of an effect share their columns
 
     def part(one: Column, acts: Array) -> Column:
@@ -327,7 +233,7 @@ def for_a_part(model: LinearisedModel, h: Hypothesis, gate: Gate, times: int) ->
             known[id(one)] = gated(one, acts)
         return known[id(one)]
 
-    return h._replace(gate=gate, times=times, atoms=tuple(
+    return h._replace(atoms=tuple(
         atom._replace(columns=tuple([part(one, acts) for one in columns]
                                     for columns, acts in zip(atom.columns, rows)))
         for atom in h.atoms))
@@ -336,15 +242,12 @@ def for_a_part(model: LinearisedModel, h: Hypothesis, gate: Gate, times: int) ->
 def in_one_recording(model: LinearisedModel, found: Sequence[Hypothesis]) -> list[Hypothesis]:
     """Let hypotheses of :func:`everywhere` act in each of several recordings alone."""
     n = len(model.datasets)
-    return [for_a_part(model, h, Gate(i), n) for h in found for i in range(n)] if n > 1 else []
+    return [for_a_part(model, h._replace(gate=Gate(i), times=n))
+            for h in found for i in range(n)] if n > 1 else []
 
 
 def _transposed(columns: list[list[Column]]) -> tuple[list[Column], ...]:
     return tuple(list(one) for one in zip(*columns))
-
-
-FAR = 20.0
-"""A nominal value so many times the typical one represents no limit at all."""
 
 
 class EffectJacobian(NamedTuple):
@@ -379,50 +282,42 @@ def unit_of(effect: Effect, theta: Array) -> Array:
     nominal = nominal_of(effect)
     typical = np.array([q.typical for q in effect.parameters])
     unit = np.maximum(np.abs(typical - nominal), np.abs(theta - nominal))
-    limit = np.abs(nominal) > FAR * np.abs(typical)
-    unit = np.where(limit, np.abs(theta), unit)
     shapes = np.array([q.shapes for q in effect.parameters])
     unit = np.where(shapes, np.abs(typical - nominal), unit)
     return np.asarray(np.where(unit > 0.0, unit, 1.0))
 
 
-def effect_jacobian(model: LinearisedModel, name: str, theta: Array, free: NDArray[np.intp],
-                    residuals: Sequence[Array], datasets: Sequence[int]) -> EffectJacobian:
+def effect_jacobian(model: LinearisedModel, name: str, theta: Array, free: NDArray[np.intp]
+                    ) -> EffectJacobian:
     """
     Take an effect's columns at its parameters by finite steps.
 
     Parameters
     ----------
+    model : LinearisedModel
+        Evaluated there.
     theta : ndarray, shape (p,)
     free : ndarray of int, shape (k,)
         Which parameters.
-    residuals : sequence of ndarray, shape (n, channels)
-        Measured less simulated with the effect at ``theta``, of the chosen recordings.
-    datasets : sequence of int
-        Chosen recordings; the others get empty columns.
     """
     effect = model.library[name]
     units, high = unit_of(effect, theta)[free], bounds_of(effect)[1]
     fraction = 0.02 if effect.smooth else 0.1
-    columns: list[list[Column]] = [[] for _ in model.datasets]
+    several = []
     for i, unit in zip(free, units):
         moved = theta.copy()
         h = fraction * unit if theta[i] + fraction * unit <= high[i] else -fraction * unit
         moved[i] += h
         changed = {**model.effects, name: values_of(effect, moved)}
-        for dataset in range(len(model.datasets)):
-            one: Column = {}
-            if dataset in datasets:
-                before = residuals[list(datasets).index(dataset)]
-                one = column((before - model.simulate(changed, dataset)) * (unit / h),
-                             model.level)
-            columns[dataset].append(one)
+        several.append([column((before - model.simulate(changed, k)) * (unit / h), model.level)
+                        for k, before in enumerate(model.residuals)])
+    columns = _transposed(several) or tuple([] for _ in model.datasets)
     away = (theta - nominal_of(effect))[free] / units
     shapes = np.array([effect.parameters[i].shapes for i in free])
-    away = np.where(shapes | (np.abs(away) > FAR), 0.0, away)
+    away = np.where(shapes, 0.0, away)
     precision, known = np.full(len(free), EFFECT), model.earlier.numbers.get(name, {})
     for j, i in enumerate(free):
         value, std = known.get(effect.parameters[i].name, (0.0, 0.0))
         if std and name not in model.gates:
             away[j], precision[j] = (theta[i] - value) / units[j], (units[j] / std) ** 2
-    return EffectJacobian(name, free, units, away, precision, tuple(columns))
+    return EffectJacobian(name, free, units, away, precision, columns)

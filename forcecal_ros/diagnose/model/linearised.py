@@ -2,6 +2,7 @@
 
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from forcecal_ros.core.errors import ForcecalError
 from forcecal_ros.core.geometry import Array, rotation_vector
@@ -13,9 +14,9 @@ from forcecal_ros.diagnose.dataset import (
     split_datasets,
     STREAM_SLICES,
 )
-from forcecal_ros.diagnose.model.basis import Basis, basis
-from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.model.discrepancy import (
+    Basis,
+    basis,
     Discrepancy,
     NO_DISCREPANCY,
     Products,
@@ -24,7 +25,13 @@ from forcecal_ros.diagnose.model.discrepancy import (
 )
 from forcecal_ros.diagnose.model.evidence import Earlier, FIRST_RECORDING, Fit, fit, Gram, Prior
 from forcecal_ros.diagnose.model.gates import departed, Gate, nuisances_of
-from forcecal_ros.diagnose.model.jacobian import Column, column, combined, nuisance_column
+from forcecal_ros.diagnose.model.jacobian import (
+    Column,
+    column,
+    combined,
+    Compact,
+    nuisance_column,
+)
 from forcecal_ros.diagnose.verdict import TOLERANCE, tolerated
 from forcecal_ros.effects import Effect, EFFECTS, with_effects
 from forcecal_ros.effects.nuisances import apply_all, Nuisance, prior_std, ROBOT
@@ -157,7 +164,13 @@ class LinearisedModel:
 
     def simulate(self, effects: Values, dataset: int) -> Array:
         """Return measured less simulated of one recording with other effects, (n, channels)."""
-        return self._with_gated(dataset, self.signals(dataset, effects), effects)
+        signals, measured = self.signals(dataset, effects), self.datasets[dataset].measured
+        out = _finite(measured.residual(signals))
+        for name in (n for n in effects if n in self.gates):
+            rows = self.gates[name].rows(measured, dataset)
+            if rows.any():
+                out = out - rows * self.added(name, effects, dataset, signals)
+        return out
 
     def signals(self, dataset: int, effects: Values | None = None) -> Signals:
         """
@@ -174,16 +187,6 @@ class LinearisedModel:
     def _always(self, effects: Values) -> Values:
         """Leave out the effects that act for a part of the time."""
         return {name: v for name, v in effects.items() if name not in self.gates}
-
-    def _with_gated(self, dataset: int, signals: Signals, effects: Values) -> Array:
-        """Return measured less simulated, effects added that act for a part of the time."""
-        out = self._residual(dataset, signals)
-        measured = self.datasets[dataset].measured
-        for name in (n for n in effects if n in self.gates):
-            rows = self.gates[name].rows(measured, dataset)
-            if rows.any():
-                out = out - rows * self.added(name, effects, dataset, signals)
-        return out
 
     def added(self, name: str, effects: Values, dataset: int, before: Signals | None = None
               ) -> Array:
@@ -204,22 +207,21 @@ class LinearisedModel:
         changed = (departed(rig, own, effect, effects[name]) if own
                    else with_effects(rig, {name: effects[name]}))
         signals = one.simulation.signals(rig) if before is None else before
-        out = one.measured.residual(signals) - one.measured.residual(
-            one.simulation.signals(changed))
-        if not np.isfinite(out).all():
-            raise Diverged('a simulation is not finite')
-        return out
-
-    def _residual(self, dataset: int, signals: Signals) -> Array:
-        """Return measured less simulated of one recording, (n, channels)."""
-        out = self.datasets[dataset].measured.residual(signals)
-        if not np.isfinite(out).all() or np.abs(out).max(initial=0.0) > 1e9:
-            raise Diverged('a simulation is not finite')
-        return out
+        return _finite(one.measured.residual(signals) - one.measured.residual(
+            one.simulation.signals(changed)))
 
     def evaluate(self) -> None:
         """Simulate at the centre; the Jacobian stays as it is."""
         self.residuals = [self.simulate(self.effects, i) for i in range(len(self.datasets))]
+
+    def evaluated(self, step: Array, **changes: Any) -> 'LinearisedModel | None':
+        """Return it evaluated a step of the nuisances away, changed; None where that diverges."""
+        out = replace(self, centre=self.moved(step), **changes)
+        try:
+            out.evaluate()
+        except Diverged:
+            return None
+        return out
 
     def split_by_second(self) -> 'LinearisedModel':
         """Judge on every other second of each recording, not on the last recording alone."""
@@ -237,30 +239,23 @@ class LinearisedModel:
         out.evaluate()
         return out
 
-    def linearise(self) -> None:
-        """Simulate at the centre and take the Jacobian by the nuisances there."""
-        rig = self.current(self._always(self.effects))
-        self.jacobian = [
-            [self._column(i, n, size, rig, s, b)
-             for n, size in zip(self.nuisances, self.prior_std)]
-            for i, c in enumerate(self.datasets)
-            for s in [c.simulation.signals(rig)]
-            for b in [c.measured.residual(s)]]
-        self.evaluate()
-
-    def retake(self, names: frozenset[str]) -> None:
+    def linearise(self, names: frozenset[str] | None = None) -> None:
         """
-        Take anew the columns of some nuisances that are simulated, and simulate there.
+        Simulate at the centre and take the Jacobian by the nuisances there.
 
-        Those of all nuisances where signals are linear about points that were tried: another point
-        may be the nearest now.
+        Parameters
+        ----------
+        names : frozenset of str, optional
+            Take anew the columns of these alone, as far as they are simulated. Where signals are
+            linear about points that were tried, another point may be the nearest now: those of
+            all that are simulated.
         """
         rig = self.current(self._always(self.effects))
-        if names and self.datasets[0].simulation.tangent(rig) is not None:
-            names = frozenset(n.name for n in self.nuisances)
-        chosen = [j for j, n in enumerate(self.nuisances)
-                  if n.name in names and n.acts_on == 'rig']
-        self.jacobian = [list(columns) for columns in self.jacobian]
+        bent = bool(names) and self.datasets[0].simulation.tangent(rig) is not None
+        chosen = [j for j, n in enumerate(self.nuisances) if names is None or (
+            n.acts_on == 'rig' and (bent or n.name in names))]
+        self.jacobian = [list(columns) for columns in self.jacobian] or [
+            [{} for _ in self.nuisances] for _ in self.datasets]
         for i, c in enumerate(self.datasets if chosen else ()):
             s = c.simulation.signals(rig)
             b = c.measured.residual(s)
@@ -274,31 +269,28 @@ class LinearisedModel:
         """Return the column of a nuisance, the one of before where that holds wherever it is."""
         one = self.datasets[dataset]
         tangent = one.simulation.tangent(rig) if nuisance.acts_on == 'rig' else None
-        if tangent is None:
-            return nuisance_column(one, nuisance, size, rig, base, residual, self.level)
         key = dataset, nuisance.name, tangent
-        if key not in self._straight:
+        if tangent is None or key not in self._straight:
             self._straight[key] = nuisance_column(one, nuisance, size, rig, base, residual,
                                                   self.level)
         return self._straight[key]
 
     def gram(self, extra: list[list[Column]], training: bool = False) -> Gram:
         """Return the Gram of nuisances' and further columns, over all or training blocks."""
-        columns = [[*own, *more] for own, more in zip(self.jacobian, extra)]
-        return self._products(columns, training).at(self.discrepancy_scales)
+        absent = self.discrepancy_scales == NO_DISCREPANCY
+        return self.products(extra, absent, training).at(self.discrepancy_scales)
 
-    def products(self, extra: list[list[Column]]) -> Products:
-        """Return inner products of nuisances' and further columns, for any discrepancy."""
+    def products(self, extra: list[list[Column]], absent: bool = False, training: bool = False
+                 ) -> Products:
+        """Return inner products of nuisances' and further columns, for any discrepancy or none."""
         columns = [[*own, *more] for own, more in zip(self.jacobian, extra)]
-        return self.whitened_discrepancy().products(columns, self.residuals)
+        return self.whitened_discrepancy().products(columns, self.residuals, absent, training)
 
     def residual_products(self, training: bool = False) -> Products:
         """Return inner products of the residuals alone."""
-        return self._products([[] for _ in self.datasets], training)
-
-    def _products(self, columns: list[list[Column]], training: bool) -> Products:
         return self.whitened_discrepancy().products(
-            columns, self.residuals, self.discrepancy_scales == NO_DISCREPANCY, training)
+            [[] for _ in self.datasets], self.residuals,
+            self.discrepancy_scales == NO_DISCREPANCY, training)
 
     def whitened_discrepancy(self) -> WhitenedDiscrepancy:
         """Return the discrepancy, whitened by the noise; an empty one where none is set up."""
@@ -335,11 +327,8 @@ class LinearisedModel:
         """
         if square is None:
             square = self.residual_products().at(self.discrepancy_scales).square
-        return -0.5 * (square + self._cost())
-
-    def _cost(self) -> float:
         prior = self.prior()
-        return float((prior.centre * prior.precision) @ prior.centre)
+        return -0.5 * (square + float((prior.centre * prior.precision) @ prior.centre))
 
     def refit_noise(self, x: Array) -> None:
         """Fit the noise of what a step of the nuisances, and any discrepancy, leave."""
@@ -396,12 +385,8 @@ class LinearisedModel:
             return
         before = self.log_posterior()
         for fraction in FRACTIONS:
-            tried = replace(self, centre=self.moved(fraction * step))
-            try:
-                tried.evaluate()
-            except Diverged:
-                continue
-            if tried.log_posterior() > before:
+            tried = self.evaluated(fraction * step)
+            if tried and tried.log_posterior() > before:
                 self.centre = tried.centre
                 break
         self.linearise()
@@ -437,6 +422,13 @@ def linearised_model(rig: Rig, datasets: tuple[Dataset, ...], tolerance: float |
     out.allow_discrepancy()
     out.recalibrate()
     return out
+
+
+def _finite(residual: Array) -> Array:
+    """Return a residual; refuse one that no rig has."""
+    if not np.isfinite(residual).all() or np.abs(residual).max(initial=0.0) > 1e9:
+        raise Diverged('a simulation is not finite')
+    return residual
 
 
 def _without_trend(residual: Array, present: NDArray[np.bool_]) -> Array:

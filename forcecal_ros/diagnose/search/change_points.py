@@ -1,41 +1,42 @@
 """Effects that begin or end during a recording: which, and at which instant."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.diagnose.dataset import CHANNELS, STREAM_SLICES
-from forcecal_ros.diagnose.model.compact import stacked
 from forcecal_ros.diagnose.model.evidence import Prior
 from forcecal_ros.diagnose.model.gates import Gate
 from forcecal_ros.diagnose.model.hypotheses import (
     Atom,
-    bounds_of,
+    distinct_columns,
     for_a_part,
     Hypothesis,
-    nominal_of,
 )
-from forcecal_ros.diagnose.model.jacobian import Column, column
-from forcecal_ros.diagnose.model.linearised import Diverged, EFFECT, LinearisedModel
-from forcecal_ros.diagnose.search.joint_fit import JointFit
-from forcecal_ros.diagnose.search.model_comparison import Candidate, ModelComparison
+from forcecal_ros.diagnose.model.jacobian import Column, column, combined, stacked
+from forcecal_ros.diagnose.model.linearised import EFFECT, LinearisedModel
+from forcecal_ros.diagnose.search.model_comparison import (
+    Candidate,
+    Explained,
+    JointFit,
+    ModelComparison,
+)
 from forcecal_ros.sim.signals import BLOCK
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
-COVERED = 0.95
-"""Probability that the interval of an instant covers."""
+TEMPERATURE = 2.0
+"""Of log-likelihoods of instants, as of hypotheses: noise and form are not quite as modelled."""
 
 
-def interval(log_likelihood: Array, temperature: float = 1.0) -> tuple[int, int, int]:
-    """Return, by position, where an interval begins, its likeliest instant, where it ends."""
-    weight = np.cumsum(np.exp((log_likelihood - log_likelihood.max()) / temperature))
-    share, last = weight / weight[-1], len(weight) - 1
-    low, high = (min(last, int(np.searchsorted(share, 0.5 + sign * 0.5 * COVERED)))
-                 for sign in (-1.0, 1.0))
+def interval(log_likelihood: Array) -> tuple[int, int, int]:
+    """Return, by position, where a 95 % interval begins, its likeliest instant, where it ends."""
+    weight = np.cumsum(np.exp((log_likelihood - log_likelihood.max()) / TEMPERATURE))
+    low, high = np.minimum(np.searchsorted(weight / weight[-1], (0.025, 0.975)),
+                           len(weight) - 1).tolist()
     return low, int(log_likelihood.argmax()), high
 
 
@@ -191,9 +192,6 @@ NEAR = 10
 MANY = 50
 """Blocks among which an instant may lie from which its samples are not told apart."""
 
-TEMPERATURE = 2.0
-"""Of log-likelihoods of instants, as of hypotheses: noise and form are not quite as modelled."""
-
 
 class Instant(NamedTuple):
     """An instant, and between which it lies with 95 % [s]."""
@@ -203,7 +201,7 @@ class Instant(NamedTuple):
     high: float
 
 
-def screen_change_points(now: JointFit, comparison: ModelComparison, found: Sequence[Hypothesis]
+def screen_change_points(comparison: ModelComparison, found: Sequence[Hypothesis]
                          ) -> list[Candidate]:
     """
     Find the likeliest change point of each hypothesis, as linear as its columns are.
@@ -214,10 +212,8 @@ def screen_change_points(now: JointFit, comparison: ModelComparison, found: Sequ
 
     Parameters
     ----------
-    now : JointFit
-        What is explained already.
     comparison : ModelComparison
-        Of that.
+        Of what is explained already.
     found : sequence of Hypothesis
         Of :func:`~forcecal_ros.diagnose.model.hypotheses.everywhere`.
 
@@ -226,35 +222,27 @@ def screen_change_points(now: JointFit, comparison: ModelComparison, found: Sequ
     list of Candidate
         The likeliest first.
     """
-    model, explained = now.model, now.explained()
-    distinct = {id(c): j for j, c in enumerate(
-        {id(c): c for h in found for a in h.atoms for c in a.columns[0]}.values())}
-    places = {(id(h), i): [distinct[id(c)] for c in a.columns[0]]
-              for h in found for i, a in enumerate(h.atoms)}
-    several: list[list[Column]] = [[{} for _ in distinct] for _ in model.datasets]
-    for h in found:
-        for i, a in enumerate(h.atoms):
-            for j, columns in enumerate(zip(*a.columns)):
-                for k, one in enumerate(columns):
-                    several[k][places[id(h), i][j]] = one
-    beside = [[*own, *more] for own, more in zip(model.jacobian, explained.extra)]
+    model = comparison.model
+    distinct = distinct_columns(found)
+    places = {one: j for j, one in enumerate(distinct)}
+    several = [[columns[k] for columns in distinct.values()] for k in range(len(model.datasets))]
+    beside = [[*own, *more] for own, more in zip(model.jacobian, comparison.extra)]
     alone = replace(model, noise=model.white_noise(model.residuals), discrepancy=None)
     out: dict[str, Candidate] = {}
     for beside_noise in (model, alone):
-        best: dict[str, _Change] = {}
+        best: dict[str, tuple[float, Hypothesis]] = {}
         for recording, dataset in enumerate(model.datasets):
             n = len(dataset.groups)
             length = max(SHORTEST, -(-n // INSTANTS))
             if n < 4 * length:
                 continue
-            instants = Instants(beside_noise, beside, explained.null_prior, several,
+            instants = Instants(beside_noise, beside, comparison.null_prior, several,
                                 model.residuals, recording, length)
             for h in found:
-                for one in _changes(model, instants, h, [places[id(h), i] for i in range(
-                        len(h.atoms))], recording):
-                    if h.name not in best or one.evidence > best[h.name].evidence:
-                        best[h.name] = one
-        parts = [for_a_part(model, one.hypothesis, one.gate, one.times) for one in best.values()]
+                for evidence, one in _changes(model, instants, h, places, recording):
+                    if h.name not in best or evidence > best[h.name][0]:
+                        best[h.name] = evidence, one
+        parts = [for_a_part(model, one) for _, one in best.values()]
         for t in comparison.screen(parts) if parts else ():
             name = t.effect.name
             if name not in out or t.evidence > out[name].evidence:
@@ -262,49 +250,33 @@ def screen_change_points(now: JointFit, comparison: ModelComparison, found: Sequ
     return sorted(out.values(), key=lambda t: -t.evidence)
 
 
-class _Change(NamedTuple):
-    """A hypothesis at one start, when it may begin or end, and how many times were tried."""
-
-    evidence: float
-    hypothesis: Hypothesis
-    gate: Gate
-    times: int
-
-
 def _changes(model: LinearisedModel, instants: Instants, h: Hypothesis,
-             places: Sequence[Sequence[int]], recording: int) -> list[_Change]:
-    """List a hypothesis' change points in one recording, one for each start and way."""
-    several, out = len(model.datasets) > 1, []
+             places: Mapping[int, int], recording: int) -> Iterator[tuple[float, Hypothesis]]:
+    """Give a hypothesis' change points in one recording, one for each start and way."""
+    several = len(model.datasets) > 1
     start = model.datasets[recording].measured.start
-    for atom, of in zip(h.atoms, places):
+    for atom in h.atoms:
+        of = [places[id(c)] for c in atom.columns[0]]
         for ends, elsewhere in product((False, True), (False, True) if several else (False,)):
             evidence, x = instants.fits(of, ends, elsewhere)
-            evidence = np.where(_possible(h, atom, _theta(h, atom, x)), evidence, -np.inf)
+            evidence = np.where(_possible(h, atom, x), evidence, -np.inf)
             evidence[0] = -np.inf  # all of a recording, which needs no change point
             b = int(np.argmax(evidence))
             if np.isfinite(evidence[b]):
                 at = start + BLOCK * float(instants.blocks[b])
                 gate = (Gate(recording, None, at, elsewhere) if ends
                         else Gate(recording, at, None, elsewhere))
-                out.append(_Change(float(evidence[b]), h._replace(atoms=(atom,)), gate,
-                                   2 * len(evidence) * len(h.atoms)))
-    return out
+                yield float(evidence[b]), h._replace(
+                    atoms=(atom,), gate=gate, times=2 * len(evidence) * len(h.atoms))
 
 
-def _theta(h: Hypothesis, atom: Atom, x: Array) -> Array:
-    """Return the parameters that coefficients stand for, shape (instants, p)."""
-    nominal = nominal_of(h.effect)
-    out = np.repeat(atom.start[np.newaxis], len(x), axis=0)
-    out[:, atom.free] = nominal[atom.free] + x * (atom.start - nominal)[atom.free]
-    return out
-
-
-def _possible(h: Hypothesis, atom: Atom, theta: Array) -> Array:
+def _possible(h: Hypothesis, atom: Atom, x: Array) -> Array:
     """Say at which instants one number alone is within its limits; several are clipped."""
     if len(atom.free) > 1:
-        return np.ones(len(theta), dtype=bool)
-    low, high = bounds_of(h.effect)
-    return np.asarray(((theta >= low - 1e-12) & (theta <= high + 1e-12)).all(axis=1))
+        return np.ones(len(x), dtype=bool)
+    q = h.effect.parameters[atom.free[0]]
+    value = q.nominal + x[:, 0] * (atom.start[atom.free[0]] - q.nominal)
+    return np.asarray((value >= q.low - 1e-12) & (value <= q.high + 1e-12))
 
 
 def instant_of(now: JointFit, name: str) -> Instant | None:
@@ -322,26 +294,20 @@ def instant_of(now: JointFit, name: str) -> Instant | None:
     added = [column(model.added(name, model.effects, i), model.level)
              for i in range(len(model.datasets))]
     rows = [gate.rows(one.measured, i) for i, one in enumerate(model.datasets)]
-    residuals = [r + a * _dense(c, len(r)) for r, a, c in zip(model.residuals, rows, added)]
+    residuals = [r + a * combined([c], np.ones(1), len(r))
+                 for r, a, c in zip(model.residuals, rows, added)]
     predicted = model.whitened_discrepancy().predicted(model.residuals)
     residuals = [r - p for r, p in zip(residuals, predicted)]
-    explained = now._replace(jacobians=[j for j in now.jacobians if j.name != name]).explained()
+    explained = Explained(model, [j for j in now.jacobians if j.name != name])
     beside = [[*own, *more] for own, more in zip(model.jacobian, explained.extra)]
     i, one = gate.recording, model.datasets[gate.recording].measured
     coarse = Instants(model, beside, explained.null_prior, [[c] for c in added], residuals, i, 1)
     evidence = coarse.fits([0], gate.begin is None, gate.elsewhere).evidence
     t = one.start + BLOCK * coarse.blocks
-    low, at, high = interval(evidence, TEMPERATURE)
+    low, at, high = interval(evidence)
     closer = None if high - low > MANY else _to_a_sample(
         model, gate, added[i], residuals[i], t[low], t[high])
     return closer or Instant(float(t[at]), float(t[low]), float(t[high]))
-
-
-def _dense(one: Column, n: int) -> Array:
-    out = np.zeros((n, len(CHANNELS)))
-    for c, rows in one.items():
-        out[:, c] = rows.values()
-    return out
 
 
 def _to_a_sample(model: LinearisedModel, gate: Gate, added: Column, residual: Array, low: float,
@@ -366,7 +332,7 @@ def _to_a_sample(model: LinearisedModel, gate: Gate, added: Column, residual: Ar
         product_ += white[1:] @ white[0]
         square += np.sum(white[1:] ** 2, axis=1)
     # its size is known from all of the recording: only where it begins or ends is asked
-    first, best, last = interval(product_ - 0.5 * square, TEMPERATURE)
+    first, best, last = interval(product_ - 0.5 * square)
     before, at = t[near - 1], t[near]
     return Instant(float(0.5 * (before[best] + at[best])), float(before[first]), float(at[last]))
 
@@ -374,9 +340,4 @@ def _to_a_sample(model: LinearisedModel, gate: Gate, added: Column, residual: Ar
 def moved(model: LinearisedModel, name: str, instant: Instant) -> LinearisedModel:
     """Let an effect begin or end at another instant."""
     gates = {**model.gates, name: model.gates[name].moved_to(instant.at)}
-    out = replace(model, gates=gates)
-    try:
-        out.evaluate()
-    except Diverged:
-        return model
-    return out
+    return model.evaluated(np.zeros(len(model.nuisances)), gates=gates) or model

@@ -1,6 +1,12 @@
-"""Fits hypotheses beside what is explained already, and weighs them, on all blocks."""
+"""
+Fits of explanations on all blocks.
+
+Hypotheses are fitted as linear as their columns are beside what is explained already, and weighed;
+accepted effects and nuisances are refitted together on simulations.
+"""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
@@ -11,14 +17,16 @@ from forcecal_ros.diagnose.model.gates import Gate
 from forcecal_ros.diagnose.model.hypotheses import (
     Atom,
     bounds_of,
+    distinct_columns,
+    effect_jacobian,
     EffectJacobian,
-    FAR,
     fewer,
     Hypothesis,
     nominal_of,
+    values_of,
 )
 from forcecal_ros.diagnose.model.jacobian import Column, combined
-from forcecal_ros.diagnose.model.linearised import EFFECT, LinearisedModel
+from forcecal_ros.diagnose.model.linearised import Diverged, EFFECT, LinearisedModel
 from forcecal_ros.effects import Effect
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +45,15 @@ FLAWED = 80.0
 Log-likelihood a channel that a discrepancy may gain because noise is not quite what it is taken
 for: on a real arm's wrench that was 30 to 110, on a rig with 1/f noise in all channels 26 to 76.
 """
+
+ROUNDS = 10
+"""Gauss-Newton steps of a joint refit, at most: a resonance that starts an octave off takes 8."""
+
+SETTLED = 0.1
+"""Log-posterior that a step has to bring for another one to follow: half a standard error."""
+
+SHORTEST = 0.02
+"""Fraction of a Gauss-Newton step below which it is given up."""
 
 
 def estimated(effect: Effect, atom: Atom) -> NDArray[np.intp]:
@@ -67,11 +84,6 @@ class Accepted(NamedTuple):
     std: Array
     free: NDArray[np.intp]
     released: frozenset[str]
-
-    @property
-    def degrees(self) -> int:
-        """Parameters that are estimated, released nuisances among them."""
-        return max(1, len(self.free) + len(self.released))
 
 
 class Candidate(NamedTuple):
@@ -216,9 +228,7 @@ class ModelComparison(Explained):
 
     def screen(self, hypotheses: Sequence[Hypothesis]) -> list[Candidate]:
         """Judge all hypotheses on the Jacobian, the best start of each, likeliest first."""
-        atoms = [(h, a) for h in hypotheses for a in h.atoms]
-        # many starts of an effect share their columns
-        shared = {id(c[0]): c for _, a in atoms for c in zip(*a.columns)}
+        shared = distinct_columns(hypotheses)
         places = {one: self.base + j for j, one in enumerate(shared)}
         products = self.model.products([[*own, *(c[i] for c in shared.values())]
                                         for i, own in enumerate(self.extra)])
@@ -237,12 +247,12 @@ class ModelComparison(Explained):
         for h in hypotheses:
             for released in h.releases:
                 keep(h, None, released, np.zeros(0, dtype=np.intp))
-        for h, atom in atoms:
-            place = np.array([places[id(c)] for c in atom.columns[0]])
-            keep(h, atom, frozenset(), place)
-            if len(atom.free) >= MANY:
-                part = self._grown(place, likeliest)
-                keep(h, fewer(h.effect, atom, part), frozenset(), place[part])
+            for atom in h.atoms:
+                place = np.array([places[id(c)] for c in atom.columns[0]])
+                keep(h, atom, frozenset(), place)
+                if len(atom.free) >= MANY:
+                    part = self._grown(place, likeliest)
+                    keep(h, fewer(h.effect, atom, part), frozenset(), place[part])
         return sorted(best.values(), key=lambda t: -t.evidence)
 
     def _grown(self, place: NDArray[np.intp], data: Gram) -> NDArray[np.intp]:
@@ -279,13 +289,104 @@ class ModelComparison(Explained):
             free = estimated(h.effect, atom)
             nominal, x = nominal_of(h.effect), found.x[self.base:]
             theta = atom.start.copy()
-            limit = np.abs(nominal) > FAR * np.abs([q.typical for q in h.effect.parameters])
-            theta[atom.free] = np.where(limit[atom.free], atom.start[atom.free],
-                                        nominal[atom.free] + x * (atom.start - nominal)[atom.free])
+            theta[atom.free] = nominal[atom.free] + x * (atom.start - nominal)[atom.free]
             low, high = bounds_of(h.effect)
-            beyond = len(atom.free) == 1 and (theta < low - 1e-12 * np.abs(low)).any()
-            if beyond or (limit.any() and (x < 0.5).any()):
+            if len(atom.free) == 1 and (theta < low - 1e-12 * np.abs(low)).any():
                 evidence = -np.inf
             theta = np.clip(theta, low, high)
         effect = Accepted(h.name, theta, np.zeros(len(theta)), free, released)
         return Candidate(effect, float(evidence), h.ways, found.x[:self.m], level.scales, h.gate)
+
+
+class JointFit(NamedTuple):
+    """
+    Accepted effects, nuisances and noise as fitted together.
+
+    Attributes
+    ----------
+    model : LinearisedModel
+        With the effects, evaluated there.
+    jacobians : list of EffectJacobian
+        Of the effects that have parameters of their own.
+    """
+
+    model: LinearisedModel
+    accepted: list[Accepted]
+    jacobians: list[EffectJacobian]
+
+    def comparison(self) -> ModelComparison:
+        """Weigh it, and further hypotheses beside it."""
+        return ModelComparison(self.model, self.jacobians)
+
+
+def joint_fit(model: LinearisedModel, accepted: Sequence[Accepted], step: Array | None = None
+              ) -> JointFit:
+    """
+    Refit accepted effects and nuisances together, the discrepancy as large as is likeliest.
+
+    Parameters
+    ----------
+    step : ndarray, shape (m,), optional
+        Of the nuisances, to begin with.
+    """
+    released = frozenset(n for a in accepted for n in a.released)
+    out = replace(model, released=released, effects=_effects(model, accepted),
+                  centre=model.centre if step is None else model.moved(step))
+    m, now, prior = len(model.nuisances), list(accepted), out.prior()
+    out.centre = np.clip(out.centre, prior.low, prior.high)  # beside fewer effects, fewer released
+    out.linearise(released)
+    jacobians: list[EffectJacobian] = []
+    for _ in range(ROUNDS):
+        jacobians = [effect_jacobian(out, a.name, a.theta, a.free) for a in now if len(a.theta)]
+        comparison = ModelComparison(out, jacobians)
+        out.discrepancy_scales = comparison.scales
+        before, fraction, gained = out.log_posterior(comparison.every.square), 1.0, -np.inf
+        while fraction > SHORTEST:
+            moved = _moved(now, jacobians, comparison, fraction)
+            tried = out.evaluated(fraction * comparison.null.x[:m], effects=_effects(out, moved))
+            if tried:
+                gained = tried.log_posterior() - before
+                if gained > -SETTLED:
+                    out, now = tried, moved
+                    break
+            fraction *= 0.3
+        if gained < SETTLED:
+            break
+        if out.is_far(comparison.null.x[:m]):
+            out.linearise()
+        elif released:
+            out.linearise(released)
+    return JointFit(out, now, jacobians)
+
+
+def joint_fit_if_finite(model: LinearisedModel, accepted: Sequence[Accepted],
+                        step: Array | None = None) -> JointFit | None:
+    """Refit as :func:`joint_fit` does; give nothing where a simulation diverges."""
+    try:
+        return joint_fit(model, accepted, step)
+    except Diverged:
+        return None
+
+
+def _moved(accepted: Sequence[Accepted], jacobians: Sequence[EffectJacobian],
+           comparison: ModelComparison, fraction: float) -> list[Accepted]:
+    """Go a fraction of the way to the best parameters of all accepted effects."""
+    by_name = {t.name: t for t in jacobians}
+    x, variance = comparison.null.x, np.diag(comparison.null.covariance)
+    position, out = len(comparison.model.nuisances), []
+    for a in accepted:
+        if len(a.theta):
+            part, units = slice(position, position + len(a.free)), by_name[a.name].units
+            low, high = bounds_of(comparison.model.library[a.name])
+            theta, std = a.theta.copy(), np.zeros(len(a.theta))
+            theta[a.free] += fraction * x[part] * units
+            std[a.free] = units * np.sqrt(variance[part])
+            a = a._replace(theta=np.clip(theta, low, high), std=std)
+            position += len(a.free)
+        out.append(a)
+    return out
+
+
+def _effects(model: LinearisedModel, accepted: Sequence[Accepted]) -> dict[str, dict[str, float]]:
+    return {a.name: values_of(model.library[a.name], a.theta)
+            for a in accepted if len(a.theta)}

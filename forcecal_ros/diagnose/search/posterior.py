@@ -30,8 +30,12 @@ from forcecal_ros.diagnose.search.change_points import (
     moved,
     screen_change_points,
 )
-from forcecal_ros.diagnose.search.joint_fit import joint_fit_if_finite, JointFit, without_effect
-from forcecal_ros.diagnose.search.model_comparison import Accepted, Candidate
+from forcecal_ros.diagnose.search.model_comparison import (
+    Accepted,
+    Candidate,
+    joint_fit_if_finite,
+    JointFit,
+)
 from forcecal_ros.sim.signals import BLOCK
 import numpy as np
 
@@ -164,7 +168,7 @@ class _Table:
                  if name in begin and not h.effect.begins_anew]
         found: dict[str, Candidate] = {}
         for some in ([t for t in screened if t.gate is None], [t for t in screened if t.gate],
-                     screen_change_points(now, comparison, parts)):
+                     screen_change_points(comparison, parts)):
             # what acts all the time needs no recording alone, and what acts in that no instant
             least = {name: t.evidence + WORTH for name, t in found.items()}
             for t in reversed(some):
@@ -254,10 +258,10 @@ def _with_change_point(now: JointFit, t: Candidate) -> JointFit | None:
 
 
 def _without(start: LinearisedModel, now: Explanation, name: str) -> Explanation:
-    """Remove an effect and fit the others anew."""
-    less = without_effect(start, now.fit, name)
-    refitted = joint_fit_if_finite(less.model, less.accepted) if less.accepted else less
-    return weigh(refitted or less, now.ways)
+    """Remove an effect and fit the others anew, noise as it is."""
+    model, others = now.fit.model, [a for a in now.fit.accepted if a.name != name]
+    refitted = joint_fit_if_finite(model, others) if others else None
+    return weigh(refitted or JointFit(replace(start, noise=model.noise), [], []), now.ways)
 
 
 def _exchanged(start: LinearisedModel, full: Explanation, table: _Table,

@@ -28,8 +28,8 @@ from forcecal_ros.diagnose.search.calibration import Features
 from forcecal_ros.diagnose.search.posterior import NAMED, Posterior, WORTH
 from forcecal_ros.diagnose.verdict import percent, UNKNOWN
 from forcecal_ros.effects import EFFECTS, named_effects, Quantity
+from forcecal_ros.effects.library import FORCES
 from forcecal_ros.effects.rig import NominalTolerances, Rig
-from forcecal_ros.effects.signals import FORCES
 from forcecal_ros.sim.measured_motion import contact_blocks, CONTACT_FORCE_N, RecordedSimulation
 from forcecal_ros.sim.rigid_tool import beyond, CarriedTool, RigidTool
 from forcecal_ros.sim.signals import BLOCK, block_means, RATE, slow

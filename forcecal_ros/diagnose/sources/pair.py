@@ -34,8 +34,8 @@ from forcecal_ros.diagnose.sources.simulated_tool import (
     SimulatedTool,
 )
 from forcecal_ros.diagnose.sources.source import Ready, recalibration_notes, Source
+from forcecal_ros.effects.library import FORCES
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.effects.signals import FORCES
 from forcecal_ros.sim.measured_motion import express_in_base, RecordedSimulation
 from forcecal_ros.sim.rigid_tool import beyond
 from forcecal_ros.sim.signals import BLOCK

@@ -12,8 +12,8 @@ from forcecal_ros.diagnose.judge.named_effects import estimated
 from forcecal_ros.diagnose.model.evidence import FIRST_RECORDING
 from forcecal_ros.diagnose.recordings import Corrected, require_same_sensors
 from forcecal_ros.diagnose.result import Diagnosis, NO_MOTION, to_document
+from forcecal_ros.effects.library import FORCES
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.effects.signals import FORCES
 
 RECALIBRATION_SIGMA = 3.0
 """Standard errors of a recalibration from which it is reported: once in 400 by chance."""

@@ -64,7 +64,7 @@ class Replay:
 
     def can_show(self, effect: str, rig: Rig) -> bool:
         """Say whether an effect could be there and be seen."""
-        return effect not in UNSEEN and applicable(EFFECTS[effect], rig, self.accelerometer)
+        return effect not in UNSEEN and applicable(EFFECTS[effect], rig)
 
     def tangent(self, rig: Rig) -> None:
         """Say that its signals are straight about no point."""

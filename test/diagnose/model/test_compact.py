@@ -1,6 +1,6 @@
 """Signals in sixteen bits are right to a part of their largest value."""
 
-from forcecal_ros.diagnose.model.compact import Compact, LARGEST, stacked
+from forcecal_ros.diagnose.model.jacobian import Compact, stacked
 import numpy as np
 import pytest
 
@@ -12,7 +12,7 @@ def test_signals_are_right_to_half_a_unit_each_of_its_own_size():
     found = Compact.of(signals)
     largest = np.abs(signals).max(axis=1, keepdims=True)
     # half a unit, and single precision
-    assert (np.abs(found.values() - signals) <= (0.5 / LARGEST + 2e-7) * largest).all()
+    assert (np.abs(found.values() - signals) <= (0.5 / 32767 + 2e-7) * largest).all()
     assert found.numbers.nbytes == 2 * signals.size
 
 

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
-from forcecal_ros.diagnose.model.compact import Compact
 from forcecal_ros.diagnose.model.gates import Gate
+from forcecal_ros.diagnose.model.jacobian import Compact
 from forcecal_ros.diagnose.result import Diagnosis, load_diagnosis, to_document
 from forcecal_ros.diagnose.search.change_points import _to_a_sample
 from forcecal_ros.diagnose.search.posterior import _further_step
