@@ -46,7 +46,6 @@ from forcecal_ros.nodes.runtime import answering, LATCHED, run, SECOND
 from forcecal_ros.nodes.sequencer_settings import PARAMETERS, SequencerSettings, settings_of
 from forcecal_ros.nodes.supervision import Deadman, Fault, Sensors
 from forcecal_ros.nodes.wire import Reader, Sample
-from forcecal_ros.observe.frames import numbers_of
 from geometry_msgs.msg import InertiaStamped, WrenchStamped
 from nav_msgs.msg import Path
 import numpy as np
@@ -140,7 +139,7 @@ class Sequencer(MotionNode[SequencerSettings]):
         value = self._values()
         accelerometer, unit = accelerometer_input(value['accelerometer.source'])
         mounting = mounting_parameter(self)
-        self._collector = Collector(unit, value['wrench.sign'], numbers_of(mounting))
+        self._collector = Collector(unit, value['wrench.sign'], mounting)
         matrix, part = self._load_matrix()
         self._identification = Identification(matrix)
         wrench = plain_input('wrench', 'wrench', WrenchStamped)
