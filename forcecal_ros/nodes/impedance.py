@@ -6,8 +6,13 @@ from typing import Any, NamedTuple
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.parameters import Parameter, parameters_of, section_of
-from forcecal_ros.impedance.design import design, DesignSettings, TargetImpedance
-from forcecal_ros.impedance.law import Measurement, Regulator
+from forcecal_ros.impedance.law import (
+    design,
+    DesignSettings,
+    Measurement,
+    Regulator,
+    TargetImpedance,
+)
 from forcecal_ros.impedance.plant import load_plant
 from forcecal_ros.impedance.session import Bounds, Session, Task
 from forcecal_ros.motion.limits import check_workspace, Limits
