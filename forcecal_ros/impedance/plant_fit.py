@@ -203,13 +203,6 @@ def _jacobian(theta: Array, command: Array, order: int, delay: int) -> Array:
                             np.ones(len(command))])
 
 
-ORDERS = (1, 2, 3, 4, 5, 6)
-"""Orders of the difference equation that are tried."""
-
-DELAYS = (1, 2, 3)
-"""Delays from command to position that are tried [periods]."""
-
-
 class Order(NamedTuple):
     """One order that was tried: its best delay, and the RMS error on what was held out [m]."""
 
@@ -253,7 +246,8 @@ class Candidate(NamedTuple):
 
 
 def identify_robot(command: Array, position: Array, period: float, *,
-                   orders: Sequence[int] = ORDERS, delays: Sequence[int] = DELAYS) -> RobotFit:
+                   orders: Sequence[int] = (1, 2, 3, 4, 5, 6), delays: Sequence[int] = (1, 2, 3)
+                   ) -> RobotFit:
     """
     Identify the robot as output-error model, [Gamez2005] Eq. 28.
 
@@ -267,7 +261,7 @@ def identify_robot(command: Array, position: Array, period: float, *,
     period : float
         [s]
     orders, delays : sequence of int
-        To choose from.
+        Of the difference equation, and from command to position [periods], to choose from.
 
     Raises
     ------

@@ -6,13 +6,8 @@ from typing import Any, NamedTuple
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.parameters import Parameter, parameters_of, section_of
-from forcecal_ros.impedance.law import (
-    design,
-    DesignSettings,
-    Measurement,
-    Regulator,
-    TargetImpedance,
-)
+from forcecal_ros.impedance import law
+from forcecal_ros.impedance.law import design, DesignSettings, TargetImpedance
 from forcecal_ros.impedance.plant import load_plant
 from forcecal_ros.impedance.session import Bounds, Session, Task
 from forcecal_ros.motion.limits import check_workspace, Limits
@@ -150,7 +145,7 @@ class Impedance(MotionNode[ImpedanceSettings]):
         self._slide = self._sensors.newest('optidrive')[0]
         program = settings.task.program(settings.cycles)
         self._check_reach(program.farthest)
-        self._session.start(program, settings.task.clearance, Regulator(self._law),
+        self._session.start(program, settings.task.clearance, law.Regulator(self._law),
                             settings.bounds)
         return f'contact task started: {program.duration:.1f} s'
 
@@ -171,11 +166,11 @@ class Impedance(MotionNode[ImpedanceSettings]):
         return Setpoint(Pose(self._home.position + offset * self._axis,
                              self._home.R_base_sensor), np.zeros(3), np.zeros(3))
 
-    def _measured(self) -> Measurement:
+    def _measured(self) -> law.Measurement:
         position = np.array(self._sensors.newest('pose')[:3])
-        return Measurement(float((position - self._home.position) @ self._axis),
-                           self._sensors.newest('optidrive')[0] - self._slide,
-                           self._sensors.newest('wrench')[0])
+        return law.Measurement(float((position - self._home.position) @ self._axis),
+                               self._sensors.newest('optidrive')[0] - self._slide,
+                               self._sensors.newest('wrench')[0])
 
     def _details(self) -> dict[str, object]:
         status = self._session.status

@@ -8,11 +8,10 @@ from typing import Any, NamedTuple
 
 from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.core.parameters import Parameter
-from forcecal_ros.core.schema import Vector7
 from forcecal_ros.io.urdf import Description
 from forcecal_ros.nodes.runtime import LATCHED
 from forcecal_ros.nodes.wire import frame_of, JointReader, JointsReader, Reader, Sample
-from forcecal_ros.observe.frames import combine, mounting_of
+from forcecal_ros.observe.frames import combine, Mounting, mounting_of
 from forcecal_ros.observe.pose_sources import JointPose, TransformPose
 from geometry_msgs.msg import AccelStamped, PoseStamped, Vector3Stamped
 from rclpy.node import Node
@@ -197,7 +196,7 @@ def transform_type(why: str, otherwise: str = '') -> Any:
     return TFMessage
 
 
-def mounting_parameter(node: Node) -> Vector7 | None:
+def mounting_parameter(node: Node) -> Mounting | None:
     """
     Return the mounting that ``sensor.from_pose`` states.
 
@@ -211,7 +210,7 @@ def mounting_parameter(node: Node) -> Vector7 | None:
     return mounting_of(numbers, f'parameter {name}')
 
 
-def at_sensor(poses: Input, mounting: Vector7 | None) -> Input:
+def at_sensor(poses: Input, mounting: Mounting | None) -> Input:
     """Return a topic of poses as those of ft_sensor."""
     if mounting is None:
         return poses

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import ConfigError, DataError, ForcecalError, with_id
-from forcecal_ros.core.schema import Vector7
 from forcecal_ros.io.calibration_file import DAY, load, parse, refuse_old
 from forcecal_ros.nodes.inputs import (
     accelerometer_input,
@@ -49,7 +48,7 @@ from forcecal_ros.nodes.runtime import (
 from forcecal_ros.nodes.wire import Inbox, Sample, Writer
 from forcecal_ros.observe import ContactSample, design, noise_levels, ObserverSettings
 from forcecal_ros.observe.design import accuracy, with_bias
-from forcecal_ros.observe.frames import agreed, combine, Frames
+from forcecal_ros.observe.frames import agreed, combine, Frames, Mounting
 from forcecal_ros.observe.live import LiveObserver, Samples, Values
 from forcecal_ros.observe.sample import INVALID, NO_ACCELEROMETER
 from geometry_msgs.msg import WrenchStamped
@@ -81,7 +80,7 @@ class Observer(ManagedNode):
         self._failure = ''
         self._active = False
         self._accelerometer: Any = None
-        self._mounting: Vector7 | None = None
+        self._mounting: Mounting | None = None
         self._pose = 'current_pose'
         self._frames: FrameOutputs | None = None
         self._markers: ContactMarkers | None = None

@@ -27,6 +27,9 @@ NAME = re.compile(r'[A-Za-z_]\w*(/[A-Za-z_]\w*)*', re.ASCII)
 """What a topic may be called by."""
 
 
+Mounting = Vector7
+"""Pose of ft_sensor, x y z [m] qx qy qz qw, in the frame whose pose is measured."""
+
 ITSELF: Vector7 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 """Pose of a frame in itself."""
 
@@ -161,7 +164,7 @@ def contact_point(wrench: Array, covariance: Array) -> ContactPoint | None:
     return ContactPoint(p, J @ covariance @ J.T)
 
 
-def mounting_of(numbers: Sequence[float], name: str) -> Vector7 | None:
+def mounting_of(numbers: Sequence[float], name: str) -> Mounting | None:
     """
     Return the pose of ft_sensor in the frame whose pose is measured.
 
@@ -194,7 +197,7 @@ def checked_pose(numbers: Sequence[float], name: str) -> Vector7:
     return x, y, z, a / n, b / n, c / n, d / n
 
 
-def taken_to_sensor(recording: Recording, mounting: Vector7 | None) -> Recording:
+def taken_to_sensor(recording: Recording, mounting: Mounting | None) -> Recording:
     """
     Return a recording whose poses, measured and commanded, are those of ft_sensor.
 
@@ -248,7 +251,7 @@ def _in_sign_of(calibration: Calibration, recording: Recording) -> Recording:
     return replace(recording, wrench=replace(wrench, values=-wrench.values), wrench_sign=sign)
 
 
-def agreed(given: Vector7 | None, calibration: Calibration, name: str) -> Vector7 | None:
+def agreed(given: Mounting | None, calibration: Calibration, name: str) -> Mounting | None:
     """
     Return the transform to run a calibration with: its own, which one that is given has to equal.
 
@@ -279,7 +282,7 @@ def _is_of_sensor(recording: Recording) -> bool:
     return bool(pose and wrench and pose.of and pose.of == wrench.frame)
 
 
-def _taken(stream: PoseStream | None, mounting: Vector7) -> PoseStream | None:
+def _taken(stream: PoseStream | None, mounting: Mounting) -> PoseStream | None:
     if stream is None:
         return None
     R = stream.R_base_sensor
@@ -293,5 +296,5 @@ def _apart(a: Vector7, b: Vector7) -> float:
     return max(dist(a[:3], b[:3]), turn)
 
 
-def _shown(mounting: Vector7) -> str:
+def _shown(mounting: Mounting) -> str:
     return ' '.join(f'{x:.6g}' for x in mounting)

@@ -59,9 +59,11 @@ from forcecal_ros.observe.gaussian import (
 import numpy as np
 from scipy.special import chdtri
 
-TOOL, MOMENT, EXCESS, STATES = slice(12, 16), slice(13, 16), 16, 17
-"""Where they are among the states, behind wrench and bias, and how many those are; the tool is
-mass and moment."""
+MOMENT, EXCESS, STATES = slice(13, 16), 16, 17
+"""Where they are among the states, behind wrench, bias and mass, and how many those are."""
+
+TOOL = slice(MASS, EXCESS)
+"""Mass and moment."""
 
 _PAIR = tuple[float, float]
 

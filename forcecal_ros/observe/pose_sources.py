@@ -19,10 +19,6 @@ from forcecal_ros.io.transforms import FIELDS, FORM, Route, route, transforms_of
 from forcecal_ros.io.urdf import Description, Joint
 from forcecal_ros.observe.frames import combine, invert, ITSELF
 
-KEPT_VALUES = 1000
-"""Transforms that are kept of each frame, to interpolate between: one second at 1 kHz. One that is
-later than that against the others counts as lost."""
-
 
 class StampedPose(NamedTuple):
     """A pose, x y z [m] qx qy qz qw, at a stamp [ns]."""
@@ -61,7 +57,8 @@ class Newest:
             if kept[-1][0] - stamp < CLOCK_JUMP_S * 1e9:
                 return
             self.forget()
-        self._kept.setdefault(source, deque(maxlen=KEPT_VALUES)).append((stamp, value))
+        # one second at 1 kHz: a source that is later than that against the others counts as lost
+        self._kept.setdefault(source, deque(maxlen=1000)).append((stamp, value))
 
     def missing(self, sources: Sequence[str]) -> list[str]:
         """Return the sources without any value."""
