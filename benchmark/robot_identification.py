@@ -11,7 +11,7 @@ import argparse
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import PoseStream, Recording
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.impedance.design import design
+from forcecal_ros.impedance.law import design
 from forcecal_ros.impedance.plant import Robot
 from forcecal_ros.impedance.plant_fit import excitation_commands, identify_plant, save_plant
 from forcecal_ros.sim.rig.file import load_rig

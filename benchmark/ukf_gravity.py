@@ -21,8 +21,9 @@ import timeit
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'test' / 'helpers'))
 
+from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.observe import design, FilterSettings, Imu, ObserverSettings, replay
-from forcecal_ros.observe.bias_filter import begin, Covariances, learn
+from forcecal_ros.observe.bias_filter import begin, learn
 from forcecal_ros.observe.gaussian import (
     condition,
     expect,
@@ -32,7 +33,6 @@ from forcecal_ros.observe.gaussian import (
     predict,
 )
 from forcecal_ros.observe.pose_free import (
-    exponential,
     LevelBelief,
     pose_free_model,
     pose_free_step,
@@ -43,14 +43,15 @@ from forcecal_ros.observe.sample import Unloaded
 import gravity_arm as arm
 from matplotlib.figure import Figure
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.stats import chi2
 
 FIRST = 2000
 """Seed of the first unseen motion; the filters were set up on others."""
 
-PAPER = Covariances(np.diag([0.01] * 3 + [0.001] * 3), np.diag([0.1] * 3 + [0.01] * 3),
-                    np.diag([1.0] * 3 + [0.1] * 3), 0.001)
-"""Q, R and P0 as [Ukf2025] prints them, which samples at 1000 Hz."""
+PAPER_Q, PAPER_R = (np.diag([force] * 3 + [torque] * 3)
+                    for force, torque in ((0.01, 0.001), (0.1, 0.01)))
+"""As [Ukf2025] prints them, which samples at 1000 Hz."""
 
 WAYS = {
     'kalman': lambda r, c: replay(r, c, ObserverSettings('kalman')),
@@ -179,9 +180,10 @@ def reading(t, measured):
 def papers_noise():
     """Largest error in 20 s, the first 0.1 s left out, where the paper's R is the true noise."""
     calibration, _ = arm.calibrate(np.random.default_rng(1))
-    model = design(calibration, ObserverSettings('ukf')).bias_filter._replace(covariances=PAPER)
+    usual = design(calibration, ObserverSettings('ukf')).bias_filter
+    model = usual._replace(R=PAPER_R, walk=block_diag(1e3 * PAPER_Q, usual.walk[6:, 6:]))
     rng = np.random.default_rng(3)
-    std, belief, worst = np.sqrt(model.covariances.R.diagonal()), begin(model), np.zeros(6)
+    std, belief, worst = np.sqrt(model.R.diagonal()), begin(model), np.zeros(6)
     for k in range(20000):
         belief, sample = learn(belief, reading(1e-3 * k, std * rng.normal(size=6)), model)
         if k < 100:
@@ -211,7 +213,7 @@ def unknown(tilt_std, payload_std, bias_std, runs=12, seconds=3.0):
             level, states = start_pose_free(model, recording.accelerometer.values[0])
             states.mean[6:12] += bias_std * rng.normal(size=6) * ([1.0] * 3 + [0.1] * 3)
             states.mean[12] += payload_std * rng.normal()
-            level = level @ exponential(*(*tilt_std * rng.normal(size=2), 0.0))
+            level = level @ rotation_from_vector([*tilt_std * rng.normal(size=2), 0.0])
             state = PoseFreeState(belief=LevelBelief(level, states))
             for row in zip(recording.wrench.t, recording.wrench.values,
                            recording.accelerometer.values, recording.angular_velocity.values):

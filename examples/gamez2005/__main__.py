@@ -19,8 +19,13 @@ from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import ForcecalError
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.impedance.design import design, DesignSettings, TargetImpedance
-from forcecal_ros.impedance.law import Law, Regulator
+from forcecal_ros.impedance.law import (
+    design,
+    DesignSettings,
+    Law,
+    Regulator,
+    TargetImpedance,
+)
 from forcecal_ros.impedance.plant import load_plant
 from forcecal_ros.impedance.session import Program, Stage, Task
 from forcecal_ros.motion.limits import Limits

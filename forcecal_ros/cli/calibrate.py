@@ -125,7 +125,7 @@ def _as_stated(calibration: 'Calibration', args: argparse.Namespace) -> 'Calibra
     from dataclasses import replace
 
     from forcecal_ros.calibrate.result import with_settings
-    from forcecal_ros.observe.frames import agreed, mounting_of, numbers_of
+    from forcecal_ros.observe.frames import agreed, mounting_of
 
     with common.from_arguments():
         given = mounting_of(args.sensor_from_pose or (), '--sensor-from-pose')
@@ -135,7 +135,7 @@ def _as_stated(calibration: 'Calibration', args: argparse.Namespace) -> 'Calibra
                                            'wrench_sign') if getattr(args, name)), ''):
         raise UsageError(f'{args.bag} states its own --{stated.replace("_", "-")}; calibrate its '
                          'recording again')
-    return replace(calibration, sensor_from_pose=numbers_of(agreed(given, calibration, args.bag)))
+    return replace(calibration, sensor_from_pose=agreed(given, calibration, args.bag))
 
 
 def _write(calibration: 'Calibration', args: argparse.Namespace, notes: tuple[str, ...]

@@ -150,10 +150,4 @@ def plant_text(fit: 'PlantFit') -> str:
     orders = ', '.join(f'{one.order}: {size(one.error, "m")}' for one in found.orders)
     lines = [table([Row(name, name, unit, value, std) for name, unit, value, std in rows]), '',
              f'held-out fit {100.0 * found.fit:.2f} %; held-out error by order: {orders}']
-    lines += [f'pole {_number(pair.pole)} and zero {_number(pair.zero)} nearly cancel: together '
-              f'at most {100.0 * pair.effect:.2g} % of the response' for pair in found.pairs]
     return '\n'.join(lines)
-
-
-def _number(z: complex) -> str:
-    return f'{z.real:.4f}' if abs(z.imag) < 1e-9 else f'{z:.4f}'

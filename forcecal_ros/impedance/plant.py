@@ -50,11 +50,6 @@ class Robot(Section):
         return np.roots([1.0, *(-self.feedback.value)]).astype(complex)
 
     @property
-    def zeros(self) -> Complex:
-        """Zeros in z; those of the delay left out."""
-        return np.roots(self.feedforward.value).astype(complex)
-
-    @property
     def static_gain(self) -> float:
         """Position reached per position commanded."""
         return float(self.feedforward.value.sum() / (1.0 - self.feedback.value.sum()))

@@ -23,11 +23,9 @@ from forcecal_ros.core.streams import PoseStream, Recording
 from forcecal_ros.impedance.plant import FORMAT, Plant, Robot, Slide
 from forcecal_ros.motion.profiles import quintic
 import numpy as np
+from scipy.optimize import least_squares
 from scipy.signal import lfilter
 import yaml
-
-_STEPS = tuple(0.5**i for i in range(7))
-"""Shares of a Gauss-Newton step that are tried in turn until one lowers the squared error."""
 
 
 class OutputError(NamedTuple):
@@ -89,9 +87,21 @@ def fit_output_error(command: Array, position: Array, order: int, delay: int, us
     DataError
         No stable model of this order fits.
     """
-    theta = _weighted_least_squares(command, position, order, delay, used)
-    theta = _gauss_newton(theta, command, position, order, delay, used)
-    return with_covariance(theta, command, position, delay, used)
+    unit = float(np.std(position[used])) or 1.0
+    start = _weighted_least_squares(command, position, order, delay, used)
+    if not np.isfinite(_residual(start, command, position, order, delay)[used]).all():
+        raise DataError(f'no stable model of order {order} fits; move more')
+
+    def residual(theta: Array) -> Array:
+        """Return the errors; infinite where the model is unstable, which no step goes to."""
+        if not (np.abs(np.roots(np.append(1.0, -theta[:order]))) < 1.0).all():
+            return np.full(len(position[used]), np.inf)
+        return np.asarray(_residual(theta, command, position, order, delay)[used] / unit)
+
+    found = least_squares(
+        residual, start, lambda theta: -_jacobian(theta, command, order, delay)[used] / unit,
+        x_scale='jac', ftol=1e-9, xtol=1e-12, gtol=1e-12)
+    return with_covariance(found.x, command, position, delay, used)
 
 
 def with_covariance(theta: Array, command: Array, position: Array, delay: int, used: Any,
@@ -184,30 +194,6 @@ def _residual(theta: Array, command: Array, position: Array, order: int, delay: 
     return np.asarray(position - explained)
 
 
-def _gauss_newton(theta: Array, command: Array, position: Array, order: int, delay: int,
-                  used: Any) -> Array:
-    """Return the best parameters."""
-    residual = _residual(theta, command, position, order, delay)[used]
-    if not np.isfinite(residual).all():
-        raise DataError(f'no stable model of order {order} fits; move more')
-    for _ in range(30):
-        change = _solved(_jacobian(theta, command, order, delay)[used], residual)
-        cost = float(residual @ residual)
-        for step in _STEPS:
-            trial = theta + step * change
-            new = _residual(trial, command, position, order, delay)[used]
-            if _is_stable(trial[:order]) and new @ new < cost:
-                theta, residual = trial, new
-                break
-        if cost - residual @ residual <= 1e-9 * cost:
-            break
-    return theta
-
-
-def _is_stable(feedback: Array) -> bool:
-    return bool((np.abs(np.roots(np.append(1.0, -feedback))) < 1.0).all())
-
-
 def _jacobian(theta: Array, command: Array, order: int, delay: int) -> Array:
     """Return the derivatives of the prediction, one column a parameter."""
     below = np.append(1.0, -theta[:order])
@@ -215,30 +201,6 @@ def _jacobian(theta: Array, command: Array, order: int, delay: int) -> Array:
     y = lfilter([1.0], below, _respond(theta[:order], theta[order:-1], delay, command))
     return np.column_stack([delayed(y, 1, order), delayed(r, delay, order),
                             np.ones(len(command))])
-
-
-ORDERS = (1, 2, 3, 4, 5, 6)
-"""Orders of the difference equation that are tried."""
-
-DELAYS = (1, 2, 3)
-"""Delays from command to position that are tried [periods]."""
-
-
-class Pair(NamedTuple):
-    """
-    A pole and a zero that nearly cancel.
-
-    Attributes
-    ----------
-    pole, zero : complex
-        In z.
-    effect : float
-        Most that the pair changes the frequency response, relative.
-    """
-
-    pole: complex
-    zero: complex
-    effect: float
 
 
 class Order(NamedTuple):
@@ -261,8 +223,6 @@ class RobotFit(NamedTuple):
         1 - RMS error / RMS of the position about its mean, held out; 1 is perfect.
     error : float
         RMS error held out [m].
-    pairs : tuple of Pair
-        Poles and zeros of the model that nearly cancel.
     """
 
     robot: Robot
@@ -270,7 +230,6 @@ class RobotFit(NamedTuple):
     fit: float
     error: float
     orders: tuple[Order, ...]
-    pairs: tuple[Pair, ...]
 
 
 class Candidate(NamedTuple):
@@ -287,7 +246,8 @@ class Candidate(NamedTuple):
 
 
 def identify_robot(command: Array, position: Array, period: float, *,
-                   orders: Sequence[int] = ORDERS, delays: Sequence[int] = DELAYS) -> RobotFit:
+                   orders: Sequence[int] = (1, 2, 3, 4, 5, 6), delays: Sequence[int] = (1, 2, 3)
+                   ) -> RobotFit:
     """
     Identify the robot as output-error model, [Gamez2005] Eq. 28.
 
@@ -301,7 +261,7 @@ def identify_robot(command: Array, position: Array, period: float, *,
     period : float
         [s]
     orders, delays : sequence of int
-        To choose from.
+        Of the difference equation, and from command to position [periods], to choose from.
 
     Raises
     ------
@@ -329,8 +289,7 @@ def identify_robot(command: Array, position: Array, period: float, *,
     error = chosen.error
     return RobotFit(
         robot, model.offset, 1.0 - error / float(np.std(position[held_out])), error,
-        tuple(Order(c.order, c.model.delay, c.error) for c in candidates),
-        cancelling_pairs(robot))
+        tuple(Order(c.order, c.model.delay, c.error) for c in candidates))
 
 
 def judged(model: OutputError, order: int, command: Array, position: Array, held_out: Any
@@ -355,25 +314,6 @@ def _smallest_of_the_best(candidates: Sequence[Candidate], power: float) -> Cand
         if float(worse.mean()) <= chance:
             return candidate
     return best
-
-
-def cancelling_pairs(robot: Robot) -> tuple[Pair, ...]:
-    """
-    Return the poles and zeros that nearly cancel.
-
-    A pair changes the frequency response by |pole - zero| / |z - pole|, which on the unit
-    circle is at most |pole - zero| / (1 - |pole|).
-    """
-    pairs = []
-    for pole in robot.poles:
-        if len(robot.zeros):
-            zero = min(robot.zeros, key=lambda z: abs(z - pole))
-            effect = float(abs(pole - zero) / (1.0 - abs(pole)))
-            # a pole and a zero nearly cancel where they change the frequency
-            # response by less, relatively
-            if effect < 0.05:
-                pairs.append(Pair(complex(pole), complex(zero), effect))
-    return tuple(pairs)
 
 
 WINDOW = 0.1
@@ -603,17 +543,10 @@ def to_document(fit: PlantFit) -> dict[str, Any]:
             'fit': found.fit, 'error': found.error, 'offset': found.offset,
             'static_gain': found.robot.static_gain,
             'orders': [order._asdict() for order in found.orders],
-            'cancelling_pairs': [
-                {'pole': _complex(pair.pole), 'zero': _complex(pair.zero), 'effect': pair.effect}
-                for pair in found.pairs],
             'windows': fit.slide.windows, 'spring_error': fit.slide.spring_error,
             'inertia_error': fit.slide.inertia_error},
     })
     return document
-
-
-def _complex(number: complex) -> list[float]:
-    return [number.real, number.imag]
 
 
 def save_plant(fit: PlantFit, path: Path | str) -> None:

@@ -230,8 +230,6 @@ class Bounds(Section, name='limits'):
     withdraw: Annotated[float, Row(
         'Slow retreat after that, repeated while the tool presses',
         'm', 0.0005, 0.5)] = 0.015
-    closing: Annotated[float, Row(
-        'Duration of the commands at rest that end the stream', 's', above=0.0)] = 0.1
 
 
 class TaskStatus(NamedTuple):
@@ -398,7 +396,8 @@ class Session:
                 self._stop = Withdrawal(self._motion, goal, 0.25)
                 return
         self._stop = None
-        self._closing = max(2, round(self._bounds.closing / self._period))
+        # commands at rest end the stream, for so long [s]
+        self._closing = max(2, round(0.1 / self._period))
 
     def _presses(self, measured: Measurement) -> bool:
         """Say whether the tool touches, or may do so by a force that comes late."""

@@ -13,7 +13,7 @@ from forcecal_ros.motion.profiles import JointSetpoint, Pose, Setpoint, twist_to
 from forcecal_ros.nodes.inputs import mounting_parameter, Sensors
 from forcecal_ros.nodes.runtime import OUTPUT, SENSOR
 from forcecal_ros.nodes.wire import Inbox, Writer
-from forcecal_ros.observe.frames import from_the_sensor
+from forcecal_ros.observe.frames import combine, invert
 from geometry_msgs.msg import PoseStamped, TwistStamped
 import numpy as np
 from rclpy.node import Node
@@ -131,7 +131,7 @@ class TargetFrame(CartesianBackend):
         super().__init__(node, inbox, sensors, 'target_frame', PoseStamped)
 
     def _numbers(self, command: Setpoint, pose: tuple[float, ...]) -> tuple[float, ...]:
-        return pose if self._mounting is None else from_the_sensor(self._mounting, pose)
+        return pose if self._mounting is None else combine(pose, invert(self._mounting))
 
 
 class TwistCommands(CartesianBackend):
@@ -154,7 +154,7 @@ class TwistCommands(CartesianBackend):
             command, Pose(np.array(measured[:3]), matrix_from_quaternion(measured[3:])),
             self._gain)
         if self._mounting is not None:  # the velocity of that frame's origin, not of ft_sensor's
-            origin = from_the_sensor(self._mounting, measured)[:3]
+            origin = combine(measured, invert(self._mounting))[:3]
             velocity = velocity + np.cross(spin, np.subtract(origin, measured[:3]))
         return (*velocity.tolist(), *spin.tolist())
 

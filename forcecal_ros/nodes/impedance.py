@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.parameters import Parameter, parameters_of, section_of
-from forcecal_ros.impedance.design import design, DesignSettings, TargetImpedance
-from forcecal_ros.impedance.law import Measurement, Regulator
+from forcecal_ros.impedance import law
+from forcecal_ros.impedance.law import design, DesignSettings, TargetImpedance
 from forcecal_ros.impedance.plant import load_plant
 from forcecal_ros.impedance.session import Bounds, Session, Task
 from forcecal_ros.motion.limits import check_workspace, Limits
@@ -148,7 +148,7 @@ class Impedance(MotionNode):
         self._slide = self._sensors.newest('optidrive')[0]
         program = settings.task.program(settings.cycles)
         self._check_reach(program.farthest)
-        self._session.start(program, settings.task.clearance, Regulator(self._law),
+        self._session.start(program, settings.task.clearance, law.Regulator(self._law),
                             settings.bounds)
         return f'contact task started: {program.duration:.1f} s'
 
@@ -169,11 +169,11 @@ class Impedance(MotionNode):
         return Setpoint(Pose(self._home.position + offset * self._axis,
                              self._home.R_base_sensor), np.zeros(3), np.zeros(3))
 
-    def _measured(self) -> Measurement:
+    def _measured(self) -> law.Measurement:
         position = np.array(self._sensors.newest('pose')[:3])
-        return Measurement(float((position - self._home.position) @ self._axis),
-                           self._sensors.newest('optidrive')[0] - self._slide,
-                           self._sensors.newest('wrench')[0])
+        return law.Measurement(float((position - self._home.position) @ self._axis),
+                               self._sensors.newest('optidrive')[0] - self._slide,
+                               self._sensors.newest('wrench')[0])
 
     def _details(self) -> dict[str, object]:
         status = self._session.status

@@ -16,7 +16,7 @@ from forcecal_ros.motion.monitor import Monitor, WatchSettings
 from forcecal_ros.motion.profiles import Pose
 from forcecal_ros.nodes.runtime import LATCHED, SECOND, STEADY
 from forcecal_ros.nodes.wire import frame_of, Inbox, JointReader, JointsReader, Reader, Sample
-from forcecal_ros.observe.frames import at_the_sensor, mounting_of, Placement
+from forcecal_ros.observe.frames import combine, Mounting, mounting_of
 from forcecal_ros.observe.pose_sources import JointPose, TransformPose
 from geometry_msgs.msg import AccelStamped, PoseStamped, Vector3Stamped
 from rclpy.node import Node
@@ -202,7 +202,7 @@ def transform_type(why: str, otherwise: str = '') -> Any:
     return TFMessage
 
 
-def mounting_parameter(node: Node) -> Placement | None:
+def mounting_parameter(node: Node) -> Mounting | None:
     """
     Return the mounting that ``sensor.from_pose`` states.
 
@@ -216,14 +216,14 @@ def mounting_parameter(node: Node) -> Placement | None:
     return mounting_of(numbers, f'parameter {name}')
 
 
-def at_sensor(poses: Input, mounting: Placement | None) -> Input:
+def at_sensor(poses: Input, mounting: Mounting | None) -> Input:
     """Return a topic of poses as those of ft_sensor."""
     if mounting is None:
         return poses
 
     def read(raw: bytes) -> Sample | None:
         sample = poses.read(raw)
-        return sample and Sample(sample.stamp_ns, at_the_sensor(mounting, sample.values))
+        return sample and Sample(sample.stamp_ns, combine(sample.values, mounting))
 
     return poses._replace(read=read)
 

@@ -49,7 +49,7 @@ from forcecal_ros.nodes.runtime import live_parameter as _live
 from forcecal_ros.nodes.wire import Inbox, Sample, Writer
 from forcecal_ros.observe import ContactSample, design, noise_levels
 from forcecal_ros.observe.design import accuracy, with_bias
-from forcecal_ros.observe.frames import agreed, at_the_sensor, Frames, Placement
+from forcecal_ros.observe.frames import agreed, combine, Frames, Mounting
 from forcecal_ros.observe.live import LiveObserver, Samples, Values
 from forcecal_ros.observe.payload import PayloadSettings
 from forcecal_ros.observe.sample import INVALID, NO_ACCELEROMETER
@@ -205,7 +205,7 @@ class Observer(ManagedNode):
         self._failure = ''
         self._active = False
         self._accelerometer: Any = None
-        self._mounting: Placement | None = None
+        self._mounting: Mounting | None = None
         self._pose = 'current_pose'
         self._frames: FrameOutputs | None = None
         self._markers: ContactMarkers | None = None
@@ -449,7 +449,7 @@ class Observer(ManagedNode):
     def _on_pose(self, t: float, values: Values) -> Samples:
         assert self._frames is not None
         if self._mounting is not None:
-            values = at_the_sensor(self._mounting, values)
+            values = combine(values, self._mounting)
         frame = self._received[self._pose].frame
         self._frames.on_pose(t, values, frame)
         if self._transform is not None and self._source is not None and self._origin is not None:

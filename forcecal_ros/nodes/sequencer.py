@@ -69,7 +69,6 @@ from forcecal_ros.nodes.motion_node import Fault, MotionNode
 from forcecal_ros.nodes.runtime import answering, EXECUTOR, LATCHED, run, SECOND
 from forcecal_ros.nodes.runtime import live_parameter as _live
 from forcecal_ros.nodes.wire import Reader, Sample
-from forcecal_ros.observe.frames import numbers_of
 from geometry_msgs.msg import InertiaStamped, WrenchStamped
 from nav_msgs.msg import Path
 import numpy as np
@@ -304,7 +303,7 @@ class Sequencer(MotionNode):
         value = self._values()
         accelerometer, unit = accelerometer_input(value['accelerometer.source'])
         mounting = mounting_parameter(self)
-        self._collector = Collector(unit, value['wrench.sign'], numbers_of(mounting))
+        self._collector = Collector(unit, value['wrench.sign'], mounting)
         matrix, part = self._load_matrix()
         self._identification = Identification(matrix)
         wrench = plain_input('wrench', 'wrench', WrenchStamped)

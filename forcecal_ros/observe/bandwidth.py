@@ -7,7 +7,12 @@ from typing import NamedTuple
 from forcecal_ros.core.calibration import Calibration, Noise
 from forcecal_ros.core.errors import ConfigError, UnobservableError
 from forcecal_ros.core.geometry import Array, skew
-from forcecal_ros.observe.settings import BANDWIDTH_LIMITS, CONTACT_WALK, ObserverSettings
+from forcecal_ros.observe.settings import (
+    BANDWIDTH_LIMITS,
+    CONTACT_WALK,
+    ObserverSettings,
+    POSE_RATE_HZ,
+)
 import numpy as np
 from scipy.integrate import quad
 from scipy.linalg import solve_discrete_are
@@ -89,22 +94,31 @@ def noise_levels(noise: Noise | None) -> NoiseLevels:
                        max(f, _MIN_DENSITY), noise.wrench_rate, f_rate)
 
 
-def slow_levels(noise: Noise | None) -> NoiseLevels:
+def densities(noise: Noise) -> tuple[Array, Array]:
     """
-    Return the same with the densities that coloured noise has at low frequencies.
+    Return what wrench (6, 6) and specific force (3, 3) have of noise at low frequencies.
 
-    They are what passes a filter of tens of hertz: those of the lag-window estimate where the
-    calibration holds them, of white noise where it is older. Raises as :func:`noise_levels`.
+    It is what passes a filter of tens of hertz: by the lag-window estimate where the calibration
+    holds it, else of white noise; zero without an accelerometer.
     """
-    levels = noise_levels(noise)
-    if noise is None or noise.wrench_density is None:
-        return levels
-    wrench, f = np.diag(noise.wrench_density.value), levels.specific_force
+    wrench, f = noise.wrench.value / noise.wrench_rate, np.zeros((3, 3))
+    if noise.wrench_density is not None:
+        wrench = noise.wrench_density.value
     if noise.specific_force_density is not None:
-        f = float(np.diag(noise.specific_force_density.value).mean())
+        f = noise.specific_force_density.value
+    elif noise.specific_force is not None:
+        f = noise.specific_force.value / noise.accelerometer_rate
+    return wrench, f
+
+
+def slow_levels(noise: Noise) -> NoiseLevels:
+    """Return the same with the :func:`densities`; raises as :func:`noise_levels`."""
+    levels = noise_levels(noise)
+    wrench, f = (np.diag(one) for one in densities(noise))
     return levels._replace(
-        force=max(float(wrench[:3].mean()), _MIN_DENSITY), specific_force=max(f, _MIN_DENSITY),
-        torque=max(float(wrench[3:].mean()), _MIN_DENSITY))
+        force=max(float(wrench[:3].mean()), _MIN_DENSITY),
+        torque=max(float(wrench[3:].mean()), _MIN_DENSITY),
+        specific_force=max(float(f.mean()), _MIN_DENSITY))
 
 
 def place_of(calibration: Calibration) -> Array:
@@ -128,17 +142,10 @@ def load_maps(calibration: Calibration) -> tuple[Array, Array]:
 def noise_of_reading(calibration: Calibration, noise: Noise) -> tuple[Array, Array]:
     """Return covariance and low-frequency density of u - m a, two of shape (6, 6)."""
     by_force, _ = load_maps(calibration)
-    sample, f = noise.wrench.value, noise.specific_force
-    density = sample / noise.wrench_rate
-    if noise.wrench_density is not None:
-        density = noise.wrench_density.value
-    if f is None:
-        return sample, density
-    f_density = f.value / noise.accelerometer_rate
-    if noise.specific_force_density is not None:
-        f_density = noise.specific_force_density.value
-    return (sample + by_force @ f.value @ by_force.T,
-            density + by_force @ f_density @ by_force.T)
+    sample, (density, f_density) = noise.wrench.value, densities(noise)
+    if noise.specific_force is not None:
+        sample = sample + by_force @ noise.specific_force.value @ by_force.T
+    return sample, density + by_force @ f_density @ by_force.T
 
 
 def stationary_gain(A: Array, C: Array, Q: Array, R: Array) -> Array:
@@ -168,9 +175,6 @@ def as_calibrated(settings: ObserverSettings, calibration: Calibration) -> Obser
     """
     Fill in what the settings leave to the calibration: walk and limits of the bandwidth.
 
-    A calibration that names a bandwidth and no walk, as older ones do, keeps that bandwidth,
-    unless the settings say one of the three.
-
     Raises
     ------
     ConfigError
@@ -178,9 +182,6 @@ def as_calibrated(settings: ObserverSettings, calibration: Calibration) -> Obser
     """
     kept = {} if calibration.observer is None else calibration.observer.kalman
     given = (settings.contact_walk, settings.bandwidth_min_hz, settings.bandwidth_max_hz)
-    if ('bandwidth' in kept and 'contact_walk' not in kept
-            and (settings.bandwidth_hz, *given) == (None,) * 4):
-        return replace(settings, bandwidth_hz=float(kept['bandwidth']))
     walk, low, high = (
         float(kept[name]) if one is None and name in kept else usual if one is None else one
         for name, one, usual in zip(('contact_walk', 'bandwidth_min', 'bandwidth_max'), given,
@@ -204,12 +205,14 @@ def offset_poles(levels: NoiseLevels, settings: ObserverSettings, position_std: 
 
     Along one axis x = [p, v, o], the accelerometer as input: dv/dt = f - o + g; p is measured.
     """
-    dt = 1 / settings.pose_rate
+    dt = 1 / POSE_RATE_HZ
+    # wander of the offset [m/s^2/sqrt(s)]
+    offset_walk = 5e-4
     A = np.array([[1.0, dt, -dt * dt / 2], [0.0, 1.0, -dt], [0.0, 0.0, 1.0]])
     # white acceleration noise between two poses, not one sample of it
     Q = levels.specific_force * np.array([
         [dt ** 3 / 3, dt * dt / 2, 0.0], [dt * dt / 2, dt, 0.0], [0.0, 0.0, 0.0]])
-    Q[2, 2] = settings.offset_walk ** 2 * dt
+    Q[2, 2] = offset_walk ** 2 * dt
     return _poles(A, stationary_gain(A, np.eye(1, 3), Q, np.full((1, 1), position_std ** 2)), dt)
 
 
@@ -237,9 +240,9 @@ def within_limits(bandwidth: float, settings: ObserverSettings) -> float:
     return min(max(bandwidth, low), high)
 
 
-def acceleration_variance(std: float, corner: float, settings: ObserverSettings) -> float:
+def acceleration_variance(std: float, corner: float) -> float:
     """Noise that poses with this deviation leave in the third state of a Butterworth filter."""
-    return std ** 2 / settings.pose_rate * corner ** 5 / 3
+    return std ** 2 / POSE_RATE_HZ * corner ** 5 / 3
 
 
 def fast_share(ratio: float) -> float:
@@ -267,11 +270,11 @@ def pose_noise(calibration: Calibration, rotation: float, motion: float, acceler
     """
     by_force, by_alpha = load_maps(calibration)
     std = settings.pose_rotation_std
-    cov = acceleration_variance(std, rotation, settings) * by_alpha @ by_alpha.T
+    cov = acceleration_variance(std, rotation) * by_alpha @ by_alpha.T
     if not accelerometer:
-        variance = 2 * rotation * (std * calibration.gravity) ** 2 / settings.pose_rate
+        variance = 2 * rotation * (std * calibration.gravity) ** 2 / POSE_RATE_HZ
         if settings.position:
-            variance += acceleration_variance(settings.pose_position_std, motion, settings)
+            variance += acceleration_variance(settings.pose_position_std, motion)
         cov += variance * by_force @ by_force.T
     return np.asarray(cov)
 
@@ -293,17 +296,19 @@ def rotation_corner(
     torque = (levels.torque + (arm * m) ** 2 * levels.specific_force) * rate / 2
     alpha = min(force / lever ** 2 if lever > 0 else inf,
                 torque / inertia ** 2 if inertia > 0 else inf)
-    density = settings.pose_rotation_std ** 2 / settings.pose_rate
-    low, high = ROTATION_CORNERS
-    return float(min(max((3 * alpha / density) ** 0.2, low), high, 0.6 * settings.pose_rate))
+    return _corner(alpha, settings.pose_rotation_std, ROTATION_CORNERS)
 
 
 def motion_corner(levels: NoiseLevels, mass: float, rate: float, settings: ObserverSettings
                   ) -> float:
     """Find the same for the acceleration that stands in where there is no accelerometer."""
     variance = levels.force * rate / 2 / mass ** 2
-    density = settings.pose_position_std ** 2 / settings.pose_rate
     # motion corners: the same of the filter that finds the acceleration where there is no
     # accelerometer, from positions that are noisier than orientations [rad/s]
-    low, high = 20.0, 100.0
-    return float(min(max((3 * variance / density) ** 0.2, low), high, 0.6 * settings.pose_rate))
+    return _corner(variance, settings.pose_position_std, (20.0, 100.0))
+
+
+def _corner(variance: float, std: float, limits: tuple[float, float]) -> float:
+    """Return the corner within limits that makes :func:`acceleration_variance` so large."""
+    low, high = limits
+    return float(min(max((3 * variance * POSE_RATE_HZ / std ** 2) ** 0.2, low), high))

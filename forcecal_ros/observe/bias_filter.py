@@ -4,8 +4,8 @@ Filters ``ukf`` and ``ekf``: contact wrench and sensor biases together, after [U
 With a known pose the model is linear, so both names run the same Kalman filter. A wrench F and
 biases b that both wander freely have rank 6 of 12: a reading shows their sum. So
 
-- while contact is excluded, F is expected to return to zero within ``relaxation`` and what stays
-  is bias: rank 12, the biases learn;
+- while contact is excluded, F is expected to return to zero within 0.1 s and what stays is bias:
+  rank 12, the biases learn;
 - while contact is assumed, F wanders freely, and the biases are frozen at what they were, their
   uncertainty still counted (Schmidt's filter): a steady push never becomes a bias.
 
@@ -39,13 +39,13 @@ Where [Ukf2025] leaves a choice open, this is ours:
 """
 
 from collections.abc import Callable
-from math import exp, inf, log, nan
+from math import exp, log, nan
 from typing import Any, NamedTuple
 
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.observe.bandwidth import noise_of_reading
+from forcecal_ros.observe.bandwidth import fast_share, noise_of_reading
 from forcecal_ros.observe.gaussian import (
     condition,
     expect_linear,
@@ -66,6 +66,7 @@ from forcecal_ros.observe.sample import (
 )
 from forcecal_ros.observe.settings import FilterSettings
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.special import chdtri
 
 WRENCH, BIAS, MASS = slice(0, 6), slice(6, 12), 12
@@ -74,56 +75,6 @@ WRENCH, BIAS, MASS = slice(0, 6), slice(6, 12), 12
 MAX_PERIOD_S = 10.0
 """A pause counts as at most this long: all but the biases is forgotten by then, and covariances
 that grew further would lose their digits [s]."""
-
-
-class Covariances(NamedTuple):
-    """
-    Covariances of the wrench [N^2, N^2 m, N^2 m^2], each of shape (6, 6).
-
-    Attributes
-    ----------
-    Q : ndarray
-        What the wrench gains in one ``period``.
-    R : ndarray
-        Of one reading.
-    P0 : ndarray
-        Of the wrench at the start.
-    period : float
-        [s]
-    """
-
-    Q: Array
-    R: Array
-    P0: Array
-    period: float
-
-
-def gain_of(rise_time: float, period: float) -> float:
-    """Gain of a first-order filter with a 10-90 % rise [s] at a period [s]."""
-    return 1 - exp(-log(9.0) * period / rise_time)
-
-
-def measured_covariances(calibration: Calibration, rise_time: float, pose_noise: Array
-                         ) -> Covariances:
-    """
-    Find Q, R and P0 from what was measured.
-
-    R is the noise of the force sensor, of the accelerometer and of the pose (6, 6). Q = R k^2 /
-    (1 - k) is the random walk whose stationary gain k gives the rise time [s], the same on all
-    axes.
-
-    Raises
-    ------
-    ConfigError
-        The calibration holds no noise.
-    """
-    noise = calibration.noise
-    if noise is None or not noise.wrench_rate > 0:
-        raise ConfigError('the calibration holds no noise.wrench with its rate, so R is unknown; '
-                          'calibrate again')
-    R = noise_of_reading(calibration, noise)[0] + pose_noise
-    k = gain_of(rise_time, 1 / noise.wrench_rate)
-    return Covariances(R * k * k / (1 - k), R, R.copy(), 1 / noise.wrench_rate)
 
 
 class ContactModel(NamedTuple):
@@ -147,49 +98,66 @@ class BiasModel(NamedTuple):
 
     Attributes
     ----------
-    settings : FilterSettings
-    bias : ndarray, shape (6,)
-        Where the biases start.
-    bias_cov, bias_walk : ndarray, shape (6, 6)
-        At the start; gained in one second.
-    covariances : Covariances
+    bias, bias_cov : ndarray, shape (6,), (6, 6)
+        Where the biases start, and the covariance of that.
+    R : ndarray, shape (6, 6)
+        Covariance of one reading, and of the wrench before the first.
+    walk : ndarray, shape (12, 12)
+        Covariance that wrench and biases gain in one second.
+    period : float
+        Of the readings [s].
     contact : ContactModel
     """
 
-    settings: FilterSettings
     bias: Array
     bias_cov: Array
-    bias_walk: Array
-    covariances: Covariances
+    R: Array
+    walk: Array
+    period: float
     contact: ContactModel
 
 
 def bias_model(calibration: Calibration, settings: FilterSettings, pose_noise: Array,
-               slow_noise: Array) -> BiasModel:
+               corner: float) -> BiasModel:
     """
     Turn a calibration into the model of the running filter.
 
+    R is the noise of the force sensor, of the accelerometer and of the pose. Q = R k^2 / (1 - k)
+    is the random walk whose stationary gain k gives the rise time, the same on all axes.
+
     Parameters
     ----------
-    pose_noise, slow_noise : ndarray, shape (6, 6)
-        Covariance of the load by the noise of the pose, and that of its mean over the window of
-        the contact test.
+    pose_noise : ndarray, shape (6, 6)
+        Covariance of the load by the noise of the pose.
+    corner : float
+        Of the filter that follows the orientation, which colours that noise [rad/s].
 
     Raises
     ------
     ConfigError
-        The calibration does not hold what the settings need.
+        The calibration holds no noise.
     """
-    covariances = measured_covariances(calibration, settings.rise_time, pose_noise)
+    noise = calibration.noise
+    if noise is None or not noise.wrench_rate > 0:
+        raise ConfigError('the calibration holds no noise.wrench with its rate, so R is unknown; '
+                          'calibrate again')
+    rate = noise.wrench_rate
+    R = noise_of_reading(calibration, noise)[0] + pose_noise
+    k = 1 - exp(-log(9.0) / (settings.rise_time * rate))
     std = np.nan_to_num(calibration.wrench_bias.std, nan=0.0)
-    # a bias of which nothing is uncertain would leave a singular covariance
-    bias_cov = np.diag(std ** 2) + pair(*settings.bias_prior) + 1e-4 * covariances.R
+    # time over which a weak contact is averaged, and quiet after which contact counts as ended [s]
+    window, release_time = 0.1, 0.2
+    # probability that a sample without contact is called contact
+    false_alarm = 1e-6
     return BiasModel(
-        settings=settings, bias=calibration.wrench_bias.value, bias_cov=bias_cov,
-        bias_walk=pair(*settings.bias_walk), covariances=covariances,
-        contact=ContactModel(pair(*settings.contact_floor), slow_noise,
-                             float(chdtri(6, settings.false_alarm)),
-                             settings.contact_window, settings.release_time))
+        bias=calibration.wrench_bias.value,
+        # a bias of which nothing is uncertain would leave a singular covariance
+        bias_cov=np.diag(std ** 2) + pair(*settings.bias_prior) + 1e-4 * R,
+        # wander of the biases [N/sqrt(s), N m/sqrt(s)]
+        R=R, walk=block_diag(R * k * k / (1 - k) * rate, pair(4e-4, 4e-5)), period=1 / rate,
+        contact=ContactModel(
+            pair(*settings.contact_floor), (1 - fast_share(1 / window / corner)) * pose_noise,
+            float(chdtri(6, false_alarm)), window, release_time))
 
 
 def pair(force: float, torque: float) -> Array:
@@ -197,33 +165,22 @@ def pair(force: float, torque: float) -> Array:
     return np.diag([force ** 2] * 3 + [torque ** 2] * 3)
 
 
-def start(model: BiasModel) -> Gaussian:
-    """Return the belief before the first reading: no wrench, the calibration's biases."""
-    cov = np.zeros((12, 12))
-    cov[WRENCH, WRENCH], cov[BIAS, BIAS] = model.covariances.P0, model.bias_cov
-    return Gaussian(np.concatenate([np.zeros(6), model.bias]), cov)
-
-
-def relaxation(model: BiasModel, contact: bool) -> float:
+def expected_share(dt: float, contact: bool) -> float:
     """
-    Time in which the wrench is expected to return to zero [s].
+    Return the share of a wrench that is expected to be left after ``dt`` [s].
 
-    In contact it wanders freely; its biases are frozen then.
+    While contact is excluded it returns to zero; in contact it wanders freely.
     """
-    return inf if contact else model.settings.relaxation
+    # time in which it does [s]
+    relaxation = 0.1
+    return 1.0 if contact else exp(-dt / relaxation)
 
 
 def transition(model: BiasModel, dt: float, contact: bool) -> tuple[Array, Array]:
-    """
-    Return how wrench and biases move in a period ``dt`` [s], and the covariance that adds.
-
-    The wrench follows F' = exp(-dt/relaxation) F + w, the biases b' = b + w.
-    """
-    A, Q = np.eye(12), np.zeros((12, 12))
-    A[WRENCH, WRENCH] *= exp(-dt / relaxation(model, contact))
-    Q[WRENCH, WRENCH] = model.covariances.Q * (dt / model.covariances.period)
-    Q[BIAS, BIAS] = model.bias_walk * dt
-    return A, Q
+    """Return how wrench and biases move in a period ``dt`` [s], and the covariance that adds."""
+    A = np.eye(12)
+    A[WRENCH, WRENCH] *= expected_share(dt, contact)
+    return A, model.walk * dt
 
 
 _SUM = np.hstack([np.eye(6), np.eye(6)])
@@ -252,31 +209,13 @@ class Contact(NamedTuple):
     share: float = 0.0
 
 
-class Free(NamedTuple):
-    """A reading under the hypothesis of no contact: residual (6,) and its covariance (6, 6)."""
-
-    residual: Array
-    cov: Array
-    uncertainty: Array
-    """Share of ``cov`` that is no noise of this reading: that of the biases."""
-
-
-def free_hypothesis(belief: Gaussian, expected: Expected, reading: Array, R: Array) -> Free:
+def assess(contact: Contact, belief: Gaussian, expected: Expected, reading: Array, R: Array,
+           dt: float, model: ContactModel) -> tuple[Contact, float]:
     """
-    Take the wrench out of what was expected.
+    Test one reading for contact, ``dt`` [s] after the one before.
 
-    The first six states are the wrench, which adds to the reading (6,); R (6, 6) is the
-    covariance of its noise.
-    """
-    wrench_cov, cross = belief.cov[:6, :6], expected.cross[:6, :6]
-    cov = expected.cov[:6, :6] - cross - cross.T + wrench_cov
-    return Free(reading - expected.mean[:6] + belief.mean[:6], cov, cov - R)
-
-
-def assess(contact: Contact, free: Free, dt: float, model: ContactModel
-           ) -> tuple[Contact, float]:
-    """
-    Test one reading, ``dt`` [s] after the one before.
+    The first six states are the wrench, which adds to the reading (6,): without contact it is
+    taken out of what was expected. ``R`` (6, 6) is the covariance of the reading's noise.
 
     Returns
     -------
@@ -289,14 +228,17 @@ def assess(contact: Contact, free: Free, dt: float, model: ContactModel
     NotPositiveDefinite
         The covariance is none.
     """
+    cross = expected.cross[:6, :6]
+    residual = reading - expected.mean[:6] + belief.mean[:6]
+    cov = expected.cov[:6, :6] - cross - cross.T + belief.cov[:6, :6]
+    # what is no noise of this reading: that of the biases
+    uncertainty = cov - R
     k = 1 - exp(-dt / model.window)
-    average = contact.average + k * (free.residual - contact.average)
+    average = contact.average + k * (residual - contact.average)
     share = (1 - k) ** 2 * contact.share + k * k
-    noise = free.cov - free.uncertainty
-    blow = mahalanobis(free.residual, free.cov + model.floor)
-    push = mahalanobis(average, share * noise + free.uncertainty + model.floor
-                       + model.slow_noise)
-    nis = mahalanobis(free.residual, free.cov)
+    blow = mahalanobis(residual, cov + model.floor)
+    push = mahalanobis(average, share * R + uncertainty + model.floor + model.slow_noise)
+    nis = mahalanobis(residual, cov)
     if max(blow, push) > model.limit:
         return Contact(True, 0.0, average, share), nis
     quiet = contact.quiet + dt
@@ -305,50 +247,45 @@ def assess(contact: Contact, free: Free, dt: float, model: ContactModel
     return Contact(held, quiet, average, share), nis
 
 
-def opened(belief: Gaussian) -> Gaussian:
-    """
-    Return the belief at the onset of contact: a wrench of any size may have come up.
-
-    The biases are frozen from here on. Where little is known of them yet, a wrench thought to be
-    small would take a second to follow, for all that time suspecting the bias. The first six
-    states are the wrench, the next six its biases.
-    """
-    cov = belief.cov.copy()
-    # at the onset of contact the wrench is held for that many times as uncertain, in variance, as
-    # its bias: then what came up is read as wrench (91 % of it at once), not as bias
-    cov[WRENCH, WRENCH] += 10.0 * cov[BIAS, BIAS]
-    return Gaussian(belief.mean, cov)
-
-
-class Taken(NamedTuple):
-    """A reading that was taken in: what it left, what was expected, its NIS without contact."""
-
-    states: Gaussian
-    contact: Contact
-    expected: Expected
-    nis: float
-
-
 def take_reading(states: Gaussian, expect: Callable[[Gaussian], Expected], reading: Array,
                  R: Array, contact: Contact, dt: float, model: ContactModel, learns: slice
-                 ) -> Taken:
+                 ) -> tuple[Gaussian, Contact, Expected, float]:
     """
     Test a reading for contact, ``dt`` [s] after the one before, and take it in.
 
+    At the onset of contact a wrench of any size may have come up. The biases are frozen from
+    there on: where little is known of them yet, a wrench thought to be small would take a second
+    to follow, for all that time suspecting the bias.
+
     Parameters
     ----------
+    states : Gaussian
+        Wrench (6), its biases (6) and others.
     reading : ndarray, shape (k,)
         A wrench, then what else was read; ``R`` (6, 6) is the covariance of the wrench's noise.
     learns : slice
         States that only readings without contact may teach.
+
+    Returns
+    -------
+    states : Gaussian
+    contact : Contact
+    expected : Expected
+        The reading before it was taken.
+    nis : float
+        Of the hypothesis of no contact.
     """
     expected = expect(states)
-    after, nis = assess(contact, free_hypothesis(states, expected, reading[:6], R), dt, model)
+    after, nis = assess(contact, states, expected, reading[:6], R, dt, model)
     if after.assumed and not contact.assumed:
-        states = opened(states)
+        cov = states.cov.copy()
+        # at the onset the wrench is held for that many times as uncertain, in variance, as its
+        # bias: then what came up is read as wrench (91 % of it at once), not as bias
+        cov[WRENCH, WRENCH] += 10.0 * cov[BIAS, BIAS]
+        states = Gaussian(states.mean, cov)
         expected = expect(states)
-    return Taken(condition(states, expected, reading, learns if after.assumed else None), after,
-                 expected, nis)
+    frozen = learns if after.assumed else None
+    return condition(states, expected, reading, frozen), after, expected, nis
 
 
 class Belief(NamedTuple):
@@ -370,8 +307,9 @@ class Belief(NamedTuple):
 
 
 def begin(model: BiasModel) -> Belief:
-    """Return the belief before the first reading."""
-    return Belief(nan, start(model), Contact())
+    """Return the belief before the first reading: no wrench, the calibration's biases."""
+    return Belief(nan, Gaussian(np.concatenate([np.zeros(6), model.bias]),
+                                block_diag(model.R, model.bias_cov)), Contact())
 
 
 def learn(memory: Any, reading: Unloaded, model: BiasModel) -> tuple[Belief, ContactSample]:
@@ -381,33 +319,22 @@ def learn(memory: Any, reading: Unloaded, model: BiasModel) -> tuple[Belief, Con
     Never raises on a reading. The memory of another filter is as good as none.
     """
     belief = memory if isinstance(memory, Belief) else begin(model)
-    if reading.status & INVALID:
-        return belief, _sample(belief, reading)
-    dt = reading.t - belief.t if belief.t == belief.t else model.covariances.period
-    try:
-        return _filter(belief, reading, min(dt, MAX_PERIOD_S), model)
-    except NotPositiveDefinite:
-        belief = begin(model)._replace(t=reading.t)
-        return belief, _sample(belief, reading._replace(status=reading.status | RESTARTED))
-
-
-def _filter(belief: Belief, reading: Unloaded, dt: float, model: BiasModel
-            ) -> tuple[Belief, ContactSample]:
-    y, R = np.array(reading.measured) + model.bias, model.covariances.R
-    taken = take_reading(
-        predict(belief.states, *transition(model, dt, belief.contact.assumed)),
-        lambda states: expect_linear(states, _SUM, 0.0, R), y, R, belief.contact, dt,
-        model.contact, BIAS)
-    belief = Belief(reading.t, taken.states, taken.contact)
-    return belief, _sample(belief, reading, y - taken.expected.mean, taken.nis)
-
-
-def _sample(belief: Belief, reading: Unloaded, innovation: Array | None = None,
-            nis: float = nan) -> ContactSample:
     t, status, measured, inertial, _ = reading
-    return ContactSample(
-        t, wrench_tuple(belief.states.mean), status, measured,
-        NO_WRENCH if innovation is None else wrench_tuple(innovation), inertial,
+    innovation, nis = NO_WRENCH, nan
+    if not status & INVALID:
+        dt = min(t - belief.t, MAX_PERIOD_S) if belief.t == belief.t else model.period
+        y = np.array(measured) + model.bias
+        try:
+            states, contact, expected, nis = take_reading(
+                predict(belief.states, *transition(model, dt, belief.contact.assumed)),
+                lambda states: expect_linear(states, _SUM, 0.0, model.R), y, model.R,
+                belief.contact, dt, model.contact, BIAS)
+            belief = Belief(t, states, contact)
+            innovation = wrench_tuple(y - expected.mean)
+        except NotPositiveDefinite:
+            belief, status = begin(model)._replace(t=t), status | RESTARTED
+    return belief, ContactSample(
+        t, wrench_tuple(belief.states.mean), status, measured, innovation, inertial,
         learned_of(belief.states, belief.contact, nis))
 
 

@@ -166,20 +166,16 @@ def _kinematics(status: int, motion: MotionEstimate, t: float, force: Reading, m
     return status | st.NO_ACCELEROMETER, (-ox, -oy, -oz), omega, alpha
 
 
-def _gravity(motion: MotionEstimate, t: float, model: Model) -> Vector:
-    """Return gravity in ft_sensor as the pose has it now [m/s^2]."""
-    rotation = motion.rotation
-    h = t - rotation.t
-    wx, wy, wz = rotation.omega
-    return gravity_in_sensor(advance_rotation(rotation.q, h * wx, h * wy, h * wz), model.gravity)
-
-
 def _kinematics_at_rest(status: int, motion: MotionEstimate, t: float, model: Model
                         ) -> tuple[int, Vector, Vector, Vector]:
     """Return the same as if the tool hung still in its present orientation: weight alone."""
-    if t - motion.rotation.t > model.pose_timeout:
+    rotation = motion.rotation
+    h = t - rotation.t
+    if h > model.pose_timeout:
         return status | st.NO_POSE | st.NO_GRAVITY, ZERO, ZERO, ZERO
-    x, y, z = _gravity(motion, t, model)
+    wx, wy, wz = rotation.omega
+    q = advance_rotation(rotation.q, h * wx, h * wy, h * wz)
+    x, y, z = gravity_in_sensor(q, model.gravity)
     return status, (-x, -y, -z), ZERO, ZERO
 
 

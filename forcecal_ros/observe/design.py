@@ -4,7 +4,7 @@ from dataclasses import replace
 from math import exp, inf, log, tau
 from typing import Any, NamedTuple
 
-from forcecal_ros.core.calibration import Accelerometer, Calibration, Estimate
+from forcecal_ros.core.calibration import Accelerometer, Calibration, Estimate, Noise
 from forcecal_ros.core.errors import ConfigError, UnobservableError
 from forcecal_ros.core.geometry import Array, Vector, ZERO
 from forcecal_ros.core.sensor_matrix import sensor_matrix, SensorMatrix
@@ -149,13 +149,6 @@ def _bias(calibration: Calibration) -> tuple[float, ...]:
     return bias
 
 
-def _delay(accelerometer: Accelerometer | None) -> float:
-    """Return the delay; zero where it was not identified."""
-    if accelerometer is None or not np.isfinite(accelerometer.delay.value):
-        return 0.0
-    return float(accelerometer.delay)
-
-
 def _volts(calibration: Calibration) -> tuple[float, ...]:
     accelerometer = calibration.accelerometer
     if accelerometer is None:
@@ -180,13 +173,6 @@ def _ac_rate(accelerometer: Accelerometer | None) -> float:
     return tau * float(accelerometer.cutoff)
 
 
-def _gain(calibration: Calibration) -> Gain:
-    if calibration.observer is None:
-        return (0.0,) * 6
-    (a, b, c), (d, e, f) = calibration.observer.K.value.tolist()
-    return a, b, c, d, e, f
-
-
 def _filter(calibration: Calibration, settings: ObserverSettings) -> str:
     """Return the name of the filter that runs."""
     observer = calibration.observer
@@ -197,22 +183,9 @@ def _filter(calibration: Calibration, settings: ObserverSettings) -> str:
     return name
 
 
-def _bandwidth(calibration: Calibration, mass: float, settings: ObserverSettings) -> float:
-    if calibration.noise is None:
-        return settings.bandwidth_hz or within_limits(UNMEASURED_HZ, settings)
-    return contact_bandwidth(slow_levels(calibration.noise), mass, settings)
-
-
-def _is_adaptive(calibration: Calibration, settings: ObserverSettings) -> bool:
-    """Whether the bandwidth follows the noise: not if it is stated, or no noise was measured."""
-    return bool(settings.adaptive and settings.bandwidth_hz is None and calibration.noise)
-
-
-def _innovation_scale(calibration: Calibration, rate: float, settings: ObserverSettings) -> Vector:
-    if not _is_adaptive(calibration, settings) or calibration.noise is None:
-        return ZERO
-    dt = 1 / calibration.noise.wrench_rate
-    reading, density = noise_of_reading(calibration, calibration.noise)
+def _innovation_scale(calibration: Calibration, noise: Noise, rate: float) -> Vector:
+    dt = 1 / noise.wrench_rate
+    reading, density = noise_of_reading(calibration, noise)
     k = 1 - exp(-rate * dt)
     # of a reading, and of an estimate that balances noise and walk
     variance = np.diag(reading) + np.diag(density) / dt * k
@@ -252,7 +225,17 @@ def design(calibration: Calibration, settings: ObserverSettings = ObserverSettin
         raise UnobservableError('without positions in the poses, accelerometer offset and contact '
                                 'force cannot be separated; leave the accelerometer offset out '
                                 '(observer offset: off)')
-    rate = tau * _bandwidth(calibration, load.m, settings)
+    noise, observer = calibration.noise, calibration.observer
+    bandwidth = settings.bandwidth_hz or within_limits(UNMEASURED_HZ, settings)
+    if noise is not None:
+        bandwidth = contact_bandwidth(slow_levels(noise), load.m, settings)
+    rate = tau * bandwidth
+    # not if the bandwidth is stated, or no noise was measured
+    adaptive = settings.adaptive and settings.bandwidth_hz is None
+    gain: Gain = (0.0,) * 6
+    if observer is not None:
+        (a, b, c), (d, e, f) = observer.K.value.tolist()
+        gain = (a, b, c, d, e, f)
     tool = calibration.tool
     stiffness = float(tool.stiffness) if tool is not None else 0.0
     damping = float(tool.damping) if tool is not None else 0.0
@@ -260,7 +243,6 @@ def design(calibration: Calibration, settings: ObserverSettings = ObserverSettin
     motion = motion_corner(levels, load.m, rate, settings)
     by_pose = pose_noise(calibration, corner, motion,
                          accelerometer is not None and accelerometer_comes, settings)
-    slow = 1 - fast_share(1 / settings.learning.contact_window / corner)
     timeout = settings.accelerometer_timeout
     # max pause: ``Model.pause`` of live wrenches: sensors send at 100 Hz and more, so that ten or
     # more are lost [s]
@@ -270,23 +252,26 @@ def design(calibration: Calibration, settings: ObserverSettings = ObserverSettin
     # keeps within about this of it, which is the noise of such a position [m]
     return with_reach(Model(
         filter={'kalman': KALMAN, 'newton': NEWTON}.get(name, UNFILTERED),
-        bias_filter=(bias_model(calibration, settings.learning, by_pose, slow * by_pose)
+        bias_filter=(bias_model(calibration, settings.learning, by_pose, corner)
                      if name in LEARNING else None),
         weight_only=name == 'static', load=load, sensor_matrix=sensor_matrix(calibration),
         bias=_bias(calibration),
         gravity=calibration.gravity, accelerometer=accelerometer is not None,
         ac_rate=_ac_rate(accelerometer),
         volts=_volts(calibration),
-        delay=_delay(accelerometer),
+        # zero where it was not identified
+        delay=0.0 if accelerometer is None else float(
+            np.nan_to_num(accelerometer.delay.value, posinf=0.0, neginf=0.0)),
         place=(load.cx - load.dx, load.cy - load.dy, load.cz - load.dz),
         stiffness=stiffness, relaxation=stiffness / damping if damping > 0 else inf,
-        rate=rate, adaptive=_is_adaptive(calibration, settings),
-        innovation_scale=_innovation_scale(calibration, rate, settings),
+        rate=rate, adaptive=adaptive and noise is not None,
+        innovation_scale=(_innovation_scale(calibration, noise, rate)
+                          if adaptive and noise is not None else ZERO),
         slowest=tau * within_limits(0.0, settings), track_offset=track,
         rotation_poles=butterworth(corner),
         offset_poles=offset_poles(levels, settings, settings.pose_position_std),
         motion_poles=butterworth(motion),
-        reach_poles=offset_poles(levels, settings, 0.3), K=_gain(calibration),
+        reach_poles=offset_poles(levels, settings, 0.3), K=gain,
         pause=0.1, timeout=timeout, displacement_timeout=timeout,
         pose_timeout=settings.pose_timeout, skew=settings.skew, keep=0.005, reach=0.0, memory=0.0,
         limited=settings.wrench_limit is not None,
@@ -399,8 +384,7 @@ def accuracy(calibration: Calibration, model: Model,
     error = R * k / (2 - k) + np.diag(walk) * (1 - k) ** 2 / (k * (2 - k))
     _, by_alpha = load_maps(calibration)
     corner = model.rotation_poles.real
-    turning = (acceleration_variance(settings.pose_rotation_std, corner, settings)
-               * by_alpha @ by_alpha.T)
+    turning = acceleration_variance(settings.pose_rotation_std, corner) * by_alpha @ by_alpha.T
     fast = fast_share(model.rate / corner)
     bandwidth = model.rate / tau
     return Accuracy(bandwidth, rise_time(bandwidth), error + (1 - fast) * turning,
@@ -438,22 +422,6 @@ def kalman_gains(model: Model, dt: float) -> dict[str, Estimate]:
     }
 
 
-def _promised(found: Accuracy | None) -> dict[str, Estimate]:
-    """Return the rise of a step and the standard deviation of the contact wrench; see Accuracy."""
-    if found is None:
-        return {}
-    return {'rise_time': Estimate(found.rise_time, 0.0, 's'),
-            'std': Estimate(found.std, 0.0, 'N, N m')}
-
-
-def _chosen_by(settings: ObserverSettings) -> dict[str, Estimate]:
-    """Return what an observer without other settings designs the same gains by."""
-    return {name: Estimate(value, 0.0, unit) for name, value, unit in (
-        ('contact_walk', settings.contact_walk, 'N/sqrt(s)'),
-        ('bandwidth_min', settings.bandwidth_min_hz, 'Hz'),
-        ('bandwidth_max', settings.bandwidth_max_hz, 'Hz')) if value is not None}
-
-
 def with_kalman_gains(calibration: Calibration, settings: ObserverSettings = ObserverSettings()
                       ) -> Calibration:
     """
@@ -468,6 +436,13 @@ def with_kalman_gains(calibration: Calibration, settings: ObserverSettings = Obs
     by_kalman = replace(calibration, observer=observer)
     settings = as_calibrated(settings, by_kalman)
     model = design(by_kalman, settings)
-    kalman = (kalman_gains(model, observer.dt) | _chosen_by(settings)
-              | _promised(accuracy(by_kalman, model, settings)))
+    # what an observer without other settings designs the same gains by
+    kalman = kalman_gains(model, observer.dt) | {
+        name: Estimate(value, 0.0, unit) for name, value, unit in (
+            ('contact_walk', settings.contact_walk, 'N/sqrt(s)'),
+            ('bandwidth_min', settings.bandwidth_min_hz, 'Hz'),
+            ('bandwidth_max', settings.bandwidth_max_hz, 'Hz')) if value is not None}
+    if promised := accuracy(by_kalman, model, settings):
+        kalman |= {'rise_time': Estimate(promised.rise_time, 0.0, 's'),
+                   'std': Estimate(promised.std, 0.0, 'N, N m')}
     return replace(calibration, observer=replace(calibration.observer, kalman=kalman))

@@ -14,11 +14,9 @@ from forcecal_ros.core.geometry import (
     compose,
     matrix_from_quaternion,
     POSE_LENGTH,
-    Quaternion,
     rotate,
     rotate_back,
     skew,
-    Vector,
 )
 from forcecal_ros.core.schema import Vector7
 from forcecal_ros.core.streams import PoseStream, Recording
@@ -29,32 +27,39 @@ NAME = re.compile(r'[A-Za-z_]\w*(/[A-Za-z_]\w*)*', re.ASCII)
 """What a topic may be called by."""
 
 
-class Placement(NamedTuple):
-    """Where ft_sensor is in a frame: its origin [m], and the rotation to the frame's axes."""
+Mounting = Vector7
+"""Pose of ft_sensor, x y z [m] qx qy qz qw, in the frame whose pose is measured."""
 
-    position: Vector
-    q: Quaternion
-
-
-def combine(a: Placement, b: Placement) -> Placement:
-    """Return ``b``, a placement in the frame that ``a`` places, in the frame that ``a`` is in."""
-    (x, y, z), q = a
-    u, v, w = rotate(q, b.position)
-    return Placement((x + u, y + v, z + w), compose(q, b.q))
+ITSELF: Vector7 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+"""Pose of a frame in itself."""
 
 
-def invert(place: Placement) -> Placement:
-    """Return where the frame is in the frame that it places."""
-    i, j, k, r = place.q
-    x, y, z = rotate_back(place.q, place.position)
-    return Placement((-x, -y, -z), (-i, -j, -k, r))
+def combine(a: tuple[float, ...], b: Vector7) -> Vector7:
+    """
+    Return the pose ``b``, given in the frame that has the pose ``a``, where ``a`` is given.
+
+    Parameters
+    ----------
+    a, b : tuple of 7 float
+        x y z [m] qx qy qz qw.
+    """
+    x, y, z, i, j, k, r = a
+    u, v, w = rotate((i, j, k, r), b[:3])
+    return (x + u, y + v, z + w, *compose((i, j, k, r), b[3:]))
 
 
-def transported(wrench: Wrench, place: Placement) -> Wrench:
-    """Return a wrench that is given in ft_sensor, about its origin, in another frame."""
-    fx, fy, fz = rotate(place.q, wrench[:3])
-    nx, ny, nz = rotate(place.q, wrench[3:])
-    x, y, z = place.position
+def invert(pose: Vector7) -> Vector7:
+    """Return the pose of the frame that a pose is given in, in the frame that has it."""
+    i, j, k, r = pose[3:]
+    x, y, z = rotate_back(pose[3:], pose[:3])
+    return (-x, -y, -z, -i, -j, -k, r)
+
+
+def transported(wrench: Wrench, sensor: Vector7) -> Wrench:
+    """Return a wrench of ft_sensor, about its origin, in the frame where ft_sensor has a pose."""
+    fx, fy, fz = rotate(sensor[3:], wrench[:3])
+    nx, ny, nz = rotate(sensor[3:], wrench[3:])
+    x, y, z = sensor[:3]
     return fx, fy, fz, nx + y * fz - z * fy, ny + z * fx - x * fz, nz + x * fy - y * fx
 
 
@@ -98,18 +103,18 @@ class Frames:
                 raise ConfigError(f'publish.frames: {name!r} cannot be part of a topic; names '
                                   'have letters, digits and underscores')
         self._fixed = {
-            name: invert(placement(numbers[POSE_LENGTH * i:POSE_LENGTH * (i + 1)],
-                                   f'publish.frame_poses of {name}'))
+            name: invert(checked_pose(numbers[POSE_LENGTH * i:POSE_LENGTH * (i + 1)],
+                                      f'publish.frame_poses of {name}'))
             for i, name in enumerate(self.names[:rows])}
         self.base = self.names[-1] if len(self.names) > rows else ''
-        self._poses: deque[tuple[float, Placement]] = deque(maxlen=64)
+        self._poses: deque[tuple[float, Vector7]] = deque(maxlen=64)
 
     def note(self, t: float, pose: tuple[float, ...]) -> None:
         """Note a measured pose, x y z qx qy qz qw, with its stamp [s]."""
         x, y, z, a, b, c, d = pose
         n = hypot(a, b, c, d)
         if n > 0:
-            self._poses.append((t, Placement((x, y, z), (a / n, b / n, c / n, d / n))))
+            self._poses.append((t, (x, y, z, a / n, b / n, c / n, d / n)))
 
     def forget(self) -> None:
         """Forget all poses."""
@@ -117,11 +122,11 @@ class Frames:
 
     def of(self, t: float, wrench: Wrench, timeout: float) -> dict[str, Wrench]:
         """Return a wrench by frame; without base where no pose is within ``timeout`` [s] of it."""
-        found = {name: transported(wrench, place) for name, place in self._fixed.items()}
+        found = {name: transported(wrench, sensor) for name, sensor in self._fixed.items()}
         if self.base and self._poses:
-            stamp, place = min(self._poses, key=lambda pose: abs(pose[0] - t))
+            stamp, sensor = min(self._poses, key=lambda pose: abs(pose[0] - t))
             if abs(stamp - t) <= timeout:
-                found[self.base] = transported(wrench, place)
+                found[self.base] = transported(wrench, sensor)
         return found
 
 
@@ -159,23 +164,23 @@ def contact_point(wrench: Array, covariance: Array) -> ContactPoint | None:
     return ContactPoint(p, J @ covariance @ J.T)
 
 
-def mounting_of(numbers: Sequence[float], name: str) -> Placement | None:
+def mounting_of(numbers: Sequence[float], name: str) -> Mounting | None:
     """
-    Return where ft_sensor is in the frame whose pose is measured.
+    Return the pose of ft_sensor in the frame whose pose is measured.
 
     Parameters
     ----------
     numbers : sequence of float
-        As of :func:`placement`. One number or none: the pose is that of ft_sensor.
+        As of :func:`checked_pose`. One number or none: the pose is that of ft_sensor.
     name : str
         What they were given as, for messages.
     """
-    return placement(numbers, name) if len(numbers) > 1 else None
+    return checked_pose(numbers, name) if len(numbers) > 1 else None
 
 
-def placement(numbers: Sequence[float], name: str) -> Placement:
+def checked_pose(numbers: Sequence[float], name: str) -> Vector7:
     """
-    Read a pose, x y z [m] qx qy qz qw.
+    Return a pose, x y z [m] qx qy qz qw, of unit norm.
 
     Raises
     ------
@@ -189,27 +194,10 @@ def placement(numbers: Sequence[float], name: str) -> Placement:
     n = hypot(a, b, c, d)
     if not abs(n - 1) < 1e-3:
         raise ConfigError(f'{name}: the quaternion qx qy qz qw has norm {n:.4g}, not 1')
-    return Placement((x, y, z), (a / n, b / n, c / n, d / n))
+    return x, y, z, a / n, b / n, c / n, d / n
 
 
-def numbers_of(mounting: Placement | None) -> Vector7 | None:
-    """Return x y z [m] qx qy qz qw."""
-    return None if mounting is None else (*mounting.position, *mounting.q)
-
-
-def at_the_sensor(mounting: Placement, pose: tuple[float, ...]) -> Vector7:
-    """Return the pose of ft_sensor, x y z qx qy qz qw, where the frame it is fixed to has this."""
-    x, y, z, a, b, c, d = pose
-    place = combine(Placement((x, y, z), (a, b, c, d)), mounting)
-    return (*place.position, *place.q)
-
-
-def from_the_sensor(mounting: Placement, pose: tuple[float, ...]) -> Vector7:
-    """Return the pose of the frame that ft_sensor is fixed to, where ft_sensor has this one."""
-    return at_the_sensor(invert(mounting), pose)
-
-
-def taken_to_sensor(recording: Recording, mounting: Placement | None) -> Recording:
+def taken_to_sensor(recording: Recording, mounting: Mounting | None) -> Recording:
     """
     Return a recording whose poses, measured and commanded, are those of ft_sensor.
 
@@ -225,7 +213,7 @@ def taken_to_sensor(recording: Recording, mounting: Placement | None) -> Recordi
                         'wrench already; leave --sensor-from-pose out')
     return replace(recording, pose=_taken(recording.pose, mounting),
                    target=_taken(recording.target, mounting),
-                   sensor_from_pose=numbers_of(mounting))
+                   sensor_from_pose=mounting)
 
 
 def taken_as_calibrated(recording: Recording, calibration: Calibration, name: str) -> Recording:
@@ -248,7 +236,7 @@ def taken_as_calibrated(recording: Recording, calibration: Calibration, name: st
     if recording.sensor_from_pose is None and _is_of_sensor(recording):
         return recording
     given = recording.sensor_from_pose
-    mounting = agreed(mounting_of(given or (), 'sensor.from_pose'), calibration, name)
+    mounting = agreed(given, calibration, name)
     if given is not None or mounting is None:
         return recording
     noted = replace(recording, notes=(*recording.notes, (
@@ -263,7 +251,7 @@ def _in_sign_of(calibration: Calibration, recording: Recording) -> Recording:
     return replace(recording, wrench=replace(wrench, values=-wrench.values), wrench_sign=sign)
 
 
-def agreed(given: Placement | None, calibration: Calibration, name: str) -> Placement | None:
+def agreed(given: Mounting | None, calibration: Calibration, name: str) -> Mounting | None:
     """
     Return the transform to run a calibration with: its own, which one that is given has to equal.
 
@@ -277,14 +265,12 @@ def agreed(given: Placement | None, calibration: Calibration, name: str) -> Plac
     ConfigError
         They differ: weight and inertia would be computed for another sensor.
     """
-    # ft_sensor in its own frame
-    itself = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
     own = mounting_of(calibration.sensor_from_pose or (), f'{name}: sensor.from_pose')
     if given is None or (own is None and 'of' in calibration.source):
         return given or own  # files of other packages do not say whose pose they were made with
     # two transforms are one where they differ by less: a distance [m], and half an angle [rad].
     # Quaternions written with four digits do; 100 N turned by twice that are off by 0.02 N
-    if _apart(numbers_of(given) or itself, numbers_of(own) or itself) < 1e-4:
+    if _apart(given or ITSELF, own or ITSELF) < 1e-4:
         return given
     made = f'sensor.from_pose {_shown(own)}' if own else 'poses of ft_sensor itself'
     raise ConfigError(f'{name} was made with {made}, and {_shown(given)} is given: leave that '
@@ -296,12 +282,12 @@ def _is_of_sensor(recording: Recording) -> bool:
     return bool(pose and wrench and pose.of and pose.of == wrench.frame)
 
 
-def _taken(stream: PoseStream | None, mounting: Placement) -> PoseStream | None:
+def _taken(stream: PoseStream | None, mounting: Mounting) -> PoseStream | None:
     if stream is None:
         return None
     R = stream.R_base_sensor
-    return replace(stream, position=stream.position + R @ np.array(mounting.position),
-                   R_base_sensor=R @ matrix_from_quaternion(mounting.q), of='')
+    return replace(stream, position=stream.position + R @ np.array(mounting[:3]),
+                   R_base_sensor=R @ matrix_from_quaternion(mounting[3:]), of='')
 
 
 def _apart(a: Vector7, b: Vector7) -> float:
@@ -310,5 +296,5 @@ def _apart(a: Vector7, b: Vector7) -> float:
     return max(dist(a[:3], b[:3]), turn)
 
 
-def _shown(mounting: Placement) -> str:
-    return ' '.join(f'{x:.6g}' for x in numbers_of(mounting) or ())
+def _shown(mounting: Mounting) -> str:
+    return ' '.join(f'{x:.6g}' for x in mounting)

@@ -157,9 +157,9 @@ def expect_linear(belief: Gaussian, H: Array, offset: Array | float, R: Array) -
     return Expected(H @ belief.mean + offset, H @ cross + R, cross)
 
 
-def transform(belief: Gaussian, function: Function) -> Expected:
+def expect(belief: Gaussian, measurement: Function, R: Array) -> Expected:
     """
-    Pass a belief through a function by its 2 n + 1 sigma points, without noise.
+    Predict a reading by its 2 n + 1 sigma points; ``R`` (k, k) is the covariance of its noise.
 
     Raises
     ------
@@ -170,19 +170,13 @@ def transform(belief: Gaussian, function: Function) -> Expected:
     factor = cholesky(belief.cov)
     h = ALPHA * sqrt(len(mean))
     offsets = h * factor.T
-    moved = function.difference(mean, np.concatenate([offsets, -offsets]))
+    moved = measurement.difference(mean, np.concatenate([offsets, -offsets]))
     plus, minus = moved[:len(mean)], moved[len(mean):]
     D = (plus - minus) * (0.5 / h)
     C = (plus + minus) * (0.5 / h)
-    centre, cov = function.value(mean), D.T @ D
+    centre, cov = measurement.value(mean), D.T @ D + R
     if np.count_nonzero(C):
         shift = C.sum(axis=0) / h
         centre = centre + shift
         cov = cov + C.T @ C + (BETA - ALPHA ** 2) * np.outer(shift, shift)
     return Expected(centre, cov, factor @ D)
-
-
-def expect(belief: Gaussian, measurement: Function, R: Array) -> Expected:
-    """Predict a reading by sigma points; ``R`` (k, k) is the covariance of its noise."""
-    mean, cov, cross = transform(belief, measurement)
-    return Expected(mean, cov + R, cross)

@@ -17,24 +17,16 @@ from forcecal_ros.core.geometry import (
     rotate,
     rotation_vector,
 )
+from forcecal_ros.core.streams import CHANNELS
+from forcecal_ros.observe import step
 from forcecal_ros.observe.bandwidth import NoiseLevels
-from forcecal_ros.observe.bias_filter import Belief
+from forcecal_ros.observe.bias_filter import Belief, wrench_tuple
 from forcecal_ros.observe.contact import Memory, rate_at
 from forcecal_ros.observe.design import KALMAN, Model, with_bias, with_tool
 from forcecal_ros.observe.sample import ContactSample, describe, INVALID, NO_WRENCH, Wrench
-from forcecal_ros.observe.step import (
-    finish,
-    on_accelerometer,
-    on_displacement,
-    on_pose,
-    on_wrench,
-    Result,
-    State,
-)
+from forcecal_ros.observe.step import Result, State
 from forcecal_ros.observe.tracker import Tracker
 import numpy as np
-
-CHANNELS = ('force.x', 'force.y', 'force.z', 'torque.x', 'torque.y', 'torque.z')
 
 MIN_SAMPLES = 20
 """Samples of a window: of fewer, chance alone looks like a drift of many times the noise."""
@@ -150,10 +142,11 @@ def _refuse(values: Array, noise: Array, rate: float, what: str, remedy: str) ->
         # without a cause at most, on one of its twelve channels
         allowed = np.hypot(3.0, 4.0 * by_chance) * noise
         worst = int(np.argmax(size / allowed))
+        channel = CHANNELS['wrench'][worst]
         if size[worst] > allowed[worst]:
             most = below(allowed[worst], size[worst])
             raise DataError(
-                f'tare refused, {what}: {CHANNELS[worst]} {word} '
+                f'tare refused, {what}: {channel} {word} '
                 f'{above(size[worst], float(most))} > {most} {"N" if worst < 3 else "N m"}; '
                 f'{remedy}')
 
@@ -233,13 +226,6 @@ def refuse_motion(poses: Sequence[tuple[float, ...]]) -> None:
                         f'{angle * 1e3:.2f} mrad within the window; stop the robot')
 
 
-class Tally(NamedTuple):
-    """What happened since the last report: samples, and all their status bits."""
-
-    samples: int = 0
-    status: int = 0
-
-
 class LiveObserver:
     """
     A state of the chain, with the model that it runs by.
@@ -278,7 +264,7 @@ class LiveObserver:
         self._fade: Fade | None = None
         self._changed = False
         self.window.clear()
-        self._tally = Tally()
+        self._count = self._status = 0
 
     def let_go(self) -> None:
         """Forget the model as well."""
@@ -329,15 +315,15 @@ class LiveObserver:
         if self._turn is not None:
             force, torque = self._turn @ values[:3], self._turn @ values[3:]
             values = (*force.tolist(), *torque.tolist())
-        return self._answer(on_wrench(self.state, t, values, self.model))  # type: ignore[arg-type]
+        return self._answer(step.on_wrench(self.state, t, values, self.model))  # type: ignore[arg-type]
 
     def on_accelerometer(self, t: float, values: Values) -> Samples:
         """Take in an acceleration."""
-        return self._answer(on_accelerometer(self.state, t, values, self.model))  # type: ignore[arg-type]
+        return self._answer(step.on_accelerometer(self.state, t, values, self.model))  # type: ignore[arg-type]
 
     def on_displacement(self, t: float, values: Values) -> Samples:
         """Take in a displacement."""
-        return self._answer(on_displacement(
+        return self._answer(step.on_displacement(
             self.state, t, values[0], self.model))  # type: ignore[arg-type]
 
     def on_pose(self, t: float, values: Values) -> Samples:
@@ -346,12 +332,12 @@ class LiveObserver:
             x, y, z, a, b, c, d = values
             values = (*rotate(self._level, (x, y, z)), *compose(self._level, (a, b, c, d)))
         self.window.add_pose(t, values)
-        return self._answer(on_pose(
+        return self._answer(step.on_pose(
             self.state, t, values[:3], values[3:], self.model))  # type: ignore[arg-type]
 
     def finish(self) -> Samples:
         """Answer the wrenches still waiting."""
-        return () if self.model is None else self._answer(finish(self.state, self.model))
+        return () if self.model is None else self._answer(step.finish(self.state, self.model))
 
     def _answer(self, result: Result) -> Samples:
         self.state, samples = result
@@ -376,7 +362,8 @@ class LiveObserver:
         if self._changed and self._last is not None:
             self._changed = False
             kept = rebase(self.state, self._last, sample)
-            self._fade = begin_fade(kept.t, self.fade_duration, self._published, kept.contact)
+            self._fade = Fade(kept.t, self.fade_duration,
+                              wrench_tuple(np.subtract(self._published, kept.contact)))
         sample = kept
         if self._fade is not None:
             contact = faded(self._fade, sample.t, sample.contact)
@@ -386,7 +373,7 @@ class LiveObserver:
                 sample = sample._replace(contact=contact)
         self._last, self._published = kept, sample.contact
         self.window.add(kept)
-        self._tally = Tally(self._tally.samples + 1, self._tally.status | kept.status)
+        self._count, self._status = self._count + 1, self._status | kept.status
         return sample
 
     def tare(self, model: Model, levels: NoiseLevels) -> Tare:
@@ -428,15 +415,11 @@ class LiveObserver:
             return model.rate / tau
         return rate_at(self.noise_level, model.rate, model.slowest) / tau
 
-    @property
-    def status(self) -> int:
-        """All status bits since the last report."""
-        return self._tally.status
-
-    def report(self) -> Tally:
-        """Return the tally, and begin a new one."""
-        tally, self._tally = self._tally, Tally()
-        return tally
+    def report(self) -> tuple[int, int]:
+        """Return the number of samples since the last report, and all their status bits."""
+        counted = self._count, self._status
+        self._count = self._status = 0
+        return counted
 
 
 class Fade(NamedTuple):
@@ -456,28 +439,9 @@ def rebase(state: State, before: ContactSample, sample: ContactSample) -> Contac
     """
     if not isinstance(state.filter, Memory):
         return sample
-    a, b, c, d, e, f = (old + new - was for old, new, was in zip(
-        before.contact, sample.measured, before.measured))
-    contact = (a, b, c, d, e, f)
+    contact = wrench_tuple(np.add(before.contact, sample.measured) - before.measured)
     state.filter = state.filter._replace(contact=contact)
     return sample._replace(contact=contact)
-
-
-def begin_fade(t: float, duration: float, before: Wrench, after: Wrench) -> Fade:
-    """
-    Begin at the first estimate of a new model.
-
-    Parameters
-    ----------
-    t : float
-        Its stamp [s].
-    duration : float
-        [s]
-    before, after : tuple of 6 float
-        What was published last, and what the new model gives [N, N m].
-    """
-    a, b, c, d, e, f = (x - y for x, y in zip(before, after))
-    return Fade(t, duration, (a, b, c, d, e, f))
 
 
 def faded(fade: Fade, t: float, wrench: Wrench) -> Wrench | None:
@@ -490,8 +454,7 @@ def faded(fade: Fade, t: float, wrench: Wrench) -> Wrench | None:
     if not 0.0 <= x < 1.0:
         return None
     k = 1.0 - x * x * (3.0 - 2.0 * x)
-    a, b, c, d, e, f = (w + k * difference for w, difference in zip(wrench, fade.difference))
-    return a, b, c, d, e, f
+    return wrench_tuple(np.array(wrench) + k * np.array(fade.difference))
 
 
 def forget_learned_bias(state: State) -> None:

@@ -34,22 +34,22 @@ from typing import Annotated, NamedTuple
 
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import ConfigError
-from forcecal_ros.core.geometry import Array, skew
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.rigid_body import BodyMotion, regressor
 from forcecal_ros.core.schema import Row, Section
-from forcecal_ros.observe import gaussian
 from forcecal_ros.observe.bandwidth import noise_of_reading
 from forcecal_ros.observe.bias_filter import (
     assess,
     BIAS,
     Contact,
     ContactModel,
-    free_hypothesis,
     MASS,
     pair,
     WRENCH,
 )
 from forcecal_ros.observe.gaussian import (
     condition,
+    expect,
     Function,
     Gaussian,
     mahalanobis,
@@ -61,6 +61,9 @@ from scipy.special import chdtri
 
 MOMENT, EXCESS, STATES = slice(13, 16), 16, 17
 """Where they are among the states, behind wrench, bias and mass, and how many those are."""
+
+TOOL = slice(MASS, EXCESS)
+"""Mass and moment."""
 
 _PAIR = tuple[float, float]
 
@@ -80,15 +83,8 @@ class PayloadSettings(Section, name='payload'):
     floor: Annotated[_PAIR, Row(
         'Errors of weight and inertia that are no contact; the default is what an arm that moves '
         'freely leaves in means over 0.2 s', 'N, N m', 0.0)] = (0.05, 0.004)
-    share: Annotated[float, Row(
-        'The same as a share of the weight: errors of gains and angles', above=0.0)] = 0.003
     largest: Annotated[float | None, Row(
         "Largest payload that is expected; None: the tool's own mass", 'kg', above=0.0)] = None
-    bias_prior: Annotated[_PAIR, Row(
-        'How far the biases may have moved since the calibration', 'N, N m', 0.0)] = (0.3, 0.03)
-    accuracy: Annotated[float, Row(
-        'Relative standard error of the mass at which a change is taken over',
-        above=0.0, below=0.5)] = 0.01
 
 
 class PayloadModel(NamedTuple):
@@ -113,8 +109,6 @@ class PayloadModel(NamedTuple):
     inertia : ndarray, shape (3, 3)
         About the centre of mass [kg m^2].
     gravity : float
-    accuracy : float
-        See :class:`PayloadSettings`.
     """
 
     start: Gaussian
@@ -126,7 +120,6 @@ class PayloadModel(NamedTuple):
     contact: ContactModel
     inertia: Array
     gravity: float
-    accuracy: float
 
 
 def payload_model(calibration: Calibration, settings: PayloadSettings = PayloadSettings()
@@ -144,10 +137,15 @@ def payload_model(calibration: Calibration, settings: PayloadSettings = PayloadS
         raise ConfigError(f'mass is {m} kg: a payload is tracked from a calibrated tool on; '
                           'calibrate again')
     weight = m * calibration.gravity
-    arm = float(np.linalg.norm(c))
-    floor = pair(hypot(settings.floor[0], settings.share * weight),
-                  hypot(settings.floor[1], settings.share * weight * arm))
-    largest = m if settings.largest is None else settings.largest
+    # errors of gains and angles, as a share of the weight
+    share = 3e-3
+    floor = pair(hypot(settings.floor[0], share * weight),
+                 hypot(settings.floor[1], share * weight * float(np.linalg.norm(c))))
+    # how far the biases may have moved since the calibration [N], [N m]
+    bias_prior = pair(0.3, 0.03)
+    density = np.zeros((6, 6))
+    if calibration.noise is not None:
+        density = noise_of_reading(calibration, calibration.noise)[1]
     # false alarm: probability that a free reading is called contact; it costs a pause of the
     # tracking, where a push that is missed costs a wrong mass
     # window: time over which a weak contact is averaged: a third of that in which a payload is to
@@ -155,21 +153,14 @@ def payload_model(calibration: Calibration, settings: PayloadSettings = PayloadS
     # release: quiet after which contact counts as ended: longer than a light payload is hidden by
     # a vibration, and than a grasp takes to let go [s]
     return PayloadModel(
-        _start(calibration, floor, settings), _density(calibration), floor,
-        pair(*settings.bias_prior), _walk(m),
-        _opening(largest, calibration.gravity),
+        _start(calibration, floor, bias_prior), density, floor, bias_prior, _walk(m),
+        _opening(m if settings.largest is None else settings.largest, calibration.gravity),
         ContactModel(floor, np.zeros((6, 6)), float(chdtri(6, 1e-3)), 0.3, 1.0),
         np.zeros((3, 3)) if calibration.inertia is None else calibration.inertia.value,
-        calibration.gravity, settings.accuracy)
+        calibration.gravity)
 
 
-def _density(calibration: Calibration) -> Array:
-    if calibration.noise is None:
-        return np.zeros((6, 6))
-    return noise_of_reading(calibration, calibration.noise)[1]
-
-
-def _start(calibration: Calibration, floor: Array, settings: PayloadSettings) -> Gaussian:
+def _start(calibration: Calibration, floor: Array, bias_prior: Array) -> Gaussian:
     m, c = float(calibration.mass), calibration.com.value
     mean, cov = np.zeros(STATES), np.zeros((STATES, STATES))
     mean[BIAS], mean[MASS], mean[MOMENT] = calibration.wrench_bias.value, m, m * c
@@ -177,9 +168,9 @@ def _start(calibration: Calibration, floor: Array, settings: PayloadSettings) ->
     com_std = np.maximum(np.nan_to_num(calibration.com.std), 1e-4)
     bias_std = np.nan_to_num(calibration.wrench_bias.std)
     cov[WRENCH, WRENCH] = floor
-    cov[BIAS, BIAS] = np.diag(bias_std ** 2) + pair(*settings.bias_prior)
+    cov[BIAS, BIAS] = np.diag(bias_std ** 2) + bias_prior
     to_moment = np.array([1.0, *c])
-    cov[12:16, 12:16] = mass_std ** 2 * np.outer(to_moment, to_moment)
+    cov[TOOL, TOOL] = mass_std ** 2 * np.outer(to_moment, to_moment)
     cov[MOMENT, MOMENT] += np.diag((m * com_std) ** 2)
     # relative difference between mass by accelerations and mass by gravity that sensors bring
     # along, which is learned in free motion: delays and gains, a fifth on a real arm
@@ -250,30 +241,22 @@ def transition(model: PayloadModel, dt: float) -> tuple[Array, Array]:
     return A, Q
 
 
-def _cross(a: Array, b: Array) -> Array:
-    """Do as ``numpy.cross``, which takes ten times as long over a few numbers."""
-    i, j = (1, 2, 0), (2, 0, 1)
-    return np.asarray(a[..., i] * b[..., j] - a[..., j] * b[..., i])
-
-
 def measurement(block: Block, model: PayloadModel) -> Function:
     """Return what a block's reading is made of, as a function of the 17 states."""
-    w = skew(block.omega)
-    A = skew(block.alpha) + w @ w
-    spin = model.inertia @ block.alpha + _cross(block.omega, model.inertia @ block.omega)
-    slide = np.array([block.s, 0.0, 0.0])
+    omega, alpha, J = block.omega, block.alpha, model.inertia
+    motion = BodyMotion(*(np.array([one]) for one in (block.t, -block.f, omega, alpha)))
     linear_part = np.zeros((6, STATES))
     linear_part[:, WRENCH] = linear_part[:, BIAS] = np.eye(6)
-    linear_part[:3, MASS], linear_part[:3, MOMENT] = -block.f, -A
+    linear_part[:, TOOL] = regressor(motion, np.array([block.s]))[0, :, :4]
     linear_part[:3, EXCESS] = -(block.f + block.down)
-    linear_part[3:, MASS] = -_cross(slide, block.f)
-    linear_part[3:, MOMENT] = skew(block.f) - skew(slide) @ A
+    by_moment = linear_part[:3, MOMENT]
+    spin = J @ alpha + np.cross(omega, J @ omega)
     least = 0.1 * model.start.mean[MASS]
 
     def turning(x: Array) -> Array:
         """Torque of -c x A h about the origin; ``least`` where a hypothesis has no mass."""
         h, m = x[..., MOMENT], np.maximum(x[..., MASS], least)
-        return np.asarray(-_cross(h, h @ A.T) / m[..., np.newaxis])
+        return np.asarray(np.cross(h, h @ by_moment.T) / m[..., np.newaxis])
 
     def value(x: Array) -> Array:
         y = linear_part @ x
@@ -411,7 +394,8 @@ def _follow(state: PayloadState, block: Block, dt: float, model: PayloadModel) -
     change = _advance(state.change or _open(main, model), block, h, dt, model, learns=True)
     if change.contact.assumed:
         change = _advance(_open(main, model), block, h, dt, model, learns=True)
-    if not _settled(change, main, model):
+    if not (change.age >= LASTING_S and is_known(change.states, model)
+            and _is_weight(change.states, main.states, model)):
         return state._replace(main=main, before=(), change=change)
     gained = float(change.states.mean[MASS] - main.states.mean[MASS])
     return PayloadState(state.t, change._replace(contact=Contact()), (), None,
@@ -437,9 +421,8 @@ def _advance(hypothesis: Hypothesis, block: Block, h: Function, dt: float, model
     """Test a reading against a hypothesis, and learn from it where it does not contradict."""
     states = predict(hypothesis.states, *transition(model, dt))
     R = model.density / block.duration + np.diag(block.scatter) + 1e-6 * model.floor
-    expected = gaussian.expect(states, h, R)
-    contact, _ = assess(hypothesis.contact, free_hypothesis(states, expected, block.reading, R),
-                        dt, model.contact)
+    expected = expect(states, h, R)
+    contact, _ = assess(hypothesis.contact, states, expected, block.reading, R, dt, model.contact)
     age = hypothesis.age + dt
     if contact.assumed or not learns:
         return Hypothesis(_forgetful(hypothesis.states, model, dt), contact, age)
@@ -469,16 +452,11 @@ def _open(main: Hypothesis, model: PayloadModel) -> Hypothesis:
     return Hypothesis(Gaussian(main.states.mean, main.states.cov + model.opening))
 
 
-def _settled(change: Hypothesis, main: Hypothesis, model: PayloadModel) -> bool:
-    """Whether a change counts from now on."""
-    return (change.age >= LASTING_S and is_known(change.states, model)
-            and _is_weight(change.states, main.states, model))
-
-
 def is_known(states: Gaussian, model: PayloadModel) -> bool:
     """Whether the mass is known as well as required, as a share of the larger of both tools."""
     m = float(states.mean[MASS])
-    most = model.accuracy * max(m, float(model.start.mean[MASS]))
+    # relative standard error of the mass at which a change is taken over
+    most = 0.01 * max(m, float(model.start.mean[MASS]))
     return bool(m > 0 and states.cov[MASS, MASS] <= most ** 2)
 
 
@@ -507,25 +485,22 @@ def _is_distinct(change: Gaussian, main: Gaussian) -> bool:
     return bool(3.0 * sqrt(variance) < abs(change.mean[MASS] - main.mean[MASS]))
 
 
-_TO_TOOL = Function(lambda x: np.array([x[0], *(x[1:4] / x[0])]),
-                    lambda x, dx: np.column_stack([
-                        dx[:, 0], (x[1:4] + dx[:, 1:4]) / (x[0] + dx[:, :1]) - x[1:4] / x[0]]))
-
-
 def estimate(state: PayloadState, model: PayloadModel) -> ToolEstimate:
-    """Say what hangs on the sensor; the standard error of its place by sigma points."""
+    """Say what hangs on the sensor, with standard errors to first order."""
     mean, cov = state.main.states
-    tool = gaussian.transform(Gaussian(mean[12:16], cov[12:16, 12:16]), _TO_TOOL)
-    std = np.sqrt(tool.cov.diagonal())
+    m, com = float(mean[MASS]), mean[MOMENT] / mean[MASS]
+    from_states = np.eye(4)
+    from_states[1:] /= m
+    from_states[1:, 0] = -com / m
+    std = np.sqrt((from_states @ cov[TOOL, TOOL] @ from_states.T).diagonal())
     known = is_known(state.main.states, model)
     word, change = TRACKING if known else NOT_EXCITED, state.change
     suspected = suspected_std = nan
     if change is not None:
         word = FROZEN
         if change.age >= LASTING_S:
-            suspected = float(change.states.mean[MASS] - mean[MASS])
+            suspected = float(change.states.mean[MASS] - m)
             suspected_std = sqrt(change.states.cov[MASS, MASS])
             if not is_known(change.states, model):
                 word = NOT_EXCITED
-    return ToolEstimate(state.t, word, float(mean[MASS]), float(std[0]), mean[MOMENT] / mean[MASS],
-                        std[1:], suspected, suspected_std)
+    return ToolEstimate(state.t, word, m, float(std[0]), com, std[1:], suspected, suspected_std)

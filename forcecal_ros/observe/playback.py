@@ -21,6 +21,7 @@ from forcecal_ros.core.geometry import Array, quaternion_from_matrix, rotation_v
 from forcecal_ros.core.noise.white import white_covariance
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from forcecal_ros.core.topics import naming, require
+from forcecal_ros.observe import step
 from forcecal_ros.observe.bandwidth import ROTATION_CORNERS
 from forcecal_ros.observe.design import design, Model, with_reach
 from forcecal_ros.observe.live import LiveObserver
@@ -40,16 +41,8 @@ from forcecal_ros.observe.sample import (
     silent,
     stacked,
 )
-from forcecal_ros.observe.settings import ObserverSettings
-from forcecal_ros.observe.step import (
-    finish,
-    on_accelerometer,
-    on_displacement,
-    on_pose,
-    on_wrench,
-    Result,
-    State,
-)
+from forcecal_ros.observe.settings import ObserverSettings, POSE_RATE_HZ
+from forcecal_ros.observe.step import Result, State
 from forcecal_ros.observe.tracker import Tracker
 import numpy as np
 
@@ -190,19 +183,19 @@ def answers(recording: Recording, model: Model) -> Iterator[Result]:
     for event in events(recording):
         state, out = on_event(state, event, model)
         yield state, out
-    yield finish(state, model)
+    yield step.finish(state, model)
 
 
 def on_event(state: State, event: Event, model: Model) -> Result:
     """Feed one of :func:`events` to the step."""
     t, kind, row = event
     if kind == 'wrench':
-        return on_wrench(state, t, row, model)
+        return step.on_wrench(state, t, row, model)
     if kind == 'accelerometer':
-        return on_accelerometer(state, t, row, model)
+        return step.on_accelerometer(state, t, row, model)
     if kind == 'displacement':
-        return on_displacement(state, t, row[0], model)
-    return on_pose(state, t, row[:3], row[3:], model)
+        return step.on_displacement(state, t, row[0], model)
+    return step.on_pose(state, t, row[:3], row[3:], model)
 
 
 def events(recording: Recording) -> Iterator[Event]:
@@ -286,7 +279,7 @@ def with_pose_noise(settings: ObserverSettings, pose: PoseStream | None) -> Obse
         position += w * (pose.position[2 + k:n - 2 + k] - pose.position[2:-2])
         rotation += w * rotation_vector(np.swapaxes(R[2:-2], 1, 2) @ R[2 + k:n - 2 + k])
     # the settings state a deviation at their own rate: the same density
-    scale = period * settings.pose_rate / 3 / (1 + (weights ** 2).sum(axis=0))
+    scale = period * POSE_RATE_HZ / 3 / (1 + (weights ** 2).sum(axis=0))
     found = [_quiet(scale * (one * one).sum(axis=1)) for one in (position, rotation)]
     return replace(settings,
                    pose_position_std=max(settings.pose_position_std, found[0]),
@@ -326,7 +319,7 @@ def _runs(pose: PoseStream, gap: float) -> Iterator[PoseStream]:
     known = np.isfinite(pose.position).all(axis=1)
     cuts = np.flatnonzero((np.diff(pose.t) > gap) | (np.diff(known.astype(int)) != 0)) + 1
     for i, j in zip([0, *cuts.tolist()], [*cuts.tolist(), len(pose)]):
-        yield PoseStream(pose.t[i:j], pose.position[i:j], pose.R_base_sensor[i:j], pose.frame)
+        yield pose.rows(slice(i, j))
 
 
 def _between(run: PoseStream) -> PoseStream:
@@ -336,9 +329,7 @@ def _between(run: PoseStream) -> PoseStream:
     # a spline needs as many; shorter runs are left as they are
     if len(run) < 4:
         return run
-    # slow poses are interpolated to this period at most, the one that the pose
-    # filters are designed for [s]
-    parts = np.ceil(np.diff(run.t) / (1 / 250) - 1e-6).astype(int)
+    parts = np.ceil(np.diff(run.t) * POSE_RATE_HZ - 1e-6).astype(int)
     t = np.append(np.concatenate([
         start + (end - start) * np.arange(n) / n
         for start, end, n in zip(run.t[:-1], run.t[1:], parts)]), run.t[-1])

@@ -10,20 +10,20 @@ same length, read a thousand times a second, for a thousand independent readings
 of the direction ends up 5 deg off, twenty times what it claims.)
 """
 
-from math import cos, exp, nan, sin, sqrt
+from math import exp, nan, sqrt
 from typing import NamedTuple
 
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import ConfigError
-from forcecal_ros.core.geometry import Array, skew
+from forcecal_ros.core.geometry import Array, rotation_from_vector, skew
 from forcecal_ros.observe.bias_filter import (
     BIAS,
     BiasModel,
     Contact,
+    expected_share,
     learned_of,
     MASS,
     MAX_PERIOD_S,
-    relaxation,
     take_reading,
     WRENCH,
     wrench_tuple,
@@ -186,7 +186,7 @@ def start_pose_free(model: PoseFreeModel, specific_force: Array) -> LevelBelief:
     wrench, imu = model.wrench, model.imu
     mean = np.zeros(STATES)
     mean[BIAS], mean[MASS] = wrench.bias, model.mass
-    cov = block_diag(wrench.covariances.P0, wrench.bias_cov, model.mass_std ** 2,
+    cov = block_diag(wrench.R, wrench.bias_cov, model.mass_std ** 2,
                      imu.tilt_std ** 2 * np.eye(2), imu.acceleration_std ** 2 * np.eye(3))
     return LevelBelief(_level(-specific_force), Gaussian(mean, cov))
 
@@ -198,17 +198,6 @@ def _level(down: Array) -> Array:
     x = x - (x @ z) * z
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(z, x), z], axis=1)
-
-
-def exponential(x: float, y: float, z: float) -> Array:
-    """Rotation matrix of a rotation vector [rad]; in floats, as arrays this small are dear."""
-    angle = sqrt(x * x + y * y + z * z)
-    half = sin(angle / 2) / angle if angle > 1e-9 else 0.5
-    w, x, y, z = cos(angle / 2), half * x, half * y, half * z
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])
 
 
 def differentiate(turning: Turning | None, omega: Array, dt: float, corner: float) -> Turning:
@@ -245,14 +234,13 @@ def follow_gyro(belief: LevelBelief, model: PoseFreeModel, omega: Array | None, 
     A : ndarray, shape (18, 18)
     Q : ndarray, shape (18, 18)
     """
-    imu, wrench = model.imu, model.wrench
+    imu = model.imu
     A, Q = np.eye(STATES), np.zeros((STATES, STATES))
-    turn = np.eye(3) if omega is None else exponential(*(-dt * omega))
+    turn = np.eye(3) if omega is None else rotation_from_vector(-dt * omega)
     fade = exp(-dt / imu.acceleration_time)
-    A[WRENCH, WRENCH] *= exp(-dt / relaxation(wrench, contact))
+    A[WRENCH, WRENCH] *= expected_share(dt, contact)
     A[ACCELERATION, ACCELERATION] = fade * turn
-    Q[WRENCH, WRENCH] = wrench.covariances.Q * (dt / wrench.covariances.period)
-    Q[BIAS, BIAS] = wrench.bias_walk * dt
+    Q[:12, :12] = model.wrench.walk * dt
     Q[MASS, MASS] = imu.payload_walk ** 2 * dt
     tilt = imu.unknown_rate ** 2 * dt
     if omega is not None:
@@ -267,7 +255,7 @@ def follow_gyro(belief: LevelBelief, model: PoseFreeModel, omega: Array | None, 
 def relevelled(level: Array, states: Gaussian) -> LevelBelief:
     """Move the tilt from the states into ``level`` (3, 3)."""
     mean = states.mean
-    level = level @ exponential(float(mean[13]), float(mean[14]), 0.0)
+    level = level @ rotation_from_vector([*mean[TILT], 0.0])
     # one Newton step back to orthogonality, for a filter that runs for days
     level = 1.5 * level - 0.5 * level @ level.T @ level
     mean[TILT] = 0.0
@@ -395,7 +383,7 @@ def pose_free_step(
     """
     y, f = _usable(wrench, 6), _usable(specific_force, 3)
     omega = _usable(angular_velocity, 3)
-    dt = t - state.t if state.t == state.t else model.wrench.covariances.period
+    dt = t - state.t if state.t == state.t else model.wrench.period
     if y is None or not 0 < dt < np.inf:
         return state, _report(state, model, t, BAD_WRENCH)
     if state.belief is None:
@@ -420,13 +408,12 @@ def _filter(state: PoseFreeState, t: float, y: Array, f: Array | None, omega: Ar
     moved = predict(state.belief.states, A, Q)
     h, k = readings(level, model, turning), 6 if f is None else 9
     reading = np.concatenate([y, _NOTHING if f is None else f])[:k]
-    taken = take_reading(
+    states, contact, expected, nis = take_reading(
         moved, lambda states: first(k, expect(states, h, model.noise)), reading,
         model.noise[:6, :6], state.contact, dt, model.wrench.contact, LEARNED)
-    expected = taken.expected.mean[:6]
-    inertial = expected - moved.mean[WRENCH] - moved.mean[BIAS]
-    state = PoseFreeState(t, relevelled(level, taken.states), taken.contact, filtered)
-    return state, _report(state, model, t, status, taken.nis, y - expected, inertial,
+    inertial = expected.mean[:6] - moved.mean[WRENCH] - moved.mean[BIAS]
+    state = PoseFreeState(t, relevelled(level, states), contact, filtered)
+    return state, _report(state, model, t, status, nis, y - expected.mean[:6], inertial,
                           y - model.wrench.bias - inertial)
 
 

@@ -1,8 +1,8 @@
 """The pose of one frame in another, as transforms of /tf or positions of joints come."""
 
 from collections import deque
-from collections.abc import Callable, Sequence
-from math import cos, isfinite, sin, sqrt
+from collections.abc import Callable, Mapping, Sequence
+from math import cos, inf, isfinite, sin, sqrt
 from typing import Any, NamedTuple
 
 from forcecal_ros.core.cdr import FormReader, Layout
@@ -12,22 +12,12 @@ from forcecal_ros.core.geometry import (
     Quaternion,
     rotate,
     Vector,
-    ZERO,
 )
 from forcecal_ros.core.schema import Vector7
 from forcecal_ros.core.streams import CLOCK_JUMP_S
 from forcecal_ros.io.transforms import FIELDS, FORM, Route, route, transforms_of
 from forcecal_ros.io.urdf import Description, Joint
-from forcecal_ros.observe.frames import combine, invert, Placement
-
-KEPT_VALUES = 1000
-"""Transforms that are kept of each frame, to interpolate between: one second at 1 kHz. One that is
-later than that against the others counts as lost."""
-
-NEVER_NS = -2**63
-"""Before any stamp [ns]."""
-
-HERE = Placement(ZERO, (0.0, 0.0, 0.0, 1.0))
+from forcecal_ros.observe.frames import combine, invert, ITSELF
 
 
 class StampedPose(NamedTuple):
@@ -35,6 +25,68 @@ class StampedPose(NamedTuple):
 
     stamp_ns: int
     values: Vector7
+
+
+class Newest:
+    """
+    Values of several sources, each with its stamps: what all of them are at one instant.
+
+    Parameters
+    ----------
+    between : callable
+        (value, later value, share of the way) -> value between them.
+    """
+
+    def __init__(self, between: Callable[[Any, Any, float], Any]) -> None:
+        self._between = between
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget all values."""
+        self._kept: dict[str, deque[tuple[int, Any]]] = {}
+        self._last = -inf
+
+    def drop(self, source: str) -> None:
+        """Forget the values of one source."""
+        self._kept.pop(source, None)
+
+    def keep(self, source: str, stamp: int, value: Any) -> None:
+        """Keep a value; late ones are left out, and a clock that was set back begins anew."""
+        kept = self._kept.get(source)
+        if kept and stamp <= kept[-1][0]:
+            if kept[-1][0] - stamp < CLOCK_JUMP_S * 1e9:
+                return
+            self.forget()
+        # one second at 1 kHz: a source that is later than that against the others counts as lost
+        self._kept.setdefault(source, deque(maxlen=1000)).append((stamp, value))
+
+    def missing(self, sources: Sequence[str]) -> list[str]:
+        """Return the sources without any value."""
+        return [one for one in sources if one not in self._kept]
+
+    def at_once(self, sources: Sequence[str]) -> tuple[int, dict[str, Any]] | None:
+        """Return the newest stamp that all know, and their values; None: none since the last."""
+        if not sources or self.missing(sources):
+            return None
+        stamp = min(self._kept[one][-1][0] for one in sources)
+        if stamp <= self._last:
+            return None
+        values = {one: self._at(self._kept[one], stamp) for one in sources}
+        if None in values.values():
+            return None
+        self._last = stamp
+        return stamp, values
+
+    def _at(self, kept: deque[tuple[int, Any]], stamp: int) -> Any:
+        """Return a value at a stamp that is no later than its newest; None: it was forgotten."""
+        after_ns, after = kept[-1]
+        if after_ns == stamp:
+            return after
+        for before_ns, before in reversed(kept):
+            if before_ns <= stamp:
+                return self._between(before, after, (stamp - before_ns) / (after_ns - before_ns))
+            after_ns, after = before_ns, before
+        return None
 
 
 class TransformPose:
@@ -54,11 +106,9 @@ class TransformPose:
         self._base, self._frame = base, frame
         self._read = FormReader(FORM)
         self._parents: dict[str, str] = {}
-        self._fixed: dict[str, Placement] = {}
-        self._moving: dict[str, deque[tuple[int, Placement]]] = {}
-        self._route: Route | None = None
-        self._needed: set[str] = set()
-        self._last = NEVER_NS
+        self._fixed: dict[str, Vector7] = {}
+        self._moving = Newest(_between)
+        self._route = Route((), ())
         self._layout: Layout | None = None
         self._children: tuple[str, ...] = ()
         self.why_not = 'no message'
@@ -75,7 +125,7 @@ class TransformPose:
         for one in transforms_of(*self._read(raw)):
             if (place := _placement(one.numbers)) is not None:
                 self._fixed[one.child] = place
-                self._moving.pop(one.child, None)
+                self._moving.drop(one.child)
                 self._attach(one.parent, one.child)
 
     def take(self, raw: bytes) -> StampedPose | None:
@@ -94,94 +144,54 @@ class TransformPose:
             for one in found:
                 if self._parents.get(one.child) != one.parent:
                     self._attach(one.parent, one.child)
+        up, down = self._route
         for k, child in zip(range(1, len(values), FIELDS), self._children):
-            if child in self._needed and (place := _placement(values[k + 6:k + FIELDS])):
-                self._keep(child, values[k] * 1_000_000_000 + values[k + 1], place)
-        return self._newest()
-
-    def _keep(self, child: str, stamp: int, place: Placement) -> None:
-        kept = self._moving.get(child)
-        if kept is None:
-            self._fixed.pop(child, None)
-            kept = self._moving[child] = deque(maxlen=KEPT_VALUES)
-        elif stamp <= kept[-1][0]:
-            if kept[-1][0] - stamp < CLOCK_JUMP_S * 1e9:
-                return
-            self._forget()
-            kept = self._moving[child] = deque(maxlen=KEPT_VALUES)
-        kept.append((stamp, place))
+            if ((child in up or child in down)
+                    and (place := _placement(values[k + 6:k + FIELDS]))):
+                self._fixed.pop(child, None)
+                self._moving.keep(child, values[k] * 1_000_000_000 + values[k + 1], place)
+        known = self._moving.at_once([one for one in (*up, *down) if one not in self._fixed])
+        if known is None:
+            return None
+        stamp, moving = known
+        links = self._fixed | moving
+        place = combine(invert(_along(down, links)), _along(up, links))
+        return StampedPose(stamp, place)
 
     def _attach(self, parent: str, child: str) -> None:
         self._parents[child] = parent
         try:
             self._route = route(self._parents, self._base, self._frame, 'pose')
-            self._needed, self.why_not = {*self._route.up, *self._route.down}, ''
+            self.why_not = ''
         except DataError as error:
-            self._route, self._needed, self.why_not = None, set(), str(error)
-
-    def _forget(self) -> None:
-        self._moving, self._last = {}, NEVER_NS
-
-    def _newest(self) -> StampedPose | None:
-        found = self._route
-        if found is None:
-            return None
-        moving = [self._moving.get(frame) for frame in (*found.up, *found.down)
-                  if frame not in self._fixed]
-        if not moving or not all(moving):
-            return None
-        stamp = min(kept[-1][0] for kept in moving if kept)
-        if stamp <= self._last:
-            return None
-        sensor, base = self._along(found.up, stamp), self._along(found.down, stamp)
-        if sensor is None or base is None:
-            return None
-        self._last = stamp
-        place = combine(invert(base), sensor)
-        return StampedPose(stamp, (*place.position, *place.q))
-
-    def _along(self, chain: tuple[str, ...], stamp: int) -> Placement | None:
-        """Return where the first frame of a chain is in the parent of the last."""
-        place = HERE
-        for frame in chain:
-            link = self._fixed.get(frame) or _at(self._moving[frame], stamp, _between)
-            if link is None:
-                return None
-            place = combine(link, place)
-        return place
+            self._route, self.why_not = Route((), ()), str(error)
 
 
-def _placement(numbers: tuple[float, ...]) -> Placement | None:
+def _along(chain: tuple[str, ...], links: Mapping[str, Vector7]) -> Vector7:
+    """Return where the first frame of a chain is in the parent of the last."""
+    place = ITSELF
+    for frame in chain:
+        place = combine(links[frame], place)
+    return place
+
+
+def _placement(numbers: tuple[float, ...]) -> Vector7 | None:
     """Return the placement of a transform; None: it is no number, or turns by none."""
     x, y, z, a, b, c, d = numbers
     n = a * a + b * b + c * c + d * d
     if not (n > 0.0 and isfinite(n + x + y + z)):
         return None
     k = 1 / sqrt(n)
-    return Placement((x, y, z), (a * k, b * k, c * k, d * k))
+    return x, y, z, a * k, b * k, c * k, d * k
 
 
-def _at(kept: deque[tuple[int, Any]], stamp: int, between: Callable[[Any, Any, float], Any]
-        ) -> Any:
-    """Return a value at a stamp that is no later than its newest; None: it was forgotten."""
-    after_ns, after = kept[-1]
-    if after_ns == stamp:
-        return after
-    for before_ns, before in reversed(kept):
-        if before_ns <= stamp:
-            return between(before, after, (stamp - before_ns) / (after_ns - before_ns))
-        after_ns, after = before_ns, before
-    return None
-
-
-def _between(a: Placement, b: Placement, share: float) -> Placement:
+def _between(before: Vector7, after: Vector7, share: float) -> Vector7:
     """Interpolate position and, along the chord that it is for so small a turn, orientation."""
-    sign = share if sum(m * n for m, n in zip(a.q, b.q)) >= 0 else -share
-    i, j, k, r = (m * (1 - share) + n * sign for m, n in zip(a.q, b.q))
+    sign = share if sum(m * n for m, n in zip(before[3:], after[3:])) >= 0 else -share
+    x, y, z = (m * (1 - share) + n * share for m, n in zip(before[:3], after[:3]))
+    i, j, k, r = (m * (1 - share) + n * sign for m, n in zip(before[3:], after[3:]))
     n = 1 / sqrt(i * i + j * j + k * k + r * r)
-    x, y, z = (m * (1 - share) + n * share for m, n in zip(a.position, b.position))
-    position: Vector = (x, y, z)
-    return Placement(position, (i * n, j * n, k * n, r * n))
+    return x, y, z, i * n, j * n, k * n, r * n
 
 
 class Step(NamedTuple):
@@ -190,8 +200,8 @@ class Step(NamedTuple):
 
     Attributes
     ----------
-    slot : int
-        Of its driver among ``JointPose.drivers``.
+    driver : str
+        Joint whose position moves it.
     gain, offset : float
         Its position is ``gain`` times the driver's, plus ``offset`` [rad or m].
     slides : bool
@@ -202,10 +212,10 @@ class Step(NamedTuple):
         Its orientation is ``q cos(v/2) + turned sin(v/2)`` at the position v; ``q`` where it
         slides.
     along : Vector
-        What it slides along; zero where it turns.
+        What it slides along.
     """
 
-    slot: int
+    driver: str
     gain: float
     offset: float
     slides: bool
@@ -213,6 +223,17 @@ class Step(NamedTuple):
     q: Quaternion
     turned: Quaternion
     along: Vector
+
+    def at(self, position: float) -> Vector7:
+        """Return where its link is in that of the step before, by its driver's position."""
+        v = self.gain * position + self.offset
+        if self.slides:
+            (x, y, z), (e, f, g) = self.origin, self.along
+            return (x + v * e, y + v * f, z + v * g, *self.q)
+        sine, cosine = sin(0.5 * v), cos(0.5 * v)
+        (i, j, k, r), (e, f, g, h) = self.q, self.turned
+        return (*self.origin, i * cosine + e * sine, j * cosine + f * sine,
+                k * cosine + g * sine, r * cosine + h * sine)
 
 
 class JointPose:
@@ -246,16 +267,13 @@ class JointPose:
     def __init__(self, description: Description, base: str, link: str, name: str,
                  source: str) -> None:
         way = route(description.parents, base, link, name, source)
-        up = [description.joint(one) for one in reversed(way.up)]
-        down = [description.joint(one) for one in way.down]
-        self.drivers = tuple(sorted({joint.driver for joint in (*up, *down)} - {''}))
+        self._steps, self._tail = _steps([description.joint(one) for one in way.down],
+                                         [description.joint(one) for one in reversed(way.up)])
+        self.drivers = tuple(sorted({step.driver for step in self._steps}))
         if not self.drivers:
             raise DataError(f'{name}: no joint moves between {base} and {link} in {source}; name '
                             'the frame of the sensor and that of the base')
-        self._steps, self._tail = _compiled(down, up, self.drivers)
-        self._kept: list[deque[tuple[int, float]]] = [
-            deque(maxlen=KEPT_VALUES) for _ in self.drivers]
-        self._last: int | None = None
+        self._parts = Newest(lambda a, b, share: a + (b - a) * share)
         self.why_not = 'no message'
 
     def take(self, stamp_ns: int, positions: Sequence[float | None]) -> StampedPose | None:
@@ -267,110 +285,49 @@ class JointPose:
         StampedPose or None
             The pose that it completes, if it does.
         """
-        given = [one for one in positions if one is not None]
-        if len(given) == len(positions) and isfinite(sum(given)):
-            self.why_not = ''
-            return StampedPose(stamp_ns, self.pose(given))
-        if not given:
-            self._miss()
-            return None
-        if not isfinite(sum(given)):
-            wrong = next(joint for joint, one in zip(self.drivers, positions)
-                         if one is not None and not isfinite(one))
+        given = {joint: one for joint, one in zip(self.drivers, positions) if one is not None}
+        if not isfinite(sum(given.values())):
+            wrong = next(joint for joint, one in given.items() if not isfinite(one))
             self.why_not = f'the position of joint {wrong} is no finite number'
             return None
-        return self._merged(stamp_ns, positions)
+        if len(given) < len(self.drivers):
+            for joint, one in given.items():
+                self._parts.keep(joint, stamp_ns, one)
+            missing = self._parts.missing(self.drivers)
+            if missing and (given or self.why_not):
+                self.why_not = f'no position of joint {", ".join(missing)}'
+            known = self._parts.at_once(self.drivers)
+            if known is None:
+                return None
+            stamp_ns, given = known
+        self.why_not = ''
+        return StampedPose(stamp_ns, self.pose(given))
 
-    def pose(self, positions: Sequence[float]) -> Vector7:
-        """
-        Return x y z [m] qx qy qz qw at positions of the drivers [rad or m].
-
-        Rotation and product are written out: their calls would be a third of what this costs.
-        """
-        x = y = z = qx = qy = qz = 0.0
-        qw = 1.0
-        for slot, gain, offset, slides, (px, py, pz), (i, j, k, r), turned, along in self._steps:
-            v = gain * positions[slot] + offset
-            if slides:
-                e, f, g = along
-                px, py, pz, a, b, c, d = px + v * e, py + v * f, pz + v * g, i, j, k, r
-            else:
-                sine, cosine = sin(0.5 * v), cos(0.5 * v)
-                e, f, g, h = turned
-                a, b, c, d = (i * cosine + e * sine, j * cosine + f * sine,
-                              k * cosine + g * sine, r * cosine + h * sine)
-            u, v, w = 2 * (qy * pz - qz * py), 2 * (qz * px - qx * pz), 2 * (qx * py - qy * px)
-            x += px + qw * u + qy * w - qz * v
-            y += py + qw * v + qz * u - qx * w
-            z += pz + qw * w + qx * v - qy * u
-            qx, qy, qz, qw = (qw * a + qx * d + qy * c - qz * b, qw * b + qy * d + qz * a - qx * c,
-                              qw * c + qz * d + qx * b - qy * a, qw * d - qx * a - qy * b - qz * c)
-        place = combine(Placement((x, y, z), (qx, qy, qz, qw)), self._tail)
-        return (*place.position, *place.q)
-
-    def _miss(self) -> None:
-        if self.why_not and not any(self._kept):
-            self.why_not = f'no position of joint {", ".join(self.drivers)}'
-
-    def _merged(self, stamp: int, positions: Sequence[float | None]) -> StampedPose | None:
-        """Keep what a part of the joints is at; return the pose it completes."""
-        for kept, one in zip(self._kept, positions):
-            if one is None:
-                continue
-            if kept and stamp <= kept[-1][0]:
-                if kept[-1][0] - stamp < CLOCK_JUMP_S * 1e9:
-                    continue
-                self._forget()
-            kept.append((stamp, one))
-        missing = [joint for joint, kept in zip(self.drivers, self._kept) if not kept]
-        if missing:
-            self.why_not = f'no position of joint {", ".join(missing)}'
-            return None
-        newest = min(kept[-1][0] for kept in self._kept)
-        if self._last is not None and newest <= self._last:
-            return None
-        found = [_at(kept, newest, _mixed) for kept in self._kept]
-        known = [one for one in found if one is not None]
-        if len(known) < len(found):
-            return None
-        self._last, self.why_not = newest, ''
-        return StampedPose(newest, self.pose(known))
-
-    def _forget(self) -> None:
-        for kept in self._kept:
-            kept.clear()
-        self._last = None
+    def pose(self, positions: Mapping[str, float]) -> Vector7:
+        """Return x y z [m] qx qy qz qw at positions of the drivers [rad or m]."""
+        place = ITSELF
+        for step in self._steps:
+            place = combine(place, step.at(positions[step.driver]))
+        return combine(place, self._tail)
 
 
-def _compiled(down: Sequence[Joint], up: Sequence[Joint], drivers: Sequence[str]
-              ) -> tuple[tuple[Step, ...], Placement]:
+def _steps(down: Sequence[Joint], up: Sequence[Joint]) -> tuple[tuple[Step, ...], Vector7]:
     """Return the moving joints from the base to the link, and what is fixed behind the last."""
     steps: list[Step] = []
-    place = HERE
-    for joint, back in (*((one, True) for one in down), *((one, False) for one in up)):
-        origin = _origin(joint)
-        if not back:
+    place = ITSELF
+    for joint, sign in (*((one, -1.0) for one in down), *((one, 1.0) for one in up)):
+        R, p = joint.origin
+        x, y, z, a, b, c, d = map(float, (*p, *R.as_quat()))
+        origin = (x, y, z, a, b, c, d)
+        if sign > 0:
             place = combine(place, origin)
         if joint.driver:
-            sign = -1.0 if back else 1.0
             i, j, k = map(float, joint.axis)
             steps.append(Step(
-                drivers.index(joint.driver), sign * float(joint.gain),
-                sign * float(joint.offset), joint.slides, place.position, place.q,
-                compose(place.q, (i, j, k, 0.0)),
-                rotate(place.q, (i, j, k)) if joint.slides else ZERO))
-            place = HERE
-        if back:
+                joint.driver, sign * float(joint.gain), sign * float(joint.offset), joint.slides,
+                place[:3], place[3:], compose(place[3:], (i, j, k, 0.0)),
+                rotate(place[3:], (i, j, k))))
+            place = ITSELF
+        if sign < 0:
             place = combine(place, invert(origin))
     return tuple(steps), place
-
-
-def _origin(joint: Joint) -> Placement:
-    R, p = joint.origin
-    a, b, c, d = map(float, R.as_quat())
-    x, y, z = map(float, p)
-    return Placement((x, y, z), (a, b, c, d))
-
-
-def _mixed(a: float, b: float, share: float) -> float:
-    return a + (b - a) * share

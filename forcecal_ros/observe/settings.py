@@ -16,7 +16,6 @@ LEARNING = ('ukf', 'ekf')
 
 OFFSETS = ('auto', 'on', 'off')
 
-
 _PAIR = tuple[float, float]
 
 
@@ -27,24 +26,15 @@ class FilterSettings(Section, name='gravity'):
     rise_time: Annotated[float, Row(
         '10-90 % rise of a contact wrench that measured covariances aim at', 's', above=0.0)
         ] = 0.012
-    relaxation: Annotated[float, Row(
-        'Time in which the wrench is expected to return to zero while contact is excluded', 's',
-        above=0.0)] = 0.1
-    bias_walk: Annotated[_PAIR, Row(
-        'Wander of the biases', 'N/sqrt(s), N m/sqrt(s)', 0.0)] = (4e-4, 4e-5)
     bias_prior: Annotated[_PAIR, Row(
         'How far the biases may have moved since the calibration', 'N, N m', 0.0)] = (0.0, 0.0)
     contact_floor: Annotated[_PAIR, Row(
         'Errors of weight and inertia that are not to be called contact', 'N, N m', 0.0)
         ] = (0.03, 0.003)
-    contact_window: Annotated[float, Row(
-        'Time over which a weak contact is averaged', 's', above=0.0)] = 0.1
-    false_alarm: Annotated[float, Row(
-        'Probability that a sample without contact is called contact', above=0.0, below=1.0)
-        ] = 1e-6
-    release_time: Annotated[float, Row(
-        'Quiet after which contact counts as ended', 's', above=0.0)] = 0.2
 
+
+POSE_RATE_HZ = 250.0
+"""Rate of the poses that the pose filters are designed for [Hz]."""
 
 CONTACT_WALK = 2.5
 """Wander of a contact force that is expected where no other is stated: with the noise of the
@@ -85,13 +75,11 @@ class ObserverSettings(Section, name='observer'):
     offset: Annotated[str, Row(
         'Whether the accelerometer offset is tracked; auto: if poses hold positions',
         words=OFFSETS)] = 'auto'
-    offset_walk: Annotated[float, Row(
-        'Wander of that offset', 'm/s^2/sqrt(s)', above=0.0)] = 5e-4
     position: Annotated[bool, Row(
         'Whether the pose stream is expected to hold a position; read by offset only')] = True
-    pose_position_std: Annotated[float, Row('Trust in one pose', 'm', above=0.0)] = 1e-4
-    pose_rotation_std: Annotated[float, Row('Trust in one pose', 'rad', above=0.0)] = 2e-5
-    pose_rate: Annotated[float, Row('Rate the two belong to', 'Hz', above=0.0)] = 250.0
+    pose_position_std: Annotated[float, Row(
+        f'Trust in one pose of {POSE_RATE_HZ:g} Hz', 'm', above=0.0)] = 1e-4
+    pose_rotation_std: Annotated[float, Row('The same', 'rad', above=0.0)] = 2e-5
     accelerometer_timeout: Annotated[float, Row(
         'Pause after which accelerometer and displacement count as missing', 's', 0.002, 1.0)
         ] = 0.025

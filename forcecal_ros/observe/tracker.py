@@ -54,11 +54,13 @@ class Tracker:
     def take(self, sample: ContactSample, state: State, model: Model) -> ToolEstimate | None:
         """Take in a sample of the chain, and what the chain was then; None between blocks."""
         self._newest = sample.t
-        if not usable(sample) or (self._rows and sample.t <= self._rows[-1][0]):
+        if sample.status & UNUSABLE or (self._rows and sample.t <= self._rows[-1][0]):
             self._rows.clear()
             return None
         self._rows.append(row_of(sample, state.motion, state.tool.s, model))
-        if not is_full(self._rows):
+        # vibrations average out over a block, and a payload is noticed after eight [s]; four
+        # samples show a scatter, so that slower sensors have longer blocks
+        if len(self._rows) < 4 or sample.t - self._rows[0][0] < 0.05:
             return None
         block = block_of(self._rows)
         self._rows.clear()
@@ -108,11 +110,6 @@ class Tracker:
         return self._state.changes
 
 
-def usable(sample: ContactSample) -> bool:
-    """Whether a sample shows anything about the tool."""
-    return not sample.status & UNUSABLE
-
-
 def row_of(sample: ContactSample, motion: MotionEstimate, s: float, model: Model
            ) -> tuple[float, ...]:
     """
@@ -136,13 +133,6 @@ def row_of(sample: ContactSample, motion: MotionEstimate, s: float, model: Model
             -i1 / m - (az * x - ax * z + wy * wc - w2 * y),
             -i2 / m - (ax * y - ay * x + wz * wc - w2 * z),
             *down, wx, wy, wz, ax, ay, az, s, *sample.measured)
-
-
-def is_full(rows: Sequence[tuple[float, ...]]) -> bool:
-    """Whether rows make a block."""
-    # block: of a block: vibrations average out over it, and a payload is noticed after eight [s]
-    # samples that a scatter is taken from; slower sensors have longer blocks
-    return len(rows) >= 4 and rows[-1][0] - rows[0][0] >= 0.05
 
 
 def block_of(rows: Sequence[tuple[float, ...]]) -> Block | None:

@@ -8,7 +8,7 @@ from forcecal_ros.calibrate.error_analysis import gain_error, mass_from_weight
 from forcecal_ros.calibrate.paper import step_gain
 from forcecal_ros.calibrate.poses import orientation_h, orientation_v
 from forcecal_ros.core.errors import ConfigError
-from forcecal_ros.impedance.design import design
+from forcecal_ros.impedance.law import design
 from forcecal_ros.impedance.plant import load_plant
 from forcecal_ros.impedance.session import Task
 from forcecal_ros.observe import ObserverSettings, replay

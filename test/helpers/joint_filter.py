@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from forcecal_ros.observe.settings import CONTACT_WALK
+from forcecal_ros.observe.settings import CONTACT_WALK, POSE_RATE_HZ
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
@@ -36,10 +36,10 @@ def joint_model(levels, mass, settings, dt):
     drive = np.array([dt * dt / 2, dt, 0.0, 0.0])
     Q = f * np.outer(drive, drive)
     walk = CONTACT_WALK if settings.contact_walk is None else settings.contact_walk
-    Q[2, 2] += settings.offset_walk ** 2 * dt
+    Q[2, 2] += 5e-4 ** 2 * dt
     Q[3, 3] += walk ** 2 * dt
     C = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, mass, 1.0]])
-    p_variance = settings.pose_position_std ** 2 / settings.pose_rate / dt
+    p_variance = settings.pose_position_std ** 2 / POSE_RATE_HZ / dt
     R = np.diag([p_variance, levels.force / dt + mass ** 2 * f])
     return A, C, Q, R, np.stack([np.zeros(4), mass * f * drive], axis=1)
 

@@ -172,6 +172,13 @@ def lossy(recording, seed, lost=0.05, jitter=0.1):
         for name in ('wrench', 'accelerometer', 'pose', 'optidrive')})
 
 
+def orientation_only(recording):
+    """Return a recording whose poses hold no position."""
+    pose = recording.pose
+    return replace(recording, pose=PoseStream(
+        pose.t, np.full_like(pose.position, np.nan), pose.R_base_sensor))
+
+
 def without_times(stream, *gaps):
     """Return a stream without the samples of some intervals [s]."""
     keep = np.ones(len(stream), dtype=bool)

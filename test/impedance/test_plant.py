@@ -68,15 +68,6 @@ def test_noise_free_answer_to_a_prbs_gives_the_coefficients_back():
     assert fit.fit > 1.0 - 1e-9
 
 
-def test_the_pole_and_zero_of_eq_28_that_nearly_cancel_are_reported():
-    command = prbs(1500)
-    fit = identify_robot(command, answer_of_eq_28(command), PERIOD, orders=(3,), delays=(1,))
-    pair, = fit.pairs
-    assert pair.pole == pytest.approx(0.970153, abs=1e-5)
-    assert pair.zero == pytest.approx(0.970253, abs=1e-5)
-    assert 0.0 < pair.effect < 0.01
-
-
 def test_noise_of_20_um_hides_that_pair_and_one_order_less_is_chosen():
     command = prbs(2000)
     position = answer_of_eq_28(command) + np.random.default_rng(6).normal(0.0, 2e-5, len(command))

@@ -68,13 +68,3 @@ def test_the_observer_runs_as_the_calibration_was_told():
         2 * np.pi * float(again.observer.kalman['bandwidth']))
     slower = design(again, ObserverSettings(bandwidth_max_hz=20.0))
     assert slower.rate == pytest.approx(2 * np.pi * 20.0)
-
-
-def test_a_calibration_of_before_keeps_its_bandwidth():
-    told = with_kalman_gains(calibration(noise=10.0))
-    kalman = {name: told.observer.kalman[name] for name in ('contact', 'rotation', 'offset')}
-    kalman['bandwidth'] = Estimate(23.9, 0.0, 'Hz')
-    old = replace(told, observer=replace(told.observer, kalman=kalman))
-    assert design(old).rate == pytest.approx(2 * np.pi * 23.9)
-    assert design(old, ObserverSettings(contact_walk=2.5)).rate == pytest.approx(
-        2 * np.pi * 2.47, rel=0.01)

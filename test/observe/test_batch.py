@@ -8,7 +8,7 @@ from forcecal_ros.observe.batch import estimates, in_order
 from forcecal_ros.observe.playback import run
 from longer import but
 import numpy as np
-from observing import calibration, push, record, Swing, without_times
+from observing import calibration, orientation_only, push, record, Swing, without_times
 import pytest
 
 SWING = Swing(place=(0.012, 0.004, 0.006), turn=0.2, axis=(0.3, 1.0, 0.2), slide=0.003)
@@ -26,12 +26,6 @@ def with_gaps(**options):
         pose=without_times(r.pose, (0.0, 0.2), (0.45, 0.6)),
         optidrive=without_times(r.optidrive, (0.0, 0.1), (0.6, 0.65)),
         wrench=without_times(r.wrench, (0.95, 0.97)))
-
-
-def orientation_only(r):
-    pose = r.pose
-    return replace(r, pose=PoseStream(
-        pose.t, np.full_like(pose.position, np.nan), pose.R_base_sensor))
 
 
 def with_bad_samples():

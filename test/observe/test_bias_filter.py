@@ -5,7 +5,7 @@ from dataclasses import replace
 from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.core.streams import Stream
 from forcecal_ros.observe import design, FilterSettings, ObserverSettings, Status
-from forcecal_ros.observe.bias_filter import begin, Covariances, learn
+from forcecal_ros.observe.bias_filter import begin, learn, pair
 from forcecal_ros.observe.gaussian import Gaussian
 from forcecal_ros.observe.playback import with_noise
 from forcecal_ros.observe.sample import Unloaded
@@ -14,6 +14,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 from scipy.stats import chi2
 
 DT = 0.001
@@ -45,7 +46,7 @@ def run(model, contact, rng=None, belief=None, bias=0.0):
     """Feed noise, bias and a contact (n, 6), a millisecond apart; return belief and samples."""
     belief = belief or begin(model)
     noise = np.zeros_like(contact) if rng is None else rng.multivariate_normal(
-        np.zeros(6), model.covariances.R, len(contact))
+        np.zeros(6), model.R, len(contact))
     start = belief.t if belief.t == belief.t else 0.0
     samples = []
     for k, row in enumerate(contact + noise + bias, 1):
@@ -147,7 +148,8 @@ def test_contact_ends_after_the_quiet_that_was_asked_for(model):
 
 @pytest.mark.long
 def test_a_push_too_weak_for_the_test_is_read_short_and_becomes_a_bias(calibration):
-    model = learning(calibration, bias_walk=(4e-3, 4e-4))
+    usual = learning(calibration)
+    model = usual._replace(walk=block_diag(usual.walk[:6, :6], pair(4e-3, 4e-4)))
     _, samples = run(model, pushed(5500, 500, 0.05))
     assert not any(touching(samples))
     x = wrenches(samples)[500:, 0] / 0.05
@@ -170,7 +172,7 @@ def test_the_errors_are_as_large_as_the_filter_says_for_a_wrench_that_wanders(ca
     # in contact from the start, all as modelled: a random walk; b from its prior
     model = learning(calibration, bias_prior=(0.1, 0.01))
     rng, runs, errors = np.random.default_rng(9), 60, []
-    Q = model.covariances.Q
+    Q = model.walk[:6, :6] * DT
     for _ in range(runs):
         walk = np.cumsum(rng.multivariate_normal(np.zeros(6), Q, 60), axis=0)
         contact = walk + rng.choice([-1, 1], 6) * [3, 3, 3, 0.2, 0.2, 0.2]
@@ -188,10 +190,10 @@ ZERO = (0.0,) * 3
 
 @pytest.mark.long
 def test_the_paper_s_r_taken_as_noise_gives_three_times_its_table(calibration):
-    model = learning(calibration)._replace(covariances=Covariances(
-        np.diag([0.01] * 3 + [0.001] * 3), np.diag([0.1] * 3 + [0.01] * 3),
-        np.diag([1.0] * 3 + [0.1] * 3), DT))
-    noise = np.sqrt(model.covariances.R.diagonal())
+    usual = learning(calibration)
+    model = usual._replace(R=np.diag([0.1] * 3 + [0.01] * 3), walk=block_diag(
+        np.diag([0.01] * 3 + [0.001] * 3) / DT, usual.walk[6:, 6:]))
+    noise = np.sqrt(model.R.diagonal())
     rng = np.random.default_rng(4)
     belief, errors = begin(model), []
     for k in range(5000):
@@ -223,8 +225,8 @@ def test_missing_noise_is_an_error_that_says_what_to_do(calibration):
 
 
 @pytest.mark.parametrize('wrong', [
-    {'rise_time': 0.0}, {'relaxation': float('nan')},
-    {'bias_walk': (1.0,)}, {'contact_floor': (-1.0, 0.0)}, {'false_alarm': 1.0}])
+    {'rise_time': 0.0}, {'rise_time': float('nan')}, {'bias_prior': (1.0,)},
+    {'contact_floor': (-1.0, 0.0)}])
 def test_settings_that_make_no_sense_are_refused(wrong):
     with pytest.raises(ConfigError, match=f'gravity.{next(iter(wrong))}'):
         FilterSettings(**wrong)

@@ -2,10 +2,19 @@
 
 from dataclasses import replace
 
-from forcecal_ros.core.streams import PoseStream, Stream
-from forcecal_ros.observe import describe, level, ObserverSettings, replay, Status
+from forcecal_ros.core.streams import Stream
+from forcecal_ros.observe import describe, level, replay, Status
 import numpy as np
-from observing import calibration, G, MASS, push, record, Swing, without_times
+from observing import (
+    calibration,
+    G,
+    MASS,
+    orientation_only,
+    push,
+    record,
+    Swing,
+    without_times,
+)
 import pytest
 from scipy.spatial.transform import Rotation
 
@@ -34,10 +43,8 @@ def test_without_accelerometer_the_pose_tells_weight_and_acceleration():
 
 
 def test_without_position_gravity_of_the_orientation_is_taken_off_at_rest():
-    recording = record(3.0, contact=PUSH, home=TILTED, without=('accelerometer',))
-    pose = recording.pose
-    recording = replace(recording, pose=PoseStream(
-        pose.t, np.full_like(pose.position, np.nan), pose.R_base_sensor))
+    recording = orientation_only(
+        record(3.0, contact=PUSH, home=TILTED, without=('accelerometer',)))
     estimate = replay(recording, calibration())
     assert (middle(estimate) == Status.NO_ACCELEROMETER | Status.NO_POSITION).all()
     assert np.abs(error(estimate, recording).mean(axis=0)).max() < 0.05
@@ -99,10 +106,8 @@ def test_an_ac_coupled_accelerometer_gets_gravity_back_from_the_pose(turn):
 
 
 def test_an_ac_coupled_accelerometer_with_orientation_only_keeps_the_weight():
-    recording = record(20.0, Swing(place=(0.004, 0.006, 0.006)), home=TILTED, wash=0.01)
-    pose = recording.pose
-    recording = replace(recording, pose=PoseStream(
-        pose.t, np.full_like(pose.position, np.nan), pose.R_base_sensor))
+    recording = orientation_only(
+        record(20.0, Swing(place=(0.004, 0.006, 0.006)), home=TILTED, wash=0.01))
     estimate = replay(recording, calibration(wash=0.01))
     assert np.abs(error(estimate, recording, 3.0).mean(axis=0))[:3].max() < 0.3
 
@@ -123,8 +128,3 @@ def test_an_accelerometer_that_stops_is_replaced_by_the_pose_and_taken_back():
     off = estimate.contact - recording.contact_truth.values
     assert np.abs(off[(estimate.t > 2.5) & (estimate.t < 4.0), :3]).max() < 8.0
     assert off[(estimate.t > 4.5) & (estimate.t < 5.9), :3].std() < 0.3
-
-
-def test_offset_off_leaves_a_dc_accelerometer_alone():
-    estimate = replay(record(1.0), calibration(), ObserverSettings(offset='off'))
-    assert (estimate.status[100:900] == Status.OFFSET_HELD).all()

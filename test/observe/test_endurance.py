@@ -6,15 +6,8 @@ import pickle
 from forcecal_ros.calibrate.gain import observer_model, riccati_gain
 from forcecal_ros.checks.signals import ABSURD
 from forcecal_ros.core.errors import ForcecalError
-from forcecal_ros.observe import (
-    on_accelerometer,
-    on_displacement,
-    on_pose,
-    on_wrench,
-    State,
-)
-from forcecal_ros.observe.design import design
-from forcecal_ros.observe.playback import answers, run
+from forcecal_ros.observe import design, State
+from forcecal_ros.observe.playback import answers, on_event, run
 from forcecal_ros.observe.sample import BAD_WRENCH, INVALID, NO_GRAVITY
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -37,17 +30,10 @@ def numbers(n):
 
 
 def fed(events, model):
-    """Return every estimate of a list of (stamp, (kind, values))."""
+    """Return every estimate of a list of (stamp, kind, values)."""
     state, out = State(), []
-    for t, (kind, values) in events:
-        if kind == 'wrench':
-            state, some = on_wrench(state, t, values, model)
-        elif kind == 'accelerometer':
-            state, some = on_accelerometer(state, t, values, model)
-        elif kind == 'displacement':
-            state, some = on_displacement(state, t, values[0], model)
-        else:
-            state, some = on_pose(state, t, values[:3], values[3:], model)
+    for event in events:
+        state, some = on_event(state, event, model)
         out += some
     return out
 
@@ -59,8 +45,8 @@ def test_a_wrench_that_is_no_number_is_said_to_be_none(steps):
     t, events = 0.0, []
     for dt, values in steps:
         t += dt
-        events += [(t, ('pose', UPRIGHT)), (t, ('wrench', values))]
-    bad = {t for t, (kind, values) in events if kind == 'wrench'
+        events += [(t, 'pose', UPRIGHT), (t, 'wrench', values)]
+    bad = {t for t, kind, values in events if kind == 'wrench'
            if not all(abs(v) <= ABSURD + OF_THE_TOOL for v in values)}
     for sample in fed(events, MODEL):
         if not sample.status & NO_GRAVITY and sample.t in bad:

@@ -4,13 +4,13 @@ from forcecal_ros.observe.gaussian import (
     ALPHA,
     BETA,
     condition,
+    expect,
     expect_linear,
     Function,
     Gaussian,
     mahalanobis,
     NotPositiveDefinite,
     predict,
-    transform,
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -79,7 +79,7 @@ def test_twelve_states_on_a_linear_model_are_the_exact_kalman_filter(size):
 def test_sums_by_pairs_are_the_textbook_sums(seed):
     rng = np.random.default_rng(seed)
     belief = Gaussian(1 + rng.normal(size=2), covariance(rng, 2, 0.1))
-    got = transform(belief, by_subtraction(square_and_product))
+    got = expect(belief, by_subtraction(square_and_product), np.zeros((4, 4)))
     mean, cov, cross = textbook(*belief, square_and_product)
     # by_subtraction loses digits with 1/alpha^2, the textbook's long sums lose fewer
     assert got.mean == pytest.approx(mean.astype(float), rel=1e-6, abs=1e-6)
@@ -107,6 +107,6 @@ def test_frozen_states_stay_and_the_rest_is_schmidt_s_filter(seed):
 
 def test_a_covariance_that_is_none_is_refused():
     with pytest.raises(NotPositiveDefinite, match='minor 2 of 2'):
-        transform(Gaussian(np.zeros(2), np.diag([1.0, -1.0])), by_subtraction(np.sin))
+        expect(Gaussian(np.zeros(2), np.diag([1.0, -1.0])), by_subtraction(np.sin), np.eye(2))
     with pytest.raises(NotPositiveDefinite):
         mahalanobis(np.zeros(2), np.full((2, 2), np.nan))

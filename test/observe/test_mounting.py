@@ -12,10 +12,9 @@ from forcecal_ros.observe import replay
 from forcecal_ros.observe.design import with_kalman_gains
 from forcecal_ros.observe.frames import (
     agreed,
-    at_the_sensor,
-    from_the_sensor,
+    combine,
+    invert,
     mounting_of,
-    numbers_of,
     taken_as_calibrated,
     taken_to_sensor,
 )
@@ -56,8 +55,8 @@ def test_live_poses_go_to_the_sensor_and_back(rig):
     sound, flange = rig
     for k in range(0, len(sound.pose), 500):
         there, own = numbers(sound.pose, k), numbers(flange.pose, k)
-        for found, expected in ((at_the_sensor(MOUNTING, own), there),
-                                (from_the_sensor(MOUNTING, there), own)):
+        for found, expected in ((combine(own, MOUNTING), there),
+                                (combine(there, invert(MOUNTING)), own)):
             np.testing.assert_allclose(found[:3], expected[:3], atol=1e-12)
             assert abs(np.dot(found[3:], expected[3:])) == pytest.approx(1.0, abs=1e-12)
 
@@ -110,4 +109,4 @@ def test_what_is_no_transform_is_refused(given, why):
 
 
 def test_one_number_stands_for_none():
-    assert numbers_of(mounting_of([0.0], 'sensor.from_pose')) is None
+    assert mounting_of([0.0], 'sensor.from_pose') is None

@@ -6,6 +6,7 @@ from forcecal_ros.core.calibration import Calibration, Estimate, Noise
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from forcecal_ros.observe import ObserverSettings, replay
 from forcecal_ros.observe.playback import with_pose_noise
+from forcecal_ros.observe.settings import POSE_RATE_HZ
 from longer import first
 import numpy as np
 import pytest
@@ -76,7 +77,7 @@ def test_the_pose_filters_slow_down_for_noisy_poses(at_rest):
     2))
 def test_the_noise_is_that_of_the_poses_in_rest_and_motion(rate, swing, jitter):
     found = with_pose_noise(ObserverSettings(), poses(rate, 5.0, swing, jitter))
-    scale = 5.0 * np.sqrt(found.pose_rate / rate)
+    scale = 5.0 * np.sqrt(POSE_RATE_HZ / rate)
     # the quieter quarter of blocks of 50 is 5 % below the mean
     assert found.pose_position_std == pytest.approx(scale * POSITION_NOISE, rel=0.1)
     assert found.pose_rotation_std == pytest.approx(scale * ROTATION_NOISE, rel=0.1)

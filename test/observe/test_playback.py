@@ -8,7 +8,7 @@ from forcecal_ros.observe.playback import gap_limit
 import gravity_arm as arm
 from longer import first
 import numpy as np
-from observing import without_times
+from observing import orientation_only, without_times
 import pytest
 from slow_log import slow_log
 
@@ -74,10 +74,7 @@ def test_one_lost_pose_is_no_gap(calibration):
 
 
 def test_orientations_without_positions_are_interpolated_too(calibration):
-    _, recording = slow_log(20.0, 20.0)
-    pose = recording.pose
-    blind = PoseStream(pose.t, np.full_like(pose.position, np.nan), pose.R_base_sensor)
-    estimate = replay(replace(recording, pose=blind), calibration)
+    estimate = replay(orientation_only(slow_log(20.0, 20.0)[1]), calibration)
     assert estimate.valid.all()
     assert (estimate.status & Status.NO_POSITION).all()
 

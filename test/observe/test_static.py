@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-from forcecal_ros.core.errors import UnobservableError
 from forcecal_ros.observe import design, ObserverSettings, replay, Status
 from forcecal_ros.observe.align import SILENT
 from forcecal_ros.observe.contact import Tool, unload
@@ -60,11 +59,6 @@ def test_over_a_recording_what_is_left_is_inertia_and_the_weight_follows_the_sli
     left = recording.wrench.values[late] - BIAS - weight
     assert estimate.contact[late] == pytest.approx(left, abs=1e-3)
     assert np.ptp(left[:, 0]) > 20
-
-
-def test_a_recording_without_poses_is_refused_by_name():
-    with pytest.raises(UnobservableError, match='no pose, which filter static'):
-        replay(record(0.2, without=('pose',)), calibration(), ObserverSettings('static'))
 
 
 def test_neither_accelerometer_nor_position_is_missed():

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from math import inf, nan
 
-from forcecal_ros.core.streams import Recording, Stream
+from forcecal_ros.core.streams import Stream
 from forcecal_ros.observe import design, finish, level, ObserverSettings, replay, State, Status
 from forcecal_ros.observe.playback import events, on_event
 from forcecal_ros.observe.settings import FILTERS
@@ -197,11 +197,3 @@ def test_without_a_wrench_nothing_piles_up():
     memory = 4 * (ObserverSettings().pose_timeout + SKEW)
     assert len(state.accelerometer.samples) <= 1000 * memory + 2
     assert len(state.poses.pending) <= 250 * memory + 2
-
-
-def test_replay_refuses_what_it_cannot_use():
-    from forcecal_ros.core.errors import DataError
-    with pytest.raises(DataError, match='no messages of wrench'):
-        replay(Recording(), calibration())
-    with pytest.raises(DataError, match='m/s'):
-        replay(replace(record(0.1), accelerometer_unit='m/s^2'), calibration())
