@@ -273,8 +273,8 @@ def read_chunks(path: Path | str, topics: Mapping[str, Sequence[str]]) -> Iterat
     Parameters
     ----------
     topics : mapping of str to sequence of str
-        Fields by topic, as for :func:`~forcecal_ros.io.bags.read_columns`; none given:
-        what the topic's type usually has.
+        Fields by topic, as ``wrench.force.x``, ``data`` (a whole array), ``data[3]`` or
+        ``position[joint_1]``; none given: what the topic's type usually has.
 
     Raises
     ------
@@ -327,58 +327,6 @@ def _usual_fields(bag: Bag, topic: Topic) -> Sequence[str]:
     if topic.type not in FIELDS:
         raise DataError(f'{bag.path}: {topic.name} is {topic.type}; name the fields to read')
     return FIELDS[topic.type]
-
-
-class Columns(NamedTuple):
-    """
-    Fields of one topic over time.
-
-    Attributes
-    ----------
-    t : ndarray, shape (n,)
-        Header stamps, or times of recording for types without header [s] since ``start_ns``.
-    values : ndarray, shape (n, k)
-        One column a number, in the order of the requested fields.
-    frame : str
-        frame_id of most messages.
-    start_ns : int
-        Stamp that t = 0 represents [ns since the epoch].
-    notes : tuple of str
-        What had to be left out or corrected.
-    """
-
-    t: Array
-    values: Array
-    frame: str
-    start_ns: int
-    notes: tuple[str, ...]
-
-
-def read_columns(path: Path | str, topic: str, fields: Sequence[str]) -> Columns:
-    """
-    Read numbers of any message type.
-
-    Parameters
-    ----------
-    topic : str
-        Name as recorded, with or without the leading slash.
-    fields : sequence of str
-        As ``wrench.force.x``, ``data`` (a whole array), ``data[3]``, ``position[joint_1]``.
-
-    Raises
-    ------
-    DataError
-        The topic or a field is missing, or no message can be read.
-    """
-    with Bag(path) as bag:
-        chosen = _topic(bag, topic)
-        series = series_of(bag, chosen, fields)
-        if series is None:
-            raise DataError(f'{path}: {topic} ({chosen.type}) has no message with '
-                            f'{", ".join(fields)}' + ''.join(f'; {note}' for note in bag.notes))
-        start_ns = int(series.stamp_ns[0])
-        return Columns(series.seconds(start_ns), np.asarray(series.values, dtype=float),
-                       series.frame, start_ns, tuple(bag.notes))
 
 
 def read_calibrations(path: Path | str, topics: Mapping[str, str] | None = None) -> list[str]:

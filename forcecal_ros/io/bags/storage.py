@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
-import sys
 import tempfile
 from types import TracebackType
 
@@ -19,15 +18,11 @@ from forcecal_ros.io.bags.files import (
     Notes,
     SqliteFile,
     UNPACKED,
+    zstd,
 )
 import numpy as np
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores, TypesysError
 from rosbags.typesys.store import Typestore
-
-if sys.version_info >= (3, 14):
-    from compression import zstd
-else:
-    from backports import zstd
 
 _SQLITE_MAGIC = b'SQLite format 3\0'
 _ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
