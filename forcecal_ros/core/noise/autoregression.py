@@ -130,19 +130,10 @@ class Autoregression(NamedTuple):
         -------
         ndarray of float32, shape (k, n)
         """
-        sigma = self.sigma[:, channel]
-        scale = np.where(sigma > 0.0, 1.0 / np.where(sigma > 0.0, sigma, 1.0), 0.0)
-        there = self.present[:, channel]
-        chosen = slice(None) if there.all() else np.flatnonzero(there)
-        own = np.ascontiguousarray(columns if there.all() else columns[:, chosen])
-        white = np.zeros(own.shape, dtype=np.float32)
-        _whiten_singly(own, np.ascontiguousarray(self.coefficients[:, channel]), scale,
-                       self.groups[chosen], np.ascontiguousarray(self.rows[chosen, channel]),
-                       sizes, white)
-        if there.all():
-            return white
-        out = np.zeros(columns.shape, dtype=np.float32)
-        out[:, chosen] = white
+        out = np.empty(columns.shape, dtype=np.float32)
+        for i in range(0, len(columns), 16):
+            part = slice(i, i + 16)
+            out[part] = self.whiten(columns[part], channel) * sizes[part, np.newaxis]
         return out
 
     def or_better(self, other: 'Autoregression', residual: Array) -> 'Autoregression':
@@ -222,20 +213,6 @@ def _whiten(columns: Array, coefficients: Array, scale: Array, groups: IntArray,
                     after[t] -= coefficients[g, j] * before[t]
             for t in range(len(white)):
                 white[t] *= scale[g]
-
-
-@compiled
-def _whiten_singly(columns: NDArray[np.int16], coefficients: Array, scale: Array,
-                   groups: IntArray, rows: BoolArray, sizes: Array, out: NDArray[np.float32]
-                   ) -> None:
-    n = columns.shape[1]
-    wide, white = np.empty((1, n)), np.empty((1, n))
-    for i in range(len(columns)):
-        for t in range(n):
-            wide[0, t] = columns[i, t]
-        _whiten(wide, coefficients, scale, groups, rows, white)
-        for t in range(n):
-            out[i, t] = np.float32(white[0, t] * sizes[i])
 
 
 def _stationary(a: Array, sigma: float) -> float:
