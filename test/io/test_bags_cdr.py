@@ -31,9 +31,7 @@ TEXT = st.text(st.characters(codec='utf-8', exclude_characters='\0'), max_size=2
 
 
 def batch(messages, msgtype):
-    length = np.array([len(message) for message in messages])
-    return Batch(Topic('/x', msgtype), b''.join(messages), np.cumsum(length) - length, length,
-                 np.zeros(len(messages), int))
+    return Batch.of(Topic('/x', msgtype), messages, np.zeros(len(messages), int))
 
 
 def value_at(message, path):

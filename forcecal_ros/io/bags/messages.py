@@ -284,11 +284,13 @@ class _Writer(_Walker):
         self._paths, self._given = paths, text
 
     def _length(self, path: str, of_text: bool = False) -> int:
-        content, start = b'', path + '['
         if of_text:
             content = self._given.get(path, '').encode() + b'\0'
-        count = len(content) or max((int(name[len(start):].partition(']')[0]) + 1 for name in (
-            *self._paths, *self._given) if name.startswith(start)), default=0)
+            count = len(content)
+        else:
+            content, start = b'', path + '['
+            count = max((int(name[len(start):].partition(']')[0]) + 1 for name in (
+                *self._paths, *self._given) if name.startswith(start)), default=0)
         self.message[self._take(4, 1):] = struct.pack('<I', count) + content
         return count
 

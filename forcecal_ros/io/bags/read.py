@@ -182,9 +182,9 @@ def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Seri
         return PoseStream(one.seconds(start_ns), one.values[:, :3],
                           frozen(_rotations(one.values[:, 3:])), one.frame, of)
 
-    def joints(role: str, names: Callable[[], tuple[str, ...]]) -> JointStream | None:
+    def joints(role: str, names: tuple[str, ...]) -> JointStream | None:
         one = stream(role)
-        return None if one is None else JointStream(one.t, one.values, one.frame, names())
+        return None if one is None else JointStream(one.t, one.values, one.frame, names)
 
     in_volts = 'accelerometer' not in found or found['accelerometer'].type == VECTOR3
     return Recording(
@@ -193,9 +193,8 @@ def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Seri
         accelerometer_unit='V' if in_volts else 'm/s^2',
         pose=poses('pose', pose_of), target=poses('target'), optidrive=stream('optidrive'),
         contact_truth=stream('contact_truth'), angular_velocity=stream('imu', slice(3, 6)),
-        joint_commands=joints('joint_commands',
-                              lambda: _joint_names(bag, found['joint_commands'])),
-        joints=joints('joint_states', lambda: _measured_joints(bag, found)),
+        joint_commands=joints('joint_commands', _joint_names(bag, found.get('joint_commands'))),
+        joints=joints('joint_states', _measured_joints(bag, found)),
         phases=_phases(series.get(found['phase']) if 'phase' in found else None, start_ns, end),
         start_ns=start_ns, source=str(bag.path), notes=tuple(bag.notes),
         topics={role: (topic.name, topic.type) for role, topic in found.items()},
@@ -225,9 +224,9 @@ def _rotations(quaternions: Array) -> Array:
     return R
 
 
-def _joint_names(bag: Bag, topic: Topic) -> tuple[str, ...]:
+def _joint_names(bag: Bag, topic: Topic | None) -> tuple[str, ...]:
     """Return the names that the first message gives to its joints."""
-    if topic.type not in JOINT_NAMES:
+    if topic is None or topic.type not in JOINT_NAMES:
         return ()
     for batch in bag.batches({topic}):
         start, length = batch.start[0], batch.length[0]
@@ -239,10 +238,10 @@ def _joint_names(bag: Bag, topic: Topic) -> tuple[str, ...]:
 
 def _measured_joints(bag: Bag, found: Mapping[str, Topic]) -> tuple[str, ...]:
     """Return the joints to be read of joint_states: as commanded, else as first listed."""
-    if 'joint_states' not in found:
+    states = found.get('joint_states')
+    if states is None:
         return ()
-    names = _joint_names(bag, found['joint_commands']) if 'joint_commands' in found else ()
-    return names or _joint_names(bag, found['joint_states'])
+    return _joint_names(bag, found.get('joint_commands')) or _joint_names(bag, states)
 
 
 def _phases(series: Series | None, start_ns: int, end: float) -> tuple[Phase, ...]:
