@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.jit import compiled
-from forcecal_ros.core.noise.pieces import pieces
 from forcecal_ros.core.noise.steps import without_steps
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +31,9 @@ another's place: two of its eight coefficients gain as much by chance.
 
 GROUPS = ('rest', 'motion', 'contact')
 """Kinds of motion whose noise differs."""
+
+AT_ONCE = 8192
+"""Samples at once, some thirty seconds: of a hundred signals as many fill a processor's cache."""
 
 IntArray = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
@@ -181,6 +183,19 @@ class Autoregression(NamedTuple):
         """Stationary RMS of each channel's noise in one kind of motion, shape (channels,)."""
         return np.array([_stationary(a, s) for a, s in zip(
             self.coefficients[group], self.sigma[group])])
+
+
+def pieces(n: int, whole: int = 1) -> Iterator[slice]:
+    """
+    Give one piece of n samples after the other.
+
+    Parameters
+    ----------
+    whole : int
+        Samples that are kept together.
+    """
+    length = max(1, AT_ONCE // whole) * whole
+    return (slice(i, min(n, i + length)) for i in range(0, n, length))
 
 
 def _longest(steps: IntArray) -> float:

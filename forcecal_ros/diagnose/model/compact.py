@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.noise.pieces import pieces
+from forcecal_ros.core.noise.autoregression import pieces
 import numpy as np
 from numpy.typing import NDArray
 

@@ -17,8 +17,7 @@ from typing import NamedTuple
 from weakref import ref
 
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.noise.autoregression import Autoregression
-from forcecal_ros.core.noise.pieces import pieces
+from forcecal_ros.core.noise.autoregression import Autoregression, pieces
 from forcecal_ros.diagnose.dataset import CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.model.basis import Basis
 from forcecal_ros.diagnose.model.compact import Compact, stacked
