@@ -77,13 +77,14 @@ def run(args: argparse.Namespace) -> int:
 
 def read_contact(bag: Path, start_ns: int) -> 'Stream':
     """Read what the observer published, on the clock of the recording."""
-    from forcecal_ros.core.streams import Stream
-    from forcecal_ros.io.bags import read_columns
+    from dataclasses import replace
 
-    columns = read_columns(bag, '/observer/contact_wrench', [
-        f'wrench.{part}.{axis}' for part in ('force', 'torque') for axis in 'xyz'])
-    shift = (columns.start_ns - start_ns) * 1e-9
-    return Stream(columns.t + shift, columns.values, columns.frame)
+    from forcecal_ros.io.bags import read_recording
+
+    recording = read_recording(bag, {'wrench': '/observer/contact_wrench'})
+    assert recording.wrench is not None
+    shift = (recording.start_ns - start_ns) * 1e-9
+    return replace(recording.wrench, t=recording.wrench.t + shift)
 
 
 def step_figures(recording: 'Recording', calibration: 'Calibration', contact: 'Stream'

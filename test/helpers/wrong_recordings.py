@@ -15,7 +15,6 @@ from forcecal_ros.core.topics import POSE, WRENCH
 from forcecal_ros.io.bags.messages import encode, FIELDS, Messages
 from forcecal_ros.io.bags.write import BagWriter
 import numpy as np
-from rosbags.typesys import get_typestore, Stores
 from scipy.signal import butter, lfilter, sosfilt
 from scipy.spatial.transform import Rotation
 
@@ -172,15 +171,14 @@ RECEIVED = _since(EPOCH + 10**6)
 
 def write(one, folder):
     """Write a log as a bag, received a millisecond after it was measured."""
-    store = get_typestore(Stores.ROS2_JAZZY)
     messages = []
     for frame in dict.fromkeys(one.frame.tolist()):
         rows = one.frame == frame
         messages.append(Messages('wrench', WRENCH, RECEIVED(one.t[rows]), encode(
-            store, WRENCH, one.stamp[rows], FIELDS[WRENCH], one.wrench[rows],
+            WRENCH, one.stamp[rows], FIELDS[WRENCH], one.wrench[rows],
             {'header.frame_id': frame})))
     messages.append(Messages('current_pose', POSE, RECEIVED(one.pose_t), encode(
-        store, POSE, one.pose_stamp, FIELDS[POSE], np.hstack([one.place, one.q]),
+        POSE, one.pose_stamp, FIELDS[POSE], np.hstack([one.place, one.q]),
         {'header.frame_id': 'base'})))
     with BagWriter(folder) as bag:
         bag.write(messages)

@@ -73,15 +73,6 @@ def test_truncated_file_gives_a_part_or_one_line(kind, data):
                                       small_recording(N).wrench.values[:n])
 
 
-@settings(max_examples=16, deadline=None, suppress_health_check=list(HealthCheck))
-@given(data=st.data())
-def test_flipped_bits_never_escape_as_a_traceback(kind, data):
-    content = bytearray(kind.content)
-    for bit in data.draw(st.lists(st.integers(0, 8 * len(content) - 1), min_size=1, max_size=8)):
-        content[bit // 8] ^= 1 << bit % 8
-    or_one_line(kind.damaged(content))
-
-
 FUZZED = 20_000
 """Damaged copies of a file of each kind that `./run test -m long` reads, other ones each time."""
 

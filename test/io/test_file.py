@@ -3,13 +3,9 @@
 from dataclasses import replace
 import math
 
-from forcecal_ros.core.calibration import (
-    Calibration,
-    Estimate,
-)
+from forcecal_ros.core.calibration import Calibration, Estimate
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.io import calibration_file
-from forcecal_ros.io import calibration_file as calibration_document
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
@@ -20,7 +16,7 @@ import yaml
 
 
 def assert_same(a, b):
-    assert calibration_document.to_document(a) == calibration_document.to_document(b)
+    assert calibration_file.to_document(a) == calibration_file.to_document(b)
 
 
 def test_what_was_saved_is_what_is_loaded(tmp_path):
@@ -62,7 +58,7 @@ def test_a_share_directory_is_refused(tmp_path):
     (('tool',), 3, 'tool is 3, expected the keys stiffness, damping'),
 ])
 def test_a_wrong_entry_is_named_with_what_was_expected(path, value, message):
-    document = calibration_document.to_document(whole_calibration())
+    document = calibration_file.to_document(whole_calibration())
     place = document
     for key in path[:-1]:
         place = place[key]
@@ -73,17 +69,6 @@ def test_a_wrong_entry_is_named_with_what_was_expected(path, value, message):
         calibration_file.parse(yaml.safe_dump(document), 'cal.yaml')
     text = str(caught.value)
     assert message in text and text.startswith('cal.yaml: ') and '\n' not in text
-
-
-LAUGHS = 'a: &a [x, x]\nb: &b [*a, *a]\nc: [*b, *b]\n'
-
-
-@pytest.mark.parametrize('text', [
-    '', '[1, 2]', 'mass: {', LAUGHS, '!!python/object/apply:os.system ["true"]'])
-def test_hostile_text_is_refused_in_one_line(text):
-    with pytest.raises(ConfigError) as caught:
-        calibration_file.parse(text)
-    assert '\n' not in str(caught.value)
 
 
 @pytest.mark.parametrize('data', [b'\xff\xfe\x00', b'x' * 400_000])
@@ -117,6 +102,6 @@ def test_the_direction_of_gravity_is_kept_and_absent_where_it_is_down():
     assert 'gravity_direction' not in yaml.safe_load(calibration_file.dump(c))
     on_wall = replace(c, gravity_direction=(0.0, 0.6, -0.8))
     assert_same(calibration_file.parse(calibration_file.dump(on_wall)), on_wall)
-    document = calibration_document.to_document(on_wall) | {'gravity_direction': [0.0, 0.6, -0.7]}
+    document = calibration_file.to_document(on_wall) | {'gravity_direction': [0.0, 0.6, -0.7]}
     with pytest.raises(ConfigError, match='gravity_direction.*unit vector'):
-        calibration_document.from_document(document, 'c.yaml')
+        calibration_file.from_document(document, 'c.yaml')

@@ -37,7 +37,7 @@ NAMES = st.text(st.characters(codec='ascii', exclude_characters='\0'), min_size=
 
 
 def serialised(msgtype, stamp, fields, values, frame, little=True):
-    raw = encode(STORE, msgtype, np.array([stamp]), fields, np.array([values]),
+    raw = encode(msgtype, np.array([stamp]), fields, np.array([values]),
                  {'header.frame_id': frame})[0].tobytes()
     message = STORE.deserialize_cdr(raw, msgtype)
     return bytes(STORE.serialize_cdr(message, msgtype, little_endian=little))

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.jit import compiled
-from forcecal_ros.core.noise.pieces import pieces
 from forcecal_ros.core.noise.steps import without_steps
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +31,9 @@ another's place: two of its eight coefficients gain as much by chance.
 
 GROUPS = ('rest', 'motion', 'contact')
 """Kinds of motion whose noise differs."""
+
+AT_ONCE = 8192
+"""Samples at once, some thirty seconds: of a hundred signals as many fill a processor's cache."""
 
 IntArray = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
@@ -130,19 +132,10 @@ class Autoregression(NamedTuple):
         -------
         ndarray of float32, shape (k, n)
         """
-        sigma = self.sigma[:, channel]
-        scale = np.where(sigma > 0.0, 1.0 / np.where(sigma > 0.0, sigma, 1.0), 0.0)
-        there = self.present[:, channel]
-        chosen = slice(None) if there.all() else np.flatnonzero(there)
-        own = np.ascontiguousarray(columns if there.all() else columns[:, chosen])
-        white = np.zeros(own.shape, dtype=np.float32)
-        _whiten_singly(own, np.ascontiguousarray(self.coefficients[:, channel]), scale,
-                       self.groups[chosen], np.ascontiguousarray(self.rows[chosen, channel]),
-                       sizes, white)
-        if there.all():
-            return white
-        out = np.zeros(columns.shape, dtype=np.float32)
-        out[:, chosen] = white
+        out = np.empty(columns.shape, dtype=np.float32)
+        for i in range(0, len(columns), 16):
+            part = slice(i, i + 16)
+            out[part] = self.whiten(columns[part], channel) * sizes[part, np.newaxis]
         return out
 
     def or_better(self, other: 'Autoregression', residual: Array) -> 'Autoregression':
@@ -192,6 +185,19 @@ class Autoregression(NamedTuple):
             self.coefficients[group], self.sigma[group])])
 
 
+def pieces(n: int, whole: int = 1) -> Iterator[slice]:
+    """
+    Give one piece of n samples after the other.
+
+    Parameters
+    ----------
+    whole : int
+        Samples that are kept together.
+    """
+    length = max(1, AT_ONCE // whole) * whole
+    return (slice(i, min(n, i + length)) for i in range(0, n, length))
+
+
 def _longest(steps: IntArray) -> float:
     """Longest distance of neighbours: 3 of 2, 3, 2, 3, as rates make that are no whole part."""
     return float(np.quantile(steps, USUAL, method='lower')) if len(steps) else 1.0
@@ -222,20 +228,6 @@ def _whiten(columns: Array, coefficients: Array, scale: Array, groups: IntArray,
                     after[t] -= coefficients[g, j] * before[t]
             for t in range(len(white)):
                 white[t] *= scale[g]
-
-
-@compiled
-def _whiten_singly(columns: NDArray[np.int16], coefficients: Array, scale: Array,
-                   groups: IntArray, rows: BoolArray, sizes: Array, out: NDArray[np.float32]
-                   ) -> None:
-    n = columns.shape[1]
-    wide, white = np.empty((1, n)), np.empty((1, n))
-    for i in range(len(columns)):
-        for t in range(n):
-            wide[0, t] = columns[i, t]
-        _whiten(wide, coefficients, scale, groups, rows, white)
-        for t in range(n):
-            out[i, t] = np.float32(white[0, t] * sizes[i])
 
 
 def _stationary(a: Array, sigma: float) -> float:

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.noise.pieces import pieces
+from forcecal_ros.core.noise.autoregression import pieces
 from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.judge.named_effects import Parameter
 from forcecal_ros.diagnose.model.discrepancy import NO_DISCREPANCY

@@ -17,8 +17,7 @@ from itertools import chain, combinations_with_replacement
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.noise.autoregression import Autoregression
-from forcecal_ros.core.noise.pieces import pieces
+from forcecal_ros.core.noise.autoregression import Autoregression, pieces
 from forcecal_ros.diagnose.dataset import CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.model.evidence import Gram
 from forcecal_ros.diagnose.model.jacobian import Column, Compact, stacked

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.noise.pieces import pieces
+from forcecal_ros.core.noise.autoregression import pieces
 from forcecal_ros.diagnose.dataset import CHANNELS, Dataset, STREAM_SLICES
 from forcecal_ros.effects.nuisances import Nuisance
 from forcecal_ros.effects.rig import Rig

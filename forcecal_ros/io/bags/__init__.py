@@ -2,11 +2,9 @@
 
 from forcecal_ros.io.bags.read import (
     BagChunk,
-    Columns,
     Raw,
     read_calibrations,
     read_chunks,
-    read_columns,
     read_messages,
     read_recording,
     read_topics,
@@ -14,6 +12,6 @@ from forcecal_ros.io.bags.read import (
 from forcecal_ros.io.bags.write import BagWriter, write_recording, write_signals
 
 __all__ = [
-    'BagChunk', 'BagWriter', 'Columns', 'Raw', 'read_calibrations', 'read_chunks', 'read_columns',
-    'read_messages', 'read_recording', 'read_topics', 'write_recording', 'write_signals',
+    'BagChunk', 'BagWriter', 'Raw', 'read_calibrations', 'read_chunks', 'read_messages',
+    'read_recording', 'read_topics', 'write_recording', 'write_signals',
 ]

@@ -71,6 +71,12 @@ class Batch(NamedTuple):
     length: Integers
     log_ns: Integers
 
+    @classmethod
+    def of(cls, topic: Topic, messages: list[bytes], log_ns: Integers) -> 'Batch':
+        """Join messages to one buffer."""
+        length = np.array([len(message) for message in messages], dtype=np.int64)
+        return cls(topic, b''.join(messages), np.cumsum(length) - length, length, log_ns)
+
 
 def at_offsets(buffer: bytes, offsets: Integers, dtype: str) -> NDArray[Any]:
     """
@@ -394,7 +400,4 @@ class SqliteFile:
         source, logs = np.array(numbers), np.array(log_ns)
         for number in set(numbers):
             chosen = source == number
-            messages = list(compress(blobs, chosen))
-            length = np.array([len(message) for message in messages])
-            yield Batch(self.topics[number], b''.join(messages), np.cumsum(length) - length,
-                        length, logs[chosen])
+            yield Batch.of(self.topics[number], list(compress(blobs, chosen)), logs[chosen])

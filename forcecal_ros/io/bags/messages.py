@@ -4,7 +4,6 @@ Where the strings and the lengths in two messages agree, every number lies at th
 both. So one message is walked field by field, and all that are laid out like it are read at once.
 """
 
-from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 import struct
 from typing import Any, NamedTuple
@@ -15,7 +14,6 @@ from forcecal_ros.core.streams import JointStream, Phase, PoseStream, Stream
 from forcecal_ros.core.topics import (
     ACCEL,
     CONTROLLER_STATE,
-    DIAGNOSTICS,
     IMU,
     INERTIA,
     JOINT_STATE,
@@ -203,14 +201,22 @@ def walk(store: Typestore, msgtype: str, message: bytes) -> Layout:
     return Layout(len(message), walker.numbers, walker.text, fixed, content[fixed])
 
 
-class _Pass(ABC):
-    """One pass over the fields of one message."""
+class _Walker:
+    """Walks through the fields of a message, and notes where everything lies."""
 
-    def __init__(self, store: Typestore) -> None:
+    def __init__(self, store: Typestore, message: bytes | bytearray) -> None:
+        if len(message) < 4 or message[0] != 0 or message[1] not in (0, 1):
+            raise CdrError('not plain CDR')
         self._types = store.fielddefs
+        self._data = message
+        self._order = '<' if message[1] else '>'
+        self._position = 4
+        self.fixed = [(0, 2)]
+        self.numbers: dict[str, Numbers] = {}
+        self.text: dict[str, str] = {}
 
     def fields(self, msgtype: str, prefix: str) -> None:
-        """Pass over all fields of a type."""
+        """Walk through all fields of a type."""
         if msgtype not in self._types:
             raise CdrError(f'unknown type {msgtype}')
         for name, field in self._types[msgtype][1]:
@@ -225,39 +231,17 @@ class _Pass(ABC):
         else:
             inner, count = content
             if kind == Nodetype.SEQUENCE:
-                count = self._count(path)
+                count = self._length(path)
             if inner[0] == Nodetype.BASE and inner[1][0] != 'string':
                 self._base(inner[1][0], path, count)
             else:
                 for i in range(count):
                     self._field(inner, f'{path}[{i}]')
 
-    @abstractmethod
     def _base(self, name: str, path: str, count: int) -> None:
-        """Pass over a string, or over numbers of one type."""
-
-    @abstractmethod
-    def _count(self, path: str) -> int:
-        """Pass over the length of a sequence, and return it."""
-
-
-class _Walker(_Pass):
-    """Finds out where everything lies in a message."""
-
-    def __init__(self, store: Typestore, message: bytes) -> None:
-        if len(message) < 4 or message[0] != 0 or message[1] not in (0, 1):
-            raise CdrError('not plain CDR')
-        super().__init__(store)
-        self._data = message
-        self._order = '<' if message[1] else '>'
-        self._position = 4
-        self.fixed = [(0, 2)]
-        self.numbers: dict[str, Numbers] = {}
-        self.text: dict[str, str] = {}
-
-    def _base(self, name: str, path: str, count: int) -> None:
+        """Step over a string, or over numbers of one type."""
         if name == 'string':
-            start = self._take(1, self._count(path))
+            start = self._take(1, self._length(path, of_text=True))
             self.fixed.append((start, self._position))
             text = self._data[start:self._position].rstrip(b'\0')
             self.text[path] = text.decode(errors='replace')
@@ -269,7 +253,8 @@ class _Walker(_Pass):
         else:
             raise CdrError(f'fields of type {name} are not read')
 
-    def _count(self, path: str) -> int:
+    def _length(self, path: str, of_text: bool = False) -> int:
+        """Step over the length of a sequence or string, and return it."""
         start = self._take(4, 1)
         self.fixed.append((start, start + 4))
         count = int.from_bytes(self._data[start:start + 4],
@@ -282,9 +267,35 @@ class _Walker(_Pass):
         """Step over some items, aligned to their size; return where they begin."""
         start = self._position + (4 - self._position) % size
         self._position = start + size * count
-        if self._position > len(self._data):
-            raise CdrError('the message ends early')
+        self._reach(self._position)
         return start
+
+    def _reach(self, end: int) -> None:
+        if end > len(self._data):
+            raise CdrError('the message ends early')
+
+
+class _Writer(_Walker):
+    """Makes a message of zeros and given strings on its way."""
+
+    def __init__(self, store: Typestore, paths: Iterable[str], text: Mapping[str, str]) -> None:
+        self.message = bytearray(b'\0\1\0\0')
+        super().__init__(store, self.message)
+        self._paths, self._given = paths, text
+
+    def _length(self, path: str, of_text: bool = False) -> int:
+        if of_text:
+            content = self._given.get(path, '').encode() + b'\0'
+            count = len(content)
+        else:
+            content, start = b'', path + '['
+            count = max((int(name[len(start):].partition(']')[0]) + 1 for name in (
+                *self._paths, *self._given) if name.startswith(start)), default=0)
+        self.message[self._take(4, 1):] = struct.pack('<I', count) + content
+        return count
+
+    def _reach(self, end: int) -> None:
+        self.message += bytes(max(0, end - len(self.message)))
 
 
 class Diagnostic(NamedTuple):
@@ -336,44 +347,39 @@ def messages_of(role: str, signal: Signal, start_ns: int, topic: str | None = No
         Where it is not the usual one.
     """
     usual, types, latched = ROLES[role]
-    name, msgtype = topic or usual, types[0]
+    msgtype = types[0]
     if isinstance(signal, str):
-        stamps = np.array([start_ns])
-        rows = _encode(msgtype, stamps, (), np.empty((1, 0)), {'data': signal})
-    elif isinstance(signal, PoseStream):
-        stamps = _stamps(signal.t, start_ns)
+        t = np.zeros(1)
+    else:
+        t = (signal.t if isinstance(signal, Stream | PoseStream)
+             else np.array([one.start for one in signal]))
+    stamps = start_ns + np.rint(t * 1e9).astype(np.int64)
+    if isinstance(signal, str | Stream | PoseStream):
+        rows = encode(msgtype, stamps, *_columns(msgtype, signal))
+    else:
+        rows = [encode(msgtype, stamps[i:i + 1], ('status[0].level',), *_status(one))[0]
+                for i, one in enumerate(signal)]
+    return Messages(topic or usual, msgtype, stamps, rows, latched)
+
+
+def _columns(msgtype: str, signal: Stream | PoseStream | str
+             ) -> tuple[Sequence[str], Array, dict[str, str]]:
+    """Return fields, a column of numbers for each, and texts."""
+    if isinstance(signal, str):
+        return (), np.empty((1, 0)), {'data': signal}
+    fields, text = FIELDS.get(msgtype, ()), {'header.frame_id': signal.frame}
+    if isinstance(signal, PoseStream):
         quaternion = (quaternion_from_matrix(signal.R_base_sensor) if len(signal)
                       else np.empty((0, 4)))
-        rows = _encode(msgtype, stamps, FIELDS[POSE], np.hstack([signal.position, quaternion]),
-                       {'header.frame_id': signal.frame})
-    elif isinstance(signal, Stream):
-        stamps = _stamps(signal.t, start_ns)
-        rows = _stream_rows(msgtype, stamps, signal)
-    else:
-        stamps = _stamps(np.array([one.start for one in signal]), start_ns)
-        return Messages(name, msgtype, stamps, _diagnostic_rows(stamps, signal), latched)
-    return Messages(name, msgtype, stamps, rows, latched)
-
-
-def _encode(msgtype: str, stamps: Integers, fields: Sequence[str], values: Array,
-            text: Mapping[str, str]) -> NDArray[np.uint8]:
-    return encode(get_typestore(Stores.ROS2_JAZZY), msgtype, stamps, fields, values, text)
-
-
-def _stamps(t: Array, start_ns: int) -> Integers:
-    return start_ns + np.rint(t * 1e9).astype(np.int64)
-
-
-def _stream_rows(msgtype: str, stamps: Integers, signal: Stream) -> NDArray[np.uint8]:
-    fields, values, text = FIELDS[msgtype], signal.values, {'header.frame_id': signal.frame}
+        return fields, np.hstack([signal.position, quaternion]), text
     if isinstance(signal, JointStream):
-        fields = tuple(f'position[{i}]' for i in range(values.shape[1]))
+        fields = tuple(f'position[{i}]' for i in range(signal.values.shape[1]))
         text |= {f'name[{i}]': name for i, name in enumerate(signal.names)}
     elif msgtype == JOINT_STATE:
         fields, text['name[0]'] = ('position[0]',), 'optidrive'
     elif msgtype == IMU:
-        fields, values = _imu_columns(values)
-    return _encode(msgtype, stamps, fields, values, text)
+        return (*_imu_columns(signal.values), text)
+    return fields, signal.values, text
 
 
 def _imu_columns(values: Array) -> tuple[tuple[str, ...], Array]:
@@ -383,12 +389,6 @@ def _imu_columns(values: Array) -> tuple[tuple[str, ...], Array]:
         unknown.append('angular_velocity_covariance[0]')
     return ((*FIELDS[IMU][:values.shape[1]], *unknown),
             np.hstack([values, np.full((len(values), len(unknown)), -1.0)]))
-
-
-def _diagnostic_rows(stamps: Integers, signal: Sequence[Phase | Diagnostic]
-                     ) -> list[NDArray[np.uint8]]:
-    return [_encode(DIAGNOSTICS, stamps[i:i + 1], ('status[0].level',), *_status(one))[0]
-            for i, one in enumerate(signal)]
 
 
 def _status(one: Phase | Diagnostic) -> tuple[Array, dict[str, str]]:
@@ -404,11 +404,14 @@ STAMP = ('header.stamp.sec', 'header.stamp.nanosec')
 """Paths of a header's stamp."""
 
 
-def encode(
-        store: Typestore, msgtype: str, stamp_ns: Integers, fields: Sequence[str],
-        values: Array, text: Mapping[str, str] | None = None) -> NDArray[np.uint8]:
+JAZZY = get_typestore(Stores.ROS2_JAZZY)
+"""The types of ROS 2 Jazzy."""
+
+
+def encode(msgtype: str, stamp_ns: Integers, fields: Sequence[str], values: Array,
+           text: Mapping[str, str] | None = None) -> NDArray[np.uint8]:
     """
-    Serialise messages that differ in stamp and numbers only.
+    Serialise messages of a type of ROS 2 Jazzy that differ in stamp and numbers only.
 
     Parameters
     ----------
@@ -432,10 +435,10 @@ def encode(
     DataError
         A stamp does not fit into a message.
     """
-    blank = _Blank(store, (*fields, *(text or {})), text or {})
-    blank.fields(msgtype, '')
-    message = b'\0\1\0\0' + bytes(blank.data)
-    layout = walk(store, msgtype, message)
+    writer = _Writer(JAZZY, fields, text or {})
+    writer.fields(msgtype, '')
+    message = bytes(writer.message)
+    layout = walk(JAZZY, msgtype, message)
     rows = np.tile(np.frombuffer(message, np.uint8), (len(stamp_ns), 1))
     group = Group(np.arange(len(rows)), layout, rows.view(f'V{len(message)}')[:, 0])
     columns: dict[str, NDArray[Any]] = dict(zip(fields, np.asarray(values).T, strict=True))
@@ -448,32 +451,6 @@ def encode(
     for path, column in columns.items():
         group.numbers(path)[:, 0] = column
     return rows
-
-
-class _Blank(_Pass):
-    """Writes a message of zeros and given strings."""
-
-    def __init__(self, store: Typestore, paths: Sequence[str], text: Mapping[str, str]) -> None:
-        super().__init__(store)
-        self._paths, self._text, self.data = paths, text, bytearray()
-
-    def _base(self, name: str, path: str, count: int) -> None:
-        if name == 'string':
-            text = self._text.get(path, '').encode() + b'\0'
-            self._put(4, struct.pack('<I', len(text)) + text)
-        elif count:
-            size = np.dtype(NUMBERS[name]).itemsize
-            self._put(size, bytes(size * count))
-
-    def _count(self, path: str) -> int:
-        start = path + '['
-        count = max((int(name[len(start):].partition(']')[0]) + 1
-                     for name in self._paths if name.startswith(start)), default=0)
-        self._put(4, struct.pack('<I', count))
-        return count
-
-    def _put(self, size: int, what: bytes) -> None:
-        self.data += bytes(-len(self.data) % size) + what
 
 
 FIELDS: Mapping[str, tuple[str, ...]] = {

@@ -182,9 +182,9 @@ def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Seri
         return PoseStream(one.seconds(start_ns), one.values[:, :3],
                           frozen(_rotations(one.values[:, 3:])), one.frame, of)
 
-    def joints(role: str, names: Callable[[], tuple[str, ...]]) -> JointStream | None:
+    def joints(role: str, names: tuple[str, ...]) -> JointStream | None:
         one = stream(role)
-        return None if one is None else JointStream(one.t, one.values, one.frame, names())
+        return None if one is None else JointStream(one.t, one.values, one.frame, names)
 
     in_volts = 'accelerometer' not in found or found['accelerometer'].type == VECTOR3
     return Recording(
@@ -193,9 +193,8 @@ def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Seri
         accelerometer_unit='V' if in_volts else 'm/s^2',
         pose=poses('pose', pose_of), target=poses('target'), optidrive=stream('optidrive'),
         contact_truth=stream('contact_truth'), angular_velocity=stream('imu', slice(3, 6)),
-        joint_commands=joints('joint_commands',
-                              lambda: _joint_names(bag, found['joint_commands'])),
-        joints=joints('joint_states', lambda: _measured_joints(bag, found)),
+        joint_commands=joints('joint_commands', _joint_names(bag, found.get('joint_commands'))),
+        joints=joints('joint_states', _measured_joints(bag, found)),
         phases=_phases(series.get(found['phase']) if 'phase' in found else None, start_ns, end),
         start_ns=start_ns, source=str(bag.path), notes=tuple(bag.notes),
         topics={role: (topic.name, topic.type) for role, topic in found.items()},
@@ -225,9 +224,9 @@ def _rotations(quaternions: Array) -> Array:
     return R
 
 
-def _joint_names(bag: Bag, topic: Topic) -> tuple[str, ...]:
+def _joint_names(bag: Bag, topic: Topic | None) -> tuple[str, ...]:
     """Return the names that the first message gives to its joints."""
-    if topic.type not in JOINT_NAMES:
+    if topic is None or topic.type not in JOINT_NAMES:
         return ()
     for batch in bag.batches({topic}):
         start, length = batch.start[0], batch.length[0]
@@ -239,10 +238,10 @@ def _joint_names(bag: Bag, topic: Topic) -> tuple[str, ...]:
 
 def _measured_joints(bag: Bag, found: Mapping[str, Topic]) -> tuple[str, ...]:
     """Return the joints to be read of joint_states: as commanded, else as first listed."""
-    if 'joint_states' not in found:
+    states = found.get('joint_states')
+    if states is None:
         return ()
-    names = _joint_names(bag, found['joint_commands']) if 'joint_commands' in found else ()
-    return names or _joint_names(bag, found['joint_states'])
+    return _joint_names(bag, found.get('joint_commands')) or _joint_names(bag, states)
 
 
 def _phases(series: Series | None, start_ns: int, end: float) -> tuple[Phase, ...]:
@@ -273,8 +272,8 @@ def read_chunks(path: Path | str, topics: Mapping[str, Sequence[str]]) -> Iterat
     Parameters
     ----------
     topics : mapping of str to sequence of str
-        Fields by topic, as for :func:`~forcecal_ros.io.bags.read_columns`; none given:
-        what the topic's type usually has.
+        Fields by topic, as ``wrench.force.x``, ``data`` (a whole array), ``data[3]`` or
+        ``position[joint_1]``; none given: what the topic's type usually has.
 
     Raises
     ------
@@ -327,58 +326,6 @@ def _usual_fields(bag: Bag, topic: Topic) -> Sequence[str]:
     if topic.type not in FIELDS:
         raise DataError(f'{bag.path}: {topic.name} is {topic.type}; name the fields to read')
     return FIELDS[topic.type]
-
-
-class Columns(NamedTuple):
-    """
-    Fields of one topic over time.
-
-    Attributes
-    ----------
-    t : ndarray, shape (n,)
-        Header stamps, or times of recording for types without header [s] since ``start_ns``.
-    values : ndarray, shape (n, k)
-        One column a number, in the order of the requested fields.
-    frame : str
-        frame_id of most messages.
-    start_ns : int
-        Stamp that t = 0 represents [ns since the epoch].
-    notes : tuple of str
-        What had to be left out or corrected.
-    """
-
-    t: Array
-    values: Array
-    frame: str
-    start_ns: int
-    notes: tuple[str, ...]
-
-
-def read_columns(path: Path | str, topic: str, fields: Sequence[str]) -> Columns:
-    """
-    Read numbers of any message type.
-
-    Parameters
-    ----------
-    topic : str
-        Name as recorded, with or without the leading slash.
-    fields : sequence of str
-        As ``wrench.force.x``, ``data`` (a whole array), ``data[3]``, ``position[joint_1]``.
-
-    Raises
-    ------
-    DataError
-        The topic or a field is missing, or no message can be read.
-    """
-    with Bag(path) as bag:
-        chosen = _topic(bag, topic)
-        series = series_of(bag, chosen, fields)
-        if series is None:
-            raise DataError(f'{path}: {topic} ({chosen.type}) has no message with '
-                            f'{", ".join(fields)}' + ''.join(f'; {note}' for note in bag.notes))
-        start_ns = int(series.stamp_ns[0])
-        return Columns(series.seconds(start_ns), np.asarray(series.values, dtype=float),
-                       series.frame, start_ns, tuple(bag.notes))
 
 
 def read_calibrations(path: Path | str, topics: Mapping[str, str] | None = None) -> list[str]:

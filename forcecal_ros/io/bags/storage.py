@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
-import sys
 import tempfile
 from types import TracebackType
 
@@ -19,15 +18,10 @@ from forcecal_ros.io.bags.files import (
     Notes,
     SqliteFile,
     UNPACKED,
+    zstd,
 )
-import numpy as np
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores, TypesysError
 from rosbags.typesys.store import Typestore
-
-if sys.version_info >= (3, 14):
-    from compression import zstd
-else:
-    from backports import zstd
 
 _SQLITE_MAGIC = b'SQLite format 3\0'
 _ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
@@ -61,8 +55,7 @@ class Bag:
             except DataError as error:
                 problems.append(str(error))
             except DAMAGE as error:
-                problems.append(f'{file} is damaged ({in_a_line(error)}); record again, or copy '
-                                'it from the robot once more')
+                problems.append(_damaged(file, error))
         if not self._files:
             self._stack.close()
             raise DataError(problems[0] if problems else f'{self.path}: no recording in here '
@@ -77,8 +70,7 @@ class Bag:
                  trace: TracebackType | None) -> None:
         self._stack.close()
         if isinstance(error, DAMAGE):
-            raise DataError(f'{self.path} is damaged ({in_a_line(error)}); record again, or copy '
-                            'it from the robot once more') from error
+            raise DataError(_damaged(self.path, error)) from error
 
     def batches(self, topics: set[Topic]) -> Iterator[Batch]:
         """Yield the messages of some topics, some thousands at a time, file after file."""
@@ -177,9 +169,12 @@ class Bag:
                         batch.buffer[start:start + length], room)
             messages.append(message)
             room -= len(message)
-        length = np.array([len(message) for message in messages])
-        return batch._replace(buffer=b''.join(messages), start=np.cumsum(length) - length,
-                              length=length)
+        return Batch.of(batch.topic, messages, batch.log_ns)
+
+
+def _damaged(path: Path, error: BaseException) -> str:
+    return (f'{path} is damaged ({in_a_line(error)}); record again, or copy it from the robot '
+            'once more')
 
 
 def _beginning(path: Path) -> bytes:

@@ -9,7 +9,7 @@ from types import TracebackType
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.files import new_directory
 from forcecal_ros.core.streams import Recording, Stream
-from forcecal_ros.io.bags.messages import Messages, messages_of, Signal
+from forcecal_ros.io.bags.messages import JAZZY, Messages, messages_of, Signal
 import numpy as np
 from rosbags.interfaces import (
     Connection,
@@ -22,7 +22,6 @@ from rosbags.interfaces import (
 )
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2.errors import WriterError
-from rosbags.typesys import get_typestore, Stores
 
 STORAGES = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
 """Storage formats of rosbag2 by the names that `ros2 bag` has for them."""
@@ -105,11 +104,10 @@ class BagWriter:
         name = '/' + topic.lstrip('/')
         connection = self._connections.get(name)
         if connection is None:
-            store = get_typestore(Stores.ROS2_JAZZY)
-            if msgtype not in store.fielddefs:
+            if msgtype not in JAZZY.fielddefs:
                 raise ConfigError(f'{name}: type {msgtype} is not one of ROS 2 Jazzy')
             connection = self._writer.add_connection(
-                name, msgtype, typestore=store, offered_qos_profiles=[_quality(latched)])
+                name, msgtype, typestore=JAZZY, offered_qos_profiles=[_quality(latched)])
             self._connections[name] = connection
         elif connection.msgtype != msgtype:
             raise ConfigError(f'{name}: both {connection.msgtype} and {msgtype}')

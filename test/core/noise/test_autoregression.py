@@ -1,7 +1,11 @@
-"""Whitening by autoregressions."""
+"""Whitening by autoregressions, and noise with a longer memory."""
 
-from forcecal_ros.core.noise.autoregression import at_standstill, fit_autoregression
-from forcecal_ros.core.noise.pieces import AT_ONCE
+from forcecal_ros.core.noise.autoregression import (
+    AT_ONCE,
+    at_standstill,
+    fit_autoregression,
+    unpredicted,
+)
 from longer import first
 import numpy as np
 import pytest
@@ -112,3 +116,12 @@ def test_a_noise_stays_in_channels_where_another_brings_no_more_than_chance():
         taken = noise.or_better(other, one)
         assert taken.same(noise, 0) and not taken.same(noise, 1)
         assert taken.same(other, 1)
+
+
+def test_slow_noise_is_predicted_from_its_past_and_white_noise_is_not():
+    rng = np.random.default_rng(1)
+    white = rng.standard_normal(10_000)
+    slow = white + np.cumsum(rng.standard_normal(10_000)) * 0.02
+    rows = np.ones(10_000, dtype=bool)
+    assert unpredicted(white, rows) > white @ white - 5.0 * 4.0 * np.sqrt(2.0)
+    assert unpredicted(slow, rows) < 0.9 * (slow @ slow)

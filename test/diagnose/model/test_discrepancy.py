@@ -2,8 +2,7 @@
 
 import tracemalloc
 
-from forcecal_ros.core.noise.autoregression import Autoregression, ORDER
-from forcecal_ros.core.noise.pieces import AT_ONCE
+from forcecal_ros.core.noise.autoregression import AT_ONCE, Autoregression, ORDER
 from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.model.discrepancy import Basis, basis, Discrepancy, SCALES
 from forcecal_ros.diagnose.model.evidence import fit, Prior
