@@ -411,30 +411,48 @@ def quantisation(recording: Recording, noise: Mapping[str, float]) -> dict[str, 
             and np.ptp(values) > 2.0 * step}
 
 
-def clipped(recording: Recording, known: Mapping[str, float] | None = None
-            ) -> tuple[Clipping, ...]:
+def limits_of(values: Array, noise: float | None = None) -> list[float]:
     """
-    Find channels that stop at a limit, by the noise that they show themselves or that is known.
+    Return the ends of its range at which a channel stops.
 
     One that mostly repeats itself, without noise or in coarse steps, rests at its extreme; zeros
     of a dead band are no end of the range.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+    noise : float or None
+        RMS of its white noise; None: by third differences, which motion does not reach.
     """
+    if not len(values):
+        return []
+    ends = []
+    for limit in dict.fromkeys((float(values.max()), float(values.min()))):
+        at = values == limit
+        if CLIPPED <= (count := int(at.sum())) < len(values) and (
+                2 * np.sum(at[1:] & at[:-1]) >= count):
+            ends.append((limit, count))
+    if not ends:
+        return []
+    if noise is None:
+        noise = float(np.median(np.abs(np.diff(values, n=3)))) / (
+            0.6745 * np.sqrt(difference_gain(3)))
+    step = resolution(values)
+    in_steps = step > RESOLVED * noise and np.ptp(values) > 2.0 * step
+    if in_steps and step > 2.0 * noise:
+        return []
+    return [limit for limit, count in ends if count >= (CLIPPED_IN_STEPS if in_steps else CLIPPED)
+            and noise > 1e-9 * abs(limit) and (limit or not dead_band(values))]
+
+
+def clipped(recording: Recording, known: Mapping[str, float] | None = None
+            ) -> tuple[Clipping, ...]:
+    """Find channels that stop at a limit, by the noise that they show or that is known."""
     found = []
     for name, t, values in columns(recording):
-        # third differences: white to motion
-        noise = known[name] if known else float(np.median(np.abs(np.diff(values, n=3)))) / (
-            0.6745 * np.sqrt(difference_gain(3))) if len(values) > 3 else 0.0
-        step, span = resolution(values), np.ptp(values)
-        in_steps = step > RESOLVED * noise and span > 2.0 * step
-        if not span > 0.0 or (in_steps and step > 2.0 * noise):
-            continue
-        for limit in (float(values.max()), float(values.min())):
+        for limit in limits_of(values, known[name] if known else None):
             at = values == limit
-            n, twice = int(at.sum()), int(np.sum(at[1:] & at[:-1]))
-            if n < (CLIPPED_IN_STEPS if in_steps else CLIPPED) or twice < 0.5 * n:
-                continue
-            if noise > 1e-9 * abs(limit) and (limit or not dead_band(values)):
-                found.append(Clipping(name, limit, n, float(t[np.argmax(at)])))
+            found.append(Clipping(name, limit, int(at.sum()), float(t[np.argmax(at)])))
     return tuple(found)
 
 

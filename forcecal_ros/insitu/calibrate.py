@@ -17,7 +17,6 @@ from forcecal_ros.insitu.offset import (
     explained,
     jump_within,
     offset_moves,
-    offset_of,
     shared_offset,
 )
 from forcecal_ros.insitu.reduce import (
@@ -110,8 +109,6 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
     result = SensorResult(
         name=name, options=options, excitation=excited, norm=found_norm,
         offset=Estimate(offset, np.sqrt(np.diag(offset_covariance)), options.raw_unit),
-        offset_scatter=np.zeros(len(moments)) if options.moving else _scatter(
-            moments, left, offset),
         offset_moves=np.zeros(len(moments)) if options.moving else offset_moves(
             [(r.blocks, r.use) for r in reduced]),
         jumps=() if options.moving or options.poses or coarse else tuple(
@@ -218,13 +215,6 @@ def _covariance(moments: Sequence[Moments], left: Sequence[Residual]) -> Array:
         linear[start:start + size * n, n:] = np.eye(size * n)
         total += linear @ scores @ linear.T
     return total
-
-
-def _scatter(moments: Sequence[Moments], left: Sequence[Residual], offset: Array) -> Array:
-    """How far each data set's own offset is from the shared one, in its standard errors."""
-    return np.array([
-        np.max(np.abs(offset_of(m) - offset) / np.sqrt(np.diag(one.long_run) / m.constant_weight))
-        for m, one in zip(moments, left)])
 
 
 def _data_set(data_set: DataSet, reduced: Reduced, options: Options) -> DataSetResult:

@@ -13,16 +13,18 @@ from functools import cache
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array, skew
+from forcecal_ros.core.rigid_body import BodyMotion, INERTIAL, regressor
 import numpy as np
 from numpy.typing import ArrayLike
 
 STATIC, MOVING = 3, 13
 """Number of regressors at rest and in motion."""
 
-PHYSICAL = 10
-"""Parameters of a rigid body: mass, moment, inertia."""
+RELATIVE = 1e-9
+"""Singular values below this share of the largest are rounding."""
 
-_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+_ELEMENTS = ([0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2])
+"""Rows and columns of xx, yy, zz, xy, xz, yz in a symmetric matrix."""
 
 
 def moving_regressors(gravity: Array, omega: Array, alpha: Array, position: ArrayLike) -> Array:
@@ -45,87 +47,8 @@ def moving_regressors(gravity: Array, omega: Array, alpha: Array, position: Arra
     """
     p = np.broadcast_to(np.asarray(position, dtype=float), omega.shape)
     at_origin = gravity + np.cross(alpha, p) + np.cross(omega, np.cross(omega, p))
-    products = np.stack([omega[:, i] * omega[:, j] for i, j in _PAIRS], axis=1)
+    products = omega[:, _ELEMENTS[0]] * omega[:, _ELEMENTS[1]]
     return np.concatenate([at_origin, alpha, products, np.ones((len(alpha), 1))], axis=1)
-
-
-def gravity_map(mass: float, moment: ArrayLike) -> Array:
-    """
-    M of [Traversaro2014] Eq. 4-5, M = [m I; m (c x)]: gravity to wrench, both in the sensor frame.
-
-    Parameters
-    ----------
-    mass : float
-        [kg]
-    moment : array_like, shape (3,)
-        Mass times centre of mass [kg m].
-
-    Returns
-    -------
-    ndarray, shape (6, 3)
-    """
-    return np.vstack([mass * np.eye(3), skew(moment)])
-
-
-def motion_map(mass: float, moment: ArrayLike, inertia: ArrayLike, constant: ArrayLike) -> Array:
-    """
-    Extend :func:`gravity_map` to motion, on the thirteen regressors.
-
-    Parameters
-    ----------
-    mass : float
-        [kg]
-    moment : array_like, shape (3,)
-        Mass times centre of mass [kg m].
-    inertia : array_like, shape (6,)
-        xx, yy, zz, xy, xz, yz about the sensor's origin [kg m^2].
-    constant : array_like, shape (6,)
-        Wrench that is always there: what the matrix makes of the sensor's offset [N, N m].
-
-    Returns
-    -------
-    ndarray, shape (6, 13)
-    """
-    h = np.asarray(moment, dtype=float)
-    J = inertia_matrix(inertia)
-    out = np.zeros((6, MOVING))
-    out[:, :3] = gravity_map(mass, h)
-    out[:3, 3:6] = skew(h)
-    out[3:, 3:6] = -J
-    for k, (i, j) in enumerate(_PAIRS):
-        symmetric = np.zeros((3, 3))
-        symmetric[i, j] = symmetric[j, i] = 1.0
-        square = symmetric - np.trace(symmetric) * np.eye(3)
-        out[:3, 6 + k] = -square @ h
-        out[3:, 6 + k] = -_rate_torque(i, j, J)
-    out[:, 12] = constant
-    return out
-
-
-def _rate_torque(i: int, j: int, J: Array) -> Array:
-    """Part of omega x J omega that goes with the product of rates i and j."""
-    e = np.eye(3)
-    torque = np.cross(e[i], J @ e[j])
-    return torque if i == j else torque + np.cross(e[j], J @ e[i])
-
-
-def inertia_matrix(inertia: ArrayLike) -> Array:
-    """Return the symmetric matrix of xx, yy, zz, xy, xz, yz [kg m^2]."""
-    J = np.zeros((3, 3))
-    for value, (i, j) in zip(np.asarray(inertia, dtype=float), _PAIRS):
-        J[i, j] = J[j, i] = value
-    return J
-
-
-def inertia_vector(matrix: ArrayLike) -> Array:
-    """Return xx, yy, zz, xy, xz, yz of a symmetric matrix [kg m^2]."""
-    return np.array([np.asarray(matrix)[i, j] for i, j in _PAIRS])
-
-
-def point_inertia(mass: float, position: ArrayLike) -> Array:
-    """Return xx, yy, zz, xy, xz, yz of a point mass about the origin [kg m^2]."""
-    p = np.asarray(position, dtype=float)
-    return inertia_vector(mass * (p @ p * np.eye(3) - np.outer(p, p)))
 
 
 @cache
@@ -143,18 +66,24 @@ def body_basis(regressors: int) -> Array:
     ndarray, shape (4, 6, 3) or (16, 6, 13)
         Read-only; see :func:`body_map`.
     """
+    unit, none = np.eye(3), np.zeros((3, 3))
+    both = unit[[0, 0, 1]] + unit[[1, 2, 2]]  # rates about two axes at once
+    u, alpha, omega = (np.vstack(parts) for parts in (
+        (unit, none, none, none), (none, unit, none, none), (none, none, unit, both)))
+    wrench = regressor(BodyMotion(np.zeros(len(u)), u, omega, alpha))
+    wrench[9:] -= wrench[[6, 6, 7]] + wrench[[7, 8, 8]]  # their product alone
+    basis = np.zeros((INERTIAL + 6, 6, MOVING))
+    basis[:INERTIAL, :, :-1] = wrench.transpose(2, 1, 0)
+    basis[INERTIAL:, :, -1] = np.eye(6)
     if regressors == STATIC:
-        basis = np.stack([gravity_map(unit[0], unit[1:]) for unit in np.eye(4)])
-    else:
-        basis = np.stack([motion_map(unit[0], unit[1:4], unit[4:10], unit[10:])
-                          for unit in np.eye(PHYSICAL + 6)])
+        basis = basis[:4, :, :STATIC].copy()
     basis.setflags(write=False)
     return basis
 
 
 def body_map(theta: Array, regressors: int) -> Array:
     """
-    Map of a body from its parameters, in which it is linear.
+    Map of a body from its parameters; at rest M = [m I; m (c x)]. [Traversaro2014] Eq. 4-5.
 
     Parameters
     ----------
@@ -165,17 +94,9 @@ def body_map(theta: Array, regressors: int) -> Array:
     Returns
     -------
     ndarray, shape (6, regressors)
+        Gravity, or what moves, to wrench, both in the sensor frame.
     """
     return np.asarray(np.tensordot(theta, body_basis(regressors), 1))
-
-
-def load_parameters(mass: float, position: ArrayLike, regressors: int) -> Array:
-    """Return the parameters of an added point mass, shape (4,) at rest or (16,) in motion."""
-    p = np.asarray(position, dtype=float)
-    still = np.concatenate([[mass], mass * p])
-    if regressors == STATIC:
-        return still
-    return np.concatenate([still, point_inertia(mass, p), np.zeros(6)])
 
 
 @dataclass(frozen=True)
@@ -186,8 +107,17 @@ class Load:
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def parameters(self, regressors: int) -> Array:
-        """Mass, moment and, in motion, inertia as a point mass."""
-        return load_parameters(self.mass, self.position, regressors)
+        """Mass, moment and, in motion, inertia as a point mass and no constant: (4,) or (16,)."""
+        p = np.array(self.position)
+        still = np.array([self.mass, *(self.mass * p)])
+        if regressors == STATIC:
+            return still
+        return np.concatenate([still, self.mass * _of_a_point(p), np.zeros(6)])
+
+
+def _of_a_point(place: Array) -> Array:
+    """Inertia xx, yy, zz, xy, xz, yz of a unit mass about the origin [m^2]."""
+    return np.asarray(-(skew(place) @ skew(place))[_ELEMENTS])
 
 
 @dataclass(frozen=True)
@@ -293,10 +223,16 @@ def solve(raw: Sequence[Array], gravity: Sequence[Array], loads: Sequence[Load],
         Combinations of the raw channels to use, from :func:`six_channels`.
     """
     design, right = system([r @ channels for r in raw], gravity, loads)
+    scaled, scale = to_unit_columns(design)
+    unknowns = np.linalg.lstsq(scaled, right, rcond=RELATIVE)[0] / scale
+    return MatrixFit(unknowns[:36].reshape(6, 6).T @ channels.T, unknowns[36:])
+
+
+def to_unit_columns(design: Array) -> tuple[Array, Array]:
+    """Return a matrix with columns of length 1, or 0, and their lengths, or 1."""
     scale = np.linalg.norm(design, axis=0)
     scale[scale == 0] = 1.0
-    unknowns = np.linalg.lstsq(design / scale, right, rcond=1e-10)[0] / scale
-    return MatrixFit(unknowns[:36].reshape(6, 6).T @ channels.T, unknowns[36:])
+    return design / scale, scale
 
 
 def six_channels(raw: Sequence[Array], noise: Array) -> Array:
@@ -323,17 +259,19 @@ def six_channels(raw: Sequence[Array], noise: Array) -> Array:
     return np.asarray(whiten @ vh[:6].T)
 
 
-def centre_of_mass(body: Array) -> Array:
-    """Centre of mass of body parameters, shape (3,) [m]."""
-    return np.asarray(body[1:4] / body[0])
+def common_parameters(body: Array) -> Array:
+    """
+    Body parameters of common use.
 
-
-def inertia_about_com(body: Array) -> Array | None:
-    """Inertia of body parameters about the centre of mass, shape (3, 3); None at rest."""
+    Returns
+    -------
+    ndarray, shape (4,) or (10,)
+        Mass [kg], centre of mass [m]; in motion inertia about it, xx, yy, zz, xy, xz, yz [kg m^2].
+    """
+    com = body[1:4] / body[0]
     if len(body) == 4:
-        return None
-    shift = point_inertia(float(body[0]), centre_of_mass(body))
-    return inertia_matrix(body[4:10] - shift)
+        return np.array([body[0], *com])
+    return np.array([body[0], *com, *(body[4:INERTIAL] - body[0] * _of_a_point(com))])
 
 
 def body_of(wrench: Array, gravity: Array) -> Array:
@@ -350,9 +288,9 @@ def body_of(wrench: Array, gravity: Array) -> Array:
     ndarray, shape (4,) or (16,)
         Without a constant wrench: the offset is off.
     """
-    design = -rows(np.empty((len(gravity), 0)), gravity)[:, :PHYSICAL]
-    found = np.linalg.lstsq(design, wrench.ravel(), rcond=1e-10)[0]
-    return found if len(found) < PHYSICAL else np.concatenate([found, np.zeros(6)])
+    design = -rows(np.empty((len(gravity), 0)), gravity)[:, :INERTIAL]
+    found = np.linalg.lstsq(design, wrench.ravel(), rcond=RELATIVE)[0]
+    return found if len(found) < INERTIAL else np.concatenate([found, np.zeros(6)])
 
 
 class LoadEstimate(NamedTuple):
@@ -366,45 +304,6 @@ class LoadEstimate(NamedTuple):
     semi_axes: Array
     mass: float
     position: Array
-
-
-def force_map(wrench: Array, gravity: Array, total: Array) -> Array:
-    """
-    Linear map from gravity to the measured force, what motion adds removed.
-
-    Parameters
-    ----------
-    wrench : ndarray, shape (N, 6)
-    gravity : ndarray, shape (N, m)
-    total : ndarray, shape (4,) or (16,)
-        Body with what is added to it.
-
-    Returns
-    -------
-    ndarray, shape (3, 3)
-        Mass times identity for a perfect sensor [kg].
-    """
-    motion = gravity[:, 3:] @ body_map(total, gravity.shape[1])[:3, 3:].T
-    return np.linalg.lstsq(gravity[:, :3], wrench[:, :3] - motion, rcond=1e-10)[0].T
-
-
-def semi_axes(linear: Array, magnitude: float) -> Array:
-    """
-    Semi-axes of the ellipsoid that gravity's sphere becomes. [Traversaro2014] Table I.
-
-    Parameters
-    ----------
-    linear : ndarray, shape (3, 3)
-        Map from gravity to force [kg].
-    magnitude : float
-        Of gravity [m/s^2].
-
-    Returns
-    -------
-    ndarray, shape (3,)
-        Longest first [N].
-    """
-    return magnitude * np.linalg.svd(linear, compute_uv=False)
 
 
 def estimate_load(wrench: Array, gravity: Array, body: Array, magnitude: float,
@@ -427,5 +326,7 @@ def estimate_load(wrench: Array, gravity: Array, body: Array, magnitude: float,
     total = body_of(wrench, gravity)
     added = total - body
     position = added[1:4] / added[0] if with_position and added[0] else np.full(3, np.nan)
-    axes = semi_axes(force_map(wrench, gravity, total), magnitude)
+    in_motion = gravity[:, 3:] @ body_map(total, gravity.shape[1])[:3, 3:].T
+    by_gravity = np.linalg.lstsq(gravity[:, :3], wrench[:, :3] - in_motion, rcond=RELATIVE)[0]
+    axes = magnitude * np.linalg.svd(by_gravity, compute_uv=False)
     return LoadEstimate(axes, float(added[0]), position)

@@ -12,15 +12,14 @@ from typing import NamedTuple
 from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.core.errors import UnobservableError
 from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.rigid_body import INERTIAL, symmetric
 from forcecal_ros.insitu import equations as eq
 from forcecal_ros.insitu.equations import (
+    common_parameters,
     estimate_load,
-    inertia_matrix,
-    inertia_vector,
     Load,
     LoadEstimate,
     MatrixFit,
-    PHYSICAL,
     STATIC,
     total_map,
 )
@@ -113,9 +112,9 @@ class MatrixProblem:
         return Fitted(found.matrix, found.body, self._offset(found))
 
     def _offset(self, found: MatrixFit) -> Array:
-        if len(found.body) <= PHYSICAL:
+        if len(found.body) <= INERTIAL:
             return self.offset
-        return np.asarray(np.linalg.pinv(found.matrix) @ found.body[PHYSICAL:])
+        return np.asarray(np.linalg.pinv(found.matrix) @ found.body[INERTIAL:])
 
     def sensitivity(self, fitted: Fitted) -> Array:
         """
@@ -129,9 +128,8 @@ class MatrixProblem:
         train, n, size = self.training(), len(self.offset), len(fitted.body)
         channels = eq.six_channels(train.raw, self.noise)
         design, _ = eq.system([r @ channels for r in train.raw], train.gravity, train.loads)
-        scale = np.linalg.norm(design, axis=0)
-        scale[scale == 0] = 1.0
-        inverse = np.linalg.pinv(design / scale, rcond=1e-10) / scale[:, None]
+        scaled, scale = eq.to_unit_columns(design)
+        inverse = np.linalg.pinv(scaled, rcond=eq.RELATIVE) / scale[:, None]
         change = -(inverse.reshape(len(scale), -1, 6) @ fitted.matrix)
         of_matrix = np.einsum('jiqn,cj->icqn', change[:36].reshape(6, 6, -1, n), channels)
         change = np.concatenate([of_matrix.reshape(6 * n, -1, n), change[36:]])
@@ -142,10 +140,10 @@ class MatrixProblem:
             out[:len(change), self.part(k)] = columns.reshape(len(change), -1)
             out[:len(change), :n] -= np.tensordot(columns, self.moments[k].ones, (1, 0))
             first += len(raw)
-        if size <= PHYSICAL:
+        if size <= INERTIAL:
             out[-n:, :n] = np.eye(n)
         else:
-            constant, matrix = out[6 * n + PHYSICAL:6 * n + size], out[:6 * n].reshape(6, n, -1)
+            constant, matrix = out[6 * n + INERTIAL:6 * n + size], out[:6 * n].reshape(6, n, -1)
             out[-n:] = np.linalg.pinv(fitted.matrix) @ (
                 constant - np.einsum('ink,n->ik', matrix, fitted.offset))
         return out
@@ -241,27 +239,20 @@ def with_matrix(result: SensorResult, problem: MatrixProblem) -> SensorResult:
     of_loads = problem.load_errors(fitted, options.mass_error, options.place_error)
     spread = change @ problem.covariance @ change.T + of_loads @ of_loads.T
     std = fitted.unpack(np.sqrt(np.diag(spread)))
-    n, unit, at = len(fitted.offset), options.raw_unit, fitted.matrix.size
+    n, unit = len(fitted.offset), options.raw_unit
     bias = fitted.matrix @ spread[-n:, -n:] @ fitted.matrix.T
-    body = _named(fitted.body)
+    body, of_body = common_parameters(fitted.body), slice(fitted.matrix.size, -n)
     body_std = np.sqrt(np.diag(propagate(
-        _named, fitted.body, spread[at:at + len(fitted.body), at:at + len(fitted.body)])))
+        common_parameters, fitted.body, spread[of_body, of_body])))
     known = len(body) > 4 and rank.rank == rank.unknowns
     return replace(
         result, rank=rank, offset=Estimate(fitted.offset, std.offset, unit),
         matrix=Estimate(fitted.matrix, std.matrix, f'N/{unit}, N m/{unit}'),
         wrench_bias=Estimate(np.zeros(6), np.sqrt(np.diag(bias)), 'N, N m'),
         mass=Estimate(body[0], body_std[0], 'kg'), com=Estimate(body[1:4], body_std[1:4], 'm'),
-        inertia=Estimate(inertia_matrix(body[4:]), inertia_matrix(body_std[4:]), 'kg m^2')
+        inertia=Estimate(symmetric(body[4:]), symmetric(body_std[4:]), 'kg m^2')
         if known else None,
         data_sets=tuple(_tables(result, problem, fitted, change, of_loads)))
-
-
-def _named(body: Array) -> Array:
-    """Body parameters of common use: mass, centre of mass, in motion inertia about it."""
-    inertia = eq.inertia_about_com(body)
-    parts = [body[:1], eq.centre_of_mass(body)]
-    return np.concatenate(parts if inertia is None else [*parts, inertia_vector(inertia)])
 
 
 def _tables(result: SensorResult, problem: MatrixProblem, fitted: Fitted, change: Array,

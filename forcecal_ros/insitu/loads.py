@@ -13,11 +13,15 @@ from typing import NamedTuple
 from forcecal_ros.core.errors import UnobservableError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.insitu import equations as eq
-from forcecal_ros.insitu.equations import Load, load_parameters, STATIC, system, total_map
+from forcecal_ros.insitu.equations import (
+    Load,
+    RELATIVE,
+    STATIC,
+    system,
+    to_unit_columns,
+    total_map,
+)
 import numpy as np
-
-RELATIVE = 1e-9
-"""Singular values below this share of the largest are rounding."""
 
 NOISE_FACTOR = 1.5
 """Singular values below this many times what noise alone would make do not count."""
@@ -53,7 +57,7 @@ def structural_rank(loads: Sequence[Load], regressors: int = STATIC) -> RankRepo
     """
     size = max([load.mass for load in loads] + [1e-3])
     reach = max([float(np.linalg.norm(load.position)) for load in loads] + [1e-3])
-    body = load_parameters(2.7 * size, np.array([0.11, -0.23, 0.37]) * reach, regressors)
+    body = Load(2.7 * size, (0.11 * reach, -0.23 * reach, 0.37 * reach)).parameters(regressors)
     body[4:] = np.linspace(0.4, 0.9, len(body) - 4) ** 2 * size
     gravity = np.eye(regressors)
     raw = [gravity @ total_map(body, load, regressors).T for load in loads]
@@ -257,9 +261,8 @@ def _misfit(stated: Sequence[Stated], body: bool) -> _Misfit:
     _, raw, gravity, loads, noise = zip(*stated)
     design, right = system(raw, gravity, loads)
     design = design if body else design[:, :36]
-    scale = np.linalg.norm(design, axis=0)
-    scale[scale == 0] = 1.0
-    solution, _, rank, _ = np.linalg.lstsq(design / scale, right, rcond=RELATIVE)
+    scaled, scale = to_unit_columns(design)
+    solution, _, rank, _ = np.linalg.lstsq(scaled, right, rcond=RELATIVE)
     solution = solution / scale
     off, known = ((one.reshape(-1, 2, 3)**2).sum(axis=(0, 2)) for one in (
         design @ solution - right, right))

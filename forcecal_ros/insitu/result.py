@@ -74,8 +74,6 @@ class SensorResult:
         What |g| shows of the accelerometer; None in motion.
     offset : Estimate, shape (n,)
         [raw units]
-    offset_scatter : ndarray, shape (k,)
-        How far each data set's own offset is from the shared one, in its standard errors.
     offset_moves : ndarray, shape (k,)
         How far each data set's own offset is from the usual one, as a share of what gravity moves.
     jumps : tuple of Jump or None
@@ -104,7 +102,6 @@ class SensorResult:
     excitation: Excitation
     norm: Norm | None
     offset: Estimate
-    offset_scatter: Array
     offset_moves: Array
     causes: Causes | None
     data_sets: tuple[DataSetResult, ...]
@@ -213,9 +210,6 @@ def to_calibration(result: SensorResult, frame: str, source: str) -> Calibration
 
 MOVES = 0.1
 """Scatter of |g| above which a recording counts as moving [m/s^2]."""
-
-DISAGREES = 5.0
-"""A data set whose own offset is more standard errors from the shared one is warned of."""
 
 MOVED = 0.05
 """Share of what gravity moves a channel by which offsets may differ: a bent sensor's by 0.03."""
@@ -375,12 +369,6 @@ def offsets_of(result: SensorResult) -> Iterator[str]:
                f'{result.offset_moves[worst]:.0%} of what gravity moves a channel: a tare (leave '
                'it out, and what the driver does at its start), temperature, a cable, or channels '
                'in another order')
-        return
-    worst = int(result.offset_scatter.argmax())
-    if result.offset_scatter[worst] > DISAGREES:
-        yield (f'the offset of {result.data_sets[worst].name} alone is '
-               f'{result.offset_scatter[worst]:.0f} standard errors from the shared one: it moved '
-               '(temperature, a cable), or what the standard errors leave out did')
 
 
 def _contradictions(result: SensorResult) -> Iterator[str]:
