@@ -1,6 +1,6 @@
 """Means while the robot stands still, and drift."""
 
-from forcecal_ros.calibrate.means import drift
+from forcecal_ros.calibrate.residuals import drift
 from forcecal_ros.core.streams import Stream
 import numpy as np
 from scipy.signal import lfilter

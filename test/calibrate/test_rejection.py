@@ -4,8 +4,8 @@ from dataclasses import replace
 
 from calibration_runs import run
 from forcecal_ros.calibrate.pipeline import identify
-from forcecal_ros.calibrate.rejection import PoseError, rejected, touched
-from forcecal_ros.calibrate.static_readings import Statics
+from forcecal_ros.calibrate.residuals import PoseError, rejected, touched
+from forcecal_ros.calibrate.tool import Statics
 from forcecal_ros.core.streams import Stream
 from forcecal_ros.report.calibration import in_words
 from longer import first
