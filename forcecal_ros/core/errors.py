@@ -172,7 +172,7 @@ KINDS: dict[str, str] = {
     'FC0805': 'sim.mujoco sim.mujoco_numbers',
     'FC0806': 'diagnose.judge.coverage',
     # in situ
-    'FC0901': 'insitu.fit insitu.loads insitu.offset insitu.calibrate insitu.result',
+    'FC0901': 'insitu.fit insitu.equations insitu.offset insitu.calibrate insitu.result',
     'FC0902': 'insitu',
     'FC0990': '',
 }

@@ -8,9 +8,8 @@ from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.quantity import quantity
 from forcecal_ros.insitu.blocks import Mounting
-from forcecal_ros.insitu.equations import Load, MOVING, STATIC
+from forcecal_ros.insitu.equations import GROSS, Load, MASS, MOVING, require, STATIC
 from forcecal_ros.insitu.fit import MatrixProblem, with_known_wrenches, with_matrix
-from forcecal_ros.insitu.loads import MASS, require
 from forcecal_ros.insitu.moments import Moments
 from forcecal_ros.insitu.offset import (
     excitation,
@@ -54,10 +53,6 @@ by twice its range, next to none of noise."""
 
 AGREEING = 3
 """Data sets from which on a common hysteresis is removed: drift or touch is not common."""
-
-GROSS = 0.05
-"""Share of the known wrenches left over from which on contradicting loads give no calibration:
-sensors that are used come within 0.02."""
 
 COARSE = 1.0
 """Longer blocks, as recordings of many hours have, do not tell why they leave the subspace [s]."""

@@ -16,20 +16,17 @@ from forcecal_ros.core.rigid_body import INERTIAL, symmetric
 from forcecal_ros.insitu import equations as eq
 from forcecal_ros.insitu.equations import (
     common_parameters,
-    estimate_load,
-    Load,
-    LoadEstimate,
-    MatrixFit,
-    STATIC,
-    total_map,
-)
-from forcecal_ros.insitu.loads import (
     Contradiction,
     contradiction,
     data_rank,
+    estimate_load,
+    Load,
+    LoadEstimate,
     off_by,
     RankReport,
     Stated,
+    STATIC,
+    total_map,
 )
 from forcecal_ros.insitu.moments import Moments
 from forcecal_ros.insitu.reduce import DataSet, Reduced
@@ -104,74 +101,57 @@ class MatrixProblem:
 
     def fit(self) -> Fitted:
         """Return matrix and body, [Traversaro2014] Eq. 21."""
-        return self._solved(self.training())
-
-    def _solved(self, train: Training) -> Fitted:
+        train = self.training()
         found = eq.solve(train.raw, train.gravity, train.loads,
                          eq.six_channels(train.raw, self.noise))
-        return Fitted(found.matrix, found.body, self._offset(found))
+        offset = self.offset
+        if len(found.body) > INERTIAL:
+            offset = np.linalg.pinv(found.matrix) @ found.body[INERTIAL:]
+        return Fitted(found.matrix, found.body, offset)
 
-    def _offset(self, found: MatrixFit) -> Array:
-        if len(found.body) <= INERTIAL:
-            return self.offset
-        return np.asarray(np.linalg.pinv(found.matrix) @ found.body[INERTIAL:])
-
-    def sensitivity(self, fitted: Fitted) -> Array:
+    def sensitivity(self, fitted: Fitted, mass: float, place: float) -> tuple[Array, Array]:
         """
-        How the fit changes with the measured numbers, its residual taken to be small.
-
-        Returns
-        -------
-        ndarray
-            One row for each number of :meth:`Fitted.pack`, one column for each measured one.
-        """
-        train, n, size = self.training(), len(self.offset), len(fitted.body)
-        channels = eq.six_channels(train.raw, self.noise)
-        design, _ = eq.system([r @ channels for r in train.raw], train.gravity, train.loads)
-        scaled, scale = eq.to_unit_columns(design)
-        inverse = np.linalg.pinv(scaled, rcond=eq.RELATIVE) / scale[:, None]
-        change = -(inverse.reshape(len(scale), -1, 6) @ fitted.matrix)
-        of_matrix = np.einsum('jiqn,cj->icqn', change[:36].reshape(6, 6, -1, n), channels)
-        change = np.concatenate([of_matrix.reshape(6 * n, -1, n), change[36:]])
-        out = np.zeros((6 * n + size + n, len(self.covariance)))
-        first = 0
-        for k, raw in zip(train.numbers, train.raw):
-            columns = change[:, first:first + len(raw)]
-            out[:len(change), self.part(k)] = columns.reshape(len(change), -1)
-            out[:len(change), :n] -= np.tensordot(columns, self.moments[k].ones, (1, 0))
-            first += len(raw)
-        if size <= INERTIAL:
-            out[-n:, :n] = np.eye(n)
-        else:
-            constant, matrix = out[6 * n + INERTIAL:6 * n + size], out[:6 * n].reshape(6, n, -1)
-            out[-n:] = np.linalg.pinv(fitted.matrix) @ (
-                constant - np.einsum('ink,n->ik', matrix, fitted.offset))
-        return out
-
-    def load_errors(self, fitted: Fitted, mass: float, place: float) -> Array:
-        """
-        How the fit changes with each stated mass and place, by one of their standard errors.
+        How the fit changes with what was measured and stated, its residual taken to be small.
 
         Parameters
         ----------
-        mass : float
-            Share.
-        place : float
-            [m]
+        mass, place : float
+            Standard error of a stated mass, as a share, and of a place [m].
 
         Returns
         -------
-        ndarray
-            One row for each number of :meth:`Fitted.pack`.
+        by_numbers, by_loads : ndarray
+            One row for each number of :meth:`Fitted.pack`; one column for each measured number,
+            and for each stated mass and place, by one of their standard errors.
         """
-        train, size = self.training(), len(fitted.body)
-        changes = []
-        for k, load in enumerate(train.loads):
-            for change in off_by(load, mass * load.mass, place):
-                loads = [*train.loads[:k], change, *train.loads[k + 1:]]
-                found = self._solved(train._replace(loads=loads))
-                changes.append(found.pack() - fitted.pack())
-        return np.array(changes).T.reshape(fitted.matrix.size + size + len(fitted.offset), -1)
+        train, n = self.training(), len(self.offset)
+        channels = eq.six_channels(train.raw, self.noise)
+        design, _ = eq.system([r @ channels for r in train.raw], train.gravity, train.loads)
+        scaled, scale = eq.to_unit_columns(design)
+        by_wrench = np.linalg.pinv(scaled, rcond=eq.RELATIVE) / scale[:, None]
+        by_numbers = np.zeros((len(scale), len(self.covariance)))
+        by_loads: list[Array] = []
+        ends = 6 * np.cumsum([len(raw) for raw in train.raw])[:-1]
+        for k, gravity, load, own in zip(train.numbers, train.gravity, train.loads,
+                                         np.split(by_wrench, ends, axis=1)):
+            by_raw = -(own.reshape(len(scale), -1, 6) @ fitted.matrix)
+            by_numbers[:, self.part(k)] = by_raw.reshape(len(scale), -1)
+            by_numbers[:, :n] -= np.tensordot(by_raw, self.moments[k].ones, (1, 0))
+            by_loads += [own @ (eq.known_side(gravity, off) - eq.known_side(gravity, load))
+                         for off in off_by(load, mass * load.mass, place)]
+
+        def of_all(change: Array) -> Array:
+            matrix = np.einsum('jik,cj->ick', change[:36].reshape(6, 6, -1), channels)
+            offset = np.zeros((n, change.shape[1]))
+            if len(fitted.body) > INERTIAL:
+                offset = np.linalg.pinv(fitted.matrix) @ (
+                    change[36 + INERTIAL:] - np.einsum('ick,c->ik', matrix, fitted.offset))
+            return np.concatenate([matrix.reshape(6 * n, -1), change[36:], offset])
+
+        measured = of_all(by_numbers)
+        if len(fitted.body) <= INERTIAL:
+            measured[-n:, :n] = np.eye(n)
+        return measured, of_all(np.transpose(by_loads))
 
     def load(self, number: int, fitted: Fitted, raw: Array, matrix: Array) -> LoadEstimate:
         """Tables I to III for one data set, by a matrix."""
@@ -235,8 +215,7 @@ def with_matrix(result: SensorResult, problem: MatrixProblem) -> SensorResult:
         The data do not determine the matrix.
     """
     rank, fitted, options = problem.rank(), problem.fit(), result.options
-    change = problem.sensitivity(fitted)
-    of_loads = problem.load_errors(fitted, options.mass_error, options.place_error)
+    change, of_loads = problem.sensitivity(fitted, options.mass_error, options.place_error)
     spread = change @ problem.covariance @ change.T + of_loads @ of_loads.T
     std = fitted.unpack(np.sqrt(np.diag(spread)))
     n, unit = len(fitted.offset), options.raw_unit
