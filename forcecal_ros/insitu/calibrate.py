@@ -39,7 +39,6 @@ from forcecal_ros.insitu.uncertainty import (
     hidden_covariance,
     Residual,
     residuals,
-    score_covariance,
 )
 import numpy as np
 
@@ -193,8 +192,7 @@ def _covariance(moments: Sequence[Moments], left: Sequence[Residual]) -> Array:
     """
     Covariance of [offset, raw pseudo-samples of every data set], in the order of pack.
 
-    Both are linear in the scores of :func:`score_covariance`, which are independent from data set
-    to data set.
+    Both are linear in the scores of each data set, which are independent of each other.
     """
     n = len(left[0].noise.covariance)
     counts = [len(m.ones) for m in moments]
@@ -203,12 +201,11 @@ def _covariance(moments: Sequence[Moments], left: Sequence[Residual]) -> Array:
     still = moments[0].directions.shape[1] == STATIC
     weight = sum(m.constant_weight for m in moments) if still else np.inf
     for m, one, start, size in zip(moments, left, starts, counts):
-        scores = score_covariance(one)
         to_offset = np.concatenate([[1.0], -m.ones])[None] / weight
         linear = np.zeros((starts[-1], (1 + size) * n))
         linear[:n] = np.kron(to_offset, np.eye(n))
         linear[start:start + size * n, n:] = np.eye(size * n)
-        total += linear @ scores @ linear.T
+        total += linear @ one.scores @ linear.T
     return total
 
 

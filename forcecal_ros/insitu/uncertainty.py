@@ -37,6 +37,15 @@ class Residual(NamedTuple):
         """Covariance of a sample that correlation makes of it, shape (n, n)."""
         return self.noise.long_run * self.samples
 
+    @property
+    def scores(self) -> Array:
+        """
+        Covariance of sum over samples of [1, pseudo-sample weights] (x) residual.
+
+        Shape ((1 + q) n, (1 + q) n).
+        """
+        return self.noise.covariance_of_products(self.regressors * self.samples)
+
 
 def residuals(data_sets: Sequence[tuple[Moments, Blocks, Mask]], seconds: float, order: int
               ) -> list[Residual]:
@@ -95,17 +104,6 @@ def _as_filtered(x: Array, use: Mask, window: int, order: int) -> Array:
 
 def _regressors(moments: Moments, blocks: Blocks) -> Array:
     return np.column_stack([np.ones(len(blocks)), blocks.regressors @ moments.combine])
-
-
-def score_covariance(residual: Residual) -> Array:
-    """
-    Covariance of sum over samples of [1, pseudo-sample weights] (x) residual.
-
-    Returns
-    -------
-    ndarray, shape ((1 + q) n, (1 + q) n)
-    """
-    return residual.noise.covariance_of_products(residual.regressors * residual.samples)
 
 
 def propagate(function: Callable[[Array], Array], x: Array, covariance: Array) -> Array:
