@@ -617,7 +617,7 @@ def _ways(pose: PoseStream) -> Array:
     """Ways from the first sample to each, in what has moved for certain, shape (n,)."""
     turned = np.linalg.norm(rotation_vector(pose.R_base_sensor[0].T @ pose.R_base_sensor), axis=1)
     moved = np.linalg.norm(np.nan_to_num(pose.position - pose.position[0]), axis=1)
-    return np.maximum(turned / TURNED_RAD, moved / MOVED_M)
+    return np.asarray(np.maximum(turned / TURNED_RAD, moved / MOVED_M))
 
 
 def _jumps(pose: PoseStream) -> bool:
