@@ -17,18 +17,22 @@ from forcecal_ros.calibrate.joint import (
     SUSPECT_UNEXPLAINED,
     THINNING,
 )
-from forcecal_ros.calibrate.means import DRIFT, drift, restless
-from forcecal_ros.calibrate.rejection import pose_errors, rejected, touched
 from forcecal_ros.calibrate.residuals import (
-    FARTHEST,
+    DRIFT,
+    drift,
     farthest,
     largest_deviation,
+    pose_errors,
+    rejected,
     Residuals,
+    restless,
     scatters,
+    touched,
 )
 from forcecal_ros.calibrate.result import Stages
 from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.checks.messages import Finding
+from forcecal_ros.core.estimation import CHANCE
 from forcecal_ros.core.geometry import Array, rotation_vector
 from forcecal_ros.core.streams import CHANNELS, Recording
 import numpy as np
@@ -122,7 +126,7 @@ def samples_disagree(stages: Stages, settings: IdentificationSettings) -> Iterat
         yield Finding(f'the static poses do not fit one tool: they scatter in {", ".join(found)}; '
                       f'{remedy}. Record several samples a pose', ALL)
     one = farthest(tool.residuals)
-    if one is not None and one.probability < FARTHEST:
+    if one is not None and one.probability < CHANCE:
         yield Finding(f'the static poses do not fit one tool: pose {one.pose + 1} is off by '
                       f'{one.size:+.3g} {"N" if one.channel < 3 else "N m"} in '
                       f'{CHANNELS["wrench"][one.channel]}, more than the others allow; {remedy}',

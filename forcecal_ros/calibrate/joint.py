@@ -9,7 +9,6 @@ guides the tool spoils the motion alone.
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from forcecal_ros.calibrate.static_readings import principal_spread
 from forcecal_ros.core.errors import above, below, DataError, UnobservableError
 from forcecal_ros.core.estimation import robust_fit, RobustFit
 from forcecal_ros.core.geometry import Array, skew
@@ -157,6 +156,13 @@ def lever(motion: BodyMotion) -> Array:
 def smooth(values: Array) -> Array:
     """Low-pass consecutive blocks (n, ...)."""
     return np.asarray(gaussian_filter1d(values, LOWPASS, axis=0))
+
+
+def principal_spread(vectors: Array) -> tuple[Array, Array]:
+    """Return the RMS variation (3,) of vectors (n, 3), and its principal directions (3, 3)."""
+    padded = np.vstack([vectors - vectors.mean(axis=0), np.zeros((3, 3))])
+    _, size, directions = np.linalg.svd(padded, full_matrices=False)
+    return size / np.sqrt(len(vectors)), directions
 
 
 def blocks_of(stream: Stream, pose: PoseStream, gravity: Array, largest_delay: float = 0.05,

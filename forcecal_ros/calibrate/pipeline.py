@@ -1,6 +1,6 @@
 """From a recording to a calibration: every step of the procedure in its order."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from datetime import datetime, timezone
 from typing import Any
@@ -10,27 +10,34 @@ from forcecal_ros.calibrate.accelerometer import (
     AccelerometerFit,
     identify_static_accelerometer,
 )
-from forcecal_ros.calibrate.by_motion import calibrate_by_motion
-from forcecal_ros.calibrate.findings import STANDSTILL
+from forcecal_ros.calibrate.findings import NO_ACCELEROMETER, STANDSTILL
 from forcecal_ros.calibrate.joint import (
     blocks_of,
     joint_fit,
     JointFit,
     MIN_GRAVITY_SPREAD,
     most_unexplained,
+    principal_spread,
     require_overlap,
     require_rotation,
     require_tool,
+    SUSPECT_UNEXPLAINED,
 )
-from forcecal_ros.calibrate.means import DRIFT, drift, window_mean
-from forcecal_ros.calibrate.poses import NeverAtRest, static_poses, StaticPose
-from forcecal_ros.calibrate.quality import quality_of
-from forcecal_ros.calibrate.requirements import (
+from forcecal_ros.calibrate.poses import (
+    NeverAtRest,
     refuse_poses_at_a_limit,
-    refuse_unnatural,
     require_wrench,
-    unnatural_inertia,
+    static_poses,
+    StaticPose,
+    window_mean,
 )
+from forcecal_ros.calibrate.quality import (
+    quality_of,
+    refuse_unnatural,
+    unnatural_inertia,
+    weak_estimates,
+)
+from forcecal_ros.calibrate.residuals import DRIFT, drift
 from forcecal_ros.calibrate.result import (
     accelerometer_of,
     inertia_of,
@@ -41,29 +48,29 @@ from forcecal_ros.calibrate.result import (
     tool_of,
 )
 from forcecal_ros.calibrate.settings import IdentificationSettings
-from forcecal_ros.calibrate.static_readings import (
+from forcecal_ros.calibrate.statics import displacement, read_statics, ring_of, sag_of, with_noise
+from forcecal_ros.calibrate.tool import (
     check_poses,
     check_weight,
     gravity_spread,
+    identify_tool,
     refuse_negative,
     Statics,
+    tool_of_motion,
     TurnedWrench,
 )
-from forcecal_ros.calibrate.statics import displacement, read_statics, ring_of, sag_of, with_noise
-from forcecal_ros.calibrate.tool import identify_tool, tool_of_motion
-from forcecal_ros.checks.accelerometer import refuse_on_another_link, refuse_other_unit
 from forcecal_ros.checks.entry import checked
-from forcecal_ros.checks.hypotheses import judge, refuse_late_accelerometer, slight_misfit
+from forcecal_ros.checks.gravity import refuse_on_another_link, refuse_other_unit
+from forcecal_ros.checks.hypotheses import (
+    judge,
+    questions_of,
+    refuse_late_accelerometer,
+    slight_misfit,
+)
 from forcecal_ros.checks.messages import Finding, Stated
 from forcecal_ros.checks.signals import clipped
-from forcecal_ros.core.axes import (
-    DOWN,
-    in_axes_of_pose,
-    level_from_base,
-    levelled,
-    unit_direction,
-)
-from forcecal_ros.core.calibration import Calibration, Estimate, Noise, ObserverGain
+from forcecal_ros.core.axes import DOWN, in_axes_of_pose, level_from_base, levelled, unit_direction
+from forcecal_ros.core.calibration import Calibration, Estimate
 from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.estimation import robust_fit
 from forcecal_ros.core.geometry import Array
@@ -113,6 +120,8 @@ def identify(recording: Recording, settings: IdentificationSettings = Identifica
     try:
         with np.errstate(all='ignore'):
             recording, found = _judged(_evened(recording), settings)
+            if settings.tool_compliance == 'no':
+                recording = replace(recording, optidrive=None)
             points = [one.point for one in found if one.point is not None]
             stages = _stages_or_motion(recording, settings, *points)
     except TurnedWrench as error:
@@ -137,7 +146,7 @@ def identify(recording: Recording, settings: IdentificationSettings = Identifica
                                        settings),
         tool=tool_of(stages),
         noise=noise,
-        observer=_observer(stages, noise, settings),
+        observer=observer_of(noise, stages.tool.mass, settings) if noise else None,
         **_stated(recording, settings))
     return _natural(replace(calibration, quality=quality_of(stages, calibration, settings)),
                     found)
@@ -194,13 +203,12 @@ def _by_motion(recording: Recording, settings: IdentificationSettings, why: str,
                point: Array | None) -> dict[str, Any]:
     recording = levelled(recording, settings.gravity_direction)
     recording = in_axes_of_pose(recording, settings.sensor_rotation)
-    slide = optidrive_of(recording, settings)
-    joint = fit_motion(recording, settings, (), slide, point)
+    joint = fit_motion(recording, settings, (), recording.optidrive, point)
     assert joint is not None and recording.pose is not None  # without poses it is one or refused
     require_tool(joint, recording.pose.has_position, settings.largest_delay)
     accelerometer = None
     if recording.pose.has_position and settings.coupling == 'dc':
-        accelerometer = fit_accelerometer(recording, settings, joint, (), slide)
+        accelerometer = fit_accelerometer(recording, settings, joint, (), recording.optidrive)
     return calibrate_by_motion(recording, settings, joint, accelerometer, why)
 
 
@@ -219,15 +227,6 @@ def provenance(recording: Recording) -> dict[str, str]:
     return {'recording': recording.source, 'recorded': start.isoformat()}
 
 
-def _observer(stages: Stages, noise: Noise | None, settings: IdentificationSettings
-              ) -> ObserverGain | None:
-    """Design the paper's gain; None where nothing was measured that it could be made of."""
-    try:
-        return observer_of(noise, stages.tool.mass, settings) if noise else None
-    except UnobservableError:
-        return None
-
-
 def identify_stages(recording: Recording, settings: IdentificationSettings,
                     point: Array | None = None) -> Stages:
     """
@@ -243,7 +242,6 @@ def identify_stages(recording: Recording, settings: IdentificationSettings,
     DataError, UnobservableError
         As :func:`identify`.
     """
-    recording, removed = checked(recording)
     require_wrench(recording)
     recording = levelled(recording, settings.gravity_direction)
     poses = static_poses(recording)
@@ -253,11 +251,11 @@ def identify_stages(recording: Recording, settings: IdentificationSettings,
     _refuse_other_unit(recording, poses, settings)
     statics = read_statics(recording, poses, settings)
     check_weight(statics.gravity, settings.thresholds.condition)
-    slide = optidrive_of(recording, settings)
+    slide = recording.optidrive
     joint = fit_motion(recording, settings, poses, slide, point)
     assert recording.pose is not None
     if joint is None:
-        return replace(_single_samples(recording, removed, poses, statics, settings), stops=stops)
+        return replace(_single_samples(recording, poses, statics, settings), stops=stops)
     spans = np.array([pose.end - pose.start for pose in poses])
     refuse_negative(float(joint.theta[0]))
     ring, sag = None, None
@@ -284,15 +282,10 @@ def identify_stages(recording: Recording, settings: IdentificationSettings,
         check_poses(statics.gravity, settings.thresholds.condition)
     late = (-joint.delay, joint.delay_std)
     known = moves and joint.delay_std < MAX_DELAY_STD
-    return Stages(recording, removed, poses, statics, tool, sag, ring,
+    return Stages(recording, poses, statics, tool, sag, ring,
                   fit_accelerometer(recording, settings, joint, poses, slide),
                   inertia_of(joint) if moves else None, late if known else None, joint,
                   stops=stops)
-
-
-def optidrive_of(recording: Recording, settings: IdentificationSettings) -> Stream | None:
-    """Return the measured displacement of the tool; None for one that is stated to be rigid."""
-    return None if settings.tool_compliance == 'no' else recording.optidrive
 
 
 def fit_motion(recording: Recording, settings: IdentificationSettings,
@@ -419,8 +412,8 @@ def _refuse_other_unit(recording: Recording, poses: list[StaticPose],
         refuse_on_another_link(means, gravity)
 
 
-def _single_samples(recording: Recording, removed: dict[str, int], poses: list[StaticPose],
-                    statics: Statics, settings: IdentificationSettings) -> Stages:
+def _single_samples(recording: Recording, poses: list[StaticPose], statics: Statics,
+                    settings: IdentificationSettings) -> Stages:
     """Identify from poses that are single samples: noise from residuals, nothing from motion."""
     condition = settings.thresholds.condition
     tool, accelerometer = identify_tool(statics, condition), None
@@ -428,5 +421,80 @@ def _single_samples(recording: Recording, removed: dict[str, int], poses: list[S
         volts = np.stack([window_mean(recording.accelerometer, p.start, p.end, 'accelerometer')
                           for p in poses])
         accelerometer = identify_static_accelerometer(statics.gravity, volts, condition)
-    return Stages(recording, removed, poses, statics, tool, None, None, accelerometer, None, None,
-                  None)
+    return Stages(recording, poses, statics, tool, None, None, accelerometer, None, None, None)
+
+
+MAX_RELATIVE_INERTIA_STD = 0.3
+"""Largest standard error of an element of inertia, of its mean moment: above, it is left out."""
+
+ESTIMATED_KEYS = ('mass', 'com', 'wrench_bias', 'inertia')
+"""Keys that are estimated from motion."""
+
+
+def calibrate_by_motion(recording: Recording, settings: IdentificationSettings, found: JointFit,
+                        accelerometer: AccelerometerFit | None, why: str) -> dict[str, Any]:
+    """
+    Return what motion shows of tool and accelerometer, and what it does not.
+
+    Parameters
+    ----------
+    recording : Recording
+        Checked, base along gravity, wrench in the axes of the pose.
+    why : str
+        Why the static poses do not do.
+
+    Returns
+    -------
+    dict
+        Fields of a :class:`Calibration`. Its noise is not identified.
+
+    Raises
+    ------
+    DataError
+        The wrench has the opposite sign.
+    """
+    refuse_negative(float(found.theta[0]))
+    inertia = inertia_of(found)
+    known = known_inertia(inertia, MAX_RELATIVE_INERTIA_STD)
+    mass, std = float(found.theta[0]), found.std
+    fields: dict[str, Any] = {
+        'mass': Estimate(mass, std[0], 'kg'),
+        'com': Estimate(found.com, found.com_std, 'm'),
+        'wrench_bias': Estimate(found.theta[10:16], std[10:16], 'N, N m'),
+        'inertia': known,
+        'accelerometer': accelerometer_of(
+            accelerometer, recording.accelerometer_unit, settings)}
+    warnings = [*weak_estimates(Calibration(**fields), settings, 'rotate further and for longer',
+                                'rotate further about two horizontal axes'),
+                *_not_identified(recording, None if known else inertia, accelerometer)]
+    suspect = [key for key in ESTIMATED_KEYS if found.unexplained > SUSPECT_UNEXPLAINED]
+    if suspect:
+        warnings.append(
+            f'forces differ from those of a rigid tool by {found.scale[0]:.2g} N RMS, '
+            f'{found.unexplained:.0%} of the variation of its weight; compare the axes of wrench '
+            f'and pose, and record free of contact; suspect: {", ".join(suspect)}')
+    quality = {
+        'method': 'motion', 'warnings': warnings, 'suspect': suspect,
+        'questions': list(questions_of(mass, found.com, found.theta[10:13])),
+        'notes': [*recording.notes, f'{why}: estimated from motion'],
+        'residual_rms': np.repeat(found.scale, 3),
+        'apparent_gravity_spread': principal_spread(found.blocks.apparent_gravity)[0],
+        'rejection': {'threshold': settings.thresholds.probability, 'pose': None, 'poses': []},
+        'pose_delay': -found.delay, 'pose_delay_std': found.delay_std}
+    return {**fields, 'quality': quality}
+
+
+def _not_identified(recording: Recording, inertia: Estimate | None,
+                    accelerometer: AccelerometerFit | None) -> Iterator[str]:
+    """Name what this motion does not show, and the motion that would."""
+    assert recording.pose is not None
+    if not recording.pose.has_position:
+        yield ('inertia: not identified, and accelerations of the sensor are taken as 0, because '
+               'the pose has no position; record the position as well')
+    elif inertia is not None:
+        error, size = float(inertia.std.max()), float(np.trace(inertia.value)) / 3
+        share = f' ({error / size:.0%} of the mean moment)' if size > 0.0 else ''
+        yield (f'inertia: not identified, its standard error is {error:.2g} kg m^2{share}; rotate '
+               'faster about all three axes')
+    if accelerometer is None and recording.accelerometer is not None:
+        yield NO_ACCELEROMETER

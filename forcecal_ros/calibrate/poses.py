@@ -1,10 +1,10 @@
-"""Static poses: how the paper orients the sensor, and where a recording stands still."""
+"""Static poses: how the paper orients the sensor, where a robot stands still, and means there."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise
 from typing import NamedTuple
 
-from forcecal_ros.checks.signals import PAUSE_PERIODS, PAUSE_S
+from forcecal_ros.checks.signals import Clipping, columns, PAUSE_PERIODS, PAUSE_S
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array, rotation_about, rotation_from_vector, rotation_vector
 from forcecal_ros.core.streams import PoseStream, Recording, STILL, Stream
@@ -23,13 +23,10 @@ _RING_DOWN = 1.0
 """Left out after the robot has stopped, for the tool to ring down [s]."""
 
 _SPEED = 0.002
-"""Speed below which the robot stands [m/s]."""
-
-_TURN_RATE = 0.002
-"""Angular speed below which the robot stands [rad/s]."""
+"""Speed, and angular speed, below which the robot stands [m/s], [rad/s]."""
 
 _AVERAGED = 0.1
-"""Means of poses over so long are compared [s]."""
+"""Means of poses over so long are compared [s], which evens out a pose's noise."""
 
 _CERTAIN = 5.0
 """Standard errors of a difference beyond which it is motion: one in 10^5 is by chance."""
@@ -178,7 +175,7 @@ def _standstills(pose: PoseStream) -> list[tuple[float, float]]:
     mean = about @ rotation_from_vector(
         rotation_vector(np.swapaxes(about, 1, 2)[:, np.newaxis] @ R).mean(axis=1))
     ways: list[_Way] = [(lambda i, j: rotation_vector(np.swapaxes(mean[i], 1, 2) @ mean[j]),
-                         _TURN_RATE, rotation_vector(np.swapaxes(
+                         _SPEED, rotation_vector(np.swapaxes(
                              pose.R_base_sensor[:-1], 1, 2) @ pose.R_base_sensor[1:]))]
     if pose.has_position:
         place = pose.position[:n * step].reshape(n, step, 3).mean(axis=1)
@@ -265,9 +262,8 @@ def _mean_rotation(R: Array) -> tuple[Array, float]:
     return mean, float((scatter**2).sum() / (3 * (len(R) - 1)) / len(R))
 
 
-SLICE_S, SHORTEST_REST_S = 0.1, 0.3
-"""Speeds are differences of means over the first, which evens out a pose's noise; so much of a
-phase at rest is kept."""
+SHORTEST_REST_S = 0.3
+"""So much of a phase at rest is kept [s]."""
 
 
 def rest_within(pose: PoseStream, start: float, end: float) -> tuple[float, float]:
@@ -287,8 +283,8 @@ def rest_within(pose: PoseStream, start: float, end: float) -> tuple[float, floa
     """
     origin = start - 0.2  # a motion that ends so shortly before still rings [s]
     cut = pose.between(origin, end)
-    slices = int((end - origin) / SLICE_S)
-    edges = np.searchsorted(cut.t, origin + SLICE_S * np.arange(slices + 1))
+    slices = int((end - origin) / _AVERAGED)
+    edges = np.searchsorted(cut.t, origin + _AVERAGED * np.arange(slices + 1))
     if slices < 4 or np.diff(edges).min() < 3:
         return start, end
     moving = _moving(cut, edges)
@@ -297,8 +293,8 @@ def rest_within(pose: PoseStream, start: float, end: float) -> tuple[float, floa
         return start, end
     begins, ends = borders[::2], borders[1::2]
     i = int(np.argmax(ends - begins))
-    stop = end if ends[i] == len(moving) else float(origin + SLICE_S * ends[i])
-    stopped = float(origin + SLICE_S * (begins[i] + 1)) if begins[i] else -np.inf
+    stop = end if ends[i] == len(moving) else float(origin + _AVERAGED * ends[i])
+    stopped = float(origin + _AVERAGED * (begins[i] + 1)) if begins[i] else -np.inf
     if stop - max(start, stopped) < SHORTEST_REST_S:
         return start, end
     return max(start, min(stopped + 0.5, stop - SHORTEST_REST_S)), stop
@@ -313,4 +309,80 @@ def _moving(cut: PoseStream, edges: NDArray[np.intp]) -> NDArray[np.bool_]:
     means = np.array([rows[i:j].mean(axis=0) for i, j in pairwise(edges)])
     least = 5.0 * noise * np.sqrt(2.0 / np.diff(edges).min())
     way = np.maximum(np.abs(np.diff(means, axis=0)) - least, 0.0)
-    return np.asarray(np.linalg.norm(way, axis=1) > SLICE_S)
+    return np.asarray(np.linalg.norm(way, axis=1) > _AVERAGED)
+
+
+def window_mean(stream: Stream, start: float, end: float, what: str = 'signal') -> Array:
+    """
+    Mean of a signal while the robot stands still, [Gamez2005] Eq. 11, [Gamez2005] Eq. 14.
+
+    Parameters
+    ----------
+    start, end : float
+        ``start <= t < end`` [s].
+    what : str
+        For the message.
+
+    Returns
+    -------
+    ndarray, shape (k,)
+
+    Raises
+    ------
+    DataError
+        There is no sample.
+    """
+    values = stream.between(start, end).values
+    if not len(values):
+        raise DataError(f'no {what} between {start:.3f} s and {end:.3f} s, where the robot stood '
+                        'to be measured; record it throughout')
+    return np.asarray(values.mean(axis=0))
+
+
+MOSTLY = 0.5
+"""From this share of a pose on that is spent at a limit, its mean is the limit, not the load."""
+
+
+def require_wrench(recording: Recording) -> Stream:
+    """
+    Return the wrench.
+
+    Raises
+    ------
+    DataError
+        There is none.
+    """
+    require(recording, ['wrench'])
+    assert recording.wrench is not None
+    return recording.wrench
+
+
+def refuse_poses_at_a_limit(recording: Recording, stops: Iterable[Clipping],
+                            poses: Iterable[StaticPose]) -> None:
+    """
+    Refuse channels that stand at the end of their range while the robot stands in a pose.
+
+    Parameters
+    ----------
+    stops : iterable of Clipping
+        Where channels stop.
+    poses : iterable of StaticPose
+        At rest.
+
+    Raises
+    ------
+    DataError
+        Names the channels, their limits and the poses.
+    """
+    channels = {name: (t, values) for name, t, values in columns(recording)}
+    found = [f'{stop.channel} stands at {stop.limit:.6g} in pose {i + 1}'
+             for i, pose in enumerate(poses) for stop in stops
+             if _stands_at(*channels[stop.channel], pose, stop.limit)]
+    if found:
+        raise DataError(f'{"; ".join(found)}: the end of its range; raise the range of the '
+                        'sensor')
+
+
+def _stands_at(t: Array, values: Array, pose: StaticPose, limit: float) -> bool:
+    at = values[(t >= pose.start) & (t < pose.end)] == limit
+    return len(at) > 0 and bool(at.mean() >= MOSTLY)

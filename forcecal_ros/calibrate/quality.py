@@ -8,24 +8,27 @@ how much, and where to look.
 from collections.abc import Iterator
 from typing import Any
 
-from forcecal_ros.calibrate.axes import Axes, in_words
-from forcecal_ros.calibrate.error_analysis import (
+from forcecal_ros.calibrate.accelerometer import Axes, in_words
+from forcecal_ros.calibrate.findings import ALL, findings, MOTION
+from forcecal_ros.calibrate.paper import (
     acceleration_error,
+    Alignment,
     force_error,
     gravity_leak,
     mass_error,
     offset_error,
+    Plain,
+    plain_procedure,
 )
-from forcecal_ros.calibrate.findings import ALL, findings, MOTION
-from forcecal_ros.calibrate.paper import Alignment, Plain, plain_procedure
 from forcecal_ros.calibrate.poses import orientation_h, orientation_v
-from forcecal_ros.calibrate.rejection import pose_errors, rejected
+from forcecal_ros.calibrate.residuals import pose_errors, rejected
 from forcecal_ros.calibrate.result import Stages
 from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.checks.hypotheses import questions_of
 from forcecal_ros.checks.messages import Finding
+from forcecal_ros.checks.signals import FARTHEST
 from forcecal_ros.core.calibration import Calibration
-from forcecal_ros.core.errors import above
+from forcecal_ros.core.errors import above, DataError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import phase_spans
 import numpy as np
@@ -78,8 +81,8 @@ def quality_of(stages: Stages, calibration: Calibration, settings: Identificatio
         'paper': plain._asdict(),
         'errors': _errors(stages, calibration, settings, plain),
     }
-    if stages.removed:
-        quality['removed_samples'] = stages.removed
+    if stages.recording.removed:
+        quality['removed_samples'] = dict(stages.recording.removed)
     if stages.pose_delay is not None:
         quality['pose_delay'], quality['pose_delay_std'] = stages.pose_delay
     if stages.ring is not None:
@@ -269,3 +272,42 @@ def _turn_x_to(direction: Array) -> Array:
     y = np.cross([0.0, 0.0, 1.0], direction)
     y /= np.linalg.norm(y)
     return np.column_stack([direction, y, np.cross(direction, y)])
+
+
+_CERTAIN = 5.0
+"""An inertia is that of no body by so many standard errors: one identification in a million."""
+
+
+def refuse_unnatural(c: Calibration) -> None:
+    """
+    Refuse what no tool can be.
+
+    Raises
+    ------
+    DataError
+        Names the estimate, its value and what makes it so.
+    """
+    mass, away = float(c.mass), float(np.linalg.norm(c.com.value))
+    if not mass > 0.0:
+        raise DataError(f'the mass comes out as {mass:.4g} kg, which no tool has; look at the '
+                        'sign and the frame of the wrench')
+    if not away < FARTHEST:
+        raise DataError(
+            f'the centre of mass comes out {away:.3g} m away from the sensor, which no tool has; '
+            'look at the unit of the torques (N m, not N mm, N cm or lbf in) and at their axes, '
+            'or at the unit of the forces (N, not kN)')
+
+
+def unnatural_inertia(c: Calibration) -> str:
+    """Say why an inertia is that of no body, and so not identified; empty: it may be one."""
+    if c.inertia is None:
+        return ''
+    moments = np.linalg.eigvalsh(c.inertia.value)
+    margin = _CERTAIN * float(np.linalg.norm(c.inertia.std))
+    if moments[0] > -margin and moments[0] + moments[1] > moments[2] - 2.0 * margin and (
+            moments[2] - margin < float(c.mass) * FARTHEST**2):
+        return ''
+    return (f'inertia: its principal moments come out as '
+            f'{", ".join(f"{one:.3g}" for one in moments)} kg m^2, which no body of '
+            f'{float(c.mass):.3g} kg has, and it is not taken; look for contact in the motion, '
+            'stamps of pose and wrench of different clocks, and the axes of the torques')

@@ -1,13 +1,26 @@
-"""Residuals of a fit, and where they deviate most from noise: an instant, a stretch, all along."""
+"""
+Where residuals deviate from noise, what moves in static poses, and which poses do not fit.
 
-from collections.abc import Iterator
+"If the error is larger than a threshold defined previously, something in the setup, programs or
+system are not in the right order": the observed error of a pose is how far it lies from what all
+others predict. That is the outlier test of a mean shift: with readings whitened, residuals r and
+their projection M = I - H, a shift of pose k is estimated by M_kk^+ r_k, and r_k^T M_kk^+ r_k is
+chi-square where there is none.
+"""
+
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from forcecal_ros.core.estimation import CHANCE
+from forcecal_ros.calibrate.tool import design_of, slide_noise, Statics, ToolFit
+from forcecal_ros.checks.signals import resolution
+from forcecal_ros.core.estimation import CHANCE, robust_fit
 from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.noise.autocovariance import noise_of_windows
+from forcecal_ros.core.noise.white import white_covariance
+from forcecal_ros.core.streams import Stream
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtr, stdtrit
+from scipy.special import chdtrc, stdtr, stdtrit
 
 _DEGREES = 100
 """Noise is known from some hundred values, so that large deviations are commoner than Gauss's."""
@@ -134,11 +147,6 @@ _FEWEST = 8
 """Poses from which the residuals of all but one tell what the one should be."""
 
 
-FARTHEST = 1e-3
-"""The farthest of single samples is doubted where chance makes one so far more rarely: one sound
-set in a thousand. Among twelve poses one in 100,000 asks for 1.7 times as large a pull."""
-
-
 class Outlier(NamedTuple):
     """The pose that is farthest off: which, in which channel, by how much [N, N m]; and chance."""
 
@@ -194,3 +202,186 @@ def farthest(residuals: Array) -> Outlier | None:
     square = n * (n - 2) * G[i, j]**2 / max((n - 1)**2 - n * G[i, j]**2, 1e-300)
     chance = 2 * residuals.size * stdtr(n - 2, -np.sqrt(square))
     return Outlier(i, j, float(residuals[i, j]), float(min(1.0, chance)))
+
+
+_ESTIMABLE = 1e-6
+"""Eigenvalue of M_kk below which the other poses do not predict a direction: it is rounding."""
+
+
+class PoseError(NamedTuple):
+    """
+    How far one pose lies from what the others predict.
+
+    Attributes
+    ----------
+    shift : ndarray, shape (6,)
+        Read less predicted; zero where the others predict nothing [N, N m].
+    mass : float
+        What it would do to the mass by this pose alone, e_m of [Gamez2005] Eq. 23 with the
+        observed weight in place of that of a wrong orientation [kg].
+    probability : float
+        Of as large a shift by chance; NaN where nothing is predicted.
+    chi_square : float
+        Of the shift: it ranks poses whose probabilities are all too small for a number.
+    """
+
+    shift: Array
+    mass: float
+    probability: float
+    chi_square: float = 0.0
+
+
+def pose_errors(statics: Statics, tool: ToolFit) -> list[PoseError]:
+    """Compare every static pose with the others; empty where their noise is not known."""
+    if statics.covariance is None:
+        return []
+    design, reading = design_of(statics)
+    blocks = statics.covariance + tool.mass**2 * slide_noise(statics)
+    lower = np.linalg.cholesky(blocks)
+    rows, right = design.copy(), reading.copy()
+    for k, L in enumerate(lower):
+        part = slice(6 * k, 6 * k + 6)
+        rows[part], right[part] = np.linalg.solve(L, rows[part]), np.linalg.solve(L, right[part])
+    basis = np.linalg.qr(rows / np.linalg.norm(rows, axis=0))[0]
+    residual = right - basis @ (basis.T @ right)
+    return [_error(residual[6 * k:6 * k + 6], basis[6 * k:6 * k + 6], L, g)
+            for k, (L, g) in enumerate(zip(lower, statics.gravity))]
+
+
+def _error(residual: Array, basis: Array, lower: Array, gravity: Array) -> PoseError:
+    values, vectors = np.linalg.eigh(np.eye(6) - basis @ basis.T)
+    known = values > _ESTIMABLE
+    if not known.any():
+        return PoseError(np.zeros(6), 0.0, np.nan)
+    along = vectors[:, known].T @ residual
+    shift = lower @ vectors[:, known] @ (along / values[known])
+    statistic = float((along**2 / values[known]).sum())
+    return PoseError(shift, float(shift[:3] @ gravity / (gravity @ gravity)),
+                     float(chdtrc(int(known.sum()), statistic)), statistic)
+
+
+def rejected(errors: Sequence[PoseError], probability: float) -> int | None:
+    """
+    Return the pose to measure again, if any.
+
+    It is the least probable one, where chance makes any of so many poses as improbable less often
+    than ``probability``.
+    """
+    chances = [1.0 if np.isnan(one.probability) else one.probability for one in errors]
+    if not chances or min(chances) * len(chances) >= probability:
+        return None
+    return min(range(len(errors)), key=lambda i: (chances[i], -errors[i].chi_square))
+
+
+TOUCHED_SIGMA, MAX_TOUCHED = 10.0, 0.34
+"""Errors of their means by which poses are off one tool that the others fit, and the largest
+share of poses that may be."""
+
+
+def touched(statics: Statics) -> list[int]:
+    """Return the poses without which all others fit one tool, if there are a few."""
+    assert statics.covariance is not None
+    sigma = np.sqrt(np.diagonal(statics.covariance, axis1=1, axis2=2))
+    n = len(sigma)
+    columns = design_of(statics)[0][:6 * n].reshape(n, 6, -1) / sigma[:, :, None]
+    fit = robust_fit(columns, statics.wrench / sigma, channels=6, freedom=2.0)
+    off = np.abs(fit.residual.reshape(n, 6)).max(axis=1) > TOUCHED_SIGMA
+    return np.flatnonzero(off).tolist() if off.mean() <= MAX_TOUCHED else []
+
+
+_WINDOWS, _SAMPLES = 3, 10
+"""Fewer windows have no usual one among them, fewer samples in one do not show how they move."""
+
+DRIFT = 6.0
+"""Drifts within a static pose of fewer standard errors are taken for chance."""
+
+
+def drift(stream: Stream, windows: list[tuple[float, float]]) -> tuple[float, int, int]:
+    """
+    Find the strongest drift of a signal while the robot stands.
+
+    Parameters
+    ----------
+    windows : list of tuple of float
+        Start and end [s].
+
+    Returns
+    -------
+    sigmas, window, channel : float, int, int
+        Mean of the second half less that of the first, in standard errors by noise that may be
+        coloured; 0 where the windows hold too few samples to tell.
+    """
+    parts = [stream.between(start, end).values for start, end in windows]
+    size = max(1, int(np.median([len(part) for part in parts])) // 40) if parts else 1
+    whole = [(i, _block_means(part, size)) for i, part in enumerate(parts)
+             if len(part) // size >= 20]
+    if not whole:
+        return 0.0, 0, 0
+    noise = noise_of_windows([_detrended(blocks) for _, blocks in whole]).at_least_white
+    worst = (0.0, 0, 0)
+    for i, blocks in whole:
+        n = len(blocks) // 2 * 2
+        step = np.abs(blocks[n // 2:n].mean(axis=0) - blocks[:n // 2].mean(axis=0))
+        white = np.diag(white_covariance(blocks, 1))
+        sigmas = step / np.sqrt(np.maximum(np.maximum(np.diag(noise), white) * 4 / n, 1e-300))
+        sigmas[white == 0] = 0
+        if sigmas.max() > worst[0]:
+            worst = (float(sigmas.max()), i, int(np.argmax(sigmas)))
+    return worst
+
+
+class Restless(NamedTuple):
+    """
+    A window in which a signal moves more than in the others.
+
+    Attributes
+    ----------
+    times : float
+        Standard deviation there over the median of all windows.
+    size : float
+        That standard deviation.
+    window, channel : int
+    """
+
+    times: float
+    size: float
+    window: int
+    channel: int
+
+
+def restless(stream: Stream, windows: list[tuple[float, float]]) -> Restless | None:
+    """
+    Find where a signal moves more than elsewhere while the robot stands.
+
+    A jump within a window widens the noise that is seen there, and hides behind it.
+
+    Parameters
+    ----------
+    windows : list of tuple of float
+        Start and end [s].
+
+    Returns
+    -------
+    Restless or None
+        None where windows or their samples are too few.
+    """
+    parts = [stream.between(start, end).values for start, end in windows]
+    if len(parts) < _WINDOWS or min(map(len, parts)) < _SAMPLES:
+        return None
+    spread = np.array([part.std(axis=0) for part in parts])
+    step = np.array([resolution(column) for column in np.concatenate(parts).T])
+    usual = np.maximum(np.median(spread, axis=0), step)
+    times = np.where(usual > 0, spread / np.where(usual > 0, usual, 1.0), 0.0)
+    window, channel = map(int, np.unravel_index(int(np.argmax(times)), times.shape))
+    return Restless(float(times.max()), float(spread[window, channel]), window, channel)
+
+
+def _block_means(values: Array, size: int) -> Array:
+    n = len(values) // size
+    return np.asarray(values[:n * size].reshape(n, size, -1).mean(axis=1))
+
+
+def _detrended(blocks: Array) -> Array:
+    """Take a line off, which is drift and no noise."""
+    t = np.linspace(-1.0, 1.0, len(blocks))
+    return np.asarray(blocks - blocks.mean(axis=0) - np.outer(t, t @ blocks / (t @ t)))

@@ -2,22 +2,23 @@
 
 from dataclasses import dataclass, replace
 
-from forcecal_ros.calibrate.accelerometer import AccelerometerFit, without_fading
-from forcecal_ros.calibrate.axes import jacobian, split_matrix
-from forcecal_ros.calibrate.covariance import (
+from forcecal_ros.calibrate.accelerometer import AccelerometerFit, split_matrix, without_fading
+from forcecal_ros.calibrate.gain import (
     measurement_covariance,
+    observer_model,
+    pole_gain,
     process_covariance,
+    riccati_gain,
     slow_density,
     stream_covariance,
+    with_unit_k23,
 )
-from forcecal_ros.calibrate.gain import observer_model, pole_gain, riccati_gain, with_unit_k23
 from forcecal_ros.calibrate.joint import JointFit
 from forcecal_ros.calibrate.poses import StaticPose
 from forcecal_ros.calibrate.ringing import RingFit
 from forcecal_ros.calibrate.settings import IdentificationSettings
-from forcecal_ros.calibrate.static_readings import Statics
 from forcecal_ros.calibrate.statics import Sag
-from forcecal_ros.calibrate.tool import ToolFit
+from forcecal_ros.calibrate.tool import Statics, ToolFit
 from forcecal_ros.checks.signals import Clipping
 from forcecal_ros.core.axes import pose_from_wire, unit_direction
 from forcecal_ros.core.calibration import (
@@ -28,6 +29,8 @@ from forcecal_ros.core.calibration import (
     ObserverGain,
     Tool,
 )
+from forcecal_ros.core.errors import UnobservableError
+from forcecal_ros.core.estimation import jacobian
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.rigid_body import symmetric
 from forcecal_ros.core.streams import Recording, Stream
@@ -43,8 +46,6 @@ class Stages:
     ----------
     recording : Recording
         Cleaned.
-    removed : mapping
-        Samples left out of each stream.
     poses, statics, tool, sag, ring, accelerometer, inertia
         See the modules of the same names; None where the recording did not hold what they need.
     pose_delay : tuple of float or None
@@ -56,7 +57,6 @@ class Stages:
     """
 
     recording: Recording
-    removed: dict[str, int]
     poses: list[StaticPose]
     statics: Statics
     tool: ToolFit
@@ -185,18 +185,10 @@ def noise_of(stages: Stages, coupling: str) -> Noise | None:
             densities, ('(N, N m)^2 s', '(m/s^2)^2 s'))))
 
 
-def observer_of(noise: Noise, mass: float, settings: IdentificationSettings) -> ObserverGain:
-    """
-    Design the paper's gain with k23 = 1, steps 10 and 11.
-
-    Raises
-    ------
-    UnobservableError
-        R is singular.
-    """
-    model = observer_model(mass)
-
-    upper = np.triu_indices(3)
+def observer_of(noise: Noise, mass: float, settings: IdentificationSettings
+                ) -> ObserverGain | None:
+    """Design the paper's gain with k23 = 1, steps 10 and 11; None where R is singular."""
+    model, upper = observer_model(mass), np.triu_indices(3)
 
     def gain(p: Array) -> Array:
         Q, R = np.diag([0.0, p[0]]), np.zeros((3, 3))
@@ -210,8 +202,10 @@ def observer_of(noise: Noise, mass: float, settings: IdentificationSettings) -> 
     else:
         p = np.concatenate([[noise.Q.value[1, 1]], noise.R.value[upper]])
         errors = np.concatenate([[noise.Q.std[1, 1]], noise.R.std[upper]])
-        K = gain(p).reshape(2, 3)
-        sensitivity = jacobian(gain, p, 0.01 * errors)
+        try:
+            K, sensitivity = gain(p).reshape(2, 3), jacobian(gain, p, 0.01 * errors)
+        except UnobservableError:
+            return None
         std = np.sqrt(sensitivity**2 @ errors**2).reshape(2, 3)
     return ObserverGain(
         K=Estimate(K, std, '1'), A=Estimate(model.A, 0.0, '1'), C=Estimate(model.C, 0.0, '1'),

@@ -52,10 +52,6 @@ _APPROACH = 0.05
 """Share of the last of an approach by which it may depart from an exponential, as no noise does: a
 force of 0.2 mN, 2 % of that of 13 um, on the rig without noise."""
 
-_DELAY = 0.001
-"""Unit of the delay within the fit [s]."""
-
-
 CREEP_RATE = 8.0
 """Rate at which the end of an approach decays, in which the robot still moves while the tool is
 said to ring freely [1/s]; slower adds no force, faster is over."""
@@ -256,11 +252,11 @@ def stiffness_and_damping(
         full = full + np.outer(shift, shift)
     if np.diag(full)[:2].max() > _PRECISE**2:
         return None
-    scale = np.array([k, d, _DELAY])
+    scale = np.array([k, d, 1.0])
     covariance = np.zeros((3, 3))
     size = 3 if len(fit.x) == 3 else 2
     covariance[:size, :size] = full * np.outer(scale[:size], scale[:size])
-    delay = float(fit.x[2] * _DELAY) if size == 3 else 0.0
+    delay = float(fit.x[2]) if size == 3 else 0.0
     n = len(fit.fun)
     larger = [ring._replace(creep=ring.creep._replace(way=ring.creep.way * (1.0 + _APPROACH)))
               for ring in ringing]
@@ -311,7 +307,7 @@ def _columns(ring: Ring, p: Array, mass: float, force: float, slide: float) -> t
     rows[:n, :2] = _basis(ring.t, k, d, mass)[1]
     rows[:n, 2] = 1
     weight = np.full(n + m, np.sqrt(_period(ring.t) / force))
-    slide_t = ring.slide_t - (p[2] * _DELAY if m else 0.0)
+    slide_t = ring.slide_t - (p[2] if m else 0.0)
     right = np.concatenate([ring.force - follow(ring.creep, ring.t, k, d, mass)[1],
                             ring.slide - follow(ring.creep, slide_t, k, d, mass)[0]])
     if m:

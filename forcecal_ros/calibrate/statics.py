@@ -5,13 +5,10 @@ from typing import NamedTuple
 
 from forcecal_ros.calibrate.accelerometer import lowpassed
 from forcecal_ros.calibrate.joint import AT_REST, JointFit, smooth
-from forcecal_ros.calibrate.means import window_mean
-from forcecal_ros.calibrate.poses import StaticPose
-from forcecal_ros.calibrate.requirements import require_wrench
+from forcecal_ros.calibrate.poses import require_wrench, StaticPose, window_mean
 from forcecal_ros.calibrate.ringing import RingFit, rings, stiffness_and_damping
 from forcecal_ros.calibrate.settings import IdentificationSettings
-from forcecal_ros.calibrate.static_readings import Statics
-from forcecal_ros.calibrate.tool import design_of
+from forcecal_ros.calibrate.tool import design_of, Statics
 from forcecal_ros.checks.signals import resolution
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.estimation import robust_fit
@@ -101,7 +98,7 @@ def read_statics(recording: Recording, poses: list[StaticPose], settings: Identi
     means = np.stack([window_mean(wrench, p.start, p.end, 'wrench') for p in poses])
     gravity = np.stack([p.gravity(settings.gravity) for p in poses])
     rigid = np.zeros(len(poses))
-    if settings.tool_compliance == 'no' or optidrive is None or not len(optidrive):
+    if optidrive is None or not len(optidrive):
         return Statics(gravity, means, None, rigid, rigid)
     slide = np.array([window_mean(optidrive, p.start, p.end, 'optidrive')[0] for p in poses])
     parts = [part for p in poses if len(part := optidrive.between(p.start, p.end).values) > 2]

@@ -61,19 +61,14 @@ def checked(recording: Recording, raw_wrench: bool = False) -> Checked:
     signals.refuse_clocks_apart(recording)
     signals.refuse_degrees_a_second(recording)
     signals.refuse_far_displacement(recording.optidrive)
-    for name in _ALL[:4]:
-        stream = getattr(recording, name)
-        if stream is not None:
-            signals.refuse_dead(stream, name)
-            signals.refuse_stuck(stream, name, CHANNELS[name], recording.pose or recording.target)
+    for name, stream in signals.present(recording, _ALL[:4]).items():
+        signals.refuse_dead(stream, name)
+        signals.refuse_stuck(stream, name, CHANNELS[name], recording.pose or recording.target)
     if recording.wrench is not None and recording.pose is not None and len(recording.pose):
         signals.refuse_wrapped(recording.wrench, recording.pose)
     signals.refuse_frozen_pose(recording)
-    for name in ('wrench', 'pose'):
-        stream = getattr(recording, name)
-        if stream is not None:
-            keep, note = signals.without_repetitions(stream, name)
-            recording = _without(recording, name, keep, note)
+    for name, stream in signals.present(recording, ('wrench', 'pose')).items():
+        recording = _without(recording, name, *signals.without_repetitions(stream, name))
     notes = (*_coarse(recording), *signals.silences(recording), *signals.lost_messages(recording),
              *(str(one) for one in signals.clipped(recording)))
     fresh = [note for note in notes if note not in recording.notes]
@@ -116,9 +111,8 @@ def _coarse(recording: Recording) -> Iterator[str]:
 
 def _begun(recording: Recording) -> Recording:
     """Leave out what drivers publish before their sensors answer: no numbers, or zeros."""
-    for name in ('wrench', 'accelerometer'):
-        stream = getattr(recording, name)
-        if stream is not None and (first := signals.startup(stream)):
+    for name, stream in signals.present(recording, ('wrench', 'accelerometer')).items():
+        if first := signals.startup(stream):
             recording = _without(
                 recording, name, np.arange(len(stream)) >= first,
                 f'{name}: its first {first} samples hold no reading, up to '
@@ -129,14 +123,12 @@ def _begun(recording: Recording) -> Recording:
 def _readable(recording: Recording, raw_wrench: bool) -> tuple[Recording, dict[str, int]]:
     """Leave out samples that are no readings."""
     removed = dict(recording.removed or {})
-    for name in _ALL:
-        stream = getattr(recording, name)
-        if stream is not None:
-            limit = signals.ABSURD_RAW if raw_wrench and name == 'wrench' else signals.ABSURD
-            good, note = signals.readable(stream, name, limit)
-            if note:
-                removed[name] = removed.get(name, 0) + int((~good).sum())
-                recording = _without(recording, name, good, note)
+    for name, stream in signals.present(recording, _ALL).items():
+        limit = signals.ABSURD_RAW if raw_wrench and name == 'wrench' else signals.ABSURD
+        good, note = signals.readable(stream, name, limit)
+        if note:
+            removed[name] = removed.get(name, 0) + int((~good).sum())
+            recording = _without(recording, name, good, note)
     if recording.wrench is not None:
         lost = signals.lost_packets(recording.wrench.values)
         if lost.any():

@@ -369,7 +369,7 @@ class Pull(NamedTuple):
 
 def explain_forces(motion: Motion) -> Pull:
     """Fit the forces of a rigid tool."""
-    rows, step, g = _rows(motion), motion.step, motion.gravity
+    rows, step, g = usable_rows(motion), motion.step, motion.gravity
     columns_of, smoothing = motion.path.columns, motion.path.smoothing
     force = (_smoothed(motion.wrench[:, :3]) if step else motion.wrench[:, :3])[rows]
     down = columns_of.gravity[rows]
@@ -401,7 +401,7 @@ def explain(motion: Motion) -> Explained | None:
     """Fit a rigid tool; None where fewer than three rows are usable."""
     if motion.usable.sum() < 3:
         return None
-    rows, pull = _rows(motion), explain_forces(motion)
+    rows, pull = usable_rows(motion), explain_forces(motion)
     at, g, times = Columns(*(part[rows] for part in motion.path.columns)), pull.gravity, (
         pull.inertial)
     torque = (_smoothed(motion.wrench[:, 3:]) if motion.step else motion.wrench[:, 3:])[rows]
@@ -417,16 +417,17 @@ def explain(motion: Motion) -> Explained | None:
 
 def by_any_matrix(motion: Motion) -> Fit:
     """Fit forces by gravity times any matrix: its axes and gains do not matter."""
-    rows = _rows(motion)
+    rows = usable_rows(motion)
     u = motion.path.columns.gravity[rows] @ motion.gravity
     force = _smoothed(motion.wrench[:, :3])[rows] if motion.step else motion.wrench[rows, :3]
     columns = np.concatenate([np.kron(np.eye(3), u[:, None, :]), biases(motion)[rows]], axis=2)
     return fit_part(columns, force)
 
 
-def _rows(motion: Motion) -> NDArray[np.intp]:
+def usable_rows(motion: Motion, most: int = MAX_ROWS) -> NDArray[np.intp]:
+    """Return so many of the usable rows at most, evenly spread."""
     rows = np.flatnonzero(motion.usable)
-    return np.asarray(rows[np.linspace(0, len(rows) - 1, min(len(rows), MAX_ROWS)).astype(int)])
+    return np.asarray(rows[np.linspace(0, len(rows) - 1, min(len(rows), most)).astype(int)])
 
 
 def fit_part(columns: Array, values: Array) -> Fit:

@@ -29,12 +29,15 @@ from forcecal_ros.checks.evidence import (
     explain,
     explain_forces,
     Explained,
+    FREEDOM,
     Motion,
     on_grid,
     STEP_S,
+    usable_rows,
 )
-from forcecal_ros.checks.messages import Finding, SLIGHT, Stated
+from forcecal_ros.checks.messages import CONTRADICTION_SIGMA, Finding, SLIGHT, Stated
 from forcecal_ros.core.errors import above, DataError
+from forcecal_ros.core.estimation import robust_fit
 from forcecal_ros.core.geometry import (
     Array,
     matrix_from_quaternion,
@@ -78,9 +81,6 @@ which nothing is said below the last: tools on springs show as much."""
 SMOOTHINGS_S = (0.1, 0.2, 0.35, 0.6, 1.0, 1.7, -0.35, -0.6, -1.0, -1.7)
 """Time constants of a driver's low-pass that are tried, and lengths of means (below 0):
 neighbours differ by less than twice."""
-
-CONTRADICTION_SIGMA = 10.0
-"""Standard errors by which an estimate contradicts: they come from one recording's residuals."""
 
 
 class Hypothesis(NamedTuple):
@@ -564,14 +564,9 @@ def _from_w(motion: Motion) -> Motion:
     return motion.along(R=matrix_from_quaternion(q[:, [1, 2, 3, 0]]))
 
 
-def _few(motion: Motion, most: int = 400) -> Array:
-    rows = np.flatnonzero(motion.usable)
-    return np.asarray(rows[np.linspace(0, len(rows) - 1, min(most, len(rows))).astype(int)])
-
-
 def _axes(motion: Motion, hand: float) -> Motion | None:
     """Rotate the wire's axes (``hand`` 1) or mirror them (-1) as gravity shows them best."""
-    rows = _few(motion)
+    rows = usable_rows(motion)
     u, read = motion.in_sensor[rows], motion.wrench[rows, :3]
     if len(rows) < 3 or _spread(u[:, None], motion.gravity)[1] < MIN_GRAVITY_SPREAD:
         return None
@@ -592,7 +587,7 @@ def _crosstalk(motion: Motion) -> Motion | None:
 
     None where they are so large that no sensor has them.
     """
-    u, few = motion.in_sensor, _few(motion)
+    u, few = motion.in_sensor, usable_rows(motion)
     _, spread, Vt = np.linalg.svd((u[few] - u[few].mean(axis=0)) / np.sqrt(len(few)))
     V = Vt[spread > MIN_GRAVITY_SPREAD * np.linalg.norm(motion.gravity)]
     if len(V) < 2:
@@ -649,7 +644,7 @@ def _tilted(motion: Motion) -> Motion | None:
 
 def _rotated_and_tilted(motion: Motion) -> Motion | None:
     """Rotate the wire's axes and let gravity point anywhere: each in turn, from 24 starts."""
-    rows = _few(motion, 100)
+    rows = usable_rows(motion, 100)
     tilted = _tilted(motion)
     if len(rows) < 4 or tilted is None:
         return None
@@ -671,7 +666,7 @@ def _exchanged(motion: Motion) -> Motion:
 
 def _torque_axes(motion: Motion) -> Motion | None:
     """Choose the order and signs of the torques by which a weight at one place makes them."""
-    rows = _few(motion)
+    rows = usable_rows(motion)
     if len(rows) < 4:
         return None
     columns = np.concatenate([-skew(motion.wrench[rows, :3]), np.broadcast_to(
@@ -745,7 +740,7 @@ def _zeroed_in_poses(motion: Motion) -> Motion | None:
 def _change(kind: str) -> Callable[[Motion], Motion | None]:
     """Return a row in which bias, load or the vertical changes once, to the end."""
     def undo(motion: Motion) -> Motion | None:
-        rows = _few(motion, 200)
+        rows = usable_rows(motion, 200)
         few = replace(motion.along(R=motion.R[rows]), t=motion.t[rows], wrench=motion.wrench[rows])
         inside = few.t[len(rows) // 5:-len(rows) // 5]
         if len(inside) < 4:
@@ -776,18 +771,11 @@ def _drifting(motion: Motion) -> Motion:
 
 
 def _left(motion: Motion) -> float:
-    """Sum of what weight, biases and further columns leave of the forces."""
+    """Scale of what weight, biases and further columns leave of the forces."""
     extra = [] if motion.extra is None else [motion.extra]
-    X = np.concatenate([motion.in_sensor[:, :, None], *extra, biases(motion)], axis=2)
-    y, weight = motion.wrench[:, :3], np.ones(len(X))
-    X = X.reshape(-1, X.shape[2])
-    for _ in range(4):
-        W = np.repeat(weight, 3)[:, None]
-        theta = np.linalg.solve((X * W).T @ X + 1e-9 * np.eye(X.shape[1]),
-                                (X * W).T @ y.ravel())
-        off = np.linalg.norm(y - (X @ theta).reshape(-1, 3), axis=1)
-        weight = 1.0 / np.maximum(off, 0.1 * np.median(off) + 1e-300)
-    return float(off.sum())
+    columns = np.concatenate([motion.in_sensor[:, :, None], *extra, biases(motion)], axis=2)
+    fit = robust_fit(columns, motion.wrench[:, :3], tolerance=1e-2, freedom=FREEDOM)
+    return float(fit.scale[0, 0])
 
 
 TABLE = (

@@ -37,9 +37,8 @@ once in four hundred times."""
 NO_NOISE_N = 1.0
 """Forces without weight that change by more change for another reason."""
 
-INERTIA_SIGMA = 10.0
-"""Standard errors of an inertial mass, at least, and of a weight beside it, at most, of which the
-weight was removed."""
+CONTRADICTION_SIGMA = 10.0
+"""Standard errors by which an estimate contradicts: they come from one recording's residuals."""
 
 SIGN, WEIGHT_REMOVED = 'sign', 'weight removed'
 """What an error is about: the wrench has the opposite sign; it holds no weight."""
@@ -194,8 +193,8 @@ def refuse_weightless(plain: Any) -> None:
     fit, motion = plain.fit, plain.motion
     force, changes, residual = _changes(plain)
     inertial, std = float(fit.force.theta[1]), float(fit.force.std[1])
-    if fit.moving and inertial > INERTIA_SIGMA * std and abs(fit.mass) < min(
-            SLIGHT * inertial, INERTIA_SIGMA * fit.mass_std):  # more is a length in mm
+    if fit.moving and inertial > CONTRADICTION_SIGMA * std and abs(fit.mass) < min(
+            SLIGHT * inertial, CONTRADICTION_SIGMA * fit.mass_std):  # more is a length in mm
         raise DataError(
             f'wrench: it shows the inertia of {inertial:.3g} kg and the weight of '
             f'{quantity(max(fit.mass, 0.0), fit.mass_std, "kg")}: the driver removes the '

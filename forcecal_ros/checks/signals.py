@@ -7,7 +7,7 @@ estimated from third differences, which motion does not reach.
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise, permutations
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from forcecal_ros.core.errors import above, DataError
 from forcecal_ros.core.geometry import Array, rotation_vector
@@ -36,12 +36,13 @@ SPOILT, FEW = 0.01, 5
 """From this share of samples on that are no readings a stream is not to be used: ten a second of
 1 kHz. So few may be missing of any stream: of 24 static poses one would be 4 %."""
 
-MAX_STARTUP_S = 20.0
-"""A driver that publishes before its sensor answers sends nothing, or zeros, for so long."""
+PAUSE_S, PAUSE_PERIODS = 0.5, 5.0
+"""Silence for so long, and so many periods, is a pause and no lost sample; a stream that repeats
+itself for so long has stopped, and its driver is not merely slow."""
 
-STUCK_S, STUCK_SAMPLES, DEAD = 0.5, 50, 100
-"""Noise of one resolution repeats itself for so long, or so often, once in 10^20 times; static
-sets have fewer samples than the last."""
+STUCK_SAMPLES, DEAD = 50, 100
+"""Noise of one resolution repeats itself so often once in 10^20 times; static sets have fewer
+samples than the second."""
 
 HABIT = 20.0
 """Stuck is what repeats itself so many times as long as 95 % of the signal does."""
@@ -60,21 +61,16 @@ noise now and then."""
 RESOLVED = 0.17
 """Step of values, in RMS of the noise, from which its rounding is 5 % of the noise."""
 
-PAUSE_S, PAUSE_PERIODS = 0.5, 5.0
-"""Silence for so long, and so many periods, is a pause and no lost sample."""
-
-MAX_APART_S = 1.0
-"""Streams that are so far apart do not overlap because their clocks differ."""
-
-FROZEN_S, MAX_LATE_S = 0.3, 1.0
-"""A pose that repeats itself for less is a slow driver; a robot follows commands so much later."""
+MAX_LATE_S = 1.0
+"""A robot follows its commands by so much later at most, and streams that are farther apart do not
+overlap because their clocks differ."""
 
 MOVED_M, TURNED_RAD = 0.002, 0.01
 """So far a tool has moved for certain: reported poses resolve a tenth or better."""
 
-MAX_RATE_HZ, MAX_SPEED, MAX_TURN, CREEP = 5e4, 30.0, 30.0, 0.02
-"""What no sensor, hand and wrist exceeds [Hz], [m/s], [rad/s]: the fastest arms do 10 m/s and
-12 rad/s; and what an arm that turns about exceeds [rad/s]."""
+MAX_RATE_HZ, MAX_SPEED = 5e4, 30.0
+"""What no sensor, and no hand or wrist, exceeds [Hz], [m/s] and [rad/s]: the fastest arms do
+10 m/s and 12 rad/s."""
 
 OPTIONAL = ('optidrive', 'angular_velocity')
 """Signals that messages and simulators hold as zeros where nothing measures them."""
@@ -90,6 +86,13 @@ REMEDY = 'check the sensor, its cable and its driver, and record again'
 
 _STATE_UNIT = ('state its unit in the specification of forcecal import, or correct the stamps in '
                'the driver')
+
+
+def present(recording: Recording, names: Sequence[str]) -> dict[str, Any]:
+    """Return those of some streams that hold samples, by name."""
+    streams = {name: getattr(recording, name) for name in names}
+    return {name: stream for name, stream in streams.items()
+            if stream is not None and len(stream)}
 
 
 # Values ----------------------------------------------------------------------------------------
@@ -173,8 +176,7 @@ def startup(stream: Stream) -> int:
     """Count the samples before a sensor's first reading: not finite, or zero in all channels."""
     for nothing in (~np.isfinite(stream.values).all(axis=1), ~stream.values.any(axis=1)):
         first = int(np.argmin(nothing))
-        if first > FEW and not nothing[first:].any() and 2 * first < len(stream) and (
-                stream.t[first] - stream.t[0] < MAX_STARTUP_S):
+        if first > FEW and not nothing[first:].any() and 2 * first < len(stream):
             return first
     return 0
 
@@ -215,7 +217,7 @@ def without_repetitions(stream: Stream | PoseStream, name: str) -> tuple[Mask, s
     if len(stream) < 60:
         return keep, ''
     first, count = runs(rows)
-    usual = count[stream.t[first + count - 1] - stream.t[first] < FROZEN_S]
+    usual = count[stream.t[first + count - 1] - stream.t[first] < PAUSE_S]
     every = int(np.median(usual)) if len(usual) >= 20 else 0
     if every >= 3 and (np.abs(usual - every) <= max(1, every // 4)).mean() > 0.8:
         keep[:] = False
@@ -335,7 +337,7 @@ def _longest(t: Array, rows: Array) -> tuple[int, int] | None:
     last = first + count - 1
     spans = t[last] - t[first]
     i = int(np.argmax(spans))
-    if spans[i] < STUCK_S or count[i] < STUCK_SAMPLES or len(spans) < 2:
+    if spans[i] < PAUSE_S or count[i] < STUCK_SAMPLES or len(spans) < 2:
         return None
     others = np.arange(len(spans)) != i
     order = np.argsort(spans[others])
@@ -384,11 +386,9 @@ class Clipping(NamedTuple):
 
 def columns(recording: Recording) -> Iterator[tuple[str, Array, Array]]:
     """Name, stamps and values of each channel of a sensor."""
-    for name in SENSORS[:3]:
-        stream: Stream | None = getattr(recording, name)
-        if stream is not None and len(stream):
-            for channel, values in zip(CHANNELS[name], stream.values.T):
-                yield channel, stream.t, values
+    for name, stream in present(recording, SENSORS[:3]).items():
+        for channel, values in zip(CHANNELS[name], stream.values.T):
+            yield channel, stream.t, values
 
 
 def resolution(values: Array) -> float:
@@ -411,34 +411,52 @@ def quantisation(recording: Recording, noise: Mapping[str, float]) -> dict[str, 
             and np.ptp(values) > 2.0 * step}
 
 
-def clipped(recording: Recording, known: Mapping[str, float] | None = None
-            ) -> tuple[Clipping, ...]:
+def limits_of(values: Array, noise: float | None = None) -> list[float]:
     """
-    Find channels that stop at a limit, by the noise that they show themselves or that is known.
+    Return the ends of its range at which a channel stops.
 
     One that mostly repeats itself, without noise or in coarse steps, rests at its extreme; zeros
     of a dead band are no end of the range.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+    noise : float or None
+        RMS of its white noise; None: by third differences, which motion does not reach.
     """
+    if not len(values):
+        return []
+    ends = []
+    for limit in dict.fromkeys((float(values.max()), float(values.min()))):
+        at = values == limit
+        if CLIPPED <= (count := int(at.sum())) < len(values) and (
+                2 * np.sum(at[1:] & at[:-1]) >= count):
+            ends.append((limit, count))
+    if not ends:
+        return []
+    if noise is None:
+        noise = float(np.median(np.abs(np.diff(values, n=3)))) / (
+            0.6745 * np.sqrt(difference_gain(3)))
+    step = resolution(values)
+    in_steps = step > RESOLVED * noise and np.ptp(values) > 2.0 * step
+    if in_steps and step > 2.0 * noise:
+        return []
+    return [limit for limit, count in ends if count >= (CLIPPED_IN_STEPS if in_steps else CLIPPED)
+            and noise > 1e-9 * abs(limit) and (limit or not dead_band(values))]
+
+
+def clipped(recording: Recording, known: Mapping[str, float] | None = None
+            ) -> tuple[Clipping, ...]:
+    """Find channels that stop at a limit, by the noise that they show or that is known."""
     found = []
     for name, t, values in columns(recording):
-        # third differences: white to motion
-        noise = known[name] if known else float(np.median(np.abs(np.diff(values, n=3)))) / (
-            0.6745 * np.sqrt(difference_gain(3))) if len(values) > 3 else 0.0
-        step, span = resolution(values), np.ptp(values)
-        in_steps = step > RESOLVED * noise and span > 2.0 * step
-        if not span > 0.0 or (in_steps and step > 2.0 * noise):
-            continue
-        for limit in (float(values.max()), float(values.min())):
+        for limit in limits_of(values, known[name] if known else None):
             at = values == limit
-            n, twice = int(at.sum()), int(np.sum(at[1:] & at[:-1]))
-            if n < (CLIPPED_IN_STEPS if in_steps else CLIPPED) or twice < 0.5 * n:
-                continue
-            if noise > 1e-9 * abs(limit) and (limit or not dead_band(values)):
-                found.append(Clipping(name, limit, n, float(t[np.argmax(at)])))
+            found.append(Clipping(name, limit, int(at.sum()), float(t[np.argmax(at)])))
     return tuple(found)
 
 
-def refuse_wrapped(stream: Stream, pose: PoseStream) -> None:
+def refuse_wrapped(wrench: Stream, pose: PoseStream) -> None:
     """
     Refuse channels that leap from one end of their range to the other, as counts that wrap do.
 
@@ -449,8 +467,8 @@ def refuse_wrapped(stream: Stream, pose: PoseStream) -> None:
     """
     found = [f'{channel} leaps from one end of its range to the other ({values.min():.4g}, '
              f'{values.max():.4g}) {count} times'
-             for channel, values in zip(CHANNELS['wrench'], stream.values.T)
-             if (count := _wraps(stream.t, values, pose))]
+             for channel, values in zip(CHANNELS['wrench'], wrench.values.T)
+             if (count := _wraps(wrench.t, values, pose))]
     if found:
         raise DataError(f'{"; ".join(found)}: its counts wrap around; raise the range of the '
                         'sensor')
@@ -464,20 +482,19 @@ def _wraps(t: Array, values: Array, pose: PoseStream) -> int:
             span < 64 * resolution(values)):
         return 0
     upper, crossed = values > 0.5 * (values.max() + values.min()), 0
-    first = np.concatenate([[True], np.diff(at) >= 5])
-    for begin, end in zip(at[first], at[np.concatenate([first[1:], [True]])]):
-        start, stop = upper[:begin + 1][-5:], upper[end + 1:][:5]
-        crossed += bool((start.all() and not stop.any()) or (stop.all() and not start.any()))
+    for leaps in np.split(at, np.flatnonzero(np.diff(at) >= 5) + 1):
+        start, stop = upper[:leaps[0] + 1][-5:], upper[leaps[-1] + 1:][:5]
+        crossed += bool(start.min() == start.max() != stop.min() == stop.max())
     before, after = values[:at[0] + 1][-DEAD:], values[at[0] + 1:][:DEAD]
     once = abs(values.max() + values.min()) < 0.01 * span and abs(
         np.median(after) - np.median(before)) > 0.5 * span
     if crossed < 2 and not once:  # noise leaps to and fro, spikes stay at one end only
         return 0
-    ends = np.sort(np.stack([values[at], values[at + 1]]), axis=0)
+    ends = np.sort([values[at], values[at + 1]], axis=0)
     off = np.maximum(ends[0] - values.min(), values.max() - ends[1])
-    R = [pose.R_base_sensor[np.searchsorted(pose.t, t[i]).clip(max=len(pose) - 1)]
-         for i in (at, at + 1)]
-    still = np.median(np.linalg.norm(R[1] - R[0], axis=(1, 2))) < 0.05
+    there, then = (pose.R_base_sensor[np.searchsorted(pose.t, t[i]).clip(max=len(pose) - 1)]
+                   for i in (at, at + 1))
+    still = np.median(np.linalg.norm(then - there, axis=(1, 2))) < 0.05
     return len(at) if np.median(off) < 0.02 * span and still else 0
 
 
@@ -494,7 +511,7 @@ def refuse_apart(spans: Mapping[str, tuple[float, float]]) -> None:
         Names them, and how far off they begin.
     """
     meets = {name: {other for other in spans if max(
-        spans[name][0] - spans[other][1], spans[other][0] - spans[name][1]) < MAX_APART_S}
+        spans[name][0] - spans[other][1], spans[other][0] - spans[name][1]) < MAX_LATE_S}
         for name in spans}
     most = max(spans, key=lambda name: len(meets[name]), default='')
     apart = [name for name in spans if name not in meets[most]]
@@ -507,12 +524,10 @@ def refuse_apart(spans: Mapping[str, tuple[float, float]]) -> None:
 def refuse_clocks_apart(recording: Recording) -> None:
     """Refuse streams that do not overlap with the others because their clocks differ."""
     spans = {}
-    for name in (*STREAMS, 'angular_velocity'):
-        stream = getattr(recording, name)
-        if stream is not None and len(stream):
-            topic = ROLES[name].topic if name in ROLES else name
-            spans[name if topic == name else f'{name} ({topic})'] = (
-                float(stream.t[0]), float(stream.t[-1]))
+    for name, stream in present(recording, (*STREAMS, 'angular_velocity')).items():
+        topic = ROLES[name].topic if name in ROLES else name
+        spans[name if topic == name else f'{name} ({topic})'] = (
+            float(stream.t[0]), float(stream.t[-1]))
     refuse_apart(spans)
 
 
@@ -520,30 +535,25 @@ Gap = tuple[float, float]
 """Stamps of the last sample before and the first after [s]."""
 
 
-def _gaps(t: Array, period: float) -> list[Gap]:
+def _gaps(*stamps: Array) -> list[Gap]:
+    """List when none of some streams published anything."""
+    period = min((float(np.median(np.diff(t))) for t in stamps if len(t) > 1), default=np.inf)
+    t = np.sort(np.concatenate([*stamps, []]))
     least = max(PAUSE_S, PAUSE_PERIODS * period)
     return [(float(t[i]), float(t[i + 1])) for i in np.flatnonzero(np.diff(t) > least)]
 
 
-def _period(t: Array) -> float:
-    return float(np.median(np.diff(t))) if len(t) > 1 else np.inf
-
-
 def pauses(recording: Recording) -> list[Gap]:
     """List when no stream published anything."""
-    streams = [stream.t for name in STREAMS
-               if (stream := getattr(recording, name)) is not None and len(stream)]
-    return _gaps(np.sort(np.concatenate(streams)), min(map(_period, streams))) if streams else []
+    return _gaps(*(stream.t for stream in present(recording, STREAMS).values()))
 
 
 def silences(recording: Recording) -> Iterator[str]:
     """Note when single sensors, or all streams, published nothing for a while."""
     common = pauses(recording)
     found = [('all streams', common)]
-    for name in SENSORS:
-        stream = getattr(recording, name)
-        own = _gaps(stream.t, _period(stream.t)) if stream is not None else []
-        found.append((name, [gap for gap in own if not any(
+    for name, stream in present(recording, SENSORS).items():
+        found.append((name, [gap for gap in _gaps(stream.t) if not any(
             start < gap[1] and gap[0] < end for start, end in common)]))
     for who, gaps in found:
         if len(gaps) > 5:
@@ -557,9 +567,8 @@ def silences(recording: Recording) -> Iterator[str]:
 
 def lost_messages(recording: Recording) -> Iterator[str]:
     """Note which of wrench and pose miss more than 5 % of their messages besides pauses."""
-    for name in ('wrench', 'pose'):
-        stream = getattr(recording, name)
-        if stream is None or len(stream) <= DEAD:
+    for name, stream in present(recording, ('wrench', 'pose')).items():
+        if len(stream) <= DEAD:
             continue
         jitter = jitter_of(stream.t)
         short = np.diff(stream.t) < max(PAUSE_S, PAUSE_PERIODS * jitter.period)
@@ -591,34 +600,31 @@ def refuse_frozen_pose(recording: Recording) -> None:
     where = recording.source or 'the recording'
     for i, j in zip(first.tolist(), (first + count - 1).tolist()):
         start, end, goes_on = float(pose.t[i]), float(pose.t[j]), j + 1 < len(pose)
-        if end - start < FROZEN_S or (goes_on and not _jumps(pose, j)):
+        if end - start < PAUSE_S or (goes_on and not _jumps(pose.rows(slice(j, j + 3)))):
             continue
         if what := _what_moves(recording, start, end - MAX_LATE_S / (2 if goes_on else 1)):
             raise DataError(f'current_pose repeats itself to the last bit from {start:.2f} s to '
                             f'{end:.2f} s of {where}, while {what}; look at its driver')
     start = float(pose.t[-1])
-    others = [stream.t[-1] for stream in (recording.wrench, recording.accelerometer)
-              if stream is not None and len(stream)]
+    others = [stream.t[-1]
+              for stream in present(recording, ('wrench', 'accelerometer')).values()]
     if others and (what := _what_moves(recording, start, float(max(others)) - MAX_LATE_S)):
         raise DataError(f'current_pose has no message from {start:.2f} s on of {where}, while '
                         f'{what}; look at its driver')
 
 
-def _way(pose: PoseStream, i: int, j: int) -> float:
-    """Way between two samples, in what has moved for certain; 0 beyond the end."""
-    if j >= len(pose):
-        return 0.0
-    turned = np.linalg.norm(rotation_vector(pose.R_base_sensor[i].T @ pose.R_base_sensor[j]))
-    moved = np.linalg.norm(np.nan_to_num(pose.position[j] - pose.position[i]))
-    return float(max(turned / TURNED_RAD, moved / MOVED_M))
+def _ways(pose: PoseStream) -> Array:
+    """Ways from the first sample to each, in what has moved for certain, shape (n,)."""
+    turned = np.linalg.norm(rotation_vector(pose.R_base_sensor[0].T @ pose.R_base_sensor), axis=1)
+    moved = np.linalg.norm(np.nan_to_num(pose.position - pose.position[0]), axis=1)
+    return np.asarray(np.maximum(turned / TURNED_RAD, moved / MOVED_M))
 
 
-def _jumps(pose: PoseStream, last: int) -> bool:
-    """Say whether a pose goes on after ``last`` as none that had stood there could."""
-    there, then = _way(pose, last, last + 1), _way(pose, last + 1, last + 2)
-    t = np.append(pose.t, 2 * pose.t[-1] - pose.t[-2])
-    return there > 1.0 and there / (t[last + 1] - t[last]) > 2.0 * then / (
-        t[last + 2] - t[last + 1])
+def _jumps(pose: PoseStream) -> bool:
+    """Say whether a pose (3 samples) goes on from its first as none that had stood there could."""
+    there, steps = _ways(pose)[1], np.diff(pose.t)
+    then = _ways(pose.rows(slice(1, 3)))[-1] / steps[-1]  # 0 where it ends
+    return bool(there > 1.0 and there / steps[0] > 2.0 * then)
 
 
 def _what_moves(recording: Recording, start: float, end: float) -> str:
@@ -627,9 +633,7 @@ def _what_moves(recording: Recording, start: float, end: float) -> str:
     if target is not None and len(target) and target.t[0] < end:
         held = max(0, int(np.searchsorted(target.t, start, side='right')) - 1)
         sent = target.between(float(target.t[held]), end)
-        moves = any(_way(sent, 0, i) > 1.0 for i in range(1, len(sent), max(1, len(sent) // 50)))
-        return 'the commands move' if moves or (
-            len(sent) > 1 and _way(sent, 0, len(sent) - 1) > 1.0) else ''
+        return 'the commands move' if len(sent) and _ways(sent).max() > 1.0 else ''
     for name in ('angular_velocity', 'accelerometer', 'wrench'):
         stream: Stream | None = getattr(recording, name)
         # the tool may ring for a second after the robot has stopped
@@ -707,8 +711,8 @@ def refuse_other_pace(recording: Recording) -> None:
     DataError
         Names rate or speed, and the unit that they show.
     """
-    streams = {name: stream for name in SENSORS
-               if (stream := getattr(recording, name)) is not None and len(stream) >= DEAD}
+    streams = {name: stream for name, stream in present(recording, SENSORS).items()
+               if len(stream) >= DEAD}
     rates = {name: (n := min(50, len(s) - 1)) / max(float(np.median(s.t[n:] - s.t[:-n])), 1e-300)
              for name, s in streams.items()}
     if not rates:
@@ -740,7 +744,7 @@ def _refuse_other_speed(pose: PoseStream, fastest: str, rates: Mapping[str, floa
     took = np.diff(t).clip(min=0.5 * each(0.02) / rates['pose'])  # of poses in bursts
     speed = turned / took
     if rates[fastest] < 5.0 and turned.sum() > 0.3 and turned.max() < 0.35 and (
-            speed.max() < CREEP):
+            speed.max() < 0.02):
         raise DataError(
             f'{fastest}: {rates[fastest]:.2g} readings a second, and the pose turns by '
             f'{speed.max():.2g} rad/s where it turns fastest, as of no robot: time is in ms or us '
@@ -752,9 +756,9 @@ def _refuse_other_speed(pose: PoseStream, fastest: str, rates: Mapping[str, floa
                      for x in (pose.position, pose.t))
         moving = float(np.quantile(np.linalg.norm(np.diff(place, axis=0), axis=1) / np.diff(
             at[:, 0]).clip(min=0.5 * n / rates['pose']), 0.9))
-    if turning > MAX_TURN and moving > MAX_SPEED:
+    if turning > MAX_SPEED and moving > MAX_SPEED:
         why = 'time is in s and taken for ms or us'
-    elif turning > MAX_TURN:
+    elif turning > MAX_SPEED:
         why = ('its angles are in degrees and taken for radians, or time is in s and taken for '
                'ms')
     elif moving > MAX_SPEED:
@@ -778,27 +782,24 @@ def refuse_degrees_a_second(recording: Recording) -> None:
         Says how many times.
     """
     gyro, pose, force = recording.angular_velocity, recording.pose, recording.accelerometer
-    if gyro is None or len(gyro) < DEAD:
+    by = pose if pose is not None and len(pose) >= DEAD else force
+    if gyro is None or by is None or min(len(gyro), len(by)) < DEAD:
+        return
+    t = np.arange(max(by.t[0], gyro.t[0]), min(by.t[-1], gyro.t[-1]), 0.1)
+    if len(t) < DEAD:
         return
     times = 0.0
-    if pose is not None and len(pose) >= DEAD:
-        edges = np.arange(max(pose.t[0], gyro.t[0]), min(pose.t[-1], gyro.t[-1]), 0.1)
-        if len(edges) >= DEAD:
-            R = pose.R_base_sensor[np.searchsorted(pose.t, edges)]
-            turning = np.linalg.norm(rotation_vector(np.swapaxes(R[:-1], 1, 2) @ R[1:]),
-                                     axis=1) / 0.1
-            read = np.linalg.norm(gyro.at((edges[1:] + edges[:-1]) / 2.0), axis=1)
-            moves = turning > 0.1
-            times = float(np.median(read[moves] / turning[moves])) if moves.any() else 0.0
-    elif force is not None and len(force) >= DEAD and recording.accelerometer_unit != 'V':
-        t = np.arange(max(force.t[0], gyro.t[0]), min(force.t[-1], gyro.t[-1]), 0.1)
-        if len(t) >= DEAD:
-            f = force.at(t)
-            change = (f[2:] - f[:-2]) / 0.2
-            expected = -np.cross(gyro.at(t), f)[1:-1]
-            both, own, others = ((change * expected).sum(), (change**2).sum(),
-                                 (expected**2).sum())
-            times = float(others / both) if both > 0.7 * np.sqrt(own * others) else 0.0
+    if isinstance(by, PoseStream):
+        R = by.R_base_sensor[np.searchsorted(by.t, t)]
+        turning = np.linalg.norm(rotation_vector(np.swapaxes(R[:-1], 1, 2) @ R[1:]), axis=1) / 0.1
+        read = np.linalg.norm(gyro.at((t[1:] + t[:-1]) / 2.0), axis=1)
+        moves = turning > 0.1
+        times = float(np.median(read[moves] / turning[moves])) if moves.any() else 0.0
+    elif recording.accelerometer_unit != 'V':
+        f = by.at(t)
+        change, expected = (f[2:] - f[:-2]) / 0.2, -np.cross(gyro.at(t), f)[1:-1]
+        both, own, others = ((change * expected).sum(), (change**2).sum(), (expected**2).sum())
+        times = float(others / both) if both > 0.7 * np.sqrt(own * others) else 0.0
     if abs(times / np.degrees(1.0) - 1.0) < 0.25:
         raise DataError(f'angular_velocity: it is {times:.3g} times as fast as the tool turns: it '
                         'is in deg/s; multiply by 0.0174533 in the driver (where forcecal import '

@@ -106,18 +106,18 @@ KINDS: dict[str, str] = {
     'FC0303':
         'checks.signals:refuse_dead checks.signals:refuse_stuck insitu.reduce '
         'insitu.calibrate:_require_alive',
-    'FC0304': 'checks.signals:refuse_wrapped calibrate.requirements:refuse_poses_at_a_limit',
+    'FC0304': 'checks.signals:refuse_wrapped calibrate.poses:refuse_poses_at_a_limit',
     'FC0305': 'checks.signals:refuse_apart checks.hypotheses:refuse_late_accelerometer',
     'FC0306': 'checks.signals:refuse_frozen_pose',
     'FC0307':
         'checks.signals:refuse_other_pace checks.signals:_refuse_other_speed '
         'checks.signals:refuse_degrees_a_second checks.hypotheses:_other_time '
         'io.bags.poses:refuse_degrees',
-    'FC0308': 'checks.accelerometer checks.calibrated insitu.offset:norm',
+    'FC0308': 'checks.gravity insitu.offset:norm',
     # the recording against a rigid weight
     'FC0400': 'checks',
     'FC0401':
-        'checks.hypotheses:judge/sign calibrate.static_readings:refuse_negative '
+        'checks.hypotheses:judge/sign calibrate.tool:refuse_negative '
         'calibrate.pipeline:identify',
     'FC0402': 'checks.hypotheses:judge/base',
     'FC0403': 'checks.hypotheses:judge/inverted checks.hypotheses:judge/wxyz',
@@ -135,14 +135,12 @@ KINDS: dict[str, str] = {
     'FC0410': 'checks.messages:refuse_weightless checks.messages:refuse_unexplained',
     'FC0411': 'checks.hypotheses:refuse_other_mass checks.hypotheses:_other_tool',
     'FC0412': 'checks.hypotheses:_other_point',
-    'FC0413': 'checks.accelerometer:refuse_on_another_link rig_fit.fit:_with_accelerometer',
+    'FC0413': 'checks.gravity:refuse_on_another_link rig_fit.fit:_with_accelerometer',
     # calibration
-    'FC0501':
-        'calibrate.joint:require_rotation calibrate.static_readings calibrate.tool '
-        'calibrate.accelerometer',
-    'FC0502': 'calibrate calibrate.joint:require_tool calibrate.requirements',
+    'FC0501': 'calibrate.joint:require_rotation calibrate.tool calibrate.accelerometer',
+    'FC0502': 'calibrate calibrate.joint:require_tool',
     'FC0503': 'calibrate.delay calibrate.paper',
-    'FC0504': 'calibrate.poses calibrate.means core.noise.autocovariance',
+    'FC0504': 'calibrate.poses core.noise.autocovariance',
     'FC0505': 'calibrate.gain observe.bandwidth observe.bias_filter observe.playback:white_noise',
     'FC0506': 'calibrate.statics checks.signals:refuse_far_displacement',
     # observer
@@ -177,7 +175,7 @@ KINDS: dict[str, str] = {
     'FC0805': 'sim.mujoco sim.mujoco_numbers',
     'FC0806': 'diagnose.judge.coverage',
     # in situ
-    'FC0901': 'insitu.fit insitu.loads insitu.offset insitu.calibrate insitu.result',
+    'FC0901': 'insitu.fit insitu.equations insitu.offset insitu.calibrate insitu.result',
     'FC0902': 'insitu',
     'FC0990': '',
 }

@@ -207,3 +207,21 @@ def _less_noise(squares: Array, noise: Array, excess: Array, rows: int) -> tuple
     lost = vectors[:, part * fdtri(rows, rows, 1.0 - CHANCE) > 1.0]
     kept = np.eye(len(squares)) - regular @ lost @ lost.T
     return kept @ (squares - excess) @ kept.T, kept
+
+
+def jacobian(score: Callable[[Array], Array], theta: Array, steps: Array) -> Array:
+    """
+    Differentiate numerically, column by column.
+
+    Parameters
+    ----------
+    score : callable
+        (p,) to (q,).
+    theta, steps : ndarray, shape (p,)
+
+    Returns
+    -------
+    ndarray, shape (q, p)
+    """
+    return np.stack([(score(theta + step) - score(theta - step)) / (2 * size)
+                     for size, step in zip(steps, np.diag(steps), strict=True)], axis=1)

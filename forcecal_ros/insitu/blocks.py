@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-from forcecal_ros.checks.signals import CLIPPED, CLIPPED_IN_STEPS, refuse_stuck
+from forcecal_ros.checks.signals import limits_of, refuse_stuck, resolution
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.white import difference_gain
@@ -15,10 +15,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 GYRO_WINDOW = 0.21
-"""Window over which the angular rate is smoothed and differentiated [s]."""
-
-GYRO_ORDER = 3
-"""Order of the polynomial by which it is."""
+"""Window over which the angular rate is smoothed and differentiated, by a cubic [s]."""
 
 
 class Chunk(NamedTuple):
@@ -99,9 +96,9 @@ def prepare(chunks: Iterable[Chunk], mounting: Mounting, moving: bool) -> Prepar
     half = max(2, round(GYRO_WINDOW / period / 2))
     if len(t) < 2 * half + 2:
         raise DataError(f'{len(t)} samples are too few to differentiate the angular rate')
-    rate = gyro @ mounting.R_sensor_accelerometer.T
-    omega, alpha = (_differentiate(rate, 2 * half + 1, period, order) for order in (0, 1))
-    inside = slice(half, -half)
+    inside, rate = slice(half, -half), gyro @ mounting.R_sensor_accelerometer.T
+    omega, alpha = (signal.savgol_filter(rate, 2 * half + 1, 3, order, period, axis=0)[inside]
+                    for order in (0, 1))
     return Prepared(t[inside], moving_regressors(gravity[inside], omega, alpha, mounting.position),
                     raw[inside])
 
@@ -114,11 +111,6 @@ def _joined(chunks: Iterable[Chunk]) -> Chunk:
     t, raw, accelerometer = (np.concatenate(arrays).astype(float, copy=False)
                              for arrays in list(zip(*parts))[:3])
     return Chunk(t, raw, accelerometer, np.concatenate(gyros) if gyros else None)
-
-
-def _differentiate(values: Array, window: int, period: float, order: int) -> Array:
-    taps = signal.savgol_coeffs(window, GYRO_ORDER, deriv=order, delta=period)
-    return np.asarray(signal.oaconvolve(values, taps[:, None], mode='valid', axes=0))
 
 
 TINY = 1e-200
@@ -134,8 +126,6 @@ FLOOR = 1e-4
 No channel is taken to be less noisy than this share of its span over the recording, and not less
 than rounding makes it, the step of its counts over the root of 12.
 """
-IN_STEPS = 0.05
-"""A channel comes in steps if that share of its samples repeats the one before."""
 
 Mask = NDArray[np.bool_]
 
@@ -208,26 +198,6 @@ class Blocks:
                        square=np.full(len(self), magnitude ** 2))
 
 
-class Tally(NamedTuple):
-    """
-    What is averaged, counted or compared in each block; the first axis is the block.
-
-    ``power`` (b, n + 3) of the third differences of raw channels and gravity; ``again`` where an
-    extreme repeats the sample before; ``alike`` where any value does.
-    """
-
-    means: Array
-    square: Array
-    power: Array
-    low: Array
-    high: Array
-    at_low: Array
-    at_high: Array
-    low_again: Array
-    high_again: Array
-    alike: Array
-
-
 def to_blocks(recording: Prepared, window: tuple[float, float] | None = None,
               poses: bool = False) -> Blocks:
     """
@@ -254,44 +224,35 @@ def to_blocks(recording: Prepared, window: tuple[float, float] | None = None,
     if len(t) < 3 or not count:
         raise DataError(f'{len(t)} samples are too few for one block of {BLOCK:g} s; is the time '
                         'in seconds?')
-    tallies, correlation, loudness = [], np.zeros(()), np.zeros(())
-    for start in range(0, count, max(1, 16384 // samples)):
-        part = slice(start * samples, min(count, start + max(1, 16384 // samples)) * samples)
-        tally, rough = _tally(recording.regressors[part], recording.raw[part], samples)
-        tallies.append(tally)
+    n = recording.raw.shape[1]
+    at_a_time = max(1, 16384 // samples)
+    parts, correlation, loudness = [], np.zeros(()), np.zeros(())
+    for start in range(0, count, at_a_time):
+        part = slice(start * samples, min(count, start + at_a_time) * samples)
+        x = np.vstack([recording.regressors[part].T, recording.raw[part].T])
+        x = x.reshape(len(x), -1, samples)
+        both = np.concatenate([x[-n:], x[:3]])
+        rough = both[..., 3:] - both[..., :-3] - 3.0 * (both[..., 2:-1] - both[..., 1:-2])
+        power = (rough ** 2).sum(axis=2).T
+        parts.append((x.mean(axis=2).T, (x[:3] ** 2).sum(axis=0).mean(axis=1), power,
+                      (both[..., 1:] == both[..., :-1]).all(axis=2).T))
         if not start:
-            loudness = np.maximum(np.median(tally.power, axis=0), TINY)
-        ratio = np.maximum((tally.power / loudness).mean(axis=1), TINY)
+            loudness = np.maximum(np.median(power, axis=0), TINY)
+        ratio = np.maximum((power / loudness).mean(axis=1), TINY)
         loud = (rough / ratio[:, None]).reshape(len(rough), -1)
         correlation = correlation + loud @ rough.reshape(len(rough), -1).T
-    whole = Tally(*(np.concatenate(arrays) for arrays in zip(*tallies)))
-    if samples > 1 and (whole.alike == samples - 1).any():
+    means, square, power, stands = (np.concatenate(arrays) for arrays in zip(*parts))
+    if samples > 1 and stands.any():
         _refuse_stuck(recording, window)
-    noise, roughness = _noise(whole, samples, correlation)
-    n = recording.raw.shape[1]
-    stamps = t[:count * samples].reshape(count, samples)
-    steps = np.diff(t[:count * samples], prepend=t[0] - period).reshape(count, samples)
+    whole = count * samples
+    noise, roughness = _noise(recording.raw[:whole], power, samples, correlation)
+    clipped = np.array([np.isin(column[:whole], limits_of(column)) for column in recording.raw.T])
+    stamps = t[:whole].reshape(count, samples)
+    steps = np.diff(t[:whole], prepend=t[0] - period).reshape(count, samples)
     return Blocks(
-        samples, period, stamps[:, 0].copy(), stamps[:, -1].copy(), whole.means[:, :-n],
-        whole.means[:, -n:], whole.square - np.trace(noise[n:, n:]), noise[:n, :n],
-        noise[n:, n:], roughness, steps.max(axis=1) > GAP * period, _clipped(whole, samples))
-
-
-def _tally(regressors: Array, raw: Array, samples: int) -> tuple[Tally, Array]:
-    """Look at some blocks; their third differences (n + 3, b, samples - 3) come along."""
-    m = regressors.shape[1]
-    x = np.vstack([regressors.T, raw.T]).reshape(m + raw.shape[1], -1, samples)
-    y = x[m:]
-    both = np.concatenate([y, x[:3]])
-    rough = both[..., 3:] - both[..., :-3] - 3.0 * (both[..., 2:-1] - both[..., 1:-2])
-    low, high = y.min(axis=2), y.max(axis=2)
-    at_low, at_high = y == low[..., None], y == high[..., None]
-    again = both[..., 1:] == both[..., :-1]
-    counts = [one.sum(axis=2) for one in (
-        at_low, at_high, at_low[..., 1:] & again[:-3], at_high[..., 1:] & again[:-3], again)]
-    return Tally(*(one.T for one in (
-        x.mean(axis=2), (x[:3] ** 2).sum(axis=0).mean(axis=1), (rough ** 2).sum(axis=2), low, high,
-        *counts))), rough
+        samples, period, stamps[:, 0].copy(), stamps[:, -1].copy(), means[:, :-n],
+        means[:, -n:], square - np.trace(noise[n:, n:]), noise[:n, :n], noise[n:, n:], roughness,
+        steps.max(axis=1) > GAP * period, clipped.reshape(n, count, samples).any(axis=2).T)
 
 
 def _refuse_stuck(recording: Prepared, window: tuple[float, float] | None) -> None:
@@ -307,13 +268,18 @@ def _refuse_stuck(recording: Prepared, window: tuple[float, float] | None) -> No
             refuse_stuck(used, name, channels)
 
 
-def _noise(tally: Tally, samples: int, correlation: Array) -> tuple[Array, Array]:
-    """Return the noise covariance of raw and gravity, and the roughness of each block."""
-    n = tally.low.shape[1]
-    extremes = np.concatenate([tally.low, tally.high])
-    floor = np.append(np.maximum((FLOOR * np.ptp(extremes, axis=0)) ** 2,
-                                 [_step(column) ** 2 / 12 for column in extremes.T]), np.zeros(3))
-    power = tally.power / max(1, difference_gain(3) * (samples - 3))
+def _noise(raw: Array, power: Array, samples: int, correlation: Array) -> tuple[Array, Array]:
+    """
+    Return the noise covariance of raw and gravity, and the roughness of each block.
+
+    ``power`` (b, n + 3) is that of the third differences of raw channels and gravity in a block,
+    ``correlation`` (n + 3, n + 3) that between them, loud blocks weighted down.
+    """
+    n = raw.shape[1]
+    some = raw[::max(1, len(raw) // 100_000)]  # steps of counts show in these already
+    floor = np.append(np.maximum((FLOOR * np.ptp(raw, axis=0)) ** 2, [
+        resolution(column) ** 2 / 12 for column in some.T]), np.zeros(3))
+    power = power / max(1, difference_gain(3) * (samples - 3))
     level = np.maximum(power, floor)
     typical = np.maximum(np.median(level, axis=0), TINY)
     roughness = np.sqrt((level[:, :n] / typical[:n]).mean(axis=1))
@@ -321,28 +287,3 @@ def _noise(tally: Tally, samples: int, correlation: Array) -> tuple[Array, Array
     size = np.sqrt(power[quiet].mean(axis=0))
     scale = np.sqrt(np.maximum(np.diag(correlation), TINY))
     return correlation * np.outer(size / scale, size / scale) + np.diag(floor), roughness
-
-
-def _step(values: Array) -> float:
-    """Smallest step between values: that of the counts, or next to nothing where there is none."""
-    steps = np.diff(np.unique(values))
-    return float(steps.min()) if len(steps) else 0.0
-
-
-def _clipped(tally: Tally, samples: int) -> Mask:
-    """
-    Find where channels stop at a limit.
-
-    One whose neighbouring samples are alike in most blocks repeats its extreme as any other value.
-    """
-    alike = np.median(tally.alike[:, :tally.low.shape[1]], axis=0) / max(1, samples - 1)
-    least = np.where(alike > IN_STEPS, CLIPPED_IN_STEPS, CLIPPED)
-    clipped = np.zeros(tally.low.shape, dtype=bool)
-    for extreme, count, again, end in (
-            (tally.low, tally.at_low, tally.low_again, tally.low.min(axis=0)),
-            (tally.high, tally.at_high, tally.high_again, tally.high.max(axis=0))):
-        at_end = extreme == end
-        often, repeated = (np.where(at_end, x, 0).sum(axis=0) for x in (count, again))
-        stops = (often >= least) & (repeated >= 0.5 * often)
-        clipped |= at_end & stops & (alike < 0.5)
-    return clipped

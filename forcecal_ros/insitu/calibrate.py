@@ -8,16 +8,14 @@ from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.quantity import quantity
 from forcecal_ros.insitu.blocks import Mounting
-from forcecal_ros.insitu.equations import Load, MOVING, STATIC
+from forcecal_ros.insitu.equations import GROSS, Load, MASS, MOVING, require, STATIC
 from forcecal_ros.insitu.fit import MatrixProblem, with_known_wrenches, with_matrix
-from forcecal_ros.insitu.loads import MASS, require
 from forcecal_ros.insitu.moments import Moments
 from forcecal_ros.insitu.offset import (
     excitation,
     explained,
     jump_within,
     offset_moves,
-    offset_of,
     shared_offset,
 )
 from forcecal_ros.insitu.reduce import (
@@ -41,7 +39,6 @@ from forcecal_ros.insitu.uncertainty import (
     hidden_covariance,
     Residual,
     residuals,
-    score_covariance,
 )
 import numpy as np
 
@@ -55,10 +52,6 @@ by twice its range, next to none of noise."""
 
 AGREEING = 3
 """Data sets from which on a common hysteresis is removed: drift or touch is not common."""
-
-GROSS = 0.05
-"""Share of the known wrenches left over from which on contradicting loads give no calibration:
-sensors that are used come within 0.02."""
 
 COARSE = 1.0
 """Longer blocks, as recordings of many hours have, do not tell why they leave the subspace [s]."""
@@ -110,8 +103,6 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
     result = SensorResult(
         name=name, options=options, excitation=excited, norm=found_norm,
         offset=Estimate(offset, np.sqrt(np.diag(offset_covariance)), options.raw_unit),
-        offset_scatter=np.zeros(len(moments)) if options.moving else _scatter(
-            moments, left, offset),
         offset_moves=np.zeros(len(moments)) if options.moving else offset_moves(
             [(r.blocks, r.use) for r in reduced]),
         jumps=() if options.moving or options.poses or coarse else tuple(
@@ -201,8 +192,7 @@ def _covariance(moments: Sequence[Moments], left: Sequence[Residual]) -> Array:
     """
     Covariance of [offset, raw pseudo-samples of every data set], in the order of pack.
 
-    Both are linear in the scores of :func:`score_covariance`, which are independent from data set
-    to data set.
+    Both are linear in the scores of each data set, which are independent of each other.
     """
     n = len(left[0].noise.covariance)
     counts = [len(m.ones) for m in moments]
@@ -211,20 +201,12 @@ def _covariance(moments: Sequence[Moments], left: Sequence[Residual]) -> Array:
     still = moments[0].directions.shape[1] == STATIC
     weight = sum(m.constant_weight for m in moments) if still else np.inf
     for m, one, start, size in zip(moments, left, starts, counts):
-        scores = score_covariance(one)
         to_offset = np.concatenate([[1.0], -m.ones])[None] / weight
         linear = np.zeros((starts[-1], (1 + size) * n))
         linear[:n] = np.kron(to_offset, np.eye(n))
         linear[start:start + size * n, n:] = np.eye(size * n)
-        total += linear @ scores @ linear.T
+        total += linear @ one.scores @ linear.T
     return total
-
-
-def _scatter(moments: Sequence[Moments], left: Sequence[Residual], offset: Array) -> Array:
-    """How far each data set's own offset is from the shared one, in its standard errors."""
-    return np.array([
-        np.max(np.abs(offset_of(m) - offset) / np.sqrt(np.diag(one.long_run) / m.constant_weight))
-        for m, one in zip(moments, left)])
 
 
 def _data_set(data_set: DataSet, reduced: Reduced, options: Options) -> DataSetResult:

@@ -5,24 +5,32 @@ angular acceleration and products of the angular rate: twelve numbers a sample, 
 wrench (environment on tool) of a rigid body is still linear. The sensor's offset is then estimated
 along with the matrix, as the wrench that the matrix makes of it: a thirteenth regressor, 1. (Apart
 from it, a constant is almost in the span of twelve regressors when a limb swings like a pendulum.)
+
+[Traversaro2014] Lemma 2 (three data sets at least) is necessary, not sufficient. The rank of
+Eq. 21 states it. With a body of unknown mass, three data sets do when the total masses are not all
+equal and the total centres of mass are not on one line.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
+from itertools import combinations
 from typing import NamedTuple
 
+from forcecal_ros.core.errors import UnobservableError
 from forcecal_ros.core.geometry import Array, skew
+from forcecal_ros.core.rigid_body import BodyMotion, INERTIAL, regressor
 import numpy as np
 from numpy.typing import ArrayLike
 
 STATIC, MOVING = 3, 13
 """Number of regressors at rest and in motion."""
 
-PHYSICAL = 10
-"""Parameters of a rigid body: mass, moment, inertia."""
+RELATIVE = 1e-9
+"""Singular values below this share of the largest are rounding."""
 
-_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+_ELEMENTS = ([0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2])
+"""Rows and columns of xx, yy, zz, xy, xz, yz in a symmetric matrix."""
 
 
 def moving_regressors(gravity: Array, omega: Array, alpha: Array, position: ArrayLike) -> Array:
@@ -45,87 +53,8 @@ def moving_regressors(gravity: Array, omega: Array, alpha: Array, position: Arra
     """
     p = np.broadcast_to(np.asarray(position, dtype=float), omega.shape)
     at_origin = gravity + np.cross(alpha, p) + np.cross(omega, np.cross(omega, p))
-    products = np.stack([omega[:, i] * omega[:, j] for i, j in _PAIRS], axis=1)
+    products = omega[:, _ELEMENTS[0]] * omega[:, _ELEMENTS[1]]
     return np.concatenate([at_origin, alpha, products, np.ones((len(alpha), 1))], axis=1)
-
-
-def gravity_map(mass: float, moment: ArrayLike) -> Array:
-    """
-    M of [Traversaro2014] Eq. 4-5, M = [m I; m (c x)]: gravity to wrench, both in the sensor frame.
-
-    Parameters
-    ----------
-    mass : float
-        [kg]
-    moment : array_like, shape (3,)
-        Mass times centre of mass [kg m].
-
-    Returns
-    -------
-    ndarray, shape (6, 3)
-    """
-    return np.vstack([mass * np.eye(3), skew(moment)])
-
-
-def motion_map(mass: float, moment: ArrayLike, inertia: ArrayLike, constant: ArrayLike) -> Array:
-    """
-    Extend :func:`gravity_map` to motion, on the thirteen regressors.
-
-    Parameters
-    ----------
-    mass : float
-        [kg]
-    moment : array_like, shape (3,)
-        Mass times centre of mass [kg m].
-    inertia : array_like, shape (6,)
-        xx, yy, zz, xy, xz, yz about the sensor's origin [kg m^2].
-    constant : array_like, shape (6,)
-        Wrench that is always there: what the matrix makes of the sensor's offset [N, N m].
-
-    Returns
-    -------
-    ndarray, shape (6, 13)
-    """
-    h = np.asarray(moment, dtype=float)
-    J = inertia_matrix(inertia)
-    out = np.zeros((6, MOVING))
-    out[:, :3] = gravity_map(mass, h)
-    out[:3, 3:6] = skew(h)
-    out[3:, 3:6] = -J
-    for k, (i, j) in enumerate(_PAIRS):
-        symmetric = np.zeros((3, 3))
-        symmetric[i, j] = symmetric[j, i] = 1.0
-        square = symmetric - np.trace(symmetric) * np.eye(3)
-        out[:3, 6 + k] = -square @ h
-        out[3:, 6 + k] = -_rate_torque(i, j, J)
-    out[:, 12] = constant
-    return out
-
-
-def _rate_torque(i: int, j: int, J: Array) -> Array:
-    """Part of omega x J omega that goes with the product of rates i and j."""
-    e = np.eye(3)
-    torque = np.cross(e[i], J @ e[j])
-    return torque if i == j else torque + np.cross(e[j], J @ e[i])
-
-
-def inertia_matrix(inertia: ArrayLike) -> Array:
-    """Return the symmetric matrix of xx, yy, zz, xy, xz, yz [kg m^2]."""
-    J = np.zeros((3, 3))
-    for value, (i, j) in zip(np.asarray(inertia, dtype=float), _PAIRS):
-        J[i, j] = J[j, i] = value
-    return J
-
-
-def inertia_vector(matrix: ArrayLike) -> Array:
-    """Return xx, yy, zz, xy, xz, yz of a symmetric matrix [kg m^2]."""
-    return np.array([np.asarray(matrix)[i, j] for i, j in _PAIRS])
-
-
-def point_inertia(mass: float, position: ArrayLike) -> Array:
-    """Return xx, yy, zz, xy, xz, yz of a point mass about the origin [kg m^2]."""
-    p = np.asarray(position, dtype=float)
-    return inertia_vector(mass * (p @ p * np.eye(3) - np.outer(p, p)))
 
 
 @cache
@@ -143,18 +72,24 @@ def body_basis(regressors: int) -> Array:
     ndarray, shape (4, 6, 3) or (16, 6, 13)
         Read-only; see :func:`body_map`.
     """
+    unit, none = np.eye(3), np.zeros((3, 3))
+    both = unit[[0, 0, 1]] + unit[[1, 2, 2]]  # rates about two axes at once
+    u, alpha, omega = (np.vstack(parts) for parts in (
+        (unit, none, none, none), (none, unit, none, none), (none, none, unit, both)))
+    wrench = regressor(BodyMotion(np.zeros(len(u)), u, omega, alpha))
+    wrench[9:] -= wrench[[6, 6, 7]] + wrench[[7, 8, 8]]  # their product alone
+    basis = np.zeros((INERTIAL + 6, 6, MOVING))
+    basis[:INERTIAL, :, :-1] = wrench.transpose(2, 1, 0)
+    basis[INERTIAL:, :, -1] = np.eye(6)
     if regressors == STATIC:
-        basis = np.stack([gravity_map(unit[0], unit[1:]) for unit in np.eye(4)])
-    else:
-        basis = np.stack([motion_map(unit[0], unit[1:4], unit[4:10], unit[10:])
-                          for unit in np.eye(PHYSICAL + 6)])
+        basis = basis[:4, :, :STATIC].copy()
     basis.setflags(write=False)
     return basis
 
 
 def body_map(theta: Array, regressors: int) -> Array:
     """
-    Map of a body from its parameters, in which it is linear.
+    Map of a body from its parameters; at rest M = [m I; m (c x)]. [Traversaro2014] Eq. 4-5.
 
     Parameters
     ----------
@@ -165,17 +100,9 @@ def body_map(theta: Array, regressors: int) -> Array:
     Returns
     -------
     ndarray, shape (6, regressors)
+        Gravity, or what moves, to wrench, both in the sensor frame.
     """
     return np.asarray(np.tensordot(theta, body_basis(regressors), 1))
-
-
-def load_parameters(mass: float, position: ArrayLike, regressors: int) -> Array:
-    """Return the parameters of an added point mass, shape (4,) at rest or (16,) in motion."""
-    p = np.asarray(position, dtype=float)
-    still = np.concatenate([[mass], mass * p])
-    if regressors == STATIC:
-        return still
-    return np.concatenate([still, point_inertia(mass, p), np.zeros(6)])
 
 
 @dataclass(frozen=True)
@@ -186,8 +113,17 @@ class Load:
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def parameters(self, regressors: int) -> Array:
-        """Mass, moment and, in motion, inertia as a point mass."""
-        return load_parameters(self.mass, self.position, regressors)
+        """Mass, moment and, in motion, inertia as a point mass and no constant: (4,) or (16,)."""
+        p = np.array(self.position)
+        still = np.array([self.mass, *(self.mass * p)])
+        if regressors == STATIC:
+            return still
+        return np.concatenate([still, self.mass * _of_a_point(p), np.zeros(6)])
+
+
+def _of_a_point(place: Array) -> Array:
+    """Inertia xx, yy, zz, xy, xz, yz of a unit mass about the origin [m^2]."""
+    return np.asarray(-(skew(place) @ skew(place))[_ELEMENTS])
 
 
 @dataclass(frozen=True)
@@ -293,10 +229,16 @@ def solve(raw: Sequence[Array], gravity: Sequence[Array], loads: Sequence[Load],
         Combinations of the raw channels to use, from :func:`six_channels`.
     """
     design, right = system([r @ channels for r in raw], gravity, loads)
+    scaled, scale = to_unit_columns(design)
+    unknowns = np.linalg.lstsq(scaled, right, rcond=RELATIVE)[0] / scale
+    return MatrixFit(unknowns[:36].reshape(6, 6).T @ channels.T, unknowns[36:])
+
+
+def to_unit_columns(design: Array) -> tuple[Array, Array]:
+    """Return a matrix with columns of length 1, or 0, and their lengths, or 1."""
     scale = np.linalg.norm(design, axis=0)
     scale[scale == 0] = 1.0
-    unknowns = np.linalg.lstsq(design / scale, right, rcond=1e-10)[0] / scale
-    return MatrixFit(unknowns[:36].reshape(6, 6).T @ channels.T, unknowns[36:])
+    return design / scale, scale
 
 
 def six_channels(raw: Sequence[Array], noise: Array) -> Array:
@@ -323,17 +265,19 @@ def six_channels(raw: Sequence[Array], noise: Array) -> Array:
     return np.asarray(whiten @ vh[:6].T)
 
 
-def centre_of_mass(body: Array) -> Array:
-    """Centre of mass of body parameters, shape (3,) [m]."""
-    return np.asarray(body[1:4] / body[0])
+def common_parameters(body: Array) -> Array:
+    """
+    Body parameters of common use.
 
-
-def inertia_about_com(body: Array) -> Array | None:
-    """Inertia of body parameters about the centre of mass, shape (3, 3); None at rest."""
+    Returns
+    -------
+    ndarray, shape (4,) or (10,)
+        Mass [kg], centre of mass [m]; in motion inertia about it, xx, yy, zz, xy, xz, yz [kg m^2].
+    """
+    com = body[1:4] / body[0]
     if len(body) == 4:
-        return None
-    shift = point_inertia(float(body[0]), centre_of_mass(body))
-    return inertia_matrix(body[4:10] - shift)
+        return np.array([body[0], *com])
+    return np.array([body[0], *com, *(body[4:INERTIAL] - body[0] * _of_a_point(com))])
 
 
 def body_of(wrench: Array, gravity: Array) -> Array:
@@ -350,9 +294,9 @@ def body_of(wrench: Array, gravity: Array) -> Array:
     ndarray, shape (4,) or (16,)
         Without a constant wrench: the offset is off.
     """
-    design = -rows(np.empty((len(gravity), 0)), gravity)[:, :PHYSICAL]
-    found = np.linalg.lstsq(design, wrench.ravel(), rcond=1e-10)[0]
-    return found if len(found) < PHYSICAL else np.concatenate([found, np.zeros(6)])
+    design = -rows(np.empty((len(gravity), 0)), gravity)[:, :INERTIAL]
+    found = np.linalg.lstsq(design, wrench.ravel(), rcond=RELATIVE)[0]
+    return found if len(found) < INERTIAL else np.concatenate([found, np.zeros(6)])
 
 
 class LoadEstimate(NamedTuple):
@@ -366,45 +310,6 @@ class LoadEstimate(NamedTuple):
     semi_axes: Array
     mass: float
     position: Array
-
-
-def force_map(wrench: Array, gravity: Array, total: Array) -> Array:
-    """
-    Linear map from gravity to the measured force, what motion adds removed.
-
-    Parameters
-    ----------
-    wrench : ndarray, shape (N, 6)
-    gravity : ndarray, shape (N, m)
-    total : ndarray, shape (4,) or (16,)
-        Body with what is added to it.
-
-    Returns
-    -------
-    ndarray, shape (3, 3)
-        Mass times identity for a perfect sensor [kg].
-    """
-    motion = gravity[:, 3:] @ body_map(total, gravity.shape[1])[:3, 3:].T
-    return np.linalg.lstsq(gravity[:, :3], wrench[:, :3] - motion, rcond=1e-10)[0].T
-
-
-def semi_axes(linear: Array, magnitude: float) -> Array:
-    """
-    Semi-axes of the ellipsoid that gravity's sphere becomes. [Traversaro2014] Table I.
-
-    Parameters
-    ----------
-    linear : ndarray, shape (3, 3)
-        Map from gravity to force [kg].
-    magnitude : float
-        Of gravity [m/s^2].
-
-    Returns
-    -------
-    ndarray, shape (3,)
-        Longest first [N].
-    """
-    return magnitude * np.linalg.svd(linear, compute_uv=False)
 
 
 def estimate_load(wrench: Array, gravity: Array, body: Array, magnitude: float,
@@ -427,5 +332,261 @@ def estimate_load(wrench: Array, gravity: Array, body: Array, magnitude: float,
     total = body_of(wrench, gravity)
     added = total - body
     position = added[1:4] / added[0] if with_position and added[0] else np.full(3, np.nan)
-    axes = semi_axes(force_map(wrench, gravity, total), magnitude)
+    in_motion = gravity[:, 3:] @ body_map(total, gravity.shape[1])[:3, 3:].T
+    by_gravity = np.linalg.lstsq(gravity[:, :3], wrench[:, :3] - in_motion, rcond=RELATIVE)[0]
+    axes = magnitude * np.linalg.svd(by_gravity, compute_uv=False)
     return LoadEstimate(axes, float(added[0]), position)
+
+
+# Whether added masses determine the matrix -------------------------------------------------------
+
+NOISE_FACTOR = 1.5
+"""Singular values below this many times what noise alone would make do not count."""
+
+
+@dataclass(frozen=True)
+class RankReport:
+    """
+    Which unknowns of [Traversaro2014] Eq. 21 are determined.
+
+    Attributes
+    ----------
+    undetermined : tuple of str
+        Names of unknowns that the equations leave open.
+    singular_values : ndarray
+        Of the scaled equations, largest first.
+    """
+
+    rank: int
+    unknowns: int
+    undetermined: tuple[str, ...]
+    singular_values: Array
+
+
+def structural_rank(loads: Sequence[Load], regressors: int = STATIC) -> RankReport:
+    """
+    Rank that these loads allow at best: ideal motion, no noise, some body or other.
+
+    Parameters
+    ----------
+    regressors : int
+        3 at rest, 13 in motion.
+    """
+    size = max([load.mass for load in loads] + [1e-3])
+    reach = max([float(np.linalg.norm(load.position)) for load in loads] + [1e-3])
+    body = Load(2.7 * size, (0.11 * reach, -0.23 * reach, 0.37 * reach)).parameters(regressors)
+    body[4:] = np.linspace(0.4, 0.9, len(body) - 4) ** 2 * size
+    gravity = np.eye(regressors)
+    raw = [gravity @ total_map(body, load, regressors).T for load in loads]
+    design, _ = system(raw, [gravity] * len(loads), loads)
+    return _report(design, 0.0)
+
+
+def data_rank(raw: Sequence[Array], gravity: Sequence[Array], loads: Sequence[Load]) -> RankReport:
+    """
+    Rank of the equations as measured; what noise alone would make does not count.
+
+    Parameters
+    ----------
+    raw : sequence of ndarray, shape (q_j, 6)
+        Pseudo-samples of the channels, offset removed, scaled to unit noise.
+    gravity : sequence of ndarray, shape (q_j, m)
+    """
+    design, _ = system(raw, gravity, loads)
+    count = sum(len(r) for r in raw)
+    return _report(design, NOISE_FACTOR * (np.sqrt(count) + np.sqrt(6)))
+
+
+def _report(design: Array, noise: float) -> RankReport:
+    """Scale the body's columns to the matrix's strongest, which carry the noise; count."""
+    unknowns = design.shape[1]
+    norms = np.linalg.norm(design, axis=0)
+    scale = np.ones(unknowns)
+    scale[36:] = norms[:36].max() / np.where(norms[36:] > 0, norms[36:], 1.0)
+    _, s, vh = np.linalg.svd(design * scale, full_matrices=True)
+    s = np.append(s, np.zeros(max(0, unknowns - len(s))))
+    rank = int((s > max(RELATIVE * s[0], noise)).sum())
+    return RankReport(rank, unknowns, tuple(_names(vh[rank:])), s)
+
+
+def _names(null: Array) -> Iterator[str]:
+    """Name the unknowns that take part in the null space."""
+    if not len(null):
+        return
+    share = np.sqrt((null ** 2).sum(axis=0))
+    open_ = share > 1e-3 * share.max()
+    matrix = open_[:36].reshape(6, 6)
+    for row, name in ((slice(0, 3), 'force rows of the matrix'),
+                      (slice(3, 6), 'torque rows of the matrix')):
+        if matrix[:, row].any():
+            yield name
+    for part, name in ((open_[36:37], 'mass of the body'),
+                       (open_[37:40], 'centre of mass of the body'),
+                       (open_[40:46], 'inertia of the body'), (open_[46:], 'offset')):
+        if part.any():
+            yield name
+
+
+def require(loads: Sequence[Load], regressors: int = STATIC) -> RankReport:
+    """
+    Refuse loads that cannot determine the matrix.
+
+    Parameters
+    ----------
+    loads : sequence of Load
+        Of the data sets to train on.
+
+    Raises
+    ------
+    UnobservableError
+        The rank is short; the message states by how much, what is open and what to add.
+    """
+    report = structural_rank(loads, regressors)
+    if report.rank < report.unknowns:
+        raise UnobservableError(
+            f'{_counted(loads)} give rank {report.rank} of {report.unknowns}: '
+            f'{", ".join(report.undetermined)} not determined; add {_advice(loads, regressors)}')
+    return report
+
+
+def _counted(loads: Sequence[Load]) -> str:
+    masses = len({round(load.mass, 6) for load in loads})
+    places = len({load.position for load in loads if load.mass})
+    return (f'{len(loads)} data set{"s" * (len(loads) != 1)} to train on with {masses} different '
+            f'added mass{"es" * (masses != 1)} at {places} place{"s" * (places != 1)}')
+
+
+def _advice(loads: Sequence[Load], regressors: int) -> str:
+    """Try what could be added, fewest data sets first, and name the first that is enough."""
+    heaviest = max(loads, key=lambda load: load.mass, default=Load(0.0))
+    mass = heaviest.mass or 1.0
+    x, y, z = heaviest.position if heaviest.mass else (0.1, 0.0, 0.2)
+    reach = max(float(np.linalg.norm((x, y, z))), 0.1)
+    offers = [
+        ('a data set with no added mass', Load(0.0)),
+        ('a data set with another mass', Load(2 * mass, (x, y, z))),
+        ('a data set with the mass at another place, off the line of the others',
+         Load(mass, (x + 0.31 * reach, y - 0.53 * reach, z + 0.17 * reach))),
+        ('one with the mass at yet another place',
+         Load(mass, (x - 0.43 * reach, y - 0.29 * reach, z + 0.61 * reach))),
+        ('one with another mass at a place of its own',
+         Load(2 * mass, (x + 0.37 * reach, y + 0.47 * reach, z - 0.23 * reach))),
+    ]
+    if any(load.mass == 0 for load in loads):
+        offers = offers[1:]
+    for size in range(1, len(offers) + 1):
+        for chosen in combinations(offers, size):
+            report = structural_rank([*loads, *(load for _, load in chosen)], regressors)
+            if report.rank == report.unknowns:
+                return ' and '.join(words for words, _ in chosen)
+    return 'data sets with different masses at different places'
+
+
+MASS, PLACE = 0.003, 0.002
+"""Errors of masses (share) and of places [m] that careful hands make: kitchen scales, calipers to
+a centre of mass without a mark."""
+
+POOR, GROSS = 0.02, 0.05
+"""Share of its range by which a poor sensor is off a linear map, and of the known wrenches that
+loads which agree leave over at most: careful hands leave 0.005. What leaves more than the second,
+or an offset that moves by more, is no usual sensor: a bent one's moves by 0.03."""
+
+NOISE_SIGMA = 3.0
+"""What is left is not noise beyond so many of its standard deviations."""
+
+EXPLAINED = 0.2
+"""Share of the misfit that the other data sets leave at most without a wrong one."""
+
+
+class Stated(NamedTuple):
+    """
+    A data set to train on.
+
+    Attributes
+    ----------
+    raw, gravity : ndarray, shape (q, 6), (q, m)
+        Pseudo-samples of six combinations of channels without offset, and of the regressors.
+    noise : ndarray, shape (2,)
+        Square of the forces, and of the torques, that noise makes of all of them.
+    """
+
+    name: str
+    raw: Array
+    gravity: Array
+    load: Load
+    noise: Array
+
+
+class Contradiction(NamedTuple):
+    """``words``, and ``share`` of the known wrenches left over."""
+
+    words: str
+    share: float
+
+
+class _Misfit(NamedTuple):
+    """Least squares of Eq. 21: share of the known wrenches that it leaves, solution and rank."""
+
+    share: float
+    solution: Array
+    rank: int
+
+
+def off_by(load: Load, mass: float, place: float) -> Iterator[Load]:
+    """Yield loads whose mass [kg], or place [m] along an axis, is off; nothing has no place."""
+    yield replace(load, mass=load.mass + mass)
+    if load.mass:
+        for shift in place * np.eye(3):
+            x, y, z = np.array(load.position) + shift
+            yield replace(load, position=(float(x), float(y), float(z)))
+
+
+def contradiction(stated: Sequence[Stated], body: bool) -> Contradiction | None:
+    """
+    Say that stated loads cannot all be, and which data set does not fit; None where all do.
+
+    Parameters
+    ----------
+    body : bool
+        Whether an unknown one hangs there.
+    """
+    whole = _misfit(stated, body)
+    if whole.share < POOR:
+        return None
+    why = ('no single data set explains it: masses, places (in which frame?), loads exchanged, '
+           'the direction of gravity (R_sensor_accelerometer, left-handed axes), the order of '
+           'the channels, or a sensor that is not linear')
+    rests = [_misfit([*stated[:k], *stated[k + 1:]], body) for k in range(len(stated))]
+    fitting = [(rest.share, k) for k, rest in enumerate(rests)
+               if rest.rank == whole.rank and rest.share < EXPLAINED * whole.share]
+    if fitting:
+        _, k = min(fitting)
+        name, raw, gravity, load, _ = stated[k]
+        matrix, unknown = rests[k].solution[:36].reshape(6, 6).T, rests[k].solution[36:40]
+        total = body_of(raw @ matrix.T, gravity)[:4]
+        mass, *moment = total - unknown if body else total
+        why = (f'all but {name} agree: by the others it has {mass:.3f} kg at '
+               f'{_place(np.array(moment) / (mass or 1.0))} m, stated {load.mass:g} kg at '
+               f'{_place(np.array(load.position))} m; look at its load, its channels and its '
+               'direction of gravity')
+    return Contradiction(
+        f'the stated loads contradict each other: the best matrix leaves {whole.share:.1%} of '
+        f'their wrenches; {why}', whole.share)
+
+
+def _misfit(stated: Sequence[Stated], body: bool) -> _Misfit:
+    """Solve Eq. 21, and compare what is left of forces and torques in their own sizes."""
+    _, raw, gravity, loads, noise = zip(*stated)
+    design, right = system(raw, gravity, loads)
+    design = design if body else design[:, :36]
+    scaled, scale = to_unit_columns(design)
+    solution, _, rank, _ = np.linalg.lstsq(scaled, right, rcond=RELATIVE)
+    solution = solution / scale
+    off, known = ((one.reshape(-1, 2, 3)**2).sum(axis=(0, 2)) for one in (
+        design @ solution - right, right))
+    off = np.maximum(off - NOISE_SIGMA**2 * np.sum(noise, axis=0), 0.0)
+    return _Misfit(float(np.sqrt((off / np.maximum(known, 1e-24)).max())), solution, int(rank))
+
+
+def _place(values: Array) -> str:
+    return '(' + ', '.join(f'{value:.3f}' for value in values) + ')'

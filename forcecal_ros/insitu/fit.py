@@ -12,25 +12,21 @@ from typing import NamedTuple
 from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.core.errors import UnobservableError
 from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.rigid_body import INERTIAL, symmetric
 from forcecal_ros.insitu import equations as eq
 from forcecal_ros.insitu.equations import (
-    estimate_load,
-    inertia_matrix,
-    inertia_vector,
-    Load,
-    LoadEstimate,
-    MatrixFit,
-    PHYSICAL,
-    STATIC,
-    total_map,
-)
-from forcecal_ros.insitu.loads import (
+    common_parameters,
     Contradiction,
     contradiction,
     data_rank,
+    estimate_load,
+    Load,
+    LoadEstimate,
     off_by,
     RankReport,
     Stated,
+    STATIC,
+    total_map,
 )
 from forcecal_ros.insitu.moments import Moments
 from forcecal_ros.insitu.reduce import DataSet, Reduced
@@ -105,75 +101,57 @@ class MatrixProblem:
 
     def fit(self) -> Fitted:
         """Return matrix and body, [Traversaro2014] Eq. 21."""
-        return self._solved(self.training())
-
-    def _solved(self, train: Training) -> Fitted:
+        train = self.training()
         found = eq.solve(train.raw, train.gravity, train.loads,
                          eq.six_channels(train.raw, self.noise))
-        return Fitted(found.matrix, found.body, self._offset(found))
+        offset = self.offset
+        if len(found.body) > INERTIAL:
+            offset = np.linalg.pinv(found.matrix) @ found.body[INERTIAL:]
+        return Fitted(found.matrix, found.body, offset)
 
-    def _offset(self, found: MatrixFit) -> Array:
-        if len(found.body) <= PHYSICAL:
-            return self.offset
-        return np.asarray(np.linalg.pinv(found.matrix) @ found.body[PHYSICAL:])
-
-    def sensitivity(self, fitted: Fitted) -> Array:
+    def sensitivity(self, fitted: Fitted, mass: float, place: float) -> tuple[Array, Array]:
         """
-        How the fit changes with the measured numbers, its residual taken to be small.
-
-        Returns
-        -------
-        ndarray
-            One row for each number of :meth:`Fitted.pack`, one column for each measured one.
-        """
-        train, n, size = self.training(), len(self.offset), len(fitted.body)
-        channels = eq.six_channels(train.raw, self.noise)
-        design, _ = eq.system([r @ channels for r in train.raw], train.gravity, train.loads)
-        scale = np.linalg.norm(design, axis=0)
-        scale[scale == 0] = 1.0
-        inverse = np.linalg.pinv(design / scale, rcond=1e-10) / scale[:, None]
-        change = -(inverse.reshape(len(scale), -1, 6) @ fitted.matrix)
-        of_matrix = np.einsum('jiqn,cj->icqn', change[:36].reshape(6, 6, -1, n), channels)
-        change = np.concatenate([of_matrix.reshape(6 * n, -1, n), change[36:]])
-        out = np.zeros((6 * n + size + n, len(self.covariance)))
-        first = 0
-        for k, raw in zip(train.numbers, train.raw):
-            columns = change[:, first:first + len(raw)]
-            out[:len(change), self.part(k)] = columns.reshape(len(change), -1)
-            out[:len(change), :n] -= np.tensordot(columns, self.moments[k].ones, (1, 0))
-            first += len(raw)
-        if size <= PHYSICAL:
-            out[-n:, :n] = np.eye(n)
-        else:
-            constant, matrix = out[6 * n + PHYSICAL:6 * n + size], out[:6 * n].reshape(6, n, -1)
-            out[-n:] = np.linalg.pinv(fitted.matrix) @ (
-                constant - np.einsum('ink,n->ik', matrix, fitted.offset))
-        return out
-
-    def load_errors(self, fitted: Fitted, mass: float, place: float) -> Array:
-        """
-        How the fit changes with each stated mass and place, by one of their standard errors.
+        How the fit changes with what was measured and stated, its residual taken to be small.
 
         Parameters
         ----------
-        mass : float
-            Share.
-        place : float
-            [m]
+        mass, place : float
+            Standard error of a stated mass, as a share, and of a place [m].
 
         Returns
         -------
-        ndarray
-            One row for each number of :meth:`Fitted.pack`.
+        by_numbers, by_loads : ndarray
+            One row for each number of :meth:`Fitted.pack`; one column for each measured number,
+            and for each stated mass and place, by one of their standard errors.
         """
-        train, size = self.training(), len(fitted.body)
-        changes = []
-        for k, load in enumerate(train.loads):
-            for change in off_by(load, mass * load.mass, place):
-                loads = [*train.loads[:k], change, *train.loads[k + 1:]]
-                found = self._solved(train._replace(loads=loads))
-                changes.append(found.pack() - fitted.pack())
-        return np.array(changes).T.reshape(fitted.matrix.size + size + len(fitted.offset), -1)
+        train, n = self.training(), len(self.offset)
+        channels = eq.six_channels(train.raw, self.noise)
+        design, _ = eq.system([r @ channels for r in train.raw], train.gravity, train.loads)
+        scaled, scale = eq.to_unit_columns(design)
+        by_wrench = np.linalg.pinv(scaled, rcond=eq.RELATIVE) / scale[:, None]
+        by_numbers = np.zeros((len(scale), len(self.covariance)))
+        by_loads: list[Array] = []
+        ends = 6 * np.cumsum([len(raw) for raw in train.raw])[:-1]
+        for k, gravity, load, own in zip(train.numbers, train.gravity, train.loads,
+                                         np.split(by_wrench, ends, axis=1)):
+            by_raw = -(own.reshape(len(scale), -1, 6) @ fitted.matrix)
+            by_numbers[:, self.part(k)] = by_raw.reshape(len(scale), -1)
+            by_numbers[:, :n] -= np.tensordot(by_raw, self.moments[k].ones, (1, 0))
+            by_loads += [own @ (eq.known_side(gravity, off) - eq.known_side(gravity, load))
+                         for off in off_by(load, mass * load.mass, place)]
+
+        def of_all(change: Array) -> Array:
+            matrix = np.einsum('jik,cj->ick', change[:36].reshape(6, 6, -1), channels)
+            offset = np.zeros((n, change.shape[1]))
+            if len(fitted.body) > INERTIAL:
+                offset = np.linalg.pinv(fitted.matrix) @ (
+                    change[36 + INERTIAL:] - np.einsum('ick,c->ik', matrix, fitted.offset))
+            return np.concatenate([matrix.reshape(6 * n, -1), change[36:], offset])
+
+        measured = of_all(by_numbers)
+        if len(fitted.body) <= INERTIAL:
+            measured[-n:, :n] = np.eye(n)
+        return measured, of_all(np.transpose(by_loads))
 
     def load(self, number: int, fitted: Fitted, raw: Array, matrix: Array) -> LoadEstimate:
         """Tables I to III for one data set, by a matrix."""
@@ -237,31 +215,23 @@ def with_matrix(result: SensorResult, problem: MatrixProblem) -> SensorResult:
         The data do not determine the matrix.
     """
     rank, fitted, options = problem.rank(), problem.fit(), result.options
-    change = problem.sensitivity(fitted)
-    of_loads = problem.load_errors(fitted, options.mass_error, options.place_error)
+    change, of_loads = problem.sensitivity(fitted, options.mass_error, options.place_error)
     spread = change @ problem.covariance @ change.T + of_loads @ of_loads.T
     std = fitted.unpack(np.sqrt(np.diag(spread)))
-    n, unit, at = len(fitted.offset), options.raw_unit, fitted.matrix.size
+    n, unit = len(fitted.offset), options.raw_unit
     bias = fitted.matrix @ spread[-n:, -n:] @ fitted.matrix.T
-    body = _named(fitted.body)
+    body, of_body = common_parameters(fitted.body), slice(fitted.matrix.size, -n)
     body_std = np.sqrt(np.diag(propagate(
-        _named, fitted.body, spread[at:at + len(fitted.body), at:at + len(fitted.body)])))
+        common_parameters, fitted.body, spread[of_body, of_body])))
     known = len(body) > 4 and rank.rank == rank.unknowns
     return replace(
         result, rank=rank, offset=Estimate(fitted.offset, std.offset, unit),
         matrix=Estimate(fitted.matrix, std.matrix, f'N/{unit}, N m/{unit}'),
         wrench_bias=Estimate(np.zeros(6), np.sqrt(np.diag(bias)), 'N, N m'),
         mass=Estimate(body[0], body_std[0], 'kg'), com=Estimate(body[1:4], body_std[1:4], 'm'),
-        inertia=Estimate(inertia_matrix(body[4:]), inertia_matrix(body_std[4:]), 'kg m^2')
+        inertia=Estimate(symmetric(body[4:]), symmetric(body_std[4:]), 'kg m^2')
         if known else None,
         data_sets=tuple(_tables(result, problem, fitted, change, of_loads)))
-
-
-def _named(body: Array) -> Array:
-    """Body parameters of common use: mass, centre of mass, in motion inertia about it."""
-    inertia = eq.inertia_about_com(body)
-    parts = [body[:1], eq.centre_of_mass(body)]
-    return np.concatenate(parts if inertia is None else [*parts, inertia_vector(inertia)])
 
 
 def _tables(result: SensorResult, problem: MatrixProblem, fitted: Fitted, change: Array,

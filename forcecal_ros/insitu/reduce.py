@@ -49,8 +49,6 @@ class Options:
         Something unknown hangs there beside the added masses.
     level_accelerometer : bool
         Subtract the accelerometer's offset where |g| shows it (at rest only).
-    accelerometer_noise : float or None
-        White noise of a sample [m/s^2]; None: measured.
     raw_unit : str
     mass_error : float
         Standard error of a stated mass, as a share; standard errors of what is found hold it.
@@ -67,7 +65,6 @@ class Options:
     matrix: bool = True
     body: bool = True
     level_accelerometer: bool = True
-    accelerometer_noise: float | None = None
     raw_unit: str = 'raw'
     mass_error: float = 0.0
     place_error: float = 0.0
@@ -140,9 +137,6 @@ def reduce(data_sets: Sequence[DataSet], mounting: Mounting, options: Options
             blocks = to_blocks(prepare(data_set.source(), mounting, options.moving),
                                data_set.window, options.poses)
             _require_signal(blocks)
-            if options.accelerometer_noise is not None:
-                known = options.accelerometer_noise ** 2 * np.eye(3)
-                blocks = replace(blocks, gravity_noise=known)
             found_blocks.append(blocks)
     screened = list(zip(found_blocks, _screen_all(found_blocks, data_sets, options)))
     found = None if options.moving else norm(

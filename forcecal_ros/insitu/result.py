@@ -8,8 +8,16 @@ from forcecal_ros.core.calibration import Calibration, Estimate
 from forcecal_ros.core.errors import UnobservableError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.schema import plain
-from forcecal_ros.insitu.equations import Load, LoadEstimate
-from forcecal_ros.insitu.loads import Contradiction, MASS, PLACE, RankReport
+from forcecal_ros.insitu.equations import (
+    Contradiction,
+    GROSS,
+    Load,
+    LoadEstimate,
+    MASS,
+    PLACE,
+    POOR,
+    RankReport,
+)
 from forcecal_ros.insitu.offset import affine, Excitation, Jump, Norm
 from forcecal_ros.insitu.reduce import Options
 from forcecal_ros.insitu.screen import Cut
@@ -74,8 +82,6 @@ class SensorResult:
         What |g| shows of the accelerometer; None in motion.
     offset : Estimate, shape (n,)
         [raw units]
-    offset_scatter : ndarray, shape (k,)
-        How far each data set's own offset is from the shared one, in its standard errors.
     offset_moves : ndarray, shape (k,)
         How far each data set's own offset is from the usual one, as a share of what gravity moves.
     jumps : tuple of Jump or None
@@ -104,7 +110,6 @@ class SensorResult:
     excitation: Excitation
     norm: Norm | None
     offset: Estimate
-    offset_scatter: Array
     offset_moves: Array
     causes: Causes | None
     data_sets: tuple[DataSetResult, ...]
@@ -214,12 +219,6 @@ def to_calibration(result: SensorResult, frame: str, source: str) -> Calibration
 MOVES = 0.1
 """Scatter of |g| above which a recording counts as moving [m/s^2]."""
 
-DISAGREES = 5.0
-"""A data set whose own offset is more standard errors from the shared one is warned of."""
-
-MOVED = 0.05
-"""Share of what gravity moves a channel by which offsets may differ: a bent sensor's by 0.03."""
-
 FAR_OFF = 5.0
 """Standard errors from which on a load that was kept back is not as stated: once in a million."""
 
@@ -230,12 +229,6 @@ FACTORS = {2.2046: 'are forces of the manufacturer in lbf, or masses stated twic
            0.45359: 'are added masses stated in lb?', 1e-3: 'are added masses stated in g?',
            1 / 9.80665: "are the manufacturer's in kgf?"}
 """Forces by the manufacturer over those by the matrix found, and what makes them so."""
-
-BENT = 0.05
-"""The same of half of the data sets from which on loads are not blamed: sensors have 0.02."""
-
-LIMITS = 0.02
-"""Share of the range by which the linear model may be off unnamed: that of a poor sensor."""
 
 OFF_GRAVITY = 0.005
 """Share by which measured |g| may differ from the stated one without a warning."""
@@ -324,15 +317,15 @@ def affine_misfit(result: SensorResult) -> Iterator[str]:
     found = result.nonlinearity
     shares = {d.name: _off_affine(d) for d in result.data_sets}
     worst = max(shares, key=lambda name: shares[name])
-    if result.contradiction and shares[worst] < LIMITS:
+    if result.contradiction and shares[worst] < POOR:
         return  # what such loads leave over is not the sensor's
-    if found is not None and found > LIMITS:
+    if found is not None and found > POOR:
         yield (f'wrenches are off the linear map by {found:.0%} of their range (RMS): the '
                'sensor is not linear, or has hysteresis or drift; this, not noise, limits the '
                'calibration, and the standard errors hold it')
     if found is not None:
         return
-    if shares[worst] > LIMITS:
+    if shares[worst] > POOR:
         yield (f'{worst}: the raw channels are off an affine map of gravity by '
                f'{shares[worst]:.0%} of their range (RMS): a sensor that is not linear, '
                'hysteresis, drift, a dead or clipped channel, or a bend; this, not noise, limits '
@@ -342,7 +335,7 @@ def affine_misfit(result: SensorResult) -> Iterator[str]:
 
 def bent(result: SensorResult) -> bool:
     """Whether most data sets, each by itself, are far from an affine map of gravity."""
-    return float(np.median([_off_affine(d) for d in result.data_sets])) > BENT
+    return float(np.median([_off_affine(d) for d in result.data_sets])) > GROSS
 
 
 def _off_affine(data_set: DataSetResult) -> float:
@@ -370,17 +363,11 @@ def offsets_of(result: SensorResult) -> Iterator[str]:
     if len(result.data_sets) < 2:
         return
     worst = int(result.offset_moves.argmax())
-    if result.offset_moves[worst] > MOVED:
+    if result.offset_moves[worst] > GROSS:
         yield (f'the offset moved between data sets, that of {result.data_sets[worst].name} by '
                f'{result.offset_moves[worst]:.0%} of what gravity moves a channel: a tare (leave '
                'it out, and what the driver does at its start), temperature, a cable, or channels '
                'in another order')
-        return
-    worst = int(result.offset_scatter.argmax())
-    if result.offset_scatter[worst] > DISAGREES:
-        yield (f'the offset of {result.data_sets[worst].name} alone is '
-               f'{result.offset_scatter[worst]:.0f} standard errors from the shared one: it moved '
-               '(temperature, a cable), or what the standard errors leave out did')
 
 
 def _contradictions(result: SensorResult) -> Iterator[str]:

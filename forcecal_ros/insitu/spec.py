@@ -123,8 +123,6 @@ class Accelerometer(Channels):
 
     unit: Annotated[str, Row(words=tuple(UNITS['acceleration']))] = 'm/s^2'
     measures: Annotated[str, Row(words=tuple(_MEASURES))] = 'specific_force'
-    noise: Annotated[float | None, Row(
-        'White noise of a sample; None: measured', 'm/s^2', above=0.0)] = None
     offset: Annotated[str, Row(
         'Whether it is removed where |g| shows it', words=('estimate', 'ignore'))] = 'estimate'
     gyro: Gyro = Gyro()
@@ -329,8 +327,7 @@ class Spec(Written, name=''):
             poses=self.rows == 'poses', body=self.body == 'unknown',
             matrix=(self.estimate or ('matrix' if stated else 'offset')) == 'matrix',
             level_accelerometer=self.accelerometer.offset == 'estimate',
-            accelerometer_noise=self.accelerometer.noise, mass_error=self.mass_error,
-            place_error=self.position_error)
+            mass_error=self.mass_error, place_error=self.position_error)
 
 
 def load_spec(path: Path | str) -> Spec:

@@ -10,13 +10,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from forcecal_ros.core.estimation import jacobian
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.jit import compiled
-from forcecal_ros.core.noise.autocovariance import (
-    andrews_lags,
-    Autocovariance,
-    noise_of_residuals,
-)
+from forcecal_ros.core.noise.autocovariance import andrews_lags, Autocovariance, noise_of_residuals
 from forcecal_ros.insitu.blocks import Blocks, Mask, TINY
 from forcecal_ros.insitu.moments import gathered, Moments, smooth
 import numpy as np
@@ -39,6 +36,15 @@ class Residual(NamedTuple):
     def long_run(self) -> Array:
         """Covariance of a sample that correlation makes of it, shape (n, n)."""
         return self.noise.long_run * self.samples
+
+    @property
+    def scores(self) -> Array:
+        """
+        Covariance of sum over samples of [1, pseudo-sample weights] (x) residual.
+
+        Shape ((1 + q) n, (1 + q) n).
+        """
+        return self.noise.covariance_of_products(self.regressors * self.samples)
 
 
 def residuals(data_sets: Sequence[tuple[Moments, Blocks, Mask]], seconds: float, order: int
@@ -100,17 +106,6 @@ def _regressors(moments: Moments, blocks: Blocks) -> Array:
     return np.column_stack([np.ones(len(blocks)), blocks.regressors @ moments.combine])
 
 
-def score_covariance(residual: Residual) -> Array:
-    """
-    Covariance of sum over samples of [1, pseudo-sample weights] (x) residual.
-
-    Returns
-    -------
-    ndarray, shape ((1 + q) n, (1 + q) n)
-    """
-    return residual.noise.covariance_of_products(residual.regressors * residual.samples)
-
-
 def propagate(function: Callable[[Array], Array], x: Array, covariance: Array) -> Array:
     """
     Covariance of a smooth function, to first order by central differences.
@@ -127,10 +122,8 @@ def propagate(function: Callable[[Array], Array], x: Array, covariance: Array) -
     """
     steps = 1e-3 * np.sqrt(np.maximum(np.diag(covariance), 0.0))
     steps = np.where(steps > 0, steps, 1e-9 * np.maximum(np.abs(x), 1.0))
-    columns = [(function(x + step) - function(x - step)) / (2 * size)
-               for step, size in zip(np.diag(steps), steps)]
-    jacobian = np.stack(columns, axis=1)
-    return np.asarray(jacobian @ covariance @ jacobian.T)
+    J = jacobian(function, x, steps)
+    return np.asarray(J @ covariance @ J.T)
 
 
 SIGNIFICANT = 1e-4

@@ -8,7 +8,7 @@ from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.quantity import pair, rounded
 from forcecal_ros.insitu import SensorResult
-from forcecal_ros.insitu.offset import principal_directions, Subspace, to_coordinates
+from forcecal_ros.insitu.offset import principal_basis
 from forcecal_ros.insitu.result import DataSetResult
 from forcecal_ros.report.figures import headed
 from forcecal_ros.report.page import docs_link, Fact, picture, png, render_page
@@ -27,10 +27,8 @@ def subspace_clouds(result: SensorResult) -> Figure:
     figure, axes = _grid(result.data_sets,
                          f'{result.name}: raw measurements [{result.options.raw_unit}]')
     for one, data_set in zip(axes, result.data_sets):
-        basis, _ = principal_directions(data_set.raw)
-        subspace = Subspace(data_set.raw.mean(axis=0), basis)
-        y = to_coordinates(subspace, data_set.raw)
-        centre = to_coordinates(subspace, result.offset.value)
+        mean, basis = data_set.raw.mean(axis=0), principal_basis(np.cov(data_set.raw.T))
+        y, centre = ((raw - mean) @ basis for raw in (data_set.raw, result.offset.value))
         _ellipsoid(one, _map(data_set.gravity, y - centre) * result.options.gravity, centre,
                    CALIBRATED)
         _cloud(one, y, CALIBRATED, 'measured')

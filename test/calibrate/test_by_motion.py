@@ -2,9 +2,8 @@
 
 from dataclasses import replace
 
-from forcecal_ros.calibrate.by_motion import calibrate_by_motion
 from forcecal_ros.calibrate.joint import require_tool
-from forcecal_ros.calibrate.pipeline import fit_motion, identify
+from forcecal_ros.calibrate.pipeline import calibrate_by_motion, fit_motion, identify
 from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import DataError, UnobservableError

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from forcecal_ros.calibrate.requirements import refuse_unnatural, unnatural_inertia
+from forcecal_ros.calibrate.quality import refuse_unnatural, unnatural_inertia
 from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.core.errors import DataError
 import numpy as np

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from forcecal_ros.calibrate.pipeline import identify
 from forcecal_ros.calibrate.settings import IdentificationSettings
-from forcecal_ros.core.errors import DataError, UnobservableError
+from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.streams import Stream
 from kuka import GRAVITY, static_recording
 from longer import first
@@ -96,12 +96,3 @@ def test_a_wrench_in_kgf_is_questioned(kuka_data):
     found = identify(with_wrench(static_recording(kuka_data), lambda v: v / 9.80665),
                      IdentificationSettings(gravity=GRAVITY))
     assert any('0.932 kg, the wrench is in kgf' in line for line in found.quality['questions'])
-
-
-def test_one_pose_is_refused_for_being_one():
-    recording, _ = static_set(0, 10.0)
-    end = recording.phases[1].end
-    one = replace(recording, wrench=recording.wrench.between(0.0, end), accelerometer=None,
-                  pose=recording.pose.rows(recording.pose.t < end), phases=recording.phases[:2])
-    with pytest.raises(UnobservableError, match='1 static pose with gravity along one direction'):
-        identify(one)

@@ -2,10 +2,9 @@
 
 from functools import cache
 
-from forcecal_ros.calibrate.axes import in_words, split_matrix
+from forcecal_ros.calibrate.accelerometer import in_words, split_matrix
 from forcecal_ros.calibrate.ringing import Creep, follow, Ring, stiffness_and_damping
-from forcecal_ros.calibrate.static_readings import gravity_spread, Statics
-from forcecal_ros.calibrate.tool import identify_tool
+from forcecal_ros.calibrate.tool import gravity_spread, identify_tool, Statics
 from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.geometry import rotation_from_vector
 from hypothesis import given

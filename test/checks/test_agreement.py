@@ -3,7 +3,7 @@
 from dataclasses import replace
 import re
 
-from forcecal_ros.checks.calibrated import refuse_disagreeing
+from forcecal_ros.checks.gravity import refuse_disagreeing
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.core.streams import PoseStream, Recording, Stream

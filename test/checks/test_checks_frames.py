@@ -54,12 +54,6 @@ def test_a_turn_is_mended_where_the_pose_of_the_sensor_was_stated(given, by, sai
                                atol=0.01)
 
 
-def test_a_tilted_base_is_named_with_the_option_that_states_it():
-    with pytest.raises(DataError, match='not level.*--gravity-direction ') as refused:
-        judge(forces(1, gravity=turn(40.0, 0.0, 0.0) @ G), G)
-    said = np.array(str(refused.value).rpartition('direction ')[2].split(), dtype=float)
-    np.testing.assert_allclose(said, turn(40.0, 0.0, 0.0) @ [0.0, 0.0, -1.0], atol=0.005)
-
 
 def test_a_turned_sensor_on_a_tilted_base_is_both():
     with pytest.raises(DataError, match=r'by -4[45]\.\d.* y.*and base is not level.* (89|90)\.'):

@@ -1,6 +1,6 @@
 """An accelerometer at rest tells its unit; a light tool is asked whether its newtons are any."""
 
-from forcecal_ros.checks.accelerometer import refuse_on_another_link, refuse_other_unit
+from forcecal_ros.checks.gravity import refuse_on_another_link, refuse_other_unit
 from forcecal_ros.checks.hypotheses import questions_of
 from forcecal_ros.core.errors import DataError
 import numpy as np

@@ -5,8 +5,8 @@ from functools import cache
 import re
 
 from forcecal_ros.calibrate.pipeline import identify
-from forcecal_ros.checks.calibrated import refuse_disagreeing
 from forcecal_ros.checks.entry import checked
+from forcecal_ros.checks.gravity import refuse_disagreeing
 from forcecal_ros.cli.common import with_notes_of
 from forcecal_ros.cli.estimate import other_frame
 from forcecal_ros.core.errors import DataError

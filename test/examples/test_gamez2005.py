@@ -4,8 +4,7 @@ from dataclasses import replace
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
-from forcecal_ros.calibrate.error_analysis import gain_error, mass_from_weight
-from forcecal_ros.calibrate.paper import step_gain
+from forcecal_ros.calibrate.paper import gain_error, mass_from_weight, step_gain
 from forcecal_ros.calibrate.poses import orientation_h, orientation_v
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.impedance.law import design

@@ -5,23 +5,13 @@ from forcecal_ros.insitu import equations as eq
 from forcecal_ros.insitu.blocks import Mounting, prepare, Prepared, to_blocks
 from forcecal_ros.insitu.equations import (
     body_map,
-    gravity_map,
     Load,
-    load_parameters,
     MOVING,
     moving_regressors,
     STATIC,
 )
 from forcecal_ros.insitu.moments import accumulate, smooth, window_samples
-from forcecal_ros.insitu.offset import (
-    from_coordinates,
-    mean_measurement,
-    offset_coordinates,
-    offset_of,
-    principal_directions,
-    Subspace,
-    to_coordinates,
-)
+from forcecal_ros.insitu.offset import offset_of, principal_basis
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import insitu_leg
@@ -57,38 +47,38 @@ def moments_of(log, window=1, kept=((-np.inf, np.inf),), corrected=True, magnitu
 @given(st.lists(st.floats(-3, 3), min_size=7, max_size=7))
 def test_the_map_of_gravity_gives_weight_and_its_moment(numbers):
     mass, com, gravity = abs(numbers[0]) + 0.1, np.array(numbers[1:4]), np.array(numbers[4:])
-    wrench = gravity_map(mass, mass * com) @ gravity
+    wrench = body_map(np.array([mass, *(mass * com)]), STATIC) @ gravity
     np.testing.assert_allclose(wrench[:3], mass * gravity)
     np.testing.assert_allclose(wrench[3:], np.cross(com, mass * gravity), atol=1e-12)
 
 
 def test_the_static_map_has_rank_three_so_that_measurements_span_three_dimensions(log):
-    values = np.linalg.svd(log.raw - mean_measurement(log.raw), compute_uv=False)
+    values = np.linalg.svd(log.raw - log.raw.mean(axis=0), compute_uv=False)
     assert (values[3:] < 1e-9 * values[0]).all()
     assert values[2] > 1e-3 * values[0]
 
 
 def test_the_measurements_lie_on_an_ellipsoid_about_the_offset(log):
-    basis, _ = principal_directions(log.raw)
-    subspace = Subspace(mean_measurement(log.raw), basis)
-    y = to_coordinates(subspace, log.raw) - to_coordinates(subspace, OFFSET)
+    y = (log.raw - OFFSET) @ principal_basis(np.cov(log.raw.T))
     shape = np.linalg.lstsq(-log.accel, y, rcond=None)[0].T
     np.testing.assert_allclose(np.linalg.norm(np.linalg.solve(shape, y.T), axis=0), insitu_leg.G)
 
 
+def by_twelve_unknowns(log):
+    """Return the offset by Eq. 9 to 17 as printed: E (3 x 3) and y_o (3) by least squares."""
+    mean, basis = log.raw.mean(axis=0), principal_basis(np.cov(log.raw.T))
+    rows = np.kron(np.column_stack([-log.accel, np.ones(len(log.raw))]), np.eye(3))
+    y = ((log.raw - mean) @ basis).ravel()
+    return mean + basis @ np.linalg.lstsq(rows, y, rcond=None)[0][9:]
+
+
 def test_twelve_unknowns_written_out_give_the_offset(log):
-    basis, _ = principal_directions(log.raw)
-    subspace = Subspace(mean_measurement(log.raw), basis)
-    found = from_coordinates(subspace, offset_coordinates(subspace, -log.accel, log.raw))
-    np.testing.assert_allclose(found, OFFSET, rtol=1e-9)
+    np.testing.assert_allclose(by_twelve_unknowns(log), OFFSET, rtol=1e-9)
 
 
 def test_moments_give_the_offset_that_the_twelve_unknowns_give(noisy):
-    basis, _ = principal_directions(noisy.raw)
-    subspace = Subspace(mean_measurement(noisy.raw), basis)
-    direct = from_coordinates(subspace, offset_coordinates(subspace, -noisy.accel, noisy.raw))
     found = offset_of(moments_of(noisy, corrected=False))
-    np.testing.assert_allclose(found, direct, atol=1e-6)
+    np.testing.assert_allclose(found, by_twelve_unknowns(noisy), atol=1e-6)
 
 
 def test_accelerometer_noise_pulls_the_plain_offset_and_correction_takes_it_off():
@@ -190,7 +180,8 @@ def test_without_noise_matrix_and_body_are_exact():
     leg, fit = solved(GAUGES @ insitu_leg.MAP, np.eye(6))
     np.testing.assert_allclose(fit.matrix, np.linalg.inv(leg.channels), rtol=1e-6, atol=1e-10)
     assert fit.body[0] == pytest.approx(insitu_leg.BODY_MASS, rel=1e-8)
-    np.testing.assert_allclose(eq.centre_of_mass(fit.body), insitu_leg.BODY_COM, rtol=1e-6)
+    np.testing.assert_allclose(eq.common_parameters(fit.body), [
+        insitu_leg.BODY_MASS, *insitu_leg.BODY_COM], rtol=1e-6)
 
 
 def test_more_than_six_channels_are_combined_by_their_noise():
@@ -209,11 +200,10 @@ def test_the_map_in_motion_is_what_an_independent_simulator_feels(load):
     _, omega, alpha = insitu_leg.motion(
         log.t, np.random.default_rng(5).uniform(0, 2 * np.pi), leg.speed)
     np.testing.assert_allclose(omega, log.gyro)
-    body = np.concatenate([
-        load_parameters(insitu_leg.BODY_MASS, insitu_leg.BODY_COM, MOVING)])
+    body = Load(insitu_leg.BODY_MASS, insitu_leg.BODY_COM).parameters(MOVING)
     J = insitu_leg.BODY_INERTIA
     body[4:10] += [J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2]]
-    body += load_parameters(load.mass, load.position, MOVING)
+    body += Load(load.mass, load.position).parameters(MOVING)
     regressors = moving_regressors(-log.accel, omega, alpha, ACCELEROMETER)
     np.testing.assert_allclose(regressors @ body_map(body, MOVING).T, log.wrench, atol=1e-10)
 
@@ -221,7 +211,7 @@ def test_the_map_in_motion_is_what_an_independent_simulator_feels(load):
 def test_at_rest_the_map_in_motion_is_the_static_one():
     gravity = np.random.default_rng(6).normal(size=(3, 3))
     still = np.zeros((3, 3))
-    theta = load_parameters(1.3, (0.1, 0.2, 0.3), MOVING)
+    theta = Load(1.3, (0.1, 0.2, 0.3)).parameters(MOVING)
     moving = moving_regressors(gravity, still, still, (0.4, 0.5, 0.6)) @ body_map(theta, MOVING).T
     np.testing.assert_allclose(moving, gravity @ body_map(theta[:4], STATIC).T)
 

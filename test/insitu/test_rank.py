@@ -1,8 +1,7 @@
 """Which added masses determine the matrix, and what is said where they do not."""
 
 from forcecal_ros.core.errors import UnobservableError
-from forcecal_ros.insitu.equations import Load, MOVING
-from forcecal_ros.insitu.loads import require, structural_rank
+from forcecal_ros.insitu.equations import Load, MOVING, require, structural_rank
 from insitu_leg import Leg
 from insitu_leg import Load as Added
 from insitu_runs import calibrated

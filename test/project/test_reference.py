@@ -56,7 +56,7 @@ def literal_keys(module, function, name):
 def test_the_page_has_the_keys_of_quality():
     paragraph, = re.findall(r'`quality` holds .+?(?= `source` holds)', FILES, re.DOTALL)
     written = set(chain.from_iterable(literal_keys(*one, 'quality') for one in (
-        ('calibrate/quality.py', 'quality_of'), ('calibrate/by_motion.py', 'calibrate_by_motion'),
+        ('calibrate/quality.py', 'quality_of'), ('calibrate/pipeline.py', 'calibrate_by_motion'),
         ('insitu/result.py', 'to_calibration'))))
     assert ticked(paragraph) - {'quality', 'insitu'} == written
 
