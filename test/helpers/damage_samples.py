@@ -18,7 +18,7 @@ N = 40
 """Samples of the wrench."""
 
 BAGS = {f'{storage.name} {mode.name}': (storage, mode) for storage, mode in STORAGES}
-TABLES = ('csv', 'mat', 'mat compressed')
+TABLES = ('csv', 'long csv', 'mat', 'mat compressed')
 KINDS = (*BAGS, 'MCAP lz4', 'metadata.yaml', *TABLES)
 
 FOOTER, CHUNK, MESSAGE_INDEX, CHUNK_INDEX, SUMMARY_OFFSET, DATA_END = 2, 6, 7, 8, 14, 15
@@ -110,6 +110,11 @@ def _table(kind: str, folder: Path) -> Kind:
                           'measure' if t < 0.02 else 'move'])
                 for t, row in zip(wrench.t, wrench.values)]
         path.write_text('\n'.join([';'.join(['when', *names, 'phase']), *rows]) + '\n')
+    elif kind == 'long csv':
+        stated |= {'long': {'name': 'signal', 'value': 'value'}}
+        rows = [f'{t:.3f},{name},{x!r}' for t, row in zip(wrench.t, wrench.values)
+                for name, x in zip(names, row.tolist())]
+        path.write_text('\n'.join(['when,signal,value', *rows]) + '\n')
     else:
         path = folder / 'log.mat'
         stated |= {'file': path.name}

@@ -3,6 +3,7 @@
 import argparse
 import json
 from pathlib import Path
+import re
 import struct
 
 from forcecal_ros.cli import import_csv
@@ -440,8 +441,10 @@ def test_faulty_specification_names_the_key(tmp_path, change, message):
     ('', 'the file is None, expected the keys tables'),
     ('format: other/1', "format is 'other/1', expected forcecal-import/1"),
     ('format: forcecal-import/1', 'missing key tables'),
-], ids=range(3))
-def test_a_file_that_is_no_specification_is_refused_in_one_line(tmp_path, text, message):
+    ('a: &x [1]\nb: *x', 'aliases'),
+    ('!!python/object:os.system {}', 'not YAML'),
+], ids=range(5))
+def test_hostile_specification_is_one_line(tmp_path, text, message):
     path = tmp_path / 'spec.yaml'
     path.write_text(text)
     with pytest.raises(ConfigError, match=message) as error:
@@ -534,6 +537,15 @@ def test_cells_that_are_nan_are_counted_and_their_line_is_named(tmp_path):
     assert '1 of 1000 rows of wrench are not finite' in note and 'log.csv line 8;' in note
 
 
+def test_lines_that_skip_leaves_out_are_counted(tmp_path, capsys):
+    text = ROWS.replace(HEADER, HEADER + 's,N,N,N,Nm,Nm,Nm\n')
+    run_import(specify(tmp_path, table(text, tmp_path, skip=2)), tmp_path / 'bag')
+    assert re.search('skip leaves out 2 lines; .*log.csv line 3 holds numbers',
+                     capsys.readouterr().err)
+    note, = imported(tmp_path, table(text, tmp_path, skip=1)).notes
+    assert note.endswith('skip leaves out 1 line')
+
+
 def test_the_example_of_a_universal_robot_is_imported(tmp_path):
     t, R, _ = weighed(1)
     names = ['timestamp', *(f'actual_TCP_pose_{k}' for k in range(6)),
@@ -612,6 +624,36 @@ def test_joints_have_a_name_each(tmp_path, names):
     joints = {'names': names, 'position': {'columns': ['fx', 'fy'], 'unit': 'rad'}}
     with pytest.raises(ConfigError, match='names.*2 different names, one a column'):
         imported(tmp_path, table(ROWS, tmp_path, signals={'joint_states': joints}))
+
+
+LONG = {'time': {'column': 't', 'unit': 's'}, 'long': {'name': 'signal', 'value': 'v'}}
+
+
+def test_a_table_with_one_row_a_signal_is_the_same_as_one_with_a_column_a_signal(tmp_path):
+    # signal by signal, so that times begin again with each
+    names = HEADER.strip().split(',')[1:]
+    rows = ['t,signal,v', *(f'{k}.5,{name},{10 * k + j}' for j, name in enumerate(names)
+                            for k in (9, 10)), '9.75,q,180']
+    joint = {'joint_states': {'names': ['a'], 'position': {'columns': ['q'], 'unit': 'deg'}}}
+    one = {**table('\n'.join(rows) + '\n', tmp_path, signals={'wrench': WRENCH, **joint}), **LONG}
+    found = imported(tmp_path, one)
+    wrench, q = found.signals['wrench'], found.signals['joint_states']
+    assert wrench.t.tolist() == [0.0, 1.0] and q.t.tolist() == [0.25]
+    assert wrench.values.tolist() == [[90, 91, 92, 93, 94, 95], [100, 101, 102, 103, 104, 105]]
+    assert q.values.tolist() == [[np.pi]]
+    np.testing.assert_array_equal(
+        run_import(tmp_path / 'spec.yaml', tmp_path / 'bag').wrench.values, wrench.values)
+
+
+@pytest.mark.parametrize('row, message', [
+    ('1,fx,2', "line 9: 'fx' at time 1 for the second time"),
+    ('2,fx,two', "line 9: 'two' in column 'fx' is not a number"),
+    ('noon,fx,2', "line 9: 'noon' in column 't' is not a number")])
+def test_a_faulty_row_of_one_signal_is_named(tmp_path, row, message):
+    names = HEADER.strip().split(',')[1:]
+    text = 't,signal,v\n' + ''.join(f'1,{name},1\n' for name in names) + '3,other,4\n' + row + '\n'
+    with pytest.raises(DataError, match=message):
+        imported(tmp_path, {**table(text, tmp_path), **LONG})
 
 
 def matlab(folder, unit='s', **variables):

@@ -104,13 +104,15 @@ def assemble(specification: Specification) -> Imported:
 
 def _table(specification: TableSpecification) -> Table:
     """Read a table, less rows whose stamp and signals are those of the row before."""
-    time, phases = specification.time, specification.phases
+    time, phases, long = specification.time, specification.phases, specification.long
     names = [*(filter(None, (time.column, time.nanoseconds) if time else ())),
              *(name for signal in specification.signals.given.values()
                for part in signal.parts.values() for name in part.columns)]
     if phases and phases.column:
         names.append(phases.column)
     table = read_table(Path(specification.file), specification, names)
+    if long is not None and time is not None:
+        return table.widened(time.column, time.unit, long.name, long.value)
     return table if time is None else table.renewed(names)
 
 

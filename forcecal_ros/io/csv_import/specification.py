@@ -254,6 +254,14 @@ class Phases(Section):
             raise self.wrong('between', 'another word than each_row, to tell the rows apart')
 
 
+@dataclass(frozen=True)
+class Long(Section):
+    """The columns of a table with one row a signal: its name and its value."""
+
+    name: Annotated[str, Row(pattern=TEXT)]
+    value: Annotated[str, Row(pattern=TEXT)]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Written(Section):
     """How a table is written; without a header its columns are called 0, 1, 2 ..."""
@@ -286,6 +294,7 @@ class TableSpecification(Written, _File):
     rate: Annotated[float | None, Row('Rows a second', 'Hz', above=0.0)] = None
     start: Annotated[float | None, Row('Time of the first row of a table without time', 's')
                      ] = None
+    long: Long | None = None
     phases: Phases | None = None
     signals: Signals
 
@@ -296,6 +305,8 @@ class TableSpecification(Written, _File):
                                      'table without time)')
         if self.time is not None and self.start is not None:
             raise self.wrong('start', 'none: start is for tables without time')
+        if self.long is not None and (self.time is None or self.time.nanoseconds is not None):
+            raise self.wrong('long', 'a time in one column')
 
 
 @dataclass(frozen=True)

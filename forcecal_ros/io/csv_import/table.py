@@ -156,6 +156,22 @@ class Table:
         filled = np.array([any(cell.strip() for cell in row) for row in cells])
         return filled if filled.any() else ~filled
 
+    def widened(self, time: str, unit: str, name: str, value: str) -> 'Table':
+        """Return a table of one row a signal as one of a column a signal, in order of time."""
+        frame = self.columns([time, name, value])
+        twice = frame.duplicated([time, name])
+        if twice.any():
+            row = int(np.argmax(twice))
+            raise DataError(f'{self.place(row)}: {frame.iloc[row, 1]!r} at time '
+                            f'{frame.iloc[row, 0]} for the second time; import each recording by '
+                            'itself')
+        first = frame.drop_duplicates(time)[time]
+        wide = frame.pivot(index=time, columns=name, values=value)  # noqa: PD010 - not twice
+        wide = wide.reindex(first).fillna('')
+        wide.insert(0, time, first.to_numpy())
+        found = replace(self, frame=wide.set_index(first.index))
+        return found.select(np.argsort(_times(found, time, unit), kind='stable'))
+
 
 def read_tables(path: Path, dialect: Written, *, named: bool = True, rows: int | None = None,
                 text: bool = True) -> Iterator[Table]:
@@ -185,7 +201,10 @@ def read_tables(path: Path, dialect: Written, *, named: bool = True, rows: int |
     try:
         names = _names(read(nrows=1, skiprows=top, dtype=object).iloc[0].tolist(), named)
         width = len(names)
+        notes: tuple[str, ...] = ()
         if named:
+            skipped = read(names=range(width + 1), nrows=1 + dialect.skip, skiprows=top)
+            notes = tuple(_skipped(Table(path, skipped[1:], dialect.comment, top)))
             top = _line(path, dialect.comment, top, dialect.skip)
         found = read(names=range(width + 1), skiprows=top, chunksize=rows)
         for frame in [found] if isinstance(found, pd.DataFrame) else found:
@@ -196,7 +215,7 @@ def read_tables(path: Path, dialect: Written, *, named: bool = True, rows: int |
             behind = frame.pop(width) != ''
             if text and dialect.decimal != '.':
                 frame = frame.apply(lambda one: one.str.replace(dialect.decimal, '.'))
-            table = Table(path, frame.set_axis(names, axis=1), dialect.comment, top)
+            table = Table(path, frame.set_axis(names, axis=1), dialect.comment, top, notes)
             if behind.any():
                 raise _too_wide(table.place(int(np.argmax(behind))), width)
             yield table
@@ -229,6 +248,16 @@ def _names(cells: list[str], named: bool) -> list[str]:
     if not named:
         return [str(k) for k in range(len(cells))]
     return cells[1:] if cells[:1] == ['#'] else [cell.strip().lstrip('# ') for cell in cells]
+
+
+def _skipped(lines: Table) -> Iterator[str]:
+    """Return how many lines the key skip leaves out, and whether they hold numbers."""
+    if len(lines):
+        numbers = [row for row, cells in enumerate(lines.frame.to_numpy())
+                   if all(is_number(cell) for cell in cells if cell)]
+        yield (f'{lines.path}: skip leaves out {len(lines)} line{"s" * (len(lines) > 1)}'
+               + (f'; {lines.place(numbers[0])} holds numbers, not names or units: is skip too '
+                  'large?' if numbers else ''))
 
 
 def _too_wide(place: str, width: int) -> DataError:
