@@ -21,7 +21,7 @@ import json
 from pathlib import Path
 import sys
 import time
-from typing import Any
+from typing import Any, cast
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / 'benchmark')]
@@ -158,7 +158,8 @@ class _Found(Exception):
 def steps_of(diagnose) -> list[dict[str, dict[str, float]]]:
     """Return what each step of a search found of each effect, until it is hopeless."""
     steps: list[dict[str, dict[str, float]]] = []
-    inner, searched, named = posterior.features_of, engine.search, posterior.NAMED
+    judge, walk = cast(Any, posterior), cast(Any, engine)
+    inner, searched, named = judge.features_of, walk.search, judge.NAMED
 
     def watched(*args):
         features = inner(*args)
@@ -170,13 +171,13 @@ def steps_of(diagnose) -> list[dict[str, dict[str, float]]]:
         searched(*args)
         raise _Found
 
-    posterior.features_of, engine.search, posterior.NAMED = watched, ended, HOPELESS
+    judge.features_of, walk.search, judge.NAMED = watched, ended, HOPELESS
     try:
         diagnose()
     except _Found:
         pass
     finally:
-        posterior.features_of, engine.search, posterior.NAMED = inner, searched, named
+        judge.features_of, walk.search, judge.NAMED = inner, searched, named
     return steps
 
 

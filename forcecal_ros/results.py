@@ -11,10 +11,10 @@ from forcecal_ros.core.axes import in_axes_of_pose, levelled
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.files import write_text
-from forcecal_ros.core.quantity import pair, quantity
+from forcecal_ros.core.quantity import HALF, pair, quantity
 from forcecal_ros.core.streams import CHANNELS, Recording, Stream
 from forcecal_ros.io.calibration_file import to_document
-from forcecal_ros.report.rows import aligned, HALF, handy, table, WRENCH_AXES
+from forcecal_ros.report.rows import aligned, handy, table, WRENCH_AXES
 
 if TYPE_CHECKING:
     from forcecal_ros.diagnose.result import Diagnosis

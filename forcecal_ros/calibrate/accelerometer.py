@@ -157,10 +157,11 @@ def accelerometer_fit(stream: Stream, blocks: Blocks, coupling: str = 'dc',
     explained = shown @ theta[:9].reshape(3, 3).T
     if corner is not None:
         explained = explained + np.outer(fading(len(shown), step, corner), theta[16:19])
-    noise = noise_at_rest(readings.interpolated(blocks.starts + delay, step) - explained, blocks)
+    resting = noise_at_rest(
+        readings.interpolated(blocks.starts + delay, step) - explained, blocks)
     return AccelerometerFit(
         theta[9:12], theta[:9].reshape(3, 3), delay, np.nan if corner is None else corner,
-        theta[12:15] + known, C, fit.residual.reshape(-1, 3), blocks, noise)
+        theta[12:15] + known, C, fit.residual.reshape(-1, 3), blocks, resting)
 
 
 def _highpassed(force: Array, step: float, corner: float | None) -> Array:

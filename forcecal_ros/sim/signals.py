@@ -54,7 +54,8 @@ def spectrum(rows: Array, rate: float) -> tuple[Array, Array]:
     """Return frequencies [Hz], and the power density of signals there, shape (f, k)."""
     from scipy.signal import welch  # takes a second, which a node does not start with
 
-    return welch(rows, rate, nperseg=min(len(rows), int(WINDOW_S * rate)), axis=0)
+    frequency, power = welch(rows, rate, nperseg=min(len(rows), int(WINDOW_S * rate)), axis=0)
+    return np.asarray(frequency), np.asarray(power)
 
 
 def slow(rows: Array, rate: float, band: float = MOST) -> Array:

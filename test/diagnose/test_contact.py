@@ -14,6 +14,7 @@ from forcecal_ros.diagnose.sources.contact import (
 )
 from forcecal_ros.diagnose.sources.pair import PairSource, prepare_pair
 from forcecal_ros.diagnose.verdict import UNKNOWN
+from forcecal_ros.sim.measured_motion import RecordedSimulation
 import numpy as np
 from own_arm import TOLERANCES
 import pytest
@@ -33,6 +34,7 @@ def touches(recording, slide=0.02, absent=False):
     made = simulated(slide, absent)
     dataset, tool = prepare_pair(recording, made, None, TOLERANCES)
     simulation = dataset.simulation
+    assert isinstance(simulation, RecordedSimulation)
     return (touch_of_robot(recording, simulation, dataset.rig, simulation.touching),
             touch_of_simulation(made, simulation, tool.simulated), simulation)
 

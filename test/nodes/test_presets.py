@@ -3,6 +3,7 @@
 from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 from drivers import FrameTransforms, gantry, joints_at, Servo, states
 from forcecal_ros.core.errors import ConfigError
@@ -164,7 +165,8 @@ def cell(robot, controller, folder):
     usual = {name: name for name in ARGUMENTS} | {'contact_wrench': 'observer/contact_wrench'}
     topics = {name: topic_of(argument, name, robot, controller)
               for argument, name in usual.items()}
-    own, poses = dict(QUICK), {}
+    own: dict[str, Any] = dict(QUICK)
+    poses = {}
     if settings['motion.backend'] == 'joint_trajectory':
         if settings['joints.names'] == ['']:
             settings['joints.names'] = JOINTS

@@ -9,15 +9,15 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[2] / 'forcecal_ros'
 
 BUDGETS = {
-    'calibrate': 2391, 'checks': 1735, 'cli': 3087, 'core': 2103, 'diagnose': 5810,
-    'effects': 794, 'fleet': 250, 'impedance': 820, 'insitu': 2155, 'io': 2582, 'motion': 1484,
-    'nodes': 3692, 'observe': 2996, 'report': 1632, 'rig_fit': 527, 'sim': 2872}
+    'calibrate': 2340, 'checks': 1713, 'cli': 2828, 'core': 2077, 'diagnose': 5425,
+    'effects': 738, 'fleet': 250, 'impedance': 771, 'insitu': 2041, 'io': 2531, 'motion': 1441,
+    'nodes': 3628, 'observe': 2827, 'report': 1588, 'rig_fit': 499, 'sim': 2741}
 """Code lines; less is better: lower a number with the code."""
 
-MOST_AT_ROOT = 238
+MOST_AT_ROOT = 231
 """Code lines of the modules next to the packages: the interface from Python."""
 
-MOST_FILES, MOST_CONSTANTS = 257, 561
+MOST_FILES, MOST_CONSTANTS = 235, 516
 """Of the whole package; a constant is a number bound to an upper-case name of a module."""
 
 FILES = sorted(PACKAGE.rglob('*.py'))

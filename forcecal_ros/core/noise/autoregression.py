@@ -135,7 +135,8 @@ class Autoregression(NamedTuple):
         out = np.empty(columns.shape, dtype=np.float32)
         for i in range(0, len(columns), 16):
             part = slice(i, i + 16)
-            out[part] = self.whiten(columns[part], channel) * sizes[part, np.newaxis]
+            whole = np.asarray(columns[part], dtype=float)
+            out[part] = self.whiten(whole, channel) * sizes[part, np.newaxis]
         return out
 
     def or_better(self, other: 'Autoregression', residual: Array) -> 'Autoregression':

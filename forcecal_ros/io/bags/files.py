@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 if sys.version_info >= (3, 14):
-    from compression import zstd
+    from compression import zstd as zstd  # noqa: PLC0414
 else:
-    from backports import zstd
+    from backports import zstd as zstd  # noqa: PLC0414
 
 Integers = NDArray[np.int64]
 

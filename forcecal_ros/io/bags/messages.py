@@ -354,6 +354,7 @@ def messages_of(role: str, signal: Signal, start_ns: int, topic: str | None = No
         t = (signal.t if isinstance(signal, Stream | PoseStream)
              else np.array([one.start for one in signal]))
     stamps = start_ns + np.rint(t * 1e9).astype(np.int64)
+    rows: Iterable[NDArray[np.uint8]]
     if isinstance(signal, str | Stream | PoseStream):
         rows = encode(msgtype, stamps, *_columns(msgtype, signal))
     else:
