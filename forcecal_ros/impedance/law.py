@@ -371,12 +371,13 @@ def _optimal_gain(A: Array, B: Array, Q: Array, R: Array, S: Array | None = None
 
 
 def _kalman_gain(free: Process, C: Array) -> Array:
-    """Return the gain of the steady-state Kalman filter of both measured positions."""
+    """Return the gain of the steady-state Kalman filter by which :func:`step` corrects."""
     # errors: of the contact force, white [N]; of the robot model, as white noise on its command,
     # and of the measured positions [m]
     force, command, position = 0.3, 1e-5, 2e-5
     G = np.column_stack([free.F * force, free.B * command]) / position
-    return _optimal_gain(free.A.T, C.T, G @ G.T, np.eye(2)).T
+    P = solve_discrete_are(free.A.T, C.T, G @ G.T, np.eye(2))  # of predictions
+    return np.asarray(solve(C @ P @ C.T + np.eye(2), C @ P).T)
 
 
 def _steady_gains(free: Process, e: Relation, L: Array) -> tuple[float, float]:

@@ -177,6 +177,17 @@ def test_estimator_finds_what_no_sensor_gives(designed):
     assert np.std(errors[250:]) < 0.003
 
 
+def test_the_gain_is_that_in_which_a_kalman_filter_ends(designed):
+    law, free = designed.law, process(PLANT)
+    G = np.column_stack([0.3 * free.F, 1e-5 * free.B]) / 2e-5  # errors over that of a position
+    P = np.eye(len(law.B))
+    for _ in range(3000):
+        P = free.A @ P @ free.A.T + G @ G.T
+        K = P @ law.C.T @ np.linalg.inv(law.C @ P @ law.C.T + np.eye(2))
+        P = P - K @ law.C @ P
+    np.testing.assert_allclose(law.K, K, atol=1e-6 * np.abs(K).max())
+
+
 def test_a_command_that_limits_held_back_does_not_mislead_the_estimator(designed):
     tool, commands = follow(designed.law, process(PLANT), 6.0, reference=0.02,
                             sent=lambda command: min(max(command, -0.005), 0.015))
