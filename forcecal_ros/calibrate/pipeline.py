@@ -68,14 +68,14 @@ from forcecal_ros.checks.hypotheses import (
     slight_misfit,
 )
 from forcecal_ros.checks.messages import Finding, Stated
-from forcecal_ros.checks.signals import clipped
+from forcecal_ros.checks.signals import clipped, SENSORS
 from forcecal_ros.core.axes import DOWN, in_axes_of_pose, level_from_base, levelled, unit_direction
 from forcecal_ros.core.calibration import Calibration, Estimate
 from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.estimation import robust_fit
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.autocovariance import SHORTEST
-from forcecal_ros.core.stamps import with_even_stamps
+from forcecal_ros.core.stamps import with_even_streams
 from forcecal_ros.core.streams import Recording, Stream
 import numpy as np
 
@@ -119,7 +119,7 @@ def identify(recording: Recording, settings: IdentificationSettings = Identifica
     recording = checked(recording).recording
     try:
         with np.errstate(all='ignore'):
-            recording, found = _judged(_evened(recording), settings)
+            recording, found = _judged(with_even_streams(recording, SENSORS), settings)
             if settings.tool_compliance == 'no':
                 recording = replace(recording, optidrive=None)
             points = [one.point for one in found if one.point is not None]
@@ -381,20 +381,6 @@ def _judged(recording: Recording, settings: IdentificationSettings
     # others are of what is estimated as well, as a delay
     notes = [one for one in found if not isinstance(one, Finding)]
     return replace(recording, notes=(*recording.notes, *notes)), questions
-
-
-def _evened(recording: Recording) -> Recording:
-    """Even the stamps that jitter, and note which."""
-    changes: dict[str, Any] = {}
-    notes = []
-    for name in ('wrench', 'accelerometer', 'optidrive', 'pose'):
-        if (stream := getattr(recording, name)) is None:
-            continue
-        changes[name], jitter = with_even_stamps(stream)
-        if changes[name] is not stream:
-            notes.append(f'stamps of {name} jitter by {1e3 * jitter.std:.2g} ms around '
-                         f'{1e3 * jitter.period:.3g} ms; evened out')
-    return replace(recording, **changes, notes=(*recording.notes, *notes))
 
 
 def _refuse_other_unit(recording: Recording, poses: list[StaticPose],

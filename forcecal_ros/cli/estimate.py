@@ -166,10 +166,13 @@ def as_taken(recording: 'Recording', calibration: 'Calibration', settings: 'Obse
     ConfigError, DataError
         Names cause and remedy.
     """
-    from forcecal_ros.core.stamps import with_even_bursts
+    from forcecal_ros.checks.signals import SENSORS
+    from forcecal_ros.core.stamps import with_even_streams
     from forcecal_ros.observe.frames import taken_as_calibrated
 
-    recording = with_even_bursts(taken_as_calibrated(recording, calibration, name))
+    # stamps that jitter by less than a period are late by little, and stay those of the result
+    recording = with_even_streams(taken_as_calibrated(recording, calibration, name),
+                                  (*SENSORS, 'angular_velocity'), 1.0)
     found = refuse_disagreeing(recording, calibration)
     calibration, assumed = prepared(calibration, recording, settings)
     return recording, calibration, (*found, *assumed)

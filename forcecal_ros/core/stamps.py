@@ -1,5 +1,6 @@
 """Stamps that jitter: set on arrival by a busy computer, around instants that were regular."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeVar
 
@@ -153,13 +154,19 @@ def roughness(t: Array, values: Array) -> float:
     return float(((y - q @ (np.swapaxes(q, 1, 2) @ y))**2).sum())
 
 
-def with_even_stamps(stream: _TimedStream) -> tuple[_TimedStream, Jitter]:
+def with_even_stamps(stream: _TimedStream, least: float = NOTICED
+                     ) -> tuple[_TimedStream, Jitter]:
     """
     Even the stamps of a stream where it is they that jitter.
 
     A sensor that is read at irregular instants and stamped rightly moves smoothly over its own
     stamps, one that is stamped late does over even ones. Where the signal does not tell, stamps
     that jitter by more than half-way to their neighbours are evened.
+
+    Parameters
+    ----------
+    least : float
+        Jitter below this part of the period stays as it is.
 
     Returns
     -------
@@ -168,7 +175,7 @@ def with_even_stamps(stream: _TimedStream) -> tuple[_TimedStream, Jitter]:
     jitter : Jitter
     """
     jitter = jitter_of(stream.t)
-    if not jitter.std > NOTICED * jitter.period:
+    if not jitter.std > least * jitter.period:
         return stream, jitter
     even = even_instants(stream.t, jitter)
     values = _columns(stream)
@@ -187,18 +194,26 @@ def _columns(stream: Stream | PoseStream) -> Array:
     return np.hstack([rotation, stream.position]) if stream.has_position else rotation
 
 
-def with_even_bursts(recording: Recording) -> Recording:
-    """Even the stamps of what was stamped on arrival, several messages at once; and note it."""
+def with_even_streams(recording: Recording, names: Sequence[str], least: float = NOTICED
+                      ) -> Recording:
+    """
+    Even the stamps that jitter, and note whose.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of streams.
+    least : float
+        Jitter below this part of the period stays as it is.
+    """
     changes: dict[str, Any] = {}
     notes = []
-    for name in ('wrench', 'pose', 'accelerometer', 'angular_velocity', 'optidrive'):
-        stream = getattr(recording, name)
-        jitter = None if stream is None else jitter_of(stream.t)
-        if stream is None or jitter is None or not (
-                jitter.std > jitter.period):  # less is a delay on the way
+    for name in names:
+        if (stream := getattr(recording, name)) is None:
             continue
-        changes[name], _ = with_even_stamps(stream)
-        if changes[name] is not stream:
-            notes.append(f'stamps of {name} come in bursts, {1e3 * jitter.std:.2g} ms around '
-                         f'{1e3 * jitter.period:.3g} ms: evened out, as are those of the result')
+        even, jitter = with_even_stamps(stream, least)
+        if even is not stream:
+            changes[name] = even
+            notes.append(f'stamps of {name} jitter by {1e3 * jitter.std:.2g} ms around '
+                         f'{1e3 * jitter.period:.3g} ms; evened out')
     return replace(recording, **changes, notes=(*recording.notes, *notes)) if notes else recording

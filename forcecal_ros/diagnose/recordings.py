@@ -12,7 +12,7 @@ from forcecal_ros.checks.signals import pauses, SENSORS
 from forcecal_ros.core.calibration import Accelerometer
 from forcecal_ros.core.errors import below, DataError
 from forcecal_ros.core.geometry import Array, rotation_vector, STANDARD_GRAVITY
-from forcecal_ros.core.stamps import with_even_stamps
+from forcecal_ros.core.stamps import with_even_streams
 from forcecal_ros.core.streams import JointStream, PoseStream, Recording, Stream
 from forcecal_ros.core.topics import ROLES
 from forcecal_ros.effects.rig import AccelerometerModel, Rig
@@ -100,17 +100,9 @@ def _added_notes(before: Recording, after: Recording) -> tuple[str, ...]:
 def _even_streams(recording: Recording) -> tuple[Recording, dict[str, Any]]:
     """Check a recording and even sensors that jitter around instants; return these apart too."""
     recording = checked(recording).recording
-    changed: dict[str, Any] = {}
-    notes = []
-    for name in SENSORS:
-        stream = getattr(recording, name)
-        if stream is None or len(stream) < 2:
-            continue
-        even, jitter = with_even_stamps(stream)
-        if even is not stream:
-            changed[name] = even
-            notes.append(f'{name}: stamps jittered by {1e3 * jitter.std:.2f} ms and were evened')
-    return replace(recording, **changed, notes=(*recording.notes, *notes)), changed
+    even = with_even_streams(recording, SENSORS)
+    return even, {name: stream for name in SENSORS
+                  if (stream := getattr(even, name)) is not getattr(recording, name)}
 
 
 def _rates(rig: Rig) -> dict[str, float]:

@@ -7,10 +7,11 @@ import re
 from forcecal_ros.calibrate.pipeline import identify
 from forcecal_ros.checks.entry import checked
 from forcecal_ros.checks.gravity import refuse_disagreeing
+from forcecal_ros.checks.signals import SENSORS
 from forcecal_ros.cli.common import with_notes_of
 from forcecal_ros.cli.estimate import other_frame
 from forcecal_ros.core.errors import DataError
-from forcecal_ros.core.stamps import with_even_bursts
+from forcecal_ros.core.stamps import with_even_streams
 from forcecal_ros.io.bags import read_recording
 from forcecal_ros.io.bags.header_stamps import usable_stamps
 from longer import first
@@ -149,12 +150,12 @@ def test_stamps_that_a_clock_says_stay_as_they_are():
 
 def test_messages_that_come_in_bursts_are_put_back_where_they_were_measured():
     one = at_work('stamped on arrival, in bursts of 10')
-    even = with_even_bursts(one)
-    assert 'stamps of wrench come in bursts' in even.notes[0] and len(even.notes) == 1
+    even = with_even_streams(one, SENSORS, 1.0)
+    assert 'stamps of wrench jitter by' in even.notes[0] and len(even.notes) == 1
     sound = at_work('nothing')
     late = even.wrench.t - sound.wrench.t
     assert np.abs(late - late.mean()).max() < 0.01 < np.ptp(one.wrench.t - sound.wrench.t)
-    assert with_even_bursts(sound) is sound
+    assert with_even_streams(sound, SENSORS, 1.0) is sound
 
 
 def test_a_wrench_of_another_frame_than_calibrated_is_noted():
