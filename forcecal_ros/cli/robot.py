@@ -32,9 +32,10 @@ def add_parser(subparsers: Any) -> None:
                              help='node that moves the robot')
         common.add_namespace(one)
         one.add_argument('--timeout', metavar='S', type=common.positive,
-                         default=10.0 if service else 3.0,
+                         default=10.0 if service else 5.0,
                          help='how long to wait for the node and for its answer' if service else
-                         'how long to listen; each node reports once a second')
+                         'how long to listen: DDS may announce a node after 3 s '
+                         'only, which reports once a second')
         one.set_defaults(service=service)
     parser.commands = verbs.choices  # type: ignore[attr-defined]
 

@@ -15,7 +15,7 @@ def test_a_running_driver_fills_topics_frame_and_pose(ros_domain, tmp_path, capf
         live.hear(PoseStamped, 'current_pose', lambda *sample: heard.append(sample))
         live.node.create_publisher(WrenchStamped, 'other/ft', 1)
         live.until(lambda: heard, 'a pose')
-        assert main(['init', '--preset', 'ur', '--timeout', '2', '-o', str(path)]) == 0
+        assert main(['init', '--preset', 'ur', '--timeout', '4', '-o', str(path)]) == 0
     said = capfd.readouterr()
     # of the type of the pose there is one, the command aside; of that of the wrench two
     assert 'current_pose:=/current_pose' in said.out and 'wrench:=' not in said.out
