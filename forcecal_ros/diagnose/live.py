@@ -7,10 +7,11 @@ from typing import NamedTuple
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import Recording
-from forcecal_ros.diagnose.dataset import CHANNELS, MeasuredBlocks, STREAM_SLICES
+from forcecal_ros.diagnose.dataset import CHANNELS, MeasuredBlocks
 from forcecal_ros.diagnose.model.evidence import fit, Gram, Prior
+from forcecal_ros.diagnose.model.jacobian import sensor_change
 from forcecal_ros.diagnose.recordings import scale_to_volts
-from forcecal_ros.effects.nuisances import Nuisance, nuisances, prior_std
+from forcecal_ros.effects.nuisances import nuisances, prior_std
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.rig.simulator import checked_commands, Samples, Simulator
 from forcecal_ros.sim.signals import BLOCK, RATE, Signals
@@ -171,8 +172,11 @@ class LiveGap:
         columns = np.zeros((len(self._nuisances), n, len(CHANNELS)))
         varied = iter(signals[1:])
         for i, (nuisance, size) in enumerate(zip(self._nuisances, self._prior_std)):
-            columns[i] = (nominal - measured.residual(next(varied)) if nuisance.acts_on == 'rig'
-                          else self._known(nuisance, size, signals[0], n))
+            if nuisance.acts_on == 'rig':
+                columns[i] = nominal - measured.residual(next(varied))
+            else:
+                channel, columns[i, :, channel] = sensor_change(
+                    nuisance, size, self._rig, signals[0], self._name)
         columns *= measured.present
         self._take(_Block(nominal, columns, measured.present, touching))
 
@@ -199,18 +203,6 @@ class LiveGap:
         slide = s.optidrive if len(s.optidrive) else np.zeros(len(s.wrench))
         return Signals(start, s.wrench, s.volts, slide, s.position, s.R_base_sensor, nothing,
                        nothing, nothing, nothing, slide, s.contact, s.specific_force)
-
-    def _known(self, nuisance: Nuisance, size: float, s: Signals, n: int) -> Array:
-        """Return the column of a nuisance that acts on one channel only."""
-        i, out = nuisance.axis, np.zeros((n, len(CHANNELS)))
-        if nuisance.acts_on == 'wrench':
-            channel, signal, rest = i, s.wrench[:, i], self._rig.wrench_sensor.bias[i]
-        else:
-            channel, signal = STREAM_SLICES['accelerometer'].start + i, s.volts[:, i]
-            rest = self._rig.accelerometer.model(self._name).offset[i]
-        shape = signal - rest if 'gain' in nuisance.name else np.ones(len(signal))
-        out[:, channel] = size * shape.reshape(n, -1).mean(axis=1)
-        return out
 
     def _take(self, block: _Block) -> None:
         if self.learning:

@@ -12,7 +12,7 @@ from forcecal_ros.core.noise.autoregression import pieces
 from forcecal_ros.diagnose.dataset import CHANNELS, Dataset, STREAM_SLICES
 from forcecal_ros.effects.nuisances import Nuisance
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.sim.signals import Signals
+from forcecal_ros.sim.signals import block_means, Signals
 import numpy as np
 from numpy.typing import NDArray
 
@@ -122,16 +122,33 @@ def nuisance_column(dataset: Dataset, nuisance: Nuisance, size: float, rig: Rig,
     if nuisance.acts_on == 'rig':
         changed = dataset.simulation.signals(nuisance.apply(rig, size))
         return column(residual - dataset.measured.residual(changed), level)
+    channel, change = sensor_change(nuisance, size, rig, reference,
+                                    dataset.simulation.accelerometer)
+    return {channel: Compact.of(dataset.measured.present[:, channel] * change)}
+
+
+def sensor_change(nuisance: Nuisance, size: float, rig: Rig, reference: Signals,
+                  accelerometer: str) -> tuple[int, Array]:
+    """
+    Return the channel that a sensor's own gain or offset acts on, and the change in its blocks.
+
+    Parameters
+    ----------
+    size : float
+        Of the gain or offset.
+    rig : Rig
+        Of which the reference is.
+    accelerometer : str
+        Which one the rig carries.
+    """
     i = nuisance.axis
     if nuisance.acts_on == 'wrench':
         channel, signal, rest = i, reference.wrench[:, i], rig.wrench_sensor.bias[i]
     else:
         channel, signal = STREAM_SLICES['accelerometer'].start + i, reference.volts[:, i]
-        rest = rig.accelerometer.model(dataset.simulation.accelerometer).offset[i]
+        rest = rig.accelerometer.model(accelerometer).offset[i]
     shape = signal - rest if 'gain' in nuisance.name else np.ones(len(signal))
-    per_block = dataset.measured.present[:, channel] * size * shape.reshape(len(residual),
-                                                                            -1).mean(axis=1)
-    return {channel: Compact.of(per_block)}
+    return channel, size * block_means(shape[:, np.newaxis])[:, 0]
 
 
 def combined(columns: Sequence[Column], x: Array, n: int) -> Array:
