@@ -87,9 +87,9 @@ def test_the_patched_calibration_leaves_what_was_claimed(kuka, found):
 @pytest.mark.long
 def test_the_patched_calibration_knows_the_delay_as_well_as_it_was_found(kuka, found, capsys):
     delay = load(kuka / 'out' / 'calibration_patched.yaml').accelerometer.delay
-    value, std = recalibrated(found, 'accelerometer.delay')
-    assert float(delay) == pytest.approx(value, rel=0.01)
-    assert delay.std == pytest.approx(std, rel=0.05)
+    value, interval = recalibrated(found, 'accelerometer.delay')  # [ms], 95 %
+    assert float(delay) == pytest.approx(1e-3 * value, rel=0.01)
+    assert delay.std == pytest.approx(1e-3 * interval / 1.96, rel=0.05)
     capsys.readouterr()
     assert main(['estimate', str(kuka / 'baseline'), '--calibration',
                  str(kuka / 'out' / 'calibration_patched.yaml'), '-o', str(kuka / 'contact')]) == 0
