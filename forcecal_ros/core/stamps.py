@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any, NamedTuple, TypeVar
 
 from forcecal_ros.core.geometry import Array
@@ -67,8 +68,7 @@ class Jitter(NamedTuple):
     std : float
         Of the stamps around regular instants [s].
     number : ndarray of int, shape (n,)
-        Of each sample in the order in which the sensor took them, lost ones counted where stamps
-        are much more regular with them.
+        Of each sample in the order in which the sensor took them, lost ones counted.
     """
 
     period: float
@@ -96,7 +96,44 @@ def jitter_of(t: Array) -> Jitter:
         counted = _around(t, with_lost)
         if counted.std < BY_LOSS * jitter.std:
             return counted
-    return jitter
+    return _with_short_pauses(t, _with_clear_pauses(t, jitter))
+
+
+def _with_clear_pauses(t: Array, jitter: Jitter) -> Jitter:
+    """
+    Count the samples lost in pauses that single intervals show.
+
+    How many they are follows from the mean lateness of the samples on either side: one interval
+    is off by the jitter of its two ends.
+    """
+    longer = np.diff(t) - jitter.period
+    pauses = np.flatnonzero(longer > 0.5 * jitter.period + PAUSE * jitter.std) + 1
+    if not len(pauses):
+        return jitter
+    late = t - jitter.period * jitter.number
+    parts = np.split(late, pauses)
+    steps = [after[:SPAN].mean() - before[-SPAN:].mean() for before, after in pairwise(parts)]
+    lost = np.zeros(len(t), dtype=int)
+    lost[pauses] = np.rint(np.array(steps) / jitter.period).clip(min=1)
+    return _around(t, jitter.number + np.cumsum(lost))
+
+
+def _with_short_pauses(t: Array, jitter: Jitter) -> Jitter:
+    """Count the samples lost in pauses that are too short to be seen among jittering intervals."""
+    late = t - jitter.period * jitter.number
+    sums = np.concatenate([[0.0], np.cumsum(late)])
+    means = (sums[SPAN:] - sums[:-SPAN]) / SPAN
+    step = np.zeros(len(t))
+    step[SPAN:len(t) - SPAN + 1] = means[SPAN:] - means[:-SPAN]
+    least = max(1.5 * jitter.period, PAUSE * 1.4826 * float(np.median(np.abs(step))))
+    number = jitter.number.copy()
+    while step.max() > least:
+        i = int(np.argmax(step))
+        first = max(1, i - SPAN // 2)
+        longest = first + int(np.argmax(np.diff(t[first - 1:i + SPAN // 2])))
+        number[longest:] += round(step[i] / jitter.period)
+        step[max(0, i - SPAN):i + SPAN] = 0.0
+    return _around(t, number) if number[-1] != jitter.number[-1] else jitter
 
 
 def _around(t: Array, number: NDArray[np.intp]) -> Jitter:

@@ -80,13 +80,15 @@ def test_a_pause_stays_a_pause_and_what_comes_after_it_stays_late():
     assert abs((even - kept)[8100:-1000].mean() - (even - kept)[1000:5900].mean()) < 2e-4
 
 
-@pytest.mark.parametrize('lost', [12, 20, 50])
-def test_stamps_on_either_side_of_a_pause_are_evened_by_themselves(lost):
+@pytest.mark.parametrize('lost', [20, 40, 50])
+def test_a_pause_is_as_long_as_the_samples_on_either_side_say(lost):
     t = regular()
     kept = np.r_[0:7000, 7000 + lost:len(t)]
     for seed in range(10):
-        even, _ = evened(arrived(t, 4.7e-3, seed)[kept])
-        assert np.ptp((even - t[kept])[5000:9000]) < 0.3 * PERIOD
+        even, jitter = evened(arrived(t, 4.7e-3, seed)[kept])
+        assert jitter.number[7000] - jitter.number[6999] == lost + 1
+        off = (even - t[kept])[5000:9000]
+        assert np.ptp(off) < 0.3 * PERIOD
 
 
 def test_few_stamps_say_nothing_about_their_jitter():
@@ -107,6 +109,15 @@ def test_lost_samples_leave_the_others_where_they_were():
     kept = np.random.default_rng(3).random(len(t)) > 0.05
     even, _ = with_even_stamps(Stream(arrived(t, 3e-4)[kept], swinging(t)[kept]))
     assert (even.t - t[kept])[1000:-1000].std() < 5e-5
+
+
+@pytest.mark.parametrize('lost', [3, 5, 12])
+def test_a_pause_that_is_shorter_than_the_jitter_is_found(lost):
+    t = regular()
+    kept = np.r_[0:7000, 7000 + lost:len(t)]
+    even, _ = evened(arrived(t, 3e-3)[kept])
+    off = (even - t[kept])[1000:-1000]
+    assert off.std() < 1.5e-4
 
 
 def test_a_short_stretch_between_two_pauses_is_evened_too():

@@ -244,6 +244,10 @@ def test_topic_of_another_clock_is_left_out_and_named(tmp_path):
 
 def test_two_robots_are_told_apart_by_one_name(tmp_path):
     recording = small_recording()
+    write_signals(tmp_path / 'one', {'wrench': recording.wrench, 'pose': recording.pose}, START_NS,
+                  topics={'wrench': '/robot1/wrench', 'pose': '/robot1/current_pose'})
+    again = read_recording(tmp_path / 'one')  # of one robot below a namespace no name is needed
+    assert (len(again.wrench), len(again.pose)) == (len(recording.wrench), len(recording.pose))
     with BagWriter(tmp_path / 'bag') as bag:
         bag.write([messages_of(role, stream, START_NS, f'/{robot}/{topic}')
                    for role, topic in (('wrench', 'wrench'), ('pose', 'current_pose'))

@@ -168,8 +168,8 @@ def increasing(stamps: Integers) -> Order:
     Choose the messages whose stamps make one increasing series.
 
     Messages that are out of order by less than a second are sorted. Where the clock jumps
-    further back, the longest stretch is kept, and of the others, the longer ones first, those
-    that increase with what is kept; so are not stretches more than a day away from the longest.
+    further back, the stretches that hold most messages and still increase are kept, but for those
+    more than a day away from the longest one.
 
     Parameters
     ----------
@@ -181,7 +181,7 @@ def increasing(stamps: Integers) -> Order:
     cuts = np.flatnonzero(np.abs(np.diff(stamps.astype(float))) > 1e9 * CLOCK_JUMP_S) + 1
     bounds = np.concatenate([[0], cuts, [len(stamps)]])
     kept = np.zeros(len(stamps), bool)
-    for stretch in _in_order(
+    for stretch in _largest_chain(
             np.minimum.reduceat(stamps, bounds[:-1]), np.maximum.reduceat(stamps, bounds[:-1]),
             np.diff(bounds)):
         kept[bounds[stretch]:bounds[stretch + 1]] = True
@@ -193,15 +193,29 @@ def increasing(stamps: Integers) -> Order:
     return Order(index[fresh], jumped, int((~fresh).sum()))
 
 
-def _in_order(first: Integers, last: Integers, weight: Integers) -> list[int]:
-    """Return the stretches that follow each other in time, the longest before any other."""
-    kept: list[int] = []
-    for i in np.argsort(-weight, kind='stable').tolist():
-        at = bisect_left(kept, i)
-        if (not at or last[kept[at - 1]] < first[i]) and (
-                at == len(kept) or last[i] < first[kept[at]]):
-            kept.insert(at, i)
-    return kept
+def _largest_chain(first: Integers, last: Integers, weight: Integers) -> list[int]:
+    """Return the stretches, in order, that follow each other in time and weigh most together."""
+    ends: list[int] = []
+    totals: list[int] = []
+    tips: list[int] = []
+    previous: list[int] = []
+    for i, (start, end, own) in enumerate(zip(first.tolist(), last.tolist(), weight.tolist())):
+        place = bisect_left(ends, start + 1)
+        total = own + (totals[place - 1] if place else 0)
+        previous.append(tips[place - 1] if place else -1)
+        place = bisect_left(ends, end)
+        if place and totals[place - 1] >= total:
+            continue
+        worse = place
+        while worse < len(ends) and totals[worse] <= total:
+            worse += 1
+        ends[place:worse], totals[place:worse], tips[place:worse] = [end], [total], [i]
+    chain = []
+    i = tips[-1]
+    while i >= 0:
+        chain.append(i)
+        i = previous[i]
+    return chain[::-1]
 
 
 def _same_day(stamps: Integers, index: Integers) -> Integers:
