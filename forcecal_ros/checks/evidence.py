@@ -165,6 +165,10 @@ class Motion:
         Further columns of the forces, and of the torques.
     axes : ndarray, shape (3, 3), or None
         From true axes to those that were recorded.
+    levers : ndarray, shape (3, 3), or None
+        By which torques show forces beside those of the centre of mass [m].
+    arm : float
+        At which the weight acts [m].
     axes_std : float
         Standard error of their rotation [rad].
     """
@@ -179,6 +183,8 @@ class Motion:
     extra: Array | None = None
     extra_torque: Array | None = None
     axes: Array | None = None
+    levers: Array | None = None
+    arm: float = 1.0
     axes_std: float = 0.0
 
     @property
@@ -410,7 +416,9 @@ def explain(motion: Motion) -> Explained | None:
     if motion.step:
         columns.insert(1, at.inertia)
     if motion.extra_torque is not None:
-        columns.insert(1, motion.extra_torque[rows])
+        extra = motion.extra_torque
+        columns.insert(1, (_smoothed(extra, motion.path.smoothing / motion.step) if motion.step
+                           else extra)[rows])
     return Explained(pull.force, fit_part(np.concatenate(columns, axis=2), torque), pull.mass,
                      pull.mass_std, pull.moving, replace(motion, gravity=g).in_sensor[rows])
 

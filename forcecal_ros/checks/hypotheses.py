@@ -162,7 +162,7 @@ def judge(recording: Recording, gravity: Array, stated: Stated = Stated(),
         return ()
     found = candidates(motion)
     plain, best = found[0], max(found, key=lambda one: one.evidence)
-    lead = best.evidence - plain.evidence
+    lead, slight = best.evidence - plain.evidence, tuple[str, ...]()
     gain = sum(getattr(best.fit, part).mean_log - getattr(plain.fit, part).mean_log
                for part in ('force', 'torque'))
     if best is not plain and lead > MARGIN and gain > MIN_GAIN:
@@ -171,13 +171,16 @@ def judge(recording: Recording, gravity: Array, stated: Stated = Stated(),
         close = [one for one in found if best.evidence - one.evidence < MARGIN
                  and one is not plain and best.name not in one.name]  # nor what includes it
         message = messages.of(best, plain, stated, close)
-        if message and not (known and any(one.row.is_note for one in (best, *close))):
+        noted = best.row.is_note or any(one.name == 'crosstalk' for one in close)
+        if message and not (known and noted):
             raise DataError(message, messages.about(best))
-        if message or (best.row.is_note and best.name != 'tilted'):
+        if message or (best.row.is_note and best.name not in ('tilted', 'crosstalk')):
             return (message or messages.slight(best, stated),)
+        if best.name == 'crosstalk':  # a slight one hides no other fault
+            slight = (messages.slight(best, stated),)
     if not known:
         messages.refuse_weightless(plain)
-    notes = _of_estimates(motion, plain.fit, recording, known)
+    notes = (*slight, *_of_estimates(motion, plain.fit, recording, known))
     if best is not plain and lead > 0.5 * MARGIN and gain > MIN_GAIN and (
             said := messages.of(best, plain, stated, [])):
         notes = (*notes, f'undecided: as recorded, or {said}')
@@ -601,11 +604,11 @@ def _crosstalk(motion: Motion) -> Motion | None:
         return None
     first, more = 6 if motion.step else 1, force.shape[1]
     parts = (force @ fit.force.theta[first:first + more]).reshape(3, -1) @ V / fit.mass
-    levers = torque @ fit.torque.theta[3:3 + torque.shape[1]] / fit.mass
     arm = max(ELSEWHERE_M, float(np.linalg.norm(fit.com_by_torque[0])))
+    levers = (torque @ fit.torque.theta[3:3 + torque.shape[1]]).reshape(3, -1) @ V / fit.mass
     if max(np.abs(parts).max(), np.abs(levers).max() / arm) > MAX_CROSSTALK:
         return None
-    return replace(out, axes=np.eye(3) + parts)
+    return replace(out, axes=np.eye(3) + parts, levers=levers, arm=arm)
 
 
 def _procrustes(u: Array, read: Array, hand: float, rounds: int = 10) -> tuple[Array, float]:

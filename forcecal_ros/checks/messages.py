@@ -14,6 +14,7 @@ from forcecal_ros.core.geometry import (
 )
 from forcecal_ros.core.quantity import quantity
 from forcecal_ros.core.schema import Vector7
+from forcecal_ros.core.streams import CHANNELS
 import numpy as np
 
 TOLERANCE_DEG = 3.0
@@ -153,7 +154,7 @@ def slight(best: Any, stated: Stated) -> str:
                 'driver smooths it; contacts are as smooth, and weight is removed too early while '
                 'the robot moves; switch the filter off')
     if best.name == 'crosstalk':
-        return f'the wrench has {crosstalk(best.motion.axes)[0]}'
+        return f'the wrench has {crosstalk(best.motion)[0]}'
     parts = []
     if 'tilted' in best.name:
         parts.append(f'gravity is {_tilt(best, stated)} off {_numbers(stated.down)} of base, as '
@@ -164,14 +165,18 @@ def slight(best: Any, stated: Stated) -> str:
     return f'{" and ".join(parts)}, by the forces' if parts else ''
 
 
-def crosstalk(parts: Array) -> tuple[str, float]:
-    """Name the largest crosstalk or gain error of the forces; return its size, too."""
-    off = parts - np.eye(3)
-    i, j = (int(k) for k in np.unravel_index(np.argmax(np.abs(off)), off.shape))
-    share, shown, of = f'{100 * off[i, j]:+.2g} %', f'force.{"xyz"[i]}', f'force.{"xyz"[j]}'
+def crosstalk(motion: Motion) -> tuple[str, float]:
+    """Name the largest crosstalk or gain error; return its share of the weight, or its moment."""
+    assert motion.axes is not None
+    assert motion.levers is not None
+    parts = np.vstack([motion.axes - np.eye(3), motion.levers / motion.arm])
+    i, j = (int(k) for k in np.unravel_index(np.argmax(np.abs(parts)), parts.shape))
+    shown, of, size = CHANNELS['wrench'][i], CHANNELS['wrench'][j], float(abs(parts[i, j]))
+    share = (f'{100 * parts[i, j]:+.2g} %' if i < 3
+             else f'{1e3 * motion.levers[i - 3, j]:+.2g} mm')
     what = (f'a gain error, {share} of {shown}' if i == j
             else f'crosstalk, {shown} shows {share} of {of}')
-    return what, float(abs(off[i, j]))
+    return what, size
 
 
 def angle_of(one: Any, stated: Stated) -> tuple[float, float]:
@@ -282,7 +287,7 @@ def _cause(one: Any, plain: Any, stated: Stated) -> tuple[str, str] | None:
                 'three the other way round'),
                 'correct the order and the signs of the torques in the driver')
     if name == 'crosstalk':
-        what, size = crosstalk(one.motion.axes)
+        what, size = crosstalk(one.motion)
         return (f'wrench: it has {what}',
                 'calibrate its matrix (forcecal insitu)') if size > MAX_SLIGHT_CROSSTALK else None
     if name == 'clock':

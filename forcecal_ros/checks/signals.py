@@ -36,6 +36,9 @@ SPOILT, FEW = 0.01, 5
 """From this share of samples on that are no readings a stream is not to be used: ten a second of
 1 kHz. So few may be missing of any stream: of 24 static poses one would be 4 %."""
 
+MAX_STARTUP_S = 20.0
+"""A driver that publishes before its sensor answers sends nothing, or zeros, for so long."""
+
 PAUSE_S, PAUSE_PERIODS = 0.5, 5.0
 """Silence for so long, and so many periods, is a pause and no lost sample; a stream that repeats
 itself for so long has stopped, and its driver is not merely slow."""
@@ -176,7 +179,8 @@ def startup(stream: Stream) -> int:
     """Count the samples before a sensor's first reading: not finite, or zero in all channels."""
     for nothing in (~np.isfinite(stream.values).all(axis=1), ~stream.values.any(axis=1)):
         first = int(np.argmin(nothing))
-        if first > FEW and not nothing[first:].any() and 2 * first < len(stream):
+        if first > FEW and not nothing[first:].any() and 2 * first < len(stream) and (
+                stream.t[first] - stream.t[0] < MAX_STARTUP_S):
             return first
     return 0
 

@@ -74,6 +74,8 @@ ROWS = {
     'leaning': (leaning, r'not level, gravity in it is (10\.|9\.9)'),
     'crosstalk': (mapped(lambda w: w + 0.1 * w[:, [2]] * [1, 0, 0, 0, 0, 0]),
                   r'it has crosstalk, force\.x shows \+(9\.[89]|10) % of force\.z'),
+    'crosstalk into torque': (mapped(lambda w: w + 0.01 * w[:, [2]] * [0, 0, 0, 0, 0, 1]),
+                              r'it has crosstalk, torque\.z shows \+(9\.\d|10) mm of force\.z'),
     'exchanged': (wrong('force and torque exchanged'), 'force and torque are exchanged'),
     'torque in base': (wrong('torque in base, force not'), 'torques are expressed in base'),
     'torque axes': (mapped(lambda w: w[:, [0, 1, 2, 4, 5, 3]]), 'torques are not about the axes'),
@@ -166,6 +168,11 @@ def test_crosstalk_is_noted_up_to_what_a_rotation_within_tolerance_shows():
         'the wrench has crosstalk, force.x shows +5 % of force.z',)
     with pytest.raises(DataError, match=r'it has crosstalk, force\.x shows \+(5\.9|6) %'):
         judge(log(0.06), DOWN)
+
+
+def test_a_sign_that_is_stated_wrongly_is_named():
+    with pytest.raises(DataError, match='wrench.sign to 1 '):
+        judge(recording_of(mapped(lambda w: -w)(moving(1))), DOWN, Stated(wrench_sign=-1))
 
 
 def test_raw_counts_are_refused_by_their_bias():
