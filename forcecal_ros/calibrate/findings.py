@@ -17,6 +17,7 @@ from forcecal_ros.calibrate.joint import (
     SUSPECT_UNEXPLAINED,
     THINNING,
 )
+from forcecal_ros.calibrate.poses import values_in
 from forcecal_ros.calibrate.residuals import (
     DRIFT,
     drift,
@@ -216,7 +217,7 @@ def _accelerometer_remedy(stages: Stages, settings: IdentificationSettings) -> s
     """Say what to do about an accelerometer that is off: one that drifts at rest is coupled so."""
     stream = stages.recording.accelerometer
     if stream is not None and settings.coupling != 'ac':
-        sigmas, *_ = drift(stream, [(pose.start, pose.end) for pose in stages.poses])
+        sigmas, *_ = drift(values_in(stream, stages.poses))
         if sigmas > DRIFT:
             return 'it drifts while the robot stands: calibrate with --coupling ac'
     return 'tighten its mount, and record again'
@@ -298,7 +299,7 @@ def clips_or_drifts(stages: Stages, settings: IdentificationSettings) -> Iterato
                           suspect)
         if name == 'accelerometer' and settings.coupling == 'ac':
             continue
-        sigmas, pose, channel = drift(stream, [(p.start, p.end) for p in stages.poses])
+        sigmas, pose, channel = drift(values_in(stream, stages.poses))
         if sigmas > DRIFT:
             remedy = ('an AC-coupled accelerometer (accelerometer.coupling: ac)'
                     if name == 'accelerometer' else 'a sensor that warms up, and record again')
@@ -317,8 +318,7 @@ def moves_in_one_pose(stages: Stages, settings: IdentificationSettings) -> Itera
     for name, stream, suspect in (('wrench', recording.wrench, ALL),
                                   ('accelerometer', recording.accelerometer, MOTION),
                                   ('optidrive', recording.optidrive, ALL)):
-        found = None if stream is None else restless(
-            stream, [(p.start, p.end) for p in stages.poses])
+        found = None if stream is None else restless(values_in(stream, stages.poses))
         if found and found.times > _RESTLESS and found.size > small[name][found.channel]:
             yield Finding(
                 f'{CHANNELS[name][found.channel]} moves {found.times:.0f} times as much in pose '

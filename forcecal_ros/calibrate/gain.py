@@ -32,7 +32,7 @@ Eq. 7 gives.
 
 from typing import NamedTuple
 
-from forcecal_ros.calibrate.poses import StaticPose
+from forcecal_ros.calibrate.poses import StaticPose, values_in
 from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.autocovariance import noise_of_windows
@@ -243,8 +243,7 @@ def sample_covariance(windows: list[Array], rate: float) -> SampleCovariance | N
 
 def stream_covariance(stream: Stream, poses: list[StaticPose]) -> SampleCovariance | None:
     """Covariance of a stream's samples in the static poses."""
-    return sample_covariance([np.asarray(stream.between(p.start, p.end).values) for p in poses],
-                             stream.rate)
+    return sample_covariance(values_in(stream, poses), stream.rate)
 
 
 def slow_density(stream: Stream, poses: list[StaticPose]) -> Array | None:
@@ -254,9 +253,8 @@ def slow_density(stream: Stream, poses: list[StaticPose]) -> Array | None:
     The long-run covariance over the rate: that of white noise where no lag stands out. None where
     no pose was held long enough.
     """
-    windows = [np.asarray(stream.between(p.start, p.end).values) for p in poses]
     try:
-        return noise_of_windows(windows).at_least_white / stream.rate
+        return noise_of_windows(values_in(stream, poses)).at_least_white / stream.rate
     except DataError:
         return None
 

@@ -29,6 +29,7 @@ from forcecal_ros.calibrate.poses import (
     require_wrench,
     static_poses,
     StaticPose,
+    values_in,
     window_mean,
 )
 from forcecal_ros.calibrate.quality import (
@@ -120,8 +121,6 @@ def identify(recording: Recording, settings: IdentificationSettings = Identifica
     try:
         with np.errstate(all='ignore'):
             recording, found = _judged(with_even_streams(recording, SENSORS), settings)
-            if settings.tool_compliance == 'no':
-                recording = replace(recording, optidrive=None)
             points = [one.point for one in found if one.point is not None]
             stages = _stages_or_motion(recording, settings, *points)
     except TurnedWrench as error:
@@ -203,12 +202,13 @@ def _by_motion(recording: Recording, settings: IdentificationSettings, why: str,
                point: Array | None) -> dict[str, Any]:
     recording = levelled(recording, settings.gravity_direction)
     recording = in_axes_of_pose(recording, settings.sensor_rotation)
-    joint = fit_motion(recording, settings, (), recording.optidrive, point)
+    slide = optidrive_of(recording, settings)
+    joint = fit_motion(recording, settings, (), slide, point)
     assert joint is not None and recording.pose is not None  # without poses it is one or refused
     require_tool(joint, recording.pose.has_position, settings.largest_delay)
     accelerometer = None
     if recording.pose.has_position and settings.coupling == 'dc':
-        accelerometer = fit_accelerometer(recording, settings, joint, (), recording.optidrive)
+        accelerometer = fit_accelerometer(recording, settings, joint, (), slide)
     return calibrate_by_motion(recording, settings, joint, accelerometer, why)
 
 
@@ -251,7 +251,7 @@ def identify_stages(recording: Recording, settings: IdentificationSettings,
     _refuse_other_unit(recording, poses, settings)
     statics = read_statics(recording, poses, settings)
     check_weight(statics.gravity, settings.thresholds.condition)
-    slide = recording.optidrive
+    slide = optidrive_of(recording, settings)
     joint = fit_motion(recording, settings, poses, slide, point)
     assert recording.pose is not None
     if joint is None:
@@ -286,6 +286,11 @@ def identify_stages(recording: Recording, settings: IdentificationSettings,
                   fit_accelerometer(recording, settings, joint, poses, slide),
                   inertia_of(joint) if moves else None, late if known else None, joint,
                   stops=stops)
+
+
+def optidrive_of(recording: Recording, settings: IdentificationSettings) -> Stream | None:
+    """Return the measured displacement of the tool; None for one that is stated to be rigid."""
+    return None if settings.tool_compliance == 'no' else recording.optidrive
 
 
 def fit_motion(recording: Recording, settings: IdentificationSettings,
@@ -389,11 +394,12 @@ def _refuse_other_unit(recording: Recording, poses: list[StaticPose],
     stream = recording.accelerometer
     if stream is None or recording.accelerometer_unit == 'V' or settings.coupling == 'ac':
         return
-    shown = [(part.mean(axis=0), pose.gravity(settings.gravity)) for pose in poses
-             if len(part := stream.between(pose.start, pose.end).values)]
+    parts = values_in(stream, poses)
+    shown = [(part.mean(axis=0), pose.gravity(settings.gravity))
+             for part, pose in zip(parts, poses) if len(part)]
     if shown:
         means, gravity = (np.array(column) for column in zip(*shown, strict=True))
-        sigmas, *_ = drift(stream, [(pose.start, pose.end) for pose in poses])
+        sigmas, *_ = drift(parts)
         refuse_other_unit(means, settings.gravity, decays=sigmas > DRIFT)
         refuse_on_another_link(means, gravity)
 

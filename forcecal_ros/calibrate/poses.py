@@ -1,6 +1,6 @@
 """Static poses: how the paper orients the sensor, where a robot stands still, and means there."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -310,6 +310,11 @@ def _moving(cut: PoseStream, edges: NDArray[np.intp]) -> NDArray[np.bool_]:
     least = 5.0 * noise * np.sqrt(2.0 / np.diff(edges).min())
     way = np.maximum(np.abs(np.diff(means, axis=0)) - least, 0.0)
     return np.asarray(np.linalg.norm(way, axis=1) > _AVERAGED)
+
+
+def values_in(stream: Stream, poses: Sequence[StaticPose]) -> list[Array]:
+    """Return the samples of a stream in each static pose, (n_i, k)."""
+    return [np.asarray(stream.between(pose.start, pose.end).values) for pose in poses]
 
 
 def window_mean(stream: Stream, start: float, end: float, what: str = 'signal') -> Array:

@@ -17,7 +17,6 @@ from forcecal_ros.core.estimation import CHANCE, robust_fit
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.autocovariance import noise_of_windows
 from forcecal_ros.core.noise.white import white_covariance
-from forcecal_ros.core.streams import Stream
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, stdtr, stdtrit
@@ -296,14 +295,9 @@ DRIFT = 6.0
 """Drifts within a static pose of fewer standard errors are taken for chance."""
 
 
-def drift(stream: Stream, windows: list[tuple[float, float]]) -> tuple[float, int, int]:
+def drift(parts: Sequence[Array]) -> tuple[float, int, int]:
     """
-    Find the strongest drift of a signal while the robot stands.
-
-    Parameters
-    ----------
-    windows : list of tuple of float
-        Start and end [s].
+    Find the strongest drift of a signal while the robot stands: of its samples in each window.
 
     Returns
     -------
@@ -311,7 +305,6 @@ def drift(stream: Stream, windows: list[tuple[float, float]]) -> tuple[float, in
         Mean of the second half less that of the first, in standard errors by noise that may be
         coloured; 0 where the windows hold too few samples to tell.
     """
-    parts = [stream.between(start, end).values for start, end in windows]
     size = max(1, int(np.median([len(part) for part in parts])) // 40) if parts else 1
     whole = [(i, _block_means(part, size)) for i, part in enumerate(parts)
              if len(part) // size >= 20]
@@ -349,23 +342,17 @@ class Restless(NamedTuple):
     channel: int
 
 
-def restless(stream: Stream, windows: list[tuple[float, float]]) -> Restless | None:
+def restless(parts: Sequence[Array]) -> Restless | None:
     """
     Find where a signal moves more than elsewhere while the robot stands.
 
     A jump within a window widens the noise that is seen there, and hides behind it.
-
-    Parameters
-    ----------
-    windows : list of tuple of float
-        Start and end [s].
 
     Returns
     -------
     Restless or None
         None where windows or their samples are too few.
     """
-    parts = [stream.between(start, end).values for start, end in windows]
     if len(parts) < _WINDOWS or min(map(len, parts)) < _SAMPLES:
         return None
     spread = np.array([part.std(axis=0) for part in parts])

@@ -1,12 +1,13 @@
-"""One robust linear fit of wrenches, with standard errors of blocks."""
+"""One robust linear fit with standard errors of blocks, derivatives and a filter's gain."""
 
 from collections.abc import Callable
 from typing import NamedTuple
 
+from forcecal_ros.core.errors import UnobservableError
 from forcecal_ros.core.geometry import Array
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eigh
+from scipy.linalg import eigh, solve_discrete_are
 from scipy.special import chdtri, fdtri, ndtri, stdtrit
 
 FREEDOM = 4.0
@@ -25,7 +26,7 @@ of residuals, an offset. Of 1495 looks at the residuals of 299 fault-free record
 probable had 5e-3, where as many independent ones would have had 7e-4."""
 
 COVERED = 0.975
-"""Of a normal distribution below 1.96 standard errors; of estimates as well."""
+"""Share of a normal distribution below 1.96 standard errors, and of estimates below theirs."""
 
 CHUNK = 48
 """Rows of one matrix product, too few for threads, which take longer to meet than to multiply."""
@@ -39,7 +40,7 @@ class RobustFit(NamedTuple):
     ----------
     theta : ndarray, shape (k,)
     covariance : ndarray, shape (k, k)
-        Sandwich over blocks.
+        Sandwich over blocks, scaled so that 1.96 standard errors to either side hold 95 %.
     residual : ndarray, shape (n, c, d)
     scale : ndarray, shape (g, c)
         Of one channel's residual in each group of rows and of channels.
@@ -133,14 +134,18 @@ def robust_fit(X: Array, y: Array, prior: Array | None = None, blocks: int = BLO
     score = score.reshape(n, -1, k).sum(axis=1)
     edges = np.linspace(0, n, min(blocks, n) + 1).astype(int)[:-1]
     sums = np.add.reduceat(score, edges, axis=0)
-    # noise of a row is in its residual and bends its weight: a block's mean is free of that
-    cell = len(members) * (np.searchsorted(edges, np.arange(n), side='right') - 1) + groups
+    # a row's slope depends on its own residual, so that its mean over block and group is taken
+    block = np.repeat(np.arange(len(edges)), np.diff(np.append(edges, n)))
+    cell = len(members) * block + groups
     slope = np.stack([np.bincount(cell, part) for part in bend.T], axis=1)
     slope = (slope / np.maximum(np.bincount(cell), 1)[:, None])[cell]
     rows = X.reshape(n, -1, k) * np.sqrt(np.repeat(slope, d, axis=1))[:, :, None]
     squares = np.stack([part.reshape(-1, k).T @ part.reshape(-1, k)
                         for part in np.split(rows, edges[1:])])
-    normal, _, shown = normal_of(slope, slope)
+    normal, shown = squares.sum(axis=0), np.eye(k)
+    if noise is not None:
+        part = noise_of(slope)
+        normal, shown = _less_noise(normal, part, part, len(X))
     inverse = np.linalg.inv(normal + ridge)
     with np.errstate(over='ignore'):
         covariance = (_covariance(inverse, sums @ shown.T, shown @ squares @ shown.T, ridge)
@@ -152,29 +157,31 @@ def _covariance(inverse: Array, sums: Array, squares: Array, ridge: Array) -> Ar
     """
     Return the covariance (k, k) of estimates from sums of scores (b, k) over blocks.
 
-    A block's scores are raised by the share of all squares (b, k, k) that is its own, since it is
-    fitted by itself in part. A sum of few squares is spread as Student's t is, with degrees of
-    freedom that are matched as if residuals were independent: estimates are within 1.96 standard
-    errors as often as normal ones. After Bell and McCaffrey 2002 (CR2). What one block alone shows
-    has residuals that are taken as independent.
+    A block's scores are raised by its leverage, its share of all squares (b, k, k): it is fitted
+    by itself in part (CR2 of Bell and McCaffrey 2002). Standard errors of few blocks are scaled by
+    Student's t, whose degrees of freedom are matched as if residuals were independent, so that
+    estimates lie within 1.96 of them as often as normal ones. What one block alone shows has no
+    score; its residuals are taken as independent.
     """
     root = np.linalg.cholesky(squares.sum(axis=0) + ridge)
     whitened = np.linalg.inv(root)
     shares = whitened @ squares @ whitened.T
-    share, vectors = np.linalg.eigh(shares)
-    left, across = np.maximum(1 - share, 1 / len(sums)), inverse @ root @ vectors
-    parts = across / np.sqrt(left)[:, None, :] @ vectors.swapaxes(1, 2)
-    alone = across * np.sqrt(np.where(1 - share < left, share, 0.0))[:, None, :]
+    leverage, vectors = np.linalg.eigh(shares)
+    # below the mean share of a block it counts as shown by that block alone
+    others = np.maximum(1 - leverage, 1 / len(sums))
+    by_vector = inverse @ root @ vectors
+    parts = by_vector / np.sqrt(others)[:, None, :] @ vectors.swapaxes(1, 2)
+    single = by_vector * np.sqrt(np.where(1 - leverage < others, leverage, 0.0))[:, None, :]
     estimates = np.einsum('bij,bj->bi', parts, sums @ whitened.T)
     # covariance of these estimates, of two blocks each, if residuals were independent
-    own = parts @ shares
-    between = -np.einsum('bij,cij->ibc', own, own)
-    between += np.einsum('bij,bij->ib', own, parts)[:, :, None] * np.eye(len(sums))
-    total = np.einsum('ibb->i', between)
-    freedom = total**2 / np.maximum(np.einsum('ibc,ibc->i', between, between), 1e-300)
-    wider = stdtrit(np.maximum(freedom, 1.0), COVERED) / ndtri(COVERED)
-    return np.asarray(estimates.T @ estimates * np.outer(wider, wider)
-                      + np.einsum('bij,bkj->ik', alone, alone))
+    products = parts @ shares
+    between = -np.einsum('bij,cij->ibc', products, products)
+    between += np.einsum('bij,bij->ib', products, parts)[:, :, None] * np.eye(len(sums))
+    trace = np.einsum('ibb->i', between)
+    dof = trace**2 / np.maximum(np.einsum('ibc,ibc->i', between, between), 1e-300)
+    t_ratio = stdtrit(np.maximum(dof, 1.0), COVERED) / ndtri(COVERED)  # dof 0: no block, no score
+    return np.asarray(estimates.T @ estimates * np.outer(t_ratio, t_ratio)
+                      + np.einsum('bij,bkj->ik', single, single))
 
 
 def _weighing(Z: Array) -> Callable[[Array], Array]:
@@ -225,3 +232,26 @@ def jacobian(score: Callable[[Array], Array], theta: Array, steps: Array) -> Arr
     """
     return np.stack([(score(theta + step) - score(theta - step)) / (2 * size)
                      for size, step in zip(steps, np.diag(steps), strict=True)], axis=1)
+
+
+def stationary_gain(A: Array, C: Array, Q: Array, R: Array) -> Array:
+    """
+    Return the gain (n, m) of the stationary Kalman filter of x' = A x + w, y = C x + v.
+
+    Parameters
+    ----------
+    A, C : ndarray, shapes (n, n), (m, n)
+    Q, R : ndarray, shapes (n, n), (m, m)
+        Covariances of w and v.
+
+    Raises
+    ------
+    UnobservableError
+        The Riccati equation has no stabilising solution.
+    """
+    try:
+        P = solve_discrete_are(A.T, C.T, Q, R)
+    except ValueError as error:  # LinAlgError is one; reordering the pencil raises others
+        raise UnobservableError(f'no stationary gain for {len(A)} states: {error}; check the '
+                                'covariances') from None
+    return np.asarray(np.linalg.solve(C @ P @ C.T + R, C @ P).T)

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Annotated, NamedTuple, Protocol
 
-from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.errors import ConfigError, UnobservableError
+from forcecal_ros.core.estimation import stationary_gain
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.schema import Row, Section
 from forcecal_ros.impedance.plant import Plant, Process, process, Wall
@@ -347,7 +348,7 @@ def _law(plant: Plant, free: Process, target: TargetImpedance, settings: DesignS
         L = _optimal_gain(free.A, free.B[:, np.newaxis], np.outer(e.C, e.C),
                           np.array([[e.D**2 + settings.effort**2]]), e.D * e.C[:, np.newaxis])
         K = _kalman_gain(free, C)
-    except ValueError as error:  # LinAlgError is one
+    except (ValueError, UnobservableError) as error:  # LinAlgError is a ValueError
         raise ConfigError(f'no optimal gain for this impedance: {error}; change '
                           'design.effort') from error
     L = np.ravel(L)
@@ -363,11 +364,10 @@ def _law(plant: Plant, free: Process, target: TargetImpedance, settings: DesignS
                target.damping / target.stiffness)
 
 
-def _optimal_gain(A: Array, B: Array, Q: Array, R: Array, S: Array | None = None) -> Array:
+def _optimal_gain(A: Array, B: Array, Q: Array, R: Array, S: Array) -> Array:
     """Return the gain K of u = -K x with the least sum of x'Qx + u'Ru + 2 x'Su."""
     X = solve_discrete_are(A, B, Q, R, s=S)
-    crossed = B.T @ X @ A if S is None else B.T @ X @ A + S.T
-    return np.asarray(solve(B.T @ X @ B + R, crossed))
+    return np.asarray(solve(B.T @ X @ B + R, B.T @ X @ A + S.T))
 
 
 def _kalman_gain(free: Process, C: Array) -> Array:
@@ -376,8 +376,7 @@ def _kalman_gain(free: Process, C: Array) -> Array:
     # and of the measured positions [m]
     force, command, position = 0.3, 1e-5, 2e-5
     G = np.column_stack([free.F * force, free.B * command]) / position
-    P = solve_discrete_are(free.A.T, C.T, G @ G.T, np.eye(2))  # of predictions
-    return np.asarray(solve(C @ P @ C.T + np.eye(2), C @ P).T)
+    return stationary_gain(free.A, C, G @ G.T, np.eye(2))
 
 
 def _steady_gains(free: Process, e: Relation, L: Array) -> tuple[float, float]:

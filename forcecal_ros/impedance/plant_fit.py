@@ -89,8 +89,6 @@ def fit_output_error(command: Array, position: Array, order: int, delay: int, us
     """
     unit = float(np.std(position[used])) or 1.0
     start = _weighted_least_squares(command, position, order, delay, used)
-    if not np.isfinite(_residual(start, command, position, order, delay)[used]).all():
-        raise DataError(f'no stable model of order {order} fits; move more')
 
     def residual(theta: Array) -> Array:
         """Return the errors; infinite where the model is unstable, which no step goes to."""
@@ -98,6 +96,8 @@ def fit_output_error(command: Array, position: Array, order: int, delay: int, us
             return np.full(len(position[used]), np.inf)
         return np.asarray(_residual(theta, command, position, order, delay)[used] / unit)
 
+    if not np.isfinite(residual(start)).all():
+        raise DataError(f'no stable model of order {order} fits; move more')
     found = least_squares(
         residual, start, lambda theta: -_jacobian(theta, command, order, delay)[used] / unit,
         x_scale='jac', ftol=1e-9, xtol=1e-12, gtol=1e-12)

@@ -230,7 +230,7 @@ def solve(raw: Sequence[Array], gravity: Sequence[Array], loads: Sequence[Load],
     """
     design, right = system([r @ channels for r in raw], gravity, loads)
     scaled, scale = to_unit_columns(design)
-    unknowns = np.linalg.lstsq(scaled, right, rcond=RELATIVE)[0] / scale
+    unknowns = np.linalg.lstsq(scaled, right, rcond=1e-10)[0] / scale
     return MatrixFit(unknowns[:36].reshape(6, 6).T @ channels.T, unknowns[36:])
 
 
@@ -295,7 +295,7 @@ def body_of(wrench: Array, gravity: Array) -> Array:
         Without a constant wrench: the offset is off.
     """
     design = -rows(np.empty((len(gravity), 0)), gravity)[:, :INERTIAL]
-    found = np.linalg.lstsq(design, wrench.ravel(), rcond=RELATIVE)[0]
+    found = np.linalg.lstsq(design, wrench.ravel(), rcond=1e-10)[0]
     return found if len(found) < INERTIAL else np.concatenate([found, np.zeros(6)])
 
 
@@ -333,7 +333,7 @@ def estimate_load(wrench: Array, gravity: Array, body: Array, magnitude: float,
     added = total - body
     position = added[1:4] / added[0] if with_position and added[0] else np.full(3, np.nan)
     in_motion = gravity[:, 3:] @ body_map(total, gravity.shape[1])[:3, 3:].T
-    by_gravity = np.linalg.lstsq(gravity[:, :3], wrench[:, :3] - in_motion, rcond=RELATIVE)[0]
+    by_gravity = np.linalg.lstsq(gravity[:, :3], wrench[:, :3] - in_motion, rcond=1e-10)[0]
     axes = magnitude * np.linalg.svd(by_gravity, compute_uv=False)
     return LoadEstimate(axes, float(added[0]), position)
 

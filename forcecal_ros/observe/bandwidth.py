@@ -5,7 +5,8 @@ from math import inf, log1p, pi, sqrt, tau
 from typing import NamedTuple
 
 from forcecal_ros.core.calibration import Calibration, Noise
-from forcecal_ros.core.errors import ConfigError, UnobservableError
+from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.estimation import stationary_gain
 from forcecal_ros.core.geometry import Array, skew
 from forcecal_ros.observe.settings import (
     BANDWIDTH_LIMITS,
@@ -15,7 +16,6 @@ from forcecal_ros.observe.settings import (
 )
 import numpy as np
 from scipy.integrate import quad
-from scipy.linalg import solve_discrete_are
 
 UNMEASURED_HZ = 24.7
 """Bandwidth where a calibration holds no noise that one could follow from: that of the nominal
@@ -148,29 +148,6 @@ def noise_of_reading(calibration: Calibration, noise: Noise) -> tuple[Array, Arr
     return sample, density + by_force @ f_density @ by_force.T
 
 
-def stationary_gain(A: Array, C: Array, Q: Array, R: Array) -> Array:
-    """
-    Return the gain (n, m) of the stationary Kalman filter of x' = A x + w, y = C x + v.
-
-    Parameters
-    ----------
-    A, C : ndarray, shapes (n, n), (m, n)
-    Q, R : ndarray, shapes (n, n), (m, m)
-        Covariances of w and v.
-
-    Raises
-    ------
-    UnobservableError
-        The Riccati equation has no stabilising solution.
-    """
-    try:
-        P = solve_discrete_are(A.T, C.T, Q, R)
-    except ValueError as error:  # LinAlgError is one; reordering the pencil raises others
-        raise UnobservableError(f'no stationary gain for {len(A)} states: {error}; check the '
-                                'covariances') from None
-    return np.linalg.solve(C @ P @ C.T + R, C @ P).T
-
-
 def as_calibrated(settings: ObserverSettings, calibration: Calibration) -> ObserverSettings:
     """
     Fill in what the settings leave to the calibration: walk and limits of the bandwidth.
@@ -199,7 +176,7 @@ def _poles(A: Array, gain: Array, dt: float) -> Poles:
     return Poles(float(-real.real), float(mean), float(product - mean * mean))
 
 
-def offset_poles(levels: NoiseLevels, settings: ObserverSettings, position_std: float) -> Poles:
+def offset_poles(levels: NoiseLevels, position_std: float) -> Poles:
     """
     Design place, velocity and offset of the accelerometer from the pose (its std in m).
 

@@ -230,8 +230,10 @@ def design(calibration: Calibration, settings: ObserverSettings = ObserverSettin
     if noise is not None:
         bandwidth = contact_bandwidth(slow_levels(noise), load.m, settings)
     rate = tau * bandwidth
-    # not if the bandwidth is stated, or no noise was measured
-    adaptive = settings.adaptive and settings.bandwidth_hz is None
+    scale = ZERO
+    adaptive = settings.adaptive and settings.bandwidth_hz is None and noise is not None
+    if adaptive and noise is not None:
+        scale = _innovation_scale(calibration, noise, rate)
     gain: Gain = (0.0,) * 6
     if observer is not None:
         (a, b, c), (d, e, f) = observer.K.value.tolist()
@@ -264,14 +266,12 @@ def design(calibration: Calibration, settings: ObserverSettings = ObserverSettin
             np.nan_to_num(accelerometer.delay.value, posinf=0.0, neginf=0.0)),
         place=(load.cx - load.dx, load.cy - load.dy, load.cz - load.dz),
         stiffness=stiffness, relaxation=stiffness / damping if damping > 0 else inf,
-        rate=rate, adaptive=adaptive and noise is not None,
-        innovation_scale=(_innovation_scale(calibration, noise, rate)
-                          if adaptive and noise is not None else ZERO),
+        rate=rate, adaptive=adaptive, innovation_scale=scale,
         slowest=tau * within_limits(0.0, settings), track_offset=track,
         rotation_poles=butterworth(corner),
-        offset_poles=offset_poles(levels, settings, settings.pose_position_std),
+        offset_poles=offset_poles(levels, settings.pose_position_std),
         motion_poles=butterworth(motion),
-        reach_poles=offset_poles(levels, settings, 0.3), K=gain,
+        reach_poles=offset_poles(levels, 0.3), K=gain,
         pause=0.1, timeout=timeout, displacement_timeout=timeout,
         pose_timeout=settings.pose_timeout, skew=settings.skew, keep=0.005, reach=0.0, memory=0.0,
         limited=settings.wrench_limit is not None,

@@ -67,7 +67,7 @@ def replay(recording: Recording, calibration: Calibration,
     Estimate the contact wrench over a recording, one row for each of its wrenches.
 
     All at once (:mod:`forcecal_ros.observe.batch`) where the stamps of each stream increase, else
-    sample by sample. Time-outs are those of a file, see :mod:`forcecal_ros.observe.from_file`.
+    sample by sample. Time-outs are those of a file.
 
     Parameters
     ----------

@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from forcecal_ros.core.errors import above, below, DataError
+from forcecal_ros.core.estimation import jacobian
 from forcecal_ros.core.geometry import Array, quaternion_from_matrix, rotation_vector
 from forcecal_ros.core.schema import Matrix3
 from forcecal_ros.core.streams import phase_spans, Recording, TOUCHING
@@ -253,14 +254,13 @@ def _lag(model: OutputError) -> tuple[float, float]:
     order = len(model.feedback)
     theta = np.append(model.feedback, model.feedforward)
 
-    def lag(x: Array) -> float:
+    def lag(x: Array) -> Array:
         a, b, i = x[:order], x[order:], np.arange(order)
-        return float((b @ i + a @ (i + 1.0)) / (1.0 - a.sum()))
+        return np.array([(b @ i + a @ (i + 1.0)) / (1.0 - a.sum())])
 
-    step = 1e-6
-    slope = np.array([(lag(theta + step * e) - lag(theta - step * e)) / (2.0 * step)
-                      for e in np.eye(2 * order)])
-    return model.delay + lag(theta), float(np.sqrt(max(0.0, slope @ model.covariance @ slope)))
+    slope = jacobian(lag, theta, np.full(2 * order, 1e-6))[0]
+    return (model.delay + float(lag(theta)[0]),
+            float(np.sqrt(max(0.0, slope @ model.covariance @ slope))))
 
 
 class _Number(NamedTuple):

@@ -68,7 +68,7 @@ def test_noise_free_answer_to_a_prbs_gives_the_coefficients_back():
     assert fit.fit > 1.0 - 1e-9
 
 
-def test_noise_of_20_um_hides_that_pair_and_one_order_less_is_chosen():
+def test_noise_of_20_um_hides_a_pole_and_a_zero_and_a_lower_order_is_chosen():
     command = prbs(2000)
     position = answer_of_eq_28(command) + np.random.default_rng(6).normal(0.0, 2e-5, len(command))
     fit = identify_robot(command, position, PERIOD, orders=(1, 2, 3), delays=(1,))
