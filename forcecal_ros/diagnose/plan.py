@@ -12,7 +12,7 @@ from forcecal_ros.core.quantity import rounded, scaled
 from forcecal_ros.core.streams import Phase, PoseStream
 from forcecal_ros.diagnose.dataset import split_by_phase
 from forcecal_ros.diagnose.judge.coverage import VISIBLE_ENERGY
-from forcecal_ros.diagnose.model.hypotheses import hypotheses, Hypothesis
+from forcecal_ros.diagnose.model.hypotheses import CLIPPING, hypotheses, Hypothesis
 from forcecal_ros.diagnose.model.jacobian import Column
 from forcecal_ros.diagnose.model.linearised import linearised_model, LinearisedModel
 from forcecal_ros.diagnose.result import Diagnosis
@@ -118,7 +118,7 @@ def excitation(rig: Rig, target: PoseStream, phases: tuple[Phase, ...]) -> Excit
     shown = [_visibility(h.effect, found[h.name], energy[parts[h.name]]) for h in tried]
     for name, effect in EFFECTS.items():
         if name not in found and applicable(effect, rig):
-            none = np.nan if name in UNSEEN or name.endswith('saturation') else 0.0
+            none = np.nan if name in (*UNSEEN, *CLIPPING) else 0.0
             shown.append(Visibility(name, '', none, '', none, effect.excited_by))
     order = list(EFFECTS)
     return Excitation(tuple(sorted(shown, key=lambda s: order.index(s.name))),

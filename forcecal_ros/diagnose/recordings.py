@@ -434,6 +434,10 @@ MIN_POSES = 50
 MIN_POSE_NOISE = 1e-6
 """Noise of poses, at least [m], [rad]: an encoder of 22 bits, and no robot's pose is finer."""
 
+REPLAYED_S = 20.0
+"""Length of a recording from its first motion on, at most, that is replayed to choose among whole
+periods [s]."""
+
 MIN_CONCENTRATION = 0.3
 """Mean of unit vectors, one a stamp, below which stamps keep no grid; even ones give 1, or 0."""
 
@@ -481,7 +485,11 @@ def estimate_start(recording: Recording, rig: Rig, accelerometer: str) -> float:
     if not shift:
         return first
     starts = [first + shift + k * grid for k in range(-1, 1 + round(period / grid))]
-    return min(starts, key=lambda start: _pose_misfit(pose, target, rig, accelerometer, start))
+    speed = np.linalg.norm(np.diff(target.position, axis=0), axis=1)
+    begin = target.t[1:][speed > 0.1 * speed.max()][0] if speed.max() > 0.0 else first
+    cut = pose.between(-np.inf, float(begin) + REPLAYED_S)
+    misfits = [_pose_misfit(cut, target, rig, accelerometer, start) for start in starts]
+    return first if np.isnan(misfits).any() else starts[int(np.argmin(misfits))]
 
 
 def grid_shift(commands: Array, poses: Array, period: float) -> float:

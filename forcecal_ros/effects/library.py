@@ -147,15 +147,15 @@ EFFECTS: Mapping[str, Effect] = MappingProxyType({effect.name: effect for effect
         _shape('softness', '1', 0.0, 0.0, 1.0, 0.25, (0.0, 1.0)),
     ), ('reverse', 'sweep', 'contact', 'measure'), False, 'signal'),
     Effect('wrench_saturation', 'wrench_sensor', (
-        Quantity('limit', 'N', 1e4, 1.0, 1e4, 120.0, (30.0, 60.0, 100.0, 130.0)),
-        Quantity('torque_limit', 'N m', 1e3, 0.1, 1e3, 5.0, (1e3, 5.0)),
+        Quantity('limit', 'N', 1e4, 1.0, 1e4, 120.0),
+        Quantity('torque_limit', 'N m', 1e3, 0.1, 1e3, 5.0),
         # of one axis alone
         *(Quantity(name, 'N', 1e4, 0.1, 1e4, 60.0) for name in FORCES[:3]),
         *(Quantity(name, 'N m', 1e3, 0.01, 1e3, 5.0) for name in FORCES[3:]),
     ), ALWAYS, False, 'signal'),
     Effect('wrench_quantisation', 'wrench_sensor', (
-        Quantity('step', 'N', 0.0, 0.0, 20.0, 1.0, (0.5, 2.0)),
-        Quantity('torque_step', 'N m', 0.0, 0.0, 2.0, 0.1, (0.05, 0.2)),
+        Quantity('step', 'N', 0.0, 0.0, 20.0, 1.0),
+        Quantity('torque_step', 'N m', 0.0, 0.0, 2.0, 0.1),
     ), ALWAYS, False, 'signal'),
     Effect('accel_delay', 'accelerometer', _delay(), FAST, True, 'signal'),
     Effect('accel_gain', 'accelerometer', _each(AXES, '1', 0.9, 0.05), ALWAYS, True, 'signal',
@@ -171,7 +171,7 @@ EFFECTS: Mapping[str, Effect] = MappingProxyType({effect.name: effect for effect
         _shape('before', 's', 1e3, 0.0, 1e4, -1e2, (0.0, 1e3)),
     ), ('measure', 'move'), False, 'signal'),
     Effect('accel_saturation', 'accelerometer', (
-        Quantity('limit', 'm/s^2', 1e3, 0.1, 1e3, 9.0, (2.0, 5.0, 9.0, 10.0)),
+        Quantity('limit', 'm/s^2', 1e3, 0.1, 1e3, 9.0),
         *(Quantity(axis, 'm/s^2', 1e3, 0.1, 1e3, 9.0) for axis in AXES),  # of one axis alone
     ), FAST, False, 'signal'),
     Effect('accel_resonance', 'accelerometer', (

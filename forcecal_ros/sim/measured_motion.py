@@ -123,7 +123,7 @@ Simulated rigid tools had a residual of 0.05 to 0.11 in one channel or other.
 
 EFFECTS_SHOWN = frozenset({
     'wrench_delay', 'wrench_lowpass', 'wrench_bias_drift', 'wrench_gain', 'wrench_crosstalk',
-    'wrench_hysteresis', 'wrench_saturation', 'accel_delay', *INVERTIBLE,
+    'wrench_hysteresis', 'accel_delay', *INVERTIBLE,
     'tool_mass', 'tool_com', 'base_tilt', CABLE})
 """Effects that a measured motion can show: none of what the robot makes of its commands."""
 

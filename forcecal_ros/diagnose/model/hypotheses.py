@@ -123,14 +123,18 @@ def _parts(effect: Effect, n: int) -> list[list[int]]:
     """
     List which of an effect's first n parameters may be wrong together.
 
-    All, those of one vector, or one alone.
+    All, those of one vector, those of one axis of a vibration, or one alone.
     """
     names = [q.name for q in effect.parameters[:n]]
-    stems = dict.fromkeys(name[:-1] for name in names if name[-1] in 'xyz')
+    # a sine and a cosine of one axis are one amplitude and phase, so that neither stands alone
+    is_wave = 'sine_x' in names
+    stems = [f'ine_{axis}' for axis in 'xyz'] if is_wave else dict.fromkeys(
+        name[:-1] for name in names if name[-1] in 'xyz')
     parts = [list(range(n)),
-             *([i for i, name in enumerate(names) if name[:-1] == stem and name[-1] in 'xyz']
-               for stem in stems), *([i] for i in range(n))]
-    return [part for i, part in enumerate(parts) if part not in parts[:i]]
+             *([i for i, name in enumerate(names) if (
+                 name.endswith(stem) if is_wave else name[:-1] == stem and name[-1] in 'xyz')]
+               for stem in stems), *([] if is_wave else ([i] for i in range(n)))]
+    return [part for i, part in enumerate(parts) if part and part not in parts[:i]]
 
 
 def _atoms(model: LinearisedModel, name: str, effect: Effect, line: float | None) -> list[Atom]:

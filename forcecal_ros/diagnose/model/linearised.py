@@ -270,10 +270,12 @@ class LinearisedModel:
         one = self.datasets[dataset]
         tangent = one.simulation.tangent(rig) if nuisance.acts_on == 'rig' else None
         key = dataset, nuisance.name, tangent
-        if tangent is None or key not in self._straight:
-            self._straight[key] = nuisance_column(one, nuisance, size, rig, base, residual,
-                                                  self.level)
-        return self._straight[key]
+        found = None if tangent is None else self._straight.get(key)
+        if found is None:
+            found = nuisance_column(one, nuisance, size, rig, base, residual, self.level)
+        if tangent is not None:
+            self._straight[key] = found
+        return found
 
     def gram(self, extra: list[list[Column]], training: bool = False) -> Gram:
         """Return the Gram of nuisances' and further columns, over all or training blocks."""

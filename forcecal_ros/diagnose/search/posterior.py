@@ -260,8 +260,10 @@ def _with_change_point(now: JointFit, t: Candidate) -> JointFit | None:
 def _without(start: LinearisedModel, now: Explanation, name: str) -> Explanation:
     """Remove an effect and fit the others anew, noise as it is."""
     model, others = now.fit.model, [a for a in now.fit.accepted if a.name != name]
-    refitted = joint_fit_if_finite(model, others) if others else None
-    return weigh(refitted or JointFit(replace(start, noise=model.noise), [], []), now.ways)
+    if not others:
+        return weigh(JointFit(replace(start, noise=model.noise), [], []), now.ways)
+    # where the others do not fit without it, nothing is known of what it brings
+    return weigh(joint_fit_if_finite(model, others) or now.fit, now.ways)
 
 
 def _exchanged(start: LinearisedModel, full: Explanation, table: _Table,

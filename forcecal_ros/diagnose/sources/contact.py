@@ -16,7 +16,7 @@ from itertools import combinations
 from typing import Any, NamedTuple
 
 from forcecal_ros.core.errors import below, DataError
-from forcecal_ros.core.estimation import BLOCKS, robust_fit
+from forcecal_ros.core.estimation import BLOCKS, jacobian, robust_fit
 from forcecal_ros.core.geometry import Array, skew
 from forcecal_ros.core.quantity import quantity
 from forcecal_ros.core.streams import Recording
@@ -423,8 +423,7 @@ def _propagated(function: Callable[[Array], Array], x: Array, covariance: Array
                 ) -> tuple[Array, Array]:
     """Return a function's value, flat, and its covariance."""
     step = 0.01 * np.sqrt(np.diag(covariance)) + 1e-12
-    J = np.stack([(function(x + e) - function(x - e)).ravel() / (2.0 * size)
-                  for e, size in zip(np.diag(step), step)], axis=1)
+    J = jacobian(lambda y: function(y).ravel(), x, step)
     return function(x).ravel(), J @ covariance @ J.T
 
 

@@ -43,8 +43,10 @@ from forcecal_ros.effects.nuisances import LIMIT
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.protocol import Inputs
 from forcecal_ros.sim.rerun import (
+    EXTRA_RUNS,
     INTEGRATION_STEP,
     MAX_RUNS,
+    Numbers,
     refuse_too_many,
     Rerun,
     Runs,
@@ -115,12 +117,12 @@ class RerunReady(Ready):
     impacts_s: float
     remarks: tuple[str, ...] = ()
 
-    def run(self, numbers: tuple[float, ...]) -> None:
+    def run(self, numbers: Numbers) -> None:
         """Run the simulator with these numbers: its signals are then exact there."""
         self.runs.exact(numbers)
         self.simulation.forget()
 
-    def try_all(self, numbers: tuple[float, ...]) -> None:
+    def try_all(self, numbers: Numbers) -> None:
         """Linearise the simulator in all parameters about these numbers."""
         self.runs.try_all(numbers)
         self.simulation.forget()
@@ -216,16 +218,21 @@ class SimulatorSource(Source):
             there = diagnose_datasets(
                 robot, judged, [one.stamps for one in self._ready],
                 [one.given for one in self._ready], self.tolerance, self.earlier)
-            if not isinstance(there.rig, SimulatedRobot):
-                return there
+            assert isinstance(there.rig, SimulatedRobot)
             # a number far off is no straight line, so that a name it has may be seen only there
             found = there.closest if isinstance(there.closest, SimulatedRobot) else there.rig
             point = found.numbers
             linear = _is_linear(self._ready, point)  # before it is run there
-            left = self._squares(judged, there) if self.changes(there) else np.zeros(3)
-            if turn and _named(there) == _named(outcome) and left[-1] > squares[-1]:
-                break
-            outcome, squares, shifts = there, left, self._remaining_shifts(there)
+            left, moving = np.zeros(3), dict[str, float]()
+            if self.changes(there):
+                # both by the noise of this round: half the step of integration may differ there
+                before = (self._squares(judged, outcome, there.noise)
+                          if turn and _named(there) == _named(outcome) else np.full(3, np.inf))
+                left = self._squares(judged, there, there.noise)
+                if left[-1] > before[-1]:
+                    break
+                moving = self._remaining_shifts(there)
+            outcome, squares, shifts = there, left, moving
             # what is unexplained may be what a line about the nominal numbers leaves
             if linear and max(shifts.values(), default=0.0) < MAX_SHIFT_STD \
                     and (turn or there.diagnosis.verdict != 'unknown'):
@@ -234,9 +241,16 @@ class SimulatorSource(Source):
             self._recomputed = _recomputed(outcome, squares)
         return _widened(outcome, shifts)
 
-    def _squares(self, judged: Sequence[Dataset], outcome: Outcome) -> Array:
-        """Sum the squares on judged blocks: recalibrated, as predicted and as it is when run."""
-        noise, robot, squares = outcome.noise, outcome.rig, np.zeros(3)
+    def _squares(self, judged: Sequence[Dataset], outcome: Outcome, noise: Array | None) -> Array:
+        """
+        Run it as it was found, and sum squares on judged blocks, in the noise.
+
+        Returns
+        -------
+        ndarray, shape (3,)
+            Recalibrated, as predicted and as it is when run.
+        """
+        robot, squares = outcome.rig, np.zeros(3)
         assert isinstance(robot, SimulatedRobot)
         assert noise is not None
         for one, dataset, before, linear in zip(self._ready, judged, outcome.recalibrated,
@@ -250,7 +264,7 @@ class SimulatorSource(Source):
 
     def _remaining_shifts(self, outcome: Outcome) -> dict[str, float]:
         """
-        Run it as it was found, and return how far the numbers accepted would still move.
+        Return how far the numbers accepted would still move, the simulator run as it was found.
 
         Returns
         -------
@@ -259,8 +273,6 @@ class SimulatorSource(Source):
         """
         if outcome.selection is None or not isinstance(outcome.rig, SimulatedRobot):
             return {}
-        for one in self._ready:
-            one.run(outcome.rig.numbers)
         line, model = outcome.selection.model, replace(outcome.selection.model)
         model.evaluate()
         found = model.fit_nuisances()
@@ -398,7 +410,7 @@ def inputs_of(recording: Recording) -> Inputs:
                   recording.joint_commands, joint_names(recording.joints))
 
 
-def _is_linear(ready: Sequence[RerunReady], point: tuple[float, ...]) -> bool:
+def _is_linear(ready: Sequence[RerunReady], point: Numbers) -> bool:
     """Return whether the linear prediction holds at the parameters found."""
     for one in ready:
         linear, nominal = one.runs.at(point), one.runs.exact(one.robot.numbers)
@@ -461,7 +473,7 @@ class Conformance(NamedTuple):
         return {**self._asdict(), 'sensitivity': [s._asdict() for s in self.sensitivity]}
 
     def __str__(self) -> str:
-        runs = min(MAX_RUNS, 2 * (len(self.sensitivity) + 2))
+        runs = min(MAX_RUNS, MAX_ROUNDS * (len(self.sensitivity) + EXTRA_RUNS))
         return '\n'.join([
             f'{self.name}: keeps to the protocol and does the same again',
             f'simulates {", ".join(self.streams)}',
