@@ -40,15 +40,15 @@ def add_parser(subparsers: Any) -> None:
                               'one in the recording, or what the recording itself identifies)')
     common.add_gravity(options, *('as the calibration has it',) * 2)
     options.add_argument('--filter', choices=FILTERS,
-                         help='last stage; ukf, ekf: biases are estimated as well; static: weight '
-                              'and bias removed, nothing filtered (default: kalman or newton, as '
-                              'the calibration has it)')
+                         help='last stage; ukf, ekf: biases are estimated, observer/innovation is '
+                              'written; static: weight and bias removed, nothing filtered '
+                              '(default: kalman or newton, as the calibration has it)')
     options.add_argument('--track-tool', action='store_true',
                          help='estimate mass and centre of mass of the tool while they change, '
                               'and write them as observer/tool')
     common.group(parser, 'filter kalman').add_argument(
         '--bandwidth', metavar='HZ', type=common.positive,
-        help='of the contact wrench (default: as the calibration and the noise have it)')
+        help='of the contact wrench (default: from the noise, within limits of the calibration)')
     learning = common.group(parser, 'filters ukf and ekf')
     learning.add_argument('--orientation', choices=('auto', 'pose', 'imu'), default='auto',
                           help='source of gravity: the pose, or accelerometer and gyro')

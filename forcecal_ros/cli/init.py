@@ -33,8 +33,8 @@ def add_parser(subparsers: Any) -> None:
                         help='do not look for a running driver; otherwise topics, frames, joints '
                              'and the present pose are taken from it')
     parser.add_argument('--timeout', metavar='S', type=common.positive, default=5.0,
-                        help='how long to wait for messages of the driver; DDS may announce it '
-                             'after 3 s only')
+                        help='how long to wait for messages of the driver: discovery by DDS may '
+                             'take 3 s')
     common.add_output(parser, '-o', '--output', kind='file', metavar='FILE',
                       default='my_cell.yaml',
                       help='parameter file to write, - for standard output; an earlier one is '

@@ -34,8 +34,8 @@ def add_parser(subparsers: Any) -> None:
         one.add_argument('--timeout', metavar='S', type=common.positive,
                          default=10.0 if service else 5.0,
                          help='how long to wait for the node and for its answer' if service else
-                         'how long to listen: DDS may announce a node after 3 s '
-                         'only, which reports once a second')
+                         'how long to listen: discovery by DDS may take 3 s, and each '
+                         'node reports once a second')
         one.set_defaults(service=service)
     parser.commands = verbs.choices  # type: ignore[attr-defined]
 

@@ -46,6 +46,8 @@ def demo(tmp_path_factory):
             assert main(['demo', '--output', str(out), '--json', '--quiet']) == 0
         if np.diff(read_contact(out / 'bag', 0).t).max() < 0.1:
             break
+    else:
+        pytest.fail('two demos lost messages of the contact')
     return out, json.loads(said.getvalue())
 
 

@@ -98,10 +98,15 @@ def test_every_bound_and_choice_is_held_when_set(described, node):
             wrong[name] = type(rows[name].default)(2 * bounds(descriptor)[1] + 1)
         elif rows[name].choices:
             wrong[name] = 'nonsense'
-    results = live.set(node, **wrong)
-    assert wrong and len(results) == len(wrong)
-    for name, result in zip(wrong, results):
-        assert not result.successful and name in result.reason, (name, result.reason)
+    below = {name: type(rows[name].default)(bounds(descriptor)[0] - 1)
+             for name, descriptor in found[node].items()
+             if not descriptor.read_only and descriptor.type in NUMBERS}
+    assert wrong
+    for values in filter(None, (wrong, below)):  # `sim` and `gap` have no number to set
+        results = live.set(node, **values)
+        assert len(results) == len(values)
+        for name, result in zip(values, results):
+            assert not result.successful and name in result.reason, (name, result.reason)
 
 
 class Line(NamedTuple):
