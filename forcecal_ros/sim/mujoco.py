@@ -41,6 +41,7 @@ from forcecal_ros.sim.mujoco_numbers import (
 from forcecal_ros.sim.protocol import Inputs, Parameter
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import convolve1d
 
 try:
     import mujoco
@@ -189,19 +190,18 @@ class MujocoRobot:
             controller.hold(data)
             mujoco.mj_step(model, data)
         # time between samples, at least [s]: the wrench is compared up to far below 250 Hz
-        rows, places, skipped = [], [], parts * max(1, round(0.002 / (parts * step)))
+        rows, places, every = [], [], parts * max(1, round(0.002 / (parts * step)))
         for k in range(len(t)):
             controller.tell(data, k)
-            before = None if k % skipped else _State.of(model, data)
-            if before:
+            before = _State.of(model, data)
+            if k % every == 0:
                 places.append(data.qpos.copy())
             mujoco.mj_step(model, data)
-            if before:
-                rows.append(_sensed(model, data, before))
+            rows.append(_sensed(model, data, before))
             if look:
                 look(data)
         joints = self._joints(inputs.measured_joints, np.array(places))
-        return ({**self._streams(t[::skipped], np.array(rows)), 'joints': (t[::skipped], joints)},
+        return ({**self._streams(t, np.array(rows), every), 'joints': (t[::every], joints)},
                 warning_of(data))
 
     def _joints(self, names: Sequence[str], places: Array) -> Array:
@@ -212,14 +212,20 @@ class MujocoRobot:
                 out[:, i] = places[:, int(self.model.joint(name).qposadr[0])]
         return out
 
-    def _streams(self, t: NDArray[Any], rows: Array) -> Mapping[str, Any]:
-        def of(kind: str) -> Array:
+    def _streams(self, t: NDArray[Any], rows: Array, every: int) -> Mapping[str, Any]:
+        """Sample poses; of forces and accelerations take the mean around each, as sensors do."""
+        # centred on its sample: of an even number of steps, half of either end
+        weights = np.convolve(np.ones(every), [1.0] if every % 2 else [0.5, 0.5]) / every
+        mean = convolve1d(rows, weights, axis=0, mode='nearest')[::every]
+        t, rows = t[::every], rows[::every]
+
+        def of(kind: str, rows: Array = mean) -> Array:
             sensor = self.model.sensor(SENSOR_PREFIX + kind)
             return rows[:, int(sensor.adr[0]):int(sensor.adr[0] + sensor.dim[0])]
 
-        wxyz = of('quaternion')
+        xyzw = np.roll(of('quaternion', rows), -1, axis=1)
         found = {'wrench': (t, -np.hstack([of('force'), of('torque')])),
-                 'pose': (t, np.hstack([of('position'), np.roll(wxyz, -1, axis=1)]))}
+                 'pose': (t, np.hstack([of('position', rows), xyzw]))}
         if self.turned is not None:
             found['accelerometer'] = t, of('accelerometer') @ self.turned.T
         return found
