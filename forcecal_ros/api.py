@@ -36,7 +36,7 @@ def read(bag: str | Path, *, topics: Mapping[str, str] | None = None, preset: st
     from forcecal_ros.io.bags import read_recording
 
     names = {**preset_topics(preset, str(bag)), **(topics or {})}
-    return checked(read_recording(bag, names, wrench_sign, joints=True)).recording
+    return checked(read_recording(bag, names, wrench_sign, joints=True))
 
 
 def check(recording: Recording) -> Result:

@@ -117,7 +117,7 @@ def identify(recording: Recording, settings: IdentificationSettings = Identifica
     UnobservableError
         The poses do not determine the tool or the accelerometer.
     """
-    recording = checked(recording).recording
+    recording = checked(recording)
     try:
         with np.errstate(all='ignore'):
             recording, found = _judged(with_even_streams(recording, SENSORS), settings)

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 from forcecal_ros.checks import signals
 from forcecal_ros.core.errors import DataError
@@ -15,35 +15,24 @@ COARSE_PLACE_M = 1e-3
 _ALL = ('wrench', 'accelerometer', 'optidrive', 'angular_velocity', 'pose', 'target')
 
 
-class Checked(NamedTuple):
-    """
-    A recording that can be used.
-
-    Attributes
-    ----------
-    recording : Recording
-        Without what is no reading; its notes say what that was.
-    removed : dict of str to int
-        How many samples each stream lost.
-    """
-
-    recording: Recording
-    removed: dict[str, int]
-
-
-def checked(recording: Recording, raw_wrench: bool = False) -> Checked:
+def checked(recording: Recording, raw_wrench: bool = False) -> Recording:
     """
     Check every signal of a recording, whatever will be made of it.
 
     What the signals mean together is judged by :func:`forcecal_ros.checks.hypotheses.judge`.
 
-    It runs once: a recording that was checked is returned as it is, with what was removed then.
-    Only raw channels are checked once more, as a wrench, after their matrix.
+    It runs once: a recording that was checked is returned as it is. Only raw channels are checked
+    once more, as a wrench, after their matrix.
 
     Parameters
     ----------
     raw_wrench : bool
         Its wrench holds raw channels, before their matrix.
+
+    Returns
+    -------
+    Recording
+        Without what is no reading: its notes say what that was, ``removed`` how many samples.
 
     Raises
     ------
@@ -52,7 +41,7 @@ def checked(recording: Recording, raw_wrench: bool = False) -> Checked:
         channel, when, and what to do.
     """
     if recording.removed is not None and not recording.raw_wrench:
-        return Checked(recording, dict(recording.removed))
+        return recording
     if recording.wrench is not None and not len(recording.wrench):
         raise DataError('wrench: no message was recorded; look at its topic and its driver, and '
                         'record again')
@@ -72,8 +61,8 @@ def checked(recording: Recording, raw_wrench: bool = False) -> Checked:
     notes = (*_coarse(recording), *signals.silences(recording), *signals.lost_messages(recording),
              *(str(one) for one in signals.clipped(recording)))
     fresh = [note for note in notes if note not in recording.notes]
-    return Checked(replace(recording, notes=(*recording.notes, *fresh), removed=removed,
-                           raw_wrench=raw_wrench), removed)
+    return replace(recording, notes=(*recording.notes, *fresh), removed=removed,
+                   raw_wrench=raw_wrench)
 
 
 def computed(recording: Recording) -> Recording:

@@ -72,7 +72,7 @@ def inspect(recording: 'Recording') -> dict[str, Any]:
         'motion': _motion(recording)}
     found, why, about, sign = None, '', '', recording.wrench_sign or 1
     try:
-        recording = checked(recording).recording
+        recording = checked(recording)
         require(recording, ['wrench', 'pose'])
         found = identify(recording)  # which refuses wrong signs, frames and units
     except ForcecalError as error:

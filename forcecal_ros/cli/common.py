@@ -284,7 +284,7 @@ def read_checked(args: argparse.Namespace, bag: str, roles: Collection[str] = ('
 
     recording = read(args, bag)
     with with_notes_of(recording):
-        recording = checked(recording, raw_wrench).recording
+        recording = checked(recording, raw_wrench)
     require(recording, roles)
     return recording
 

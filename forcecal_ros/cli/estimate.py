@@ -192,14 +192,14 @@ def refuse_disagreeing(recording: 'Recording', calibration: 'Calibration') -> tu
     DataError
         Names cause and remedy.
     """
-    from forcecal_ros.checks.gravity import refuse_disagreeing
+    from forcecal_ros.checks import gravity
     from forcecal_ros.core.sensor_matrix import recording_corrected, sensor_matrix
     from forcecal_ros.observe.playback import as_calibrated
 
     if part := sensor_matrix(calibration):
         recording = recording_corrected(recording, part)
     with common.with_notes_of(recording):
-        found = refuse_disagreeing(as_calibrated(recording, calibration)[0], calibration)
+        found = gravity.refuse_disagreeing(as_calibrated(recording, calibration)[0], calibration)
     return (*other_frame(recording, calibration), *found)
 
 

@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     commands = common.read(args, args.commands)
     require(commands, ['target'])
     commands = checked(replace(Recording(), target=commands.target, phases=commands.phases,
-                               start_ns=commands.start_ns)).recording
+                               start_ns=commands.start_ns))
     assert commands.target is not None
     common.warn_if_compiling('simulator')
     simulated = simulate(rig, commands.target, accelerometer=args.accelerometer,

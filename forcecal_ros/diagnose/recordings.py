@@ -99,7 +99,7 @@ def _added_notes(before: Recording, after: Recording) -> tuple[str, ...]:
 
 def _even_streams(recording: Recording) -> tuple[Recording, dict[str, Any]]:
     """Check a recording and even sensors that jitter around instants; return these apart too."""
-    recording = checked(recording).recording
+    recording = checked(recording)
     even = with_even_streams(recording, SENSORS)
     return even, {name: stream for name in SENSORS
                   if (stream := getattr(even, name)) is not getattr(recording, name)}

@@ -77,8 +77,8 @@ def test_single_values_are_left_out_and_noted(rig):
         values[[7, 900, 901]] = 1e7
         return values
 
-    kept, removed = checked(with_values(rig, 'accelerometer', broken))
-    assert removed == {'accelerometer': 3}
+    kept = checked(with_values(rig, 'accelerometer', broken))
+    assert kept.removed == {'accelerometer': 3}
     assert len(kept.accelerometer) == len(rig.accelerometer) - 3
     assert kept.notes == ('accelerometer: 3 samples are not finite or beyond 1e+06 and left out',)
 
@@ -95,11 +95,11 @@ def test_both_checks_of_raw_channels_count_what_they_remove(rig):
         values[7], values[8] = np.nan, 1e8
         return values
 
-    once, removed = checked(with_values(rig, 'wrench', broken), raw_wrench=True)
-    assert removed == once.removed == {'wrench': 1}
-    twice, removed = checked(once)
-    assert removed == twice.removed == {'wrench': 2}
-    assert len(twice.wrench) == len(rig.wrench) - 2 and checked(twice).recording is twice
+    once = checked(with_values(rig, 'wrench', broken), raw_wrench=True)
+    assert once.removed == {'wrench': 1}
+    twice = checked(once)
+    assert twice.removed == {'wrench': 2}
+    assert len(twice.wrench) == len(rig.wrench) - 2 and checked(twice) is twice
 
 
 def test_one_of_few_poses_may_be_missing():
@@ -123,7 +123,7 @@ def test_a_position_may_be_unknown_but_not_an_orientation(rig):
 def test_an_empty_wrench_is_refused_and_other_empty_streams_count_as_not_measured(rig):
     with pytest.raises(DataError, match='wrench: no message was recorded'):
         checked(replace(rig, wrench=rig.wrench.between(0.0, 0.0)))
-    found = checked(replace(rig, optidrive=rig.optidrive.between(0.0, 0.0))).recording
+    found = checked(replace(rig, optidrive=rig.optidrive.between(0.0, 0.0)))
     assert found.optidrive is None
     assert found.notes == ('optidrive: no message; taken as not measured',)
 
@@ -133,7 +133,7 @@ def test_an_empty_wrench_is_refused_and_other_empty_streams_count_as_not_measure
 def test_zeros_where_nothing_measures_are_no_dead_sensor(rig, name, value):
     width = len(CHANNELS[name])
     nothing = Stream(rig.wrench.t, np.full((len(rig.wrench), width), value))
-    assert getattr(checked(replace(rig, **{name: nothing})).recording, name) is None
+    assert getattr(checked(replace(rig, **{name: nothing})), name) is None
 
 
 # Channels that stick ---------------------------------------------------------------------------
@@ -224,7 +224,7 @@ def test_a_channel_that_stops_at_a_limit_is_clipped_and_not_stuck(resolution):
     values[:, 1] = np.clip(values[:, 1], -1e3, 40.0)
     if resolution:
         values = resolution * np.round(values / resolution)
-    recording = checked(Recording(wrench=Stream(T, values))).recording
+    recording = checked(Recording(wrench=Stream(T, values)))
     found, = clipped(recording)
     assert (found.channel, found.limit) == ('force.y', 40.0)
     assert found.start == pytest.approx(0.46, abs=0.05) and found.samples > 5000
@@ -234,8 +234,8 @@ def test_a_channel_that_stops_at_a_limit_is_clipped_and_not_stuck(resolution):
 def test_sound_recordings_pass_without_a_word(rig):
     for recording in (rig, run(seed=6, noise=False), run(seed=7, accelerometer='acc2'),
                       run(load_rig('rigid_tool.yaml'), seed=8)):
-        kept, removed = checked(recording)
-        assert removed == {} and kept.notes == recording.notes
+        kept = checked(recording)
+        assert kept.removed == {} and kept.notes == recording.notes
 
 
 @pytest.mark.parametrize('name, way', [
@@ -250,10 +250,10 @@ def test_the_stream_on_another_clock_is_named(rig, name, way):
 
 def test_pauses_are_told_but_no_rest_between_single_samples(rig):
     t = np.where(rig.wrench.t > 9.0, rig.wrench.t + 3.0, rig.wrench.t)
-    late = checked(replace(rig, wrench=replace(rig.wrench, t=t))).recording
+    late = checked(replace(rig, wrench=replace(rig.wrench, t=t)))
     assert late.notes == ('wrench: nothing was recorded for 3.0 s from 9.0 s on',)
     poses = np.arange(0.0, 120.0, 5.0)
-    assert not checked(Recording(wrench=Stream(poses, noise(t=poses)))).recording.notes
+    assert not checked(Recording(wrench=Stream(poses, noise(t=poses)))).notes
 
 
 @pytest.mark.parametrize('value', [np.nan, 0.0])
@@ -261,7 +261,7 @@ def test_what_a_driver_says_before_its_sensor_answers_is_left_out(value):
     wrench, pose = turned(0.0)
     values = np.array(wrench.values)
     values[:600] = value
-    found = checked(Recording(wrench=replace(wrench, values=values), pose=pose)).recording
+    found = checked(Recording(wrench=replace(wrench, values=values), pose=pose))
     assert len(found.wrench) == len(T) - 600
     assert found.notes == (
         'wrench: its first 600 samples hold no reading, up to 1.20 s; left out',)

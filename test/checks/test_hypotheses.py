@@ -190,7 +190,7 @@ def test_a_scale_decides_what_the_unit_is():
 
 def test_a_tool_that_is_displaced_is_explained_with_its_displacement():
     """Without it, inertia put the centre of mass 54 mm away in a sound recording of the demo."""
-    recording, tool = checked(run(seed=1)).recording, load_rig().tool
+    recording, tool = checked(run(seed=1)), load_rig().tool
     found = explain(on_grid(recording, DOWN))
     for com, covariance in (found.com_by_force, found.com_by_torque):
         np.testing.assert_allclose(com, tool.com, atol=1e-3)

@@ -15,7 +15,7 @@ DOWN = np.array([0.0, 0.0, -9.80665])
 
 @pytest.fixture(scope='module')
 def recording():
-    return checked(run(seed=3)).recording
+    return checked(run(seed=3))
 
 
 def mapped(change):

@@ -57,7 +57,7 @@ def test_torques_about_another_point_are_told_by_the_calibration():
     ('30 % lost in bursts', r'wrench: \d\d% of its messages are missing'),
     ('poses of two digits', 'pose: its position comes in steps of 10 mm')])
 def test_what_spoils_readings_is_noted_once(wrong, said):
-    notes = checked(at_work(wrong)).recording.notes
+    notes = checked(at_work(wrong)).notes
     assert len([note for note in notes if re.search(said, note)]) >= 1
 
 
@@ -65,7 +65,7 @@ def test_what_spoils_readings_is_noted_once(wrong, said):
 def test_sound_logs_are_not_remarked_upon(seed):
     for one in (log(seed, **SHORT), work(seed, poses=10, rate=100.0), work(
             seed, poses=10, rate=20.0)):
-        assert checked(recording_of(one)).recording.notes == ()
+        assert checked(recording_of(one)).notes == ()
     assert refuse_disagreeing(recording_of(work(seed, poses=10, rate=100.0)), known()) == ()
 
 
@@ -86,7 +86,7 @@ def test_lost_packets_do_not_lighten_the_tool():
 
 
 def test_poses_that_are_repeated_are_thinned_to_those_that_came():
-    thin = checked(at_work('pose repeats at 10 Hz')).recording
+    thin = checked(at_work('pose repeats at 10 Hz'))
     sound = at_work('nothing').pose
     assert len(thin.pose) < 0.12 * len(sound)
     np.testing.assert_allclose(thin.pose.position, sound.position[np.searchsorted(

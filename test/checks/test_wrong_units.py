@@ -57,7 +57,7 @@ def test_spikes_a_tare_and_joined_poses_do_not_wrap():
 
 
 def test_zeros_of_a_dead_band_are_no_limit_and_do_not_stick():
-    recording = checked(spoilt('dead band of 2 N', log(301, rate=500.0))).recording
+    recording = checked(spoilt('dead band of 2 N', log(301, rate=500.0)))
     assert any('dead band' in note for note in recording.notes)
     assert not [stop for stop in clipped(recording) if stop.limit == 0.0]
 

@@ -9,8 +9,8 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[2] / 'forcecal_ros'
 
 BUDGETS = {
-    'calibrate': 2331, 'checks': 1727, 'cli': 2832, 'core': 2113, 'diagnose': 5426,
-    'effects': 738, 'fleet': 250, 'impedance': 771, 'insitu': 2041, 'io': 2545, 'motion': 1441,
+    'calibrate': 2331, 'checks': 1724, 'cli': 2832, 'core': 2113, 'diagnose': 5426,
+    'effects': 738, 'fleet': 250, 'impedance': 771, 'insitu': 2041, 'io': 2541, 'motion': 1441,
     'nodes': 3628, 'observe': 2823, 'report': 1588, 'rig_fit': 499, 'sim': 2744}
 """Code lines; less is better: lower a number with the code."""
 

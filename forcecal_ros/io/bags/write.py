@@ -23,9 +23,6 @@ from rosbags.interfaces import (
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2.errors import WriterError
 
-STORAGES = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
-"""Storage formats of rosbag2 by the names that `ros2 bag` has for them."""
-
 _FOREVER = QosTime(9223372036, 854775807)
 """How rosbag2 writes an unlimited duration: 2^63 - 1 ns."""
 
@@ -48,18 +45,13 @@ class BagWriter:
     ----------
     path : Path or str
         Folder of the recording.
-    storage : str
-        ``mcap`` or ``sqlite3``.
     compressed : bool
-        By Zstandard, inside the file; mcap only.
+        By Zstandard, inside the file.
     """
 
-    def __init__(self, path: Path | str, storage: str = 'mcap', compressed: bool = False) -> None:
-        if storage not in STORAGES:
-            raise ConfigError(f'storage {storage!r} is not known; use {" or ".join(STORAGES)}')
+    def __init__(self, path: Path | str, compressed: bool = False) -> None:
         self.path = Path(path)
-        self._storage = STORAGES[storage]
-        self._compressed = compressed and storage == 'mcap'
+        self._compressed = compressed
         self._connections: dict[str, Connection] = {}
         self._stack = ExitStack()
         self._writer: Writer
@@ -67,7 +59,7 @@ class BagWriter:
     def __enter__(self) -> 'BagWriter':
         with ExitStack() as stack, self._blamed():
             folder = stack.enter_context(new_directory(self.path))
-            self._writer = Writer(folder, version=9, storage_plugin=self._storage)
+            self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
             if self._compressed:
                 self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
             stack.enter_context(self._writer)
@@ -138,7 +130,7 @@ class BagWriter:
 
 def write_signals(
         path: Path | str, signals: Mapping[str, Signal | None], start_ns: int,
-        storage: str = 'mcap', topics: Mapping[str, str] | None = None) -> None:
+        topics: Mapping[str, str] | None = None) -> None:
     """
     Write signals as a recording; what was there before is kept as ``path~``.
 
@@ -151,8 +143,6 @@ def write_signals(
         count from ``start_ns``.
     start_ns : int
         [ns since the epoch]
-    storage : str
-        ``mcap`` or ``sqlite3``.
     topics : mapping of str to str, optional
         Role to topic name where it is not the usual one.
 
@@ -162,12 +152,12 @@ def write_signals(
         The place cannot be written to.
     """
     names = topics or {}
-    with BagWriter(path, storage) as bag:
+    with BagWriter(path) as bag:
         bag.write([messages_of(role, signal, start_ns, names.get(role))
                    for role, signal in signals.items() if signal is not None])
 
 
-def write_recording(path: Path | str, recording: Recording, storage: str = 'mcap') -> None:
+def write_recording(path: Path | str, recording: Recording) -> None:
     """
     Write all that a recording holds, so that reading it again gives the same.
 
@@ -175,8 +165,6 @@ def write_recording(path: Path | str, recording: Recording, storage: str = 'mcap
     ----------
     path : Path or str
         Folder of the recording.
-    storage : str
-        ``mcap`` or ``sqlite3``.
 
     Raises
     ------
@@ -195,4 +183,4 @@ def write_recording(path: Path | str, recording: Recording, storage: str = 'mcap
         signals['accel'] = force
     signals['joint_states'] = recording.joints
     signals['phase'] = recording.phases or None
-    write_signals(path, signals, recording.start_ns, storage)
+    write_signals(path, signals, recording.start_ns)
