@@ -4,6 +4,7 @@ from forcecal_ros.nodes.launching import describe, node, parameters_argument
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
+from launch_ros.parameter_descriptions import ParameterValue
 
 
 def generate_launch_description():
@@ -13,7 +14,8 @@ def generate_launch_description():
     gravity = DeclareLaunchArgument(
         'gravity_filter', default_value='none', choices=['none', 'ukf', 'ekf', 'static'],
         description='filter of gravity compensation that publishes instead of the observer')
+    file = ParameterValue(LaunchConfiguration('calibration'), value_type=str)  # else read as YAML
     return LaunchDescription(describe(
-        [node('observer', {'calibration.file': LaunchConfiguration('calibration'),
+        [node('observer', {'calibration.file': file,
                            'gravity.filter': LaunchConfiguration('gravity_filter')})],
         [calibration, gravity, parameters_argument('observer')]))

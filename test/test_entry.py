@@ -30,6 +30,19 @@ def test_a_signal_in_the_midst_of_an_import_prints_nothing(command, module, stat
     assert (done.returncode, done.stdout, done.stderr) == (status, '', '')
 
 
+def test_a_signal_while_a_node_reads_its_parameters_prints_nothing(tmp_path):
+    os.mkfifo(tmp_path / 'a.yaml')
+    with subprocess.Popen(
+            ['env', '--default-signal', sys.executable, '-c',
+             'import sys; from forcecal_ros.entry import observer; sys.exit(observer())',
+             '--ros-args', '--params-file', 'a.yaml'], cwd=tmp_path,
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as node:
+        with (tmp_path / 'a.yaml').open('w'):
+            node.send_signal(signal.SIGINT)
+            said = node.communicate(timeout=60)
+    assert (node.returncode, said) == (0, ('', ''))
+
+
 def test_a_command_line_that_is_loaded_is_run():
     done = subprocess.run(
         [sys.executable, '-c', 'from forcecal_ros.entry import forcecal; exit(forcecal())',

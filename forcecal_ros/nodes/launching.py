@@ -39,11 +39,10 @@ def preset_arguments() -> list[LaunchDescriptionEntity]:
 
 def common_arguments() -> list[LaunchDescriptionEntity]:
     """Return the arguments of every launch file: topics, namespace, clock, simulated rig."""
-    topics = [DeclareLaunchArgument(name, default_value=PresetTopic(name, topic),
-                                    description=f'topic: {what}')
-              for name, (topic, what) in TOPICS.items()]
     return [
-        *topics,
+        *(DeclareLaunchArgument(name, default_value=PresetTopic(name, topic),
+                                description=f'topic: {what}')
+          for name, (topic, what) in TOPICS.items()),
         DeclareLaunchArgument('namespace', default_value='',
                               description='of all nodes, and of the topics that are relative'),
         DeclareLaunchArgument('use_sim_time', default_value='false', choices=['true', 'false'],
@@ -87,8 +86,7 @@ class PresetFile(Substitution):  # type: ignore[misc]
 
     def perform(self, context: LaunchContext) -> str:
         """Return the path."""
-        named = filter(None, map(context.launch_configurations.__getitem__, self._arguments))
-        name = next(named, '')
+        name = next(filter(None, map(context.launch_configurations.get, self._arguments)), '')
         return str(preset_file(name) if name else self._defaults.perform(context))
 
 
@@ -115,11 +113,12 @@ def node(name: str, *parameters: dict[str, object], only_if: str = '') -> Node:
     """
     return Node(
         package=PACKAGE, executable=name, namespace=LaunchConfiguration('namespace'),
-        parameters=[PresetFile(name, 'robot'), PresetFile(name, 'controller', 'robot'),
-                    LaunchConfiguration(f'{name}_params'),
-                    {'use_sim_time': LaunchConfiguration('use_sim_time')}, *parameters],
-        remappings=[(topic, LaunchConfiguration(argument))
-                    for argument, (topic, _) in TOPICS.items()],
+        # as a parameter, launch_ros leaves out a file that is not there; the node refuses it
+        ros_arguments=['--params-file', PresetFile(name, 'robot'),
+                       '--params-file', PresetFile(name, 'controller', 'robot'),
+                       '--params-file', LaunchConfiguration(f'{name}_params')],
+        parameters=[{'use_sim_time': LaunchConfiguration('use_sim_time')}, *parameters],
+        remappings=[(topic, LaunchConfiguration(key)) for key, (topic, _) in TOPICS.items()],
         condition=IfCondition(LaunchConfiguration(only_if)) if only_if else None,
         output='screen')
 

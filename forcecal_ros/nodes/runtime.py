@@ -161,6 +161,8 @@ def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | Non
         extra = remove_ros_args(arguments)[1:]
     except (ConfigError, RCLError) as error:
         return _refused(name, error, 2)
+    except KeyboardInterrupt:
+        return 0
     if extra and extra[0] in ('-h', '--help'):
         print(usage(name, table))
         return 0

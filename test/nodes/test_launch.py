@@ -2,7 +2,9 @@
 
 import ast
 import importlib.util
+import os
 from pathlib import Path
+import sys
 
 from forcecal_ros.cli.node import NODES
 import pytest
@@ -101,3 +103,83 @@ def test_presets_give_topics_and_parameter_files_and_the_users_file_counts_last(
     assert resolved(robot='ur')['sequencer_params'] == str(preset_file('ur'))
     assert resolved(robot='ur', sequencer_params='/a.yaml')['sequencer_params'] == '/a.yaml'
     assert launching.node('sequencer') is not None
+
+
+@pytest.fixture
+def launched(ros_domain, tmp_path, monkeypatch):
+    """
+    Return a function that runs a launch file until all nodes are up or one of them has ended.
+
+    It returns what they said, and their exit statuses by executable.
+    """
+    pytest.importorskip('launch_ros', reason="ROS 2's launch is not on PyPI")
+    from launch import LaunchDescription, LaunchService
+    from launch.actions import IncludeLaunchDescription, RegisterEventHandler, Shutdown
+    from launch.event_handlers import OnProcessExit, OnProcessIO, OnProcessStart
+    from launch.launch_description_sources import PythonLaunchDescriptionSource
+    _install(tmp_path)
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path), prepend=os.pathsep)
+
+    def run(path, **arguments):
+        started, said, ended = [], [], {}
+
+        def hear(event):
+            said.append(event.text.decode())
+            up = ''.join(said).count(': up: ') + ''.join(said).count(': ready: ')
+            return Shutdown() if up == len(started) else None
+
+        def end(event, context):
+            ended[event.action.node_executable] = event.returncode
+            return Shutdown()
+
+        service = LaunchService(noninteractive=True)
+        service.include_launch_description(LaunchDescription([
+            RegisterEventHandler(OnProcessStart(
+                on_start=lambda event, context: started.append(event.process_name))),
+            RegisterEventHandler(OnProcessIO(on_stderr=hear)),
+            RegisterEventHandler(OnProcessExit(on_exit=end)),
+            IncludeLaunchDescription(PythonLaunchDescriptionSource(str(path)),
+                                     launch_arguments=arguments.items())]))
+        service.run()
+        return ''.join(said), ended
+
+    return run
+
+
+def _install(prefix):
+    """Make a prefix in which ROS 2 finds the package and the nodes of this tree."""
+    index = prefix / 'share' / 'ament_index' / 'resource_index' / 'packages'
+    index.mkdir(parents=True)
+    (index / 'forcecal_ros').touch()
+    (prefix / 'share' / 'forcecal_ros').symlink_to(ROOT)
+    programs = prefix / 'lib' / 'forcecal_ros'
+    programs.mkdir(parents=True)
+    for name in NODES:
+        program = programs / name
+        program.write_text(f'#!{sys.executable}\nfrom forcecal_ros.entry import {name}\n'
+                           f'raise SystemExit({name}())\n')
+        program.chmod(0o755)
+
+
+@pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
+def test_its_nodes_start_in_the_namespace_and_end_cleanly(launched, path):
+    said, ended = launched(path, sim='true', use_sim_time='true', namespace='left', calibration='')
+    names = {'sim', *(call.args[0].value for call in calls(path, 'node'))}
+    assert ended == dict.fromkeys(names, 0), said
+    assert all(f'[left.{name}]: ' in said for name in names)
+    assert 'publishes /clock' in said and 'Traceback' not in said
+
+
+@pytest.mark.parametrize('name', ['20240501', 'arm: left #2.yaml'])
+def test_the_calibration_is_the_file_of_that_name_not_what_yaml_makes_of_it(launched, name):
+    observe = next(path for path in FILES if path.name == 'observe.launch.py')
+    said, ended = launched(observe, calibration=name)
+    assert f'observer: {name}: cannot be read' in said
+    assert ended == {'observer': 1}
+
+
+def test_a_parameter_file_that_is_not_there_is_refused_not_left_out(launched):
+    observe = next(path for path in FILES if path.name == 'observe.launch.py')
+    said, ended = launched(observe, calibration='', observer_params='/nowhere.yaml')
+    assert 'observer: /nowhere.yaml: cannot be read' in said
+    assert ended == {'observer': 2}
