@@ -1,6 +1,7 @@
 """Rows of the table that ``test_hypotheses`` lacks, in a run of the demo: a tool that slides."""
 
 from dataclasses import replace
+import re
 
 from calibration_runs import run
 from forcecal_ros.checks.entry import checked
@@ -27,6 +28,13 @@ def mapped(change):
     return spoil
 
 
+def test_a_delay_and_crosstalk_are_noted_as_what_they_are_and_not_as_a_filter(recording):
+    wrench = recording.wrench
+    late, = judge(replace(recording, wrench=replace(wrench, t=wrench.t + 0.006)), DOWN)
+    assert re.search(r'the weight rotate (5\.9|6|6\.0)\d* \S+ \S+ ms later than the pose', late)
+    crossed, = judge(mapped(lambda w, R: w + 0.03 * w[:, 2:3] * np.eye(6)[0])(recording), DOWN)
+    assert crossed == 'the wrench has crosstalk, force.x shows +3 % of force.z'
+
 
 def test_torques_about_another_point_call_the_centre_of_mass_into_question(recording):
     note, = judge(mapped(lambda w, R: np.hstack([
@@ -34,7 +42,6 @@ def test_torques_about_another_point_call_the_centre_of_mass_into_question(recor
     assert isinstance(note, Finding)
     assert 'are about a point' in note and note.suspect == ('com', 'inertia')
     np.testing.assert_allclose(note.point, [0.0, 0.0, 0.3], atol=2e-3)
-
 
 
 @pytest.mark.parametrize('late', [0.12, -0.5])
