@@ -51,9 +51,9 @@ def ask_with_bags(pair):
         for bag, recorded in zip(bags, pair):
             write_recording(bag, to_recording(recorded))
         done = subprocess.run(
-            [sys.executable, '-m', 'forcecal_ros.cli.main', 'diagnose', str(bags[0]), '--heldout',
-             str(bags[1]), '-o', str(Path(folder) / 'out')], cwd=ROOT, capture_output=True,
-            text=True, check=False)
+            [sys.executable, '-m', 'forcecal_ros.cli.main', 'diagnose', str(bags[0]), '--rig',
+             'nominal', '--heldout', str(bags[1]), '-o', str(Path(folder) / 'out')], cwd=ROOT,
+            capture_output=True, text=True, check=False)
         path = Path(folder) / 'out' / 'diagnosis.json'
         if not path.exists():
             raise RuntimeError(f'exit status {done.returncode}: {done.stderr[-300:]}')
@@ -81,7 +81,7 @@ def identity_of_tool():
         return subprocess.run(['git', *words], cwd=ROOT, capture_output=True, text=True,
                               check=True).stdout.strip()
 
-    parts = ['forcecal_ros/diagnose', 'forcecal_ros/simulators/rig']
+    parts = ['forcecal_ros']
     texts = b''.join(path.read_bytes() for part in parts
                      for path in sorted((ROOT / part).rglob('*.py')))
     return {'commit': git('rev-parse', 'HEAD'),

@@ -92,7 +92,7 @@ def leg(folder):
     np.savetxt(folder / 'leg.csv', np.column_stack([log.t, log.raw, log.accel]), delimiter=',',
                header=','.join(names), comments='', fmt='%.6g')
     write_signals(folder / 'leg', {'wrench': Stream(log.t, log.raw, 'leg'), 'imu': Stream(
-        log.t, np.hstack([log.accel, log.gyro]), 'imu')}, START_NS, 'mcap')
+        log.t, np.hstack([log.accel, log.gyro]), 'imu')}, START_NS)
     return {'csv': (folder / 'leg.csv').read_bytes(),
             'mcap': next((folder / 'leg').glob('*.mcap')).read_bytes()}
 
