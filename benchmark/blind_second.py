@@ -4,10 +4,10 @@
     python benchmark/blind_check.py second 2 run --until 15:15
     python benchmark/blind_check.py second 2 open
     python benchmark/blind_check.py second 2 baselines     (of an opened part; goes on)
-    python benchmark/blind_check.py second 1 --development all --rig 4 --arm 2 --real 4
+    python benchmark/blind_check.py second 1 --development all --rig 4 --arm 2 --drake 2 --real 4
     python benchmark/blind_check.py verify [--cases N]
     python benchmark/blind_check.py rerun [--cases N | --all] [--jobs 2]
-    python benchmark/blind_check.py compare 2 3
+    python benchmark/blind_check.py compare 2 3            (of generators that both have)
 
 ``seal`` makes all cases and publishes what binds them; commit that. ``run`` asks the tool, in the
 order that was sealed, and starts no case after the hour. Several processes of ``run``, and of
@@ -253,9 +253,14 @@ def _asked_again(job):
 
 
 def compare(args):
-    from blind.second import others
+    from blind.second import others, report, score
 
-    print('\n'.join(others.against(*(part_of(one).read('scores') for one in args.parts))))
+    parts = [part_of(one) for one in args.parts]
+    every = [report.cases_of(part) for part in parts]
+    shared = set.intersection(*({c.generator for c in cases} for cases in every))
+    half = parts[1].read('plan')['half']
+    print('\n'.join(others.against(*(report.plain(score.score(
+        [c for c in cases if c.generator in shared], half)) for cases in every))))
     return 0
 
 

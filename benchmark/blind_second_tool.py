@@ -92,7 +92,7 @@ def on_real(arrays):
     return to_document(outcome.diagnosis, units(body.accelerometer_unit), None)
 
 
-ASK = {'rig': on_rig, 'arm': on_arm, 'real': on_real}
+ASK = {'rig': on_rig, 'arm': on_arm, 'real': on_real, 'drake': on_arm}
 
 
 def answer(generator, arrays):

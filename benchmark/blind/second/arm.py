@@ -48,10 +48,14 @@ class Numbers(NamedTuple):
     hook: tuple[float, ...] = (0.4, 0.3, 1.4)
 
 
+def gravity(n: Numbers) -> Array:
+    """Return gravity in the frame of the base [m/s^2]."""
+    x, y = n.tilt
+    return 9.80665 * np.array([np.sin(y), -np.sin(x), -np.cos(x) * np.cos(y)])
+
+
 def source(n: Numbers, step: float, integrator: str) -> str:
     """Return the model as an MJCF."""
-    x, y = n.tilt
-    gravity = 9.80665 * np.array([np.sin(y), -np.sin(x), -np.cos(x) * np.cos(y)])
     links = ''
     for name, friction, (axis, place, mass, half, armature) in zip(JOINTS, n.friction, LINKS):
         spin = mass * (0.0012 + half**2 / 3)
@@ -64,7 +68,7 @@ def source(n: Numbers, step: float, integrator: str) -> str:
                'diaginertia="0.0035 0.0030 0.0016"/><site name="ft"/></body>')
     motors = ''.join(f'<position joint="{name}" kp="{kp!r}" kv="{kv!r}"/>'
                      for name, kp, kv in zip(JOINTS, n.kp, n.kv))
-    down = ' '.join(repr(float(one)) for one in gravity)
+    down = ' '.join(repr(float(one)) for one in gravity(n))
     return (f'<mujoco><option timestep="{step}" integrator="{integrator}" gravity="{down}"/>'
             f'<worldbody>{links}{gripper}{"</body>" * 6}</worldbody><actuator>{motors}</actuator>'
             '<sensor><force site="ft"/><torque site="ft"/></sensor></mujoco>')

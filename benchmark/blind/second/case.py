@@ -39,7 +39,7 @@ class Plan(NamedTuple):
     Attributes
     ----------
     generator : str
-        ``rig``, ``arm`` or ``real``.
+        ``rig``, ``arm``, ``real`` or ``drake``.
     kind : str
         ``none``, ``outside`` or ``library``.
     effect : str

@@ -129,7 +129,7 @@ class Judged:
             return None
         parameters = self.effects[0]['parameters']
         known = {key: value for key, value in numbers.items() if key in parameters}
-        if not known or (self.generator == 'arm' and self.effect == 'tool_com'):
+        if not known or (self.effect == 'tool_com' and self.generator in ('arm', 'drake')):
             return None
         key = max(known, key=lambda one: abs(known[one]))
         found = parameters[key]

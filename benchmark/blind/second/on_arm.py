@@ -89,9 +89,11 @@ class OnArm:
         looked_at = ('wrench', 'position', 'joints')
         self.ground = Ground({key: self._noise[key] for key in looked_at}, SIGMA, self._columns())
         self.moved = [self._moved()]
-        truth = ran(Numbers(), self._told, *TRUTH)
-        self._own = _between(truth, self._clean)
+        self._own = _between(self._truth(Numbers()), self._clean)
         self.own = self.ground.net(self._own)
+
+    def _truth(self, n: Numbers) -> Ran:
+        return ran(n, self._told, *TRUTH)
 
     @property
     def quirks(self) -> dict[str, float]:
@@ -212,7 +214,7 @@ class OnArm:
         n = astray(strays)
         if effect and effect[0] in MECHANICAL:
             n = changed(n, *effect)
-        made, rng = ran(n, self._told, *TRUTH), np.random.default_rng(self._seed)
+        made, rng = self._truth(n), np.random.default_rng(self._seed)
         loud = np.linalg.norm(self.moved[0].acceleration, axis=1)
         wrench = made.wrench + laws[0].wrench
         if effect and effect[0] not in MECHANICAL:

@@ -17,7 +17,8 @@ from blind.second.laid import ON_WRENCH
 from blind.second.law import Kind
 
 DEVELOPMENT, SEALED, SECOND = 'development', 'sealed', 'sealed-2'
-"""A later sealed half is ``sealed-N``, its kinds in ``kinds_sealed_N.py``."""
+ALIKE = ('sealed-3', 'sealed-4')
+"""Sealed halves of one rule; a later one is ``sealed-N``, its kinds in ``kinds_sealed_N.py``."""
 ASIDE = 'BLIND_SEALED'
 """Variable of the folder that a sealed half is in before its opening."""
 
@@ -74,11 +75,16 @@ THIRD = MENDED._replace(
         # where the arm's centre of mass ends
         ('real', 'tool_com'): 0.06}),
     sound=True)
+FIFTH = THIRD._replace(  # the arm in Drake is drawn as the one in MuJoCo is
+    bare=MappingProxyType({**THIRD.bare, 'drake': THIRD.bare['arm']}),
+    limits=MappingProxyType({**THIRD.limits, **{
+        ('drake', name): largest for (generator, name), largest in THIRD.limits.items()
+        if generator == 'arm'}}))
 
 
 def rules_of(half: str) -> Rules:
     """Return what the cases of a half are drawn by."""
-    return {SEALED: FIRST, SECOND: MENDED}.get(half, THIRD)
+    return {SEALED: FIRST, SECOND: MENDED, **dict.fromkeys(ALIKE, THIRD)}.get(half, FIFTH)
 
 
 def module_of(half: str) -> str:

@@ -8,12 +8,19 @@ from typing import Any, NamedTuple
 from blind.score import calibration_error, Rate, Value, wilson
 from blind.second.case import LIBRARY, NONE, OUTSIDE
 from blind.second.judged import Judged, LEAST
+from blind.second.rules import FIFTH, rules_of
 import numpy as np
 
 SLOWEST = 120.0
 """Processor time that a case may take [s]."""
 ENERGIES = (0.0, 100.0, 1e3, 1e4, 1e5, 1e6, math.inf)
 RATIOS = (0.3, 1.0, 3.0, 10.0, 30.0, math.inf)
+FALSE = 'any case: a false name with p > 0.5'
+SINCE_FIFTH = {
+    FALSE: ('<= 5 %', 0.0, 0.05),
+    'right effect or an alias first, ratio 3 to 10': ('>= 70 %', 0.70, 1.0),
+    'log score (mean log of what the truth was given)': ('>= -0.8', -0.8, 0.0)}
+"""Figure -> target, least and most, where they are others than in the parts before."""
 
 
 class Bin(NamedTuple):
@@ -37,15 +44,33 @@ class Figures(NamedTuple):
     total: int
 
 
-def score(cases: Sequence[Judged]) -> Figures:
-    """Score cases."""
+def score(cases: Sequence[Judged], half: str = '') -> Figures:
+    """Score cases, by the targets of a half; that of the cases where none is given."""
     known = [c for c in cases if c.kind == LIBRARY and not c.label['ambiguous']]
     misses = [c for c in cases if not c.right()]
-    rows = (*_finding(cases), *_naming(known), *_stating(cases), *_shrinking(known),
-            *_others(cases, known))
-    return Figures(rows, _bins(known, 'energy', ENERGIES), _bins(
+    rows = [*_finding(cases), *_naming(known), *_stating(cases), *_shrinking(known),
+            *_others(cases, known)]
+    if cases and rules_of(half or cases[0].label['half']) is FIFTH:
+        rows = [_aimed(row) for row in (*rows, *_since_fifth(cases, known))]
+    return Figures(tuple(rows), _bins(known, 'energy', ENERGIES), _bins(
         [c for c in known if c.beside], 'ratio', RATIOS), tuple(c.identity for c in misses),
         len(cases) - len(misses), len(cases))
+
+
+def _since_fifth(cases: Sequence[Judged], known: Sequence[Judged]) -> list[Rate]:
+    return [_rate(FALSE, '', (bool(c.false_names) for c in cases)),
+            _rate('arm in Drake, ratio >= 3: right or alias first', '', (
+                c.is_right(c.first) for c in known
+                if c.generator == 'drake' and c.label['ratio'] >= 3.0))]
+
+
+def _aimed(row: Rate | Value) -> Rate | Value:
+    """Return a row with the target that it has since part 5."""
+    if row.what not in SINCE_FIFTH:
+        return row
+    target, least, most = SINCE_FIFTH[row.what]
+    share = row.value if isinstance(row, Value) else row.hits / max(1, row.total)
+    return row._replace(target=target, good=least <= share <= most if row.total else None)
 
 
 def _rate(what: str, target: str, told: Iterable[bool], least: float = 0.0, most: float = 1.0

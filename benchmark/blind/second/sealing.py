@@ -18,15 +18,15 @@ from blind.second.rules import DEVELOPMENT, file_of
 import numpy as np
 
 GENERATORS = {'rig': 'blind.second.on_rig:OnRig', 'arm': 'blind.second.on_arm:OnArm',
-              'real': 'blind.second.on_real:OnReal'}
+              'real': 'blind.second.on_real:OnReal', 'drake': 'blind.second.on_drake:OnDrake'}
 """Name -> module and class; loaded when wanted, as not everyone has MuJoCo or the recordings."""
-LIBRARIES = ('numpy', 'scipy', 'numba', 'mujoco')
+LIBRARIES = ('numpy', 'scipy', 'numba', 'mujoco', 'drake')
 SOURCES = Path(__file__).resolve().parents[1]
 MAKING = (*(f'{name}.py' for name in (
     'dynamics', 'effect', 'effects_physics', 'effects_sensing', 'motion', 'noise', 'outside',
     'rig', 'robot', 'sensors', 'tool', 'cases')), *(f'second/{name}.py' for name in (
         'arm', 'case', 'ground', 'kinds_development', 'laid', 'law', 'noise', 'numbers', 'on_arm',
-        'on_real', 'on_rig', 'rules', 'shrink')))
+        'on_drake', 'on_real', 'on_rig', 'rules', 'shrink')))
 """Files that make cases."""
 
 
