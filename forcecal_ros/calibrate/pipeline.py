@@ -202,7 +202,7 @@ def _by_motion(recording: Recording, settings: IdentificationSettings, why: str,
                point: Array | None) -> dict[str, Any]:
     recording = levelled(recording, settings.gravity_direction)
     recording = in_axes_of_pose(recording, settings.sensor_rotation)
-    slide = optidrive_of(recording, settings)
+    slide = settings.optidrive_of(recording)
     joint = fit_motion(recording, settings, (), slide, point)
     assert joint is not None and recording.pose is not None  # without poses it is one or refused
     require_tool(joint, recording.pose.has_position, settings.largest_delay)
@@ -251,7 +251,7 @@ def identify_stages(recording: Recording, settings: IdentificationSettings,
     _refuse_other_unit(recording, poses, settings)
     statics = read_statics(recording, poses, settings)
     check_weight(statics.gravity, settings.thresholds.condition)
-    slide = optidrive_of(recording, settings)
+    slide = settings.optidrive_of(recording)
     joint = fit_motion(recording, settings, poses, slide, point)
     assert recording.pose is not None
     if joint is None:
@@ -286,11 +286,6 @@ def identify_stages(recording: Recording, settings: IdentificationSettings,
                   fit_accelerometer(recording, settings, joint, poses, slide),
                   inertia_of(joint) if moves else None, late if known else None, joint,
                   stops=stops)
-
-
-def optidrive_of(recording: Recording, settings: IdentificationSettings) -> Stream | None:
-    """Return the measured displacement of the tool; None for one that is stated to be rigid."""
-    return None if settings.tool_compliance == 'no' else recording.optidrive
 
 
 def fit_motion(recording: Recording, settings: IdentificationSettings,

@@ -6,6 +6,7 @@ from typing import Annotated
 
 from forcecal_ros.core.geometry import STANDARD_GRAVITY
 from forcecal_ros.core.schema import Row, Section, Vector3
+from forcecal_ros.core.streams import Recording, Stream
 
 COUPLINGS = ('dc', 'ac')
 COMPLIANCES = ('auto', 'yes', 'no')
@@ -92,3 +93,7 @@ class IdentificationSettings(Section, name=''):
         super().__post_init__()
         if self.gravity_direction is not None and not any(self.gravity_direction):
             raise self.wrong('gravity_direction', 'a direction, not three zeros')
+
+    def optidrive_of(self, recording: Recording) -> Stream | None:
+        """Return the measured displacement of the tool; None where it is stated to be rigid."""
+        return None if self.tool_compliance == 'no' else recording.optidrive

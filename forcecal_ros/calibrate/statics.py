@@ -94,11 +94,10 @@ def read_statics(recording: Recording, poses: list[StaticPose], settings: Identi
     Statics
         Without covariance.
     """
-    wrench, optidrive = require_wrench(recording), recording.optidrive
+    wrench, optidrive = require_wrench(recording), settings.optidrive_of(recording)
     means = np.stack([window_mean(wrench, p.start, p.end, 'wrench') for p in poses])
-    gravity = np.stack([p.gravity(settings.gravity) for p in poses])
-    rigid = np.zeros(len(poses))
-    if settings.tool_compliance == 'no' or optidrive is None or not len(optidrive):
+    gravity, rigid = np.stack([p.gravity(settings.gravity) for p in poses]), np.zeros(len(poses))
+    if optidrive is None or not len(optidrive):
         return Statics(gravity, means, None, rigid, rigid)
     slide = np.array([window_mean(optidrive, p.start, p.end, 'optidrive')[0] for p in poses])
     parts = [part for p in poses if len(part := optidrive.between(p.start, p.end).values) > 2]

@@ -174,7 +174,7 @@ def judge(recording: Recording, gravity: Array, stated: Stated = Stated(),
         noted = best.row.is_note or any(one.name == 'crosstalk' for one in close)
         if message and not (known and noted):
             raise DataError(message, messages.about(best))
-        if message or (best.row.is_note and best.name not in ('tilted', 'crosstalk')):
+        if message or (best.row.is_note and best.row.is_costly):  # nothing else explains it
             return (message or messages.slight(best, stated),)
         if best.name == 'crosstalk':  # a slight one hides no other fault
             slight = (messages.slight(best, stated),)

@@ -270,6 +270,18 @@ def test_what_a_driver_says_before_its_sensor_answers_is_left_out(value):
         checked(Recording(wrench=replace(wrench, values=values), pose=pose))
 
 
+def test_a_driver_without_a_reading_for_longer_than_any_starts_is_refused():
+    t = 0.01 * np.arange(6000)
+    values = 5.0 + np.random.default_rng(1).standard_normal((6000, 6))
+    for silent, said in ((1900, 'left out'), (2500, '41.7 % of the samples are not finite')):
+        values[:silent] = np.nan
+        try:
+            text = ''.join(checked(Recording(wrench=Stream(t, values))).notes)
+        except DataError as error:
+            text = str(error)
+        assert said in text
+
+
 def turned(late, sign=1.0, contact=0.0):
     """Return the wrench of a kilogram that turns about, `late` behind its pose, and that pose."""
     rng = np.random.default_rng(3)
