@@ -1,82 +1,73 @@
 """What each part of the decision of a diagnosis costs and buys, on cached cases, in seconds.
 
     python benchmark/posterior_cases.py -o cases.jsonl
-    python benchmark/posterior_cases.py -o opened.jsonl --opened 2 3
+    python benchmark/posterior_cases.py -o opened.jsonl --opened 2 3 5
     python benchmark/ablation.py cases.jsonl opened.jsonl
 
-Each rule is judged on the same steps of the same searches. A search ends where an effect is not
-likelier than not, but not at its first step; what it named is right where all names are, and the
-true effects are among them. Calibrations predict cases of each generator and effect by a fit to
-the others.
+Each rule decides the same steps of the same searches. What is named is right where all names are,
+and the true effects are among them. A fitted calibration decides the cases of each generator and
+effect by a fit to the others.
 """
 
 import argparse
 from collections.abc import Callable
-import json
 from pathlib import Path
 import sys
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from calibrate_probabilities import fit, group_of, load, predicted, Rows, rows_of, scores
-from forcecal_ros.diagnose.model.gates import kind_of
-from forcecal_ros.diagnose.search.calibration import Features, FILE
-from forcecal_ros.diagnose.search.posterior import NAMED
-import numpy as np
+from calibrate_probabilities import always, cross_validated, decided, figures, load
+from forcecal_ros.diagnose.search.calibration import Calibration, stored
 
-WITHOUT = {'fitted to the others': (), 'the same without what is missing': (0,),
-           'the same without effects beside it': (1,)}
-"""Regressors that a calibration does not use."""
+Rule = tuple[Callable[[dict[str, Any]], Calibration], Callable[[dict[str, Any]], dict[str, Any]]]
+"""The calibration of a case, and what of the case is decided."""
 
-
-def calibrated(rows: Rows, gone: tuple[int, ...]) -> Callable[[str, np.ndarray], np.ndarray]:
-    """Return probabilities of rows of a group, by a fit to the others without some regressors."""
-    kept = np.array([float(i not in gone) for i in range(rows.x.shape[1])])
-    fits = {g: fit(rows.x[rows.group != g] * kept, rows.right[rows.group != g])
-            for g in {*rows.group, ''}}
-
-    def probability(of: str, x: np.ndarray) -> np.ndarray:
-        return predicted(fits.get(of, fits['']), x * kept)
-
-    return probability
+SURE = 1e3
+"""Intercept by which everything is certain."""
 
 
-def named(case: dict, probability: Callable[[str, np.ndarray], np.ndarray]) -> list[str]:
-    """Return the effects that a search names by a rule, the likeliest first."""
-    found: list[str] = []
-    for number, step in enumerate(case.get('steps', [])):
-        p = probability(group_of(case), np.array([Features(**f).row() for f in step.values()]))
-        if p.min() >= NAMED:
-            found = [list(step)[i] for i in np.argsort(-p)]
-        elif number:
-            break
-    return [kind_of(name) for name in found]
+def whole(case: dict[str, Any]) -> dict[str, Any]:
+    """Decide a case by all steps of its search."""
+    return case
+
+
+def first(case: dict[str, Any]) -> dict[str, Any]:
+    """Decide a case by the first step of its search."""
+    return case | {'steps': case['steps'][:1]}
+
+
+def rules(cases: list[dict[str, Any]]) -> dict[str, Rule]:
+    """Return the rules by name."""
+    now = stored()
+    return {
+        'always named': (always(now._replace(intercept=SURE)), whole),
+        'the first effect, always named': (always(now._replace(intercept=SURE)), first),
+        'as stored': (always(now), whole),
+        'as stored, the first effect alone': (always(now), first),
+        'without what is missing': (always(now._replace(weights=(0.0, now.weights[1]))), whole),
+        'without effects beside it': (always(now._replace(weights=(now.weights[0], 0.0))), whole),
+        'odds by log-evidence alone': (always(now._replace(temperature=(1.0, 0.0, 0.0))), whole),
+        'fitted to the others': (cross_validated(cases), whole)}
 
 
 def main() -> None:
-    """Print the tables."""
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('cases', type=Path, nargs='+')
     cases = load(parser.parse_args().cases)
-    rows, stored = rows_of(cases), json.loads(FILE.read_text())
-    w = np.array([stored['intercept'], *stored['weights']])
-    rules = {'always named': lambda g, x: np.full(len(x), 0.99),
-             'the first effect, always named': lambda g, x: np.full(
-                 len(x), 0.99 if len(x) == 1 else 0.01),
-             'more evidence than is missing': lambda g, x: np.where(x[:, 0] > 0.0, 0.99, 0.01),
-             'as stored': lambda g, x: predicted(w, x),
-             **{name: calibrated(rows, gone) for name, gone in WITHOUT.items()}}
     generators = sorted({case['generator'] for case in cases})
-    print('| rule | log score | calibration error | '
+    print('| rule | log score | calibration error | first | '
           + ' | '.join(f'{g}: right, false names' for g in generators) + ' |')
-    print('|---' * (3 + len(generators)) + '|')
-    for rule, probability in rules.items():
-        p = np.concatenate([probability(g, x[np.newaxis]) for g, x in zip(rows.group, rows.x)])
-        s = scores(p, rows.right)
-        cells = [f"{s['log_score']:.2f}", f"{s['calibration_error']:.2f}"]
+    print('|---' * (4 + len(generators)) + '|')
+    for rule, (by, of) in rules(cases).items():
+        s = figures([of(case) for case in cases], by)
+        cells = [f"{s['log_score']:.2f}", f"{s['calibration_error']:.2f}",
+                 f"{s['first']} of {s['of']}"]
         for generator in generators:
-            some = [(c, named(c, probability)) for c in cases if c['generator'] == generator]
+            some = [(c, decided(of(c), by(c)).named) for c in cases
+                    if c['generator'] == generator]
             false = [any(c['right'][n] is False for n in names) for c, names in some]
             right = [not wrong and (not c['effect'] or sum(
                 bool(c['right'][n]) for n in names) > ('second' in c))

@@ -1,127 +1,201 @@
-"""Fits the calibration of a diagnosis to cached development cases, with cross-validation.
+"""Judges the calibration of a diagnosis on cached development cases, and a fit to them.
 
     python benchmark/posterior_cases.py -o cases.jsonl
-    python benchmark/posterior_cases.py -o opened.jsonl --opened 2 3
-    python benchmark/calibrate_probabilities.py cases.jsonl opened.jsonl [--write]
+    python benchmark/posterior_cases.py -o opened.jsonl --opened 2 3 5
+    python benchmark/calibrate_probabilities.py cases.jsonl opened.jsonl [--write prior|fit]
 
-One row an effect of a step of a search, right or not. The logistic regression is cross-validated
-by generator and effect: those of each, and recordings with none, are predicted by a fit to the
-others.
+Every case is decided anew from what its search found, as a diagnosis decides it, and scored by the
+logarithm of the probability that its truth is given. The fit to that score is cross-validated by
+generator and effect: the cases of each, and those with none, are decided by a fit to the others.
 """
 
 import argparse
+from collections.abc import Callable, Sequence
 import json
 from pathlib import Path
 import sys
-from typing import NamedTuple
+from types import MappingProxyType
+from typing import Any, cast, NamedTuple
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from forcecal_ros.diagnose.model.gates import kind_of
-from forcecal_ros.diagnose.search.calibration import Features, FILE
+from forcecal_ros.diagnose.judge.judgement import listed_once, weighed
+from forcecal_ros.diagnose.search.calibration import Calibration, Features, FILE
+from forcecal_ros.diagnose.search.posterior import NAMED, Posterior
+from forcecal_ros.diagnose.verdict import UNKNOWN
 import numpy as np
 from scipy.optimize import minimize
 
-PRIOR = np.array([0.0, 1.0, 2.0])
-"""Mean of intercept and weights."""
+PRIOR = Calibration(0.0, (1.5, 2.0), (2.0, 0.001, 0.2), 0.99)
+"""
+Mean of what is fitted: as likely as not where an effect brings the evidence that is missing, less
+likely by 2 in log odds for each effect beside it that brings as much.
+"""
 
-RIDGE = 1.0
-"""Their prior precision, of regressors of order 1."""
+SPREAD = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
+"""Its scatter: of the intercept, the weights, and the logarithms of the temperature's parts."""
 
-
-class Rows(NamedTuple):
-    """Effects of steps of searches: regressors, whether they are right, and the generator."""
-
-    x: np.ndarray
-    right: np.ndarray
-    group: np.ndarray
-    cases: int
+LEAST = 0.01
+"""Probability below which the log score tells no difference."""
 
 
-def group_of(case: dict) -> str:
-    """Return the generator and the effect of a case."""
-    return f"{case['generator']}: {case['effect'] or 'none'}"
+class Decided(NamedTuple):
+    """Effects that a case's diagnosis names, and the probability of every candidate."""
+
+    named: list[str]
+    candidates: dict[str, float]
 
 
-def rows_of(cases: list[dict]) -> Rows:
-    """Take of each step all effects that are right or wrong."""
-    x, right, group = [], [], []
-    for case in cases:
-        for name, found in [pair for step in case.get('steps', []) for pair in step.items()]:
-            true = case['right'][kind_of(name)]
-            if true is not None:
-                x.append(Features(**found).row())
-                right.append(true)
-                group.append(group_of(case))
-    return Rows(np.array(x), np.array(right, dtype=float), np.array(group), len(cases))
+def decided(case: dict[str, Any], by: Calibration) -> Decided:
+    """Decide a case anew from the steps of its search."""
+    steps = case.get('steps', [])
+    taken, named = (steps[0] if steps else None), False
+    for step in steps:
+        if not step['worth'] or min(by.probability(Features(**f))
+                                    for f in step['features'].values()) < NAMED:
+            break
+        taken, named = step, True
+    if taken is None:
+        return Decided([], {})
+    found = Posterior(cast(Any, None), (), (), MappingProxyType(
+        {name: Features(**f) for name, f in taken['features'].items()}), taken['alternatives'],
+        closest=None if named else cast(Any, 'not accepted'))
+    probabilities, candidates = weighed(found, taken['worth'], True, by)
+    return Decided(sorted(probabilities, key=lambda name: -probabilities[name]) if named else [],
+                   dict(listed_once(candidates)))
 
 
-def fit(x: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Return intercept and weights."""
-    def cost(w):
-        z = w[0] + x @ w[1:]
-        p = 1.0 / (1.0 + np.exp(-z))
-        off = w - PRIOR
-        value = np.sum(np.logaddexp(0.0, z) - right * z) + 0.5 * RIDGE * off @ off
-        return value, np.append(np.sum(p - right), x.T @ (p - right)) + RIDGE * off
-
-    return minimize(cost, PRIOR.copy(), jac=True,
-                    bounds=[(None, None), *[(0.0, None)] * (len(PRIOR) - 1)],
-                    method='L-BFGS-B').x
+def of_truth(case: dict[str, Any], by: Calibration) -> float:
+    """Return the probability that a case's truth is given."""
+    candidates = decided(case, by).candidates
+    if case['effect']:
+        return max((p for name, p in candidates.items() if case['right'].get(name)), default=0.0)
+    return 1.0 - max((p for name, p in candidates.items()
+                      if case['right'].get(name) is False), default=0.0)
 
 
-def predicted(w: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return the probability of rows by intercept and weights."""
-    return np.clip(1.0 / (1.0 + np.exp(-w[0] - x @ w[1:])), 0.01, 0.99)
+def scored(cases: Sequence[dict[str, Any]], by: Calibration) -> float:
+    """Return the mean logarithm of what truths are given."""
+    return float(np.mean([np.log(max(LEAST, of_truth(case, by))) for case in cases]))
 
 
-def cross_validated(rows: Rows) -> np.ndarray:
-    """Predict each generator's rows by a fit to the others."""
-    out = np.zeros(len(rows.right))
-    for g in np.unique(rows.group):
-        own = rows.group == g
-        out[own] = predicted(fit(rows.x[~own], rows.right[~own]), rows.x[own])
-    return out
+def _packed(by: Calibration) -> np.ndarray:
+    return np.array([by.intercept, *by.weights, *np.log(by.temperature)])
 
 
-def scores(p: np.ndarray, right: np.ndarray) -> dict[str, float]:
-    """Return log score, calibration error of five bins, and false acceptances and refusals."""
-    bins = np.minimum((5 * p).astype(int), 4)
-    error = sum(abs(p[bins == b].mean() - right[bins == b].mean()) * (bins == b).mean()
+def _unpacked(x: np.ndarray) -> Calibration:
+    return Calibration(float(x[0]), tuple(x[1:3].tolist()), tuple(np.exp(x[3:]).tolist()),
+                       PRIOR.largest)
+
+
+def fit(cases: Sequence[dict[str, Any]], gone: Sequence[int] = ()) -> Calibration:
+    """
+    Fit a calibration to cases.
+
+    Parameters
+    ----------
+    gone : sequence of int
+        Weights that stay zero.
+    """
+    start = _packed(PRIOR)
+    free = np.array([i for i in range(len(start)) if i - 1 not in gone])
+    fixed = np.where(np.isin(np.arange(len(start)), free), start, 0.0)
+
+    def at(x: np.ndarray) -> np.ndarray:
+        out = fixed.copy()
+        out[free] = x
+        out[1:3] = np.maximum(out[1:3], 0.0)
+        return out
+
+    def cost(x: np.ndarray) -> float:
+        off = ((at(x) - start) / SPREAD)[free]
+        return -scored(cases, _unpacked(at(x))) + 0.5 * float(off @ off) / len(cases)
+
+    return _unpacked(at(minimize(cost, start[free], method='Powell',
+                                 options={'maxiter': 6, 'xtol': 0.02, 'ftol': 1e-4}).x))
+
+
+def cross_validated(cases: Sequence[dict[str, Any]], gone: Sequence[int] = ()
+                    ) -> Callable[[dict[str, Any]], Calibration]:
+    """Return what gives each case a calibration that was fitted to the others."""
+    groups = sorted({group_of(case) for case in cases})
+    fold = {g: i % FOLDS for i, g in enumerate(np.random.default_rng(1).permutation(groups))}
+    fits = [fit([c for c in cases if fold[group_of(c)] != i], gone) for i in range(FOLDS)]
+    return lambda case: fits[fold[group_of(case)]]
+
+
+FOLDS = 5
+"""Parts that the generators and effects are divided into."""
+
+
+def group_of(case: dict[str, Any]) -> str:
+    """Return the generator and the effect of a case; without one, each is its own group."""
+    other = case.get('case', case.get('seed'))
+    return f"{case['generator']}: {case['effect'] or other}"
+
+
+def always(by: Calibration) -> Callable[[dict[str, Any]], Calibration]:
+    """Return what gives every case the same calibration."""
+    return lambda case: by
+
+
+def figures(cases: Sequence[dict[str, Any]], of: Callable[[dict[str, Any]], Calibration]
+            ) -> dict[str, float]:
+    """Return log score, calibration error of five bins, and how often is what first and named."""
+    some = [(case, decided(case, of(case))) for case in cases]
+    stated = [(p, case['right'][name]) for case, one in some
+              for name, p in one.candidates.items() if name != UNKNOWN]
+    pairs = np.array([x for x in stated if x[1] is not None], dtype=float).reshape(-1, 2)
+    bins = np.minimum((5 * pairs[:, 0]).astype(int), 4)
+    error = sum(abs(pairs[bins == b].mean(axis=0) @ (1.0, -1.0)) * (bins == b).mean()
                 for b in np.unique(bins))
-    return {'log_score': float(np.mean(np.log(np.where(right > 0.5, p, 1.0 - p)))),
-            'calibration_error': float(error),
-            'accepted_wrong': int(np.sum((p >= 0.5) * (1 - right))),
-            'refused_right': int(np.sum((p < 0.5) * right)), 'rows': len(p)}
+    first = [next((bool(case['right'].get(name)) for name in one.candidates
+                   if name == UNKNOWN or case['right'][name] is not None), False)
+             for case, one in some if case['effect']]
+    false = [any(p > NAMED and name != UNKNOWN and case['right'][name] is False
+                 for name, p in one.candidates.items()) for case, one in some]
+    score = np.mean([np.log(max(LEAST, of_truth(c, of(c)))) for c in cases])
+    return {'log_score': round(float(score), 3), 'calibration_error': round(float(error), 3),
+            'first': int(sum(first)), 'of': len(first),
+            'false_names': int(sum(false)), 'cases': len(cases)}
 
 
-def load(paths: list[Path]) -> list[dict]:
+def of_frequencies(cases: Sequence[dict[str, Any]]) -> float:
+    """Return the log score of who knows how frequent each effect is, and nothing else."""
+    effects = [case['effect'] for case in cases]
+    return float(np.mean([np.log(effects.count(effect) / len(effects)) for effect in effects]))
+
+
+def load(paths: Sequence[Path]) -> list[dict[str, Any]]:
     """Read cached cases, each once."""
     lines = [line for path in paths for line in path.read_text().splitlines()]
     cases = [json.loads(line) for line in lines]
     known = 'name', 'size', 'seed', 'beside', 'second', 'opened', 'case'
     key = [json.dumps([c.get(k) for k in known]) for c in cases]
-    return list(dict(zip(key, cases)).values())
+    return [case for case in dict(zip(key, cases)).values() if 'steps' in case]
 
 
 def main() -> None:
     """Print the fit and its cross-validation; store it if that is wanted."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('cases', type=Path, nargs='+')
-    parser.add_argument('--write', action='store_true', help=f'store it as {FILE.name}')
+    parser.add_argument('--write', choices=('prior', 'fit'), help=f'store it as {FILE.name}')
     arguments = parser.parse_args()
-    rows = rows_of(load(arguments.cases))
-    w = fit(rows.x, rows.right)
-    found = scores(cross_validated(rows), rows.right)
-    stored = json.loads(FILE.read_text()) | {
-        'provenance': 'benchmark/calibrate_probabilities.py on benchmark/posterior_cases.py and '
-                      'parts 2 and 3 of the blind check, cross-validated by generator and effect',
-        'regressors': ['gain_over_missing', 'no_other_beside'],
-        'cases': rows.cases, 'intercept': round(float(w[0]), 3),
-        'weights': np.round(w[1:], 3).tolist(), 'cross_validation': found}
-    print(json.dumps(stored, indent=1))
-    if arguments.write:
-        FILE.write_text(json.dumps(stored, indent=1) + '\n')
+    cases = load(arguments.cases)
+    for name, by in (('fit', fit(cases)), ('prior', PRIOR)):
+        document = {
+            'provenance': f'{name} of benchmark/calibrate_probabilities.py, judged on '
+                          'benchmark/posterior_cases.py and opened parts of the blind check',
+            'regressors': ['gain_over_missing', 'no_other_beside'],
+            'intercept': round(by.intercept, 2), 'weights': np.round(by.weights, 2).tolist(),
+            'temperature': [float(f'{x:.2g}') for x in by.temperature], 'largest': by.largest,
+            'figures': figures(cases, always(by)),
+            'fit_cross_validated': figures(cases, cross_validated(cases)),
+            'log_score_of_frequencies': of_frequencies(cases)}
+        print(json.dumps(document, indent=1))
+        if arguments.write == name:
+            FILE.write_text(json.dumps(document, indent=1) + '\n')
 
 
 if __name__ == '__main__':

@@ -6,8 +6,8 @@
 Each effect of the library alone on the simulated rig along 13 s of motion, at full size and at a
 fifth; pairs of them; recordings without effect; some with disturbances that no library has. With
 --opened, the cases of opened parts of the blind check on a real arm's motion and on the rig. The
-cache holds what the probabilities of each step of a search follow from, also of steps that are too
-unlikely to be taken, so that ``calibrate_probabilities.py`` and ``ablation.py`` judge decision
+cache holds what the probabilities at each step of a search follow from, also at steps that are
+too unlikely to be taken, so that ``calibrate_probabilities.py`` and ``ablation.py`` judge decision
 rules in seconds.
 """
 
@@ -32,6 +32,7 @@ from forcecal_ros.core.streams import Recording
 from forcecal_ros.diagnose import engine
 from forcecal_ros.diagnose.model.gates import kind_of
 from forcecal_ros.diagnose.search import posterior
+from forcecal_ros.diagnose.search.calibration import features_of
 from forcecal_ros.diagnose.sources.rig import RigSource
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.sim.rig.file import load_rig
@@ -155,29 +156,34 @@ class _Found(Exception):
     """A search has ended; what follows it is not needed."""
 
 
-def steps_of(diagnose) -> list[dict[str, dict[str, float]]]:
-    """Return what each step of a search found of each effect, until it is hopeless."""
-    steps: list[dict[str, dict[str, float]]] = []
+def steps_of(diagnose) -> list[dict[str, Any]]:
+    """Return what each step of a search found, until it is hopeless."""
+    steps: list[dict[str, Any]] = []
     judge, walk = cast(Any, posterior), cast(Any, engine)
-    inner, searched, named = judge.features_of, walk.search, judge.NAMED
+    inner, searched, named = judge._chosen, walk.search, judge.NAMED
 
-    def watched(*args):
-        features = inner(*args)
-        steps.append({name: {k: float(v) for k, v in f._asdict().items()}
-                      for name, f in features.items()})
-        return features
+    def watched(start, found, best):
+        chosen, less = inner(start, found, best)
+        features = features_of({name: chosen.evidence - e.evidence for name, e in less.items()},
+                               chosen.missing)
+        steps.append({
+            'worth': bool(chosen.evidence >= best.evidence + judge.WORTH),
+            'features': {name: {k: float(v) for k, v in f._asdict().items()}
+                         for name, f in features.items()},
+            'alternatives': {name: judge._instead(chosen, found, name) for name in features}})
+        return chosen, less
 
     def ended(*args):
         searched(*args)
         raise _Found
 
-    judge.features_of, walk.search, judge.NAMED = watched, ended, HOPELESS
+    judge._chosen, walk.search, judge.NAMED = watched, ended, HOPELESS
     try:
         diagnose()
     except _Found:
         pass
     finally:
-        judge.features_of, walk.search, judge.NAMED = inner, searched, named
+        judge._chosen, walk.search, judge.NAMED = inner, searched, named
     return steps
 
 
@@ -197,9 +203,10 @@ def run(case: dict[str, Any]) -> dict[str, Any]:
         def diagnose():
             RigSource(load_rig()).diagnose(recording)
     steps = steps_of(diagnose)
-    names = {kind_of(name) for step in steps for name in step}
+    names = {name for step in steps for effect, others in step['alternatives'].items()
+             for name in (effect, *others)}
     return case | {'generator': generator, 'effect': effect, 'steps': steps,
-                   'right': {name: right(name) for name in sorted(names)},
+                   'right': {name: right(kind_of(name)) for name in sorted(names)},
                    'seconds': time.process_time() - began}
 
 
@@ -256,7 +263,8 @@ def main() -> None:
             result = case | {'error': str(error)}
         with arguments.out.open('a') as file:
             file.write(json.dumps(result) + '\n')
-        print(case, [{name: (round(f['gain']), round(f['missing'])) for name, f in step.items()}
+        print(case, [{name: (round(f['gain']), round(f['missing']))
+                      for name, f in step['features'].items()}
                      for step in result.get('steps', [])], flush=True)
 
 

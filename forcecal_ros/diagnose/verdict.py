@@ -107,7 +107,7 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
             return 'no_gap', (f'the recalibrated rig explains {what}{below} {WITHIN}{slow}: '
                               f'{part.within}')
         return 'no_gap', f'the recalibrated rig explains {what}{below} down to its noise{slow}'
-    unknown = dict(candidates).get(UNKNOWN, 0.0) > 0.5
+    unknown = dict(candidates).get(UNKNOWN, 0.0) >= 0.5
     end = '' if len(named) > 1 else 's'
     if at_limit or (unknown and not certain):
         if at_limit:

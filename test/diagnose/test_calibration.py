@@ -3,20 +3,21 @@
 import json
 
 from forcecal_ros.diagnose.judge.judgement import ties_of, weighed
-from forcecal_ros.diagnose.search.calibration import Features, features_of, FILE, probability
+from forcecal_ros.diagnose.search.calibration import Features, features_of, FILE, stored
 from forcecal_ros.diagnose.search.posterior import Posterior
 from forcecal_ros.diagnose.verdict import UNKNOWN
-import numpy as np
 import pytest
 
 STRONG = Features(2000.0, 50.0)
+probability = stored().probability
 
 
 def test_the_file_says_how_it_was_fitted_and_how_well_it_does_on_what_it_was_not_fitted_to():
-    stored = json.loads(FILE.read_text())
-    assert stored['cases'] >= 15 and stored['provenance']
-    assert stored['cross_validation']['log_score'] > np.log(0.5)
-    assert len(stored['weights']) == len(STRONG.row()) == 2
+    document = json.loads(FILE.read_text())
+    found = document['figures']
+    assert found['cases'] >= 200 and document['provenance']
+    assert found['log_score'] > document['log_score_of_frequencies']
+    assert len(document['weights']) == len(STRONG.row()) == 2
 
 
 def test_the_more_is_missing_the_less_likely_an_effect_is():
@@ -39,12 +40,13 @@ def test_effects_that_together_leave_nothing_are_not_likelier_than_each_alone():
 
 
 @pytest.mark.parametrize('possible', [True, False])
-def test_what_does_harm_or_stops_at_a_limit_is_unknown(possible):
+def test_what_does_harm_or_stops_at_a_limit_is_a_candidate_and_not_named(possible):
     found = Posterior(None, (), (), {'wrench_crosstalk': Features(186.0, 28.9)},
-                      {'wrench_crosstalk': {}})
+                      {'wrench_crosstalk': {'cable_force': -15.0}})
     named, candidates = weighed(found, True, possible)
     assert (named['wrench_crosstalk'] > 0.5) == possible
     assert (candidates[0][0] == UNKNOWN) != possible
+    assert {'wrench_crosstalk', 'cable_force'} < dict(candidates).keys()
 
 
 def test_effects_that_are_alike_share_the_probability_and_are_tied():
@@ -57,8 +59,15 @@ def test_effects_that_are_alike_share_the_probability_and_are_tied():
     assert note.startswith('wrench_delay and wrench_lowpass are confounded')
 
 
-def test_a_gap_without_an_effect_is_unknown_and_what_comes_closest_is_listed():
-    found = Posterior(None, (), (), nearest={'cable_force': 0.0, 'tool_mass': -100.0})
-    assert weighed(found, False, True)[1] == []
-    candidates = weighed(found, True, True)[1]
-    assert candidates[0][0] == UNKNOWN and candidates[1][0] == 'cable_force'
+def test_a_gap_without_an_effect_is_unknown_and_what_comes_closest_is_listed_by_its_evidence():
+    likely, unlikely = (Posterior(None, (), (), {'cable_force': Features(100.0, missing)},
+                                  {'cable_force': {'tool_mass': -5.0, 'tool_com': -100.0}},
+                                  closest='not accepted') for missing in (20.0, 2000.0))
+    assert weighed(likely, False, True)[1] == []
+    assert ties_of(likely) == ()
+    for found in (likely, unlikely):
+        candidates = weighed(found, True, True)[1]
+        assert [name for name, _ in candidates] == [UNKNOWN, 'cable_force', 'tool_mass']
+    assert dict(weighed(likely, True, True)[1])[UNKNOWN] == 0.5
+    assert dict(candidates)[UNKNOWN] > 0.8
+    assert weighed(Posterior(None, (), ()), True, True)[1] == [(UNKNOWN, 1.0)]

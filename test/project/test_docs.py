@@ -14,6 +14,7 @@ from forcecal_ros.cli.main import build_parser
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.schema import columns
 from forcecal_ros.diagnose.model.discrepancy import SCALES
+from forcecal_ros.diagnose.search.model_comparison import COUNTED
 from forcecal_ros.diagnose.search.posterior import WORTH
 from forcecal_ros.effects.library import EFFECTS
 from forcecal_ros.effects.rig import Rig
@@ -228,8 +229,9 @@ def test_the_page_of_the_diagnosis_has_the_numbers_of_the_decision():
     gain, beside = stored['weights']
     assert (f'= {stored["intercept"]:.2f} + {gain:g} log10((1 + G) / (1 + M)) - {beside:g} B'
             ) in text
-    assert (f'T = {stored["temperature"]:g} + {stored["form"]:g} G + {stored["taken_up"]:g} M'
-            ) in text
+    least, brought, missing = stored['temperature']
+    assert f'T = {least:g} + {brought:g} G + {missing:g} M' in text
+    assert f'counts in M up to {COUNTED:g} for each channel' in text
     assert f'within {1.0 - stored["largest"]:.2f} and {stored["largest"]:g}' in text
     assert f'must raise the log evidence by {WORTH:g}' in text
     assert f's is at most {SCALES[-1]:.1%}'.replace('%', ' %') in text

@@ -1,7 +1,6 @@
 """What a search found, weighed: numbers, probabilities, and what is unexplained."""
 
 from collections.abc import Mapping, Sequence
-import math
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
@@ -22,8 +21,8 @@ from forcecal_ros.diagnose.judge.residual_summary import (
     unexplained,
 )
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
-from forcecal_ros.diagnose.search.calibration import probability
-from forcecal_ros.diagnose.search.posterior import Posterior
+from forcecal_ros.diagnose.search.calibration import Calibration, stored
+from forcecal_ros.diagnose.search.posterior import NAMED, Posterior
 from forcecal_ros.diagnose.verdict import UnexplainedPart, UNKNOWN
 
 ALIAS_ODDS = 0.05
@@ -45,9 +44,10 @@ SEPARATED_BY: Mapping[frozenset[str], str] = {
 def ties_of(found: Posterior) -> tuple[str, ...]:
     """Note the likeliest alias of each accepted effect, if one is about as likely."""
     out = []
-    for name, others in found.odds.items():
-        other = max(others, key=lambda one: others[one], default='')
-        if other and others[other] > ALIAS_ODDS:
+    for name, features in found.features.items() if found.closest is None else ():
+        odds = stored().odds(features, found.alternatives[name])
+        other = max(odds, key=lambda one: odds[one], default='')
+        if other and odds[other] > ALIAS_ODDS:
             by = SEPARATED_BY.get(frozenset((name, other)), 'what forcecal plan writes')
             out.append(f'{name} and {other} are confounded in this recording; they are '
                        f'separated by {by}')
@@ -59,12 +59,6 @@ CHECKED = 0.99
 
 CANDIDATES = 0.95
 """Probability that the candidate set covers."""
-
-NEAREST, NEAREST_TEMPERATURE = 0.3, 10.0
-"""
-Probability that effects share that come closest to an unexplained recording, and the log-evidence
-by which one is e times as likely: of 31 opened recordings called unknown, 22 were.
-"""
 
 
 class Judged(NamedTuple):
@@ -107,10 +101,13 @@ def judge(first: LinearisedModel, found: Posterior, checks: Checks,
                   listed_once(candidates), limits)
 
 
-def weighed(found: Posterior, is_gap: bool, possible: bool
+def weighed(found: Posterior, is_gap: bool, possible: bool, by: Calibration | None = None
             ) -> tuple[dict[str, float], list[tuple[str, float]]]:
     """
-    Return the probability of each accepted effect, and the candidates.
+    Return the probability of each effect, and the candidates.
+
+    What was not accepted, and what cannot be the cause as it was found, is a candidate, but never
+    likelier than not.
 
     Parameters
     ----------
@@ -119,20 +116,23 @@ def weighed(found: Posterior, is_gap: bool, possible: bool
     possible : bool
         Whether accepted effects can be the cause: the misfit of held-out data is no larger with
         them, and no number of theirs is at its limit.
+    by : Calibration, optional
+        Another than the one that diagnoses use.
     """
+    by = by or stored()
     named: dict[str, float] = {}
     chosen: list[tuple[str, float]] = []
+    accepted = found.closest is None
+    most = 1.0 if accepted and possible else NAMED
     for name, features in found.features.items():
-        whole = possible * probability(features)
-        weight = found.odds[name]
+        whole = min(most, by.probability(features))
+        weight = by.odds(features, found.alternatives[name])
         shares = {k: whole * w / (1.0 + sum(weight.values())) for k, w in weight.items()}
         named[name] = whole - sum(shares.values())
-        chosen += _covering({name: named[name], UNKNOWN: 1.0 - whole, **shares})
+        if accepted or is_gap:
+            chosen += _covering({name: named[name], UNKNOWN: 1.0 - whole, **shares})
     if not found.features and is_gap:
-        best = max(found.nearest.values(), default=0.0)
-        weight = {k: math.exp((v - best) / NEAREST_TEMPERATURE) for k, v in found.nearest.items()}
-        shares = {k: NEAREST * w / sum(weight.values()) for k, w in weight.items()}
-        chosen += _covering({UNKNOWN: 1.0 - NEAREST if weight else 1.0, **shares})
+        chosen.append((UNKNOWN, 1.0))
     return named, chosen
 
 

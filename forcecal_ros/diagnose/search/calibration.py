@@ -10,7 +10,7 @@ from functools import cache
 import json
 import math
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 FILE = Path(__file__).with_name('calibration.json')
 
@@ -42,13 +42,6 @@ class Features(NamedTuple):
         """
         return math.log10((1.0 + max(self.gain, 0.0)) / (1.0 + self.missing)), -self.beside
 
-    @property
-    def temperature(self) -> float:
-        """Return the log-evidence by which odds change by e, errors of form allowed for."""
-        stored = _stored()
-        return float(stored['temperature'] + stored['form'] * max(self.gain, 0.0)
-                     + stored['taken_up'] * self.missing)
-
 
 def features_of(gains: Mapping[str, float], missing: float) -> dict[str, Features]:
     """
@@ -67,14 +60,42 @@ def features_of(gains: Mapping[str, float], missing: float) -> dict[str, Feature
             for name, own in size.items()}
 
 
+class Calibration(NamedTuple):
+    """
+    The one calibration of all effects.
+
+    Attributes
+    ----------
+    intercept : float
+    weights : tuple of float
+        Of the regressors that :meth:`Features.row` returns.
+    temperature : tuple of float
+        Log-evidence by which the odds of two effects change by e, as errors of form are allowed
+        for: at least; more for each that the likelier one brings; more for each that is missing.
+    largest : float
+        Probability, at most.
+    """
+
+    intercept: float
+    weights: tuple[float, ...]
+    temperature: tuple[float, ...]
+    largest: float
+
+    def probability(self, features: Features) -> float:
+        """Return the probability that an effect is the cause."""
+        x = self.intercept + sum(w * v for w, v in zip(self.weights, features.row()))
+        return float(min(self.largest, max(1.0 - self.largest, 1.0 / (1.0 + math.exp(-x)))))
+
+    def odds(self, features: Features, others: Mapping[str, float]) -> dict[str, float]:
+        """Return the odds of others against an effect, by their log-evidence against it."""
+        least, brought, missing = self.temperature
+        by = least + brought * max(features.gain, 0.0) + missing * features.missing
+        return {name: math.exp(min(0.0, value) / by) for name, value in others.items()}
+
+
 @cache
-def _stored() -> dict[str, Any]:
-    return dict(json.loads(FILE.read_text()))
-
-
-def probability(features: Features) -> float:
-    """Return the probability that an effect is the cause."""
-    stored = _stored()
-    x = stored['intercept'] + sum(w * v for w, v in zip(stored['weights'], features.row()))
-    most = stored['largest']
-    return float(min(most, max(1.0 - most, 1.0 / (1.0 + math.exp(-x)))))
+def stored() -> Calibration:
+    """Return the calibration that diagnoses use."""
+    found = json.loads(FILE.read_text())
+    return Calibration(found['intercept'], tuple(found['weights']), tuple(found['temperature']),
+                       found['largest'])

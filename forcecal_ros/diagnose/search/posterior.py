@@ -23,7 +23,7 @@ from forcecal_ros.diagnose.model.hypotheses import (
     in_one_recording,
 )
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
-from forcecal_ros.diagnose.search.calibration import Features, features_of, probability
+from forcecal_ros.diagnose.search.calibration import Features, features_of, stored
 from forcecal_ros.diagnose.search.change_points import (
     Instant,
     instant_of,
@@ -95,11 +95,9 @@ class Posterior(NamedTuple):
     model : LinearisedModel
         With the accepted effects, at the joint fit.
     features : dict of str to Features
-        Of each accepted effect: what its probability follows from.
+        Of each accepted effect, or of what comes closest: what its probability follows from.
     alternatives : dict of str to dict of str to float
-        Log-evidence of each other effect in the place of an accepted one, against that one.
-    nearest : dict of str to float
-        Log-evidence of effects that come closest, against none, if none was accepted.
+        Log-evidence of each other effect in the place of one of these, against that one.
     discrepancy_evidence : float
         Log-likelihood of a discrepancy, and of what else is unexplained.
     instants : dict of str to Instant or None
@@ -113,7 +111,6 @@ class Posterior(NamedTuple):
     jacobians: tuple[EffectJacobian, ...]
     features: Mapping[str, Features] = MappingProxyType({})
     alternatives: Mapping[str, Mapping[str, float]] = MappingProxyType({})
-    nearest: Mapping[str, float] = MappingProxyType({})
     discrepancy_evidence: float = 0.0
     instants: Mapping[str, Instant | None] = MappingProxyType({})
     closest: JointFit | None = None
@@ -123,7 +120,7 @@ class Posterior(NamedTuple):
         if self.instants:
             return FIRST_RECORDING
         names = frozenset(self.features)
-        found = {names: 0.0, **{frozenset({n}): e for n, e in self.nearest.items()}}
+        found = {names: 0.0}
         for name, others in self.alternatives.items():
             found[names - {name}] = -self.features[name].gain
             found |= {names - {name} | {other}: e for other, e in others.items()}
@@ -131,13 +128,6 @@ class Posterior(NamedTuple):
                       default=self.discrepancy_evidence)
         best = max(found.values())
         return Earlier({names: e - best for names, e in found.items()}, missing)
-
-    @property
-    def odds(self) -> dict[str, dict[str, float]]:
-        """Odds of each other effect in the place of an accepted one, against that one."""
-        return {name: {other: float(np.exp(min(0.0, value) / self.features[name].temperature))
-                       for other, value in others.items()}
-                for name, others in self.alternatives.items()}
 
     @property
     def beside_discrepancy(self) -> bool:
@@ -342,10 +332,9 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
         Effects of the library, as they act all the time.
     """
     table = _Table(model, found)
-    named = best = weigh(JointFit(model, [], []))
+    best = weigh(JointFit(model, [], []))
     features: dict[str, Features] = {}
     alternatives: dict[str, dict[str, float]] = {}
-    nearest: dict[str, float] = {}
     closest: JointFit | None = None
     for _ in range(2 * MOST_EFFECTS):
         if len(best.names) == MOST_EFFECTS:
@@ -355,26 +344,21 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
         if not children:
             break
         children = _likeliest([*children, *_exchanged(model, children[0], table, known)])
-        if not best.names:
-            nearest = {name: e.evidence - best.evidence for e in children for name in e.names}
-            closest = max(children, key=lambda one: one.evidence).fit
         chosen, less = _chosen(model, children, best)
-        if chosen.evidence < best.evidence + WORTH:
-            break
         own = features_of({name: chosen.evidence - e.evidence for name, e in less.items()},
                           chosen.missing)
-        likely = min(probability(f) for f in own.values()) >= NAMED
-        if best.names and not likely:
-            break  # the first of two of one size is unlikely alone, but not both together
-        best = _with_refitted_noise(chosen)
-        if likely:
-            named, features = best, own
+        likely = chosen.evidence >= best.evidence + WORTH and min(
+            map(stored().probability, own.values())) >= NAMED
+        if likely or not best.names:
+            features, closest = own, None if likely else chosen.fit
             alternatives = {name: _instead(chosen, children, name) for name in chosen.names}
-    return Posterior(named.fit.model, tuple(named.fit.accepted), tuple(named.fit.jacobians),
-                     features, alternatives, {} if features else nearest,
-                     named.fit.comparison().discrepancy_evidence,
-                     {name: instant_of(named.fit, name) for name in named.names
-                      if name in named.fit.model.gates}, None if features else closest)
+        if not likely:
+            break
+        best = _with_refitted_noise(chosen)
+    return Posterior(best.fit.model, tuple(best.fit.accepted), tuple(best.fit.jacobians),
+                     features, alternatives, best.fit.comparison().discrepancy_evidence,
+                     {name: instant_of(best.fit, name) for name in best.names
+                      if name in best.fit.model.gates}, closest)
 
 
 def _instead(chosen: Explanation, others: Sequence[Explanation], name: str) -> dict[str, float]:

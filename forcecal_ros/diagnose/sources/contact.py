@@ -472,7 +472,7 @@ def compare_contact(robot: Touch, simulated: Touch, spreads: NominalTolerances,
         scatter[np.ix_(shown, shown)] + np.diag(spread[shown] ** 2), wide[shown])
     explained = _explained(rows, [name in features for name in QUANTITIES], delays)
     probabilities, candidates = weighed(selection._replace(
-        features=features, alternatives=others, nearest={}), explained < 0.9, explained >= 0.0)
+        features=features, alternatives=others, closest=None), explained < 0.9, explained >= 0.0)
     effects = tuple(
         NamedEffect(name, {q.name: Parameter(float(value), float(error), q.unit)},
                     probabilities[name])

@@ -1,7 +1,7 @@
 """An effect that is as large as the library allows is no explanation."""
 
 import json
-from types import SimpleNamespace
+import math
 
 from forcecal_ros.diagnose.dataset import units
 from forcecal_ros.diagnose.judge.judgement import ties_of
@@ -15,7 +15,9 @@ from forcecal_ros.diagnose.judge.named_effects import (
 )
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.result import Diagnosis, load_diagnosis, to_document
+from forcecal_ros.diagnose.search.calibration import Features, stored
 from forcecal_ros.diagnose.search.model_comparison import Accepted
+from forcecal_ros.diagnose.search.posterior import Posterior
 from forcecal_ros.diagnose.sources.simulator import Changed
 from forcecal_ros.diagnose.verdict import UnexplainedPart, verdict
 from forcecal_ros.effects import EFFECTS
@@ -90,7 +92,9 @@ def test_a_number_that_only_its_prior_bounds_is_not_stated():
 
 def test_an_alias_is_noted_from_odds_of_one_to_twenty_on():
     def notes(odds):
-        return ties_of(SimpleNamespace(odds={'tool_mass': {'wrench_gain': odds}}))
+        by = stored().temperature[0]
+        return ties_of(Posterior(None, (), (), {'tool_mass': Features(0.0, 0.0)},
+                                 {'tool_mass': {'wrench_gain': by * math.log(odds)}}))
 
     assert notes(0.04) == ()
     note, = notes(0.06)

@@ -7,11 +7,17 @@ from forcecal_ros.cli.diagnose import _earlier
 from forcecal_ros.cli.plan import _candidates
 from forcecal_ros.core.errors import UsageError
 from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
+from forcecal_ros.diagnose.model.discrepancy import NO_DISCREPANCY
+from forcecal_ros.diagnose.model.evidence import fit, Gram, Prior
 from forcecal_ros.diagnose.result import _from_document, Diagnosis, to_document
 from forcecal_ros.diagnose.search import posterior
 from forcecal_ros.diagnose.search.calibration import Features
+from forcecal_ros.diagnose.search.model_comparison import _Level, CHANCE, ModelComparison
 from forcecal_ros.diagnose.search.posterior import Explanation
+import numpy as np
 import pytest
+
+NO_PRIOR = Prior(*(np.zeros(0) for _ in range(4)))
 
 
 def explanation(names, evidence, gates=0):
@@ -98,3 +104,16 @@ def test_a_prior_against_another_model_is_refused_and_candidates_are_planned_for
         replace(found, verdict='no_gap', candidates=()), {}, None)))
     with pytest.raises(UsageError, match='no_gap without candidates'):
         _candidates(str(tmp_path))
+
+
+@pytest.mark.parametrize('gained, counted', [(50.0, 50.0), (1e4, 120.0)])
+def test_what_a_discrepancy_gains_is_missing_as_far_as_noise_could_not_gain_it(gained, counted):
+    """A wrench alone: twenty for each of six channels, beside what no discrepancy explains."""
+    comparison = ModelComparison.__new__(ModelComparison)
+    comparison.every = Gram(np.zeros((0, 0)), np.zeros(0), 1e4, 10000)
+    comparison.null_evidence, comparison.null = -6000.0, fit(comparison.every, NO_PRIOR)
+    comparison.levels = [_Level(NO_DISCREPANCY, comparison.every, comparison.null._replace(
+        log_evidence=-6000.0 - gained))]
+    comparison._products = type('Products', (), {'channels': np.ones(6, dtype=bool)})
+    by_chance = CHANCE * np.sqrt(5000.0)
+    assert comparison.missing_evidence == pytest.approx(1000.0 - by_chance + counted)
