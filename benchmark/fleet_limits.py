@@ -3,7 +3,7 @@
 Run ``python benchmark/fleet_limits.py``; it takes about a minute.
 """
 
-from forcecal_ros.fleet.control import chart, limit
+from forcecal_ros.report.control_chart import chart, limit
 import numpy as np
 
 NIGHTS_BEFORE, NIGHTS_AFTER, ROBOTS = 30, 60, 40

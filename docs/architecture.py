@@ -31,7 +31,6 @@ HOLDS = {
     'cli': 'the command line:\none module a command',
     'diagnose': 'where and why simulation\nand recording differ',
     'effects': 'ways in which a rig\ndiffers from its model',
-    'fleet': 'many robots over time:\nwhat drifted first',
     'impedance': 'plant and law\n[Gamez2005] V',
     'insitu': 'six-axis matrix\n[Traversaro2014]',
     'io': 'CSV, URDF, calibration\nfile, exports',
@@ -39,7 +38,7 @@ HOLDS = {
     'motion': 'plans, limits, monitor,\nsequence',
     'nodes': 'ROS 2: thin, the only\nusers of rclpy',
     'observe': 'contact wrench: one\nstep, many filters',
-    'report': 'tables, pictures,\nHTML pages',
+    'report': 'tables, pictures, pages;\nmany robots over time',
     'rig_fit': "a rig of a\nuser's robot",
     'sim': 'the rig; shares no\nphysics with calibrate',
 }

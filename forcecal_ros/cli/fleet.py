@@ -27,15 +27,14 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
-    from forcecal_ros.fleet.history import histories, read
-    from forcecal_ros.fleet.page import as_csv, headline, render, to_document
+    from forcecal_ros.report import fleet
 
-    entries = [*{one.path: one for place in args.places for one in read(place)}.values()]
-    robots = histories(entries, args.run_length)
-    document = to_document(entries, robots)
+    entries = [*{one.path: one for place in args.places for one in fleet.read(place)}.values()]
+    robots = fleet.histories(entries, args.run_length)
+    document = fleet.to_document(entries, robots)
     write_results(args.output, {
-        'fleet.html': render(entries, robots, args.run_length),
-        'fleet.csv': as_csv(entries, robots),
+        'fleet.html': fleet.render(entries, robots, args.run_length),
+        'fleet.csv': fleet.as_csv(entries, robots),
         'fleet.json': json.dumps(document, indent=1) + '\n'}, FILES)
     failed = [entry for entry in entries if entry.error]
     for entry in failed:
@@ -43,8 +42,8 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         common.print_json({'read': len(entries) - len(failed), **document})
     else:
-        common.say(f'{headline(robots)}\n{len(entries) - len(failed)} of {len(entries)} could be '
-                   f'read; written to {args.output}')
+        common.say(f'{fleet.headline(robots)}\n{len(entries) - len(failed)} of {len(entries)} '
+                   f'could be read; written to {args.output}')
     if args.fail_on and any(robot.changed for robot in robots):
         return 3
     return 1 if failed else 0

@@ -301,8 +301,9 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
     anew = ['NEW_SIM_BAG' if before == '--simulated' else word
             for before, word in zip(('', *against), against)]
     simulate = ', simulate the same commands,' if '--simulated' in against else ','
-    if d.verdict == 'ambiguous' and {name for name, _ in d.candidates} & EFFECTS.keys():
-        plan = shlex.join(('forcecal', 'plan', '--after', folder, '-o', 'plan.yaml'))
+    plan = shlex.join(('forcecal', 'plan', '--after', folder, '-o', 'plan.yaml'))
+    planned = {name for name, _ in d.candidates} & EFFECTS.keys()
+    if d.verdict == 'ambiguous' and planned:
         return Step(f'Record what separates these; diagnose it with --prior {folder}:', plan)
     if d.verdict == 'invalid_data' and (remedy := _cause_and_remedy(d)[1]):
         return Step(f'{_begun(remedy)}. Then diagnose again:', again)
@@ -329,6 +330,9 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
     if d.verdict == 'no_gap' and d.not_compared:
         return Step('Nothing has to be changed in what was compared. Not compared: '
                     f'{" and ".join(d.not_compared)}.')
+    if d.verdict == 'unknown' and planned:
+        return Step('Nothing was added to the model. Record what shows which of the candidates it '
+                    f'is, if any; diagnose it with --prior {folder}:', plan)
     return {
         'no_gap': Step('Nothing has to be changed.'),
         'unknown': Step('Nothing was added to the model. Record the same motion again: a residual '

@@ -21,7 +21,7 @@ NUMERICS = (
 LAYERS = (
     *NUMERICS,
     ('io.bags', 'report'),
-    ('fleet', 'nodes'),
+    ('nodes',),
     ('cli',),
     ('results',),
     ('api',),

@@ -263,6 +263,15 @@ def test_a_number_of_a_simulator_is_changed_and_not_added():
     assert ' Changing it explains ' in headline(d)
 
 
+def test_of_an_unknown_cause_the_next_recording_is_to_tell_the_candidates_apart():
+    d = Diagnosis('unknown', 'a gap', candidates=(('unknown', 0.6), ('tool_mass', 0.4)))
+    step = next_step(d, 'bag', 'out', ())
+    assert step.command == 'forcecal plan --after out -o plan.yaml'
+    assert 'with --prior out' in step.words
+    alone = next_step(replace(d, candidates=(('unknown', 1.0),)), 'bag', 'out', ())
+    assert 'the same motion again' in alone.words and 'NEW_BAG' in alone.command
+
+
 def test_the_next_step_is_a_command_that_a_shell_takes():
     slow = replace(IDENTIFIED, effects=(replace(LATE, name='robot_delay'),))
     step = next_step(slow, 'my bag', 'out/', ('rig_patched.yaml',))

@@ -1,6 +1,6 @@
 """Control limits hold what they promise, and find what moved and when."""
 
-from forcecal_ros.fleet.control import chart, limit
+from forcecal_ros.report.control_chart import chart, limit
 import numpy as np
 import pytest
 

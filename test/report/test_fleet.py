@@ -13,8 +13,8 @@ from forcecal_ros.cli.main import main
 from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.diagnose.judge.gap import Gap
 from forcecal_ros.diagnose.result import Diagnosis, to_document
-from forcecal_ros.fleet.page import COLUMNS
 from forcecal_ros.io.calibration_file import dump
+from forcecal_ros.report.fleet import COLUMNS
 import numpy as np
 import pytest
 from whole_calibration import whole_calibration

@@ -1,1 +1,0 @@
-"""Many calibrations and diagnoses of many robots over time: what drifted, and what first."""
