@@ -76,7 +76,7 @@ KINDS: dict[str, str] = {
     'FC0003':
         'ModuleNotFoundError cli.common:needs_ros cli.many:_on_cluster sim.mujoco:load_mujoco '
         'nodes.inputs:transform_type nodes.runtime:starting',
-    'FC0004': 'OSError fleet.history:refuse',
+    'FC0004': 'OSError report.fleet:refuse',
     'FC0005': 'cli.robot nodes.client nodes.demo nodes.live',
     'FC0006': 'cli.play nodes.bags',
     'FC0007': 'cli.record nodes.collector',
@@ -91,7 +91,7 @@ KINDS: dict[str, str] = {
     'FC0108': 'io.csv_import.assemble:refuse_other_reading',
     'FC0109': 'io.urdf io.transforms io.bags.poses observe.pose_sources nodes.inputs',
     'FC0110': 'io.exports',
-    'FC0111': 'diagnose.result fleet',
+    'FC0111': 'diagnose.result report',
     # what a recording holds
     'FC0201': 'io io.bags.storage io.bags.files',
     'FC0202':
