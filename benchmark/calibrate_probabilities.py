@@ -10,7 +10,7 @@ generator and effect: the cases of each, and those with none, are decided by a f
 """
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 import json
 from pathlib import Path
 import sys
@@ -21,8 +21,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from forcecal_ros.diagnose.judge.judgement import listed_once, weighed
 from forcecal_ros.diagnose.search.calibration import Calibration, Features, FILE
-from forcecal_ros.diagnose.search.posterior import NAMED, Posterior
-from forcecal_ros.diagnose.verdict import UNKNOWN
+from forcecal_ros.diagnose.search.posterior import Posterior
+from forcecal_ros.diagnose.verdict import NAMED, UNKNOWN
 import numpy as np
 from scipy.optimize import minimize
 
@@ -32,11 +32,11 @@ Mean of what is fitted: as likely as not where an effect brings the evidence tha
 likely by 2 in log odds for each effect beside it that brings as much.
 """
 
-SPREAD = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
-"""Its scatter: of the intercept, the weights, and the logarithms of the temperature's parts."""
-
 LEAST = 0.01
 """Probability below which the log score tells no difference."""
+
+FOLDS = 5
+"""Parts that the generators and effects are divided into for cross-validation."""
 
 
 class Decided(NamedTuple):
@@ -47,8 +47,8 @@ class Decided(NamedTuple):
 
 
 def decided(case: dict[str, Any], by: Calibration) -> Decided:
-    """Decide a case anew from the steps of its search."""
-    steps = case.get('steps', [])
+    """Decide a case anew from the steps of its search; a gap is what an effect is worth naming."""
+    steps = case['steps']
     taken, named = (steps[0] if steps else None), False
     for step in steps:
         if not step['worth'] or min(by.probability(Features(**f))
@@ -65,18 +65,18 @@ def decided(case: dict[str, Any], by: Calibration) -> Decided:
                    dict(listed_once(candidates)))
 
 
-def of_truth(case: dict[str, Any], by: Calibration) -> float:
-    """Return the probability that a case's truth is given."""
-    candidates = decided(case, by).candidates
+def of_truth(case: dict[str, Any], candidates: dict[str, float]) -> float:
+    """Return the probability that candidates give a case's truth."""
     if case['effect']:
         return max((p for name, p in candidates.items() if case['right'].get(name)), default=0.0)
     return 1.0 - max((p for name, p in candidates.items()
                       if case['right'].get(name) is False), default=0.0)
 
 
-def scored(cases: Sequence[dict[str, Any]], by: Calibration) -> float:
-    """Return the mean logarithm of what truths are given."""
-    return float(np.mean([np.log(max(LEAST, of_truth(case, by))) for case in cases]))
+def scored(some: Iterable[tuple[dict[str, Any], Decided]]) -> float:
+    """Return the mean logarithm of the probabilities that cases' truths are given."""
+    return float(np.mean([np.log(max(LEAST, of_truth(case, one.candidates)))
+                          for case, one in some]))
 
 
 def _packed(by: Calibration) -> np.ndarray:
@@ -84,48 +84,29 @@ def _packed(by: Calibration) -> np.ndarray:
 
 
 def _unpacked(x: np.ndarray) -> Calibration:
-    return Calibration(float(x[0]), tuple(x[1:3].tolist()), tuple(np.exp(x[3:]).tolist()),
-                       PRIOR.largest)
+    return Calibration(float(x[0]), tuple(np.maximum(x[1:3], 0.0).tolist()),
+                       tuple(np.exp(x[3:]).tolist()), PRIOR.largest)
 
 
-def fit(cases: Sequence[dict[str, Any]], gone: Sequence[int] = ()) -> Calibration:
-    """
-    Fit a calibration to cases.
-
-    Parameters
-    ----------
-    gone : sequence of int
-        Weights that stay zero.
-    """
+def fit(cases: Sequence[dict[str, Any]]) -> Calibration:
+    """Fit a calibration to cases; the scatter of each number, or of its logarithm, is 1."""
     start = _packed(PRIOR)
-    free = np.array([i for i in range(len(start)) if i - 1 not in gone])
-    fixed = np.where(np.isin(np.arange(len(start)), free), start, 0.0)
-
-    def at(x: np.ndarray) -> np.ndarray:
-        out = fixed.copy()
-        out[free] = x
-        out[1:3] = np.maximum(out[1:3], 0.0)
-        return out
 
     def cost(x: np.ndarray) -> float:
-        off = ((at(x) - start) / SPREAD)[free]
-        return -scored(cases, _unpacked(at(x))) + 0.5 * float(off @ off) / len(cases)
+        by, off = _unpacked(x), x - start
+        return 0.5 * float(off @ off) / len(cases) - scored(
+            (case, decided(case, by)) for case in cases)
 
-    return _unpacked(at(minimize(cost, start[free], method='Powell',
-                                 options={'maxiter': 6, 'xtol': 0.02, 'ftol': 1e-4}).x))
+    return _unpacked(minimize(cost, start, method='Powell',
+                              options={'maxiter': 6, 'xtol': 0.02, 'ftol': 1e-4}).x)
 
 
-def cross_validated(cases: Sequence[dict[str, Any]], gone: Sequence[int] = ()
-                    ) -> Callable[[dict[str, Any]], Calibration]:
+def cross_validated(cases: Sequence[dict[str, Any]]) -> Callable[[dict[str, Any]], Calibration]:
     """Return what gives each case a calibration that was fitted to the others."""
     groups = sorted({group_of(case) for case in cases})
     fold = {g: i % FOLDS for i, g in enumerate(np.random.default_rng(1).permutation(groups))}
-    fits = [fit([c for c in cases if fold[group_of(c)] != i], gone) for i in range(FOLDS)]
+    fits = [fit([c for c in cases if fold[group_of(c)] != i]) for i in range(FOLDS)]
     return lambda case: fits[fold[group_of(case)]]
-
-
-FOLDS = 5
-"""Parts that the generators and effects are divided into."""
 
 
 def group_of(case: dict[str, Any]) -> str:
@@ -154,8 +135,7 @@ def figures(cases: Sequence[dict[str, Any]], of: Callable[[dict[str, Any]], Cali
              for case, one in some if case['effect']]
     false = [any(p > NAMED and name != UNKNOWN and case['right'][name] is False
                  for name, p in one.candidates.items()) for case, one in some]
-    score = np.mean([np.log(max(LEAST, of_truth(c, of(c)))) for c in cases])
-    return {'log_score': round(float(score), 3), 'calibration_error': round(float(error), 3),
+    return {'log_score': round(scored(some), 3), 'calibration_error': round(float(error), 3),
             'first': int(sum(first)), 'of': len(first),
             'false_names': int(sum(false)), 'cases': len(cases)}
 
@@ -183,16 +163,17 @@ def main() -> None:
     parser.add_argument('--write', choices=('prior', 'fit'), help=f'store it as {FILE.name}')
     arguments = parser.parse_args()
     cases = load(arguments.cases)
+    validated = figures(cases, cross_validated(cases))
     for name, by in (('fit', fit(cases)), ('prior', PRIOR)):
         document = {
-            'provenance': f'{name} of benchmark/calibrate_probabilities.py, judged on '
+            'provenance': f'{"a" if name == "fit" else "the mean of the prior of a"} fit by '
+                          'benchmark/calibrate_probabilities.py, judged on '
                           'benchmark/posterior_cases.py and opened parts of the blind check',
             'regressors': ['gain_over_missing', 'no_other_beside'],
             'intercept': round(by.intercept, 2), 'weights': np.round(by.weights, 2).tolist(),
             'temperature': [float(f'{x:.2g}') for x in by.temperature], 'largest': by.largest,
-            'figures': figures(cases, always(by)),
-            'fit_cross_validated': figures(cases, cross_validated(cases)),
-            'log_score_of_frequencies': of_frequencies(cases)}
+            'figures': figures(cases, always(by)), 'fit_cross_validated': validated,
+            'log_score_of_frequencies': round(of_frequencies(cases), 3)}
         print(json.dumps(document, indent=1))
         if arguments.write == name:
             FILE.write_text(json.dumps(document, indent=1) + '\n')

@@ -32,7 +32,6 @@ from forcecal_ros.core.streams import Recording
 from forcecal_ros.diagnose import engine
 from forcecal_ros.diagnose.model.gates import kind_of
 from forcecal_ros.diagnose.search import posterior
-from forcecal_ros.diagnose.search.calibration import features_of
 from forcecal_ros.diagnose.sources.rig import RigSource
 from forcecal_ros.effects import EFFECTS, with_effects
 from forcecal_ros.sim.rig.file import load_rig
@@ -163,15 +162,13 @@ def steps_of(diagnose) -> list[dict[str, Any]]:
     inner, searched, named = judge._chosen, walk.search, judge.NAMED
 
     def watched(start, found, best):
-        chosen, less = inner(start, found, best)
-        features = features_of({name: chosen.evidence - e.evidence for name, e in less.items()},
-                               chosen.missing)
+        chosen, features = inner(start, found, best)
         steps.append({
             'worth': bool(chosen.evidence >= best.evidence + judge.WORTH),
             'features': {name: {k: float(v) for k, v in f._asdict().items()}
                          for name, f in features.items()},
             'alternatives': {name: judge._instead(chosen, found, name) for name in features}})
-        return chosen, less
+        return chosen, features
 
     def ended(*args):
         searched(*args)

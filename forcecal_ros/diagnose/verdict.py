@@ -7,6 +7,9 @@ from typing import NamedTuple
 UNKNOWN = 'unknown'
 """Among candidates: what no library has."""
 
+NAMED = 0.5
+"""Probability from which an effect is named: likelier than not."""
+
 TOLERANCE = 0.1
 """RMS of what is unexplained, in that of a channel's noise, that does not matter by default."""
 
@@ -107,7 +110,7 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
             return 'no_gap', (f'the recalibrated rig explains {what}{below} {WITHIN}{slow}: '
                               f'{part.within}')
         return 'no_gap', f'the recalibrated rig explains {what}{below} down to its noise{slow}'
-    unknown = dict(candidates).get(UNKNOWN, 0.0) >= 0.5
+    unknown = dict(candidates).get(UNKNOWN, 0.0) >= 1.0 - NAMED
     end = '' if len(named) > 1 else 's'
     if at_limit or (unknown and not certain):
         if at_limit:

@@ -331,8 +331,8 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
         return Step('Nothing has to be changed in what was compared. Not compared: '
                     f'{" and ".join(d.not_compared)}.')
     if d.verdict == 'unknown' and planned:
-        return Step('Nothing was added to the model. Record what shows which of the candidates it '
-                    f'is, if any; diagnose it with --prior {folder}:', plan)
+        return Step('Nothing was added to the model. Record a motion that separates the '
+                    f'candidates; diagnose it with --prior {folder}:', plan)
     return {
         'no_gap': Step('Nothing has to be changed.'),
         'unknown': Step('Nothing was added to the model. Record the same motion again: a residual '

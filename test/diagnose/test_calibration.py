@@ -14,9 +14,10 @@ probability = stored().probability
 
 def test_the_file_says_how_it_was_fitted_and_how_well_it_does_on_what_it_was_not_fitted_to():
     document = json.loads(FILE.read_text())
-    found = document['figures']
-    assert found['cases'] >= 200 and document['provenance']
-    assert found['log_score'] > document['log_score_of_frequencies']
+    assert document['provenance']
+    for found in (document['figures'], document['fit_cross_validated']):
+        assert found['cases'] >= 200
+        assert found['log_score'] > document['log_score_of_frequencies']
     assert len(document['weights']) == len(STRONG.row()) == 2
 
 

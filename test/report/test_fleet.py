@@ -14,7 +14,10 @@ from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.diagnose.judge.gap import Gap
 from forcecal_ros.diagnose.result import Diagnosis, to_document
 from forcecal_ros.io.calibration_file import dump
-from forcecal_ros.report.fleet import COLUMNS
+from forcecal_ros.report import fleet as pages
+from forcecal_ros.report.control_chart import chart
+from forcecal_ros.report.fleet import COLUMNS, Entry, Robot, Series
+from forcecal_ros.report.rows import Row
 import numpy as np
 import pytest
 from whole_calibration import whole_calibration
@@ -81,6 +84,20 @@ def test_what_drifted_first_is_named_and_what_cannot_be_read_is_a_row(fleet, cap
     assert len(pictures) == 2 and all(
         len(list(ElementTree.fromstring(one))) == 6 for one in pictures)
     assert sum('class="change" d="M' in one for one in pictures) == 1
+
+
+@pytest.mark.parametrize('changed, drawn', [(5, 5), (12, 8)])
+def test_of_a_robot_with_many_changes_the_first_eight_are_drawn(changed, drawn):
+    values = [0.0] * 10 + [100.0] * 10
+    nights = tuple(Entry('left', '', float(i)) for i in range(len(values)))
+    series = tuple(Series(nights, tuple(row(f'number {k}', v) for v in values),
+                          chart(values, [1.0] * len(values), 5.0)) for k in range(changed))
+    pictures = [*pages._pictures(Robot('left', nights, series))]
+    assert [one['name'] for one in pictures] == [f'number {k}' for k in range(drawn)]
+
+
+def row(name, value):
+    return Row(name, name, 'kg', value, 1.0)
 
 
 @NEEDED

@@ -22,8 +22,8 @@ from forcecal_ros.diagnose.judge.residual_summary import (
 )
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.search.calibration import Calibration, stored
-from forcecal_ros.diagnose.search.posterior import NAMED, Posterior
-from forcecal_ros.diagnose.verdict import UnexplainedPart, UNKNOWN
+from forcecal_ros.diagnose.search.posterior import Posterior
+from forcecal_ros.diagnose.verdict import NAMED, UnexplainedPart, UNKNOWN
 
 ALIAS_ODDS = 0.05
 """Odds of another effect in the place of an accepted one from which both are listed."""

@@ -89,8 +89,8 @@ class Calibration(NamedTuple):
     def odds(self, features: Features, others: Mapping[str, float]) -> dict[str, float]:
         """Return the odds of others against an effect, by their log-evidence against it."""
         least, brought, missing = self.temperature
-        by = least + brought * max(features.gain, 0.0) + missing * features.missing
-        return {name: math.exp(min(0.0, value) / by) for name, value in others.items()}
+        temperature = least + brought * max(features.gain, 0.0) + missing * features.missing
+        return {name: math.exp(min(0.0, value) / temperature) for name, value in others.items()}
 
 
 @cache

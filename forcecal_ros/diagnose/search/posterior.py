@@ -36,6 +36,7 @@ from forcecal_ros.diagnose.search.model_comparison import (
     joint_fit_if_finite,
     JointFit,
 )
+from forcecal_ros.diagnose.verdict import NAMED
 from forcecal_ros.sim.signals import BLOCK
 import numpy as np
 
@@ -50,9 +51,6 @@ WORTH = 8.0
 
 SHADOW = 0.5
 """Share of what an effect brought that another has to bring in its place, by the linear screen."""
-
-NAMED = 0.5
-"""Probability from which an effect is named: likelier than not."""
 
 
 class Explanation(NamedTuple):
@@ -268,15 +266,14 @@ def _exchanged(start: LinearisedModel, full: Explanation, table: _Table,
 
 
 def _chosen(start: LinearisedModel, found: Sequence[Explanation], best: Explanation
-            ) -> tuple[Explanation, dict[str, Explanation]]:
+            ) -> tuple[Explanation, dict[str, Features]]:
     """
-    Choose the explanation of the highest score among those found, and what is left of it.
+    Choose the explanation of the highest score among those found, and weigh each of its effects.
 
-    Returns
-    -------
-    Explanation
-    less : dict of str to Explanation
-        Without each of its effects; ``best`` where that is such a one.
+    Parameters
+    ----------
+    best : Explanation
+        What is explained already, for which none with an effect less has to be fitted again.
     """
     pool, now = found, max(found, key=lambda one: one.evidence)
     while True:
@@ -286,7 +283,8 @@ def _chosen(start: LinearisedModel, found: Sequence[Explanation], best: Explanat
         pool = [one for one in (*pool, *less.values())
                 if one.names and one.names != now.names and one.score > now.score]
         if not pool:
-            return now, less
+            return now, features_of({name: now.evidence - one.evidence
+                                     for name, one in less.items()}, now.missing)
         now = max(pool, key=lambda one: one.score)
 
 
@@ -344,9 +342,7 @@ def search(model: LinearisedModel, found: Sequence[Hypothesis]) -> Posterior:
         if not children:
             break
         children = _likeliest([*children, *_exchanged(model, children[0], table, known)])
-        chosen, less = _chosen(model, children, best)
-        own = features_of({name: chosen.evidence - e.evidence for name, e in less.items()},
-                          chosen.missing)
+        chosen, own = _chosen(model, children, best)
         likely = chosen.evidence >= best.evidence + WORTH and min(
             map(stored().probability, own.values())) >= NAMED
         if likely or not best.names:

@@ -25,8 +25,8 @@ from forcecal_ros.diagnose.judge.named_effects import MAX_RELATIVE_STD, NamedEff
 from forcecal_ros.diagnose.model.linearised import EFFECT
 from forcecal_ros.diagnose.result import Diagnosis
 from forcecal_ros.diagnose.search.calibration import Features
-from forcecal_ros.diagnose.search.posterior import NAMED, Posterior, WORTH
-from forcecal_ros.diagnose.verdict import percent, UNKNOWN
+from forcecal_ros.diagnose.search.posterior import Posterior, WORTH
+from forcecal_ros.diagnose.verdict import NAMED, percent, UNKNOWN
 from forcecal_ros.effects import EFFECTS, named_effects, Quantity
 from forcecal_ros.effects.library import FORCES
 from forcecal_ros.effects.rig import NominalTolerances, Rig
