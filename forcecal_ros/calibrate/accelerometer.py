@@ -150,9 +150,9 @@ def accelerometer_fit(stream: Stream, blocks: Blocks, coupling: str = 'dc',
             corner *= float(np.exp(np.clip(fit.theta[19], -1.0, 1.0)))
         theta = fit.theta
     pick = [9, 10, 11, *range(9), 15, 19, 12, 13, 14]
-    C = fit.covariance[np.ix_(pick, pick)].copy()
-    if corner is not None:
-        C[13], C[:, 13] = C[13] * corner, C[:, 13] * corner
+    unit = np.ones(len(pick))
+    unit[pick.index(19)] = 1.0 if corner is None else corner  # of its logarithm
+    C = fit.covariance[np.ix_(pick, pick)] * np.outer(unit, unit)
     shown = _highpassed(whole[:, :, 3] + whole[:, :, :3] @ theta[12:15], step, corner)
     explained = shown @ theta[:9].reshape(3, 3).T
     if corner is not None:

@@ -145,6 +145,14 @@ def test_the_plain_offset_of_an_ac_sensor_is_wrong_and_the_joint_one_is_not():
         0.01, abs=4.5 * float(found.accelerometer.cutoff.std))
 
 
+def test_the_standard_error_of_the_cutoff_is_that_of_its_scatter():
+    found = [identify(run(seed=seed, accelerometer='acc2'), IdentificationSettings(
+        coupling='ac')).accelerometer.cutoff for seed in (1, 2, 3, 4)]
+    off = [(float(one) - 0.01) / one.std for one in found]
+    # the root mean square of four normal numbers: 0.1 % have less, or more
+    assert 0.15 < np.sqrt(np.mean(np.square(off))) < 2.15
+
+
 def test_a_known_cutoff_is_taken_as_it_is_and_what_fades_behind_it_is_no_noise(coupled):
     found = identify(coupled, IdentificationSettings(coupling='ac', cutoff=0.01))
     assert float(found.accelerometer.cutoff) == 0.01
