@@ -7,9 +7,12 @@ import re
 import shlex
 
 from forcecal_ros.calibrate.pipeline import identify
-from forcecal_ros.cli.init import _poses
 from forcecal_ros.cli.main import main, parse
-from forcecal_ros.core.geometry import matrix_from_quaternion
+from forcecal_ros.core.geometry import (
+    matrix_from_quaternion,
+    rotation_about,
+    rotation_vector,
+)
 from forcecal_ros.core.topics import read_preset
 from forcecal_ros.io.bags import write_recording
 from forcecal_ros.io.calibration_file import save
@@ -23,6 +26,7 @@ from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 import pytest
 from rig_recordings import FREE, own_recording
+from scipy.optimize import least_squares
 import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -124,12 +128,7 @@ def test_a_cheap_command_runs(words, cell, tmp_path, monkeypatch, capsys):
 def planned(page, *presets, start):
     """Return the settings of a page's parameter file over its presets, and its plan."""
     block, = re.findall(r'```yaml\n(.*?)```', (ROOT / 'docs' / page).read_text(), re.DOTALL)
-    found = yaml.safe_load(block)
-    if '/**/sequencer' in found:
-        found = found['/**/sequencer']['ros__parameters']
-    else:  # lines of what init writes
-        found = {f'{group}.{name}': value for group, rows in found.items()
-                 for name, value in rows.items()} | _poses((1.0, 0.0, 0.0, 0.0))
+    found = yaml.safe_load(block)['/**/sequencer']['ros__parameters']
     values = {row.name: row.default for row in TABLES['sequencer'][0]}
     assert {*found} <= {*values}
     for name in presets:
@@ -150,6 +149,34 @@ def test_the_file_of_the_first_robot_is_within_its_limits_and_calibrates():
     found = identify(recorded)
     assert abs(float(found.mass) - rig.tool.mass) < 4.0 * float(found.mass.std)
     assert not found.quality['warnings']
+
+
+def ur5e(q):
+    """Return the flange of a UR5e in ``base``, by the maker's DH parameters."""
+    d = 0.1625, 0.0, 0.0, 0.1333, 0.0997, 0.0996
+    a = 0.0, -0.425, -0.3922, 0.0, 0.0, 0.0
+    turn = 0.5 * np.pi * np.array([1, 0, 0, 1, -1, 0])
+    R, p = np.eye(3), np.zeros(3)
+    for i in range(6):
+        R = R @ rotation_about('z', q[i])
+        p = p + R @ (a[i], 0.0, d[i])
+        R = R @ rotation_about('x', turn[i])
+    return p, R
+
+
+def test_a_ur5e_reaches_the_poses_of_the_first_robot_away_from_singular_ones():
+    start = Pose(np.array([0.45, 0.0, 0.5]), matrix_from_quaternion(np.array([1.0, 0, 0, 0])))
+    settings, _ = planned('tutorials/first-robot.md', 'ur', 'moveit_servo', start=start)
+    goals, _ = settings.goals(start)
+    assert len(goals) == 4
+    for goal in goals.values():
+        def off(q, goal=goal):
+            p, R = ur5e(q)
+            return np.concatenate([p - goal.position,
+                                   rotation_vector(R.T @ goal.R_base_sensor)])
+        found = least_squares(off, np.pi * np.array([0.9, -0.5, 0.5, -0.5, -0.5, -0.6]))
+        assert found.cost < 1e-12 and np.abs(found.x).max() < np.pi
+        assert np.linalg.svd(found.jac)[1][-1] > 0.1
 
 
 def test_the_file_for_abb_is_within_its_limits():
