@@ -81,8 +81,8 @@ class Gap(ReceivingNode):
         self.get_logger().info('up: compares the robot with '
                                f'{value["rig"] or "the nominal rig"} from its first command on')
 
-    def _collect(self, channel: str, raw: bytes, sample: Sample) -> None:
-        self._collector.add(channel, *sample)
+    def _collect(self, channel: str, sample: Sample) -> None:
+        self._collector.add(channel, sample.stamp_ns, sample.values)
 
     def _reset(self) -> str:
         self._live: LiveGap | None = None

@@ -123,7 +123,7 @@ class LiveView:
     def _named(self, topic: str) -> str:
         return topic if topic.startswith('/') else f'{self._prefix}/{topic}'
 
-    def _take(self, into: list[tuple[float, ...]], raw: bytes, sample: Sample) -> None:
+    def _take(self, into: list[tuple[float, ...]], sample: Sample) -> None:
         into.append(sample.values)
 
     def _on_bin(self) -> None:

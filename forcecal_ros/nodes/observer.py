@@ -432,15 +432,13 @@ class Observer(ManagedNode):
         """Pass the samples of a topic to the chain, and publish the estimates they complete."""
         topic = one.topic
 
-        def use(raw: bytes, sample: Sample) -> None:
+        def use(sample: Sample) -> None:
             if not self._active or self._chain.model is None:
                 return
-            stamp_ns, values = sample
-            frame = self._received[topic].frame if topic in self._received else one.frame_of(raw)
-            self._received[topic] = LastMessage(STEADY.now().nanoseconds, frame)
+            self._received[topic] = LastMessage(STEADY.now().nanoseconds, sample.frame)
             if self._origin is None:
-                self._origin = stamp_ns
-            for estimate in take((stamp_ns - self._origin) * 1e-9, values):
+                self._origin = sample.stamp_ns
+            for estimate in take((sample.stamp_ns - self._origin) * 1e-9, sample.values):
                 self._publish(estimate)
             self._tool.tell()
 

@@ -232,7 +232,7 @@ def tool_warning(found: ToolEstimate, in_use: float) -> str:
 
 
 class LastMessage(NamedTuple):
-    """When a topic was received last [ns], and the frame_id of its first message."""
+    """When a topic was received last [ns], and in which frame."""
 
     steady_ns: int
     frame: str

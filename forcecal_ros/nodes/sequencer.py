@@ -275,8 +275,9 @@ def wrench_reader(matrix: SensorMatrix) -> Callable[[bytes], Sample]:
     read = Reader(WrenchStamped)
 
     def read_wrench(raw: bytes) -> Sample:
-        stamp_ns, (fx, fy, fz, nx, ny, nz) = read(raw)
-        return Sample(stamp_ns, corrected((fx, fy, fz, nx, ny, nz), matrix))
+        sample = read(raw)
+        fx, fy, fz, nx, ny, nz = sample.values
+        return sample._replace(values=corrected((fx, fy, fz, nx, ny, nz), matrix))
 
     return read_wrench
 

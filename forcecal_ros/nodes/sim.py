@@ -21,7 +21,7 @@ from forcecal_ros.nodes.runtime import (
     values_of,
     Waiting,
 )
-from forcecal_ros.nodes.wire import frame_of, JointWriter, Reader, ReceivingNode, Writer
+from forcecal_ros.nodes.wire import Reader, ReceivingNode, Writer
 from forcecal_ros.sim.rig.faults import (
     CLOCK_FAULTS,
     CLOCK_JUMP,
@@ -179,7 +179,6 @@ class Sim(ReceivingNode):
         self._make_clock(value)
         self._make_publishers(value)
         self._read = Reader(PoseStamped)
-        self._checked_frame = b''
         self._ignored = 0
         self._received = self._reported = -10**12
         self._last_command: Sequence[float] | None = None
@@ -288,16 +287,12 @@ class Sim(ReceivingNode):
         if self._schedule is None:
             return
         try:
-            stamp, values = self._read(raw)
-            head = raw[12:16 + int.from_bytes(raw[12:16], 'little')]
+            stamp, values, frame = self._read(raw)
         except StructError:
             return
-        if head != self._checked_frame:
-            if frame_of(raw) != self._frame:
-                self._ignore(f'target_frame is in {frame_of(raw)!r}, the robot base is '
-                             f'{self._frame!r}')
-                return
-            self._checked_frame = head
+        if frame != self._frame:
+            self._ignore(f'target_frame is in {frame!r}, the robot base is {self._frame!r}')
+            return
         self._received = STEADY.now().nanoseconds
         self._schedule.add(stamp, self._now(), self._next, values)
 
@@ -321,7 +316,7 @@ class Sim(ReceivingNode):
         self._write_volts = Writer(Vector3Stamped, value['frames.accelerometer'])
         self._write_imu = Writer(Imu, value['frames.accelerometer'])
         self._write_pose = Writer(PoseStamped, base)
-        self._write_optidrive = JointWriter('optidrive')
+        self._write_optidrive = Writer(JointState, joint='optidrive')
 
     def _stamps(self, t: np.ndarray) -> list[int]:
         """Return the stamps of samples, rounded to microseconds [ns]."""
@@ -341,7 +336,7 @@ class Sim(ReceivingNode):
             self._publish_imu(self._imu, stamps, samples)
         if self._optidrive is not None:
             for stamp, s in zip(self._stamps(samples.optidrive_t), samples.optidrive.tolist()):
-                self._optidrive.publish(self._write_optidrive(stamp, s))
+                self._optidrive.publish(self._write_optidrive(stamp, (s,)))
         for stamp, position, R_base_sensor in zip(
                 self._stamps(samples.pose_t), samples.position, samples.R_base_sensor):
             self._pose.publish(self._write_pose(
