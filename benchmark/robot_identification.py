@@ -64,11 +64,11 @@ def main() -> None:
     for run in range(RUNS):
         fit = identify_plant(record(rig, excitation_commands(SECONDS, rig.robot.period, seed=run),
                                     seed=100 + run))
-        robot, slide = fit.robot.robot, fit.slide.slide
+        robot, slide = fit.plant.robot, fit.plant.slide
         error = np.abs(response_of(robot, FREQUENCIES) / truth - 1.0).max()
         off = [(float(one) - value) / float(one.std)
                for one, value in zip((slide.mass, slide.stiffness, slide.damping), known)]
-        print(f'{run:3}  {len(robot.feedback.value):5}  {100 * fit.robot.fit:7.3f}  '
+        print(f'{run:3}  {len(robot.feedback.value):5}  {100 * fit.quality["fit"]:7.3f}  '
               f'{100 * error:18.2f}  ' + '  '.join(f'{one:+.2f}' for one in off))
         if run == 0:
             first = fit

@@ -140,14 +140,14 @@ def plant_text(fit: 'PlantFit') -> str:
     from forcecal_ros.report.rows import as_text as table
     from forcecal_ros.report.rows import Row
 
-    found, robot = fit.robot, fit.robot.robot
+    robot, quality = fit.plant.robot, fit.quality
     rows = [('period', 's', robot.period, nan), ('delay', 'periods', robot.delay, nan)]
     for name, estimate in (('feedback', robot.feedback), ('feedforward', robot.feedforward)):
         rows += [(f'{name} {i + 1}', '1', value, std)
                  for i, (value, std) in enumerate(zip(estimate.value, estimate.std))]
     rows += [(f'tool {name}', one.unit, float(one), float(one.std))
-             for name, one in vars(fit.slide.slide).items()]
-    orders = ', '.join(f'{one.order}: {size(one.error, "m")}' for one in found.orders)
+             for name, one in vars(fit.plant.slide).items()]
+    orders = ', '.join(f'{one["order"]}: {size(one["error"], "m")}' for one in quality['orders'])
     lines = [table([Row(name, name, unit, value, std) for name, unit, value, std in rows]), '',
-             f'held-out fit {100.0 * found.fit:.2f} %; held-out error by order: {orders}']
+             f'held-out fit {100.0 * quality["fit"]:.2f} %; held-out error by order: {orders}']
     return '\n'.join(lines)
