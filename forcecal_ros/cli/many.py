@@ -6,6 +6,7 @@ costs nothing but time: its work is done again.
 
 import argparse
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 import json
 import os
 from pathlib import Path
@@ -20,7 +21,8 @@ from forcecal_ros.core.files import naming, set_aside
 _TURN = Lock()
 
 
-class Outcome(NamedTuple):
+@dataclass(frozen=True)
+class Outcome:
     """Index of an item, what the work returned, and why it returned nothing, in one line."""
 
     index: int

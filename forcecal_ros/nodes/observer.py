@@ -259,11 +259,11 @@ class Observer(ManagedNode):
             self.get_logger().error(self._failure)
             self._release()
             return TransitionCallbackReturn.FAILURE
-        self._out = self.publisher(WrenchStamped, '~/contact_wrench', OUTPUT)
-        self._optional = [(field, self.publisher(WrenchStamped, f'~/{name}', OUTPUT))
-                          for name, field in OPTIONAL_OUTPUTS.items()
-                          if self._value(f'publish.{name}')]
-        self._accuracy = self.publisher(Float64MultiArray, '~/accuracy', LATCHED)
+        self._out = self.create_lifecycle_publisher(WrenchStamped, '~/contact_wrench', OUTPUT)
+        self._optional = [
+            (field, self.create_lifecycle_publisher(WrenchStamped, f'~/{name}', OUTPUT))
+            for name, field in OPTIONAL_OUTPUTS.items() if self._value(f'publish.{name}')]
+        self._accuracy = self.create_lifecycle_publisher(Float64MultiArray, '~/accuracy', LATCHED)
         self._frames = FrameOutputs(self, frames)
         if self._value('publish.marker_rate') > 0:
             self._markers = ContactMarkers(self, self._value('publish.marker_rate'))

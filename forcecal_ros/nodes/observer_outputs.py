@@ -44,9 +44,9 @@ class FrameOutputs:
 
     def __init__(self, node: ManagedNode, frames: Frames) -> None:
         self._node, self._frames = node, frames
-        self._out = {
-            name: (node.publisher(WrenchStamped, f'~/contact_wrench/{name}', OUTPUT),
-                   Writer(WrenchStamped, name)) for name in frames.names}
+        self._out = {name: (node.create_lifecycle_publisher(
+            WrenchStamped, f'~/contact_wrench/{name}', OUTPUT), Writer(WrenchStamped, name))
+            for name in frames.names}
 
     def on_pose(self, t: float, pose: tuple[float, ...], frame: str) -> None:
         """Note a measured pose and its frame_id."""
@@ -88,7 +88,7 @@ class SensorTransform:
                               'pose.frame); leave it false')
         self._type: Any = transform_type('publish.transform publishes ft_sensor on /tf')
         self._node, self._last = node, 0
-        self._out = node.publisher(self._type, '/tf', OUTPUT)
+        self._out = node.create_lifecycle_publisher(self._type, '/tf', OUTPUT)
 
     def publish(self, stamp_ns: int, pose: tuple[float, ...], parent: str, child: str) -> None:
         """Publish a pose, unless one was published just now or its position is not known."""
@@ -104,7 +104,7 @@ class ContactMarkers:
 
     def __init__(self, node: ManagedNode, rate: float) -> None:
         self._node, self._period, self._next = node, 1e9 / rate, 0
-        self._out = node.publisher(MarkerArray, '~/markers', OUTPUT)
+        self._out = node.create_lifecycle_publisher(MarkerArray, '~/markers', OUTPUT)
         self.covariance = np.full((6, 6), np.nan)
 
     def publish(self, stamp_ns: int, wrench: Wrench, frame: str) -> None:
@@ -135,7 +135,7 @@ class ToolOnSensor:
     def configure(self, track: bool) -> None:
         """Create the publisher of an observer that tracks."""
         if track:
-            self._out = self._node.publisher(InertiaStamped, TOPIC, LATCHED)
+            self._out = self._node.create_lifecycle_publisher(InertiaStamped, TOPIC, LATCHED)
 
     def use(self, tracked: bool) -> None:
         """Use the tool as received or tracked from now on, or as calibrated."""
