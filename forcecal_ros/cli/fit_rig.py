@@ -60,11 +60,8 @@ def _fit_plant(args: argparse.Namespace) -> int:
     recording = common.read_checked(args, args.bag[0], ['target', 'pose', 'wrench', 'optidrive'])
     fit = identify_plant(recording)
     save_plant(fit, args.output)
-    for note in recording.notes:
-        common.warn(note)
-    if args.json or not common.stdout_is_taken(args):
-        common.show(args, to_document(fit), f'{plant_text(fit)}\n\nwritten to {args.output}')
-    return 0
+    return common.show(args, to_document(fit), f'{plant_text(fit)}\n\nwritten to {args.output}',
+                       recording.notes)
 
 
 def _fit_rig(args: argparse.Namespace, gravity: dict[str, Any]) -> int:
@@ -84,16 +81,14 @@ def _fit_rig(args: argparse.Namespace, gravity: dict[str, Any]) -> int:
         f'Fitted by forcecal fit-rig to {", ".join(args.bag)}. SI units throughout.', '',
         *rig_text(fit).splitlines()))
     write_text(args.output, dump_rig(fit.rig, heading + '\n'))
-    for note in (*(n for one in recordings for n in one.notes), *fit.notes):
-        common.warn(note)
+    notes = [*(note for one in recordings for note in one.notes), *fit.notes]
     if any(phase.name in TOUCHING for one in recordings for phase in one.phases):
-        common.warn(WALL)
-    common.show(args, document(fit, args.output), f'{rig_text(fit)}\n\nwritten to {args.output}')
-    if not args.json:
-        common.say('next, with another recording: ' + shlex.join((
-            'forcecal', 'diagnose', 'BAG', '--rig', args.output, *common.read_likewise(args),
-            '-o', 'gap')))
-    return 0
+        notes.append(WALL)
+    then = shlex.join(('forcecal', 'diagnose', 'BAG', '--rig', args.output,
+                       *common.read_likewise(args), '-o', 'gap'))
+    return common.show(
+        args, document(fit, args.output), f'{rig_text(fit)}\n\nwritten to {args.output}\n'
+        f'next, with another recording: {then}', notes)
 
 
 def rig_text(fit: 'RigFit') -> str:

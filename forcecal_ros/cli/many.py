@@ -257,13 +257,7 @@ def _tasks(args: argparse.Namespace, bags: Sequence[str]) -> list[argparse.Names
 
 
 def _show(answer: Answer, args: argparse.Namespace) -> int:
-    if args.json:
-        common.print_json(answer.document)
-    else:
-        for note in answer.notes:
-            common.warn(note)
-        if not common.stdout_is_taken(args):
-            common.say(answer.text)
+    common.show(args, answer.document, answer.text, () if args.json else answer.notes)
     if answer.status == 1:
         common.warn(answer.headline)
     return answer.status
