@@ -171,11 +171,9 @@ def _weighted_least_squares(command: Array, position: Array, order: int, delay: 
 
 
 def _solved(columns: Array, values: Array) -> Array:
-    """Least squares of tall columns, scaled to the same length."""
+    """Least squares of columns that are scaled to the same length."""
     size = np.linalg.norm(columns, axis=0)
-    reduced = np.linalg.qr(np.column_stack([columns / size, values]), mode='r')
-    solution = np.linalg.lstsq(reduced[:, :-1], reduced[:, -1], rcond=1e-13)[0]
-    return np.asarray(solution / size)
+    return np.asarray(np.linalg.lstsq(columns / size, values, rcond=1e-13)[0] / size)
 
 
 def _stabilised(feedback: Array) -> Array:

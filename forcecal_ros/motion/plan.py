@@ -372,31 +372,9 @@ def _between(home: Goal, away: Goal, share: float) -> Goal:
     return np.asarray(home + share * (away - home))
 
 
-class Program(NamedTuple):
-    """
-    A sequence that can be run.
-
-    Attributes
-    ----------
-    plan : callable
-        Makes the segments of goals, a goal away from the first, and timing.
-    distance : callable
-        How far away that one is along x of ft_sensor, from the timing [m].
-    identifies : bool
-        Whether a calibration is identified from it.
-    """
-
-    plan: Callable[[Mapping[str, Goal], Goal, Timing], tuple[Segment, ...]]
-    distance: Callable[[Timing], float]
-    identifies: bool
-
-
-SEQUENCES: Mapping[str, Program] = {
-    'calibrate': Program(calibration_plan, lambda timing: timing.step_distance, True),
-    'contact': Program(contact_plan, lambda timing: timing.contact_distance, False),
-    'diagnose': Program(diagnosis_plan, lambda timing: timing.contact_distance, False),
-}
-"""Every sequence by its name in the parameter ``sequence``."""
+SEQUENCES: Mapping[str, Callable[[Mapping[str, Goal], Goal, Timing], tuple[Segment, ...]]] = {
+    'calibrate': calibration_plan, 'contact': contact_plan, 'diagnose': diagnosis_plan}
+"""What plans every sequence, by its name in the parameter ``sequence``."""
 
 
 def preview(plan: Sequence[PlannedSegment], rate: float, settle: float

@@ -127,8 +127,8 @@ class Interrupt:
             sys.exit(1)
 
 
-def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | None = None,
-        table: Sequence[Parameter] = ()) -> int:
+def run(name: str, make_node: Callable[[], Node], table: Sequence[Parameter] = (),
+        arguments: Sequence[str] | None = None) -> int:
     """
     Run a node until a signal.
 
@@ -136,10 +136,10 @@ def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | Non
     ----------
     name : str
         For messages before there is a node.
-    arguments : sequence of str, optional
-        Command line, by default ``sys.argv``.
     table : sequence of Parameter
         Those that ``--help`` lists.
+    arguments : sequence of str, optional
+        Command line, by default ``sys.argv``.
 
     Returns
     -------

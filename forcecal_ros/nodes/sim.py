@@ -1,6 +1,7 @@
 """The simulated rig as a node: follows ``target_frame``, publishes its sensors, injects faults."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from struct import error as StructError
 from typing import Any
@@ -22,15 +23,7 @@ from forcecal_ros.nodes.runtime import (
     Waiting,
 )
 from forcecal_ros.nodes.wire import Reader, ReceivingNode, Writer
-from forcecal_ros.sim.rig.faults import (
-    CLOCK_FAULTS,
-    CLOCK_JUMP,
-    FAULTS,
-    ROBOT_FAULTS,
-    RobotFault,
-    SensorFault,
-    SENSORS,
-)
+from forcecal_ros.sim.rig import faults
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import (
     CommandSchedule,
@@ -57,9 +50,9 @@ def _row(name: str, what: str, kinds: dict[str, str]) -> Parameter:
 
 
 FAULT_PARAMETERS = (
-    *(_row(sensor, f'the sensor {sensor}', FAULTS) for sensor in SENSORS),
-    _row('robot', 'the robot', ROBOT_FAULTS),
-    _row('clock', 'the clock that is published', CLOCK_FAULTS),
+    *(_row(sensor, f'the sensor {sensor}', faults.FAULTS) for sensor in faults.SENSORS),
+    _row('robot', 'the robot', faults.ROBOT_FAULTS),
+    _row('clock', 'the clock that is published', faults.CLOCK_FAULTS),
 )
 
 
@@ -83,8 +76,8 @@ class Faults:
     """
 
     def __init__(self, node: Node, seed: int | None, jump: Callable[[int], None] | None) -> None:
-        self._sensors = {sensor: SensorFault(sensor, seed) for sensor in SENSORS}
-        self.robot = RobotFault()
+        self._sensors = {sensor: faults.SensorFault(sensor, seed) for sensor in faults.SENSORS}
+        self.robot = faults.RobotFault()
         self._jump = jump
         self._clock = 'none'
         refuse_changes(node, self._check)
@@ -112,7 +105,7 @@ class Faults:
     def _set_clock(self, kind: str) -> None:
         before, self._clock = self._clock, kind
         if self._jump is not None and kind != before and kind in ('forward', 'back'):
-            self._jump(round(CLOCK_JUMP * 1e9) * (1 if kind == 'forward' else -1))
+            self._jump(round(faults.CLOCK_JUMP * 1e9) * (1 if kind == 'forward' else -1))
 
     @property
     def clock_stopped(self) -> bool:
@@ -372,9 +365,8 @@ class Sim(ReceivingNode):
                 'commands ignored': self._ignored, 'simulated [s]': self._simulator.time}))
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the node; returns the exit status."""
-    return run('sim', Sim, arguments, PARAMETERS)
+main = partial(run, 'sim', Sim, PARAMETERS)
+"""Runs the node; takes the arguments, by default those of the process, and returns the status."""
 
 
 if __name__ == '__main__':
