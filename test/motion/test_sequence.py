@@ -300,6 +300,10 @@ class Bench:
         self.monitor.tick(now)
         return self.monitor.check(moving)
 
+    def wait(self, ticks):
+        for _ in range(ticks):
+            self.tick()
+
     def stale(self, lag=0.0):
         return self.monitor.stale(self.ms * 1e-3 + lag)
 
@@ -367,8 +371,7 @@ def quiet():
     for name in TOPICS:
         bench.tick()
         bench.frozen[name] = bench.monitor.channels[name].values
-    for _ in range(300):
-        bench.tick()
+    bench.wait(300)
     bench.monitor.begin(bench.ms * 1e-3)
     command(bench, 0.0)
     return bench
@@ -404,13 +407,11 @@ def test_a_robot_that_has_not_set_off_is_not_still_yet(bench):
     bench.tick()
     assert bench.monitor.stillness().still
     command(bench, 0.01)
-    for _ in range(100):
-        bench.tick()
+    bench.wait(100)
     verdict = bench.monitor.stillness()
     assert not verdict.still and 'of the 0.01 m that it was commanded' in verdict.detail
     bench.position = HOME.position + [0.0098, 0, 0]
-    for _ in range(100):
-        bench.tick()
+    bench.wait(100)
     assert bench.monitor.stillness().still
 
 
@@ -433,11 +434,9 @@ def test_a_sensor_that_never_repeats_itself_is_found_frozen_without_motion(bench
 @pytest.mark.parametrize('seconds, healed', [(0.06, 0.5), (1.2, 2.1), (1.2, 4.0)])
 def test_a_freeze_that_has_healed_does_not_excuse_the_next(bench, seconds, healed):
     bench.frozen['wrench'] = bench.monitor.channels['wrench'].values
-    for _ in range(round(seconds / PERIOD)):
-        bench.tick()
+    bench.wait(round(seconds / PERIOD))
     bench.frozen.clear()
-    for _ in range(round(healed / PERIOD)):
-        bench.tick()
+    bench.wait(round(healed / PERIOD))
     bench.monitor.begin(bench.ms * 1e-3)
     bench.frozen['wrench'] = bench.monitor.channels['wrench'].values
     fault, after = bench.until_fault(30, moving=False)
@@ -449,8 +448,7 @@ def test_a_freeze_that_has_healed_does_not_excuse_the_next(bench, seconds, heale
 def test_a_sensor_that_is_frozen_keeps_a_sequence_from_starting_until_it_changes(
         bench, name, seconds):
     bench.frozen[name] = bench.monitor.channels[name].values
-    for _ in range(round(seconds / PERIOD)):
-        bench.tick()
+    bench.wait(round(seconds / PERIOD))
     for _ in range(2):
         with pytest.raises(DataError, match=f'{TOPICS[name]}: the same reading for'):
             bench.monitor.begin(bench.ms * 1e-3)
@@ -473,8 +471,7 @@ def test_readings_that_use_to_repeat_for_a_while_at_rest_are_not_frozen():
 def test_a_sensor_that_always_repeats_itself_at_rest_may_do_so():
     bench = Bench()
     bench.frozen['pose'] = (*HOME.position, *bench.quaternion)
-    for _ in range(500):
-        bench.tick()
+    bench.wait(500)
     bench.monitor.begin(bench.ms * 1e-3)
     assert bench.until_fault(100, moving=False)[0] == ''
 
@@ -561,8 +558,7 @@ def test_begin_refuses_a_robot_that_moves():
 
 def test_begin_refuses_what_was_heard_for_too_short():
     bench = Bench()
-    for _ in range(30):
-        bench.tick()
+    bench.wait(30)
     with pytest.raises(DataError, match=r'0\.119 s received, 0\.5 s are needed'):
         bench.monitor.begin(bench.ms * 1e-3)
 
@@ -572,8 +568,7 @@ def test_begin_forgets_the_fault_of_the_run_before(bench):
     bench.tick()
     bench.frozen.clear()
     assert bench.tick()
-    for _ in range(600):
-        bench.tick()
+    bench.wait(600)
     bench.monitor.begin(bench.ms * 1e-3)
     assert not bench.tick()
 
