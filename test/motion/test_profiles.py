@@ -9,7 +9,7 @@ from forcecal_ros.core.geometry import (
     rotation_from_vector,
     rotation_vector,
 )
-from forcecal_ros.motion.limits import check_joint_move, check_move, check_workspace, Limits
+from forcecal_ros.motion.limits import check_move, check_workspace, Limits
 from forcecal_ros.motion.plan import (
     calibration_plan,
     check_wrench,
@@ -114,7 +114,7 @@ def test_shortest_duration_keeps_to_the_pace(line, turn):
 def test_a_joint_that_is_too_fast_is_refused_by_its_number():
     move = JointMove(np.zeros(6), np.array([0, 0.1, -2.0, 0, 0, 0]), 1.0)
     with pytest.raises(MotionError, match='3.75 rad/s of joint 3, limits.joint_speed is 1.5'):
-        check_joint_move(move, LIMITS, 'to h')
+        check_move(move, LIMITS, 'to h')
 
 
 STEP = Move(HOME, step_goal(HOME, 0.01), 0.1)
