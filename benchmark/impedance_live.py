@@ -60,8 +60,8 @@ class Listener:
         read = Reader(message_type)
 
         def take(raw):
-            stamp_ns, values = read(raw)
-            kept.append((stamp_ns * 1e-9, values[0]))
+            sample = read(raw)
+            kept.append((sample.stamp_ns * 1e-9, sample.values[0]))
 
         self.node.create_subscription(message_type, topic, take, 2000, raw=True)
 

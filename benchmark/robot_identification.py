@@ -8,14 +8,13 @@ noise, ten times. The true frequency response, up to 40 Hz, is measured on the n
 
 import argparse
 
+from forcecal_ros.cli.sample import simulate_along_x
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.streams import PoseStream, Recording
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.impedance.law import design
 from forcecal_ros.impedance.plant import Robot
 from forcecal_ros.impedance.plant_fit import excitation_commands, identify_plant, save_plant
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 
 SECONDS = 30.0
@@ -23,20 +22,11 @@ RUNS = 10
 FREQUENCIES = np.linspace(0.5, 40.0, 80)
 
 
-def record(rig: Rig, along_x: Array, *, noise: bool = True, seed: int = 0) -> Recording:
-    """Return what the rig makes of commands along x of ft_sensor."""
-    R, period = rig.home.R_base_sensor, rig.robot.period
-    position = np.array(rig.home.position) + along_x[:, np.newaxis] * R[:, 0]
-    t = np.arange(len(along_x), dtype=float) * period
-    target = PoseStream(t, position, np.broadcast_to(R, (len(t), 3, 3)))
-    return simulate(rig, target, noise=noise, seed=seed)
-
-
 def true_response(rig: Rig, frequency: Array) -> Array:
     """Return the frequency response, from what one command of 1 mm does."""
     pulse = np.zeros(round(4.0 / rig.robot.period))
     pulse[1] = 1e-3
-    pose = record(rig, pulse, noise=False).pose
+    pose = simulate_along_x(rig, pulse, noise=False).pose
     assert pose is not None
     moved = (pose.position - rig.home.position) @ rig.home.R_base_sensor[:, 0] / 1e-3
     # poses come at the end of their period
@@ -62,13 +52,13 @@ def main() -> None:
     known = (rig.tool.mass, rig.optidrive.stiffness, rig.optidrive.damping)
     print('run  order  fit [%]  response error [%]  mass, stiffness, damping [standard errors]')
     for run in range(RUNS):
-        fit = identify_plant(record(rig, excitation_commands(SECONDS, rig.robot.period, seed=run),
-                                    seed=100 + run))
-        robot, slide = fit.robot.robot, fit.slide.slide
+        commands = excitation_commands(SECONDS, rig.robot.period, seed=run)
+        fit = identify_plant(simulate_along_x(rig, commands, seed=100 + run))
+        robot, slide = fit.plant.robot, fit.plant.slide
         error = np.abs(response_of(robot, FREQUENCIES) / truth - 1.0).max()
         off = [(float(one) - value) / float(one.std)
                for one, value in zip((slide.mass, slide.stiffness, slide.damping), known)]
-        print(f'{run:3}  {len(robot.feedback.value):5}  {100 * fit.robot.fit:7.3f}  '
+        print(f'{run:3}  {len(robot.feedback.value):5}  {100 * fit.quality["fit"]:7.3f}  '
               f'{100 * error:18.2f}  ' + '  '.join(f'{one:+.2f}' for one in off))
         if run == 0:
             first = fit

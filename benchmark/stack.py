@@ -148,8 +148,7 @@ def said_by_joints(pose: PoseStream) -> tuple[list[bytes], Callable[[bytes], Any
 
 
 def run_with(recording: Recording, raw: list[bytes],
-             read: Callable[[bytes], tuple[int, tuple[float, ...]] | None]
-             ) -> tuple[Array, float]:
+             read: Callable[[bytes], Any]) -> tuple[Array, float]:
     """Return the contact wrenches of a recording with poses read from messages, and the time."""
     live, poses, found = LiveObserver(0.5, 0.5), iter(raw), []
     live.take_over(design(calibration()))

@@ -9,7 +9,7 @@ from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.geometry import quaternion_from_matrix
 from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.impedance.law import Controller, Measurement
+from forcecal_ros.impedance.law import Measurement, Regulator
 from forcecal_ros.impedance.session import Program
 from forcecal_ros.observe import (
     design,
@@ -151,7 +151,7 @@ class ClosedLoopRun:
         return self.recording.contact_truth
 
 
-def run_closed_loop(rig: Rig, program: Program, feedback: Feedback, controller: Controller, *,
+def run_closed_loop(rig: Rig, program: Program, feedback: Feedback, controller: Regulator, *,
                     accelerometer: str | None = None, seed: int | None = None, latency: int = 0
                     ) -> ClosedLoopRun:
     """

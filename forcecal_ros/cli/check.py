@@ -40,8 +40,7 @@ def run(args: argparse.Namespace) -> int:
     document['calibration_recorded'] = bool(read_calibrations(
         args.bag, common.topic_names(args, args.bag)))
     document['next'] = _next(args, recording, document)
-    common.show(args, document, as_text(document))
-    return 1 if document['fault'] else 0
+    return common.show(args, document, as_text(document), status=1 if document['fault'] else 0)
 
 
 def inspect(recording: 'Recording') -> dict[str, Any]:

@@ -343,17 +343,23 @@ def say(text: str) -> None:
     print(as_started(text), flush=True)
 
 
-def print_json(document: Mapping[str, Any]) -> None:
-    """Print one JSON document, without NaN or infinity."""
-    print(json.dumps(document, indent=2, allow_nan=False))
+def show(args: argparse.Namespace, document: Mapping[str, Any], text: str,
+         notes: Iterable[str] = (), status: int = 0) -> int:
+    """
+    Print a result: notes on stderr; the document with ``--json``, else the text.
 
-
-def show(args: argparse.Namespace, document: Mapping[str, Any], text: str) -> None:
-    """Print a result: the document with ``--json``, else the text."""
+    Returns
+    -------
+    int
+        The status. No text is printed where a file goes to standard output.
+    """
+    for note in notes:
+        warn(note)
     if args.json:
-        print_json(document)
-    else:
+        print(json.dumps(document, indent=2, allow_nan=False))
+    elif not stdout_is_taken(args):
         say(text)
+    return status
 
 
 def warn(text: str) -> None:

@@ -35,8 +35,8 @@ def run(args: argparse.Namespace) -> int:
     found = (compare_diagnoses(*(load_diagnosis(path)[0] for path in paths)) if all(kinds)
              else compare(*map(load, paths)))
     document = {'first': args.first, 'second': args.second, **to_document(found)}
-    common.show(args, document, as_text(found))
-    return 3 if args.fail_on and found.changed else 0
+    return common.show(args, document, as_text(found),
+                       status=3 if args.fail_on and found.changed else 0)
 
 
 def _is_diagnosis(path: str) -> bool:

@@ -57,22 +57,18 @@ def run(args: argparse.Namespace) -> int:
                             estimated_by(f'{out}/bag', f'{out}/calibration.yaml'))})
     step = step_figures(recording, calibration, again)
     touch = contact_figures(recording, published)
-    if args.json:
-        common.print_json({**to_document(calibration), 'demo': {
-            'motion_to_gains': {'value': duration, 'std': None, 'unit': 's'},
-            'step': step, 'contact': touch}})
-        return 0
-    for warning in calibration.quality.get('warnings', ()):
-        common.warn(warning)
-    common.say(as_text(table(calibration, truth)))
-    common.say(f'\nfrom the first command to the gains: {duration:.1f} s')
     sensor, observer, true, published_force = (size(float(x), 'N', 4) for x in (
         step['sensor'], step['observer'], touch['truth'], touch['observer']))
-    common.say(f'step, no contact: sensor {sensor} RMS along x without bias, observer {observer} '
-               f'({step["reduction"]:.1f} dB less)')
-    common.say(f'contact: true force {true} along x, published {published_force}')
-    common.say(f'written to {out}: calibration.yaml, bag, report.html')
-    return 0
+    return common.show(args, {**to_document(calibration), 'demo': {
+        'motion_to_gains': {'value': duration, 'std': None, 'unit': 's'},
+        'step': step, 'contact': touch}}, '\n'.join((
+            as_text(table(calibration, truth)), '',
+            f'from the first command to the gains: {duration:.1f} s',
+            (f'step, no contact: sensor {sensor} RMS along x without bias, observer {observer} '
+             f'({step["reduction"]:.1f} dB less)'),
+            f'contact: true force {true} along x, published {published_force}',
+            f'written to {out}: calibration.yaml, bag, report.html')),
+        calibration.quality.get('warnings', ()))
 
 
 def read_contact(bag: Path, start_ns: int) -> 'Stream':

@@ -164,8 +164,7 @@ def _check_simulator(args: argparse.Namespace) -> int:
     found = conformance(_simulator_of(args), common.read(args, args.bag[0], joints=True),
                         load_rig(RIGID))
     words = ('forcecal', 'diagnose', args.bag[0], *_likewise(args), '-o', args.output)
-    common.show(args, found.document(), f'{found}\n{SEARCH}\nnext: {shlex.join(words)}')
-    return 0
+    return common.show(args, found.document(), f'{found}\n{SEARCH}\nnext: {shlex.join(words)}')
 
 
 def _likewise(args: argparse.Namespace) -> tuple[str, ...]:

@@ -60,11 +60,8 @@ def _fit_plant(args: argparse.Namespace) -> int:
     recording = common.read_checked(args, args.bag[0], ['target', 'pose', 'wrench', 'optidrive'])
     fit = identify_plant(recording)
     save_plant(fit, args.output)
-    for note in recording.notes:
-        common.warn(note)
-    if args.json or not common.stdout_is_taken(args):
-        common.show(args, to_document(fit), f'{plant_text(fit)}\n\nwritten to {args.output}')
-    return 0
+    return common.show(args, to_document(fit), f'{plant_text(fit)}\n\nwritten to {args.output}',
+                       recording.notes)
 
 
 def _fit_rig(args: argparse.Namespace, gravity: dict[str, Any]) -> int:
@@ -84,16 +81,14 @@ def _fit_rig(args: argparse.Namespace, gravity: dict[str, Any]) -> int:
         f'Fitted by forcecal fit-rig to {", ".join(args.bag)}. SI units throughout.', '',
         *rig_text(fit).splitlines()))
     write_text(args.output, dump_rig(fit.rig, heading + '\n'))
-    for note in (*(n for one in recordings for n in one.notes), *fit.notes):
-        common.warn(note)
+    notes = [*(note for one in recordings for note in one.notes), *fit.notes]
     if any(phase.name in TOUCHING for one in recordings for phase in one.phases):
-        common.warn(WALL)
-    common.show(args, document(fit, args.output), f'{rig_text(fit)}\n\nwritten to {args.output}')
-    if not args.json:
-        common.say('next, with another recording: ' + shlex.join((
-            'forcecal', 'diagnose', 'BAG', '--rig', args.output, *common.read_likewise(args),
-            '-o', 'gap')))
-    return 0
+        notes.append(WALL)
+    then = shlex.join(('forcecal', 'diagnose', 'BAG', '--rig', args.output,
+                       *common.read_likewise(args), '-o', 'gap'))
+    return common.show(
+        args, document(fit, args.output), f'{rig_text(fit)}\n\nwritten to {args.output}\n'
+        f'next, with another recording: {then}', notes)
 
 
 def rig_text(fit: 'RigFit') -> str:
@@ -140,14 +135,14 @@ def plant_text(fit: 'PlantFit') -> str:
     from forcecal_ros.report.rows import as_text as table
     from forcecal_ros.report.rows import Row
 
-    found, robot = fit.robot, fit.robot.robot
+    robot, quality = fit.plant.robot, fit.quality
     rows = [('period', 's', robot.period, nan), ('delay', 'periods', robot.delay, nan)]
     for name, estimate in (('feedback', robot.feedback), ('feedforward', robot.feedforward)):
         rows += [(f'{name} {i + 1}', '1', value, std)
                  for i, (value, std) in enumerate(zip(estimate.value, estimate.std))]
     rows += [(f'tool {name}', one.unit, float(one), float(one.std))
-             for name, one in vars(fit.slide.slide).items()]
-    orders = ', '.join(f'{one.order}: {size(one.error, "m")}' for one in found.orders)
+             for name, one in vars(fit.plant.slide).items()]
+    orders = ', '.join(f'{one["order"]}: {size(one["error"], "m")}' for one in quality['orders'])
     lines = [table([Row(name, name, unit, value, std) for name, unit, value, std in rows]), '',
-             f'held-out fit {100.0 * found.fit:.2f} %; held-out error by order: {orders}']
+             f'held-out fit {100.0 * quality["fit"]:.2f} %; held-out error by order: {orders}']
     return '\n'.join(lines)

@@ -36,14 +36,9 @@ def run(args: argparse.Namespace) -> int:
         'fleet.html': fleet.render(entries, robots, args.run_length),
         'fleet.csv': fleet.as_csv(entries, robots),
         'fleet.json': json.dumps(document, indent=1) + '\n'}, FILES)
-    failed = [entry for entry in entries if entry.error]
-    for entry in failed:
-        common.warn(f'{entry.path}: {entry.error}')
-    if args.json:
-        common.print_json({'read': len(entries) - len(failed), **document})
-    else:
-        common.say(f'{fleet.headline(robots)}\n{len(entries) - len(failed)} of {len(entries)} '
-                   f'could be read; written to {args.output}')
-    if args.fail_on and any(robot.changed for robot in robots):
-        return 3
-    return 1 if failed else 0
+    failed = [f'{entry.path}: {entry.error}' for entry in entries if entry.error]
+    read = len(entries) - len(failed)
+    drifted = args.fail_on and any(robot.changed for robot in robots)
+    return common.show(
+        args, {'read': read, **document}, f'{fleet.headline(robots)}\n{read} of {len(entries)} '
+        f'could be read; written to {args.output}', failed, 3 if drifted else 1 if failed else 0)

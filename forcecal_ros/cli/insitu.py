@@ -63,16 +63,12 @@ def run(args: argparse.Namespace) -> int:
         if result.matrix is not None:
             files[named[name]] = dump(to_calibration(result, sensor.frame, str(spec.path)))
     write_results(folder, files, earlier(folder))
-    if args.json:
-        common.print_json(document)
-        return 0
-    for result in results:
-        for warning in result.warnings:
-            common.warn(f'{result.name}: {warning}')
-        common.say(text(result))
-    common.say(f'{folder}: report.html, insitu.json'
-               + (', calibration.yaml' if spec.options.matrix else ''))
-    return 0
+    files_named = ', calibration.yaml' if spec.options.matrix else ''
+    return common.show(
+        args, document, '\n'.join([*map(text, results),
+                                   f'{folder}: report.html, insitu.json{files_named}']),
+        () if args.json else [f'{result.name}: {warning}' for result in results
+                              for warning in result.warnings])
 
 
 def earlier(folder: Path) -> list[str]:

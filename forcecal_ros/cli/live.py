@@ -46,23 +46,13 @@ def run(args: argparse.Namespace) -> int:
 
 def _wrench_is_published(args: argparse.Namespace) -> bool:
     """Return whether a node publishes a wrench."""
-    import time
-
-    from forcecal_ros.nodes.client import temporary_node
-    from forcecal_ros.nodes.runtime import SIGNAL_CHECK
+    from forcecal_ros.nodes.client import temporary_node, until
 
     place = args.namespace.strip('/')
     with temporary_node('live') as ros:
         name = args.wrench if args.wrench.startswith('/') else f'/{place}/{args.wrench}'
         # time in which a robot that is there is found [s]: some ten times what discovery takes
-        end = time.monotonic() + 3.0
-        while time.monotonic() < end and not ros.interrupted:
-            if ros.node.count_publishers(name.replace('//', '/')):
-                return True
-            ros.spin(SIGNAL_CHECK)
-        if ros.interrupted:
-            raise KeyboardInterrupt
-    return False
+        return until(ros, lambda: ros.node.count_publishers(name.replace('//', '/')) > 0, 3.0)
 
 
 def _robot(args: argparse.Namespace, page: Any) -> int:

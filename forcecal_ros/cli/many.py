@@ -12,40 +12,26 @@ import os
 from pathlib import Path
 import signal
 from threading import Lock
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 from forcecal_ros.cli import common
 from forcecal_ros.core.errors import ConfigError, DataError, ForcecalError, UsageError, with_id
 from forcecal_ros.core.files import naming, set_aside
 
-T = TypeVar('T')
-R = TypeVar('R')
-
 _TURN = Lock()
 
 
 @dataclass(frozen=True)
-class Outcome(Generic[R]):
-    """
-    Result of one item.
-
-    Attributes
-    ----------
-    index : int
-        Of the item.
-    value : object or None
-        What the work returned.
-    error : str
-        Why it returned nothing, in one line; else empty.
-    """
+class Outcome:
+    """Index of an item, what the work returned, and why it returned nothing, in one line."""
 
     index: int
-    value: R | None = None
+    value: Any = None
     error: str = ''
 
 
-def each(work: Callable[[T], R], items: Sequence[T], *, jobs: int = 1, dask: str = ''
-         ) -> Iterator[Outcome[R]]:
+def each(work: Callable[[Any], Any], items: Sequence[Any], *, jobs: int = 1, dask: str = ''
+         ) -> Iterator[Outcome]:
     """
     Do the same to every item and yield each outcome, in the order they are done.
 
@@ -76,7 +62,7 @@ def each(work: Callable[[T], R], items: Sequence[T], *, jobs: int = 1, dask: str
             yield attempt(work, index, item)
 
 
-def attempt(work: Callable[[T], R], index: int, item: T) -> Outcome[R]:
+def attempt(work: Callable[[Any], Any], index: int, item: Any) -> Outcome:
     """Do one item; threads of one process take turns, as not everything here is thread-safe."""
     try:
         with _TURN:
@@ -91,7 +77,7 @@ def attempt(work: Callable[[T], R], index: int, item: T) -> Outcome[R]:
             index, error=f'{type(error).__name__}: {error} ({at.filename}:{at.lineno})')
 
 
-def _on_cores(work: Callable[[T], R], items: Sequence[T], jobs: int) -> Iterator[Outcome[R]]:
+def _on_cores(work: Callable[[Any], Any], items: Sequence[Any], jobs: int) -> Iterator[Outcome]:
     """Work in processes; after a death, the items that may have caused it are done alone."""
     from concurrent.futures import as_completed, ProcessPoolExecutor
     from concurrent.futures.process import BrokenProcessPool
@@ -124,11 +110,10 @@ def _on_cores(work: Callable[[T], R], items: Sequence[T], jobs: int) -> Iterator
             pool.shutdown(cancel_futures=True)
 
 
-def _on_cluster(work: Callable[[T], R], items: Sequence[T], scheduler: str
-                ) -> Iterator[Outcome[R]]:
+def _on_cluster(work: Callable[[Any], Any], items: Sequence[Any], scheduler: str
+                ) -> Iterator[Outcome]:
     try:
-        from distributed import as_completed as completed
-        from distributed import Client
+        from distributed import as_completed, Client
     except ImportError as error:
         from forcecal_ros.core.extras import installing
 
@@ -143,7 +128,7 @@ def _on_cluster(work: Callable[[T], R], items: Sequence[T], scheduler: str
     with client:
         index_of = {client.submit(attempt, work, index, item, pure=False): index
                     for index, item in enumerate(items)}
-        for future in completed(list(index_of), loop=client.loop):
+        for future in as_completed(list(index_of), loop=client.loop):
             index = index_of.pop(future)
             problem = future.exception()
             yield future.result() if problem is None else Outcome(
@@ -272,13 +257,7 @@ def _tasks(args: argparse.Namespace, bags: Sequence[str]) -> list[argparse.Names
 
 
 def _show(answer: Answer, args: argparse.Namespace) -> int:
-    if args.json:
-        common.print_json(answer.document)
-    else:
-        for note in answer.notes:
-            common.warn(note)
-        if not common.stdout_is_taken(args):
-            common.say(answer.text)
+    common.show(args, answer.document, answer.text, () if args.json else answer.notes)
     if answer.status == 1:
         common.warn(answer.headline)
     return answer.status

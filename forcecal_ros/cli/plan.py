@@ -2,16 +2,15 @@
 
 import argparse
 import shlex
-from typing import Any, NamedTuple, TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.cli import common
 from forcecal_ros.core.errors import ConfigError, UsageError
 
 if TYPE_CHECKING:
     from forcecal_ros.effects.rig import Rig
-    from forcecal_ros.motion.limits import Limits
+    from forcecal_ros.motion.optimal_design import Robot
     from forcecal_ros.motion.plan import Timing
-    from forcecal_ros.motion.profiles import Pace, Pose
 
 
 def add_parser(subparsers: Any) -> None:
@@ -92,16 +91,6 @@ def _setting(text: str) -> tuple[str, Any]:
         raise argparse.ArgumentTypeError(f'{text}: expected {expected} after =') from None
 
 
-class Setup(NamedTuple):
-    """The robot as the arguments state it."""
-
-    rig: 'Rig'
-    home: 'Pose'
-    limits: 'Limits'
-    pace: 'Pace'
-    timing: 'Timing'
-
-
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     _check(args)
@@ -123,7 +112,7 @@ def _check(args: argparse.Namespace) -> None:
             raise UsageError(f'--set {name}: {values[0]} and {values[1]} are given; give one')
 
 
-def _setup(args: argparse.Namespace) -> Setup:
+def _setup(args: argparse.Namespace) -> tuple['Rig', 'Robot', 'Timing']:
     """Take home and limits from the rig, the recording and the options, the later the stronger."""
     from dataclasses import replace
 
@@ -131,6 +120,7 @@ def _setup(args: argparse.Namespace) -> Setup:
     from forcecal_ros.core.parameters import section_of
     from forcecal_ros.effects.rig import Home
     from forcecal_ros.motion.limits import Limits
+    from forcecal_ros.motion.optimal_design import Robot
     from forcecal_ros.motion.plan import Timing
     from forcecal_ros.motion.profiles import Pace, Pose, reach_of, read_poses
     from forcecal_ros.sim.rig.file import load_rig
@@ -150,10 +140,9 @@ def _setup(args: argparse.Namespace) -> Setup:
         limits = section_of(Limits, values, 'limits')
     x, y, z, w = quaternion_from_matrix(home.R_base_sensor).tolist()
     place = Home(tuple(home.position.tolist()), (x, y, z, w))
-    return Setup(replace(rig, home=place), home, limits,
-                 Pace()._replace(**{key.partition('.')[2]: value for key, value in given.items()
-                                    if key.startswith('pace.')}),
-                 section_of(Timing, values, 'timing'))
+    robot = Robot(home, limits, section_of(Pace, values, 'pace'),
+                  np.radians(args.tilt or 100.0))
+    return replace(rig, home=place), robot, section_of(Timing, values, 'timing')
 
 
 def _diagnosis(args: argparse.Namespace) -> int:
@@ -162,12 +151,13 @@ def _diagnosis(args: argparse.Namespace) -> int:
 
     if theirs := [key for key, _ in args.set if not key.startswith('limits.')]:
         raise UsageError(f'--set {theirs[0]} is chosen by a plan for diagnosis; set limits')
-    setup, effects = _setup(args), _candidates(args.after) if args.after else args.effects or ()
+    rig, robot, _ = _setup(args)
+    effects = _candidates(args.after) if args.after else args.effects or ()
     contact = args.contact or any(EFFECTS[name].excited_by == ('contact',) for name in effects)
     common.warn_if_compiling('simulator')
     with common.stages(args) as stage:
         stage('simulating the sequence with every effect')
-        planned = plan_for(setup.rig, contact=contact, effects=effects, limits=setup.limits)
+        planned = plan_for(rig, contact=contact, effects=effects, limits=robot.limits)
     t = planned.motion.target.t
     return _written(args, plan_document(planned), plan_text(planned), float(t[-1] - t[0]),
                     plan_parameters(planned))
@@ -187,27 +177,21 @@ def _candidates(folder: str) -> tuple[str, ...]:
 
 
 def _calibration(args: argparse.Namespace) -> int:
-    import math
-
     from forcecal_ros.io.calibration_file import load
     from forcecal_ros.motion.optimal_design import (
         as_text,
         design_calibration,
-        Robot,
         sensors_of,
         to_document,
         to_parameters,
     )
     from forcecal_ros.sim.rig.file import expected_sensors
 
-    setup = _setup(args)
-    sensors = (sensors_of(load(args.calibration)) if args.calibration
-               else expected_sensors(setup.rig))
-    robot = Robot(setup.home, setup.limits, setup.pace, math.radians(args.tilt or 100.0))
+    rig, robot, timing = _setup(args)
+    sensors = sensors_of(load(args.calibration)) if args.calibration else expected_sensors(rig)
     with common.stages(args) as stage:
         stage('exchanging poses')
-        design = design_calibration(robot, sensors, args.duration or 16.0,
-                                    setup.timing)
+        design = design_calibration(robot, sensors, args.duration or 16.0, timing)
     return _written(args, to_document(design), as_text(design), design.duration,
                     to_parameters(design))
 
@@ -218,13 +202,9 @@ def _written(args: argparse.Namespace, document: dict[str, Any], text: str, dura
 
     if args.output:
         write_text(args.output, parameters)
-    if args.json:
-        common.print_json(document)
-    elif not common.stdout_is_taken(args):
-        common.say(text)
-        common.say(f'the sequence takes about {duration:.0f} s')
-        if args.output:
-            common.say(f'written to {args.output}\nnext: ros2 run forcecal_ros sequencer '
-                       '--ros-args --params-file my_cell.yaml '
-                       f'--params-file {shlex.quote(args.output)}')
-    return 0
+    lines = [text, f'the sequence takes about {duration:.0f} s']
+    if args.output:
+        lines.append(f'written to {args.output}\nnext: ros2 run forcecal_ros sequencer '
+                     '--ros-args --params-file my_cell.yaml '
+                     f'--params-file {shlex.quote(args.output)}')
+    return common.show(args, document, '\n'.join(lines))

@@ -78,14 +78,13 @@ def run(args: argparse.Namespace) -> int:
         if args.start and not player.counts and not ros.interrupted:
             raise DataError(f'{args.bag}: nothing to publish from {args.start:g} s on; give an '
                             'earlier --start')
-    if left_out:
-        common.warn(f'not published: {_named(left_out)}')
-    for msgtype in sorted(player.unknown):
-        common.warn(f'not published: messages of type {msgtype}, whose package is not installed')
-    common.show(args, {'bag': args.bag, 'messages': dict(player.counts)}, ', '.join(
-        f'{count} {name}' for name, count in sorted(player.counts.items()))
-        or 'nothing was published')
-    return 0
+    notes = [f'messages of type {msgtype}, whose package is not installed'
+             for msgtype in sorted(player.unknown)]
+    return common.show(
+        args, {'bag': args.bag, 'messages': dict(player.counts)},
+        ', '.join(f'{count} {name}' for name, count in sorted(player.counts.items()))
+        or 'nothing was published',
+        [f'not published: {one}' for one in (_named(left_out), *notes) if one])
 
 
 def refuse_missing(topics: Iterable['Topic'], args: argparse.Namespace) -> None:

@@ -54,11 +54,9 @@ def run(args: argparse.Namespace) -> int:
         if not recorder.counts:
             raise DataError('no message on any topic of interest; set ROS_DOMAIN_ID '
                             'to that of the robot (others are named as TOPIC)')
-    for msgtype in sorted(recorder.unknown):
-        common.warn(f'not recorded: messages of type {msgtype}, whose package is not installed')
-    for name in recorder.missing(names):
-        common.warn(f'{name}: no message was received')
-    common.show(args, {'output': args.output, 'messages': dict(recorder.counts)},
-                f'{args.output}: ' + ', '.join(
-                    f'{count} {name}' for name, count in sorted(recorder.counts.items())))
-    return 0
+    return common.show(
+        args, {'output': args.output, 'messages': dict(recorder.counts)}, f'{args.output}: '
+        + ', '.join(f'{count} {name}' for name, count in sorted(recorder.counts.items())),
+        [*(f'not recorded: messages of type {msgtype}, whose package is not installed'
+           for msgtype in sorted(recorder.unknown)),
+         *(f'{name}: no message was received' for name in recorder.missing(names))])

@@ -56,8 +56,7 @@ def _call(args: argparse.Namespace) -> int:
         answer = ask(ros, service, args.timeout)
     if not answer.success:
         raise DataError(f'{service}: {answer.message}')
-    common.show(args, {'service': service, 'message': answer.message}, answer.message)
-    return 0
+    return common.show(args, {'service': service, 'message': answer.message}, answer.message)
 
 
 def _status(args: argparse.Namespace) -> int:
@@ -72,9 +71,8 @@ def _status(args: argparse.Namespace) -> int:
     if not found:
         raise DataError(f'no node reports on /diagnostics within {args.timeout:g} s; start it '
                         'with the same ROS_DOMAIN_ID and --namespace')
-    common.show(args, {'nodes': {name: {
+    return common.show(args, {'nodes': {name: {
         'level': WORDS[status.level], 'message': status.message,
         'values': {pair.key: pair.value for pair in status.values}}
         for name, status in found.items()}}, '\n'.join(
             f'{name}: {WORDS[status.level]}: {status.message}' for name, status in found.items()))
-    return 0

@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 from forcecal_ros.cli import common
 from forcecal_ros.core.files import make_folder, write_results, write_text
 from forcecal_ros.core.geometry import Array, rotation_from_vector, STANDARD_GRAVITY
-from forcecal_ros.core.streams import JointStream, Recording
+from forcecal_ros.core.streams import JointStream, PoseStream, Recording
+from forcecal_ros.effects.rig import Rig
 from forcecal_ros.motion.profiles import quintic
 from forcecal_ros.sim.protocol import Inputs
 from forcecal_ros.sim.third_party import ThirdParty
@@ -242,26 +243,39 @@ def _insitu(folder: Path, seed: int) -> tuple[str, ...]:
     return ', '.join(files), f'insitu {folder}/spec.yaml -o limb'
 
 
+def simulate_along_x(rig: Rig, distances: Array, **options: Any) -> Recording:
+    """
+    Simulate a rig that is commanded along x of ft_sensor from where it stands.
+
+    Parameters
+    ----------
+    distances : ndarray, shape (n,)
+        One a period [m].
+    options : dict
+        Of :func:`forcecal_ros.sim.rig.simulator.simulate`.
+    """
+    from forcecal_ros.sim.rig.simulator import simulate
+
+    R, t = rig.home.R_base_sensor, np.arange(len(distances), dtype=float) * rig.robot.period
+    return simulate(rig, PoseStream(
+        t, rig.home.position + np.outer(distances, R[:, 0]),
+        np.broadcast_to(R, (len(t), 3, 3))), **options)
+
+
 def _shaken(folder: Path, seed: int) -> tuple[str, ...]:
     """Write a recording of the rig shaken along x; return as :func:`_rig` does."""
-    from forcecal_ros.core.streams import PoseStream
     from forcecal_ros.impedance.plant_fit import excitation_commands
     from forcecal_ros.io.bags import write_recording
     from forcecal_ros.sim.rig.file import load_rig
-    from forcecal_ros.sim.rig.simulator import simulate
 
     rig = load_rig()
     common.warn_if_compiling('simulator')
-    R, period = rig.home.R_base_sensor, rig.robot.period
-    # length of the recording that is shaken [s]: enough for the model to choose its order by
-    along_x = excitation_commands(30.0, period, seed=seed)
-    t = np.arange(len(along_x), dtype=float) * period
-    recording = simulate(rig, PoseStream(
-        t, rig.home.position + np.outer(along_x, R[:, 0]), np.broadcast_to(R, (len(t), 3, 3))),
-        seed=seed)
+    seconds = 30.0  # enough for the model to choose its order by
+    commanded = excitation_commands(seconds, rig.robot.period, seed=seed)
+    recording = simulate_along_x(rig, commanded, seed=seed)
     make_folder(folder)
     write_recording(folder / 'shaken', replace(recording, contact_truth=None, start_ns=BEGUN))
-    return (f'shaken ({t[-1]:.0f} s)',
+    return (f'shaken ({seconds:.0f} s)',
             f'fit-rig {folder}/shaken --for impedance -o plant.yaml')
 
 

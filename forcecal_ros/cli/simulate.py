@@ -51,7 +51,6 @@ def run(args: argparse.Namespace) -> int:
         'wrench', 'accelerometer', 'optidrive', 'pose', 'target', 'contact_truth')
         if (stream := getattr(simulated, role)) is not None}
     seconds = commands.target.t[-1] - commands.target.t[0]
-    common.show(args, {'output': args.output, 'samples': samples},
-                f'{args.output}: {seconds:.1f} s of commands simulated; '
-                + ', '.join(f'{n} {role}' for role, n in samples.items()))
-    return 0
+    return common.show(args, {'output': args.output, 'samples': samples},
+                       f'{args.output}: {seconds:.1f} s of commands simulated; '
+                       + ', '.join(f'{n} {role}' for role, n in samples.items()))

@@ -1,4 +1,4 @@
-"""The control law [Gamez2005] Eq. 31: its design, known to be stable, and one pure step of it.
+"""The control law [Gamez2005] Eq. 31: its design, known to be stable, and one run of it.
 
 The cost of the linear-quadratic regulator is the impedance relation that the user states,
 
@@ -10,7 +10,7 @@ Steady force and reference are exact by the choice of c and l_r. The step never 
 
 from dataclasses import dataclass
 from math import isfinite
-from typing import Annotated, NamedTuple, Protocol
+from typing import Annotated, NamedTuple
 
 from forcecal_ros.core.errors import ConfigError, UnobservableError
 from forcecal_ros.core.estimation import stationary_gain
@@ -58,24 +58,6 @@ class Law(NamedTuple):
     lead: float
 
 
-class State(NamedTuple):
-    """
-    State of the law; replace ``command`` where limits changed what was sent.
-
-    Attributes
-    ----------
-    estimate : ndarray, shape (n,)
-        Of the process at the last step.
-    command, force, goal : float
-        Those of the last step [m], [N], [m].
-    """
-
-    estimate: Array
-    command: float = 0.0
-    force: float = 0.0
-    goal: float = 0.0
-
-
 class Measurement(NamedTuple):
     """
     What one step is given, relative to the start, where everything rested at 0.
@@ -95,73 +77,59 @@ class Measurement(NamedTuple):
     force: float
 
 
-def at_rest(law: Law) -> State:
-    """Return the state of a law whose plant rests at 0, not in contact."""
-    return State(np.zeros(len(law.B)))
-
-
-def step(law: Law, state: State, measured: Measurement, position: float, velocity: float = 0.0
-         ) -> State:
-    """
-    Take one control step, [Gamez2005] Eq. 31: u = -L X + c F + l_r x_r.
-
-    X comes from the Kalman estimator. What is not finite is replaced: a measurement by the
-    estimator's prediction, a force or a reference by the last one.
-
-    Parameters
-    ----------
-    position, velocity : float
-        Of the reference [m], [m/s].
-
-    Returns
-    -------
-    State
-        With the new command.
-    """
-    estimate = law.A @ state.estimate + law.B * state.command + law.F * state.force
-    force = measured.force if isfinite(measured.force) else state.force
-    goal = position + law.lead * velocity
-    if not isfinite(goal):
-        goal = state.goal
-    error = np.array(measured[:2]) - law.C @ estimate
-    estimate = estimate + law.K @ np.where(np.isfinite(error), error, 0.0)
-    command = float(-law.L @ estimate + law.force_gain * force + law.position_gain * goal)
-    return State(estimate, command, force, goal)
-
-
 class Reference(NamedTuple):
     """Where the reference is [m], [m/s], from the start of the program, and in which phase."""
 
     position: float
-    velocity: float
-    phase: str
-
-
-class Controller(Protocol):
-    """One control step a period, along x of ft_sensor from the start."""
-
-    def __call__(self, reference: Reference, measured: Measurement) -> float:
-        """Return the command of S [m]."""
-
-    def sent(self, command: float) -> None:
-        """Take note of the command that was sent, which limits may have changed [m]."""
+    velocity: float = 0.0
+    phase: str = ''
 
 
 class Regulator:
-    """The law as a controller, at rest at the start."""
+    """
+    One run of the law [Gamez2005] Eq. 31, u = -L X + c F + l_r x_r.
+
+    Along x of ft_sensor, from rest at the start and not in contact.
+
+    Attributes
+    ----------
+    estimate : ndarray, shape (n,)
+        Of the process at the last step.
+    command, force, goal : float
+        Those of the last step [m], [N], [m].
+    """
 
     def __init__(self, law: Law) -> None:
-        self._law, self._state = law, at_rest(law)
+        self._law = law
+        self.estimate = np.zeros(len(law.B))
+        self.command = self.force = self.goal = 0.0
 
     def __call__(self, reference: Reference, measured: Measurement) -> float:
-        """Return the command of S along x of ft_sensor, from the start [m]."""
-        self._state = step(self._law, self._state, measured, reference.position,
-                           reference.velocity)
-        return self._state.command
+        """
+        Take one control step.
+
+        X comes from the Kalman estimator. What is not finite is replaced: a measurement by the
+        estimator's prediction, a force or a reference by the last one.
+
+        Returns
+        -------
+        float
+            Command of S [m].
+        """
+        law = self._law
+        estimate = law.A @ self.estimate + law.B * self.command + law.F * self.force
+        goal = reference.position + law.lead * reference.velocity
+        self.force = measured.force if isfinite(measured.force) else self.force
+        self.goal = goal if isfinite(goal) else self.goal
+        error = np.array(measured[:2]) - law.C @ estimate
+        self.estimate = estimate + law.K @ np.where(np.isfinite(error), error, 0.0)
+        self.command = float(-law.L @ self.estimate + law.force_gain * self.force
+                             + law.position_gain * self.goal)
+        return self.command
 
     def sent(self, command: float) -> None:
-        """Let the estimator predict with the command that was sent [m]."""
-        self._state = self._state._replace(command=command)
+        """Let the estimator predict with the command that was sent, which limits changed [m]."""
+        self.command = command
 
 
 @dataclass(frozen=True)
@@ -308,17 +276,17 @@ def _remedy(settings: DesignSettings) -> str:
     return 'ask for more damping or mass, less latency, or a narrower design.wall_stiffness'
 
 
-def _against(law: Law, plant: Plant, settings: DesignSettings, stiffness: float) -> Loop:
-    return loop(law, process(plant, settings.latency, Wall(stiffness)), settings.force_lag)
-
-
 def _unstable_from(law: Law, plant: Plant, settings: DesignSettings) -> float:
     low, high = settings.wall_stiffness
     # stiffest wall for which stability is checked beyond the stated range [N/m]
     walls = {*np.geomspace(low, high, 60).tolist(), high,
              *np.geomspace(high, max(high, 1e6), 60).tolist()}
-    return next((k for k in sorted(walls)
-                 if _against(law, plant, settings, k).radius >= 1.0), np.inf)
+
+    def is_unstable(stiffness: float) -> bool:
+        against = process(plant, settings.latency, Wall(stiffness))
+        return loop(law, against, settings.force_lag).radius >= 1.0
+
+    return next(filter(is_unstable, sorted(walls)), np.inf)
 
 
 def relation(free: Process, target: TargetImpedance, period: float) -> Relation:
@@ -371,7 +339,7 @@ def _optimal_gain(A: Array, B: Array, Q: Array, R: Array, S: Array) -> Array:
 
 
 def _kalman_gain(free: Process, C: Array) -> Array:
-    """Return the gain of the steady-state Kalman filter by which :func:`step` corrects."""
+    """Return the gain of the steady-state Kalman filter by which a Regulator corrects."""
     # errors: of the contact force, white [N]; of the robot model, as white noise on its command,
     # and of the measured positions [m]
     force, command, position = 0.3, 1e-5, 2e-5

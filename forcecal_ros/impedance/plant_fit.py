@@ -12,7 +12,7 @@ nothing noisy is differentiated. The force, whose noise is the smallest, is the 
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.core.errors import above, DataError
@@ -171,11 +171,9 @@ def _weighted_least_squares(command: Array, position: Array, order: int, delay: 
 
 
 def _solved(columns: Array, values: Array) -> Array:
-    """Least squares of tall columns, scaled to the same length."""
+    """Least squares of columns that are scaled to the same length."""
     size = np.linalg.norm(columns, axis=0)
-    reduced = np.linalg.qr(np.column_stack([columns / size, values]), mode='r')
-    solution = np.linalg.lstsq(reduced[:, :-1], reduced[:, -1], rcond=1e-13)[0]
-    return np.asarray(solution / size)
+    return np.asarray(np.linalg.lstsq(columns / size, values, rcond=1e-13)[0] / size)
 
 
 def _stabilised(feedback: Array) -> Array:
@@ -203,35 +201,6 @@ def _jacobian(theta: Array, command: Array, order: int, delay: int) -> Array:
                             np.ones(len(command))])
 
 
-class Order(NamedTuple):
-    """One order that was tried: its best delay, and the RMS error on what was held out [m]."""
-
-    order: int
-    delay: int
-    error: float
-
-
-class RobotFit(NamedTuple):
-    """
-    An identified robot.
-
-    Attributes
-    ----------
-    offset : float
-        Of the measured against the commanded position [m].
-    fit : float
-        1 - RMS error / RMS of the position about its mean, held out; 1 is perfect.
-    error : float
-        RMS error held out [m].
-    """
-
-    robot: Robot
-    offset: float
-    fit: float
-    error: float
-    orders: tuple[Order, ...]
-
-
 class Candidate(NamedTuple):
     """The best model of one order, and its squared errors on what was held out [m^2]."""
 
@@ -247,7 +216,7 @@ class Candidate(NamedTuple):
 
 def identify_robot(command: Array, position: Array, period: float, *,
                    orders: Sequence[int] = (1, 2, 3, 4, 5, 6), delays: Sequence[int] = (1, 2, 3)
-                   ) -> RobotFit:
+                   ) -> tuple[Robot, dict[str, Any]]:
     """
     Identify the robot as output-error model, [Gamez2005] Eq. 28.
 
@@ -262,6 +231,13 @@ def identify_robot(command: Array, position: Array, period: float, *,
         [s]
     orders, delays : sequence of int
         Of the difference equation, and from command to position [periods], to choose from.
+
+    Returns
+    -------
+    robot : Robot
+    quality : dict
+        ``fit``, 1 - error / standard deviation on what was held out; ``error`` there, RMS, and
+        ``offset`` of the measured position [m]; ``static_gain``; ``orders`` that were tried.
 
     Raises
     ------
@@ -286,10 +262,11 @@ def identify_robot(command: Array, position: Array, period: float, *,
     std = np.sqrt(np.diag(model.covariance))
     robot = Robot(period, model.delay, Estimate(model.feedback, std[:order], '1'),
                   Estimate(model.feedforward, std[order:], '1'))
-    error = chosen.error
-    return RobotFit(
-        robot, model.offset, 1.0 - error / float(np.std(position[held_out])), error,
-        tuple(Order(c.order, c.model.delay, c.error) for c in candidates))
+    return robot, {
+        'fit': 1.0 - chosen.error / float(np.std(position[held_out])), 'error': chosen.error,
+        'offset': model.offset, 'static_gain': robot.static_gain,
+        'orders': [{'order': c.order, 'delay': c.model.delay, 'error': c.error}
+                   for c in candidates]}
 
 
 def judged(model: OutputError, order: int, command: Array, position: Array, held_out: Any
@@ -320,30 +297,11 @@ WINDOW = 0.1
 """Length of a weighting window [s]."""
 
 
-class Signal(NamedTuple):
-    """One signal with its stamps: t, values, shape (n,)."""
-
-    t: Array
-    values: Array
+Signal: TypeAlias = tuple[Array, Array]
+"""Stamps [s] and values of one signal, each of shape (n,)."""
 
 
-class SlideFit(NamedTuple):
-    """
-    An identified slide.
-
-    Attributes
-    ----------
-    spring_error, inertia_error : float
-        RMS residual of the force over the windows, by spring and damper and by the mass [N].
-    """
-
-    slide: Slide
-    windows: int
-    spring_error: float
-    inertia_error: float
-
-
-def identify_slide(force: Signal, slide: Signal, position: Signal) -> SlideFit:
+def identify_slide(force: Signal, slide: Signal, position: Signal) -> tuple[Slide, dict[str, Any]]:
     """
     Identify mass, stiffness and damping, [Gamez2005] Eq. 29.
 
@@ -356,6 +314,13 @@ def identify_slide(force: Signal, slide: Signal, position: Signal) -> SlideFit:
     position : Signal
         Of S along x of ft_sensor [m].
 
+    Returns
+    -------
+    slide : Slide
+    quality : dict
+        Number of ``windows``; ``spring_error`` and ``inertia_error``, RMS residual of the force
+        over them by spring and damper, and by the mass [N].
+
     Raises
     ------
     DataError
@@ -367,8 +332,8 @@ def identify_slide(force: Signal, slide: Signal, position: Signal) -> SlideFit:
     min_windows = 50
     # distance of window starts in window lengths; closer windows would share their errors
     spacing = 0.75
-    begin = max(signal.t[0] for signal in (force, slide, position))
-    end = min(signal.t[-1] for signal in (force, slide, position))
+    begin = max(t[0] for t, _ in (force, slide, position))
+    end = min(t[-1] for t, _ in (force, slide, position))
     starts = np.arange(begin, end - WINDOW, spacing * WINDOW)
     if len(starts) < min_windows:
         raise DataError(f'{max(0.0, end - begin):.1f} s of force, displacement and pose in common '
@@ -389,26 +354,27 @@ def identify_slide(force: Signal, slide: Signal, position: Signal) -> SlideFit:
                             'force and displacement have opposite signs: give --wrench-sign the '
                             'other sign' if turned else 'the slide hardly moves: shake the tool '
                             'more'))
-    return SlideFit(
-        Slide(Estimate(mass[0], mass_std[0], 'kg'), Estimate(spring[0], spring_std[0], 'N/m'),
-              Estimate(spring[1], spring_std[1], 'N s/m')),
-        len(starts), spring_error, inertia_error)
+    return (Slide(Estimate(mass[0], mass_std[0], 'kg'), Estimate(spring[0], spring_std[0], 'N/m'),
+                  Estimate(spring[1], spring_std[1], 'N s/m')),
+            {'windows': len(starts), 'spring_error': spring_error,
+             'inertia_error': inertia_error})
 
 
 def _weighted(signal: Signal, starts: Array) -> tuple[Array, Array, Array]:
     """Return the windows' means of a signal, of its rate and of the rate of that."""
-    edges = np.searchsorted(signal.t, [starts, starts + WINDOW])
+    t, values = signal
+    edges = np.searchsorted(t, [starts, starts + WINDOW])
     means = np.empty((len(starts), 3))
     for i, (first, last) in enumerate(edges.T):
         if last - first < 8:
             raise DataError(f'{last - first} samples in {WINDOW:g} s at {starts[i]:.2f} s; at '
                             'least 8 are needed: record without gaps')
-        angle = np.pi / WINDOW * (signal.t[first:last] - starts[i])
+        angle = np.pi / WINDOW * (t[first:last] - starts[i])
         sine, cosine = np.sin(angle), np.cos(angle)
         rate = np.pi / WINDOW
         weights = np.stack([sine**4, -4.0 * rate * sine**3 * cosine,
                             4.0 * rate**2 * sine**2 * (3.0 * cosine**2 - sine**2)])
-        means[i] = weights @ signal.values[first:last] / weights[0].sum()
+        means[i] = weights @ values[first:last] / weights[0].sum()
     return means[:, 0], means[:, 1], means[:, 2]
 
 
@@ -430,15 +396,17 @@ def _two_stage(columns: Array, values: Array, instruments: Array) -> tuple[Array
 
 
 class PlantFit(NamedTuple):
-    """Robot and slide with the quality of their fits."""
+    """
+    Robot and slide, and how well they are identified.
 
-    robot: RobotFit
-    slide: SlideFit
+    Attributes
+    ----------
+    quality : dict
+        Of :func:`identify_robot` and of :func:`identify_slide`.
+    """
 
-    @property
-    def plant(self) -> Plant:
-        """The models."""
-        return Plant(self.robot.robot, self.slide.slide)
+    plant: Plant
+    quality: dict[str, Any]
 
 
 def identify_plant(recording: Recording) -> PlantFit:
@@ -465,11 +433,11 @@ def identify_plant(recording: Recording) -> PlantFit:
                         'poses, wrench and displacement')
     axis = _axis(pose)
     period, command, position = _sampled(target, pose, axis)
-    return PlantFit(
-        identify_robot(command, position, period),
-        identify_slide(Signal(wrench.t, wrench.values[:, 0]),
-                       Signal(optidrive.t, optidrive.values[:, 0]),
-                       Signal(pose.t, pose.position @ axis)))
+    robot, quality = identify_robot(command, position, period)
+    slide, of_slide = identify_slide(
+        (wrench.t, wrench.values[:, 0]), (optidrive.t, optidrive.values[:, 0]),
+        (pose.t, pose.position @ axis))
+    return PlantFit(Plant(robot, slide), quality | of_slide)
 
 
 def _axis(pose: PoseStream) -> Array:
@@ -535,17 +503,8 @@ def excitation_commands(seconds: float, period: float, *, seed: int = 0) -> Arra
 
 def to_document(fit: PlantFit) -> dict[str, Any]:
     """Return the content of ``plant.yaml``, which ``--json`` prints too."""
-    found = fit.robot
     document: dict[str, Any] = plain({
-        'format': FORMAT,
-        **plain(fit.plant),
-        'quality': {
-            'fit': found.fit, 'error': found.error, 'offset': found.offset,
-            'static_gain': found.robot.static_gain,
-            'orders': [order._asdict() for order in found.orders],
-            'windows': fit.slide.windows, 'spring_error': fit.slide.spring_error,
-            'inertia_error': fit.slide.inertia_error},
-    })
+        'format': FORMAT, **plain(fit.plant), 'quality': fit.quality})
     return document
 
 

@@ -6,9 +6,10 @@ from typing import Annotated, NamedTuple
 
 from forcecal_ros.core.errors import above, MotionError
 from forcecal_ros.core.schema import Row, Section
-from forcecal_ros.impedance.law import Controller, Measurement, Reference
+from forcecal_ros.impedance.law import Measurement, Reference, Regulator
 from forcecal_ros.motion.profiles import quintic
 import numpy as np
+from scipy.interpolate import BPoly
 
 FREE = ('free', 'retract')
 """Stages in which nothing should be touched, once the way back has left the wall."""
@@ -131,7 +132,7 @@ class LineMotion(NamedTuple):
 @dataclass(frozen=True)
 class Withdrawal:
     """
-    From a motion to rest.
+    From a motion to rest, by a polynomial of fifth degree.
 
     Attributes
     ----------
@@ -145,6 +146,11 @@ class Withdrawal:
     goal: float
     duration: float
 
+    @cached_property
+    def path(self) -> BPoly:
+        """Position over time."""
+        return BPoly.from_derivatives([0.0, self.duration], [self.start, (self.goal, 0.0, 0.0)])
+
     def at(self, t: float) -> LineMotion:
         """
         Return the motion at one time.
@@ -154,19 +160,9 @@ class Withdrawal:
         t : float
             Since the start [s]; held beyond the ends.
         """
-        T = self.duration
-        x = min(max(t / T, 0.0), 1.0)
-        p, v, a = self.start.position, self.start.velocity * T, self.start.acceleration * T * T
-        way = self.goal - p
-        c3 = 10.0 * way - 6.0 * v - 1.5 * a
-        c4 = -15.0 * way + 8.0 * v + 1.5 * a
-        c5 = 6.0 * way - 3.0 * v - 0.5 * a
-        if x == 1.0:
+        if t >= self.duration:
             return LineMotion(self.goal)
-        return LineMotion(
-            p + x * (v + x * (0.5 * a + x * (c3 + x * (c4 + x * c5)))),
-            (v + x * (a + x * (3.0 * c3 + x * (4.0 * c4 + x * 5.0 * c5)))) / T,
-            (a + x * (6.0 * c3 + x * (12.0 * c4 + x * 20.0 * c5))) / (T * T))
+        return LineMotion(*(float(self.path(max(t, 0.0), order)) for order in range(3)))
 
 
 def to_rest(motion: LineMotion, duration: float, retract: float, acceleration: float
@@ -185,19 +181,13 @@ def to_rest(motion: LineMotion, duration: float, retract: float, acceleration: f
         Limit of it [m/s^2].
     """
     gentlest = motion.position + 0.5 * motion.velocity * duration
-    if not retract > 0.0:
-        return Withdrawal(motion, gentlest, duration)
-    for share in range(8, 0, -1):
-        back = share / 8
-        goal = min(motion.position - retract, gentlest)
-        chosen = Withdrawal(motion, gentlest + back * (goal - gentlest), duration)
-        if _peak_acceleration(chosen) <= acceleration:
-            return chosen
-    return Withdrawal(motion, gentlest, duration)
-
-
-def _peak_acceleration(withdrawal: Withdrawal) -> float:
-    return max(abs(withdrawal.at(withdrawal.duration * k / 16).acceleration) for k in range(17))
+    farthest = min(motion.position - retract, gentlest) if retract > 0.0 else gentlest
+    t = np.linspace(0.0, duration, 17)
+    for goal in np.linspace(farthest, gentlest, 9).tolist():
+        stop = Withdrawal(motion, goal, duration)
+        if np.abs(stop.path(t, 2)).max() <= acceleration:
+            break
+    return stop
 
 
 @dataclass(frozen=True)
@@ -294,7 +284,7 @@ class Session:
         """Whether the command moves."""
         return abs(self._motion.velocity) > 1e-4
 
-    def start(self, program: Program, wall: float, controller: Controller, bounds: Bounds
+    def start(self, program: Program, wall: float, controller: Regulator, bounds: Bounds
               ) -> None:
         """
         Begin a task; the first command is where the robot stands.
@@ -303,7 +293,7 @@ class Session:
         ----------
         wall : float
             Where it is expected, from the start [m].
-        controller : Controller
+        controller : Regulator
             At rest at zero.
 
         Raises

@@ -92,7 +92,7 @@ class Limits(Section):
                 f'limits.{limit} {getattr(self, limit):g}; lower limits.{speed}')
 
 
-def check_move(move: Move, limits: Limits, name: str = 'the move') -> None:
+def check_move(move: Move | JointMove, limits: Limits, name: str = 'the move') -> None:
     """
     Refuse a move that would exceed a limit, a stop at any instant of it included.
 
@@ -104,8 +104,14 @@ def check_move(move: Move, limits: Limits, name: str = 'the move') -> None:
     Raises
     ------
     MotionError
-        With the number, the limit and its key.
+        With the number, the limit and its key, and the joint.
     """
+    if isinstance(move, JointMove):
+        joint = int(np.argmax(np.abs(move.displacement)))
+        distance = float(np.abs(move.displacement[joint]))
+        peaks = [distance * one for one in peak_rates(move.duration, limits.stop_duration)]
+        check_rates(peaks, limits, name, JOINT_RATES, f' of joint {joint + 1}')
+        return
     check_rates(_peaks(move, limits), limits, name)
     positions, rotations = move.poses()
     check_workspace(positions, limits, f'{name}: the sensor')
@@ -187,24 +193,3 @@ def check_workspace(points: Array, limits: Limits, name: str) -> None:
             raise MotionError(
                 f'{name} would reach {"xyz"[axis]} = {side(points[i, axis], bound[axis], 4)} m, '
                 f'limits.{key} is {bound[axis]:g} m there; move the pose')
-
-
-def check_joint_move(move: JointMove, limits: Limits, name: str) -> None:
-    """
-    Refuse a move that would exceed a joint's limit, a stop at any instant of it included.
-
-    Parameters
-    ----------
-    name : str
-        What to call it in the message.
-
-    Raises
-    ------
-    MotionError
-        With the joint, the number, the limit and its key.
-    """
-    peak = peak_rates(move.duration, limits.stop_duration)
-    joint = int(np.argmax(np.abs(move.displacement)))
-    distance = float(np.abs(move.displacement[joint]))
-    check_rates([distance * one for one in peak], limits, name, JOINT_RATES,
-                f' of joint {joint + 1}')

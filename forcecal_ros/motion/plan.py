@@ -2,14 +2,14 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from forcecal_ros.core.errors import above, MotionError
 from forcecal_ros.core.geometry import Array, rotation_from_vector, STANDARD_GRAVITY
 from forcecal_ros.core.schema import Row
 from forcecal_ros.core.streams import Phase, PoseStream
 from forcecal_ros.motion.continuous import fit_multi_sine, MultiSine
-from forcecal_ros.motion.limits import check_joint_move, check_move, check_workspace, Limits
+from forcecal_ros.motion.limits import check_move, check_workspace, Limits
 from forcecal_ros.motion.profiles import (
     JointMove,
     Move,
@@ -17,7 +17,6 @@ from forcecal_ros.motion.profiles import (
     PEAK_SPEED,
     Pose,
     shortest_duration,
-    shortest_joint_duration,
     step_goal,
 )
 import numpy as np
@@ -171,17 +170,14 @@ def prepare(plan: Sequence[Segment], start: Goal, pace: Pace, limits: Limits
     here = start
     for segment in plan:
         move: Move | JointMove | None = None
-        name = f'{segment.phase} {segment.label}'
-        if isinstance(segment.goal, Pose) and isinstance(here, Pose):
-            move = Move(here, segment.goal, segment.duration
-                        or shortest_duration(here, segment.goal, pace))
+        name, goal = f'{segment.phase} {segment.label}', segment.goal
+        if goal is not None:
+            if isinstance(goal, Pose) != isinstance(here, Pose):
+                raise MotionError(f'{name} mixes poses and joint vectors; give one kind '
+                                  'throughout')
+            kind: Any = Move if isinstance(goal, Pose) else JointMove
+            move = kind(here, goal, segment.duration or shortest_duration(here, goal, pace))
             check_move(move, limits, name)
-        elif isinstance(segment.goal, np.ndarray) and isinstance(here, np.ndarray):
-            move = JointMove(here, segment.goal, segment.duration
-                             or shortest_joint_duration(here, segment.goal, pace))
-            check_joint_move(move, limits, name)
-        elif segment.goal is not None:
-            raise MotionError(f'{name} mixes poses and joint vectors; give one kind throughout')
         here = move.goal if move else here
         planned.append(PlannedSegment(segment, move, here))
     return tuple(planned)
@@ -372,31 +368,9 @@ def _between(home: Goal, away: Goal, share: float) -> Goal:
     return np.asarray(home + share * (away - home))
 
 
-class Program(NamedTuple):
-    """
-    A sequence that can be run.
-
-    Attributes
-    ----------
-    plan : callable
-        Makes the segments of goals, a goal away from the first, and timing.
-    distance : callable
-        How far away that one is along x of ft_sensor, from the timing [m].
-    identifies : bool
-        Whether a calibration is identified from it.
-    """
-
-    plan: Callable[[Mapping[str, Goal], Goal, Timing], tuple[Segment, ...]]
-    distance: Callable[[Timing], float]
-    identifies: bool
-
-
-SEQUENCES: Mapping[str, Program] = {
-    'calibrate': Program(calibration_plan, lambda timing: timing.step_distance, True),
-    'contact': Program(contact_plan, lambda timing: timing.contact_distance, False),
-    'diagnose': Program(diagnosis_plan, lambda timing: timing.contact_distance, False),
-}
-"""Every sequence by its name in the parameter ``sequence``."""
+SEQUENCES: Mapping[str, Callable[[Mapping[str, Goal], Goal, Timing], tuple[Segment, ...]]] = {
+    'calibrate': calibration_plan, 'contact': contact_plan, 'diagnose': diagnosis_plan}
+"""What plans every sequence, by its name in the parameter ``sequence``."""
 
 
 def preview(plan: Sequence[PlannedSegment], rate: float, settle: float

@@ -225,14 +225,22 @@ class Pace(NamedTuple):
         'Peak angular acceleration of these', 'rad/s^2', 0.1, 100.0)] = 8.0
 
 
-def shortest_duration(start: Pose, goal: Pose, pace: Pace) -> float:
-    """Return the time of the quintic that keeps to the pace, at least ``SHORTEST_MOVE`` [s]."""
-    move = Move(start, goal, 1.0)
+def shortest_duration(start: Pose | Array, goal: Pose | Array, pace: Pace) -> float:
+    """
+    Return the time of the quintic that keeps to the pace, at least ``SHORTEST_MOVE`` [s].
+
+    Every joint of joint vectors keeps to the angular pace.
+    """
+    if isinstance(start, Pose) and isinstance(goal, Pose):
+        move = Move(start, goal, 1.0)
+        distance, angle = move.distance, move.angle
+    else:
+        distance, angle = 0.0, float(np.abs(np.subtract(goal, start)).max())
     return max(SHORTEST_MOVE,
-               PEAK_SPEED * move.distance / pace.speed,
-               PEAK_SPEED * move.angle / pace.angular_speed,
-               float(np.sqrt(PEAK_ACCELERATION * move.distance / pace.acceleration)),
-               float(np.sqrt(PEAK_ACCELERATION * move.angle / pace.angular_acceleration)))
+               PEAK_SPEED * distance / pace.speed,
+               PEAK_SPEED * angle / pace.angular_speed,
+               float(np.sqrt(PEAK_ACCELERATION * distance / pace.acceleration)),
+               float(np.sqrt(PEAK_ACCELERATION * angle / pace.angular_acceleration)))
 
 
 def peak_rates(duration: float, stop_duration: float) -> tuple[float, float, float]:
@@ -304,13 +312,6 @@ class JointMove:
         s, ds, _ = (float(v) for v in quintic(t / self.duration))
         speed = ds / self.duration * time_scale
         return JointSetpoint(self.start + s * self.displacement, self.displacement * speed)
-
-
-def shortest_joint_duration(start: Array, goal: Array, pace: Pace) -> float:
-    """Return the time of the quintic that keeps to the angular pace on every joint [s]."""
-    farthest = float(np.abs(goal - start).max())
-    return max(SHORTEST_MOVE, PEAK_SPEED * farthest / pace.angular_speed,
-               float(np.sqrt(PEAK_ACCELERATION * farthest / pace.angular_acceleration)))
 
 
 def orientation(alpha: float, delta: float, theta: float = 0.0) -> Array:

@@ -18,7 +18,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.schema import yaml_value
 from forcecal_ros.core.topics import ROLES, Topic
-from forcecal_ros.nodes.runtime import Interrupt, LEVELS, OUTPUT, starting
+from forcecal_ros.nodes.runtime import Interrupt, LEVELS, OUTPUT, SIGNAL_CHECK, starting
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from rcl_interfaces.srv import SetParameters
 import rclpy
@@ -195,14 +195,14 @@ def ask(ros: TemporaryNode, service: str, patience: float) -> Trigger.Response:
         The service is not there, or does not answer.
     """
     client = ros.node.create_client(Trigger, service)
-    if not _until(ros, client.service_is_ready, patience):
+    if not until(ros, client.service_is_ready, patience):
         raise DataError(f'{service} is not there after {patience:g} s; start its node with '
                         'the same ROS_DOMAIN_ID and --namespace')
     # from where the service is known here until this client is known there, without which its
     # answer is lost: three times what Fast DDS waits by itself [s]
     ros.spin(0.3)
     answer = client.call_async(Trigger.Request())
-    if not _until(ros, answer.done, patience):
+    if not until(ros, answer.done, patience):
         raise DataError(f'{service} has not answered within {patience:g} s, and may have done '
                         'what was requested; forcecal status shows it')
     response: Trigger.Response = answer.result()
@@ -224,18 +224,30 @@ def node_statuses(ros: TemporaryNode, seconds: float) -> dict[str, DiagnosticSta
                       if status.name.rpartition('/')[2] in NODES})
 
     ros.node.create_subscription(DiagnosticArray, '/diagnostics', take, OUTPUT)
-    _until(ros, lambda: False, seconds)
+    until(ros, lambda: False, seconds)
     return dict(sorted(found.items(), key=lambda item: (
         item[0].rpartition('/')[0], NODES.index(item[0].rpartition('/')[2]))))
 
 
-def _until(ros: TemporaryNode, condition: Callable[[], bool], patience: float) -> bool:
-    end = time.monotonic() + patience
+def until(ros: TemporaryNode, condition: Callable[[], bool], patience: float,
+          meanwhile: Callable[[], object] = lambda: None) -> bool:
+    """
+    Spin until a condition holds; return whether it does.
+
+    Parameters
+    ----------
+    patience : float
+        Time after the last change of what ``meanwhile`` returns [s].
+    meanwhile : callable
+        Called again and again.
+    """
+    end, before = time.monotonic() + patience, meanwhile()
     while not condition() and time.monotonic() < end:
         if ros.interrupted:
             raise KeyboardInterrupt
-        # spin: delay of an answer that is not noticed [s]
-        ros.spin(0.02)
+        ros.spin(SIGNAL_CHECK)
+        if (now := meanwhile()) != before:
+            end, before = time.monotonic() + patience, now
     return condition()
 
 
@@ -266,7 +278,7 @@ def first_messages(namespace: str, topics: Mapping[str, str], timeout: float
             for key, name in names.items():
                 ros.node.create_subscription(types[key], name, partial(found.setdefault, key),
                                              qos_profile_sensor_data)
-            _until(ros, lambda: names.keys() <= found.keys(), timeout)
+            until(ros, lambda: names.keys() <= found.keys(), timeout)
 
         take({key: name if name.startswith('/') else f'/{namespace}/{name}'.replace('//', '/')
               for key, name in topics.items()})

@@ -1,13 +1,13 @@
 """Live samples, collected into a recording, and identified beside the command stream."""
 
+from dataclasses import replace
 from threading import Thread
-from typing import TypeAlias
 
 from forcecal_ros.calibrate.pipeline import identify
 from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import ConfigError, DataError, ForcecalError, with_id
-from forcecal_ros.core.geometry import Array, matrix_from_quaternion
+from forcecal_ros.core.geometry import matrix_from_quaternion
 from forcecal_ros.core.schema import Vector7
 from forcecal_ros.core.sensor_matrix import with_matrix_of
 from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream
@@ -15,10 +15,6 @@ from forcecal_ros.observe.design import with_kalman_gains
 import numpy as np
 
 CHANNELS = ('wrench', 'accelerometer', 'pose', 'target', 'optidrive')
-
-Sorted: TypeAlias = tuple[Array, Array]
-"""Times since the recording began [s], ascending, and the values (n, columns) at them."""
-
 
 class Collector:
     """
@@ -88,35 +84,28 @@ class Collector:
         if not self._stamps['wrench'] or not self._stamps['pose']:
             raise DataError('no wrench or no pose was received; look at the topics')
         start = min(min(stamps) for stamps in self._stamps.values() if stamps)
-        streams = {name: self._sorted(name, start) for name in CHANNELS}
-        wrench_t, wrench = streams['wrench']
-        frame = self.frames.get
+        wrench = self._stream('wrench', start)
+        assert wrench is not None
         return Recording(
-            wrench=Stream(wrench_t, wrench * self._sign, frame('wrench', '')),
-            accelerometer=self._stream('accelerometer', streams),
+            wrench=replace(wrench, values=wrench.values * self._sign),
+            accelerometer=self._stream('accelerometer', start),
             accelerometer_unit=self._unit,
-            pose=self._poses('pose', streams),
-            target=self._poses('target', streams),
-            optidrive=self._stream('optidrive', streams),
+            pose=self._poses('pose', start), target=self._poses('target', start),
+            optidrive=self._stream('optidrive', start),
             phases=self._closed_phases(start), start_ns=start, source='live',
             sensor_from_pose=self._sensor_from_pose, wrench_sign=self._sign)
 
-    def _sorted(self, name: str, start: int) -> Sorted:
-        stamps = np.array(self._stamps[name], dtype=np.int64)
-        _, order = np.unique(stamps, return_index=True)
+    def _stream(self, name: str, start: int) -> Stream | None:
+        stamps, order = np.unique(np.array(self._stamps[name], dtype=np.int64), return_index=True)
         values = np.array([self._values[name][i] for i in order], dtype=float)
-        return np.asarray((stamps[order] - start) * 1e-9, dtype=float), values
-
-    def _stream(self, name: str, streams: dict[str, Sorted]) -> Stream | None:
-        t, values = streams[name]
+        t = np.asarray((stamps - start) * 1e-9, dtype=float)
         return Stream(t, values, self.frames.get(name, '')) if len(t) else None
 
-    def _poses(self, name: str, streams: dict[str, Sorted]) -> PoseStream | None:
-        t, values = streams[name]
-        if not len(t):
-            return None
-        return PoseStream(t, values[:, :3], matrix_from_quaternion(values[:, 3:]),
-                          self.frames.get(name, 'base'))
+    def _poses(self, name: str, start: int) -> PoseStream | None:
+        one = self._stream(name, start)
+        return None if one is None else PoseStream(
+            one.t, one.values[:, :3], matrix_from_quaternion(one.values[:, 3:]),
+            self.frames.get(name, 'base'))
 
     def _closed_phases(self, start: int) -> tuple[Phase, ...]:
         end = max(max(stamps) for stamps in self._stamps.values() if stamps) + 1

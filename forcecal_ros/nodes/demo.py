@@ -16,8 +16,9 @@ from forcecal_ros.nodes.client import (
     sequence_request,
     temporary_node,
     TemporaryNode,
+    until,
 )
-from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, SIGNAL_CHECK
+from forcecal_ros.nodes.runtime import LATCHED, OUTPUT
 from rcl_interfaces.srv import SetParameters
 from rclpy.time import Time
 from std_msgs.msg import String
@@ -94,7 +95,7 @@ class _Demo:
         """Return how many messages of a role were recorded."""
         return self._recorder.counts[RECORDED[role]]
 
-    def wait(self, until: Callable[[], bool], timeout: float, what: str,
+    def wait(self, condition: Callable[[], bool], timeout: float, what: str,
              progress: Callable[[], object] = lambda: None) -> None:
         """
         Spin until a condition holds.
@@ -105,20 +106,16 @@ class _Demo:
             It does not hold ``timeout`` [s] after the last change of ``progress``, or a node has
             ended.
         """
-        end, before = time.monotonic() + timeout, progress()
-        while not until():
-            if self._ros.interrupted:
-                raise KeyboardInterrupt
+        def meanwhile() -> object:
             self._nodes.check()
             self._recorder.subscribe_to_new_topics()
             if (shown := self.phase or 'starting') != self._shown:
                 self._progress(shown)
                 self._shown = shown
-            if (now := progress()) != before:
-                end, before = time.monotonic() + timeout, now
-            if time.monotonic() > end:
-                raise DataError(f'{what} did not happen within {timeout:.0f} s')
-            self._ros.spin(SIGNAL_CHECK)
+            return progress()
+
+        if not until(self._ros, condition, timeout, meanwhile):
+            raise DataError(f'{what} did not happen within {timeout:.0f} s')
 
     def call(self, client: Any, request: object) -> Any:
         """Call a service and wait for its answer."""

@@ -1,6 +1,5 @@
 """The gap between robot and simulator, live: excess of every channel, and the first stage."""
 
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -8,18 +7,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.core.errors import ForcecalError
 from forcecal_ros.core.parameters import Parameter
 from forcecal_ros.diagnose.live import Judgement, LiveGap
+from forcecal_ros.nodes import inputs
 from forcecal_ros.nodes.collector import Collector
-from forcecal_ros.nodes.inputs import (
-    accelerometer_input,
-    ACCELEROMETER_SOURCE,
-    at_sensor,
-    mounting_parameter,
-    optidrive_input,
-    plain_input,
-    POSE_PARAMETERS,
-    pose_source,
-    WRENCH_SIGN,
-)
 from forcecal_ros.nodes.runtime import (
     answering,
     diagnostic_array,
@@ -41,10 +30,10 @@ PARAMETERS = (
     Parameter('rig', '', 'Rig file (YAML) to compare with; empty: the nominal rig'),
     Parameter('accelerometer.mounted', '', 'Which accelerometer is mounted; empty: as the rig '
               'file states', choices=('', 'acc1', 'acc2')),
-    ACCELEROMETER_SOURCE,
+    inputs.ACCELEROMETER_SOURCE,
     Parameter('optidrive.joint', 'optidrive', 'Name in the JointState of the compliant tool'),
-    *POSE_PARAMETERS,
-    WRENCH_SIGN,
+    *inputs.POSE_PARAMETERS,
+    inputs.WRENCH_SIGN,
     Parameter('delay', 0.3, 'Greatest delay with which samples arrive', 's', low=0.05, high=5.0),
 )
 
@@ -61,15 +50,16 @@ class Gap(ReceivingNode):
         self._rig = load_rig(Path(value['rig']) if value['rig'] else None)
         warm_up()
         self._value = value
-        accelerometer, unit = accelerometer_input(value['accelerometer.source'])
+        accelerometer, unit = inputs.accelerometer_input(value['accelerometer.source'])
         self._collector = Collector(unit, value['wrench.sign'])
-        mounting, poses = mounting_parameter(self), pose_source(self)
+        mounting, poses = inputs.mounting_parameter(self), inputs.pose_source(self)
         self._needed = {'wrench': 'wrench', 'pose': poses.name or poses.topic}
-        inputs = (plain_input('wrench', 'wrench', WrenchStamped), at_sensor(poses, mounting),
-                  at_sensor(plain_input('target', 'target_frame', PoseStamped), mounting),
-                  accelerometer,
-                  optidrive_input(value['optidrive.joint']) if self._rig.optidrive else None)
-        for one in filter(None, inputs):
+        target = inputs.plain_input('target', 'target_frame', PoseStamped)
+        topics = [inputs.plain_input('wrench', 'wrench', WrenchStamped), accelerometer,
+                  inputs.at_sensor(poses, mounting), inputs.at_sensor(target, mounting)]
+        if self._rig.optidrive:
+            topics.append(inputs.optidrive_input(value['optidrive.joint']))
+        for one in filter(None, topics):
             self._inbox.subscribe(one.message_type, one.topic,
                                   one.taker(partial(self._collect, one.channel)))
         self._reset()
@@ -81,8 +71,8 @@ class Gap(ReceivingNode):
         self.get_logger().info('up: compares the robot with '
                                f'{value["rig"] or "the nominal rig"} from its first command on')
 
-    def _collect(self, channel: str, raw: bytes, sample: Sample) -> None:
-        self._collector.add(channel, *sample)
+    def _collect(self, channel: str, sample: Sample) -> None:
+        self._collector.add(channel, sample.stamp_ns, sample.values)
 
     def _reset(self) -> str:
         self._live: LiveGap | None = None
@@ -154,9 +144,8 @@ class Gap(ReceivingNode):
         self._out.publish(diagnostic_array(self, '', level, message, values))
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the node; returns the exit status."""
-    return run('gap', Gap, arguments, PARAMETERS)
+main = partial(run, 'gap', Gap, PARAMETERS)
+"""Runs the node; takes the arguments, by default those of the process, and returns the status."""
 
 
 if __name__ == '__main__':

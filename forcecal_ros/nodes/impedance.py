@@ -1,7 +1,8 @@
 """Impedance control with the observed contact force: a contact task, one command a period."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 from forcecal_ros.core.geometry import Array
@@ -13,18 +14,8 @@ from forcecal_ros.impedance.session import Bounds, Session, Task
 from forcecal_ros.motion.limits import check_workspace, Limits
 from forcecal_ros.motion.monitor import WatchSettings
 from forcecal_ros.motion.profiles import Pose, Setpoint
+from forcecal_ros.nodes import inputs
 from forcecal_ros.nodes.backends import TargetFrame
-from forcecal_ros.nodes.inputs import (
-    at_sensor,
-    COMMAND_PARAMETERS,
-    Deadman,
-    mounting_parameter,
-    optidrive_input,
-    plain_input,
-    POSE_PARAMETERS,
-    pose_source,
-    Sensors,
-)
 from forcecal_ros.nodes.motion_node import MotionNode
 from forcecal_ros.nodes.runtime import EXECUTOR, run, SECOND
 from forcecal_ros.nodes.runtime import live_parameter as _live
@@ -69,8 +60,8 @@ PARAMETERS = (
       for row in parameters_of('limits', _LIMITS, *_DESCRIPTIONS)),
     *parameters_of('watch', WATCH, 'pause_timeout', 'lost_timeout', 'frozen_timeout', 'max_age',
                    'clock_timeout'),
-    *POSE_PARAMETERS,
-    *COMMAND_PARAMETERS,
+    *inputs.POSE_PARAMETERS,
+    *inputs.COMMAND_PARAMETERS,
     Parameter('optidrive.joint', 'optidrive', 'Name in the JointState of the compliant tool; '
               'empty: the tool is rigid'),
 )
@@ -124,16 +115,17 @@ class Impedance(MotionNode):
         self._serve(self._session, sensors, TargetFrame(self, self._inbox, sensors),
                     round(SECOND * self._law.period))
 
-    def _listen(self) -> Sensors:
-        inputs = [
-            plain_input('wrench', 'observer/contact_wrench', WrenchStamped),
-            at_sensor(pose_source(self), mounting_parameter(self)),
+    def _listen(self) -> inputs.Sensors:
+        topics = [
+            inputs.plain_input('wrench', 'observer/contact_wrench', WrenchStamped),
+            inputs.at_sensor(inputs.pose_source(self), inputs.mounting_parameter(self)),
             # a sensor that is stuck shows here only: the estimate of the observer goes on changing
-            plain_input('sensor', 'wrench', WrenchStamped)]
+            inputs.plain_input('sensor', 'wrench', WrenchStamped)]
         if joint := self.get_parameter('optidrive.joint').value:
-            inputs.append(optidrive_input(joint)._replace(watched=True))
-        deadman = Deadman(self._inbox, self.get_parameter('motion.deadman_timeout').value)
-        return Sensors(self._inbox, inputs, deadman, self._settings.watch, self._settings.limits)
+            topics.append(inputs.optidrive_input(joint)._replace(watched=True))
+        deadman = inputs.Deadman(self._inbox, self.get_parameter('motion.deadman_timeout').value)
+        return inputs.Sensors(self._inbox, topics, deadman, self._settings.watch,
+                              self._settings.limits)
 
     def _new_settings(self) -> ImpedanceSettings:
         before, settings = self._settings, settings_of(self._values())
@@ -183,9 +175,8 @@ class Impedance(MotionNode):
         return {**self._details(), 'commands held to the limits': self._session.status.limited}
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the node; returns the exit status."""
-    return run('impedance', Impedance, arguments, PARAMETERS)
+main = partial(run, 'impedance', Impedance, PARAMETERS)
+"""Runs the node; takes the arguments, by default those of the process, and returns the status."""
 
 
 if __name__ == '__main__':

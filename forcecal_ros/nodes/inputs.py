@@ -15,7 +15,7 @@ from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import Monitor, WatchSettings
 from forcecal_ros.motion.profiles import Pose
 from forcecal_ros.nodes.runtime import LATCHED, SECOND, STEADY
-from forcecal_ros.nodes.wire import frame_of, Inbox, JointReader, JointsReader, Reader, Sample
+from forcecal_ros.nodes.wire import Inbox, JointsReader, Reader, Sample
 from forcecal_ros.observe.frames import combine, Mounting, mounting_of
 from forcecal_ros.observe.pose_sources import JointPose, TransformPose
 from geometry_msgs.msg import AccelStamped, PoseStamped, Vector3Stamped
@@ -77,8 +77,6 @@ class Input(NamedTuple):
         Whether its silence and its readings may end a motion.
     name : str
         What messages to the user call it; empty: its topic.
-    frame_of : callable
-        Returns the frame of its readings, of a serialised message.
     static : Subscription or None
         Additional, which ends with the node.
     """
@@ -89,11 +87,10 @@ class Input(NamedTuple):
     read: Read
     watched: bool = True
     name: str = ''
-    frame_of: Callable[[bytes], str] = frame_of
     static: Subscription | None = None
 
-    def taker(self, use: Callable[[bytes, Sample], None]) -> Callable[[bytes], None]:
-        """Return a callback for messages that passes each, and the sample in it, if any, on."""
+    def taker(self, use: Callable[[Sample], None]) -> Callable[[bytes], None]:
+        """Return a callback for messages that passes the sample in each, if any, on."""
         read = self.read
 
         def take(raw: bytes) -> None:
@@ -102,7 +99,7 @@ class Input(NamedTuple):
             except StructError:
                 return
             if sample is not None:
-                use(raw, sample)
+                use(sample)
 
         return take
 
@@ -114,7 +111,13 @@ def plain_input(channel: str, topic: str, message_type: Any) -> Input:
 
 def optidrive_input(joint: str) -> Input:
     """Return the topic of the displacement of a compliant tool, which no motion depends on."""
-    return Input('optidrive', 'optidrive', JointState, JointReader(joint), watched=False)
+    joints = JointsReader([joint])
+
+    def read(raw: bytes) -> Sample | None:
+        stamp_ns, (position,) = joints(raw)
+        return None if position is None else Sample(stamp_ns, (position,))
+
+    return Input('optidrive', 'optidrive', JointState, read, watched=False)
 
 
 def pose_source(node: Node) -> Input:
@@ -146,7 +149,7 @@ def pose_source(node: Node) -> Input:
         if found is None and poses.why_not:
             node.get_logger().warning(f'/tf: {poses.why_not}', throttle_duration_sec=REMIND,
                                       skip_first=True)
-        return None if found is None else Sample(*found)
+        return None if found is None else Sample(*found, base)
 
     def take_static(raw: bytes) -> None:
         with suppress(StructError):
@@ -154,7 +157,7 @@ def pose_source(node: Node) -> Input:
 
     static = node.create_subscription(message_type, '/tf_static', take_static, STATIC, raw=True)
     return Input('pose', '/tf', message_type, read, name=f'/tf ({base} to {frame})',
-                 frame_of=lambda raw: base, static=static)
+                 static=static)
 
 
 def _of_joints(node: Node, base: str, frame: str, urdf: str) -> Input:
@@ -172,7 +175,7 @@ def _of_joints(node: Node, base: str, frame: str, urdf: str) -> Input:
     def read(raw: bytes) -> Sample | None:
         found = poses.take(*joints(raw))
         if found is not None:
-            return Sample(*found)
+            return Sample(*found, base)
         if poses.why_not:
             node.get_logger().warning(
                 f'joint_states: {poses.why_not}; joints of the newest message are '
@@ -180,7 +183,7 @@ def _of_joints(node: Node, base: str, frame: str, urdf: str) -> Input:
                 skip_first=True)
         return None
 
-    return Input('pose', 'joint_states', JointState, read, frame_of=lambda raw: base,
+    return Input('pose', 'joint_states', JointState, read,
                  name=f'joint_states ({base} to {frame})')
 
 
@@ -223,7 +226,7 @@ def at_sensor(poses: Input, mounting: Mounting | None) -> Input:
 
     def read(raw: bytes) -> Sample | None:
         sample = poses.read(raw)
-        return sample and Sample(sample.stamp_ns, combine(sample.values, mounting))
+        return sample and sample._replace(values=combine(sample.values, mounting))
 
     return poses._replace(read=read)
 
@@ -286,30 +289,23 @@ class Sensors:
         self.monitor = Monitor(watch, limits, {
             one.channel: one.name or one.topic for one in inputs if one.watched})
         self._record = record
-        self._raw: dict[str, bytes] = {}
-        self._stamps: dict[str, int] = {}
-        self._frame_of = {one.channel: one.frame_of for one in inputs}
+        self._samples: dict[str, Sample] = {}
         for one in inputs:
             inbox.subscribe(one.message_type, one.topic, one.taker(self._user(one)))
 
-    def _user(self, one: Input) -> Callable[[bytes, Sample], None]:
-        channel, record, newest, stamps = one.channel, self._record, self._raw, self._stamps
-        watch = self._watch_of(channel) if one.watched else None
+    def _user(self, one: Input) -> Callable[[Sample], None]:
+        channel, record, newest, monitor = one.channel, self._record, self._samples, self.monitor
+        watch = {'wrench': monitor.wrench, 'pose': monitor.pose}.get(
+            channel, partial(monitor.other, channel)) if one.watched else None
 
-        def use(raw: bytes, sample: Sample) -> None:
-            stamp_ns, values = sample
-            newest[channel], stamps[channel] = raw, stamp_ns
+        def use(sample: Sample) -> None:
+            newest[channel] = sample
             if watch is not None:
-                watch(stamp_ns * 1e-9, values)
+                watch(sample.stamp_ns * 1e-9, sample.values)
             if record is not None:
-                record(channel, stamp_ns, values)
+                record(channel, sample.stamp_ns, sample.values)
 
         return use
-
-    def _watch_of(self, channel: str) -> Callable[[float, tuple[float, ...]], None]:
-        monitor = self.monitor
-        return {'wrench': monitor.wrench, 'pose': monitor.pose}.get(
-            channel, partial(monitor.other, channel))
 
     def commanded(self, stamp_ns: int, pose: tuple[float, ...]) -> None:
         """Note a command, x y z [m] qx qy qz qw, with which measured poses are compared."""
@@ -329,9 +325,9 @@ class Sensors:
     @property
     def pose_stamp_ns(self) -> int:
         """Header stamp of the newest pose [ns]."""
-        return self._stamps['pose']
+        return self._samples['pose'].stamp_ns
 
     @property
     def frames(self) -> dict[str, str]:
         """The frame_id of the newest message, by channel."""
-        return {channel: self._frame_of[channel](raw) for channel, raw in self._raw.items()}
+        return {channel: sample.frame for channel, sample in self._samples.items()}

@@ -7,14 +7,14 @@ its own name the address 127.0.0.1 is refused by that name.
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import json
 from math import isfinite
 import secrets
-from threading import Event, Lock, Semaphore, Thread
+from threading import Event, Lock, Thread
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -123,7 +123,7 @@ class LiveView:
     def _named(self, topic: str) -> str:
         return topic if topic.startswith('/') else f'{self._prefix}/{topic}'
 
-    def _take(self, into: list[tuple[float, ...]], raw: bytes, sample: Sample) -> None:
+    def _take(self, into: list[tuple[float, ...]], sample: Sample) -> None:
         into.append(sample.values)
 
     def _on_bin(self) -> None:
@@ -244,7 +244,7 @@ class LivePage(ThreadingHTTPServer):
         self.token, self.nonce = secrets.token_urlsafe(), secrets.token_urlsafe()
         self.view: LiveView | None = None
         self.page = b''
-        self.ended, self.readers = Event(), Semaphore(16)
+        self.ended = Event()
         try:
             super().__init__((HERE, port), _Reader)
         except OSError as error:
@@ -286,15 +286,9 @@ class _Reader(BaseHTTPRequestHandler):
         elif self.path == '/':
             self._begin(HTTPStatus.OK, 'text/html; charset=utf-8')
             self.wfile.write(self.server.page)
-        elif self.path == '/events' and self.server.readers.acquire(blocking=False):
-            try:
-                self._tell()
-            except OSError:
-                return
-            finally:
-                self.server.readers.release()
         elif self.path == '/events':
-            self._end(HTTPStatus.SERVICE_UNAVAILABLE)
+            with suppress(OSError):  # of a browser that went away
+                self._tell()
         else:
             self._end(HTTPStatus.NOT_FOUND)
 

@@ -381,25 +381,21 @@ class MotionNode(ReceivingNode):
             self._announce(self.get_clock().now().nanoseconds)
         return aborted
 
-    def stop(self) -> None:
-        """Begin to come to rest, before the node ends."""
+    def come_to_rest(self, spin: Callable[[], object]) -> None:
+        """Begin to come to rest, and spin until the command stream has ended."""
         self._abort(Fault(f'the {self.get_name()} node received a signal to end'))
+        requested = STEADY.now().nanoseconds
+        # silence of the commands after which a node that received a signal to end no longer waits
+        # to come to rest: five times what a clock that drives the motion may stand by default [s]
+        while self._source.streaming and (
+                STEADY.now().nanoseconds < max(requested, self._sent) + int(0.5 * SECOND)):
+            spin()
 
     def halt(self) -> None:
         """Come to rest now, after an error; what is received counts no more."""
         self._abort(Fault(f'an error ends the {self.get_name()} node'))
         while self._stream is not None and self._step(self._stream):
             sleep(self._period_ns / SECOND)
-
-    @property
-    def sent_ns(self) -> int:
-        """Steady time of the last command [ns]; 0 before the first of a motion."""
-        return self._sent
-
-    @property
-    def at_rest(self) -> bool:
-        """Whether the command stream has ended."""
-        return not self._source.streaming
 
     # Phase and diagnostics ------------------------------------------------------------------
 

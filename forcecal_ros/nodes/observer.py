@@ -1,7 +1,8 @@
 """The contact-force observer as a lifecycle node around the chain of forcecal_ros.observe."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from math import inf
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,17 +12,7 @@ from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import ConfigError, DataError, ForcecalError, with_id
 from forcecal_ros.core.parameters import Parameter, parameters_of, section_of
 from forcecal_ros.io.calibration_file import DAY, load, parse, refuse_old
-from forcecal_ros.nodes.inputs import (
-    accelerometer_input,
-    ACCELEROMETERS,
-    Input,
-    mounting_parameter,
-    optidrive_input,
-    plain_input,
-    POSE_PARAMETERS,
-    pose_source,
-    SENSOR_FROM_POSE,
-)
+from forcecal_ros.nodes import inputs
 from forcecal_ros.nodes.messages import matrix_message
 from forcecal_ros.nodes.observer_outputs import (
     ContactMarkers,
@@ -86,10 +77,11 @@ PARAMETERS = (
               0.0, 1e3),
     Parameter('accelerometer.source', 'auto', 'accelerometer/raw (volts), imu/data_raw or accel '
               '(m/s^2); auto: by the unit of the calibration',
-              choices=('auto', *ACCELEROMETERS, 'none')),
-    *POSE_PARAMETERS[:-1],
-    SENSOR_FROM_POSE._replace(description='x y z [m] qx qy qz qw of ft_sensor in the frame whose '
-                              'pose is measured; one number: as the calibration states'),
+              choices=('auto', *inputs.ACCELEROMETERS, 'none')),
+    *inputs.POSE_PARAMETERS[:-1],
+    inputs.SENSOR_FROM_POSE._replace(
+        description='x y z [m] qx qy qz qw of ft_sensor in the frame whose pose is measured; one '
+        'number: as the calibration states'),
     Parameter('poll_rate', 0.0,
               'Rate at which topics are polled: half the load, and half a period '
               'more latency; 0: each message is taken at once', 'Hz', 0.0, 2000.0),
@@ -175,10 +167,10 @@ def accelerometer_for(calibration: Calibration, chosen: str) -> str:
         return 'none'
     if chosen == 'auto':
         return 'raw' if needed.unit == 'V' else 'imu'
-    if ACCELEROMETERS[chosen][2] != needed.unit:
+    if inputs.ACCELEROMETERS[chosen][2] != needed.unit:
         raise ConfigError(
-            f'accelerometer.source {chosen} is in {ACCELEROMETERS[chosen][2]}, the calibration '
-            f'is for {needed.unit}; calibrate with the same sensor')
+            f'accelerometer.source {chosen} is in {inputs.ACCELEROMETERS[chosen][2]}, the '
+            f'calibration is for {needed.unit}; calibrate with the same sensor')
     return chosen
 
 
@@ -246,7 +238,7 @@ class Observer(ManagedNode):
         """Load the calibration where a file is given; create publishers and subscriptions."""
         self._failure = ''
         try:
-            self._mounting, poses = mounting_parameter(self), pose_source(self)
+            self._mounting, poses = inputs.mounting_parameter(self), inputs.pose_source(self)
             if self._value('publish.transform'):
                 self._transform = SensorTransform(self, poses.topic)
             frames = Frames(self._value('publish.frames'), self._value('publish.frame_poses'))
@@ -259,23 +251,23 @@ class Observer(ManagedNode):
             self.get_logger().error(self._failure)
             self._release()
             return TransitionCallbackReturn.FAILURE
-        self._out = self.publisher(WrenchStamped, '~/contact_wrench', OUTPUT)
-        self._optional = [(field, self.publisher(WrenchStamped, f'~/{name}', OUTPUT))
-                          for name, field in OPTIONAL_OUTPUTS.items()
-                          if self._value(f'publish.{name}')]
-        self._accuracy = self.publisher(Float64MultiArray, '~/accuracy', LATCHED)
+        self._out = self.create_lifecycle_publisher(WrenchStamped, '~/contact_wrench', OUTPUT)
+        self._optional = [
+            (field, self.create_lifecycle_publisher(WrenchStamped, f'~/{name}', OUTPUT))
+            for name, field in OPTIONAL_OUTPUTS.items() if self._value(f'publish.{name}')]
+        self._accuracy = self.create_lifecycle_publisher(Float64MultiArray, '~/accuracy', LATCHED)
         self._frames = FrameOutputs(self, frames)
         if self._value('publish.marker_rate') > 0:
             self._markers = ContactMarkers(self, self._value('publish.marker_rate'))
-        self._inputs = [
-            self._subscribe(plain_input('wrench', 'wrench', WrenchStamped), self._chain.on_wrench),
-            self._subscribe(poses, self._on_pose)]
+        wrench = inputs.plain_input('wrench', 'wrench', WrenchStamped)
+        self._inputs = [self._subscribe(wrench, self._chain.on_wrench),
+                        self._subscribe(poses, self._on_pose)]
         self._pose = poses.topic
         if poses.static is not None:
             self._inputs.append(poses.static)
-        if self._value('optidrive.joint'):
+        if joint := self._value('optidrive.joint'):
             self._inputs.append(self._subscribe(
-                optidrive_input(self._value('optidrive.joint')), self._chain.on_displacement))
+                inputs.optidrive_input(joint), self._chain.on_displacement))
         if self._value('calibration.follow') or self._source is None:
             self._inputs.append(self.create_subscription(
                 String, 'sequencer/calibration', self._on_calibration, LATCHED))
@@ -354,7 +346,7 @@ class Observer(ManagedNode):
         if same_sensor and self._chain.model is not None:
             model = with_bias(model, self._chain.model.bias)
         accelerometer = accelerometer_for(calibration, self._value('accelerometer.source'))
-        mounting = agreed(mounting_parameter(self), calibration, source.name)
+        mounting = agreed(inputs.mounting_parameter(self), calibration, source.name)
         self._chain.take_over(model, calibration.wrench_sign, calibration.gravity_direction,
                               calibration.sensor_rotation)
         self._source, self._mounting = source, mounting
@@ -376,7 +368,7 @@ class Observer(ManagedNode):
             source = self._of_tool(named)
         if source is not None:
             design(source.calibration, settings)
-            agreed(mounting_parameter(self), source.calibration, source.name)
+            agreed(inputs.mounting_parameter(self), source.calibration, source.name)
 
     def _of_tool(self, tool: str) -> CalibrationSource:
         """Load the calibration of another tool, which has to be of the sensor that is in use."""
@@ -417,7 +409,7 @@ class Observer(ManagedNode):
                 self._markers.covariance = covariance
 
     def _subscribe_accelerometer(self, chosen: str) -> None:
-        one, _ = accelerometer_input(chosen)
+        one, _ = inputs.accelerometer_input(chosen)
         if self._accelerometer is not None:
             if one is not None and self._accelerometer.topic_name.endswith(f'/{one.topic}'):
                 return
@@ -428,19 +420,17 @@ class Observer(ManagedNode):
 
     # Samples --------------------------------------------------------------------------------
 
-    def _subscribe(self, one: Input, take: Callable[[float, Values], Samples]) -> Any:
+    def _subscribe(self, one: inputs.Input, take: Callable[[float, Values], Samples]) -> Any:
         """Pass the samples of a topic to the chain, and publish the estimates they complete."""
         topic = one.topic
 
-        def use(raw: bytes, sample: Sample) -> None:
+        def use(sample: Sample) -> None:
             if not self._active or self._chain.model is None:
                 return
-            stamp_ns, values = sample
-            frame = self._received[topic].frame if topic in self._received else one.frame_of(raw)
-            self._received[topic] = LastMessage(STEADY.now().nanoseconds, frame)
+            self._received[topic] = LastMessage(STEADY.now().nanoseconds, sample.frame)
             if self._origin is None:
-                self._origin = stamp_ns
-            for estimate in take((stamp_ns - self._origin) * 1e-9, values):
+                self._origin = sample.stamp_ns
+            for estimate in take((sample.stamp_ns - self._origin) * 1e-9, sample.values):
                 self._publish(estimate)
             self._tool.tell()
 
@@ -539,9 +529,8 @@ class Observer(ManagedNode):
             [warning] if warning else []), values | of_tool))
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the node; returns the exit status."""
-    return run('observer', Observer, arguments, PARAMETERS)
+main = partial(run, 'observer', Observer, PARAMETERS)
+"""Runs the node; takes the arguments, by default those of the process, and returns the status."""
 
 
 if __name__ == '__main__':

@@ -7,15 +7,8 @@ from typing import Any, NamedTuple
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.core.quantity import quantity, size
+from forcecal_ros.nodes import messages
 from forcecal_ros.nodes.inputs import transform_type
-from forcecal_ros.nodes.messages import (
-    contact_markers,
-    read_tool,
-    tool_message,
-    ToolInUse,
-    TOPIC,
-    transform_of,
-)
 from forcecal_ros.nodes.runtime import LATCHED, ManagedNode, OUTPUT
 from forcecal_ros.nodes.wire import Writer
 from forcecal_ros.observe.frames import Frames
@@ -44,9 +37,9 @@ class FrameOutputs:
 
     def __init__(self, node: ManagedNode, frames: Frames) -> None:
         self._node, self._frames = node, frames
-        self._out = {
-            name: (node.publisher(WrenchStamped, f'~/contact_wrench/{name}', OUTPUT),
-                   Writer(WrenchStamped, name)) for name in frames.names}
+        self._out = {name: (node.create_lifecycle_publisher(
+            WrenchStamped, f'~/contact_wrench/{name}', OUTPUT), Writer(WrenchStamped, name))
+            for name in frames.names}
 
     def on_pose(self, t: float, pose: tuple[float, ...], frame: str) -> None:
         """Note a measured pose and its frame_id."""
@@ -88,7 +81,7 @@ class SensorTransform:
                               'pose.frame); leave it false')
         self._type: Any = transform_type('publish.transform publishes ft_sensor on /tf')
         self._node, self._last = node, 0
-        self._out = node.publisher(self._type, '/tf', OUTPUT)
+        self._out = node.create_lifecycle_publisher(self._type, '/tf', OUTPUT)
 
     def publish(self, stamp_ns: int, pose: tuple[float, ...], parent: str, child: str) -> None:
         """Publish a pose, unless one was published just now or its position is not known."""
@@ -96,7 +89,8 @@ class SensorTransform:
         if 0 <= stamp_ns - self._last < 20_000_000 or not parent or pose[0] != pose[0]:
             return
         self._last = stamp_ns
-        self._out.publish(self._type(transforms=[transform_of(stamp_ns, pose, parent, child)]))
+        self._out.publish(self._type(transforms=[
+            messages.transform_of(stamp_ns, pose, parent, child)]))
 
 
 class ContactMarkers:
@@ -104,7 +98,7 @@ class ContactMarkers:
 
     def __init__(self, node: ManagedNode, rate: float) -> None:
         self._node, self._period, self._next = node, 1e9 / rate, 0
-        self._out = node.publisher(MarkerArray, '~/markers', OUTPUT)
+        self._out = node.create_lifecycle_publisher(MarkerArray, '~/markers', OUTPUT)
         self.covariance = np.full((6, 6), np.nan)
 
     def publish(self, stamp_ns: int, wrench: Wrench, frame: str) -> None:
@@ -112,7 +106,7 @@ class ContactMarkers:
         if 0 <= self._next - stamp_ns <= self._period or not self._out.get_subscription_count():
             return
         self._next = stamp_ns + round(self._period)
-        self._out.publish(contact_markers(
+        self._out.publish(messages.contact_markers(
             np.array(wrench), self.covariance, frame, Time(nanoseconds=stamp_ns)))
 
 
@@ -135,14 +129,15 @@ class ToolOnSensor:
     def configure(self, track: bool) -> None:
         """Create the publisher of an observer that tracks."""
         if track:
-            self._out = self._node.publisher(InertiaStamped, TOPIC, LATCHED)
+            self._out = self._node.create_lifecycle_publisher(
+                InertiaStamped, messages.TOPIC, LATCHED)
 
     def use(self, tracked: bool) -> None:
         """Use the tool as received or tracked from now on, or as calibrated."""
         self._chain.takes_tracked = tracked and self._out is not None
         if tracked and self._out is None and self._in is None:
             self._in = self._node.create_subscription(
-                InertiaStamped, TOPIC, self._on_message, LATCHED)
+                InertiaStamped, messages.TOPIC, self._on_message, LATCHED)
         elif not tracked and self._in is not None:
             self._node.destroy_subscription(self._in)
             self._in = self._message = None
@@ -169,12 +164,13 @@ class ToolOnSensor:
             self._chain.take_tool(tracker.announced.mass, tracker.announced.com)
         elif self._message is not None and self._calibration is not None:
             try:
-                tool = read_tool(self._message, self._calibration.sensor_frame)
+                tool = messages.read_tool(self._message, self._calibration.sensor_frame)
             except DataError as error:
                 self._node.get_logger().error(str(error))
                 return
             self._chain.take_tool(*tool)
-            self._node.get_logger().info(f'tool taken from {TOPIC}: mass {tool.mass:.4f} kg')
+            self._node.get_logger().info(
+                f'tool taken from {messages.TOPIC}: mass {tool.mass:.4f} kg')
 
     def _on_message(self, message: InertiaStamped) -> None:
         self._message = message
@@ -186,9 +182,9 @@ class ToolOnSensor:
         if tracker is None or calibration is None or tracker.announced is self._published:
             return
         self._published = tracker.announced
-        self._out.publish(tool_message(
+        self._out.publish(messages.tool_message(
             calibration, self._node.get_clock().now(),
-            ToolInUse(self._published.mass, self._published.com)))
+            messages.ToolInUse(self._published.mass, self._published.com)))
 
     def report(self) -> tuple[dict[str, object], str]:
         """Return what /diagnostics say of the tool, and what to warn of, if anything."""
@@ -197,7 +193,8 @@ class ToolOnSensor:
             return {}, ''
         values: dict[str, object] = {'mass subtracted [kg]': model.load.m}
         if self._in is not None and self._message is None:
-            return values, f'tool: nothing received on {TOPIC}; the calibrated one is subtracted'
+            return values, (f'tool: nothing received on {messages.TOPIC}; the calibrated one is '
+                            'subtracted')
         if tracker is None:
             return values, ''
         found = tracker.estimate
@@ -232,7 +229,7 @@ def tool_warning(found: ToolEstimate, in_use: float) -> str:
 
 
 class LastMessage(NamedTuple):
-    """When a topic was received last [ns], and the frame_id of its first message."""
+    """When a topic was received last [ns], and in which frame."""
 
     steady_ns: int
     frame: str

@@ -36,10 +36,10 @@ from rclpy.exceptions import (
     InvalidTopicNameException,
     ParameterException,
 )
-from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.experimental import EventsExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
-from rclpy.lifecycle import LifecycleNode
+from rclpy.lifecycle import LifecycleNode, LifecyclePublisher
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -87,19 +87,11 @@ EXECUTOR = Parameter(
 class Stoppable(Protocol):
     """A node that has to come to rest before it ends."""
 
-    def stop(self) -> None:
-        """Begin to come to rest."""
+    def come_to_rest(self, spin: Callable[[], object]) -> None:
+        """Come to rest, handling what arrives by ``spin`` meanwhile."""
 
     def halt(self) -> None:
         """Come to rest now, after an error: no callback runs any more."""
-
-    @property
-    def sent_ns(self) -> int:
-        """Steady time of the last command [ns]."""
-
-    @property
-    def at_rest(self) -> bool:
-        """Whether the node may end."""
 
 
 class Interrupt:
@@ -135,8 +127,8 @@ class Interrupt:
             sys.exit(1)
 
 
-def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | None = None,
-        table: Sequence[Parameter] = ()) -> int:
+def run(name: str, make_node: Callable[[], Node], table: Sequence[Parameter] = (),
+        arguments: Sequence[str] | None = None) -> int:
     """
     Run a node until a signal.
 
@@ -144,10 +136,10 @@ def run(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | Non
     ----------
     name : str
         For messages before there is a node.
-    arguments : sequence of str, optional
-        Command line, by default ``sys.argv``.
     table : sequence of Parameter
         Those that ``--help`` lists.
+    arguments : sequence of str, optional
+        Command line, by default ``sys.argv``.
 
     Returns
     -------
@@ -267,30 +259,24 @@ def _spin(node: Node, interrupt: Interrupt) -> None:
     events = node.get_parameter(EXECUTOR.name).value == 'events'
     executor = EventsExecutor() if events else SingleThreadedExecutor()
     executor.add_node(node)
+
+    def spin() -> None:
+        executor.spin_until_future_complete(Future(), timeout_sec=SIGNAL_CHECK)
+
     # Objects that live until the end need not be searched in every garbage collection.
     gc.collect()
     gc.freeze()
     try:
         while not interrupt.count and rclpy.ok():
-            executor.spin_until_future_complete(Future(), timeout_sec=SIGNAL_CHECK)
+            spin()
         if rclpy.ok() and isinstance(node, Stoppable):
-            _come_to_rest(node, executor)
+            node.come_to_rest(spin)
     except Exception:
         if rclpy.ok() and isinstance(node, Stoppable):
             node.halt()
         raise
     finally:
         executor.shutdown()
-
-
-def _come_to_rest(node: Stoppable, executor: Executor) -> None:
-    node.stop()
-    requested_ns = STEADY.now().nanoseconds
-    # silence of the commands after which a node that received a signal to end no longer waits to
-    # come to rest: five times what a clock that drives the motion may stand by default [s]
-    while not node.at_rest and (
-            STEADY.now().nanoseconds < max(requested_ns, node.sent_ns) + int(0.5 * 1e9)):
-        executor.spin_until_future_complete(Future(), timeout_sec=SIGNAL_CHECK)
 
 
 def choose_log_folder(name: str) -> None:
@@ -320,20 +306,15 @@ class ManagedNode(LifecycleNode):
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
-        self._made: list[Any] = []
         for service in self.services:
             if service.srv_type is ChangeState:
                 service.callback = _refusing(service.callback)
 
-    def publisher(self, message_type: Any, topic: str, quality: QoSProfile) -> Any:
-        """Return a lifecycle publisher, which :meth:`end_publishers` ends."""
-        self._made.append(self.create_lifecycle_publisher(message_type, topic, quality))
-        return self._made[-1]
-
     def end_publishers(self) -> None:
-        """End all that :meth:`publisher` has returned."""
-        while self._made:
-            self.destroy_lifecycle_publisher(self._made.pop())
+        """End all that publish only while the node is active."""
+        for publisher in list(self.publishers):
+            if isinstance(publisher, LifecyclePublisher):
+                self.destroy_lifecycle_publisher(publisher)
 
 
 def _refusing(change: Callable[..., Any]) -> Callable[..., Any]:
@@ -457,10 +438,10 @@ def declare(node: Node, table: Iterable[Parameter],
     def check_each(changes: dict[str, Any]) -> None:
         for name in changes.keys() & rows.keys():
             _check(rows[name], changes[name])
+        if check is not None:
+            check(changes)
 
-    if check is not None:
-        refuse_changes(node, check)
-    refuse_changes(node, check_each)  # rclpy calls the newest first
+    refuse_changes(node, check_each)
 
 
 def values_of(node: Node, table: Iterable[Parameter]) -> dict[str, Any]:

@@ -1,8 +1,9 @@
 """The sequencer: moves the robot, records its sensors, identifies and publishes a calibration."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from datetime import datetime
+from functools import partial
 from pathlib import Path as FilePath
 from typing import Any, NamedTuple
 
@@ -43,28 +44,9 @@ from forcecal_ros.motion.profiles import (
     step_goal,
 )
 from forcecal_ros.motion.sequence import Command, MotionSequence, StreamSettings
+from forcecal_ros.nodes import inputs, messages
 from forcecal_ros.nodes.backends import backend_of
 from forcecal_ros.nodes.collector import Collector, Identification
-from forcecal_ros.nodes.inputs import (
-    accelerometer_input,
-    ACCELEROMETER_SOURCE,
-    at_sensor,
-    COMMAND_PARAMETERS,
-    Deadman,
-    mounting_parameter,
-    optidrive_input,
-    plain_input,
-    POSE_PARAMETERS,
-    pose_source,
-    Sensors,
-    WRENCH_SIGN,
-)
-from forcecal_ros.nodes.messages import (
-    matrix_message,
-    path_message,
-    plan_markers,
-    tool_message,
-)
 from forcecal_ros.nodes.motion_node import Fault, MotionNode
 from forcecal_ros.nodes.runtime import answering, EXECUTOR, LATCHED, run, SECOND
 from forcecal_ros.nodes.runtime import live_parameter as _live
@@ -102,7 +84,7 @@ PARAMETERS = (
     Parameter('motion.backend', 'target_frame', 'Topic and type of the commands',
               choices=('target_frame', 'joint_trajectory', 'delta_twist_cmds')),
     Parameter('motion.rate', 250.0, 'Rate of the commands', 'Hz', 100.0, 250.0),
-    *COMMAND_PARAMETERS,
+    *inputs.COMMAND_PARAMETERS,
     _live('motion.require_preview', False, 'Refuse a start without a sequencer/preview of these '
           'parameters from the present pose'),
     Parameter('motion.twist_gain', 5.0, 'delta_twist_cmds: gain from the pose error to the '
@@ -110,11 +92,11 @@ PARAMETERS = (
     Parameter('joints.names', [''], 'joint_trajectory: names of all joints of the controller'),
     _live('joints.values', [0.0], 'joint_trajectory: joint vectors of the poses', 'rad'),
     _live('joints.away', [0.0], 'joint_trajectory: joint vector at the end of the step', 'rad'),
-    *POSE_PARAMETERS,
-    WRENCH_SIGN,
+    *inputs.POSE_PARAMETERS,
+    inputs.WRENCH_SIGN,
     Parameter('wrench.matrix_file', '', 'calibration.yaml of forcecal insitu, whose matrix '
               'converts raw channels to a wrench; empty: wrench is one'),
-    ACCELEROMETER_SOURCE,
+    inputs.ACCELEROMETER_SOURCE,
     _live('accelerometer.coupling', 'dc', 'ac for a sensor that does not measure a constant '
           'acceleration', choices=COUPLINGS),
     _live('accelerometer.cutoff', 0.0,
@@ -153,12 +135,18 @@ class SequencerSettings(NamedTuple):
     identification: IdentificationSettings
     continuous: bool = False
 
+    @property
+    def identifies(self) -> bool:
+        """Whether a calibration is identified from the sequence."""
+        return self.sequence == 'calibrate'
+
     def goals(self, start: Goal) -> tuple[dict[str, Goal], Goal]:
         """Return goals and the goal of the step, as poses or joint vectors like ``start``."""
         if isinstance(start, Pose):
             poses = anchor(self.poses, start.position)
             home = next(iter(poses.values()))
-            return dict(poses), step_goal(home, SEQUENCES[self.sequence].distance(self.timing))
+            return dict(poses), step_goal(home, self.timing.step_distance if self.identifies
+                                          else self.timing.contact_distance)
         return dict(self.joints), self.joints_away
 
 
@@ -275,8 +263,9 @@ def wrench_reader(matrix: SensorMatrix) -> Callable[[bytes], Sample]:
     read = Reader(WrenchStamped)
 
     def read_wrench(raw: bytes) -> Sample:
-        stamp_ns, (fx, fy, fz, nx, ny, nz) = read(raw)
-        return Sample(stamp_ns, corrected((fx, fy, fz, nx, ny, nz), matrix))
+        sample = read(raw)
+        fx, fy, fz, nx, ny, nz = sample.values
+        return sample._replace(values=corrected((fx, fy, fz, nx, ny, nz), matrix))
 
     return read_wrench
 
@@ -299,20 +288,20 @@ class Sequencer(MotionNode):
         self._serve(self._sequence, sensors, backend_of(self, self._inbox, sensors),
                     round(SECOND / self._settings.stream.rate))
 
-    def _listen(self) -> Sensors:
+    def _listen(self) -> inputs.Sensors:
         value = self._values()
-        accelerometer, unit = accelerometer_input(value['accelerometer.source'])
-        mounting = mounting_parameter(self)
+        accelerometer, unit = inputs.accelerometer_input(value['accelerometer.source'])
+        mounting = inputs.mounting_parameter(self)
         self._collector = Collector(unit, value['wrench.sign'], mounting)
         matrix, part = self._load_matrix()
         self._identification = Identification(matrix)
-        wrench = plain_input('wrench', 'wrench', WrenchStamped)
-        inputs = (wrench if part is None else wrench._replace(read=wrench_reader(part)),
-                  at_sensor(pose_source(self), mounting), accelerometer,
-                  optidrive_input(value['optidrive.joint']))
-        return Sensors(self._inbox, filter(None, inputs),
-                       Deadman(self._inbox, value['motion.deadman_timeout']),
-                       self._settings.watch, self._settings.limits, self._record)
+        wrench = inputs.plain_input('wrench', 'wrench', WrenchStamped)
+        topics = (wrench if part is None else wrench._replace(read=wrench_reader(part)),
+                  inputs.at_sensor(inputs.pose_source(self), mounting), accelerometer,
+                  inputs.optidrive_input(value['optidrive.joint']))
+        deadman = inputs.Deadman(self._inbox, value['motion.deadman_timeout'])
+        return inputs.Sensors(self._inbox, filter(None, topics), deadman, self._settings.watch,
+                              self._settings.limits, self._record)
 
     def _load_matrix(self) -> tuple[Calibration | None, SensorMatrix | None]:
         name = self.get_parameter('wrench.matrix_file').value
@@ -344,8 +333,7 @@ class Sequencer(MotionNode):
         self._collector.clear()
         self._collector.frames.update(self._sensors.frames)
         self._sequence.settings = settings.stream
-        self._sequence.start(parts, start, 'identification' if SEQUENCES[
-            settings.sequence].identifies else '')
+        self._sequence.start(parts, start, 'identification' if settings.identifies else '')
         return f'{settings.sequence} started'
 
     def _plan(self, start: Goal) -> tuple[PlannedSegment, ...]:
@@ -355,7 +343,7 @@ class Sequencer(MotionNode):
             parts = continuous_plan(start, settings.timing, settings.pace, settings.limits)
         else:
             goals, away = settings.goals(start)
-            plan = SEQUENCES[settings.sequence].plan(goals, away, settings.timing)
+            plan = SEQUENCES[settings.sequence](goals, away, settings.timing)
             parts = prepare(plan, start, settings.pace, settings.limits)
         check_wrench(parts, self._sensors.monitor.mean('wrench'), settings.limits)
         return parts
@@ -368,8 +356,8 @@ class Sequencer(MotionNode):
         frame = self._sensors.frames['pose'] or self.get_parameter('motion.frame').value
         limits, now = self._settings.limits, self.get_clock().now()
         positions, rotations = path_of(parts)
-        self._path_out.publish(path_message(positions, rotations, frame, now))
-        self._markers_out.publish(plan_markers(
+        self._path_out.publish(messages.path_message(positions, rotations, frame, now))
+        self._markers_out.publish(messages.plan_markers(
             limits.workspace_min, limits.workspace_max, positions, frame, now))
         self._preview = Preview.of(self._values(), start)
         found = outline(parts, limits.tip)
@@ -417,7 +405,7 @@ class Sequencer(MotionNode):
             if (result := self._identification.take()) is not None:
                 self._take(result)
         elif self._sequence.moved and not self._sequence.streaming:
-            if SEQUENCES[self._settings.sequence].identifies:
+            if self._settings.identifies:
                 self._identification.begin(self._collector, self._settings.identification)
             else:
                 self._finish()
@@ -435,9 +423,9 @@ class Sequencer(MotionNode):
             f'{_tool_in_words(result)}')
         self.get_logger().info(self._identified)
         self._calibration_out.publish(String(data=dump(result)))
-        self._inertia_out.publish(tool_message(result, self.get_clock().now()))
+        self._inertia_out.publish(messages.tool_message(result, self.get_clock().now()))
         if result.observer is not None:
-            self._gain_out.publish(matrix_message(
+            self._gain_out.publish(messages.matrix_message(
                 result.observer.K.value, 'state x, dx/dt', 'output x, dx/dt, d2x/dt2'))
         self._finish()
         if self.get_parameter('save.automatic').value:
@@ -461,9 +449,8 @@ class Sequencer(MotionNode):
         return f'written to {path}: {self._identified}'
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the node; returns the exit status."""
-    return run('sequencer', Sequencer, arguments, PARAMETERS)
+main = partial(run, 'sequencer', Sequencer, PARAMETERS)
+"""Runs the node; takes the arguments, by default those of the process, and returns the status."""
 
 
 if __name__ == '__main__':

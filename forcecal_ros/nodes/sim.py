@@ -1,6 +1,7 @@
 """The simulated rig as a node: follows ``target_frame``, publishes its sensors, injects faults."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from struct import error as StructError
 from typing import Any
@@ -21,16 +22,8 @@ from forcecal_ros.nodes.runtime import (
     values_of,
     Waiting,
 )
-from forcecal_ros.nodes.wire import frame_of, JointWriter, Reader, ReceivingNode, Writer
-from forcecal_ros.sim.rig.faults import (
-    CLOCK_FAULTS,
-    CLOCK_JUMP,
-    FAULTS,
-    ROBOT_FAULTS,
-    RobotFault,
-    SensorFault,
-    SENSORS,
-)
+from forcecal_ros.nodes.wire import Reader, ReceivingNode, Writer
+from forcecal_ros.sim.rig import faults
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import (
     CommandSchedule,
@@ -57,9 +50,9 @@ def _row(name: str, what: str, kinds: dict[str, str]) -> Parameter:
 
 
 FAULT_PARAMETERS = (
-    *(_row(sensor, f'the sensor {sensor}', FAULTS) for sensor in SENSORS),
-    _row('robot', 'the robot', ROBOT_FAULTS),
-    _row('clock', 'the clock that is published', CLOCK_FAULTS),
+    *(_row(sensor, f'the sensor {sensor}', faults.FAULTS) for sensor in faults.SENSORS),
+    _row('robot', 'the robot', faults.ROBOT_FAULTS),
+    _row('clock', 'the clock that is published', faults.CLOCK_FAULTS),
 )
 
 
@@ -83,8 +76,8 @@ class Faults:
     """
 
     def __init__(self, node: Node, seed: int | None, jump: Callable[[int], None] | None) -> None:
-        self._sensors = {sensor: SensorFault(sensor, seed) for sensor in SENSORS}
-        self.robot = RobotFault()
+        self._sensors = {sensor: faults.SensorFault(sensor, seed) for sensor in faults.SENSORS}
+        self.robot = faults.RobotFault()
         self._jump = jump
         self._clock = 'none'
         refuse_changes(node, self._check)
@@ -112,7 +105,7 @@ class Faults:
     def _set_clock(self, kind: str) -> None:
         before, self._clock = self._clock, kind
         if self._jump is not None and kind != before and kind in ('forward', 'back'):
-            self._jump(round(CLOCK_JUMP * 1e9) * (1 if kind == 'forward' else -1))
+            self._jump(round(faults.CLOCK_JUMP * 1e9) * (1 if kind == 'forward' else -1))
 
     @property
     def clock_stopped(self) -> bool:
@@ -179,7 +172,6 @@ class Sim(ReceivingNode):
         self._make_clock(value)
         self._make_publishers(value)
         self._read = Reader(PoseStamped)
-        self._checked_frame = b''
         self._ignored = 0
         self._received = self._reported = -10**12
         self._last_command: Sequence[float] | None = None
@@ -288,16 +280,12 @@ class Sim(ReceivingNode):
         if self._schedule is None:
             return
         try:
-            stamp, values = self._read(raw)
-            head = raw[12:16 + int.from_bytes(raw[12:16], 'little')]
+            stamp, values, frame = self._read(raw)
         except StructError:
             return
-        if head != self._checked_frame:
-            if frame_of(raw) != self._frame:
-                self._ignore(f'target_frame is in {frame_of(raw)!r}, the robot base is '
-                             f'{self._frame!r}')
-                return
-            self._checked_frame = head
+        if frame != self._frame:
+            self._ignore(f'target_frame is in {frame!r}, the robot base is {self._frame!r}')
+            return
         self._received = STEADY.now().nanoseconds
         self._schedule.add(stamp, self._now(), self._next, values)
 
@@ -321,7 +309,7 @@ class Sim(ReceivingNode):
         self._write_volts = Writer(Vector3Stamped, value['frames.accelerometer'])
         self._write_imu = Writer(Imu, value['frames.accelerometer'])
         self._write_pose = Writer(PoseStamped, base)
-        self._write_optidrive = JointWriter('optidrive')
+        self._write_optidrive = Writer(JointState, joint='optidrive')
 
     def _stamps(self, t: np.ndarray) -> list[int]:
         """Return the stamps of samples, rounded to microseconds [ns]."""
@@ -341,7 +329,7 @@ class Sim(ReceivingNode):
             self._publish_imu(self._imu, stamps, samples)
         if self._optidrive is not None:
             for stamp, s in zip(self._stamps(samples.optidrive_t), samples.optidrive.tolist()):
-                self._optidrive.publish(self._write_optidrive(stamp, s))
+                self._optidrive.publish(self._write_optidrive(stamp, (s,)))
         for stamp, position, R_base_sensor in zip(
                 self._stamps(samples.pose_t), samples.position, samples.R_base_sensor):
             self._pose.publish(self._write_pose(
@@ -377,9 +365,8 @@ class Sim(ReceivingNode):
                 'commands ignored': self._ignored, 'simulated [s]': self._simulator.time}))
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the node; returns the exit status."""
-    return run('sim', Sim, arguments, PARAMETERS)
+main = partial(run, 'sim', Sim, PARAMETERS)
+"""Runs the node; takes the arguments, by default those of the process, and returns the status."""
 
 
 if __name__ == '__main__':

@@ -9,12 +9,12 @@ before it decides anything.
 """
 
 from collections.abc import Callable, Sequence
-from struct import pack, Struct, unpack_from
+from struct import pack, Struct
 from typing import Any, NamedTuple
 
 from forcecal_ros.core.cdr import FormReader, Layout
 from forcecal_ros.core.parameters import Parameter
-from forcecal_ros.nodes.runtime import declare, SENSOR, values_of
+from forcecal_ros.nodes.runtime import declare, SECOND, SENSOR, values_of
 from geometry_msgs.msg import (
     AccelStamped,
     PoseStamped,
@@ -33,31 +33,25 @@ DOUBLES: dict[type, int] = {
     Imu: 37}
 """Number of doubles after the header of each type."""
 
-FIRST = {Imu: 25}
-"""Index of the first double to read, where not 0: the linear acceleration of an IMU."""
-
-READ_COUNT = {Imu: 3, AccelStamped: 3}
-"""Number of doubles to read, where not all."""
+READ = {Imu: slice(25, 28), AccelStamped: slice(3)}
+"""Doubles to read, where not all: the linear acceleration."""
 
 
 class Sample(NamedTuple):
-    """Header stamp [ns] and the numbers of one message."""
+    """Header stamp [ns], the numbers and the frame_id of one message."""
 
     stamp_ns: int
     values: tuple[float, ...]
+    frame: str = ''
 
 
 class Reader:
     """Reads serialised messages of one type of ``DOUBLES``."""
 
     def __init__(self, message_type: Any) -> None:
-        first = FIRST.get(message_type, 0)
-        count = READ_COUNT.get(message_type, DOUBLES[message_type])
-        self._skip = 8 * first
-        self._little = Struct(f'<{count}d').unpack_from
-        self._big = Struct(f'>{count}d').unpack_from
-        self._head = Struct('<iII').unpack_from
-        self._head_big = Struct('>iII').unpack_from
+        first, last, _ = READ.get(message_type, slice(None)).indices(DOUBLES[message_type])
+        self._read = FormReader(('i', 'I', 's', f'{last}d'))
+        self._first = 4 + first  # behind the stamp, and the length and letters of the frame
 
     def __call__(self, raw: bytes) -> Sample:
         """
@@ -68,19 +62,8 @@ class Reader:
         struct.error
             The message is shorter than its type.
         """
-        little = raw[1] == 1
-        sec, nanosec, length = (self._head if little else self._head_big)(raw, 4)
-        offset = 16 + length
-        offset += (4 - offset) % 8 + self._skip
-        values = (self._little if little else self._big)(raw, offset)
-        return Sample(sec * 1_000_000_000 + nanosec, values)
-
-
-def frame_of(raw: bytes) -> str:
-    """Return the frame_id of a serialised message that begins with a header."""
-    order = '<' if raw[1] == 1 else '>'
-    (length,) = unpack_from(order + 'I', raw, 12)
-    return raw[16:16 + length].rstrip(b'\0').decode(errors='replace')
+        layout, values = self._read(raw)
+        return Sample(values[0] * SECOND + values[1], values[self._first:], layout.texts[0])
 
 
 class JointsReader:
@@ -122,60 +105,42 @@ class JointsReader:
             listed = self.names[:count]
             self._slots = [len(values) - count + listed.index(joint) if joint in listed else None
                            for joint in self._joints]
-        return values[0] * 1_000_000_000 + values[1], [
+        return values[0] * SECOND + values[1], [
             None if slot is None else values[slot] for slot in self._slots]
 
 
-class JointReader:
-    """Reads the position of one joint, by its name, from serialised JointStates."""
-
-    def __init__(self, joint: str) -> None:
-        self._read = JointsReader([joint])
-
-    def __call__(self, raw: bytes) -> Sample | None:
-        """
-        Read one message; None where it lacks the joint.
-
-        Raises
-        ------
-        struct.error
-            The message is shorter than its type.
-        """
-        stamp_ns, (value,) = self._read(raw)
-        return None if value is None else Sample(stamp_ns, (value,))
-
-
 class Writer:
-    """Writes serialised messages of one type of ``DOUBLES``, in one frame."""
+    """
+    Writes serialised messages of one type, in one frame.
 
-    def __init__(self, message_type: Any, frame: str) -> None:
-        name = frame.encode() + b'\0'
-        padding = -(12 + len(name)) % 8
-        self._frame = pack('<I', len(name)) + name + bytes(padding)
-        self._pack = Struct(f'<4siI{len(self._frame)}s{DOUBLES[message_type]}d').pack
+    Parameters
+    ----------
+    message_type : type
+        One of ``DOUBLES``, or a JointState.
+    joint : str
+        Name of the only joint of a JointState.
+    """
+
+    def __init__(self, message_type: Any, frame: str = '', joint: str = '') -> None:
+        self._head = _text(frame)
+        self._after = b''
+        if joint:
+            self._head = _text(joint, self._head + pack('<I', 1)) + pack('<I', 1)
+            self._after = bytes(8)  # no velocity, no effort
+        self._head += bytes(-len(self._head) % 8)
+        self._pack = Struct(f'<4siI{len(self._head)}s{DOUBLES.get(message_type, 1)}d'
+                            f'{len(self._after)}s').pack
 
     def __call__(self, stamp_ns: int, values: Sequence[float]) -> bytes:
         """Write one message of header stamp [ns] and all doubles in order."""
-        return self._pack(b'\0\1\0\0', stamp_ns // 1_000_000_000, stamp_ns % 1_000_000_000,
-                          self._frame, *values)
+        return self._pack(b'\0\1\0\0', stamp_ns // SECOND, stamp_ns % SECOND, self._head,
+                          *values, self._after)
 
 
-class JointWriter:
-    """Writes serialised JointStates with the position of one joint."""
-
-    def __init__(self, joint: str, frame: str = '') -> None:
-        text, name = frame.encode() + b'\0', joint.encode() + b'\0'
-        head = pack('<I', len(text)) + text
-        head += bytes(-len(head) % 4) + pack('<II', 1, len(name)) + name
-        head += bytes(-len(head) % 4) + pack('<I', 1)
-        head += bytes(-(8 + len(head)) % 8)
-        self._head = head
-        self._pack = Struct(f'<4siI{len(head)}sdII').pack
-
-    def __call__(self, stamp_ns: int, position: float) -> bytes:
-        """Write one message of header stamp [ns] and position [rad] or [m]."""
-        return self._pack(b'\0\1\0\0', stamp_ns // 1_000_000_000, stamp_ns % 1_000_000_000,
-                          self._head, position, 0, 0)
+def _text(text: str, before: bytes = b'') -> bytes:
+    """Return a serialised text behind others, up to where an integer may follow."""
+    letters = text.encode() + b'\0'
+    return before + pack('<I', len(letters)) + letters + bytes(-len(letters) % 4)
 
 
 class PolledSubscription:

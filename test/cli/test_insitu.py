@@ -31,6 +31,10 @@ COLUMNS = ['t', *(f'r{k}' for k in range(6)), *(f's{k}' for k in range(6)), 'ax'
            'wx', 'wy', 'wz']
 
 
+OF_ONE = [*COLUMNS[:7], 'ax', 'ay', 'az']
+"""What the first sensor needs."""
+
+
 def table_of(load, leg, seed):
     """Two sensors on one limb: the second feels the same wrench about its own origin."""
     log = record(load, leg, seed)
@@ -41,10 +45,16 @@ def table_of(load, leg, seed):
     return np.column_stack([log.t, log.raw, second + 5.0, log.accel, log.gyro])
 
 
-def write_tables(folder, protocol=PROTOCOL, leg=LEG):
-    for k, load_ in enumerate(protocol):
-        np.savetxt(folder / f'set{k + 1}.csv', table_of(load_, leg, 700 + k), delimiter=',',
-                   header=','.join(COLUMNS), comments='', fmt='%.9g')
+def save_table(path, rows, names=COLUMNS):
+    np.savetxt(path, rows, delimiter=',', header=','.join(names), comments='', fmt='%.17g')
+
+
+def write_tables(folder, leg=LEG, names=COLUMNS, change=lambda k, rows: rows):
+    """Write the tables of all data sets, changed by their number and rows."""
+    at = [COLUMNS.index(name) for name in names]
+    for k, load_ in enumerate(PROTOCOL):
+        save_table(folder / f'set{k + 1}.csv', change(k, table_of(load_, leg, 700 + k)[:, at]),
+                   names)
 
 
 def document(protocol=PROTOCOL, **changes):
@@ -66,6 +76,12 @@ def write_spec(folder, content):
     path = folder / 'spec.yaml'
     path.write_text(yaml.safe_dump(content))
     return path
+
+
+def source_of(folder, **changes):
+    """Return what reads the table a.csv of a folder."""
+    spec = load_spec(write_spec(folder, document(**{'data_sets': [{'file': 'a.csv'}], **changes})))
+    return TableSource(spec, folder / 'a.csv', spec.sensors['leg'].columns)
 
 
 @pytest.fixture(scope='module')
@@ -278,9 +294,8 @@ def test_rows_without_numbers_or_out_of_order_are_left_out(tmp_path):
     rows[100, 3] = np.nan
     rows[200, 0] = rows[199, 0]
     rows[300, 0] -= 1.0
-    np.savetxt(tmp_path / 'a.csv', rows, delimiter=',', header=','.join(COLUMNS), comments='')
-    spec = load_spec(write_spec(tmp_path, document(data_sets=[{'file': 'a.csv'}])))
-    source = TableSource(spec, tmp_path / 'a.csv', spec.sensors['leg'].columns)
+    save_table(tmp_path / 'a.csv', rows)
+    source = source_of(tmp_path)
     t = np.concatenate([chunk.t for chunk in source()])
     assert source.left_out == 3
     assert len(t) == len(rows) - 3
@@ -294,10 +309,9 @@ def test_rows_without_numbers_or_out_of_order_are_left_out(tmp_path):
         '\n', '\n' + ','.join(['s'] * len(COLUMNS)) + '\n', 1))])
 def test_tables_of_other_programs_hold_the_same_numbers(tmp_path, keys, change):
     rows = table_of(PROTOCOL[0], LEG, 1)[:50]
-    np.savetxt(tmp_path / 'a.csv', rows, delimiter=',', header=','.join(COLUMNS), comments='')
+    save_table(tmp_path / 'a.csv', rows)
     (tmp_path / 'a.csv').write_text(change((tmp_path / 'a.csv').read_text()))
-    spec = load_spec(write_spec(tmp_path, document(data_sets=[{'file': 'a.csv'}], **keys)))
-    chunk, = TableSource(spec, tmp_path / 'a.csv', spec.sensors['leg'].columns)()
+    chunk, = source_of(tmp_path, **keys)()
     np.testing.assert_array_equal(chunk.raw, rows[:, 1:7])
 
 
@@ -306,22 +320,19 @@ def test_tables_of_other_programs_hold_the_same_numbers(tmp_path, keys, change):
     ('\n3,3', '\n3,three', "a.csv line 4: 'three' in column 'r0' is not a number"),
     ('\n3,3', '\n3,', "line 4: '' in column 'r0' is not a number; remove rows with empty")])
 def test_a_cell_that_is_no_number_is_named_with_its_line(tmp_path, old, new, words):
-    names = COLUMNS[:7] + COLUMNS[13:16]
-    text = '\n'.join([','.join(names), *(','.join([str(k)] * len(names)) for k in range(1, 9))])
+    text = '\n'.join([','.join(OF_ONE), *(
+        ','.join([str(k)] * len(OF_ONE)) for k in range(1, 9))])
     (tmp_path / 'a.csv').write_text(text.replace(old, new))
-    spec = load_spec(write_spec(tmp_path, document(data_sets=[{'file': 'a.csv'}])))
     with pytest.raises(DataError, match=words):
-        list(TableSource(spec, tmp_path / 'a.csv', spec.sensors['leg'].columns)())
+        list(source_of(tmp_path)())
 
 
 def test_milliseconds_taken_for_seconds_are_questioned(tmp_path):
     rows = table_of(PROTOCOL[0], LEG, 1)
     rows[:, 0] *= 1000
-    np.savetxt(tmp_path / 'a.csv', rows, delimiter=',', header=','.join(COLUMNS), comments='')
+    save_table(tmp_path / 'a.csv', rows)
     for unit, said in (('s', ('2000 rows over 5.6 h', 'not in s')), ('ms', ())):
-        spec = load_spec(write_spec(tmp_path, document(
-            data_sets=[{'file': 'a.csv'}], time={'column': 't', 'unit': unit})))
-        source = TableSource(spec, tmp_path / 'a.csv', spec.sensors['leg'].columns)
+        source = source_of(tmp_path, time={'column': 't', 'unit': unit})
         assert len(list(source())) == 1
         assert len(source.notes) == bool(said)
         assert all(words in source.notes[0] for words in said)
@@ -346,12 +357,7 @@ def test_units_in_the_names_of_columns_hold(tmp_path):
         r'10.0 % of the samples are not finite', marks=pytest.mark.long)])
 def test_a_spoilt_table_among_sound_ones_is_refused_by_cause(tables, tmp_path, capsys, spoil,
                                                             said):
-    names = ['t', *(f'r{k}' for k in range(6)), 'ax', 'ay', 'az']
-    at = [COLUMNS.index(name) for name in names]
-    for k, one in enumerate(PROTOCOL):
-        rows = table_of(one, LEG, 700 + k)[:, at]
-        np.savetxt(tmp_path / f'set{k + 1}.csv', spoil(rows) if k == 1 else rows, delimiter=',',
-                   header=','.join(names), comments='', fmt='%.9g')
+    write_tables(tmp_path, names=OF_ONE, change=lambda k, rows: spoil(rows) if k == 1 else rows)
     spec = write_spec(tmp_path, document())
     assert main(['insitu', str(spec), '-o', str(tmp_path / 'out'), '--quiet']) == 1
     complaint = capsys.readouterr().err.strip().splitlines()[-1]
@@ -361,16 +367,8 @@ def test_a_spoilt_table_among_sound_ones_is_refused_by_cause(tables, tmp_path, c
 
 def test_time_that_runs_back_and_rows_that_are_repeated_leave_the_result_alone(
         tables, done, tmp_path, capsys):
-    names = ['t', *(f'r{k}' for k in range(6)), 'ax', 'ay', 'az']
-    at = [COLUMNS.index(name) for name in names]
-    for k, one in enumerate(PROTOCOL):
-        rows = table_of(one, LEG, 700 + k)[:, at]
-        if k == 1:
-            rows = np.vstack([rows[:1000], rows[500:]])
-        if k == 2:
-            rows = np.repeat(rows, 2, axis=0)
-        np.savetxt(tmp_path / f'set{k + 1}.csv', rows, delimiter=',', header=','.join(names),
-                   comments='', fmt='%.9g')
+    write_tables(tmp_path, names=OF_ONE, change=lambda k, rows: np.vstack(
+        [rows[:1000], rows[500:]]) if k == 1 else np.repeat(rows, 1 + (k == 2), axis=0))
     spec = write_spec(tmp_path, document())
     assert main(['insitu', str(spec), '-o', str(tmp_path / 'out'), '--quiet']) == 0
     said = capsys.readouterr().err

@@ -214,7 +214,7 @@ def run(seed: int, conditions: Conditions | None = None, accelerometer: str = 'a
             xyzw = monitor.channels['pose'].values[3:]
             start = Pose(monitor.mean('pose'), matrix_from_quaternion(np.array(xyzw)))
             goals, away = settings.goals(start)
-            parts = prepare(SEQUENCES['calibrate'].plan(goals, away, settings.timing), start,
+            parts = prepare(SEQUENCES['calibrate'](goals, away, settings.timing), start,
                             settings.pace, settings.limits)
             check_wrench(parts, monitor.mean('wrench'), settings.limits)
             collector.clear()

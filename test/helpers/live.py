@@ -115,7 +115,7 @@ class Live:
     def hear(self, message_type, topic, take, qos=2000):
         """Call ``take(stamp_ns, values)`` for every message of a type that is all numbers."""
         read = Reader(message_type)
-        self.node.create_subscription(message_type, topic, lambda raw: take(*read(raw)), qos,
+        self.node.create_subscription(message_type, topic, lambda raw: take(*read(raw)[:2]), qos,
                                       raw=True)
 
     def latched(self, message_type, topic):

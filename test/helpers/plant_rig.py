@@ -1,20 +1,15 @@
 """The nominal rig shaken along x of ft_sensor, and what it truly answers."""
 
-from forcecal_ros.core.streams import PoseStream
+from forcecal_ros.cli.sample import simulate_along_x
 from forcecal_ros.impedance.plant_fit import excitation_commands
 from forcecal_ros.sim.rig.file import load_rig
-from forcecal_ros.sim.rig.simulator import simulate
 import numpy as np
 
 RIG = load_rig()
 
 
 def record(along_x, **options):
-    R, period = RIG.home.R_base_sensor, RIG.robot.period
-    position = np.array(RIG.home.position) + along_x[:, np.newaxis] * R[:, 0]
-    t = np.arange(len(along_x)) * period
-    target = PoseStream(t, position, np.broadcast_to(R, (len(t), 3, 3)))
-    return simulate(RIG, target, **options)
+    return simulate_along_x(RIG, along_x, **options)
 
 
 def shaken(seconds, seed):

@@ -3,7 +3,7 @@
 import time
 
 from forcecal_ros.nodes.runtime import OUTPUT
-from forcecal_ros.nodes.wire import JointWriter, Writer
+from forcecal_ros.nodes.wire import Writer
 from forcecal_ros.observe.playback import events
 from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
 import numpy as np
@@ -30,7 +30,8 @@ class Player:
             'accelerometer': (make(Vector3Stamped, 'accelerometer/raw', OUTPUT),
                               Writer(Vector3Stamped, 'accelerometer')),
             'pose': (make(PoseStamped, 'current_pose', OUTPUT), Writer(PoseStamped, 'base')),
-            'displacement': (make(JointState, 'optidrive', OUTPUT), JointWriter('optidrive'))}
+            'displacement': (make(JointState, 'optidrive', OUTPUT),
+                             Writer(JointState, joint='optidrive'))}
 
     def until_heard(self):
         self.live.until(lambda: all(publisher.get_subscription_count() >= len(self.heard)
@@ -47,8 +48,7 @@ class Player:
             if kind == 'wrench':
                 stamps.append(stamp)
                 values = np.array(values) + [shift, 0, 0, 0, 0, 0]
-            publisher.publish(
-                write(stamp, values[0] if kind == 'displacement' else list(values)))
+            publisher.publish(write(stamp, list(values)))
             if kind == 'wrench' and len(stamps) % 20 == 0 and stamps[20:]:
                 self._wait_for_one_of(stamps[-20:])
         return stamps

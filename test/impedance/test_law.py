@@ -6,13 +6,13 @@ from math import inf, nan
 from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.impedance.law import (
-    at_rest,
     design,
     DesignSettings,
     loop,
     Measurement,
+    Reference,
+    Regulator,
     relation,
-    step,
     TargetImpedance,
 )
 from forcecal_ros.impedance.plant import load_plant, Plant, process, Robot, Slide, Wall
@@ -38,15 +38,15 @@ def exact(value, unit='1'):
 
 def follow(law, plant, seconds, *, reference=0.0, push=0.0, sent=lambda command: command):
     """Close the loop around the model itself; return the tool's positions and the commands."""
-    X, state, tool, commands = np.zeros(len(law.B)), at_rest(law), [], []
+    X, regulator, tool, commands = np.zeros(len(law.B)), Regulator(law), [], []
     for _ in range(round(seconds / law.period)):
         force = push + plant.wall @ X
         s = (plant.tool - plant.robot) @ X
-        state = step(law, state, Measurement(plant.robot @ X, s, force), reference)
-        state = state._replace(command=sent(state.command))
+        commands.append(sent(regulator(
+            Reference(reference), Measurement(plant.robot @ X, s, force))))
+        regulator.sent(commands[-1])
         tool.append(plant.tool @ X)
-        commands.append(state.command)
-        X = plant.A @ X + plant.B * state.command + plant.F * push
+        X = plant.A @ X + plant.B * commands[-1] + plant.F * push
     return np.array(tool), np.array(commands)
 
 
@@ -164,15 +164,15 @@ def test_a_state_gain_of_the_wrong_length_is_refused():
 
 def test_estimator_finds_what_no_sensor_gives(designed):
     law, free, rng = designed.law, process(PLANT), np.random.default_rng(3)
-    X, state = np.zeros(len(law.B)), at_rest(law)
+    X, regulator = np.zeros(len(law.B)), Regulator(law)
     X[-1] = 0.1  # the tool moves already, which the law does not know
     errors = []
     for k in range(500):
         heard = Measurement(free.robot @ X + rng.normal(0.0, 2e-5),
                             (free.tool - free.robot) @ X + rng.normal(0.0, 2e-5), 0.0)
-        state = step(law, state, heard, 0.01 * np.sin(0.02 * k))
-        errors.append(free.velocity @ (state.estimate - X))
-        X = free.A @ X + free.B * state.command
+        command = regulator(Reference(0.01 * np.sin(0.02 * k)), heard)
+        errors.append(free.velocity @ (regulator.estimate - X))
+        X = free.A @ X + free.B * command
     assert abs(errors[0]) > 0.05
     assert np.std(errors[250:]) < 0.003
 
@@ -198,37 +198,32 @@ def test_a_command_that_limits_held_back_does_not_mislead_the_estimator(designed
 @pytest.mark.parametrize('bad', [nan, inf, -inf])
 @pytest.mark.parametrize('field', Measurement._fields)
 def test_a_sample_that_is_not_finite_is_coasted_over(designed, bad, field):
-    law, good = designed.law, Measurement(0.001, 0.0, -2.0)
-    state = step(law, at_rest(law), good, 0.0)
-    after = step(law, state, good._replace(**{field: bad}), 0.0)
-    assert np.isfinite(after.estimate).all() and np.isfinite(after.command)
+    regulator, good = Regulator(designed.law), Measurement(0.001, 0.0, -2.0)
+    regulator(Reference(0.0), good)
+    assert np.isfinite(regulator(Reference(0.0), good._replace(**{field: bad})))
+    assert np.isfinite(regulator.estimate).all()
 
 
 def test_a_reference_that_is_not_finite_leaves_the_last_one(designed):
-    law, quiet = designed.law, Measurement(0.0, 0.0, 0.0)
-    state = step(law, at_rest(law), quiet, 0.01)
-    assert step(law, state, quiet, nan).goal == 0.01
-
-
-def test_step_leaves_its_state_as_it_was(designed):
-    state = at_rest(designed.law)
-    step(designed.law, state, Measurement(1.0, 1.0, 1.0), 1.0)
-    assert not state.estimate.any() and state.command == 0.0
+    regulator, quiet = Regulator(designed.law), Measurement(0.0, 0.0, 0.0)
+    regulator(Reference(0.01), quiet)
+    regulator(Reference(nan), quiet)
+    assert regulator.goal == 0.01
 
 
 @pytest.mark.long
 def test_simulated_rig_presses_on_its_wall_as_the_wanted_spring_does():
     rig, law = load_rig(), design(PLANT, WANTED, SETTINGS).law
-    simulator, state = Simulator(rig, 'acc1', 4), at_rest(law)
+    simulator, regulator = Simulator(rig, 'acc1', 4), Regulator(law)
     home, R, reference, forces = np.array(rig.home.position), rig.home.R_base_sensor, 0.1, []
     for k in range(1000):
-        simulator.command(home + state.command * R[:, 0], R)
+        simulator.command(home + regulator.command * R[:, 0], R)
         samples = simulator.advance()
         forces += samples.contact[:, 0].tolist()
         goal = reference * min(1.0, k / 400.0)
-        state = step(law, state, Measurement(
+        regulator(Reference(goal), Measurement(
             (samples.position[-1] - home) @ R[:, 0], samples.optidrive[-1],
-            samples.contact[-1, 0]), goal)
+            samples.contact[-1, 0]))
     # the wall stands at 80 mm, 20 mm before the reference, in series with its own stiffness
     expected = -0.02 / (1.0 / WANTED.stiffness + 1.0 / rig.wall.stiffness)
     pressed = np.array(forces[-1000:])

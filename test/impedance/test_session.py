@@ -77,6 +77,14 @@ class Bench:
         return np.array(commands)
 
 
+def pressing():
+    """Return a session that presses on its wall, and its last command."""
+    bench = Bench()
+    while bench.force > -14.0:
+        last = bench.drive(PERIOD)[-1]
+    return bench, last
+
+
 def speeds(commands):
     return np.diff(commands) / PERIOD
 
@@ -142,9 +150,7 @@ def test_a_command_that_is_no_number_ends_the_task():
 
 
 def test_an_abort_in_contact_rests_within_100_ms_and_then_leaves_the_wall():
-    bench = Bench()
-    while bench.force > -14.0:
-        before = bench.drive(PERIOD)[-1]
+    bench, before = pressing()
     assert bench.status.phase in ('approach', 'contact')
     assert bench.session.abort('asked to')
     commands = bench.drive(1.0)
@@ -157,9 +163,7 @@ def test_an_abort_in_contact_rests_within_100_ms_and_then_leaves_the_wall():
 
 
 def test_a_force_that_no_longer_shows_the_wall_does_not_keep_the_tool_there():
-    bench = Bench()
-    while bench.force > -14.0:
-        before = bench.drive(PERIOD)[-1]
+    bench, before = pressing()
     bench.session.abort('asked to')
     commands = []
     while bench.session.streaming:
@@ -169,9 +173,7 @@ def test_a_force_that_no_longer_shows_the_wall_does_not_keep_the_tool_there():
 
 @pytest.mark.parametrize('nearer, ends', [(0.05, 0.02), (1.0, 0.0)])
 def test_a_tool_that_presses_on_is_led_away_as_far_as_where_it_began(nearer, ends):
-    bench = Bench()
-    while bench.force > -14.0:
-        bench.drive(PERIOD)
+    bench, _ = pressing()
     bench.wall = bench.x - nearer  # the command ran far ahead of what was measured
     bench.session.abort('asked to')
     commands = bench.drive(10.0)
@@ -180,9 +182,7 @@ def test_a_tool_that_presses_on_is_led_away_as_far_as_where_it_began(nearer, end
 
 
 def test_a_force_that_fell_silent_leads_away_once():
-    bench = Bench()
-    while bench.force > -14.0:
-        before = bench.drive(PERIOD)[-1]
+    bench, before = pressing()
     bench.session.abort('asked to')
     commands = []
     while bench.session.streaming:

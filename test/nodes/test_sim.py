@@ -13,9 +13,10 @@ from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.io.bags import read_recording
 from forcecal_ros.motion.profiles import Move, nominal_poses, Pose, step_goal
 from forcecal_ros.nodes import sim
+from forcecal_ros.nodes.inputs import optidrive_input
 from forcecal_ros.nodes.runtime import STREAM
 from forcecal_ros.nodes.sequencer import Sequencer
-from forcecal_ros.nodes.wire import JointReader, Writer
+from forcecal_ros.nodes.wire import Writer
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import simulate
 from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
@@ -42,9 +43,9 @@ class Listener:
             self.heard[topic] = {}
             live.hear(kind, topic, self.heard[topic].__setitem__)
         self.heard['optidrive'] = {}
-        read = JointReader('optidrive')
+        read = optidrive_input('optidrive').read
         live.node.create_subscription(
-            JointState, 'optidrive', lambda raw: self.heard['optidrive'].update([read(raw)]),
+            JointState, 'optidrive', lambda raw: self.heard['optidrive'].update([read(raw)[:2]]),
             2000, raw=True)
 
     def __getitem__(self, topic):

@@ -135,7 +135,7 @@ def planned(page, *presets, start):
         values |= read_preset(name)['sequencer']
     settings = settings_of(values | found)
     goals, away = settings.goals(start)
-    return settings, prepare(SEQUENCES[settings.sequence].plan(goals, away, settings.timing),
+    return settings, prepare(SEQUENCES[settings.sequence](goals, away, settings.timing),
                              start, settings.pace, settings.limits)
 
 
