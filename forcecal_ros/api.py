@@ -4,16 +4,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from forcecal_ros.core.streams import Recording, Stream
-from forcecal_ros.results import (
-    load,
-    of_calibration,
-    of_diagnosis,
-    Result,
-    save,
-    signals_figure,
-    value_of,
-)
+from forcecal_ros import results
+from forcecal_ros.core.streams import Recording
+from forcecal_ros.results import load, Result, save
 
 __all__ = ['calibrate', 'check', 'diagnose', 'estimate', 'load', 'read', 'save', 'simulate']
 
@@ -59,12 +52,7 @@ def check(recording: Recording) -> Result:
     Result
         Streams, motion, wrench sign and fault are in ``to_dict()``.
     """
-    from forcecal_ros.cli.check import inspect
-
-    document = inspect(recording)
-    rows = tuple((use, 'no' if why else 'yes', why) for use, why in document['uses'].items())
-    return Result(document, document['fault'] or 'no fault was found', ('use', 'possible', 'why'),
-                  rows, document, lambda: signals_figure(recording))
+    return results.run_check(recording)
 
 
 def calibrate(recording: Recording, **settings: Any) -> Result:
@@ -89,12 +77,7 @@ def calibrate(recording: Recording, **settings: Any) -> Result:
     DataError, UnobservableError
         The recording does not determine the tool; names the cause and the remedy.
     """
-    from forcecal_ros.calibrate.pipeline import identify
-    from forcecal_ros.calibrate.settings import IdentificationSettings
-    from forcecal_ros.observe.design import with_kalman_gains
-
-    return of_calibration(with_kalman_gains(identify(
-        recording, IdentificationSettings(**settings))), recording)
+    return results.run_calibration(recording, settings)
 
 
 def estimate(recording: Recording, calibration: Any, *, filter: str | None = None,  # noqa: A002
@@ -121,20 +104,7 @@ def estimate(recording: Recording, calibration: Any, *, filter: str | None = Non
     DataError
         The recording lacks a stream, or contradicts the calibration.
     """
-    from forcecal_ros.cli.estimate import as_taken, statistics, status_notes
-    from forcecal_ros.observe import ObserverSettings, replay
-    from forcecal_ros.report.rows import WRENCH_AXES
-
-    chosen = ObserverSettings(filter=filter, **settings)
-    recording, model, notes = as_taken(recording, value_of(calibration), chosen, 'the calibration')
-    found = replay(recording, model, chosen)
-    document = {**statistics(found), 'notes': [*notes, *status_notes(found)]}
-    contact = Recording(wrench=Stream(found.t, found.contact), phases=recording.phases)
-    return Result(
-        found, f'{document["valid"]} of {document["samples"]} contact wrenches are valid',
-        ('contact', 'mean', 'standard deviation', 'unit'),
-        tuple(zip(WRENCH_AXES, document['mean'], document['std'], ['N'] * 3 + ['N m'] * 3)),
-        document, lambda: signals_figure(contact, 'contact '))
+    return results.run_estimate(recording, calibration, {'filter': filter, **settings})
 
 
 def diagnose(recording: Recording, against: Any = None, *, heldout: Recording | None = None
@@ -156,13 +126,7 @@ def diagnose(recording: Recording, against: Any = None, *, heldout: Recording | 
     Result
         Of a Diagnosis; the effects that it names, or a verdict without any.
     """
-    from forcecal_ros.diagnose.sources.choice import source_of
-
-    model = value_of(against)
-    source, taken = source_of([model] if isinstance(model, Recording) else model,
-                              [one for one in (recording, heldout) if one is not None])
-    found = source.diagnose(*taken)
-    return of_diagnosis(found.diagnosis, found.document(), found, taken[0])
+    return results.run_diagnosis(recording, against, heldout)
 
 
 def simulate(recording: Recording, rig: Any = None, *, seed: int = 0) -> Recording:
@@ -178,10 +142,4 @@ def simulate(recording: Recording, rig: Any = None, *, seed: int = 0) -> Recordi
     seed : int
         Of the sensor noise.
     """
-    from forcecal_ros.core.topics import require
-    from forcecal_ros.sim.rig.file import load_rig
-    from forcecal_ros.sim.rig.simulator import simulate as simulated
-
-    require(recording, ['target'])
-    rig = load_rig(rig) if rig is None or isinstance(rig, str | Path) else rig
-    return simulated(rig, recording.target, seed=seed)  # type: ignore[arg-type]
+    return results.run_simulation(recording, rig, seed)

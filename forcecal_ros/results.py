@@ -14,7 +14,7 @@ from forcecal_ros.core.files import write_text
 from forcecal_ros.core.quantity import HALF, pair, quantity
 from forcecal_ros.core.streams import CHANNELS, Recording, Stream
 from forcecal_ros.io.calibration_file import to_document
-from forcecal_ros.report.rows import aligned, handy, table
+from forcecal_ros.report.rows import aligned, handy, table, WRENCH_AXES
 
 if TYPE_CHECKING:
     from forcecal_ros.diagnose.result import Diagnosis
@@ -165,6 +165,65 @@ def of_calibration(calibration: Calibration, recording: Recording | None = None)
                   to_document(calibration), figure)
 
 
+def run_calibration(recording: Recording, settings: Mapping[str, Any]) -> Result:
+    """Calibrate; see :func:`forcecal_ros.api.calibrate`, as for the others below."""
+    from forcecal_ros.calibrate.pipeline import identify
+    from forcecal_ros.calibrate.settings import IdentificationSettings
+    from forcecal_ros.observe.design import with_kalman_gains
+
+    return of_calibration(with_kalman_gains(identify(
+        recording, IdentificationSettings(**settings))), recording)
+
+
+def run_check(recording: Recording) -> Result:
+    """Check."""
+    from forcecal_ros.cli.check import inspect
+
+    document = inspect(recording)
+    rows = tuple((use, 'no' if why else 'yes', why) for use, why in document['uses'].items())
+    return Result(document, document['fault'] or 'no fault was found', ('use', 'possible', 'why'),
+                  rows, document, lambda: _signals(recording))
+
+
+def run_estimate(recording: Recording, calibration: Any, settings: Mapping[str, Any]) -> Result:
+    """Estimate."""
+    from forcecal_ros.cli.estimate import as_taken, statistics, status_notes
+    from forcecal_ros.observe import ObserverSettings, replay
+
+    chosen = ObserverSettings(**settings)
+    recording, model, notes = as_taken(recording, value_of(calibration), chosen, 'the calibration')
+    found = replay(recording, model, chosen)
+    document = {**statistics(found), 'notes': [*notes, *status_notes(found)]}
+    contact = Recording(wrench=Stream(found.t, found.contact), phases=recording.phases)
+    return Result(
+        found, f'{document["valid"]} of {document["samples"]} contact wrenches are valid',
+        ('contact', 'mean', 'standard deviation', 'unit'),
+        tuple(zip(WRENCH_AXES, document['mean'], document['std'], ['N'] * 3 + ['N m'] * 3)),
+        document, lambda: _signals(contact, 'contact '))
+
+
+def run_diagnosis(recording: Recording, against: Any, heldout: Recording | None) -> Result:
+    """Diagnose."""
+    from forcecal_ros.diagnose.sources.choice import source_of
+
+    model = value_of(against)
+    source, taken = source_of([model] if isinstance(model, Recording) else model,
+                              [one for one in (recording, heldout) if one is not None])
+    found = source.diagnose(*taken)
+    return of_diagnosis(found.diagnosis, found.document(), found, taken[0])
+
+
+def run_simulation(recording: Recording, rig: Any, seed: int) -> Recording:
+    """Simulate."""
+    from forcecal_ros.core.topics import require
+    from forcecal_ros.sim.rig.file import load_rig
+    from forcecal_ros.sim.rig.simulator import simulate
+
+    require(recording, ['target'])
+    rig = load_rig(rig) if rig is None or isinstance(rig, str | Path) else rig
+    return simulate(rig, recording.target, seed=seed)  # type: ignore[arg-type]
+
+
 def of_diagnosis(d: 'Diagnosis', document: Mapping[str, Any], found: Any = None,
                  recording: Recording | None = None) -> Result:
     """Return the effects that a diagnosis names; ``found`` of a source draws them."""
@@ -180,7 +239,7 @@ def of_diagnosis(d: 'Diagnosis', document: Mapping[str, Any], found: Any = None,
             return _arms(d.gap.channels)
         if recording is None:
             raise DataError(f'nothing was compared that could be drawn: {d.reason}')
-        return signals_figure(recording)
+        return _signals(recording)
 
     return Result(d, f'{d.verdict}: {headline(d)}',
                   ('effect', 'parameter', 'value', 'standard error', 'unit', 'probability'),
@@ -224,7 +283,7 @@ def _arms(channels: Mapping[str, tuple[float, float, float, float]]) -> 'Figure'
     return figure
 
 
-def signals_figure(recording: Recording, name: str = '') -> 'Figure':
+def _signals(recording: Recording, name: str = '') -> 'Figure':
     """Draw the wrench over time, or what else was measured without a frame."""
     from forcecal_ros.diagnose.dataset import units
     from forcecal_ros.report.figures import drawn, Line, Panel, Shown

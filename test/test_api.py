@@ -140,3 +140,8 @@ def test_every_function_describes_each_of_its_parameters(name):
     assert named == {*inspect.signature(function).parameters}
     if name not in ('read', 'simulate', 'save'):
         assert 'Returns\n-------\n' in about
+
+
+def test_the_module_stays_short():
+    path = Path(fc.__file__).with_name('api.py')
+    assert len(path.read_text().splitlines()) <= 150
