@@ -6,7 +6,7 @@ from typing import Any
 
 from forcecal_ros import results
 from forcecal_ros.core.streams import Recording
-from forcecal_ros.results import load, Result, save
+from forcecal_ros.results import check, load, Result, save
 
 __all__ = ['calibrate', 'check', 'diagnose', 'estimate', 'load', 'read', 'save', 'simulate']
 
@@ -24,35 +24,19 @@ def read(bag: str | Path, *, topics: Mapping[str, str] | None = None, preset: st
         Role (``wrench``, ``pose``, ``target``, ...) to topic, if it is not the usual one or that
         of a driver: ``ur``, ``franka``, ``kuka_fri`` or ``broadcaster``.
     wrench_sign : int, optional
-        -1 if the driver reports tool on environment; by default as the calibration has it, or 1.
+        -1 if the driver reports tool on environment; by default that of the bag, or 1.
+
+    Returns
+    -------
+    Recording
+        SI units; each stream with its own stamps [s]; poses of ft_sensor in the base.
 
     Raises
     ------
     DataError
         It cannot be read, or a stream cannot be used; names the remedy.
     """
-    from forcecal_ros.checks.entry import checked
-    from forcecal_ros.cli.common import preset_topics
-    from forcecal_ros.io.bags import read_recording
-
-    names = {**preset_topics(preset, str(bag)), **(topics or {})}
-    return checked(read_recording(bag, names, wrench_sign, joints=True))
-
-
-def check(recording: Recording) -> Result:
-    """
-    Return what a recording can be used for, and why not.
-
-    Parameters
-    ----------
-    recording : Recording
-
-    Returns
-    -------
-    Result
-        Streams, motion, wrench sign and fault are in ``to_dict()``.
-    """
-    return results.run_check(recording)
+    return results.run_read(bag, topics or {}, preset, wrench_sign)
 
 
 def calibrate(recording: Recording, **settings: Any) -> Result:
@@ -70,7 +54,8 @@ def calibrate(recording: Recording, **settings: Any) -> Result:
     Returns
     -------
     Result
-        Of a Calibration: SI units, ft_sensor, environment on tool.
+        Of a Calibration: tool, sensors and noise in SI units; wrenches in ft_sensor are those of
+        the environment on the tool.
 
     Raises
     ------
@@ -88,7 +73,9 @@ def estimate(recording: Recording, calibration: Any, *, filter: str | None = Non
     Parameters
     ----------
     recording : Recording
+        Wrench, and pose or accelerometer as the calibration needs them.
     calibration : Result, Calibration or path
+        Of the tool and the sensors of the recording.
     filter : str, optional
         ``kalman``, ``newton``, ``ukf``, ``ekf`` or ``static``; by default the calibration's.
     settings : dict
@@ -114,17 +101,24 @@ def diagnose(recording: Recording, against: Any = None, *, heldout: Recording | 
 
     Parameters
     ----------
-    recording, heldout : Recording
-        The second, optional, is to judge on; by default parts of every phase of the first.
+    recording : Recording
+        Of the robot.
     against : optional
         A Recording by a simulator of the same commands; a calibration (Result, Calibration or
         path), along the measured motion; an MJCF file (``.xml``) or a simulator, run with the
         recorded commands; a rig or its file. None: the nominal rig, if the recording is by it.
+    heldout : Recording, optional
+        To judge on; by default parts of every phase of the first.
 
     Returns
     -------
     Result
-        Of a Diagnosis; the effects that it names, or a verdict without any.
+        Of a Diagnosis; ``invalid_data`` is its verdict on a recording that cannot be compared.
+
+    Raises
+    ------
+    ConfigError, DataError
+        The model or the simulator cannot be used; names the cause and the remedy.
     """
     return results.run_diagnosis(recording, against, heldout)
 
@@ -136,10 +130,20 @@ def simulate(recording: Recording, rig: Any = None, *, seed: int = 0) -> Recordi
     Parameters
     ----------
     recording : Recording
-        With the ``target``; a DataError names what is missing.
+        With the ``target``: commanded poses.
     rig : Rig or path, optional
         By default the nominal one of this package.
     seed : int
         Of the sensor noise.
+
+    Returns
+    -------
+    Recording
+        Wrench, accelerometer and pose under these commands.
+
+    Raises
+    ------
+    DataError
+        The recording holds no commands.
     """
     return results.run_simulation(recording, rig, seed)

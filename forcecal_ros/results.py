@@ -115,6 +115,7 @@ def save(result: Result, path: str | Path) -> None:
     Parameters
     ----------
     result : Result
+        Of any function of this package.
     path : str or Path
         A calibration is written as ``calibration.yaml``, any other result as JSON.
 
@@ -175,8 +176,31 @@ def run_calibration(recording: Recording, settings: Mapping[str, Any]) -> Result
         recording, IdentificationSettings(**settings))), recording)
 
 
-def run_check(recording: Recording) -> Result:
-    """Check."""
+def run_read(bag: str | Path, topics: Mapping[str, str], preset: str, wrench_sign: int | None
+             ) -> Recording:
+    """Read."""
+    from forcecal_ros.checks.entry import checked
+    from forcecal_ros.cli.common import preset_topics
+    from forcecal_ros.io.bags import read_recording
+
+    names = {**preset_topics(preset, str(bag)), **topics}
+    return checked(read_recording(bag, names, wrench_sign, joints=True))
+
+
+def check(recording: Recording) -> Result:
+    """
+    Return what a recording can be used for, and why not.
+
+    Parameters
+    ----------
+    recording : Recording
+        As :func:`forcecal_ros.read` returns it.
+
+    Returns
+    -------
+    Result
+        Streams, motion, wrench sign and fault are in ``to_dict()``.
+    """
     from forcecal_ros.cli.check import inspect
 
     document = inspect(recording)

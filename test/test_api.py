@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 import inspect
+from itertools import pairwise
 import json
 from pathlib import Path
 import subprocess
@@ -138,8 +139,11 @@ def test_every_function_describes_each_of_its_parameters(name):
     named = {word for line in parameters.partition('\n\n')[0].splitlines()
              if not line.startswith(' ') for word in line.partition(' :')[0].split(', ')}
     assert named == {*inspect.signature(function).parameters}
-    if name not in ('read', 'simulate', 'save'):
-        assert 'Returns\n-------\n' in about
+    assert '\n\nReturns\n-------\n' in about or name == 'save'
+    assert '\n\nRaises\n------\n' in about or name == 'check'
+    rows = parameters.partition('\n\n')[0].splitlines()
+    assert all(after.startswith(' ') for row, after in pairwise([*rows, ''])
+               if not row.startswith(' ')), 'a parameter without a description'
 
 
 def test_the_module_stays_short():
