@@ -9,10 +9,13 @@ from typing import Any
 from forcecal_ros.cli import common
 
 NO_POSE = ('No pose was received: poses.* are tilts of a sensor whose z points down, '
-           'limits.workspace_* are those of a simulated rig.')
+           'limits.workspace_* are to be set.')
 
 TO_SET = ('limits.workspace_min', 'limits.workspace_max', 'limits.tip', 'limits.force',
           'limits.torque', 'poses.names', 'poses.values')
+BACKEND = 'motion.backend'
+"""Parameter by which the robot is moved, to be set where no preset of a controller has it."""
+
 JOINTS_TO_SET = ('joints.names', 'joints.values', 'joints.away')
 """Parameters that depend on the cell, and those of poses as joint vectors."""
 
@@ -59,7 +62,12 @@ def run(args: argparse.Namespace) -> int:
         not given['sequencer'].get('pose.frame'))]  # else from /tf
     values, other, about = ({}, {}, NO_POSE) if args.offline else _driver(
         args, {key: topics.get(key, key) for key in looked_for})
-    given['sequencer'] = {**_poses((1.0, 0.0, 0.0, 0.0)), **values, **given['sequencer']}
+    without_pose = {'limits.workspace_min': [nan] * 3, 'limits.workspace_max': [nan] * 3}
+    given['sequencer'] = {**without_pose, **_poses((1.0, 0.0, 0.0, 0.0)), **values,
+                          **given['sequencer']}
+    if undriven := BACKEND not in given['sequencer']:
+        common.warn('what moves the robot is not stated: add --controller, such as moveit_servo '
+                    f'or joint_trajectory_controller, or set {BACKEND}')
     launch = shlex.join((
         'ros2', 'launch', 'forcecal_ros', 'calibrate.launch.py', f'robot:={args.preset}',
         *([f'controller:={args.controller}'] if args.controller else ()),
@@ -69,7 +77,8 @@ def run(args: argparse.Namespace) -> int:
         f'Parameters for {" and ".join(names)}; start with {launch}. Topics: {named}. {about} '
         'Set the lines that end with # SET for your cell. Nothing moves before forcecal start.')}
     of_joints = given['sequencer'].get('motion.backend') == 'joint_trajectory'
-    to_set = {'sequencer': TO_SET + JOINTS_TO_SET * of_joints, 'observer': ()}
+    to_set = {'sequencer': TO_SET + JOINTS_TO_SET * of_joints + (BACKEND,) * undriven,
+              'observer': ()}
     write_text(args.output, '\n'.join(parameter_file(
         node, [row._replace(default=values.get(row.name, row.default)) for row in TABLES[node][0]],
         headings[node], to_set[node]) for node, values in given.items()))

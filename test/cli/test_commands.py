@@ -11,6 +11,7 @@ from calibration_runs import brief_run
 from forcecal_ros.cli.common import as_started
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.calibration import Estimate
+from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.core.streams import Stream
 from forcecal_ros.io.bags import write_recording
@@ -155,9 +156,14 @@ def test_compare_fails_on_drift_if_requested(brief, tmp_path, capsys):
 @pytest.mark.parametrize('robot', ['ur', 'franka', 'kuka_fri', 'broadcaster'])
 def test_init_writes_every_parameter_of_a_preset_with_its_meaning(tmp_path, capsys, robot):
     pytest.importorskip('rclpy')
+    from forcecal_ros.nodes.config import TABLES
+    from forcecal_ros.nodes.sequencer import settings_of
+
     path = tmp_path / 'my_cell.yaml'
     assert main(['init', '--preset', robot, '--offline', '-o', str(path)]) == 0
-    assert f'robot:={robot}' in capsys.readouterr().out
+    printed = capsys.readouterr()
+    assert f'robot:={robot}' in printed.out
+    assert ('--controller' in printed.err) is (robot != 'kuka_fri')
     text = path.read_text()
     written = yaml.safe_load(text)
     sequencer = written['/**/sequencer']['ros__parameters']
@@ -166,6 +172,12 @@ def test_init_writes_every_parameter_of_a_preset_with_its_meaning(tmp_path, caps
     assert len(sequencer['poses']['values']) == 7 * len(sequencer['poses']['names'])
     assert written['/**/observer']['ros__parameters']['accelerometer']['source'] == 'none'
     assert text.count('    # ') > 100
+    # what nobody has measured is refused by the sequencer until it is set
+    assert np.isnan(sequencer['limits']['workspace_min']).all()
+    with pytest.raises(ConfigError, match='workspace_min is .*finite'):
+        settings_of({row.name: row.default for row in TABLES['sequencer'][0]}
+                    | {'limits.workspace_min': sequencer['limits']['workspace_min']})
+    assert ('backend: target_frame  # SET' in text) is (robot != 'kuka_fri')
 
 
 @pytest.mark.parametrize('line, expected', [
