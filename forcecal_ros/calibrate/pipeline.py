@@ -256,14 +256,11 @@ def identify_stages(recording: Recording, settings: IdentificationSettings,
     assert recording.pose is not None
     if joint is None:
         return replace(_single_samples(recording, poses, statics, settings), stops=stops)
-    spans = np.array([pose.end - pose.start for pose in poses])
     refuse_negative(float(joint.theta[0]))
     ring, sag = None, None
-    assert joint.noise is not None
     if settings.tool_compliance != 'no':
         sag = sag_of(joint, require_wrench(recording))
-        density = float(joint.noise.at_least_white[0, 0]) * joint.blocks.length
-        ring = ring_of(recording, statics, joint, density, sag, spans)
+        ring = ring_of(recording, poses, statics, joint, sag)
     if ring is not None:
         slide = displacement(recording, ring, joint)
         joint = fit_motion(recording, settings, poses, slide, point) or joint

@@ -128,33 +128,17 @@ def _rounding(wrench: Stream, poses: list[StaticPose]) -> Array:
                      for values, variance in zip(wrench.values.T, within)])
 
 
-def ring_of(recording: Recording, statics: Statics, fit: JointFit, force_density: float,
-            sag: Sag | None, spans: Array) -> RingFit | None:
-    """
-    Fit what rings after the step.
-
-    Parameters
-    ----------
-    force_density : float
-        Of the noise of the force along x [N^2 s].
-    sag : Sag or None
-        Stiffness at rest.
-    spans : ndarray, shape (n,)
-        Durations of the static poses [s].
-
-    Returns
-    -------
-    RingFit or None
-        None where nothing rang.
-    """
-    optidrive, density = None, 1.0
-    if statics.slide.any():
-        optidrive = recording.optidrive
-        density = float(statics.slide_variance[0] * spans[0])
-    ringing = rings(phase_spans(recording.phases, ('step',)), require_wrench(recording), optidrive,
-                    recording.pose, recording.target)
-    return stiffness_and_damping(ringing, float(fit.theta[0]), force_density, density,
-                                 (sag.stiffness, sag.variance) if sag else None)
+def ring_of(recording: Recording, poses: list[StaticPose], statics: Statics, fit: JointFit,
+            sag: Sag | None) -> RingFit | None:
+    """Fit what rings after the step; None where nothing rang."""
+    assert fit.noise is not None
+    ringing = rings(phase_spans(recording.phases, ('step',)), require_wrench(recording),
+                    recording.optidrive if statics.slide.any() else None, recording.pose,
+                    recording.target)
+    return stiffness_and_damping(
+        ringing, float(fit.theta[0]), float(fit.noise.at_least_white[0, 0]) * fit.blocks.length,
+        float(statics.slide_variance[0] * (poses[0].end - poses[0].start)),
+        (sag.stiffness, sag.variance) if sag else None)
 
 
 def displacement(recording: Recording, ring: RingFit, fit: JointFit) -> Stream:
