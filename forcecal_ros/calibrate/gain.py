@@ -41,6 +41,7 @@ from forcecal_ros.core.time_grid import Averager
 import numpy as np
 from scipy.linalg import solve_continuous_are
 
+
 class ObserverModel(NamedTuple):
     """Matrices of [Gamez2005] Eq. 5; shapes (2, 2), (2,), (3, 2), (3,), (3,)."""
 
