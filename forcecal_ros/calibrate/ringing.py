@@ -239,7 +239,7 @@ def stiffness_and_damping(
                for z in (0.05, 0.2, 0.5)]
     best = min(guesses, key=lambda p: float((residuals(p)**2).sum()))
     fit = least_squares(residuals, best, x_scale='jac', method='trf', max_nfev=60)
-    k, d, delay = *np.exp(fit.x[:2]), *fit.x[2:], *[0.0] * (not with_slide)
+    (k, d), delay = np.exp(fit.x[:2]), float(fit.x[2]) if with_slide else 0.0
     if max(_strength(ring, k, d, mass, force_density) for ring in ringing) < _SIGNIFICANT or (
             not fit.success):
         return None
@@ -260,7 +260,7 @@ def stiffness_and_damping(
     standardised = Residuals(np.arange(n, dtype=float), fit.fun[:, None], sigma[:, None],
                              np.ones(1), np.ones(n, dtype=bool),
                              np.abs(residuals(fit.x, larger) - fit.fun)[:, None])
-    return RingFit(float(k), float(d), float(delay), covariance, standardised)
+    return RingFit(float(k), float(d), delay, covariance, standardised)
 
 
 def _scatter(residuals: Array, lengths: list[int]) -> Array:

@@ -7,6 +7,7 @@ numbers are all that their standard errors come from.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 from forcecal_ros.core.calibration import Estimate
@@ -24,7 +25,6 @@ from forcecal_ros.insitu.equations import (
     LoadEstimate,
     off_by,
     RankReport,
-    Stated,
     STATIC,
     total_map,
 )
@@ -33,15 +33,6 @@ from forcecal_ros.insitu.reduce import DataSet, Reduced
 from forcecal_ros.insitu.result import DataSetResult, SensorResult
 from forcecal_ros.insitu.uncertainty import propagate
 import numpy as np
-
-
-class Training(NamedTuple):
-    """The data sets to train on: raw pseudo-samples, regressors and loads, and which they are."""
-
-    raw: list[Array]
-    gravity: list[Array]
-    loads: list[Load]
-    numbers: list[int]
 
 
 class Fitted(NamedTuple):
@@ -91,19 +82,31 @@ class MatrixProblem:
         start = len(self.offset) + sum(m.raw.size for m in self.moments[:number])
         return slice(start, start + self.moments[number].raw.size)
 
-    def training(self) -> Training:
-        """Return the data sets to train on, the offset subtracted."""
-        chosen = [(k, m, d.load) for k, (m, d) in enumerate(zip(self.moments, self.data_sets))
-                  if d.train and d.load is not None]
-        return Training([m.raw - np.outer(m.ones, self.offset) for _, m, _ in chosen],
-                        [m.directions for _, m, _ in chosen], [load for *_, load in chosen],
-                        [k for k, *_ in chosen])
+    @cached_property
+    def train(self) -> dict[int, Load]:
+        """Loads of the data sets to train on, by number."""
+        return {k: d.load for k, d in enumerate(self.data_sets) if d.train and d.load is not None}
+
+    @cached_property
+    def raw(self) -> list[Array]:
+        """Pseudo-samples of the data sets to train on, the offset subtracted."""
+        return [self.moments[k].raw - np.outer(self.moments[k].ones, self.offset)
+                for k in self.train]
+
+    @cached_property
+    def channels(self) -> Array:
+        """Six combinations of the channels, shape (n, 6)."""
+        return eq.six_channels(self.raw, self.noise)
+
+    @cached_property
+    def equations(self) -> tuple[list[Array], list[Array], list[Load]]:
+        """Six channels, regressors and loads of the data sets to train on."""
+        return ([raw @ self.channels for raw in self.raw],
+                [self.moments[k].directions for k in self.train], [*self.train.values()])
 
     def fit(self) -> Fitted:
         """Return matrix and body, [Traversaro2014] Eq. 21."""
-        train = self.training()
-        found = eq.solve(train.raw, train.gravity, train.loads,
-                         eq.six_channels(train.raw, self.noise))
+        found = eq.solve(self.raw, *self.equations[1:], self.channels)
         offset = self.offset
         if len(found.body) > INERTIAL:
             offset = np.linalg.pinv(found.matrix) @ found.body[INERTIAL:]
@@ -124,16 +127,14 @@ class MatrixProblem:
             One row for each number of :meth:`Fitted.pack`; one column for each measured number,
             and for each stated mass and place, by one of their standard errors.
         """
-        train, n = self.training(), len(self.offset)
-        channels = eq.six_channels(train.raw, self.noise)
-        design, _ = eq.system([r @ channels for r in train.raw], train.gravity, train.loads)
-        scaled, scale = eq.to_unit_columns(design)
+        n, raws = len(self.offset), self.equations[0]
+        scaled, scale = eq.to_unit_columns(eq.system(*self.equations)[0])
         by_wrench = np.linalg.pinv(scaled, rcond=eq.RELATIVE) / scale[:, None]
         by_numbers = np.zeros((len(scale), len(self.covariance)))
         by_loads: list[Array] = []
-        ends = 6 * np.cumsum([len(raw) for raw in train.raw])[:-1]
-        for k, gravity, load, own in zip(train.numbers, train.gravity, train.loads,
-                                         np.split(by_wrench, ends, axis=1)):
+        parts = np.split(by_wrench, 6 * np.cumsum([len(raw) for raw in raws])[:-1], axis=1)
+        for (k, load), own in zip(self.train.items(), parts):
+            gravity = self.moments[k].directions
             by_raw = -(own.reshape(len(scale), -1, 6) @ fitted.matrix)
             by_numbers[:, self.part(k)] = by_raw.reshape(len(scale), -1)
             by_numbers[:, :n] -= np.tensordot(by_raw, self.moments[k].ones, (1, 0))
@@ -141,7 +142,7 @@ class MatrixProblem:
                          for off in off_by(load, mass * load.mass, place)]
 
         def of_all(change: Array) -> Array:
-            matrix = np.einsum('jik,cj->ick', change[:36].reshape(6, 6, -1), channels)
+            matrix = np.einsum('jik,cj->ick', change[:36].reshape(6, 6, -1), self.channels)
             offset = np.zeros((n, change.shape[1]))
             if len(fitted.body) > INERTIAL:
                 offset = np.linalg.pinv(fitted.matrix) @ (
@@ -171,19 +172,14 @@ class MatrixProblem:
         matrix : ndarray, shape (6, n)
             As fitted.
         """
-        train = self.training()
-        channels = eq.six_channels(train.raw, self.noise)
-
         def noise_of(number: int) -> Array:
             part, shape = self.part(number), self.moments[number].raw.shape
             covariance = self.covariance[part, part].reshape(shape * 2)
             variance = np.einsum('in,anam,im->i', matrix, covariance, matrix)
             return np.asarray(variance.reshape(2, 3).sum(axis=1))
 
-        return contradiction([
-            Stated(self.data_sets[k].name, raw @ channels, gravity, load, noise_of(k))
-            for k, raw, gravity, load in zip(train.numbers, train.raw, train.gravity, train.loads)
-        ], body)
+        return contradiction([self.data_sets[k].name for k in self.train], *self.equations,
+                             [noise_of(k) for k in self.train], body)
 
     def rank(self) -> RankReport:
         """
@@ -194,9 +190,7 @@ class MatrixProblem:
         UnobservableError
             More than the body's inertia stays open.
         """
-        train = self.training()
-        channels = eq.six_channels(train.raw, self.noise)
-        report = data_rank([r @ channels for r in train.raw], train.gravity, train.loads)
+        report = data_rank(*self.equations)
         if set(report.undetermined) - {'inertia of the body'}:
             raise UnobservableError(
                 f'the data give rank {report.rank} of {report.unknowns} beyond noise and misfit: '
