@@ -15,9 +15,8 @@ from forcecal_ros.calibrate.gain import (
 )
 from forcecal_ros.calibrate.joint import JointFit
 from forcecal_ros.calibrate.poses import StaticPose
-from forcecal_ros.calibrate.ringing import RingFit
+from forcecal_ros.calibrate.ringing import RingFit, Sag
 from forcecal_ros.calibrate.settings import IdentificationSettings
-from forcecal_ros.calibrate.statics import Sag
 from forcecal_ros.calibrate.tool import Statics, ToolFit
 from forcecal_ros.checks.signals import Clipping
 from forcecal_ros.core.axes import pose_from_wire, unit_direction

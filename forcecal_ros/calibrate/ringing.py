@@ -1,4 +1,4 @@
-"""Stiffness and damping of the tool from the ringing after a step.
+"""Stiffness and damping of a tool that slides along x of ft_sensor, from its sag and ringing.
 
 Once the robot stands again nothing drives the tool, and displacement and force along x are
 exponentially damped oscillations of one and the same motion:
@@ -13,13 +13,22 @@ regression is all but one with the damping (k times the delay).
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import chain
 from typing import NamedTuple
 
+from forcecal_ros.calibrate.accelerometer import lowpassed
+from forcecal_ros.calibrate.joint import JointFit, smooth
+from forcecal_ros.calibrate.poses import require_wrench, StaticPose
 from forcecal_ros.calibrate.residuals import Residuals
+from forcecal_ros.calibrate.tool import Statics
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.estimation import robust_fit
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.white import white_covariance
-from forcecal_ros.core.streams import PoseStream, Stream
+from forcecal_ros.core.rigid_body import rate_of_change
+from forcecal_ros.core.streams import phase_spans, PoseStream, Recording, Stream
+from forcecal_ros.core.time_grid import Averager
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import least_squares
@@ -56,6 +65,71 @@ force of 0.2 mN, 2 % of that of 13 um, on the rig without noise."""
 CREEP_RATE = 8.0
 """Rate at which the end of an approach decays, in which the robot still moves while the tool is
 said to ring freely [1/s]; slower adds no force, faster is over."""
+
+
+MIN_SAG = 0.05
+"""Least variation of the weight along x, of the weight, that shows a stiffness."""
+
+SAG_BLOCKS = 12
+"""Blocks of the rows at rest for the standard error of a stiffness: 0.5 s each in the sequence,
+five times as long as the low-pass correlates them."""
+
+SAG_SIGMA = 5.0
+"""Standard errors by which a compliance differs from zero."""
+
+
+class Sag(NamedTuple):
+    """
+    Compliance at rest, F_x = k (s - zero) + d ds/dt + bias.
+
+    Attributes
+    ----------
+    stiffness, variance : float
+        [N/m] and its square.
+    zero : float
+        What the Optidrive reads without load [m].
+    """
+
+    stiffness: float
+    variance: float
+    zero: float
+
+
+def sag_of(fit: JointFit, wrench: Stream) -> Sag | None:
+    """
+    Fit the stiffness of a tool to force and displacement along x at rest, [Gamez2005] Eq. 29.
+
+    Returns
+    -------
+    Sag or None
+        None without an Optidrive, or where the poses hardly load x.
+
+    Raises
+    ------
+    DataError
+        The tool slides against its load.
+    """
+    blocks = fit.blocks
+    rest = blocks.rows[blocks.groups == 0]
+    if blocks.displacement is None or not blocks.displacement.any() or len(rest) < 10:
+        return None
+    weight = fit.theta[0] * blocks.motion.apparent_gravity[rest, 0]
+    if np.ptp(weight) < MIN_SAG * fit.theta[0] * blocks.gravity:
+        return None
+    s = blocks.displacement[:, None]
+    force = Averager(wrench.t, wrench.values[:, :1]).interpolated(
+        blocks.starts + fit.delay, blocks.length)
+    rate = rate_of_change(s, blocks.length)
+    columns = smooth(np.concatenate([s, rate, np.ones_like(s)], axis=1))
+    found = robust_fit(columns[rest, None, :], smooth(force)[rest], blocks=SAG_BLOCKS, channels=1)
+    stiffness, variance = float(found.theta[0]), float(found.covariance[0, 0])
+    if stiffness**2 < SAG_SIGMA**2 * variance:
+        return None
+    if stiffness < 0:
+        raise DataError('optidrive: the tool slides against its load '
+                        f'({1e3 / stiffness:.3g} mm for each N); turn the sign of the optidrive')
+    zero = (fit.theta[10] - found.theta[2]) / stiffness
+    return Sag(stiffness, variance, float(zero))
 
 
 def fit_creep(pose: PoseStream | None) -> tuple[float, float]:
@@ -151,30 +225,27 @@ class RingFit(NamedTuple):
     residuals: Residuals
 
 
-def rings(windows: list[tuple[float, float]], wrench: Stream, optidrive: Stream | None,
-          pose: PoseStream | None, target: PoseStream | None) -> list[Ring]:
-    """
-    Cut out the stretches in which the tool rings and the robot stands.
-
-    Parameters
-    ----------
-    windows : list of tuple of float
-        Start and end of the phases ``step`` [s].
-    pose, target : PoseStream or None
-        The measured pose says when the robot has arrived, the commanded one where there is no
-        position.
-    """
-    out = []
-    for start, stop in chain(*(_stands(*window, pose, target) for window in windows)):
+def ring_of(recording: Recording, poses: Sequence[StaticPose], statics: Statics, fit: JointFit,
+            sag: Sag | None) -> RingFit | None:
+    """Fit what rings after the step while the robot stands; None where nothing rang."""
+    assert fit.noise is not None
+    wrench, pose, ringing = require_wrench(recording), recording.pose, []
+    optidrive = recording.optidrive if statics.slide.any() else None
+    spans = (_stands(*window, pose, recording.target)
+             for window in phase_spans(recording.phases, ('step',)))
+    for start, stop in chain(*spans):
         stop = min(stop, start + _LONGEST)
         cut = wrench.between(start, stop)
         if stop - start < _SHORTEST or len(cut) < 20:
             continue
         slide = optidrive.between(start, stop) if optidrive else Stream(
             np.empty(0), np.empty((0, 1)))
-        out.append(Ring(cut.t - start, cut.values[:, 0], slide.t - start, slide.values[:, 0],
-                        *fit_creep(pose and pose.between(start, stop))))
-    return out
+        ringing.append(Ring(cut.t - start, cut.values[:, 0], slide.t - start, slide.values[:, 0],
+                            *fit_creep(pose and pose.between(start, stop))))
+    return stiffness_and_damping(
+        ringing, float(fit.theta[0]), float(fit.noise.at_least_white[0, 0]) * fit.blocks.length,
+        float(statics.slide_variance[0] * (poses[0].end - poses[0].start)),
+        (sag.stiffness, sag.variance) if sag else None)
 
 
 def _stands(begin: float, end: float, pose: PoseStream | None, target: PoseStream | None
@@ -324,3 +395,19 @@ def _strength(ring: Ring, k: float, d: float, mass: float, force: float) -> floa
     rows = np.column_stack([basis, np.ones(len(ring.t))])
     swing = basis @ np.linalg.lstsq(rows, ring.force, rcond=None)[0][:2]
     return float(np.sqrt((swing**2).sum() * _period(ring.t) / force))
+
+
+def displacement(recording: Recording, ring: RingFit, fit: JointFit) -> Stream:
+    """
+    Return the displacement of the tool by the pose's clock: measured, or by the spring.
+
+    k s + d ds/dt = F: the displacement follows the force through a first-order low-pass.
+    """
+    measured, wrench = recording.optidrive, require_wrench(recording)
+    if measured is not None and len(measured) > 1:
+        return replace(measured, t=measured.t - ring.slide_delay - fit.delay)
+    period = float(np.median(np.diff(wrench.t)))
+    t = np.arange(wrench.t[0], wrench.t[-1], period)
+    s = (np.interp(t, wrench.t, wrench.values[:, 0]) - fit.theta[10]) / ring.stiffness
+    corner = ring.stiffness / (2 * np.pi * ring.damping)
+    return Stream(t - fit.delay, (s[0] + lowpassed(s - s[0], period, corner))[:, None])

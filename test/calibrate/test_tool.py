@@ -4,7 +4,7 @@ from functools import cache
 
 from forcecal_ros.calibrate.accelerometer import in_words, split_matrix
 from forcecal_ros.calibrate.ringing import follow, Ring, stiffness_and_damping
-from forcecal_ros.calibrate.tool import gravity_spread, identify_tool, Statics
+from forcecal_ros.calibrate.tool import gravity_spread, identify_tool, refuse_negative, Statics
 from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.geometry import rotation_from_vector
 from hypothesis import given
@@ -56,8 +56,9 @@ def test_poses_along_one_line_name_the_axis_to_tilt_about(directions, axis):
 
 def test_a_turned_wrench_is_refused():
     statics = statics_of(THREE)
-    with pytest.raises(DataError, match='the wrench has the opposite sign'):
-        identify_tool(statics._replace(wrench=-statics.wrench))
+    tool = identify_tool(statics._replace(wrench=-statics.wrench))
+    with pytest.raises(DataError, match='has the opposite sign; set wrench.sign to 1 '):
+        refuse_negative(tool.mass, -1)
 
 
 def test_spread_of_the_six_directions_is_even():
