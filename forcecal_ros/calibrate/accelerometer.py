@@ -214,13 +214,10 @@ def identify_static_accelerometer(
     solution = bread @ rows.T @ volts
     residuals = volts - rows @ solution
     noise = np.diag((residuals**2).sum(axis=0) / (n - 4))
-    covariance = np.einsum('ab,ij->iajb', bread, noise)
-    order = np.array([[i, 0] for i in range(3)]
-                     + [[i, 1 + j] for i in range(3) for j in range(3)]).T
+    pick = [0, 4, 8, 1, 2, 3, 5, 6, 7, 9, 10, 11]  # each channel has its offset and its gains
     full = np.full((17, 17), np.nan)
-    full[:12, :12] = covariance[order[0][:, None], order[1][:, None], order[0], order[1]]
-    nan = float('nan')
-    return AccelerometerFit(solution[0], solution[1:].T, nan, nan, np.full(3, nan), full)
+    full[:12, :12] = np.kron(noise, bread)[np.ix_(pick, pick)]
+    return AccelerometerFit(solution[0], solution[1:].T, np.nan, np.nan, np.full(3, np.nan), full)
 
 
 def lowpassed(f: Array, length: float, cutoff: float) -> Array:

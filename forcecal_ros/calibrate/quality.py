@@ -287,10 +287,7 @@ def refuse_unnatural(c: Calibration) -> None:
     DataError
         Names the estimate, its value and what makes it so.
     """
-    mass, away = float(c.mass), float(np.linalg.norm(c.com.value))
-    if not mass > 0.0:
-        raise DataError(f'the mass comes out as {mass:.4g} kg, which no tool has; look at the '
-                        'sign and the frame of the wrench')
+    away = float(np.linalg.norm(c.com.value))
     if not away < FARTHEST:
         raise DataError(
             f'the centre of mass comes out {away:.3g} m away from the sensor, which no tool has; '

@@ -203,9 +203,6 @@ def farthest(residuals: Array) -> Outlier | None:
     return Outlier(i, j, float(residuals[i, j]), float(min(1.0, chance)))
 
 
-_ESTIMABLE = 1e-6
-"""Eigenvalue of M_kk below which the other poses do not predict a direction: it is rounding."""
-
 
 class PoseError(NamedTuple):
     """
@@ -234,22 +231,19 @@ def pose_errors(statics: Statics, tool: ToolFit) -> list[PoseError]:
     """Compare every static pose with the others; empty where their noise is not known."""
     if statics.covariance is None:
         return []
-    design, reading = design_of(statics)
-    blocks = statics.covariance + tool.mass**2 * slide_noise(statics)
-    lower = np.linalg.cholesky(blocks)
-    rows, right = design.copy(), reading.copy()
-    for k, L in enumerate(lower):
-        part = slice(6 * k, 6 * k + 6)
-        rows[part], right[part] = np.linalg.solve(L, rows[part]), np.linalg.solve(L, right[part])
-    basis = np.linalg.qr(rows / np.linalg.norm(rows, axis=0))[0]
-    residual = right - basis @ (basis.T @ right)
-    return [_error(residual[6 * k:6 * k + 6], basis[6 * k:6 * k + 6], L, g)
-            for k, (L, g) in enumerate(zip(lower, statics.gravity))]
+    lower = np.linalg.cholesky(statics.covariance + tool.mass**2 * slide_noise(statics))
+    both = np.column_stack(design_of(statics)).reshape(len(lower), 6, -1)
+    white = np.linalg.solve(lower, both).reshape(6 * len(lower), -1)
+    basis = np.linalg.qr(white[:, :-1] / np.linalg.norm(white[:, :-1], axis=0))[0]
+    residual = white[:, -1] - basis @ (basis.T @ white[:, -1])
+    return [_error(*one) for one in zip(residual.reshape(-1, 6), basis.reshape(
+        len(lower), 6, -1), lower, statics.gravity)]
 
 
 def _error(residual: Array, basis: Array, lower: Array, gravity: Array) -> PoseError:
+    # below this eigenvalue the other poses do not predict a direction: it is rounding
     values, vectors = np.linalg.eigh(np.eye(6) - basis @ basis.T)
-    known = values > _ESTIMABLE
+    known = values > 1e-6
     if not known.any():
         return PoseError(np.zeros(6), 0.0, np.nan)
     along = vectors[:, known].T @ residual

@@ -180,7 +180,7 @@ def refuse_negative(mass: float, wrench_sign: int | None = None) -> None:
     DataError
     """
     other = -(wrench_sign or 1)
-    if mass <= 0:
+    if not mass > 0.0:
         raise DataError(f'the mass comes out as {mass:.4g} kg: the wrench has the opposite sign; '
                         f'set wrench.sign to {other} (--wrench-sign {other})')
 
