@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
-from forcecal_ros.checks.signals import PAUSE_S, STREAMS
+from forcecal_ros.checks.signals import PAUSE_S, present, STREAMS
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import Recording
 import numpy as np
@@ -58,12 +58,8 @@ def clocks(recording: Recording, rates: Mapping[str, float] = MappingProxyType({
     rates : mapping of str to float
         Of each stream, where they are known [Hz].
     """
-    found = []
-    for name in STREAMS:
-        stream = getattr(recording, name)
-        if stream is not None and len(stream) > 100:
-            found.append(_clock(name, np.asarray(stream.t), rates.get(name)))
-    return tuple(found)
+    return tuple(_clock(name, stream.t, rates.get(name)) for name, stream in present(
+        recording, STREAMS).items() if len(stream) > 100)
 
 
 def _clock(name: str, t: Array, nominal: float | None) -> Clock:
