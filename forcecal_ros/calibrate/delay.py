@@ -16,18 +16,6 @@ from forcecal_ros.core.streams import Recording, Stream
 from forcecal_ros.core.time_grid import Averager, block_length
 import numpy as np
 
-_PARTS = 12
-"""Parts of the motion that are taken as independent of each other for the standard error."""
-
-_STEP, _ITERATIONS = 1e-3, 4
-"""Between the delays that are tried before the best one is refined [s], and steps of that."""
-
-_LARGEST = 0.02
-"""Greatest delay looked for, either way; real pairs of sensors were 6 to 9 ms apart [s]."""
-
-_SHORTEST = 0.02
-"""Length of the blocks that are averaged, longer where a sensor is slow [s]."""
-
 
 def estimate_delay(recording: Recording, calibration: Calibration) -> Estimate:
     """
@@ -61,13 +49,19 @@ def estimate_delay(recording: Recording, calibration: Calibration) -> Estimate:
     known = calibration.accelerometer
     f = np.linalg.solve(known.matrix, (accelerometer.values - known.offset.value).T).T
     force, pull = wrench, Stream(accelerometer.t, f)
-    length = block_length(_SHORTEST, 1 / wrench.rate, 1 / accelerometer.rate)
-    first = max(force.t[0], pull.t[0] + _LARGEST) if len(force) else 0.0
-    last = min(force.t[-1], pull.t[-1] - _LARGEST) if len(force) else 0.0
+    # length of the blocks that are averaged, longer where a sensor is slow [s]
+    shortest = 0.02
+    length = block_length(shortest, 1 / wrench.rate, 1 / accelerometer.rate)
+    # greatest delay looked for, either way; real pairs of sensors were 6 to 9 ms apart [s]
+    largest = 0.02
+    first = max(force.t[0], pull.t[0] + largest) if len(force) else 0.0
+    last = min(force.t[-1], pull.t[-1] - largest) if len(force) else 0.0
     starts = np.arange(first, last - length, length / 2)
-    if len(starts) < 4 * _PARTS:
+    # parts of the motion that are taken as independent of each other for the standard error
+    parts = 12
+    if len(starts) < 4 * parts:
         raise DataError(f'{len(starts)} blocks of {1e3 * length:.0f} ms of free motion do not '
-                        f'tell the delay; at least {4 * _PARTS} are wanted')
+                        f'tell the delay; at least {4 * parts} are wanted')
     F = Averager(force.t, force.values[:, :3]).means(starts, length)
     averager, mass = Averager(pull.t, f), float(calibration.mass)
 
@@ -75,23 +69,25 @@ def estimate_delay(recording: Recording, calibration: Calibration) -> Estimate:
         r = F + mass * averager.means(starts + delay, length)
         return np.asarray(r - np.nanmean(r, axis=0))
 
-    grid = np.arange(-_LARGEST, _LARGEST + _STEP / 2, _STEP)
+    # between the delays that are tried before the best one is refined [s], and steps of that
+    step, iterations = 1e-3, 4
+    grid = np.arange(-largest, largest + step / 2, step)
     best = float(min(grid, key=lambda delay: float(np.nansum(residual(delay)**2))))
-    for _ in range(_ITERATIONS):
+    for _ in range(iterations):
         left = residual(best)
-        slope = (residual(best + _STEP / 2) - residual(best - _STEP / 2)) / _STEP
+        slope = (residual(best + step / 2) - residual(best - step / 2)) / step
         good = np.isfinite(left + slope).all(axis=1)
         columns = np.insert(np.broadcast_to(np.eye(3), (len(left), 3, 3)), 0, -slope, axis=2)
-        fit = robust_fit(columns[good], left[good], blocks=_PARTS)
+        fit = robust_fit(columns[good], left[good], blocks=parts)
         best += float(fit.theta[0])
     variance = float(fit.covariance[0, 0])
     moved = float(np.nansum((F - np.nanmean(F, axis=0)) ** 2))
     explained = 1 - float(np.nansum(residual(best) ** 2)) / moved
-    if explained < 0.5 or abs(best) > _LARGEST - _STEP or variance > (_LARGEST / 10) ** 2:
+    if explained < 0.5 or abs(best) > largest - step or variance > (largest / 10) ** 2:
         raise DataError(
             f'the motion does not identify the delay: {quantity(best, variance ** 0.5, "s")}, the '
             f'acceleration explains {100 * explained:.0f} % of the force; move faster, free of '
-            f'contact; delays beyond {1e3 * _LARGEST:.0f} ms are not searched')
+            f'contact; delays beyond {1e3 * largest:.0f} ms are not searched')
     return Estimate(best, np.sqrt(variance), 's')
 
 

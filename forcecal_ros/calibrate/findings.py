@@ -58,9 +58,6 @@ sound runs 2.2 times at most, behind a high-pass that settles, where jumps hid 1
 _SMALL = 1e-4
 """Residuals below this share of the tool's weight or of gravity are not worth a warning."""
 
-_ASTRAY = 3e-3
-"""Commanded and measured orientation may differ by this much from pose to pose [rad]."""
-
 _RESOLVED = 5
 """Blocks that a derivative of the pose reaches over: where commands were held back for a moment
 the turning is abrupter than it can show, within fewer."""
@@ -278,7 +275,9 @@ def pose_astray(recording: Recording, stages: Stages) -> Iterator[Finding]:
     apart = [target.R_base_sensor[i].T @ p.R_base_sensor for i, p in zip(index, stages.poses)]
     turns = [float(np.linalg.norm(rotation_vector(apart[0].T @ R))) for R in apart]
     worst = int(np.argmax(turns))
-    if turns[worst] > _ASTRAY:
+    # commanded and measured orientation may differ by this much from pose to pose [rad]
+    astray_rad = 3e-3
+    if turns[worst] > astray_rad:
         yield Finding(
             f'current_pose and target_frame disagree by {np.degrees(turns[worst]):.2g} deg more '
             f'in pose {worst + 1} than in pose 1; look at the encoders, and whether both are the '

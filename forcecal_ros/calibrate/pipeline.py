@@ -85,13 +85,6 @@ import numpy as np
 MIN_SAMPLES = 20
 """Of a stream that is fitted in motion: poses of fewer are single samples."""
 
-MAX_RELATIVE_MAP_STD = 0.05
-"""Largest standard error of an element of the accelerometer's map, of its largest: above, it is
-not identified."""
-
-MAX_COM_STD = 0.1
-"""Standard error from which a centre of mass is not identified [m]: the size of tools."""
-
 MAX_DELAY_STD = 2e-3
 """Standard error from which a delay is not identified [s]: a sample of a sensor at 500 Hz."""
 
@@ -272,7 +265,9 @@ def identify_stages(recording: Recording, settings: IdentificationSettings,
     tool = tool_of_motion(joint, statics)
     moves = bool((joint.blocks.groups == 1).any())
     shows = moves and joint.unexplained <= most_unexplained(recording.pose.has_position)
-    if not shows or not np.sqrt(np.diag(tool.covariance)[4:7].max()) < MAX_COM_STD:
+    # standard error from which a centre of mass is not identified [m]: the size of tools
+    largest_std = 0.1
+    if not shows or not np.sqrt(np.diag(tool.covariance)[4:7].max()) < largest_std:
         check_poses(statics.gravity, settings.thresholds.condition)
     late = (-joint.delay, joint.delay_std)
     known = moves and joint.delay_std < MAX_DELAY_STD
@@ -349,7 +344,10 @@ def fit_accelerometer(recording: Recording, settings: IdentificationSettings, jo
     fit = accelerometer_fit(
         stream, _blocks(stream, recording, settings, poses, slide), settings.coupling,
         settings.cutoff, None if place is None else np.array(place), settings.largest_delay)
-    if fit.std[3:12].max() > MAX_RELATIVE_MAP_STD * np.abs(fit.matrix).max():
+    # largest standard error of an element of the accelerometer's map, of its largest: above, it is
+    # not identified
+    most_relative = 0.05
+    if fit.std[3:12].max() > most_relative * np.abs(fit.matrix).max():
         return None
     C = fit.covariance.copy()
     C[12, 12] += joint.covariance[16, 16]
@@ -406,9 +404,6 @@ def _single_samples(recording: Recording, poses: list[StaticPose], statics: Stat
     return Stages(recording, poses, statics, tool, None, None, accelerometer, None, None, None)
 
 
-MAX_RELATIVE_INERTIA_STD = 0.3
-"""Largest standard error of an element of inertia, of its mean moment: above, it is left out."""
-
 ESTIMATED_KEYS = ('mass', 'com', 'wrench_bias', 'inertia')
 """Keys that are estimated from motion."""
 
@@ -437,7 +432,9 @@ def calibrate_by_motion(recording: Recording, settings: IdentificationSettings, 
     """
     refuse_negative(float(found.theta[0]), recording.wrench_sign)
     inertia = inertia_of(found)
-    known = known_inertia(inertia, MAX_RELATIVE_INERTIA_STD)
+    # largest standard error of an element of inertia, of its mean moment: above, it is left out
+    most_relative = 0.3
+    known = known_inertia(inertia, most_relative)
     mass, std = float(found.theta[0]), found.std
     fields: dict[str, Any] = {
         'mass': Estimate(mass, std[0], 'kg'),

@@ -16,9 +16,6 @@ from forcecal_ros.core.topics import require
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-_ROUNDING = 1e-6
-"""By how much stamps of phases are rounded [s]."""
-
 _SHORTEST_STAND = 0.5
 """A robot that stands for less has not stopped to be measured [s]."""
 
@@ -31,17 +28,9 @@ _SPEED = 0.002
 _AVERAGED = 0.1
 """Means of poses over so long are compared [s], which evens out a pose's noise."""
 
-_CERTAIN = 5.0
-"""Standard errors of a difference beyond which it is motion: one in 10^5 is by chance."""
-
-
 _HELD = 1.5
 """A robot that is held by hand, or yields, sways; it stands where it stays for so long [s] within
 what one that creeps at the speeds above does meanwhile."""
-
-_TRIMMED = 0.5
-"""So much of a stand at most that ends in motion is the motion's own, and no sway [s]."""
-
 
 class NeverAtRest(DataError):
     """The robot moves throughout a recording."""
@@ -127,9 +116,11 @@ def static_windows(recording: Recording) -> list[tuple[float, float]]:
         There is none; :class:`NeverAtRest` where the pose moves throughout.
     """
     assert recording.pose is not None
+    # by how much stamps of phases are rounded [s]
+    rounding = 1e-6
     if recording.phases:
         last = recording.phases[-1].end
-        windows = [(p.start - _ROUNDING, p.end + (_ROUNDING if p.end == last else -_ROUNDING))
+        windows = [(p.start - rounding, p.end + (rounding if p.end == last else -rounding))
                    for p in recording.phases if p.name in STILL]
         if not windows:
             raise DataError(
@@ -202,7 +193,9 @@ def _stands(t: Array, means: Sequence[Array], by_chance: Sequence[float]
     for j in range(span):
         held[j:j + len(stays)] |= stays
     edges = np.flatnonzero(np.diff(np.concatenate([[True], moving & ~held, [True]]).astype(int)))
-    most = round(_TRIMMED / _HELD * span)
+    # so much of a stand at most that ends in motion is the motion's own, and no sway [s]
+    trimmed = 0.5
+    most = round(trimmed / _HELD * span)
     for first, last in zip(edges[::2].tolist(), edges[1::2].tolist()):
         still = np.flatnonzero(~moving[first:last])
         begin, end = (still[0], still[-1] + 1) if len(still) else (0, last - first)
@@ -216,7 +209,9 @@ def _by_chance(samples: Array, step: int) -> float:
     Second differences of samples are noise, whatever the motion: of white noise sqrt(6) of it.
     """
     noise = np.median(np.abs(np.diff(samples, 2, axis=0))) / (0.6745 * np.sqrt(6.0))
-    return float(_CERTAIN * np.sqrt(2.0 / step) * noise)
+    # standard errors of a difference beyond which it is motion: one in 10^5 is by chance
+    certain = 5.0
+    return float(certain * np.sqrt(2.0 / step) * noise)
 
 
 def static_poses(recording: Recording) -> list[StaticPose]:
@@ -309,10 +304,6 @@ def window_mean(stream: Stream, start: float, end: float, what: str = 'signal') 
     return np.asarray(values.mean(axis=0))
 
 
-MOSTLY = 0.5
-"""From this share of a pose on that is spent at a limit, its mean is the limit, not the load."""
-
-
 def require_wrench(recording: Recording) -> Stream:
     """
     Return the wrench.
@@ -355,4 +346,6 @@ def refuse_poses_at_a_limit(recording: Recording, stops: Iterable[Clipping],
 
 def _stands_at(t: Array, values: Array, pose: StaticPose, limit: float) -> bool:
     at = values[(t >= pose.start) & (t < pose.end)] == limit
-    return len(at) > 0 and bool(at.mean() >= MOSTLY)
+    # from this share of a pose on that is spent at a limit, its mean is the limit, not the load
+    mostly = 0.5
+    return len(at) > 0 and bool(at.mean() >= mostly)

@@ -33,49 +33,9 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import least_squares
 
-_SERVO = 0.06
-"""By how much the robot's servos still settle once its pose does not change any more [s]."""
-
-_STILL = 1e-4
-"""A robot that moves by less within 20 ms has stopped [m]."""
-
-_STARTS_BEFORE = 0.1
-"""By how much a robot leaves before its pose shows it [s].
-
-The force feels the acceleration at once, the pose has to move by _STILL first: up to 0.09 s on the
-rig where its commands come late.
-"""
-
-_LONGEST = 2.0
-"""Ringing is fitted over this long at most [s]."""
-
-_SHORTEST = 0.15
-"""Stretches that are shorter do not tell a decay [s]."""
-
-_SIGNIFICANT = 8.0
-"""Ringing of a smaller strength does not stand out of the noise."""
-
-_PRECISE = 0.3
-"""Stiffness and damping with a larger relative error are not worth giving."""
-
-_APPROACH = 0.05
-"""Share of the last of an approach by which it may depart from an exponential, as no noise does: a
-force of 0.2 mN, 2 % of that of 13 um, on the rig without noise."""
-
 CREEP_RATE = 8.0
 """Rate at which the end of an approach decays, in which the robot still moves while the tool is
 said to ring freely [1/s]; slower adds no force, faster is over."""
-
-
-MIN_SAG = 0.05
-"""Least variation of the weight along x, of the weight, that shows a stiffness."""
-
-SAG_BLOCKS = 12
-"""Blocks of the rows at rest for the standard error of a stiffness: 0.5 s each in the sequence,
-five times as long as the low-pass correlates them."""
-
-SAG_SIGMA = 5.0
-"""Standard errors by which a compliance differs from zero."""
 
 
 class Sag(NamedTuple):
@@ -114,16 +74,23 @@ def sag_of(fit: JointFit, wrench: Stream) -> Sag | None:
     if blocks.displacement is None or not blocks.displacement.any() or len(rest) < 10:
         return None
     weight = fit.theta[0] * blocks.motion.apparent_gravity[rest, 0]
-    if np.ptp(weight) < MIN_SAG * fit.theta[0] * blocks.gravity:
+    # least variation of the weight along x, of the weight, that shows a stiffness
+    least = 0.05
+    if np.ptp(weight) < least * fit.theta[0] * blocks.gravity:
         return None
     s = blocks.displacement[:, None]
     force = Averager(wrench.t, wrench.values[:, :1]).interpolated(
         blocks.starts + fit.delay, blocks.length)
     rate = rate_of_change(s, blocks.length)
     columns = smooth(np.concatenate([s, rate, np.ones_like(s)], axis=1))
-    found = robust_fit(columns[rest, None, :], smooth(force)[rest], blocks=SAG_BLOCKS, channels=1)
+    # blocks of the rows at rest for the standard error of a stiffness: 0.5 s each in the sequence,
+    # five times as long as the low-pass correlates them
+    independent = 12
+    found = robust_fit(columns[rest, None, :], smooth(force)[rest], blocks=independent, channels=1)
     stiffness, variance = float(found.theta[0]), float(found.covariance[0, 0])
-    if stiffness**2 < SAG_SIGMA**2 * variance:
+    # standard errors by which a compliance differs from zero
+    sigmas = 5.0
+    if stiffness**2 < sigmas**2 * variance:
         return None
     if stiffness < 0:
         raise DataError('optidrive: the tool slides against its load '
@@ -234,9 +201,13 @@ def ring_of(recording: Recording, poses: Sequence[StaticPose], statics: Statics,
     spans = (_stands(*window, pose, recording.target)
              for window in phase_spans(recording.phases, ('step',)))
     for start, stop in chain(*spans):
-        stop = min(stop, start + _LONGEST)
+        # ringing is fitted over this long at most [s]
+        longest = 2.0
+        stop = min(stop, start + longest)
         cut = wrench.between(start, stop)
-        if stop - start < _SHORTEST or len(cut) < 20:
+        # stretches that are shorter do not tell a decay [s]
+        shortest = 0.15
+        if stop - start < shortest or len(cut) < 20:
             continue
         slide = optidrive.between(start, stop) if optidrive else Stream(
             np.empty(0), np.empty((0, 1)))
@@ -259,14 +230,22 @@ def _stands(begin: float, end: float, pose: PoseStream | None, target: PoseStrea
         return []
     step = max(1, round(float(0.02 / np.median(np.diff(cut.t)))))
     place = uniform_filter1d(cut.position, step, axis=0, mode='nearest')
-    moving = (np.linalg.norm(place[step:] - place[:-step], axis=1) > _STILL).astype(int)
+    # a robot that moves by less within 20 ms has stopped [m]
+    still = 1e-4
+    moving = (np.linalg.norm(place[step:] - place[:-step], axis=1) > still).astype(int)
     edges = np.diff(np.concatenate([[1], moving, [1]]))
     stop, go = np.flatnonzero(edges == -1), np.flatnonzero(edges == 1)
     t = np.append(cut.t, end)
     spans = []
     for i, j in zip(stop.tolist(), go.tolist()):
-        arrived = float(t[min(i + step, len(t) - 1)]) + _SERVO
-        spans.append((arrived, float(t[j]) - _STARTS_BEFORE if j < len(moving) else end))
+        # by how much the robot's servos still settle once its pose does not change any more [s]
+        servo = 0.06
+        arrived = float(t[min(i + step, len(t) - 1)]) + servo
+        # by how much a robot leaves before its pose shows it [s]. The force feels the acceleration
+        # at once, the pose has to move by 0.1 mm first: up to 0.09 s on the rig where its commands
+        # come late
+        before = 0.1
+        spans.append((arrived, float(t[j]) - before if j < len(moving) else end))
     return [(a, b) for a, b in spans if a > begin]
 
 
@@ -311,7 +290,9 @@ def stiffness_and_damping(
     best = min(guesses, key=lambda p: float((residuals(p)**2).sum()))
     fit = least_squares(residuals, best, x_scale='jac', method='trf', max_nfev=60)
     (k, d), delay = np.exp(fit.x[:2]), float(fit.x[2]) if with_slide else 0.0
-    if max(_strength(ring, k, d, mass, force_density) for ring in ringing) < _SIGNIFICANT or (
+    # ringing of a smaller strength does not stand out of the noise
+    significant = 8.0
+    if max(_strength(ring, k, d, mass, force_density) for ring in ringing) < significant or (
             not fit.success):
         return None
     inverse = np.linalg.pinv(fit.jac.T @ fit.jac)
@@ -321,12 +302,17 @@ def stiffness_and_damping(
         off = residuals(fit.x, [*ringing[:i], moved, *ringing[i + 1:]]) - fit.fun
         shift = inverse @ fit.jac.T @ off
         full = full + np.outer(shift, shift)
-    if np.diag(full)[:2].max() > _PRECISE**2:
+    # stiffness and damping with a larger relative error are not worth giving
+    precise = 0.3
+    if np.diag(full)[:2].max() > precise**2:
         return None
     scale = np.array([k, d, 1.0][:len(fit.x)])
     covariance = np.pad(full * np.outer(scale, scale), (0, 3 - len(scale)))
     n = len(fit.fun)
-    larger = [ring._replace(way=ring.way * (1.0 + _APPROACH)) for ring in ringing]
+    # share of the last of an approach by which it may depart from an exponential, as no noise
+    # does: a force of 0.2 mN, 2 % of that of 13 um, on the rig without noise
+    tolerance = 0.05
+    larger = [ring._replace(way=ring.way * (1.0 + tolerance)) for ring in ringing]
     sigma = _scatter(fit.fun, [m for ring in ringing for m in (len(ring.t), len(ring.slide))])
     standardised = Residuals(np.arange(n, dtype=float), fit.fun[:, None], sigma[:, None],
                              np.ones(1), np.ones(n, dtype=bool),

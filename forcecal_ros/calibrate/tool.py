@@ -187,11 +187,6 @@ def refuse_negative(mass: float, wrench_sign: int | None = None) -> None:
 
 X_HAT = np.array([1.0, 0.0, 0.0])
 
-WIDENED = 1e-3
-"""Residuals less probable than this widen the errors, before they are improbable enough for a
-warning: it costs one sound recording in a thousand errors that are 1.6 times too large."""
-
-
 class ToolFit(NamedTuple):
     """
     Mass, biases and centre of mass, and the static poses beside them.
@@ -251,7 +246,10 @@ def tool_of_motion(fit: JointFit, statics: Statics) -> ToolFit:
     alone, _, rank, _ = np.linalg.lstsq(rows, right, rcond=1e-9)
     chi_square, degrees = float(((right - rows @ alone)**2).sum()), 6 * n - int(rank)
     chance = float(chdtrc(degrees, chi_square)) if degrees > 0 else np.nan
-    if chance < WIDENED:
+    # residuals less probable than this widen the errors, before they are improbable enough for a
+    # warning: it costs one sound recording in a thousand errors that are 1.6 times too large
+    widened = 1e-3
+    if chance < widened:
         times = _left_over(residuals, noise, design, chi_square / degrees)
         # blocks of residuals show some of it already: no less than static poses alone would state
         stated = np.sqrt(np.diag(np.linalg.pinv(rows.T @ rows, hermitian=True)))

@@ -13,9 +13,6 @@ from numpy.typing import NDArray
 SKEW, MAX_SKEW = 1e-5, 0.02
 """Relative difference of two clocks that is no rounding; beyond the second the rate is another."""
 
-LOST = 5e-4
-"""Fraction of missing samples that counts as dropouts."""
-
 JITTER = 0.15
 """Scatter of the stamps about their line that counts [periods]."""
 
@@ -104,4 +101,6 @@ def skew_between(found: tuple[Clock, ...]) -> dict[str, float]:
 
 def dropouts(found: tuple[Clock, ...]) -> dict[str, float]:
     """Return the fraction of lost samples of each sensor, where it counts."""
-    return {c.stream: c.lost for c in found if c.lost > LOST}
+    # fraction of missing samples that counts as dropouts
+    lost_share = 5e-4
+    return {c.stream: c.lost for c in found if c.lost > lost_share}

@@ -126,8 +126,7 @@ def _of_a_point(place: Array) -> Array:
     return np.asarray(-(skew(place) @ skew(place))[_ELEMENTS])
 
 
-@dataclass(frozen=True)
-class MatrixFit:
+class MatrixFit(NamedTuple):
     """
     Solution of [Traversaro2014] Eq. 21.
 
@@ -340,10 +339,6 @@ def estimate_load(wrench: Array, gravity: Array, body: Array, magnitude: float,
 
 # Whether added masses determine the matrix -------------------------------------------------------
 
-NOISE_FACTOR = 1.5
-"""Singular values below this many times what noise alone would make do not count."""
-
-
 @dataclass(frozen=True)
 class RankReport:
     """
@@ -394,7 +389,9 @@ def data_rank(raw: Sequence[Array], gravity: Sequence[Array], loads: Sequence[Lo
     """
     design, _ = system(raw, gravity, loads)
     count = sum(len(r) for r in raw)
-    return _report(design, NOISE_FACTOR * (np.sqrt(count) + np.sqrt(6)))
+    # singular values below this many times what noise alone would make do not count
+    factor = 1.5
+    return _report(design, factor * (np.sqrt(count) + np.sqrt(6)))
 
 
 def _report(design: Array, noise: float) -> RankReport:
@@ -427,7 +424,7 @@ def _names(null: Array) -> Iterator[str]:
             yield name
 
 
-def require(loads: Sequence[Load], regressors: int = STATIC) -> RankReport:
+def require(loads: Sequence[Load], regressors: int = STATIC) -> None:
     """
     Refuse loads that cannot determine the matrix.
 
@@ -446,7 +443,6 @@ def require(loads: Sequence[Load], regressors: int = STATIC) -> RankReport:
         raise UnobservableError(
             f'{_counted(loads)} give rank {report.rank} of {report.unknowns}: '
             f'{", ".join(report.undetermined)} not determined; add {_advice(loads, regressors)}')
-    return report
 
 
 def _counted(loads: Sequence[Load]) -> str:
@@ -491,13 +487,6 @@ POOR, GROSS = 0.02, 0.05
 loads which agree leave over at most: careful hands leave 0.005. What leaves more than the second,
 or an offset that moves by more, is no usual sensor: a bent one's moves by 0.03."""
 
-NOISE_SIGMA = 3.0
-"""What is left is not noise beyond so many of its standard deviations."""
-
-EXPLAINED = 0.2
-"""Share of the misfit that the other data sets leave at most without a wrong one."""
-
-
 class Contradiction(NamedTuple):
     """``words``, and ``share`` of the known wrenches left over."""
 
@@ -539,7 +528,9 @@ def contradiction(names: Sequence[str], raw: Sequence[Array], gravity: Sequence[
         solution, _, rank, _ = np.linalg.lstsq(scaled, right, rcond=RELATIVE)
         off, known = ((one.reshape(-1, 2, 3)**2).sum(axis=(0, 2)) for one in (
             scaled @ solution - right, right))
-        off = np.maximum(off - NOISE_SIGMA**2 * np.sum([noise[k] for k in used], axis=0), 0.0)
+        # what is left is not noise beyond so many of its standard deviations
+        sigmas = 3.0
+        off = np.maximum(off - sigmas**2 * np.sum([noise[k] for k in used], axis=0), 0.0)
         return float(np.sqrt((off / np.maximum(known, 1e-24)).max())), solution / scale, int(rank)
 
     every = range(len(names))
@@ -550,8 +541,10 @@ def contradiction(names: Sequence[str], raw: Sequence[Array], gravity: Sequence[
            'the direction of gravity (R_sensor_accelerometer, left-handed axes), the order of '
            'the channels, or a sensor that is not linear')
     rests = [misfit(*every[:k], *every[k + 1:]) for k in every]
+    # share of the misfit that the other data sets leave at most without a wrong one
+    most_left = 0.2
     fitting = [(rest[0], k) for k, rest in enumerate(rests)
-               if rest[2] == rank and rest[0] < EXPLAINED * whole]
+               if rest[2] == rank and rest[0] < most_left * whole]
     if fitting:
         _, k = min(fitting)
         _, solution, _ = rests[k]

@@ -106,11 +106,9 @@ class MatrixProblem:
 
     def fit(self) -> Fitted:
         """Return matrix and body, [Traversaro2014] Eq. 21."""
-        found = eq.solve(self.raw, *self.equations[1:], self.channels)
-        offset = self.offset
-        if len(found.body) > INERTIAL:
-            offset = np.linalg.pinv(found.matrix) @ found.body[INERTIAL:]
-        return Fitted(found.matrix, found.body, offset)
+        matrix, body = eq.solve(self.raw, *self.equations[1:], self.channels)
+        return Fitted(matrix, body, self.offset if len(body) <= INERTIAL
+                      else np.linalg.pinv(matrix) @ body[INERTIAL:])
 
     def sensitivity(self, fitted: Fitted, mass: float, place: float) -> tuple[Array, Array]:
         """

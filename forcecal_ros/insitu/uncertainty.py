@@ -133,17 +133,6 @@ ENOUGH = 5
 """Blocks for each regressor that are needed to tell causes apart: with two, means of sound poses
 show a hysteresis once in four times."""
 
-PLAYS = (0.0025, 0.005, 0.01)
-"""Widths of the play operators that make up a hysteresis, as shares of a channel's span."""
-
-HIDDEN = 2.0
-"""
-What is hidden along each regressor over what is seen of a bend, as RMS; from simulated legs with
-bias, hysteresis and flex at 1, 3 and 10 times the protocol's (`benchmark/insitu_protocol.py`),
-where 92 to 99 % of the truths are then within two standard errors, 60 to 65 % without.
-"""
-
-
 @dataclass(frozen=True)
 class Departure:
     """
@@ -243,7 +232,9 @@ def causes(data_sets: Sequence[tuple[Blocks, Mask]]) -> Causes | None:
         [blocks.raw_noise / blocks.samples for blocks, _ in data_sets], axis=0))
     residual = np.vstack([np.linalg.solve(root, (blocks.raw - f)[use].T).T
                           for f, (blocks, use) in zip(fitted, data_sets)])
-    all_plays = [np.hstack([_play(f / spans, width) for width in PLAYS]) for f in fitted]
+    # widths of the play operators that make up a hysteresis, as shares of a channel's span
+    widths = (0.0025, 0.005, 0.01)
+    all_plays = [np.hstack([_play(f / spans, width) for width in widths]) for f in fitted]
     squares = _beside_affine([_squares(x) for x in maps], maps, data_sets)
     plays = _beside_affine(all_plays, maps, data_sets)
     if len(residual) < ENOUGH * (squares.shape[1] + plays.shape[1]):
@@ -336,5 +327,10 @@ def hidden_covariance(moments: Sequence[Moments], causes: Causes | None) -> Arra
     gram[0, 0] = sum(m.count for m in moments)
     of_offset = np.eye(1, gram.shape[0])
     linear = np.kron(np.vstack([of_offset, *x]), np.eye(n))
-    hidden = np.kron(HIDDEN ** 2 * gram[0, 0] * np.linalg.inv(gram), causes.bending.covariance)
+    # what is hidden along each regressor over what is seen of a bend, as RMS; from simulated legs
+    # with bias, hysteresis and flex at 1, 3 and 10 times the protocol's
+    # (benchmark/insitu_protocol.py), where 92 to 99 % of the truths are then within two standard
+    # errors, 60 to 65 % without
+    by_seen = 2.0
+    hidden = np.kron(by_seen ** 2 * gram[0, 0] * np.linalg.inv(gram), causes.bending.covariance)
     return np.asarray(linear @ hidden @ linear.T)
