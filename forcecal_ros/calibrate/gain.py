@@ -163,10 +163,6 @@ class SampleCovariance(NamedTuple):
         """Per-sample covariance times the period, as the continuous Eq. 6 wants it."""
         return np.asarray(self.value / self.rate)
 
-    @property
-    def density_std(self) -> Array:
-        """Standard errors of :attr:`density`."""
-        return np.asarray(self.std / self.rate)
 
 
 def sample_covariance(windows: list[Array], rate: float) -> SampleCovariance | None:

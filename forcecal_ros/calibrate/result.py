@@ -176,7 +176,7 @@ def noise_of(stages: Stages, coupling: str) -> Noise | None:
     relative = wrench.std[0, 0] / variance
     return Noise(
         Estimate(Q, Q * relative, '(m, m/s)^2 s'),
-        Estimate(measured.density, measured.density_std, '(m, m/s, m/s^2)^2 s'),
+        Estimate(measured.density, measured.std / measured.rate, '(m, m/s, m/s^2)^2 s'),
         Estimate(wrench.value, wrench.std, '(N, N m)^2'),
         Estimate(specific.value, specific.std, '(m/s^2)^2'),
         wrench.rate, specific.rate,

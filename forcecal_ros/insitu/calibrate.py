@@ -187,7 +187,7 @@ def _covariance(moments: Sequence[Moments], left: Sequence[Residual]) -> Array:
 
     Both are linear in the scores of each data set, which are independent of each other.
     """
-    n = len(left[0].noise.covariance)
+    n = len(left[0].long_run)
     counts = [len(m.ones) for m in moments]
     starts = n * np.concatenate([[1], 1 + np.cumsum(counts)])
     total = np.zeros((starts[-1], starts[-1]))

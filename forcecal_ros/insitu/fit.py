@@ -26,7 +26,6 @@ from forcecal_ros.insitu.equations import (
     off_by,
     RankReport,
     STATIC,
-    total_map,
 )
 from forcecal_ros.insitu.moments import Moments
 from forcecal_ros.insitu.reduce import DataSet, Reduced
@@ -256,8 +255,7 @@ NOTHING = np.zeros(4)
 """The body."""
 
 
-@dataclass(frozen=True)
-class _Rows:
+class _Rows(NamedTuple):
     """Blocks of one data set: ``gravity`` (b, 3), ``raw`` (b, n), ``wrench`` (b, 6)."""
 
     gravity: Array
@@ -295,8 +293,10 @@ def with_known_wrenches(result: SensorResult, data_sets: Sequence[DataSet],
     train = [k for k, d in enumerate(data_sets) if d.train]
     fitted = _fit([rows[k] for k in train])
     without = [_fit([rows[j] for j in train if j != k]) for k in train]
-    held_out = [_held_out(one, rows[k], data_sets[k].load) for one, k in zip(without, train)]
-    off = np.sqrt(np.mean(held_out, axis=0))
+    held_out = np.sqrt(np.mean([_held_out(one, rows[k], data_sets[k].load)
+                                for one, k in zip(without, train)], axis=0))
+    _, raw, wrench = map(np.vstack, zip(*(rows[k] for k in train)))
+    off = wrench - fitted(raw)
     unit, n = result.options.raw_unit, fitted.matrix.shape[1]
     std = _jackknife([one.matrix for one in without])
     offset_std = _jackknife([one.offset for one in without])
@@ -308,20 +308,18 @@ def with_known_wrenches(result: SensorResult, data_sets: Sequence[DataSet],
         wrench_bias=Estimate(np.zeros(6), bias, 'N, N m'),
         mass=Estimate(0.0, 0.0, 'kg'), com=Estimate(np.zeros(3), np.zeros(3), 'm'),
         rank=RankReport(6 * n + 6, 6 * n + 6, (), np.zeros(0)),
-        nonlinearity=_nonlinearity([rows[k] for k in train], fitted),
-        data_sets=tuple(_known_tables(result, rows, fitted, off)))
+        nonlinearity=float((off.std(axis=0) / np.maximum(np.ptp(wrench, axis=0), 1e-12)).max()),
+        data_sets=tuple(_known_tables(result, rows, fitted, held_out)))
 
 
 def _rows(load: Load | None, reduced: Reduced) -> _Rows:
-    blocks, use = reduced.blocks, reduced.use
-    gravity = blocks.regressors[use, :STATIC]
-    wrench = gravity @ total_map(NOTHING, load, STATIC).T if load else np.zeros((len(gravity), 6))
-    return _Rows(gravity, blocks.raw[use], wrench)
+    gravity = reduced.blocks.regressors[reduced.use, :STATIC]
+    return _Rows(gravity, reduced.blocks.raw[reduced.use],
+                 eq.known_side(gravity, load or Load(0.0)).reshape(-1, 6))
 
 
 def _fit(rows: Sequence[_Rows]) -> _Map:
-    wrench = np.vstack([one.wrench for one in rows])
-    raw = np.vstack([one.raw for one in rows])
+    _, raw, wrench = map(np.vstack, zip(*rows))
     spread = wrench - wrench.mean(axis=0)
     strength = np.linalg.svd(spread / np.maximum(np.abs(spread).max(axis=0), 1e-12),
                              compute_uv=False)
@@ -366,10 +364,3 @@ def _known_tables(result: SensorResult, rows: Sequence[_Rows], fitted: _Map, off
         yield replace(data_set, added_mass=Estimate(found.mass, off[0], 'kg'),
                       semi_axes=Estimate(found.semi_axes, off[1:4], 'N'),
                       position=None if nothing else Estimate(found.position, place, 'm'))
-
-
-def _nonlinearity(rows: Sequence[_Rows], fitted: _Map) -> float:
-    """How far wrenches are off the map: RMS over the range, of the worst axis."""
-    wrench = np.vstack([one.wrench for one in rows])
-    off = wrench - fitted(np.vstack([one.raw for one in rows]))
-    return float((off.std(axis=0) / np.maximum(np.ptp(wrench, axis=0), 1e-12)).max())

@@ -24,27 +24,16 @@ class Residual(NamedTuple):
     """
     Residual of one data set.
 
-    ``regressors`` (b, 1 + q) constant and pseudo-sample weights, filtered twice, zero where a
-    block is not used; ``samples`` in a block; ``noise`` of the block means.
+    Attributes
+    ----------
+    long_run : ndarray, shape (n, n)
+        Covariance of a sample that correlation makes of it.
+    scores : ndarray, shape ((1 + q) n, (1 + q) n)
+        Covariance of sum over samples of [1, pseudo-sample weights] (x) residual.
     """
 
-    regressors: Array
-    samples: int
-    noise: Autocovariance
-
-    @property
-    def long_run(self) -> Array:
-        """Covariance of a sample that correlation makes of it, shape (n, n)."""
-        return self.noise.long_run * self.samples
-
-    @property
-    def scores(self) -> Array:
-        """
-        Covariance of sum over samples of [1, pseudo-sample weights] (x) residual.
-
-        Shape ((1 + q) n, (1 + q) n).
-        """
-        return self.noise.covariance_of_products(self.regressors * self.samples)
+    long_run: Array
+    scores: Array
 
 
 def residuals(data_sets: Sequence[tuple[Moments, Blocks, Mask]], seconds: float, order: int
@@ -73,8 +62,9 @@ def residuals(data_sets: Sequence[tuple[Moments, Blocks, Mask]], seconds: float,
     for one, values, (_, blocks, use) in zip(x, beside, data_sets):
         left = values[:, 1:] - np.outer(values[:, 0], weighted[1:])
         window = round(seconds / blocks.length / 2) * 2 + 1
-        out.append(Residual(_as_filtered(one, use, window, order), blocks.samples,
-                            _noise(left, int(use.sum()), one.shape[1])))
+        noise, size = _noise(left, int(use.sum()), one.shape[1]), blocks.samples
+        out.append(Residual(noise.long_run * size, noise.covariance_of_products(
+            _as_filtered(one, use, window, order) * size)))
     return out
 
 
