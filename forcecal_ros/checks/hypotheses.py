@@ -311,6 +311,7 @@ def _in_time(motion: Motion, fit: Explained) -> tuple[float, Explained]:
     if abs(late) > MIN_DELAY_S:  # beyond what a line through no delay shows
         wrench = Stream(motion.t, motion.wrench).at(motion.t + late)
         fit = explain(replace(motion, wrench=wrench)) or fit
+        late += float(fit.force.theta[5] / fit.mass)
     return late, fit
 
 
@@ -407,12 +408,12 @@ def _other_tool(fit: Explained, known: Known) -> str:
     if fit.mass < SLIGHT * mass:
         raise DataError(f'{shown}: the driver takes its weight off; let it leave the weight in '
                         f'(where nothing hung there, {known.other_tool} instead)')
-    off = np.zeros(3) if known.bias is None else fit.force.theta[-3:] - known.bias[:3]
+    if known.bias is None:
+        return ''  # a model, which may be off, or something that pulls
+    off = fit.force.theta[-3:] - known.bias[:3]
     size = abs(fit.mass - mass) * g + float(np.linalg.norm(off))
     if size < SLIGHT * mass * g + 3.0 * fit.force.scale / np.sqrt(fit.force.effective):
         return ''
-    if known.bias is None:
-        return ''  # a model, which may be off, or something that pulls
     return (f'the load of the sensor is {quantity(fit.mass, fit.mass_std, "kg")}, '
             f'{mass:.4g} kg by the calibration, and its bias differs by '
             f'{" ".join(f"{x:+.2g}" for x in off)} N: another tool, a payload, a tare after the '
@@ -446,8 +447,6 @@ def _late(fit: Explained, late: float, recording: Recording) -> str:
     if not late or recording.wrench is None:
         return ''
     std = float(fit.force.std[5] / fit.mass)
-    if abs(late) > MIN_DELAY_S:
-        late += float(fit.force.theta[5] / fit.mass)
     steps = np.abs(np.diff(recording.wrench.values[:, :3], axis=0))
     noise = float(np.linalg.norm(np.median(steps, axis=0))) / 0.954  # of differences, Gaussian
     turning = float(np.sqrt(((np.gradient(fit.gravity, axis=0) / STEP_S)**2).sum(1).mean()))

@@ -153,13 +153,8 @@ def readable(stream: Stream | PoseStream, name: str, limit: float = ABSURD) -> t
     DataError
         Too much would have to be left out.
     """
-    if isinstance(stream, Stream):
-        values = stream.values
-    else:  # of a pose the orientation may be all there is: its position is NaN then
-        place = np.nan_to_num(stream.position, nan=0.0, posinf=np.inf, neginf=-np.inf)
-        values = np.hstack([place, stream.R_base_sensor.reshape(len(stream), 9)])
     counted = Unreadable(name, CHANNELS[name], limit)
-    return counted.add(stream.t, values), counted.note()
+    return counted.add(stream.t, rows_of(stream)), counted.note()
 
 
 def startup(stream: Stream) -> int:
@@ -197,11 +192,11 @@ def runs(rows: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 
 def rows_of(stream: Stream | PoseStream) -> Array:
-    """Return all columns of a stream."""
+    """Return all columns of a stream; of a pose the orientation may be all that is a number."""
     if isinstance(stream, Stream):
         return stream.values
-    return np.hstack([stream.R_base_sensor.reshape(len(stream), 9),
-                      np.nan_to_num(stream.position)])
+    return np.hstack([np.nan_to_num(stream.position, posinf=np.inf, neginf=-np.inf),
+                      stream.R_base_sensor.reshape(len(stream), 9)])
 
 
 def without_repetitions(stream: Stream | PoseStream, name: str) -> tuple[Mask, str]:
@@ -300,26 +295,23 @@ def refuse_stuck(stream: Stream, name: str, channels: Sequence[str],
     """
     values, t = stream.values, stream.t
     steps = np.abs(np.diff(values, axis=0))
-    found = []
-    for j in (-1, *range(values.shape[1])):
-        hold = _longest(t, values if j < 0 else values[:, [j]])
-        if hold is None:
-            continue
-        first, last = hold
-        if j < 0:
-            turns = False
-            if pose is not None and name in ('wrench', 'accelerometer'):
-                R = pose.between(float(t[first]), float(t[last])).R_base_sensor
-                turns = len(R) > 0 and bool(np.abs(R - R[0]).max() > 0.1)
-            if turns or any(_sticks(stream, steps, k, hold, False)
-                            for k in range(values.shape[1])):
-                found = [(f'{name}: every channel repeats itself from {t[first]:.2f} s to '
-                         f'{t[last]:.2f} s')]
-                break
-        elif steps[first:last].any(axis=1).sum() >= STUCK_SAMPLES and _sticks(
+    every, found = range(values.shape[1]), []
+    if hold := _longest(t, values):
+        start, end = (float(t[i]) for i in hold)
+        R = np.empty((0, 3, 3))
+        if pose is not None and name in ('wrench', 'accelerometer'):
+            R = pose.between(start, end).R_base_sensor
+        if np.abs(R - R[:1]).max(initial=0.0) > 0.1 or any(
+                _sticks(stream, steps, j, hold, False) for j in every):
+            raise DataError(f'{name}: every channel repeats itself from {start:.2f} s to '
+                            f'{end:.2f} s; {REMEDY}')
+    for j in every:
+        hold = _longest(t, values[:, [j]])
+        if hold and steps[slice(*hold)].any(axis=1).sum() >= STUCK_SAMPLES and _sticks(
                 stream, steps, j, hold, True):
-            found.append(f'{channels[j]} repeats {values[first, j]:.6g} from {t[first]:.2f} s to '
-                         f'{t[last]:.2f} s while other channels change')
+            start, end = (float(t[i]) for i in hold)
+            found.append(f'{channels[j]} repeats {values[hold[0], j]:.6g} from {start:.2f} s to '
+                         f'{end:.2f} s while other channels change')
     if found:
         raise DataError(f'{"; ".join(found)}; {REMEDY}')
 
