@@ -8,6 +8,7 @@ the regressor of [Gamez2005] Eq. 17 on three axes. Moving through gravity spans 
 cannot. An AC-coupled sensor shows f less its own low-passed past.
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -29,12 +30,6 @@ from forcecal_ros.core.rigid_body import BodyMotion
 from forcecal_ros.core.streams import Stream
 from forcecal_ros.core.time_grid import Averager
 import numpy as np
-
-CUTOFFS = 0.01 * np.exp(np.linspace(-2.3, 2.3, 13))
-"""Corners of a high-pass that are tried before the best is refined [Hz]."""
-
-PLACE_M = 1.0
-"""Prior of the accelerometer's place, 1 sigma [m]: on a wrist."""
 
 
 class AccelerometerFit(NamedTuple):
@@ -108,7 +103,9 @@ def accelerometer_fit(stream: Stream, blocks: Blocks, coupling: str = 'dc',
 
     whole, noise = smooth(derived(blocks.motion)), blocks.noise_of(derived)
     prior = np.zeros(20)
-    prior[12:15], prior[15], prior[16:] = PLACE_M**-2, largest_delay**-2, 0.0
+    # prior of the accelerometer's place, 1 sigma [m]: on a wrist
+    place_m = 1.0
+    prior[12:15], prior[15], prior[16:] = place_m**-2, largest_delay**-2, 0.0
 
     def fitted(delay: float, theta: Array | None, every: int = 1, corner: float | None = cutoff
                ) -> RobustFit:
@@ -138,7 +135,9 @@ def accelerometer_fit(stream: Stream, blocks: Blocks, coupling: str = 'dc',
 
     corner = cutoff
     if coupling == 'ac' and cutoff is None:
-        corner = float(min(CUTOFFS, key=lambda f: np.log(
+        # corners of a high-pass that are tried before the best is refined [Hz]
+        corners_hz = 0.01 * np.exp(np.linspace(-2.3, 2.3, 13))
+        corner = float(min(corners_hz, key=lambda f: np.log(
             fitted(0.0, None, blocks.every, f).scale).sum()))
     delay, fit = nearest_delay(largest_delay, blocks, lambda d, theta, every: fitted(
         d, theta, every, corner))
@@ -214,13 +213,10 @@ def identify_static_accelerometer(
     solution = bread @ rows.T @ volts
     residuals = volts - rows @ solution
     noise = np.diag((residuals**2).sum(axis=0) / (n - 4))
-    covariance = np.einsum('ab,ij->iajb', bread, noise)
-    order = np.array([[i, 0] for i in range(3)]
-                     + [[i, 1 + j] for i in range(3) for j in range(3)]).T
+    pick = [0, 4, 8, 1, 2, 3, 5, 6, 7, 9, 10, 11]  # each channel has its offset and its gains
     full = np.full((17, 17), np.nan)
-    full[:12, :12] = covariance[order[0][:, None], order[1][:, None], order[0], order[1]]
-    nan = float('nan')
-    return AccelerometerFit(solution[0], solution[1:].T, nan, nan, np.full(3, nan), full)
+    full[:12, :12] = np.kron(noise, bread)[np.ix_(pick, pick)]
+    return AccelerometerFit(solution[0], solution[1:].T, np.nan, np.nan, np.full(3, np.nan), full)
 
 
 def lowpassed(f: Array, length: float, cutoff: float) -> Array:
@@ -295,8 +291,6 @@ def without_fading(stream: Stream, poses: list[StaticPose], cutoff: float) -> St
     return replace(stream, values=values)
 
 
-_AXES = 'xyz'
-
 
 class Axes(NamedTuple):
     """Gain (3,) and map (3, 3) of an accelerometer with their standard errors."""
@@ -354,15 +348,12 @@ def _curvature(directions: Array, J: Array, covariance: Array) -> Array:
     return out
 
 
-def in_words(axes: Axes) -> list[str]:
-    """Say where each axis points, and what hand the three make."""
-    lines = []
-    for i, row in enumerate(axes.map):
+def in_words(gain: Array, directions: Array) -> Iterator[str]:
+    """Say where each axis points by gains (3,) and map (3, 3), and what hand the three make."""
+    for name, row in zip('xyz', directions):
         j = int(np.argmax(np.abs(row)))
         off = np.degrees(np.arccos(min(1.0, abs(row[j]))))
-        lines.append(f'{_AXES[i]} of the accelerometer points along '
-                     f'{"-" if row[j] < 0 else "+"}{_AXES[j]} of ft_sensor, {off:.2f} deg off')
-    hand = 'right' if np.linalg.det(axes.map) > 0 else 'left'
-    sign = 'positive' if axes.gain[0] > 0 else 'negative'
-    lines.append(f'its axes are {hand}-handed with {sign} gains')
-    return lines
+        yield (f'{name} of the accelerometer points along '
+               f'{"-" if row[j] < 0 else "+"}{"xyz"[j]} of ft_sensor, {off:.2f} deg off')
+    hand = 'right' if np.linalg.det(directions) > 0 else 'left'
+    yield f'its axes are {hand}-handed with {"positive" if gain[0] > 0 else "negative"} gains'

@@ -5,29 +5,16 @@ One from a recording with motion knows its delay already
 (:mod:`forcecal_ros.calibrate.accelerometer`).
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 
 from forcecal_ros.core.calibration import Calibration, Estimate
 from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.estimation import robust_fit
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.quantity import quantity
 from forcecal_ros.core.streams import Recording, Stream
 from forcecal_ros.core.time_grid import Averager, block_length
 import numpy as np
-from scipy.optimize import minimize_scalar
-
-_PARTS = 12
-"""Parts of the motion that are left out in turn for the standard error."""
-
-_STEP = 1e-3
-"""Between the delays that are tried before the best one is refined [s]."""
-
-_LARGEST = 0.02
-"""Greatest delay looked for, either way; real pairs of sensors were 6 to 9 ms apart [s]."""
-
-_SHORTEST = 0.02
-"""Length of the blocks that are averaged, longer where a sensor is slow [s]."""
 
 
 def estimate_delay(recording: Recording, calibration: Calibration) -> Estimate:
@@ -49,7 +36,7 @@ def estimate_delay(recording: Recording, calibration: Calibration) -> Estimate:
     -------
     Estimate
         How much later than the wrench the accelerometer shows the same instant [s]; its standard
-        error by leaving out parts of the motion in turn.
+        error of parts of the motion.
 
     Raises
     ------
@@ -62,13 +49,19 @@ def estimate_delay(recording: Recording, calibration: Calibration) -> Estimate:
     known = calibration.accelerometer
     f = np.linalg.solve(known.matrix, (accelerometer.values - known.offset.value).T).T
     force, pull = wrench, Stream(accelerometer.t, f)
-    length = block_length(_SHORTEST, 1 / wrench.rate, 1 / accelerometer.rate)
-    first = max(force.t[0], pull.t[0] + _LARGEST) if len(force) else 0.0
-    last = min(force.t[-1], pull.t[-1] - _LARGEST) if len(force) else 0.0
+    # length of the blocks that are averaged, longer where a sensor is slow [s]
+    shortest = 0.02
+    length = block_length(shortest, 1 / wrench.rate, 1 / accelerometer.rate)
+    # greatest delay looked for, either way; real pairs of sensors were 6 to 9 ms apart [s]
+    largest = 0.02
+    first = max(force.t[0], pull.t[0] + largest) if len(force) else 0.0
+    last = min(force.t[-1], pull.t[-1] - largest) if len(force) else 0.0
     starts = np.arange(first, last - length, length / 2)
-    if len(starts) < 4 * _PARTS:
+    # parts of the motion that are taken as independent of each other for the standard error
+    parts = 12
+    if len(starts) < 4 * parts:
         raise DataError(f'{len(starts)} blocks of {1e3 * length:.0f} ms of free motion do not '
-                        f'tell the delay; at least {4 * _PARTS} are wanted')
+                        f'tell the delay; at least {4 * parts} are wanted')
     F = Averager(force.t, force.values[:, :3]).means(starts, length)
     averager, mass = Averager(pull.t, f), float(calibration.mass)
 
@@ -76,19 +69,25 @@ def estimate_delay(recording: Recording, calibration: Calibration) -> Estimate:
         r = F + mass * averager.means(starts + delay, length)
         return np.asarray(r - np.nanmean(r, axis=0))
 
-    grid = np.arange(-_LARGEST, _LARGEST + _STEP / 2, _STEP)
-    costs = np.array([np.nansum(residual(d) ** 2, axis=1) for d in grid])
-    best = _minimum(residual, grid, costs, np.ones(len(starts), dtype=bool))
-    parts = np.arange(len(starts)) * _PARTS // len(starts)
-    left_out = np.array([_minimum(residual, grid, costs, parts != i) for i in range(_PARTS)])
-    variance = (_PARTS - 1) / _PARTS * np.sum((left_out - left_out.mean()) ** 2)
+    # between the delays that are tried before the best one is refined [s], and steps of that
+    step, iterations = 1e-3, 4
+    grid = np.arange(-largest, largest + step / 2, step)
+    best = float(min(grid, key=lambda delay: float(np.nansum(residual(delay)**2))))
+    for _ in range(iterations):
+        left = residual(best)
+        slope = (residual(best + step / 2) - residual(best - step / 2)) / step
+        good = np.isfinite(left + slope).all(axis=1)
+        columns = np.insert(np.broadcast_to(np.eye(3), (len(left), 3, 3)), 0, -slope, axis=2)
+        fit = robust_fit(columns[good], left[good], blocks=parts)
+        best += float(fit.theta[0])
+    variance = float(fit.covariance[0, 0])
     moved = float(np.nansum((F - np.nanmean(F, axis=0)) ** 2))
     explained = 1 - float(np.nansum(residual(best) ** 2)) / moved
-    if explained < 0.5 or abs(best) > _LARGEST - _STEP or variance > (_LARGEST / 10) ** 2:
+    if explained < 0.5 or abs(best) > largest - step or variance > (largest / 10) ** 2:
         raise DataError(
             f'the motion does not identify the delay: {quantity(best, variance ** 0.5, "s")}, the '
             f'acceleration explains {100 * explained:.0f} % of the force; move faster, free of '
-            f'contact; delays beyond {1e3 * _LARGEST:.0f} ms are not searched')
+            f'contact; delays beyond {1e3 * largest:.0f} ms are not searched')
     return Estimate(best, np.sqrt(variance), 's')
 
 
@@ -106,11 +105,3 @@ def with_delay(calibration: Calibration, delay: Estimate) -> Calibration:
     if calibration.accelerometer is None:
         raise DataError('the calibration holds no accelerometer whose delay could be set')
     return replace(calibration, accelerometer=replace(calibration.accelerometer, delay=delay))
-
-
-def _minimum(residual: Callable[[float], Array], grid: Array, costs: Array, use: Array) -> float:
-    """Return the delay with the least squared residual over some of the blocks."""
-    around = grid[int(np.argmin(costs[:, use].sum(axis=1)))]
-    return float(minimize_scalar(lambda d: float(np.nansum(residual(d)[use] ** 2)),
-                                 bounds=(around - _STEP, around + _STEP), method='bounded',
-                                 options={'xatol': 1e-7}).x)

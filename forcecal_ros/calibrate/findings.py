@@ -15,7 +15,6 @@ from forcecal_ros.calibrate.joint import (
     INFLATION,
     row_noise,
     SUSPECT_UNEXPLAINED,
-    THINNING,
 )
 from forcecal_ros.calibrate.poses import values_in
 from forcecal_ros.calibrate.residuals import (
@@ -37,7 +36,6 @@ from forcecal_ros.core.estimation import CHANCE
 from forcecal_ros.core.geometry import Array, rotation_vector
 from forcecal_ros.core.streams import CHANNELS, Recording
 import numpy as np
-from scipy.special import chdtrc
 
 STANDSTILL = ('mass', 'com', 'wrench_bias')
 """Keys of calibration.yaml that are estimated from the static poses."""
@@ -58,9 +56,6 @@ sound runs 2.2 times at most, behind a high-pass that settles, where jumps hid 1
 _SMALL = 1e-4
 """Residuals below this share of the tool's weight or of gravity are not worth a warning."""
 
-_ASTRAY = 3e-3
-"""Commanded and measured orientation may differ by this much from pose to pose [rad]."""
-
 _RESOLVED = 5
 """Blocks that a derivative of the pose reaches over: where commands were held back for a moment
 the turning is abrupter than it can show, within fewer."""
@@ -77,7 +72,6 @@ def findings(stages: Stages, settings: IdentificationSettings) -> Iterator[Findi
     yield from poses_disagree(stages, settings)
     yield from samples_disagree(stages, settings)
     yield from torque_departs(stages, settings)
-    yield from accelerometer_disagrees(stages, settings)
     yield from accelerometer_departs(stages, settings)
     yield from motion_departs(stages)
     yield from ringing_departs(stages)
@@ -187,32 +181,6 @@ def motion_departs(stages: Stages) -> Iterator[Finding]:
             'move it with nothing that touches it', MOTION)
 
 
-def accelerometer_disagrees(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
-    """Compare the accelerometer with gravity in the static poses."""
-    fit = stages.accelerometer
-    if fit is None and stages.joint is not None and stages.recording.accelerometer is not None:
-        yield Finding(NO_ACCELEROMETER)
-    if fit is None or fit.residual is None or fit.blocks is None or fit.noise is None:
-        return
-    at = fit.blocks.pose
-    parts = [fit.residual[at == i] for i in range(at.max(initial=-1) + 1) if (at == i).any()]
-    if not parts:
-        return
-    precision = np.linalg.inv(fit.noise.at_least_white) * THINNING
-    means = np.array([part.mean(axis=0) for part in parts])
-    chi_square = float(sum(len(part) * mean @ precision @ mean
-                           for part, mean in zip(parts, means)))
-    misfit, degrees = float(np.abs(means).max()), 3 * len(parts)
-    probability = float(chdtrc(degrees, chi_square))
-    if probability < settings.thresholds.probability and misfit > _small_volts(
-            fit.matrix, settings):
-        yield Finding(
-            f'the accelerometer does not follow gravity in the static poses (chi-square '
-            f'{chi_square:.3g} for {degrees} readings, up to {misfit:.2g} '
-            f'{stages.recording.accelerometer_unit}); {_accelerometer_remedy(stages, settings)}',
-            ACCELEROMETER)
-
-
 def _accelerometer_remedy(stages: Stages, settings: IdentificationSettings) -> str:
     """Say what to do about an accelerometer that is off: one that drifts at rest is coupled so."""
     stream = stages.recording.accelerometer
@@ -230,6 +198,8 @@ def _small_volts(matrix: Array, settings: IdentificationSettings) -> float:
 def accelerometer_departs(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
     """Look for readings of the accelerometer that the motion does not explain."""
     fit = stages.accelerometer
+    if fit is None and stages.joint is not None and stages.recording.accelerometer is not None:
+        yield Finding(NO_ACCELEROMETER)
     if fit is None or fit.residual is None or fit.blocks is None or fit.noise is None:
         return
     found = largest_deviation(
@@ -278,7 +248,9 @@ def pose_astray(recording: Recording, stages: Stages) -> Iterator[Finding]:
     apart = [target.R_base_sensor[i].T @ p.R_base_sensor for i, p in zip(index, stages.poses)]
     turns = [float(np.linalg.norm(rotation_vector(apart[0].T @ R))) for R in apart]
     worst = int(np.argmax(turns))
-    if turns[worst] > _ASTRAY:
+    # commanded and measured orientation may differ by this much from pose to pose [rad]
+    astray_rad = 3e-3
+    if turns[worst] > astray_rad:
         yield Finding(
             f'current_pose and target_frame disagree by {np.degrees(turns[worst]):.2g} deg more '
             f'in pose {worst + 1} than in pose 1; look at the encoders, and whether both are the '

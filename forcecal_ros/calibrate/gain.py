@@ -41,13 +41,6 @@ from forcecal_ros.core.time_grid import Averager
 import numpy as np
 from scipy.linalg import solve_continuous_are
 
-A = np.array([[0.0, 1.0], [0.0, 0.0]])
-C = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]])
-for _matrix in (A, C):
-    _matrix.setflags(write=False)
-
-STATES = ('position', 'velocity')
-
 
 class ObserverModel(NamedTuple):
     """Matrices of [Gamez2005] Eq. 5; shapes (2, 2), (2,), (3, 2), (3,), (3,)."""
@@ -68,6 +61,7 @@ def observer_model(mass: float) -> ObserverModel:
     mass : float
         [kg]
     """
+    A, C = np.eye(2, k=1), np.eye(3, 2)
     third = np.array([0.0, 0.0, 1 / mass])
     return ObserverModel(A, np.array([0.0, 1 / mass]), C, third, -third)
 
@@ -88,41 +82,7 @@ def error_dynamics(model: ObserverModel, K: Array) -> tuple[Array, Array]:
     return model.A - K @ model.C, -(model.B + K @ model.D_F)
 
 
-def check_detectable(A: Array, C: Array, names: tuple[str, ...]) -> None:
-    """
-    Refuse a design for states that no measurement corrects although they do not fade.
-
-    Riccati solvers answer for such pairs as well. Hautus' test in continuous time.
-
-    Parameters
-    ----------
-    A, C : ndarray, shapes (n, n), (m, n)
-    names : tuple of str
-        Of the states.
-
-    Raises
-    ------
-    UnobservableError
-        Names the states.
-    """
-    n = len(A)
-    size = max(float(np.abs(A).max()), 1e-12)
-    unseen: set[str] = set()
-    for mode in np.linalg.eigvals(A):
-        if mode.real < -1e-9 * size:
-            continue
-        mode = 0.0 if abs(mode) < 1e-6 * size else mode
-        _, sigma, vh = np.linalg.svd(np.vstack([mode * np.eye(n) - A, C]))
-        for vector in vh[sigma < 1e-9 * max(1.0, sigma[0])]:
-            unseen |= {names[i] for i in np.flatnonzero(np.abs(vector) > 1e-6)}
-    if unseen:
-        raise UnobservableError(
-            f'{", ".join(name for name in names if name in unseen)} cannot be told from the '
-            f'{len(C)} measurements of the observer; add the measurement that sees it')
-
-
-def riccati_gain(A: Array, C: Array, Q: Array, R: Array,
-                 names: tuple[str, ...] = STATES) -> Array:
+def riccati_gain(A: Array, C: Array, Q: Array, R: Array) -> Array:
     """
     Gain K = P C^T R^-1 with P A^T + A P - P C^T R^-1 C P + Q = 0.
 
@@ -134,8 +94,6 @@ def riccati_gain(A: Array, C: Array, Q: Array, R: Array,
     A, C : ndarray, shapes (n, n), (m, n)
     Q, R : ndarray, shapes (n, n), (m, m)
         Continuous covariances of Eq. 6.
-    names : tuple of str
-        Of the states, for the message.
 
     Returns
     -------
@@ -144,9 +102,8 @@ def riccati_gain(A: Array, C: Array, Q: Array, R: Array,
     Raises
     ------
     UnobservableError
-        Not detectable, R is singular, or Q and R lie too far apart.
+        R is singular, or Q and R lie too far apart.
     """
-    check_detectable(A, C, names)
     scale = np.sqrt(np.diag(R))
     if not (scale > 0).all() or np.linalg.cond(R / np.outer(scale, scale)) > 1e12:
         raise UnobservableError('R is singular: a measurement without any noise, or two that '
@@ -206,10 +163,6 @@ class SampleCovariance(NamedTuple):
         """Per-sample covariance times the period, as the continuous Eq. 6 wants it."""
         return np.asarray(self.value / self.rate)
 
-    @property
-    def density_std(self) -> Array:
-        """Standard errors of :attr:`density`."""
-        return np.asarray(self.std / self.rate)
 
 
 def sample_covariance(windows: list[Array], rate: float) -> SampleCovariance | None:

@@ -26,20 +26,9 @@ STEP_S, LOWPASS_S = 0.01, 0.03
 LOWPASS = LOWPASS_S / STEP_S
 """The same in steps: slower recordings are smoothed over as many samples."""
 
-REACH = int(4 * LOWPASS) + 4
-"""Steps to either side that are taken in by the low-pass, four standard deviations, and by two
-derivatives of the pose."""
-
 THINNING = 3
 """Every third row is fitted, one a `LOWPASS_S`: of what the low-pass leaves 0.7 % is above half
 their rate."""
-
-MAX_COARSE_ROWS = 1000
-"""Rows at most by which the nearest of the delays that are tried first is found."""
-
-MIN_OVERLAP_S = 5.0
-"""Least time in which a stream without rests overlaps the pose [s]: blocks for standard errors are
-then 0.1 s."""
 
 MIN_GRAVITY_SPREAD = 0.02
 """Least RMS variation of g - a in a second direction of ft_sensor, of gravity: 1.1
@@ -52,12 +41,6 @@ MAX_UNEXPLAINED = 0.25
 SUSPECT_UNEXPLAINED = 0.1
 """Share of the weight's variation in the residual above which estimates from motion are suspect:
 axes that are rotated by 6 deg have as much."""
-
-PRIOR_INERTIA = 10.0
-"""Prior of an element of inertia, 1 sigma [kg m^2]: 100 kg with a radius of gyration of 0.3 m."""
-
-MIN_MASS_SIGMA = 5.0
-"""Standard errors by which a mass must differ from zero."""
 
 INFLATION = 2 * np.sqrt(np.pi) * LOWPASS / THINNING
 """Variance of the mean of n low-passed rows of white noise, times n, over that of one."""
@@ -118,7 +101,9 @@ class Blocks(NamedTuple):
     @property
     def every(self) -> int:
         """Of so many rows one suffices to choose between delays, or between corners."""
-        return 2 + len(self.rows) // MAX_COARSE_ROWS
+        # rows at most by which the nearest of the delays that are tried first is found
+        most_rows = 1000
+        return 2 + len(self.rows) // most_rows
 
     @property
     def apparent_gravity(self) -> Array:
@@ -207,10 +192,13 @@ def blocks_of(stream: Stream, pose: PoseStream, gravity: Array, largest_delay: f
             sampled &= beside
             if gaps[i] > LOWPASS * step:  # straight lines do for those that are shorter
                 bridged &= beside
-    rows = np.flatnonzero(binary_erosion(bridged, iterations=REACH))[::THINNING]
+    # steps to either side that are taken in by the low-pass, four standard deviations, and by two
+    # derivatives of the pose
+    reach = int(4 * LOWPASS) + 4
+    rows = np.flatnonzero(binary_erosion(bridged, iterations=reach))[::THINNING]
     rests = binary_erosion(still >= 0, iterations=int(3 * LOWPASS))
     pose_of = np.where(rests, still, -1)[rows]
-    whole = binary_erosion(sampled, iterations=REACH)[rows]
+    whole = binary_erosion(sampled, iterations=reach)[rows]
     return Blocks(starts, step, motions[0], (motions[1], motions[2]), slide, still, rows,
                   pose_of, whole, float(np.linalg.norm(gravity)))
 
@@ -296,7 +284,9 @@ def joint_fit(wrench: Stream, blocks: Blocks, has_position: bool, largest_delay:
                                         for Z in (whole, noise))
     bias, exact = np.broadcast_to(np.eye(6), (len(rows), 6, 6)), np.zeros((len(rows), 6, 6))
     prior = np.zeros(18)
-    prior[4:INERTIAL], prior[16] = PRIOR_INERTIA**-2, largest_delay**-2
+    # prior of an element of inertia, 1 sigma [kg m^2]: 100 kg with a radius of gyration of 0.3 m
+    prior_inertia = 10.0
+    prior[4:INERTIAL], prior[16] = prior_inertia**-2, largest_delay**-2
     readings, compliance = Averager(wrench.t, wrench.values), np.zeros((len(X), 6, 1))
     if sag:
         u = blocks.gravity * blocks.apparent_gravity
@@ -366,10 +356,13 @@ def require_overlap(wrench: Stream, pose: PoseStream) -> None:
     UnobservableError
     """
     overlap = max(min(wrench.t[-1], pose.t[-1]) - max(wrench.t[0], pose.t[0]), 0.0)
-    if overlap < MIN_OVERLAP_S:
+    # least time in which a stream without rests overlaps the pose [s]: blocks for standard errors
+    # are then 0.1 s
+    least_s = 5.0
+    if overlap < least_s:
         raise UnobservableError(
-            f'wrench and pose overlap for {below(overlap, MIN_OVERLAP_S)} s, and motion shows a '
-            f'tool in {MIN_OVERLAP_S:g} s at least; record longer')
+            f'wrench and pose overlap for {below(overlap, least_s)} s, and motion shows a '
+            f'tool in {least_s:g} s at least; record longer')
 
 
 def require_rotation(blocks: Blocks) -> None:
@@ -416,10 +409,12 @@ def require_tool(fit: JointFit, has_position: bool, largest_delay: float) -> Non
     """
     mass, std = float(fit.theta[0]), float(fit.std[0])
     most = most_unexplained(has_position)
-    if not abs(mass) > MIN_MASS_SIGMA * std:
+    # standard errors by which a mass must differ from zero
+    sigmas = 5.0
+    if not abs(mass) > sigmas * std:
         raise UnobservableError(
             f'the mass is {mass:.3g} kg with a standard error of {std:.2g} kg, and '
-            f'{MIN_MASS_SIGMA:g} standard errors are needed; rotate further, or attach the tool')
+            f'{sigmas:g} standard errors are needed; rotate further, or attach the tool')
     if fit.unexplained > most:
         varies = float(fit.scale[0]) / fit.unexplained
         raise DataError(

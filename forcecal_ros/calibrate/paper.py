@@ -14,7 +14,6 @@ from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import Recording
 import numpy as np
 
-_VERTICAL = 0.3
 _HORIZONTAL = 0.05
 
 
@@ -68,7 +67,8 @@ def plain_procedure(recording: Recording, poses: list[StaticPose], gravity: floa
     nan = float('nan')
     upright = [abs(p.R_base_sensor[2, 0]) for p in poses]
     h, v = int(np.argmax(upright)), _level_pose(recording, poses, step)
-    if upright[h] < _VERTICAL or upright[v] > _HORIZONTAL:
+    vertical = 0.3
+    if upright[h] < vertical or upright[v] > _HORIZONTAL:
         return Plain(nan, nan, nan, nan, nan, nan)
     assert recording.wrench is not None
     u_h, u_v = (-float(window_mean(recording.wrench, poses[i].start, poses[i].end)[0])

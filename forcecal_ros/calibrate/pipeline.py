@@ -12,6 +12,7 @@ from forcecal_ros.calibrate.accelerometer import (
 )
 from forcecal_ros.calibrate.findings import NO_ACCELEROMETER, STANDSTILL
 from forcecal_ros.calibrate.joint import (
+    Blocks,
     blocks_of,
     joint_fit,
     JointFit,
@@ -48,17 +49,18 @@ from forcecal_ros.calibrate.result import (
     Stages,
     tool_of,
 )
+from forcecal_ros.calibrate.ringing import displacement, ring_of, sag_of
 from forcecal_ros.calibrate.settings import IdentificationSettings
-from forcecal_ros.calibrate.statics import displacement, read_statics, ring_of, sag_of, with_noise
 from forcecal_ros.calibrate.tool import (
     check_poses,
     check_weight,
     gravity_spread,
     identify_tool,
+    read_statics,
     refuse_negative,
     Statics,
     tool_of_motion,
-    TurnedWrench,
+    with_noise,
 )
 from forcecal_ros.checks.entry import checked
 from forcecal_ros.checks.gravity import refuse_on_another_link, refuse_other_unit
@@ -82,13 +84,6 @@ import numpy as np
 
 MIN_SAMPLES = 20
 """Of a stream that is fitted in motion: poses of fewer are single samples."""
-
-MAX_RELATIVE_MAP_STD = 0.05
-"""Largest standard error of an element of the accelerometer's map, of its largest: above, it is
-not identified."""
-
-MAX_COM_STD = 0.1
-"""Standard error from which a centre of mass is not identified [m]: the size of tools."""
 
 MAX_DELAY_STD = 2e-3
 """Standard error from which a delay is not identified [s]: a sample of a sensor at 500 Hz."""
@@ -123,9 +118,6 @@ def identify(recording: Recording, settings: IdentificationSettings = Identifica
             recording, found = _judged(with_even_streams(recording, SENSORS), settings)
             points = [one.point for one in found if one.point is not None]
             stages = _stages_or_motion(recording, settings, *points)
-    except TurnedWrench as error:
-        other = -(recording.wrench_sign or 1)
-        raise DataError(f'{error}; set wrench.sign to {other} (--wrench-sign {other})') from error
     except ValueError as error:
         if not isinstance(error, np.linalg.LinAlgError) and 'infs or NaNs' not in str(error):
             raise
@@ -184,8 +176,6 @@ def _stages_or_motion(recording: Recording, settings: IdentificationSettings,
     except NeverAtRest as error:
         try:
             return _by_motion(recording, settings, 'the robot never stands still', point)
-        except TurnedWrench:
-            raise
         except (DataError, UnobservableError) as refused:
             refused.args = (f'{error}, or let motion show the tool: {refused}',)
             raise
@@ -256,14 +246,11 @@ def identify_stages(recording: Recording, settings: IdentificationSettings,
     assert recording.pose is not None
     if joint is None:
         return replace(_single_samples(recording, poses, statics, settings), stops=stops)
-    spans = np.array([pose.end - pose.start for pose in poses])
-    refuse_negative(float(joint.theta[0]))
+    refuse_negative(float(joint.theta[0]), recording.wrench_sign)
     ring, sag = None, None
-    assert joint.noise is not None
     if settings.tool_compliance != 'no':
         sag = sag_of(joint, require_wrench(recording))
-        density = float(joint.noise.at_least_white[0, 0]) * joint.blocks.length
-        ring = ring_of(recording, statics, joint, density, sag, spans)
+        ring = ring_of(recording, poses, statics, joint, sag)
     if ring is not None:
         slide = displacement(recording, ring, joint)
         joint = fit_motion(recording, settings, poses, slide, point) or joint
@@ -273,12 +260,14 @@ def identify_stages(recording: Recording, settings: IdentificationSettings,
     elif joint.theta[17]:
         statics = statics._replace(
             slide=joint.theta[17] / joint.theta[0] * statics.gravity[:, 0])
-    refuse_negative(float(joint.theta[0]))
+    refuse_negative(float(joint.theta[0]), recording.wrench_sign)
     statics = with_noise(statics, joint, recording, poses)
     tool = tool_of_motion(joint, statics)
     moves = bool((joint.blocks.groups == 1).any())
     shows = moves and joint.unexplained <= most_unexplained(recording.pose.has_position)
-    if not shows or not np.sqrt(np.diag(tool.covariance)[4:7].max()) < MAX_COM_STD:
+    # standard error from which a centre of mass is not identified [m]: the size of tools
+    largest_std = 0.1
+    if not shows or not np.sqrt(np.diag(tool.covariance)[4:7].max()) < largest_std:
         check_poses(statics.gravity, settings.thresholds.condition)
     late = (-joint.delay, joint.delay_std)
     known = moves and joint.delay_std < MAX_DELAY_STD
@@ -318,9 +307,7 @@ def fit_motion(recording: Recording, settings: IdentificationSettings,
                                     f'do not show motion; record {MIN_SAMPLES} or more of each')
         return None
     sag = settings.tool_compliance == 'yes' and slide is None
-    blocks = blocks_of(wrench, pose, np.array([0.0, 0.0, -settings.gravity]),
-                       settings.largest_delay, slide, [(p.start, p.end) for p in poses],
-                       recording.phases if poses else ())
+    blocks = _blocks(wrench, recording, settings, poses, slide)
     at = np.bincount(blocks.pose + 1, minlength=len(poses) + 1)[1:]
     held = np.bincount(blocks.still + 1, minlength=len(poses) + 1)[1:]
     if len(poses) and (at.min() < 1 or held.max() < SHORTEST):
@@ -328,6 +315,13 @@ def fit_motion(recording: Recording, settings: IdentificationSettings,
     if not len(poses):
         require_rotation(blocks)
     return joint_fit(wrench, blocks, pose.has_position, settings.largest_delay, sag)
+
+
+def _blocks(stream: Stream, recording: Recording, settings: IdentificationSettings,
+            poses: Sequence[StaticPose], slide: Stream | None) -> Blocks:
+    assert recording.pose is not None
+    return blocks_of(stream, recording.pose, settings.gravity * DOWN, settings.largest_delay,
+                     slide, [(p.start, p.end) for p in poses], recording.phases if poses else ())
 
 
 def _with_best_point(fit: JointFit, others: Sequence[JointFit]) -> JointFit:
@@ -344,18 +338,16 @@ def fit_accelerometer(recording: Recording, settings: IdentificationSettings, jo
                       poses: Sequence[StaticPose] = (), slide: Stream | None = None
                       ) -> AccelerometerFit | None:
     """Fit the accelerometer to a recording; its delay is that after the wrench."""
-    stream, pose = recording.accelerometer, recording.pose
-    assert pose is not None
+    stream, place = recording.accelerometer, settings.accelerometer_position
     if stream is None or len(stream) < MIN_SAMPLES:
         return None
-    blocks = blocks_of(stream, pose, np.array([0.0, 0.0, -settings.gravity]),
-                       settings.largest_delay, slide, [(p.start, p.end) for p in poses],
-                       recording.phases if poses else ())
-    place = settings.accelerometer_position
-    fit = accelerometer_fit(stream, blocks, settings.coupling, settings.cutoff,
-                            None if place is None else np.array(place),
-                            settings.largest_delay)
-    if fit.std[3:12].max() > MAX_RELATIVE_MAP_STD * np.abs(fit.matrix).max():
+    fit = accelerometer_fit(
+        stream, _blocks(stream, recording, settings, poses, slide), settings.coupling,
+        settings.cutoff, None if place is None else np.array(place), settings.largest_delay)
+    # largest standard error of an element of the accelerometer's map, of its largest: above, it is
+    # not identified
+    most_relative = 0.05
+    if fit.std[3:12].max() > most_relative * np.abs(fit.matrix).max():
         return None
     C = fit.covariance.copy()
     C[12, 12] += joint.covariance[16, 16]
@@ -404,15 +396,13 @@ def _single_samples(recording: Recording, poses: list[StaticPose], statics: Stat
     """Identify from poses that are single samples: noise from residuals, nothing from motion."""
     condition = settings.thresholds.condition
     tool, accelerometer = identify_tool(statics, condition), None
+    refuse_negative(tool.mass, recording.wrench_sign)
     if recording.accelerometer is not None:
         volts = np.stack([window_mean(recording.accelerometer, p.start, p.end, 'accelerometer')
                           for p in poses])
         accelerometer = identify_static_accelerometer(statics.gravity, volts, condition)
     return Stages(recording, poses, statics, tool, None, None, accelerometer, None, None, None)
 
-
-MAX_RELATIVE_INERTIA_STD = 0.3
-"""Largest standard error of an element of inertia, of its mean moment: above, it is left out."""
 
 ESTIMATED_KEYS = ('mass', 'com', 'wrench_bias', 'inertia')
 """Keys that are estimated from motion."""
@@ -440,9 +430,11 @@ def calibrate_by_motion(recording: Recording, settings: IdentificationSettings, 
     DataError
         The wrench has the opposite sign.
     """
-    refuse_negative(float(found.theta[0]))
+    refuse_negative(float(found.theta[0]), recording.wrench_sign)
     inertia = inertia_of(found)
-    known = known_inertia(inertia, MAX_RELATIVE_INERTIA_STD)
+    # largest standard error of an element of inertia, of its mean moment: above, it is left out
+    most_relative = 0.3
+    known = known_inertia(inertia, most_relative)
     mass, std = float(found.theta[0]), found.std
     fields: dict[str, Any] = {
         'mass': Estimate(mass, std[0], 'kg'),

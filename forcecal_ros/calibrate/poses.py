@@ -1,20 +1,20 @@
 """Static poses: how the paper orients the sensor, where a robot stands still, and means there."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from itertools import pairwise
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 from forcecal_ros.checks.signals import Clipping, columns, PAUSE_PERIODS, PAUSE_S
 from forcecal_ros.core.errors import DataError
-from forcecal_ros.core.geometry import Array, rotation_about, rotation_from_vector, rotation_vector
+from forcecal_ros.core.geometry import (
+    Array,
+    quaternion_from_matrix,
+    rotation_about,
+    rotation_vector,
+)
 from forcecal_ros.core.streams import PoseStream, Recording, STILL, Stream
 from forcecal_ros.core.topics import require
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-
-_ROUNDING = 1e-6
-"""By how much stamps of phases are rounded [s]."""
 
 _SHORTEST_STAND = 0.5
 """A robot that stands for less has not stopped to be measured [s]."""
@@ -28,17 +28,9 @@ _SPEED = 0.002
 _AVERAGED = 0.1
 """Means of poses over so long are compared [s], which evens out a pose's noise."""
 
-_CERTAIN = 5.0
-"""Standard errors of a difference beyond which it is motion: one in 10^5 is by chance."""
-
-
 _HELD = 1.5
 """A robot that is held by hand, or yields, sways; it stands where it stays for so long [s] within
 what one that creeps at the speeds above does meanwhile."""
-
-_TRIMMED = 0.5
-"""So much of a stand at most that ends in motion is the motion's own, and no sway [s]."""
-
 
 class NeverAtRest(DataError):
     """The robot moves throughout a recording."""
@@ -124,9 +116,11 @@ def static_windows(recording: Recording) -> list[tuple[float, float]]:
         There is none; :class:`NeverAtRest` where the pose moves throughout.
     """
     assert recording.pose is not None
+    # by how much stamps of phases are rounded [s]
+    rounding = 1e-6
     if recording.phases:
         last = recording.phases[-1].end
-        windows = [(p.start - _ROUNDING, p.end + (_ROUNDING if p.end == last else -_ROUNDING))
+        windows = [(p.start - rounding, p.end + (rounding if p.end == last else -rounding))
                    for p in recording.phases if p.name in STILL]
         if not windows:
             raise DataError(
@@ -163,69 +157,61 @@ def _recorded_throughout(wrench: Stream, windows: list[tuple[float, float]]
     return kept
 
 
-def _standstills(pose: PoseStream) -> list[tuple[float, float]]:
-    """Stretches without motion, the first second of each left to the tool's ringing."""
+def _standstills(pose: PoseStream, ring_down: float = _RING_DOWN,
+                 shortest: float = _SHORTEST_STAND) -> list[tuple[float, float]]:
+    """Stretches without motion, the first part of each left to the tool's ringing."""
     step = max(1, round(float(_AVERAGED / np.median(np.diff(pose.t))))) if len(pose) > 2 else 1
     n = len(pose) // step
     if n < 3:
         return []
-    t = pose.t[:n * step].reshape(n, step).mean(axis=1)
-    R = pose.R_base_sensor[:n * step].reshape(n, step, 3, 3)
-    about = R[:, step // 2]
-    mean = about @ rotation_from_vector(
-        rotation_vector(np.swapaxes(about, 1, 2)[:, np.newaxis] @ R).mean(axis=1))
-    ways: list[_Way] = [(lambda i, j: rotation_vector(np.swapaxes(mean[i], 1, 2) @ mean[j]),
-                         _SPEED, rotation_vector(np.swapaxes(
-                             pose.R_base_sensor[:-1], 1, 2) @ pose.R_base_sensor[1:]))]
-    if pose.has_position:
-        place = pose.position[:n * step].reshape(n, step, 3).mean(axis=1)
-        ways.append((lambda i, j: place[j] - place[i], _SPEED, np.diff(pose.position, axis=0)))
+    q = quaternion_from_matrix(pose.R_base_sensor)
+    flips = np.where((q[1:] * q[:-1]).sum(axis=1) < 0.0, -1.0, 1.0)
+    q *= np.cumprod(np.append(1.0, flips))[:, None]
+    ways = [2.0 * q, pose.position] if pose.has_position else [2.0 * q]
+    t, *means = (np.reshape(x[:n * step], (n, step, -1)).mean(axis=1) for x in (pose.t, *ways))
+    by_chance = [_by_chance(way, step) for way in ways]
     windows = []
-    for first, last in _stands(t, ways, step):
-        begin = t[first] + (_RING_DOWN if first else 0.0)
-        if t[last] - begin >= _SHORTEST_STAND:
-            windows.append((float(begin), float(t[last])))
+    for first, last in _stands(t[:, 0], means, by_chance):
+        begin = float(t[first, 0]) + (ring_down if first else 0.0)
+        if t[last, 0] - begin >= shortest:
+            windows.append((begin, float(t[last, 0])))
     return windows
 
 
-_Way = tuple[Callable[[slice, slice], Array], float, Array]
-"""Way between means, the speed below which it is none, and the ways between samples."""
-
-
-def _stands(t: Array, ways: list[_Way], step: int) -> Iterator[tuple[int, int]]:
+def _stands(t: Array, means: Sequence[Array], by_chance: Sequence[float]
+            ) -> Iterator[tuple[int, int]]:
     """First and last mean of each stretch in which a robot stands, however it sways."""
     n = len(t)
     span = max(2, round(_HELD / float(np.median(np.diff(t)))))
     moving, stays = np.zeros(n - 1, dtype=bool), np.ones(max(0, n - span), dtype=bool)
-    for way, slowest, between_samples in ways:
-        by_chance = _by_chance(between_samples, step)
-        moving |= _far(way(slice(None, -1), slice(1, None)), slowest * np.diff(t) + by_chance)
+    for way, noise in zip(means, by_chance):
+        moving |= np.linalg.norm(np.diff(way, axis=0), axis=1) > _SPEED * np.diff(t) + noise
         for j in range(1, span + 1):
-            stays &= ~_far(way(slice(0, n - span), slice(j, n - span + j)),
-                           slowest * _HELD + by_chance)
+            far = np.linalg.norm(way[j:][:len(stays)] - way[:len(stays)], axis=1)
+            stays &= far <= _SPEED * _HELD + noise
     held = np.zeros(n - 1, dtype=bool)
     for j in range(span):
         held[j:j + len(stays)] |= stays
     edges = np.flatnonzero(np.diff(np.concatenate([[True], moving & ~held, [True]]).astype(int)))
-    most = round(_TRIMMED / _HELD * span)
+    # so much of a stand at most that ends in motion is the motion's own, and no sway [s]
+    trimmed = 0.5
+    most = round(trimmed / _HELD * span)
     for first, last in zip(edges[::2].tolist(), edges[1::2].tolist()):
         still = np.flatnonzero(~moving[first:last])
         begin, end = (still[0], still[-1] + 1) if len(still) else (0, last - first)
         yield first + min(int(begin), most), last - min(last - first - int(end), most)
 
 
-def _far(way: Array, limit: Array | float) -> NDArray[np.bool_]:
-    return np.asarray(np.linalg.norm(way, axis=1) > limit)
-
-
-def _by_chance(between_samples: Array, step: int) -> float:
+def _by_chance(samples: Array, step: int) -> float:
     """
     Return how far means of ``step`` samples are apart by a pose's noise alone.
 
     Second differences of samples are noise, whatever the motion: of white noise sqrt(6) of it.
     """
-    noise = np.median(np.abs(np.diff(between_samples, axis=0))) / (0.6745 * np.sqrt(6.0))
-    return float(_CERTAIN * np.sqrt(2.0 / step) * noise)
+    noise = np.median(np.abs(np.diff(samples, 2, axis=0))) / (0.6745 * np.sqrt(6.0))
+    # standard errors of a difference beyond which it is motion: one in 10^5 is by chance
+    certain = 5.0
+    return float(certain * np.sqrt(2.0 / step) * noise)
 
 
 def static_poses(recording: Recording) -> list[StaticPose]:
@@ -262,10 +248,6 @@ def _mean_rotation(R: Array) -> tuple[Array, float]:
     return mean, float((scatter**2).sum() / (3 * (len(R) - 1)) / len(R))
 
 
-SHORTEST_REST_S = 0.3
-"""So much of a phase at rest is kept [s]."""
-
-
 def rest_within(pose: PoseStream, start: float, end: float) -> tuple[float, float]:
     """
     Cut off where the measured pose still, or already, moves in a phase at rest.
@@ -281,35 +263,13 @@ def rest_within(pose: PoseStream, start: float, end: float) -> tuple[float, floa
         Start and end [s] of the longest rest; those given where the pose does not move, and where
         it moves nearly all along, which is for the fit to judge.
     """
-    origin = start - 0.2  # a motion that ends so shortly before still rings [s]
-    cut = pose.between(origin, end)
-    slices = int((end - origin) / _AVERAGED)
-    edges = np.searchsorted(cut.t, origin + _AVERAGED * np.arange(slices + 1))
-    if slices < 4 or np.diff(edges).min() < 3:
-        return start, end
-    moving = _moving(cut, edges)
-    borders = np.flatnonzero(np.diff(np.concatenate([[True], moving, [True]]).astype(int)))
-    if not moving.any() or not len(borders):
-        return start, end
-    begins, ends = borders[::2], borders[1::2]
-    i = int(np.argmax(ends - begins))
-    stop = end if ends[i] == len(moving) else float(origin + _AVERAGED * ends[i])
-    stopped = float(origin + _AVERAGED * (begins[i] + 1)) if begins[i] else -np.inf
-    if stop - max(start, stopped) < SHORTEST_REST_S:
-        return start, end
-    return max(start, min(stopped + 0.5, stop - SHORTEST_REST_S)), stop
-
-
-def _moving(cut: PoseStream, edges: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Say of each pair of neighbouring slices whether the pose moves from one to the next."""
-    turned = rotation_vector(cut.R_base_sensor[len(cut) // 2].T @ cut.R_base_sensor)
-    rows = np.hstack([turned / 0.01, np.nan_to_num(cut.position) / 0.005])
-    steps = np.diff(rows, axis=0)
-    noise = 1.48 / np.sqrt(2.0) * np.median(np.abs(steps - np.median(steps, axis=0)), axis=0)
-    means = np.array([rows[i:j].mean(axis=0) for i, j in pairwise(edges)])
-    least = 5.0 * noise * np.sqrt(2.0 / np.diff(edges).min())
-    way = np.maximum(np.abs(np.diff(means, axis=0)) - least, 0.0)
-    return np.asarray(np.linalg.norm(way, axis=1) > _AVERAGED)
+    # a motion that ends so shortly before still rings; the least that is kept of a phase [s]
+    before, ring_down, shortest = 0.2, 0.5, 0.3
+    cut = pose.between(start - before, end)
+    stands = _standstills(cut, ring_down, shortest)
+    first, last = max(stands, key=lambda one: one[1] - one[0], default=(start, end))
+    return (max(start, first) if first > cut.t[0] + _AVERAGED else start,
+            last if last < cut.t[-1] - 2.0 * _AVERAGED else end)
 
 
 def values_in(stream: Stream, poses: Sequence[StaticPose]) -> list[Array]:
@@ -342,10 +302,6 @@ def window_mean(stream: Stream, start: float, end: float, what: str = 'signal') 
         raise DataError(f'no {what} between {start:.3f} s and {end:.3f} s, where the robot stood '
                         'to be measured; record it throughout')
     return np.asarray(values.mean(axis=0))
-
-
-MOSTLY = 0.5
-"""From this share of a pose on that is spent at a limit, its mean is the limit, not the load."""
 
 
 def require_wrench(recording: Recording) -> Stream:
@@ -390,4 +346,6 @@ def refuse_poses_at_a_limit(recording: Recording, stops: Iterable[Clipping],
 
 def _stands_at(t: Array, values: Array, pose: StaticPose, limit: float) -> bool:
     at = values[(t >= pose.start) & (t < pose.end)] == limit
-    return len(at) > 0 and bool(at.mean() >= MOSTLY)
+    # from this share of a pose on that is spent at a limit, its mean is the limit, not the load
+    mostly = 0.5
+    return len(at) > 0 and bool(at.mean() >= mostly)

@@ -8,7 +8,7 @@ how much, and where to look.
 from collections.abc import Iterator
 from typing import Any
 
-from forcecal_ros.calibrate.accelerometer import Axes, in_words
+from forcecal_ros.calibrate.accelerometer import in_words
 from forcecal_ros.calibrate.findings import ALL, findings, MOTION
 from forcecal_ros.calibrate.paper import (
     acceleration_error,
@@ -32,15 +32,6 @@ from forcecal_ros.core.errors import above, DataError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import phase_spans
 import numpy as np
-
-_ASTRAY = 0.005
-"""How far the share of gravity along x may be off the paper's: a quarter of what is reported."""
-
-_CHANCE = 4.0
-"""Differences by fewer standard errors are chance."""
-
-_PEAK = 10.0
-"""Acceleration at which Eq. 26 and 27 are evaluated [m/s^2]."""
 
 
 def quality_of(stages: Stages, calibration: Calibration, settings: IdentificationSettings
@@ -163,7 +154,9 @@ def _relative(estimate: Any) -> float:
 def _as_printed(stages: Stages) -> bool:
     """Whether two poses are those of Eq. 9 and Eq. 12, which alone Eq. 16 is about."""
     along_x = np.abs([pose.R_base_sensor[2, 0] for pose in stages.poses])
-    return bool(along_x.max() > 1.0 - _ASTRAY and along_x.min() < _ASTRAY)
+    # how far the share of gravity along x may be off the paper's: a quarter of what is reported
+    astray = 0.005
+    return bool(along_x.max() > 1.0 - astray and along_x.min() < astray)
 
 
 def _plain_error(stages: Stages, settings: IdentificationSettings) -> float:
@@ -179,7 +172,9 @@ def _disagreement(plain: Plain, stages: Stages, c: Calibration, settings: Identi
     """Compare the paper's estimates with the joint ones."""
     limit = settings.thresholds.agreement
     off = plain.mass_theta / float(c.mass) - 1
-    chance = _CHANCE * _plain_error(stages, settings) / float(c.mass)
+    # differences by fewer standard errors are chance
+    by_chance = 4.0
+    chance = by_chance * _plain_error(stages, settings) / float(c.mass)
     if abs(off) > limit + chance and _as_printed(stages):
         yield Finding(
             f'mass: Eq. 16 gives {plain.mass_theta:.4g} kg, all poses together '
@@ -199,7 +194,7 @@ def _notes(stages: Stages, c: Calibration, plain: Plain) -> Iterator[str]:
     """Say what was found that is neither good nor bad."""
     if c.accelerometer:
         a = c.accelerometer
-        yield from in_words(Axes(a.gain.value, a.map.value, a.gain.std, a.map.std))
+        yield from in_words(a.gain.value, a.map.value)
         off = plain.gain / plain.gain_aligned - 1
         if np.isfinite(off):
             yield (f'the gain by [Gamez2005] Eq. 17 as printed is {plain.gain:.5g}; with the '
@@ -259,10 +254,12 @@ def _errors(stages: Stages, c: Calibration, settings: IdentificationSettings, pl
     if np.isfinite(plain.offset):
         errors['offset_eq24'] = offset_error(v, v @ tilt, offset * v[:, 0])
         errors['offset_gravity_leak'] = gravity_leak(v @ tilt, gain, settings.gravity)
-    e_a = acceleration_error(offset + gain * _PEAK, offset, gain, float(a.offset.std[axis]),
+    # acceleration at which Eq. 26 and 27 are evaluated [m/s^2]
+    peak = 10.0
+    e_a = acceleration_error(offset + gain * peak, offset, gain, float(a.offset.std[axis]),
                              float(a.gain.std[axis]))
     errors['acceleration_eq27'] = e_a
-    errors['force_eq26'] = force_error(mass, float(c.mass.std), v, v, _PEAK * v[:, 0],
+    errors['force_eq26'] = force_error(mass, float(c.mass.std), v, v, peak * v[:, 0],
                                        e_a * v[:, 0])
     return errors
 
@@ -274,10 +271,6 @@ def _turn_x_to(direction: Array) -> Array:
     return np.column_stack([direction, y, np.cross(direction, y)])
 
 
-_CERTAIN = 5.0
-"""An inertia is that of no body by so many standard errors: one identification in a million."""
-
-
 def refuse_unnatural(c: Calibration) -> None:
     """
     Refuse what no tool can be.
@@ -287,10 +280,7 @@ def refuse_unnatural(c: Calibration) -> None:
     DataError
         Names the estimate, its value and what makes it so.
     """
-    mass, away = float(c.mass), float(np.linalg.norm(c.com.value))
-    if not mass > 0.0:
-        raise DataError(f'the mass comes out as {mass:.4g} kg, which no tool has; look at the '
-                        'sign and the frame of the wrench')
+    away = float(np.linalg.norm(c.com.value))
     if not away < FARTHEST:
         raise DataError(
             f'the centre of mass comes out {away:.3g} m away from the sensor, which no tool has; '
@@ -303,7 +293,9 @@ def unnatural_inertia(c: Calibration) -> str:
     if c.inertia is None:
         return ''
     moments = np.linalg.eigvalsh(c.inertia.value)
-    margin = _CERTAIN * float(np.linalg.norm(c.inertia.std))
+    # an inertia is that of no body by so many standard errors: one identification in a million
+    certain = 5.0
+    margin = certain * float(np.linalg.norm(c.inertia.std))
     if moments[0] > -margin and moments[0] + moments[1] > moments[2] - 2.0 * margin and (
             moments[2] - margin < float(c.mass) * FARTHEST**2):
         return ''

@@ -21,15 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, stdtr, stdtrit
 
-_DEGREES = 100
-"""Noise is known from some hundred values, so that large deviations are commoner than Gauss's."""
-
-_STRETCHES = (1, 5, 25, 125, 400)
-"""Lengths of the stretches whose means are tested, in values: one to 8 s of 20 ms blocks."""
-
-_WHOLE = 0.6
-"""Share of a stretch's values that have to count for its mean to be tested."""
-
 
 class Residuals(NamedTuple):
     """
@@ -85,7 +76,10 @@ class Deviation(NamedTuple):
     @property
     def is_chance(self) -> bool:
         """Whether noise alone deviates that far somewhere."""
-        return self.sigmas < -float(stdtrit(_DEGREES, CHANCE / (2 * self.tests)))
+        # noise is known from some hundred values, so that large deviations are commoner than
+        # Gauss's
+        degrees = 100
+        return self.sigmas < -float(stdtrit(degrees, CHANCE / (2 * self.tests)))
 
 
 def largest_deviation(residuals: Residuals, shortest: int = 1) -> Deviation:
@@ -109,11 +103,15 @@ def largest_deviation(residuals: Residuals, shortest: int = 1) -> Deviation:
     shared = _running(np.zeros_like(z) if residuals.model_error is None else np.where(
         use[:, None], residuals.model_error / residuals.sigma, 0.0))
     counts = np.concatenate([[0], np.cumsum(use)])
-    for length in _STRETCHES:
+    # lengths of the stretches whose means are tested, in values: one to 8 s of 20 ms blocks
+    stretches = (1, 5, 25, 125, 400)
+    for length in stretches:
         if not shortest <= length <= len(z):
             continue
         n = counts[length:] - counts[:-length]
-        whole = n >= _WHOLE * length
+        # share of a stretch's values that have to count for its mean to be tested
+        least = 0.6
+        whole = n >= least * length
         if not whole.any():
             continue
         tests += int(whole.sum()) * z.shape[1]
@@ -132,18 +130,6 @@ def largest_deviation(residuals: Residuals, shortest: int = 1) -> Deviation:
 
 def _running(values: Array) -> Array:
     return np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
-
-
-_SHARE = 0.05
-"""Scatter about one tool, as a share of the span of the forces, from which it is no sensor's:
-data sheets promise 2 % at most of a range, and the real arm's residuals here are 0.7 %."""
-
-_ARM = 0.05
-"""Range of torque over range of force of wrist sensors, 0.03 to 0.08 [m]: torques of a tool whose
-centre of mass is nearer scatter like those of one that is so far."""
-
-_FEWEST = 8
-"""Poses from which the residuals of all but one tell what the one should be."""
 
 
 class Outlier(NamedTuple):
@@ -172,10 +158,17 @@ def scatters(residuals: Array, wrench: Array, com: Array) -> Iterator[tuple[int,
         Share of the span of the forces, of torques times the arm of the tool.
     """
     span = float(np.ptp(wrench[:, :3], axis=0).max())
-    arm = max(_ARM, float(np.linalg.norm(com)))
+    # range of torque over range of force of wrist sensors, 0.03 to 0.08 [m]: torques of a tool
+    # whose centre of mass is nearer scatter like those of one that is so far
+    least_arm = 0.05
+    arm = max(least_arm, float(np.linalg.norm(com)))
     for j, rms in enumerate(np.sqrt((residuals**2).mean(axis=0))):
         share = float(rms) / (span * (1.0 if j < 3 else arm))
-        if share > _SHARE:
+        # scatter about one tool, as a share of the span of the forces, from which it is no
+        # sensor's: data sheets promise 2 % at most of a range, and the real arm's residuals here
+        # are 0.7 %
+        most = 0.05
+        if share > most:
             yield j, float(rms), share
 
 
@@ -193,7 +186,9 @@ def farthest(residuals: Array) -> Outlier | None:
         None of too few poses.
     """
     n = len(residuals)
-    if n < _FEWEST:
+    # poses from which the residuals of all but one tell what the one should be
+    fewest = 8
+    if n < fewest:
         return None
     std = residuals.std(axis=0, ddof=1)
     G = np.abs(residuals) / np.maximum(std, 1e-300)
@@ -202,9 +197,6 @@ def farthest(residuals: Array) -> Outlier | None:
     chance = 2 * residuals.size * stdtr(n - 2, -np.sqrt(square))
     return Outlier(i, j, float(residuals[i, j]), float(min(1.0, chance)))
 
-
-_ESTIMABLE = 1e-6
-"""Eigenvalue of M_kk below which the other poses do not predict a direction: it is rounding."""
 
 
 class PoseError(NamedTuple):
@@ -234,22 +226,19 @@ def pose_errors(statics: Statics, tool: ToolFit) -> list[PoseError]:
     """Compare every static pose with the others; empty where their noise is not known."""
     if statics.covariance is None:
         return []
-    design, reading = design_of(statics)
-    blocks = statics.covariance + tool.mass**2 * slide_noise(statics)
-    lower = np.linalg.cholesky(blocks)
-    rows, right = design.copy(), reading.copy()
-    for k, L in enumerate(lower):
-        part = slice(6 * k, 6 * k + 6)
-        rows[part], right[part] = np.linalg.solve(L, rows[part]), np.linalg.solve(L, right[part])
-    basis = np.linalg.qr(rows / np.linalg.norm(rows, axis=0))[0]
-    residual = right - basis @ (basis.T @ right)
-    return [_error(residual[6 * k:6 * k + 6], basis[6 * k:6 * k + 6], L, g)
-            for k, (L, g) in enumerate(zip(lower, statics.gravity))]
+    lower = np.linalg.cholesky(statics.covariance + tool.mass**2 * slide_noise(statics))
+    both = np.column_stack(design_of(statics)).reshape(len(lower), 6, -1)
+    white = np.linalg.solve(lower, both).reshape(6 * len(lower), -1)
+    basis = np.linalg.qr(white[:, :-1] / np.linalg.norm(white[:, :-1], axis=0))[0]
+    residual = white[:, -1] - basis @ (basis.T @ white[:, -1])
+    return [_error(*one) for one in zip(residual.reshape(-1, 6), basis.reshape(
+        len(lower), 6, -1), lower, statics.gravity)]
 
 
 def _error(residual: Array, basis: Array, lower: Array, gravity: Array) -> PoseError:
+    # below this eigenvalue the other poses do not predict a direction: it is rounding
     values, vectors = np.linalg.eigh(np.eye(6) - basis @ basis.T)
-    known = values > _ESTIMABLE
+    known = values > 1e-6
     if not known.any():
         return PoseError(np.zeros(6), 0.0, np.nan)
     along = vectors[:, known].T @ residual
@@ -272,11 +261,6 @@ def rejected(errors: Sequence[PoseError], probability: float) -> int | None:
     return min(range(len(errors)), key=lambda i: (chances[i], -errors[i].chi_square))
 
 
-TOUCHED_SIGMA, MAX_TOUCHED = 10.0, 0.34
-"""Errors of their means by which poses are off one tool that the others fit, and the largest
-share of poses that may be."""
-
-
 def touched(statics: Statics) -> list[int]:
     """Return the poses without which all others fit one tool, if there are a few."""
     assert statics.covariance is not None
@@ -284,12 +268,12 @@ def touched(statics: Statics) -> list[int]:
     n = len(sigma)
     columns = design_of(statics)[0][:6 * n].reshape(n, 6, -1) / sigma[:, :, None]
     fit = robust_fit(columns, statics.wrench / sigma, channels=6, freedom=2.0)
-    off = np.abs(fit.residual.reshape(n, 6)).max(axis=1) > TOUCHED_SIGMA
-    return np.flatnonzero(off).tolist() if off.mean() <= MAX_TOUCHED else []
+    # errors of their means by which poses are off one tool that the others fit, and the largest
+    # share of poses that may be
+    sigmas, most = 10.0, 0.34
+    off = np.abs(fit.residual.reshape(n, 6)).max(axis=1) > sigmas
+    return np.flatnonzero(off).tolist() if off.mean() <= most else []
 
-
-_WINDOWS, _SAMPLES = 3, 10
-"""Fewer windows have no usual one among them, fewer samples in one do not show how they move."""
 
 DRIFT = 6.0
 """Drifts within a static pose of fewer standard errors are taken for chance."""
@@ -353,7 +337,9 @@ def restless(parts: Sequence[Array]) -> Restless | None:
     Restless or None
         None where windows or their samples are too few.
     """
-    if len(parts) < _WINDOWS or min(map(len, parts)) < _SAMPLES:
+    # fewer windows have no usual one among them, fewer samples in one do not show how they move
+    windows, samples = 3, 10
+    if len(parts) < windows or min(map(len, parts)) < samples:
         return None
     spread = np.array([part.std(axis=0) for part in parts])
     step = np.array([resolution(column) for column in np.concatenate(parts).T])

@@ -15,9 +15,8 @@ from forcecal_ros.calibrate.gain import (
 )
 from forcecal_ros.calibrate.joint import JointFit
 from forcecal_ros.calibrate.poses import StaticPose
-from forcecal_ros.calibrate.ringing import RingFit
+from forcecal_ros.calibrate.ringing import RingFit, Sag
 from forcecal_ros.calibrate.settings import IdentificationSettings
-from forcecal_ros.calibrate.statics import Sag
 from forcecal_ros.calibrate.tool import Statics, ToolFit
 from forcecal_ros.checks.signals import Clipping
 from forcecal_ros.core.axes import pose_from_wire, unit_direction
@@ -177,7 +176,7 @@ def noise_of(stages: Stages, coupling: str) -> Noise | None:
     relative = wrench.std[0, 0] / variance
     return Noise(
         Estimate(Q, Q * relative, '(m, m/s)^2 s'),
-        Estimate(measured.density, measured.density_std, '(m, m/s, m/s^2)^2 s'),
+        Estimate(measured.density, measured.std / measured.rate, '(m, m/s, m/s^2)^2 s'),
         Estimate(wrench.value, wrench.std, '(N, N m)^2'),
         Estimate(specific.value, specific.std, '(m/s^2)^2'),
         wrench.rate, specific.rate,

@@ -1,4 +1,4 @@
-"""Stiffness and damping of the tool from the ringing after a step.
+"""Stiffness and damping of a tool that slides along x of ft_sensor, from its sag and ringing.
 
 Once the robot stands again nothing drives the tool, and displacement and force along x are
 exponentially damped oscillations of one and the same motion:
@@ -12,85 +12,124 @@ and frequency do not depend on how far the two sensors are apart in time, which 
 regression is all but one with the damping (k times the delay).
 """
 
-from collections.abc import Callable
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import chain
 from typing import NamedTuple
 
+from forcecal_ros.calibrate.accelerometer import lowpassed
+from forcecal_ros.calibrate.joint import JointFit, smooth
+from forcecal_ros.calibrate.poses import require_wrench, StaticPose
 from forcecal_ros.calibrate.residuals import Residuals
+from forcecal_ros.calibrate.tool import Statics
+from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.estimation import robust_fit
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.white import white_covariance
-from forcecal_ros.core.streams import PoseStream, Stream
+from forcecal_ros.core.rigid_body import rate_of_change
+from forcecal_ros.core.streams import phase_spans, PoseStream, Recording, Stream
+from forcecal_ros.core.time_grid import Averager
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import least_squares
-
-_SERVO = 0.06
-"""By how much the robot's servos still settle once its pose does not change any more [s]."""
-
-_STILL = 1e-4
-"""A robot that moves by less within 20 ms has stopped [m]."""
-
-_STARTS_BEFORE = 0.1
-"""By how much a robot leaves before its pose shows it [s].
-
-The force feels the acceleration at once, the pose has to move by _STILL first: up to 0.09 s on the
-rig where its commands come late.
-"""
-
-_LONGEST = 2.0
-"""Ringing is fitted over this long at most [s]."""
-
-_SHORTEST = 0.15
-"""Stretches that are shorter do not tell a decay [s]."""
-
-_SIGNIFICANT = 8.0
-"""Ringing of a smaller strength does not stand out of the noise."""
-
-_PRECISE = 0.3
-"""Stiffness and damping with a larger relative error are not worth giving."""
-
-_APPROACH = 0.05
-"""Share of the last of an approach by which it may depart from an exponential, as no noise does: a
-force of 0.2 mN, 2 % of that of 13 um, on the rig without noise."""
 
 CREEP_RATE = 8.0
 """Rate at which the end of an approach decays, in which the robot still moves while the tool is
 said to ring freely [1/s]; slower adds no force, faster is over."""
 
 
-class Creep(NamedTuple):
-    """Distance still to go along x at first, x_end + way exp(-CREEP_RATE t), and its error [m]."""
-
-    way: float
-    std: float
-
-
-STANDS = Creep(0.0, 0.0)
-
-
-def fit_creep(pose: PoseStream) -> Creep:
+class Sag(NamedTuple):
     """
-    Fit the creep to the measured pose.
+    Compliance at rest, F_x = k (s - zero) + d ds/dt + bias.
+
+    Attributes
+    ----------
+    stiffness, variance : float
+        [N/m] and its square.
+    zero : float
+        What the Optidrive reads without load [m].
+    """
+
+    stiffness: float
+    variance: float
+    zero: float
+
+
+def sag_of(fit: JointFit, wrench: Stream) -> Sag | None:
+    """
+    Fit the stiffness of a tool to force and displacement along x at rest, [Gamez2005] Eq. 29.
+
+    Returns
+    -------
+    Sag or None
+        None without an Optidrive, or where the poses hardly load x.
+
+    Raises
+    ------
+    DataError
+        The tool slides against its load.
+    """
+    blocks = fit.blocks
+    rest = blocks.rows[blocks.groups == 0]
+    if blocks.displacement is None or not blocks.displacement.any() or len(rest) < 10:
+        return None
+    weight = fit.theta[0] * blocks.motion.apparent_gravity[rest, 0]
+    # least variation of the weight along x, of the weight, that shows a stiffness
+    least = 0.05
+    if np.ptp(weight) < least * fit.theta[0] * blocks.gravity:
+        return None
+    s = blocks.displacement[:, None]
+    force = Averager(wrench.t, wrench.values[:, :1]).interpolated(
+        blocks.starts + fit.delay, blocks.length)
+    rate = rate_of_change(s, blocks.length)
+    columns = smooth(np.concatenate([s, rate, np.ones_like(s)], axis=1))
+    # blocks of the rows at rest for the standard error of a stiffness: 0.5 s each in the sequence,
+    # five times as long as the low-pass correlates them
+    independent = 12
+    found = robust_fit(columns[rest, None, :], smooth(force)[rest], blocks=independent, channels=1)
+    stiffness, variance = float(found.theta[0]), float(found.covariance[0, 0])
+    # standard errors by which a compliance differs from zero
+    sigmas = 5.0
+    if stiffness**2 < sigmas**2 * variance:
+        return None
+    if stiffness < 0:
+        raise DataError('optidrive: the tool slides against its load '
+                        f'({1e3 / stiffness:.3g} mm for each N); turn the sign of the optidrive')
+    zero = (fit.theta[10] - found.theta[2]) / stiffness
+    return Sag(stiffness, variance, float(zero))
+
+
+def fit_creep(pose: PoseStream | None) -> tuple[float, float]:
+    """
+    Fit x_end + way exp(-CREEP_RATE t) along x to the measured pose.
 
     Parameters
     ----------
-    pose : PoseStream
+    pose : PoseStream or None
         From the start of the ringing on.
+
+    Returns
+    -------
+    way, std : float
+        [m]
     """
-    if not pose.has_position or len(pose) < 20:
-        return STANDS
+    if pose is None or not pose.has_position or len(pose) < 20:
+        return 0.0, 0.0
     t, x = pose.t - pose.t[0], pose.position @ pose.R_base_sensor[0, :, 0]
     rows = np.column_stack([np.ones(len(t)), np.exp(-CREEP_RATE * t)])
     solution = np.linalg.lstsq(rows, x, rcond=None)[0]
     variance = float(((x - rows @ solution)**2).sum()) / (len(t) - 2)
-    return Creep(float(solution[1]), float(np.sqrt(variance * np.linalg.inv(rows.T @ rows)[1, 1])))
+    return float(solution[1]), float(np.sqrt(variance * np.linalg.inv(rows.T @ rows)[1, 1]))
 
 
-def follow(creep: Creep, t: Array, k: float, d: float, mass: float) -> tuple[Array, Array]:
+def follow(way: float, t: Array, k: float, d: float, mass: float) -> tuple[Array, Array]:
     """
-    Say how the tool follows: m s" + d s' + k s = -m x".
+    Say how the tool follows a robot that creeps: m s" + d s' + k s = -m x".
 
     Parameters
     ----------
+    way : float
+        That the robot still has to go at first [m].
     t : ndarray, shape (n,)
         Since the start of the ringing [s].
     k, d, mass : float
@@ -101,8 +140,8 @@ def follow(creep: Creep, t: Array, k: float, d: float, mass: float) -> tuple[Arr
     tuple of ndarray, shape (n,)
         Displacement [m] and the force that goes with it [N].
     """
-    way = -mass * CREEP_RATE**2 * creep.way / (mass * CREEP_RATE**2 - d * CREEP_RATE + k)
-    slide = way * np.exp(-CREEP_RATE * t)
+    size = -mass * CREEP_RATE**2 * way / (mass * CREEP_RATE**2 - d * CREEP_RATE + k)
+    slide = size * np.exp(-CREEP_RATE * t)
     return slide, (k - d * CREEP_RATE) * slide
 
 
@@ -118,15 +157,16 @@ class Ring(NamedTuple):
         On the wire [N].
     slide_t, slide : ndarray, shape (m,)
         Displacement [s], [m]; empty without an Optidrive.
-    creep : Creep
-        What the robot still moves along x.
+    way, way_std : float
+        That the robot still moves along x, with its standard error [m].
     """
 
     t: Array
     force: Array
     slide_t: Array
     slide: Array
-    creep: Creep = STANDS
+    way: float = 0.0
+    way_std: float = 0.0
 
 
 class RingFit(NamedTuple):
@@ -141,8 +181,6 @@ class RingFit(NamedTuple):
         How much later than the wrench the Optidrive shows the same instant [s].
     covariance : ndarray, shape (3, 3)
         Of these three, the mass' uncertainty left out.
-    strength : float
-        Root of the strongest ringing's energy over the density of the force's noise.
     residuals : Residuals
         Of the samples, in standard deviations; times in samples.
     """
@@ -151,39 +189,34 @@ class RingFit(NamedTuple):
     damping: float
     slide_delay: float
     covariance: Array
-    strength: float
     residuals: Residuals
 
 
-def rings(windows: list[tuple[float, float]], wrench: Stream, optidrive: Stream | None,
-          pose: PoseStream | None, target: PoseStream | None) -> list[Ring]:
-    """
-    Cut out the stretches in which the tool rings and the robot stands.
-
-    Parameters
-    ----------
-    windows : list of tuple of float
-        Start and end of the phases ``step`` [s].
-    pose, target : PoseStream or None
-        The measured pose says when the robot has arrived, the commanded one where there is no
-        position.
-    """
-    out = []
-    for begin, end in windows:
-        for start, stop in _stands(begin, end, pose, target):
-            stop = min(stop, start + _LONGEST)
-            if stop - start < _SHORTEST:
-                continue
-            cut = wrench.between(start, stop)
-            slide = optidrive.between(start, stop) if optidrive else None
-            if len(cut) < 20:
-                continue
-            out.append(Ring(
-                cut.t - start, cut.values[:, 0],
-                slide.t - start if slide else np.empty(0),
-                slide.values[:, 0] if slide else np.empty(0),
-                STANDS if pose is None else fit_creep(pose.between(start, stop))))
-    return out
+def ring_of(recording: Recording, poses: Sequence[StaticPose], statics: Statics, fit: JointFit,
+            sag: Sag | None) -> RingFit | None:
+    """Fit what rings after the step while the robot stands; None where nothing rang."""
+    assert fit.noise is not None
+    wrench, pose, ringing = require_wrench(recording), recording.pose, []
+    optidrive = recording.optidrive if statics.slide.any() else None
+    spans = (_stands(*window, pose, recording.target)
+             for window in phase_spans(recording.phases, ('step',)))
+    for start, stop in chain(*spans):
+        # ringing is fitted over this long at most [s]
+        longest = 2.0
+        stop = min(stop, start + longest)
+        cut = wrench.between(start, stop)
+        # stretches that are shorter do not tell a decay [s]
+        shortest = 0.15
+        if stop - start < shortest or len(cut) < 20:
+            continue
+        slide = optidrive.between(start, stop) if optidrive else Stream(
+            np.empty(0), np.empty((0, 1)))
+        ringing.append(Ring(cut.t - start, cut.values[:, 0], slide.t - start, slide.values[:, 0],
+                            *fit_creep(pose and pose.between(start, stop))))
+    return stiffness_and_damping(
+        ringing, float(fit.theta[0]), float(fit.noise.at_least_white[0, 0]) * fit.blocks.length,
+        float(statics.slide_variance[0] * (poses[0].end - poses[0].start)),
+        (sag.stiffness, sag.variance) if sag else None)
 
 
 def _stands(begin: float, end: float, pose: PoseStream | None, target: PoseStream | None
@@ -197,14 +230,22 @@ def _stands(begin: float, end: float, pose: PoseStream | None, target: PoseStrea
         return []
     step = max(1, round(float(0.02 / np.median(np.diff(cut.t)))))
     place = uniform_filter1d(cut.position, step, axis=0, mode='nearest')
-    moving = (np.linalg.norm(place[step:] - place[:-step], axis=1) > _STILL).astype(int)
+    # a robot that moves by less within 20 ms has stopped [m]
+    still = 1e-4
+    moving = (np.linalg.norm(place[step:] - place[:-step], axis=1) > still).astype(int)
     edges = np.diff(np.concatenate([[1], moving, [1]]))
     stop, go = np.flatnonzero(edges == -1), np.flatnonzero(edges == 1)
     t = np.append(cut.t, end)
     spans = []
     for i, j in zip(stop.tolist(), go.tolist()):
-        arrived = float(t[min(i + step, len(t) - 1)]) + _SERVO
-        spans.append((arrived, float(t[j]) - _STARTS_BEFORE if j < len(moving) else end))
+        # by how much the robot's servos still settle once its pose does not change any more [s]
+        servo = 0.06
+        arrived = float(t[min(i + step, len(t) - 1)]) + servo
+        # by how much a robot leaves before its pose shows it [s]. The force feels the acceleration
+        # at once, the pose has to move by 0.1 mm first: up to 0.09 s on the rig where its commands
+        # come late
+        before = 0.1
+        spans.append((arrived, float(t[j]) - before if j < len(moving) else end))
     return [(a, b) for a, b in spans if a > begin]
 
 
@@ -231,41 +272,52 @@ def stiffness_and_damping(
     """
     if not ringing:
         return None
-    residuals, start = _problem(ringing, mass, force_density, slide_density, stiffness)
+    with_slide = all(len(ring.slide) for ring in ringing)
+    if not with_slide:
+        ringing = [ring._replace(slide_t=np.empty(0), slide=np.empty(0)) for ring in ringing]
+
+    def residuals(p: Array, ringing: Sequence[Ring] = ringing) -> Array:
+        """Residuals in the nonlinear unknowns alone, the linear ones projected out."""
+        out = [_left_over(ring, p, mass, force_density, slide_density) for ring in ringing]
+        if stiffness is not None:
+            out.append(np.array([(np.exp(p[0]) - stiffness[0]) / np.sqrt(stiffness[1])]))
+        return np.concatenate(out)
+
     # from where the linear part of the problem fits best
-    guesses = [np.concatenate([[np.log(k), np.log(2 * z * np.sqrt(k * mass))], start])
+    guesses = [np.array([np.log(k), np.log(2 * z * np.sqrt(k * mass)), *[0.0] * with_slide])
                for k in ([stiffness[0]] if stiffness else np.geomspace(500, 5e5, 31))
                for z in (0.05, 0.2, 0.5)]
     best = min(guesses, key=lambda p: float((residuals(p)**2).sum()))
     fit = least_squares(residuals, best, x_scale='jac', method='trf', max_nfev=60)
-    strength = _strength(ringing, mass, fit.x, force_density)
-    if strength < _SIGNIFICANT or not fit.success:
+    (k, d), delay = np.exp(fit.x[:2]), float(fit.x[2]) if with_slide else 0.0
+    # ringing of a smaller strength does not stand out of the noise
+    significant = 8.0
+    if max(_strength(ring, k, d, mass, force_density) for ring in ringing) < significant or (
+            not fit.success):
         return None
-    k, d = np.exp(fit.x[:2])
     inverse = np.linalg.pinv(fit.jac.T @ fit.jac)
     full = inverse
     for i, ring in enumerate(ringing):
-        creep = ring.creep._replace(way=ring.creep.way + ring.creep.std)
-        moved = [*ringing[:i], ring._replace(creep=creep), *ringing[i + 1:]]
-        other, _ = _problem(moved, mass, force_density, slide_density, stiffness)
-        shift = inverse @ fit.jac.T @ (other(fit.x) - fit.fun)
+        moved = ring._replace(way=ring.way + ring.way_std)
+        off = residuals(fit.x, [*ringing[:i], moved, *ringing[i + 1:]]) - fit.fun
+        shift = inverse @ fit.jac.T @ off
         full = full + np.outer(shift, shift)
-    if np.diag(full)[:2].max() > _PRECISE**2:
+    # stiffness and damping with a larger relative error are not worth giving
+    precise = 0.3
+    if np.diag(full)[:2].max() > precise**2:
         return None
-    scale = np.array([k, d, 1.0])
-    covariance = np.zeros((3, 3))
-    size = 3 if len(fit.x) == 3 else 2
-    covariance[:size, :size] = full * np.outer(scale[:size], scale[:size])
-    delay = float(fit.x[2]) if size == 3 else 0.0
+    scale = np.array([k, d, 1.0][:len(fit.x)])
+    covariance = np.pad(full * np.outer(scale, scale), (0, 3 - len(scale)))
     n = len(fit.fun)
-    larger = [ring._replace(creep=ring.creep._replace(way=ring.creep.way * (1.0 + _APPROACH)))
-              for ring in ringing]
-    other, _ = _problem(larger, mass, force_density, slide_density, stiffness)
+    # share of the last of an approach by which it may depart from an exponential, as no noise
+    # does: a force of 0.2 mN, 2 % of that of 13 um, on the rig without noise
+    tolerance = 0.05
+    larger = [ring._replace(way=ring.way * (1.0 + tolerance)) for ring in ringing]
     sigma = _scatter(fit.fun, [m for ring in ringing for m in (len(ring.t), len(ring.slide))])
     standardised = Residuals(np.arange(n, dtype=float), fit.fun[:, None], sigma[:, None],
                              np.ones(1), np.ones(n, dtype=bool),
-                             np.abs(other(fit.x) - fit.fun)[:, None])
-    return RingFit(float(k), float(d), delay, covariance, strength, standardised)
+                             np.abs(residuals(fit.x, larger) - fit.fun)[:, None])
+    return RingFit(float(k), float(d), delay, covariance, standardised)
 
 
 def _scatter(residuals: Array, lengths: list[int]) -> Array:
@@ -299,56 +351,49 @@ def _basis(t: Array, k: float, d: float, mass: float) -> tuple[Array, Array]:
     return motion, k * motion + d * rate
 
 
-def _columns(ring: Ring, p: Array, mass: float, force: float, slide: float) -> tuple[Array, Array]:
-    """Weighted linear problem of one stretch in [p, q, F_end, s_end] and its right-hand side."""
+def _left_over(ring: Ring, p: Array, mass: float, force: float, slide: float) -> Array:
+    """Weighted residual of one stretch, linear in [p, q, F_end, s_end]."""
     k, d = np.exp(p[:2])
     n, m = len(ring.t), len(ring.slide)
     rows = np.zeros((n + m, 4 if m else 3))
     rows[:n, :2] = _basis(ring.t, k, d, mass)[1]
     rows[:n, 2] = 1
     weight = np.full(n + m, np.sqrt(_period(ring.t) / force))
-    slide_t = ring.slide_t - (p[2] if m else 0.0)
-    right = np.concatenate([ring.force - follow(ring.creep, ring.t, k, d, mass)[1],
-                            ring.slide - follow(ring.creep, slide_t, k, d, mass)[0]])
+    slide_t = ring.slide_t
     if m:
+        slide_t = slide_t - p[2]
         rows[n:, :2] = _basis(slide_t, k, d, mass)[0]
         rows[n:, 3] = 1
         weight[n:] = np.sqrt(_period(ring.slide_t) / slide)
-    return rows * weight[:, None], right * weight
+    right = np.concatenate([ring.force - follow(ring.way, ring.t, k, d, mass)[1],
+                            ring.slide - follow(ring.way, slide_t, k, d, mass)[0]]) * weight
+    q, _ = np.linalg.qr(rows * weight[:, None])
+    return np.asarray(right - q @ (q.T @ right))
 
 
 def _period(t: Array) -> float:
     return float((t[-1] - t[0]) / (len(t) - 1))
 
 
-def _problem(ringing: list[Ring], mass: float, force: float, slide: float,
-             stiffness: tuple[float, float] | None) -> tuple[Callable[[Array], Array], Array]:
-    """Residuals in the nonlinear unknowns alone, the linear ones projected out."""
-    with_slide = all(len(r.slide) for r in ringing)
-    if not with_slide:
-        ringing = [r._replace(slide_t=np.empty(0), slide=np.empty(0)) for r in ringing]
-
-    def residuals(p: Array) -> Array:
-        out = []
-        for ring in ringing:
-            rows, right = _columns(ring, p, mass, force, slide)
-            q, _ = np.linalg.qr(rows)
-            out.append(right - q @ (q.T @ right))
-        if stiffness is not None:
-            out.append(np.array([(np.exp(p[0]) - stiffness[0]) / np.sqrt(stiffness[1])]))
-        return np.concatenate(out)
-
-    return residuals, np.zeros(1 if with_slide else 0)
+def _strength(ring: Ring, k: float, d: float, mass: float, force: float) -> float:
+    """Root of a stretch's energy over the density of the force's noise."""
+    basis = _basis(ring.t, k, d, mass)[1]
+    rows = np.column_stack([basis, np.ones(len(ring.t))])
+    swing = basis @ np.linalg.lstsq(rows, ring.force, rcond=None)[0][:2]
+    return float(np.sqrt((swing**2).sum() * _period(ring.t) / force))
 
 
-def _strength(ringing: list[Ring], mass: float, p: Array, force: float) -> float:
-    k, d = np.exp(p[:2])
-    best = 0.0
-    for ring in ringing:
-        basis = _basis(ring.t, k, d, mass)[1]
-        rows = np.column_stack([basis, np.ones(len(ring.t))])
-        coefficients = np.linalg.lstsq(rows, ring.force, rcond=None)[0]
-        swing = basis @ coefficients[:2]
-        energy = float((swing**2).sum()) * _period(ring.t) / force
-        best = max(best, energy**0.5)
-    return best
+def displacement(recording: Recording, ring: RingFit, fit: JointFit) -> Stream:
+    """
+    Return the displacement of the tool by the pose's clock: measured, or by the spring.
+
+    k s + d ds/dt = F: the displacement follows the force through a first-order low-pass.
+    """
+    measured, wrench = recording.optidrive, require_wrench(recording)
+    if measured is not None and len(measured) > 1:
+        return replace(measured, t=measured.t - ring.slide_delay - fit.delay)
+    period = float(np.median(np.diff(wrench.t)))
+    t = np.arange(wrench.t[0], wrench.t[-1], period)
+    s = (np.interp(t, wrench.t, wrench.values[:, 0]) - fit.theta[10]) / ring.stiffness
+    corner = ring.stiffness / (2 * np.pi * ring.damping)
+    return Stream(t - fit.delay, (s[0] + lowpassed(s - s[0], period, corner))[:, None])

@@ -12,8 +12,13 @@ which is linear in m, b_F, m c and b_n once s is known.
 from typing import NamedTuple
 
 from forcecal_ros.calibrate.joint import AT_REST, JointFit, principal_spread
+from forcecal_ros.calibrate.poses import require_wrench, StaticPose, values_in, window_mean
+from forcecal_ros.calibrate.settings import IdentificationSettings
+from forcecal_ros.checks.signals import resolution
 from forcecal_ros.core.errors import below, DataError, UnobservableError
 from forcecal_ros.core.geometry import Array, skew
+from forcecal_ros.core.noise.white import rounding_variance, white_covariance
+from forcecal_ros.core.streams import Recording
 import numpy as np
 from scipy.linalg import block_diag
 from scipy.special import chdtrc
@@ -42,6 +47,45 @@ class Statics(NamedTuple):
     covariance: Array | None
     slide: Array
     slide_variance: Array
+
+
+def read_statics(recording: Recording, poses: list[StaticPose], settings: IdentificationSettings
+                 ) -> Statics:
+    """
+    Take the means of the static poses, [Gamez2005] Eq. 11 and Eq. 14 in all six axes.
+
+    Returns
+    -------
+    Statics
+        Without covariance.
+    """
+    wrench, optidrive = require_wrench(recording), settings.optidrive_of(recording)
+    means = np.stack([window_mean(wrench, p.start, p.end, 'wrench') for p in poses])
+    gravity, rigid = np.stack([p.gravity(settings.gravity) for p in poses]), np.zeros(len(poses))
+    if optidrive is None or not len(optidrive):
+        return Statics(gravity, means, None, rigid, rigid)
+    slide = np.array([window_mean(optidrive, p.start, p.end, 'optidrive')[0] for p in poses])
+    variance = rigid
+    if parts := [part for part in values_in(optidrive, poses) if len(part) > 2]:
+        density = max(float(white_covariance(part, 1)[0, 0]) for part in parts) / optidrive.rate
+        variance = density / np.array([p.end - p.start for p in poses])
+    return Statics(gravity, means, None, slide, variance)
+
+
+def with_noise(statics: Statics, fit: JointFit, recording: Recording, poses: list[StaticPose]
+               ) -> Statics:
+    """Give static poses their covariance, and take off what the tool still moves in them."""
+    assert fit.noise is not None
+    spans = np.array([p.end - p.start for p in poses])
+    covariance = fit.noise.at_least_white * (fit.blocks.length / spans)[:, None, None]
+    wrench = require_wrench(recording)
+    within = np.mean([part.var(axis=0) for part in values_in(wrench, poses) if len(part) > 1], 0)
+    covariance = covariance + np.diag([
+        rounding_variance(resolution(values), float(variance))
+        for values, variance in zip(wrench.values.T, within)])
+    left = np.stack([fit.residual[fit.blocks.pose == i].mean(axis=0) for i in range(len(poses))])
+    return statics._replace(covariance=covariance, wrench=left + (
+        design_of(statics)[0] @ fit.theta[AT_REST]).reshape(-1, 6))
 
 
 def gravity_spread(gravity: Array) -> tuple[Array, Array]:
@@ -122,32 +166,26 @@ def check_poses(gravity: Array, condition: float) -> None:
         f'add a pose tilted about {"xyz"[axis]} of ft_sensor')
 
 
-class TurnedWrench(DataError):
-    """The wrench has the opposite sign: what is measured is the other body's."""
-
-
-def refuse_negative(mass: float) -> None:
+def refuse_negative(mass: float, wrench_sign: int | None = None) -> None:
     """
-    Refuse a mass below zero.
+    Refuse a mass below zero: what is measured is the other body's wrench.
+
+    Parameters
+    ----------
+    wrench_sign : int or None
+        What the readings were multiplied by; None: 1.
 
     Raises
     ------
-    TurnedWrench
+    DataError
     """
-    if mass <= 0:
-        raise TurnedWrench(
-            f'the mass comes out as {mass:.4g} kg: the wrench has the opposite sign')
+    other = -(wrench_sign or 1)
+    if not mass > 0.0:
+        raise DataError(f'the mass comes out as {mass:.4g} kg: the wrench has the opposite sign; '
+                        f'set wrench.sign to {other} (--wrench-sign {other})')
 
 
 X_HAT = np.array([1.0, 0.0, 0.0])
-
-WIDENED = 1e-3
-"""Residuals less probable than this widen the errors, before they are improbable enough for a
-warning: it costs one sound recording in a thousand errors that are 1.6 times too large."""
-
-_NAMES = ('mass', 'force bias x', 'force bias y', 'force bias z', 'com x', 'com y', 'com z',
-          'torque bias x', 'torque bias y', 'torque bias z')
-
 
 class ToolFit(NamedTuple):
     """
@@ -208,7 +246,10 @@ def tool_of_motion(fit: JointFit, statics: Statics) -> ToolFit:
     alone, _, rank, _ = np.linalg.lstsq(rows, right, rcond=1e-9)
     chi_square, degrees = float(((right - rows @ alone)**2).sum()), 6 * n - int(rank)
     chance = float(chdtrc(degrees, chi_square)) if degrees > 0 else np.nan
-    if chance < WIDENED:
+    # residuals less probable than this widen the errors, before they are improbable enough for a
+    # warning: it costs one sound recording in a thousand errors that are 1.6 times too large
+    widened = 1e-3
+    if chance < widened:
         times = _left_over(residuals, noise, design, chi_square / degrees)
         # blocks of residuals show some of it already: no less than static poses alone would state
         stated = np.sqrt(np.diag(np.linalg.pinv(rows.T @ rows, hermitian=True)))
@@ -231,13 +272,10 @@ def identify_tool(statics: Statics, condition: float = 100.0) -> ToolFit:
     ------
     UnobservableError
         The poses do not determine them.
-    DataError
-        The mass comes out negative.
     """
     check_poses(statics.gravity, condition)
     design, reading = design_of(statics)
     theta, covariance = _fit_scatter(design, reading)
-    refuse_negative(theta[0])
     return _tool(theta, covariance, statics, reading - design @ theta, np.nan, np.nan,
                  len(reading) - 10)
 
@@ -276,16 +314,6 @@ def slide_noise(statics: Statics) -> Array:
     return noise
 
 
-def _require_rank(design: Array) -> None:
-    scaled = design / np.maximum(np.linalg.norm(design, axis=0), 1e-12)
-    _, sigma, vh = np.linalg.svd(scaled, full_matrices=False)
-    if len(design) < design.shape[1] or sigma[-1] < 1e-6 * sigma[0]:
-        worst = _NAMES[int(np.argmax(np.abs(vh[-1])))]
-        raise UnobservableError(
-            f'{worst} is not observable from the static poses (condition '
-            f'{sigma[0] / max(sigma[-1], 1e-16):.2g}); add poses that turn gravity to other '
-            'directions of ft_sensor')
-
 
 def _left_over(residuals: Array, noise: Array, design: Array, whole: float) -> Array:
     """
@@ -313,17 +341,12 @@ def _fit_scatter(design: Array, reading: Array) -> tuple[Array, Array]:
     weight = np.ones(len(reading))
     for _ in range(3):
         rows = design * weight[:, None]
-        _require_rank(rows)
         theta = np.linalg.lstsq(rows, reading * weight, rcond=None)[0]
         square = ((reading - design @ theta).reshape(n, 6)**2)
         scatter = np.repeat([square[:, :3].mean(), square[:, 3:].mean()], 3)
         weight = np.tile(1 / np.sqrt(np.maximum(scatter, 1e-18)), n)
-    shortfall = 1 - design.shape[1] / len(reading)
-    if shortfall <= 0:
-        raise UnobservableError(f'{n} poses of one sample each leave nothing to judge the noise '
-                                'by; add poses')
     bread = np.linalg.inv(rows.T @ rows)
-    channel = np.tile(square.mean(axis=0), n) / shortfall
+    channel = np.tile(square.mean(axis=0), n) / (1 - design.shape[1] / len(reading))
     meat = (rows * (weight * channel * weight)[:, None]).T @ rows
     return theta, bread @ meat @ bread
 

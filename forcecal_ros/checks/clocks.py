@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
-from forcecal_ros.checks.signals import PAUSE_S, STREAMS
+from forcecal_ros.checks.signals import PAUSE_S, present, STREAMS
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import Recording
 import numpy as np
@@ -12,9 +12,6 @@ from numpy.typing import NDArray
 
 SKEW, MAX_SKEW = 1e-5, 0.02
 """Relative difference of two clocks that is no rounding; beyond the second the rate is another."""
-
-LOST = 5e-4
-"""Fraction of missing samples that counts as dropouts."""
 
 JITTER = 0.15
 """Scatter of the stamps about their line that counts [periods]."""
@@ -58,12 +55,8 @@ def clocks(recording: Recording, rates: Mapping[str, float] = MappingProxyType({
     rates : mapping of str to float
         Of each stream, where they are known [Hz].
     """
-    found = []
-    for name in STREAMS:
-        stream = getattr(recording, name)
-        if stream is not None and len(stream) > 100:
-            found.append(_clock(name, np.asarray(stream.t), rates.get(name)))
-    return tuple(found)
+    return tuple(_clock(name, stream.t, rates.get(name)) for name, stream in present(
+        recording, STREAMS).items() if len(stream) > 100)
 
 
 def _clock(name: str, t: Array, nominal: float | None) -> Clock:
@@ -108,4 +101,6 @@ def skew_between(found: tuple[Clock, ...]) -> dict[str, float]:
 
 def dropouts(found: tuple[Clock, ...]) -> dict[str, float]:
     """Return the fraction of lost samples of each sensor, where it counts."""
-    return {c.stream: c.lost for c in found if c.lost > LOST}
+    # fraction of missing samples that counts as dropouts
+    lost_share = 5e-4
+    return {c.stream: c.lost for c in found if c.lost > lost_share}

@@ -9,9 +9,6 @@ from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.streams import CHANNELS, Recording
 import numpy as np
 
-COARSE_PLACE_M = 1e-3
-"""Positions in larger steps show no acceleration: robots report tenths of a millimetre."""
-
 _ALL = ('wrench', 'accelerometer', 'optidrive', 'angular_velocity', 'pose', 'target')
 
 
@@ -93,7 +90,9 @@ def _coarse(recording: Recording) -> Iterator[str]:
         yield straight
     if pose is not None and recording.accelerometer is None and pose.has_position:
         step = max(signals.resolution(column) for column in pose.position.T)
-        if step > COARSE_PLACE_M:
+        # positions in larger steps show no acceleration: robots report tenths of a millimetre
+        coarse_m = 1e-3
+        if step > coarse_m:
             yield (f'pose: its position comes in steps of {1e3 * step:.3g} mm: accelerations that '
                    'are taken from it jump; publish it with more digits')
 

@@ -202,6 +202,12 @@ class Motion:
         """Gravity in ft_sensor, shape (n, 3) [m/s^2]."""
         return np.asarray(self.path.from_base @ self.gravity)
 
+    def smoothed(self, values: Array, like_wrench: bool = False) -> Array:
+        """Low-pass rows on a grid; columns ``like_wrench`` first as the wrench was."""
+        if not self.step:
+            return values
+        return _smoothed(values, like_wrench * self.path.smoothing / self.step)
+
     def along(self, **changes: Any) -> 'Motion':
         """Return the same along another path."""
         return replace(self, path=replace(self.path, **changes))
@@ -375,18 +381,15 @@ class Pull(NamedTuple):
 
 def explain_forces(motion: Motion) -> Pull:
     """Fit the forces of a rigid tool."""
-    rows, step, g = usable_rows(motion), motion.step, motion.gravity
-    columns_of, smoothing = motion.path.columns, motion.path.smoothing
-    force = (_smoothed(motion.wrench[:, :3]) if step else motion.wrench[:, :3])[rows]
-    down = columns_of.gravity[rows]
+    rows, g, of_path = usable_rows(motion), motion.gravity, motion.path.columns
+    force, down = motion.smoothed(motion.wrench[:, :3])[rows], of_path.gravity[rows]
     weight = down if motion.free_gravity else (down @ g)[:, :, None]
     columns = [biases(motion)[rows]]
     if motion.extra is not None:
-        columns.insert(0, (_smoothed(motion.extra, smoothing / step) if step
-                           else motion.extra)[rows])
-    if step:
-        columns = [-columns_of.accel[rows, :, None], -columns_of.lever[rows],
-                   (columns_of.late[rows] @ g)[:, :, None], *columns]
+        columns.insert(0, motion.smoothed(motion.extra, True)[rows])
+    if motion.step:
+        columns = [-of_path.accel[rows, :, None], -of_path.lever[rows],
+                   (of_path.late[rows] @ g)[:, :, None], *columns]
     fit = fit_part(np.concatenate([weight, *columns], axis=2), force)
     mass, mass_std = float(fit.theta[0]), float(fit.std[0])
     if motion.free_gravity:
@@ -397,7 +400,7 @@ def explain_forces(motion: Motion) -> Pull:
     elif mass < 0.0:  # no tool falls up: the boundary of what is possible
         fit = fit._replace(mean_log=fit_part(np.concatenate(columns, axis=2), force).mean_log)
     k = weight.shape[2]
-    moving = bool(step) and motion.path.position is not None and bool(
+    moving = bool(motion.step) and motion.path.position is not None and bool(
         abs(fit.theta[k]) > 5.0 * fit.std[k] > 0.0)
     times = float(np.clip(fit.theta[k] / mass, 0.0, 1e4)) if moving and mass else 1.0
     return Pull(fit, mass, mass_std, times, moving, g)
@@ -410,15 +413,13 @@ def explain(motion: Motion) -> Explained | None:
     rows, pull = usable_rows(motion), explain_forces(motion)
     at, g, times = Columns(*(part[rows] for part in motion.path.columns)), pull.gravity, (
         pull.inertial)
-    torque = (_smoothed(motion.wrench[:, 3:]) if motion.step else motion.wrench[:, 3:])[rows]
-    torque = torque - pull.mass * (at.displaced @ g - times * at.displaced_accel)
+    torque = motion.smoothed(motion.wrench[:, 3:])[rows] - pull.mass * (
+        at.displaced @ g - times * at.displaced_accel)
     columns = [-skew(at.gravity @ g - times * at.accel), biases(motion)[rows]]
     if motion.step:
         columns.insert(1, at.inertia)
     if motion.extra_torque is not None:
-        extra = motion.extra_torque
-        columns.insert(1, (_smoothed(extra, motion.path.smoothing / motion.step) if motion.step
-                           else extra)[rows])
+        columns.insert(1, motion.smoothed(motion.extra_torque, True)[rows])
     return Explained(pull.force, fit_part(np.concatenate(columns, axis=2), torque), pull.mass,
                      pull.mass_std, pull.moving, replace(motion, gravity=g).in_sensor[rows])
 
@@ -427,9 +428,8 @@ def by_any_matrix(motion: Motion) -> Fit:
     """Fit forces by gravity times any matrix: its axes and gains do not matter."""
     rows = usable_rows(motion)
     u = motion.path.columns.gravity[rows] @ motion.gravity
-    force = _smoothed(motion.wrench[:, :3])[rows] if motion.step else motion.wrench[rows, :3]
     columns = np.concatenate([np.kron(np.eye(3), u[:, None, :]), biases(motion)[rows]], axis=2)
-    return fit_part(columns, force)
+    return fit_part(columns, motion.smoothed(motion.wrench[:, :3])[rows])
 
 
 def usable_rows(motion: Motion, most: int = MAX_ROWS) -> NDArray[np.intp]:

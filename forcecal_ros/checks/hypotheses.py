@@ -62,26 +62,8 @@ is no explanation, however many samples there are."""
 MIN_GRAVITY_SPREAD = 0.1
 """Spread of the directions of gravity, gravity taken as 1, from which they determine a weight."""
 
-MAX_RESIDUAL_RATIO = 0.9
-"""Share of the residual that a slight rotation or tilt leaves at most: beside cables, gains and
-drifts it explains less."""
-
-MAX_CROSSTALK = 0.25
-"""Crosstalk and gain error of a sensor, at most, as a share: a rotation by 15 deg shows as
-much."""
-
-SLIGHT_SIGMA = 7.0
-"""Standard errors of a slight rotation or tilt from which it is noted: a real arm's tilt of
-1.2 deg is 9 in 24 poses, what is left of its level base 4."""
-
-MAX_OFFSET_S, MIN_OFFSET_S, MIN_DELAY_S = 30.0, 0.1, 2e-3
-"""Clock offsets that are looked for; smaller ones are a delay, which the fit estimates, and of
-which nothing is said below the last: tools on springs show as much."""
-
-SMOOTHINGS_S = (0.1, 0.2, 0.35, 0.6, 1.0, 1.7, -0.35, -0.6, -1.0, -1.7)
-"""Time constants of a driver's low-pass that are tried, and lengths of means (below 0):
-neighbours differ by less than twice."""
-
+MIN_DELAY_S = 2e-3
+"""Delays of less are not noted: tools on springs show as much."""
 
 class Hypothesis(NamedTuple):
     """
@@ -214,12 +196,18 @@ def slight_misfit(recording: Recording, gravity: Array, stated: Stated = Stated(
         if one is not None and fit is not None:
             found.append((fit.force.scale, Candidate(row.name, one, fit, 0.0, row)))
     best = min(found, key=lambda one: one[0], default=None)
-    if best is None or best[0] > MAX_RESIDUAL_RATIO * plain.force.scale:
+    # share of the residual that a slight rotation or tilt leaves at most: beside cables, gains and
+    # drifts it explains less
+    most_left = 0.9
+    if best is None or best[0] > most_left * plain.force.scale:
         return ''
     angle, std = messages.angle_of(best[1], stated)
     freedom = 3 * int(motion.usable.sum()) - best[1].fit.force.theta.size
     few = stdtrit(max(1, freedom), ndtr(3.0)) / 3.0  # errors by few samples have wider tails
-    return messages.slight(best[1], stated) if angle > SLIGHT_SIGMA * few * std else ''
+    # standard errors of a slight rotation or tilt from which it is noted: a real arm's tilt of 1.2
+    # deg is 9 in 24 poses, what is left of its level base 4
+    sigmas = 7.0
+    return messages.slight(best[1], stated) if angle > sigmas * few * std else ''
 
 
 def refuse_late_accelerometer(recording: Recording, gravity: Array) -> None:
@@ -234,7 +222,7 @@ def refuse_late_accelerometer(recording: Recording, gravity: Array) -> None:
     Raises
     ------
     DataError
-        Says how late it is: by :data:`MIN_OFFSET_S` or more, as less is estimated as a delay.
+        Says how late it is: by 0.1 s or more, as less is estimated as a delay.
     """
     stream = recording.accelerometer
     motion = None if stream is None else on_grid(replace(recording, wrench=Stream(
@@ -296,13 +284,6 @@ TORQUE_UNITS = {'N mm': 1e-3, 'N cm': 1e-2, 'dN m': 0.1, 'lbf in': 0.1129848,
 LENGTH_UNITS = {'mm': 1e-3, 'cm': 1e-2, 'inches': 0.0254}
 """[m]"""
 
-MAX_BIAS_N, LARGE_BIAS_N, LARGE_MASS_KG, MIN_MASS_KG = 5e3, 500.0, 50.0, 0.25
-"""A wrist sensor's bias is within its range, of 2.5 kN in the largest ones of arms; from 500 N or
-50 kg on it is questioned, as most arms carry 35 kg at most and their sensors have 500 N; grippers
-weigh 0.3 kg with their coupling."""
-
-FAR_M = 0.3
-"""A centre of mass so far away is questioned: grippers and hands have theirs within 0.2 m."""
 
 SAME = 0.05
 """Share to which a unit explains a ratio: another tool does so by chance once in ten times."""
@@ -330,21 +311,24 @@ def _in_time(motion: Motion, fit: Explained) -> tuple[float, Explained]:
     if abs(late) > MIN_DELAY_S:  # beyond what a line through no delay shows
         wrench = Stream(motion.t, motion.wrench).at(motion.t + late)
         fit = explain(replace(motion, wrench=wrench)) or fit
+        late += float(fit.force.theta[5] / fit.mass)
     return late, fit
 
 
 def _refuse_counts(fit: Explained, recording: Recording) -> None:
     assert recording.wrench is not None
+    # a wrist sensor's bias is within its range, of 2.5 kN in the largest ones of arms
+    most_n = 5e3
     bias, values = np.abs(fit.force.theta[-3:]).max(), recording.wrench.values
     if np.ptp(values, axis=0).all() and (values == np.rint(values)).all():
         raise DataError(
             'wrench: all readings are whole numbers, torques too, as counts of a converter are, '
             "and no sensor's newton metres; divide them by the counts a newton (and a newton "
             "metre), or record the driver's topic in newtons")
-    if bias > MAX_BIAS_N:
+    if bias > most_n:
         raise DataError(
-            f'wrench: a bias of {above(bias, MAX_BIAS_N)} N is beyond the range of any wrist '
-            f'sensor ({MAX_BIAS_N:g} N): these are raw counts of a converter; divide them by the '
+            f'wrench: a bias of {above(bias, most_n)} N is beyond the range of any wrist '
+            f'sensor ({most_n:g} N): these are raw counts of a converter; divide them by the '
             "counts a newton, or record the driver's topic in newtons")
 
 
@@ -385,17 +369,22 @@ def questions_of(mass: float, com: Array, bias: Array) -> Iterator[str]:
 
     A unit that all readings share makes them so, and no recording tells it.
     """
+    # most arms carry 35 kg at most and their sensors have 500 N; grippers weigh 0.3 kg with their
+    # coupling
+    large_kg, large_n, least_kg = 50.0, 500.0, 0.25
     away, off = float(np.linalg.norm(com)), float(np.abs(bias).max())
-    if mass > LARGE_MASS_KG or off > LARGE_BIAS_N:
+    if mass > large_kg or off > large_n:
         yield (f'a mass of {mass:.3g} kg with a bias of {off:.3g} N is much for a wrist: weigh '
                'the tool and give --tool-mass, which tells the unit; if it is neither that nor '
                f'{mass / 1000:.3g} kg (mN), divide the counts of a converter by those a newton')
-    if mass < MIN_MASS_KG:
+    if mass < least_kg:
         yield (f'a mass of {mass:.3g} kg is little for a wrist to carry: weigh the tool and give '
                '--tool-mass, which tells the unit; if it weighs '
                f'{mass * STANDARD_GRAVITY:.3g} kg, the wrench is in kgf, if '
                f'{mass * 4.448:.3g} kg, in lbf')
-    if away > FAR_M:
+    # a centre of mass so far away is questioned: grippers and hands have theirs within 0.2 m
+    far_m = 0.3
+    if away > far_m:
         yield (f'a centre of mass {away:.3g} m away from the sensor is far: measure it; if it is '
                f'{away * 0.113:.2g} m, the torques are in lbf in (multiply by 0.11298), if '
                f'{away / 10:.2g} m, in dN m; if {away / 4.448:.2g} or '
@@ -419,12 +408,12 @@ def _other_tool(fit: Explained, known: Known) -> str:
     if fit.mass < SLIGHT * mass:
         raise DataError(f'{shown}: the driver takes its weight off; let it leave the weight in '
                         f'(where nothing hung there, {known.other_tool} instead)')
-    off = np.zeros(3) if known.bias is None else fit.force.theta[-3:] - known.bias[:3]
+    if known.bias is None:
+        return ''  # a model, which may be off, or something that pulls
+    off = fit.force.theta[-3:] - known.bias[:3]
     size = abs(fit.mass - mass) * g + float(np.linalg.norm(off))
     if size < SLIGHT * mass * g + 3.0 * fit.force.scale / np.sqrt(fit.force.effective):
         return ''
-    if known.bias is None:
-        return ''  # a model, which may be off, or something that pulls
     return (f'the load of the sensor is {quantity(fit.mass, fit.mass_std, "kg")}, '
             f'{mass:.4g} kg by the calibration, and its bias differs by '
             f'{" ".join(f"{x:+.2g}" for x in off)} N: another tool, a payload, a tare after the '
@@ -458,8 +447,6 @@ def _late(fit: Explained, late: float, recording: Recording) -> str:
     if not late or recording.wrench is None:
         return ''
     std = float(fit.force.std[5] / fit.mass)
-    if abs(late) > MIN_DELAY_S:
-        late += float(fit.force.theta[5] / fit.mass)
     steps = np.abs(np.diff(recording.wrench.values[:, :3], axis=0))
     noise = float(np.linalg.norm(np.median(steps, axis=0))) / 0.954  # of differences, Gaussian
     turning = float(np.sqrt(((np.gradient(fit.gravity, axis=0) / STEP_S)**2).sum(1).mean()))
@@ -606,7 +593,9 @@ def _crosstalk(motion: Motion) -> Motion | None:
     parts = (force @ fit.force.theta[first:first + more]).reshape(3, -1) @ V / fit.mass
     arm = max(ELSEWHERE_M, float(np.linalg.norm(fit.com_by_torque[0])))
     levers = (torque @ fit.torque.theta[3:3 + torque.shape[1]]).reshape(3, -1) @ V / fit.mass
-    if max(np.abs(parts).max(), np.abs(levers).max() / arm) > MAX_CROSSTALK:
+    # crosstalk and gain error of a sensor, at most, as a share: a rotation by 15 deg shows as much
+    largest = 0.25
+    if max(np.abs(parts).max(), np.abs(levers).max() / arm) > largest:
         return None
     return replace(out, axes=np.eye(3) + parts, levers=levers, arm=arm)
 
@@ -688,8 +677,10 @@ def _other_clock(motion: Motion) -> Motion | None:
     """Shift the wrench to where gravity explains it best, by whatever matrix."""
     if not motion.step:
         return None
-    every = max(1, round(0.1 / motion.step), len(motion.t) // 2000)
-    most = min(round(MAX_OFFSET_S / motion.step / every), len(motion.t) // every // 4)
+    # clock offsets that are looked for; smaller ones are a delay, which the fit estimates [s]
+    least_s, most_s = 0.1, 30.0
+    every = max(1, round(least_s / motion.step), len(motion.t) // 2000)
+    most = min(round(most_s / motion.step / every), len(motion.t) // every // 4)
 
     def nearest(every: int, lags: range) -> int:
         down, read = motion.in_sensor[::every], motion.wrench[::every, :3]
@@ -705,7 +696,7 @@ def _other_clock(motion: Motion) -> Motion | None:
 
     lag = nearest(every, range(-most, most + 1)) * every
     lag = nearest(1, range(lag - every, lag + every + 1))
-    if abs(lag) * motion.step < MIN_OFFSET_S:
+    if abs(lag) * motion.step < least_s:
         return None
     return _shifted(motion, lag)
 
@@ -720,7 +711,10 @@ def _shifted(motion: Motion, lag: int) -> Motion:
 def _filtered(motion: Motion) -> Motion | None:
     if not motion.step:
         return None
-    every = [motion.along(smoothing=tau) for tau in SMOOTHINGS_S if abs(tau) > 2 * motion.step]
+    # time constants of a driver's low-pass that are tried, and lengths of means (below 0):
+    # neighbours differ by less than twice
+    lengths_s = (0.1, 0.2, 0.35, 0.6, 1.0, 1.7, -0.35, -0.6, -1.0, -1.7)
+    every = [motion.along(smoothing=tau) for tau in lengths_s if abs(tau) > 2 * motion.step]
     fits = [(explain_forces(one).force.mean_log, i) for i, one in enumerate(every)]
     plain = explain(motion)
     if not fits or plain is None or _in_time(motion, plain)[1].force.mean_log > max(fits)[0]:

@@ -31,13 +31,6 @@ sound recordings it explains 0.98 or more, of wrenches of other poses 0.3 or les
 SLIGHT = 0.05
 """Share of a weight by which bias, load or vertical may change without a refusal: drift."""
 
-VERTICAL_RAD = 0.1
-"""A mean force this close to the vertical of base may be a weight; a bias points so by chance
-once in four hundred times."""
-
-NO_NOISE_N = 1.0
-"""Forces without weight that change by more change for another reason."""
-
 CONTRADICTION_SIGMA = 10.0
 """Standard errors by which an estimate contradicts: they come from one recording's residuals."""
 
@@ -207,7 +200,9 @@ def refuse_weightless(plain: Any) -> None:
             "let it leave the weight in, or record the sensor's own readings", WEIGHT_REMOVED)
     explained = 1.0 - (residual / max(changes, 1e-300))**2
     if abs(fit.mass) < 3.0 * fit.mass_std or (fit.mass < 0.0 and explained < EXPLAINED):
-        if residual > NO_NOISE_N:
+        # forces without weight that change by more change for another reason
+        no_noise_n = 1.0
+        if residual > no_noise_n:
             raise DataError(
                 f'the forces change by {changes:.2g} N, and not as a weight does (mass '
                 f'{quantity(fit.mass, fit.mass_std, "kg")}, residual RMS {residual:.2g} N), '
@@ -251,7 +246,10 @@ def as_in_base(force: Array, gravity: Array) -> str:
     """Say where a force (n, 3) that never changes would be a weight, were it in base."""
     mean = force.mean(axis=0)
     weight = float(mean @ gravity) / float(gravity @ gravity)
-    if weight <= 0.0 or np.linalg.norm(mean - weight * gravity) > VERTICAL_RAD * (
+    # a mean force this close to the vertical of base may be a weight; a bias points so by chance
+    # once in four hundred times
+    vertical_rad = 0.1
+    if weight <= 0.0 or np.linalg.norm(mean - weight * gravity) > vertical_rad * (
             np.linalg.norm(mean)):
         return ''
     return (f', but a force that stays vertical in base, as of {weight:.3g} kg in a wrench '

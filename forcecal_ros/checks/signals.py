@@ -32,12 +32,8 @@ ABSURD, ABSURD_RAW = 1e6, 2.0**32
 """A reading beyond is none, in N, N m, V, m/s^2 or m: no wrist sensor reads a meganewton; counts
 of a converter have 32 bits at most."""
 
-SPOILT, FEW = 0.01, 5
-"""From this share of samples on that are no readings a stream is not to be used: ten a second of
-1 kHz. So few may be missing of any stream: of 24 static poses one would be 4 %."""
-
-MAX_STARTUP_S = 20.0
-"""A driver that publishes before its sensor answers sends nothing, or zeros, for so long."""
+FEW = 5
+"""So few samples may be missing of any stream: of 24 static poses one would be 4 %."""
 
 PAUSE_S, PAUSE_PERIODS = 0.5, 5.0
 """Silence for so long, and so many periods, is a pause and no lost sample; a stream that repeats
@@ -47,19 +43,12 @@ STUCK_SAMPLES, DEAD = 50, 100
 """Noise of one resolution repeats itself so often once in 10^20 times; static sets have fewer
 samples than the second."""
 
-HABIT = 20.0
-"""Stuck is what repeats itself so many times as long as 95 % of the signal does."""
-
 NOISE_GOES_ON = 0.2
 """Changes just before a channel sticks, over the usual ones: noise goes on until it sticks; the
 signal of a simulator without noise comes to rest by ever smaller changes."""
 
-COARSE = 0.1
-"""Resolution over the usual change from which a channel may stand still at rest."""
-
-CLIPPED, CLIPPED_IN_STEPS = 5, 40
-"""Samples at the very same extreme, half of them in a row: noise reaches it once, and rounded
-noise now and then."""
+CLIPPED = 5
+"""Samples at the very same extreme, half of them in a row: noise reaches it once."""
 
 RESOLVED = 0.17
 """Step of values, in RMS of the noise, from which its rounding is 5 % of the noise."""
@@ -68,12 +57,8 @@ MAX_LATE_S = 1.0
 """A robot follows its commands by so much later at most, and streams that are farther apart do not
 overlap because their clocks differ."""
 
-MOVED_M, TURNED_RAD = 0.002, 0.01
-"""So far a tool has moved for certain: reported poses resolve a tenth or better."""
-
-MAX_RATE_HZ, MAX_SPEED = 5e4, 30.0
-"""What no sensor, and no hand or wrist, exceeds [Hz], [m/s] and [rad/s]: the fastest arms do
-10 m/s and 12 rad/s."""
+MAX_SPEED = 30.0
+"""What no hand or wrist exceeds [m/s] and [rad/s]: the fastest arms do 10 m/s and 12 rad/s."""
 
 OPTIONAL = ('optidrive', 'angular_velocity')
 """Signals that messages and simulators hold as zeros where nothing measures them."""
@@ -150,7 +135,9 @@ class Unreadable:
             raise DataError(f'{self._stream}: all samples are beyond {self._limit:g} '
                             f'({self._first}): they are counts of a converter; divide them '
                             'by the counts of each unit in the driver')
-        if self.count == self.total or self.count > max(FEW, SPOILT * self.total):
+        # from this share of samples on a stream is not to be used: ten a second of 1 kHz
+        spoilt = 0.01
+        if self.count == self.total or self.count > max(FEW, spoilt * self.total):
             raise DataError(f'{self._stream}: {100.0 * self.count / self.total:.1f} % of the '
                             f'samples are {what} ({self._first}); check the driver and record '
                             'again')
@@ -166,21 +153,18 @@ def readable(stream: Stream | PoseStream, name: str, limit: float = ABSURD) -> t
     DataError
         Too much would have to be left out.
     """
-    if isinstance(stream, Stream):
-        values = stream.values
-    else:  # of a pose the orientation may be all there is: its position is NaN then
-        place = np.nan_to_num(stream.position, nan=0.0, posinf=np.inf, neginf=-np.inf)
-        values = np.hstack([place, stream.R_base_sensor.reshape(len(stream), 9)])
     counted = Unreadable(name, CHANNELS[name], limit)
-    return counted.add(stream.t, values), counted.note()
+    return counted.add(stream.t, rows_of(stream)), counted.note()
 
 
 def startup(stream: Stream) -> int:
     """Count the samples before a sensor's first reading: not finite, or zero in all channels."""
     for nothing in (~np.isfinite(stream.values).all(axis=1), ~stream.values.any(axis=1)):
         first = int(np.argmin(nothing))
+        # a driver that publishes before its sensor answers sends nothing, or zeros, for so long
+        longest_s = 20.0
         if first > FEW and not nothing[first:].any() and 2 * first < len(stream) and (
-                stream.t[first] - stream.t[0] < MAX_STARTUP_S):
+                stream.t[first] - stream.t[0] < longest_s):
             return first
     return 0
 
@@ -208,11 +192,11 @@ def runs(rows: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 
 def rows_of(stream: Stream | PoseStream) -> Array:
-    """Return all columns of a stream."""
+    """Return all columns of a stream; of a pose the orientation may be all that is a number."""
     if isinstance(stream, Stream):
         return stream.values
-    return np.hstack([stream.R_base_sensor.reshape(len(stream), 9),
-                      np.nan_to_num(stream.position)])
+    return np.hstack([np.nan_to_num(stream.position, posinf=np.inf, neginf=-np.inf),
+                      stream.R_base_sensor.reshape(len(stream), 9)])
 
 
 def without_repetitions(stream: Stream | PoseStream, name: str) -> tuple[Mask, str]:
@@ -311,26 +295,23 @@ def refuse_stuck(stream: Stream, name: str, channels: Sequence[str],
     """
     values, t = stream.values, stream.t
     steps = np.abs(np.diff(values, axis=0))
-    found = []
-    for j in (-1, *range(values.shape[1])):
-        hold = _longest(t, values if j < 0 else values[:, [j]])
-        if hold is None:
-            continue
-        first, last = hold
-        if j < 0:
-            turns = False
-            if pose is not None and name in ('wrench', 'accelerometer'):
-                R = pose.between(float(t[first]), float(t[last])).R_base_sensor
-                turns = len(R) > 0 and bool(np.abs(R - R[0]).max() > 0.1)
-            if turns or any(_sticks(stream, steps, k, hold, False)
-                            for k in range(values.shape[1])):
-                found = [(f'{name}: every channel repeats itself from {t[first]:.2f} s to '
-                         f'{t[last]:.2f} s')]
-                break
-        elif steps[first:last].any(axis=1).sum() >= STUCK_SAMPLES and _sticks(
+    every, found = range(values.shape[1]), []
+    if hold := _longest(t, values):
+        start, end = (float(t[i]) for i in hold)
+        R = np.empty((0, 3, 3))
+        if pose is not None and name in ('wrench', 'accelerometer'):
+            R = pose.between(start, end).R_base_sensor
+        if np.abs(R - R[:1]).max(initial=0.0) > 0.1 or any(
+                _sticks(stream, steps, j, hold, False) for j in every):
+            raise DataError(f'{name}: every channel repeats itself from {start:.2f} s to '
+                            f'{end:.2f} s; {REMEDY}')
+    for j in every:
+        hold = _longest(t, values[:, [j]])
+        if hold and steps[slice(*hold)].any(axis=1).sum() >= STUCK_SAMPLES and _sticks(
                 stream, steps, j, hold, True):
-            found.append(f'{channels[j]} repeats {values[first, j]:.6g} from {t[first]:.2f} s to '
-                         f'{t[last]:.2f} s while other channels change')
+            start, end = (float(t[i]) for i in hold)
+            found.append(f'{channels[j]} repeats {values[hold[0], j]:.6g} from {start:.2f} s to '
+                         f'{end:.2f} s while other channels change')
     if found:
         raise DataError(f'{"; ".join(found)}; {REMEDY}')
 
@@ -347,7 +328,9 @@ def _longest(t: Array, rows: Array) -> tuple[int, int] | None:
     order = np.argsort(spans[others])
     share = np.cumsum(count[others][order]) / count[others].sum()
     usual = float(spans[others][order][np.searchsorted(share, 0.95)])
-    return (int(first[i]), int(last[i])) if spans[i] > HABIT * usual else None
+    # stuck is what repeats itself so many times as long as 95 % of the signal does
+    habit = 20.0
+    return (int(first[i]), int(last[i])) if spans[i] > habit * usual else None
 
 
 def _sticks(stream: Stream, steps: Array, j: int, hold: tuple[int, int], alone: bool) -> bool:
@@ -365,7 +348,9 @@ def _sticks(stream: Stream, steps: Array, j: int, hold: tuple[int, int], alone: 
             return False
     if column[first] == 0.0 and dead_band(column):
         return False
-    if usual.min() < COARSE * np.median(usual):
+    # resolution over the usual change from which a channel may stand still at rest
+    coarse = 0.1
+    if usual.min() < coarse * np.median(usual):
         return True
     others = np.delete(steps, j, axis=1)  # coarse: it may rest, unless the others go on
     inside, all_along = others[first:last].mean(axis=0), others[outside].mean(axis=0)
@@ -445,8 +430,9 @@ def limits_of(values: Array, noise: float | None = None) -> list[float]:
     in_steps = step > RESOLVED * noise and np.ptp(values) > 2.0 * step
     if in_steps and step > 2.0 * noise:
         return []
-    return [limit for limit, count in ends if count >= (CLIPPED_IN_STEPS if in_steps else CLIPPED)
-            and noise > 1e-9 * abs(limit) and (limit or not dead_band(values))]
+    least = 40 if in_steps else CLIPPED  # rounded noise reaches an extreme now and then
+    return [limit for limit, count in ends if count >= least and noise > 1e-9 * abs(limit)
+            and (limit or not dead_band(values))]
 
 
 def clipped(recording: Recording, known: Mapping[str, float] | None = None
@@ -621,7 +607,9 @@ def _ways(pose: PoseStream) -> Array:
     """Ways from the first sample to each, in what has moved for certain, shape (n,)."""
     turned = np.linalg.norm(rotation_vector(pose.R_base_sensor[0].T @ pose.R_base_sensor), axis=1)
     moved = np.linalg.norm(np.nan_to_num(pose.position - pose.position[0]), axis=1)
-    return np.asarray(np.maximum(turned / TURNED_RAD, moved / MOVED_M))
+    # so far a tool has moved for certain: reported poses resolve a tenth or better
+    moved_m, turned_rad = 0.002, 0.01
+    return np.asarray(np.maximum(turned / turned_rad, moved / moved_m))
 
 
 def _jumps(pose: PoseStream) -> bool:
@@ -722,7 +710,7 @@ def refuse_other_pace(recording: Recording) -> None:
     if not rates:
         return
     fastest = max(rates, key=lambda name: rates[name])
-    if rates[fastest] > MAX_RATE_HZ:
+    if rates[fastest] > 5e4:  # no sensor is as fast [Hz]
         raise DataError(
             f'{fastest}: {rates[fastest]:.3g} readings a second, more than any sensor or robot '
             f'sends: its time is in another unit (s taken for ms, or ms for us); {_STATE_UNIT}')

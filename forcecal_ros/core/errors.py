@@ -116,9 +116,7 @@ KINDS: dict[str, str] = {
     'FC0308': 'checks.gravity insitu.offset:norm',
     # the recording against a rigid weight
     'FC0400': 'checks',
-    'FC0401':
-        'checks.hypotheses:judge/sign calibrate.tool:refuse_negative '
-        'calibrate.pipeline:identify',
+    'FC0401': 'checks.hypotheses:judge/sign calibrate.tool:refuse_negative',
     'FC0402': 'checks.hypotheses:judge/base',
     'FC0403': 'checks.hypotheses:judge/inverted checks.hypotheses:judge/wxyz',
     'FC0404': 'checks.hypotheses:judge/rotated',
@@ -142,7 +140,7 @@ KINDS: dict[str, str] = {
     'FC0503': 'calibrate.delay calibrate.paper',
     'FC0504': 'calibrate.poses core.noise.autocovariance',
     'FC0505': 'calibrate.gain observe.bandwidth observe.bias_filter observe.playback:white_noise',
-    'FC0506': 'calibrate.statics checks.signals:refuse_far_displacement',
+    'FC0506': 'calibrate.ringing checks.signals:refuse_far_displacement',
     # observer
     'FC0601':
         'observe observe.design nodes.observer nodes.observer_outputs',

@@ -14,9 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-GYRO_WINDOW = 0.21
-"""Window over which the angular rate is smoothed and differentiated, by a cubic [s]."""
-
 
 class Chunk(NamedTuple):
     """
@@ -93,7 +90,9 @@ def prepare(chunks: Iterable[Chunk], mounting: Mounting, moving: bool) -> Prepar
     if gyro is None:
         raise DataError('motion needs an angular rate; name the gyro in the SPEC')
     period = float(np.median(np.diff(t))) if len(t) > 1 else np.inf
-    half = max(2, round(GYRO_WINDOW / period / 2))
+    # window over which the angular rate is smoothed and differentiated, by a cubic [s]
+    seconds = 0.21
+    half = max(2, round(seconds / period / 2))
     if len(t) < 2 * half + 2:
         raise DataError(f'{len(t)} samples are too few to differentiate the angular rate')
     inside, rate = slice(half, -half), gyro @ mounting.R_sensor_accelerometer.T
@@ -119,13 +118,6 @@ TINY = 1e-200
 BLOCK = 0.25
 """Length of a block [s], doubled as often as :data:`MOST_BLOCKS` requires."""
 MOST_BLOCKS = 65536
-GAP = 5.0
-"""A step of the stamps longer than this many median periods is a gap."""
-FLOOR = 1e-4
-"""
-No channel is taken to be less noisy than this share of its span over the recording, and not less
-than rounding makes it, the step of its counts over the root of 12.
-"""
 
 Mask = NDArray[np.bool_]
 
@@ -249,10 +241,12 @@ def to_blocks(recording: Prepared, window: tuple[float, float] | None = None,
     clipped = np.array([np.isin(column[:whole], limits_of(column)) for column in recording.raw.T])
     stamps = t[:whole].reshape(count, samples)
     steps = np.diff(t[:whole], prepend=t[0] - period).reshape(count, samples)
+    # a step of the stamps longer than this many median periods is a gap
+    gap = 5.0
     return Blocks(
         samples, period, stamps[:, 0].copy(), stamps[:, -1].copy(), means[:, :-n],
         means[:, -n:], square - np.trace(noise[n:, n:]), noise[:n, :n], noise[n:, n:], roughness,
-        steps.max(axis=1) > GAP * period, clipped.reshape(n, count, samples).any(axis=2).T)
+        steps.max(axis=1) > gap * period, clipped.reshape(n, count, samples).any(axis=2).T)
 
 
 def _refuse_stuck(recording: Prepared, window: tuple[float, float] | None) -> None:
@@ -277,7 +271,10 @@ def _noise(raw: Array, power: Array, samples: int, correlation: Array) -> tuple[
     """
     n = raw.shape[1]
     some = raw[::max(1, len(raw) // 100_000)]  # steps of counts show in these already
-    floor = np.append(np.maximum((FLOOR * np.ptp(raw, axis=0)) ** 2, [
+    # no channel is taken to be less noisy than this share of its span over the recording, and not
+    # less than rounding makes it, the step of its counts over the root of 12
+    least = 1e-4
+    floor = np.append(np.maximum((least * np.ptp(raw, axis=0)) ** 2, [
         resolution(column) ** 2 / 12 for column in some.T]), np.zeros(3))
     power = power / max(1, difference_gain(3) * (samples - 3))
     level = np.maximum(power, floor)

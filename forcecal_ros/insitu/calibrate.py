@@ -7,7 +7,7 @@ from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.quantity import quantity
-from forcecal_ros.insitu.blocks import Mounting
+from forcecal_ros.insitu.blocks import Blocks, Mask, Mounting
 from forcecal_ros.insitu.equations import GROSS, Load, MASS, MOVING, require, STATIC
 from forcecal_ros.insitu.fit import MatrixProblem, with_known_wrenches, with_matrix
 from forcecal_ros.insitu.moments import Moments
@@ -42,20 +42,6 @@ from forcecal_ros.insitu.uncertainty import (
 )
 import numpy as np
 
-FORBIDDEN = 4.0
-"""Standard errors below zero from which on a mass is refused: once in 30 000 by chance."""
-
-ALIVE = 0.2
-"""Share of a channel's changes that gravity explains at least: 0.4 of those of a sensor that bends
-by twice its range, next to none of noise."""
-
-
-AGREEING = 3
-"""Data sets from which on a common hysteresis is removed: drift or touch is not common."""
-
-COARSE = 1.0
-"""Longer blocks, as recordings of many hours have, do not tell why they leave the subspace [s]."""
-
 
 def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, options: Options,
               manufacturer_matrix: Array | None = None) -> SensorResult:
@@ -82,17 +68,22 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
         if options.body:
             require(loads, MOVING if options.moving else STATIC)
     reduced, found_norm = reduce(data_sets, mounting, options)
-    _check_channels(data_sets, [r.moments for r in reduced], options, manufacturer_matrix)
-    coarse = max(r.blocks.length for r in reduced) > COARSE
-    found_causes = None if options.moving or coarse else causes(
-        [(r.blocks, r.use) for r in reduced])
-    as_measured = reduced
-    if found_causes and options.body and len(data_sets) >= AGREEING:
+    _check_channels([len(r.moments.mean) for r in reduced], options, manufacturer_matrix)
+    # longer blocks, as recordings of many hours have, do not tell why they leave the subspace [s]
+    longest = 1.0
+    used = [(r.blocks, r.use) for r in reduced]
+    brief = not options.moving and max(blocks.length for blocks, _ in used) <= longest
+    found_causes = causes(used) if brief else None
+    jumps = [jump_within(*one) for one in used] if brief and not options.poses else []
+    # data sets from which on a common hysteresis is removed: drift or touch is not common
+    agreeing = 3
+    if found_causes and options.body and len(data_sets) >= agreeing:
         reduced = without_hysteresis(reduced, found_causes.lags)
+        used = [(r.blocks, r.use) for r in reduced]
     moments = [r.moments for r in reduced]
     excited = excitation(moments, options.gravity)
     if options.matrix and not options.moving:
-        _require_alive(reduced)
+        _require_alive(used)
     offset = np.zeros_like(moments[0].mean) if options.moving else shared_offset(moments)
     left = residuals([(r.moments, r.blocks, r.use) for r in reduced],
                      0.0 if options.poses else options.filter_window, options.filter_order)
@@ -103,12 +94,9 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
     result = SensorResult(
         name=name, options=options, excitation=excited, norm=found_norm,
         offset=Estimate(offset, np.sqrt(np.diag(offset_covariance)), options.raw_unit),
-        offset_moves=np.zeros(len(moments)) if options.moving else offset_moves(
-            [(r.blocks, r.use) for r in reduced]),
-        jumps=() if options.moving or options.poses or coarse else tuple(
-            jump_within(r.blocks, r.use) for r in as_measured),
-        causes=found_causes,
-        data_sets=tuple(_data_set(d, r, options) for d, r in zip(data_sets, reduced)),
+        offset_moves=np.zeros(len(moments)) if options.moving else offset_moves(used),
+        jumps=tuple(jumps), causes=found_causes,
+        data_sets=tuple(map(_data_set, data_sets, reduced)),
         manufacturer_matrix=manufacturer_matrix)
     if options.matrix:
         noise = np.mean([one.long_run for one in left], axis=0) + 1e-6 * np.diag(
@@ -148,7 +136,9 @@ def _require_possible(result: SensorResult, reduced: Sequence[Reduced]) -> None:
     masses = [('the body', result.mass, 0.0), *(
         (f'what was added in {d.name}', d.added_mass, careful) for d in result.data_sets)]
     for name, mass, known in masses:
-        if mass is not None and float(mass.value) < -FORBIDDEN * np.hypot(float(mass.std), known):
+        # standard errors below zero from which on a mass is refused: once in 30 000 by chance
+        forbidden = 4.0
+        if mass is not None and float(mass.value) < -forbidden * np.hypot(float(mass.std), known):
             words = [found.words] if found else [
                 'stated masses, places or the direction of gravity are wrong']
             words += [] if causes else ['or the sensor is not linear']
@@ -164,12 +154,12 @@ def _training_loads(data_sets: Sequence[DataSet]) -> list[Load]:
     return [d.load for d in data_sets if d.train and d.load is not None]
 
 
-def _check_channels(data_sets: Sequence[DataSet], moments: Sequence[Moments], options: Options,
+def _check_channels(counts: Sequence[int], options: Options,
                     manufacturer_matrix: Array | None) -> None:
-    counts = {len(m.mean) for m in moments}
-    if len(counts) > 1:
-        raise DataError(f'the data sets have {sorted(counts)} raw channels; all need the same')
-    channels = counts.pop()
+    channels = counts[0]
+    if len(set(counts)) > 1:
+        raise DataError(f'the data sets have {sorted(set(counts))} raw channels; all need the '
+                        'same')
     if channels < (6 if options.matrix else 3):
         raise DataError(f'{channels} raw channels; a six-axis matrix needs six at least')
     if manufacturer_matrix is not None and manufacturer_matrix.shape != (6, channels):
@@ -177,10 +167,13 @@ def _check_channels(data_sets: Sequence[DataSet], moments: Sequence[Moments], op
                         f'{channels} raw channels need (6, {channels})')
 
 
-def _require_alive(reduced: Sequence[Reduced]) -> None:
+def _require_alive(used: Sequence[tuple[Blocks, Mask]]) -> None:
     """Refuse fewer than six channels that gravity moves."""
-    shares = explained([(r.blocks, r.use) for r in reduced])
-    dead = np.flatnonzero(shares < ALIVE)
+    shares = explained(used)
+    # share of a channel's changes that gravity explains at least: 0.4 of those of a sensor that
+    # bends by twice its range, next to none of noise
+    alive = 0.2
+    dead = np.flatnonzero(shares < alive)
     if len(shares) - len(dead) < 6 and len(dead):
         raise DataError(
             f'channel {", ".join(str(k + 1) for k in dead)} does not follow gravity (it explains '
@@ -194,7 +187,7 @@ def _covariance(moments: Sequence[Moments], left: Sequence[Residual]) -> Array:
 
     Both are linear in the scores of each data set, which are independent of each other.
     """
-    n = len(left[0].noise.covariance)
+    n = len(left[0].long_run)
     counts = [len(m.ones) for m in moments]
     starts = n * np.concatenate([[1], 1 + np.cumsum(counts)])
     total = np.zeros((starts[-1], starts[-1]))
@@ -209,7 +202,7 @@ def _covariance(moments: Sequence[Moments], left: Sequence[Residual]) -> Array:
     return total
 
 
-def _data_set(data_set: DataSet, reduced: Reduced, options: Options) -> DataSetResult:
+def _data_set(data_set: DataSet, reduced: Reduced) -> DataSetResult:
     blocks, use = reduced.blocks, reduced.use
     return DataSetResult(
         name=data_set.name, train=data_set.train, load=data_set.load,

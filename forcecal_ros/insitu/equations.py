@@ -126,8 +126,7 @@ def _of_a_point(place: Array) -> Array:
     return np.asarray(-(skew(place) @ skew(place))[_ELEMENTS])
 
 
-@dataclass(frozen=True)
-class MatrixFit:
+class MatrixFit(NamedTuple):
     """
     Solution of [Traversaro2014] Eq. 21.
 
@@ -340,10 +339,6 @@ def estimate_load(wrench: Array, gravity: Array, body: Array, magnitude: float,
 
 # Whether added masses determine the matrix -------------------------------------------------------
 
-NOISE_FACTOR = 1.5
-"""Singular values below this many times what noise alone would make do not count."""
-
-
 @dataclass(frozen=True)
 class RankReport:
     """
@@ -394,7 +389,9 @@ def data_rank(raw: Sequence[Array], gravity: Sequence[Array], loads: Sequence[Lo
     """
     design, _ = system(raw, gravity, loads)
     count = sum(len(r) for r in raw)
-    return _report(design, NOISE_FACTOR * (np.sqrt(count) + np.sqrt(6)))
+    # singular values below this many times what noise alone would make do not count
+    factor = 1.5
+    return _report(design, factor * (np.sqrt(count) + np.sqrt(6)))
 
 
 def _report(design: Array, noise: float) -> RankReport:
@@ -427,7 +424,7 @@ def _names(null: Array) -> Iterator[str]:
             yield name
 
 
-def require(loads: Sequence[Load], regressors: int = STATIC) -> RankReport:
+def require(loads: Sequence[Load], regressors: int = STATIC) -> None:
     """
     Refuse loads that cannot determine the matrix.
 
@@ -446,7 +443,6 @@ def require(loads: Sequence[Load], regressors: int = STATIC) -> RankReport:
         raise UnobservableError(
             f'{_counted(loads)} give rank {report.rank} of {report.unknowns}: '
             f'{", ".join(report.undetermined)} not determined; add {_advice(loads, regressors)}')
-    return report
 
 
 def _counted(loads: Sequence[Load]) -> str:
@@ -491,45 +487,11 @@ POOR, GROSS = 0.02, 0.05
 loads which agree leave over at most: careful hands leave 0.005. What leaves more than the second,
 or an offset that moves by more, is no usual sensor: a bent one's moves by 0.03."""
 
-NOISE_SIGMA = 3.0
-"""What is left is not noise beyond so many of its standard deviations."""
-
-EXPLAINED = 0.2
-"""Share of the misfit that the other data sets leave at most without a wrong one."""
-
-
-class Stated(NamedTuple):
-    """
-    A data set to train on.
-
-    Attributes
-    ----------
-    raw, gravity : ndarray, shape (q, 6), (q, m)
-        Pseudo-samples of six combinations of channels without offset, and of the regressors.
-    noise : ndarray, shape (2,)
-        Square of the forces, and of the torques, that noise makes of all of them.
-    """
-
-    name: str
-    raw: Array
-    gravity: Array
-    load: Load
-    noise: Array
-
-
 class Contradiction(NamedTuple):
     """``words``, and ``share`` of the known wrenches left over."""
 
     words: str
     share: float
-
-
-class _Misfit(NamedTuple):
-    """Least squares of Eq. 21: share of the known wrenches that it leaves, solution and rank."""
-
-    share: float
-    solution: Array
-    rank: int
 
 
 def off_by(load: Load, mass: float, place: float) -> Iterator[Load]:
@@ -541,51 +503,60 @@ def off_by(load: Load, mass: float, place: float) -> Iterator[Load]:
             yield replace(load, position=(float(x), float(y), float(z)))
 
 
-def contradiction(stated: Sequence[Stated], body: bool) -> Contradiction | None:
+def contradiction(names: Sequence[str], raw: Sequence[Array], gravity: Sequence[Array],
+                  loads: Sequence[Load], noise: Sequence[Array], body: bool
+                  ) -> Contradiction | None:
     """
     Say that stated loads cannot all be, and which data set does not fit; None where all do.
 
     Parameters
     ----------
+    names : sequence of str
+        Of the data sets to train on.
+    raw, gravity, loads
+        As in :func:`system`, raw of six combinations of channels.
+    noise : sequence of ndarray, shape (2,)
+        Square of the forces, and of the torques, that noise makes of all pseudo-samples of each.
     body : bool
         Whether an unknown one hangs there.
     """
-    whole = _misfit(stated, body)
-    if whole.share < POOR:
+    def misfit(*used: int) -> tuple[float, Array, int]:
+        """Share of the known wrenches that Eq. 21 leaves, forces and torques by themselves."""
+        design, right = system([raw[k] for k in used], [gravity[k] for k in used],
+                               [loads[k] for k in used])
+        scaled, scale = to_unit_columns(design if body else design[:, :36])
+        solution, _, rank, _ = np.linalg.lstsq(scaled, right, rcond=RELATIVE)
+        off, known = ((one.reshape(-1, 2, 3)**2).sum(axis=(0, 2)) for one in (
+            scaled @ solution - right, right))
+        # what is left is not noise beyond so many of its standard deviations
+        sigmas = 3.0
+        off = np.maximum(off - sigmas**2 * np.sum([noise[k] for k in used], axis=0), 0.0)
+        return float(np.sqrt((off / np.maximum(known, 1e-24)).max())), solution / scale, int(rank)
+
+    every = range(len(names))
+    whole, _, rank = misfit(*every)
+    if whole < POOR:
         return None
     why = ('no single data set explains it: masses, places (in which frame?), loads exchanged, '
            'the direction of gravity (R_sensor_accelerometer, left-handed axes), the order of '
            'the channels, or a sensor that is not linear')
-    rests = [_misfit([*stated[:k], *stated[k + 1:]], body) for k in range(len(stated))]
-    fitting = [(rest.share, k) for k, rest in enumerate(rests)
-               if rest.rank == whole.rank and rest.share < EXPLAINED * whole.share]
+    rests = [misfit(*every[:k], *every[k + 1:]) for k in every]
+    # share of the misfit that the other data sets leave at most without a wrong one
+    most_left = 0.2
+    fitting = [(rest[0], k) for k, rest in enumerate(rests)
+               if rest[2] == rank and rest[0] < most_left * whole]
     if fitting:
         _, k = min(fitting)
-        name, raw, gravity, load, _ = stated[k]
-        matrix, unknown = rests[k].solution[:36].reshape(6, 6).T, rests[k].solution[36:40]
-        total = body_of(raw @ matrix.T, gravity)[:4]
-        mass, *moment = total - unknown if body else total
-        why = (f'all but {name} agree: by the others it has {mass:.3f} kg at '
-               f'{_place(np.array(moment) / (mass or 1.0))} m, stated {load.mass:g} kg at '
-               f'{_place(np.array(load.position))} m; look at its load, its channels and its '
+        _, solution, _ = rests[k]
+        total = body_of(raw[k] @ solution[:36].reshape(6, 6), gravity[k])[:4]
+        mass, *moment = total - solution[36:40] if body else total
+        why = (f'all but {names[k]} agree: by the others it has {mass:.3f} kg at '
+               f'{_place(np.array(moment) / (mass or 1.0))} m, stated {loads[k].mass:g} kg at '
+               f'{_place(np.array(loads[k].position))} m; look at its load, its channels and its '
                'direction of gravity')
     return Contradiction(
-        f'the stated loads contradict each other: the best matrix leaves {whole.share:.1%} of '
-        f'their wrenches; {why}', whole.share)
-
-
-def _misfit(stated: Sequence[Stated], body: bool) -> _Misfit:
-    """Solve Eq. 21, and compare what is left of forces and torques in their own sizes."""
-    _, raw, gravity, loads, noise = zip(*stated)
-    design, right = system(raw, gravity, loads)
-    design = design if body else design[:, :36]
-    scaled, scale = to_unit_columns(design)
-    solution, _, rank, _ = np.linalg.lstsq(scaled, right, rcond=RELATIVE)
-    solution = solution / scale
-    off, known = ((one.reshape(-1, 2, 3)**2).sum(axis=(0, 2)) for one in (
-        design @ solution - right, right))
-    off = np.maximum(off - NOISE_SIGMA**2 * np.sum(noise, axis=0), 0.0)
-    return _Misfit(float(np.sqrt((off / np.maximum(known, 1e-24)).max())), solution, int(rank))
+        f'the stated loads contradict each other: the best matrix leaves {whole:.1%} of '
+        f'their wrenches; {why}', whole)
 
 
 def _place(values: Array) -> str:

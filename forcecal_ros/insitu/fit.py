@@ -7,6 +7,7 @@ numbers are all that their standard errors come from.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 from forcecal_ros.core.calibration import Estimate
@@ -24,24 +25,13 @@ from forcecal_ros.insitu.equations import (
     LoadEstimate,
     off_by,
     RankReport,
-    Stated,
     STATIC,
-    total_map,
 )
 from forcecal_ros.insitu.moments import Moments
 from forcecal_ros.insitu.reduce import DataSet, Reduced
 from forcecal_ros.insitu.result import DataSetResult, SensorResult
 from forcecal_ros.insitu.uncertainty import propagate
 import numpy as np
-
-
-class Training(NamedTuple):
-    """The data sets to train on: raw pseudo-samples, regressors and loads, and which they are."""
-
-    raw: list[Array]
-    gravity: list[Array]
-    loads: list[Load]
-    numbers: list[int]
 
 
 class Fitted(NamedTuple):
@@ -91,23 +81,33 @@ class MatrixProblem:
         start = len(self.offset) + sum(m.raw.size for m in self.moments[:number])
         return slice(start, start + self.moments[number].raw.size)
 
-    def training(self) -> Training:
-        """Return the data sets to train on, the offset subtracted."""
-        chosen = [(k, m, d.load) for k, (m, d) in enumerate(zip(self.moments, self.data_sets))
-                  if d.train and d.load is not None]
-        return Training([m.raw - np.outer(m.ones, self.offset) for _, m, _ in chosen],
-                        [m.directions for _, m, _ in chosen], [load for *_, load in chosen],
-                        [k for k, *_ in chosen])
+    @cached_property
+    def train(self) -> dict[int, Load]:
+        """Loads of the data sets to train on, by number."""
+        return {k: d.load for k, d in enumerate(self.data_sets) if d.train and d.load is not None}
+
+    @cached_property
+    def raw(self) -> list[Array]:
+        """Pseudo-samples of the data sets to train on, the offset subtracted."""
+        return [self.moments[k].raw - np.outer(self.moments[k].ones, self.offset)
+                for k in self.train]
+
+    @cached_property
+    def channels(self) -> Array:
+        """Six combinations of the channels, shape (n, 6)."""
+        return eq.six_channels(self.raw, self.noise)
+
+    @cached_property
+    def equations(self) -> tuple[list[Array], list[Array], list[Load]]:
+        """Six channels, regressors and loads of the data sets to train on."""
+        return ([raw @ self.channels for raw in self.raw],
+                [self.moments[k].directions for k in self.train], [*self.train.values()])
 
     def fit(self) -> Fitted:
         """Return matrix and body, [Traversaro2014] Eq. 21."""
-        train = self.training()
-        found = eq.solve(train.raw, train.gravity, train.loads,
-                         eq.six_channels(train.raw, self.noise))
-        offset = self.offset
-        if len(found.body) > INERTIAL:
-            offset = np.linalg.pinv(found.matrix) @ found.body[INERTIAL:]
-        return Fitted(found.matrix, found.body, offset)
+        matrix, body = eq.solve(self.raw, *self.equations[1:], self.channels)
+        return Fitted(matrix, body, self.offset if len(body) <= INERTIAL
+                      else np.linalg.pinv(matrix) @ body[INERTIAL:])
 
     def sensitivity(self, fitted: Fitted, mass: float, place: float) -> tuple[Array, Array]:
         """
@@ -124,16 +124,14 @@ class MatrixProblem:
             One row for each number of :meth:`Fitted.pack`; one column for each measured number,
             and for each stated mass and place, by one of their standard errors.
         """
-        train, n = self.training(), len(self.offset)
-        channels = eq.six_channels(train.raw, self.noise)
-        design, _ = eq.system([r @ channels for r in train.raw], train.gravity, train.loads)
-        scaled, scale = eq.to_unit_columns(design)
+        n, raws = len(self.offset), self.equations[0]
+        scaled, scale = eq.to_unit_columns(eq.system(*self.equations)[0])
         by_wrench = np.linalg.pinv(scaled, rcond=eq.RELATIVE) / scale[:, None]
         by_numbers = np.zeros((len(scale), len(self.covariance)))
         by_loads: list[Array] = []
-        ends = 6 * np.cumsum([len(raw) for raw in train.raw])[:-1]
-        for k, gravity, load, own in zip(train.numbers, train.gravity, train.loads,
-                                         np.split(by_wrench, ends, axis=1)):
+        parts = np.split(by_wrench, 6 * np.cumsum([len(raw) for raw in raws])[:-1], axis=1)
+        for (k, load), own in zip(self.train.items(), parts):
+            gravity = self.moments[k].directions
             by_raw = -(own.reshape(len(scale), -1, 6) @ fitted.matrix)
             by_numbers[:, self.part(k)] = by_raw.reshape(len(scale), -1)
             by_numbers[:, :n] -= np.tensordot(by_raw, self.moments[k].ones, (1, 0))
@@ -141,7 +139,7 @@ class MatrixProblem:
                          for off in off_by(load, mass * load.mass, place)]
 
         def of_all(change: Array) -> Array:
-            matrix = np.einsum('jik,cj->ick', change[:36].reshape(6, 6, -1), channels)
+            matrix = np.einsum('jik,cj->ick', change[:36].reshape(6, 6, -1), self.channels)
             offset = np.zeros((n, change.shape[1]))
             if len(fitted.body) > INERTIAL:
                 offset = np.linalg.pinv(fitted.matrix) @ (
@@ -171,19 +169,14 @@ class MatrixProblem:
         matrix : ndarray, shape (6, n)
             As fitted.
         """
-        train = self.training()
-        channels = eq.six_channels(train.raw, self.noise)
-
         def noise_of(number: int) -> Array:
             part, shape = self.part(number), self.moments[number].raw.shape
             covariance = self.covariance[part, part].reshape(shape * 2)
             variance = np.einsum('in,anam,im->i', matrix, covariance, matrix)
             return np.asarray(variance.reshape(2, 3).sum(axis=1))
 
-        return contradiction([
-            Stated(self.data_sets[k].name, raw @ channels, gravity, load, noise_of(k))
-            for k, raw, gravity, load in zip(train.numbers, train.raw, train.gravity, train.loads)
-        ], body)
+        return contradiction([self.data_sets[k].name for k in self.train], *self.equations,
+                             [noise_of(k) for k in self.train], body)
 
     def rank(self) -> RankReport:
         """
@@ -194,9 +187,7 @@ class MatrixProblem:
         UnobservableError
             More than the body's inertia stays open.
         """
-        train = self.training()
-        channels = eq.six_channels(train.raw, self.noise)
-        report = data_rank([r @ channels for r in train.raw], train.gravity, train.loads)
+        report = data_rank(*self.equations)
         if set(report.undetermined) - {'inertia of the body'}:
             raise UnobservableError(
                 f'the data give rank {report.rank} of {report.unknowns} beyond noise and misfit: '
@@ -264,8 +255,7 @@ NOTHING = np.zeros(4)
 """The body."""
 
 
-@dataclass(frozen=True)
-class _Rows:
+class _Rows(NamedTuple):
     """Blocks of one data set: ``gravity`` (b, 3), ``raw`` (b, n), ``wrench`` (b, 6)."""
 
     gravity: Array
@@ -303,8 +293,10 @@ def with_known_wrenches(result: SensorResult, data_sets: Sequence[DataSet],
     train = [k for k, d in enumerate(data_sets) if d.train]
     fitted = _fit([rows[k] for k in train])
     without = [_fit([rows[j] for j in train if j != k]) for k in train]
-    held_out = [_held_out(one, rows[k], data_sets[k].load) for one, k in zip(without, train)]
-    off = np.sqrt(np.mean(held_out, axis=0))
+    held_out = np.sqrt(np.mean([_held_out(one, rows[k], data_sets[k].load)
+                                for one, k in zip(without, train)], axis=0))
+    _, raw, wrench = map(np.vstack, zip(*(rows[k] for k in train)))
+    off = wrench - fitted(raw)
     unit, n = result.options.raw_unit, fitted.matrix.shape[1]
     std = _jackknife([one.matrix for one in without])
     offset_std = _jackknife([one.offset for one in without])
@@ -316,20 +308,18 @@ def with_known_wrenches(result: SensorResult, data_sets: Sequence[DataSet],
         wrench_bias=Estimate(np.zeros(6), bias, 'N, N m'),
         mass=Estimate(0.0, 0.0, 'kg'), com=Estimate(np.zeros(3), np.zeros(3), 'm'),
         rank=RankReport(6 * n + 6, 6 * n + 6, (), np.zeros(0)),
-        nonlinearity=_nonlinearity([rows[k] for k in train], fitted),
-        data_sets=tuple(_known_tables(result, rows, fitted, off)))
+        nonlinearity=float((off.std(axis=0) / np.maximum(np.ptp(wrench, axis=0), 1e-12)).max()),
+        data_sets=tuple(_known_tables(result, rows, fitted, held_out)))
 
 
 def _rows(load: Load | None, reduced: Reduced) -> _Rows:
-    blocks, use = reduced.blocks, reduced.use
-    gravity = blocks.regressors[use, :STATIC]
-    wrench = gravity @ total_map(NOTHING, load, STATIC).T if load else np.zeros((len(gravity), 6))
-    return _Rows(gravity, blocks.raw[use], wrench)
+    gravity = reduced.blocks.regressors[reduced.use, :STATIC]
+    return _Rows(gravity, reduced.blocks.raw[reduced.use],
+                 eq.known_side(gravity, load or Load(0.0)).reshape(-1, 6))
 
 
 def _fit(rows: Sequence[_Rows]) -> _Map:
-    wrench = np.vstack([one.wrench for one in rows])
-    raw = np.vstack([one.raw for one in rows])
+    _, raw, wrench = map(np.vstack, zip(*rows))
     spread = wrench - wrench.mean(axis=0)
     strength = np.linalg.svd(spread / np.maximum(np.abs(spread).max(axis=0), 1e-12),
                              compute_uv=False)
@@ -374,10 +364,3 @@ def _known_tables(result: SensorResult, rows: Sequence[_Rows], fitted: _Map, off
         yield replace(data_set, added_mass=Estimate(found.mass, off[0], 'kg'),
                       semi_axes=Estimate(found.semi_axes, off[1:4], 'N'),
                       position=None if nothing else Estimate(found.position, place, 'm'))
-
-
-def _nonlinearity(rows: Sequence[_Rows], fitted: _Map) -> float:
-    """How far wrenches are off the map: RMS over the range, of the worst axis."""
-    wrench = np.vstack([one.wrench for one in rows])
-    off = wrench - fitted(np.vstack([one.raw for one in rows]))
-    return float((off.std(axis=0) / np.maximum(np.ptp(wrench, axis=0), 1e-12)).max())

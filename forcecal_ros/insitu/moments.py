@@ -163,10 +163,6 @@ PAPER_ORDER = 3
 """Order of the paper's polynomial."""
 
 
-SLOW = 5.0
-"""Lower rates are doubted [Hz]: 5 kHz come out so where ms are taken for s."""
-
-
 class Smoothed(NamedTuple):
     """Filtered samples, shape (n, k), and the sum of their noise gains (1 each, unfiltered)."""
 
@@ -201,10 +197,12 @@ def window_samples(window: float, order: int, rate: float) -> int:
         return 1
     samples = 2 * round((window * rate - 1) / 2) + 1
     if samples <= order:
+        # lower rates are doubted [Hz]: 5 kHz come out so where ms are taken for s
+        slow_hz = 5.0
         raise ConfigError(
             f'filter: a window of {window:g} s holds {samples} samples at {rate:g} Hz, order '
             f'{order} needs more than {order}; widen it'
-            + (', if time is in s; else state its unit (ms, us)' if rate < SLOW else ''))
+            + (', if time is in s; else state its unit (ms, us)' if rate < slow_hz else ''))
     return samples
 
 

@@ -74,19 +74,6 @@ def shared_offset(data_sets: Sequence[Moments]) -> Array:
     return np.average([offset_of(moments) for moments in data_sets], axis=0, weights=weights)
 
 
-MISFITS = 4.0
-"""Moves of fewer misfits of a data set's own affine map than this are not separated from them."""
-
-
-EXPLAINS, DRIFTS = 0.5, 1.2
-"""A jump is detected if it explains this share of what an affine map leaves and so many times what
-a steady drift explains: half-way a drift explains three quarters of a jump, and a jump of a drift.
-Of the hysteresis and bends of usual sensors a jump explains a fifth."""
-
-SIDE = 0.15
-"""Share of a data set on either side of a jump, at least."""
-
-
 class Jump(NamedTuple):
     """From when on [s] channels are off by up to which share of what gravity moves them."""
 
@@ -102,7 +89,9 @@ def jump_within(blocks: Blocks, use: Mask) -> Jump | None:
     white = np.linalg.solve(root, (raw - raw.mean(axis=0)).T).T
     q, _ = np.linalg.qr(np.column_stack([np.ones(n), g]))
     off = white - q @ (q.T @ white)
-    splits = np.arange(max(1, round(SIDE * n)), n - round(SIDE * n))
+    # share of a data set on either side of a jump, at least
+    side = 0.15
+    splits = np.arange(max(1, round(side * n)), n - round(side * n))
     if not len(splits):
         return None
     # what follows a split less its affine part, by sums from there on: memory grows with n only
@@ -113,7 +102,11 @@ def jump_within(blocks: Blocks, use: Mask) -> Jump | None:
     drift -= q @ (q.T @ drift)
     steady = ((drift @ off)**2).sum() / max(float(drift @ drift), TINY)
     best = int(np.argmax(gains))
-    if gains[best] < max(EXPLAINS * float((off**2).sum()), DRIFTS * steady):
+    # a jump is detected if it explains this share of what an affine map leaves and so many times
+    # what a steady drift explains: half-way a drift explains three quarters of a jump, and a jump
+    # of a drift. Of the hysteresis and bends of usual sensors a jump explains a fifth
+    explains, of_drift = 0.5, 1.2
+    if gains[best] < max(explains * float((off**2).sum()), of_drift * steady):
         return None
     jump = np.abs(root @ after_off[best] / size[best])
     span = np.maximum(affine(g, raw)[2], 1e-12)
@@ -140,7 +133,9 @@ def offset_moves(data_sets: Sequence[tuple[Blocks, Mask]]) -> Array:
     span = np.max([size for _, _, size in fits], axis=0)
     moves = np.abs(offsets - np.median(offsets, axis=0))
     levers = [_lever(blocks.regressors[use, :3]) for blocks, use in data_sets]
-    sure = moves > MISFITS * np.array([lever * rms for lever, (_, rms, _) in zip(levers, fits)])
+    # moves of fewer misfits of a data set's own affine map than this are not separated from them
+    misfits = 4.0
+    sure = moves > misfits * np.array([lever * rms for lever, (_, rms, _) in zip(levers, fits)])
     return np.asarray((np.where(sure, moves, 0.0) / np.maximum(span, 1e-12)).max(axis=1))
 
 
@@ -166,18 +161,8 @@ def _lever(gravity: Array) -> float:
     return float(np.sqrt(len(x) * np.linalg.pinv(x.T @ x)[0, 0]))
 
 
-WEAK = 0.07
-"""Spread of gravity along a direction, over its magnitude, below which it is weak: 4 deg."""
-
-BLIND = 0.01
-"""Spread of gravity along a direction, over its magnitude, below which nothing is estimated."""
-
 WRONG_UNIT = 0.2
 """Share by which measured and stated gravity may differ, unless the unit is wrong."""
-
-TRUSTED = 0.02
-"""Largest standard error at which an accelerometer offset found from |g| is used [m/s^2]."""
-
 
 @dataclass(frozen=True)
 class Excitation:
@@ -201,7 +186,9 @@ class Excitation:
     @property
     def weak(self) -> bool:
         """Whether the offset along the last direction is hardly more than extrapolated."""
-        return bool(self.spreads[2] < WEAK * self.gravity)
+        # spread of gravity along a direction, over its magnitude, below which it is weak: 4 deg
+        weak = 0.07
+        return bool(self.spreads[2] < weak * self.gravity)
 
     @property
     def weakest(self) -> str:
@@ -231,12 +218,14 @@ def excitation(data_sets: Sequence[Moments], gravity: float) -> Excitation:
     spread = np.average([moments.spread for moments in data_sets], axis=0, weights=counts)
     values, vectors = np.linalg.eigh(spread)
     found = Excitation(np.sqrt(np.maximum(values[::-1], 0.0)), vectors[:, ::-1].T, gravity)
-    if found.spreads[2] < BLIND * gravity:
+    # spread of gravity along a direction, over its magnitude, below which nothing is estimated
+    blind = 0.01
+    if found.spreads[2] < blind * gravity:
         raise UnobservableError(
             f'gravity moves by {found.spreads[0]:.3g}, {found.spreads[1]:.3g}, '
-            f'{below(found.spreads[2], BLIND * gravity)} m/s^2 along its principal directions in '
+            f'{below(found.spreads[2], blind * gravity)} m/s^2 along its principal directions in '
             f'the sensor frame, too little along {found.weakest} (at least '
-            f'{BLIND * gravity:.3g} is needed); tilt '
+            f'{blind * gravity:.3g} is needed); tilt '
             'the body about a second axis, and further')
     return found
 
@@ -265,7 +254,9 @@ class Norm:
     @property
     def usable(self) -> bool:
         """Whether the offset is there and known well enough to be removed."""
-        return self.p < CHANCE and bool(self.std.max() < TRUSTED) and bool(
+        # largest standard error at which an accelerometer offset found from |g| is used [m/s^2]
+        trusted = 0.02
+        return self.p < CHANCE and bool(self.std.max() < trusted) and bool(
             np.linalg.norm(self.offset) < WRONG_UNIT * self.magnitude)
 
 

@@ -147,16 +147,13 @@ def _sensor(r: SensorResult) -> dict[str, Any]:
         'warnings': r.warnings,
         'excitation': {'spreads': e.spreads, 'directions': e.directions, 'weak': e.weak,
                        'weakest': e.weakest, 'unit': 'm/s^2'},
-        'accelerometer_offset': None if r.norm is None else Estimate(
-            r.norm.offset, r.norm.std, 'm/s^2'),
+        'accelerometer_offset': r.norm and Estimate(r.norm.offset, r.norm.std, 'm/s^2'),
         'offset': r.offset,
         'matrix': r.matrix,
         'manufacturer_matrix': r.manufacturer_matrix,
         'body': {'mass': r.mass, 'com': r.com, 'inertia': r.inertia or 'not identified'},
-        'rank': None if r.rank is None else {
-            'rank': r.rank.rank, 'unknowns': r.rank.unknowns,
-            'undetermined': r.rank.undetermined, 'singular_values': r.rank.singular_values},
-        'leaves_subspace': None if r.causes is None else {
+        'rank': r.rank and vars(r.rank),
+        'leaves_subspace': r.causes and {
             'bending': _cause(r, r.causes.bending),
             'hysteresis': _cause(r, r.causes.hysteresis)},
         'data_sets': {d.name: _data_set(d) for d in r.data_sets},
@@ -174,14 +171,13 @@ def _data_set(d: DataSetResult) -> dict[str, Any]:
         'use': 'train' if d.train else 'validate',
         'samples': d.samples,
         'kept': d.kept,
-        'cut': [{'start': c.start, 'end': c.end, 'reason': c.reason} for c in d.cuts],
+        'cut': [vars(cut) for cut in d.cuts],
         'singular_values': d.singular_values,
-        'departure': None if d.departure is None else {
-            'times_noise': d.departure.times_noise, 'p': d.departure.p},
-        'stated': None if d.load is None else {
+        'departure': d.departure and vars(d.departure),
+        'stated': d.load and {
             'added_mass': d.load.mass, 'position': d.load.position if d.load.mass else None},
         'added_mass': d.added_mass, 'position': d.position, 'semi_axes': d.semi_axes,
-        'by_manufacturer': None if maker is None else {
+        'by_manufacturer': maker and {
             'added_mass': maker.mass, 'semi_axes': maker.semi_axes,
             'position': maker.position if d.position else None},
     }
@@ -216,23 +212,10 @@ def to_calibration(result: SensorResult, frame: str, source: str) -> Calibration
         source={'method': 'forcecal insitu', 'recording': source})
 
 
-MOVES = 0.1
-"""Scatter of |g| above which a recording counts as moving [m/s^2]."""
-
-FAR_OFF = 5.0
-"""Standard errors from which on a load that was kept back is not as stated: once in a million."""
-
-ALIKE = 0.1
-"""Share by which two matrices' forces may differ and still be the same but for sign and unit."""
-
 FACTORS = {2.2046: 'are forces of the manufacturer in lbf, or masses stated twice converted?',
            0.45359: 'are added masses stated in lb?', 1e-3: 'are added masses stated in g?',
            1 / 9.80665: "are the manufacturer's in kgf?"}
 """Forces by the manufacturer over those by the matrix found, and what makes them so."""
-
-OFF_GRAVITY = 0.005
-"""Share by which measured |g| may differ from the stated one without a warning."""
-
 
 def warnings_of(result: SensorResult) -> tuple[str, ...]:
     """Collect what is weak, cut, suspicious or contradictory."""
@@ -256,11 +239,15 @@ def _accelerometer(result: SensorResult) -> Iterator[str]:
         b = ', '.join(f'{value:+.3f}' for value in found.offset)
         done = 'removed' if result.options.level_accelerometer else 'left in'
         yield f'|g| shows an accelerometer offset of ({b}) m/s^2 in the sensor frame; {done}'
-    if abs(found.magnitude / stated - 1) > OFF_GRAVITY:
+    # share by which measured |g| may differ from the stated one without a warning
+    most = 0.005
+    if abs(found.magnitude / stated - 1) > most:
         yield (f'measured |g| is {found.magnitude:.4g} m/s^2, stated {stated:.6g}: the '
                "accelerometer's gain or the stated gravity is off, and all masses with it")
     for d in result.data_sets:
-        if d.gravity_scatter > MOVES:
+        # scatter of |g| above which a recording counts as moving [m/s^2]
+        moves = 0.1
+        if d.gravity_scatter > moves:
             yield (f'{d.name}: |g| scatters by {d.gravity_scatter:.2g} m/s^2, the body '
                    'accelerates; move slower')
 
@@ -273,14 +260,16 @@ def _by_manufacturer(result: SensorResult) -> Iterator[str]:
     raw = np.vstack([d.raw for d in result.data_sets]) - result.offset.value
     mine, other = (raw @ matrix[:3].T for matrix in (result.matrix.value, maker))
     ratio = float((mine * other).sum() / (mine ** 2).sum())
-    if np.linalg.norm(other - ratio * mine) > ALIKE * np.linalg.norm(other):
+    # share by which two matrices' forces may differ and still be the same but for sign and unit
+    alike = 0.1
+    if np.linalg.norm(other - ratio * mine) > alike * np.linalg.norm(other):
         return
     if ratio < 0:
         yield ("forces by the manufacturer's matrix point the other way: `measures` of the "
                'accelerometer is specific_force where it shows gravity, or the reverse, or the '
                'manufacturer counts forces on the environment')
     for factor, unit in FACTORS.items():
-        if abs(abs(ratio) / factor - 1) < ALIKE:
+        if abs(abs(ratio) / factor - 1) < alike:
             yield (f"forces by the manufacturer's matrix are {abs(ratio):.4g} times as large: "
                    f'{unit}')
 
@@ -375,18 +364,20 @@ def _contradictions(result: SensorResult) -> Iterator[str]:
     if result.contradiction:
         yield result.contradiction.words
     heaviest = max((d.load.mass for d in result.data_sets if d.load), default=0.0)
+    # standard errors from which on a load that was kept back is not as stated: once in a million
+    far_off = 5.0
     for d in result.data_sets:
         if d.train or d.load is None or d.added_mass is None:
             continue
         off = float(d.added_mass.value) - d.load.mass
         careful = np.hypot(float(d.added_mass.std), MASS * heaviest)
-        if abs(off) > FAR_OFF * careful:
+        if abs(off) > far_off * careful:
             yield (f'{d.name}: the calibrated sensor finds {float(d.added_mass.value):.3f} kg '
                    f'added, stated {d.load.mass:g} kg; look at which mass was on in that '
                    'recording')
         elif d.position is not None and d.load.mass:
             away = d.position.value - d.load.position
-            if (np.abs(away) > FAR_OFF * np.hypot(d.position.std, PLACE)).any():
+            if (np.abs(away) > far_off * np.hypot(d.position.std, PLACE)).any():
                 yield (f'{d.name}: the calibrated sensor finds the added mass '
                        f'{1000 * np.linalg.norm(away):.0f} mm from its stated place; look at '
                        'where it was in that recording')

@@ -12,20 +12,8 @@ from forcecal_ros.core.geometry import Array
 from forcecal_ros.insitu.blocks import Blocks, Mask
 import numpy as np
 
-NOISE_LIMIT = 6.0
-"""A block is out when its whitened residual exceeds this many deviations of a mean's noise ..."""
-SIGNAL_LIMIT = 0.03
-"""... and this share of what gravity moves the channels by ..."""
-USUAL_LIMIT = 3.0
-"""... and this many times what is usual in quiet stretches (hysteresis and the like)."""
-USUAL = 15.0
-"""Length of these stretches [s]."""
-MOST_LIMIT = 0.15
-"""... but never more than this share of what gravity moves the channels by."""
 ROUGH_LIMIT = 3.0
 """A block is out when its noise is this many times the usual."""
-STRAY_SHARE = 0.01
-"""Share of a window's blocks that may be out (and are cut) without ending the window."""
 SHORTEST = 6.0
 """Shortest window [s]."""
 SHORTEST_SEGMENT = 3.0
@@ -86,8 +74,7 @@ def screen(blocks: Blocks) -> Screening:
         shortest = SHORTEST_SEGMENT
     if not use.any():
         raise DataError(_refusal(fit))
-    use &= ~fit.out(use)
-    return Screening(tuple(_stretches(blocks, use)), tuple(_cuts(fit, use)), use)
+    return _screened(fit, use & ~fit.out(use))
 
 
 def given_window(blocks: Blocks, start: float, end: float) -> Screening:
@@ -111,8 +98,8 @@ def given_window(blocks: Blocks, start: float, end: float) -> Screening:
             f'recording from {blocks.start[0]:g} to {blocks.end[-1]:g} s; widen it')
     fit = _Fit(blocks)
     suspicious = use & (fit.bad | fit.out(use))
-    cuts = [cut for run in _runs(suspicious) for cut in _cuts_of(fit, use & ~suspicious, run)]
-    return Screening(((start, float(np.nextafter(end, np.inf))),), tuple(cuts), use)
+    cuts = tuple(_cut(fit, use & ~suspicious, run) for run in _runs(suspicious))
+    return Screening(((start, float(np.nextafter(end, np.inf))),), cuts, use)
 
 
 def whole(blocks: Blocks) -> Screening:
@@ -123,8 +110,7 @@ def whole(blocks: Blocks) -> Screening:
 def untouched(blocks: Blocks) -> Screening:
     """Use what is neither clipped nor shaken nor has gaps, however far from affine it is."""
     fit = _Fit(blocks)
-    use = ~fit.bad
-    return Screening(tuple(_stretches(blocks, use)), tuple(_cuts(fit, use)), use)
+    return _screened(fit, ~fit.bad)
 
 
 class _Fit:
@@ -143,7 +129,9 @@ class _Fit:
 
     def _usual(self) -> float:
         """Residual that a quarter of all stretches of some seconds stay below, 0 where few."""
-        length, found = round(USUAL / self.length), []
+        # length of these stretches [s]
+        seconds = 15.0
+        length, found = round(seconds / self.length), []
         for start in range(0, len(self.bad) - length + 1, max(1, len(self.bad) // POSITIONS)):
             use = np.zeros(len(self.bad), dtype=bool)
             use[start:start + length] = ~self.bad[start:start + length]
@@ -158,8 +146,12 @@ class _Fit:
         fitted = self.x @ theta
         moved = fitted[use] - fitted[use].mean(axis=0)
         signal = np.sqrt((moved ** 2).sum(axis=1).mean())
-        limit = max(NOISE_LIMIT * np.sqrt(self.white.shape[1]), SIGNAL_LIMIT * signal)
-        most = max(limit, min(USUAL_LIMIT * self.usual, MOST_LIMIT * signal))
+        # a block is out when its whitened residual exceeds so many deviations of a mean's noise,
+        # so large a share of what gravity moves the channels by, and so many times what is usual
+        # in quiet stretches (hysteresis and the like), but never more than the last share
+        of_noise, of_signal, of_usual, at_most = 6.0, 0.03, 3.0, 0.15
+        limit = max(of_noise * np.sqrt(self.white.shape[1]), of_signal * signal)
+        most = max(limit, min(of_usual * self.usual, at_most * signal))
         return self.white - fitted, float(limit), float(most)
 
     def out(self, use: Mask) -> Mask:
@@ -177,7 +169,9 @@ class _Fit:
             return -np.inf
         residual, limit, most = self.residual(use)
         norms = np.linalg.norm(residual[use], axis=1)
-        if (norms > most).mean() > STRAY_SHARE:
+        # share of a window's blocks that may be out (and are cut) without ending the window
+        stray = 0.01
+        if (norms > most).mean() > stray:
             return -np.inf
         return float((1 - (norms / limit) ** 2).sum())
 
@@ -235,13 +229,13 @@ def _stretches(blocks: Blocks, use: Mask) -> Iterator[tuple[float, float]]:
         yield float(blocks.start[run.start]), float(end)
 
 
-def _cuts(fit: _Fit, use: Mask) -> Iterator[Cut]:
-    for run in _runs(~use):
-        yield from _cuts_of(fit, use, run)
+def _screened(fit: _Fit, use: Mask) -> Screening:
+    return Screening(tuple(_stretches(fit.blocks, use)),
+                     tuple(_cut(fit, use, run) for run in _runs(~use)), use)
 
 
-def _cuts_of(fit: _Fit, use: Mask, run: slice) -> Iterator[Cut]:
-    """Say why a run of blocks is not used; runs that were cut for two reasons are split."""
+def _cut(fit: _Fit, use: Mask, run: slice) -> Cut:
+    """Say why a run of blocks is not used."""
     blocks = fit.blocks
     residual, *_ = fit.residual(use)
     channel = int(np.abs(residual[run]).max(axis=0).argmax())
@@ -261,7 +255,7 @@ def _cuts_of(fit: _Fit, use: Mask, run: slice) -> Iterator[Cut]:
                   f'channel {channel + 1}: contact, or a joint that moves')
         if rough > ROUGH_LIMIT:
             reason += f'; shaken ({rough:.0f} times the usual noise)'
-    yield Cut(float(blocks.start[run.start]), float(blocks.end[run.stop - 1]), reason)
+    return Cut(float(blocks.start[run.start]), float(blocks.end[run.stop - 1]), reason)
 
 
 def _refusal(fit: _Fit) -> str:

@@ -31,8 +31,6 @@ from forcecal_ros.io.csv_import.specification import (
 import numpy as np
 
 FORMAT = 'forcecal-insitu/1'
-MOST_MASS, MOST_REACH = 100.0, 2.0
-"""More is no mass that is screwed on by hand [kg], and no place on what a sensor carries [m]."""
 DEFAULT_RATE = 100.0
 """Rows a second of a table that has neither a column of time nor a rate [Hz]."""
 
@@ -185,12 +183,14 @@ class Recorded(Section):
         object.__setattr__(self, 'name', self.name or Path(self.file).stem)
         if self.added_mass and self.position is None:
             raise self.wrong('position', 'the position of the added mass')
-        if self.added_mass and self.added_mass > MOST_MASS:
-            raise self.wrong('added_mass', f'kg, {MOST_MASS:g} at most; is it in g?')
+        # more is not screwed on by hand, and no place on what a sensor carries
+        most_kg, most_m = 100.0, 2.0
+        if self.added_mass and self.added_mass > most_kg:
+            raise self.wrong('added_mass', f'kg, {most_kg:g} at most; is it in g?')
         places = self.position.values() if isinstance(self.position, Mapping) else [
             self.position or (0.0, 0.0, 0.0)]
-        if any(max(map(abs, place)) > MOST_REACH for place in places):
-            raise self.wrong('position', f'm, {MOST_REACH:g} at most; is it in mm or cm?')
+        if any(max(map(abs, place)) > most_m for place in places):
+            raise self.wrong('position', f'm, {most_m:g} at most; is it in mm or cm?')
         if self.window is not None and not self.window[0] < self.window[1]:
             raise self.wrong('window', 'its start before its end')
 

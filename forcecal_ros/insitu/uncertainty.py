@@ -24,27 +24,16 @@ class Residual(NamedTuple):
     """
     Residual of one data set.
 
-    ``regressors`` (b, 1 + q) constant and pseudo-sample weights, filtered twice, zero where a
-    block is not used; ``samples`` in a block; ``noise`` of the block means.
+    Attributes
+    ----------
+    long_run : ndarray, shape (n, n)
+        Covariance of a sample that correlation makes of it.
+    scores : ndarray, shape ((1 + q) n, (1 + q) n)
+        Covariance of sum over samples of [1, pseudo-sample weights] (x) residual.
     """
 
-    regressors: Array
-    samples: int
-    noise: Autocovariance
-
-    @property
-    def long_run(self) -> Array:
-        """Covariance of a sample that correlation makes of it, shape (n, n)."""
-        return self.noise.long_run * self.samples
-
-    @property
-    def scores(self) -> Array:
-        """
-        Covariance of sum over samples of [1, pseudo-sample weights] (x) residual.
-
-        Shape ((1 + q) n, (1 + q) n).
-        """
-        return self.noise.covariance_of_products(self.regressors * self.samples)
+    long_run: Array
+    scores: Array
 
 
 def residuals(data_sets: Sequence[tuple[Moments, Blocks, Mask]], seconds: float, order: int
@@ -73,8 +62,9 @@ def residuals(data_sets: Sequence[tuple[Moments, Blocks, Mask]], seconds: float,
     for one, values, (_, blocks, use) in zip(x, beside, data_sets):
         left = values[:, 1:] - np.outer(values[:, 0], weighted[1:])
         window = round(seconds / blocks.length / 2) * 2 + 1
-        out.append(Residual(_as_filtered(one, use, window, order), blocks.samples,
-                            _noise(left, int(use.sum()), one.shape[1])))
+        noise, size = _noise(left, int(use.sum()), one.shape[1]), blocks.samples
+        out.append(Residual(noise.long_run * size, noise.covariance_of_products(
+            _as_filtered(one, use, window, order) * size)))
     return out
 
 
@@ -132,17 +122,6 @@ SIGNIFICANT = 1e-4
 ENOUGH = 5
 """Blocks for each regressor that are needed to tell causes apart: with two, means of sound poses
 show a hysteresis once in four times."""
-
-PLAYS = (0.0025, 0.005, 0.01)
-"""Widths of the play operators that make up a hysteresis, as shares of a channel's span."""
-
-HIDDEN = 2.0
-"""
-What is hidden along each regressor over what is seen of a bend, as RMS; from simulated legs with
-bias, hysteresis and flex at 1, 3 and 10 times the protocol's (`benchmark/insitu_protocol.py`),
-where 92 to 99 % of the truths are then within two standard errors, 60 to 65 % without.
-"""
-
 
 @dataclass(frozen=True)
 class Departure:
@@ -243,7 +222,9 @@ def causes(data_sets: Sequence[tuple[Blocks, Mask]]) -> Causes | None:
         [blocks.raw_noise / blocks.samples for blocks, _ in data_sets], axis=0))
     residual = np.vstack([np.linalg.solve(root, (blocks.raw - f)[use].T).T
                           for f, (blocks, use) in zip(fitted, data_sets)])
-    all_plays = [np.hstack([_play(f / spans, width) for width in PLAYS]) for f in fitted]
+    # widths of the play operators that make up a hysteresis, as shares of a channel's span
+    widths = (0.0025, 0.005, 0.01)
+    all_plays = [np.hstack([_play(f / spans, width) for width in widths]) for f in fitted]
     squares = _beside_affine([_squares(x) for x in maps], maps, data_sets)
     plays = _beside_affine(all_plays, maps, data_sets)
     if len(residual) < ENOUGH * (squares.shape[1] + plays.shape[1]):
@@ -336,5 +317,10 @@ def hidden_covariance(moments: Sequence[Moments], causes: Causes | None) -> Arra
     gram[0, 0] = sum(m.count for m in moments)
     of_offset = np.eye(1, gram.shape[0])
     linear = np.kron(np.vstack([of_offset, *x]), np.eye(n))
-    hidden = np.kron(HIDDEN ** 2 * gram[0, 0] * np.linalg.inv(gram), causes.bending.covariance)
+    # what is hidden along each regressor over what is seen of a bend, as RMS; from simulated legs
+    # with bias, hysteresis and flex at 1, 3 and 10 times the protocol's
+    # (benchmark/insitu_protocol.py), where 92 to 99 % of the truths are then within two standard
+    # errors, 60 to 65 % without
+    by_seen = 2.0
+    hidden = np.kron(by_seen ** 2 * gram[0, 0] * np.linalg.inv(gram), causes.bending.covariance)
     return np.asarray(linear @ hidden @ linear.T)

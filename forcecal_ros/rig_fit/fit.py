@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 from forcecal_ros.calibrate.pipeline import identify
 from forcecal_ros.calibrate.settings import IdentificationSettings
@@ -13,7 +13,7 @@ from forcecal_ros.core.errors import above, DataError, UnobservableError
 from forcecal_ros.core.geometry import Array, quaternion_of, rotation_vector
 from forcecal_ros.core.noise.white import difference_gain
 from forcecal_ros.core.streams import PoseStream, Recording
-from forcecal_ros.core.topics import naming
+from forcecal_ros.core.topics import require
 from forcecal_ros.diagnose.recordings import even_stamps
 from forcecal_ros.effects.nuisances import possible, rows_of
 from forcecal_ros.effects.rig import (
@@ -40,19 +40,18 @@ import numpy as np
 from scipy.signal import welch
 
 
-class ToolFit(NamedTuple):
-    """A rig with tool and sensors as they are, and what is to be known of them."""
-
-    rig: Rig
-    notes: tuple[str, ...]
-
-
 def fit_tool(rig: Rig, recordings: Sequence[Recording], settings: IdentificationSettings
-             ) -> ToolFit:
+             ) -> tuple[Rig, list[str]]:
     """
     Give a rig the tool and the sensors of a robot.
 
     The first recording that can be calibrated gives them.
+
+    Returns
+    -------
+    rig : Rig
+    notes : list of str
+        What was assumed.
 
     Raises
     ------
@@ -69,7 +68,7 @@ def fit_tool(rig: Rig, recordings: Sequence[Recording], settings: Identification
     raise refused
 
 
-def _calibrated(rig: Rig, recording: Recording, c: Calibration) -> ToolFit:
+def _calibrated(rig: Rig, recording: Recording, c: Calibration) -> tuple[Rig, list[str]]:
     # relative tolerance of an inertia that is not identifiable
     unknown_inertia = 1.0
     mass, notes = float(c.mass), []
@@ -91,8 +90,11 @@ def _calibrated(rig: Rig, recording: Recording, c: Calibration) -> ToolFit:
         notes.append('the tool gives, and no displacement sensor measures how far; it is taken '
                      'as rigid')
     if c.accelerometer is None:
-        return ToolFit(rig, (*notes, 'no accelerometer was recorded; the rig has the nominal one'))
-    return _with_accelerometer(rig, c.accelerometer, tuple(notes))
+        return rig, [*notes, 'no accelerometer was recorded; the rig has the nominal one']
+    if c.accelerometer.position is None:
+        notes.append('the place of the accelerometer is not identifiable; it is put into the '
+                     'centre of mass')
+    return _with_accelerometer(rig, c.accelerometer), notes
 
 
 def _slide(rig: Rig, recording: Recording, c: Calibration) -> Optidrive | None:
@@ -103,7 +105,7 @@ def _slide(rig: Rig, recording: Recording, c: Calibration) -> Optidrive | None:
                      rate_beside(stream.t, rig.robot.period), noise_of(stream.values))
 
 
-def _with_accelerometer(rig: Rig, a: CalibratedAccelerometer, notes: tuple[str, ...]) -> ToolFit:
+def _with_accelerometer(rig: Rig, a: CalibratedAccelerometer) -> Rig:
     """Mount it; one in m/s^2 keeps a gain of 1, and what it is off counts as tolerance."""
     # of an accelerometer against ft_sensor [rad]: that reads 2 % of gravity on another axis
     most_turned = 0.02
@@ -114,26 +116,19 @@ def _with_accelerometer(rig: Rig, a: CalibratedAccelerometer, notes: tuple[str, 
             f'{above(np.degrees(turned), np.degrees(most_turned))} deg against ft_sensor, '
             f'expected {np.degrees(most_turned):.3g} deg at most, as a rig mounts it '
             'along the sensor; record it in that frame')
-    position = rig.tool.com
-    if a.position is None:
-        notes = (*notes, ('the place of the accelerometer is not identifiable; it is put into '
-                 'the centre of mass'))
-    else:
-        x, y, z = a.position.value.tolist()
-        position = (x, y, z)
+    position = rig.tool.com if a.position is None else tuple(a.position.value.tolist())
     gain, offset = a.gain.value, a.offset.value
     of_gain = float(np.max(known_std(a.gain) / np.abs(gain)))
     if a.unit != 'V':
         of_gain = float(np.hypot(of_gain, np.abs(gain - 1.0).max()))
         gain = np.ones(3)
-    ac = a.coupling == 'ac' and a.cutoff is not None
     model = AccelerometerModel(tuple(gain.tolist()), tuple(offset.tolist()),
-                               float(a.cutoff) if ac and a.cutoff is not None else 0.0)
+                               0.0 if a.cutoff is None else float(a.cutoff))
     mounted: Accelerometer = replace(rig.accelerometer, mounted='acc1', acc1=model,
                                      position=position)
     spreads = widened(rig.spreads, accelerometer_gain=of_gain,
                       accelerometer_offset=known_std(a.offset).max())
-    return ToolFit(replace(rig, accelerometer=mounted, spreads=spreads), notes)
+    return replace(rig, accelerometer=mounted, spreads=spreads)
 
 
 FEWEST = 50
@@ -266,23 +261,19 @@ def fit_rig(recordings: Sequence[Recording], heldout: Recording | None, base: Ri
     rig = replace(rig, servo=rotation.servo)
     left, good, moved = _heldout_error(rig, ready)
     rig = replace(rig, robot=replace(rig.robot, unexplained=left))
-    found = fit_tool(rig, given, settings)
+    rig, assumed = fit_tool(rig, given, settings)
     notes = [f'axis {name} never moved, and follows like the one that moved most'
              for name, axis in zip('xyz', axes) if not axis.order]
     if not rotation.identified:
         notes.append('orientation never turned, and follows as late as the position')
-    return RigFit(found.rig, tuple(axes), rotation, good, moved, (*notes, *found.notes))
+    return RigFit(rig, tuple(axes), rotation, good, moved, (*notes, *assumed))
 
 
 def _required(recording: Recording) -> Recording:
     """Return a recording with even stamps, and refuse one that lacks something."""
-    for role, topic in (('target', 'target_frame'), ('pose', 'current_pose'),
-                        ('wrench', 'wrench')):
-        stream = getattr(recording, role)
-        if stream is None or not len(stream):
-            raise DataError(f'{recording.source}: {role} is missing, expected a topic {topic}; '
-                            f'{naming(recording, role)}')
-        if role != 'wrench' and not stream.has_position:
+    require(recording, ('target', 'pose', 'wrench'))
+    for role in ('target', 'pose'):
+        if not getattr(recording, role).has_position:
             raise DataError(f'{recording.source}: {role} has no position; record poses of '
                             'ft_sensor in the base')
     return even_stamps(recording).recording
@@ -293,9 +284,7 @@ def _measured(base: Rig, recording: Recording, period: float, settings: Identifi
     """Give a rig the rates, the noise, the place and the gravity of a recording."""
     wrench, pose, volts = recording.wrench, recording.pose, recording.accelerometer
     target = recording.target
-    assert wrench is not None
-    assert pose is not None
-    assert target is not None
+    assert wrench is not None and pose is not None and target is not None
     force, torque = noise_of(wrench.values[:, :3]), noise_of(wrench.values[:, 3:])
     sensor = replace(base.wrench_sensor, rate=rate_beside(wrench.t, period), force_noise=force,
                      torque_noise=torque, gain=(1.0,) * 6)

@@ -77,8 +77,7 @@ def followed(recording: Recording, period: float) -> Followed:
     # commands and poses that a robot is fitted to, at least [s]: some ten of its slowest motions
     shortest = 10.0
     target, pose = recording.target, recording.pose
-    assert target is not None
-    assert pose is not None
+    assert target is not None and pose is not None
     start = float(target.t[0]) + grid_shift(target.t, pose.t, period)
     end = min(float(target.t[-1]) + period, float(pose.t[-1]))
     m = int((end - start) / period)
@@ -263,28 +262,20 @@ def _lag(model: OutputError) -> tuple[float, float]:
             float(np.sqrt(max(0.0, slope @ model.covariance @ slope))))
 
 
-class _Number(NamedTuple):
-    """What of the poles is searched for, by its logarithm."""
-
-    low: float
-    high: float
-    starts: tuple[float, ...]
-
-
-_FREQUENCY = _Number(1e-3, 2.0 * np.pi / 3.0, (0.3, 0.3, 0.8))
+_FREQUENCY = (1e-3, 2.0 * np.pi / 3.0, 0.3, 0.3, 0.8)
 """
 Of a pair [rad/period]: from a thousand periods to a third of the commands' rate, near half of
 which sampling hides it.
 """
 
-_DAMPING = _Number(0.05, 30.0, (1.0, 4.0, 0.5))
+_DAMPING = (0.05, 30.0, 1.0, 4.0, 0.5)
 """Of a pair: an arm's structure has 0.05 and more, and 30 is two poles far from each other."""
 
-_DECAY = _Number(1e-3, 8.0, (0.5, 3.0, 0.1))
+_DECAY = (1e-3, 8.0, 0.5, 3.0, 0.1)
 """Of a real pole [1/period]: from a thousand periods to one that is over within the period."""
 
 _NUMBERS = {1: (_DECAY,), 2: (_FREQUENCY, _DAMPING), 3: (_FREQUENCY, _DAMPING, _DECAY)}
-"""By order."""
+"""What of the poles is searched for, by order: each between two limits, from three starts."""
 
 
 def fit_damped(command: Array, position: Array, order: int, delay: int, used: Any) -> OutputError:
@@ -305,15 +296,14 @@ def fit_damped(command: Array, position: Array, order: int, delay: int, used: An
     used : slice, or ndarray of bool, shape (n,)
         Samples whose errors count.
     """
-    numbers = _NUMBERS[order]
+    low, high, *starts = np.log(_NUMBERS[order]).T
     unit = max(float(np.std(position[used])), np.finfo(float).tiny)
 
     def residual(x: Array) -> Array:
         return np.asarray(_numerator(_feedback(x), command, position, delay, used)[1][used] / unit)
 
-    bounds = tuple(np.log([getattr(one, end) for one in numbers]) for end in ('low', 'high'))
-    found = min((least_squares(residual, start, bounds=bounds)
-                 for start in np.log([one.starts for one in numbers]).T), key=lambda one: one.cost)
+    found = min((least_squares(residual, start, bounds=(low, high)) for start in starts),
+                key=lambda one: one.cost)
     feedback = _feedback(found.x)
     rest, _ = _numerator(feedback, command, position, delay, used)
     return with_covariance(np.append(feedback, rest), command, position, delay, used,

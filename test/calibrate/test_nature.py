@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from forcecal_ros.calibrate.quality import refuse_unnatural, unnatural_inertia
+from forcecal_ros.calibrate.tool import refuse_negative
 from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.core.errors import DataError
 import numpy as np
@@ -37,4 +38,4 @@ def test_a_load_a_metre_away_is_refused():
 @pytest.mark.parametrize('mass', [0.0, -0.57, np.nan])
 def test_no_mass_is_refused(mass):
     with pytest.raises(DataError, match='the mass comes out as'):
-        refuse_unnatural(replace(WHOLE, mass=Estimate(mass, 1e-3, 'kg')))
+        refuse_negative(mass)

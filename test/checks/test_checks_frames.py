@@ -1,4 +1,4 @@
-"""Forces at rest determine frame, axes and the way down if the poses do, and nothing else."""
+"""Wrenches at rest determine frame, axes and the way down if the poses do, and nothing else."""
 
 import re
 
@@ -20,15 +20,14 @@ def turn(*degrees):
     return rotation_from_vector(np.radians(degrees))
 
 
-def forces(seed, n=12, Q=np.eye(3), gravity=G, base=False, mass=1.2):
-    """Record a tool whose sensor is turned by Q, or whose wrench is expressed in base."""
+def forces(seed, n=12, Q=np.eye(3), gravity=G, mass=1.2, com=(0.01, 0.0, 0.06), pull=0.0,
+           torques=np.eye(3)):
+    """Record a tool whose sensor is turned by Q, and its torques by another matrix on top."""
     rng = np.random.default_rng(seed)
     R = Rotation.random(n, random_state=rng).as_matrix()
     wire = mass * gravity @ R + rng.normal(0.0, 8.0, 3) + NOISE * rng.standard_normal((n, 3))
-    one = np.hstack([wire, np.cross([0.01, 0.0, 0.06], mass * gravity @ R)])
-    one = one @ np.kron(np.eye(2), Q).T
-    if base:
-        one = np.einsum('nij,nkj->nki', R, one.reshape(n, 2, 3)).reshape(n, 6)
+    torque = np.cross(com, mass * gravity @ R) + pull * rng.standard_normal((n, 3))
+    one = np.hstack([wire @ Q.T, torque @ Q.T @ torques.T])
     t = 2.0 * np.arange(n)
     return Recording(wrench=Stream(t, one), pose=PoseStream(t, np.full((n, 3), np.nan), R))
 
@@ -95,3 +94,20 @@ def test_a_tared_wrench_in_base_says_so():
     still += NOISE * np.random.default_rng(2).standard_normal((12, 6))
     with pytest.raises(UnobservableError, match=r'of 0\.999 kg in a wrench expressed in base'):
         judge(Recording(wrench=Stream(one.wrench.t, still), pose=one.pose), G)
+
+
+@pytest.mark.parametrize('poses', first([6, 8, 20]))
+@pytest.mark.parametrize('com', [(0.01, -0.005, 0.07), (0.0, 0.0, 0.07)])
+@pytest.mark.parametrize('pull', [0.0, 0.05, 1.0])
+def test_sound_torques_pass_with_whatever_pulls_besides(poses, com, pull):
+    assert judge(forces(0, poses, com=com, pull=1e-3 + pull), G) == ()
+
+
+@pytest.mark.parametrize('order, signs, shown', [
+    ([0, 1, 2], [1, 1, -1], 'x, y, -z'), ([1, 0, 2], [1, 1, 1], 'y, x, z'),
+    ([2, 0, 1], [1, -1, 1], 'z, -x, y'), ([0, 1, 2], [-1, -1, 1], 'x, y, -z')])
+def test_mirrored_and_swapped_torques_are_named(order, signs, shown):
+    axes = np.eye(3)[order] * np.array(signs)[:, None]
+    with pytest.raises(DataError, match=f'x, y, z show {shown}, or all three the other way|'
+                                        'torques are not about the axes'):
+        judge(forces(0, com=(0.01, -0.005, 0.07), pull=1e-3, torques=axes), G)

@@ -137,6 +137,16 @@ def test_a_known_tool_passes_and_another_one_is_noted():
     assert 'is 1.400' in note and '± 0.000' in note and 'another tool' in note
 
 
+@pytest.mark.parametrize('spoil', first([
+    mapped(lambda w: w.clip([-8.0] * 6, [12.0] * 6)), mapped(lambda w: 0.4 * w),
+    turned(rotation_from_vector(np.radians([0.0, 0.0, 1.0])))], 2))
+def test_pushes_gains_biases_and_small_turns_are_left_to_whoever_looks_for_them(spoil):
+    recording = recording_of(spoil(work(1, poses=10, rate=100.0)))
+    model = Known(wrong_recordings.MASS, wrong_recordings.COM)
+    assert all('centre of mass' in note for note in judge(
+        recording, DOWN, Stated(by='rig'), model))
+
+
 @pytest.mark.parametrize('factor, said', [
     (1e3, 'in mm'), (1e2, 'in cm'), (1 / 0.0254, 'in inches'), (1e-3, 'in m and taken for mm')])
 def test_lengths_of_positions_are_told_by_inertia(factor, said):

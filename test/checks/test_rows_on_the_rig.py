@@ -8,8 +8,11 @@ from forcecal_ros.checks.entry import checked
 from forcecal_ros.checks.hypotheses import judge, refuse_late_accelerometer
 from forcecal_ros.checks.messages import Finding
 from forcecal_ros.core.errors import DataError
+from forcecal_ros.diagnose.sources.rig import RigSource
+from forcecal_ros.sim.rig.file import load_rig
 import numpy as np
 import pytest
+from rig_recordings import own_recording
 
 DOWN = np.array([0.0, 0.0, -9.80665])
 
@@ -59,3 +62,11 @@ def test_a_delay_of_an_accelerometer_is_left_to_the_fit(recording):
     stream = recording.accelerometer
     refuse_late_accelerometer(replace(recording, accelerometer=replace(
         stream, t=stream.t + 0.05)), DOWN)
+
+
+def test_a_diagnosis_names_the_unit_before_it_looks_for_effects():
+    one = own_recording(20)
+    scaled = replace(one, wrench=replace(one.wrench, values=one.wrench.values / 9.80665))
+    diagnosis = RigSource(load_rig()).diagnose(scaled).diagnosis
+    assert diagnosis.verdict == 'invalid_data'
+    assert 'its forces are in kgf; multiply by 9.8066' in diagnosis.reason

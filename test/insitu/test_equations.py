@@ -52,18 +52,6 @@ def test_the_map_of_gravity_gives_weight_and_its_moment(numbers):
     np.testing.assert_allclose(wrench[3:], np.cross(com, mass * gravity), atol=1e-12)
 
 
-def test_the_static_map_has_rank_three_so_that_measurements_span_three_dimensions(log):
-    values = np.linalg.svd(log.raw - log.raw.mean(axis=0), compute_uv=False)
-    assert (values[3:] < 1e-9 * values[0]).all()
-    assert values[2] > 1e-3 * values[0]
-
-
-def test_the_measurements_lie_on_an_ellipsoid_about_the_offset(log):
-    y = (log.raw - OFFSET) @ principal_basis(np.cov(log.raw.T))
-    shape = np.linalg.lstsq(-log.accel, y, rcond=None)[0].T
-    np.testing.assert_allclose(np.linalg.norm(np.linalg.solve(shape, y.T), axis=0), insitu_leg.G)
-
-
 def by_twelve_unknowns(log):
     """Return the offset by Eq. 9 to 17 as printed: E (3 x 3) and y_o (3) by least squares."""
     mean, basis = log.raw.mean(axis=0), principal_basis(np.cov(log.raw.T))

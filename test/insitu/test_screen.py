@@ -183,27 +183,19 @@ def test_flex_and_hysteresis_are_told_apart(leg, bending, hysteresis):
     assert (found.bending.significant, found.hysteresis.significant) == (bending, hysteresis)
 
 
-def foot(icub_data, window=None, **options):
-    table = np.loadtxt(icub_data / 'right_foot_in_air.csv', delimiter=',',
-                       skiprows=1)
-    chunk = Chunk(table[:, 0], table[:, 1:7], -table[:, 7:10], None)
-    return DataSet('foot', lambda: [chunk], None, True, window)
-
-
 def calibrated_foot(icub_data, window=None):
-    from forcecal_ros.insitu import calibrate, Options
-    return calibrate('foot', [foot(icub_data, window)], Mounting(), Options(matrix=False))
+    table = np.loadtxt(icub_data / 'right_foot_in_air.csv', delimiter=',', skiprows=1)
+    chunk = Chunk(table[:, 0], table[:, 1:7], -table[:, 7:10], None)
+    one = DataSet('foot', lambda: [chunk], None, True, window)
+    return calibrate('foot', [one], Mounting(), Options(matrix=False))
 
 
-def test_icub_foot_in_the_window_given_has_the_known_offset(icub_data):
+def test_icub_foot_in_the_window_given_has_the_known_offset_and_three_dimensions(icub_data):
     result = calibrated_foot(icub_data, (21.0, 57.0))
     off = np.abs(result.offset.value - FOOT)
     assert (off[:3] < 0.05).all()
     assert (off[3:] < 0.005).all()
-
-
-def test_icub_foot_spans_three_dimensions_in_the_window_given(icub_data):
-    values = calibrated_foot(icub_data, (21.0, 57.0)).data_sets[0].singular_values
+    values = result.data_sets[0].singular_values
     np.testing.assert_allclose(values[:3], [2.03, 0.596, 0.1325], rtol=0.03)
     assert values[3] < values[2] / 30
 
@@ -221,7 +213,6 @@ def test_icub_foot_whole_finds_its_window_and_says_that_y_is_weak(icub_data):
 
 
 def test_a_window_may_be_given_by_the_user_and_is_not_cut(log):
-    from forcecal_ros.insitu import calibrate, Options
     pushed = touched(log, 20.0, 30.0, (6, -2, 4, 0.4, 0.2, 0.6))
     result = calibrate('leg', [data_set(pushed, window=(10.0, 55.0))], Mounting(),
                        Options(matrix=False))
