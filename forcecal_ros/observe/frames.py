@@ -11,11 +11,11 @@ from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.core.geometry import (
     Array,
-    compose,
+    invert,
+    ITSELF,
     matrix_from_quaternion,
     POSE_LENGTH,
     rotate,
-    rotate_back,
     skew,
 )
 from forcecal_ros.core.schema import Vector7
@@ -29,31 +29,6 @@ NAME = re.compile(r'[A-Za-z_]\w*(/[A-Za-z_]\w*)*', re.ASCII)
 
 Mounting = Vector7
 """Pose of ft_sensor, x y z [m] qx qy qz qw, in the frame whose pose is measured."""
-
-ITSELF: Vector7 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-"""Pose of a frame in itself."""
-
-
-def combine(a: tuple[float, ...], b: Vector7) -> Vector7:
-    """
-    Return the pose ``b``, given in the frame that has the pose ``a``, where ``a`` is given.
-
-    Parameters
-    ----------
-    a, b : tuple of 7 float
-        x y z [m] qx qy qz qw.
-    """
-    x, y, z, i, j, k, r = a
-    u, v, w = rotate((i, j, k, r), b[:3])
-    return (x + u, y + v, z + w, *compose((i, j, k, r), b[3:]))
-
-
-def invert(pose: Vector7) -> Vector7:
-    """Return the pose of the frame that a pose is given in, in the frame that has it."""
-    i, j, k, r = pose[3:]
-    x, y, z = rotate_back(pose[3:], pose[:3])
-    return (-x, -y, -z, -i, -j, -k, r)
-
 
 def transported(wrench: Wrench, sensor: Vector7) -> Wrench:
     """Return a wrench of ft_sensor, about its origin, in the frame where ft_sensor has a pose."""

@@ -34,7 +34,6 @@ from forcecal_ros.observe.pose_free import (
     PoseFreeState,
 )
 from forcecal_ros.observe.sample import (
-    ByImu,
     ContactEstimate,
     ContactSample,
     Progress,
@@ -145,11 +144,9 @@ def _replay_pose_free(recording: Recording, wrench: Stream, calibration: Calibra
         state, sample = pose_free_step(state, t, y, specific_force, rate, model)
         samples.append(sample)
         progress(1)
-    by_imu = ByImu(*(np.array([getattr(sample, field) for sample in samples])
-                     for field in ByImu._fields))
+    contacts, by_imu = map(list, zip(*samples))
     dropped = (0, 0, 0 if recording.pose is None else len(recording.pose), 0)
-    return replace(collected(None, [sample.contact for sample in samples]),
-                   dropped=dropped, by_imu=by_imu)
+    return replace(collected(None, contacts), dropped=dropped, by_imu=stacked(by_imu))
 
 
 def axes_of(accelerometer: Accelerometer) -> Array:
@@ -323,21 +320,13 @@ def _runs(pose: PoseStream, gap: float) -> Iterator[PoseStream]:
 
 
 def _between(run: PoseStream) -> PoseStream:
-    from scipy.interpolate import CubicSpline
-    from scipy.spatial.transform import Rotation, RotationSpline
-
     # a spline needs as many; shorter runs are left as they are
     if len(run) < 4:
         return run
     parts = np.ceil(np.diff(run.t) * POSE_RATE_HZ - 1e-6).astype(int)
-    t = np.append(np.concatenate([
+    return run.at(np.append(np.concatenate([
         start + (end - start) * np.arange(n) / n
-        for start, end, n in zip(run.t[:-1], run.t[1:], parts)]), run.t[-1])
-    position = np.full((len(t), 3), np.nan)
-    if np.isfinite(run.position).all():
-        position = CubicSpline(run.t, run.position)(t)
-    spline = RotationSpline(run.t, Rotation.from_matrix(run.R_base_sensor))
-    return PoseStream(t, position, spline(t).as_matrix(), run.frame)
+        for start, end, n in zip(run.t[:-1], run.t[1:], parts)]), run.t[-1]))
 
 
 def within_gaps(stream: Stream, t: Array) -> Array:
@@ -346,16 +335,10 @@ def within_gaps(stream: Stream, t: Array) -> Array:
 
     Up to the longest gap that is bridged the last value is held beyond an end.
     """
-    limit = gap_limit(stream, 0.0)
-    values = stream.at(t)
-    after = np.searchsorted(stream.t, t)
-    before = np.clip(after - 1, 0, None)
-    i, j = before, np.clip(after, None, len(stream) - 1)
-    inside = (after > 0) & (after < len(stream))
-    far = np.where(inside, stream.t[j] - stream.t[i] > limit,
-                   np.maximum(stream.t[0] - t, t - stream.t[-1]) > limit)
-    on_sample = np.isin(t, stream.t)
-    values[far & ~on_sample] = np.nan
+    values, i = stream.at(t), np.searchsorted(stream.t, t)
+    before, after = (stream.t[j.clip(0, len(stream) - 1)] for j in (i - 1, i))
+    gap = np.where(before < after, after - before, np.abs(t - after))
+    values[(gap > gap_limit(stream, 0.0)) & (t != after)] = np.nan
     return values
 
 
