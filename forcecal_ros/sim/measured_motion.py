@@ -12,8 +12,8 @@ from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array, rotation_from_vector, rotation_vector
 from forcecal_ros.core.streams import PoseStream, Recording
 from forcecal_ros.effects import EFFECTS, physical_rig
-from forcecal_ros.effects.nuisances import LEAST, NAMELESS, Nuisance, of_sensors, with_inertia
-from forcecal_ros.effects.rig import Rig, scaled, shifted
+from forcecal_ros.effects.nuisances import NAMELESS, Nuisance, of_sensors, OF_TOOL, with_inertia
+from forcecal_ros.effects.rig import Rig
 from forcecal_ros.effects.signals import INVERTIBLE
 from forcecal_ros.sim.rigid_tool import CABLE, CarriedTool, only, RigidTool, SMOOTH, UNKNOWN_DELAY
 from forcecal_ros.sim.signals import (
@@ -165,13 +165,10 @@ class MeasuredMotion:
 
     def nuisances(self, rig: Rig, streams: tuple[str, ...]) -> tuple[Nuisance, ...]:
         """List what tool and sensors may differ in from what is known."""
-        found = [Nuisance('tool.mass', 'mass', scaled('tool', 'mass'), least=LEAST),
-                 *(Nuisance(f'tool.com.{a}', 'com', shifted('tool', 'com', i))
-                   for i, a in enumerate('xyz'))]
         own = np.diag(rig.tool.inertia)
-        found += [Nuisance(f'tool.inertia.{a}', 'own_inertia', with_inertia(i), least=-own[i],
-                           limit=NAMELESS)
-                  for i, a in enumerate('xyz')]
+        found = [*OF_TOOL, *(Nuisance(f'tool.inertia.{a}', 'own_inertia', with_inertia(i),
+                                      least=-own[i], limit=NAMELESS)
+                             for i, a in enumerate('xyz'))]
         if self.from_accelerometer:
             assert isinstance(rig, RigidTool)
             unknown = rig.spreads.accel_behind >= UNKNOWN_DELAY

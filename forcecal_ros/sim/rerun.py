@@ -17,8 +17,8 @@ from forcecal_ros.core.schema import Row
 from forcecal_ros.core.streams import PoseStream, Recording
 from forcecal_ros.effects import Effect, EFFECTS, physical_rig, Quantity
 from forcecal_ros.effects.library import MOVING
-from forcecal_ros.effects.nuisances import LEAST, Nuisance, of_sensors
-from forcecal_ros.effects.rig import Rig, scaled, shifted
+from forcecal_ros.effects.nuisances import Nuisance, of_sensors, OF_TOOL
+from forcecal_ros.effects.rig import Rig, shifted
 from forcecal_ros.sim.measured_motion import (
     contact_blocks,
     CONTACT_FORCE_N,
@@ -380,11 +380,7 @@ class Rerun:
         """List the nuisance parameters: those of the simulator, tool, mounting and sensors."""
         found = nuisances_of(self.runs.simulator.parameters, len(self.joints),
                              finer=self.runs.simulator.has_finer)
-        if 'tool_mass' in self.library:
-            found.append(Nuisance('tool.mass', 'mass', scaled('tool', 'mass'), least=LEAST))
-        if 'tool_com' in self.library:
-            found += [Nuisance(f'tool.com.{a}', 'com', shifted('tool', 'com', i))
-                      for i, a in enumerate('xyz')]
+        found += [one for one in OF_TOOL if f'tool_{one.key}' in self.library]
         found += of_sensors(self.accelerometer, streams)
         return tuple(n for n in found if n.prior_std or getattr(rig.spreads, n.key) > 0.0)
 
