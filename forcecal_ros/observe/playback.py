@@ -7,7 +7,7 @@ a pause is follows from the stream itself: a log at 10 Hz pauses no more than on
 recording also shows how noisy its poses are.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from heapq import merge
 from math import inf
@@ -97,7 +97,7 @@ def replay(recording: Recording, calibration: Calibration,
 
     model = recorded_model(recording, calibration, settings)
     if not in_order(recording):
-        return collected(*run(recording, model))
+        return collected(*run(events(recording), model))
     if recording.pose is not None and is_slow(recording.pose, model):
         recording = replace(recording, pose=interpolated(recording.pose, model.pose_timeout))
     return estimates(recording, model, progress)
@@ -165,22 +165,15 @@ def axes_of(accelerometer: Accelerometer) -> Array:
     return np.asarray(u @ v)
 
 
-def run(recording: Recording, model: Model) -> tuple[State, list[ContactSample]]:
-    """Feed a recording to the step, in the order of its stamps; return the last state as well."""
+def run(sequence: Iterable[Event], model: Model) -> tuple[State, list[ContactSample]]:
+    """Feed :func:`events` to the step, in any order; return the last state as well."""
     state = State()
     samples: list[ContactSample] = []
-    for state, out in answers(recording, model):
-        samples.extend(out)
-    return state, samples
-
-
-def answers(recording: Recording, model: Model) -> Iterator[Result]:
-    """Feed a recording to the step and return its answer to every event, and at the end."""
-    state = State()
-    for event in events(recording):
+    for event in sequence:
         state, out = on_event(state, event, model)
-        yield state, out
-    yield step.finish(state, model)
+        samples.extend(out)
+    state, out = step.finish(state, model)
+    return state, [*samples, *out]
 
 
 def on_event(state: State, event: Event, model: Model) -> Result:
