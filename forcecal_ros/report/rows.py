@@ -164,15 +164,11 @@ def value(row: Row) -> str:
     return f'{row.value:.{MOST_DECIMALS}g}' if negligible(row) else number(row.value, row.std)
 
 
-def true_value(row: Row) -> str:
-    """Return the truth as text, to the digits of the value; empty where it is not known."""
-    return '' if row.truth is None else value(replace(row, value=row.truth))
-
-
 def against_truth(row: Row, sigma: str) -> tuple[str, str]:
     """Return the truth and how far from it the value is, as text."""
-    return true_value(row), ('' if row.sigmas is None or negligible(row)
-                             else f'{row.sigmas:+.1f} {sigma}')
+    truth = '' if row.truth is None else value(replace(row, value=row.truth))
+    known = row.sigmas is not None and not negligible(row)
+    return truth, f'{row.sigmas:+.1f} {sigma}' if known else ''
 
 
 def error(row: Row) -> str:
