@@ -475,12 +475,12 @@ def gripper(folder, seed, wrong='nothing'):
 
 def insitu(folder, seed, leg='plain', fault=''):
     """Write tables of a limb with added masses, and the file that describes them."""
-    from insitu_leg import BODY_COM, BODY_MASS, Leg, PROTOCOL, REAL, record, with_
+    from insitu_leg import BODY_COM, BODY_MASS, Leg, PROTOCOL, REAL, record
 
-    chosen = {'plain': Leg(), 'real': REAL, 'quiet': with_(Leg(), noise=0.2)}[leg]
+    chosen = {'plain': Leg(), 'real': REAL, 'quiet': Leg(noise=0.2)}[leg]
     head, sets = ['t', *(f'raw{k}' for k in range(6)), 'ax', 'ay', 'az'], []
     for k, load in enumerate(PROTOCOL):
-        one = record(load, with_(chosen, duration=40.0), 1000 * seed + k)
+        one = record(load, replace(chosen, duration=40.0), 1000 * seed + k)
         sign = -1.0 if fault == 'accelerometer sign' else 1.0
         np.savetxt(folder / f'{k}.csv', np.column_stack([one.t, one.raw, sign * one.accel]),
                    fmt='%.7g', delimiter=',', header=','.join(head), comments='')

@@ -18,7 +18,7 @@ from forcecal_ros.core.streams import Stream
 from forcecal_ros.io.bags import read_recording, write_recording, write_signals
 from forcecal_ros.io.calibration_file import load, save
 from forcecal_ros.observe import design, replay
-from forcecal_ros.observe.playback import run
+from forcecal_ros.observe.playback import events, run
 import numpy as np
 from timing import best, head, row
 
@@ -63,7 +63,7 @@ def main() -> None:
             'writing': lambda: write_signals(
                 folder / 'other', {'contact_wrench': contact}, recording.start_ns)}, rounds=3)
     short = record(20.0, SWING, seed=1)
-    expected = np.array([sample.contact for sample in run(short, design(known))[1]])
+    expected = np.array([sample.contact for sample in run(events(short), design(known))[1]])
     difference = np.abs(replay(short, known).contact - expected).max()
     head(f'{seconds / 60:g} min, 3 topics at 1 kHz', 'measured', 'wanted')
     row('forcecal estimate, processor time', f'{cost:.1f} s, {seconds / cost:.0f} x real time',

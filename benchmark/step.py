@@ -103,7 +103,7 @@ def main() -> None:
         parts[f'batch: wrench, {name}'] = partial(estimates, long, model)
         calls[f'step: wrench, {name}'] = len(recording.wrench)
         calls[f'batch: wrench, {name}'] = len(long.wrench)
-        expected = [(*s.contact, *s.inertial) for s in run(recording, model)[1]]
+        expected = [(*s.contact, *s.inertial) for s in run(events(recording), model)[1]]
         found = estimates(recording, model)
         differences[name] = np.abs(np.hstack([found.contact, found.inertial]) - expected).max()
     times = {name: 1e6 * t / calls[name] for name, t in best(parts, rounds=9).items()}

@@ -1,6 +1,6 @@
 """A base that is not level, a sensor turned on its flange: poses and wrenches in right axes."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from forcecal_ros.core.geometry import Array, rotation_about, rotation_from_vector
@@ -50,14 +50,14 @@ def levelled(recording: Recording, direction: Sequence[float] | None) -> Recordi
     R = level_from_base(direction)
     if R is None:
         return recording
-    return replace(recording, pose=_turned(recording.pose, R),
-                   target=_turned(recording.target, R))
+    return with_poses(recording, lambda stream: replace(
+        stream, position=stream.position @ R.T, R_base_sensor=R @ stream.R_base_sensor))
 
 
-def _turned(stream: PoseStream | None, R: Array) -> PoseStream | None:
-    if stream is None:
-        return None
-    return replace(stream, position=stream.position @ R.T, R_base_sensor=R @ stream.R_base_sensor)
+def with_poses(recording: Recording, change: Callable[[PoseStream], PoseStream]) -> Recording:
+    """Return a recording whose poses, measured and commanded, are changed."""
+    return replace(recording, pose=recording.pose and change(recording.pose),
+                   target=recording.target and change(recording.target))
 
 
 def pose_from_wire(rotation: Sequence[float] | None) -> Array | None:

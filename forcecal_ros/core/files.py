@@ -21,9 +21,6 @@ from forcecal_ros.core.errors import ConfigError
 
 STANDARD_OUTPUT = Path('/proc/self/fd/1')
 
-DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-"""Errors of a file system without room."""
-
 
 def write_text(path: Path | str, text: str) -> None:
     """Replace a text file; see :func:`write_bytes`."""
@@ -196,7 +193,8 @@ def descriptor_of(path: Path) -> int | None:
 
 def remedy(error: OSError, otherwise: str) -> str:
     """Return what to do about an error of the file system: make room, or something else."""
-    return 'free some space' if error.errno in DISK_FULL else otherwise
+    full = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+    return 'free some space' if error.errno in full else otherwise
 
 
 @contextmanager

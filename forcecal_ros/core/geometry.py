@@ -6,6 +6,7 @@ A rotation ``R_a_b`` maps coordinates in frame b to frame a; inside the package 
 
 from math import sqrt
 
+from forcecal_ros.core.schema import Vector7
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
@@ -20,6 +21,8 @@ Quaternion = tuple[float, float, float, float]
 
 ZERO: Vector = (0.0, 0.0, 0.0)
 
+ITSELF: Vector7 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+"""Pose of a frame in itself."""
 
 POSE_LENGTH = 7
 """A pose is so many numbers in a flat list: x y z [m], qx qy qz qw."""
@@ -187,6 +190,27 @@ def compose(a: Quaternion, b: Quaternion) -> Quaternion:
     (ax, ay, az, aw), (bx, by, bz, bw) = a, b
     return (aw * bx + bw * ax + ay * bz - az * by, aw * by + bw * ay + az * bx - ax * bz,
             aw * bz + bw * az + ax * by - ay * bx, aw * bw - ax * bx - ay * by - az * bz)
+
+
+def combine(a: tuple[float, ...], b: Vector7) -> Vector7:
+    """
+    Return the pose ``b``, given in the frame that has the pose ``a``, where ``a`` is given.
+
+    Parameters
+    ----------
+    a, b : tuple of 7 float
+        x y z [m] qx qy qz qw; of many instants, arrays in place of numbers.
+    """
+    x, y, z, i, j, k, r = a
+    u, v, w = rotate((i, j, k, r), b[:3])
+    return (x + u, y + v, z + w, *compose((i, j, k, r), b[3:]))
+
+
+def invert(pose: Vector7) -> Vector7:
+    """Return the pose of the frame that a pose is given in, in the frame that has it."""
+    i, j, k, r = pose[3:]
+    x, y, z = rotate_back(pose[3:], pose[:3])
+    return (-x, -y, -z, -i, -j, -k, r)
 
 
 def advance_rotation(q: Quaternion, dx: float, dy: float, dz: float) -> Quaternion:

@@ -4,8 +4,10 @@ Time comes first: streams are sorted by header stamp and counted in seconds from
 ``Recording.start_ns``, so that a float keeps well below a microsecond over days.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
+from itertools import groupby, pairwise
+from operator import itemgetter
 from typing import TYPE_CHECKING
 
 from forcecal_ros.core.errors import DataError
@@ -191,6 +193,28 @@ class PoseStream(Samples):
         """Whether every position is known, not the orientation alone."""
         return len(self.t) > 0 and bool(np.isfinite(self.position).all())
 
+    def at(self, t: Array) -> 'PoseStream':
+        """
+        Return the poses at other times, by splines whose accelerations are smooth.
+
+        Parameters
+        ----------
+        t : ndarray, shape (m,)
+            [s]
+
+        Returns
+        -------
+        PoseStream
+            Without positions where not every position is known.
+        """
+        from scipy.interpolate import CubicSpline  # takes a second, which a node starts without
+        from scipy.spatial.transform import Rotation, RotationSpline
+
+        turns = RotationSpline(self.t, Rotation.from_matrix(np.array(self.R_base_sensor)))
+        position = (CubicSpline(self.t, self.position)(t) if self.has_position
+                    else np.full((len(t), 3), np.nan))
+        return replace(self, t=t, position=position, R_base_sensor=turns(t).as_matrix())
+
 
 @dataclass(frozen=True)
 class Phase:
@@ -280,6 +304,13 @@ class Recording:
                 rate = f'{(len(one) - 1) / s:.4g} Hz' if s else '-'
                 lines.append(f'{name:16}{len(one):9}{rate:>12}{s:9.2f} s')
         return '\n'.join([self.source or 'recording', *lines])
+
+
+def phases_of(words: Iterable[tuple[float, str]], end: float) -> tuple[Phase, ...]:
+    """Make phases, each up to the next, of words at times [s], with or without repeats."""
+    changes = [next(same) for _, same in groupby(words, key=itemgetter(1))]
+    return tuple(Phase(word, start, stop)
+                 for (start, word), (stop, _) in pairwise([*changes, (end, '')]))
 
 
 def phase_spans(phases: tuple[Phase, ...], names: tuple[str, ...]) -> list[tuple[float, float]]:

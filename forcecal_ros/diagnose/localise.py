@@ -10,7 +10,7 @@ from forcecal_ros.core.quantity import quantity
 from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.diagnose.dataset import Blocks, CHANNELS, STREAM_SLICES
 from forcecal_ros.diagnose.model.jacobian import Column
-from forcecal_ros.sim.signals import BLOCK, pose_at
+from forcecal_ros.sim.signals import BLOCK
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
@@ -116,8 +116,8 @@ def _motion_difference(apart: Array, speed: Array, slowest: float, own_delay: bo
 
 def _smooth_poses(stream: PoseStream, t: Array) -> tuple[Array, Array]:
     smooth = POSE_WINDOW_S * (len(stream) - 1) / (stream.t[-1] - stream.t[0])
-    return pose_at(replace(stream, position=gaussian_filter1d(
-        stream.position, smooth, axis=0)), t)
+    found = replace(stream, position=gaussian_filter1d(stream.position, smooth, axis=0)).at(t)
+    return found.position, found.R_base_sensor
 
 
 def _regress_delay(apart: Array, speed: Array, slowest: float) -> tuple[float, float]:

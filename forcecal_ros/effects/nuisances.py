@@ -55,6 +55,12 @@ class Nuisance(NamedTuple):
     limit: float = LIMIT
 
 
+OF_TOOL = (Nuisance('tool.mass', 'mass', scaled('tool', 'mass'), least=LEAST),
+           *(Nuisance(f'tool.com.{axis}', 'com', shifted('tool', 'com', i))
+             for i, axis in enumerate('xyz')))
+"""Mass and centre of mass; an effect of the name ``tool_`` and the key is one of them."""
+
+
 def _inertia(axis: int) -> Callable[[Rig, float], Rig]:
     def apply(rig: Rig, x: float) -> Rig:
         return with_inertia(axis)(rig, x * rig.tool.inertia[axis][axis])
@@ -99,12 +105,8 @@ def nuisances(rig: Rig, accelerometer: str, streams: tuple[str, ...]) -> tuple[N
     """List the nuisances that the streams at hand can show."""
     found = _of_robot(rig)
     if 'wrench' in streams:
-        found += [Nuisance('tool.mass', 'mass', scaled('tool', 'mass'), least=LEAST)]
-        found += [Nuisance(f'tool.com.{a}', 'com', shifted('tool', 'com', i))
-                  for i, a in enumerate('xyz')]
-        found += [Nuisance(f'tool.inertia.{a}', 'inertia', _inertia(i), least=LEAST,
-                           limit=NAMELESS)
-                  for i, a in enumerate('xyz')]
+        found += [*OF_TOOL, *(Nuisance(f'tool.inertia.{a}', 'inertia', _inertia(i), least=LEAST,
+                                       limit=NAMELESS) for i, a in enumerate('xyz'))]
     if rig.optidrive is not None:
         found += [Nuisance(f'optidrive.{n}', n, scaled('optidrive', n), least=LEAST)
                   for n in ('stiffness', 'damping')]

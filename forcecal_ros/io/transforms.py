@@ -1,13 +1,13 @@
 """Messages of /tf, the way from one of their frames to another, and the pose along it."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
+from functools import reduce
 from typing import Any, NamedTuple
 
 from forcecal_ros.core.cdr import Layout
 from forcecal_ros.core.errors import DataError
-from forcecal_ros.core.geometry import Array
-import numpy as np
-from scipy.spatial.transform import Rotation
+from forcecal_ros.core.geometry import combine, invert, ITSELF
+from forcecal_ros.core.schema import Vector7
 
 TF = 'tf2_msgs/msg/TFMessage'
 
@@ -95,11 +95,7 @@ def route(parents: Mapping[str, str], base: str, frame: str, name: str, source: 
     return Route(tuple(up[:up.index(common)]), tuple(down[:down.index(common)]))
 
 
-Placement = tuple[Rotation, Array]
-"""Rotations and places (n, 3) [m] of a frame in its parent."""
-
-
-def pose_along(way: Route, placement: Callable[[str], Placement], n: int) -> Array:
+def pose_along(way: Route, place_of: Callable[[str], Vector7]) -> Vector7:
     """
     Return the pose of a frame in a base.
 
@@ -107,24 +103,9 @@ def pose_along(way: Route, placement: Callable[[str], Placement], n: int) -> Arr
     ----------
     way : Route
         From the frame and from the base up to where they meet.
-    placement : callable
-        Frame -> where it is in its parent, of ``n`` samples.
-
-    Returns
-    -------
-    ndarray, shape (n, 7)
-        x y z [m] qx qy qz qw.
+    place_of : callable
+        Frame -> its pose in its parent, at one instant or at many.
     """
-    R, p = _along(way.up, placement, n)
-    S, q = _along(way.down, placement, n)
-    return np.hstack([S.inv().apply(p - q), (S.inv() * R).as_quat()])
-
-
-def _along(frames: Sequence[str], placement: Callable[[str], Placement], n: int) -> Placement:
-    """Return where the first frame of a chain is in the parent of the last."""
-    R, p = Rotation.identity(n), np.zeros((n, 3))
-    for frame in frames:
-        own, place = placement(frame)
-        p = own.apply(p) + place
-        R = own * R
-    return R, p
+    up, down = (reduce(lambda place, frame: combine(place_of(frame), place), frames, ITSELF)
+                for frames in way)
+    return combine(invert(down), up)

@@ -1,13 +1,15 @@
 """Joints of a URDF: where each link is in its parent at given positions of the joints."""
 
 from collections.abc import Mapping
-from typing import NamedTuple
+import math
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 from forcecal_ros.core.errors import DataError
-from forcecal_ros.core.geometry import Array
-from forcecal_ros.io.transforms import Placement
+from forcecal_ros.core.geometry import Array, compose, Vector, ZERO
+from forcecal_ros.core.schema import Vector7
+from forcecal_ros.io.transforms import pose_along, Route, route
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -27,14 +29,14 @@ class Joint(NamedTuple):
     ----------
     parent : str
         Link.
+    origin : tuple of 7 float
+        Pose of the joint in the parent, x y z [m] qx qy qz qw.
     driver : str
         Joint whose position moves it, itself or the one that it mimics; empty: it is fixed.
     gain, offset : float
         Its position is ``gain`` times the driver's, plus ``offset`` [rad or m].
-    origin : tuple of Rotation and ndarray, shape (3,)
-        Frame of the joint in the parent [m].
-    axis : ndarray, shape (3,)
-        Unit vector, in the frame of the joint; zero where it is fixed.
+    axis : tuple of 3 float
+        Unit vector, in the parent.
     slides : bool
         Along the axis, in place of turning about it.
     limited : bool
@@ -42,23 +44,25 @@ class Joint(NamedTuple):
     """
 
     parent: str
-    driver: str
-    gain: float
-    offset: float
-    origin: tuple[Rotation, Array]
-    axis: Array
-    slides: bool
+    origin: Vector7
+    driver: str = ''
+    gain: float = 1.0
+    offset: float = 0.0
+    axis: Vector = ZERO
+    slides: bool = False
     limited: bool = False
 
-    def placement(self, positions: Mapping[str, Array], n: int) -> Placement:
-        """Return where the link is in its parent at ``n`` positions of the drivers."""
-        R, p = self.origin
+    def at(self, positions: Mapping[str, Any]) -> Vector7:
+        """Return where its link is in the parent, by the drivers' positions, one each or many."""
         if not self.driver:
-            return R * Rotation.identity(n), np.tile(p, (n, 1))
-        moved = np.outer(self.gain * positions[self.driver] + self.offset, self.axis)
+            return self.origin
+        v, (e, f, g) = self.gain * positions[self.driver] + self.offset, self.axis
+        (x, y, z), q = self.origin[:3], self.origin[3:]
         if self.slides:
-            return R * Rotation.identity(n), p + R.apply(moved)
-        return R * Rotation.from_rotvec(moved), np.tile(p, (n, 1))
+            return (x + v * e, y + v * f, z + v * g, *q)
+        library: Any = math if isinstance(v, float) else np  # of one number much faster
+        sine, cosine = library.sin(0.5 * v), library.cos(0.5 * v)
+        return (x, y, z, *compose((sine * e, sine * f, sine * g, cosine), q))
 
 
 class Description:
@@ -106,17 +110,57 @@ class Description:
                             'prismatic joints are known')
         xyz, rpy = (_numbers(_attribute(element, 'origin', part, '0 0 0'), f'{place}: {part}')
                     for part in ('xyz', 'rpy'))
-        origin, parent = (Rotation.from_euler('xyz', rpy), xyz), self.parents[link]
+        turn, parent = Rotation.from_euler('xyz', rpy), self.parents[link]
+        origin: Any = (*xyz.tolist(), *turn.as_quat().tolist())
         if kind == 'fixed':
-            return Joint(parent, '', 1.0, 0.0, origin, np.zeros(3), False)
+            return Joint(parent, origin)
         axis = _numbers(_attribute(element, 'axis', 'xyz', '1 0 0'), f'{place}: axis')
         if not axis.any():
             raise DataError(f'{place}: its axis is zero; expected a direction')
         (gain,), (offset,) = (
             _numbers(_attribute(element, 'mimic', part, otherwise), f'{place}: {part}', 1)
             for part, otherwise in (('multiplier', '1'), ('offset', '0')))
-        return Joint(parent, _attribute(element, 'mimic', 'joint', name), gain, offset, origin,
-                     axis / np.linalg.norm(axis), kind in _SLIDES, kind == 'revolute')
+        along: Any = tuple(turn.apply(axis / np.linalg.norm(axis)).tolist())
+        return Joint(parent, origin, _attribute(element, 'mimic', 'joint', name), float(gain),
+                     float(offset), along, kind in _SLIDES, kind == 'revolute')
+
+
+class Chain(NamedTuple):
+    """The joints between a link and a base, and the way that leads over them."""
+
+    way: Route
+    joints: Mapping[str, Joint]
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        """Joints whose positions are needed, in their order."""
+        return tuple(sorted({joint.driver for joint in self.joints.values()} - {''}))
+
+    def pose(self, positions: Mapping[str, Any]) -> Vector7:
+        """Return the pose of the link in the base, by the drivers' positions [rad or m]."""
+        return pose_along(self.way, lambda link: self.joints[link].at(positions))
+
+
+def chain(description: Description, base: str, link: str, name: str, source: str) -> Chain:
+    """
+    Find the joints between a link and a base.
+
+    Parameters
+    ----------
+    name, source : str
+        What requested it, and where the description came from, for messages.
+
+    Raises
+    ------
+    DataError
+        A link is not there, nothing moves between the two, or a joint cannot be computed.
+    """
+    way = route(description.parents, base, link, name, source)
+    found = Chain(way, {one: description.joint(one) for one in (*way.up, *way.down)})
+    if not found.drivers:
+        raise DataError(f'{name}: no joint moves between {base} and {link} in {source}; name the '
+                        'frame of the sensor and that of the base')
+    return found
 
 
 def _root(description: bytes, name: str) -> Element:

@@ -5,6 +5,7 @@ from collections import deque
 from typing import Any
 
 from builtin_interfaces.msg import Duration
+from forcecal_ros.core import geometry
 from forcecal_ros.core.errors import above, ConfigError, DataError, MotionError
 from forcecal_ros.core.geometry import Array, matrix_from_quaternion, quaternion_of
 from forcecal_ros.motion.monitor import FOLLOW
@@ -13,7 +14,6 @@ from forcecal_ros.motion.profiles import JointSetpoint, Pose, Setpoint, twist_to
 from forcecal_ros.nodes.inputs import mounting_parameter, Sensors
 from forcecal_ros.nodes.runtime import OUTPUT, SENSOR
 from forcecal_ros.nodes.wire import Inbox, Writer
-from forcecal_ros.observe.frames import combine, invert
 from geometry_msgs.msg import PoseStamped, TwistStamped
 import numpy as np
 from rclpy.node import Node
@@ -97,7 +97,7 @@ class CartesianBackend(Backend):
                  ) -> None:
         super().__init__(node, inbox, sensors, topic, message_type)
         self._message_type, self._frame = message_type, node.get_parameter('motion.frame').value
-        self._mounting = mounting_parameter(node)
+        self._commanded_in_sensor = geometry.invert(mounting_parameter(node) or geometry.ITSELF)
 
     def prepare(self, period_ns: int) -> None:
         """Choose the frame of commands: that of the measured poses, unless another is set."""
@@ -131,7 +131,7 @@ class TargetFrame(CartesianBackend):
         super().__init__(node, inbox, sensors, 'target_frame', PoseStamped)
 
     def _numbers(self, command: Setpoint, pose: tuple[float, ...]) -> tuple[float, ...]:
-        return pose if self._mounting is None else combine(pose, invert(self._mounting))
+        return geometry.combine(pose, self._commanded_in_sensor)
 
 
 class TwistCommands(CartesianBackend):
@@ -153,9 +153,9 @@ class TwistCommands(CartesianBackend):
         velocity, spin = twist_towards(
             command, Pose(np.array(measured[:3]), matrix_from_quaternion(measured[3:])),
             self._gain)
-        if self._mounting is not None:  # the velocity of that frame's origin, not of ft_sensor's
-            origin = combine(measured, invert(self._mounting))[:3]
-            velocity = velocity + np.cross(spin, np.subtract(origin, measured[:3]))
+        # the velocity of the commanded frame's origin, not of ft_sensor's
+        origin = geometry.combine(measured, self._commanded_in_sensor)[:3]
+        velocity = velocity + np.cross(spin, np.subtract(origin, measured[:3]))
         return (*velocity.tolist(), *spin.tolist())
 
 

@@ -8,7 +8,7 @@ from struct import error as StructError
 from typing import Any, NamedTuple, TypeAlias
 
 from forcecal_ros.core.errors import ConfigError, DataError
-from forcecal_ros.core.geometry import matrix_from_quaternion
+from forcecal_ros.core.geometry import combine, matrix_from_quaternion
 from forcecal_ros.core.parameters import Parameter
 from forcecal_ros.io.urdf import Description
 from forcecal_ros.motion.limits import Limits
@@ -16,7 +16,7 @@ from forcecal_ros.motion.monitor import Monitor, WatchSettings
 from forcecal_ros.motion.profiles import Pose
 from forcecal_ros.nodes.runtime import LATCHED, SECOND, STEADY
 from forcecal_ros.nodes.wire import Inbox, JointsReader, Reader, Sample
-from forcecal_ros.observe.frames import combine, Mounting, mounting_of
+from forcecal_ros.observe.frames import Mounting, mounting_of
 from forcecal_ros.observe.pose_sources import JointPose, TransformPose
 from geometry_msgs.msg import AccelStamped, PoseStamped, Vector3Stamped
 from rclpy.node import Node

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import ConfigError, DataError, ForcecalError, with_id
+from forcecal_ros.core.geometry import combine
 from forcecal_ros.core.parameters import Parameter, parameters_of, section_of
 from forcecal_ros.io.calibration_file import DAY, load, parse, refuse_old
 from forcecal_ros.nodes import inputs
@@ -40,7 +41,7 @@ from forcecal_ros.nodes.runtime import live_parameter as _live
 from forcecal_ros.nodes.wire import Inbox, Sample, Writer
 from forcecal_ros.observe import ContactSample, design, noise_levels
 from forcecal_ros.observe.design import accuracy, with_bias
-from forcecal_ros.observe.frames import agreed, combine, Frames, Mounting
+from forcecal_ros.observe.frames import agreed, Frames, Mounting
 from forcecal_ros.observe.live import LiveObserver, Samples, Values
 from forcecal_ros.observe.payload import PayloadSettings
 from forcecal_ros.observe.sample import INVALID, NO_ACCELEROMETER
@@ -438,8 +439,7 @@ class Observer(ManagedNode):
 
     def _on_pose(self, t: float, values: Values) -> Samples:
         assert self._frames is not None
-        if self._mounting is not None:
-            values = combine(values, self._mounting)
+        values = combine(values, self._mounting) if self._mounting else values
         frame = self._received[self._pose].frame
         self._frames.on_pose(t, values, frame)
         if self._transform is not None and self._source is not None and self._origin is not None:

@@ -113,12 +113,11 @@ def densities(noise: Noise) -> tuple[Array, Array]:
 
 def slow_levels(noise: Noise) -> NoiseLevels:
     """Return the same with the :func:`densities`; raises as :func:`noise_levels`."""
-    levels = noise_levels(noise)
     wrench, f = (np.diag(one) for one in densities(noise))
-    return levels._replace(
-        force=max(float(wrench[:3].mean()), _MIN_DENSITY),
-        torque=max(float(wrench[3:].mean()), _MIN_DENSITY),
-        specific_force=max(float(f.mean()), _MIN_DENSITY))
+    force, torque, specific_force = (max(float(one.mean()), _MIN_DENSITY) for one in (
+        wrench[:3], wrench[3:], f))
+    return noise_levels(noise)._replace(
+        force=force, torque=torque, specific_force=specific_force)
 
 
 def place_of(calibration: Calibration) -> Array:
@@ -160,9 +159,9 @@ def as_calibrated(settings: ObserverSettings, calibration: Calibration) -> Obser
     kept = {} if calibration.observer is None else calibration.observer.kalman
     given = (settings.contact_walk, settings.bandwidth_min_hz, settings.bandwidth_max_hz)
     walk, low, high = (
-        float(kept[name]) if one is None and name in kept else usual if one is None else one
-        for name, one, usual in zip(('contact_walk', 'bandwidth_min', 'bandwidth_max'), given,
-                                    (CONTACT_WALK, *BANDWIDTH_LIMITS)))
+        float(kept.get(name, usual)) if one is None else one for name, one, usual in zip(
+            ('contact_walk', 'bandwidth_min', 'bandwidth_max'), given,
+            (CONTACT_WALK, *BANDWIDTH_LIMITS)))
     return replace(settings, contact_walk=walk, bandwidth_min_hz=low, bandwidth_max_hz=high)
 
 

@@ -1,5 +1,6 @@
 """From a calibration to the numbers the running step needs; everything slow happens here."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from math import exp, inf, log, tau
 from typing import Any, NamedTuple
@@ -134,19 +135,19 @@ class Model(NamedTuple):
 def _load(calibration: Calibration) -> Load:
     com = calibration.com.value
     J = np.zeros((3, 3)) if calibration.inertia is None else calibration.inertia.value
-    numbers = (float(calibration.mass), *com, *(com - place_of(calibration)),
+    numbers = (*com, *(com - place_of(calibration)),
                J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2])
-    if not np.isfinite(numbers).all() or numbers[0] <= 0:
-        raise ConfigError(f'the calibration holds no usable mass, com or inertia: {numbers}; '
-                          'calibrate again')
-    return Load(*(float(x) for x in numbers))
+    mass = float(calibration.mass)
+    if not mass > 0.0:
+        raise ConfigError(f'the calibration holds no usable mass: {mass}; calibrate again')
+    return Load(*_finite('com or inertia', (mass, *numbers), 'calibrate again'))
 
 
-def _bias(calibration: Calibration) -> tuple[float, ...]:
-    bias = tuple(float(x) for x in calibration.wrench_bias.value)
-    if not np.isfinite(bias).all():
-        raise ConfigError(f'wrench_bias is {bias}; calibrate in three or more orientations')
-    return bias
+def _finite(what: str, numbers: Iterable[float], remedy: str) -> tuple[float, ...]:
+    found = tuple(map(float, numbers))
+    if not np.isfinite(found).all():
+        raise ConfigError(f'the calibration holds no usable {what}: {found}; {remedy}')
+    return found
 
 
 def _volts(calibration: Calibration) -> tuple[float, ...]:
@@ -158,10 +159,8 @@ def _volts(calibration: Calibration) -> tuple[float, ...]:
     if condition > 1e6:
         raise ConfigError(f'the accelerometer map cannot be inverted (condition {condition:.0e}); '
                           'calibrate it in three or more orientations')
-    offset = accelerometer.offset.value
-    if not np.isfinite(offset).all():
-        raise ConfigError(f'the accelerometer offset is {offset}; calibrate it at rest')
-    return tuple(float(x) for x in (*offset, *np.linalg.inv(matrix).ravel()))
+    offset = _finite('accelerometer offset', accelerometer.offset.value, 'calibrate it at rest')
+    return (*offset, *np.linalg.inv(matrix).ravel().tolist())
 
 
 def _ac_rate(accelerometer: Accelerometer | None) -> float:
@@ -257,7 +256,8 @@ def design(calibration: Calibration, settings: ObserverSettings = ObserverSettin
         bias_filter=(bias_model(calibration, settings.learning, by_pose, corner)
                      if name in LEARNING else None),
         weight_only=name == 'static', load=load, sensor_matrix=sensor_matrix(calibration),
-        bias=_bias(calibration),
+        bias=_finite('wrench_bias', calibration.wrench_bias.value,
+                     'calibrate in three or more orientations'),
         gravity=calibration.gravity, accelerometer=accelerometer is not None,
         ac_rate=_ac_rate(accelerometer),
         volts=_volts(calibration),
@@ -378,9 +378,7 @@ def accuracy(calibration: Calibration, model: Model,
     k = 1 - exp(-model.rate / noise.wrench_rate)
     R = density * noise.wrench_rate
     walk = np.diag(R) * k * k / (1 - k)
-    given = as_calibrated(settings, calibration).contact_walk
-    if given is not None:
-        walk[:3] = given ** 2 / noise.wrench_rate
+    walk[:3] = (as_calibrated(settings, calibration).contact_walk or 0.0) ** 2 / noise.wrench_rate
     error = R * k / (2 - k) + np.diag(walk) * (1 - k) ** 2 / (k * (2 - k))
     _, by_alpha = load_maps(calibration)
     corner = model.rotation_poles.real

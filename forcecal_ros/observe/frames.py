@@ -7,19 +7,20 @@ from math import dist, hypot, isfinite
 import re
 from typing import NamedTuple
 
+from forcecal_ros.core.axes import with_poses
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.core.geometry import (
     Array,
-    compose,
+    invert,
+    ITSELF,
     matrix_from_quaternion,
     POSE_LENGTH,
     rotate,
-    rotate_back,
     skew,
 )
 from forcecal_ros.core.schema import Vector7
-from forcecal_ros.core.streams import PoseStream, Recording
+from forcecal_ros.core.streams import Recording
 from forcecal_ros.observe.sample import Wrench
 import numpy as np
 
@@ -29,31 +30,6 @@ NAME = re.compile(r'[A-Za-z_]\w*(/[A-Za-z_]\w*)*', re.ASCII)
 
 Mounting = Vector7
 """Pose of ft_sensor, x y z [m] qx qy qz qw, in the frame whose pose is measured."""
-
-ITSELF: Vector7 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-"""Pose of a frame in itself."""
-
-
-def combine(a: tuple[float, ...], b: Vector7) -> Vector7:
-    """
-    Return the pose ``b``, given in the frame that has the pose ``a``, where ``a`` is given.
-
-    Parameters
-    ----------
-    a, b : tuple of 7 float
-        x y z [m] qx qy qz qw.
-    """
-    x, y, z, i, j, k, r = a
-    u, v, w = rotate((i, j, k, r), b[:3])
-    return (x + u, y + v, z + w, *compose((i, j, k, r), b[3:]))
-
-
-def invert(pose: Vector7) -> Vector7:
-    """Return the pose of the frame that a pose is given in, in the frame that has it."""
-    i, j, k, r = pose[3:]
-    x, y, z = rotate_back(pose[3:], pose[:3])
-    return (-x, -y, -z, -i, -j, -k, r)
-
 
 def transported(wrench: Wrench, sensor: Vector7) -> Wrench:
     """Return a wrench of ft_sensor, about its origin, in the frame where ft_sensor has a pose."""
@@ -211,9 +187,10 @@ def taken_to_sensor(recording: Recording, mounting: Mounting | None) -> Recordin
     if _is_of_sensor(recording):
         raise DataError(f'{recording.source}: the pose, from /tf, is that of the frame of the '
                         'wrench already; leave --sensor-from-pose out')
-    return replace(recording, pose=_taken(recording.pose, mounting),
-                   target=_taken(recording.target, mounting),
-                   sensor_from_pose=mounting)
+    place, turn = np.array(mounting[:3]), matrix_from_quaternion(mounting[3:])
+    return replace(with_poses(recording, lambda stream: replace(
+        stream, position=stream.position + stream.R_base_sensor @ place,
+        R_base_sensor=stream.R_base_sensor @ turn, of='')), sensor_from_pose=mounting)
 
 
 def taken_as_calibrated(recording: Recording, calibration: Calibration, name: str) -> Recording:
@@ -280,14 +257,6 @@ def agreed(given: Mounting | None, calibration: Calibration, name: str) -> Mount
 def _is_of_sensor(recording: Recording) -> bool:
     pose, wrench = recording.pose, recording.wrench
     return bool(pose and wrench and pose.of and pose.of == wrench.frame)
-
-
-def _taken(stream: PoseStream | None, mounting: Mounting) -> PoseStream | None:
-    if stream is None:
-        return None
-    R = stream.R_base_sensor
-    return replace(stream, position=stream.position + R @ np.array(mounting[:3]),
-                   R_base_sensor=R @ matrix_from_quaternion(mounting[3:]), of='')
 
 
 def _apart(a: Vector7, b: Vector7) -> float:

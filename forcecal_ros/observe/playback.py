@@ -7,7 +7,7 @@ a pause is follows from the stream itself: a log at 10 Hz pauses no more than on
 recording also shows how noisy its poses are.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from heapq import merge
 from math import inf
@@ -34,7 +34,6 @@ from forcecal_ros.observe.pose_free import (
     PoseFreeState,
 )
 from forcecal_ros.observe.sample import (
-    ByImu,
     ContactEstimate,
     ContactSample,
     Progress,
@@ -98,7 +97,7 @@ def replay(recording: Recording, calibration: Calibration,
 
     model = recorded_model(recording, calibration, settings)
     if not in_order(recording):
-        return collected(*run(recording, model))
+        return collected(*run(events(recording), model))
     if recording.pose is not None and is_slow(recording.pose, model):
         recording = replace(recording, pose=interpolated(recording.pose, model.pose_timeout))
     return estimates(recording, model, progress)
@@ -145,11 +144,9 @@ def _replay_pose_free(recording: Recording, wrench: Stream, calibration: Calibra
         state, sample = pose_free_step(state, t, y, specific_force, rate, model)
         samples.append(sample)
         progress(1)
-    by_imu = ByImu(*(np.array([getattr(sample, field) for sample in samples])
-                     for field in ByImu._fields))
+    contacts, by_imu = map(list, zip(*samples))
     dropped = (0, 0, 0 if recording.pose is None else len(recording.pose), 0)
-    return replace(collected(None, [sample.contact for sample in samples]),
-                   dropped=dropped, by_imu=by_imu)
+    return replace(collected(None, contacts), dropped=dropped, by_imu=stacked(by_imu))
 
 
 def axes_of(accelerometer: Accelerometer) -> Array:
@@ -168,22 +165,15 @@ def axes_of(accelerometer: Accelerometer) -> Array:
     return np.asarray(u @ v)
 
 
-def run(recording: Recording, model: Model) -> tuple[State, list[ContactSample]]:
-    """Feed a recording to the step, in the order of its stamps; return the last state as well."""
+def run(sequence: Iterable[Event], model: Model) -> tuple[State, list[ContactSample]]:
+    """Feed :func:`events` to the step, in any order; return the last state as well."""
     state = State()
     samples: list[ContactSample] = []
-    for state, out in answers(recording, model):
-        samples.extend(out)
-    return state, samples
-
-
-def answers(recording: Recording, model: Model) -> Iterator[Result]:
-    """Feed a recording to the step and return its answer to every event, and at the end."""
-    state = State()
-    for event in events(recording):
+    for event in sequence:
         state, out = on_event(state, event, model)
-        yield state, out
-    yield step.finish(state, model)
+        samples.extend(out)
+    state, out = step.finish(state, model)
+    return state, [*samples, *out]
 
 
 def on_event(state: State, event: Event, model: Model) -> Result:
@@ -323,21 +313,13 @@ def _runs(pose: PoseStream, gap: float) -> Iterator[PoseStream]:
 
 
 def _between(run: PoseStream) -> PoseStream:
-    from scipy.interpolate import CubicSpline
-    from scipy.spatial.transform import Rotation, RotationSpline
-
     # a spline needs as many; shorter runs are left as they are
     if len(run) < 4:
         return run
     parts = np.ceil(np.diff(run.t) * POSE_RATE_HZ - 1e-6).astype(int)
-    t = np.append(np.concatenate([
+    return run.at(np.append(np.concatenate([
         start + (end - start) * np.arange(n) / n
-        for start, end, n in zip(run.t[:-1], run.t[1:], parts)]), run.t[-1])
-    position = np.full((len(t), 3), np.nan)
-    if np.isfinite(run.position).all():
-        position = CubicSpline(run.t, run.position)(t)
-    spline = RotationSpline(run.t, Rotation.from_matrix(run.R_base_sensor))
-    return PoseStream(t, position, spline(t).as_matrix(), run.frame)
+        for start, end, n in zip(run.t[:-1], run.t[1:], parts)]), run.t[-1]))
 
 
 def within_gaps(stream: Stream, t: Array) -> Array:
@@ -346,16 +328,10 @@ def within_gaps(stream: Stream, t: Array) -> Array:
 
     Up to the longest gap that is bridged the last value is held beyond an end.
     """
-    limit = gap_limit(stream, 0.0)
-    values = stream.at(t)
-    after = np.searchsorted(stream.t, t)
-    before = np.clip(after - 1, 0, None)
-    i, j = before, np.clip(after, None, len(stream) - 1)
-    inside = (after > 0) & (after < len(stream))
-    far = np.where(inside, stream.t[j] - stream.t[i] > limit,
-                   np.maximum(stream.t[0] - t, t - stream.t[-1]) > limit)
-    on_sample = np.isin(t, stream.t)
-    values[far & ~on_sample] = np.nan
+    values, i = stream.at(t), np.searchsorted(stream.t, t)
+    before, after = (stream.t[j.clip(0, len(stream) - 1)] for j in (i - 1, i))
+    gap = np.where(before < after, after - before, np.abs(t - after))
+    values[(gap > gap_limit(stream, 0.0)) & (t != after)] = np.nan
     return values
 
 

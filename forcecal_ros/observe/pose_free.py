@@ -39,6 +39,7 @@ from forcecal_ros.observe.gaussian import (
 )
 from forcecal_ros.observe.sample import (
     BAD_WRENCH,
+    ByImu,
     ContactSample,
     MAX_READING,
     NO_ACCELEROMETER,
@@ -338,23 +339,10 @@ class PoseFreeState(NamedTuple):
 
 
 class PoseFreeSample(NamedTuple):
-    """
-    One wrench answered, and what was removed from it.
-
-    Attributes
-    ----------
-    contact : ContactSample
-        As with a pose; the NIS it has learned covers the wrench alone.
-    gravity : ndarray, shape (3,)
-        In ft_sensor [m/s^2].
-    mass, mass_std : float
-        [kg]
-    """
+    """One wrench answered, as with a pose but its NIS of the wrench alone, and by the IMU."""
 
     contact: ContactSample
-    gravity: Array
-    mass: float
-    mass_std: float
+    by_imu: ByImu
 
 
 def _usable(values: ArrayLike | None, size: int) -> Array | None:
@@ -427,4 +415,4 @@ def _report(state: PoseFreeState, model: PoseFreeModel, t: float, status: int, n
     return PoseFreeSample(
         ContactSample(t, NO_WRENCH if state.belief is None else wrench_tuple(mean), status,
                       measured, innovation, inertial, learned),
-        model.gravity * level[:, 2], float(mean[MASS]), sqrt(cov[MASS, MASS]))
+        ByImu(model.gravity * level[:, 2], float(mean[MASS]), sqrt(cov[MASS, MASS])))

@@ -1,23 +1,16 @@
 """The pose of one frame in another, as transforms of /tf or positions of joints come."""
 
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
-from math import cos, inf, isfinite, sin, sqrt
+from collections.abc import Callable, Sequence
+from math import inf, isfinite, sqrt
 from typing import Any, NamedTuple
 
 from forcecal_ros.core.cdr import FormReader, Layout
 from forcecal_ros.core.errors import DataError
-from forcecal_ros.core.geometry import (
-    compose,
-    Quaternion,
-    rotate,
-    Vector,
-)
 from forcecal_ros.core.schema import Vector7
 from forcecal_ros.core.streams import CLOCK_JUMP_S
-from forcecal_ros.io.transforms import FIELDS, FORM, Route, route, transforms_of
-from forcecal_ros.io.urdf import Description, Joint
-from forcecal_ros.observe.frames import combine, invert, ITSELF
+from forcecal_ros.io.transforms import FIELDS, FORM, pose_along, Route, route, transforms_of
+from forcecal_ros.io.urdf import chain, Description
 
 
 class StampedPose(NamedTuple):
@@ -155,8 +148,7 @@ class TransformPose:
             return None
         stamp, moving = known
         links = self._fixed | moving
-        place = combine(invert(_along(down, links)), _along(up, links))
-        return StampedPose(stamp, place)
+        return StampedPose(stamp, pose_along(self._route, links.__getitem__))
 
     def _attach(self, parent: str, child: str) -> None:
         self._parents[child] = parent
@@ -165,14 +157,6 @@ class TransformPose:
             self.why_not = ''
         except DataError as error:
             self._route, self.why_not = Route((), ()), str(error)
-
-
-def _along(chain: tuple[str, ...], links: Mapping[str, Vector7]) -> Vector7:
-    """Return where the first frame of a chain is in the parent of the last."""
-    place = ITSELF
-    for frame in chain:
-        place = combine(links[frame], place)
-    return place
 
 
 def _placement(numbers: tuple[float, ...]) -> Vector7 | None:
@@ -192,48 +176,6 @@ def _between(before: Vector7, after: Vector7, share: float) -> Vector7:
     i, j, k, r = (m * (1 - share) + n * sign for m, n in zip(before[3:], after[3:]))
     n = 1 / sqrt(i * i + j * j + k * k + r * r)
     return x, y, z, i * n, j * n, k * n, r * n
-
-
-class Step(NamedTuple):
-    """
-    One moving joint, with all that is fixed before it.
-
-    Attributes
-    ----------
-    driver : str
-        Joint whose position moves it.
-    gain, offset : float
-        Its position is ``gain`` times the driver's, plus ``offset`` [rad or m].
-    slides : bool
-        Along ``along``, in place of turning.
-    origin : Vector
-        Where it is in the link of the step before [m].
-    q, turned : Quaternion
-        Its orientation is ``q cos(v/2) + turned sin(v/2)`` at the position v; ``q`` where it
-        slides.
-    along : Vector
-        What it slides along.
-    """
-
-    driver: str
-    gain: float
-    offset: float
-    slides: bool
-    origin: Vector
-    q: Quaternion
-    turned: Quaternion
-    along: Vector
-
-    def at(self, position: float) -> Vector7:
-        """Return where its link is in that of the step before, by its driver's position."""
-        v = self.gain * position + self.offset
-        if self.slides:
-            (x, y, z), (e, f, g) = self.origin, self.along
-            return (x + v * e, y + v * f, z + v * g, *self.q)
-        sine, cosine = sin(0.5 * v), cos(0.5 * v)
-        (i, j, k, r), (e, f, g, h) = self.q, self.turned
-        return (*self.origin, i * cosine + e * sine, j * cosine + f * sine,
-                k * cosine + g * sine, r * cosine + h * sine)
 
 
 class JointPose:
@@ -266,13 +208,8 @@ class JointPose:
 
     def __init__(self, description: Description, base: str, link: str, name: str,
                  source: str) -> None:
-        way = route(description.parents, base, link, name, source)
-        self._steps, self._tail = _steps([description.joint(one) for one in way.down],
-                                         [description.joint(one) for one in reversed(way.up)])
-        self.drivers = tuple(sorted({step.driver for step in self._steps}))
-        if not self.drivers:
-            raise DataError(f'{name}: no joint moves between {base} and {link} in {source}; name '
-                            'the frame of the sensor and that of the base')
+        self._chain = chain(description, base, link, name, source)
+        self.drivers = self._chain.drivers
         self._parts = Newest(lambda a, b, share: a + (b - a) * share)
         self.why_not = 'no message'
 
@@ -301,33 +238,4 @@ class JointPose:
                 return None
             stamp_ns, given = known
         self.why_not = ''
-        return StampedPose(stamp_ns, self.pose(given))
-
-    def pose(self, positions: Mapping[str, float]) -> Vector7:
-        """Return x y z [m] qx qy qz qw at positions of the drivers [rad or m]."""
-        place = ITSELF
-        for step in self._steps:
-            place = combine(place, step.at(positions[step.driver]))
-        return combine(place, self._tail)
-
-
-def _steps(down: Sequence[Joint], up: Sequence[Joint]) -> tuple[tuple[Step, ...], Vector7]:
-    """Return the moving joints from the base to the link, and what is fixed behind the last."""
-    steps: list[Step] = []
-    place = ITSELF
-    for joint, sign in (*((one, -1.0) for one in down), *((one, 1.0) for one in up)):
-        R, p = joint.origin
-        x, y, z, a, b, c, d = map(float, (*p, *R.as_quat()))
-        origin = (x, y, z, a, b, c, d)
-        if sign > 0:
-            place = combine(place, origin)
-        if joint.driver:
-            i, j, k = map(float, joint.axis)
-            steps.append(Step(
-                joint.driver, sign * float(joint.gain), sign * float(joint.offset), joint.slides,
-                place[:3], place[3:], compose(place[3:], (i, j, k, 0.0)),
-                rotate(place[3:], (i, j, k))))
-            place = ITSELF
-        if sign < 0:
-            place = combine(place, invert(origin))
-    return tuple(steps), place
+        return StampedPose(stamp_ns, self._chain.pose(given))

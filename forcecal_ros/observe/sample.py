@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntFlag
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from forcecal_ros.core.geometry import Array, Vector
 import numpy as np
@@ -172,19 +172,21 @@ class ContactSample(NamedTuple):
 
 class ByImu(NamedTuple):
     """
-    What a chain without a pose also found; the samples first.
+    What a chain without a pose also finds.
+
+    Shapes are those of one sample; over a recording each has the samples first.
 
     Attributes
     ----------
-    gravity : ndarray, shape (n, 3)
+    gravity : ndarray, shape (3,)
         In ft_sensor [m/s^2].
-    mass, mass_std : ndarray, shape (n,)
+    mass, mass_std : float, or ndarray
         Of the tool with its payload [kg].
     """
 
     gravity: Array
-    mass: Array
-    mass_std: Array
+    mass: Any
+    mass_std: Any
 
 
 @dataclass(frozen=True)
@@ -228,9 +230,12 @@ class ContactEstimate:
         return np.asarray(self.status & INVALID == 0)
 
 
-def stacked(rows: list[Learned]) -> Learned:
+Quality = TypeVar('Quality', Learned, ByImu)
+
+
+def stacked(rows: list[Quality]) -> Quality:
     """Put those of many samples together."""
-    return Learned(*(np.array(column) for column in zip(*rows)))
+    return type(rows[0])(*(np.array(column) for column in zip(*rows)))
 
 
 Progress = Callable[[int], object]

@@ -11,16 +11,7 @@ from forcecal_ros.core.streams import FREE, Recording, STILL, Stream
 from forcecal_ros.report import figures
 from forcecal_ros.report.figures import Line, Panel, Shown
 from forcecal_ros.report.page import docs_link, Fact, origin, Picture, picture, render_page, Step
-from forcecal_ros.report.rows import (
-    handy,
-    interval,
-    negligible,
-    promises,
-    Row,
-    table,
-    true_value,
-    value,
-)
+from forcecal_ros.report.rows import against_truth, handy, interval, promises, table, value
 from matplotlib.figure import Figure
 import numpy as np
 
@@ -70,7 +61,8 @@ def render(recording: Recording, calibration: Calibration, contact: Stream | Non
         headline=_headline(calibration, free), facts=_facts(calibration, free, warnings, step),
         warnings=warnings,
         head=['estimate', 'value', 'unit', '95 % interval'] + ['truth', 'off by'] * with_truth,
-        rows=[_cells(handy(row), with_truth) for row in rows],
+        rows=[[row.name, value(row), '' if row.unit == '1' else row.unit, interval(row),
+               *(against_truth(row, 'σ') if with_truth else ())] for row in map(handy, rows)],
         first=list(_before_and_after(recording, calibration, contact)),
         figures=list(_pictures(recording, calibration, contact)),
         quality=[one for one in found if one[0] != 'Note'],
@@ -140,14 +132,6 @@ def _origin(recording: Recording, c: Calibration) -> list[str]:
     lines = origin([recording]) if recording.source else [str(c.source.get('recording', ''))]
     created = str(c.source.get('created', '')).replace('T', ' ').replace('+00:00', ' UTC')
     return [line for line in (*lines, f'calibrated {created}' if created else '') if line]
-
-
-def _cells(row: Row, with_truth: bool) -> list[str]:
-    cells = [row.name, value(row), '' if row.unit == '1' else row.unit, interval(row)]
-    if with_truth:
-        cells += [true_value(row),
-                  '' if row.sigmas is None or negligible(row) else f'{row.sigmas:+.1f} σ']
-    return cells
 
 
 def forces(recording: Recording, c: Calibration, contact: Stream) -> Shown:

@@ -139,14 +139,8 @@ def as_text(shown: list[Row]) -> str:
     shown = [handy(row) for row in shown]
     with_truth = any(row.truth is not None for row in shown)
     head = ['estimate', 'value', 'std. error', 'unit'] + ['truth', 'off by'] * with_truth
-    body = []
-    for row in shown:
-        cells = [row.name, value(row), error(row), '' if row.unit == '1' else row.unit]
-        if with_truth:
-            sigmas = row.sigmas
-            cells += [true_value(row),
-                      '' if sigmas is None or negligible(row) else f'{sigmas:+.1f} sigma']
-        body.append(cells)
+    body = [[row.name, value(row), error(row), '' if row.unit == '1' else row.unit,
+             *(against_truth(row, 'sigma') if with_truth else ())] for row in shown]
     return '\n'.join(ruled(head, body, left=(0, 3)))
 
 
@@ -170,9 +164,11 @@ def value(row: Row) -> str:
     return f'{row.value:.{MOST_DECIMALS}g}' if negligible(row) else number(row.value, row.std)
 
 
-def true_value(row: Row) -> str:
-    """Return the truth as text, to the digits of the value; empty where it is not known."""
-    return '' if row.truth is None else value(replace(row, value=row.truth))
+def against_truth(row: Row, sigma: str) -> tuple[str, str]:
+    """Return the truth and how far from it the value is, as text."""
+    truth = '' if row.truth is None else value(replace(row, value=row.truth))
+    known = row.sigmas is not None and not negligible(row)
+    return truth, f'{row.sigmas:+.1f} {sigma}' if known else ''
 
 
 def error(row: Row) -> str:

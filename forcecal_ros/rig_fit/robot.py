@@ -27,7 +27,6 @@ from forcecal_ros.impedance.plant_fit import (
 from forcecal_ros.sim.rig.plant import Plant
 from forcecal_ros.sim.rig.robot import Motion
 from forcecal_ros.sim.rig.simulator import held_commands
-from forcecal_ros.sim.signals import pose_at
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares, OptimizeResult
@@ -88,14 +87,14 @@ def followed(recording: Recording, period: float) -> Followed:
                         f'overlap for {below(seen.sum() * period, shortest, 2)} s, expected '
                         f'{shortest:g} s at least; record a longer motion')
     held = held_commands(target.t, starts, period / 2.0)
-    reached, R = pose_at(pose, np.clip(starts + period, pose.t[0], pose.t[-1]))
+    reached = pose.at(np.clip(starts + period, pose.t[0], pose.t[-1]))
     # start of a recording whose errors do not count, since the robot may have moved before [s]
     free = seen & (starts > max(start, float(pose.t[0])) + 0.5)
     for begin, end in phase_spans(recording.phases, TOUCHING):
         free &= (starts + period < begin) | (starts >= end)
     late = np.floor(starts - start).astype(int) % EVERY == EVERY - 1
-    return Followed(target.position[held], target.R_base_sensor[held], reached, R,
-                    free & ~late, free & late)
+    return Followed(target.position[held], target.R_base_sensor[held], reached.position,
+                    reached.R_base_sensor, free & ~late, free & late)
 
 
 def fit_and_judge(recordings: Sequence[Recording], heldout: Recording | None, period: float

@@ -9,11 +9,11 @@ be in the residual and in what is fitted to it, and favour any effect that is sm
 from dataclasses import replace
 
 from forcecal_ros.core.errors import DataError
-from forcecal_ros.core.geometry import Array, rotation_vector
+from forcecal_ros.core.geometry import Array, rotation_from_vector, rotation_vector
 from forcecal_ros.core.streams import PoseStream, Recording
 from forcecal_ros.effects import EFFECTS, physical_rig
-from forcecal_ros.effects.nuisances import LEAST, NAMELESS, Nuisance, of_sensors, with_inertia
-from forcecal_ros.effects.rig import Rig, scaled, shifted
+from forcecal_ros.effects.nuisances import NAMELESS, Nuisance, of_sensors, OF_TOOL, with_inertia
+from forcecal_ros.effects.rig import Rig
 from forcecal_ros.effects.signals import INVERTIBLE
 from forcecal_ros.sim.rigid_tool import CABLE, CarriedTool, only, RigidTool, SMOOTH, UNKNOWN_DELAY
 from forcecal_ros.sim.signals import (
@@ -23,7 +23,6 @@ from forcecal_ros.sim.signals import (
     CLEAR,
     clear_band,
     MOST,
-    pose_at,
     RATE,
     Signals,
     slow,
@@ -54,14 +53,13 @@ def merge_poses(measured: PoseStream, simulated: PoseStream) -> PoseStream:
     # at the measured pose's own rate: more instants would not have its noise
     rate = (len(measured) - 1) / (measured.t[-1] - measured.t[0])
     t = start + np.arange(int((end - start) * rate)) / rate
-    q, S = pose_at(simulated, t)
-    p, R = pose_at(measured, t)
-    turned = rotation_vector(np.swapaxes(S, 1, 2) @ R)
-    both = measured.has_position and simulated.has_position
-    position = q + _without_noise(p - q, rate) if both else p
-    return replace(measured, t=t, position=position,
-                   R_base_sensor=S @ Rotation.from_rotvec(
-                       _without_noise(turned, rate)).as_matrix())
+    made, seen = simulated.at(t), measured.at(t)
+    turned = rotation_vector(np.swapaxes(made.R_base_sensor, 1, 2) @ seen.R_base_sensor)
+    position = seen.position
+    if measured.has_position and simulated.has_position:
+        position = made.position + _without_noise(position - made.position, rate)
+    return replace(seen, position=position, R_base_sensor=made.R_base_sensor
+                   @ rotation_from_vector(_without_noise(turned, rate)))
 
 
 def _without_noise(difference: Array, rate: float) -> Array:
@@ -167,13 +165,10 @@ class MeasuredMotion:
 
     def nuisances(self, rig: Rig, streams: tuple[str, ...]) -> tuple[Nuisance, ...]:
         """List what tool and sensors may differ in from what is known."""
-        found = [Nuisance('tool.mass', 'mass', scaled('tool', 'mass'), least=LEAST),
-                 *(Nuisance(f'tool.com.{a}', 'com', shifted('tool', 'com', i))
-                   for i, a in enumerate('xyz'))]
         own = np.diag(rig.tool.inertia)
-        found += [Nuisance(f'tool.inertia.{a}', 'own_inertia', with_inertia(i), least=-own[i],
-                           limit=NAMELESS)
-                  for i, a in enumerate('xyz')]
+        found = [*OF_TOOL, *(Nuisance(f'tool.inertia.{a}', 'own_inertia', with_inertia(i),
+                                      least=-own[i], limit=NAMELESS)
+                             for i, a in enumerate('xyz'))]
         if self.from_accelerometer:
             assert isinstance(rig, RigidTool)
             unknown = rig.spreads.accel_behind >= UNKNOWN_DELAY

@@ -182,9 +182,9 @@ class MujocoRobot:
             mujoco.mj_resetDataKeyframe(model, data, 0)
         given, driven = _commands(model, self.drives, inputs.joints)
         step = float(model.opt.timestep)
-        t = inputs.start + step * np.arange(int((inputs.end - inputs.start) / step) + 1)
-        q = np.stack([np.interp(t, given.t, one) for one in given.values.T], axis=1)
-        controller = Controller(model, driven, q, step, _backlash(parameters))
+        steps = int((inputs.end - inputs.start) / step)
+        t: Array = inputs.start + step * np.arange(steps + 1.0)
+        controller = Controller(model, driven, given.at(t), step, _backlash(parameters))
         controller.begin(data)
         for _ in range(round(SETTLING_S / step)):
             controller.hold(data)

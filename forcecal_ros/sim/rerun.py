@@ -17,8 +17,8 @@ from forcecal_ros.core.schema import Row
 from forcecal_ros.core.streams import PoseStream, Recording
 from forcecal_ros.effects import Effect, EFFECTS, physical_rig, Quantity
 from forcecal_ros.effects.library import MOVING
-from forcecal_ros.effects.nuisances import LEAST, Nuisance, of_sensors
-from forcecal_ros.effects.rig import Rig, scaled, shifted
+from forcecal_ros.effects.nuisances import Nuisance, of_sensors, OF_TOOL
+from forcecal_ros.effects.rig import Rig, shifted
 from forcecal_ros.sim.measured_motion import (
     contact_blocks,
     CONTACT_FORCE_N,
@@ -63,13 +63,15 @@ class Runs:
     ----------
     count : int
         How often it was run.
+    changes : dict
+        Point that was tried -> what one sigma of each parameter does there.
     """
 
     def __init__(self, simulator: ThirdParty, inputs: Inputs, measured: PoseStream) -> None:
         self.simulator, self.count = simulator, 0
         self._inputs, self._measured = inputs, measured
         self._exact: dict[Numbers, Recording] = {}
-        self._changes: dict[Numbers, list[Change]] = {}
+        self.changes: dict[Numbers, list[Change]] = {}
         self._halved: dict[Numbers, Recording] = {}
         self._finer: dict[Numbers, Change] = {}
 
@@ -91,16 +93,11 @@ class Runs:
         assert made.pose is not None
         return replace(made, pose=express_in_base(self._measured, made.pose))
 
-    def repeats(self) -> bool:
-        """Run the simulator once more with its own numbers; say whether it does the same."""
-        numbers = self.simulator.nominal
-        first = self._exact.pop(numbers)
-        again = self.exact(numbers)
-        return all(np.array_equal(a, b) for a, b in zip(_arrays(first), _arrays(again)))
-
     def refuse_unsteady(self) -> None:
-        """Refuse a simulator that does something else the second time."""
-        if not self.repeats():
+        """Run a simulator once more; refuse one that does something else the second time."""
+        numbers = self.simulator.nominal
+        first, again = _arrays(self._exact.pop(numbers)), _arrays(self.exact(numbers))
+        if not all(map(np.array_equal, first, again)):
             raise ConfigError(f'{self.simulator.name}: the same commands and parameters gave '
                               'another answer the second time; seed its noise, and begin each '
                               'run from the same state')
@@ -117,13 +114,9 @@ class Runs:
             if nothing and numbers[i] - step > p.low:  # a limit acts where it is lower
                 change = self._changed(here, numbers, i, -step)
             changes.append(change)
-        self._changes[numbers] = changes
+        self.changes[numbers] = changes
         if self.simulator.has_finer:
             self._finer[numbers] = _change(*_of_one_length(here, self.halved(numbers)), 1.0)
-
-    def changes(self, numbers: Numbers) -> Sequence[Change]:
-        """Return what one sigma of each parameter does at a point that was tried."""
-        return self._changes[numbers]
 
     def _changed(self, here: Recording, numbers: Numbers, i: int, step: float) -> Change:
         """Run it with another value of a parameter, and say what one sigma of that does."""
@@ -133,11 +126,11 @@ class Runs:
 
     def at(self, numbers: Numbers) -> Recording:
         """Return its result with other parameters, as far as that is linear in them."""
-        if numbers in self._exact or not self._changes:
+        if numbers in self._exact or not self.changes:
             return self.exact(numbers)
         near = self.near(numbers)
         away = (np.array(numbers) - near) / self._sigma
-        return _moved(self._exact[near], self._changes[near], away)
+        return _moved(self._exact[near], self.changes[near], away)
 
     def integrated(self, numbers: Numbers, finer: float) -> Recording:
         """Return its result if its step made so many times what half of it does."""
@@ -152,7 +145,7 @@ class Runs:
 
     def near(self, numbers: Numbers) -> Numbers:
         """Return the nearest point at which all parameters were tried."""
-        return min(self._changes, key=lambda one: float(
+        return min(self.changes, key=lambda one: float(
             np.linalg.norm((np.array(numbers) - one) / self._sigma)))
 
 
@@ -380,11 +373,7 @@ class Rerun:
         """List the nuisance parameters: those of the simulator, tool, mounting and sensors."""
         found = nuisances_of(self.runs.simulator.parameters, len(self.joints),
                              finer=self.runs.simulator.has_finer)
-        if 'tool_mass' in self.library:
-            found.append(Nuisance('tool.mass', 'mass', scaled('tool', 'mass'), least=LEAST))
-        if 'tool_com' in self.library:
-            found += [Nuisance(f'tool.com.{a}', 'com', shifted('tool', 'com', i))
-                      for i, a in enumerate('xyz')]
+        found += [one for one in OF_TOOL if f'tool_{one.key}' in self.library]
         found += of_sensors(self.accelerometer, streams)
         return tuple(n for n in found if n.prior_std or getattr(rig.spreads, n.key) > 0.0)
 

@@ -6,7 +6,7 @@ from typing import Annotated, TypeVar
 from forcecal_ros.core.calibration import Calibration, Estimate
 from forcecal_ros.core.geometry import Array, rotation_vector, skew
 from forcecal_ros.core.schema import Row
-from forcecal_ros.core.streams import PoseStream, Recording
+from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from forcecal_ros.effects import named_effects, physical_rig, WrenchEffects
 from forcecal_ros.effects.library import Chosen
 from forcecal_ros.effects.nuisances import possible, rows_of
@@ -17,7 +17,6 @@ from forcecal_ros.sim.signals import (
     block_means,
     clear_band,
     MOST,
-    pose_at,
     RATE,
     Signals,
     slow,
@@ -180,9 +179,10 @@ class CarriedTool:
         count = 1.0 + np.arange(n_blocks * round(BLOCK * RATE))
         self.t: Array = np.asarray(start + count / RATE, dtype=np.float64)
         self.start, self.accelerometer, self._clear = start, accelerometer, clear
-        position, self.R_base_sensor = pose_at(pose, np.clip(self.t, pose.t[0], pose.t[-1]))
+        moved = pose.at(np.clip(self.t, pose.t[0], pose.t[-1]))
+        self.R_base_sensor = moved.R_base_sensor
         self._turn(pose)
-        self._travel(pose, position)
+        self._travel(pose, moved.position)
         stream, self.slide = recording.optidrive, np.zeros(len(self.t))
         if stream is not None and len(stream) > 1:
             self.slide = stream.at(self.t)[:, 0]
@@ -195,8 +195,7 @@ class CarriedTool:
         if not self._clear:
             return MOST
         rate = (len(t) - 1) / (t[-1] - t[0])
-        even = t[0] + np.arange(len(t)) / rate
-        return clear_band(np.stack([np.interp(even, t, x) for x in rows.T], axis=1), rate)
+        return clear_band(Stream(t, rows).at(t[0] + np.arange(len(t)) / rate), rate)
 
     def _turn(self, pose: PoseStream) -> None:
         R = self.R_base_sensor

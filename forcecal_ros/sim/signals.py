@@ -4,13 +4,12 @@ from collections.abc import Hashable, Mapping
 from typing import NamedTuple, Protocol
 
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.streams import PoseStream, Stream
+from forcecal_ros.core.streams import Stream
 from forcecal_ros.effects import AccelerometerEffects, Effect
 from forcecal_ros.effects.nuisances import Nuisance
 from forcecal_ros.effects.rig import Rig
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation, RotationSpline
 
 LEAST, MOST = 1.0, 12.5
 """Clear band, at least and at most [Hz]: above, arm and gripper ring, and no tool is rigid."""
@@ -71,14 +70,6 @@ def slow(rows: Array, rate: float, band: float = MOST) -> Array:
 def slowed(stream: Stream, band: float = MOST) -> CubicSpline:
     """Return a stream as a function of time, without what is faster than a band [Hz]."""
     return CubicSpline(stream.t, slow(stream.values, stream.rate, band))
-
-
-def pose_at(stream: PoseStream, t: Array) -> tuple[Array, Array]:
-    """Return position, NaN where there is none, and orientation at other times."""
-    R = RotationSpline(stream.t, Rotation.from_matrix(np.array(stream.R_base_sensor)))
-    position = (CubicSpline(stream.t, stream.position)(t) if stream.has_position
-                else np.full((len(t), 3), np.nan))
-    return np.asarray(position), np.asarray(R(t).as_matrix())
 
 
 RATE = 1000.0

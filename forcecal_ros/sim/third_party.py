@@ -1,6 +1,6 @@
 """Simulators that others wrote: loaded by name, answers checked, parameters known so well."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 import importlib
@@ -89,21 +89,19 @@ class ThirdParty:
 
     def acting(self, inputs: Sequence[Inputs]) -> 'ThirdParty':
         """Leave out parameters that, as it states, can act under none of these commands."""
-        idle = getattr(self.simulator, 'idle', None)
-        if idle is None:
-            return self
-        with _blamed(f'{self.name}: idle'):
-            never = set.intersection(*(set(idle(one)) for one in inputs))
+        never = set.intersection(*(set(self._optional('idle', list, one) or ()) for one in inputs))
         return replace(self, parameters=tuple(
             p for p in self.parameters if p.name not in never))
 
     def remarks(self, inputs: Inputs) -> tuple[str, ...]:
         """Return what it reports of a run under these commands, where it has such a method."""
-        say = getattr(self.simulator, 'remarks', None)
-        if say is None:
-            return ()
-        with _blamed(f'{self.name}: remarks'):
-            return tuple(map(str, say(inputs)))
+        return tuple(map(str, self._optional('remarks', list, inputs) or ()))
+
+    def _optional(self, method: str, kind: Callable[[Any], Any], given: Any) -> Any:
+        """Call a method that a simulator may have, and make a kind of it; None: it has none."""
+        own = getattr(self.simulator, method, None)
+        with _blamed(f'{self.name}: {method}'):
+            return None if own is None else kind(own(given))
 
     @property
     def has_finer(self) -> bool:
@@ -139,12 +137,8 @@ class ThirdParty:
 
     def patched(self, values: Sequence[float]) -> str | None:
         """Return the text of a model with other values; None of a simulator that writes none."""
-        write = getattr(self.simulator, 'patched', None)
-        if write is None:
-            return None
-        with _blamed(f'{self.name}: patched'):
-            text = write(self.numbers(values))
-        if not isinstance(text, str):
+        text = self._optional('patched', lambda one: one, self.numbers(values))
+        if not isinstance(text, str | None):
             raise ConfigError(f'{self.name}: patched returned {type(text).__name__}, expected the '
                               'text of a model')
         return text

@@ -127,7 +127,7 @@ def test_between_runs_its_streams_are_those_of_a_line(robot):
     later, own = runs.at((1.2, 0.073)), robot.run(INPUTS, (1.2, 0.073))
     moved = np.abs(own.pose.position - runs.exact(robot.nominal).pose.position).max()
     assert np.abs(later.pose.position - own.pose.position).max() < 0.05 * moved
-    assert runs.repeats()
+    runs.refuse_unsteady()
 
 
 class Giving:
@@ -225,7 +225,8 @@ def test_another_answer_the_second_time_is_noticed():
     still = third_party('own', Own({'wrench': WRENCH, 'pose': POSE})).run(INPUTS, (1.0,)).pose
     runs = Runs(noisy, INPUTS, still)
     runs.exact(noisy.nominal)
-    assert not runs.repeats()
+    with pytest.raises(ConfigError, match='another answer the second time'):
+        runs.refuse_unsteady()
 
 
 @pytest.mark.parametrize('options, why', [

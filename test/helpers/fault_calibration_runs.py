@@ -138,13 +138,13 @@ def on_a_spring(scene):
 # The wrench sensor --------------------------------------------------------------------------
 
 
-def wrench_changed(scene, change):
+def changed(scene, name, change, **options):
     recording = scene.simulated()
-    return with_values(recording, 'wrench', partial(change, scene, recording))
+    return with_values(recording, name, partial(change, scene, recording, **options))
 
 
 def clip(scene, recording, t, values):
-    i = scene.rng.integers(6)
+    i = scene.rng.integers(values.shape[1])
     low, high = values[:, i].min(), values[:, i].max()
     limit = low + scene.rng.uniform(0.3, 0.98) * (high - low)
     values[:, i] = np.minimum(values[:, i], limit)
@@ -255,11 +255,6 @@ def faulty(scene, sensor, kind):
 # Accelerometer, pose, Optidrive -------------------------------------------------------------
 
 
-def accelerometer_changed(scene, change):
-    recording = scene.simulated()
-    return with_values(recording, 'accelerometer', partial(change, scene, recording))
-
-
 def remounted(scene, recording, t, values):
     """Let the mount slip: the axes turn half-way."""
     model = getattr(scene.rig.accelerometer, scene.accelerometer)
@@ -268,13 +263,6 @@ def remounted(scene, recording, t, values):
     scene.after['accelerometer.map'] = R
     felt = (values[late] - model.offset) / model.gain
     values[late] = felt @ R.T * model.gain + model.offset
-    return values
-
-
-def rail(scene, recording, t, values):
-    i = scene.rng.integers(3)
-    low, high = values[:, i].min(), values[:, i].max()
-    values[:, i] = np.minimum(values[:, i], low + scene.rng.uniform(0.3, 0.98) * (high - low))
     return values
 
 
@@ -314,16 +302,6 @@ def pose_axes(scene):
     return with_orientations(scene.simulated(), lambda told: np.swapaxes(told, 1, 2))
 
 
-def optidrive_scaled(scene, factor):
-    recording = scene.simulated()
-    return with_values(recording, 'optidrive', lambda t, values: values * factor)
-
-
-def optidrive_stuck(scene):
-    recording = scene.simulated()
-    return with_values(recording, 'optidrive', partial(stick, scene, recording))
-
-
 @dataclass(frozen=True)
 class Fault:
     """
@@ -344,12 +322,8 @@ class Fault:
     coupling: str = ''
 
 
-def _wrench(change, **options):
-    return Fault(lambda scene: wrench_changed(scene, partial(change, **options)))
-
-
-def _accelerometer(change, mounted='', **options):
-    return Fault(lambda scene: accelerometer_changed(scene, partial(change, **options)), mounted)
+def _changed(name, change, mounted='', **options):
+    return Fault(partial(changed, name=name, change=change, **options), mounted)
 
 
 FAULTS = {
@@ -365,18 +339,18 @@ FAULTS = {
         *((axis, s.size(0.1, 20)) for axis in 'xyz'))),
     'tool friction': Fault(lambda s: with_effect(s, 'tool_friction',
                                                  ('force', abs(s.size(0.3, 30))))),
-    'wrench saturates': _wrench(clip),
-    'wrench axes swapped': _wrench(swap),
-    'wrench axis of wrong sign': _wrench(flip),
-    'wrench of wrong sign': _wrench(lambda s, r, t, v: -v),
-    'wrench channel stuck half-way': _wrench(stick),
-    'wrench channel dead': _wrench(dead),
-    'wrench drifts': _wrench(wander, low=1e-3, high=3),
-    'wrench tared half-way': _wrench(tare, low=0.02, high=10),
-    'wrench axis of wrong gain': _wrench(misgain),
-    'wrench gain changes half-way': _wrench(regain),
-    'wrench crosstalk': _wrench(crosstalk),
-    'wrench spikes': _wrench(spikes),
+    'wrench saturates': _changed('wrench', clip),
+    'wrench axes swapped': _changed('wrench', swap),
+    'wrench axis of wrong sign': _changed('wrench', flip),
+    'wrench of wrong sign': _changed('wrench', lambda s, r, t, v: -v),
+    'wrench channel stuck half-way': _changed('wrench', stick),
+    'wrench channel dead': _changed('wrench', dead),
+    'wrench drifts': _changed('wrench', wander, low=1e-3, high=3),
+    'wrench tared half-way': _changed('wrench', tare, low=0.02, high=10),
+    'wrench axis of wrong gain': _changed('wrench', misgain),
+    'wrench gain changes half-way': _changed('wrench', regain),
+    'wrench crosstalk': _changed('wrench', crosstalk),
+    'wrench spikes': _changed('wrench', spikes),
     'wrench hysteresis': Fault(lambda s: with_effect(
         s, 'wrench_hysteresis', ('height', abs(s.size(0.05, 5))), ('width', 20.0))),
     'wrench filtered': Fault(filtered),
@@ -387,14 +361,14 @@ FAULTS = {
        for kind in ('off', 'stuck', 'garbage', 'wrong', 'slow', 'intermittent')},
     'ac accelerometer declared dc': Fault(lambda s: s.simulated(), 'acc2', 'dc'),
     'dc accelerometer declared ac': Fault(lambda s: s.simulated(), 'acc1', 'ac'),
-    'accelerometer saturates': _accelerometer(rail),
-    'accelerometer axis stuck half-way': _accelerometer(stick),
-    'accelerometer axis dead': _accelerometer(dead),
-    'accelerometer drifts': _accelerometer(wander, 'acc1', low=1e-4, high=0.3),
-    'accelerometer jumps half-way': _accelerometer(tare, low=2e-3, high=1),
-    'accelerometer slips half-way': _accelerometer(remounted),
-    'accelerometer gain changes half-way': _accelerometer(regain),
-    'accelerometer spikes': _accelerometer(spikes),
+    'accelerometer saturates': _changed('accelerometer', clip),
+    'accelerometer axis stuck half-way': _changed('accelerometer', stick),
+    'accelerometer axis dead': _changed('accelerometer', dead),
+    'accelerometer drifts': _changed('accelerometer', wander, 'acc1', low=1e-4, high=0.3),
+    'accelerometer jumps half-way': _changed('accelerometer', tare, low=2e-3, high=1),
+    'accelerometer slips half-way': _changed('accelerometer', remounted),
+    'accelerometer gain changes half-way': _changed('accelerometer', regain),
+    'accelerometer spikes': _changed('accelerometer', spikes),
     'accelerometer on a spring': Fault(on_a_spring),
     'accelerometer at half the rate': Fault(partial(halved, name='accelerometer')),
     'accelerometer of another clock': Fault(partial(stretched, name='accelerometer')),
@@ -408,9 +382,9 @@ FAULTS = {
     'pose transposed': Fault(pose_axes),
     **{f'pose {kind}': Fault(partial(faulty, sensor='pose', kind=kind))
        for kind in ('off', 'stuck', 'garbage', 'slow', 'intermittent')},
-    'optidrive of wrong sign': Fault(partial(optidrive_scaled, factor=-1.0)),
-    'optidrive in millimetres': Fault(partial(optidrive_scaled, factor=1e3)),
-    'optidrive stuck half-way': Fault(optidrive_stuck),
+    'optidrive of wrong sign': _changed('optidrive', lambda s, r, t, v: -v),
+    'optidrive in millimetres': _changed('optidrive', lambda s, r, t, v: 1e3 * v),
+    'optidrive stuck half-way': _changed('optidrive', stick),
     'optidrive late': Fault(partial(late, name='optidrive')),
     **{f'optidrive {kind}': Fault(partial(faulty, sensor='optidrive', kind=kind))
        for kind in ('off', 'stuck', 'garbage', 'wrong', 'slow', 'intermittent')},

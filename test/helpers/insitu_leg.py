@@ -5,7 +5,7 @@ thigh, the accelerometer below the knee; S has z down along the leg, x forward. 
 the wire: environment on tool.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -194,8 +194,3 @@ def cross_square(v: Array) -> Array:
 def true_matrix(leg: Leg) -> Array:
     """Return the matrix from counts above the offset to the wrench."""
     return np.linalg.pinv(leg.channels)
-
-
-def with_(leg: Leg, **changes: object) -> Leg:
-    """Return a leg with something else on it."""
-    return replace(leg, **changes)  # type: ignore[arg-type]

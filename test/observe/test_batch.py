@@ -5,7 +5,7 @@ from dataclasses import replace
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from forcecal_ros.observe import design, ObserverSettings
 from forcecal_ros.observe.batch import estimates, in_order
-from forcecal_ros.observe.playback import run
+from forcecal_ros.observe.playback import events, run
 from longer import but
 import numpy as np
 from observing import calibration, orientation_only, push, record, Swing, without_times
@@ -100,7 +100,7 @@ LATER = {'gaps, later', 'much later', 'coupled by ac', 'newton', 'orientation', 
 def test_batch_equals_step(case):
     recording, known, settings = CASES[case]
     model = design(known, settings)
-    state, samples = run(recording, model)
+    state, samples = run(events(recording), model)
     found = estimates(recording, model)
     assert found.dropped == state.refusals.counts
     assert found.status.tolist() == [sample.status for sample in samples]

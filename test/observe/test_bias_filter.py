@@ -185,26 +185,6 @@ def test_the_errors_are_as_large_as_the_filter_says_for_a_wrench_that_wanders(ca
         np.ones(6), abs=4 * np.sqrt(2 / runs))
 
 
-ZERO = (0.0,) * 3
-
-
-@pytest.mark.long
-def test_the_paper_s_r_taken_as_noise_gives_three_times_its_table(calibration):
-    usual = learning(calibration)
-    model = usual._replace(R=np.diag([0.1] * 3 + [0.01] * 3), walk=block_diag(
-        np.diag([0.01] * 3 + [0.001] * 3) / DT, usual.walk[6:, 6:]))
-    noise = np.sqrt(model.R.diagonal())
-    rng = np.random.default_rng(4)
-    belief, errors = begin(model), []
-    for k in range(5000):
-        belief, sample = learn(belief, reading(0.001 * k, noise * rng.normal(size=6)), model)
-        errors.append(sample.contact)
-    worst = np.abs(errors[100:]).max(axis=0)
-    # gain 0.27: std 0.125 N, times the 4 sigma that 5000 samples reach
-    assert worst[:3] == pytest.approx([0.5] * 3, abs=0.1)
-    assert (worst[:2] > 2.5 * arm.TABLE[:2]).all()
-
-
 def test_a_calibration_without_noise_takes_it_from_a_recording(calibration):
     rng = np.random.default_rng(7)
     recording = arm.record(arm.free_motion(rng, 4.0), rng)

@@ -92,7 +92,7 @@ def test_gains_for_the_calibration_name_the_bandwidth():
 
 @pytest.mark.parametrize(('changes', 'message'), [
     ({'mass': Estimate(-1.0, 0.0, 'kg')}, 'no usable mass'),
-    ({'com': Estimate([np.nan] * 3, 0.0, 'm')}, 'no usable mass'),
+    ({'com': Estimate([np.nan] * 3, 0.0, 'm')}, 'no usable com'),
     ({'wrench_bias': Estimate([np.nan] * 6, 0.0, 'N')}, 'wrench_bias')])
 def test_a_calibration_that_lacks_what_is_needed_is_refused(changes, message):
     with pytest.raises(ConfigError, match=message):

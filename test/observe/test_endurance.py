@@ -7,7 +7,7 @@ from forcecal_ros.calibrate.gain import observer_model, riccati_gain
 from forcecal_ros.checks.signals import ABSURD
 from forcecal_ros.core.errors import ForcecalError
 from forcecal_ros.observe import design, State
-from forcecal_ros.observe.playback import answers, on_event, run
+from forcecal_ros.observe.playback import events, on_event, run
 from forcecal_ros.observe.sample import BAD_WRENCH, INVALID, NO_GRAVITY
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -29,26 +29,17 @@ def numbers(n):
     return st.tuples(*[ANY] * n)
 
 
-def fed(events, model):
-    """Return every estimate of a list of (stamp, kind, values)."""
-    state, out = State(), []
-    for event in events:
-        state, some = on_event(state, event, model)
-        out += some
-    return out
-
-
 @given(st.lists(st.tuples(st.floats(0.001, 0.01), numbers(6)), min_size=3, max_size=20))
 @settings(max_examples=50)
 @pytest.mark.long
 def test_a_wrench_that_is_no_number_is_said_to_be_none(steps):
-    t, events = 0.0, []
+    t, sequence = 0.0, []
     for dt, values in steps:
         t += dt
-        events += [(t, 'pose', UPRIGHT), (t, 'wrench', values)]
-    bad = {t for t, kind, values in events if kind == 'wrench'
+        sequence += [(t, 'pose', UPRIGHT), (t, 'wrench', values)]
+    bad = {t for t, kind, values in sequence if kind == 'wrench'
            if not all(abs(v) <= ABSURD + OF_THE_TOOL for v in values)}
-    for sample in fed(events, MODEL):
+    for sample in run(sequence, MODEL)[1]:
         if not sample.status & NO_GRAVITY and sample.t in bad:
             assert sample.status & BAD_WRENCH
         assert sample.status & INVALID or sample.t not in bad
@@ -70,8 +61,8 @@ def test_gains_of_any_covariance_are_finite_or_refused_in_one_line(sizes, mass):
 def test_estimates_ten_days_later_are_the_same():
     """Stamps at that distance are exact to 1.5e-11 s a day, which the microsecond outlives."""
     recording = record(2.0, SWING, push(0, 20.0, 1.0))
-    _, early = run(recording, MODEL)
-    late = run(shifted(recording, 10 * DAY), MODEL)[1]
+    _, early = run(events(recording), MODEL)
+    _, late = run(events(shifted(recording, 10 * DAY)), MODEL)
     assert len(early) == len(late)
     np.testing.assert_allclose([s.t - 10 * DAY for s in late], [s.t for s in early], atol=1e-7)
     np.testing.assert_allclose([s.contact for s in late], [s.contact for s in early], atol=2e-3)
@@ -86,8 +77,9 @@ def shifted(recording, by):
 @pytest.mark.long
 def test_memory_does_not_grow_and_the_estimate_does_not_drift():
     recording = record(12.0)
-    sizes, contact = [], []
-    for i, (state, out) in enumerate(answers(recording, MODEL)):
+    state, sizes, contact = State(), [], []
+    for i, event in enumerate(events(recording)):
+        state, out = on_event(state, event, MODEL)
         contact += [sample.contact for sample in out]
         if i % 3250 == 3249:
             sizes.append(len(pickle.dumps(state)))

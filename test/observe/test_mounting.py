@@ -6,14 +6,13 @@ from calibration_runs import run
 from forcecal_ros.calibrate.pipeline import identify
 from forcecal_ros.core.calibration import Calibration, Estimate
 from forcecal_ros.core.errors import ConfigError, DataError
+from forcecal_ros.core.geometry import combine, invert
 from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.io.calibration_file import from_document, to_document
 from forcecal_ros.observe import replay
 from forcecal_ros.observe.design import with_kalman_gains
 from forcecal_ros.observe.frames import (
     agreed,
-    combine,
-    invert,
     mounting_of,
     taken_as_calibrated,
     taken_to_sensor,

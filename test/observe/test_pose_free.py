@@ -68,15 +68,15 @@ def test_a_silent_accelerometer_leaves_gravity_to_the_gyro(model):
     g = motion.R_base_sensor[-1].T @ arm.G
     assert sample.contact.status == Status.NO_ACCELEROMETER
     tilt = np.sqrt(np.linalg.eigvalsh(state.belief.states.cov[TILT, TILT])[-1])
-    assert np.linalg.norm(sample.gravity - g) < 4 * np.linalg.norm(arm.G) * tilt
-    assert np.linalg.norm(sample.gravity) == pytest.approx(9.80665)
+    assert np.linalg.norm(sample.by_imu.gravity - g) < 4 * np.linalg.norm(arm.G) * tilt
+    assert np.linalg.norm(sample.by_imu.gravity) == pytest.approx(9.80665)
 
 
 def test_nothing_is_said_before_an_accelerometer_spoke(model):
     state, sample = pose_free_step(PoseFreeState(), 0.0, model.wrench.bias, None, [0.0] * 3, model)
     assert sample.contact.status == Status.NO_GRAVITY
     assert sample.contact.contact == (0.0,) * 6
-    assert np.isnan(sample.gravity).all()
+    assert np.isnan(sample.by_imu.gravity).all()
     assert state == PoseFreeState()
 
 

@@ -6,7 +6,7 @@ from forcecal_ros.observe import design, ObserverSettings, replay, Status
 from forcecal_ros.observe.align import SILENT
 from forcecal_ros.observe.contact import Tool, unload
 from forcecal_ros.observe.motion import MotionEstimate, Rotation
-from forcecal_ros.observe.playback import run
+from forcecal_ros.observe.playback import events, run
 import gravity_arm as arm
 import numpy as np
 from observing import BIAS, calibration, COM, G, MASS, record, Swing
@@ -64,5 +64,5 @@ def test_over_a_recording_what_is_left_is_inertia_and_the_weight_follows_the_sli
 def test_neither_accelerometer_nor_position_is_missed():
     recording = record(0.3, without=('accelerometer',))
     known = replace(calibration(), accelerometer=None)
-    _, samples = run(recording, design(known, ObserverSettings('static')))
+    _, samples = run(events(recording), design(known, ObserverSettings('static')))
     assert {sample.status for sample in samples if sample.t > 0.0041} == {0}

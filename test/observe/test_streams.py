@@ -4,8 +4,8 @@ from dataclasses import replace
 from math import inf, nan
 
 from forcecal_ros.core.streams import Stream
-from forcecal_ros.observe import design, finish, level, ObserverSettings, replay, State, Status
-from forcecal_ros.observe.playback import events, on_event
+from forcecal_ros.observe import design, level, ObserverSettings, replay, State, Status
+from forcecal_ros.observe.playback import events, on_event, run
 from forcecal_ros.observe.settings import FILTERS
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
@@ -17,15 +17,6 @@ import pytest
 
 SWING = Swing(place=(0.012, 0.004, 0.006), turn=0.2, axis=(0.3, 1.0, 0.2), slide=0.003)
 SKEW = ObserverSettings().skew
-
-
-def run(sequence, model):
-    state, samples = State(), []
-    for event in sequence:
-        state, out = on_event(state, event, model)
-        samples.extend(out)
-    state, out = finish(state, model)
-    return state, [*samples, *out]
 
 
 def shuffled(sequence, rng, skew):

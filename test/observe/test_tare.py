@@ -6,7 +6,7 @@ from forcecal_ros.core.calibration import Estimate
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.observe import design, noise_levels, Status, tare, with_bias
 from forcecal_ros.observe.live import MAX_PAUSE_S, MIN_SAMPLES, Window
-from forcecal_ros.observe.playback import run
+from forcecal_ros.observe.playback import events, run
 from longer import but, first
 import numpy as np
 from observing import BIAS, calibration, FORCE_NOISE, lossy, observed, push, record, Swing
@@ -19,7 +19,7 @@ UNTARED = design(calibration(wrench_bias=Estimate(np.zeros(6), 0.0, 'N, N m')))
 
 
 def window(recording, start, end, model=MODEL):
-    _, samples = run(recording, model)
+    _, samples = run(events(recording), model)
     return [s for s in samples if start <= s.t < end]
 
 

@@ -529,7 +529,7 @@ def conformance(simulator: ThirdParty, recording: Recording, rig: Rig) -> Confor
         Sensitivity(p.name, _rms(c['wrench'][:, :3]), _rms(c['wrench'][:, 3:]),
                     _rms(c['position']), _rms(c['turn']),
                     _rms(c['joints']) if 'joints' in c else 0.0)
-        for p, c in zip(simulator.parameters, runs.changes(simulator.nominal))),
+        for p, c in zip(simulator.parameters, runs.changes[simulator.nominal])),
         (*simulator.notes, *lacking))
 
 

@@ -1,13 +1,15 @@
 """Poses where none were recorded: out of /tf and /tf_static, or of joint states and a URDF."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from struct import error as StructError
+from typing import Any
 
 from forcecal_ros.core.cdr import FormReader
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.schema import Vector7
 from forcecal_ros.core.topics import STRING, Topic
 from forcecal_ros.io.bags.messages import Decoder
 from forcecal_ros.io.bags.series import Collector, Series, series_of
@@ -15,7 +17,6 @@ from forcecal_ros.io.bags.storage import Bag
 from forcecal_ros.io.transforms import (
     FORM,
     frames_of,
-    Placement,
     pose_along,
     route,
     TF,
@@ -23,7 +24,7 @@ from forcecal_ros.io.transforms import (
     transforms_of,
     way_up,
 )
-from forcecal_ros.io.urdf import Description, FARTHEST_TURN, Joint
+from forcecal_ros.io.urdf import chain, Description, FARTHEST_TURN, Joint
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -89,8 +90,8 @@ def pose_series(bag: Bag, named: str, wrench_frame: str) -> tuple[Series, str] |
     last = min(max(link.stamps) for link in moving)
     stamps = stamps[(stamps >= first) & (stamps <= last)]
     bag.notes.add(f'pose: of {sensor} in {base}, from /tf')
-    values = pose_along(way, lambda frame: _at(links[frame], stamps), len(stamps))
-    return Series(stamps, values, base), sensor
+    pose = pose_along(way, lambda frame: _at(links[frame], stamps))
+    return Series(stamps, _rows(pose, stamps), base), sensor
 
 
 def _links(bag: Bag) -> dict[str, _Link]:
@@ -117,16 +118,21 @@ def _take(one: Transform, links: dict[str, _Link], bag: Bag) -> None:
     link.numbers.append(one.numbers)
 
 
-def _at(link: _Link, stamps: Array) -> Placement:
+def _at(link: _Link, stamps: Array) -> Any:
+    """Return poses of a frame in its parent; before the first and after the last, these."""
     times, index = np.unique(link.stamps, return_index=True)
     numbers = np.array(link.numbers)[index]
+    turns, t = Rotation.from_quat(numbers[:, 3:]), (times - times[0]) * 1e-9
     if len(times) == 1:
-        numbers = np.repeat(numbers, len(stamps), axis=0)
-        return Rotation.from_quat(numbers[:, 3:]), numbers[:, :3]
-    t, at = (times - times[0]) * 1e-9, np.clip((stamps - times[0]) * 1e-9, 0.0, None)
-    at = np.minimum(at, t[-1])
-    place = np.stack([np.interp(at, t, column) for column in numbers[:, :3].T], axis=1)
-    return Slerp(t, Rotation.from_quat(numbers[:, 3:]))(at), place
+        return (*numbers[0, :3], *turns.as_quat()[0])
+    at = np.clip((stamps - times[0]) * 1e-9, 0.0, t[-1])
+    return (*(np.interp(at, t, column) for column in numbers[:, :3].T),
+            *Slerp(t, turns)(at).as_quat().T)
+
+
+def _rows(pose: Vector7, stamps: Array) -> Array:
+    """Return poses as rows (n, 7); what is the same at all stamps is one number."""
+    return np.stack([np.broadcast_to(one, stamps.shape) for one in pose], axis=1)
 
 
 FROM_URDF = 'urdf:'
@@ -159,28 +165,20 @@ def pose_of_joints(bag: Bag, named: str, joint_states: Topic | None) -> tuple[Se
         raise DataError(f'{named}: expected urdf:FILE:BASE:LINK, e.g. '
                         'urdf:robot.urdf:base_link:tool0')
     source, base, link = parts
-    description = Description(_description(bag, source), source)
-    way = route(description.parents, base, link, named, source)
-    joints = {frame: description.joint(frame) for frame in (*way.up, *way.down)}
+    between = chain(Description(_description(bag, source), source), base, link, named, source)
     if joint_states is None:
         raise DataError(f'{named}: there are no joint states in the recording; record '
                         '/joint_states')
-    drivers = {joint.driver for joint in joints.values()} - {''}
-    if not drivers:
-        raise DataError(f'{named}: no joint moves between {base} and {link}; name the frame of '
-                        'the sensor and that of the base')
-    reported = _reported_joints(bag, joint_states, drivers, named)
+    reported = _reported_joints(bag, joint_states, between.drivers, named)
     busiest = max(reported.values(), key=lambda one: len(one.stamp_ns)).stamp_ns
     stamps = busiest[(busiest >= max(one.stamp_ns[0] for one in reported.values()))
                      & (busiest <= min(one.stamp_ns[-1] for one in reported.values()))]
     start = int(busiest[0])
     positions = {joint: np.interp((stamps - start) / 1e9, one.seconds(start), one.values[:, 0])
                  for joint, one in reported.items()}
-    refuse_degrees(joints.values(), positions, joint_states.name)
+    refuse_degrees(between.joints.values(), positions, joint_states.name)
     bag.notes.add(f'pose: of {link} in {base}, from {joint_states.name} and {source}')
-    poses = pose_along(way, lambda frame: joints[frame].placement(positions, len(stamps)),
-                       len(stamps))
-    return Series(stamps, poses, base), link
+    return Series(stamps, _rows(between.pose(positions), stamps), base), link
 
 
 def _description(bag: Bag, source: str) -> bytes:
@@ -222,16 +220,16 @@ def refuse_degrees(joints: Iterable[Joint], positions: Mapping[str, Array], topi
                 'limits reaches: positions are in degrees; publish radians')
 
 
-def _reported_joints(bag: Bag, topic: Topic, drivers: set[str], named: str) -> dict[str, Series]:
+def _reported_joints(bag: Bag, topic: Topic, drivers: Collection[str], named: str
+                     ) -> dict[str, Series]:
     """Return the reported positions of joints, in any messages and order."""
-    collectors = {joint: Collector(bag, topic, [f'position[{joint}]'])
-                  for joint in sorted(drivers)}
+    collectors = {joint: Collector(bag, topic, [f'position[{joint}]']) for joint in drivers}
     for batch in bag.batches({topic}):
         for collector in collectors.values():
             collector.add(batch)
     reported = {joint: one for joint, collector in collectors.items()
                 if (one := collector.series(bag.notes)) is not None}
-    if missing := sorted(drivers - set(reported)):
+    if missing := [joint for joint in drivers if joint not in reported]:
         raise DataError(f'{named}: {topic.name} holds no joint {", ".join(missing)}; joints are '
                         f'{", ".join(sorted(_names(bag, topic))) or "none"}')
     if short := sorted(joint for joint, one in reported.items() if len(one.stamp_ns) < 2):

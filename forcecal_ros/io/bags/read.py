@@ -2,14 +2,13 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from heapq import heappop, heappush
-from itertools import groupby, pairwise
 from pathlib import Path
 import shlex
 from typing import Any, NamedTuple
 
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array, matrix_from_quaternion
-from forcecal_ros.core.streams import JointStream, Phase, PoseStream, Recording, Stream
+from forcecal_ros.core.streams import JointStream, phases_of, PoseStream, Recording, Stream
 from forcecal_ros.core.topics import (
     candidates,
     find_topics,
@@ -186,6 +185,7 @@ def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Seri
         one = stream(role)
         return None if one is None else JointStream(one.t, one.values, one.frame, names)
 
+    words = series.get(found['phase']) if 'phase' in found else None
     in_volts = 'accelerometer' not in found or found['accelerometer'].type == VECTOR3
     return Recording(
         wrench=stream('wrench', scale=wrench_sign or 1),
@@ -195,7 +195,8 @@ def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Seri
         contact_truth=stream('contact_truth'), angular_velocity=stream('imu', slice(3, 6)),
         joint_commands=joints('joint_commands', _joint_names(bag, found.get('joint_commands'))),
         joints=joints('joint_states', _measured_joints(bag, found)),
-        phases=_phases(series.get(found['phase']) if 'phase' in found else None, start_ns, end),
+        phases=() if words is None else phases_of(
+            zip(words.seconds(start_ns).tolist(), words.values[:, 0].tolist()), end),
         start_ns=start_ns, source=str(bag.path), notes=tuple(bag.notes),
         topics={role: (topic.name, topic.type) for role, topic in found.items()},
         candidates=candidates(bag.topics, found, _STREAMS), wrench_sign=wrench_sign)
@@ -242,16 +243,6 @@ def _measured_joints(bag: Bag, found: Mapping[str, Topic]) -> tuple[str, ...]:
     if states is None:
         return ()
     return _joint_names(bag, found.get('joint_commands')) or _joint_names(bag, states)
-
-
-def _phases(series: Series | None, start_ns: int, end: float) -> tuple[Phase, ...]:
-    """Turn changes, with or without repeats, into spans up to the next change or the end."""
-    if series is None:
-        return ()
-    words = zip(series.seconds(start_ns).tolist(), series.values[:, 0].tolist())
-    changes = [next(same) for _, same in groupby(words, key=lambda one: one[1])]
-    return tuple(Phase(name, start, stop)
-                 for (start, name), (stop, _) in pairwise([*changes, (end, '')]))
 
 
 class BagChunk(NamedTuple):

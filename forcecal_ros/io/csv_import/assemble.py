@@ -2,12 +2,12 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby, pairwise
+from itertools import pairwise
 from pathlib import Path
 
 from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.core.geometry import Array, matrix_from_quaternion
-from forcecal_ros.core.streams import JointStream, Phase, PHASES, PoseStream, Stream
+from forcecal_ros.core.streams import JointStream, Phase, PHASES, phases_of, PoseStream, Stream
 from forcecal_ros.io.csv_import.specification import (
     ANGLES,
     Joints,
@@ -165,8 +165,7 @@ def refuse_other_reading(wrench: Stream, pose: PoseStream, others: Mapping[str, 
         What the specification calls it.
     """
     inside = np.flatnonzero((pose.t >= wrench.t[0]) & (pose.t <= wrench.t[-1]))
-    force = np.stack([np.interp(pose.t[inside], wrench.t, column)
-                      for column in wrench.values[:, :3].T], axis=1)
+    force = wrench.at(pose.t[inside])[:, :3]
     good = (np.abs(force) < 1e6).all(axis=1)  # others are no readings
     inside, force = inside[good], force[good]
     if len(inside) < 10 or not np.ptp(force, axis=0).any():
@@ -299,8 +298,4 @@ def _spoken(table: Table, column: str, t: Array, end: float) -> tuple[Phase, ...
         if word not in PHASES:
             raise DataError(f'{table.place(row)}: {word[:40]!r} in column {column!r} is not a '
                             f'phase; use {", ".join(PHASES)}')
-    changes = [next(same) for _, same in groupby(zip(t.tolist(), found), key=lambda one: one[1])]
-    if changes[-1][1] != 'done':
-        changes.append((end, 'done'))
-    return tuple(Phase(word, start, stop)
-                 for (start, word), (stop, _) in pairwise([*changes, (end, '')]))
+    return phases_of([*zip(t.tolist(), found), (end, 'done')], end)
