@@ -32,6 +32,6 @@ def test_a_running_driver_fills_topics_frame_and_pose(ros_domain, tmp_path, capf
                    np.add(heard[0][1][:3], sequencer['limits']['tip'])).all()
     marked = [line.split(':')[0].strip() for line in path.read_text().splitlines()
               if line.endswith('# SET')]
-    assert marked == ['names', 'values', 'workspace_min', 'workspace_max', 'tip', 'force',
-                      'torque']
+    assert marked == ['backend', 'names', 'values', 'workspace_min', 'workspace_max', 'tip',
+                      'force', 'torque']
     np.testing.assert_allclose(middle, np.array(heard[0][1][:3]), atol=0.01)
