@@ -60,8 +60,8 @@ def estimate_delay(recording: Recording, calibration: Calibration) -> Estimate:
     # parts of the motion that are taken as independent of each other for the standard error
     parts = 12
     if len(starts) < 4 * parts:
-        raise DataError(f'{len(starts)} blocks of {1e3 * length:.0f} ms of free motion do not '
-                        f'tell the delay; at least {4 * parts} are wanted')
+        raise DataError(f'{len(starts)} blocks of {1e3 * length:.0f} ms of free motion are '
+                        f'too few to estimate the delay; record at least {4 * parts}')
     F = Averager(force.t, force.values[:, :3]).means(starts, length)
     averager, mass = Averager(pull.t, f), float(calibration.mass)
 

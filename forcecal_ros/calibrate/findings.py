@@ -221,7 +221,7 @@ def ringing_departs(stages: Stages) -> Iterator[Finding]:
         yield Finding(
             f'the tool does not ring like a spring and a damper ({found.sigmas:.0f} standard '
             'errors); record it again with nothing that touches the tool, the robot at rest; if '
-            'it is the same, the slide has friction or a stop', ('tool',))
+            'it is the same, the compliant axis has friction or a stop', ('tool',))
 
 
 def delays_too_long(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:

@@ -129,7 +129,7 @@ def check_weight(gravity: Array, condition: float) -> None:
         raise UnobservableError(
             f'{n} static pose{"s" * (n > 1)} with gravity along one direction of ft_sensor '
             f'(spread {below(spread[0], 1 / condition, 2)}, wanted {1 / condition:g}): mass and '
-            'bias cannot be told apart; add a pose tilted by 90 deg about y of ft_sensor, and one '
+            'bias cannot be separated; add a pose tilted by 90 deg about y of ft_sensor, and one '
             'about x')
 
 
@@ -181,7 +181,7 @@ def refuse_negative(mass: float, wrench_sign: int | None = None) -> None:
     """
     other = -(wrench_sign or 1)
     if not mass > 0.0:
-        raise DataError(f'the mass comes out as {mass:.4g} kg: the wrench has the opposite sign; '
+        raise DataError(f'the estimated mass is {mass:.4g} kg: the wrench has the opposite sign; '
                         f'set wrench.sign to {other} (--wrench-sign {other})')
 
 

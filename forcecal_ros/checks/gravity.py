@@ -79,7 +79,7 @@ def refuse_on_another_link(at_rest: Array, gravity: Array) -> None:
     if expected > MIN_GRAVITY_SPREAD * g and shown < 0.5 * expected:
         raise DataError(
             f'accelerometer: gravity changes by {shown:.2g} m/s^2 from pose to pose in it, by '
-            f'{expected:.2g} m/s^2 as the pose turns: it does not sit on the tool; name the one '
+            f'{expected:.2g} m/s^2 as the pose rotates: it does not sit on the tool; name the one '
             'that does with --topic accelerometer=NAME')
 
 
@@ -127,5 +127,5 @@ def _refuse_other_gravity(recording: Recording, calibration: Calibration) -> Non
     raise DataError(
         'accelerometer: by the calibration it shows '
         f'{float(np.median(np.linalg.norm(shown, axis=1))):.3g} m/s^2, {off:.3g} m/s^2 off the '
-        f'{g:.3g} m/s^2 of gravity as the pose turns it: its unit or its mount is another than '
+        f'{g:.3g} m/s^2 of gravity as the pose rotates it: its unit or its mount is another than '
         'calibrated, or it hangs on another link; calibrate again with the sensor as it is')

@@ -374,12 +374,13 @@ def questions_of(mass: float, com: Array, bias: Array) -> Iterator[str]:
     large_kg, large_n, least_kg = 50.0, 500.0, 0.25
     away, off = float(np.linalg.norm(com)), float(np.abs(bias).max())
     if mass > large_kg or off > large_n:
-        yield (f'a mass of {mass:.3g} kg with a bias of {off:.3g} N is much for a wrist: weigh '
-               'the tool and give --tool-mass, which tells the unit; if it is neither that nor '
-               f'{mass / 1000:.3g} kg (mN), divide the counts of a converter by those a newton')
+        yield (f'a mass of {mass:.3g} kg with a bias of {off:.3g} N is unusually large '
+               'for a wrist: weigh the tool and give --tool-mass for the unit; if it is neither '
+               f'that nor {mass / 1000:.3g} kg (mN), divide the counts of a converter by those '
+               'per newton')
     if mass < least_kg:
-        yield (f'a mass of {mass:.3g} kg is little for a wrist to carry: weigh the tool and give '
-               '--tool-mass, which tells the unit; if it weighs '
+        yield (f'a mass of {mass:.3g} kg is unusually small for a wrist: weigh the tool and give '
+               '--tool-mass for the unit; if it weighs '
                f'{mass * STANDARD_GRAVITY:.3g} kg, the wrench is in kgf, if '
                f'{mass * 4.448:.3g} kg, in lbf')
     # a centre of mass so far away is questioned: grippers and hands have theirs within 0.2 m
@@ -406,8 +407,8 @@ def _other_tool(fit: Explained, known: Known) -> str:
     if (unit := force_unit_of(fit.mass, mass)) and fit.mass > CONTRADICTION_SIGMA * fit.mass_std:
         raise DataError(f'{shown}: its forces are in {unit[0]}; {corrected(unit[1], unit[0])}')
     if fit.mass < SLIGHT * mass:
-        raise DataError(f'{shown}: the driver takes its weight off; let it leave the weight in '
-                        f'(where nothing hung there, {known.other_tool} instead)')
+        raise DataError(f'{shown}: the driver subtracts its weight; disable this in the driver '
+                        f'(if nothing hung there, {known.other_tool} instead)')
     if known.bias is None:
         return ''  # a model, which may be off, or something that pulls
     off = fit.force.theta[-3:] - known.bias[:3]

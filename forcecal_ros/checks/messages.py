@@ -153,8 +153,8 @@ def slight(best: Any, stated: Stated) -> str:
         parts.append(f'gravity is {_tilt(best, stated)} off {_numbers(stated.down)} of base, as '
                      f'--gravity-direction {_numbers(_down(best))} would state')
     if 'rotated' in best.name:
-        parts.append(f'the sensor is turned by {_turn(best.motion.axes, _turn_std(best))} against '
-                     'its pose')
+        parts.append(f'the sensor is rotated by {_turn(best.motion.axes, _turn_std(best))} '
+                     'against its pose')
     return f'{" and ".join(parts)}, by the forces' if parts else ''
 
 
@@ -295,10 +295,10 @@ def _cause(one: Any, plain: Any, stated: Stated) -> tuple[str, str] | None:
         return (said[0], said[1]) if size > SLIGHT * abs(one.fit.mass) else None
     causes = []
     if 'rotated' in name and _angle(Q := one.motion.axes) > TOLERANCE_DEG:
-        causes.append(((f"wrench: its axes are turned by {_turn(Q, _turn_std(one))} against the "
+        causes.append(((f"wrench: its axes are rotated by {_turn(Q, _turn_std(one))} against the "
                        f"sensor's pose{_order(Q)}"), _rotation_option(Q, stated)))
     if 'tilted' in name and _angle_between(_down(one), stated.down) > TOLERANCE_DEG:
-        causes.append((f'base is not level, gravity in it is {_tilt(one, stated)} off',
+        causes.append((f'the base is tilted, gravity in it is {_tilt(one, stated)} off',
                        _level(_down(one), stated)))
     return (' and '.join(cause for cause, _ in causes),
             ' and '.join(remedy for _, remedy in causes)) if causes else None
@@ -321,21 +321,20 @@ def _changed(one: Any) -> tuple[float, str, str]:
     if one.name == 'bias changes':
         x, y, z = off = theta[-3:] - theta[-6:-3]
         return (float(np.linalg.norm(off)) / g, (
-            f'{begin} the wrench is {x:+.2g} {y:+.2g} {z:+.2g} N off, however the sensor turns: '
-            'it was tared, overloaded, or its driver started anew, while this was recorded; that '
-            'is no contact'), 'use either part alone')
+            f'{begin} the wrench differs by {x:+.2g} {y:+.2g} {z:+.2g} N in all orientations: the '
+            'bias changed (a tare, an overload, a restart of the driver), or a contact began or '
+            'ended'), 'calibrate with a recording without this')
     if one.name == 'load changes':
         more = 'more' if theta[-4] > 0 else 'less'
         return (abs(theta[-4]), (
             f'{begin} the sensor carries {abs(theta[-4]):.3g} kg {more}: something was gripped or '
-            'let go; its weight counts as contact'),
-            'use either part alone (--track-tool follows it)')
+            'released; its weight counts as contact'),
+            'calibrate with a recording without this (estimate --track-tool follows it)')
     size = float(np.linalg.norm(theta[-5:-3]))
     return (size / g, (
-        f'{begin} a force of {size:.2g} N keeps its direction across the vertical of base, '
-        'however the sensor turns: the base is not level any more (it tilted, or drives over a '
-        'slope), or something pulls steadily'),
-        'its pull counts as contact; use either part alone')
+        f'{begin} a horizontal force of {size:.2g} N keeps its direction in base in all '
+        'orientations: the base tilted (or drives over a slope), or something pulls steadily'),
+        'its pull counts as contact; calibrate with a recording without this')
 
 
 def _turn_std(one: Any) -> float:

@@ -738,8 +738,8 @@ def _refuse_other_speed(pose: PoseStream, fastest: str, rates: Mapping[str, floa
     if rates[fastest] < 5.0 and turned.sum() > 0.3 and turned.max() < 0.35 and (
             speed.max() < 0.02):
         raise DataError(
-            f'{fastest}: {rates[fastest]:.2g} readings a second, and the pose turns by '
-            f'{speed.max():.2g} rad/s where it turns fastest, as of no robot: time is in ms or us '
+            f'{fastest}: {rates[fastest]:.2g} readings a second, and the pose rotates by '
+            f'{speed.max():.2g} rad/s at most, slower than any robot: time is in ms or us '
             f'and taken for s, or counts rows; {_STATE_UNIT} (rate: where rows are evenly apart)')
     turning, moving = float(np.quantile(speed, 0.9)), 0.0
     if pose.has_position:

@@ -78,11 +78,12 @@ def inspect(recording: 'Recording') -> dict[str, Any]:
         why, about = with_id(error), error.about
     # what is about the recording spoils every use, what a calibration alone lacks does not
     fault = why if about or recording.removed is None else ''
+    spoilt = '' if about.endswith('changes') else fault  # half-way: for a calibration alone
     quality = {} if found is None else found.quality
     return {**document, 'fault': fault, 'notes': [
         *recording.notes, *quality.get('warnings', ()), *quality.get('questions', ())],
         'wrench_sign': sign if found else -sign if about == SIGN else None,
-        'uses': _uses(recording, fault, why), 'estimates': None if found is None else {
+        'uses': _uses(recording, spoilt, why), 'estimates': None if found is None else {
             'mass': float(found.mass), 'mass_std': float(found.mass.std),
             'poses': len(quality.get('poses', ()))}}
 

@@ -337,7 +337,7 @@ def identify_slide(force: Signal, slide: Signal, position: Signal) -> tuple[Slid
     starts = np.arange(begin, end - WINDOW, spacing * WINDOW)
     if len(starts) < min_windows:
         raise DataError(f'{max(0.0, end - begin):.1f} s of force, displacement and pose in common '
-                        f'do not tell the slide; record '
+                        f'are too few to identify the compliant axis; record '
                         f'{min_windows * spacing * WINDOW:.0f} s or more')
     f, df, _ = _weighted(force, starts)
     s, ds, dds = _weighted(slide, starts)

@@ -193,8 +193,9 @@ def _ft_tools(c: Calibration, place: Place) -> dict[str, Any]:
 
 CONSUMERS: Mapping[str, Consumer] = {
     'broadcaster': Consumer(
-        'force_torque_sensor_broadcaster (ros2_controllers): takes the bias off, turns the sign.\n'
-        'It publishes (raw + offset) * multiplier, so offset = -bias; weight is left in.',
+        'force_torque_sensor_broadcaster (ros2_controllers): removes the bias and changes '
+        'the sign.\nIt publishes (raw + offset) * multiplier, so offset = -bias; weight is '
+        'left in.',
         _broadcaster, turns=True, reads_raw=True),
     'gravity_filter': Consumer(
         'GravityCompensation (control_filters), in the filter chain of the broadcaster: takes\n'

@@ -170,7 +170,7 @@ def _pictures(recording: Recording, calibration: Calibration, contact: Stream | 
     if contact is not None:
         drawn.append(('Spectra', 'How the observer filters the noise of sensor and accelerometer.',
                       figures.spectra(recording, calibration, contact)))
-    words = 'What filter kalman leaves of the noise of a steady contact, and what another would.'
+    words = 'Noise of a steady contact behind filter kalman, and behind another one.'
     drawn.append(('Noise against response', words, figures.noise_against_rise(calibration)))
     for title, words, figure in drawn:
         if figure is not None:
@@ -200,7 +200,7 @@ def in_words(quality: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         count = f'{len(quality["poses"])}; ' if quality.get('poses') else ''
         yield 'Poses', (f'{count}condition '
                         f'{rounded(float(quality["condition"]))} (1 is best): how well the poses '
-                        'tell mass, centre of mass and bias apart.')
+                        'separate mass, centre of mass and bias.')
     if 'chi_square' in quality:
         yield 'Fit of the poses', _fit(quality['chi_square'])
     if quality.get('rejection', {}).get('poses'):
@@ -210,7 +210,7 @@ def in_words(quality: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield 'Expected error', (
             f'{size(abs(float(errors["force_eq26"])), "N", 2)} of contact force at 10 m/s^2, and '
             f'{size(abs(float(errors["acceleration_eq27"])), "m/s^2", 2)} of acceleration, by '
-            'what is uncertain here alone; noise comes on top.')
+            'uncertain parameters; noise is additional.')
     for key, title in (('pose_delay', 'Delay of the pose'),
                        ('optidrive_delay', 'Delay of the displacement')):
         if key in quality:

@@ -112,7 +112,7 @@ def _with_accelerometer(rig: Rig, a: CalibratedAccelerometer) -> Rig:
     turned = float(np.linalg.norm(rotation_vector(a.map.value)))
     if turned > most_turned:
         raise DataError(
-            f'accelerometer: its axes are turned by '
+            f'accelerometer: its axes are rotated by '
             f'{above(np.degrees(turned), np.degrees(most_turned))} deg against ft_sensor, '
             f'expected {np.degrees(most_turned):.3g} deg at most, as a rig mounts it '
             'along the sensor; record it in that frame')
@@ -154,8 +154,8 @@ def command_period(t: Array) -> float:
     # periods that are no whole number of hertz are taken in these steps [s]
     tenth = 1e-4
     if len(t) < FEWEST:
-        raise DataError(f'target_frame: {len(t)} commands do not tell how the robot follows; '
-                        'record the commands while it moves, 10 s or more')
+        raise DataError(f'target_frame: {len(t)} commands are too few to identify how the '
+                        'robot follows; record the commands while it moves, 10 s or more')
     period = period_of(t)
     steps = np.diff(t) / period
     off = float(np.mean(np.abs(steps - np.maximum(1.0, np.round(steps))) > 0.5 - 1e-9)

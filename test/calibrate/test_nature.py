@@ -37,5 +37,5 @@ def test_a_load_a_metre_away_is_refused():
 
 @pytest.mark.parametrize('mass', [0.0, -0.57, np.nan])
 def test_no_mass_is_refused(mass):
-    with pytest.raises(DataError, match='the mass comes out as'):
+    with pytest.raises(DataError, match='the estimated mass is'):
         refuse_negative(mass)

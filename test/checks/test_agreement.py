@@ -82,7 +82,7 @@ def test_crosstalk_of_a_calibrated_sensor_is_noted_with_its_size_and_is_no_rotat
     notes = refuse_disagreeing(mapped(make(seed=1), lambda w: w @ matrix.T), C)
     assert re.search(f'wrench: it has crosstalk, {said}', notes[0]), notes
     turn = np.kron(np.eye(2), rotation_from_vector(np.radians([10.0, -25.0, 15.0])))
-    with pytest.raises(DataError, match=r'axes are turned by|axes are mirrored'):
+    with pytest.raises(DataError, match=r'axes are rotated by|axes are mirrored'):
         refuse_disagreeing(mapped(make(seed=1), lambda w: w @ turn.T), C)
 
 
@@ -109,7 +109,7 @@ def test_a_tare_and_a_payload_half_way_are_told_with_time_and_size():
     after = T[:, None] > 31.0
     tared = np.pad(after * [40.0, 0.0, -60.0], ((0, 0), (0, 3)))
     note, = refuse_disagreeing(mapped(recording, lambda w: w + tared), C)
-    assert 'it was tared' in note and ' +40 ' in note and ' -60 N off' in note
+    assert '(a tare, ' in note and ' +40 ' in note and ' -60 N in all' in note
     assert abs(float(note.split()[1]) - 31.0) <= 1.5
     weight = np.pad(after * -3.0 * G * recording.pose.R_base_sensor[:, 2], ((0, 0), (0, 3)))
     note, = refuse_disagreeing(mapped(recording, lambda w: w + weight), C)

@@ -55,7 +55,7 @@ def test_a_turn_is_mended_where_the_pose_of_the_sensor_was_stated(given, by, sai
 
 
 def test_a_turned_sensor_on_a_tilted_base_is_both():
-    with pytest.raises(DataError, match=r'by -4[45]\.\d.* y.*and base is not level.* (89|90)\.'):
+    with pytest.raises(DataError, match=r'by -4[45]\.\d.* y.*and the base is tilted.* (89|90)\.'):
         judge(forces(1, 24, Q=turn(0.0, 45.0, 0.0), gravity=turn(90.0, 0.0, 0.0) @ G), G)
 
 

@@ -67,11 +67,11 @@ ROWS = {
         one, np.full(len(one.t), True))), 'expressed in base, not in the frame'),
     'inverted': (wrong('pose of base in the sensor'), 'that of base in the sensor'),
     'wxyz': (wrong('quaternions w first'), 'in the order w, x, y, z'),
-    '30 deg': (turned(TURN), r'turned by -?(30|29)\.\d+ ± 0\.\d+ deg about z'),
-    '90 deg': (turned(QUARTER), r'turned by -?(90|89)\.\d+ .* about z.*: x, y, z show'),
+    '30 deg': (turned(TURN), r'rotated by -?(30|29)\.\d+ ± 0\.\d+ deg about z'),
+    '90 deg': (turned(QUARTER), r'rotated by -?(90|89)\.\d+ .* about z.*: x, y, z show'),
     'swapped': (mapped(lambda w: w[:, SWAPPED]), 'mirrored .*x, y, z show y, x, z'),
     'one force axis': (mapped(lambda w: w * [1, -1, 1, 1, 1, 1]), 'forces are mirrored.*x, -y, z'),
-    'leaning': (leaning, r'not level, gravity in it is (10\.|9\.9)'),
+    'leaning': (leaning, r'tilted, gravity in it is (10\.|9\.9)'),
     'crosstalk': (mapped(lambda w: w + 0.1 * w[:, [2]] * [1, 0, 0, 0, 0, 0]),
                   r'it has crosstalk, force\.x shows \+(9\.[89]|10) % of force\.z'),
     'crosstalk into torque': (mapped(lambda w: w + 0.01 * w[:, [2]] * [0, 0, 0, 0, 0, 1]),
@@ -80,7 +80,7 @@ ROWS = {
     'torque in base': (wrong('torque in base, force not'), 'torques are expressed in base'),
     'torque axes': (mapped(lambda w: w[:, [0, 1, 2, 4, 5, 3]]), 'torques are not about the axes'),
     'clock': (late, r'gravity turn 1\.5\d? s later'),
-    'jump': (jump, r'N off, however the sensor turns'),
+    'jump': (jump, r'N in all orientations: the bias changed .*, or a contact began'),
     'picked up': (picked_up, r'carries 0\.[45]\d* kg more'),
 }
 LOGS = {'arm': cache(lambda: moving(1)),
@@ -120,7 +120,7 @@ BY_TOOL = {
     'sign of the torques': (mapped(lambda w: w * np.repeat([1, -1], 3)), 'opposite sign of the f'),
     'weight removed': (lambda one: replace(one, wrench=one.wrench - np.hstack(
         [-moving_arm.MASS * 9.80665 * wrong_recordings.at_wrench(one)[:, 2],
-         np.zeros((len(one.t), 3))])), 'takes its weight off'),
+         np.zeros((len(one.t), 3))])), 'subtracts its weight'),
 }
 
 

@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 from calibration_runs import brief_run
+from forcecal_ros.cli.check import inspect
 from forcecal_ros.cli.common import as_started
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.calibration import Estimate
@@ -151,6 +152,15 @@ def test_compare_fails_on_drift_if_requested(brief, tmp_path, capsys):
     assert main(['compare', *pair, '--fail-on', 'drift']) == 3
     assert main(['compare', pair[0], pair[0], '--fail-on', 'drift']) == 0
     capsys.readouterr()
+
+
+def test_a_change_half_way_spoils_a_calibration_alone(recording):
+    wrench = recording.wrench
+    after = wrench.t > np.median(wrench.t)
+    jump = np.outer(after, [30.0, -20.0, 10.0, 0.0, 0.0, 0.0])
+    found = inspect(replace(recording, wrench=replace(wrench, values=wrench.values + jump)))
+    assert 'the bias changed' in found['fault'] == found['uses']['calibrate']
+    assert found['uses']['estimate'] == '' == found['uses']['diagnose']
 
 
 @pytest.mark.parametrize('robot', ['ur', 'franka', 'kuka_fri', 'broadcaster'])

@@ -207,7 +207,7 @@ def with_wrench(recording, change):
 
 @pytest.mark.parametrize('of_robot, change, said', [
     (True, lambda w, R: w / 9.80665, 'its forces are in kgf'),
-    pytest.param(True, weightless, 'the driver takes its weight off; let it leave the weight in',
+    pytest.param(True, weightless, 'the driver subtracts its weight; disable this in the driver',
                  marks=pytest.mark.long),
     (False, weightless,
      r'the simulated wrench: it shows the inertia of 1\.2.+ without compensating gravity'),
@@ -296,8 +296,8 @@ def test_a_base_turned_about_the_vertical_is_brought_back_and_other_frames_are_r
     back = express_in_base(measured, turned(made, base=(0.0, 0.0, 2.0)))
     # as far as the robot is from its simulation on the mean
     assert np.abs(back.R_base_sensor - made.R_base_sensor).max() < 0.03
-    for how, why in (({'sensor': (0.0, 0.0, np.pi / 2)}, 'turned by 90 deg to each other in the'),
-                     ({'base': (1.0, 0.0, 0.0)}, 'bases are turned by 57 deg')):
+    for how, why in (({'sensor': (0.0, 0.0, np.pi / 2)}, 'rotated by 90 deg to each other in the'),
+                     ({'base': (1.0, 0.0, 0.0)}, 'bases are rotated by 57 deg')):
         with pytest.raises(DataError, match=why):
             express_in_base(measured, turned(made, **how))
 

@@ -192,7 +192,7 @@ def test_without_static_poses_the_motion_tells_where_an_imu_sits():
     np.testing.assert_allclose(accelerometer.acc1.offset, 0.0, atol=5e-3)
     imu = made.accelerometer
     turned = replace(made, accelerometer=replace(imu, values=imu.values[:, [1, 2, 0]]))
-    with pytest.raises(DataError, match='its axes are turned by 120 deg'):
+    with pytest.raises(DataError, match='its axes are rotated by 120 deg'):
         fit_tool(TOLERANCES, [turned], IdentificationSettings())
 
 
