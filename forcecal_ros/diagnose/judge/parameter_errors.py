@@ -108,11 +108,9 @@ def parameter_errors(comparison: ModelComparison) -> Errors:
         return Errors(grams, covariance, marginal=comparison.marginal_covariance(np.zeros((k, k))))
     products = model.products(comparison.extra)
     sizes = products.likeliest_sizes()
-    more, whitened = products.spread(comparison.scales, sizes), model.whitened_discrepancy()
-    predicted = whitened.of_weights(model.residual_products(training=True).weights(sizes),
-                                    [r.shape for r in model.residuals])
-    return Errors(grams, covariance, covariance @ more @ covariance, predicted,
-                  whitened.unseen(sizes), comparison.marginal_covariance(more))
+    more = products.spread(comparison.scales, sizes)
+    return Errors(grams, covariance, covariance @ more @ covariance, model.predicted(sizes),
+                  model.whitened_discrepancy().unseen(sizes), comparison.marginal_covariance(more))
 
 
 def recalibrations(model: LinearisedModel, errors: Errors) -> dict[str, tuple[float, float]]:

@@ -227,9 +227,8 @@ def discrepant(model: LinearisedModel, trained: bool = True) -> list[Array]:
     list of ndarray, shape (n, channels)
         In each recording.
     """
-    sizes = {c: model.discrepancy_scales[stream] for c, stream in enumerate(STREAM)}
-    weights = model.residual_products(trained).weights(sizes)
-    return model.whitened_discrepancy().of_weights(weights, [b.shape for b in model.residuals])
+    return model.predicted({c: model.discrepancy_scales[stream]
+                            for c, stream in enumerate(STREAM)}, trained)
 
 
 def _sizes(model: LinearisedModel, found: Sequence[Array]) -> Array:

@@ -95,12 +95,6 @@ class Earlier(NamedTuple):
 FIRST_RECORDING = Earlier()
 """Of a robot of which nothing was recorded earlier."""
 
-ROUNDED = 1e-7
-"""
-Share of the largest information below which a direction is lost in rounding: products with the
-features of a discrepancy, which are removed, are held in single precision.
-"""
-
 
 class Fit(NamedTuple):
     """
@@ -213,7 +207,9 @@ def _cholesky(matrix: Array) -> Array:
     factor, wrong = dpotrf(scaled, lower=1)
     if wrong:
         values, vectors = np.linalg.eigh(scaled)
-        factor = np.linalg.cholesky((vectors * np.maximum(values, ROUNDED)) @ vectors.T)
+        # what is less is lost in rounding: products with a discrepancy's features, which are
+        # removed, are held in single precision
+        factor = np.linalg.cholesky((vectors * np.maximum(values, 1e-7)) @ vectors.T)
     return np.asarray(factor / scale[:, np.newaxis])
 
 
