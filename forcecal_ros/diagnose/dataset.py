@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 from weakref import ref
 
 from forcecal_ros.core.errors import below, DataError
@@ -57,21 +57,6 @@ CHANNELS = (
 def units(accelerometer: str = 'V') -> dict[str, str]:
     """Return every channel's unit, the accelerometer's in what its readings were brought to."""
     return {c.name: accelerometer if c.stream == 'accelerometer' else c.unit for c in CHANNELS}
-
-
-class Blocks(Protocol):
-    """A recording in blocks, of which each phase covers some."""
-
-    @property
-    def groups(self) -> NDArray[np.intp]:
-        """Say of each block whether it rests (0), moves (1) or is in contact (2)."""
-
-    @property
-    def times(self) -> Array:
-        """Middle of each block [s]."""
-
-    def phase_rows(self) -> Mapping[str, NDArray[np.bool_]]:
-        """Say which blocks each phase word covers."""
 
 
 GRID_TOLERANCE = 1e-3
@@ -430,9 +415,6 @@ MIN_MOTION_S = 3.0
 EDGE_S = 0.03
 """Time left out at both ends, so that one sensor may be so late behind another [s]."""
 
-MIN_SPEEDS = (0.005, 0.002)
-"""Angular speed [rad/s] and speed [m/s] from which the robot moves: noisy poses show less."""
-
 
 def require_wrench_and_pose(recording: Recording, otherwise: str) -> None:
     """Refuse a recording without them in some words."""
@@ -458,6 +440,7 @@ def motion_groups(signals: Signals) -> NDArray[np.intp]:
     """Sort blocks into rest (0) and motion or near it (1), by means: a pose is noisy."""
     means = [uniform_filter1d(block_means(rows), REST_AFTER_BLOCKS // 2, axis=0, mode='nearest')
              for rows in (signals.omega, signals.velocity)]
-    speed = np.maximum(*(np.linalg.norm(m, axis=1) / s for m, s in zip(means, MIN_SPEEDS)))
+    # noisy poses show less than 5 mrad/s and 2 mm/s
+    speed = np.maximum(*(np.linalg.norm(m, axis=1) / s for m, s in zip(means, (0.005, 0.002))))
     near = maximum_filter1d((speed > 1.0).astype(float), 2 * REST_AFTER_BLOCKS + 1)
     return np.asarray(near, dtype=np.intp)
