@@ -223,14 +223,10 @@ def _columns(measured: Stream | PoseStream) -> Array:
 
 
 def _simulated(name: str, s: Signals) -> Array:
-    if name == 'wrench':
-        return s.wrench
-    if name == 'accelerometer':
-        return s.volts
-    if name == 'optidrive':
-        return s.optidrive[:, np.newaxis]
-    assert s.joints is not None
-    return s.joints
+    found = {'wrench': s.wrench, 'accelerometer': s.volts, 'joints': s.joints,
+             'optidrive': s.optidrive[:, np.newaxis]}[name]
+    assert found is not None
+    return found
 
 
 def _at(values: Array, stream: _Stream) -> Array:

@@ -80,7 +80,7 @@ class Arms(NamedTuple):
 
 
 def gap(datasets: tuple[Dataset, ...], arms: list[Arms], noise: Array, cell_energy: Array,
-        errors: Errors | None = None) -> Gap:
+        errors: Errors) -> Gap:
     """
     Measure the gap on held-out blocks.
 
@@ -93,8 +93,8 @@ def gap(datasets: tuple[Dataset, ...], arms: list[Arms], noise: Array, cell_ener
         RMS of one sample of each channel; 0 where there is none.
     cell_energy : ndarray, shape (channels,)
         Mean square of time-frequency bins beyond what ``predictable`` predicts.
-    errors : Errors, optional
-        Of the parameters; taken as exact where none are given.
+    errors : Errors
+        Of the parameters.
     """
     explained, recalibrated, nominal, weights = [], [], [], []
     left = np.zeros(len(noise))
@@ -129,18 +129,17 @@ def gap(datasets: tuple[Dataset, ...], arms: list[Arms], noise: Array, cell_ener
     def overall(rms: Array) -> Array:
         return np.asarray(np.sqrt(np.mean((rms[:, there] / noise[there]) ** 2, axis=1)))
 
-    known = errors or Errors(np.zeros((len(noise), 0, 0)), np.zeros((0, 0)))
-    rms = means(np.arange(len(w)), known.of_parameters(), known.of_discrepancy(left))
+    rms = means(np.arange(len(w)), errors.of_parameters(), errors.of_discrepancy(left))
     arms3 = overall(rms)
     draw = np.random.default_rng(0)
-    shares = [_closed(overall(means(draw.integers(0, len(w), len(w)), known.of_parameters(draw),
-                                    known.of_discrepancy(left, draw)))) for _ in range(400)]
+    shares = [_closed(overall(means(draw.integers(0, len(w), len(w)), errors.of_parameters(draw),
+                                    errors.of_discrepancy(left, draw)))) for _ in range(400)]
     closed = _closed(arms3)
     # a bootstrap of few blocks is too narrow, by the root of n / (n - 1) and as t is to normal
     few = max(2, len(w))
     wider = float(np.sqrt(few / (few - 1.0)) * stdtrit(few - 1.0, 0.975) / ndtri(0.975))
     low, high = closed + wider * (np.percentile(shares, [2.5, 97.5]) - closed)
-    if known.taken is not None:
+    if errors.taken is not None:
         low, high = _wider(closed, low, high)
     channels = {c.name: (float(rms[0, i]), float(rms[1, i]), float(rms[2, i]), float(noise[i]))
                 for i, c in enumerate(CHANNELS) if there[i]}

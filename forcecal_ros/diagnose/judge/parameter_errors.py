@@ -13,6 +13,7 @@ from forcecal_ros.diagnose.model.gates import nuisances_of
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.search.model_comparison import Accepted, ModelComparison
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 
 class Errors(NamedTuple):
@@ -122,17 +123,15 @@ def recalibrations(model: LinearisedModel, errors: Errors) -> dict[str, tuple[fl
 
 def aliases(model: LinearisedModel, errors: Errors) -> tuple[frozenset[str], ...]:
     """Return groups of nuisances of which each is an alias of another one."""
+    m = len(model.nuisances)
+    std = np.sqrt(np.diag(errors.marginal))[:m]
+    free = np.where(std > 0.0, std, np.inf)
     # correlation from which numbers are an alias: each is known 2.3 times worse than by itself
-    aliased = 0.9
-    std = np.sqrt(np.diag(errors.marginal))[:len(model.nuisances)]
-    m, free = len(std), np.where(std > 0.0, std, np.inf)
-    groups: list[frozenset[str]] = []
-    for i, j in zip(*np.triu_indices(m, 1)):
-        if abs(errors.marginal[i, j]) > aliased * free[i] * free[j]:
-            pair = frozenset((model.nuisances[i].name, model.nuisances[j].name))
-            own = pair.union(*(one for one in groups if one & pair))
-            groups = [*(one for one in groups if not one & pair), own]
-    return tuple(groups)
+    tied = np.abs(errors.marginal[:m, :m]) > 0.9 * np.outer(free, free)
+    count, group = connected_components(tied)
+    names = np.array([n.name for n in model.nuisances])
+    return tuple(frozenset(names[group == i].tolist()) for i in range(count)
+                 if np.sum(group == i) > 1)
 
 
 OWN_SHAPE = 0.3

@@ -177,7 +177,7 @@ def fit(gram: Gram, prior: Prior, near: Fit | None = None) -> Fit:
         fixed = ~free
         right = gradient[free] - hessian[free] @ (fixed * x)
         factor = _cholesky(hessian[free][:, free])
-        x[free] = _solve(factor, right)
+        x[free] = dpotrs(factor, right, lower=1)[0] if len(right) else right
         total = prior.centre + x
         within = np.clip(total, prior.low, prior.high)
         beyond = free & (np.abs(total - within) > 1e-9)
@@ -211,7 +211,3 @@ def _cholesky(matrix: Array) -> Array:
         # removed, are held in single precision
         factor = np.linalg.cholesky((vectors * np.maximum(values, 1e-7)) @ vectors.T)
     return np.asarray(factor / scale[:, np.newaxis])
-
-
-def _solve(factor: Array, right: Array) -> Array:
-    return np.asarray(dpotrs(factor, right, lower=1)[0]) if len(right) else right

@@ -21,13 +21,14 @@ def test_errors_of_parameters_are_drawn_as_large_as_they_are_expected():
 
 K = len(CHANNELS)
 SECONDS_8 = 8 * SECOND, K
+EXACT = Errors(np.zeros((K, 0, 0)), np.zeros((0, 0)))
 
 
 def held(n):
     return SimpleNamespace(held=np.ones(n, dtype=bool))
 
 
-def gap_of(effect, left, errors=None, beside=None, energy=0.0, noise=0.0):
+def gap_of(effect, left, errors=EXACT, beside=None, energy=0.0, noise=0.0):
     """Return the gap beside noise of 1, of which an effect is explained and something is left."""
     arms = Arms(effect + left + noise, np.zeros(effect.shape), effect,
                 left if beside is None else beside)
