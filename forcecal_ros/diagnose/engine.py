@@ -14,11 +14,11 @@ from forcecal_ros.core.noise.autoregression import at_standstill
 from forcecal_ros.core.streams import Recording
 from forcecal_ros.diagnose.dataset import CHANNELS, Dataset, MeasuredBlocks
 from forcecal_ros.diagnose.judge.coverage import (
+    not_compared,
     not_excited,
     refuse_unjudged,
     shares,
     signal_to_noise,
-    unjudged,
 )
 from forcecal_ros.diagnose.judge.gap import measured_gap, sample_noise
 from forcecal_ros.diagnose.judge.named_effects import (
@@ -48,7 +48,7 @@ from forcecal_ros.diagnose.localise import BANDS, Line, localise, Location, stag
 from forcecal_ros.diagnose.model.evidence import Earlier, FIRST_RECORDING
 from forcecal_ros.diagnose.model.hypotheses import CLIPPING, hypotheses
 from forcecal_ros.diagnose.model.linearised import linearised_model, LinearisedModel
-from forcecal_ros.diagnose.recordings import convert_to_volts, Corrected, missing_streams
+from forcecal_ros.diagnose.recordings import convert_to_volts, Corrected
 from forcecal_ros.diagnose.result import Diagnosis, patched_rig
 from forcecal_ros.diagnose.search.posterior import listed_once, Posterior, search, ties_of, weighed
 from forcecal_ros.diagnose.verdict import UNKNOWN, verdict
@@ -236,12 +236,13 @@ def _judged(first: LinearisedModel, model: LinearisedModel, found: Posterior, ch
                *(NamedEffect(name, values, CHECKED) for name, values in checks.effects.items()))
     candidates = listed_once([*candidates, *((name, CHECKED) for name in checks.effects)])
     names = list(dict.fromkeys(final.library[n].name for n in numbers))
+    missing = not_compared(model)
     word, sentence = verdict(
         [*names, *checks.effects], candidates, part, gap.closed if names or model.fixed else None,
-        bool(checks.effects) or signal_to_noise(model) > ENOUGH, whole=not unjudged(model),
+        bool(checks.effects) or signal_to_noise(model) > ENOUGH, whole=not missing,
         with_discrepancy=found.beside_discrepancy, slow_noise=summary.slow_noise,
         band=model.datasets[0].simulation.band, certain=tuple(checks.effects), at_limit=limits)
-    sentence += in_time(effects) + missing_streams(final.datasets[0].recording) + unjudged(model)
+    sentence += in_time(effects) + missing
     notes = (*checks.notes, *summary.notes,
              *((part.within,) if part.within and word != 'no_gap' else ()),
              *(note for a in found.accepted for note in not_identified(final, a)),
