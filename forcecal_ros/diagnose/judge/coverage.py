@@ -14,6 +14,7 @@ import numpy as np
 VISIBLE_ENERGY = 25.0
 """Whitened energy from which an effect of typical size shows: five standard errors."""
 
+
 def signal_to_noise(model: LinearisedModel) -> float:
     """
     Say how much the motion moves the signal that it moves most.
