@@ -9,7 +9,7 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[2] / 'forcecal_ros'
 
 BUDGETS = {
-    'calibrate': 2331, 'checks': 1724, 'cli': 2831, 'core': 2113, 'diagnose': 5416,
+    'calibrate': 2331, 'checks': 1724, 'cli': 2831, 'core': 2113, 'diagnose': 5170,
     'effects': 738, 'impedance': 771, 'insitu': 2041, 'io': 2541, 'motion': 1441,
     'nodes': 3628, 'observe': 2823, 'report': 1837, 'rig_fit': 499, 'sim': 2744}
 """Code lines; less is better: lower a number with the code."""
@@ -17,7 +17,7 @@ BUDGETS = {
 MOST_AT_ROOT = 231
 """Code lines of the modules next to the packages: the interface from Python."""
 
-MOST_FILES, MOST_CONSTANTS = 233, 517
+MOST_FILES, MOST_CONSTANTS = 232, 475
 """Of the whole package; a constant is a number bound to an upper-case name of a module."""
 
 FILES = sorted(PACKAGE.rglob('*.py'))
