@@ -9,7 +9,7 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[2] / 'forcecal_ros'
 
 BUDGETS = {
-    'calibrate': 2331, 'checks': 1724, 'cli': 2831, 'core': 2113, 'diagnose': 5170,
+    'calibrate': 2331, 'checks': 1724, 'cli': 2831, 'core': 2113, 'diagnose': 5157,
     'effects': 738, 'impedance': 771, 'insitu': 2041, 'io': 2541, 'motion': 1441,
     'nodes': 3628, 'observe': 2823, 'report': 1837, 'rig_fit': 499, 'sim': 2744}
 """Code lines; less is better: lower a number with the code."""

@@ -10,7 +10,6 @@ from forcecal_ros.core.noise.autoregression import Autoregression, fit_autoregre
 from forcecal_ros.diagnose.dataset import (
     CHANNELS,
     Dataset,
-    possible_effects,
     split_datasets,
     STREAM_SLICES,
 )
@@ -423,7 +422,7 @@ def linearised_model(rig: Rig, datasets: tuple[Dataset, ...], tolerance: float |
     found = datasets[0].simulation.nuisances(rig, streams)
     out = LinearisedModel(rig, datasets, found, np.array(prior_std(rig, found)),
                           noise_level(rig, streams, name), centre=np.zeros(len(found)),
-                          library=possible_effects(datasets),
+                          library=datasets[0].simulation.library,
                           tolerance=tolerated(tolerance, datasets[0].simulation.exact),
                           earlier=earlier)
     out.linearise()
