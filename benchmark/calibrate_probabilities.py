@@ -19,9 +19,8 @@ from typing import Any, cast, NamedTuple
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from forcecal_ros.diagnose.judge.judgement import listed_once, weighed
 from forcecal_ros.diagnose.search.calibration import Calibration, Features, FILE
-from forcecal_ros.diagnose.search.posterior import Posterior
+from forcecal_ros.diagnose.search.posterior import listed_once, Posterior, weighed
 from forcecal_ros.diagnose.verdict import NAMED, UNKNOWN
 import numpy as np
 from scipy.optimize import minimize

@@ -1,9 +1,9 @@
 """A recording ready for diagnosis: its channels, its residual in block means, its parts."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 from weakref import ref
 
 from forcecal_ros.core.errors import below, DataError
@@ -16,7 +16,6 @@ from forcecal_ros.core.streams import (
     Stream,
     TOUCHING,
 )
-from forcecal_ros.effects import Effect
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.signals import BLOCK, block_means, JOINTS, padded, RATE, Signals, Simulation
 import numpy as np
@@ -57,21 +56,6 @@ CHANNELS = (
 def units(accelerometer: str = 'V') -> dict[str, str]:
     """Return every channel's unit, the accelerometer's in what its readings were brought to."""
     return {c.name: accelerometer if c.stream == 'accelerometer' else c.unit for c in CHANNELS}
-
-
-class Blocks(Protocol):
-    """A recording in blocks, of which each phase covers some."""
-
-    @property
-    def groups(self) -> NDArray[np.intp]:
-        """Say of each block whether it rests (0), moves (1) or is in contact (2)."""
-
-    @property
-    def times(self) -> Array:
-        """Middle of each block [s]."""
-
-    def phase_rows(self) -> Mapping[str, NDArray[np.bool_]]:
-        """Say which blocks each phase word covers."""
 
 
 GRID_TOLERANCE = 1e-3
@@ -238,14 +222,10 @@ def _columns(measured: Stream | PoseStream) -> Array:
 
 
 def _simulated(name: str, s: Signals) -> Array:
-    if name == 'wrench':
-        return s.wrench
-    if name == 'accelerometer':
-        return s.volts
-    if name == 'optidrive':
-        return s.optidrive[:, np.newaxis]
-    assert s.joints is not None
-    return s.joints
+    found = {'wrench': s.wrench, 'accelerometer': s.volts, 'joints': s.joints,
+             'optidrive': s.optidrive[:, np.newaxis]}[name]
+    assert found is not None
+    return found
 
 
 def _at(values: Array, stream: _Stream) -> Array:
@@ -280,9 +260,6 @@ def _lagrange(x: Array) -> Array:
 
 REST_AFTER_BLOCKS = 50
 """Blocks without motion before it counts as standstill."""
-
-HYSTERESIS = 'wrench_hysteresis'
-"""Effect whose range the recordings themselves narrow."""
 
 
 @dataclass(frozen=True)
@@ -356,25 +333,6 @@ def make_dataset(recording: Recording, compared: Recording, simulation: Simulati
                    np.zeros(n, dtype=bool))
 
 
-def possible_effects(datasets: Sequence[Dataset]) -> Mapping[str, Effect]:
-    """
-    Narrow the library by what recordings show without a model.
-
-    The load's range is twice the width of a hysteresis at least, so that the load can turn for
-    that much: of a wider one only a gain would show.
-    """
-    library = dict(datasets[0].simulation.library)
-    if HYSTERESIS in library:
-        widest = 0.5 * max(float(np.ptp(dataset.nominal.wrench[:, :3], axis=0).max())
-                           for dataset in datasets)
-        library[HYSTERESIS] = library[HYSTERESIS]._replace(parameters=tuple(
-            q if q.name != 'width' else q._replace(
-                high=max(q.low, min(q.high, widest)),
-                starts=tuple(s for s in q.starts if s <= widest) or q.starts[:1])
-            for q in library[HYSTERESIS].parameters))
-    return library
-
-
 def split_datasets(datasets: Sequence[Dataset], by_phase: bool = False) -> tuple[Dataset, ...]:
     """
     Judge on all of a second recording or, of one, on some of its blocks.
@@ -430,9 +388,6 @@ MIN_MOTION_S = 3.0
 EDGE_S = 0.03
 """Time left out at both ends, so that one sensor may be so late behind another [s]."""
 
-MIN_SPEEDS = (0.005, 0.002)
-"""Angular speed [rad/s] and speed [m/s] from which the robot moves: noisy poses show less."""
-
 
 def require_wrench_and_pose(recording: Recording, otherwise: str) -> None:
     """Refuse a recording without them in some words."""
@@ -458,6 +413,7 @@ def motion_groups(signals: Signals) -> NDArray[np.intp]:
     """Sort blocks into rest (0) and motion or near it (1), by means: a pose is noisy."""
     means = [uniform_filter1d(block_means(rows), REST_AFTER_BLOCKS // 2, axis=0, mode='nearest')
              for rows in (signals.omega, signals.velocity)]
-    speed = np.maximum(*(np.linalg.norm(m, axis=1) / s for m, s in zip(means, MIN_SPEEDS)))
+    # noisy poses show less than 5 mrad/s and 2 mm/s
+    speed = np.maximum(*(np.linalg.norm(m, axis=1) / s for m, s in zip(means, (0.005, 0.002))))
     near = maximum_filter1d((speed > 1.0).astype(float), 2 * REST_AFTER_BLOCKS + 1)
     return np.asarray(near, dtype=np.intp)

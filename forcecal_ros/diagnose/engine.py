@@ -14,31 +14,43 @@ from forcecal_ros.core.noise.autoregression import at_standstill
 from forcecal_ros.core.streams import Recording
 from forcecal_ros.diagnose.dataset import CHANNELS, Dataset, MeasuredBlocks
 from forcecal_ros.diagnose.judge.coverage import (
+    not_compared,
     not_excited,
     refuse_unjudged,
     shares,
     signal_to_noise,
-    unjudged,
 )
 from forcecal_ros.diagnose.judge.gap import measured_gap, sample_noise
-from forcecal_ros.diagnose.judge.judgement import judge, Judged
 from forcecal_ros.diagnose.judge.named_effects import (
+    at_limit,
     channel_affected_most,
     Checks,
     from_checks,
+    in_its_time,
     in_time,
     NamedEffect,
     not_identified,
+    parameters_of,
 )
-from forcecal_ros.diagnose.judge.parameter_errors import aliases, recalibrations
-from forcecal_ros.diagnose.judge.residual_summary import lines_of, summarise_residual, WANDERING
+from forcecal_ros.diagnose.judge.parameter_errors import (
+    aliases,
+    Errors,
+    recalibrations,
+    with_taken,
+)
+from forcecal_ros.diagnose.judge.residual_summary import (
+    lines_of,
+    summarise_residual,
+    unexplained,
+    WANDERING,
+)
 from forcecal_ros.diagnose.localise import BANDS, Line, localise, Location, stage_of
 from forcecal_ros.diagnose.model.evidence import Earlier, FIRST_RECORDING
 from forcecal_ros.diagnose.model.hypotheses import CLIPPING, hypotheses
 from forcecal_ros.diagnose.model.linearised import linearised_model, LinearisedModel
-from forcecal_ros.diagnose.recordings import convert_to_volts, Corrected, missing_streams
+from forcecal_ros.diagnose.recordings import convert_to_volts, Corrected
 from forcecal_ros.diagnose.result import Diagnosis, patched_rig
-from forcecal_ros.diagnose.search.posterior import Posterior, search
+from forcecal_ros.diagnose.search.posterior import listed_once, Posterior, search, ties_of, weighed
 from forcecal_ros.diagnose.verdict import UNKNOWN, verdict
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.effects.rig import Rig
@@ -51,11 +63,11 @@ report_stage: ContextVar[Callable[[str], None]] = ContextVar(
 WITHOUT_MEAN = ('wrench_quantisation', 'dropouts')
 """Effects that move no signal's mean."""
 
-LINES = 2
-"""Lines that a discrepancy may have: mains and a motor."""
-
 ENOUGH = 3.0
 """Scatter of a simulated signal, in its noise, from which a recording can answer."""
+
+CHECKED = 0.99
+"""Probability of an effect of stamps or values: they are found at many sigmas or not at all."""
 
 
 @dataclass(frozen=True)
@@ -76,8 +88,6 @@ class Outcome:
         RMS of one sample of each channel.
     selection : Posterior or None
         What was accepted, at its fit.
-    checks : Checks or None
-        The data without it.
     aliases : tuple of frozenset of str
         Nuisances of which the data tell little but a combination.
     closest : Rig or None
@@ -92,7 +102,6 @@ class Outcome:
     datasets: tuple[Dataset, ...] = ()
     noise: Array | None = None
     selection: Posterior | None = None
-    checks: Checks | None = None
     aliases: tuple[frozenset[str], ...] = ()
     closest: Rig | None = None
 
@@ -128,7 +137,7 @@ def diagnose_datasets(rig: Rig, datasets: tuple[Dataset, ...], stamps: Sequence[
         return Outcome(Diagnosis('invalid_data', with_id(error)), rig)
     # recalibrated: a limit in volts is a specific force by the gain that the sensor has
     mounted = first.current().accelerometer.model(datasets[0].simulation.accelerometer)
-    checks = Checks(*from_checks(stamps, sample_noise(first, np.zeros(len(CHANNELS))), mounted))
+    checks = from_checks(stamps, sample_noise(first, np.zeros(len(CHANNELS))), mounted)
     with np.errstate(over='ignore', invalid='ignore'):  # what diverges is rejected as such
         model = _with_known(first, checks)
         frequencies = _strongest(lines_of(model))
@@ -144,12 +153,10 @@ def diagnose_datasets(rig: Rig, datasets: tuple[Dataset, ...], stamps: Sequence[
                    if n in found.features):  # the last one alone would not show it
             first = first.split_by_second()
             found = found._replace(model=found.model.split_by_second())
-        judged = judge(first, found, checks, observed)
-        where = _localised(found, judged.summary.predicted, checks)
-        diagnosis = replace(_say(model, found, judged, checks), localisation=where,
-                            not_excited=tuple(not_excited(model, tried)),
+        diagnosis, noise, errors = _judged(first, model, found, checks, observed)
+        diagnosis = replace(diagnosis, not_excited=tuple(not_excited(model, tried)),
                             used=shares(model, given))
-        return _outcome(first, model, found, judged, diagnosis, checks, observed)
+        return _outcome(first, model, found, diagnosis, noise, errors, checks, observed)
 
 
 def _with_known(first: LinearisedModel, checks: Checks) -> LinearisedModel:
@@ -170,7 +177,7 @@ def _strongest(lines: Sequence[Line]) -> list[float]:
     for line in sorted(lines, key=lambda one: -one.power):
         if all(abs(line.frequency - f) > WANDERING * f for f in out):
             out.append(line.frequency)
-    return out[:LINES]
+    return out[:2]  # mains and a motor
 
 
 def _observed(dataset: Dataset, recording: Recording, rig: Rig) -> MeasuredBlocks:
@@ -204,45 +211,64 @@ def _localised(selection: Posterior, predicted: Sequence[Array], checks: Checks
     return (*shown, *found)
 
 
-def _say(model: LinearisedModel, found: Posterior, judged: Judged, checks: Checks) -> Diagnosis:
-    """State what was judged, in one word, one sentence, and notes."""
+def _judged(first: LinearisedModel, model: LinearisedModel, found: Posterior, checks: Checks,
+            observed: list[MeasuredBlocks]) -> tuple[Diagnosis, Array, Errors]:
+    """
+    Weigh what was found, and state it in one word, one sentence, and notes.
+
+    Returns
+    -------
+    diagnosis : Diagnosis
+    noise : ndarray, shape (channels,)
+        RMS of one sample.
+    errors : Errors
+    """
     final = found.model
-    names = list(dict.fromkeys(final.library[n].name for n in judged.numbers))
+    summary = summarise_residual(final, found.discrepancy_evidence)
+    part = unexplained(summary)
+    gap, noise, errors = measured_gap(first, found, summary, observed)
+    numbers = {a.name: parameters_of(final, a) for a in found.accepted}
+    limits = [x for name, values in numbers.items() for x in at_limit(name, values)]
+    probabilities, candidates = weighed(found, part.ratio >= 1.0, gap.closed >= 0.0 and not limits)
+    stated = with_taken(final, found.accepted, numbers, errors, gap.closed)
+    effects = (*(in_its_time(NamedEffect(name, values, probabilities[name]), final, found.instants)
+                 for name, values in stated.items()),
+               *(NamedEffect(name, values, CHECKED) for name, values in checks.effects.items()))
+    candidates = listed_once([*candidates, *((name, CHECKED) for name in checks.effects)])
+    names = list(dict.fromkeys(final.library[n].name for n in numbers))
+    missing = not_compared(model)
     word, sentence = verdict(
-        [*names, *checks.effects], judged.candidates, judged.part,
-        judged.gap.closed if names or model.fixed else None,
-        bool(checks.effects) or signal_to_noise(model) > ENOUGH, whole=not unjudged(model),
-        with_discrepancy=found.beside_discrepancy,
-        slow_noise=judged.summary.slow_noise, band=model.datasets[0].simulation.band,
-        certain=tuple(checks.effects),
-        at_limit=judged.limits)
-    sentence += in_time(judged.effects) \
-        + missing_streams(final.datasets[0].recording) + unjudged(model)
-    within = (judged.part.within,) if judged.part.within and word != 'no_gap' else ()
-    notes = (*checks.notes, *judged.summary.notes, *within,
-             *(note for a in found.accepted for note in not_identified(final, a)), *judged.ties)
-    return Diagnosis(
-        word, sentence, judged.effects, tuple(judged.candidates), gap=judged.gap, notes=notes,
-        earlier=found.earlier())
+        [*names, *checks.effects], candidates, part, gap.closed if names or model.fixed else None,
+        bool(checks.effects) or signal_to_noise(model) > ENOUGH, whole=not missing,
+        with_discrepancy=found.beside_discrepancy, slow_noise=summary.slow_noise,
+        band=model.datasets[0].simulation.band, certain=tuple(checks.effects), at_limit=limits)
+    sentence += in_time(effects) + missing
+    notes = (*checks.notes, *summary.notes,
+             *((part.within,) if part.within and word != 'no_gap' else ()),
+             *(note for a in found.accepted for note in not_identified(final, a)),
+             *ties_of(found))
+    return Diagnosis(word, sentence, effects, tuple(candidates),
+                     _localised(found, summary.predicted, checks), gap, notes=notes,
+                     earlier=found.earlier()), noise, errors
 
 
-def _outcome(first: LinearisedModel, model: LinearisedModel, found: Posterior, judged: Judged,
-             diagnosis: Diagnosis, checks: Checks, observed: list[MeasuredBlocks]) -> Outcome:
+def _outcome(first: LinearisedModel, model: LinearisedModel, found: Posterior,
+             diagnosis: Diagnosis, noise: Array, errors: Errors, checks: Checks,
+             observed: list[MeasuredBlocks]) -> Outcome:
     """Return the diagnosis with the rig that it leads to; what is not named is not added to it."""
-    selection, final, noise = found, found.model, judged.noise
+    selection, final = found, found.model
     if diagnosis.verdict in ('unknown', 'not_excited'):
         # a gap without a name looks like noise
         final = replace(model, noise=[at_standstill(b, n)
                                       for b, n in zip(model.residuals, model.noise)])
         selection = Posterior(final, (), ())
         gap, noise, _ = measured_gap(first, selection, summarise_residual(final), observed)
-        unknown = NamedEffect(UNKNOWN, {}, dict(judged.candidates).get(UNKNOWN, 1.0))
+        unknown = NamedEffect(UNKNOWN, {}, dict(diagnosis.candidates).get(UNKNOWN, 1.0))
         diagnosis = replace(diagnosis, gap=gap, effects=(unknown,))
     if diagnosis.verdict == 'not_excited':
         diagnosis = replace(diagnosis, effects=(), candidates=())
     closest = found.closest and patched_rig(
         found.closest.model, found._replace(accepted=tuple(found.closest.accepted)), checks)
     return Outcome(diagnosis, patched_rig(final, selection, checks),
-                   recalibrations(final, judged.errors),
-                   tuple(first.residuals), tuple(final.residuals), final.datasets, noise,
-                   selection, checks, aliases(final, judged.errors), closest)
+                   recalibrations(final, errors), tuple(first.residuals), tuple(final.residuals),
+                   final.datasets, noise, selection, aliases(final, errors), closest)

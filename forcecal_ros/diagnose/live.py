@@ -13,7 +13,7 @@ from forcecal_ros.diagnose.model.jacobian import sensor_change
 from forcecal_ros.diagnose.recordings import scale_to_volts
 from forcecal_ros.effects.nuisances import nuisances, prior_std
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.sim.rig.simulator import checked_commands, Samples, Simulator
+from forcecal_ros.sim.rig.simulator import checked_commands, held_commands, Samples, Simulator
 from forcecal_ros.sim.signals import BLOCK, RATE, Signals
 import numpy as np
 from numpy.typing import NDArray
@@ -32,9 +32,6 @@ ALARM = 10.0
 
 SMALL = 0.25
 """Excess that is let pass, of blocks or their means, in noise RMS."""
-
-LASTING = 2
-"""Judgements in a row that an excess has to last."""
 
 
 STREAMS = np.array([c.stream for c in CHANNELS])
@@ -126,7 +123,7 @@ class LiveGap:
         self._simulators = [Simulator(r, self._name) for r in (self._rig, *variants)]
         self._period = rig.robot.period
         self._periods = 0
-        self._command: tuple[Array, Array] | None = None
+        self._command = np.zeros(0), np.zeros((0, 3)), np.zeros((0, 4))
         self._learned: list[Array] = []
         self._sigma = np.zeros((2, len(CHANNELS)))
         m = len(self._nuisances)
@@ -182,20 +179,17 @@ class LiveGap:
 
     def _commands(self, recording: Recording, start: float, n: int) -> tuple[Array, Array]:
         """Return what is commanded in n periods; without a new one, the last command holds."""
-        target = recording.target
-        if target is None and self._command is not None:
-            return np.tile(self._command[0], (n, 1)), np.tile(self._command[1], (n, 1))
-        if target is None:
+        target, (t, positions, xyzw) = recording.target, self._command
+        if target is not None:
+            new = checked_commands(target.position, target.R_base_sensor)
+            t, positions, xyzw = (np.concatenate(both) for both in zip(
+                self._command, (target.t, *new)))
+        if not len(t):
             raise DataError('no commands were received; the simulator follows target_frame')
-        positions, xyzw = checked_commands(target.position, target.R_base_sensor)
-        if self._command is None:
-            self._command = positions[0], xyzw[0]
-        starts = start + self._period * np.arange(n)
-        held = np.searchsorted(target.t, starts + 0.5 * self._period, side='right') - 1
-        before = held < 0
-        positions, xyzw = positions[np.maximum(held, 0)], xyzw[np.maximum(held, 0)]
-        positions[before], xyzw[before] = self._command
-        self._command = positions[-1].copy(), xyzw[-1].copy()
+        starts = np.asarray(start + self._period * np.arange(n), dtype=np.float64)
+        held = held_commands(t, starts, 0.5 * self._period)
+        positions, xyzw = positions[held], xyzw[held]
+        self._command = np.full(1, -np.inf), positions[-1:].copy(), xyzw[-1:].copy()
         return positions, xyzw
 
     def _signals(self, s: Samples, start: float) -> Signals:
@@ -245,11 +239,10 @@ class LiveGap:
     def _near_contact(self, s: Signals, n: int) -> NDArray[np.bool_]:
         """Say which blocks are in contact, or shortly after it, nominally."""
         touching = np.abs(s.contact).reshape(n, -1).max(axis=1) > 0.0
-        out = np.zeros(n, dtype=bool)
-        for i in range(n):
-            self._since_contact = 0 if touching[i] else self._since_contact + 1
-            out[i] = self._since_contact <= AFTER
-        return out
+        block = np.arange(n)
+        last = np.maximum.accumulate(np.where(touching, block, -1 - self._since_contact))
+        self._since_contact = int(n - 1 - last[-1])
+        return np.asarray(block - last <= AFTER)
 
     def _judgement(self) -> Judgement:
         if not self._recent:
@@ -264,12 +257,12 @@ class LiveGap:
             if bad and not stage:
                 stage, out = link.stage, bad
         self._lasting = self._lasting + 1 if stage else 0
-        if self._lasting < LASTING:
+        if self._lasting < 2:  # judgements in a row
             stage, out = '', ()
         self._first = self._first or stage
         return Judgement(False, excess, stage, out, self._first)
 
-    def _judged(self, link: _Link) -> dict[str, tuple[float, float]]:
+    def _judged(self, link: _Link) -> dict[str, list[float]]:
         """Return excess in noise RMS, and sigmas, of the channels of one stage."""
         m = len(self._nuisances)
         limits = np.array([n.limit for n in self._nuisances])
@@ -281,12 +274,11 @@ class LiveGap:
         if not n:
             return {}
         means = rest[:n].reshape(-1, TENTH, rest.shape[1]).mean(axis=1)
-        found = {}
-        for c in np.flatnonzero(np.isin(STREAMS, link.seen_in) & (self._sigma[0] > 0.0)):
-            scores = []
-            for rows, sigma in ((rest[:, c], self._sigma[0, c]), (means[:, c], self._sigma[1, c])):
-                over = float(np.mean(rows ** 2)) / sigma ** 2 - 1.0
-                scores.append((float(np.sqrt(max(0.0, over)) * sigma / self._sigma[0, c]),
-                               float(over / np.sqrt(2.0 / len(rows)))))
-            found[CHANNELS[c].name] = (max(e for e, _ in scores), max(z for _, z in scores))
-        return found
+        there = np.flatnonzero(np.isin(STREAMS, link.seen_in) & (self._sigma[0] > 0.0))
+        sigma, counts = self._sigma[:, there], np.array([[len(rest)], [len(means)]])
+        over = np.stack([np.mean(rows[:, there] ** 2, axis=0) for rows in (rest, means)]
+                        ) / sigma ** 2 - 1.0
+        excess = np.sqrt(np.maximum(over, 0.0)) * sigma / sigma[0]
+        z = over / np.sqrt(2.0 / counts)
+        return {CHANNELS[c].name: both for c, *both in zip(
+            there, excess.max(axis=0).tolist(), z.max(axis=0).tolist())}

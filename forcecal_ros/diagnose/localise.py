@@ -4,27 +4,23 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+from forcecal_ros.core.estimation import robust_fit
 from forcecal_ros.core.geometry import Array, rotation_vector
 from forcecal_ros.core.noise.autoregression import Autoregression
 from forcecal_ros.core.quantity import quantity
 from forcecal_ros.core.streams import PoseStream
-from forcecal_ros.diagnose.dataset import Blocks, CHANNELS, STREAM_SLICES
+from forcecal_ros.diagnose.dataset import CHANNELS, Dataset, STREAM_SLICES
 from forcecal_ros.diagnose.model.jacobian import Column
 from forcecal_ros.sim.signals import BLOCK
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
+from scipy.optimize import minimize_scalar
 from scipy.special import ndtr
-
-POSE_WINDOW_S = 0.02
-"""Standard deviation of the window that poses are averaged over [s]."""
-
-SEGMENTS = 12
-"""Segments of a recording, whose scatter gives the standard error of the delay."""
 
 MIN_SPEED = (1e-3, 5e-3)
 """
-Speeds below which a segment does not identify a delay, RMS [m/s], [rad/s]: in 10 ms as far as the
+Speeds below which a motion does not identify a delay, RMS [m/s], [rad/s]: in 10 ms as far as the
 noise of a pose.
 """
 
@@ -109,31 +105,19 @@ def compare_motions(measured: PoseStream, simulated: PoseStream, own_delay: bool
 
 
 def _motion_difference(apart: Array, speed: Array, slowest: float, own_delay: bool) -> Difference:
-    delay, std = _regress_delay(apart, speed, slowest) if own_delay else (np.nan, np.nan)
-    unexplained = apart + delay * speed if np.isfinite(delay) else apart
-    return Difference(_rms(apart), delay, std, _rms(unexplained - unexplained.mean(axis=0)))
+    delay, std, unexplained = np.nan, np.nan, apart - apart.mean(axis=0)
+    if own_delay and _rms(speed) > slowest:
+        offsets = np.tile(np.eye(3), (len(apart), 1, 1))
+        fit = robust_fit(np.concatenate([-speed[:, :, np.newaxis], offsets], axis=2), apart)
+        delay, std, unexplained = float(fit.theta[0]), float(fit.std[0]), fit.residual[:, 0]
+    return Difference(_rms(apart), delay, std, _rms(unexplained))
 
 
 def _smooth_poses(stream: PoseStream, t: Array) -> tuple[Array, Array]:
-    smooth = POSE_WINDOW_S * (len(stream) - 1) / (stream.t[-1] - stream.t[0])
+    # over a window of 20 ms, 1 sigma
+    smooth = 0.02 * (len(stream) - 1) / (stream.t[-1] - stream.t[0])
     found = replace(stream, position=gaussian_filter1d(stream.position, smooth, axis=0)).at(t)
     return found.position, found.R_base_sensor
-
-
-def _regress_delay(apart: Array, speed: Array, slowest: float) -> tuple[float, float]:
-    """Regress a difference on the speed in pieces, each about its own mean."""
-    found, weight = [], []
-    for d, v in zip(np.array_split(apart, SEGMENTS), np.array_split(speed, SEGMENTS)):
-        d, v = d - d.mean(axis=0), v - v.mean(axis=0)
-        power = float((v ** 2).sum())
-        if power > slowest ** 2 * len(v):
-            found.append(-float((d * v).sum()) / power)
-            weight.append(power)
-    if len(found) < 3:
-        return float('nan'), float('nan')
-    w, x = np.array(weight) / sum(weight), np.array(found)
-    mean = float(w @ x)
-    return mean, float(np.sqrt(w ** 2 @ (x - mean) ** 2 * len(x) / (len(x) - 1)))
 
 
 def _rms(rows: Array) -> float:
@@ -170,15 +154,9 @@ IMPULSE_BLOCKS = 3
 MAX_OCTAVE_RATIO = 2.2
 """By how much the power of coloured noise may grow from one octave to the next lower one."""
 
-MAX_LOWEST_RATIO = 2.5
-"""Factor by which coloured noise may grow further in the lowest band, which is many octaves."""
-
 BANDS = ((0.0, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 8.0), (8.0, 16.0), (16.0, 32.0),
          (32.0, 62.5), (62.5, 125.0))
 """Octaves [Hz] of the block means."""
-
-MIN_STRETCH_BLOCKS, MIN_STRETCH_SAMPLES = 50.0, 8
-"""Stretch whose spectrum is taken, in blocks: 0.2 s tell octaves from 5 Hz on; its samples."""
 
 
 class TimeFrequencyBin(NamedTuple):
@@ -191,7 +169,7 @@ class TimeFrequencyBin(NamedTuple):
     z: float
 
 
-def time_frequency_bins(dataset: Blocks, noise: Autoregression,
+def time_frequency_bins(dataset: Dataset, noise: Autoregression,
                         residual: Array) -> list[TimeFrequencyBin]:
     """
     Compare the energy of every channel, phase and octave with the noise at standstill.
@@ -250,7 +228,8 @@ def _expected_colour(octaves: list[tuple[Array, Array]]) -> Array:
     expected = np.ones(len(BANDS))
     for b in range(len(BANDS) - 2, -1, -1):
         there = ratios[np.isfinite(ratios[:, b]), b]
-        steepest = expected[b + 1] * MAX_OCTAVE_RATIO * (MAX_LOWEST_RATIO if b == 0 else 1.0)
+        # the lowest band is many octaves
+        steepest = expected[b + 1] * MAX_OCTAVE_RATIO * (2.5 if b == 0 else 1.0)
         if len(there):
             expected[b] = min(max(1.0, float(np.median(there))), steepest)
     return expected
@@ -267,7 +246,7 @@ def _octaves(white: Array, rows: NDArray[np.bool_], spacing: float) -> tuple[Arr
     edges = np.flatnonzero(np.diff(np.concatenate([[0], rows.astype(int), [0]])))
     for i, j in zip(edges[::2], edges[1::2]):
         n = j - i
-        if n < max(MIN_STRETCH_SAMPLES, MIN_STRETCH_BLOCKS / spacing):
+        if n < max(8, 50.0 / spacing):  # 0.2 s tell octaves from 5 Hz on
             continue
         power = np.abs(np.fft.rfft(white[i:j])) ** 2 / n
         weight = np.full(len(power), 2.0)
@@ -364,11 +343,9 @@ def spectral_lines(rows: Array, rate: float, name: str) -> tuple[Line, ...]:
 def _peak(rows: Array, near: float, rate: float) -> float:
     """Frequency of the strongest line within a bin of one [Hz]."""
     t, width = np.arange(len(rows)) / rate, rate / len(rows)
-    for fineness in (0.25, 0.05, 0.01):
-        tried = near + fineness * width * np.arange(-5, 6)
-        power = [abs(np.exp(-2j * np.pi * f * t) @ rows) for f in tried]
-        near = float(tried[int(np.argmax(power))])
-    return near
+    return float(minimize_scalar(
+        lambda f: -abs(np.exp(-2j * np.pi * f * t) @ rows), method='bounded',
+        bounds=(near - width, near + width), options={'xatol': 0.01 * width}).x)
 
 
 def _floor(power: Array) -> Array:
@@ -383,13 +360,6 @@ def _floor(power: Array) -> Array:
     middle = np.maximum(middle, np.median(around, axis=1))
     centres = (np.arange(len(middle)) + 0.5) * FLOOR_BINS
     return np.asarray(np.interp(np.arange(len(power)), centres, middle) + 1e-300)
-
-
-FALSE_DISCOVERY_RATE = 0.01
-"""False discovery rate (Benjamini and Hochberg)."""
-
-MAX_LOCATIONS = 40
-"""Locations that are reported, at most."""
 
 
 class Location(NamedTuple):
@@ -430,7 +400,7 @@ def stage_of(channel: str, phase: str, touched: set[str]) -> str:
     return next(c.stage for c in CHANNELS if c.name == channel)
 
 
-def localise(datasets: Sequence[Blocks], noise: list[Autoregression], residual: list[Array],
+def localise(datasets: Sequence[Dataset], noise: list[Autoregression], residual: list[Array],
              difference: list[Array], stage: Callable[[str, str, set[str]], str],
              sensors: Sequence[Sequence[Column]]) -> tuple[Location, ...]:
     """
@@ -472,10 +442,8 @@ def localise(datasets: Sequence[Blocks], noise: list[Autoregression], residual: 
                     w[1, there], 1.0 / (BLOCK * own.spacing(c)))
     tested = sorted(((ndtr(-s[0] / np.sqrt(s[1])), key) for key, s in sums.items()
                      if s[1] > 1e-9), key=lambda one: one[0])
-    kept = 0
-    for i, (p, _) in enumerate(tested):
-        if p <= FALSE_DISCOVERY_RATE * (i + 1) / len(tested):
-            kept = i + 1
+    # a false discovery rate of 1 % (Benjamini and Hochberg)
+    kept = max((i for i, (p, _) in enumerate(tested, 1) if p <= 0.01 * i / len(tested)), default=0)
     chosen = [(p, key) for p, key in tested[:kept] if sums[key][1] > 4.0]
     touched = {CHANNELS[c].name for _, (c, _) in chosen if sums[c, _][1] > 25.0}
     found = []
@@ -486,7 +454,7 @@ def localise(datasets: Sequence[Blocks], noise: list[Autoregression], residual: 
         found.append(Location(stage(name, word, touched), name, word, band,
                               float(np.sqrt(s[3] / s[2])), float(max(p, 1e-300))))
     found.sort(key=lambda place: -place.excess)
-    return tuple(found[:MAX_LOCATIONS])
+    return tuple(found[:40])
 
 
 def _beyond_sensors(white: Array, columns: Array) -> Array:

@@ -84,23 +84,8 @@ class Alias(NamedTuple):
     angle_deg: float
 
 
-class Excitation(NamedTuple):
-    """
-    What a sequence is good for.
-
-    Attributes
-    ----------
-    shown : tuple of Visibility
-        Every effect that applies to the rig.
-    aliases : tuple of Alias
-        Closest first.
-    """
-
-    shown: tuple[Visibility, ...]
-    aliases: tuple[Alias, ...]
-
-
-def excitation(rig: Rig, target: PoseStream, phases: tuple[Phase, ...]) -> Excitation:
+def excitation(rig: Rig, target: PoseStream, phases: tuple[Phase, ...]
+               ) -> tuple[tuple[Visibility, ...], tuple[Alias, ...]]:
     """
     Judge a sequence for a rig by simulating it.
 
@@ -108,6 +93,13 @@ def excitation(rig: Rig, target: PoseStream, phases: tuple[Phase, ...]) -> Excit
     ----------
     target : PoseStream
         Commands.
+
+    Returns
+    -------
+    shown : tuple of Visibility
+        Every effect that applies to the rig.
+    aliases : tuple of Alias
+        Closest first.
     """
     recording = replace(simulate(rig, target, seed=0), phases=phases)
     model = linearised_model(rig, (split_by_phase(prepare_commanded(recording, rig)),))
@@ -121,57 +113,49 @@ def excitation(rig: Rig, target: PoseStream, phases: tuple[Phase, ...]) -> Excit
             none = np.nan if name in (*UNSEEN, *CLIPPING) else 0.0
             shown.append(Visibility(name, '', none, '', none, effect.excited_by))
     order = list(EFFECTS)
-    return Excitation(tuple(sorted(shown, key=lambda s: order.index(s.name))),
-                      _aliases(information, parts))
+    return (tuple(sorted(shown, key=lambda s: order.index(s.name))),
+            _aliases(information, parts))
 
 
-class _Directions(NamedTuple):
-    """What one effect can do: a column, its scale, parameter and typical size for each."""
+class _Direction(NamedTuple):
+    """One thing that an effect can do: a column and its scale, of a parameter's typical size."""
 
-    columns: list[Column]
-    scale: list[float]
-    quantities: list[Quantity]
-    sizes: list[float]
+    column: Column
+    scale: float
+    quantity: Quantity
+    size: float
 
 
-def _directions(model: LinearisedModel, h: Hypothesis) -> _Directions:
+def _directions(model: LinearisedModel, h: Hypothesis) -> list[_Direction]:
     """Return the directions of an effect; one that lifts nuisances' priors has theirs."""
     if not h.releases:
         atom = h.atoms[0]
-        columns = list(atom.columns[0])
-        return _Directions(columns, [1.0] * len(columns),
-                           [h.effect.parameters[i] for i in atom.free],
-                           [float(atom.start[i]) for i in atom.free])
+        return [_Direction(one, 1.0, h.effect.parameters[i], float(atom.start[i]))
+                for one, i in zip(atom.columns[0], atom.free)]
     released = [i for i, n in enumerate(model.nuisances) if n.name in h.releases[0]]
-    quantities = list(h.effect.parameters)
-    return _Directions(
-        [model.jacobian[0][i] for i in released],
-        [(q.typical - q.nominal) / float(model.prior_std[i])
-         for q, i in zip(quantities, released)],
-        quantities, [q.typical for q in quantities])
+    return [_Direction(model.jacobian[0][i], (q.typical - q.nominal) / float(model.prior_std[i]),
+                       q, q.typical) for q, i in zip(h.effect.parameters, released)]
 
 
-def _information(model: LinearisedModel, found: Mapping[str, _Directions]
+def _information(model: LinearisedModel, found: Mapping[str, list[_Direction]]
                  ) -> tuple[Array, dict[str, NDArray[np.intp]]]:
     """Return the information of all typical sizes, and where each effect's are in it."""
-    m = len(model.nuisances)
-    ends = m + np.cumsum([len(one.columns) for one in found.values()])
-    size = np.concatenate([np.ones(m), *(one.scale for one in found.values())])
-    extra = [column for one in found.values() for column in one.columns]
-    matrix = model.gram([extra]).matrix * np.outer(size, size)
+    m, every = len(model.nuisances), [one for several in found.values() for one in several]
+    size = np.append(np.ones(m), [one.scale for one in every])
+    matrix = model.gram([[one.column for one in every]]).matrix * np.outer(size, size)
     # nuisances are taken out as far as their nominal tolerances allow
     projected = matrix - matrix[:, :m] @ np.linalg.solve(matrix[:m, :m] + np.eye(m), matrix[:m])
-    return np.asarray(projected), {
-        name: np.arange(end - len(one.columns), end)
-        for (name, one), end in zip(found.items(), ends)}
+    ends = m + np.cumsum([len(several) for several in found.values()])
+    return np.asarray(projected), {name: np.arange(end - len(several), end)
+                                   for (name, several), end in zip(found.items(), ends)}
 
 
-def _visibility(effect: Effect, directions: _Directions, energy: Array) -> Visibility:
+def _visibility(effect: Effect, directions: list[_Direction], energy: Array) -> Visibility:
     best, worst = int(energy.argmax()), int(energy.argmin())
-    q, size = directions.quantities[best], directions.sizes[best]
+    q, size = directions[best].quantity, directions[best].size
     shown, factor = scaled(size, q.unit)
     return Visibility(effect.name, f'{q.name} {factor * size:.3g} {shown}', float(energy[best]),
-                      directions.quantities[worst].name, float(energy[worst]), effect.excited_by)
+                      directions[worst].quantity.name, float(energy[worst]), effect.excited_by)
 
 
 def _aliases(information: Array, parts: Mapping[str, NDArray[np.intp]]) -> tuple[Alias, ...]:
@@ -197,9 +181,6 @@ def _whitened(information: Array, part: NDArray[np.intp]) -> Array:
     kept = values > 1e-9 * values.max()
     return np.asarray(vectors[:, kept] / np.sqrt(values[kept]))
 
-
-PRESS_M = 0.006
-"""How far the tip is sent beyond the wall [m]."""
 
 SETTLE_S = 0.5
 """How long the tool is expected to settle [s]."""
@@ -241,19 +222,41 @@ class PlannedMotion(NamedTuple):
 
 @dataclass(frozen=True)
 class Planned:
-    """A sequence, what it shows, and the effects that it was requested; none: all."""
+    """
+    A sequence, what it shows, and the effects that it was requested for.
+
+    Attributes
+    ----------
+    shown : tuple of Visibility
+        Every effect that applies to the rig.
+    aliases : tuple of Alias
+        Closest first.
+    requested : tuple of str
+        None: all.
+    """
 
     motion: PlannedMotion
-    excitation: Excitation
+    shown: tuple[Visibility, ...]
+    aliases: tuple[Alias, ...]
     requested: tuple[str, ...] = ()
+
+    @property
+    def of_interest(self) -> list[Visibility]:
+        """What it shows of the effects requested."""
+        return [s for s in self.shown if not self.requested or s.name in self.requested]
+
+    @property
+    def confounded(self) -> list[Alias]:
+        """The pairs that are hard to separate, of the effects requested."""
+        return [a for a in self.aliases
+                if not self.requested or {a.one, a.other} & set(self.requested)]
 
     @property
     def unclear(self) -> list[str]:
         """Effects requested that do not show clearly, or look like another one of them."""
-        requested = [s for s in self.excitation.shown if s.name in self.requested]
-        confounded = {name for a in self.excitation.aliases
+        confounded = {name for a in self.aliases
                       if {a.one, a.other} <= set(self.requested) for name in (a.one, a.other)}
-        return [s.name for s in requested if s.name in confounded or (
+        return [s.name for s in self.of_interest if s.name in confounded or (
             s.energy < CLEAR_ENERGY and set(s.excited_by) & {p.name for p in self.motion.phases})]
 
 
@@ -267,7 +270,7 @@ def plan_for(rig: Rig, *, contact: bool, effects: Collection[str] = (),
     """
     def planned(names: Collection[str]) -> Planned:
         motion = motion_for(rig, contact=contact, effects=names, limits=limits)
-        return Planned(motion, excitation(rig, motion.target, motion.phases), tuple(effects))
+        return Planned(motion, *excitation(rig, motion.target, motion.phases), tuple(effects))
 
     brief = planned(effects)
     if not effects or not brief.unclear:
@@ -351,7 +354,7 @@ def _timing_with_contact(rig: Rig, timing: Timing) -> tuple[Timing, float]:
     """Return how far the wall is, and the X that the box has to reach beyond it [m]."""
     home = home_of(rig)
     reach = home.position + home.R_base_sensor @ np.array(rig.tool.tip)
-    way = rig.wall.position + PRESS_M - float(reach[0])
+    way = rig.wall.position + 0.006 - float(reach[0])  # 6 mm beyond the wall
     if not 0.0 < way < 0.5 or home.R_base_sensor[0, 0] < 0.9:
         raise DataError(f'the wall at X = {rig.wall.position:g} m is not in front of the tip '
                         f'at X = {reach[0]:.3f} m; plan without contact')
@@ -407,34 +410,22 @@ COLUMNS = ('effect', 'at a size of', 'std. errors', 'shows', 'weakest')
 """What an effect's energy is the square of: how many standard errors of its parameter it is."""
 
 
-def _requested(planned: Planned) -> list[Any]:
-    return [s for s in planned.excitation.shown
-            if not planned.requested or s.name in planned.requested]
-
-
 def plan_text(planned: Planned) -> str:
     """Return what a sequence shows as a table, then what it could not show or separate."""
-    shown = _requested(planned)
-    rows = [COLUMNS, *(_row(s) for s in shown)]
+    rows = [COLUMNS, *map(_row, planned.of_interest)]
     widths = [max(len(row[i]) for row in rows) for i in range(len(COLUMNS))]
     lines = ['  '.join(cell.rjust(w) if i == 2 else cell.ljust(w)
                        for i, (cell, w) in enumerate(zip(row, widths))).rstrip() for row in rows]
     lines += ['', f'closer than {CONFOUNDED_DEG:g} deg to each other, hard to separate:']
-    lines += [f'  {a.one} / {a.other}: {a.angle_deg:.1f} deg' for a in aliases(planned)] \
+    lines += [f'  {a.one} / {a.other}: {a.angle_deg:.1f} deg' for a in planned.confounded] \
         or ['  none']
     return '\n'.join([*lines, *limitations(planned)])
-
-
-def aliases(planned: Planned) -> list[Alias]:
-    """Return the pairs that are hard to separate, of the effects requested."""
-    return [a for a in planned.excitation.aliases
-            if not planned.requested or {a.one, a.other} & set(planned.requested)]
 
 
 def limitations(planned: Planned) -> list[str]:
     """Say which of the effects requested do not show, and what the limits took away."""
     lines, motion = [], planned.motion
-    shown = {s.name: s for s in planned.excitation.shown}
+    shown = {s.name: s for s in planned.shown}
     for name in planned.requested or shown:
         if name not in shown:
             lines.append(f'{name}: a rig with a rigid tool cannot have it')
@@ -458,9 +449,9 @@ def plan_document(planned: Planned) -> dict[str, Any]:
             'name': s.name, 'size': s.size, 'shows': s.word, 'excited_by': list(s.excited_by),
             'energy': None if math.isnan(s.energy) else s.energy, 'weakest': s.weakest,
             'weakest_energy': None if math.isnan(s.weakest_energy) else s.weakest_energy,
-        } for s in _requested(planned)],
+        } for s in planned.of_interest],
         'alike': [{'effects': [a.one, a.other], 'angle_deg': a.angle_deg}
-                  for a in aliases(planned)],
+                  for a in planned.confounded],
         'cannot': limitations(planned)}
 
 

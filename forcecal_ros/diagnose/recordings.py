@@ -1,6 +1,6 @@
 """Recordings made comparable: one clock, bridged pauses, accelerometers, joints, commands."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeVar
 
@@ -11,17 +11,16 @@ from forcecal_ros.checks.messages import Stated
 from forcecal_ros.checks.signals import pauses, SENSORS
 from forcecal_ros.core.calibration import Accelerometer
 from forcecal_ros.core.errors import below, DataError
-from forcecal_ros.core.geometry import Array, rotation_vector, STANDARD_GRAVITY
+from forcecal_ros.core.geometry import Array, STANDARD_GRAVITY
 from forcecal_ros.core.stamps import with_even_streams
-from forcecal_ros.core.streams import JointStream, PoseStream, Recording, Stream
+from forcecal_ros.core.streams import JointStream, PoseStream, Recording
 from forcecal_ros.core.topics import ROLES
+from forcecal_ros.diagnose.dataset import MeasuredBlocks
 from forcecal_ros.effects.rig import AccelerometerModel, Rig
 from forcecal_ros.sim.rig.replay import Replay
 from forcecal_ros.sim.rigid_tool import RigidTool
-from forcecal_ros.sim.signals import RATE
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation, RotationSpline, Slerp
+from scipy.spatial.transform import Rotation, Slerp
 
 
 class Corrected(NamedTuple):
@@ -39,7 +38,7 @@ class Corrected(NamedTuple):
     notes : tuple of str
         What had to be left out.
     stamped : Recording
-        Before its clocks were correct_clocks.
+        Before its clocks were corrected.
     """
 
     recording: Recording
@@ -67,7 +66,10 @@ def correct_clocks(recording: Recording, rig: Rig, shortest: float) -> Corrected
     stamped, changed = _even_streams(recording)
     # what is no reading has a stamp all the same: it is not lost
     found = clocks(replace(recording, **changed), _rates(rig))
-    _require_commands(stamped)
+    require_commands(stamped)
+    if not any(_has(stamped, name) for name in STAGES_OF_STREAM):
+        raise DataError('the recording holds neither wrench nor accelerometer; record at least '
+                        'one of them')
     require_overlap(stamped, 'target', shortest)
     whole = bridge_pauses(stamped)
     skew = skew_between(found)
@@ -77,7 +79,7 @@ def correct_clocks(recording: Recording, rig: Rig, shortest: float) -> Corrected
         stream = getattr(whole, name)
         aligned[name] = replace(stream, t=start + (stream.t - start) / (1.0 + value))
     return Corrected(replace(whole, **aligned), found, skew, dropouts(found),
-                     _added_notes(recording, stamped), whole)
+                     stamped.notes[len(recording.notes):], whole)
 
 
 def even_stamps(recording: Recording) -> Corrected:
@@ -90,11 +92,7 @@ def even_stamps(recording: Recording) -> Corrected:
         A stream cannot be used.
     """
     stamped, _ = _even_streams(recording)
-    return Corrected(stamped, (), {}, {}, _added_notes(recording, stamped), stamped)
-
-
-def _added_notes(before: Recording, after: Recording) -> tuple[str, ...]:
-    return after.notes[len(before.notes):]
+    return Corrected(stamped, (), {}, {}, stamped.notes[len(recording.notes):], stamped)
 
 
 def _even_streams(recording: Recording) -> tuple[Recording, dict[str, Any]]:
@@ -111,14 +109,12 @@ def _rates(rig: Rig) -> dict[str, float]:
     return rates | ({'optidrive': rig.optidrive.rate} if rig.optidrive else {})
 
 
-def _require_commands(recording: Recording) -> None:
+def require_commands(recording: Recording) -> None:
+    """Refuse a recording without commanded poses."""
     target = recording.target
-    if target is None or not len(target):
+    if target is None or not len(target) or not target.has_position:
         raise DataError('the recording holds no commands (target_frame); record them, the '
                         'simulator replays them')
-    if recording.wrench is None and recording.accelerometer is None:
-        raise DataError('the recording holds neither wrench nor accelerometer; record at least '
-                        'one of them')
 
 
 MAX_PAUSE_S = 60.0
@@ -147,27 +143,29 @@ def require_same_sensors(recordings: Sequence[Recording]) -> None:
                             'record the same topics in both')
 
 
-def require_axes_of(rig: Rig, recordings: Iterable[Recording], by: str = 'rig') -> None:
+def require_axes_of(rig: Rig, recording: Recording, by: str = 'rig',
+                    other_tool: str | None = None) -> None:
     """
-    Refuse wrenches whose frame, axes or units are not those of a rig.
+    Refuse a wrench whose frame, axes, sign or units are not those of a rig.
 
     Parameters
     ----------
-    recordings : iterable of Recording
+    recording : Recording
         Checked.
     by : str
         ``rig`` or ``calibration``: where the model is.
+    other_tool : str, optional
+        What to do if another tool than the rig's hung on the robot; to calibrate it if None.
 
     Raises
     ------
     DataError
         Names cause and remedy.
     """
-    for recording in recordings:
-        gravity = np.array(rig.gravity)
-        judge(recording, gravity, Stated(gravity / np.linalg.norm(gravity),
-                                         sensor_from_pose=recording.sensor_from_pose, by=by),
-              Known(rig.tool.mass, np.array(rig.tool.com)))
+    gravity, known = np.array(rig.gravity), Known(rig.tool.mass, np.array(rig.tool.com))
+    judge(recording, gravity, Stated(gravity / np.linalg.norm(gravity),
+                                     sensor_from_pose=recording.sensor_from_pose, by=by),
+          known._replace(other_tool=other_tool) if other_tool else known)
 
 
 def require_overlap(recording: Recording, reference: str, shortest: float) -> None:
@@ -194,26 +192,12 @@ def require_overlap(recording: Recording, reference: str, shortest: float) -> No
         if name != reference and _has(recording, name):
             t = getattr(recording, name).t
             common = float(min(t[-1], clock.t[-1]) - max(t[0], clock.t[0]))
-            if common < min(shortest, clock.t[-1] - clock.t[0]):
+            if common < shortest:
                 short[name] = max(0.0, common)
     if short:
         listed = ', '.join(f'{name} {below(common, shortest)} s' for name, common in short.items())
         raise DataError(f'too little was recorded together with {ROLES[reference].topic}: '
                         f'{listed}; {shortest:g} s are needed, record all topics throughout')
-
-
-def missing_streams(recording: Recording) -> str:
-    """
-    Say which stages a recording cannot show because a stream is missing.
-
-    Returns
-    -------
-    str
-        To be put behind a sentence; empty where nothing is missing.
-    """
-    missing = [f'{stages} (no {name} to compare)' for name, stages in STAGES_OF_STREAM.items()
-               if not _has(recording, name)]
-    return f'; not compared: {", ".join(missing)}' if missing else ''
 
 
 def _has(recording: Recording, name: str) -> bool:
@@ -299,18 +283,14 @@ def apply_accelerometer_calibration(recording: Recording,
 
 def recognise_accelerometer(recording: Recording, rig: Rig) -> str:
     """Return which accelerometer was mounted: the one whose volts at the start fit better."""
-    stream, name = recording.accelerometer, rig.accelerometer.mounted
-    pose = recording.pose or recording.target
-    if stream is None or recording.accelerometer_unit != 'V' or pose is None or not len(stream):
+    name, (first, up) = rig.accelerometer.mounted, _at_start(recording, rig)
+    if not len(first) or recording.accelerometer_unit != 'V':
         return name
-    first = stream.values[:max(1, int(0.3 * stream.rate))].mean(axis=0)
-    up = -pose.R_base_sensor[0].T @ np.array(rig.gravity)
 
     def miss(candidate: str) -> float:
         model = rig.accelerometer.model(candidate)
-        f = up if model.highpass == 0.0 else np.zeros(3)
-        volts = np.array(model.gain) * f + model.offset
-        return float(np.linalg.norm(first - volts))
+        return float(np.linalg.norm(
+            first - model.offset - np.array(model.gain) * up * (model.highpass == 0.0)))
 
     best = min(('acc1', 'acc2'), key=miss)
     return best if miss(best) < 0.5 * miss(name) else name
@@ -323,17 +303,22 @@ def convert_to_volts(recording: Recording, rig: Rig, name: str) -> Recording:
     A driver that converts volts takes the rig's offset off; a sensor that speaks m/s^2 by itself
     does not know of it, and its readings hold it. Its value at the start shows which it is.
     """
-    model, stream = rig.accelerometer.model(name), recording.accelerometer
-    if stream is None or recording.accelerometer_unit == 'V' or not len(stream):
-        return recording
-    offset = np.array(model.offset)
-    pose = recording.pose or recording.target
-    if pose is not None and len(pose) and not model.highpass:
-        first = stream.values[:max(1, int(0.3 * stream.rate))].mean(axis=0)
-        rest = (first + pose.R_base_sensor[0].T @ np.array(rig.gravity)) * np.array(model.gain)
+    model, (first, up) = rig.accelerometer.model(name), _at_start(recording, rig)
+    gain, offset = np.array(model.gain), np.array(model.offset)
+    if len(first) and not model.highpass:
+        rest = (first - up) * gain
         if np.linalg.norm(rest - offset) < 0.5 * np.linalg.norm(rest):
             offset = np.zeros(3)
-    return scale_to_volts(recording, np.array(model.gain), offset)
+    return scale_to_volts(recording, gain, offset)
+
+
+def _at_start(recording: Recording, rig: Rig) -> tuple[Array, Array]:
+    """Return an accelerometer's first readings, empty without, and the specific force by pose."""
+    stream, pose = recording.accelerometer, recording.pose or recording.target
+    if stream is None or not len(stream) or pose is None or not len(pose):
+        return np.zeros(0), np.zeros(3)
+    first = stream.values[:max(1, int(0.3 * stream.rate))].mean(axis=0)
+    return first, -pose.R_base_sensor[0].T @ np.array(rig.gravity)
 
 
 def scale_to_volts(recording: Recording, gain: Array, offset: Array) -> Recording:
@@ -347,9 +332,6 @@ def scale_to_volts(recording: Recording, gain: Array, offset: Array) -> Recordin
 
 IMU_OFFSET, IMU_GAIN = 0.03, 0.005
 """Of an Imu, 1 sigma [m/s^2] and relative: 3 mg and half a percent, as data sheets of MEMS say."""
-
-MAX_GRAVITY_ANGLE = 0.2
-"""Angle between gravity as measured and by the pose from which axes are others [rad]."""
 
 SomeTool = TypeVar('SomeTool', bound=RigidTool)
 
@@ -400,54 +382,25 @@ def keep_compared_streams(recording: Recording, streams: tuple[str, ...]) -> Rec
 
 def _reason_not_comparable(recording: Recording) -> str:
     stream, pose = recording.accelerometer, recording.pose
-    assert stream is not None
-    assert pose is not None
+    assert stream is not None and pose is not None
     if recording.accelerometer_unit != 'm/s^2':
         return 'speaks volts; record an Imu'
-    shown = float(np.median(np.linalg.norm(stream.values, axis=1)))
+    size = np.linalg.norm(stream.values, axis=1)
+    shown = float(np.median(size))
     if shown < 0.5 * STANDARD_GRAVITY:  # arms do not fall half of the time
         return (f'shows {shown:.2g} m/s^2 and no gravity; let it publish specific force, which at '
                 'rest is gravity (REP-145)')
-    angle = angle_from_gravity(stream, pose)
-    if angle > MAX_GRAVITY_ANGLE:
-        return (f'feels gravity {np.degrees(angle):.0f} deg from where the pose has it; publish '
-                'it along the axes of the frame of the wrench')
+    up = pose.R_base_sensor[np.searchsorted(pose.t, stream.t).clip(max=len(pose) - 1), 2]
+    cosine = np.sum(stream.values * up, axis=1) / np.maximum(size, 1e-9)
+    angle = np.degrees(np.median(np.arccos(np.clip(cosine, -1.0, 1.0))))
+    if angle > 11.5:
+        return (f'feels gravity {angle:.0f} deg from where the pose has it; publish it along the '
+                'axes of the frame of the wrench')
     return ''
 
 
-def angle_from_gravity(stream: Stream, pose: PoseStream) -> float:
-    """Return the median angle between what is measured and up by the pose [rad]."""
-    inside = (stream.t >= pose.t[0]) & (stream.t <= pose.t[-1])
-    measured: Array = stream.values[inside]
-    up = Slerp(pose.t, Rotation.from_matrix(np.array(pose.R_base_sensor)))(
-        stream.t[inside]).inv().apply([0.0, 0.0, 1.0])
-    cosine = np.sum(measured * up, axis=1) / np.maximum(np.linalg.norm(measured, axis=1), 1e-9)
-    return float(np.median(np.arccos(np.clip(cosine, -1.0, 1.0)))) if len(measured) else np.pi
-
-
-ON_GRID_S = 2e-5
-"""Commands stamped this close to the pose's grid hold from their stamp on [s]."""
-
 MIN_POSES = 50
 """Measured poses from which they show which commands the robot followed, and when."""
-
-MIN_POSE_NOISE = 1e-6
-"""Noise of poses, at least [m], [rad]: an encoder of 22 bits, and no robot's pose is finer."""
-
-REPLAYED_S = 20.0
-"""Length of a recording from its first motion on, at most, that is replayed to choose among whole
-periods [s]."""
-
-MIN_CONCENTRATION = 0.3
-"""Mean of unit vectors, one a stamp, below which stamps keep no grid; even ones give 1, or 0."""
-
-
-def replay_motion(target: PoseStream, rig: Rig, accelerometer: str, start: float, end: float
-                  ) -> PoseStream:
-    """Return the poses of a rig that follows commands from its period 0 on [s]."""
-    signals = Replay(rig, target, start, end, accelerometer).signals(rig)
-    t = start + (1.0 + np.arange(len(signals.position), dtype=np.float64)) / RATE
-    return PoseStream(t, signals.position, signals.R_base_sensor, target.frame)
 
 
 def estimate_start(recording: Recording, rig: Rig, accelerometer: str) -> float:
@@ -467,16 +420,9 @@ def estimate_start(recording: Recording, rig: Rig, accelerometer: str) -> float:
     -------
     float
         [s]
-
-    Raises
-    ------
-    DataError
-        There are no commands.
     """
     target, pose, period = recording.target, recording.pose, rig.robot.period
-    if target is None or not target.has_position:
-        raise DataError('the recording holds no commands (target_frame); record them, the '
-                        'simulator replays them')
+    assert target is not None
     first = float(target.t[0])
     if pose is None or len(pose) < MIN_POSES or not pose.has_position:
         return first
@@ -487,7 +433,7 @@ def estimate_start(recording: Recording, rig: Rig, accelerometer: str) -> float:
     starts = [first + shift + k * grid for k in range(-1, 1 + round(period / grid))]
     speed = np.linalg.norm(np.diff(target.position, axis=0), axis=1)
     begin = target.t[1:][speed > 0.1 * speed.max()][0] if speed.max() > 0.0 else first
-    cut = pose.between(-np.inf, float(begin) + REPLAYED_S)
+    cut = pose.between(-np.inf, float(begin) + 20.0)  # enough to choose among whole periods
     misfits = [_pose_misfit(cut, target, rig, accelerometer, start) for start in starts]
     return first if np.isnan(misfits).any() else starts[int(np.argmin(misfits))]
 
@@ -499,42 +445,31 @@ def grid_shift(commands: Array, poses: Array, period: float) -> float:
     0 where both are on one grid, or where one has none.
     """
     grid = min(period, float(np.median(np.diff(poses))))
-    if min(_concentration(commands, grid), _concentration(poses, grid)) < MIN_CONCENTRATION:
-        return 0.0
-    shift = (_phase(poses, grid) - _phase(commands, grid)) % grid
-    return 0.0 if min(shift, grid - shift) < ON_GRID_S else shift
+    (held, even), (seen, kept) = (_phase(t, grid) for t in (commands, poses))
+    shift = (seen - held) % grid
+    # even stamps give 1, or 0; within 20 us of the grid of the poses commands are on it
+    return shift if min(even, kept) > 0.3 and min(shift, grid - shift) > 2e-5 else 0.0
 
 
-def _concentration(t: Array, period: float) -> float:
-    return float(np.abs(np.mean(np.exp(2j * np.pi * (t - t[0]) / period))))
-
-
-def _phase(t: Array, period: float) -> float:
-    angle = 2.0 * np.pi * (t - t[0]) / period
-    mean = np.angle(np.mean(np.exp(1j * angle)))
-    return float((t[0] + mean * period / (2.0 * np.pi)) % period)
+def _phase(t: Array, period: float) -> tuple[float, float]:
+    """Return the mean phase of stamps on a grid [s], and how closely they keep to it, 0 to 1."""
+    mean = np.mean(np.exp(2j * np.pi * (t - t[0]) / period))
+    return float((t[0] + np.angle(mean) * period / (2.0 * np.pi)) % period), float(np.abs(mean))
 
 
 def _pose_misfit(pose: PoseStream, target: PoseStream, rig: Rig, accelerometer: str, start: float
                  ) -> float:
     """RMS of measured less replayed poses, in their noise; NaN where there are too few."""
-    replayed = replay_motion(target, rig, accelerometer, start,
-                             min(float(pose.t[-1]), float(target.t[-1])))
-    seen = pose.between(float(replayed.t[0]), float(replayed.t[-1]))
-    if len(seen) < MIN_POSES:
+    replay = Replay(rig, target, start, min(float(pose.t[-1]), float(target.t[-1])), accelerometer)
+    measured = MeasuredBlocks(Recording(pose=pose), start, replay.n_blocks)
+    if 'pose' not in measured.streams or len(measured.times('pose')) < MIN_POSES:
         return np.nan
-    there = Stream(replayed.t, np.hstack([
-        replayed.position, replayed.R_base_sensor.reshape(-1, 9)])).at(seen.t)
-    R = there[:, 3:].reshape(-1, 3, 3)
-    turn = rotation_vector(np.swapaxes(R, 1, 2) @ seen.R_base_sensor)
     sensor = rig.pose_sensor
-    return float(np.sqrt(0.5 * (
-        np.mean(((seen.position - there[:, :3]) / max(sensor.position_noise, MIN_POSE_NOISE)) ** 2)
-        + np.mean((turn / max(sensor.orientation_noise, MIN_POSE_NOISE)) ** 2))))
+    noise = np.repeat([sensor.position_noise, sensor.orientation_noise], 3)
+    # an encoder of 22 bits shows 1e-6, and no robot's pose is finer
+    rows = measured.samples('pose', replay.signals(rig)) / np.maximum(noise, 1e-6)
+    return float(np.sqrt(np.mean(rows ** 2)))
 
-
-SPARSE_PERIODS = 1.5
-"""Distance of commands, in periods of the rig, from which periods without one are the rule."""
 
 INTERPOLATED_RATIO = 0.5
 """
@@ -562,11 +497,11 @@ def refuse_sparse_commands(recording: Recording, rig: Rig, accelerometer: str) -
         With how far commands and periods are apart.
     """
     target, pose, period = recording.target, recording.pose, rig.robot.period
-    if (target is None or not target.has_position or len(target) < MIN_POSES or pose is None
-            or len(pose) < MIN_POSES or not pose.has_position):
+    assert target is not None
+    if pose is None or not pose.has_position or min(len(target), len(pose)) < MIN_POSES:
         return
     apart = float(np.median(np.diff(target.t)))
-    if apart < SPARSE_PERIODS * period:
+    if apart < 1.5 * period:  # else periods without a command are the rule
         return
     held, led = (_pose_misfit(pose, one, rig, accelerometer, estimate_start(
         replace(recording, target=one), rig, accelerometer))
@@ -582,10 +517,7 @@ def refuse_sparse_commands(recording: Recording, rig: Rig, accelerometer: str) -
 
 def _interpolated(target: PoseStream, period: float) -> PoseStream:
     """Return commands in each period, on a smooth way through those there are."""
-    t = np.arange(target.t[0], target.t[-1], period)
-    turned = RotationSpline(target.t, Rotation.from_matrix(np.array(target.R_base_sensor)))
-    return replace(target, t=t, position=CubicSpline(target.t, target.position)(t),
-                   R_base_sensor=turned(t).as_matrix())
+    return target.at(np.arange(target.t[0], target.t[-1], period))
 
 
 def joint_names(joints: JointStream | None) -> tuple[str, ...]:
@@ -623,14 +555,6 @@ def select_joints(joints: JointStream | None, names: Sequence[str]) -> JointStre
     if not good.any():
         return None
     return replace(joints, t=joints.t[good], values=rows[good], names=tuple(names))
-
-
-def joint_channel_notes(names: Sequence[str], recordings: Sequence[Recording]) -> Iterator[str]:
-    """Say by which names the channels of joints go."""
-    listed = [one.joints for one in recordings if one.joints is not None]
-    if listed:
-        yield 'joints compared: ' + ', '.join(
-            f'joint.{i} {name}' for i, name in enumerate(names))
 
 
 def missing_joint_notes(measured: Sequence[str], names: Sequence[str]) -> Iterator[str]:

@@ -91,9 +91,7 @@ def to_document(diagnosis: Diagnosis, units: dict[str, str], rig: str | None) ->
             'parameters': {k: _number(p) for k, p in e.parameters.items()},
             **_active_interval(e)} for e in d.effects],
         'candidates': [{'name': n, 'probability': round(p, 4)} for n, p in d.candidates],
-        'where': [{'stage': w.stage, 'channel': w.channel, 'phase': w.phase,
-                   'band_hz': list(w.band_hz), 'excess': w.excess, 'p': w.p}
-                  for w in d.localisation],
+        'where': [{**w._asdict(), 'band_hz': list(w.band_hz)} for w in d.localisation],
         'not_excited': list(d.not_excited), 'notes': list(d.notes),
         'used': d.used or {},
         'posterior': {
@@ -181,8 +179,8 @@ def _from_document(d: Mapping[str, Any]) -> Diagnosis:
             e.get('from'), end=e.get('to'), recording=e.get('recording'))
             for e in d['effects']),
         candidates=tuple((str(c['name']), float(c['probability'])) for c in d['candidates']),
-        localisation=tuple(Location(w['stage'], w['channel'], w['phase'], tuple(w['band_hz']),
-                                    float(w['excess']), float(w['p'])) for w in d['where']),
+        localisation=tuple(Location(**{**w, 'band_hz': tuple(w['band_hz'])})
+                           for w in d['where']),
         gap=_gap(d['gap']) if d.get('gap') else None,
         not_excited=tuple(d['not_excited']), notes=tuple(d['notes']), earlier=earlier)
 
@@ -196,8 +194,12 @@ def _gap(g: Mapping[str, Any]) -> Gap:
                 float(v['noise_rms'])) for name, v in g['per_channel'].items()})
 
 
-def patched_calibration(calibration: Calibration, rigid_tool: RigidTool, delay_std: float | None,
-                        inertia_std: tuple[float, float, float] | None = None) -> Calibration:
+IDENTIFIABLE = 0.5
+"""Standard error, in its prior's, up to which the motion identifies a delay or an inertia."""
+
+
+def patched_calibration(calibration: Calibration, rigid_tool: RigidTool,
+                        std: Mapping[str, float]) -> Calibration:
     """
     Give a calibration what was found: biases, mass, centre of mass, inertia, delay.
 
@@ -205,27 +207,24 @@ def patched_calibration(calibration: Calibration, rigid_tool: RigidTool, delay_s
     ----------
     rigid_tool : RigidTool
         With what was recalibrated, and the effects.
-    delay_std : float or None
-        Standard error of the delay between the sensors [s]; None if not identifiable.
-    inertia_std : tuple of 3 float or None
-        The same of the inertia about each axis [kg m^2].
+    std : mapping of str to float
+        Standard errors of what was recalibrated; a delay or an inertia that the motion does not
+        identify stays as calibrated.
     """
     c, a, found = calibration, calibration.accelerometer, physical_rig(rigid_tool)
-    named = named_effects(rigid_tool.effects)
+    named, spreads = named_effects(rigid_tool.effects), rigid_tool.spreads
     if a is not None:
         behind = (rigid_tool.accel_behind + named.get('accel_delay', {}).get('delay', 0.0)
                   - named.get('wrench_delay', {}).get('delay', 0.0))
-        bias = named.get('accel_bias', {})
+        of_delay, bias = std.get('accelerometer.delay', 0.0), named.get('accel_bias', {})
         off = np.array(rigid_tool.accelerometer.model().offset) + [bias.get(x, 0.0) for x in 'xyz']
-        std = a.delay.std if delay_std is None else delay_std
-        a = replace(a, delay=Estimate(behind if delay_std is not None else float(a.delay), std,
-                                      's'),
-                    offset=Estimate(a.offset.value + a.matrix @ off, a.offset.std,
-                                    a.offset.unit))
-    inertia = c.inertia
-    if inertia_std is not None:
-        std = np.array(inertia_std)
-        inertia = Estimate(found.tool.inertia, np.sqrt(np.outer(std, std)), 'kg m^2')
+        a = replace(
+            a, offset=Estimate(a.offset.value + a.matrix @ off, a.offset.std, a.offset.unit),
+            delay=Estimate(behind, of_delay, 's')
+            if 0.0 < of_delay < IDENTIFIABLE * spreads.accel_behind else a.delay)
+    about, inertia = np.array([std.get(f'tool.inertia.{axis}', 0.0) for axis in 'xyz']), c.inertia
+    if about.min() > 0.0 and about.max() < IDENTIFIABLE * spreads.own_inertia:
+        inertia = Estimate(found.tool.inertia, np.sqrt(np.outer(about, about)), 'kg m^2')
     return replace(
         c, inertia=inertia, mass=Estimate(found.tool.mass, c.mass.std, 'kg'),
         com=Estimate(found.tool.com, c.com.std, 'm'), accelerometer=a,
@@ -249,9 +248,8 @@ def patched_rig(model: LinearisedModel, selection: Posterior, checks: Checks) ->
     """
     # a simulator's own number stays one of the rig, however far it moved
     own = {n.key for n in model.nuisances if n.prior_std is not None}
-    values = {n.name: float(c * s) for n, c,
-              s in zip(model.nuisances, model.centre,
-                       model.prior_std) if n.name not in model.released or n.key in own}
+    values = {n.name: float(x) for n, x in zip(model.nuisances, model.centre * model.prior_std)
+              if n.name not in model.released or n.key in own}
     effects = {a.name: {k: v.value for k, v in parameters_of(model, a).items()}
                for a in selection.accepted
                if model.library[a.name].nuisance not in own and _lasts(model, a.name)}

@@ -10,8 +10,6 @@ import pytest
 
 pytestmark = [pytest.mark.timeout(1800), pytest.mark.long]
 ROOT = Path(__file__).resolve().parents[2]
-if not (ROOT / 'benchmark' / 'blind').is_dir():
-    pytest.skip('the blind check is not part of what is installed', allow_module_level=True)
 
 
 @pytest.fixture(scope='module')

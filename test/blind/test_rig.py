@@ -3,13 +3,6 @@
 from pathlib import Path
 import re
 
-import numpy as np
-import pytest
-
-ROOT = Path(__file__).resolve().parents[2]
-if not (ROOT / 'benchmark' / 'blind').is_dir():
-    pytest.skip('the blind check is not part of what is installed', allow_module_level=True)
-
 from blind import outside
 from blind.cases import draw, kinds, LIBRARY, OUTSIDE, Runner
 from blind.motion import Path as Trajectory
@@ -17,6 +10,10 @@ from blind.motion import TOUCH
 from blind.noise import draw_colours
 from blind.rig import Commands, nominal, run
 from blind.sensors import record
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
 
 EFFECTS = {**LIBRARY, **OUTSIDE}
 

@@ -4,13 +4,6 @@ import json
 from pathlib import Path
 import shutil
 
-import numpy as np
-import pytest
-
-ROOT = Path(__file__).resolve().parents[2]
-if not (ROOT / 'benchmark' / 'blind').is_dir():
-    pytest.skip('the blind check is not part of what is installed', allow_module_level=True)
-
 from blind.motion import Path as Trajectory
 from blind.motion import TOUCH
 from blind.noise import SIGMA
@@ -19,6 +12,10 @@ from blind.second import case, kinds_development, on_rig, report, rules, sealing
 from blind.second.judged import Judged
 from blind.second.noise import draw_noise
 from blind.second.sealing import Part
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
 
 pytestmark = pytest.mark.long
 

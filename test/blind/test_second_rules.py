@@ -1,15 +1,7 @@
 """The second edition since part 2: limits, begins, shrinks, sound laws, simpler methods."""
 
 from dataclasses import dataclass
-from pathlib import Path
 from types import SimpleNamespace
-
-import numpy as np
-import pytest
-
-ROOT = Path(__file__).resolve().parents[2]
-if not (ROOT / 'benchmark' / 'blind').is_dir():
-    pytest.skip('the blind check is not part of what is installed', allow_module_level=True)
 
 from blind.noise import Colour
 from blind.second import case, methods, rules
@@ -17,6 +9,8 @@ from blind.second.ground import Ground
 from blind.second.judged import Judged
 from blind.second.law import added, Kind, Moved
 from blind.second.shrink import closed, squares, true_shrink
+import numpy as np
+import pytest
 
 
 class _Plain:

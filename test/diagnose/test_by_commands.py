@@ -5,10 +5,10 @@ from dataclasses import replace
 from forcecal_ros.checks.signals import quantisation
 from forcecal_ros.core.streams import CHANNELS, Recording, Stream
 from forcecal_ros.diagnose.dataset import CHANNELS as DIAGNOSED
-from forcecal_ros.diagnose.judge.judgement import listed_once
 from forcecal_ros.diagnose.judge.named_effects import from_checks
 from forcecal_ros.diagnose.recordings import Corrected
 from forcecal_ros.diagnose.result import to_document
+from forcecal_ros.diagnose.search.posterior import listed_once
 from forcecal_ros.diagnose.sources.rig import RigSource
 from forcecal_ros.effects import with_effects
 from forcecal_ros.io.bags import read_recording

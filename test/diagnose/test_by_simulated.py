@@ -340,13 +340,17 @@ def test_the_commands_write_what_was_found(tmp_path, monkeypatch, capsys):
     assert 'run the simulator with the recorded commands' in capsys.readouterr().out
 
 
+PAIR, RERUN = ['--simulated', 'sim'], ['--simulator', 'm:f']
+
+
 @pytest.mark.parametrize('options, why', [
-    (['--rig', 'rigid_tool.yaml'], 'exclude each other'),
-    (['--calibration', 'c.yaml'], 'exclude each other'),
-    (['--heldout', 'x'], 'go together'),
-    (['more'], 'exactly one BAG'),
-    (['--simulated-topic', 'wrench=a', '--simulated-topic', 'wrench=b'], 'name one')])
-def test_what_makes_no_pair_is_wrong_usage(options, why, tmp_path, capsys):
-    given = ['diagnose', 'real', *options, '--simulated', 'sim', '-o', str(tmp_path / 'o')]
-    assert main(given) == 2
+    (['--rig', 'rigid_tool.yaml', *PAIR], 'exclude each other'),
+    (['--calibration', 'c.yaml', *PAIR], 'exclude each other'),
+    (['--rig', 'rigid_tool.yaml', *RERUN], 'exclude each other'),
+    ([*PAIR, *RERUN], 'exclude each other'),
+    (['--heldout', 'x', *PAIR], 'go together'),
+    (['more', *PAIR], 'exactly one BAG'), (['more', *RERUN], 'exactly one BAG'),
+    ([*PAIR, '--simulated-topic', 'wrench=a', '--simulated-topic', 'wrench=b'], 'name one')])
+def test_what_does_not_go_with_a_simulator_is_wrong_usage(options, why, tmp_path, capsys):
+    assert main(['diagnose', 'real', *options, '-o', str(tmp_path / 'o')]) == 2
     assert why in capsys.readouterr().err

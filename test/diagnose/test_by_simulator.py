@@ -229,16 +229,6 @@ def test_another_answer_the_second_time_is_noticed():
         runs.refuse_unsteady()
 
 
-@pytest.mark.parametrize('options, why', [
-    (['--rig', 'rigid_tool.yaml'], 'exclude each other'),
-    (['--simulated', 'sim'], 'exclude each other'),
-    (['more'], 'exactly one BAG')])
-def test_what_goes_not_with_a_simulator_is_wrong_usage(options, why, tmp_path, capsys):
-    given = ['diagnose', 'real', *options, '--simulator', 'm:f', '-o', str(tmp_path / 'o')]
-    assert main(given) == 2
-    assert why in capsys.readouterr().err
-
-
 def of_parameters(n):
     return third_party('own', Own(listed=[Parameter(f'p{i}', 1.0, 0.1) for i in range(n)]))
 

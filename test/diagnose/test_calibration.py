@@ -2,9 +2,8 @@
 
 import json
 
-from forcecal_ros.diagnose.judge.judgement import ties_of, weighed
 from forcecal_ros.diagnose.search.calibration import Features, features_of, FILE, stored
-from forcecal_ros.diagnose.search.posterior import Posterior
+from forcecal_ros.diagnose.search.posterior import Posterior, ties_of, weighed
 from forcecal_ros.diagnose.verdict import UNKNOWN
 import pytest
 

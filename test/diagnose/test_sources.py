@@ -9,7 +9,6 @@ from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
 from forcecal_ros.diagnose.result import Diagnosis
 from forcecal_ros.diagnose.sources.source import express_in_unit
 from forcecal_ros.io.bags import write_recording
-from forcecal_ros.report.diagnosis import next_step
 import pytest
 from rig_recordings import FREE, own_recording
 
@@ -35,9 +34,3 @@ def test_an_imu_is_in_its_own_unit_in_sentence_notes_and_numbers():
         NamedEffect('accel_bias', {'x': Parameter(0.1, 0.01, 'V')}, 0.9),)))
     assert found.reason == found.notes[0] == words.replace('V', 'm/s^2')
     assert found.effects[0].parameters['x'].unit == 'm/s^2'
-
-
-def test_no_gap_beside_contact_that_was_left_out_says_so():
-    found = Diagnosis('no_gap', 'nothing', not_compared=('6.4 s of contact',))
-    assert next_step(found, 'bag', 'out', ()).words == (
-        'Nothing has to be changed in what was compared. Not compared: 6.4 s of contact.')

@@ -11,8 +11,9 @@ from forcecal_ros.cli.sample import recorded
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.geometry import matrix_from_quaternion, rotation_from_vector
 from forcecal_ros.diagnose.dataset import span
+from forcecal_ros.diagnose.recordings import require_axes_of
 from forcecal_ros.diagnose.sources.pair import PairSource
-from forcecal_ros.diagnose.sources.simulated_tool import refuse_other_wrench, simulated_tool
+from forcecal_ros.diagnose.sources.simulated_tool import simulated_tool
 from forcecal_ros.diagnose.sources.simulator import inputs_of, SimulatorSource
 from forcecal_ros.io.bags import write_recording
 from forcecal_ros.sim.mujoco import load_mujoco
@@ -623,7 +624,7 @@ def test_effects_of_any_usual_size_are_no_other_frame(sample, factors, change):
     real = recorded(arm, factors, 5)
     real = replace(real, wrench=replace(real.wrench, values=change(real.wrench.values)))
     made = arm.run(inputs_of(real), arm.nominal)
-    refuse_other_wrench(real, simulated_tool(made, *span(real), rig))
+    require_axes_of(simulated_tool(made, *span(real), rig).rigid_tool, real)
 
 
 def test_a_drive_with_play_leaves_its_joint_until_the_command_has_crossed_it(model):

@@ -8,13 +8,11 @@ from forcecal_ros.core.streams import Recording
 from forcecal_ros.diagnose.dataset import STREAM_SLICES
 from forcecal_ros.diagnose.model.hypotheses import Hypothesis
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
+from forcecal_ros.diagnose.recordings import STAGES_OF_STREAM
 import numpy as np
 
 VISIBLE_ENERGY = 25.0
 """Whitened energy from which an effect of typical size shows: five standard errors."""
-
-SENSORS = ('wrench', 'accelerometer')
-"""Streams of which one at least has to be judged."""
 
 
 def signal_to_noise(model: LinearisedModel) -> float:
@@ -92,23 +90,25 @@ def refuse_unjudged(model: LinearisedModel) -> None:
         With how many samples there are, and are needed.
     """
     counts = _unknown_noise(model)
-    if all(name in counts for name in SENSORS):
-        listed = ', '.join(f'{name} {counts[name]}' for name in SENSORS if counts[name])
+    if all(name in counts for name in STAGES_OF_STREAM):
+        listed = ', '.join(f'{name} {counts[name]}' for name in STAGES_OF_STREAM if counts[name])
         raise DataError(f'too few samples beside the commands to know the noise ({listed}; '
                         f'{FEWEST} in steady succession are needed); record longer')
 
 
-def unjudged(model: LinearisedModel) -> str:
+def not_compared(model: LinearisedModel) -> str:
     """
-    Say which streams were recorded too slowly, or for too short a time, to be looked at.
+    State which stages lack their stream, and which streams are too slow or short to be judged.
 
     Returns
     -------
     str
-        To be put behind a sentence; empty where each was looked at.
+        To be put behind a sentence; empty where each was compared.
     """
-    missing = [f'{name} ({count} samples, {FEWEST} in steady succession are needed)'
-               for name, count in _unknown_noise(model).items() if count]
+    missing = [f'{stages} (no {name} to compare)' for name, stages in STAGES_OF_STREAM.items()
+               if not getattr(model.datasets[0].recording, name)]
+    missing += [f'{name} ({count} samples, {FEWEST} in steady succession are needed)'
+                for name, count in _unknown_noise(model).items() if count]
     return f'; not compared: {", ".join(missing)}' if missing else ''
 
 

@@ -23,9 +23,6 @@ from scipy.special import ndtri, stdtrit
 SECOND = 250
 """Blocks of one second, which the bootstrap draws together."""
 
-DRAWS = 400
-"""Draws of the bootstrap."""
-
 OFF = 0.4
 """
 Standard deviation of the logarithm of what is left beside a discrepancy, for part of that passes
@@ -83,7 +80,7 @@ class Arms(NamedTuple):
 
 
 def gap(datasets: tuple[Dataset, ...], arms: list[Arms], noise: Array, cell_energy: Array,
-        errors: Errors | None = None) -> Gap:
+        errors: Errors) -> Gap:
     """
     Measure the gap on held-out blocks.
 
@@ -96,8 +93,8 @@ def gap(datasets: tuple[Dataset, ...], arms: list[Arms], noise: Array, cell_ener
         RMS of one sample of each channel; 0 where there is none.
     cell_energy : ndarray, shape (channels,)
         Mean square of time-frequency bins beyond what ``predictable`` predicts.
-    errors : Errors, optional
-        Of the parameters; taken as exact where none are given.
+    errors : Errors
+        Of the parameters.
     """
     explained, recalibrated, nominal, weights = [], [], [], []
     left = np.zeros(len(noise))
@@ -132,18 +129,17 @@ def gap(datasets: tuple[Dataset, ...], arms: list[Arms], noise: Array, cell_ener
     def overall(rms: Array) -> Array:
         return np.asarray(np.sqrt(np.mean((rms[:, there] / noise[there]) ** 2, axis=1)))
 
-    known = errors or Errors(np.zeros((len(noise), 0, 0)), np.zeros((0, 0)))
-    rms = means(np.arange(len(w)), known.of_parameters(), known.of_discrepancy(left))
+    rms = means(np.arange(len(w)), errors.of_parameters(), errors.of_discrepancy(left))
     arms3 = overall(rms)
     draw = np.random.default_rng(0)
-    shares = [_closed(overall(means(draw.integers(0, len(w), len(w)), known.of_parameters(draw),
-                                    known.of_discrepancy(left, draw)))) for _ in range(DRAWS)]
+    shares = [_closed(overall(means(draw.integers(0, len(w), len(w)), errors.of_parameters(draw),
+                                    errors.of_discrepancy(left, draw)))) for _ in range(400)]
     closed = _closed(arms3)
     # a bootstrap of few blocks is too narrow, by the root of n / (n - 1) and as t is to normal
     few = max(2, len(w))
     wider = float(np.sqrt(few / (few - 1.0)) * stdtrit(few - 1.0, 0.975) / ndtri(0.975))
     low, high = closed + wider * (np.percentile(shares, [2.5, 97.5]) - closed)
-    if known.taken is not None:
+    if errors.taken is not None:
         low, high = _wider(closed, low, high)
     channels = {c.name: (float(rms[0, i]), float(rms[1, i]), float(rms[2, i]), float(noise[i]))
                 for i, c in enumerate(CHANNELS) if there[i]}
@@ -175,16 +171,14 @@ def contact_error(datasets: tuple[Dataset, ...], arms: list[Arms], contact: list
     ----------
     contact : list of list of ndarray, shape (n, 6)
         Simulated contact wrench, nominal, recalibrated, explained, in each recording.
-    explained : ndarray, shape (3,) or (0,)
+    explained : ndarray, shape (3,)
         Mean square of each force that is unexplained.
 
     Returns
     -------
     tuple of float
-        Nominal, recalibrated, explained [N]; 0 where no wrench was measured.
+        Nominal, recalibrated, explained [N].
     """
-    if not len(explained):
-        return 0.0, 0.0, 0.0
     total, n = np.zeros((3, 3)), 0
     for dataset, a, simulated in zip(datasets, arms, contact):
         h = dataset.held
@@ -294,9 +288,9 @@ def measured_gap(model: LinearisedModel, selection: Posterior, summary: Residual
         contact.append([means(s.contact) for s in (
             dataset.nominal, simulated, final.signals(i))])
     out = gap(model.datasets, arms, noise, energy, errors)
-    forces = [out.channels.get(c.name) for c in CHANNELS[:3]]
-    # one whose rest is all explained has no noise left, and counts as met
-    remaining = np.array([0.0 if one is None else one[2] ** 2 for one in forces]
-                         if any(forces) else [])
-    force = contact_error(model.datasets, arms, contact, remaining)
-    return out._replace(contact_force=force), noise, errors
+    if any(c.name in out.channels for c in CHANNELS[:3]):
+        # one whose rest is all explained has no noise left, and counts as met
+        remaining = np.array([out.channels[c.name][2] ** 2 if c.name in out.channels else 0.0
+                              for c in CHANNELS[:3]])
+        out = out._replace(contact_force=contact_error(model.datasets, arms, contact, remaining))
+    return out, noise, errors

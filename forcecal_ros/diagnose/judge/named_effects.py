@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from forcecal_ros.checks.clocks import JITTER
 from forcecal_ros.checks.signals import clipped, quantisation
@@ -71,8 +72,7 @@ class NamedEffect:
     end_ci95: tuple[float, float] | None = None
 
 
-@dataclass(frozen=True)
-class Checks:
+class Checks(NamedTuple):
     """What the data say before any model, as effects and notes."""
 
     effects: dict[str, dict[str, Parameter]]
@@ -157,8 +157,7 @@ def at_limit(name: str, found: Mapping[str, Parameter]) -> list[str]:
     return out
 
 
-def from_checks(stamps: Sequence[Corrected], noise: Array, model: AccelerometerModel
-                ) -> tuple[dict[str, dict[str, Parameter]], tuple[str, ...]]:
+def from_checks(stamps: Sequence[Corrected], noise: Array, model: AccelerometerModel) -> Checks:
     """
     Name the effects that stamps and values show without a model.
 
@@ -168,63 +167,39 @@ def from_checks(stamps: Sequence[Corrected], noise: Array, model: AccelerometerM
         RMS of one sample.
     model : AccelerometerModel
         Of the accelerometer that was mounted.
-
-    Returns
-    -------
-    effects : dict of str to dict of str to Parameter
-    notes : tuple of str
     """
     effects: dict[str, dict[str, Parameter]] = {}
     notes = [note for one in stamps for note in one.notes]
-    skews = [s for one in stamps for s in one.skew.items()]
-    if skews:
+    if skews := [x for one in stamps for x in one.skew.items()]:
         effects['clock_skew'] = _by_stream('clock_skew', skews, {
             c.stream: c.std for one in stamps for c in one.clocks})
-        notes.append('clocks run apart: ' + ', '.join(
-            f'{k} {1e6 * v:+.1f} ppm' for one in stamps for k, v in one.skew.items()))
-    lost = [v for one in stamps for v in one.lost.items()]
-    if lost:
+        notes.append('clocks run apart: ' + ', '.join(f'{k} {1e6 * v:+.1f} ppm' for k, v in skews))
+    if lost := [x for one in stamps for x in one.lost.items()]:
         effects['dropouts'] = _by_stream('dropouts', lost, {})
-        notes.append('samples are lost: ' + ', '.join(
-            f'{k} {100 * v:.2f} %' for one in stamps for k, v in one.lost.items()))
+        notes.append('samples are lost: ' + ', '.join(f'{k} {100 * v:.2f} %' for k, v in lost))
     own = dict(zip((c.name for c in CHANNELS), noise.tolist()))
     steps = [x for one in stamps for x in quantisation(one.recording, own).items()]
-    quantised = {}
-    for prefix, q in zip(('force', 'torque'), EFFECTS['wrench_quantisation'].parameters):
-        own_steps = [step for channel, step in steps if channel.startswith(prefix)]
-        if own_steps:
-            quantised[q.name] = Parameter(max(own_steps), 0.0, q.unit)
-    if quantised:
-        effects['wrench_quantisation'] = quantised
+    effects['wrench_quantisation'] = {
+        q.name: Parameter(max(found), 0.0, q.unit)
+        for prefix, q in zip(('force', 'torque'), EFFECTS['wrench_quantisation'].parameters)
+        if (found := [step for channel, step in steps if channel.startswith(prefix)])}
     notes += [f'{channel} comes in steps of {step:.4g}' for channel, step in steps]
     stops = [x for one in stamps for x in clipped(one.recording, own)]
-    for name, quantities in ((n, EFFECTS[n].parameters) for n in CLIPPING):
-        by_channel = dict(zip(CLIPPING[name], quantities[-len(CLIPPING[name]):]))
-        found = {by_channel[x.channel].name: Parameter(x.limit, 0.0,
-                                                       by_channel[x.channel].unit)
-                 for x in stops if x.channel in by_channel}
-        if name.startswith('accel') and stamps[0].recording.accelerometer_unit == 'V':
-            found = _as_force(found, model)
-        if found:
-            effects[name] = {k: replace(p, value=abs(p.value)) for k, p in found.items()}
+    for name, channels in CLIPPING.items():
+        in_volts = 'accel' in name and stamps[0].recording.accelerometer_unit == 'V'
+        quantities, effects[name] = EFFECTS[name].parameters[-len(channels):], {}
+        for x in (x for x in stops if x.channel in channels):
+            i = channels.index(x.channel)
+            limit = (x.limit - model.offset[i]) / model.gain[i] if in_volts else x.limit
+            effects[name][quantities[i].name] = Parameter(abs(limit), 0.0, quantities[i].unit)
     notes += [str(x) for x in stops if str(x) not in notes]
     notes += [f'stamps of {c.stream} scatter by {1e3 * c.jitter:.2f} ms' for one in stamps
               for c in one.clocks if c.jitter * c.rate > JITTER]
     # of commands that come unevenly, or of a limit that no sensor has, there is a note, no effect
-    possible = {name: _possible(name, found) for name, found in effects.items()}
-    return {name: found for name, found in possible.items() if found}, tuple(notes)
-
-
-def _possible(effect: str, found: Mapping[str, Parameter]) -> dict[str, Parameter]:
-    """Keep what lies within the library's limits."""
-    within = {q.name: (q.low, q.high) for q in EFFECTS[effect].parameters}
-    return {name: p for name, p in found.items() if within[name][0] <= p.value <= within[name][1]}
-
-
-def _as_force(found: dict[str, Parameter], model: AccelerometerModel) -> dict[str, Parameter]:
-    """Turn volts at which axes stop into specific forces."""
-    return {axis: Parameter((p.value - model.offset[i]) / model.gain[i], 0.0, p.unit)
-            for i, axis in enumerate('xyz') if (p := found.get(axis)) is not None}
+    possible = {name: {q.name: found[q.name] for q in EFFECTS[name].parameters
+                       if q.name in found and q.low <= found[q.name].value <= q.high}
+                for name, found in effects.items()}
+    return Checks({name: found for name, found in possible.items() if found}, tuple(notes))
 
 
 def _by_stream(effect: str, found: Sequence[tuple[str, float]], std: Mapping[str, float]
@@ -258,7 +233,7 @@ def in_its_time(effect: NamedEffect, model: LinearisedModel,
     if instant is None:
         return effect
     at, low, high = instant
-    if gate.begin is None:
+    if gate.ends:
         return replace(effect, end=at, end_ci95=(low, high))
     return replace(effect, begin=at, begin_ci95=(low, high))
 

@@ -13,6 +13,7 @@ from forcecal_ros.diagnose.model.gates import nuisances_of
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.search.model_comparison import Accepted, ModelComparison
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 
 class Errors(NamedTuple):
@@ -108,11 +109,9 @@ def parameter_errors(comparison: ModelComparison) -> Errors:
         return Errors(grams, covariance, marginal=comparison.marginal_covariance(np.zeros((k, k))))
     products = model.products(comparison.extra)
     sizes = products.likeliest_sizes()
-    more, whitened = products.spread(comparison.scales, sizes), model.whitened_discrepancy()
-    predicted = whitened.of_weights(model.residual_products(training=True).weights(sizes),
-                                    [r.shape for r in model.residuals])
-    return Errors(grams, covariance, covariance @ more @ covariance, predicted,
-                  whitened.unseen(sizes), comparison.marginal_covariance(more))
+    more = products.spread(comparison.scales, sizes)
+    return Errors(grams, covariance, covariance @ more @ covariance, model.predicted(sizes),
+                  model.whitened_discrepancy().unseen(sizes), comparison.marginal_covariance(more))
 
 
 def recalibrations(model: LinearisedModel, errors: Errors) -> dict[str, tuple[float, float]]:
@@ -124,17 +123,15 @@ def recalibrations(model: LinearisedModel, errors: Errors) -> dict[str, tuple[fl
 
 def aliases(model: LinearisedModel, errors: Errors) -> tuple[frozenset[str], ...]:
     """Return groups of nuisances of which each is an alias of another one."""
+    m = len(model.nuisances)
+    std = np.sqrt(np.diag(errors.marginal))[:m]
+    free = np.where(std > 0.0, std, np.inf)
     # correlation from which numbers are an alias: each is known 2.3 times worse than by itself
-    aliased = 0.9
-    std = np.sqrt(np.diag(errors.marginal))[:len(model.nuisances)]
-    m, free = len(std), np.where(std > 0.0, std, np.inf)
-    groups: list[frozenset[str]] = []
-    for i, j in zip(*np.triu_indices(m, 1)):
-        if abs(errors.marginal[i, j]) > aliased * free[i] * free[j]:
-            pair = frozenset((model.nuisances[i].name, model.nuisances[j].name))
-            own = pair.union(*(one for one in groups if one & pair))
-            groups = [*(one for one in groups if not one & pair), own]
-    return tuple(groups)
+    tied = np.abs(errors.marginal[:m, :m]) > 0.9 * np.outer(free, free)
+    count, group = connected_components(tied)
+    names = np.array([n.name for n in model.nuisances])
+    return tuple(frozenset(names[group == i].tolist()) for i in range(count)
+                 if np.sum(group == i) > 1)
 
 
 OWN_SHAPE = 0.3

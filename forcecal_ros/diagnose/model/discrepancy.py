@@ -46,9 +46,6 @@ NOISE_SCALES = (*SCALES, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 STREAM = tuple(i for i, name in enumerate(STREAM_SLICES) for c in CHANNELS if c.stream == name)
 """Place of each channel's stream among the scales."""
 
-LEAST_WEIGHT = 1e-3
-"""Variance of a combination of features, in its noise's, below which it shows nothing."""
-
 FEATURE_SAMPLES = 6.25e6
 """
 Numbers that the whitened features of a channel may take, of two bytes each, so that 16 channels
@@ -57,18 +54,6 @@ of ten minutes the forty strongest.
 """
 
 BoolArray = NDArray[np.bool_]
-
-BUMPS = 7
-"""Radial bumps along each axis of the workspace: a fifth of a robot's cell between two."""
-
-MEMORIES = (0.1, 0.5, 2.0)
-"""Time constants of what a sensor or mount remembers of its load [s]: foam, glue, thermal."""
-
-COSINES = 13
-"""Slow cosines of each recording: half periods of a minute's drift down to five seconds."""
-
-SLOW_MOTION = 0.05
-"""Part of the RMS speed below which friction is seen to turn over."""
 
 
 class Basis(NamedTuple):
@@ -153,12 +138,13 @@ def _of_motion(s: Signals) -> Iterator[Sequence[Array]]:
     yield [*np.abs(rates), *(rates * np.abs(rates)), *_products(omega)]
     yield [*force, *_means(s.alpha), *_means(s.acceleration)]
     yield [*wrench, *slide, *_products(wrench[:3]), *wrench[3:] ** 2, *slide ** 3,
-           *_lengths(wrench)]
+           np.linalg.norm(wrench[:3], axis=0), np.linalg.norm(wrench[3:], axis=0)]
     yield [*contact, *np.sqrt(np.abs(contact)), *contact ** 2,
            (np.abs(contact).max(axis=0) > 0.0).astype(float)]
     yield list(changing)
     yield list(np.gradient(changing, BLOCK, axis=1))
-    yield [_remembered(row, t) for t in MEMORIES for row in loads]
+    # what a sensor or mount remembers of its load for so long [s]: foam, glue, thermal
+    yield [_remembered(row, t) for t in (0.1, 0.5, 2.0) for row in loads]
     yield [*(time * wrench), *(time ** 2 * wrench), *(time * force)]
 
 
@@ -175,7 +161,8 @@ def _of_time(signals: Sequence[Signals], frequencies: Sequence[float]
 def _waves(start: float, n: int, frequencies: Sequence[float]) -> tuple[list[Array], list[Array]]:
     """Return the slow cosines and the lines of one recording."""
     t, turns = BLOCK * (np.arange(n) + 0.5), 2.0 * np.pi * np.array(frequencies)
-    return ([np.cos(np.pi * k * t / (n * BLOCK)) for k in range(COSINES)],
+    # half periods of a minute's drift down to five seconds
+    return ([np.cos(np.pi * k * t / (n * BLOCK)) for k in range(13)],
             [wave(rate * (start + t)) for rate in turns for wave in (np.sin, np.cos)])
 
 
@@ -188,22 +175,19 @@ def _products(rows: Array) -> list[Array]:
     return [rows[i] * rows[j] for i, j in combinations_with_replacement(range(len(rows)), 2)]
 
 
-def _lengths(wrench: Array) -> list[Array]:
-    return [np.linalg.norm(wrench[:3], axis=0), np.linalg.norm(wrench[3:], axis=0)]
-
-
 def _bumps(position: Array) -> list[Array]:
-    out = []
+    out, n = [], 7  # a fifth of a robot's cell between two of them
     for row in position:
         low, high = float(row.min()), float(row.max())
-        width = (high - low) / (BUMPS - 1) if high > low else 1.0
-        out += [np.exp(-0.5 * ((row - c) / width) ** 2) for c in np.linspace(low, high, BUMPS)]
+        width = (high - low) / (n - 1) if high > low else 1.0
+        out += [np.exp(-0.5 * ((row - c) / width) ** 2) for c in np.linspace(low, high, n)]
     return out
 
 
 def _turning_over(rates: Array) -> list[Array]:
     rms = np.sqrt(np.mean(rates ** 2, axis=1, keepdims=True))
-    return list(np.tanh(rates / np.where(rms > 0.0, SLOW_MOTION * rms, 1.0)))
+    # friction turns over at a twentieth of the usual speed
+    return list(np.tanh(rates / np.where(rms > 0.0, 0.05 * rms, 1.0)))
 
 
 def _remembered(row: Array, memory: float) -> Array:
@@ -297,7 +281,8 @@ class WhitenedDiscrepancy:
                  for n, rows in zip(self.noise, self.basis.rows)]
         values, vectors = np.linalg.eigh(sum((w @ w.T).astype(float) for w in white))
         most = int(FEATURE_SAMPLES / sum(w.shape[1] for w in white))
-        kept = np.flatnonzero(values * max(NOISE_SCALES) ** 2 > LEAST_WEIGHT)[-most:]
+        # one whose variance is below a thousandth of its noise's shows nothing
+        kept = np.flatnonzero(values * max(NOISE_SCALES) ** 2 > 1e-3)[-most:]
         turn = vectors[:, kept]
         return Modes([Compact.of(turn.T.astype(np.float32) @ w) for w in white],
                      scale[:, np.newaxis] * turn)
@@ -327,13 +312,11 @@ class WhitenedDiscrepancy:
         list of ndarray, shape (n, channels)
         """
         products = self.products([[] for _ in residual], residual)
-        return self.of_weights(products.weights(products.likeliest_sizes()),
-                               [r.shape for r in residual])
+        return self.of_weights(products.weights(products.likeliest_sizes()))
 
-    def of_weights(self, weights: Mapping[int, Array], shapes: Sequence[tuple[int, ...]]
-                   ) -> list[Array]:
+    def of_weights(self, weights: Mapping[int, Array]) -> list[Array]:
         """Sum the features of each recording with the weights of each channel."""
-        out, channels = [np.zeros(shape) for shape in shapes], list(weights)
+        out, channels = [np.zeros(n.present.shape) for n in self.noise], list(weights)
         if channels:
             together = np.stack(list(weights.values()))
             for one, rows, noise in zip(out, self.basis.rows, self.noise):
@@ -507,12 +490,6 @@ class Products:
         factor = self.whitened.factor(one.channel, size, self._training)
         taken = solve_triangular(factor, one.cross, lower=True, check_finite=False)
         return one.own - taken.T @ taken, 2.0 * float(np.log(np.diag(factor) * size).sum())
-
-    @property
-    def channels(self) -> NDArray[np.intp]:
-        """Count the channels of each stream, in the order of STREAM_SLICES."""
-        streams = [STREAM[one.channel] for one in self.parts]
-        return np.bincount(streams, minlength=len(STREAM_SLICES))
 
     def streams(self) -> list[int]:
         """List the streams, by their place among scales, that there are."""

@@ -95,12 +95,6 @@ class Earlier(NamedTuple):
 FIRST_RECORDING = Earlier()
 """Of a robot of which nothing was recorded earlier."""
 
-ROUNDED = 1e-7
-"""
-Share of the largest information below which a direction is lost in rounding: products with the
-features of a discrepancy, which are removed, are held in single precision.
-"""
-
 
 class Fit(NamedTuple):
     """
@@ -183,7 +177,7 @@ def fit(gram: Gram, prior: Prior, near: Fit | None = None) -> Fit:
         fixed = ~free
         right = gradient[free] - hessian[free] @ (fixed * x)
         factor = _cholesky(hessian[free][:, free])
-        x[free] = _solve(factor, right)
+        x[free] = dpotrs(factor, right, lower=1)[0] if len(right) else right
         total = prior.centre + x
         within = np.clip(total, prior.low, prior.high)
         beyond = free & (np.abs(total - within) > 1e-9)
@@ -213,9 +207,7 @@ def _cholesky(matrix: Array) -> Array:
     factor, wrong = dpotrf(scaled, lower=1)
     if wrong:
         values, vectors = np.linalg.eigh(scaled)
-        factor = np.linalg.cholesky((vectors * np.maximum(values, ROUNDED)) @ vectors.T)
+        # what is less is lost in rounding: products with a discrepancy's features, which are
+        # removed, are held in single precision
+        factor = np.linalg.cholesky((vectors * np.maximum(values, 1e-7)) @ vectors.T)
     return np.asarray(factor / scale[:, np.newaxis])
-
-
-def _solve(factor: Array, right: Array) -> Array:
-    return np.asarray(dpotrs(factor, right, lower=1)[0]) if len(right) else right

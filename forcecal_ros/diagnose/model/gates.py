@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.diagnose.dataset import CHANNELS, MeasuredBlocks
+from forcecal_ros.diagnose.dataset import CHANNELS, MeasuredBlocks, STREAM_SLICES
 from forcecal_ros.diagnose.model.jacobian import Column, Compact
 from forcecal_ros.effects import Effect, Quantity
 from forcecal_ros.effects.nuisances import Nuisance
@@ -31,25 +31,18 @@ class Gate(NamedTuple):
     ----------
     recording : int
         In which it begins or ends; with neither, the only one it acts in.
-    begin, end : float or None
-        [s] on that recording's clock; None where it does not begin, or end, within it.
+    instant : float or None
+        When it does, on that recording's clock [s].
+    ends : bool
+        Whether it ends there; else it begins.
     elsewhere : bool
         Whether it acts in the other recordings.
     """
 
     recording: int
-    begin: float | None = None
-    end: float | None = None
+    instant: float | None = None
+    ends: bool = False
     elsewhere: bool = False
-
-    @property
-    def instant(self) -> float | None:
-        """When it begins or ends; None: it acts in all of its recording."""
-        return self.end if self.begin is None else self.begin
-
-    def moved_to(self, at: float) -> 'Gate':
-        """Begin, or end, at another instant."""
-        return self._replace(end=at) if self.begin is None else self._replace(begin=at)
 
     def acts_in(self, recording: int) -> bool:
         """Whether it acts at some time in a recording."""
@@ -57,8 +50,7 @@ class Gate(NamedTuple):
 
     def lasts(self, recordings: int) -> bool:
         """Whether it acts at the end of the last of some recordings."""
-        last = self.recording == recordings - 1
-        return self.end is None if last else self.elsewhere
+        return not self.ends if self.recording == recordings - 1 else self.elsewhere
 
     def rows(self, measured: MeasuredBlocks, recording: int) -> Array:
         """Return the part of each block's samples that it acts in, shape (n_blocks, channels)."""
@@ -66,13 +58,10 @@ class Gate(NamedTuple):
             return np.full((measured.n_blocks, len(CHANNELS)), float(self.elsewhere))
         out = np.zeros((measured.n_blocks, len(CHANNELS)))
         for name in measured.streams:
-            acts = np.ones(measured.n_blocks)
-            if self.begin is not None:
-                acts = measured.since(name, self.begin)
-            if self.end is not None:
-                acts = acts - measured.since(name, self.end)
-            for c in (i for i, channel in enumerate(CHANNELS) if channel.stream == name):
-                out[:, c] = acts
+            later = (np.ones(measured.n_blocks) if self.instant is None
+                     else measured.since(name, self.instant))
+            acts = 1.0 - later if self.ends else later
+            out[:, STREAM_SLICES[name]] = acts[:, np.newaxis]
         return out
 
 

@@ -10,7 +10,6 @@ from forcecal_ros.core.noise.autoregression import Autoregression, fit_autoregre
 from forcecal_ros.diagnose.dataset import (
     CHANNELS,
     Dataset,
-    possible_effects,
     split_datasets,
     STREAM_SLICES,
 )
@@ -46,9 +45,6 @@ EFFECT = 1.0 / 3.0 ** 2
 RELEASED = 1.0 / 15.0 ** 2
 """Prior precision of a released nuisance, in units of its prior std."""
 
-MOST_ROUNDS = 4
-"""Steps of recalibration, at most."""
-
 
 QUIETEST = 1e-5
 """
@@ -56,14 +52,11 @@ Noise of a channel, at least, in its signal: single precision, in which columns 
 hundredth of that. With less a recording is computed, not measured.
 """
 
-CONVERGED = 0.05
-"""Step of the nuisances, in prior std, below which recalibration has converged."""
-
 FAR = 2.0
 """Step of curved nuisances, in prior std, after which their Jacobian is taken anew."""
 
-FRACTIONS = (1.0, 0.5, 0.25, 0.1)
-"""Parts of a step along curved nuisances that are tried in turn."""
+FRACTIONS = (1.0, 0.3, 0.09, 0.027)
+"""Parts of a step that are tried in turn until one is for the better."""
 
 JOINT = 1e-4
 """
@@ -294,6 +287,18 @@ class LinearisedModel:
             [[] for _ in self.datasets], self.residuals,
             self.discrepancy_scales == NO_DISCREPANCY, training)
 
+    def predicted(self, sizes: Mapping[int, float], training: bool = True) -> list[Array]:
+        """
+        Return the discrepancy that training blocks, or all, show in each recording.
+
+        Parameters
+        ----------
+        sizes : mapping of int to float
+            Part of its signal that each channel has.
+        """
+        return self.whitened_discrepancy().of_weights(
+            self.residual_products(training).weights(sizes))
+
     def whitened_discrepancy(self) -> WhitenedDiscrepancy:
         """Return the discrepancy, whitened by the noise; an empty one where none is set up."""
         if self.discrepancy is None:
@@ -368,11 +373,11 @@ class LinearisedModel:
         """Move the centre to the best nuisances, noise refitted on the way."""
         self.refit_noise(np.zeros(len(self.nuisances)))
         self.refit_noise(self.fit_nuisances().x)
-        for _ in range(MOST_ROUNDS):
+        for _ in range(4):
             step = self.fit_nuisances().x
             self._approach(step)
             self.refit_noise(np.zeros(len(self.nuisances)))
-            if np.abs(step).max(initial=0.0) < CONVERGED:
+            if np.abs(step).max(initial=0.0) < 0.05:  # of its prior std
                 break
 
     def is_far(self, step: Array) -> bool:
@@ -417,7 +422,7 @@ def linearised_model(rig: Rig, datasets: tuple[Dataset, ...], tolerance: float |
     found = datasets[0].simulation.nuisances(rig, streams)
     out = LinearisedModel(rig, datasets, found, np.array(prior_std(rig, found)),
                           noise_level(rig, streams, name), centre=np.zeros(len(found)),
-                          library=possible_effects(datasets),
+                          library=datasets[0].simulation.library,
                           tolerance=tolerated(tolerance, datasets[0].simulation.exact),
                           earlier=earlier)
     out.linearise()

@@ -180,19 +180,6 @@ def _by_parts(left: Array, right: Array, length: int) -> Array:
     return np.moveaxis(a @ np.swapaxes(b, 1, 2), 0, 2)
 
 
-INSTANTS = 600
-"""Instants of one recording at which beginnings are looked for, at most: 0.1 s in a minute."""
-
-SHORTEST = 25
-"""Blocks between two of them, at least: 0.1 s, the error that is allowed of an instant."""
-
-NEAR = 10
-"""Blocks about the likeliest instants in which each sample's stamp is tried."""
-
-MANY = 50
-"""Blocks among which an instant may lie from which its samples are not told apart."""
-
-
 class Instant(NamedTuple):
     """An instant, and between which it lies with 95 % [s]."""
 
@@ -233,7 +220,8 @@ def screen_change_points(comparison: ModelComparison, found: Sequence[Hypothesis
         best: dict[str, tuple[float, Hypothesis]] = {}
         for recording, dataset in enumerate(model.datasets):
             n = len(dataset.groups)
-            length = max(SHORTEST, -(-n // INSTANTS))
+            # blocks from one instant to the next: 0.1 s up to a minute, the error that is allowed
+            length = max(25, -(-n // 600))
             if n < 4 * length:
                 continue
             instants = Instants(beside_noise, beside, comparison.null_prior, several,
@@ -264,10 +252,9 @@ def _changes(model: LinearisedModel, instants: Instants, h: Hypothesis,
             b = int(np.argmax(evidence))
             if np.isfinite(evidence[b]):
                 at = start + BLOCK * float(instants.blocks[b])
-                gate = (Gate(recording, None, at, elsewhere) if ends
-                        else Gate(recording, at, None, elsewhere))
                 yield float(evidence[b]), h._replace(
-                    atoms=(atom,), gate=gate, times=2 * len(evidence) * len(h.atoms))
+                    atoms=(atom,), gate=Gate(recording, at, ends, elsewhere),
+                    times=2 * len(evidence) * len(h.atoms))
 
 
 def _possible(h: Hypothesis, atom: Atom, x: Array) -> Array:
@@ -302,10 +289,11 @@ def instant_of(now: JointFit, name: str) -> Instant | None:
     beside = [[*own, *more] for own, more in zip(model.jacobian, explained.extra)]
     i, one = gate.recording, model.datasets[gate.recording].measured
     coarse = Instants(model, beside, explained.null_prior, [[c] for c in added], residuals, i, 1)
-    evidence = coarse.fits([0], gate.begin is None, gate.elsewhere).evidence
+    evidence = coarse.fits([0], gate.ends, gate.elsewhere).evidence
     t = one.start + BLOCK * coarse.blocks
     low, at, high = interval(evidence)
-    closer = None if high - low > MANY else _to_a_sample(
+    # among more than 50 blocks its samples are not told apart
+    closer = None if high - low > 50 else _to_a_sample(
         model, gate, added[i], residuals[i], t[low], t[high])
     return closer or Instant(float(t[at]), float(t[low]), float(t[high]))
 
@@ -318,12 +306,12 @@ def _to_a_sample(model: LinearisedModel, gate: Gate, added: Column, residual: Ar
     most = max(signals, key=lambda c: float(np.ptp(signals[c]) / model.level[c]))
     stream = CHANNELS[most].stream
     t = measured.times(stream)
-    near = np.flatnonzero((t > low - BLOCK * NEAR) & (t < high + BLOCK * NEAR))
+    near = np.flatnonzero((t > low - 10 * BLOCK) & (t < high + 10 * BLOCK))
     near = near[near > 0]
     if not len(near):
         return None
     acts = np.stack([measured.since(stream, s) for s in t[near]])
-    if gate.begin is None:
+    if gate.ends:
         acts = 1.0 - acts
     slices = STREAM_SLICES[stream]
     product_, square = np.zeros(len(near)), np.full(len(near), 1e-12)
@@ -339,5 +327,5 @@ def _to_a_sample(model: LinearisedModel, gate: Gate, added: Column, residual: Ar
 
 def moved(model: LinearisedModel, name: str, instant: Instant) -> LinearisedModel:
     """Let an effect begin or end at another instant."""
-    gates = {**model.gates, name: model.gates[name].moved_to(instant.at)}
+    gates = {**model.gates, name: model.gates[name]._replace(instant=instant.at)}
     return model.evaluated(np.zeros(len(model.nuisances)), gates=gates) or model

@@ -26,7 +26,7 @@ from forcecal_ros.diagnose.model.hypotheses import (
     values_of,
 )
 from forcecal_ros.diagnose.model.jacobian import Column, combined
-from forcecal_ros.diagnose.model.linearised import Diverged, EFFECT, LinearisedModel
+from forcecal_ros.diagnose.model.linearised import Diverged, EFFECT, FRACTIONS, LinearisedModel
 from forcecal_ros.effects import Effect
 import numpy as np
 from numpy.typing import NDArray
@@ -47,14 +47,8 @@ also where noise is not quite what it is taken for. On 271 development cases the
 -0.75, -0.73, -0.74, -0.76 with 10, 20, 40, 80.
 """
 
-ROUNDS = 10
-"""Gauss-Newton steps of a joint refit, at most: a resonance that starts an octave off takes 8."""
-
 SETTLED = 0.1
 """Log-posterior that a step has to bring for another one to follow: half a standard error."""
-
-SHORTEST = 0.02
-"""Fraction of a Gauss-Newton step below which it is given up."""
 
 
 def estimated(effect: Effect, atom: Atom) -> NDArray[np.intp]:
@@ -220,7 +214,7 @@ class ModelComparison(Explained):
         """Log-evidence that a model with nothing wrong would have more, noise allowed for."""
         n = self.every.n
         missed = -self.null_evidence - self.null.volume - 0.5 * n - _by_chance(n)
-        return max(0.0, missed) + min(self._gained, COUNTED * float(self._products.channels.sum()))
+        return max(0.0, missed) + min(self._gained, COUNTED * len(self._products.parts))
 
     @property
     def _gained(self) -> float:
@@ -337,12 +331,12 @@ def joint_fit(model: LinearisedModel, accepted: Sequence[Accepted], step: Array 
     out.centre = np.clip(out.centre, prior.low, prior.high)  # beside fewer effects, fewer released
     out.linearise(released)
     jacobians: list[EffectJacobian] = []
-    for _ in range(ROUNDS):
+    for _ in range(10):  # a resonance that starts an octave off takes 8
         jacobians = [effect_jacobian(out, a.name, a.theta, a.free) for a in now if len(a.theta)]
         comparison = ModelComparison(out, jacobians)
         out.discrepancy_scales = comparison.scales
-        before, fraction, gained = out.log_posterior(comparison.every.square), 1.0, -np.inf
-        while fraction > SHORTEST:
+        before, gained = out.log_posterior(comparison.every.square), -np.inf
+        for fraction in FRACTIONS:
             moved = _moved(now, jacobians, comparison, fraction)
             tried = out.evaluated(fraction * comparison.null.x[:m], effects=_effects(out, moved))
             if tried:
@@ -350,7 +344,6 @@ def joint_fit(model: LinearisedModel, accepted: Sequence[Accepted], step: Array 
                 if gained > -SETTLED:
                     out, now = tried, moved
                     break
-            fraction *= 0.3
         if gained < SETTLED:
             break
         if out.is_far(comparison.null.x[:m]):

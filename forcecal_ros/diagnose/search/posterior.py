@@ -4,7 +4,7 @@ The posterior over explanations of recordings: nothing, one effect, several.
 Every explanation is scored by the marginal likelihood of all data, nuisances and discrepancy
 integrated out. Effects that act all the time and effects that begin or end are candidates of the
 same table. The best are fitted on simulations, beside what is explained; each effect is tried to
-be removed or exchanged again.
+be removed or exchanged again. One calibration then states how probable each effect is.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,7 +23,12 @@ from forcecal_ros.diagnose.model.hypotheses import (
     in_one_recording,
 )
 from forcecal_ros.diagnose.model.linearised import LinearisedModel
-from forcecal_ros.diagnose.search.calibration import Features, features_of, stored
+from forcecal_ros.diagnose.search.calibration import (
+    Calibration,
+    Features,
+    features_of,
+    stored,
+)
 from forcecal_ros.diagnose.search.change_points import (
     Instant,
     instant_of,
@@ -36,7 +41,7 @@ from forcecal_ros.diagnose.search.model_comparison import (
     joint_fit_if_finite,
     JointFit,
 )
-from forcecal_ros.diagnose.verdict import NAMED
+from forcecal_ros.diagnose.verdict import NAMED, UNKNOWN
 from forcecal_ros.sim.signals import BLOCK
 import numpy as np
 
@@ -362,3 +367,89 @@ def _instead(chosen: Explanation, others: Sequence[Explanation], name: str) -> d
     rest = chosen.names - {name}
     return {next(iter(e.names - rest)): e.evidence - chosen.evidence for e in others
             if rest < e.names and len(e.names) == len(chosen.names) and name not in e.names}
+
+
+ALIAS_ODDS = 0.05
+"""Odds of another effect in the place of an accepted one from which both are listed."""
+
+SEPARATED_BY: Mapping[frozenset[str], str] = {
+    frozenset(pair): words for *pair, words in (
+        ('wrench_delay', 'wrench_lowpass', 'a faster recording, or a motion up to the corner'),
+        ('accel_misalignment', 'wrench_crosstalk', 'the accelerometer at rest'),
+        ('tool_com', 'wrench_crosstalk', 'contact at a known place'),
+        ('tool_mass', 'wrench_gain', 'a known force'),
+        ('base_tilt', 'cable_force', 'a level on the base'),
+        ('accel_delay', 'accel_resonance', 'a sweep up to the resonance'),
+        ('tool_stiffness', 'tool_damping', 'a sweep about the resonance of the tool'),
+        ('contact_stiffness', 'wall_position', 'contacts of several depths'))}
+"""Pair of effects, and what separates them."""
+
+
+def ties_of(found: Posterior) -> tuple[str, ...]:
+    """Note the likeliest alias of each accepted effect, if one is about as likely."""
+    out = []
+    for name, features in found.features.items() if found.closest is None else ():
+        odds = stored().odds(features, found.alternatives[name])
+        other = max(odds, key=lambda one: odds[one], default='')
+        if other and odds[other] > ALIAS_ODDS:
+            by = SEPARATED_BY.get(frozenset((name, other)), 'what forcecal plan writes')
+            out.append(f'{name} and {other} are confounded in this recording; they are '
+                       f'separated by {by}')
+    return tuple(out)
+
+
+CANDIDATES = 0.95
+"""Probability that the candidate set covers."""
+
+
+def weighed(found: Posterior, is_gap: bool, possible: bool, by: Calibration | None = None
+            ) -> tuple[dict[str, float], list[tuple[str, float]]]:
+    """
+    Return the probability of each effect, and the candidates.
+
+    What was not accepted, and what cannot be the cause as it was found, is a candidate, but never
+    likelier than not.
+
+    Parameters
+    ----------
+    is_gap : bool
+        Whether something is unexplained.
+    possible : bool
+        Whether accepted effects can be the cause: the misfit of held-out data is no larger with
+        them, and no number of theirs is at its limit.
+    by : Calibration, optional
+        Another than the one that diagnoses use.
+    """
+    by = by or stored()
+    named: dict[str, float] = {}
+    chosen: list[tuple[str, float]] = []
+    accepted = found.closest is None
+    most = 1.0 if accepted and possible else NAMED
+    for name, features in found.features.items():
+        whole = min(most, by.probability(features))
+        weight = by.odds(features, found.alternatives[name])
+        shares = {k: whole * w / (1.0 + sum(weight.values())) for k, w in weight.items()}
+        named[name] = whole - sum(shares.values())
+        if accepted or is_gap:
+            chosen += _covering({name: named[name], UNKNOWN: 1.0 - whole, **shares})
+    if not found.features and is_gap:
+        chosen.append((UNKNOWN, 1.0))
+    return named, chosen
+
+
+def _covering(shares: Mapping[str, float]) -> list[tuple[str, float]]:
+    out, covered = [], 0.0
+    for name, share in sorted(shares.items(), key=lambda pair: -pair[1]):
+        if covered >= CANDIDATES:
+            break
+        out.append((name, share))
+        covered += share
+    return out
+
+
+def listed_once(candidates: Sequence[tuple[str, float]]) -> list[tuple[str, float]]:
+    """List every name once, the most probable first."""
+    highest: dict[str, float] = {}
+    for name, p in candidates:
+        highest[name] = max(p, highest.get(name, 0.0))
+    return sorted(highest.items(), key=lambda pair: -pair[1])

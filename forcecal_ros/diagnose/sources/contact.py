@@ -20,12 +20,11 @@ from forcecal_ros.core.estimation import BLOCKS, jacobian, robust_fit
 from forcecal_ros.core.geometry import Array, skew
 from forcecal_ros.core.quantity import quantity
 from forcecal_ros.core.streams import Recording
-from forcecal_ros.diagnose.judge.judgement import listed_once, weighed
 from forcecal_ros.diagnose.judge.named_effects import MAX_RELATIVE_STD, NamedEffect, Parameter
 from forcecal_ros.diagnose.model.linearised import EFFECT
 from forcecal_ros.diagnose.result import Diagnosis
 from forcecal_ros.diagnose.search.calibration import Features
-from forcecal_ros.diagnose.search.posterior import Posterior, WORTH
+from forcecal_ros.diagnose.search.posterior import listed_once, Posterior, weighed, WORTH
 from forcecal_ros.diagnose.verdict import NAMED, percent, UNKNOWN
 from forcecal_ros.effects import EFFECTS, named_effects, Quantity
 from forcecal_ros.effects.library import FORCES
@@ -52,14 +51,8 @@ QUANTITIES: Mapping[str, Quantity] = {
 UNITS = ('N/m', 'N s/m', 'm', '')
 """Of a surface's stiffness, damping, place along its normal, and friction."""
 
-FRICTION_SPREAD = 0.02
-"""Tolerance of a coefficient of friction, 1 sigma: a surface turned by 1 deg."""
-
 MIN_CONTACT_S = 0.5
 """Contact of each recording, at least, that makes a law [s]: one press."""
-
-EDGE_BLOCKS = 10
-"""Blocks left out at both ends of contact: forces below 12.5 Hz ring for 40 ms there."""
 
 MIN_STIFFNESS_N_M = 500.0
 """Stiffness from which a force that only the robot has is contact [N/m]: no cable is as stiff."""
@@ -194,7 +187,8 @@ def _touch(apart: Array, expected: Array, gain: Array, motion: tuple[Array, ...]
     late = robust_fit(-rate[:, :, np.newaxis], apart[~near])
     size = np.linalg.norm(apart[:, :3], axis=1)
     limit = max(CONTACT_FORCE_N, 5.0 * float(np.sqrt(np.mean(size[~near] ** 2))))
-    kept = binary_erosion(near & (size > limit), iterations=EDGE_BLOCKS)
+    # forces below 12.5 Hz ring for 40 ms at both ends
+    kept = binary_erosion(near & (size > limit), iterations=10)
     position, velocity, R, omega = motion
     return Touch((apart / gain)[kept, :3], (apart / gain)[kept, 3:],
                  block_means(slow(position, RATE))[kept], block_means(velocity)[kept],
@@ -465,8 +459,8 @@ def compare_contact(robot: Touch, simulated: Touch, spreads: NominalTolerances,
     std = np.sqrt(np.diag(scatter))
     wide = np.array([q.typical - q.nominal for q in QUANTITIES.values()]) / np.sqrt(EFFECT)
     shown = std < MAX_RELATIVE_STD * wide
-    spread = np.array([spreads.wall_stiffness, spreads.wall_damping, spreads.wall_position,
-                       FRICTION_SPREAD])
+    # friction: of a surface that is turned by 1 deg
+    spread = np.array([spreads.wall_stiffness, spreads.wall_damping, spreads.wall_position, 0.02])
     features, others = _weighed_together(
         [name for name, known in zip(QUANTITIES, shown) if known], change[shown],
         scatter[np.ix_(shown, shown)] + np.diag(spread[shown] ** 2), wide[shown])

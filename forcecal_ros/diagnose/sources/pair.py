@@ -15,6 +15,7 @@ from forcecal_ros.diagnose.recordings import (
     even_stamps,
     keep_comparable_imus,
     keep_compared_streams,
+    require_axes_of,
 )
 from forcecal_ros.diagnose.result import Diagnosis
 from forcecal_ros.diagnose.sources.contact import (
@@ -29,7 +30,7 @@ from forcecal_ros.diagnose.sources.contact import (
 )
 from forcecal_ros.diagnose.sources.rig import motion_dataset
 from forcecal_ros.diagnose.sources.simulated_tool import (
-    refuse_other_wrench,
+    SIMULATE_IT,
     simulated_tool,
     SimulatedTool,
 )
@@ -44,10 +45,6 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import minimize_scalar
 from scipy.signal import correlate
-from scipy.spatial.transform import Rotation, Slerp
-
-RIGID_N = 0.1
-"""RMS of a simulated wrench beyond a rigid tool's that is reported [N]: noise of a good sensor."""
 
 UNTESTED = ('what the simulator makes of its commands (friction, gains and gears of joints) '
             'cannot be tested without running it again')
@@ -92,11 +89,11 @@ class PairSource(Source):
 
     task = 'comparing the wrench with the simulated'
     explained_by = 'simulated recording'
+    ready: tuple[PairReady, ...] = ()
 
     def __init__(self, rig: Rig, *simulated: Recording) -> None:
         super().__init__(rig, 'm/s^2')
         self._simulated = simulated
-        self._pairs: tuple[PairReady, ...] = ()
         self._contact: Contact | None = None
 
     def prepare(self, recordings: Sequence[Recording]) -> Sequence[Ready]:
@@ -104,38 +101,37 @@ class PairSource(Source):
         pairs: list[PairReady] = []
         for real, simulated in zip(recordings, self._simulated):
             pairs.append(_prepare(real, simulated, pairs[0].tool if pairs else None, self.rig))
-        self._pairs = tuple(pairs)
         return pairs
 
-    def search(self, ready: Sequence[Ready]) -> Outcome:
+    def search(self) -> Outcome:
         """Search in free motion, and compare contact."""
-        outcome = super().search(ready)
-        touching = [one for one in self._pairs if one.simulation.touching.any()]
+        outcome, self._contact = super().search(), None
+        touching = [one for one in self.ready if one.simulation.touching.any()]
         if outcome.selection is None or not touching:
             return outcome
         robot, simulated = map(joined, zip(*(one.touches(outcome.rig) for one in touching)))
         self._contact = compare_contact(robot, simulated, self.rig.spreads, outcome.selection)
         return replace(outcome, diagnosis=with_contact(outcome.diagnosis, self._contact))
 
-    def explain(self, diagnosis: Diagnosis, ready: Sequence[Ready], outcome: Outcome) -> Diagnosis:
+    def explain(self, diagnosis: Diagnosis, outcome: Outcome) -> Diagnosis:
         """Add recalibrations, how the recordings were compared and how the motions differ."""
-        contact, apart = self._contact, self._pairs[0].tracking.size
+        contact, apart = self._contact, self.ready[0].tracking.size
         moved = (note for note in recalibration_notes(outcome, self.unit) if BIAS not in note)
         return replace(
             diagnosis, reason=f'{diagnosis.reason}; the motion itself is {apart} from the '
             'simulated',
-            notes=(*diagnosis.notes, *moved, *_about(self._pairs, outcome),
+            notes=(*diagnosis.notes, *moved, *_about(self.ready, outcome),
                    *(contact.notes() if contact else ()), UNTESTED),
             not_compared=(
                 *((f'{max(contact.seconds):.1f} s of contact',)
                   if contact and contact.why_not else ()),
                 f'the motions, {apart} apart (--mujoco and --simulator compare them)'))
 
-    def details(self, ready: Sequence[Ready], outcome: Outcome) -> dict[str, Any]:
+    def details(self, outcome: Outcome) -> dict[str, Any]:
         """Return the simulator's tool, and how the motions differ."""
-        if not ready:
+        if not self.ready:
             return {}
-        found, contact = self._pairs[0].tool, self._contact
+        found, contact = self.ready[0].tool, self._contact
         tool = found.rigid_tool.tool
         return {
             **({'contact': contact.document()} if contact else {}),
@@ -145,7 +141,7 @@ class PairSource(Source):
             'tracking': [{
                 'aligned_by': one.alignment.by, 'correlation': one.alignment.correlation,
                 **{name: part.document() for name, part in one.tracking._asdict().items()}}
-                         for one in self._pairs]}
+                         for one in self.ready]}
 
 
 def _prepare(real: Recording, simulated: Recording, tool: SimulatedTool | None, rig: Rig
@@ -202,7 +198,7 @@ def prepare_pair(recording: Recording, simulated: Recording, tool: SimulatedTool
     """
     first, n = span(recording, simulated)
     known = tool or simulated_tool(simulated, first, n, rig)
-    refuse_other_wrench(recording, known)
+    require_axes_of(known.rigid_tool, recording, other_tool=SIMULATE_IT)
     moved = replace(recording, accelerometer=None)
     simulation = RecordedSimulation(moved, simulated, first, n, 'acc1', known.simulated)
     if tool is None:
@@ -218,7 +214,8 @@ def prepare_pair(recording: Recording, simulated: Recording, tool: SimulatedTool
 def _about(pairs: Sequence[PairReady], outcome: Outcome) -> Iterator[str]:
     """Report how the recordings were compared, and how the motions differ."""
     force, torque = pairs[0].tool.unexplained
-    if force > RIGID_N and not any(one.simulation.touching.any() for one in pairs):
+    # more than the noise of a good sensor [N]
+    if force > 0.1 and not any(one.simulation.touching.any() for one in pairs):
         yield (f'the simulated wrench is not that of a rigid tool: {force:.2g} N and {torque:.2g} '
                'N m are something else (contact, backlash, an implicit integrator, noise, '
                'another frame), and are compared as they are')
@@ -235,15 +232,6 @@ def _about(pairs: Sequence[PairReady], outcome: Outcome) -> Iterator[str]:
                             'recordings do not both hold target_frame or joint_commands'
                             if one.alignment.by == 'pose' else part.delay_words(unit))
 
-
-SPEED_WINDOW_S = 0.02
-"""Standard deviation of the window that speeds are averaged over [s]."""
-
-MIN_POSES = 20
-"""Samples, at least, that make a motion."""
-
-LEVER_M = 0.2
-"""Lever at which turning counts as much as moving [m]: a tool's length."""
 
 MIN_CORRELATION = 0.98
 """
@@ -343,7 +331,7 @@ def _speeds(one: Any, other: Any) -> tuple[_Speed, _Speed]:
 
 def _speed(stream: PoseStream | JointStream | None) -> tuple[float, Array] | None:
     """Return when a grid of blocks begins, and the speed in each: the same in any base."""
-    if stream is None or len(stream) < MIN_POSES:
+    if stream is None or len(stream) < 20:
         return None
     n = max(2, int((stream.t[-1] - stream.t[0]) / BLOCK))
     t = stream.t[0] + BLOCK * np.arange(n)
@@ -351,14 +339,13 @@ def _speed(stream: PoseStream | JointStream | None) -> tuple[float, Array] | Non
         q = np.stack([np.interp(t, stream.t, x) for x in np.nan_to_num(stream.values).T], axis=1)
         speed = np.linalg.norm(np.diff(q, axis=0), axis=1)
     else:
-        turns = Slerp(stream.t, Rotation.from_matrix(np.array(stream.R_base_sensor)))
-        R = turns(t).as_matrix()
-        speed = LEVER_M * np.linalg.norm(rotation_vector(np.swapaxes(R[:-1], 1, 2) @ R[1:]),
-                                         axis=1)
-        if stream.has_position:
-            p = np.stack([np.interp(t, stream.t, x) for x in stream.position.T], axis=1)
-            speed = speed + np.linalg.norm(np.diff(p, axis=0), axis=1)
-    return float(t[0]), np.asarray(gaussian_filter1d(speed, SPEED_WINDOW_S / BLOCK) / BLOCK)
+        there = stream.at(t)
+        p, R = there.position, there.R_base_sensor
+        turns = rotation_vector(np.swapaxes(R[:-1], 1, 2) @ R[1:])
+        # at the length of a tool, 0.2 m, turning counts as much as moving
+        speed = (0.2 * np.linalg.norm(turns, axis=1)
+                 + np.linalg.norm(np.diff(np.nan_to_num(p), axis=0), axis=1))
+    return float(t[0]), np.asarray(gaussian_filter1d(speed, 0.02 / BLOCK) / BLOCK)
 
 
 def _best_shift(one: tuple[float, Array], other: tuple[float, Array]) -> tuple[float, float]:

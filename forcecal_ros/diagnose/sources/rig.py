@@ -4,9 +4,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 
 from forcecal_ros.core.calibration import Calibration
-from forcecal_ros.core.errors import below, DataError
 from forcecal_ros.core.noise.autoregression import FEWEST
-from forcecal_ros.core.streams import Recording, Stream
+from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from forcecal_ros.diagnose.dataset import (
     Dataset,
     make_dataset,
@@ -26,8 +25,8 @@ from forcecal_ros.diagnose.recordings import (
     even_stamps,
     recognise_accelerometer,
     refuse_sparse_commands,
-    replay_motion,
     require_axes_of,
+    require_commands,
     require_overlap,
 )
 from forcecal_ros.diagnose.result import Diagnosis, patched_calibration
@@ -39,7 +38,7 @@ from forcecal_ros.sim.measured_motion import MeasuredMotion, merge_poses
 from forcecal_ros.sim.rig.file import dump_rig
 from forcecal_ros.sim.rig.replay import Replay
 from forcecal_ros.sim.rigid_tool import rigid_tool_of_rig, RigidTool
-from forcecal_ros.sim.signals import BLOCK, Signals
+from forcecal_ros.sim.signals import BLOCK, RATE, Signals
 import numpy as np
 from numpy.typing import NDArray
 
@@ -64,9 +63,6 @@ Times what a rig states, from which its robot moves differently than when it was
 places a linear model leaves twice as much.
 """
 
-IDENTIFIABLE = 0.5
-"""Standard error, in its prior's, up to which the motion identifies a delay or an inertia."""
-
 
 class RigSource(Source):
     """
@@ -89,7 +85,8 @@ class RigSource(Source):
     def prepare(self, recordings: Sequence[Recording]) -> list[Ready]:
         """Bring all streams to the clock of the commands, and replay these."""
         stamps = [correct_clocks(r, self.rig, MIN_COMMANDED_S) for r in recordings]
-        require_axes_of(self.rig, [s.recording for s in stamps])
+        for one in stamps:
+            require_axes_of(self.rig, one.recording)
         datasets = [prepare_commanded(s.recording, self.rig, self._accelerometer) for s in stamps]
         return [Ready(dataset, s, given, (NO_WALL,) if exclude_contact(dataset, self.rig) else ())
                 for dataset, s, given in zip(datasets, stamps, recordings)]
@@ -120,20 +117,13 @@ def prepare_commanded(recording: Recording, rig: Rig, accelerometer: str | None 
     Raises
     ------
     DataError
-        Commands or wrench are missing, most commands are, or they overlap for too short a time.
+        Most commands are missing.
     """
     name, start = _begin_replay(recording, rig, accelerometer)
     assert recording.target is not None
     sensed = [s.t for s in (recording.wrench, recording.accelerometer, recording.optidrive)
               if s is not None and len(s)]
-    if not sensed:
-        raise DataError('the recording holds neither wrench nor accelerometer nor displacement; '
-                        'record at least the wrench')
     end = min(max(float(t[-1]) for t in sensed), float(recording.target.t[-1]) + BLOCK)
-    if end - max(start, min(float(t[0]) for t in sensed)) < MIN_COMMANDED_S:
-        common = below(max(0.0, end - start), MIN_COMMANDED_S)
-        raise DataError(f'commands and sensors overlap for {common} s; at '
-                        f'least {MIN_COMMANDED_S:g} s are needed: record a longer sequence')
     replay = Replay(rig, recording.target, start, end, name)
     compared = convert_to_volts(replace(recording, joints=None), rig, name)
     return make_dataset(recording, compared, replay, rig,
@@ -190,8 +180,9 @@ class ToolSource(Source):
     def prepare(self, recordings: Sequence[Recording]) -> list[Ready]:
         """Check axes and streams, and carry the tool along."""
         stamps = [even_stamps(r) for r in recordings]
-        require_axes_of(self._tool, [s.recording for s in stamps],
-                        'calibration' if self._calibration else 'rig')
+        for one in stamps:
+            require_axes_of(self._tool, one.recording,
+                            'calibration' if self._calibration else 'rig')
         if self._calibration is not None:
             stamps = [s._replace(recording=apply_accelerometer_calibration(
                 s.recording, self._calibration.accelerometer)) for s in stamps]
@@ -200,7 +191,7 @@ class ToolSource(Source):
         return [Ready(prepare_motion(s.recording, self._tool, self._accelerometer), s, given)
                 for s, given in zip(stamps, recordings)]
 
-    def explain(self, diagnosis: Diagnosis, ready: Sequence[Ready], outcome: Outcome) -> Diagnosis:
+    def explain(self, diagnosis: Diagnosis, outcome: Outcome) -> Diagnosis:
         """List what was recalibrated."""
         return replace(diagnosis, notes=(*diagnosis.notes,
                                          *recalibration_notes(outcome, self.unit)))
@@ -210,15 +201,9 @@ class ToolSource(Source):
         if self._calibration is None or not outcome.datasets:
             return {}
         assert isinstance(outcome.rig, RigidTool)
-        found = {name: std for name, (_, std) in outcome.recalibrations.items()}
-        spreads = outcome.rig.spreads
-        delay = found.get('accelerometer.delay', 0.0)
-        x, y, z = (found.get(f'tool.inertia.{axis}', 0.0) for axis in 'xyz')
-        identified = all(0.0 < std < IDENTIFIABLE * spreads.own_inertia for std in (x, y, z))
         return {'calibration_patched.yaml': dump(patched_calibration(
             self._calibration, outcome.rig,
-            delay if 0.0 < delay < IDENTIFIABLE * spreads.accel_behind else None,
-            (x, y, z) if identified else None))}
+            {name: std for name, (_, std) in outcome.recalibrations.items()}))}
 
 
 def prepare_motion(recording: Recording, rigid_tool: RigidTool,
@@ -310,26 +295,28 @@ class TrackedRigSource(ToolSource):
                 one, 'the recording lacks wrench or measured pose, and the rig states that its '
                 'model of the robot does not replace that; record current_pose')
             one = even_stamps(one).recording
+            require_commands(one)
             require_overlap(one, 'pose', MIN_MOTION_S)
             name, start = _begin_replay(one, self.rig, self._accelerometer)
             target, pose = one.target, one.pose
-            assert target is not None
-            assert pose is not None
+            assert target is not None and pose is not None
             end = min(float(target.t[-1]) + self.rig.robot.period, float(pose.t[-1]))
-            simulated = replay_motion(target, self.rig, name, start, end)
+            signals = Replay(self.rig, target, start, end, name).signals(self.rig)
+            t = start + (1.0 + np.arange(len(signals.position), dtype=np.float64)) / RATE
+            simulated = PoseStream(t, signals.position, signals.R_base_sensor, target.frame)
             self._tracking.append(compare_motions(pose, simulated, True))
             merged.append(replace(one, pose=merge_poses(pose, simulated)))
         return super().prepare(merged)
 
-    def search(self, ready: Sequence[Ready]) -> Outcome:
+    def search(self) -> Outcome:
         """Search, and return the rig of commands."""
-        outcome = super().search(ready)
+        outcome = super().search()
         own = {f.name: getattr(outcome.rig, f.name) for f in fields(Rig)}
         return replace(outcome, rig=Rig(**{**own, 'spreads': self.rig.spreads}))
 
-    def explain(self, diagnosis: Diagnosis, ready: Sequence[Ready], outcome: Outcome) -> Diagnosis:
+    def explain(self, diagnosis: Diagnosis, outcome: Outcome) -> Diagnosis:
         """Add how the motion was compared with the simulated, and with what the rig states."""
-        found, left = super().explain(diagnosis, ready, outcome), self.rig.robot.unexplained
+        found, left = super().explain(diagnosis, outcome), self.rig.robot.unexplained
         assert left is not None
         reason = (
             f'{found.reason}; the motion itself is {self._tracking[0].size} from the simulated, '

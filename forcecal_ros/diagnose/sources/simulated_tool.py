@@ -3,9 +3,10 @@
 from dataclasses import replace
 from typing import NamedTuple
 
-from forcecal_ros.checks.hypotheses import judge, Known
+from forcecal_ros.checks.hypotheses import judge
 from forcecal_ros.checks.messages import as_in_base, SIGN, Stated, WEIGHT_REMOVED
 from forcecal_ros.core.errors import DataError, UnobservableError
+from forcecal_ros.core.estimation import robust_fit
 from forcecal_ros.core.geometry import Array, skew
 from forcecal_ros.core.rigid_body import BodyMotion, INERTIAL, regressor, symmetric
 from forcecal_ros.core.streams import phase_spans, Recording, TOUCHING
@@ -15,7 +16,6 @@ from forcecal_ros.effects.rig import Rig, Tool
 from forcecal_ros.sim.rigid_tool import CarriedTool, GYRATION, rigid_tool_of_rig, RigidTool
 from forcecal_ros.sim.signals import BLOCK, block_means
 import numpy as np
-from scipy.optimize import least_squares
 
 LIGHTEST = 0.02
 """Mass of a tool, at least, that a wrench sensor shows [kg]: 0.2 N, the noise of most."""
@@ -38,9 +38,6 @@ Zero of the robot's sensor, 1 sigma [N], [N m], beyond the median difference tha
 much as a tool's weight would move that.
 """
 
-OUTLIER = 1.345
-"""Residual, in its scale, from which it counts linearly: Huber's, 95 % efficient on Gaussians."""
-
 SIMULATE_IT = 'simulate what hung there'
 """What to do where another tool hung on the robot than in the simulation."""
 
@@ -51,30 +48,28 @@ class SimulatedTool(NamedTuple):
 
     Attributes
     ----------
+    simulated : RigidTool
+        As simulated, with no zero of the robot's sensor.
     unexplained : tuple of float
         RMS of what it leaves of the simulated wrench [N], [N m].
     zero : tuple of float
-        Of the robot's sensor beyond the simulator's, removed already [N], [N m].
+        Of the robot's sensor beyond the simulator's [N], [N m].
     """
 
-    rigid_tool: RigidTool
+    simulated: RigidTool
     unexplained: tuple[float, float]
     zero: tuple[float, ...] = (0.0,) * 6
 
     @property
-    def simulated(self) -> RigidTool:
-        """The tool as simulated, with no zero of the robot's sensor."""
-        sensor = self.rigid_tool.wrench_sensor
-        bias = tuple((np.array(sensor.bias) - self.zero).tolist())
-        return replace(self.rigid_tool, wrench_sensor=replace(sensor, bias=bias))
+    def rigid_tool(self) -> RigidTool:
+        """The tool on the robot's sensor, with its zero."""
+        sensor = self.simulated.wrench_sensor
+        bias = tuple((np.array(sensor.bias) + self.zero).tolist())
+        return replace(self.simulated, wrench_sensor=replace(sensor, bias=bias))
 
     def zeroed(self, apart: Array) -> 'SimulatedTool':
-        """Subtract what the middle of the robot's wrench less the simulated is, shape (n, 6)."""
-        zero = np.nanmedian(apart, axis=0)
-        sensor = self.rigid_tool.wrench_sensor
-        moved = replace(sensor, bias=tuple((zero + sensor.bias).tolist()))
-        return self._replace(zero=tuple(zero.tolist()),
-                             rigid_tool=replace(self.rigid_tool, wrench_sensor=moved))
+        """Take the middle of the robot's wrench less the simulated, shape (n, 6), for its zero."""
+        return self._replace(zero=tuple(np.nanmedian(apart, axis=0).tolist()))
 
 
 def simulated_tool(simulated: Recording, start: float, n_blocks: int, rig: Rig,
@@ -141,27 +136,6 @@ def _require_own_axes(simulated: Recording, rig: Rig) -> str:
     return as_in_base(simulated.wrench.values[:, :3], gravity)
 
 
-def refuse_other_wrench(real: Recording, tool: SimulatedTool) -> None:
-    """
-    Refuse a robot's wrench whose frame, axes, sign or units are not those of a simulator's tool.
-
-    Parameters
-    ----------
-    real : Recording
-        The robot's, with a pose.
-
-    Raises
-    ------
-    DataError
-        Names cause and remedy.
-    """
-    rigid = tool.rigid_tool
-    gravity = np.array(rigid.gravity)
-    judge(real, gravity, Stated(gravity / np.linalg.norm(gravity),
-                                sensor_from_pose=real.sensor_from_pose, by='rig'),
-          Known(rigid.tool.mass, np.array(rigid.tool.com), None, SIMULATE_IT))
-
-
 def _fit_tool(simulated: Recording, start: float, n_blocks: int, rig: Rig
               ) -> tuple[Array, Array, Array]:
     """
@@ -185,13 +159,8 @@ def _fit_tool(simulated: Recording, start: float, n_blocks: int, rig: Rig
     free, t = np.ones(n_blocks, dtype=bool), start + BLOCK * (0.5 + np.arange(n_blocks))
     for begin, end in phase_spans(simulated.phases, TOUCHING):
         free &= (t < begin) | (t >= end)
-    scale = np.repeat([1.0, 0.1], 3)  # a newton counts as much as a tenth of a newton metre
-    a, b = (X / scale[:, np.newaxis])[free].reshape(-1, X.shape[2]), (wrench / scale)[free].ravel()
-    theta = np.linalg.lstsq(a, b, rcond=1e-8)[0]
-    spread = float(np.median(np.abs(b - a @ theta))) / 0.6745
-    theta = least_squares(lambda x: a @ x - b, theta, lambda x: a, loss='huber',
-                          f_scale=OUTLIER * max(spread, 1e-6)).x
-    return theta[:INERTIAL], theta[INERTIAL:], (wrench - X @ theta)[free]
+    fit = robust_fit(X[free], wrench[free])
+    return fit.theta[:INERTIAL], fit.theta[INERTIAL:], fit.residual.reshape(-1, 6)
 
 
 def _with_moments(tool: Tool, moments: Array) -> Tool:

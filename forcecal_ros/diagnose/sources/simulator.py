@@ -17,22 +17,22 @@ from forcecal_ros.diagnose.dataset import (
     span,
     split_datasets,
 )
-from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
+from forcecal_ros.diagnose.engine import Outcome
 from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, estimated, NamedEffect, Parameter
 from forcecal_ros.diagnose.recordings import (
     Corrected,
     even_stamps,
-    joint_channel_notes,
     joint_names,
     keep_common_joints,
     keep_comparable_imus,
     keep_compared_streams,
     missing_joint_notes,
+    require_axes_of,
     select_joints,
 )
 from forcecal_ros.diagnose.result import Diagnosis, NO_MOTION
 from forcecal_ros.diagnose.sources.simulated_tool import (
-    refuse_other_wrench,
+    SIMULATE_IT,
     simulated_tool,
     SimulatedTool,
     TURN,
@@ -63,12 +63,6 @@ MAX_ROUNDS = 6
 """
 Times that all parameters are tried, at the nominal ones and then at those found: of a drive that
 is a third weaker, whose sag goes with the inverse of its gain, the third line is still 10 % off.
-"""
-
-MAX_LINEAR_ERROR = 0.1
-"""
-Misfit of the linear prediction at the parameters found, in that of the nominal ones, from which
-they are all tried again there: a tenth leaves the explained share within a hundredth.
 """
 
 MAX_SHIFT_STD = 1.0
@@ -113,7 +107,6 @@ class RerunReady(Ready):
     runs: Runs
     simulation: Rerun
     tool: SimulatedTool
-    robot: SimulatedRobot
     impacts_s: float
     remarks: tuple[str, ...] = ()
 
@@ -147,13 +140,14 @@ class SimulatorSource(Source):
         has so many parameters that it would be run too often.
     """
 
+    ready: tuple[RerunReady, ...] = ()
+
     def __init__(self, simulator: ThirdParty, rig: Rig) -> None:
         super().__init__(rig, 'm/s^2')
         self.simulator = simulator.on_linear_scale()
         self.explained_by = simulator.name
         self.task = f'running {simulator.name} with other numbers'
         self._recomputed: float | None = None
-        self._ready: tuple[RerunReady, ...] = ()
         self._short = ''
 
     def prepare(self, recordings: Sequence[Recording]) -> Sequence[Ready]:
@@ -168,7 +162,6 @@ class SimulatorSource(Source):
         ready: list[RerunReady] = []
         for given, stamp in zip(recordings, stamps):
             ready.append(self._prepare(given, stamp, ready[0].tool if ready else None))
-        self._ready = tuple(ready)
         return ready
 
     def _prepare(self, given: Recording, stamps: Corrected, tool: SimulatedTool | None
@@ -180,7 +173,7 @@ class SimulatorSource(Source):
         runs = Runs(simulator, inputs, real.pose)
         made = runs.exact(simulator.nominal)
         known = tool or simulated_tool(made, start, n, self.rig, TURN)
-        refuse_other_wrench(real, known)
+        require_axes_of(known.rigid_tool, real, other_tool=SIMULATE_IT)
         simulation = Rerun(runs, start, n, known.simulated)
         imus, _, note = keep_comparable_imus(real, made)
         simulation.accelerated = imus.accelerometer is not None
@@ -199,42 +192,34 @@ class SimulatorSource(Source):
         given = replace(keep_compared_streams(given, dataset.measured.streams),
                         joints=select_joints(given.joints, simulation.joints))
         return RerunReady(dataset, stamps, given, tuple(filter(None, (note, left_out))), runs=runs,
-                          simulation=simulation, tool=known, robot=robot, impacts_s=impacts_s,
+                          simulation=simulation, tool=known, impacts_s=impacts_s,
                           remarks=simulator.remarks(inputs))
 
-    def search(self, ready: Sequence[Ready]) -> Outcome:
+    def search(self) -> Outcome:
         """Try all numbers about their nominal values, then about those found, while that helps."""
         self._recomputed = None
-        self._ready[0].runs.refuse_unsteady()
-        judged = split_datasets([one.dataset for one in self._ready])
-        robot, shifts = self._ready[0].robot, dict[str, float]()
-        outcome, point, squares = Outcome(NO_MOTION, robot), robot.numbers, np.zeros(3)
+        self.ready[0].runs.refuse_unsteady()
+        judged = split_datasets([one.dataset for one in self.ready])
+        outcome, point = Outcome(NO_MOTION, self.ready[0].dataset.rig), self.simulator.nominal
+        squares, shifts = np.zeros(3), dict[str, float]()
         for turn in range(MAX_ROUNDS):
-            self._short = runs_short(self.simulator, [one.runs for one in self._ready])
+            self._short = runs_short(self.simulator, [one.runs for one in self.ready])
             if self._short:
                 break
-            for one in self._ready:
+            for one in self.ready:
                 one.try_all(point)
-            there = diagnose_datasets(
-                robot, judged, [one.stamps for one in self._ready],
-                [one.given for one in self._ready], self.tolerance, self.earlier)
-            assert isinstance(there.rig, SimulatedRobot)
+            there = super().search()
             # a number far off is no straight line, so that a name it has may be seen only there
-            found = there.closest if isinstance(there.closest, SimulatedRobot) else there.rig
-            point = found.numbers
-            linear = _is_linear(self._ready, point)  # before it is run there
-            left, moving = np.zeros(3), dict[str, float]()
-            if self.changes(there):
-                # both by the noise of this round: half the step of integration may differ there
-                before = (self._squares(judged, outcome, there.noise)
-                          if turn and _named(there) == _named(outcome) else np.full(3, np.inf))
-                left = self._squares(judged, there, there.noise)
-                if left[-1] > before[-1]:
-                    break
-                moving = self._remaining_shifts(there)
-            outcome, squares, shifts = there, left, moving
+            point = _numbers_of(there.closest or there.rig)
+            # both by the noise of this round: half the step of integration may differ there
+            before = (self._squares(judged, outcome, there.noise)
+                      if turn and _named(there) == _named(outcome) else np.full(3, np.inf))
+            left = self._squares(judged, there, there.noise)
+            if left[-1] > before[-1]:
+                break
+            outcome, squares, shifts = there, left, self._remaining_shifts(there)
             # what is unexplained may be what a line about the nominal numbers leaves
-            if linear and max(shifts.values(), default=0.0) < MAX_SHIFT_STD \
+            if max(shifts.values(), default=0.0) < MAX_SHIFT_STD \
                     and (turn or there.diagnosis.verdict != 'unknown'):
                 break
         if self.changes(outcome):
@@ -250,13 +235,12 @@ class SimulatorSource(Source):
         ndarray, shape (3,)
             Recalibrated, as predicted and as it is when run.
         """
-        robot, squares = outcome.rig, np.zeros(3)
-        assert isinstance(robot, SimulatedRobot)
-        assert noise is not None
-        for one, dataset, before, linear in zip(self._ready, judged, outcome.recalibrated,
+        squares = np.zeros(3)
+        for one, dataset, before, linear in zip(self.ready, judged, outcome.recalibrated,
                                                 outcome.explained):
-            one.run(robot.numbers)
-            exact = dataset.measured.residual(one.simulation.signals(robot))
+            assert noise is not None
+            one.run(_numbers_of(outcome.rig))
+            exact = dataset.measured.residual(one.simulation.signals(outcome.rig))
             for i, blocks in enumerate((before, linear, exact)):
                 rows = np.where(dataset.measured.present, blocks, 0.0)[dataset.held]
                 squares[i] += float(np.sum((rows / np.where(noise > 0.0, noise, np.inf)) ** 2))
@@ -264,31 +248,33 @@ class SimulatorSource(Source):
 
     def _remaining_shifts(self, outcome: Outcome) -> dict[str, float]:
         """
-        Return how far the numbers accepted would still move, the simulator run as it was found.
+        Return how far its numbers would still move, the simulator run as it was found.
 
         Returns
         -------
         dict of str to float
             By their names, in their standard errors.
         """
-        if outcome.selection is None or not isinstance(outcome.rig, SimulatedRobot):
+        if outcome.selection is None:
             return {}
         line, model = outcome.selection.model, replace(outcome.selection.model)
         model.evaluate()
         found = model.fit_nuisances()
         shift, std = found.x - line.fit_nuisances().x, np.sqrt(np.diag(found.covariance))
+        own = {p.name for p in self.simulator.parameters}
         return {n.name: abs(float(x / s)) for n, x, s in zip(model.nuisances, shift, std)
-                if n.name in model.released and s}
+                if n.name in own and s}
 
-    def explain(self, diagnosis: Diagnosis, ready: Sequence[Ready], outcome: Outcome) -> Diagnosis:
+    def explain(self, diagnosis: Diagnosis, outcome: Outcome) -> Diagnosis:
         """Add what the user should know of simulator and numbers."""
         effects = tuple(replace(e, parameters=self._in_numbers(e)) for e in diagnosis.effects)
-        remarks = tuple(dict.fromkeys(x for one in self._ready for x in one.remarks))
+        remarks = tuple(dict.fromkeys(x for one in self.ready for x in one.remarks))
         notes = (*self.simulator.notes, *remarks, *recalibrated_notes(self.simulator, outcome),
-                 *dict.fromkeys(note for one in self._ready for note in one.notes),
+                 *dict.fromkeys(note for one in self.ready for note in one.notes),
                  *filter(None, [self._short]),
-                 *joint_channel_notes(self._ready[0].simulation.joints,
-                                      [one.given for one in self._ready]))
+                 *(['joints compared: ' + ', '.join(
+                     f'joint.{i} {name}' for i, name in enumerate(
+                         self.ready[0].simulation.joints))] if self.ready[0].given.joints else []))
         reason, verdict = diagnosis.reason, diagnosis.verdict
         if verdict == 'no_gap' and (limited := at_tolerance(self.simulator, outcome)):
             word, semicolon, more = reason.partition('; ')
@@ -296,7 +282,7 @@ class SimulatorSource(Source):
                       f'{semicolon}{more}')
         if remarks and verdict in ('unknown', 'partial'):
             reason = f'{reason}; {FIRST}{remarks[0]}'
-        impacts_s = sum(one.impacts_s for one in self._ready)
+        impacts_s = sum(one.impacts_s for one in self.ready)
         return replace(
             diagnosis, effects=effects, reason=reason, notes=(*diagnosis.notes, *notes),
             not_compared=((f'{impacts_s:.1f} s of impacts and slipping contact',)
@@ -319,17 +305,17 @@ class SimulatorSource(Source):
             Changed(p.name, p.unit, p.nominal, found[p.name].value, found[p.name].std,
                     found[p.name].at_bound) for p in self.simulator.parameters if p.name in found)
 
-    def details(self, ready: Sequence[Ready], outcome: Outcome) -> dict[str, Any]:
+    def details(self, outcome: Outcome) -> dict[str, Any]:
         """Return the numbers to change, how often it was run, and what that explains when run."""
         return {'parameters': [one._asdict() for one in self.changes(outcome)],
-                'runs': sum(one.runs.count for one in self._ready) if ready else 0,
-                'recomputed': self._recomputed if ready else None, 'model': None}
+                'runs': sum(one.runs.count for one in self.ready),
+                'recomputed': self._recomputed if self.ready else None, 'model': None}
 
     def files(self, outcome: Outcome) -> dict[str, str]:
         """Return the model with what was found, if the simulator writes one."""
-        if not self.changes(outcome) or not isinstance(outcome.rig, SimulatedRobot):
+        if not self.changes(outcome):
             return {}
-        text = self.simulator.patched(outcome.rig.numbers)
+        text = self.simulator.patched(_numbers_of(outcome.rig))
         return {} if text is None else {'model_patched.xml': text}
 
     def actions(self, outcome: Outcome) -> tuple[str, ...]:
@@ -410,20 +396,9 @@ def inputs_of(recording: Recording) -> Inputs:
                   recording.joint_commands, joint_names(recording.joints))
 
 
-def _is_linear(ready: Sequence[RerunReady], point: Numbers) -> bool:
-    """Return whether the linear prediction holds at the parameters found."""
-    for one in ready:
-        linear, nominal = one.runs.at(point), one.runs.exact(one.robot.numbers)
-        for a, b, c in zip(*map(_rows, (linear, one.runs.exact(point), nominal))):
-            if np.linalg.norm(a - b) > MAX_LINEAR_ERROR * np.linalg.norm(b - c):
-                return False
-    return True
-
-
-def _rows(recording: Recording) -> tuple[Array, Array]:
-    assert recording.wrench is not None
-    assert recording.pose is not None
-    return recording.wrench.values, recording.pose.position
+def _numbers_of(rig: Rig) -> Numbers:
+    assert isinstance(rig, SimulatedRobot)
+    return rig.numbers
 
 
 def _recomputed(outcome: Outcome, squares: Array) -> float | None:
@@ -438,15 +413,8 @@ def _recomputed(outcome: Outcome, squares: Array) -> float | None:
     return gap.closed * (before - exact) / explained if gap and explained > 0.0 else None
 
 
-class Sensitivity(NamedTuple):
-    """What one sigma of a parameter does, RMS [N], [N m], [m], [rad]; to all joints [rad]."""
-
-    name: str
-    force: float
-    torque: float
-    position: float
-    turn: float
-    joints: float = 0.0
+UNITS = {'force': 'N', 'torque': 'N m', 'position': 'm', 'turn': 'rad', 'joints': 'rad'}
+"""Of what a parameter moves, as ``--check`` lists it."""
 
 
 class Conformance(NamedTuple):
@@ -459,18 +427,21 @@ class Conformance(NamedTuple):
         Processor time of one run [s].
     length : float
         Of the recording [s].
+    sensitivity : mapping of str to mapping of str to float
+        What one sigma of each parameter does to each of UNITS, RMS.
     """
 
     name: str
     seconds: float
     length: float
     streams: tuple[str, ...]
-    sensitivity: tuple[Sensitivity, ...]
+    sensitivity: Mapping[str, Mapping[str, float]]
     notes: tuple[str, ...] = ()
 
     def document(self) -> dict[str, Any]:
         """Return what ``--json`` prints."""
-        return {**self._asdict(), 'sensitivity': [s._asdict() for s in self.sensitivity]}
+        return {**self._asdict(), 'sensitivity': [
+            {'name': name, **moved} for name, moved in self.sensitivity.items()]}
 
     def __str__(self) -> str:
         runs = min(MAX_RUNS, MAX_ROUNDS * (len(self.sensitivity) + EXTRA_RUNS))
@@ -480,16 +451,13 @@ class Conformance(NamedTuple):
             f'{self.length:.0f} s of commands take {self.seconds:.2g} s',
             f'a diagnosis runs it at most {runs} times a recording: {runs * self.seconds:.0f} s',
             'one sigma of a parameter moves, RMS:',
-            *(f'  {s.name}  ' + '  '.join(self._moves(s)) for s in self.sensitivity),
+            *(f'  {name}  {self._moves(moved)}' for name, moved in self.sensitivity.items()),
             *(f'note: {note}' for note in self.notes)])
 
-    def _moves(self, s: Sensitivity) -> Iterator[str]:
-        for value, unit in ((s.force, 'N'), (s.torque, 'N m'), (s.position, 'm'), (s.turn, 'rad')):
-            yield size(value, unit)
-        if 'joints' in self.streams:
-            yield f'joints {size(s.joints, "rad")}'
-        if not any(s[1:]):
-            yield '(nothing)'
+    def _moves(self, moved: Mapping[str, float]) -> str:
+        listed = [('joints ' if what == 'joints' else '') + size(value, UNITS[what])
+                  for what, value in moved.items() if what != 'joints' or what in self.streams]
+        return '  '.join(listed if any(moved.values()) else [*listed, '(nothing)'])
 
 
 def conformance(simulator: ThirdParty, recording: Recording, rig: Rig) -> Conformance:
@@ -525,11 +493,12 @@ def conformance(simulator: ThirdParty, recording: Recording, rig: Rig) -> Confor
     streams = tuple(name for name in (*STREAMS, 'joints') if getattr(made, name) is not None)
     lacking = missing_joint_notes(inputs.measured_joints,
                             () if made.joints is None else made.joints.names)
-    return Conformance(simulator.name, seconds, inputs.end - inputs.start, streams, tuple(
-        Sensitivity(p.name, _rms(c['wrench'][:, :3]), _rms(c['wrench'][:, 3:]),
-                    _rms(c['position']), _rms(c['turn']),
-                    _rms(c['joints']) if 'joints' in c else 0.0)
-        for p, c in zip(simulator.parameters, runs.changes[simulator.nominal])),
+    return Conformance(
+        simulator.name, seconds, inputs.end - inputs.start, streams,
+        {p.name: {what: _rms(rows) for what, rows in zip(UNITS, (
+            c['wrench'][:, :3], c['wrench'][:, 3:], c['position'], c['turn'],
+            c.get('joints', np.zeros((1, 1)))))}
+         for p, c in zip(simulator.parameters, runs.changes[simulator.nominal])},
         (*simulator.notes, *lacking))
 
 

@@ -106,12 +106,15 @@ class Source:
         default, TOLERANCE, or as exact as a simulation is where that is coarser.
     earlier : Earlier
         What earlier recordings of the same robot found; set both before diagnosing.
+    ready : tuple of Ready
+        The recordings, as ``diagnose`` made them ready.
     """
 
     task = 'comparing'
     explained_by = ''
     requires_motion = True
     by_phase = False
+    ready: tuple[Any, ...] = ()
 
     def __init__(self, rig: Rig, unit: str = 'V') -> None:
         self.rig, self.unit, self.earlier = rig, unit, FIRST_RECORDING
@@ -134,43 +137,44 @@ class Source:
             ``invalid_data`` with its reason if the data cannot answer.
         """
         given = [one for one in (recording, heldout) if one is not None]
+        self.ready = ()
         try:
             require_same_sensors(given)
-            ready = tuple(self.prepare(given))
+            self.ready = tuple(self.prepare(given))
         except DataError as error:
-            invalid = Diagnosis('invalid_data', with_id(error))
-            return self._diagnosed(Outcome(invalid, self.rig), ())
+            return self._diagnosed(Outcome(Diagnosis('invalid_data', with_id(error)), self.rig))
         if self.requires_motion and not all(
-                (one.dataset.groups == 1).any() for one in ready):
-            return self._diagnosed(Outcome(NO_MOTION, self.rig), ())
-        outcome = self.search(ready)
+                (one.dataset.groups == 1).any() for one in self.ready):
+            self.ready = ()
+            return self._diagnosed(Outcome(NO_MOTION, self.rig))
+        outcome = self.search()
         if outcome.diagnosis.verdict != 'invalid_data':
             found = express_in_unit(self.unit, outcome.diagnosis)
-            outcome = replace(outcome, diagnosis=self.explain(found, ready, outcome))
-        return self._diagnosed(outcome, ready)
+            outcome = replace(outcome, diagnosis=self.explain(found, outcome))
+        return self._diagnosed(outcome)
 
-    def _diagnosed(self, outcome: Outcome, ready: tuple[Ready, ...]) -> Diagnosed:
+    def _diagnosed(self, outcome: Outcome) -> Diagnosed:
         explained = {'explained_by': self.explained_by} if self.explained_by else {}
-        return Diagnosed(outcome, ready, self.unit, {**explained, **self.details(ready, outcome)},
+        return Diagnosed(outcome, self.ready, self.unit, {**explained, **self.details(outcome)},
                          self.files(outcome), self.actions(outcome))
 
     def prepare(self, recordings: Sequence[Recording]) -> Sequence[Ready]:
         """Make recordings ready; a DataError becomes ``invalid_data``."""
         raise NotImplementedError
 
-    def search(self, ready: Sequence[Ready]) -> Outcome:
+    def search(self) -> Outcome:
         """Search for effects and judge them."""
-        datasets = [one.dataset for one in ready]
+        datasets = [one.dataset for one in self.ready]
         return diagnose_datasets(datasets[0].rig, split_datasets(datasets, self.by_phase),
-                                 [one.stamps for one in ready], [one.given for one in ready],
-                                 self.tolerance, self.earlier)
+                                 [one.stamps for one in self.ready],
+                                 [one.given for one in self.ready], self.tolerance, self.earlier)
 
-    def explain(self, diagnosis: Diagnosis, ready: Sequence[Ready], outcome: Outcome) -> Diagnosis:
+    def explain(self, diagnosis: Diagnosis, outcome: Outcome) -> Diagnosis:
         """Add to a diagnosis what the user should know of the comparison."""
-        notes = dict.fromkeys(note for one in ready for note in one.notes)
+        notes = dict.fromkeys(note for one in self.ready for note in one.notes)
         return replace(diagnosis, notes=(*diagnosis.notes, *notes))
 
-    def details(self, ready: Sequence[Ready], outcome: Outcome) -> dict[str, Any]:
+    def details(self, outcome: Outcome) -> dict[str, Any]:
         """Return further keys of ``diagnosis.json``."""
         return {}
 

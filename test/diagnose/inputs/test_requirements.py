@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 import re
+from types import SimpleNamespace
 import warnings
 
 from forcecal_ros.checks.clocks import clocks, dropouts, skew_between
@@ -9,16 +10,14 @@ from forcecal_ros.checks.signals import silences
 from forcecal_ros.core.geometry import rotation_about
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from forcecal_ros.diagnose import recordings
+from forcecal_ros.diagnose.dataset import CHANNELS
+from forcecal_ros.diagnose.judge.coverage import not_compared
 from forcecal_ros.diagnose.judge.named_effects import from_checks
-from forcecal_ros.diagnose.recordings import (
-    bridge_pauses,
-    Corrected,
-    missing_streams,
-    replay_motion,
-)
+from forcecal_ros.diagnose.recordings import bridge_pauses, Corrected
 from forcecal_ros.diagnose.sources.rig import RigSource, ToolSource
 from forcecal_ros.io.bags import read_recording
 from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rig.replay import Replay
 from forcecal_ros.sim.rigid_tool import rigid_tool_of_rig
 import numpy as np
 import pytest
@@ -116,9 +115,12 @@ def test_what_cannot_be_compared_along_commands_is_invalid(recording, change, sa
 
 
 def test_a_missing_sensor_is_stated(recording):
-    assert missing_streams(recording) == ''
-    assert 'wrench_sensor and environment (no wrench' in missing_streams(
-        replace(recording, wrench=None))
+    def said(of):
+        return not_compared(SimpleNamespace(datasets=[SimpleNamespace(recording=of)], noise=[
+            SimpleNamespace(sigma=np.ones((3, len(CHANNELS))))]))
+
+    assert said(recording) == ''
+    assert 'wrench_sensor and environment (no wrench' in said(replace(recording, wrench=None))
 
 
 def test_a_pause_is_no_lost_samples_and_lost_samples_are_no_pause(recording):
@@ -173,10 +175,10 @@ def test_the_start_of_a_long_recording_is_chosen_by_its_first_motion(monkeypatch
     late = Recording(target=target, pose=replace(target, t=t + 1.3e-3))
     ends = []
 
-    def replayed(commands, rig, accelerometer, start, end):
+    def replayed(rig, commands, start, end, accelerometer):
         ends.append(end)
-        return replay_motion(commands, rig, accelerometer, start, end)
+        return Replay(rig, commands, start, end, accelerometer)
 
-    monkeypatch.setattr(recordings, 'replay_motion', replayed)
+    monkeypatch.setattr(recordings, 'Replay', replayed)
     assert recordings.estimate_start(late, rig, 'acc1') == pytest.approx(-2.7e-3, abs=4.1e-3)
     assert len(ends) == 3 and max(ends) == pytest.approx(22.0, abs=0.01)

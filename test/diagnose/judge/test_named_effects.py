@@ -4,7 +4,6 @@ import json
 import math
 
 from forcecal_ros.diagnose.dataset import units
-from forcecal_ros.diagnose.judge.judgement import ties_of
 from forcecal_ros.diagnose.judge.named_effects import (
     at_limit,
     ends,
@@ -17,7 +16,7 @@ from forcecal_ros.diagnose.model.linearised import LinearisedModel
 from forcecal_ros.diagnose.result import Diagnosis, load_diagnosis, to_document
 from forcecal_ros.diagnose.search.calibration import Features, stored
 from forcecal_ros.diagnose.search.model_comparison import Accepted
-from forcecal_ros.diagnose.search.posterior import Posterior
+from forcecal_ros.diagnose.search.posterior import Posterior, ties_of
 from forcecal_ros.diagnose.sources.simulator import Changed
 from forcecal_ros.diagnose.verdict import UnexplainedPart, verdict
 from forcecal_ros.effects import EFFECTS

@@ -4,10 +4,8 @@ from types import SimpleNamespace
 
 from forcecal_ros.core.noise.autoregression import fit_autoregression
 from forcecal_ros.diagnose.dataset import CHANNELS
-from forcecal_ros.diagnose.judge import residual_summary
 from forcecal_ros.diagnose.judge.residual_summary import of_slow_noise, WITHOUT_NAME
 import numpy as np
-import pytest
 from scipy.signal import lfilter, zpk2tf
 
 N = 6000
@@ -50,16 +48,3 @@ def test_a_function_of_the_motion_still_shows_beside_such_noise():
     slow, gain = of_noise_and_gain(residual, swift)
     # ten times the log-evidence from which something is unexplained
     assert gain - slow > 10.0 * WITHOUT_NAME
-
-
-@pytest.mark.parametrize('evidence, left', [(470.0, 0.0), (490.0, 190.0)])
-def test_a_discrepancy_as_small_as_flawed_noise_makes_has_to_be_seen_again(
-        monkeypatch, evidence, left):
-    """One that follows slow noise and predicts nothing of the held-out blocks: 80 a channel."""
-    monkeypatch.setattr(residual_summary, 'of_slow_noise', lambda *models: 400.0)
-    monkeypatch.setattr(residual_summary, 'held_out_likelihood_ratio', lambda *models: 0.0)
-    monkeypatch.setattr(residual_summary, 'discrepant', lambda model, trained: [])
-    monkeypatch.setattr(residual_summary, '_without', lambda model, found: model)
-    wrench = SimpleNamespace(channels=range(6))
-    model = SimpleNamespace(whitened_discrepancy=lambda: wrench)
-    assert residual_summary._but_for_slow_noise(model, model, evidence) == left

@@ -206,7 +206,7 @@ def test_a_number_that_a_discrepancy_is_like_is_off_by_as_much_as_it_is_said_to_
 def test_a_discrepancy_is_predicted_held_out_and_may_be_off_as_the_dense_gaussian_says():
     rows, _, residual, _, training = like_a_feature(np.random.default_rng(3))
     whitened = training.whitened
-    found, = whitened.of_weights(training.weights({0: OWN}), [residual.shape])
+    found, = whitened.of_weights(training.weights({0: OWN}))
     unseen = whitened.unseen({0: OWN})
     f, g = rows[:, :TRAINED].astype(float), rows[:, TRAINED:].astype(float)
     across = (OWN * SIGNAL) ** 2 * (g.T * SHARE) @ f

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 from forcecal_ros.diagnose.plan import (
     Alias,
-    Excitation,
     limitations,
     LONG_REST_S,
     motion_for,
@@ -65,9 +64,9 @@ def planned():
                   for name, energy
                   in (('tool_mass', 100.0), ('contact_stiffness', 0.0), ('wrench_delay', 9.0),
                       ('wrench_lowpass', 90.0), ('base_tilt', 90.0)))
-    return Planned(motion._replace(timing=replace(motion.timing, amplitude=0.5)), Excitation(
-        shown, (Alias('wrench_delay', 'wrench_lowpass', 9.0), Alias('base_tilt', 'tool_mass', 8.0),
-                Alias('base_tilt', 'wrench_lowpass', 7.0))),
+    return Planned(motion._replace(timing=replace(motion.timing, amplitude=0.5)), shown,
+        (Alias('wrench_delay', 'wrench_lowpass', 9.0), Alias('base_tilt', 'tool_mass', 8.0),
+         Alias('base_tilt', 'wrench_lowpass', 7.0)),
         ('tool_mass', 'contact_stiffness', 'wrench_delay'))
 
 

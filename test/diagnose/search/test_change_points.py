@@ -97,7 +97,7 @@ def test_where_no_sample_is_near_an_instant_stays_as_coarse_as_its_blocks():
     ended = SimpleNamespace(times=lambda stream: np.arange(0.0, 10.0, 0.008))
     model = SimpleNamespace(datasets=[SimpleNamespace(measured=ended)], noise=[None],
                             level=np.ones(len(CHANNELS)))
-    gate = Gate(0, begin=20.0)
+    gate = Gate(0, 20.0)
     added = {6: Compact.of(np.array([0.0, 1.0]))}
     assert _to_a_sample(model, gate, added, None, 20.0, 20.1) is None
 

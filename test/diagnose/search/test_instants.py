@@ -33,7 +33,7 @@ def test_a_fit_at_an_instant_is_that_of_the_gated_column(model, ends):
     found = instants.fits([0, 1], ends, False)
     i = len(instants.blocks) // 2
     at = model.datasets[0].measured.start + 0.004 * float(instants.blocks[i])
-    gate = Gate(0, None, at) if ends else Gate(0, at)
+    gate = Gate(0, at, ends)
     rows = gate.rows(model.datasets[0].measured, 0)
     every = model.products([[gated(one, rows) for one in columns]]).at(NO_DISCREPANCY)
     own = model.prior()

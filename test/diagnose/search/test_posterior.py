@@ -114,6 +114,6 @@ def test_what_a_discrepancy_gains_is_missing_as_far_as_noise_could_not_gain_it(g
     comparison.null_evidence, comparison.null = -6000.0, fit(comparison.every, NO_PRIOR)
     comparison.levels = [_Level(NO_DISCREPANCY, comparison.every, comparison.null._replace(
         log_evidence=-6000.0 - gained))]
-    comparison._products = type('Products', (), {'channels': np.ones(6, dtype=bool)})
+    comparison._products = type('Products', (), {'parts': range(6)})
     by_chance = CHANCE * np.sqrt(5000.0)
     assert comparison.missing_evidence == pytest.approx(1000.0 - by_chance + counted)
