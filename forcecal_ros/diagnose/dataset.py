@@ -1,6 +1,6 @@
 """A recording ready for diagnosis: its channels, its residual in block means, its parts."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -16,6 +16,7 @@ from forcecal_ros.core.streams import (
     Stream,
     TOUCHING,
 )
+from forcecal_ros.effects import Effect
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.signals import BLOCK, block_means, JOINTS, padded, RATE, Signals, Simulation
 import numpy as np
@@ -261,6 +262,9 @@ def _lagrange(x: Array) -> Array:
 REST_AFTER_BLOCKS = 50
 """Blocks without motion before it counts as standstill."""
 
+HYSTERESIS = 'wrench_hysteresis'
+"""Effect whose range the recordings themselves narrow."""
+
 
 @dataclass(frozen=True)
 class Dataset:
@@ -331,6 +335,25 @@ def make_dataset(recording: Recording, compared: Recording, simulation: Simulati
     return Dataset(recording, simulation, MeasuredBlocks(compared, start, n), rig, groups,
                    recording.phases or infer_phases(groups, start), np.ones(n, dtype=bool),
                    np.zeros(n, dtype=bool))
+
+
+def possible_effects(datasets: Sequence[Dataset]) -> Mapping[str, Effect]:
+    """
+    Narrow the library by what recordings show without a model.
+
+    The load's range is twice the width of a hysteresis at least, so that the load can turn for
+    that much: of a wider one only a gain would show.
+    """
+    library = dict(datasets[0].simulation.library)
+    if HYSTERESIS in library:
+        widest = 0.5 * max(float(np.ptp(dataset.nominal.wrench[:, :3], axis=0).max())
+                           for dataset in datasets)
+        library[HYSTERESIS] = library[HYSTERESIS]._replace(parameters=tuple(
+            q if q.name != 'width' else q._replace(
+                high=max(q.low, min(q.high, widest)),
+                starts=tuple(s for s in q.starts if s <= widest) or q.starts[:1])
+            for q in library[HYSTERESIS].parameters))
+    return library
 
 
 def split_datasets(datasets: Sequence[Dataset], by_phase: bool = False) -> tuple[Dataset, ...]:

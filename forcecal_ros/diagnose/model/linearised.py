@@ -10,6 +10,7 @@ from forcecal_ros.core.noise.autoregression import Autoregression, fit_autoregre
 from forcecal_ros.diagnose.dataset import (
     CHANNELS,
     Dataset,
+    possible_effects,
     split_datasets,
     STREAM_SLICES,
 )
@@ -422,7 +423,7 @@ def linearised_model(rig: Rig, datasets: tuple[Dataset, ...], tolerance: float |
     found = datasets[0].simulation.nuisances(rig, streams)
     out = LinearisedModel(rig, datasets, found, np.array(prior_std(rig, found)),
                           noise_level(rig, streams, name), centre=np.zeros(len(found)),
-                          library=datasets[0].simulation.library,
+                          library=possible_effects(datasets),
                           tolerance=tolerated(tolerance, datasets[0].simulation.exact),
                           earlier=earlier)
     out.linearise()
