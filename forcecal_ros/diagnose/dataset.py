@@ -433,9 +433,10 @@ def span(*recordings: Recording) -> tuple[float, int]:
 
 
 def motion_groups(signals: Signals) -> NDArray[np.intp]:
-    """Sort blocks into rest (0) and motion or near it (1), by means: a pose is noisy."""
+    """Sort blocks into rest (0), of a compliant axis, too, and motion or near it (1), by means."""
+    slide = np.gradient(signals.optidrive, 1.0 / RATE)[:, np.newaxis]
     means = [uniform_filter1d(block_means(rows), REST_AFTER_BLOCKS // 2, axis=0, mode='nearest')
-             for rows in (signals.omega, signals.velocity)]
+             for rows in (signals.omega, np.hstack([signals.velocity, slide]))]
     # noisy poses show less than 5 mrad/s and 2 mm/s
     speed = np.maximum(*(np.linalg.norm(m, axis=1) / s for m, s in zip(means, (0.005, 0.002))))
     near = maximum_filter1d((speed > 1.0).astype(float), 2 * REST_AFTER_BLOCKS + 1)

@@ -23,6 +23,7 @@ from forcecal_ros.diagnose.judge.coverage import (
 from forcecal_ros.diagnose.judge.gap import measured_gap, sample_noise
 from forcecal_ros.diagnose.judge.named_effects import (
     at_limit,
+    beyond_tolerance,
     channel_affected_most,
     Checks,
     from_checks,
@@ -241,7 +242,8 @@ def _judged(first: LinearisedModel, model: LinearisedModel, found: Posterior, ch
         [*names, *checks.effects], candidates, part, gap.closed if names or model.fixed else None,
         bool(checks.effects) or signal_to_noise(model) > ENOUGH, whole=not missing,
         with_discrepancy=found.beside_discrepancy, slow_noise=summary.slow_noise,
-        band=model.datasets[0].simulation.band, certain=tuple(checks.effects), at_limit=limits)
+        band=model.datasets[0].simulation.band, certain=tuple(checks.effects), at_limit=limits,
+        beyond=beyond_tolerance(final))
     sentence += in_time(effects) + missing
     notes = (*checks.notes, *summary.notes,
              *((part.within,) if part.within and word != 'no_gap' else ()),

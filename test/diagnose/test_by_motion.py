@@ -4,6 +4,8 @@ from dataclasses import replace
 import json
 from pathlib import Path
 
+from calibration_runs import run
+from forcecal_ros.calibrate.pipeline import identify
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.streams import PoseStream, Recording, Stream
 from forcecal_ros.diagnose.sources.rig import ToolSource
@@ -94,6 +96,22 @@ def test_the_patched_calibration_knows_the_delay_as_well_as_it_was_found(kuka, f
     assert main(['estimate', str(kuka / 'baseline'), '--calibration',
                  str(kuka / 'out' / 'calibration_patched.yaml'), '-o', str(kuka / 'contact')]) == 0
     assert 'does not know the delay' not in capsys.readouterr().err
+
+
+def by_calibration(recording, calibration):
+    tool = rigid_tool_of_calibration(calibration, load_rig('rigid_tool.yaml'))
+    return ToolSource(tool, calibration).diagnose(recording).outcome.diagnosis
+
+
+@pytest.fixture(scope='module')
+def calibrated():
+    recording = run(seed=1)
+    return recording, identify(recording)
+
+
+def test_a_compliant_tool_has_no_gap_to_its_own_calibration(calibrated):
+    found = by_calibration(*calibrated)
+    assert found.verdict == 'no_gap' and not found.effects
 
 
 @pytest.fixture(scope='module')

@@ -14,7 +14,7 @@ from forcecal_ros.diagnose.judge.gap import Gap
 from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
 from forcecal_ros.diagnose.localise import BANDS, Location, TimeFrequencyBin
 from forcecal_ros.diagnose.result import Diagnosis, to_document
-from forcecal_ros.diagnose.verdict import FIRST, percent
+from forcecal_ros.diagnose.verdict import BEYOND, FIRST, percent
 from forcecal_ros.effects.library import EFFECTS
 from forcecal_ros.report import diagnosis as figures
 from forcecal_ros.report import page as pages
@@ -428,6 +428,13 @@ def test_a_drive_at_its_limit_is_the_next_thing_to_look_at():
                   f'{FIRST}{drive}')
     words = next_step(d, 'bag', 'out', ()).words
     assert words.startswith(f'In {drive[3:]}. Move more slowly, or give the model the limit')
+
+
+def test_a_calibration_that_is_as_far_off_as_tolerated_is_to_be_made_anew():
+    d = replace(IDENTIFIED, verdict='partial', reason=f'a; {BEYOND}: tool.mass, so that another')
+    step = next_step(d, 'bag', 'out', ('calibration_patched.yaml',))
+    assert step.words.startswith('Check that this tool and sensor are the calibrated ones')
+    assert step.command == 'forcecal calibrate bag'
 
 
 def test_an_interval_is_made_in_one_place():

@@ -101,10 +101,10 @@ def gap(datasets: tuple[Dataset, ...], arms: list[Arms], noise: Array, cell_ener
     for dataset, a in zip(datasets, arms):
         for first in range(0, len(dataset.held), SECOND):
             part = slice(first, first + SECOND)
-            rows = dataset.held[part]
+            rows = dataset.held[part, np.newaxis] & dataset.measured.present[part]
             if not rows.any():
                 continue
-            r, n, d, predictable = (x[part][rows] for x in a)
+            r, n, d, predictable = (np.where(rows, x[part], 0.0) for x in a)
             unexplained = r - d
             left += (unexplained ** 2).sum(axis=0)
             over = (2.0 * unexplained * predictable - predictable ** 2).sum(axis=0)
@@ -113,15 +113,15 @@ def gap(datasets: tuple[Dataset, ...], arms: list[Arms], noise: Array, cell_ener
             explained.append(over)
             recalibrated.append(over + by_effects)
             nominal.append(over + by_effects + by_nuisances)
-            weights.append(float(rows.sum()))
+            weights.append(rows.sum(axis=0))
     table = np.array([nominal, recalibrated, explained])
-    w = np.array(weights)
-    left /= w.sum()
+    w = np.array(weights, dtype=float)
+    left /= np.maximum(w.sum(axis=0), 1.0)
     there = noise > 0.0
 
     def means(chosen: NDArray[np.intp], wrong: Array, beside: Array) -> Array:
-        energy = np.maximum(table[:, chosen].sum(axis=1) / w[chosen].sum() + cell_energy + wrong,
-                            0.0)
+        energy = np.maximum(table[:, chosen].sum(axis=1) / np.maximum(w[chosen].sum(axis=0), 1.0)
+                            + cell_energy + wrong, 0.0)
         if beside.any():  # no more was taken for the effects than they explain
             energy[2] = np.minimum(energy[2] + beside, np.maximum(energy[1], energy[2]))
         return np.asarray(np.sqrt(energy))
@@ -181,7 +181,7 @@ def contact_error(datasets: tuple[Dataset, ...], arms: list[Arms], contact: list
     """
     total, n = np.zeros((3, 3)), 0
     for dataset, a, simulated in zip(datasets, arms, contact):
-        h = dataset.held
+        h = dataset.held & dataset.measured.present[:, 0]
         n += int(h.sum())
         unexplained = (a.recalibrated - a.by_effects)[h, :3]
         for i, more in enumerate((a.by_effects + a.by_nuisances, a.by_effects,
@@ -243,8 +243,8 @@ def unpredictable(model: LinearisedModel, bins: list[TimeFrequencyBin],
     """
     energy = np.zeros(len(CHANNELS))
     for c in {x.channel for x in bins if x.z > BIN_SIGMA}:
-        held = [(b - p)[dataset.held, c] for b, p, dataset in zip(
-            model.residuals, predictable, model.datasets)]
+        held = [(b - p)[dataset.held & dataset.measured.present[:, c], c]
+                for b, p, dataset in zip(model.residuals, predictable, model.datasets)]
         level = np.mean([n.rms(0)[c] ** 2 for n in model.noise])
         energy[c] = max(0.0, float(np.mean(np.concatenate(held) ** 2) - level))
     return energy

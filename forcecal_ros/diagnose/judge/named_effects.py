@@ -16,6 +16,7 @@ from forcecal_ros.diagnose.recordings import Corrected
 from forcecal_ros.diagnose.search.change_points import Instant
 from forcecal_ros.diagnose.search.model_comparison import Accepted
 from forcecal_ros.effects import EFFECTS, Quantity
+from forcecal_ros.effects.library import FORCES
 from forcecal_ros.effects.rig import AccelerometerModel
 import numpy as np
 
@@ -155,6 +156,25 @@ def at_limit(name: str, found: Mapping[str, Parameter]) -> list[str]:
                for end in (q.low, q.high)):
             out.append(f'{name}.{q.name} = {p.value:.3g}{"" if q.unit == "1" else " " + q.unit}')
     return out
+
+
+def beyond_tolerance(model: LinearisedModel) -> list[str]:
+    """
+    Name the numbers of the rig that would be further off if their tolerances let them.
+
+    Those of a simulator, which are what is looked for, are reported by its source.
+    """
+    # rounding of the fit's bound; a released number has none
+    reached = 0.999 * model.prior().high
+    return [readable(n.name) for n, x, most in zip(model.nuisances, model.centre, reached)
+            if abs(x) > most and n.prior_std is None]
+
+
+def readable(name: str) -> str:
+    """Return the name of a number of the rig with its axis in place of an index."""
+    stem, _, axis = name.rpartition('.')
+    axes = FORCES if stem.startswith('wrench') else 'xyz'
+    return f'{stem}.{axes[int(axis)]}' if axis.isdigit() and int(axis) < len(axes) else name
 
 
 def from_checks(stamps: Sequence[Corrected], noise: Array, model: AccelerometerModel) -> Checks:

@@ -93,10 +93,10 @@ def parameter_errors(comparison: ModelComparison) -> Errors:
         At the joint fit.
     """
     model, covariance, k = comparison.model, comparison.null.covariance, comparison.base
-    grams, n = np.zeros((len(CHANNELS), k, k)), 0
+    grams, n = np.zeros((len(CHANNELS), k, k)), np.zeros(len(CHANNELS))
     for i, dataset in enumerate(model.datasets):
         columns = [*model.jacobian[i], *comparison.extra[i]]
-        n += int(dataset.held.sum())
+        n += dataset.measured.present[dataset.held].sum(axis=0)
         for c in range(len(CHANNELS)):
             there = [j for j in range(k) if c in columns[j]]
             if there and dataset.held.any():
@@ -104,7 +104,7 @@ def parameter_errors(comparison: ModelComparison) -> Errors:
                     held = dataset.held[part]
                     rows = np.stack([columns[j][c].values(part)[held] for j in there], dtype=float)
                     grams[c][np.ix_(there, there)] += rows @ rows.T
-    grams /= max(1, n)
+    grams /= np.maximum(1.0, n)[:, np.newaxis, np.newaxis]
     if model.discrepancy_scales == NO_DISCREPANCY:
         return Errors(grams, covariance, marginal=comparison.marginal_covariance(np.zeros((k, k))))
     products = model.products(comparison.extra)

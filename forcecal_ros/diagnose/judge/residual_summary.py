@@ -133,7 +133,7 @@ def summarise_residual(model: LinearisedModel,
         every = _without(model, discrepant(model, trained=False))
         discrepancy_evidence = max(0.0, seen - SLOW * of_slow_noise(model, every))
     bins = [c for dataset, n, b in zip(beyond.datasets, beyond.noise, beyond.residuals)
-            for c in time_frequency_bins(dataset, n, b) if c.band[0] < dataset.simulation.band]
+            for c in time_frequency_bins(dataset, n, b) if c.band[1] <= dataset.simulation.band]
     lines, wanders = _other_lines(lines_of(beyond), beyond)
     summary = ResidualSummary(
         tuple(found), _sizes(model, found), bins, lines,

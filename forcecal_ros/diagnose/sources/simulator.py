@@ -366,8 +366,9 @@ def recalibrated_notes(simulator: ThirdParty, outcome: Outcome) -> Iterator[str]
         yield (f'the step of its integration causes {finer} times what half '
                'the step changes, which was subtracted: a smaller step is nearer to the robot')
     if 'robot_delay' not in named and _is_moved(outcome, 'robot.delay'):
-        late = estimated(*outcome.recalibrations['robot.delay'], 's')
-        yield f'the robot is {late} later than its simulation'
+        late, std = outcome.recalibrations['robot.delay']
+        side = 'later' if late > 0.0 else 'earlier'
+        yield f'the robot is {estimated(abs(late), std, "s")} {side} than its simulation'
 
 
 def _is_moved(outcome: Outcome, name: str) -> bool:

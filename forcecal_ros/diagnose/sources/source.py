@@ -8,11 +8,10 @@ from forcecal_ros.core.errors import DataError, with_id
 from forcecal_ros.core.streams import Recording
 from forcecal_ros.diagnose.dataset import Dataset, split_datasets, units
 from forcecal_ros.diagnose.engine import diagnose_datasets, Outcome
-from forcecal_ros.diagnose.judge.named_effects import estimated
+from forcecal_ros.diagnose.judge.named_effects import estimated, readable
 from forcecal_ros.diagnose.model.evidence import FIRST_RECORDING
 from forcecal_ros.diagnose.recordings import Corrected, require_same_sensors
 from forcecal_ros.diagnose.result import Diagnosis, NO_MOTION, to_document
-from forcecal_ros.effects.library import FORCES
 from forcecal_ros.effects.rig import Rig
 
 RECALIBRATION_SIGMA = 3.0
@@ -203,11 +202,8 @@ def recalibration_notes(outcome: Outcome, unit: str) -> Iterator[str]:
     """List what was recalibrated significantly; accelerometers in ``unit``."""
     for name, (value, std) in outcome.recalibrations.items():
         if abs(value) > RECALIBRATION_SIGMA * std and not name.startswith('wrench.step'):
-            stem, _, axis = name.rpartition('.')
-            axes = FORCES if stem.startswith('wrench') else 'xyz'
-            words = f'{stem}.{axes[int(axis)]}' if axis.isdigit() else name
             by = estimated(value, std, _unit_of(name, unit), signed=True)
-            yield f'recalibrated: {words} by {by}'
+            yield f'recalibrated: {readable(name)} by {by}'
 
 
 def _unit_of(name: str, accelerometer: str) -> str:

@@ -25,7 +25,8 @@ EXACT = Errors(np.zeros((K, 0, 0)), np.zeros((0, 0)))
 
 
 def held(n):
-    return SimpleNamespace(held=np.ones(n, dtype=bool))
+    return SimpleNamespace(held=np.ones(n, dtype=bool), measured=SimpleNamespace(
+        present=np.ones((n, K), dtype=bool)))
 
 
 def gap_of(effect, left, errors=EXACT, beside=None, energy=0.0, noise=0.0):
@@ -33,6 +34,19 @@ def gap_of(effect, left, errors=EXACT, beside=None, energy=0.0, noise=0.0):
     arms = Arms(effect + left + noise, np.zeros(effect.shape), effect,
                 left if beside is None else beside)
     return gap((held(len(effect)),), [arms], np.ones(K), energy + np.zeros(K), errors)
+
+
+def test_blocks_that_are_left_out_count_in_no_arm():
+    rng = np.random.default_rng(8)
+    effect, left = rng.standard_normal((2, *SECONDS_8))
+    expected = gap_of(effect, 0.3 * left)
+    present = np.arange(2 * len(effect)) < len(effect)
+    arms = [np.concatenate([x, 50.0 + np.zeros(x.shape)]) for x in (
+        effect + 0.3 * left, np.zeros(effect.shape), effect, 0.3 * left)]
+    dataset = held(len(present))
+    dataset.measured.present[~present] = False
+    found = gap((dataset,), [Arms(*arms)], np.ones(K), np.zeros(K), EXACT)
+    assert found == expected
 
 
 def width(found):

@@ -6,6 +6,7 @@ import math
 from forcecal_ros.diagnose.dataset import units
 from forcecal_ros.diagnose.judge.named_effects import (
     at_limit,
+    beyond_tolerance,
     ends,
     NamedEffect,
     not_identified,
@@ -20,6 +21,7 @@ from forcecal_ros.diagnose.search.posterior import Posterior, ties_of
 from forcecal_ros.diagnose.sources.simulator import Changed
 from forcecal_ros.diagnose.verdict import UnexplainedPart, verdict
 from forcecal_ros.effects import EFFECTS
+from forcecal_ros.effects.nuisances import Nuisance, of_sensors
 from forcecal_ros.sim.rig.file import load_rig
 import numpy as np
 import pytest
@@ -46,6 +48,28 @@ def test_what_stands_at_its_limit_is_not_identified():
     word, sentence = verdict(*given, at_limit=['wrench_gain.fx = -0.9'])
     assert word == 'unknown'
     assert 'wrench_gain comes closest, but wrench_gain.fx = -0.9 is at its limit' in sentence
+
+
+def test_numbers_of_the_rig_as_far_off_as_tolerated_leave_an_effect_part_of_the_cause():
+    given = (['tool_com'], [('tool_com', 0.96)], UnexplainedPart(0.5, 'noise'), 0.99, True)
+    word, sentence = verdict(*given, beyond=['tool.mass', 'wrench.bias.fy'])
+    assert word == 'partial'
+    assert 'as far off as tolerated: tool.mass, wrench.bias.fy, so that another robot' in sentence
+
+
+def test_a_number_counts_as_far_off_at_its_limit_unless_it_is_released_or_a_simulators():
+    rig = load_rig('rigid_tool.yaml')
+    found = tuple(of_sensors('acc1', ('wrench',)))
+    own = Nuisance('kp[joint_1]', 'kp[joint_1]', found[0].apply, prior_std=1.0)
+    model = LinearisedModel(rig, (), (*found, own), np.ones(len(found) + 1))
+    model.centre = np.array([n.limit for n in model.nuisances])
+    at = {n.name: i for i, n in enumerate(model.nuisances)}
+    model.centre[at['wrench.bias.1']] *= 0.99
+    model.centre[at['wrench.gain.5']] *= -1.0
+    model.released = frozenset({'wrench.gain.2'})
+    named = beyond_tolerance(model)
+    assert 'wrench.bias.fx' in named and 'wrench.gain.tz' in named
+    assert not {'wrench.bias.fy', 'wrench.gain.fz', 'kp[joint_1]'} & {*named}
 
 
 @pytest.mark.parametrize('closed, why', [
