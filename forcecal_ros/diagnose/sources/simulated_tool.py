@@ -6,7 +6,6 @@ from typing import NamedTuple
 from forcecal_ros.checks.hypotheses import judge
 from forcecal_ros.checks.messages import as_in_base, SIGN, Stated, WEIGHT_REMOVED
 from forcecal_ros.core.errors import DataError, UnobservableError
-from forcecal_ros.core.estimation import robust_fit
 from forcecal_ros.core.geometry import Array, skew
 from forcecal_ros.core.rigid_body import BodyMotion, INERTIAL, regressor, symmetric
 from forcecal_ros.core.streams import phase_spans, Recording, TOUCHING
@@ -16,6 +15,7 @@ from forcecal_ros.effects.rig import Rig, Tool
 from forcecal_ros.sim.rigid_tool import CarriedTool, GYRATION, rigid_tool_of_rig, RigidTool
 from forcecal_ros.sim.signals import BLOCK, block_means
 import numpy as np
+from scipy.optimize import least_squares
 
 LIGHTEST = 0.02
 """Mass of a tool, at least, that a wrench sensor shows [kg]: 0.2 N, the noise of most."""
@@ -37,6 +37,9 @@ ZERO = (10.0, 1.0)
 Zero of the robot's sensor, 1 sigma [N], [N m], beyond the median difference that is removed: as
 much as a tool's weight would move that.
 """
+
+OUTLIER = 1.345
+"""Residual, in its scale, from which it counts linearly: Huber's, 95 % efficient on Gaussians."""
 
 SIMULATE_IT = 'simulate what hung there'
 """What to do where another tool hung on the robot than in the simulation."""
@@ -159,8 +162,13 @@ def _fit_tool(simulated: Recording, start: float, n_blocks: int, rig: Rig
     free, t = np.ones(n_blocks, dtype=bool), start + BLOCK * (0.5 + np.arange(n_blocks))
     for begin, end in phase_spans(simulated.phases, TOUCHING):
         free &= (t < begin) | (t >= end)
-    fit = robust_fit(X[free], wrench[free])
-    return fit.theta[:INERTIAL], fit.theta[INERTIAL:], fit.residual.reshape(-1, 6)
+    scale = np.repeat([1.0, 0.1], 3)  # a newton counts as much as a tenth of a newton metre
+    a, b = (X / scale[:, np.newaxis])[free].reshape(-1, X.shape[2]), (wrench / scale)[free].ravel()
+    theta = np.linalg.lstsq(a, b, rcond=1e-8)[0]
+    spread = float(np.median(np.abs(b - a @ theta))) / 0.6745
+    theta = least_squares(lambda x: a @ x - b, theta, lambda x: a, loss='huber',
+                          f_scale=OUTLIER * max(spread, 1e-6)).x
+    return theta[:INERTIAL], theta[INERTIAL:], (wrench - X @ theta)[free]
 
 
 def _with_moments(tool: Tool, moments: Array) -> Tool:
