@@ -117,6 +117,8 @@ def _uses(recording: 'Recording', fault: str, why: str) -> dict[str, str]:
     """Return for each command nothing, or why the recording does not do for it."""
     if fault:
         return dict.fromkeys(('calibrate', 'estimate', 'diagnose'), 'see the fault above')
+    from forcecal_ros.diagnose.dataset import too_few
+
     by_joints = ('; its joints give the pose with --topic pose=urdf:FILE:BASE:LINK' if (
         recording.pose is None and recording.joints is not None) else '')
     why = why and f'{why}{by_joints}'
@@ -130,8 +132,9 @@ def _uses(recording: 'Recording', fault: str, why: str) -> dict[str, str]:
         'calibrate': why,
         'estimate': no_wrench or (
             '' if gravity else f'neither a pose nor an IMU was recorded{by_joints}'),
-        'diagnose': no_wrench or ('' if recording.pose is not None or commands else
-                                  'neither a pose nor commands were recorded'),
+        'diagnose': no_wrench or too_few(recording) or (
+            '' if recording.pose is not None or commands else
+            'neither a pose nor commands were recorded'),
         'diagnose with a simulator': no_wrench or (
             '' if commands else 'no commands (target_frame, joint_commands) were recorded'),
         'fit-rig': no_wrench or (lacking and f'{lacking} was recorded{by_joints}')}

@@ -413,10 +413,19 @@ EDGE_S = 0.03
 
 
 def require_wrench_and_pose(recording: Recording, otherwise: str) -> None:
-    """Refuse a recording without them in some words."""
-    wrench, pose = recording.wrench, recording.pose
-    if wrench is None or pose is None or len(wrench) < 100 or len(pose) < 20:
+    """Refuse a recording without them in some words, and one that has too few of them."""
+    if recording.wrench is None or recording.pose is None:
         raise DataError(otherwise)
+    if why := too_few(recording):
+        raise DataError(f'{why}; record 15 s of motion with all of its messages')
+
+
+def too_few(recording: Recording) -> str:
+    """Say that wrench or pose have too few samples to be compared; empty: they have not."""
+    counts = {name: len(stream) for name, least in (('wrench', 100), ('pose', 20)) if (
+        stream := getattr(recording, name)) is not None and len(stream) < least}
+    listed = ' and '.join(f'{n} samples of the {name}' for name, n in counts.items())
+    return listed and f'{listed} are too few for a comparison'
 
 
 def span(*recordings: Recording) -> tuple[float, int]:

@@ -227,6 +227,7 @@ def _cause_and_remedy(d: Diagnosis) -> tuple[str, str]:
     """Part the reason of a recording that identifies nothing into what is wrong and what to do."""
     cause, _, remedy = d.reason.rpartition('; ')
     apart = cause and remedy.count('(') == remedy.count(')')  # not within parentheses
+    remedy = remedy.partition(' [FC')[0]  # the id ends the message
     return (cause, remedy) if apart and HEADS[d.verdict].endswith(' ') else (d.reason, '')
 
 

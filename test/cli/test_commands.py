@@ -12,9 +12,10 @@ from forcecal_ros.cli.check import inspect
 from forcecal_ros.cli.common import as_started
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.calibration import Estimate
-from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.core.geometry import rotation_from_vector
 from forcecal_ros.core.streams import Stream
+from forcecal_ros.diagnose.dataset import require_wrench_and_pose
 from forcecal_ros.io.bags import write_recording
 from forcecal_ros.io.calibration_file import load, save
 import numpy as np
@@ -152,6 +153,14 @@ def test_compare_fails_on_drift_if_requested(brief, tmp_path, capsys):
     assert main(['compare', *pair, '--fail-on', 'drift']) == 3
     assert main(['compare', pair[0], pair[0], '--fail-on', 'drift']) == 0
     capsys.readouterr()
+
+
+def test_a_few_samples_are_enough_for_a_calibration_and_not_for_a_comparison(recording):
+    few = replace(recording, wrench=recording.wrench.rows(slice(0, None, 300)))
+    assert len(few.wrench) < 100
+    assert 'samples of the wrench are too few' in inspect(few)['uses']['diagnose']
+    with pytest.raises(DataError, match='too few for a comparison; record 15 s'):
+        require_wrench_and_pose(few, '')
 
 
 def test_a_change_half_way_spoils_a_calibration_alone(recording):
