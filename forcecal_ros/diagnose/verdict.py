@@ -142,10 +142,10 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
                  'recorded than it is compared with, or more than this is different')
     partly = unknown or (significant and (
         closed < MIN_EXPLAINED_WHOLE or part.ratio > MAX_UNEXPLAINED_RATIO))
-    if beyond or (closed < LEAST_EXPLAINED if beside else partly):
+    if closed < LEAST_EXPLAINED if beside else partly:
         return 'partial', f'{listed} {done}{rest}'
     rivals = [n for n, _ in candidates if n not in named and n != UNKNOWN]
     if rivals:
         return 'ambiguous', (f'{listed} {done}, but {" or ".join(rivals)} may be '
                              f'the cause instead{rest}')
-    return 'identified', f'{listed} {done}{rest}'
+    return 'partial' if beyond else 'identified', f'{listed} {done}{rest}'
