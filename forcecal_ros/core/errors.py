@@ -161,7 +161,7 @@ KINDS: dict[str, str] = {
     'FC0706': 'impedance',
     # diagnosis
     'FC0801':
-        'results diagnose diagnose.recordings:_require_commands '
+        'results diagnose diagnose.recordings:require_commands '
         'diagnose.recordings:estimate_start diagnose.sources.simulator',
     'FC0802':
         'diagnose.sources.pair diagnose.sources.simulated_tool '

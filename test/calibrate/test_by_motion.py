@@ -149,7 +149,7 @@ def test_rotated_axes_make_the_estimates_suspect(moving):
     R = rotation_from_vector(np.array([0.1, 0.0, 0.2]))
     turned = replace(moving.wrench, values=moving.wrench.values @ np.kron(np.eye(2), R))
     recording = replace(moving, wrench=turned)
-    with pytest.raises(DataError, match='its axes are turned'):
+    with pytest.raises(DataError, match='its axes are rotated'):
         identify(recording)
     settings = IdentificationSettings()
     quality = calibrate_by_motion(

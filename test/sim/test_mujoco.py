@@ -599,12 +599,12 @@ def spoilt(real, fault):
 
 
 @pytest.mark.parametrize('fault, said', first([
-    (turned_wrench([0.0, 0.0, 20.0]), 'turned'), (lambda w, pose: -w, 'it has the opposite sign'),
+    (turned_wrench([0.0, 0.0, 20.0]), 'rotated'), (lambda w, pose: -w, 'it has the opposite sign'),
     (lambda w, pose: w / ([9.80665] * 3 + [1.0] * 3), 'its forces are in kgf')]))
 def test_frame_sign_and_units_of_the_robots_wrench_are_asked_before_effects(sample, fault, said):
     arm, real = sample
     wrong, rig = spoilt(real, fault), load_rig('rigid_tool.yaml')
-    source = (PairSource(rig, arm.run(inputs_of(real), arm.nominal)) if said == 'turned'
+    source = (PairSource(rig, arm.run(inputs_of(real), arm.nominal)) if said == 'rotated'
               else SimulatorSource(arm, rig))
     found = source.diagnose(wrong).diagnosis
     assert found.verdict == 'invalid_data'
