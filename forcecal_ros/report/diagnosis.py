@@ -470,8 +470,8 @@ def _where(view: View) -> str:
     more = [f'{w.channel} in {w.phase}' for w in view.diagnosis.localisation
             if (_INDEX[w.channel], w.phase) != (place.channel, place.phase)][:2]
     then = f'; then {" and ".join(more)}' if more else ''
-    return (f'{CHANNELS[place.channel].name} in phase {place.phase}, {band}: '
-            f'{size(place.excess, "", 2).strip()} times the noise{then}.')
+    return (f'{CHANNELS[place.channel].name} in phase {place.phase}, mostly {band}: '
+            f'{size(place.excess, "", 2).strip()} times the noise of all octaves{then}.')
 
 
 def _when(view: View) -> str:

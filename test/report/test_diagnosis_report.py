@@ -200,8 +200,8 @@ def test_the_facts_name_place_time_and_next_command():
         '(0.012 N after correction) and a residual of 0.38 N RMS in force.y (0.010 N after '
         'correction), whose noise is 0.25 N.')
     assert said['How sure'].words == 'All other causes: 3 %.'
-    assert said['Where'].words == ('force.y in phase step, 8 to 16 Hz: 12 times the noise; then '
-                                   'torque.x in contact.')
+    assert said['Where'].words == ('force.y in phase step, mostly 8 to 16 Hz: 12 times the '
+                                   'noise of all octaves; then torque.x in contact.')
     # of two steps the one with the largest residual
     assert said['When'].words == 'Most visible from 10.00 to 12.00 s, in phase step.'
     assert said['Next'].command == 'forcecal simulate' and 'In full' not in said
