@@ -291,7 +291,6 @@ def without_fading(stream: Stream, poses: list[StaticPose], cutoff: float) -> St
     return replace(stream, values=values)
 
 
-
 class Axes(NamedTuple):
     """Gain (3,) and map (3, 3) of an accelerometer with their standard errors."""
 

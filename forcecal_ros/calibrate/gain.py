@@ -164,7 +164,6 @@ class SampleCovariance(NamedTuple):
         return np.asarray(self.value / self.rate)
 
 
-
 def sample_covariance(windows: list[Array], rate: float) -> SampleCovariance | None:
     """
     Covariance of samples at standstill, each window's mean taken off.

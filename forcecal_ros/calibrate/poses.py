@@ -32,6 +32,7 @@ _HELD = 1.5
 """A robot that is held by hand, or yields, sways; it stands where it stays for so long [s] within
 what one that creeps at the speeds above does meanwhile."""
 
+
 class NeverAtRest(DataError):
     """The robot moves throughout a recording."""
 

@@ -198,7 +198,6 @@ def farthest(residuals: Array) -> Outlier | None:
     return Outlier(i, j, float(residuals[i, j]), float(min(1.0, chance)))
 
 
-
 class PoseError(NamedTuple):
     """
     How far one pose lies from what the others predict.

@@ -187,6 +187,7 @@ def refuse_negative(mass: float, wrench_sign: int | None = None) -> None:
 
 X_HAT = np.array([1.0, 0.0, 0.0])
 
+
 class ToolFit(NamedTuple):
     """
     Mass, biases and centre of mass, and the static poses beside them.
@@ -312,7 +313,6 @@ def slide_noise(statics: Statics) -> Array:
     noise[:, 3:, 3:] = (statics.slide_variance[:, None, None]
                         * lever[:, :, None] * lever[:, None, :])
     return noise
-
 
 
 def _left_over(residuals: Array, noise: Array, design: Array, whole: float) -> Array:

@@ -65,6 +65,7 @@ MIN_GRAVITY_SPREAD = 0.1
 MIN_DELAY_S = 2e-3
 """Delays of less are not noted: tools on springs show as much."""
 
+
 class Hypothesis(NamedTuple):
     """
     One row: how streams would be without a fault.

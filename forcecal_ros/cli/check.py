@@ -135,7 +135,7 @@ def _uses(recording: 'Recording', fault: str, why: str) -> dict[str, str]:
         'diagnose': no_wrench or too_few(recording) or (
             '' if recording.pose is not None or commands else
             'neither a pose nor commands were recorded'),
-        'diagnose with a simulator': no_wrench or (
+        'diagnose with a simulator': no_wrench or too_few(recording) or (
             '' if commands else 'no commands (target_frame, joint_commands) were recorded'),
         'fit-rig': no_wrench or (lacking and f'{lacking} was recorded{by_joints}')}
 

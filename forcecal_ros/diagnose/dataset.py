@@ -417,15 +417,15 @@ def require_wrench_and_pose(recording: Recording, otherwise: str) -> None:
     if recording.wrench is None or recording.pose is None:
         raise DataError(otherwise)
     if why := too_few(recording):
-        raise DataError(f'{why}; record 15 s of motion with all of its messages')
+        raise DataError(f'{why}; record 15 s of motion, every message of it')
 
 
 def too_few(recording: Recording) -> str:
-    """Say that wrench or pose have too few samples to be compared; empty: they have not."""
-    counts = {name: len(stream) for name, least in (('wrench', 100), ('pose', 20)) if (
-        stream := getattr(recording, name)) is not None and len(stream) < least}
-    listed = ' and '.join(f'{n} samples of the {name}' for name, n in counts.items())
-    return listed and f'{listed} are too few for a comparison'
+    """Return that wrench or pose have too few samples for a comparison; empty if not."""
+    needed = {'wrench': 100, 'pose': 20}
+    few = [f'{len(stream)} samples of the {name}' for name, least in needed.items()
+           if (stream := getattr(recording, name)) is not None and len(stream) < least]
+    return f'{" and ".join(few)} are too few for a comparison' if few else ''
 
 
 def span(*recordings: Recording) -> tuple[float, int]:

@@ -23,7 +23,7 @@ from forcecal_ros.diagnose.judge.coverage import (
 from forcecal_ros.diagnose.judge.gap import measured_gap, sample_noise
 from forcecal_ros.diagnose.judge.named_effects import (
     at_limit,
-    beyond_tolerance,
+    at_tolerance,
     channel_affected_most,
     Checks,
     from_checks,
@@ -32,6 +32,7 @@ from forcecal_ros.diagnose.judge.named_effects import (
     NamedEffect,
     not_identified,
     parameters_of,
+    readable,
 )
 from forcecal_ros.diagnose.judge.parameter_errors import (
     aliases,
@@ -93,6 +94,8 @@ class Outcome:
         Nuisances of which the data tell little but a combination.
     closest : Rig or None
         With the effect that comes closest, if none was accepted.
+    at_tolerance : tuple of str
+        Nuisances that would be further off if their tolerances let them.
     """
 
     diagnosis: Diagnosis
@@ -105,6 +108,7 @@ class Outcome:
     selection: Posterior | None = None
     aliases: tuple[frozenset[str], ...] = ()
     closest: Rig | None = None
+    at_tolerance: tuple[str, ...] = ()
 
 
 def diagnose_datasets(rig: Rig, datasets: tuple[Dataset, ...], stamps: Sequence[Corrected],
@@ -243,7 +247,8 @@ def _judged(first: LinearisedModel, model: LinearisedModel, found: Posterior, ch
         bool(checks.effects) or signal_to_noise(model) > ENOUGH, whole=not missing,
         with_discrepancy=found.beside_discrepancy, slow_noise=summary.slow_noise,
         band=model.datasets[0].simulation.band, certain=tuple(checks.effects), at_limit=limits,
-        beyond=beyond_tolerance(final))
+        # those of a simulator, which are what is looked for, are reported by its source
+        at_tolerance=[readable(n.name) for n in at_tolerance(final) if n.prior_std is None])
     sentence += in_time(effects) + missing
     notes = (*checks.notes, *summary.notes,
              *((part.within,) if part.within and word != 'no_gap' else ()),
@@ -273,4 +278,5 @@ def _outcome(first: LinearisedModel, model: LinearisedModel, found: Posterior,
         found.closest.model, found._replace(accepted=tuple(found.closest.accepted)), checks)
     return Outcome(diagnosis, patched_rig(final, selection, checks),
                    recalibrations(final, errors), tuple(first.residuals), tuple(final.residuals),
-                   final.datasets, noise, selection, aliases(final, errors), closest)
+                   final.datasets, noise, selection, aliases(final, errors), closest,
+                   tuple(n.name for n in at_tolerance(final)))

@@ -34,8 +34,8 @@ FURTHER = 'would move by more than three sigma'
 WITHIN = 'within tolerance'
 """How much of a recording is explained whose residual is more than noise but does not matter."""
 
-BEYOND = 'as far off as tolerated'
-"""What numbers of the rig are that would be further off if their tolerances let them."""
+AT_TOLERANCE = 'at the limit of the tolerance'
+"""Where numbers of the rig are that would be further off if their tolerances let them."""
 
 FIRST = 'look first at this: '
 """Before what a simulator reports of its own run, which may be why nothing explains the gap."""
@@ -72,7 +72,7 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
             part: UnexplainedPart, closed: float | None, excited: bool, whole: bool = True,
             with_discrepancy: bool = False, slow_noise: bool = False, band: float = inf,
             certain: Sequence[str] = (),
-            at_limit: Sequence[str] = (), beyond: Sequence[str] = ()) -> tuple[str, str]:
+            at_limit: Sequence[str] = (), at_tolerance: Sequence[str] = ()) -> tuple[str, str]:
     """
     Say it in one word and one sentence.
 
@@ -96,7 +96,7 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
         Which of the effects stamps or values show: they are there in any case.
     at_limit : sequence of str
         Numbers of accepted effects that would be larger if their limits let them.
-    beyond : sequence of str
+    at_tolerance : sequence of str
         Numbers of the rig beside them that would be further off if their tolerances let them.
     """
     listed = ' and '.join(named)
@@ -137,9 +137,9 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
     if unknown and others:
         these = ' and '.join(others) if certain else 'these together'
         rest += f'; one effect that is not in the library is likelier than {these}'
-    if beyond:
-        rest += (f'; {BEYOND}: {", ".join(beyond)}, so that another robot, tool or unit was '
-                 'recorded than it is compared with, or more than this is different')
+    if at_tolerance:
+        rest += (f'; {AT_TOLERANCE}: {", ".join(at_tolerance)} (another robot, tool or unit was '
+                 'recorded than it is compared with, or more than this differs)')
     partly = unknown or (significant and (
         closed < MIN_EXPLAINED_WHOLE or part.ratio > MAX_UNEXPLAINED_RATIO))
     if closed < LEAST_EXPLAINED if beside else partly:
@@ -148,4 +148,4 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
     if rivals:
         return 'ambiguous', (f'{listed} {done}, but {" or ".join(rivals)} may be '
                              f'the cause instead{rest}')
-    return 'partial' if beyond else 'identified', f'{listed} {done}{rest}'
+    return 'partial' if at_tolerance else 'identified', f'{listed} {done}{rest}'

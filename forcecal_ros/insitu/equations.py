@@ -487,6 +487,7 @@ POOR, GROSS = 0.02, 0.05
 loads which agree leave over at most: careful hands leave 0.005. What leaves more than the second,
 or an offset that moves by more, is no usual sensor: a bent one's moves by 0.03."""
 
+
 class Contradiction(NamedTuple):
     """``words``, and ``share`` of the known wrenches left over."""
 

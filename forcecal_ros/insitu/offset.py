@@ -164,6 +164,7 @@ def _lever(gravity: Array) -> float:
 WRONG_UNIT = 0.2
 """Share by which measured and stated gravity may differ, unless the unit is wrong."""
 
+
 @dataclass(frozen=True)
 class Excitation:
     """

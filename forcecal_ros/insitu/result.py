@@ -217,6 +217,7 @@ FACTORS = {2.2046: 'are forces of the manufacturer in lbf, or masses stated twic
            1 / 9.80665: "are the manufacturer's in kgf?"}
 """Forces by the manufacturer over those by the matrix found, and what makes them so."""
 
+
 def warnings_of(result: SensorResult) -> tuple[str, ...]:
     """Collect what is weak, cut, suspicious or contradictory."""
     return (*offsets_of(result), *_contradictions(result), *_by_manufacturer(result),

@@ -123,6 +123,7 @@ ENOUGH = 5
 """Blocks for each regressor that are needed to tell causes apart: with two, means of sound poses
 show a hysteresis once in four times."""
 
+
 @dataclass(frozen=True)
 class Departure:
     """

@@ -16,6 +16,7 @@ import numpy as np
 
 CHANNELS = ('wrench', 'accelerometer', 'pose', 'target', 'optidrive')
 
+
 class Collector:
     """
     All samples since :meth:`clear`.

@@ -31,6 +31,7 @@ NAME = re.compile(r'[A-Za-z_]\w*(/[A-Za-z_]\w*)*', re.ASCII)
 Mounting = Vector7
 """Pose of ft_sensor, x y z [m] qx qy qz qw, in the frame whose pose is measured."""
 
+
 def transported(wrench: Wrench, sensor: Vector7) -> Wrench:
     """Return a wrench of ft_sensor, about its origin, in the frame where ft_sensor has a pose."""
     fx, fy, fz = rotate(sensor[3:], wrench[:3])

@@ -16,7 +16,7 @@ from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, instants, NamedE
 from forcecal_ros.diagnose.localise import BANDS, time_frequency_bins, TimeFrequencyBin
 from forcecal_ros.diagnose.model.gates import kind_of
 from forcecal_ros.diagnose.result import Diagnosis
-from forcecal_ros.diagnose.verdict import BEYOND, FIRST, FURTHER, percent, WITHIN
+from forcecal_ros.diagnose.verdict import AT_TOLERANCE, FIRST, FURTHER, percent, WITHIN
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.report.effect_words import phrase, sentence, sizes, VERDICTS, WORDS
 from forcecal_ros.report.figures import COLOURS, joined, label_log_axes, Line, Panel, Shown
@@ -311,7 +311,7 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
     rig, calibration, model = (
         next((f'{folder.rstrip("/")}/{f}' for f in files if f.startswith(kind)), '')
         for kind in ('rig', 'calibration_patched', 'model_patched'))
-    if calibration and BEYOND in d.reason:
+    if calibration and AT_TOLERANCE in d.reason:
         return Step('Check that this tool and sensor are the calibrated ones; if they are not, '
                     'calibrate them:', shlex.join(('forcecal', 'calibrate', bag, *how)))
     if d.verdict in NAMED and (remedy := _at_the_sensor(d)):

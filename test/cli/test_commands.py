@@ -159,7 +159,7 @@ def test_a_few_samples_are_enough_for_a_calibration_and_not_for_a_comparison(rec
     few = replace(recording, wrench=recording.wrench.rows(slice(0, None, 300)))
     assert len(few.wrench) < 100
     assert 'samples of the wrench are too few' in inspect(few)['uses']['diagnose']
-    with pytest.raises(DataError, match='too few for a comparison; record 15 s'):
+    with pytest.raises(DataError, match='too few for a comparison; record 15 s of motion'):
         require_wrench_and_pose(few, '')
 
 

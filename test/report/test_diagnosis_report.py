@@ -14,7 +14,7 @@ from forcecal_ros.diagnose.judge.gap import Gap
 from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
 from forcecal_ros.diagnose.localise import BANDS, Location, TimeFrequencyBin
 from forcecal_ros.diagnose.result import Diagnosis, to_document
-from forcecal_ros.diagnose.verdict import BEYOND, FIRST, percent
+from forcecal_ros.diagnose.verdict import AT_TOLERANCE, FIRST, percent
 from forcecal_ros.effects.library import EFFECTS
 from forcecal_ros.report import diagnosis as figures
 from forcecal_ros.report import page as pages
@@ -430,8 +430,8 @@ def test_a_drive_at_its_limit_is_the_next_thing_to_look_at():
     assert words.startswith(f'In {drive[3:]}. Move more slowly, or give the model the limit')
 
 
-def test_a_calibration_that_is_as_far_off_as_tolerated_is_to_be_made_anew():
-    d = replace(IDENTIFIED, verdict='partial', reason=f'a; {BEYOND}: tool.mass, so that another')
+def test_a_calibration_at_the_limit_of_its_tolerance_is_to_be_made_anew():
+    d = replace(IDENTIFIED, verdict='partial', reason=f'a; {AT_TOLERANCE}: tool.mass')
     step = next_step(d, 'bag', 'out', ('calibration_patched.yaml',))
     assert step.words.startswith('Check that this tool and sensor are the calibrated ones')
     assert step.command == 'forcecal calibrate bag'

@@ -17,6 +17,7 @@ from forcecal_ros.diagnose.search.change_points import Instant
 from forcecal_ros.diagnose.search.model_comparison import Accepted
 from forcecal_ros.effects import EFFECTS, Quantity
 from forcecal_ros.effects.library import FORCES
+from forcecal_ros.effects.nuisances import Nuisance
 from forcecal_ros.effects.rig import AccelerometerModel
 import numpy as np
 
@@ -158,16 +159,11 @@ def at_limit(name: str, found: Mapping[str, Parameter]) -> list[str]:
     return out
 
 
-def beyond_tolerance(model: LinearisedModel) -> list[str]:
-    """
-    Name the numbers of the rig that would be further off if their tolerances let them.
-
-    Those of a simulator, which are what is looked for, are reported by its source.
-    """
-    # rounding of the fit's bound; a released number has none
-    reached = 0.999 * model.prior().high
-    return [readable(n.name) for n, x, most in zip(model.nuisances, model.centre, reached)
-            if abs(x) > most and n.prior_std is None]
+def at_tolerance(model: LinearisedModel) -> list[Nuisance]:
+    """List the numbers that would be further off if their tolerances let them."""
+    # within a thousandth, by rounding; a released number has no limit
+    return [n for n, x, most in zip(model.nuisances, model.centre, model.prior().high)
+            if abs(x) > 0.999 * most]
 
 
 def readable(name: str) -> str:

@@ -9,7 +9,7 @@ be removed or exchanged again. One calibration then states how probable each eff
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import count
+from itertools import accumulate, count
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -438,13 +438,9 @@ def weighed(found: Posterior, is_gap: bool, possible: bool, by: Calibration | No
 
 
 def _covering(shares: Mapping[str, float]) -> list[tuple[str, float]]:
-    out, covered = [], 0.0
-    for name, share in sorted(shares.items(), key=lambda pair: -pair[1]):
-        if covered >= CANDIDATES:
-            break
-        out.append((name, share))
-        covered += share
-    return out
+    ordered = sorted(shares.items(), key=lambda pair: -pair[1])
+    covered = accumulate((share for _, share in ordered), initial=0.0)
+    return [pair for pair, before in zip(ordered, covered) if before < CANDIDATES]
 
 
 def listed_once(candidates: Sequence[tuple[str, float]]) -> list[tuple[str, float]]:

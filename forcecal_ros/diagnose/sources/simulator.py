@@ -39,7 +39,6 @@ from forcecal_ros.diagnose.sources.simulated_tool import (
 )
 from forcecal_ros.diagnose.sources.source import Ready, RECALIBRATION_SIGMA, Source
 from forcecal_ros.diagnose.verdict import FIRST, FURTHER
-from forcecal_ros.effects.nuisances import LIMIT
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.protocol import Inputs
 from forcecal_ros.sim.rerun import (
@@ -294,7 +293,7 @@ class SimulatorSource(Source):
                      f'joint.{i} {name}' for i, name in enumerate(
                          self.ready[0].simulation.joints))] if self.ready[0].given.joints else []))
         reason, verdict = diagnosis.reason, diagnosis.verdict
-        if verdict == 'no_gap' and (limited := at_tolerance(self.simulator, outcome)):
+        if verdict == 'no_gap' and (limited := limited_parameters(self.simulator, outcome)):
             word, semicolon, more = reason.partition('; ')
             reason = (f'{word}, with {" and ".join(limited)} as far off as three sigma allow'
                       f'{semicolon}{more}')
@@ -356,15 +355,15 @@ def _widened(outcome: Outcome, shifts: Mapping[str, float]) -> Outcome:
     return replace(outcome, diagnosis=replace(outcome.diagnosis, effects=effects))
 
 
-def at_tolerance(simulator: ThirdParty, outcome: Outcome) -> list[str]:
+def limited_parameters(simulator: ThirdParty, outcome: Outcome) -> list[str]:
     """List the parameters, not named, that would move further than three of their sigma."""
-    return [p.name for p in simulator.parameters if p.name not in _named(outcome) and abs(
-        outcome.recalibrations.get(p.name, (0.0, 0.0))[0]) > 0.999 * LIMIT * p.sigma]
+    return [p.name for p in simulator.parameters
+            if p.name in outcome.at_tolerance and p.name not in _named(outcome)]
 
 
 def recalibrated_notes(simulator: ThirdParty, outcome: Outcome) -> Iterator[str]:
     """Say which parameters are off by no more than they may be."""
-    named, limited, changes = _named(outcome), at_tolerance(simulator, outcome), []
+    named, limited, changes = _named(outcome), limited_parameters(simulator, outcome), []
     for p in simulator.parameters:
         x, std = outcome.recalibrations.get(p.name, (0.0, 0.0))
         if p.name not in (*named, *limited) and _is_moved(outcome, p.name):
@@ -385,8 +384,8 @@ def recalibrated_notes(simulator: ThirdParty, outcome: Outcome) -> Iterator[str]
                'the step changes, which was subtracted: a smaller step is nearer to the robot')
     if 'robot_delay' not in named and _is_moved(outcome, 'robot.delay'):
         late, std = outcome.recalibrations['robot.delay']
-        side = 'later' if late > 0.0 else 'earlier'
-        yield f'the robot is {estimated(abs(late), std, "s")} {side} than its simulation'
+        yield (f'the robot is {estimated(abs(late), std, "s")} '
+               f'{"later" if late > 0.0 else "earlier"} than its simulation')
 
 
 def _is_moved(outcome: Outcome, name: str) -> bool:
