@@ -127,7 +127,7 @@ def test_a_recording_prints_and_checks_as_a_table():
     assert ('calibrate', 'no') in [row[:2] for row in checked.rows]
     assert [axes.get_ylabel() for axes in checked.plot().axes] == [
         f'accel.{axis} [V]' for axis in 'xyz']
-    with pytest.raises(DataError, match='record wrench'):
+    with pytest.raises(DataError, match=r'record wrench \[FC0801\]$'):
         fc.check(replace(made, wrench=None, accelerometer=None, optidrive=None)).plot()
 
 

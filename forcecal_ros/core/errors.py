@@ -1,17 +1,21 @@
 """The exception tree, and the id of every error that a user can fix.
 
 The command line and the nodes turn a :class:`ForcecalError` into one line on stderr or in the log,
-which ends with its id; anything else that escapes is a defect of this package. The id follows from
-where the error was raised, see :data:`KINDS`.
+which ends with its id; from Python the message ends with it, too. Anything else that escapes is a
+defect of this package. The id follows from where the error was raised, see :data:`KINDS`.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import copyreg
+from functools import wraps
 from pathlib import Path
 import re
 from traceback import extract_tb
 from types import TracebackType
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
+
+P = ParamSpec('P')
+T = TypeVar('T')
 
 
 class ForcecalError(Exception):
@@ -201,6 +205,19 @@ def with_id(error: BaseException, message: str = '') -> str:
     """Return the message of an error in one line that ends with its id."""
     line = ' '.join((message or str(error)).split())
     return line if _ID.search(line) else f'{line} [{id_of(error)}]'
+
+
+def ends_with_id(function: Callable[P, T]) -> Callable[P, T]:
+    """Return a function whose errors end with their id, as those of the commands do."""
+    @wraps(function)
+    def called(*args: P.args, **kwargs: P.kwargs) -> T:
+        try:
+            return function(*args, **kwargs)
+        except ForcecalError as error:
+            error.args = (with_id(error),)
+            raise
+
+    return called
 
 
 def _places(at: TracebackType | None, about: str) -> Iterator[str]:
