@@ -219,9 +219,9 @@ def unknown(tilt_std, payload_std, bias_std, runs=12, seconds=3.0):
                            recording.accelerometer.values, recording.angular_velocity.values):
                 state, estimate = pose_free_step(state, *row, model=model)
             g = motion.R_base_sensor[-1].T @ arm.G
-            cosine = estimate.gravity @ g / (g @ g)
+            cosine = estimate.by_imu.gravity @ g / (g @ g)
             angles.append(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
-            masses.append(estimate.mass - arm.MASS)
+            masses.append(estimate.by_imu.mass - arm.MASS)
         out[name] = {'angle': float(np.sqrt(np.mean(np.square(angles)))),
                      'mass': float(np.sqrt(np.mean(np.square(masses))))}
     return out

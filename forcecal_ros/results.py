@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 from forcecal_ros.core.axes import in_axes_of_pose, levelled
 from forcecal_ros.core.calibration import Calibration
-from forcecal_ros.core.errors import DataError, ends_with_id
+from forcecal_ros.core.errors import DataError, error_ids
 from forcecal_ros.core.files import write_text
 from forcecal_ros.core.quantity import HALF, pair, quantity
 from forcecal_ros.core.streams import CHANNELS, Recording, Stream
@@ -58,7 +58,7 @@ class Result(NamedTuple):
         return (f'<p>{escape(self.headline)}</p><table>{line(self.columns, "th")}'
                 + ''.join(line(_cells(row), 'td') for row in self.rows) + '</table>')
 
-    @ends_with_id
+    @error_ids()
     def plot(self) -> 'Figure':
         """Return a figure of the result."""
         return self.figure()
@@ -82,7 +82,7 @@ def _cells(row: tuple[Any, ...]) -> list[str]:
     return [f'{one:.6g}' if isinstance(one, float) else str(one) for one in row]
 
 
-@ends_with_id
+@error_ids()
 def load(path: str | Path) -> Any:
     """
     Read what a command, or :func:`save`, has written.
@@ -110,7 +110,7 @@ def load(path: str | Path) -> Any:
     return of_calibration(found) if isinstance(found, Calibration) else found
 
 
-@ends_with_id
+@error_ids()
 def save(result: Result, path: str | Path) -> None:
     """
     Write a result; a file that is there is kept as NAME~.
@@ -169,7 +169,7 @@ def of_calibration(calibration: Calibration, recording: Recording | None = None)
                   to_document(calibration), figure)
 
 
-@ends_with_id
+@error_ids()
 def run_calibration(recording: Recording, settings: Mapping[str, Any]) -> Result:
     """Calibrate; see :func:`forcecal_ros.api.calibrate`, as for the others below."""
     from forcecal_ros.calibrate.pipeline import identify
@@ -180,7 +180,7 @@ def run_calibration(recording: Recording, settings: Mapping[str, Any]) -> Result
         recording, IdentificationSettings(**settings))), recording)
 
 
-@ends_with_id
+@error_ids()
 def run_read(bag: str | Path, topics: Mapping[str, str], preset: str, wrench_sign: int | None
              ) -> Recording:
     """Read."""
@@ -192,7 +192,7 @@ def run_read(bag: str | Path, topics: Mapping[str, str], preset: str, wrench_sig
     return checked(read_recording(bag, names, wrench_sign, joints=True))
 
 
-@ends_with_id
+@error_ids()
 def check(recording: Recording) -> Result:
     """
     Return what a recording can be used for, and why not.
@@ -215,7 +215,7 @@ def check(recording: Recording) -> Result:
                   rows, document, lambda: _signals(recording))
 
 
-@ends_with_id
+@error_ids()
 def run_estimate(recording: Recording, calibration: Any, settings: Mapping[str, Any]) -> Result:
     """Estimate."""
     from forcecal_ros.cli.estimate import as_taken, statistics, status_notes
@@ -233,7 +233,7 @@ def run_estimate(recording: Recording, calibration: Any, settings: Mapping[str, 
         document, lambda: _signals(contact, 'contact '))
 
 
-@ends_with_id
+@error_ids()
 def run_diagnosis(recording: Recording, against: Any, heldout: Recording | None) -> Result:
     """Diagnose."""
     from forcecal_ros.diagnose.sources.choice import source_of
@@ -245,7 +245,7 @@ def run_diagnosis(recording: Recording, against: Any, heldout: Recording | None)
     return of_diagnosis(found.diagnosis, found.document(), found, taken[0])
 
 
-@ends_with_id
+@error_ids()
 def run_simulation(recording: Recording, rig: Any, seed: int) -> Recording:
     """Simulate."""
     from forcecal_ros.core.topics import require

@@ -5,17 +5,14 @@ which ends with its id; from Python the message ends with it, too. Anything else
 defect of this package. The id follows from where the error was raised, see :data:`KINDS`.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from contextlib import contextmanager
 import copyreg
-from functools import wraps
 from pathlib import Path
 import re
 from traceback import extract_tb
 from types import TracebackType
-from typing import Any, ParamSpec, TypeVar
-
-P = ParamSpec('P')
-T = TypeVar('T')
+from typing import Any
 
 
 class ForcecalError(Exception):
@@ -207,17 +204,14 @@ def with_id(error: BaseException, message: str = '') -> str:
     return line if _ID.search(line) else f'{line} [{id_of(error)}]'
 
 
-def ends_with_id(function: Callable[P, T]) -> Callable[P, T]:
-    """Return a function whose errors end with their id, as those of the commands do."""
-    @wraps(function)
-    def called(*args: P.args, **kwargs: P.kwargs) -> T:
-        try:
-            return function(*args, **kwargs)
-        except ForcecalError as error:
-            error.args = (with_id(error),)
-            raise
-
-    return called
+@contextmanager
+def error_ids() -> Iterator[None]:
+    """Let the errors of a function end with their id, as those of the commands do."""
+    try:
+        yield
+    except ForcecalError as error:
+        error.args = (with_id(error),)
+        raise
 
 
 def _places(at: TracebackType | None, about: str) -> Iterator[str]:

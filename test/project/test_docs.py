@@ -30,10 +30,19 @@ GENERATED = ('nodes.md', 'commands.md', 'errors.md', 'files.md')
 GUIDES = [page for page in PAGES[2:] if page.name not in GENERATED]
 
 
-@pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
+def anchors(page):
+    """Return the anchors of the headings of a page, as the site makes them."""
+    headings = re.findall(r'^#+ (.+)$', page.read_text(), re.MULTILINE)
+    return {re.sub(r'[^\w\- ]', '', one.lower()).replace(' ', '-') for one in headings}
+
+
+@pytest.mark.parametrize('page', [*PAGES, *sorted((ROOT / 'benchmark/results').glob('*.md'))],
+                         ids=lambda page: page.name)
 def test_every_link_leads_somewhere(page):
-    for target in re.findall(r'\]\(([^)#]+)', page.read_text()):
-        assert target.startswith('http') or (page.parent / target).exists(), target
+    for target, _, anchor in re.findall(r'\]\((?!http)([^)#]*)(#([^)]+))?\)', page.read_text()):
+        other = page.parent / target if target else page
+        assert other.exists(), target
+        assert not anchor or anchor in anchors(other), f'{target}#{anchor}'
 
 
 def test_no_number_is_left_to_be_filled_in():
