@@ -97,6 +97,8 @@ class Candidate(NamedTuple):
         Of the discrepancy, at which it is likeliest.
     gate : Gate, optional
         When it acts, if not all the time.
+    nested : tuple of Candidate
+        The same effect with other shapes absent; which of them is likelier, the fits show.
     """
 
     effect: Accepted
@@ -105,6 +107,7 @@ class Candidate(NamedTuple):
     nuisances: Array
     scales: Scales
     gate: Gate | None = None
+    nested: tuple['Candidate', ...] = ()
 
 
 class _Level(NamedTuple):
@@ -229,15 +232,16 @@ class ModelComparison(Explained):
                                         for i, own in enumerate(self.extra)])
         grams = [products.at(level.scales) for level in self.levels]
         likeliest = products.at(self.scales)
-        best: dict[tuple[str, Gate | None], Candidate] = {}
+        best: dict[tuple[str, Gate | None], dict[frozenset[int], Candidate]] = {}
 
         def keep(h: Hypothesis, atom: Atom | None, released: frozenset[str],
                  columns: NDArray[np.intp]) -> None:
             index = np.concatenate([np.arange(self.base), columns])
             result = self._judge(h, atom, released, [one.of(index) for one in grams])
-            key = h.name, h.gate
-            if key not in best or result.evidence > best[key].evidence:
-                best[key] = result
+            nested = best.setdefault((h.name, h.gate), {})
+            shapes = frozenset(i for i in result.effect.free if h.effect.parameters[i].shapes)
+            if shapes not in nested or result.evidence > nested[shapes].evidence:
+                nested[shapes] = result
 
         for h in hypotheses:
             for released in h.releases:
@@ -248,7 +252,9 @@ class ModelComparison(Explained):
                 if len(atom.free) >= MANY:
                     part = self._grown(place, likeliest)
                     keep(h, fewer(h.effect, atom, part), frozenset(), place[part])
-        return sorted(best.values(), key=lambda t: -t.evidence)
+        ordered = [sorted(some.values(), key=lambda t: -t.evidence) for some in best.values()]
+        return sorted((first._replace(nested=tuple(others)) for first, *others in ordered),
+                      key=lambda t: -t.evidence)
 
     def _grown(self, place: NDArray[np.intp], data: Gram) -> NDArray[np.intp]:
         """Choose some columns, one after the other, as long as each is worth it."""

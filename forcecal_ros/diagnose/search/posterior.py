@@ -211,8 +211,9 @@ def extended(parent: Explanation, table: _Table, known: set[frozenset[str]],
         names = parent.names | {t.effect.name}
         if names not in known:
             known.add(names)
-            fits.append((t, _with_change_point(now, t) if t.gate and t.gate.instant is not None
-                         else _with(now, t)))
+            fits += [(one, _with_change_point(now, one) if one.gate and
+                      one.gate.instant is not None else _with(now, one))
+                     for one in (t, *t.nested) if one.evidence > WORTH]
     return [weigh(fit, {**parent.ways, t.effect.name: float(np.log(t.ways))})
             for t, fit in fits if fit is not None]
 

@@ -14,8 +14,11 @@ from forcecal_ros.diagnose.search import posterior
 from forcecal_ros.diagnose.search.calibration import Features
 from forcecal_ros.diagnose.search.model_comparison import _Level, CHANCE, ModelComparison
 from forcecal_ros.diagnose.search.posterior import Explanation
+from forcecal_ros.diagnose.sources.rig import RigSource
+from forcecal_ros.sim.rig.file import load_rig
 import numpy as np
 import pytest
+from rig_recordings import FREE, own_recording
 
 NO_PRIOR = Prior(*(np.zeros(0) for _ in range(4)))
 
@@ -60,7 +63,7 @@ def test_what_takes_the_place_of_an_effect_brings_half_as_much_and_is_fitted_onc
     lost, fitted = 100.0, []
     table = type('Table', (), {'candidates': lambda self, now: [
         type('T', (), {'effect': type('E', (), {'name': name}), 'evidence': share * lost,
-                       'gate': None, 'ways': 1})
+                       'gate': None, 'ways': 1, 'nested': ()})
         for name, share in (('known', 2.0), ('more', 0.6), ('less', 0.4))]})()
     monkeypatch.setattr(posterior, '_without', lambda start, now, name: explanation(
         sorted(now.names - {name}), -lost))
@@ -117,3 +120,14 @@ def test_what_a_discrepancy_gains_is_missing_as_far_as_noise_could_not_gain_it(g
     comparison._products = type('Products', (), {'parts': range(6)})
     by_chance = CHANCE * np.sqrt(5000.0)
     assert comparison.missing_evidence == pytest.approx(1000.0 - by_chance + counted)
+
+
+def test_a_filter_is_fitted_with_and_without_its_second_order():
+    """By the linear screen the first order is likelier; as fitted, a delay is likelier than it."""
+    recording = own_recording(parts=FREE, effects={
+        'wrench_lowpass': {'time_constant': 0.008, 'second_order': 0.5}})
+    found, = RigSource(load_rig()).diagnose(recording).diagnosis.effects
+    assert found.name == 'wrench_lowpass' and found.probability > 0.9
+    values = found.parameters
+    assert values['time_constant'].value == pytest.approx(0.008, abs=3 * 3e-5)
+    assert values['second_order'].value == pytest.approx(0.5, abs=3 * 0.006)
