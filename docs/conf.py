@@ -26,6 +26,8 @@ napoleon_use_ivar = True
 
 
 def setup(app):
-    """Offer files of the benchmarks, which are no pages of the site, as downloads."""
+    """Offer files of the benchmarks, which are no pages of the site, as downloads; begin at the top."""
     app.connect('source-read', lambda app, page, source: source.__setitem__(
         0, re.sub(r'\]\((?=(\.\./)+benchmark/)', '](path:', source[0])))
+    app.connect('build-finished', lambda app, error: Path(app.outdir, 'index.html').write_text(
+        '<meta http-equiv="refresh" content="0; url=docs/index.html">\n'))

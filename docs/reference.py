@@ -172,8 +172,9 @@ def _argument(call: ast.Call, words: dict[str | None, ast.expr]) -> str:
 def _parameter(row: Parameter, names: str, others: str = '') -> str:
     listed = all(f'{word}: ' in row.description for word in row.choices)
     words = ', '.join(f'`{word}`' if word else "`''`" for word in row.choices if not listed)
-    default = row.default if len(row.default) <= 30 else f'{row.default[:27]}...'
-    default = f'`{default}` {row.unit}'.strip() if default else 'empty'
+    default = f'`{row.default}` {row.unit}'.strip() if row.default else 'empty'
+    if len(row.default) > 30:
+        default = f'{len(row.default.split(","))} values, listed under `config/`'
     limits = words or row.row.range().removeprefix('from ').replace(' to ', '..')
     return (f'- `{names}`: {default}{others}{f" ({limits})" if limits else ""}. '
             f'{row.description}.\n')

@@ -230,6 +230,7 @@ def test_the_pages_become_a_site_without_a_warning(tmp_path):
         capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / 'docs' / 'reference' / 'errors.html').is_file()
+    assert 'url=docs/index.html' in (tmp_path / 'index.html').read_text()
 
 
 def test_the_page_of_the_diagnosis_has_the_numbers_of_the_decision():
