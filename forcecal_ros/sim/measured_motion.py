@@ -201,6 +201,10 @@ class MeasuredMotion:
         volts = accelerometer_volts(resting, self.accelerometer, full.weight(rigid_tool))
         return full.signals(rig, self._clear.wire(rig) + self._unclear, volts)
 
+    def clear(self, signals: Signals) -> Signals:
+        """Return signals with a wrench as far as it is clear of noise."""
+        return signals._replace(wrench=signals.wrench - self._unclear)
+
     def smooth(self, signals: Signals) -> Signals:
         """Return signals without the noise of pose and accelerometer, which is in them all."""
         start, *parts = signals[:-1]  # no joints

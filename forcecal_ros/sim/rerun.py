@@ -382,9 +382,11 @@ class Rerun:
         assert isinstance(rig, SimulatedRobot)
         return self.runs.near(rig.numbers), rig.effects
 
-    def smooth(self, signals: Signals) -> Signals:
-        """Return signals as a discrepancy may follow them: these have no noise."""
+    def clear(self, signals: Signals) -> Signals:
+        """Return signals without noise: these have none."""
         return signals
+
+    smooth = clear
 
     def knocking(self, rig: Rig) -> NDArray[np.bool_]:
         """

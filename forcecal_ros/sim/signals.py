@@ -191,6 +191,9 @@ class Simulation(Protocol):
         What these change is then the same as long as that point is; None where they are not.
         """
 
+    def clear(self, signals: Signals) -> Signals:
+        """Return signals without the noise of measured inputs, which is in the residual, too."""
+
     def smooth(self, signals: Signals) -> Signals:
         """Return signals without the noise of measured inputs, as a discrepancy may follow."""
 

@@ -122,7 +122,7 @@ def nuisance_column(dataset: Dataset, nuisance: Nuisance, size: float, rig: Rig,
     if nuisance.acts_on == 'rig':
         changed = dataset.simulation.signals(nuisance.apply(rig, size))
         return column(residual - dataset.measured.residual(changed), level)
-    channel, change = sensor_change(nuisance, size, rig, reference,
+    channel, change = sensor_change(nuisance, size, rig, dataset.simulation.clear(reference),
                                     dataset.simulation.accelerometer)
     return {channel: Compact.of(dataset.measured.present[:, channel] * change)}
 

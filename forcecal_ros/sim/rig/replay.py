@@ -58,9 +58,11 @@ class Replay:
         """List the nuisance parameters, as far as the streams at hand can show it."""
         return nuisances(rig, self.accelerometer, streams)
 
-    def smooth(self, signals: Signals) -> Signals:
-        """Return signals as a discrepancy may follow them: these have no noise."""
+    def clear(self, signals: Signals) -> Signals:
+        """Return signals without noise: these have none."""
         return signals
+
+    smooth = clear
 
     def can_show(self, effect: str, rig: Rig) -> bool:
         """Say whether an effect could be there and be seen."""
