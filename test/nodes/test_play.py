@@ -129,5 +129,5 @@ def test_commands_end_when_somebody_begins_to_listen(ros_domain, bag):
         robot.listen('/target_frame')
         _, err = process.communicate(timeout=30)
         robot.spin(0.3)
-        assert process.returncode == 1 and 'a subscription has appeared' in err
+        assert process.returncode == 1 and 'a node has subscribed to the commands' in err
         assert robot.heard['/wrench'] < SAMPLES and robot.heard['/target_frame'] <= 1
