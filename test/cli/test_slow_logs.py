@@ -82,7 +82,7 @@ def test_rows_that_are_not_valid_are_written_marked_and_left_out_of_the_figures(
     bad = len(wrench) - document['valid']
     # two seconds without a pose, less the gap that is bridged
     assert 0.8 * 20 * (2.0 - 0.25) < bad <= 20 * 2
-    assert f'over the {document["valid"]} valid ones' in said.out
+    assert f'over the {document["valid"]} valid wrenches' in said.out
     assert 'weight unknown' in said.err and f'({bad} of {len(wrench)} samples)' in said.err
 
     start = read_recording(folder / 'holed').start_ns * 1e-9

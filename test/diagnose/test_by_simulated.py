@@ -348,9 +348,9 @@ PAIR, RERUN = ['--simulated', 'sim'], ['--simulator', 'm:f']
     (['--calibration', 'c.yaml', *PAIR], 'exclude each other'),
     (['--rig', 'rigid_tool.yaml', *RERUN], 'exclude each other'),
     ([*PAIR, *RERUN], 'exclude each other'),
-    (['--heldout', 'x', *PAIR], 'go together'),
+    (['--heldout', 'x', *PAIR], 'require each other'),
     (['more', *PAIR], 'exactly one BAG'), (['more', *RERUN], 'exactly one BAG'),
-    ([*PAIR, '--simulated-topic', 'wrench=a', '--simulated-topic', 'wrench=b'], 'name one')])
+    ([*PAIR, '--simulated-topic', 'wrench=a', '--simulated-topic', 'wrench=b'], 'keep one')])
 def test_what_does_not_go_with_a_simulator_is_wrong_usage(options, why, tmp_path, capsys):
     assert main(['diagnose', 'real', *options, '-o', str(tmp_path / 'o')]) == 2
     assert why in capsys.readouterr().err

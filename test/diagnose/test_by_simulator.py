@@ -69,7 +69,7 @@ def test_the_commands_of_the_page_say_what_to_change(example, monkeypatch, capsy
     assert main(check) == 0
     said = capsys.readouterr().out
     assert re.search(r'payload +0\.1\d+ N', said)
-    assert 'the search takes seconds to minutes in addition' in said
+    assert 'the search adds seconds to minutes' in said
     assert main(diagnose) == 0
     document = json.loads((example[1] / 'why' / 'diagnosis.json').read_text())
     assert document['explained_by'] == 'my_robot:make'

@@ -151,11 +151,11 @@ def test_the_command_writes_a_plan_within_time_tilt_and_limits_for_the_sequencer
 
 @pytest.mark.parametrize('arguments, said', [
     (['--effects', 'wrench_dely'], 'did you mean wrench_delay?'),
-    (['--for', 'calibration', '--contact'], '--contact is not for --for calibration'),
-    (['--tilt', '30'], '--tilt is not for --for diagnosis'),
+    (['--for', 'calibration', '--contact'], '--contact is not used by --for calibration'),
+    (['--tilt', '30'], '--tilt is not used by --for diagnosis'),
     (['--set', 'limits.sped=1'], 'did you mean limits.speed?'),
     (['--set', 'limits.tip=1'], 'expected 3 numbers'),
-    (['--set', 'timing.measure=1'], 'set limits')])
+    (['--set', 'timing.measure=1'], 'set only limits')])
 def test_wrong_usage_is_named(arguments, said, capsys):
     status = None
     try:
