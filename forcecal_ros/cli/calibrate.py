@@ -62,7 +62,7 @@ def add_identification(parser: argparse.ArgumentParser) -> None:
                        help='accelerometer position in ft_sensor [m] (default: estimated)')
     observer = common.group(parser, 'observer')
     observer.add_argument('--filter', choices=('kalman', 'newton'), default='kalman',
-                          help='filter that the calibration selects')
+                          help='filter of the observer that uses the calibration')
     observer.add_argument('--contact-walk', metavar='N/SQRT(S)', type=common.positive,
                           help='expected random walk of a contact force; with the noise it sets '
                                'the bandwidth of filter kalman (default: 2.5 N/sqrt(s)); stored '

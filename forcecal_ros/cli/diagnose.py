@@ -202,9 +202,9 @@ def _earlier(folder: str, explained_by: str) -> Any:
                          f'with {explained_by or "a rig"}; give a diagnosis against the same '
                          'model')
     if not found.earlier.evidence:
-        raise UsageError(f'--prior {folder}: its verdict {found.verdict} has no candidate that '
-                         'holds for another recording, e.g. only an effect that begins or ends; '
-                         'leave --prior out')
+        raise UsageError(f'--prior {folder}: its verdict {found.verdict} has nothing to continue '
+                         'from (effects that begin or end in a recording do not count); leave '
+                         '--prior out')
     return found.earlier
 
 

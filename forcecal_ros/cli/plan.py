@@ -87,7 +87,7 @@ def _setting(text: str) -> tuple[str, Any]:
     except ConfigError as error:
         raise argparse.ArgumentTypeError(str(error)) from error
     except ValueError:
-        expected = f'{len(parameter.default)} numbers between commas' if listed else 'a number'
+        expected = f'{len(parameter.default)} comma-separated numbers' if listed else 'a number'
         raise argparse.ArgumentTypeError(f'{text}: expected {expected} after =') from None
 
 

@@ -154,7 +154,7 @@ def test_the_command_writes_a_plan_within_time_tilt_and_limits_for_the_sequencer
     (['--for', 'calibration', '--contact'], '--contact is not used by --for calibration'),
     (['--tilt', '30'], '--tilt is not used by --for diagnosis'),
     (['--set', 'limits.sped=1'], 'did you mean limits.speed?'),
-    (['--set', 'limits.tip=1'], 'expected 3 numbers'),
+    (['--set', 'limits.tip=1'], 'expected 3 comma-separated numbers'),
     (['--set', 'timing.measure=1'], 'set only limits')])
 def test_wrong_usage_is_named(arguments, said, capsys):
     status = None
