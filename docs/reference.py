@@ -186,7 +186,7 @@ def commands() -> Iterator[str]:
            '`forcecal COMMAND --help` prints the same with an example.\n\nEvery command that computes has `--json` (print the result as JSON) and '
            '`--quiet` (no progress). Commands that talk to running nodes have `--namespace NAME` and '
            '`--timeout S`; commands that take many recordings have `--jobs N` and `--dask ADDRESS`. `--debug` shows the traceback of an error. An earlier output is kept as NAME~. Exit status: 0 done, 1 the data '
-           'cannot answer, 2 wrong usage, 3 found what `--fail-on` names.\n')
+           'cannot give a result, 2 wrong usage, 3 found what `--fail-on` names.\n')
     parsers = {name: build_parser(name).commands[name] for name in COMMANDS}
     rows = {name: [row for action in parser._actions if action.help != argparse.SUPPRESS
                    and not set(EVERYWHERE) & set(action.option_strings)

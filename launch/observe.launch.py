@@ -13,7 +13,7 @@ def generate_launch_description():
         'calibration', description='calibration.yaml, as saved by the sequencer or the commands')
     gravity = DeclareLaunchArgument(
         'gravity_filter', default_value='none', choices=['none', 'ukf', 'ekf', 'static'],
-        description='filter of gravity compensation that publishes instead of the observer')
+        description='gravity compensation filter that replaces the observer')
     file = ParameterValue(LaunchConfiguration('calibration'), value_type=str)  # else read as YAML
     return LaunchDescription(describe(
         [node('observer', {'calibration.file': file,

@@ -3,7 +3,7 @@
 GROUPS = {
     'first steps': {
         'demo': 'calibrate a simulated rig over ROS 2 and estimate a contact, end to end',
-        'sample': 'make recordings to try the other commands on',
+        'sample': 'write sample recordings to try the other commands',
         'init': 'write a commented parameter file for your robot',
         'check': 'show what is in a recording, what it can be used for, and the next command',
     },
@@ -13,7 +13,7 @@ GROUPS = {
                   'and an accelerometer',
         'export': 'write a calibration in the format of another package',
         'compare': 'show what changed between two calibrations or diagnoses, in standard errors',
-        'fleet': 'show what drifted, and what first, in calibrations of many robots over time',
+        'fleet': 'find drifts, and which came first, in calibrations of many robots over time',
     },
     'contact force from a recording': {
         'estimate': 'run the contact-force observer over a recording',
@@ -21,20 +21,20 @@ GROUPS = {
     'sim-to-real gap': {
         'diagnose': 'find where and why simulation and recording differ',
         'plan': 'plan a motion to record, for a diagnosis or for a calibration',
-        'fit-rig': 'fit a model of your robot to recordings, to simulate, to diagnose, or for '
+        'fit-rig': 'fit a model of your robot to recordings, for simulation, diagnosis or '
                    'impedance control',
         'simulate': 'simulate a rig under recorded commands',
     },
     'recordings': {
         'record': 'record live topics; Ctrl-C or --duration ends it',
         'play': 'publish a recording again, with /clock and without commands',
-        'import': 'turn CSV tables into a recording',
+        'import': 'convert CSV tables to a recording',
     },
     'running nodes': {
         'node': 'run a node, without ros2 run',
         'live': 'show running nodes on a web page of this machine',
         'robot': 'start, abort, preview, save, tare or status of running nodes; the word robot '
-                 'may be left out',
+                 'may be omitted',
     },
 }
 """What each command does, by purpose and by the word on the command line."""

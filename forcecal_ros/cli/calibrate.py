@@ -30,48 +30,47 @@ def add_parser(subparsers: Any) -> None:
                          help='recording of motion without contact, if BAG holds static poses '
                               'only: gives the delay between the sensors')
     options.add_argument('--matrix', metavar='C.yaml',
-                         help='calibration.yaml of forcecal insitu whose matrix turns the raw '
-                              'channels of the wrench topic into a wrench')
+                         help='calibration.yaml of forcecal insitu whose matrix converts the raw '
+                              'channels of the wrench topic to a wrench')
     options.add_argument('--tool-mass', metavar='KG', type=common.positive,
-                         help='weight of the tool on a scale: forces that give another mass are '
-                              'refused, with the unit that they may be in')
+                         help='mass of the tool, measured on a scale; forces that give another '
+                              'mass are refused, and their likely unit is printed')
     add_identification(parser)
     common.add_output(parser, '-o', '--output', kind='file', suffix='.yaml', metavar='FILE',
                       default='calibration.yaml',
                       help='calibration to write, - for standard output; an earlier one is kept '
-                           'as FILE~; of several BAGs, a folder for them')
+                           'as FILE~; with several BAGs, a folder')
     common.add_output(parser, '--report', kind='file', suffix='.html', metavar='FILE',
-                      help='write an HTML report as well; of several BAGs, a folder for them')
+                      help='also write an HTML report; with several BAGs, a folder')
 
 
 def add_identification(parser: argparse.ArgumentParser) -> None:
     """Add how a recording is calibrated."""
     setup = common.group(parser, 'robot and sensors')
     setup.add_argument('--robot', metavar='NAME',
-                       help='name of the robot, kept in the calibration for forcecal fleet')
+                       help='name of the robot, stored in the calibration for forcecal fleet')
     common.add_gravity(setup)
     setup.add_argument('--sensor-rotation', metavar=('X', 'Y', 'Z'), nargs=3, type=common.real,
                        help="rotation vector of the wrench's axes in the frame of the "
                             'pose [deg], if the sensor is rotated on its flange')
     setup.add_argument('--coupling', choices=('dc', 'ac'), default='dc',
-                       help='of the accelerometer; ac: it lets gravity decay (high-pass)')
+                       help='coupling of the accelerometer; ac: high-passed, gravity decays')
     setup.add_argument('--cutoff', metavar='HZ', type=common.positive,
-                       help='corner of an ac accelerometer (default: estimated)')
+                       help='corner frequency of an ac accelerometer (default: estimated)')
     setup.add_argument('--accelerometer-position', metavar=('X', 'Y', 'Z'), nargs=3,
                        type=common.nearby,
-                       help='of the accelerometer in ft_sensor [m] (default: estimated)')
+                       help='accelerometer position in ft_sensor [m] (default: estimated)')
     observer = common.group(parser, 'observer')
     observer.add_argument('--filter', choices=('kalman', 'newton'), default='kalman',
-                          help='filter that the calibration requires')
+                          help='filter of the observer that uses the calibration')
     observer.add_argument('--contact-walk', metavar='N/SQRT(S)', type=common.positive,
-                          help='how fast a contact force is expected to change, which together '
-                               'with the noise gives the bandwidth of filter kalman (default: '
-                               '2.5 N/sqrt(s); kept in the calibration)')
+                          help='expected random walk of a contact force; with the noise it sets '
+                               'the bandwidth of filter kalman (default: 2.5 N/sqrt(s)); stored '
+                               'in the calibration')
     observer.add_argument('--bandwidth-min', metavar='HZ', type=common.positive,
-                          help='slowest bandwidth that may follow (default: 2 Hz; kept likewise)')
+                          help='lower limit of this bandwidth (default: 2 Hz); stored as well')
     observer.add_argument('--bandwidth-max', metavar='HZ', type=common.positive,
-                          help='fastest bandwidth that may follow (default: 250 Hz; kept '
-                               'likewise)')
+                          help='upper limit of this bandwidth (default: 250 Hz); stored as well')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -82,11 +81,10 @@ def run(args: argparse.Namespace) -> int:
     low, high = (args.bandwidth_min or BANDWIDTH_LIMITS[0],
                  args.bandwidth_max or BANDWIDTH_LIMITS[1])
     if low > high:
-        raise UsageError(f'--bandwidth-min is {low:g} Hz, above --bandwidth-max, {high:g} Hz; '
-                         'give both')
+        raise UsageError(f'--bandwidth-min is {low:g} Hz, above --bandwidth-max of {high:g} Hz; '
+                         'give both options, the smaller one as --bandwidth-min')
     if args.cutoff is not None and args.coupling != 'ac':
-        raise UsageError('--cutoff is the corner of an ac accelerometer; give --coupling ac as '
-                         'well')
+        raise UsageError('--cutoff applies to ac accelerometers only; also give --coupling ac')
     return run_each(args, answer)
 
 
@@ -133,8 +131,8 @@ def _as_stated(calibration: 'Calibration', args: argparse.Namespace) -> 'Calibra
         calibration = with_settings(calibration, _settings_of(args), args.wrench_sign or 1)
     elif stated := next((name for name in ('gravity', 'gravity_direction', 'sensor_rotation',
                                            'wrench_sign') if getattr(args, name)), ''):
-        raise UsageError(f'{args.bag} states its own --{stated.replace("_", "-")}; calibrate its '
-                         'recording again')
+        raise UsageError(f'--{stated.replace("_", "-")} cannot change a calibration, {args.bag}; '
+                         'calibrate its recording again with this option')
     return replace(calibration, sensor_from_pose=agreed(given, calibration, args.bag))
 
 

@@ -16,8 +16,8 @@ SIGNALS = {'wrench': 'wrench', 'accelerometer': 'accelerometer', 'imu': 'angular
            'joint_commands': 'joint_commands'}
 """Role -> stream of a recording, in the order of the table."""
 
-SIGNS = {1: '1, environment on tool, by gravity', -1: '-1, tool on environment, by gravity',
-         None: 'not identifiable'}
+SIGNS = {1: '1, environment on tool (identified from gravity)',
+         -1: '-1, tool on environment (identified from gravity)', None: 'not identifiable'}
 """Of the wrench in the driver's messages."""
 
 OPTION = re.compile(r'--[a-z-]+(?: -?[\d.]+(?:e-?\d+)?)+')
@@ -119,11 +119,11 @@ def _uses(recording: 'Recording', fault: str, why: str) -> dict[str, str]:
         return dict.fromkeys(('calibrate', 'estimate', 'diagnose'), 'see the fault above')
     from forcecal_ros.diagnose.dataset import too_few
 
-    by_joints = ('; its joints give the pose with --topic pose=urdf:FILE:BASE:LINK' if (
+    by_joints = ('; joints give the pose with --topic pose=urdf:FILE:BASE:LINK' if (
         recording.pose is None and recording.joints is not None) else '')
     why = why and f'{why}{by_joints}'
     no_wrench = '' if recording.wrench is not None else (
-        f'no wrench was recorded, which every comparison is of{by_joints}')
+        f'no wrench was recorded, and every use requires it{by_joints}')
     gravity = recording.pose is not None or recording.angular_velocity is not None
     commands = recording.target is not None or recording.joint_commands is not None
     lacking = ' and '.join(f'no {name}' for name, stream in (
@@ -185,7 +185,7 @@ def as_text(document: dict[str, Any]) -> str:
                      f'{one["end"]:.2f} s', one['frame'] or '-'])
     lines = [document['recording'], '', *aligned(rows, left=(0, 1, 2, 7))]
     for role, names in document['missing'].items():
-        lines.append(f'{role}: not found; may be {listed(names)} (--topic {role}=NAME)')
+        lines.append(f'{role}: not found; candidates: {listed(names)} (--topic {role}=NAME)')
     if motion := document['motion']:
         moved = '' if motion['range_m'] is None else ', moves by ' + ' x '.join(
             f'{length:.3g}' for length in motion['range_m']) + ' m'

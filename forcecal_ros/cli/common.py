@@ -96,14 +96,14 @@ def add_bag(parser: argparse.ArgumentParser, *, several: str = '') -> None:
     if several:
         parser.add_argument('bag', metavar='BAG', nargs='+',
                             help='rosbag2 folder or file (mcap, sqlite3); several, or @FILE with '
-                                 f'one a line: {several}')
+                                 f'one per line: {several}')
     else:
         parser.add_argument('bag', metavar='BAG', help='rosbag2 folder or file (mcap, sqlite3)')
     add_streams(parser)
     group(parser, 'recording').add_argument(
         '--wrench-sign', type=int, choices=(1, -1),
         help='-1 for a driver that reports the wrench of the tool on its environment (default: '
-             'as the calibration has it, or 1)')
+             'that of the calibration, or 1)')
 
 
 def add_streams(parser: argparse.ArgumentParser, of: str = '') -> None:
@@ -119,18 +119,18 @@ def add_streams(parser: argparse.ArgumentParser, of: str = '') -> None:
     whose, where = (" of the simulator's", ' in the simulator') if of else ('', '')
     options.add_argument(
         f'--{of}topic', metavar='ROLE=NAME', action='append', default=[], type=_role_and_name,
-        help=f'name of a topic{whose} by its role, e.g. wrench=/ft/data; may be repeated; '
-             'pose=tf:BASE:SENSOR takes the pose from /tf, pose=urdf:FILE:BASE:LINK from joint '
+        help=f'topic name{whose} for a role, e.g. wrench=/ft/data; may be repeated; '
+             'pose=tf:BASE:SENSOR reads the pose from /tf, pose=urdf:FILE:BASE:LINK from joint '
              'states')
     if not of:
         options.add_argument('--preset', metavar='NAME', type=preset,
-                             help="names of topics as a robot's driver has them: ur, franka, "
-                                  'kuka_fri, broadcaster')
+                             help='topic names of a robot driver: ur, franka, kuka_fri, '
+                                  'broadcaster')
     options.add_argument(
         f'--{of}sensor-from-pose', metavar=POSE7, nargs=7, type=real,
         help=f'pose of ft_sensor in the frame whose pose{where} was recorded and commanded, e.g. '
-             'a flange or TCP [m, quaternion] (default: the recorded pose is that of ft_sensor, '
-             'or as the calibration has it)')
+             'a flange or TCP [m, quaternion] (default: that of the calibration; else the '
+             'recorded pose is that of ft_sensor)')
 
 
 def add_gravity(options: Any, *defaults: str) -> None:
@@ -150,8 +150,8 @@ def gravity_of(args: argparse.Namespace) -> dict[str, Any]:
 
     direction = args.gravity_direction
     if direction is not None and not any(direction):
-        raise UsageError('--gravity-direction 0 0 0 is no direction; 0 0 -1 is down in a level '
-                         'base')
+        raise UsageError('--gravity-direction 0 0 0 is not a direction; give 0 0 -1 for an '
+                         'upright base')
     return {'gravity': args.gravity or STANDARD_GRAVITY,
             'gravity_direction': unit_direction(direction)}
 
@@ -161,7 +161,7 @@ def word(what: str, module: str, names: str) -> Callable[[str], str]:
     def take(name: str) -> str:
         known = getattr(import_module(f'forcecal_ros.{module}'), names)
         if name not in known:
-            nearest = or_nearest(name, known) or f'; take one of {", ".join(known)}'
+            nearest = or_nearest(name, known) or f'; choose one of {", ".join(known)}'
             raise ArgumentTypeError(f'{name} is not {what}{nearest}')
         return name
 
@@ -174,7 +174,7 @@ preset = word('a preset', 'core.topics', 'ROBOTS')
 def _role_and_name(text: str) -> tuple[str, str]:
     role, _, name = text.partition('=')
     if not (role and name):
-        raise ArgumentTypeError(f'{text} is not ROLE=NAME, as wrench=/ft/data')
+        raise ArgumentTypeError(f'{text} is not ROLE=NAME, e.g. wrench=/ft/data')
     return word('a role', 'core.topics', 'ROLES')(role), name
 
 
@@ -207,7 +207,7 @@ def topic_names(args: argparse.Namespace, bag: str = '', of: str = '') -> dict[s
     names: dict[str, str] = {}
     for role, name in _given(args, f'{of}topic'):
         if names.setdefault(role, name) != name:
-            raise UsageError(f'--{of}topic: {role} is called {names[role]} and {name}; name one')
+            raise UsageError(f'--{of}topic: {role} is {names[role]} and also {name}; keep one')
     if bag and not of:
         names = preset_topics(getattr(args, 'preset', None) or '', bag) | names
     return names
@@ -329,7 +329,7 @@ def needs_ros() -> Iterator[None]:
             raise
         setup = Path('/opt/ros/jazzy/setup.bash')
         remedy = f'source {setup}' if setup.exists() else installing('ros')
-        raise ConfigError(f'ROS 2 is not there ({error}); {remedy}') from error
+        raise ConfigError(f'ROS 2 is not available ({error}); {remedy}') from error
 
 
 def as_started(text: str) -> str:
@@ -372,8 +372,8 @@ def warn_if_compiling(*parts: str) -> None:
     """Note that a first run waits for the ``simulator`` or the ``observer`` to be compiled."""
     modules = {'simulator': 'sim.rig.simulator', 'observer': 'observe.batch'}
     if any(import_module(f'forcecal_ros.{modules[part]}').waits_for_compiler() for part in parts):
-        warn(f'compiling the {" and the ".join(parts)} for this computer, some ten seconds; only '
-             'the first run waits')
+        warn(f'compiling the {" and the ".join(parts)}; this takes about 10 s, on the first run '
+             'only')
 
 
 def bar(args: argparse.Namespace, **settings: Any) -> Any:
@@ -426,16 +426,16 @@ def number(expected: str, fits: Callable[[float], bool]) -> Callable[[str], floa
         with suppress(ValueError):
             if isfinite(value := float(text)) and fits(value):
                 return value
-        raise ArgumentTypeError(f'{text or "nothing"} is not {expected}')
+        raise ArgumentTypeError(f'{text or "an empty value"} is not {expected}')
 
     return take
 
 
 real = number('a number', lambda x: True)
 positive = number('a number above 0', lambda x: x > 0)
-not_negative = number('a number, 0 or more', lambda x: x >= 0)
+not_negative = number('a number of 0 or more', lambda x: x >= 0)
 # from the Moon's to Jupiter's: a number outside has a wrong sign or another unit
-gravity = number('the magnitude of gravity, 1.6 to 25 m/s^2', lambda x: 1.6 <= x <= 25.0)
+gravity = number('a magnitude of gravity from 1.6 to 25 m/s^2', lambda x: 1.6 <= x <= 25.0)
 # a sensor on a wrist is no farther from the force sensor: 30 or 120 is meant in millimetres
 nearby = number('a coordinate from -1 to 1 m', lambda x: abs(x) <= 1.0)
 
@@ -446,7 +446,7 @@ def _whole(least: int, most: int) -> Callable[[str], int]:
         if not (text.isdigit() and least <= int(text) <= most):
             upper = f' to {most}' if most < 2**32 else ' or more'
             raise ArgumentTypeError(
-                f'{text or "nothing"} is not a whole number, {least}{upper}')
+                f'{text or "an empty value"} is not an integer, {least}{upper}')
         return int(text)
 
     return whole
@@ -466,12 +466,12 @@ def _matching(pattern: str, expected: str) -> Callable[[str], str]:
 
 
 _PART = r'[A-Za-z_][A-Za-z0-9_]*'
-topic_name = _matching(rf'/?{_PART}(/{_PART})*', 'the name of a topic, as /ft/wrench')
-namespace = _matching(rf'/?|/?{_PART}(/{_PART})*/?', 'a namespace, as /left')
-node = _matching(rf'/?({_PART}|\*\*?)(/({_PART}|\*\*?))*', 'the name of a node')
-frame = _matching(r'\S+', 'the name of a frame')
+topic_name = _matching(rf'/?{_PART}(/{_PART})*', 'a topic name, e.g. /ft/wrench')
+namespace = _matching(rf'/?|/?{_PART}(/{_PART})*/?', 'a namespace, e.g. /left')
+node = _matching(rf'/?({_PART}|\*\*?)(/({_PART}|\*\*?))*', 'a node name')
+frame = _matching(r'\S+', 'a frame name')
 address = _matching(r'(\w+://)?(\[[\da-fA-F:.]+\]|[^\s:/\[\]]+):\d+',
-                    'an address, as tcp://host:8786')
+                    'an address, e.g. tcp://host:8786')
 
 
 def add_namespace(options: Any, what: str = 'namespace of the nodes, e.g. /left') -> None:
@@ -534,7 +534,7 @@ def check_outputs(args: argparse.Namespace) -> None:
             raise UsageError(f'{output.option}: {error}') from error
         if path in taken:
             raise UsageError(f'{taken[path]} and {output.option} both name {value}; '
-                             f'give {output.option} another place')
+                             f'give {output.option} another path')
         taken[path] = output.option
 
 
@@ -542,23 +542,23 @@ def _check_output(args: argparse.Namespace, output: Output, value: str) -> Path:
     """Return the place, links followed."""
     many = is_many(args)
     if not value:
-        raise ConfigError('the name is empty; give one')
+        raise ConfigError('the path is empty; give one')
     if value == '-':
         if many or output.kind != 'file':
-            raise ConfigError('standard output takes one file, this is a folder; name it')
+            raise ConfigError('a folder cannot be written to standard output; give its path')
         value = str(STANDARD_OUTPUT)
         setattr(args, output.name, value)
     if many:
         if output.suffix and value.endswith(output.suffix) and not Path(value).is_dir():
-            raise ConfigError(f'of several {value} would be a folder; name one, as results/')
+            raise ConfigError(f'several BAGs require a folder, not {value}; give e.g. results/')
         refuse_folder(value, replaced=False)
     elif output.kind == 'file':
         refuse_file(value)
         if getattr(args, 'json', False) and is_stdout(value):
-            raise ConfigError('standard output takes one document; leave --json out')
+            raise ConfigError('standard output holds one document only; leave --json out')
     else:
         if output.kind == 'recording' and Path(value).is_file():
-            raise ConfigError(f'{value} is a file, a recording is a folder; name another place')
+            raise ConfigError(f'{value} is a file, a recording is a folder; give another path')
         refuse_folder(value, replaced=output.kind == 'recording')
     if output.kind != 'results' and not many:
         refuse_inputs(value, output.kind, _inputs(args))
@@ -573,7 +573,7 @@ def refuse_inputs(place: str, kind: str, inputs: Iterable[str]) -> None:
         source = Path(os.path.realpath(name))
         if path in (source, *(source.parents if kind == 'recording' else ())) or (
                 source in path.parents and part):
-            raise ConfigError(f'{place} would take the place of {name}, which is read; name '
+            raise ConfigError(f'{place} would overwrite the input {name}; name '
                               f'another {"folder" if kind == "recording" else "file"}')
 
 

@@ -15,10 +15,10 @@ def add_parser(subparsers: Any) -> None:
         example='forcecal compare before.yaml after.yaml')
     parser.add_argument('first', metavar='A', help='calibration.yaml, or diagnosis.json (or the '
                         'folder of a diagnosis); usually the older one')
-    parser.add_argument('second', metavar='B', help='the same of another time, or of another '
-                        'robot')
+    parser.add_argument('second', metavar='B', help='the same kind of file, of another time or '
+                        'another robot')
     parser.add_argument('--fail-on', choices=('drift',),
-                        help='drift: exit with status 3 if a number changed beyond chance')
+                        help='drift: exit with status 3 if a value changed beyond chance')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -31,7 +31,7 @@ def run(args: argparse.Namespace) -> int:
     kinds = [_is_diagnosis(path) for path in paths]
     if any(kinds) != all(kinds):
         one, other = sorted(paths, key=_is_diagnosis, reverse=True)
-        raise UsageError(f'{one} is a diagnosis, {other} is not; name two of a kind')
+        raise UsageError(f'{one} is a diagnosis, {other} is not; give two of one kind')
     found = (compare_diagnoses(*(load_diagnosis(path)[0] for path in paths)) if all(kinds)
              else compare(*map(load, paths)))
     document = {'first': args.first, 'second': args.second, **to_document(found)}

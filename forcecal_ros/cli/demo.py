@@ -23,7 +23,7 @@ def add_parser(subparsers: Any) -> None:
                       default='forcecal_demo',
                       help='folder for calibration.yaml, the recording and report.html; earlier '
                            'ones are kept as NAME~')
-    parser.add_argument('--seed', type=common.whole, default=1, help='of the sensor noise')
+    parser.add_argument('--seed', type=common.whole, default=1, help='seed of the sensor noise')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -63,9 +63,9 @@ def run(args: argparse.Namespace) -> int:
         'motion_to_gains': {'value': duration, 'std': None, 'unit': 's'},
         'step': step, 'contact': touch}}, '\n'.join((
             as_text(table(calibration, truth)), '',
-            f'from the first command to the gains: {duration:.1f} s',
+            f'calibrated {duration:.1f} s after the first command',
             (f'step, no contact: sensor {sensor} RMS along x without bias, observer {observer} '
-             f'({step["reduction"]:.1f} dB less)'),
+             f'({step["reduction"]:.1f} dB lower)'),
             f'contact: true force {true} along x, published {published_force}',
             f'written to {out}: calibration.yaml, bag, report.html')),
         calibration.quality.get('warnings', ()))

@@ -13,7 +13,7 @@ from forcecal_ros.core.errors import UsageError
 from forcecal_ros.core.files import write_results
 from forcecal_ros.diagnose.verdict import TOLERANCE
 
-NOMINAL, NOMINAL_RIG = 'nominal', "this package's rig.yaml, nominal"
+NOMINAL, NOMINAL_RIG = 'nominal', 'the nominal rig (rig.yaml of this package)'
 
 SIMULATORS = ('simulator', 'mujoco', 'simulated')
 """Options that name a simulator of the user's."""
@@ -25,8 +25,8 @@ FILES = ('diagnosis.json', 'report.html', 'rig_patched.yaml', 'calibration_patch
          'model_patched.xml')
 """All that a diagnosis may write."""
 
-SEARCH = ('that is the time of the runs; the search takes seconds to minutes in addition, more '
-          'for a longer recording and more parameters')
+SEARCH = ('this is the time of the runs; the search adds seconds to minutes, depending on the '
+          'length of the recording and the number of parameters')
 """What ``--check`` adds to the time of the runs."""
 
 
@@ -42,46 +42,43 @@ def add_parser(subparsers: Any) -> None:
                         help='only check whether --simulator or --mujoco can be compared with a '
                              'robot; nothing is written')
     parser.add_argument('--fail-on', choices=('gap',),
-                        help='gap: exit with status 3 for every verdict but no_gap')
+                        help='gap: exit with status 3 for every verdict except no_gap')
     recording = common.group(parser, 'recording')
     recording.add_argument('--heldout', metavar='BAG',
-                           help='second recording, another trajectory, to judge on (default: '
-                                'parts of every phase of the first)')
+                           help='second recording, with another trajectory, for validation '
+                                '(default: parts of every phase of the first)')
     recording.add_argument('--accelerometer', choices=('acc1', 'acc2'),
-                           help='which one is mounted (default: recognised by its volts)')
+                           help='mounted accelerometer (default: detected from its voltage)')
     recording.add_argument('--prior', metavar='DIR',
-                           help='results of an earlier recording of the same robot, against the '
+                           help='results of an earlier diagnosis of the same robot against the '
                                 'same model, from which this diagnosis continues')
     recording.add_argument('--tolerance', metavar='X', type=common.positive,
-                           help="what is unexplained and smaller than X times a channel's noise "
-                                f'(RMS) does not matter: it is no gap (default: {TOLERANCE:g}; '
-                                '0.2 along measured motion and by a simulator, which are not more '
-                                'exact)')
+                           help="a residual below X times a channel's noise (RMS) is not a gap "
+                                f'(default: {TOLERANCE:g}; 0.2 along measured motion and with a '
+                                'simulator, which are less accurate)')
     recording.add_argument('--robot', metavar='NAME',
-                           help='name of the robot, kept in diagnosis.json for forcecal fleet')
+                           help='name of the robot, stored in diagnosis.json for forcecal fleet')
     model = common.group(parser, 'model')
     model.add_argument('--rig', metavar='RIG.yaml',
-                       help='rig to compare with: a file, or nominal (rig.yaml of this package), '
-                            'which a recording of the simulated rig needs not state')
+                       help='rig to compare with: a file, or nominal (rig.yaml of this package; '
+                            'the default for a recording of the simulated rig)')
     model.add_argument('--calibration', metavar='C.yaml',
-                       help='what is known of tool and sensors: the wrench is then compared with '
-                            'the measured motion')
+                       help='calibration of tool and sensors; the wrench is compared with that '
+                            'of the measured motion')
     model.add_argument('--simulated', metavar='SIM_BAG',
-                       help='what your own simulator recorded of the same commands, wrench and '
-                            'current_pose; command target_frame, too, if the robot is late')
+                       help='recording of wrench and current_pose from your own simulator, under '
+                            'the same commands; record target_frame in both to detect delays')
     model.add_argument('--heldout-simulated', metavar='SIM_BAG2',
-                       help='what it recorded of the commands of --heldout')
+                       help='recording from the simulator under the commands of --heldout')
     model.add_argument('--simulated-wrench-sign', type=int, choices=(1, -1), default=1,
-                       help="-1: the simulator's wrench has the opposite sign, as MuJoCo's")
+                       help="-1: the simulator's wrench has the opposite sign, as in MuJoCo")
     common.add_streams(parser, 'simulated-')
     model.add_argument('--simulator', metavar='MODULE:FACTORY',
-                       help='your own simulator, which is run with the recorded commands: a '
-                            'function without arguments that returns an object with '
-                            'parameters() and simulate(inputs, parameters); its code is '
-                            'executed')
+                       help='your own simulator, run with the recorded commands: FACTORY() '
+                            'returns an object with parameters() and simulate(inputs, '
+                            'parameters); its code is executed')
     model.add_argument('--mujoco', metavar='MODEL.xml',
-                       help='your robot as an MJCF, which MuJoCo runs with the recorded commands '
-                            'of its joints')
+                       help='MJCF model of your robot, run with the recorded joint commands')
     model.add_argument('--ft-site', metavar='NAME',
                        help="with --mujoco: site of the model's force-torque sensor (default: "
                             'that of its only force sensor)')
@@ -89,12 +86,12 @@ def add_parser(subparsers: Any) -> None:
                        help="with --mujoco: site of the model's accelerometer, on the tool "
                             '(default: it is not compared)')
     model.add_argument('--priors', metavar='FILE.yaml',
-                       help="how well the simulator's parameters are known, lines of NAME: SIGMA "
-                            "(1 sigma, in the parameter's unit)")
+                       help="prior uncertainty of the simulator's parameters, lines of NAME: "
+                            "SIGMA (1 sigma, in the parameter's unit)")
     common.add_output(parser, '-o', '--output', kind='results', metavar='DIR', default='diagnosis',
                       help='folder for diagnosis.json, report.html and rig_patched.yaml (or '
                            'calibration_patched.yaml, or model_patched.xml); earlier results are '
-                           'kept as NAME~; of several BAGs, a folder of such folders')
+                           'kept as NAME~; with several BAGs, a folder of such folders')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -108,39 +105,37 @@ def run(args: argparse.Namespace) -> int:
 def _check_models(args: argparse.Namespace) -> None:
     """Refuse options that contradict each other, or lack another."""
     if args.heldout and os.path.realpath(args.heldout) in map(os.path.realpath, args.bag):
-        raise UsageError(f'--heldout: {args.heldout} cannot judge what is fitted to it; leave it '
-                         'out, and parts of every phase are held out')
+        raise UsageError(f'--heldout: {args.heldout} is the recording to be explained; give '
+                         'another one, or leave --heldout out to use parts of every phase')
     for option, given in (('--ft-site', args.ft_site), ('--imu', args.imu)):
         if given and not args.mujoco:
             raise UsageError(f'{option} requires --mujoco: it names a site of that model')
     if args.priors and not (args.mujoco or args.simulator):
-        raise UsageError('--priors requires --mujoco or --simulator, whose parameters they are of')
+        raise UsageError('--priors requires --mujoco or --simulator: it lists their parameters')
     if args.check and (not (args.simulator or args.mujoco) or len(args.bag) > 1):
-        raise UsageError('--check requires one BAG and what is to be checked: --simulator '
+        raise UsageError('--check requires one BAG and a simulator: --simulator '
                          'MODULE:FACTORY or --mujoco MODEL.xml')
     named = [name for name in COMPARED if getattr(args, name)]
     if named and named[0] in SIMULATORS:
         if len(named) > 1:
-            raise UsageError(f'--{named[0]} and --{named[1]} exclude each other: one model at a '
-                             'time')
+            raise UsageError(f'--{named[0]} and --{named[1]} exclude each other; give one model')
         if len(args.bag) > 1:
-            raise UsageError(f'--{named[0]} goes with exactly one BAG; diagnose one after the '
-                             'other')
+            raise UsageError(f'--{named[0]} requires exactly one BAG; diagnose each separately')
     if args.simulated:
         common.topic_names(args, of='simulated-')
         if bool(args.heldout) != bool(args.heldout_simulated):
             missing = '--heldout' if args.heldout_simulated else '--heldout-simulated'
-            raise UsageError('--heldout and --heldout-simulated go together; give '
-                             f'{missing} as well')
+            raise UsageError('--heldout and --heldout-simulated require each other; '
+                             f'also give {missing}')
         given = [path for path in (*args.bag, args.heldout, args.simulated,
                                    args.heldout_simulated) if path]
         if len(set(map(os.path.realpath, given))) < len(given):
-            raise UsageError("--simulated: one bag is given twice; name the robot's and the "
+            raise UsageError("--simulated: one bag is given twice; give the robot's and the "
                              "simulator's")
     elif args.heldout_simulated or args.simulated_topic or args.simulated_sensor_from_pose:
         raise UsageError('--heldout-simulated, --simulated-topic and '
-                         '--simulated-sensor-from-pose require --simulated, too: what the '
-                         'simulator recorded of the commands of BAG')
+                         '--simulated-sensor-from-pose require --simulated, a recording from the '
+                         'simulator under the commands of BAG')
 
 
 def _simulator_of(args: argparse.Namespace) -> Any:
@@ -203,13 +198,13 @@ def _earlier(folder: str, explained_by: str) -> Any:
     found, document = load_diagnosis(folder)
     other = document.get('explained_by', '')
     if other != explained_by:
-        raise UsageError(f'--prior {folder}: compared with {other or "a rig"}, this recording '
+        raise UsageError(f'--prior {folder} was compared with {other or "a rig"}, this recording '
                          f'with {explained_by or "a rig"}; give a diagnosis against the same '
                          'model')
     if not found.earlier.evidence:
-        raise UsageError(f'--prior {folder}: {found.verdict}, which holds nothing that another '
-                         'recording could continue from, as an effect that begins or ends in its '
-                         'recording; leave --prior out')
+        raise UsageError(f'--prior {folder}: its verdict {found.verdict} has nothing to continue '
+                         'from (effects that begin or end in a recording do not count); leave '
+                         '--prior out')
     return found.earlier
 
 

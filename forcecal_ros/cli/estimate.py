@@ -37,37 +37,36 @@ def add_parser(subparsers: Any) -> None:
     options = common.group(parser, 'model')
     options.add_argument('--calibration', metavar='C.yaml',
                          help='written by forcecal calibrate, demo or the sequencer (default: the '
-                              'one in the recording, or what the recording itself identifies)')
-    common.add_gravity(options, *('as the calibration has it',) * 2)
+                              'one in the recording, else one identified from the recording)')
+    common.add_gravity(options, *('that of the calibration',) * 2)
     options.add_argument('--filter', choices=FILTERS,
-                         help='last stage; ukf, ekf: biases are estimated, observer/innovation is '
-                              'written; static: weight and bias removed, nothing filtered '
-                              '(default: kalman or newton, as the calibration has it)')
+                         help='ukf, ekf: also estimate biases and write observer/innovation; '
+                              'static: remove weight and bias without filtering (default: kalman '
+                              'or newton, that of the calibration)')
     options.add_argument('--track-tool', action='store_true',
-                         help='estimate mass and centre of mass of the tool while they change, '
-                              'and write them as observer/tool')
+                         help='track changes of the mass and centre of mass of the tool, and '
+                              'write them as observer/tool')
     common.group(parser, 'filter kalman').add_argument(
         '--bandwidth', metavar='HZ', type=common.positive,
-        help='of the contact wrench (default: from the noise, within limits of the calibration)')
+        help='bandwidth of the contact wrench (default: from noise and limits in the calibration)')
     learning = common.group(parser, 'filters ukf and ekf')
     learning.add_argument('--orientation', choices=('auto', 'pose', 'imu'), default='auto',
                           help='source of gravity: the pose, or accelerometer and gyro')
     learning.add_argument('--payload', metavar='KG', type=common.not_negative, default=0.0,
-                          help='standard deviation of a payload attached since the calibration '
+                          help='standard deviation of the mass attached since the calibration '
                                '(imu only)')
     common.add_output(parser, '-o', '--output', kind='recording', metavar='OUT_BAG', required=True,
-                      help='recording to write; an earlier one is kept as OUT_BAG~; of several '
-                           'BAGs, a folder for them')
+                      help='recording to write; an earlier one is kept as OUT_BAG~; with several '
+                           'BAGs, a folder')
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     if args.bandwidth is not None and args.filter not in (None, 'kalman'):
-        raise UsageError(f'--bandwidth belongs to filter kalman, not to {args.filter}; leave it '
-                         'out')
+        raise UsageError(f'--bandwidth is not used by filter {args.filter}, only by kalman; '
+                         'leave it out')
     if args.payload and args.orientation == 'pose':
-        raise UsageError('--payload is estimated where an IMU measures gravity; give '
-                         '--orientation imu as well')
+        raise UsageError('--payload requires gravity from an IMU; also give --orientation imu')
     common.gravity_of(args)
     return run_each(args, answer)
 
@@ -96,7 +95,7 @@ def answer(args: argparse.Namespace) -> Answer:
         estimate, followed = _estimate(args, recording, calibration, settings, by_imu)
     write_estimate(args.output, estimate, calibration, recording.start_ns, followed)
     if args.payload and not by_imu:
-        about.append('--payload is not used: the pose gives gravity')
+        about.append('--payload is not used, because gravity is computed from the pose')
     figures = statistics(estimate)
     document = {'output': args.output,
                 'filter': args.filter or getattr(calibration.observer, 'mode', 'kalman'),
@@ -138,7 +137,7 @@ def _calibration_for(args: argparse.Namespace, recording: 'Recording'
         return identify(recording, IdentificationSettings(
             **common.gravity_of(args))), IDENTIFIED
     except (DataError, UnobservableError) as error:
-        error.args = (f'no --calibration is given, and {args.bag} identifies none: {error}',)
+        error.args = (f'no --calibration is given, and {args.bag} does not identify one: {error}',)
         raise
 
 
@@ -209,8 +208,8 @@ def other_frame(recording: 'Recording', calibration: 'Calibration') -> tuple[str
         recording.wrench.frame if recording.wrench else '', calibration.sensor_frame))
     if not named or named == known or 'of' in calibration.source:
         return ()
-    return ((f'wrench: its frame_id is {named!r}, the calibration is of {known!r}, whose weight '
-             f'and bias are removed; if {named!r} is another frame or sensor, calibrate in it'),)
+    return ((f'wrench: its frame_id is {named!r}, but the calibration is for {known!r}; if '
+             f'{named!r} is another frame or sensor, calibrate in it'),)
 
 
 def prepared(calibration: 'Calibration', recording: 'Recording', settings: 'ObserverSettings'
@@ -234,23 +233,23 @@ def prepared(calibration: 'Calibration', recording: 'Recording', settings: 'Obse
     in_axes = in_axes_of_pose(recording, calibration.sensor_rotation)
     if calibration.noise is None and settings.filter in LEARNING:
         calibration = with_noise(calibration, in_axes)
-        notes = ('the calibration holds no noise; estimated from this recording',)
+        notes = ('the calibration has no noise; it is estimated from this recording',)
     if calibration.noise is None and settings.filter in (None, 'kalman') and (
             settings.bandwidth_hz is None):
-        notes = (('the calibration holds no noise that a bandwidth could follow from; '
-                  f'{UNMEASURED_HZ:g} Hz, that of the nominal rig, is used'),)
+        notes = (('the calibration has no noise from which a bandwidth could be computed; '
+                  f'that of the nominal rig, {UNMEASURED_HZ:g} Hz, is used'),)
     sensor = calibration.accelerometer
     if sensor is None or recording.accelerometer is None or np.isfinite(sensor.delay.std):
         return calibration, notes
-    unknown = ('the calibration does not hold the delay of the accelerometer; calibrate with '
+    unknown = ('the calibration has no delay of the accelerometer; calibrate with '
                '--free-motion')
     try:
         delay = estimate_delay(in_axes, calibration)
     except DataError as error:
-        return calibration, (*notes, f'{unknown}; taken to be 0: {error}')
+        return calibration, (*notes, f'{unknown}; 0 is assumed: {error}')
     found = f'{1e3 * float(delay):.2f} ms (standard error {1e3 * float(delay.std):.2f} ms)'
     if not delay.std < MAX_DELAY_STD_S:
-        return calibration, (*notes, f'{unknown}; taken to be 0, as {found} is too uncertain')
+        return calibration, (*notes, f'{unknown}; 0 is assumed, as {found} is too uncertain')
     return with_delay(calibration, delay), (*notes, f'{unknown}; estimated {found}')
 
 
@@ -359,8 +358,8 @@ def _learned(estimate: 'ContactEstimate') -> dict[str, Any]:
 def _tool_figures(followed: 'Followed') -> dict[str, Any]:
     """Return the tool at the end, its standard errors, and its changes."""
     if not followed.tools:
-        raise DataError('the recording does not identify the tool: a pose and a wrench that is '
-                        'not saturated are required at the same time')
+        raise DataError('the recording does not identify the tool, which requires a pose and a '
+                        'wrench below saturation at the same time; record both')
     last = followed.tools[-1]
     states = Counter(one.state for one in followed.tools)
     known = last.suspected == last.suspected
@@ -392,7 +391,7 @@ def _lines(document: dict[str, Any]) -> Iterator[str]:
     if len(rows) > 1:
         yield from aligned(rows, left=(0, 3))
     if document['nis'] is not None:
-        yield (f'NIS {document["nis"]:.2f} without contact (6 if all is as modelled), contact '
+        yield (f'NIS {document["nis"]:.2f} without contact (expected: 6), contact '
                f'{100 * document["contact_share"]:.1f} % of the time')
     if document.get('mass') is not None:
         yield f'mass {quantity(document["mass"], document["mass_std"], "kg")} (95 % interval)'
@@ -407,14 +406,14 @@ def _tool_lines(tool: dict[str, Any]) -> Iterator[str]:
            'mass ' + ', '.join(quantity(x, std, 'm')
                                for x, std in zip(tool['com'], tool['com_std']))
            + ' (95 % intervals)')
-    evidence = {True: 'weight and accelerations', False: 'weight alone: a steady push straight '
-                'down is not excluded'}
+    evidence = {True: 'weight and accelerations', False: 'weight alone (a steady downward push '
+                'is not excluded)'}
     for one in tool['changes']:
-        yield (f'tool: {quantity(one["mass"], 0.0, "kg", signed=True)} known at {one["t"]:.2f} s, '
-               f'by {evidence[one["inert"]]}')
+        yield (f'tool: {quantity(one["mass"], 0.0, "kg", signed=True)} estimated at '
+               f'{one["t"]:.2f} s from {evidence[one["inert"]]}')
     if tool['suspected_change'] is not None:
         by = quantity(tool['suspected_change'], tool['suspected_change_std'], 'kg')
-        yield f'tool: may have changed by {by}, or something pushes; rotate it to find out'
+        yield f'tool: may have changed by {by}, or is pushed; rotate it to distinguish the two'
 
 
 def _valid_only(figures: dict[str, Any]) -> str:
@@ -423,7 +422,7 @@ def _valid_only(figures: dict[str, Any]) -> str:
         return ''
     if not figures['valid']:
         return ', none of them valid'
-    return f', mean and std over the {figures["valid"]} valid ones'
+    return f', mean and std over the {figures["valid"]} valid wrenches'
 
 
 def _mean_force(figures: dict[str, Any]) -> str:

@@ -25,11 +25,13 @@ def add_parser(subparsers: Any) -> None:
              'admittance_controller, payload of a Universal Robot, force_torque_tools of KTH, '
              'ft_tools_ros2')
     parser.add_argument('--node', metavar='NAME', type=common.node,
-                        help='node that takes the parameters (default: the usual name)')
+                        help='name of the node that receives the parameters (default: its usual '
+                             'name)')
     parser.add_argument('--base-frame', metavar='FRAME', type=common.frame, default=BASE,
                         help='frame whose z points up')
     parser.add_argument('--sensor-in-flange', metavar=common.POSE7, nargs=7, type=common.real,
-                        help='ur: pose of the sensor in the flange (default: they are one) [m]')
+                        help='ur: pose of the sensor in the flange [m, quaternion] (default: '
+                             'identity)')
     common.add_output(parser, '-o', '--output', kind='file', metavar='FILE',
                       help='file to write (default: print); an earlier one is kept as FILE~')
 
@@ -44,7 +46,7 @@ def refuse_unused(args: argparse.Namespace) -> None:
                              f'{", ".join(consumers)}; leave it out')
     if args.sensor_in_flange and not any(args.sensor_in_flange[3:]):
         raise UsageError('--sensor-in-flange: a quaternion of zeros is not a rotation; give x y z '
-                         '[m] and qx qy qz qw, 0 0 0 1 where the axes are the same')
+                         '[m] and qx qy qz qw, or 0 0 0 1 if the axes coincide')
 
 
 def run(args: argparse.Namespace) -> int:

@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from forcecal_ros.impedance.plant_fit import PlantFit
     from forcecal_ros.rig_fit.fit import RigFit
 
-WALL = ('the recording touches something, and no wall is fitted: a diagnosis with this rig leaves '
-        'out phases of contact, until its wall is written into the file')
+WALL = ('the recording has contact, but no wall is fitted; a diagnosis with this rig skips '
+        'contact phases until you add the wall to the file')
 
 RIGID = 'rigid_tool.yaml'
 """Gives the tolerances, and what recordings do not identify."""
@@ -29,13 +29,13 @@ def add_parser(subparsers: Any) -> None:
                 '  forcecal fit-rig shaken_bag --for impedance -o plant.yaml')
     common.add_bag(parser, several='the rig is fitted to all of them')
     parser.add_argument('--for', dest='purpose', choices=tuple(OUTPUTS), default='diagnosis',
-                        help='diagnosis: a rig, to simulate and to diagnose by; impedance: how '
-                             'the robot follows commands and how the tool yields, for the '
-                             'impedance node (one BAG, shaken along x)')
+                        help='diagnosis: a rig for simulation and diagnosis; impedance: response '
+                             'of the robot and compliance of the tool, for the impedance node '
+                             '(one BAG, shaken along x)')
     model = common.group(parser, 'model')
     model.add_argument('--heldout', metavar='BAG',
-                       help='diagnosis: recording that chooses the order and judges the model '
-                            '(default: every third second)')
+                       help='diagnosis: recording to select the order and validate the model '
+                            '(default: every third second of BAG)')
     common.add_gravity(model)
     common.add_output(parser, '-o', '--output', kind='file', metavar='FILE',
                       help='file to write (default: my_rig.yaml, or plant.yaml for impedance); an '
@@ -111,20 +111,21 @@ def rig_text(fit: 'RigFit') -> str:
               (f'noise: {size(rig.wrench_sensor.force_noise, "N", 2)}, '
                f'{size(rig.wrench_sensor.torque_noise, "N m", 2)}, '
                f'{size(pose.position_noise, "m", 2)}, {size(pose.orientation_noise, "rad", 2)}'),
-              (f'the model of the robot leaves {size(left.position, "m", 2)} and '
-               f'{size(left.orientation, "rad", 2)} RMS of motion that it was not fitted to, '
-               f'beyond noise, and rests {size(left.position_offset, "m", 2)} and '
-               f'{size(left.orientation_offset, "rad", 2)} from the commands; {_reach(fit)}')]
+              ('held-out error of the robot model beyond noise (RMS): '
+               f'{size(left.position, "m", 2)}, {size(left.orientation, "rad", 2)}; '
+               f'offset from the commands: {size(left.position_offset, "m", 2)}, '
+               f'{size(left.orientation_offset, "rad", 2)}; {_reach(fit)}')]
     if fit.poor:
-        lines.append('that is more than noise: a diagnosis takes the measured motion, and '
-                     'compares the robot by what it leaves')
+        lines.append('this exceeds the noise: a diagnosis uses the measured motion, and compares '
+                     'the robot with the model within this error')
     return '\n'.join(lines)
 
 
 def _reach(fit: 'RigFit') -> str:
     if fit.good_up_to < fit.moved_up_to:
-        return f'from {fit.good_up_to:.1f} Hz on that is a tenth of the motion or more'
-    return f'that is below a tenth of the motion up to {fit.moved_up_to:.1f} Hz, where that ends'
+        return f'the error is 10 % of the motion or more from {fit.good_up_to:.1f} Hz on'
+    return (f'the error is below 10 % of the motion up to {fit.moved_up_to:.1f} Hz, the end of '
+            'its spectrum')
 
 
 def plant_text(fit: 'PlantFit') -> str:

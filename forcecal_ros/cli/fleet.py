@@ -14,15 +14,15 @@ def add_parser(subparsers: Any) -> None:
     """Declare the command."""
     parser = common.new_parser(subparsers, 'fleet', example='forcecal fleet nights/ -o fleet')
     parser.add_argument('places', metavar='DIR', nargs='+',
-                        help='folder with calibrations and diagnoses of robots, which is '
-                             'searched, or one of them; several, or @FILE with one a line')
+                        help='folder to search for calibrations and diagnoses of robots, or one '
+                             'such file; several, or @FILE with one per line')
     common.add_output(parser, '-o', '--output', kind='results', metavar='OUT', required=True,
                       help='folder for fleet.html, fleet.csv and fleet.json')
     parser.add_argument('--run-length', metavar='N', type=common.positive, default=1000.0,
-                        help='calibrations of a robot between two false alarms, on average, over '
-                             'all its numbers')
+                        help='mean number of calibrations of a robot between two false alarms, '
+                             'over all its values')
     parser.add_argument('--fail-on', choices=('drift',),
-                        help='drift: exit with status 3 if a number left its control limits')
+                        help='drift: exit with status 3 if a value left its control limits')
 
 
 def run(args: argparse.Namespace) -> int:

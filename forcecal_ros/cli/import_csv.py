@@ -12,9 +12,9 @@ def add_parser(subparsers: Any) -> None:
         subparsers, 'import', inputs=('specification', 'tables'), json=False, quiet=False,
         example='forcecal import my_log.yaml -o my_bag')
     parser.add_argument('specification', metavar='SPEC.yaml',
-                        help='which columns are which signals, in which units and frames')
+                        help='columns, units and frames of each signal')
     parser.add_argument('--tables', metavar='DIR',
-                        help='where the tables are (default: next to SPEC.yaml)')
+                        help='folder of the tables (default: that of SPEC.yaml)')
     common.add_output(parser, '-o', '--output', kind='recording', metavar='BAG', required=True,
                       help='recording to write; an earlier one is kept as BAG~')
 
@@ -32,6 +32,6 @@ def run(args: argparse.Namespace) -> int:
     for note in imported.notes:
         common.warn(note)
     if imported.shift:
-        common.say(f'times are {imported.shift} s later than in the tables: stamps begin after '
-                   'zero')
+        common.say(f'{imported.shift} s were added to the times of the tables, as stamps must be '
+                   'positive')
     return 0

@@ -8,8 +8,8 @@ from typing import Any
 
 from forcecal_ros.cli import common
 
-NO_POSE = ('No pose was received: poses.* are tilts of a sensor whose z points down, '
-           'limits.workspace_* are to be set.')
+NO_POSE = ('No pose was received: poses.* assume that z of the sensor points down; set '
+           'limits.workspace_*.')
 
 TO_SET = ('limits.workspace_min', 'limits.workspace_max', 'limits.tip', 'limits.force',
           'limits.torque', 'poses.names', 'poses.values')
@@ -29,12 +29,13 @@ def add_parser(subparsers: Any) -> None:
                              'broadcaster')
     parser.add_argument('--controller', metavar='NAME',
                         type=common.word('a controller', 'core.topics', 'CONTROLLERS'),
-                        help='what moves the robot: moveit_servo, joint_trajectory_controller, '
-                             'cartesian_controllers, admittance_controller')
+                        help='controller that moves the robot: moveit_servo, '
+                             'joint_trajectory_controller, cartesian_controllers, '
+                             'admittance_controller')
     common.add_namespace(parser)
     parser.add_argument('--offline', action='store_true',
-                        help='do not look for a running driver; otherwise topics, frames, joints '
-                             'and the present pose are taken from it')
+                        help='do not read topics, frames, joints and present pose from a running '
+                             'driver')
     parser.add_argument('--timeout', metavar='S', type=common.positive, default=5.0,
                         help='how long to wait for messages of the driver: discovery by DDS may '
                              'take 3 s')
@@ -66,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
     given['sequencer'] = {**without_pose, **_poses((1.0, 0.0, 0.0, 0.0)), **values,
                           **given['sequencer']}
     if undriven := BACKEND not in given['sequencer']:
-        common.warn('what moves the robot is not stated: add --controller, such as moveit_servo '
+        common.warn('no controller is given: add --controller, e.g. moveit_servo '
                     f'or joint_trajectory_controller, or set {BACKEND}')
     launch = shlex.join((
         'ros2', 'launch', 'forcecal_ros', 'calibrate.launch.py', f'robot:={args.preset}',
@@ -113,7 +114,7 @@ def _driver(args: argparse.Namespace, topics: Mapping[str, str]
                  'forcecal preview.')
     if 'joint_states' in found:
         values['joints.names'] = list(found['joint_states'].name)
-    frames = ', '.join(f'{key} in {message.header.frame_id or "no frame"}'
+    frames = ', '.join(f'{key} in {message.header.frame_id or "an unnamed frame"}'
                        for key, message in found.items())
     return values, {key: names[0] for key, names in others.items() if key in found}, (
         f'{choices} Received: {frames}. {poses}').strip()

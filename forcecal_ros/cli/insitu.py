@@ -25,7 +25,7 @@ def add_parser(subparsers: Any) -> None:
         example='forcecal insitu leg.yaml -o leg_calibration')
     parser.add_argument('specification', metavar='SPEC.yaml',
                         help='data sets, sensors and accelerometer; forcecal sample insitu '
-                             'writes one to go by')
+                             'writes an example')
     common.add_output(parser, '-o', '--output', kind='results', metavar='DIR', required=True,
                       help='folder for insitu.json, calibration.yaml, pictures and report.html; '
                            'earlier results are kept as NAME~')

@@ -12,23 +12,23 @@ def add_parser(subparsers: Any) -> None:
     parser = common.new_parser(subparsers, 'live', inputs=('rig',), json=False, quiet=False,
                                example='forcecal live')
     parser.add_argument('--no-sim', action='store_true',
-                        help='show the robot, and wait for its messages (default: if no wrench is '
-                             'published, a simulated rig is started, with all that it needs)')
+                        help='wait for messages of the robot (default: if no wrench is '
+                             'published, a simulated rig and its nodes are started)')
     parser.add_argument('--sim', action='store_true',
-                        help='start a simulated rig in any case, apart from any robot')
+                        help='always start a simulated rig, isolated from any robot')
     parser.add_argument('--rig', metavar='RIG.yaml',
                         help='rig to simulate; the gap is its difference from the nominal one')
     common.add_namespace(parser)
     parser.add_argument('--wrench', metavar='TOPIC', type=common.topic_name, default='wrench',
                         help="WrenchStamped of the robot's sensor")
     parser.add_argument('--port', type=common.port, default=8642,
-                        help='port of this machine to serve the page on; 0: any that is free')
+                        help='port of this machine to serve the page on; 0: any free port')
 
 
 def run(args: argparse.Namespace) -> int:
     """Carry it out."""
     if args.no_sim and (args.sim or args.rig):
-        raise UsageError('--no-sim simulates nothing, --sim and --rig do; leave either out')
+        raise UsageError('--no-sim excludes --sim and --rig; leave one of them out')
     with common.needs_ros():
         from forcecal_ros.nodes.live import LivePage
     from forcecal_ros.sim.rig.file import load_rig
@@ -106,5 +106,5 @@ def _show(page: Any, ros: Any, view: Any, robot: str, check: Any) -> int:
                 ros.spin(SIGNAL_CHECK)
     finally:
         view.close()
-    common.warn('ended' + ', and all that was started with it' * view.simulated)
+    common.warn('ended' + ', with all nodes that it started' * view.simulated)
     return 0

@@ -21,18 +21,18 @@ from forcecal_ros.core.files import remedy
 
 EPILOG = """\
 forcecal COMMAND --help shows the options of a command, with an example.
-exit status: 0 done, 1 the data cannot answer (one line on stderr gives the reason),
-  2 wrong usage, 3 found what --fail-on names, 130 interrupted
+exit status: 0 done, 1 the data cannot give a result (one line on stderr gives the
+  reason), 2 wrong usage, 3 found what --fail-on names, 130 interrupted
 
 example:
   forcecal sample rig -o sample                            two recordings, in seconds
   forcecal check sample/sound                              what is in it
-  forcecal calibrate sample/sound --report report.html     writes calibration.yaml, too
+  forcecal calibrate sample/sound --report report.html     also writes calibration.yaml
   forcecal estimate sample/sound --calibration calibration.yaml -o contact
   forcecal diagnose sample/late -o diagnosis
 
-a message ends with its id, as [FC0202]: docs/reference/errors.md explains each
-eval "$(register-python-argcomplete forcecal)" completes words with the tabulator
+an error ends with its id, e.g. [FC0202]; docs/reference/errors.md explains it
+eval "$(register-python-argcomplete forcecal)" enables tab completion
 """
 
 
@@ -49,7 +49,7 @@ class StoreOnce(argparse.Action):
                  values: Any, option_string: str | None = None) -> None:
         """Put it into the arguments; an empty name is refused."""
         if self.type is None and '' in (values if isinstance(values, list) else [values]):
-            raise argparse.ArgumentError(self, 'an empty name is given; name it')
+            raise argparse.ArgumentError(self, 'the value is empty; give one')
         if self.option_strings and self._before not in (None, values):
             raise argparse.ArgumentError(
                 self, f'{self._before} and {values} are given; give one')
@@ -102,7 +102,7 @@ def build_parser(command: str = '') -> Parser:
         description='Calibrate wrist force/torque sensors, estimate contact forces, and find '
                     'out why simulation and robot disagree.')
     parser.add_argument('--version', action='version', version=f'forcecal {__version__}')
-    subparsers = parser.add_subparsers(metavar='COMMAND', required=True, help='one of those below')
+    subparsers = parser.add_subparsers(metavar='COMMAND', required=True, help='one listed below')
     if command in COMMANDS:
         name = 'import_csv' if command == 'import' else command.replace('-', '_')
         module = import_module(f'forcecal_ros.cli.{name}')
@@ -146,7 +146,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     try:
         args, left = parser.parse_known_args(arguments)
     except UnicodeError:  # Python before 3.12 raises one by itself
-        parser.error('what @ names is not text; list one BAG or DIR a line')
+        parser.error('the file after @ is not text; list one BAG or DIR per line')
     if left:
         command = getattr(args, 'parser', parser)
         word = next((one for one in left if one.startswith('-')), left[0]).partition('=')[0]

@@ -100,8 +100,8 @@ def _on_cores(work: Callable[[Any], Any], items: Sequence[Any], jobs: int) -> It
         except BrokenProcessPool:
             if suspects:
                 left.remove(suspects[0])
-                yield Outcome(suspects.pop(0), error='the process that worked on it alone was '
-                              'killed; is there enough memory?')
+                yield Outcome(suspects.pop(0), error='its process was killed; check that there '
+                              'is enough memory')
             else:  # items are handed out in this order, one ahead of the processes
                 suspects = left[:2 * jobs + 1]
         finally:
@@ -117,7 +117,7 @@ def _on_cluster(work: Callable[[Any], Any], items: Sequence[Any], scheduler: str
     except ImportError as error:
         from forcecal_ros.core.extras import installing
 
-        raise ConfigError('--dask requires the Python package distributed; install it by '
+        raise ConfigError('--dask requires the Python package distributed; install it with '
                           f'{installing("scale", "distributed")}') from error
     try:
         # how long a Dask scheduler may take to answer
@@ -160,13 +160,13 @@ class Answer(NamedTuple):
 
 def add_bags(parser: argparse.ArgumentParser) -> None:
     """Add the recordings, what :func:`add_bag` adds, ``--jobs`` and ``--dask``."""
-    common.add_bag(parser, several='each is worked on by itself')
+    common.add_bag(parser, several='each is processed separately')
     options = common.group(parser, 'many recordings')
     options.add_argument('--jobs', metavar='N', type=common.at_least_one, default=1,
-                         help='recordings that are worked on at once')
+                         help='recordings processed in parallel')
     options.add_argument('--dask', metavar='ADDRESS', type=common.address,
-                         help='scheduler of a Dask cluster to work there, as tcp://host:8786; its '
-                              'workers need this package and the same files in the same places')
+                         help='scheduler of a Dask cluster, e.g. tcp://host:8786; its workers '
+                              'require this package and the same files at the same paths')
 
 
 def run(args: argparse.Namespace, answer: Callable[[argparse.Namespace], Answer]) -> int:
@@ -190,7 +190,7 @@ def run(args: argparse.Namespace, answer: Callable[[argparse.Namespace], Answer]
         Exit status: the largest of all; 1 for a recording without an answer.
     """
     if args.dask and args.jobs > 1:
-        raise UsageError('--jobs counts processes of this machine, --dask works elsewhere; '
+        raise UsageError('--jobs sets processes of this machine, and --dask uses a cluster; '
                          'leave --jobs out')
     many = common.is_many(args)
     tasks = _tasks(args, args.bag) if many else [_with(args, bag=args.bag[0])]
@@ -212,8 +212,8 @@ def run(args: argparse.Namespace, answer: Callable[[argparse.Namespace], Answer]
             statuses.append(_show_one_of_many(task.bag, found, outcome.error, args.json))
             done.update()
     if not args.json:
-        common.say(f'{sum(status != 1 for status in statuses)} of {len(tasks)} recordings have an '
-                   f'answer, in {args.output}')
+        common.say(f'{sum(status != 1 for status in statuses)} of {len(tasks)} recordings have a '
+                   f'result, in {args.output}')
     return 1 if 1 in statuses else max(statuses)
 
 
@@ -234,11 +234,11 @@ def _tasks(args: argparse.Namespace, bags: Sequence[str]) -> list[argparse.Names
         inside = path.relative_to(shared_folder)
         name = inside.with_suffix('') if path.suffix in ('.mcap', '.db3') else inside
         if os.path.realpath(bag) in seen:
-            raise UsageError(f'{path} is named twice; name each recording once')
+            raise UsageError(f'{path} is given twice; give each recording once')
         seen.add(os.path.realpath(bag))
         if name in owner:
             raise UsageError(f'{owner[name]} and {path} would both be written to {name}; '
-                             'give each its own command')
+                             'process them with separate commands')
         owner[name] = path
         written = {one.name: str(Path(value).absolute() / f'{name}{one.suffix}')
                    for one in args.outputs if (value := getattr(args, one.name))}

@@ -16,7 +16,7 @@ def add_parser(subparsers: Any) -> None:
         example='forcecal node sequencer --ros-args -r wrench:=/ft/wrench --params-file my.yaml')
     parser.add_argument('name', metavar='NODE', choices=NODES, help=', '.join(NODES))
     parser.add_argument('arguments', metavar='--ros-args ...', nargs=argparse.REMAINDER,
-                        help='what ros2 run would pass on: -p NAME:=VALUE, --params-file FILE, '
+                        help='ROS arguments, as of ros2 run: -p NAME:=VALUE, --params-file FILE, '
                              '-r TOPIC:=TOPIC, -r __ns:=/NAME')
 
 

@@ -26,32 +26,32 @@ def add_parser(subparsers: Any) -> None:
                         help='rig to plan for: a file, or rig.yaml and rigid_tool.yaml of this '
                              'package (default: rig.yaml)')
     parser.add_argument('--recording', metavar='BAG',
-                        help='recording of the robot: it starts where that one starts, and stays '
-                             'in the box that sensor and tip stayed in there')
+                        help='recording of the robot: the plan starts at its first pose and '
+                             'stays in the box of its sensor and tip positions')
     common.add_streams(parser)
     parser.add_argument('--home', metavar=common.POSE7, nargs=7,
-                        type=common.real, help="pose of ft_sensor in base that it starts from [m] "
-                                        "(default: the recording's, or the rig's)")
+                        type=common.real, help='start pose of ft_sensor in base [m, quaternion] '
+                                        '(default: that of the recording, or of the rig)')
     parser.add_argument('--set', metavar='NAME=VALUE', action='append', default=[], type=_setting,
                         help='a parameter of the sequencer, e.g. limits.speed=0.1 or '
                              'limits.workspace_min=0.2,-0.5,0.1; of limits, pace or timing; may '
                              'be repeated')
     parser.add_argument('--effects', metavar='NAME', nargs='+',
                         type=common.word('an effect', 'effects', 'EFFECTS'),
-                        help='diagnosis: effects that it is to show (default: all)')
+                        help='diagnosis: effects that the recording must show (default: all)')
     parser.add_argument('--after', metavar='DIR',
-                        help='diagnosis: results of forcecal diagnose, whose candidates it is to '
-                             'separate; touches the wall if one of them shows in no other way')
+                        help='diagnosis: results of forcecal diagnose, whose candidates the '
+                             'recording must separate; includes contact if a candidate needs it')
     parser.add_argument('--contact', action='store_true',
-                        help="diagnosis: touch the rig's wall as well; its effects show in no "
-                             'other way')
+                        help="diagnosis: also touch the rig's wall, which shows effects of "
+                             'contact')
     parser.add_argument('--calibration', metavar='CALIBRATION.yaml',
-                        help='calibration: mass and noise of tool and sensors from an earlier one '
-                             "(default: the rig's)")
+                        help='calibration: file that gives mass and noise of tool and sensors '
+                             '(default: those of the rig)')
     # biases drift within an hour by more than any plan would promise
     parser.add_argument('--duration', metavar='S',
                         type=common.number('a time up to 3600 s', lambda x: 0 < x <= 3600.0),
-                        help='calibration: time that the sequence may take (default: 16 s)')
+                        help='calibration: longest duration of the sequence (default: 16 s)')
     # a move back from farther has no clear direction
     parser.add_argument('--tilt', metavar='DEG',
                         type=common.number('an angle up to 170 deg', lambda x: 0 < x <= 170.0),
@@ -87,7 +87,7 @@ def _setting(text: str) -> tuple[str, Any]:
     except ConfigError as error:
         raise argparse.ArgumentTypeError(str(error)) from error
     except ValueError:
-        expected = f'{len(parameter.default)} numbers with commas' if listed else 'a number'
+        expected = f'{len(parameter.default)} comma-separated numbers' if listed else 'a number'
         raise argparse.ArgumentTypeError(f'{text}: expected {expected} after =') from None
 
 
@@ -103,9 +103,9 @@ def _check(args: argparse.Namespace) -> None:
              else ('calibration', 'duration', 'tilt'))
     for name in other:
         if getattr(args, name):
-            raise UsageError(f'--{name} is not for --for {args.purpose}; leave it out')
+            raise UsageError(f'--{name} is not used by --for {args.purpose}; leave it out')
     if args.after and args.effects:
-        raise UsageError('--after and --effects exclude each other: both state the effects')
+        raise UsageError('--after and --effects exclude each other; give one')
     for name in {name for name, _ in args.set}:
         values = [value for one, value in args.set if one == name]
         if any(value != values[0] for value in values):
@@ -150,7 +150,7 @@ def _diagnosis(args: argparse.Namespace) -> int:
     from forcecal_ros.effects import EFFECTS
 
     if theirs := [key for key, _ in args.set if not key.startswith('limits.')]:
-        raise UsageError(f'--set {theirs[0]} is chosen by a plan for diagnosis; set limits')
+        raise UsageError(f'--set {theirs[0]}: --for diagnosis chooses this; set only limits.*')
     rig, robot, _ = _setup(args)
     effects = _candidates(args.after) if args.after else args.effects or ()
     contact = args.contact or any(EFFECTS[name].excited_by == ('contact',) for name in effects)
@@ -171,8 +171,8 @@ def _candidates(folder: str) -> tuple[str, ...]:
     found, _ = load_diagnosis(folder)
     names = tuple(name for name, _ in found.candidates if name in EFFECTS)
     if not names:
-        raise UsageError(f'--after {folder}: {found.verdict} without candidates of the library; '
-                         'leave --after out, and every effect is to show')
+        raise UsageError(f'--after {folder}: its verdict {found.verdict} has no candidates in '
+                         'the library; leave --after out to plan for all effects')
     return names
 
 

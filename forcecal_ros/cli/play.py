@@ -19,26 +19,26 @@ def add_parser(subparsers: Any) -> None:
         example='forcecal play my_bag --rate 0.5')
     parser.add_argument('bag', metavar='BAG', help='rosbag2 folder or file (mcap, sqlite3)')
     parser.add_argument('--rate', metavar='X', type=common.positive, default=1.0,
-                        help='recorded seconds in each second of playing')
+                        help='playback speed, in recorded seconds per second')
     parser.add_argument('--clock', metavar='HZ', type=common.not_negative, default=250.0,
                         help='rate of /clock, which carries the recorded time; 0: none')
     parser.add_argument('--delay', metavar='S', type=common.not_negative, default=1.0,
                         help='wait before the first message, for listeners to find the topics')
     parser.add_argument('--start', metavar='S', type=common.not_negative, default=0.0,
-                        help='leave out the beginning')
+                        help='skip this much of the beginning')
     parser.add_argument('--only', metavar='TOPIC', action='append', default=[],
                         type=common.topic_name,
-                        help='publish this topic, and of the others only those named likewise')
-    common.add_namespace(parser, 'publish below a namespace, e.g. /recorded')
+                        help='publish only this topic; may be repeated')
+    common.add_namespace(parser, 'publish in a namespace, e.g. /recorded')
     parser.add_argument('--with-outputs', action='store_true',
                         help='also publish the outputs of the recorded nodes of this package: '
                              'observer/..., sequencer/..., impedance/..., diagnostics')
     parser.add_argument('--with-commands', action='store_true',
-                        help='publish everything, also target_frame and other commands, which A '
-                             'ROBOT THAT LISTENS WILL FOLLOW AT ONCE, without any start; refused '
+                        help='publish everything, also target_frame and other commands. A ROBOT '
+                             'THAT SUBSCRIBES TO THEM MOVES AT ONCE, without any start; refused '
                              'while a node subscribes to them')
     parser.add_argument('--yes', action='store_true',
-                        help='publish commands although a node subscribes to them')
+                        help='publish commands even if a node subscribes to them')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -100,7 +100,7 @@ def refuse_missing(topics: Iterable['Topic'], args: argparse.Namespace) -> None:
     for name in (f'/{one.lstrip("/")}' for one in args.only):
         if name not in names:
             nearest = common.or_nearest(name, names)
-            raise DataError(f'--only: {name} is not in {args.bag}{nearest}; there are '
+            raise DataError(f'--only: {name} is not in {args.bag}{nearest}; it has '
                             f'{", ".join(names)}')
 
 

@@ -14,12 +14,12 @@ def add_parser(subparsers: Any) -> None:
         subparsers, 'record',
         example='forcecal record -o my_bag --duration 60 /joint_states')
     parser.add_argument('topics', metavar='TOPIC', nargs='*', type=common.topic_name,
-                        help="recorded in addition to this package's own, which are taken in any "
-                             'namespace')
+                        help='topics to record in addition to those of this package (recorded in '
+                             'any namespace)')
     common.add_output(parser, '-o', '--output', kind='recording', metavar='BAG', required=True,
                       help='recording to write; an earlier one is kept as BAG~')
-    parser.add_argument('--all', action='store_true', help='record every topic there is')
-    parser.add_argument('--only', action='store_true', help='record the named topics alone')
+    parser.add_argument('--all', action='store_true', help='record all topics')
+    parser.add_argument('--only', action='store_true', help='record only the given TOPICs')
     parser.add_argument('--duration', metavar='S', type=common.positive,
                         help='stop after this time')
 
@@ -29,8 +29,7 @@ def run(args: argparse.Namespace) -> int:
     # between two searches for new topics [s]
     period = 0.2
     if args.only and (args.all or not args.topics):
-        raise UsageError('--only requires TOPICs and excludes --all: it records the named topics '
-                         'alone')
+        raise UsageError('--only requires TOPICs and excludes --all')
     import time
 
     with common.needs_ros():
@@ -52,8 +51,8 @@ def run(args: argparse.Namespace) -> int:
                                                         0.001))
                 done.update(recorder.counts.total() - done.n)
         if not recorder.counts:
-            raise DataError('no message on any topic of interest; set ROS_DOMAIN_ID '
-                            'to that of the robot (others are named as TOPIC)')
+            raise DataError('no message was received on any topic to record; set ROS_DOMAIN_ID '
+                            'to that of the robot, or give other topics as TOPIC')
     return common.show(
         args, {'output': args.output, 'messages': dict(recorder.counts)}, f'{args.output}: '
         + ', '.join(f'{count} {name}' for name, count in sorted(recorder.counts.items())),

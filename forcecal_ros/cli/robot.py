@@ -7,14 +7,14 @@ from forcecal_ros.cli import common
 from forcecal_ros.core.errors import DataError
 
 SERVICES = {
-    'start': ('{}/start', 'let the sequencer, or the impedance node, begin its motion'),
+    'start': ('{}/start', 'start the motion of the sequencer, or of the impedance node'),
     'abort': ('{}/abort', 'stop the motion of the sequencer, or of the impedance node'),
     'preview': ('sequencer/preview', 'show what the sequencer would do, without moving'),
     'save': ('sequencer/save_calibration',
-             'let the sequencer write its calibration to the file of its parameter save.path'),
+             'write the calibration of the sequencer to the file of its parameter save.path'),
     'tare': ('observer/tare',
              'zero the contact wrench at the present reading, at rest without contact'),
-    'status': ('', 'show the state of each running node in a line'),
+    'status': ('', 'show the state of each running node'),
 }
 """Service and summary of each verb; a brace is the node that moves the robot."""
 

@@ -160,8 +160,8 @@ def add_parser(subparsers: Any) -> None:
                              'added masses, and the spec.yaml that describes them; shaken: the '
                              'simulated rig shaken along x, for fit-rig --for impedance')
     common.add_output(parser, '-o', '--output', kind='results', metavar='DIR', required=True,
-                      help='folder for them; earlier ones are kept as NAME~')
-    parser.add_argument('--seed', type=common.whole, default=0, help='of the sensor noise')
+                      help='folder for the files; earlier ones are kept as NAME~')
+    parser.add_argument('--seed', type=common.whole, default=0, help='seed of the sensor noise')
 
 
 def run(args: argparse.Namespace) -> int:

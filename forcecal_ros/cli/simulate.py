@@ -17,9 +17,9 @@ def add_parser(subparsers: Any) -> None:
                         help='rig to simulate: a file, or rig.yaml and rigid_tool.yaml of this '
                              'package (default: rig.yaml)')
     parser.add_argument('--accelerometer', choices=('acc1', 'acc2'),
-                        help='which one is mounted (default: as in the rig)')
-    parser.add_argument('--seed', type=common.whole, default=0, help='of the sensor noise')
-    parser.add_argument('--noise-free', action='store_true', help='leave the sensor noise out')
+                        help='mounted accelerometer (default: that of the rig)')
+    parser.add_argument('--seed', type=common.whole, default=0, help='seed of the sensor noise')
+    parser.add_argument('--noise-free', action='store_true', help='simulate without sensor noise')
     common.add_output(parser, '-o', '--output', kind='recording', metavar='OUT_BAG', required=True,
                       help='recording to write; an earlier one is kept as OUT_BAG~')
     common.add_streams(parser)

@@ -417,7 +417,7 @@ def require_wrench_and_pose(recording: Recording, otherwise: str) -> None:
     if recording.wrench is None or recording.pose is None:
         raise DataError(otherwise)
     if why := too_few(recording):
-        raise DataError(f'{why}; record 15 s of motion, every message of it')
+        raise DataError(f'{why}; record 15 s of motion without losing messages')
 
 
 def too_few(recording: Recording) -> str:
@@ -437,7 +437,7 @@ def span(*recordings: Recording) -> tuple[float, int]:
     if last - first < MIN_MOTION_S:
         common = below(max(0.0, last - first), MIN_MOTION_S)
         raise DataError(f'wrench and motion overlap for {common} s; at '
-                        f'least {MIN_MOTION_S:g} s are needed: record a longer motion')
+                        f'least {MIN_MOTION_S:g} s are needed; record a longer motion')
     return first, int((last - first) / BLOCK)
 
 

@@ -56,8 +56,8 @@ class Difference(NamedTuple):
         if not np.isfinite(self.delay):
             return ''
         side = 'later' if self.delay > 0.0 else 'earlier'
-        return (f'; the robot is {quantity(abs(self.delay), self.delay_std, "s")} {side}, '
-                f'which leaves {1e3 * self.unexplained:.2g} {unit}')
+        return (f'; the robot is {quantity(abs(self.delay), self.delay_std, "s")} {side}; '
+                f'{1e3 * self.unexplained:.2g} {unit} remain without this delay')
 
 
 class Tracking(NamedTuple):

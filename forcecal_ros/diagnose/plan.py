@@ -73,7 +73,7 @@ class Visibility(NamedTuple):
         if np.isnan(self.energy):
             return 'by its stamps or values'
         return ('clearly' if self.energy >= CLEAR_ENERGY else
-                'just so' if self.energy >= VISIBLE_ENERGY else 'not')
+                'barely' if self.energy >= VISIBLE_ENERGY else 'not')
 
 
 class Alias(NamedTuple):
@@ -428,7 +428,7 @@ def limitations(planned: Planned) -> list[str]:
     shown = {s.name: s for s in planned.shown}
     for name in planned.requested or shown:
         if name not in shown:
-            lines.append(f'{name}: a rig with a rigid tool cannot have it')
+            lines.append(f'{name}: does not apply to a rig with a rigid tool')
         elif shown[name].energy < VISIBLE_ENERGY:
             why = (NEEDS_CONTACT if EFFECTS[name].excited_by == ('contact',) and not
                    motion.timing.contacts else 'these limits leave too little motion')
@@ -475,8 +475,8 @@ def wider_box(limits: Limits, reach: float) -> str:
     x, y, z = limits.workspace_max.tolist()
     if reach <= x:
         return ''
-    return ('    # The way to the wall passes the box. Look whether the cell is free that far,\n'
-            '    # then take the comment signs away.\n    # limits:\n'
+    return ('    # The path to the wall leaves the box. Check that the cell is free up to here,\n'
+            '    # then uncomment these lines.\n    # limits:\n'
             f'    #   workspace_max: [{reach:.3f}, {y}, {z}]\n')
 
 

@@ -113,8 +113,8 @@ def require_commands(recording: Recording) -> None:
     """Refuse a recording without commanded poses."""
     target = recording.target
     if target is None or not len(target) or not target.has_position:
-        raise DataError('the recording holds no commands (target_frame); record them, the '
-                        'simulator replays them')
+        raise DataError('the recording holds no commands (target_frame), which the simulator '
+                        'replays; record them')
 
 
 MAX_PAUSE_S = 60.0
@@ -196,8 +196,8 @@ def require_overlap(recording: Recording, reference: str, shortest: float) -> No
                 short[name] = max(0.0, common)
     if short:
         listed = ', '.join(f'{name} {below(common, shortest)} s' for name, common in short.items())
-        raise DataError(f'too little was recorded together with {ROLES[reference].topic}: '
-                        f'{listed}; {shortest:g} s are needed, record all topics throughout')
+        raise DataError(f'the overlap with {ROLES[reference].topic} is too short: {listed}, '
+                        f'{shortest:g} s are needed; record all topics throughout')
 
 
 def _has(recording: Recording, name: str) -> bool:
@@ -273,8 +273,8 @@ def apply_accelerometer_calibration(recording: Recording,
     if stream is None or accelerometer is None:
         return replace(recording, accelerometer=None)
     if recording.accelerometer_unit != accelerometer.unit:
-        raise DataError(f'the accelerometer speaks {recording.accelerometer_unit}, it was '
-                        f'calibrated in {accelerometer.unit}; calibrate with this one')
+        raise DataError(f'the accelerometer is recorded in {recording.accelerometer_unit}, the '
+                        f'calibration is for {accelerometer.unit}; calibrate with the same sensor')
     f = np.linalg.solve(accelerometer.matrix,
                         (stream.values - accelerometer.offset.value).T).T
     return replace(recording, accelerometer=replace(stream, values=f),
@@ -384,18 +384,18 @@ def _reason_not_comparable(recording: Recording) -> str:
     stream, pose = recording.accelerometer, recording.pose
     assert stream is not None and pose is not None
     if recording.accelerometer_unit != 'm/s^2':
-        return 'speaks volts; record an Imu'
+        return 'is recorded in volts; record sensor_msgs/Imu'
     size = np.linalg.norm(stream.values, axis=1)
     shown = float(np.median(size))
     if shown < 0.5 * STANDARD_GRAVITY:  # arms do not fall half of the time
-        return (f'shows {shown:.2g} m/s^2 and no gravity; let it publish specific force, which at '
+        return (f'measures {shown:.2g} m/s^2, not gravity; publish specific force, which at '
                 'rest is gravity (REP-145)')
     up = pose.R_base_sensor[np.searchsorted(pose.t, stream.t).clip(max=len(pose) - 1), 2]
     cosine = np.sum(stream.values * up, axis=1) / np.maximum(size, 1e-9)
     angle = np.degrees(np.median(np.arccos(np.clip(cosine, -1.0, 1.0))))
     if angle > 11.5:
-        return (f'feels gravity {angle:.0f} deg from where the pose has it; publish it along the '
-                'axes of the frame of the wrench')
+        return (f'measures gravity {angle:.0f} deg away from that of the pose; publish it along '
+                'the axes of the frame of the wrench')
     return ''
 
 
@@ -509,10 +509,10 @@ def refuse_sparse_commands(recording: Recording, rig: Rig, accelerometer: str) -
     if led < INTERPOLATED_RATIO * held:
         raise DataError(
             f'commands were recorded every {1e3 * apart:.3g} ms, the rig takes one every '
-            f'{1e3 * period:.3g} ms, and the measured poses show that the robot did not hold each '
-            f'so long, but was commanded more in between: {held:.0f} times their noise away with '
-            f'commands held, {led:.2g} with commands interpolated, and along a guessed way no '
-            'force is known; give --calibration, to compare the wrench with the measured motion')
+            f'{1e3 * period:.3g} ms, and the robot received more: the measured poses differ by '
+            f'{held:.0f} times their noise with commands held, and {led:.2g} with commands '
+            'interpolated; record every command, or give --calibration to compare the wrench '
+            'with the measured motion')
 
 
 def _interpolated(target: PoseStream, period: float) -> PoseStream:
@@ -560,8 +560,8 @@ def select_joints(joints: JointStream | None, names: Sequence[str]) -> JointStre
 def missing_joint_notes(measured: Sequence[str], names: Sequence[str]) -> Iterator[str]:
     """Say which measured joints a simulator lacks."""
     if measured and not names:
-        yield (f'it simulates none of the joints in joint_states ({", ".join(measured)}): what '
-               'friction and gains of joints do is seen in the pose alone; return joints, named '
-               'as measured')
+        yield (f'it simulates none of the joints in joint_states ({", ".join(measured)}), so '
+               'friction and gains of joints show in the pose only; return joints with the same '
+               'names')
     elif missing := [name for name in measured if name not in names]:
-        yield f'not compared, as it does not simulate them: joints {", ".join(missing)}'
+        yield f'joints not compared, as they are not simulated: {", ".join(missing)}'

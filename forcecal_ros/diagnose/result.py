@@ -153,7 +153,7 @@ def load_diagnosis(path: Path | str) -> tuple[Diagnosis, dict[str, Any]]:
     except ValueError as error:
         raise DataError(f'{path}: is damaged ({error}); diagnose again') from error
     if not isinstance(document, dict) or document.get('format') != FORMAT:
-        raise DataError(f'{path}: is no diagnosis of this version ({FORMAT}); diagnose again')
+        raise DataError(f'{path}: is not a diagnosis of this version ({FORMAT}); diagnose again')
     try:
         return _from_document(document), document
     except (AttributeError, KeyError, TypeError, ValueError) as error:

@@ -153,19 +153,20 @@ class DesignSettings(Section, name='design'):
     """
 
     effort: Annotated[float, Row(
-        'Cost of a command off its steady value, small against the target stiffness',
+        'Cost of a command that differs from its steady value; small against the stiffness',
         'N/m', 1e-3, 1e6)] = 100.0
     latency: Annotated[int, Row(
         "Control periods of delay beyond the robot's own, sensors included", low=0, high=50)] = 0
     force_lag: Annotated[float, Row(
         'Time constant of the contact force that is fed back', 's', above=0.0)] = 0.004
     wall_stiffness: Annotated[tuple[float, float], Row(
-        'Range of the walls that the loop has to be stable against', 'N/m', above=0.0)
+        'Softest and stiffest wall against which the loop must be stable', 'N/m', above=0.0)
         ] = (100.0, 20_000.0)
     state_gain: Annotated[tuple[float, ...] | None, Row('L, in place of the optimal one')] = None
     force_gain: Annotated[float | None, Row(
-        'c of the control law; 0: the one with a correct steady state', 'm/N', -1.0, 1.0)] = None
-    position_gain: Annotated[float | None, Row('l_r likewise', '', -1e3, 1e3)] = None
+        'c of the control law; 0: that of a correct steady state', 'm/N', -1.0, 1.0)] = None
+    position_gain: Annotated[float | None, Row(
+        'l_r of the control law; 0: that of a correct steady state', '', -1e3, 1e3)] = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -258,7 +259,7 @@ def design(plant: Plant, target: TargetImpedance = TargetImpedance(),
     if without.radius >= 1.0:
         raise ConfigError(
             f'the impedance loop is unstable without contact (eigenvalue of magnitude '
-            f'{without.radius:.4f}, it must lie below 1); {_remedy(settings)}')
+            f'{without.radius:.4f}, must be below 1); {_remedy(settings)}')
     unstable_from = _unstable_from(law, plant, settings)
     low, high = settings.wall_stiffness
     if unstable_from <= high:
@@ -273,7 +274,8 @@ def _remedy(settings: DesignSettings) -> str:
              if getattr(settings, name) is not None]
     if given:
         return f'leave out {", ".join(given)}'
-    return 'ask for more damping or mass, less latency, or a narrower design.wall_stiffness'
+    return ('increase impedance.damping or impedance.mass, or decrease design.latency or the '
+            'range of walls')
 
 
 def _unstable_from(law: Law, plant: Plant, settings: DesignSettings) -> float:

@@ -42,7 +42,7 @@ class Robot(Section):
         fastest = float(np.abs(self.poles).max(initial=0.0))
         if not fastest < 1.0:
             raise ConfigError(f'robot.feedback: unstable, a pole of magnitude {fastest:.4f}; '
-                              'all must lie below 1')
+                              'all must be below 1')
 
     @property
     def poles(self) -> Complex:

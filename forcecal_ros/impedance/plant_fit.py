@@ -97,7 +97,7 @@ def fit_output_error(command: Array, position: Array, order: int, delay: int, us
         return np.asarray(_residual(theta, command, position, order, delay)[used] / unit)
 
     if not np.isfinite(residual(start)).all():
-        raise DataError(f'no stable model of order {order} fits; move more')
+        raise DataError(f'no stable model of order {order} fits; record more motion')
     found = least_squares(
         residual, start, lambda theta: -_jacobian(theta, command, order, delay)[used] / unit,
         x_scale='jac', ftol=1e-9, xtol=1e-12, gtol=1e-12)
@@ -249,7 +249,7 @@ def identify_robot(command: Array, position: Array, period: float, *,
     n = len(command)
     if n < min_samples or not np.ptp(command) > 0.0 or not np.ptp(position) > 0.0:
         raise DataError(f'{n} commands over {1e3 * np.ptp(command) if n else 0.0:.3g} mm do not '
-                        f"tell the robot's model; record {min_samples} or more that move it")
+                        f'identify the robot; record {min_samples} or more that move it')
     # held out: last share of a recording, not fitted: it chooses the order and judges the model
     held_out = slice(round(n * 2.0 / 3.0), n)
     # start of a recording in which errors do not count, since the robot may have moved before [s]
@@ -350,10 +350,10 @@ def identify_slide(force: Signal, slide: Signal, position: Signal) -> tuple[Slid
     if not (spring[:2] > 0.0).all() or not mass[0] > 0.0:
         turned = spring[0] < -sure * spring_std[0] or mass[0] < -sure * mass_std[0]
         raise DataError(f'mass {mass[0]:.3g} kg, stiffness {spring[0]:.3g} N/m and damping '
-                        f'{spring[1]:.3g} N s/m come out; ' + (
+                        f'{spring[1]:.3g} N s/m are not plausible; ' + (
                             'force and displacement have opposite signs: give --wrench-sign the '
-                            'other sign' if turned else 'the slide hardly moves: shake the tool '
-                            'more'))
+                            'other sign' if turned else 'the tool hardly moves on its spring: '
+                            'shake it more'))
     return (Slide(Estimate(mass[0], mass_std[0], 'kg'), Estimate(spring[0], spring_std[0], 'N/m'),
                   Estimate(spring[1], spring_std[1], 'N s/m')),
             {'windows': len(starts), 'spring_error': spring_error,
@@ -448,7 +448,7 @@ def _axis(pose: PoseStream) -> Array:
     turn = max((float(np.linalg.norm(rotation_vector(start.T @ R)))
                 for R in pose.R_base_sensor[::10]), default=0.0)
     if turn > most_turn:
-        raise DataError(f'the sensor turns by {above(turn, most_turn)} rad; move it along x of '
+        raise DataError(f'the sensor rotates by {above(turn, most_turn)} rad; move it along x of '
                         f'ft_sensor only ({most_turn} rad at most)')
     return np.array(start[:, 0])
 

@@ -80,7 +80,7 @@ class Task:
 
     swing: Annotated[float, Row(
         'Distance of each free move, out and back', 'm', 0.0, 0.5)] = 0.035
-    swing_duration: Annotated[float, Row('Duration of each of these', 's', 0.05, 10.0)] = 0.3
+    swing_duration: Annotated[float, Row('Duration of each free move', 's', 0.05, 10.0)] = 0.3
     swings: Annotated[int, Row('Number of free moves out and back', low=0, high=1000)] = 2
     clearance: Annotated[float, Row(
         'Distance of the wall from the tool at the start, along x of ft_sensor', 'm', 0.0, 1.0)
@@ -89,7 +89,7 @@ class Task:
         'Depth of the reference behind the wall',
         'm', 0.0, 0.2)] = 0.02
     approach: Annotated[float, Row(
-        'Duration of the move to the wall, and of the one back', 's', 0.1, 60.0)] = 1.4
+        'Duration of the move to the wall, and of the move back', 's', 0.1, 60.0)] = 1.4
     sweep: Annotated[float, Row(
         'Amplitude of the reference in contact', 'm', 0.0, 0.1)] = 0.005
     hold: Annotated[float, Row(
@@ -195,30 +195,28 @@ class Bounds(Section, name='limits'):
     """Limits of the command of S, and forces that end the task."""
 
     speed: Annotated[float, Row(
-        'Largest speed of the commands; a measured one above it times limits.overspeed stops',
+        'Largest speed of the commands; the motion stops above limits.overspeed times this',
         'm/s', 0.001, 2.0)] = 0.25
     acceleration: Annotated[float, Row(
         'Largest acceleration of the commands', 'm/s^2', 0.01, 50.0)] = 8.0
     deviation: Annotated[float, Row(
-        'Distance of command and reference above which the loop counts as unstable',
+        'Distance between command and reference above which the motion stops as unstable',
         'm', 0.001, 1.0)] = 0.06
-    force: Annotated[float, Row(
-        'Contact force above which the motion stops, wherever it occurs', 'N', 0.5, 1e5)] = 100.0
+    force: Annotated[float, Row('Contact force that stops the motion', 'N', 0.5, 1e5)] = 100.0
     free_force: Annotated[float, Row(
-        'Contact force above which the motion stops away from the wall',
+        'Contact force that stops the motion away from the wall',
         'N', 0.5, 1e5)] = 10.0
     margin: Annotated[float, Row(
-        'Distance before task.clearance at which the wall is expected',
+        'Distance before task.clearance from which contact is expected',
         'm', 0.0005, 1.0)] = 0.01
-    touch: Annotated[float, Row(
-        'Contact force above which the tool touches', 'N', 0.05, 1000.0)] = 1.0
+    touch: Annotated[float, Row('Force above which contact is detected', 'N', 0.05, 1000.0)] = 1.0
     stop_duration: Annotated[float, Row(
         'Duration from the first command of a stop to rest', 's', 0.01, 0.5)] = 0.062
     retract: Annotated[float, Row(
         'Retreat of the tool during a stop at the wall',
         'm', 0.0005, 0.1)] = 0.005
     withdraw: Annotated[float, Row(
-        'Slow retreat after that, repeated while the tool presses',
+        'Slow retreat after limits.retract, repeated while the tool presses',
         'm', 0.0005, 0.5)] = 0.015
 
 
@@ -441,7 +439,7 @@ class Session:
         off = abs(command - reference.position)
         if not off <= bounds.deviation:
             return (f'the command is {above(off, bounds.deviation)} m from the reference, '
-                    f'limits.deviation is {bounds.deviation:g} m; the loop is not stable here')
+                    f'limits.deviation is {bounds.deviation:g} m; the loop is unstable here')
         return ''
 
     def _limited(self, command: float) -> LineMotion:

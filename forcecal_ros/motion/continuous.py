@@ -230,8 +230,8 @@ def fit_multi_sine(start: Pose, pace: Pace, limits: Limits) -> MultiSine:
             size *= 0.95
             if size * peak < MIN_ROTATION_RAD:
                 raise MotionError(
-                    f'{error}; less than {np.degrees(MIN_ROTATION_RAD):.0f} deg of rotation is '
-                    'left there, too little for a calibration') from error
+                    f'{error}; the limits leave less than {np.degrees(MIN_ROTATION_RAD):.0f} deg '
+                    'of rotation, too little for a calibration') from error
             continue
         return fitted
 

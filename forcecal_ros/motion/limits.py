@@ -26,7 +26,7 @@ class Limits(Section):
     """Limits of planned and of measured motion; the names are the parameters' keys."""
 
     speed: Annotated[float, Row(
-        'Largest speed of a plan; a measured one above it times limits.overspeed stops',
+        'Largest speed of a plan; the motion stops above limits.overspeed times this',
         'm/s', 0.001, 2.0)] = 0.25
     acceleration: Annotated[float, Row(
         'Largest acceleration of a plan, stops included', 'm/s^2', 0.01, 50.0)] = 8.0
@@ -41,12 +41,12 @@ class Limits(Section):
     joint_speed: Annotated[float, Row(
         'Largest speed of each joint, with joint_trajectory', 'rad/s', 0.01, 10.0)] = 1.5
     joint_acceleration: Annotated[float, Row(
-        'Largest acceleration of each joint likewise', 'rad/s^2', 0.1, 300.0)] = 60.0
+        'Largest acceleration of each joint, with joint_trajectory', 'rad/s^2', 0.1, 300.0)] = 60.0
     joint_jerk: Annotated[float, Row(
-        'Largest jerk of each joint likewise', 'rad/s^3', 1.0, 1e6)] = 6000.0
+        'Largest jerk of each joint, with joint_trajectory', 'rad/s^3', 1.0, 1e6)] = 6000.0
     workspace_min: Annotated[Array, Row(
         'Lower corner, in base, of the box that ft_sensor and the tip stay in; with '
-        'joint_trajectory only measured', 'm', shape=(3,))
+        'joint_trajectory checked in motion only', 'm', shape=(3,))
         ] = (0.6, -0.4, 0.6)  # type: ignore[assignment]
     workspace_max: Annotated[Array, Row(
         'Upper corner of that box', 'm', shape=(3,))
@@ -57,7 +57,8 @@ class Limits(Section):
     force: Annotated[float, Row(
         'Norm of the force, weight included, above which no motion starts or continues',
         'N', 1.0, 1e5)] = 250.0
-    torque: Annotated[float, Row('Norm of the measured torque likewise', 'N m', 0.1, 1e4)] = 60.0
+    torque: Annotated[float, Row(
+        'Norm of the torque above which no motion starts or continues', 'N m', 0.1, 1e4)] = 60.0
     tracking_error: Annotated[float, Row(
         'Error of the position above which the motion stops',
         'm', 0.0005, 1.0)] = 0.02

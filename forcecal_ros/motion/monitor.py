@@ -166,13 +166,13 @@ class WatchSettings:
     """
 
     pause_timeout: Annotated[float, Row(
-        'Silence of a sensor that pauses the motion', 's', 0.008, 10.0)
+        'Timeout of a sensor that pauses the motion', 's', 0.008, 10.0)
         ] = 0.04
     most_pauses: Annotated[int, Row(
-        'How often sensors may fall silent or late in one sequence; 0: no limit',
+        'Largest number of pauses by silent or late sensors in one sequence; 0: no limit',
         low=0, high=1_000_000)] = 20
     lost_timeout: Annotated[float, Row(
-        'Silence or lateness of a sensor that ends the motion', 's', 0.01, 60.0)
+        'Time that a sensor may be silent or late before the motion ends', 's', 0.01, 60.0)
         ] = 1.0
     frozen_timeout: Annotated[float, Row(
         'Duration of identical readings that stops the motion; 0: not checked',
@@ -189,9 +189,11 @@ class WatchSettings:
         'Factor by which standard deviations may exceed those before the start',
         low=1.0, high=100.0)] = 1.25
     force_floor: Annotated[float, Row(
-        'Standard deviation of forces that always counts as still', 'N', 0.0, 100.0)] = 0.02
-    torque_floor: Annotated[float, Row('The same of torques', 'N m', 0.0, 10.0)] = 0.002
-    position_floor: Annotated[float, Row('The same of positions', 'm', 0.0, 0.1)] = 5e-6
+        'Standard deviation of forces that always counts as rest', 'N', 0.0, 100.0)] = 0.02
+    torque_floor: Annotated[float, Row(
+        'Standard deviation of torques that always counts as rest', 'N m', 0.0, 10.0)] = 0.002
+    position_floor: Annotated[float, Row(
+        'Standard deviation of positions that always counts as rest', 'm', 0.0, 0.1)] = 5e-6
 
 
 class Monitor:
@@ -296,7 +298,7 @@ class Monitor:
         span = now - stamp
         self._check_overspeed(f'{channel.topic}: moves at', 'speed', 'm/s',
                               dist(values[:3], before[:3]) / span)
-        self._check_overspeed(f'{channel.topic}: turns at', 'angular_speed', 'rad/s',
+        self._check_overspeed(f'{channel.topic}: rotates at', 'angular_speed', 'rad/s',
                               angle_between(values[3:], before[3:]) / span)
 
     def _check_overspeed(self, what: str, key: str, unit: str, found: float) -> None:
@@ -394,7 +396,7 @@ class Monitor:
             channel.late_since = min(channel.late_since, self._now)
             if self._now - channel.late_since >= patience:
                 return (f'{channel.topic}: newest stamp is {age:.3f} s old, watch.max_age is '
-                        f'{self.settings.max_age:g} s; are the clocks synchronised?')
+                        f'{self.settings.max_age:g} s; synchronise the clocks')
         return ''
 
     def _frozen(self) -> str:
@@ -443,8 +445,8 @@ class Monitor:
         """
         for channel in self.channels.values():
             if channel.received == -inf:
-                raise DataError(f'{channel.topic}: nothing received yet; is its driver running '
-                                'and the name remapped?')
+                raise DataError(f'{channel.topic}: nothing received yet; check that its driver '
+                                'runs and the topic is remapped')
         self.fault = ''
         self._commands.clear()
         self._resting, self._commanded, self._moved, self._arrived = (), (), inf, None
@@ -473,7 +475,7 @@ class Monitor:
         if excess.max() > 1:
             i = int(np.argmax(excess))
             raise MotionError(f'{channel.topic}: {NAMES[name][i]} drifts by {drift[i]:.3g} '
-                              f'in {channel.span:.2g} s; the robot has to stand still at start')
+                              f'in {channel.span:.2g} s; start with the robot at rest')
         return np.asarray(noise)
 
     def _floor(self, name: str) -> Array:
@@ -515,8 +517,7 @@ class Monitor:
             # a robot that has done this share of the commanded motion has
             # arrived: its gain may be below 1
             if done < 0.9 * way - error:
-                return (f'{pose.topic}: has done {done:.3g} of the {way:.3g} {unit} that it '
-                        'was commanded')
+                return f'{pose.topic}: moved {done:.3g} of the commanded {way:.3g} {unit}'
         return ''
 
     def mean(self, name: str) -> Array:

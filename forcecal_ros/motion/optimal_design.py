@@ -92,8 +92,8 @@ def sensors_of(calibration: Calibration) -> Sensors:
     """
     noise, accelerometer = calibration.noise, calibration.accelerometer
     if noise is None:
-        raise DataError('the calibration holds no noise, without which no errors can be '
-                        'predicted; calibrate from a recording with poses of 1 s')
+        raise DataError('the calibration has no noise, which is required to predict errors; '
+                        'calibrate from a recording with poses of 1 s')
     wrench = _density(noise.wrench_density, noise.wrench, noise.wrench_rate)
     force, torque = (float(np.sqrt(wrench[part].mean())) for part in (slice(3), slice(3, 6)))
     gain, volts = 1.0, np.nan
@@ -108,7 +108,7 @@ def sensors_of(calibration: Calibration) -> Sensors:
 def _density(density: Estimate | None, covariance: Estimate, rate: float) -> Array:
     """Return the spectral density at low frequencies, by channel; white where not measured."""
     if density is None and not rate > 0:
-        raise DataError('the calibration states neither the density of its noise nor the rate of '
+        raise DataError('the calibration has neither the density of its noise nor the rate of '
                         'the readings; calibrate again')
     return np.diag(covariance.value / rate if density is None else density.value)
 
@@ -305,8 +305,8 @@ class Planner:
                 refused.append(error)
         others = len(self.poses) - 1
         if refused and others - len(refused) < 2:
-            raise MotionError(f'of {others} candidate poses {others - len(refused)} are within '
-                              f'the limits: {refused[0]}')
+            raise MotionError(f'only {others - len(refused)} of {others} candidate poses are '
+                              f'within the limits: {refused[0]}')
 
     def _moved(self, start: Pose, goal: Pose) -> tuple[float, Array] | None:
         # largest rotation between two poses, as far from half a turn as a base may be tilted
@@ -401,8 +401,7 @@ def design_calibration(robot: Robot, sensors: Sensors, duration: float,
     planner.require_room()
     value, sequence = planner.search((3, 4, 5))
     if not np.isfinite(value):
-        raise MotionError(f'no three poses fit into {duration:g} s: give more time '
-                          '(--duration)')
+        raise MotionError(f'three poses do not fit into {duration:g} s; increase --duration')
     measure = float(np.floor(100 * planner.measure(sequence)) / 100)
     names = ['home', *(f'pose_{k}' for k in range(1, len(sequence)))]
     return Design(robot, sensors, {name: poses[i] for name, i in zip(names, sequence)},
@@ -426,7 +425,7 @@ def sequencer_parameters(sequence: str, poses: Mapping[str, Pose], timing: Timin
     return parameter_file('sequencer', [
         Parameter('sequence', sequence, 'Sequence that a start runs'),
         Parameter('poses.names', list(poses), 'Names of the poses in their order'),
-        Parameter('poses.values', flatten_poses(poses), 'x y z [m] qx qy qz qw of each',
+        Parameter('poses.values', flatten_poses(poses), 'x y z [m] qx qy qz qw of each pose',
                   per_line=POSE_LENGTH), *given], heading)
 
 

@@ -69,29 +69,27 @@ class Timing:
     step_distance: Annotated[float, Row(
         'Length of the step along x of ft_sensor', 'm', -0.05, 0.05)] = 0.01
     step_duration: Annotated[float, Row('Duration of the step', 's', 0.05, 2.0)] = 0.1
-    ring: Annotated[float, Row(
-        'Duration of the hold after each step, in which the tool rings', 's', 0.2, 10.0)] = 0.7
+    ring: Annotated[float, Row('Hold after each step, while the tool rings', 's', 0.2, 10.0)] = 0.7
     contact_distance: Annotated[float, Row(
-        'contact: distance along x of ft_sensor to something that the tool touches',
+        'contact: distance of the move into contact, along x of ft_sensor',
         'm', -0.5, 0.5)] = 0.086
     approach: Annotated[float, Row(
-        'contact: duration of that move, and of the one back', 's', 0.5, 60.0)] = 3.0
+        'contact: duration of the move into contact, and of the move back', 's', 0.5, 60.0)] = 3.0
     contact: Annotated[float, Row(
-        'contact: duration of the hold at its end', 's', 0.1, 600.0)] = 2.0
+        'contact: duration of the hold in contact', 's', 0.1, 600.0)] = 2.0
     rest: Annotated[float, Row(
         'diagnose: duration of the rest at the beginning', 's', 0.2, 600.0)] = 3.0
     steps: Annotated[int, Row('diagnose: number of steps; 0: none', low=0, high=10)] = 1
     sweeps: Annotated[int, Row(
-        'diagnose: rounds of quicker and quicker moves along each axis', low=0, high=10)] = 1
+        'diagnose: rounds of ever faster moves along each axis', low=0, high=10)] = 1
     shakes: Annotated[int, Row(
-        'diagnose: repetitions of each of the quickest moves', low=0, high=100)] = 15
-    turns: Annotated[int, Row(
-        'diagnose: rounds of quicker and quicker rotations', low=0, high=10)] = 1
+        'diagnose: repetitions of each of the fastest moves', low=0, high=100)] = 15
+    turns: Annotated[int, Row('diagnose: rounds of ever faster rotations', low=0, high=10)] = 1
     reversals: Annotated[int, Row(
         'diagnose: rounds of slow tilts and of slow moves along x', low=0, high=10)] = 1
     contacts: Annotated[int, Row('diagnose: number of contacts; 0: none', low=0, high=10)] = 0
     amplitude: Annotated[float, Row(
-        'diagnose: factor of all distances and angles of these', '1', 0.01, 1.0)] = 1.0
+        'diagnose: factor of all distances and angles of its moves', '1', 0.01, 1.0)] = 1.0
 
 
 def calibration_plan(goals: Mapping[str, Goal], away: Goal, timing: Timing
@@ -165,7 +163,7 @@ def prepare(plan: Sequence[Segment], start: Goal, pace: Pace, limits: Limits
         The start or a move exceeds a limit; with the number, the limit and its key.
     """
     if isinstance(start, Pose):
-        check_workspace(start.position[None], limits, 'the robot stands where the sensor')
+        check_workspace(start.position[None], limits, 'the start: the sensor')
     planned: list[PlannedSegment] = []
     here = start
     for segment in plan:
@@ -173,8 +171,7 @@ def prepare(plan: Sequence[Segment], start: Goal, pace: Pace, limits: Limits
         name, goal = f'{segment.phase} {segment.label}', segment.goal
         if goal is not None:
             if isinstance(goal, Pose) != isinstance(here, Pose):
-                raise MotionError(f'{name} mixes poses and joint vectors; give one kind '
-                                  'throughout')
+                raise MotionError(f'{name} mixes poses and joint vectors; give one kind only')
             kind: Any = Move if isinstance(goal, Pose) else JointMove
             move = kind(here, goal, segment.duration or shortest_duration(here, goal, pace))
             check_move(move, limits, name)
@@ -196,9 +193,9 @@ def continuous_plan(start: Goal, timing: Timing, pace: Pace, limits: Limits
         The start is outside the workspace, or leaves too little room; or joints are commanded.
     """
     if not isinstance(start, Pose):
-        raise MotionError('motion.sequence continuous moves about a pose, and joint vectors are '
+        raise MotionError('motion.sequence continuous requires poses, but joint vectors are '
                           'commanded; set motion.backend to target_frame or delta_twist_cmds')
-    check_workspace(start.position[None], limits, 'the robot stands where the sensor')
+    check_workspace(start.position[None], limits, 'the start: the sensor')
     rest = [PlannedSegment(Segment('settle', 'here'), None, start),
             PlannedSegment(Segment('measure', 'here', duration=timing.measure), None, start)]
     shake = Segment('sweep', 'in all axes', start)
@@ -227,7 +224,7 @@ def check_wrench(plan: Sequence[PlannedSegment], wrench: Array, limits: Limits) 
                                     ('torque', torque, limits.torque, 'N m')):
         if not value <= limit:
             raise MotionError(f'the sensor reads {above(value, limit, 4)} {unit} at rest, '
-                              f'limits.{key} is {limit:g} {unit}; see that nothing touches '
+                              f'limits.{key} is {limit:g} {unit}; check that nothing touches '
                               'the tool, then raise the limit')
     for part in plan:
         if part.move is None or isinstance(part.move, JointMove):
@@ -393,7 +390,7 @@ def preview(plan: Sequence[PlannedSegment], rate: float, settle: float
     positions, rotations, phases, periods = [], [], [], 0
     for part in plan:
         if not isinstance(part.goal, Pose):
-            raise MotionError('only plans of poses can be previewed; list poses, not joints')
+            raise MotionError('only plans of poses can be previewed; give poses, not joints')
         n = max(1, round((settle if part.duration is None else part.duration) * rate))
         for k in range(n):
             pose = (part.move.at((k + 1) / rate).pose if isinstance(part.move, (Move, MultiSine))

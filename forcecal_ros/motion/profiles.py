@@ -140,7 +140,7 @@ class Move:
         angle = float(np.linalg.norm(turn))
         if angle > LARGEST_ROTATION:
             raise MotionError(f'a rotation by {np.degrees(angle):.1f} deg has no clear direction '
-                              f'(at most {np.degrees(LARGEST_ROTATION):.0f} deg); put a pose '
+                              f'(at most {np.degrees(LARGEST_ROTATION):.0f} deg); add a pose '
                               'between the two')
         return turn
 
@@ -219,10 +219,12 @@ class Pace(NamedTuple):
     """Peaks that planned moves aim at, below the limits; the names are the parameters' keys."""
 
     speed: Annotated[float, Row('Peak speed of moves between poses', 'm/s', 0.001, 2.0)] = 0.2
-    acceleration: Annotated[float, Row('Peak acceleration of these', 'm/s^2', 0.01, 20.0)] = 2.0
-    angular_speed: Annotated[float, Row('Peak angular speed of these', 'rad/s', 0.01, 5.0)] = 1.45
+    acceleration: Annotated[float, Row(
+        'Peak acceleration of moves between poses', 'm/s^2', 0.01, 20.0)] = 2.0
+    angular_speed: Annotated[float, Row(
+        'Peak angular speed of moves between poses', 'rad/s', 0.01, 5.0)] = 1.45
     angular_acceleration: Annotated[float, Row(
-        'Peak angular acceleration of these', 'rad/s^2', 0.1, 100.0)] = 8.0
+        'Peak angular acceleration of moves between poses', 'rad/s^2', 0.1, 100.0)] = 8.0
 
 
 def shortest_duration(start: Pose | Array, goal: Pose | Array, pace: Pace) -> float:
@@ -367,7 +369,7 @@ def read_poses(names: Sequence[str], numbers: ArrayLike) -> dict[str, Pose]:
     flat = np.asarray(numbers, dtype=float).reshape(-1)
     if len(flat) != POSE_LENGTH * len(names) or len(set(names)) != len(names) or not len(names):
         raise ConfigError(
-            f'{len(names)} pose names ({", ".join(names)}) require as many different ones and '
+            f'{len(names)} poses ({", ".join(names)}) require different names and '
             f'{POSE_LENGTH} numbers each (x y z qx qy qz qw), got {len(flat)} numbers')
     poses = {}
     for name, row in zip(names, flat.reshape(-1, POSE_LENGTH)):
@@ -411,7 +413,7 @@ def reach_of(recording: Recording, tip: Array) -> tuple[Pose, Array, Array]:
     pose = recording.pose
     if pose is None or not len(pose) or not pose.has_position:
         raise DataError(f'{recording.source or "the recording"} holds no positions of the sensor, '
-                        'from which home and box follow; state --home and '
+                        'which give home and box; give --home and '
                         '--set limits.workspace_min/max instead')
     points = np.concatenate([pose.position, pose.position + pose.R_base_sensor @ tip])
     return (Pose(pose.position[0], pose.R_base_sensor[0]),

@@ -275,8 +275,8 @@ class MotionSequence:
             self._ended += self.settings.settle_minimum
             self._enter(self._index + 1)
         elif self._time >= self.settings.settle_timeout:
-            self.abort(f'not still {self._time:.1f} s after the move to {self.status.label}: '
-                       f'{stillness.detail}; look for vibration')
+            self.abort(f'not at rest {self._time:.1f} s after the move to {self.status.label}: '
+                       f'{stillness.detail}; check for vibration')
 
     def _hold_at(self, command: Command) -> None:
         self._rest = command.pose if isinstance(command, Setpoint) else command.positions

@@ -107,9 +107,8 @@ class CartesianBackend(Backend):
             raise MotionError('current_pose has no frame_id; set motion.frame to the robot base '
                               'link')
         if self._frame and measured and measured != self._frame:
-            raise MotionError(f'current_pose is in {measured!r}, commands would go out in '
-                              f'{self._frame!r}, which is motion.frame; leave that '
-                              'empty')
+            raise MotionError(f'current_pose is in {measured!r}, but motion.frame is '
+                              f'{self._frame!r}; leave motion.frame empty')
         self._write = Writer(self._message_type, self._frame or measured)
 
     def send(self, stamp_ns: int, command: Setpoint) -> None:
@@ -162,7 +161,7 @@ class TwistCommands(CartesianBackend):
 class JointTrajectories(Backend):
     """Joint vectors for joint_trajectory_controller: every joint, each message ends at rest."""
 
-    caveat = ('where joint vectors lead is not known beforehand: limits.workspace, speed, force '
+    caveat = ('joint_trajectory is planned without kinematics: limits.workspace_*, speed, force '
               'and torque are checked while the robot moves, not in the plan')
 
     def __init__(self, node: Node, inbox: Inbox, sensors: Sensors, names: list[str]) -> None:
@@ -188,8 +187,8 @@ class JointTrajectories(Backend):
         """
         missing = [name for name in self._names if name not in self._positions]
         if missing:
-            raise DataError(f'joint_states: no position of {", ".join(missing)} yet; is the '
-                            'broadcaster running?')
+            raise DataError(f'joint_states: no position of {", ".join(missing)} yet; start the '
+                            'joint_state_broadcaster')
         return np.array([self._positions[name] for name in self._names])
 
     def prepare(self, period_ns: int) -> None:

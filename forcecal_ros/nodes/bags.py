@@ -197,8 +197,8 @@ class Player:
         publisher = self._publishers.get(message.topic)
         if publisher is not None:
             if message.topic in self.unreceived and publisher.get_subscription_count():
-                raise MotionError(f'a subscription has appeared on {publisher.topic_name}, a '
-                                  'command topic; no more is published')
+                raise MotionError(f'a node has subscribed to the commands on '
+                                  f'{publisher.topic_name}; playback is stopped')
             publisher.publish(message.data)
             self.counts[publisher.topic_name] += 1
 

@@ -196,15 +196,15 @@ def ask(ros: TemporaryNode, service: str, patience: float) -> Trigger.Response:
     """
     client = ros.node.create_client(Trigger, service)
     if not until(ros, client.service_is_ready, patience):
-        raise DataError(f'{service} is not there after {patience:g} s; start its node with '
+        raise DataError(f'{service} was not found within {patience:g} s; start its node with '
                         'the same ROS_DOMAIN_ID and --namespace')
     # from where the service is known here until this client is known there, without which its
     # answer is lost: three times what Fast DDS waits by itself [s]
     ros.spin(0.3)
     answer = client.call_async(Trigger.Request())
     if not until(ros, answer.done, patience):
-        raise DataError(f'{service} has not answered within {patience:g} s, and may have done '
-                        'what was requested; forcecal status shows it')
+        raise DataError(f'{service} did not answer within {patience:g} s, but may have executed '
+                        'the request; check with forcecal status')
     response: Trigger.Response = answer.result()
     return response
 

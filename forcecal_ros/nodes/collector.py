@@ -83,7 +83,7 @@ class Collector:
             There is no sample of the wrench or the pose.
         """
         if not self._stamps['wrench'] or not self._stamps['pose']:
-            raise DataError('no wrench or no pose was received; look at the topics')
+            raise DataError('no wrench or no pose was received; check topics and drivers')
         start = min(min(stamps) for stamps in self._stamps.values() if stamps)
         wrench = self._stream('wrench', start)
         assert wrench is not None

@@ -15,7 +15,7 @@ TABLES: Mapping[str, tuple[tuple[Parameter, ...], str]] = {
     'observer': (observer.PARAMETERS, 'Parameters of the observer, at their defaults.'),
     'sequencer': (sequencer.PARAMETERS,
                   ('Parameters of the sequencer, at their defaults: those of the nominal rig. '
-                   'Before the first start on a robot of your own set limits.*, poses.* and '
+                   'Before the first start on your robot, set limits.*, poses.* and '
                    'wrench.sign.')),
     'sim': (sim.PARAMETERS, ("Parameters of the simulated rig's node, at their defaults; the rig "
                              'itself is in rig.yaml.')),

@@ -121,7 +121,7 @@ class _Demo:
         """Call a service and wait for its answer."""
         self.wait(client.service_is_ready, START_TIMEOUT, f'service {client.srv_name}')
         future = client.call_async(request)
-        self.wait(future.done, PATIENCE, f'an answer of {client.srv_name}')
+        self.wait(future.done, PATIENCE, f'an answer from {client.srv_name}')
         return future.result()
 
     def run_sequence(self, name: str) -> float:
@@ -195,6 +195,6 @@ def run_demo(accelerometer: str, out: Path, seed: int, progress: Progress) -> tu
         demo.wait(lambda: bool(demo.calibration), PATIENCE, 'the calibration')
         received = demo.count('contact_wrench')
         demo.wait(lambda: demo.count('contact_wrench') > received + 500, PATIENCE,
-                  'the observer taking over the calibration')
+                  'the use of the calibration by the observer')
         demo.run_sequence('contact')
         return demo.calibration, duration

@@ -28,13 +28,13 @@ from std_srvs.srv import Trigger
 PARAMETERS = (
     EXECUTOR,
     Parameter('rig', '', 'Rig file (YAML) to compare with; empty: the nominal rig'),
-    Parameter('accelerometer.mounted', '', 'Which accelerometer is mounted; empty: as the rig '
-              'file states', choices=('', 'acc1', 'acc2')),
+    Parameter('accelerometer.mounted', '', 'Mounted accelerometer; empty: that of the rig file',
+              choices=('', 'acc1', 'acc2')),
     inputs.ACCELEROMETER_SOURCE,
     Parameter('optidrive.joint', 'optidrive', 'Name in the JointState of the compliant tool'),
     *inputs.POSE_PARAMETERS,
     inputs.WRENCH_SIGN,
-    Parameter('delay', 0.3, 'Greatest delay with which samples arrive', 's', low=0.05, high=5.0),
+    Parameter('delay', 0.3, 'Largest transport delay of samples', 's', low=0.05, high=5.0),
 )
 
 KEPT = 2 * SECOND
@@ -79,7 +79,7 @@ class Gap(ReceivingNode):
         self._origin = 0
         self._announced = ''
         self._collector.clear()
-        return 'begins anew with the next command'
+        return 'restarts with the next command'
 
     def _judge(self) -> None:
         missing = self._missing()
@@ -129,15 +129,15 @@ class Gap(ReceivingNode):
             self._report('ok', 'learning the noise, at rest', values)
         elif found.stage:
             worst = max(found.channels, key=lambda name: found.excess.get(name, 0.0))
-            self._report('error', f'{found.first}: {worst} is out of the noise by '
-                         f'{found.excess[worst]:.2g} of its RMS', values)
+            self._report('error', f'{found.first}: {worst} exceeds its noise by '
+                         f'{found.excess[worst]:.2g} noise RMS', values)
         elif found.first:
-            self._report('warn', f'{found.first} has left the noise', values)
+            self._report('warn', f'{found.first} has exceeded the noise', values)
         else:
             self._report('ok', 'within the noise', values)
         if found.first != self._announced:
             self._announced = found.first
-            self.get_logger().warning(f'{found.first} leaves the noise: '
+            self.get_logger().warning(f'{found.first} exceeds the noise: '
                                       f'{", ".join(found.channels)}')
 
     def _report(self, level: str, message: str, values: dict[str, object]) -> None:

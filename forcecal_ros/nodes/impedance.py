@@ -31,7 +31,7 @@ WATCH = WatchSettings(pause_timeout=0.025, lost_timeout=0.029, frozen_timeout=0.
 62 ms of ``limits.stop_duration``."""
 
 _DESCRIPTIONS = {
-    'jerk': 'Largest jerk; a measured one above it times limits.overspeed stops',
+    'jerk': 'Largest jerk; the motion stops above limits.overspeed times this',
     'torque': 'Norm of the contact torque above which the motion stops',
 }
 """Of limits that mean something else here, where nothing is planned before the start."""
@@ -43,14 +43,14 @@ PARAMETERS = (
           '', 1, 100_000),
     *parameters_of('task', Task()),
     *parameters_of('impedance', TargetImpedance()),
-    Parameter('plant', '', 'File of forcecal fit-rig --for impedance, the robot and its tool; '
-              'empty: those of the nominal rig'),
+    Parameter('plant', '', 'Model of robot and tool, a file of forcecal fit-rig --for impedance; '
+              'empty: that of the nominal rig'),
     *parameters_of('design', _DESIGN, 'latency', 'effort'),
     _live('design.softest_wall', _DESIGN.wall_stiffness[0], 'Softest wall against which the loop '
           'must be stable to start', 'N/m', 0.1, 1e7),
     _live('design.stiffest_wall', _DESIGN.wall_stiffness[1], 'Stiffest wall against which the '
           'loop must be stable to start', 'N/m', 0.1, 1e7),
-    _live('design.state_gain', [0.0], 'L of the control law; zeros: the optimal one'),
+    _live('design.state_gain', [0.0], 'L of the control law; [0.0]: the optimal one'),
     *parameters_of('design', _DESIGN, 'force_gain', 'position_gain'),
     *parameters_of('limits', Bounds(), 'speed', 'acceleration', 'force', 'free_force', 'margin',
                    'deviation', 'stop_duration', 'retract', 'withdraw', 'touch'),

@@ -27,7 +27,7 @@ from std_msgs.msg import Header
 
 SENSOR_FROM_POSE = Parameter(
     'sensor.from_pose', [0.0], 'x y z [m] qx qy qz qw of ft_sensor in the frame whose pose is '
-    'measured and commanded, a flange or TCP; one number: the same frame')
+    'measured and commanded, e.g. a flange or TCP; [0.0]: that frame is ft_sensor')
 
 ACCELEROMETER_SOURCE = Parameter(
     'accelerometer.source', 'raw', 'Topic of the accelerometer: accelerometer/raw in volts, '
@@ -38,20 +38,20 @@ WRENCH_SIGN = Parameter('wrench.sign', 1, '-1 for a driver that reports the wren
 
 COMMAND_PARAMETERS = (
     Parameter('motion.frame', '',
-              'frame_id of commands, that of current_pose; empty: taken from there'),
-    Parameter('motion.deadman_timeout', 0.0, 'Silence of the topic deadman that stops a motion; '
+              'frame_id of commands, the same as of current_pose; empty: copied from it'),
+    Parameter('motion.deadman_timeout', 0.0, 'Timeout of the topic deadman that stops a motion; '
               '0: no dead-man switch', 's', 0.0, 10.0))
 
 POSE_PARAMETERS = (
     Parameter('pose.base', '',
-              'Frame of /tf that poses are given in, with pose.frame; both empty: '
+              'Base frame of poses from /tf or pose.urdf, with pose.frame; both empty: '
               'poses are those of current_pose'),
     Parameter('pose.frame', '',
-              'Frame of /tf whose pose is taken, at the rate of the slowest moving '
+              'Frame whose pose is read, from /tf at the rate of the slowest moving '
               'transform; if it is not ft_sensor, set sensor.from_pose'),
     Parameter('pose.urdf', '',
               'URDF of the robot, a file or its text, for poses from joint_states; '
-              'empty: from /tf'),
+              'empty: poses from /tf'),
     SENSOR_FROM_POSE)
 
 STATIC = QoSProfile(depth=100, reliability=LATCHED.reliability, durability=LATCHED.durability)
@@ -136,7 +136,7 @@ def pose_source(node: Node) -> Input:
     if not (base and frame):
         empty, other = ('frame', 'base') if base else ('base', 'frame')
         given = 'pose.urdf is given' if urdf else f'pose.{other} is {base or frame!r}'
-        raise ConfigError(f'pose.{empty} is empty, and {given}; name both '
+        raise ConfigError(f'pose.{empty} is empty, but {given}; set pose.base and pose.frame to '
                           f'{"links of the URDF" if urdf else "frames of /tf"}')
     if urdf:
         return _of_joints(node, base, frame, urdf)
@@ -166,8 +166,8 @@ def _of_joints(node: Node, base: str, frame: str, urdf: str) -> Input:
         text = urdf.encode() if source != urdf else Path(urdf).read_bytes()
         poses = JointPose(Description(text, source), base, frame, 'pose', source)
     except OSError as error:
-        raise ConfigError(f'pose.urdf {urdf}: cannot be read ({error.strerror}); name a URDF '
-                          'that is there') from error
+        raise ConfigError(f'pose.urdf {urdf}: cannot be read ({error.strerror}); name an '
+                          'existing URDF') from error
     except DataError as error:
         raise ConfigError(f'pose.urdf: {error}') from error
     joints = JointsReader(poses.drivers)

@@ -34,7 +34,7 @@ def preset_arguments() -> list[LaunchDescriptionEntity]:
         DeclareLaunchArgument('robot', default_value='', choices=['', *ROBOTS],
                               description='preset of topics and parameters'),
         DeclareLaunchArgument('controller', default_value='', choices=['', *CONTROLLERS],
-                              description='preset of what moves the robot')]
+                              description='preset of the controller that moves the robot')]
 
 
 def common_arguments() -> list[LaunchDescriptionEntity]:
@@ -44,9 +44,9 @@ def common_arguments() -> list[LaunchDescriptionEntity]:
                                 description=f'topic: {what}')
           for name, (topic, what) in TOPICS.items()),
         DeclareLaunchArgument('namespace', default_value='',
-                              description='of all nodes, and of the topics that are relative'),
+                              description='namespace of all nodes and relative topics'),
         DeclareLaunchArgument('use_sim_time', default_value='false', choices=['true', 'false'],
-                              description='take the time from /clock, which the simulated rig '
+                              description='use the time of /clock, which the simulated rig '
                                           'publishes if it runs'),
         DeclareLaunchArgument('sim', default_value='false', choices=['true', 'false'],
                               description='run the simulated rig in place of a robot'),
@@ -63,7 +63,7 @@ class PresetTopic(Substitution):  # type: ignore[misc]
 
     def describe(self) -> str:
         """Return what ``--show-args`` shows."""
-        return f"'{self._usual}', or as robot and controller say"
+        return f"'{self._usual}', or that of robot or controller"
 
     def perform(self, context: LaunchContext) -> str:
         """Return the name."""
@@ -95,7 +95,7 @@ def parameters_argument(node: str) -> DeclareLaunchArgument:
     return DeclareLaunchArgument(
         f'{node}_params',
         default_value=PresetFile(node, 'controller', 'robot'),
-        description=f'parameter file of {node}; its values count, then controller, then robot')
+        description=f'parameter file of {node}; overrides controller, which overrides robot')
 
 
 def node(name: str, *parameters: dict[str, object], only_if: str = '') -> Node:

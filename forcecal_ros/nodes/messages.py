@@ -52,19 +52,19 @@ def read_tool(message: InertiaStamped, frame: str) -> ToolInUse:
     """
     inertia, named = message.inertia, message.header.frame_id
     if named not in ('', frame):
-        raise DataError(f'{TOPIC} is given in {named!r}, expected {frame!r}; not taken')
+        raise DataError(f'{TOPIC} is ignored: its frame_id is {named!r}, expected {frame!r}')
     com = np.array([inertia.com.x, inertia.com.y, inertia.com.z])
     if not (isfinite(inertia.m) and inertia.m > 0 and np.isfinite(com).all()):
-        raise DataError(f'{TOPIC}: mass {inertia.m} kg at {com.tolist()} m is no tool, expected '
-                        'the finite mass above 0 of all that hangs on the sensor; not taken')
+        raise DataError(f'{TOPIC} is ignored: mass {inertia.m} kg at {com.tolist()} m; publish '
+                        'the finite mass above 0 of everything mounted on the sensor')
     J = np.empty((3, 3))
     for i, j in PAIRS:
         J[i, j] = J[j, i] = getattr(inertia, f'i{"xyz"[i]}{"xyz"[j]}')
     if np.isnan(J).any() or not J.any():
         return ToolInUse(inertia.m, com)
     if not np.isfinite(J).all() or np.linalg.eigvalsh(J)[0] < 0:
-        raise DataError(f'{TOPIC}: the inertia is none, {J.tolist()}; leave it NaN where it is '
-                        'not known; not taken')
+        raise DataError(f'{TOPIC} is ignored: the inertia {J.tolist()} kg m^2 is not physical; '
+                        'set it to NaN if it is unknown')
     return ToolInUse(inertia.m, com, J)
 
 

@@ -214,7 +214,7 @@ class MotionNode(ReceivingNode):
         self.create_timer(0.02, self._watch_clock, clock=STEADY)
         self.create_timer(1.0, self._report, clock=STEADY)
         self._publish_phase()
-        self.get_logger().info(f'ready: {self.get_name()}/start begins')
+        self.get_logger().info(f'ready: call {self.get_name()}/start')
 
     # What each node adds --------------------------------------------------------------------
 
@@ -347,8 +347,8 @@ class MotionNode(ReceivingNode):
         self._inbox.drain()
         steady, ros = STEADY.now().nanoseconds, self.get_clock().now().nanoseconds
         if self._simulated and ros == 0:
-            raise DataError('/clock: nothing received, and use_sim_time is set; start what '
-                            'publishes it')
+            raise DataError('/clock: nothing received, and use_sim_time is set; start its '
+                            'publisher')
         monitor.tick(steady * 1e-9)
         monitor.begin(ros * 1e-9)
         if others := self._guard.others():
@@ -372,7 +372,7 @@ class MotionNode(ReceivingNode):
     def _on_abort(self, request: Trigger.Request, response: Trigger.Response
                   ) -> Trigger.Response:
         response.success = self._abort(Fault(f'requested by {self.get_name()}/abort'))
-        response.message = 'stopping' if response.success else 'nothing is under way'
+        response.message = 'stopping' if response.success else 'no motion is under way'
         return response
 
     def _abort(self, fault: Fault) -> bool:
@@ -393,7 +393,7 @@ class MotionNode(ReceivingNode):
 
     def halt(self) -> None:
         """Come to rest now, after an error; what is received counts no more."""
-        self._abort(Fault(f'an error ends the {self.get_name()} node'))
+        self._abort(Fault(f'the {self.get_name()} node terminates after an error'))
         while self._stream is not None and self._step(self._stream):
             sleep(self._period_ns / SECOND)
 

@@ -58,68 +58,69 @@ PARAMETERS = (
               'lifecycle manager'),
     _live('calibration.file', '', 'calibration.yaml to load when configured; empty: wait for '
           'sequencer/calibration'),
-    _live('calibration.max_age', 0.0, 'A file whose recording is older is refused; 0: of '
-          'any age', 'd', 0.0, 36500.0),
+    _live('calibration.max_age', 0.0, 'Largest age of the recording of calibration.file; 0: any',
+          'd', 0.0, 36500.0),
     Parameter('calibration.follow', True, 'Use each calibration that the sequencer publishes '
               'while running'),
-    Parameter('tools', '', 'Folder of calibrations of one sensor with one tool each, NAME.yaml'),
+    Parameter('tools', '', 'Folder of calibrations of the same sensor, one NAME.yaml per tool'),
     _live('tool', '',
-          'NAME in tools of the tool on the sensor; the bias stays at a change; '
-          'empty: that of the calibration; tracked: that of observer/tool, or with payload.track '
+          'NAME in tools of the mounted tool; the bias is kept at a change; '
+          'empty: that of the calibration; tracked: that of observer/tool or, with payload.track, '
           "the node's own estimate"),
     Parameter('payload.track',
-              False, 'Estimate mass and centre of mass while the robot works, and '
-              'publish observer/tool'),
+              False, 'Track changes of the mass and centre of mass of the tool, and '
+              'publish them on observer/tool'),
     Parameter('payload.largest', 0.0, "Largest payload that is expected; 0: the tool's own mass",
               'kg', 0.0, 1e4),
     Parameter('payload.floor_force', PayloadSettings().floor[0], 'Residual force in free '
               'motion, averaged over 0.2 s', 'N', 0.0, 1e3),
-    Parameter('payload.floor_torque', PayloadSettings().floor[1], 'The same for the torque', 'N m',
-              0.0, 1e3),
-    Parameter('accelerometer.source', 'auto', 'accelerometer/raw (volts), imu/data_raw or accel '
-              '(m/s^2); auto: by the unit of the calibration',
+    Parameter('payload.floor_torque', PayloadSettings().floor[1], 'Residual torque in free '
+              'motion, averaged over 0.2 s', 'N m', 0.0, 1e3),
+    Parameter('accelerometer.source', 'auto', 'Topic accelerometer/raw in volts, imu/data_raw or '
+              'accel in m/s^2; auto: by the unit of the calibration',
               choices=('auto', *inputs.ACCELEROMETERS, 'none')),
     *inputs.POSE_PARAMETERS[:-1],
     inputs.SENSOR_FROM_POSE._replace(
-        description='x y z [m] qx qy qz qw of ft_sensor in the frame whose pose is measured; one '
-        'number: as the calibration states'),
+        description='x y z [m] qx qy qz qw of ft_sensor in the frame whose pose is measured; '
+        '[0.0]: that of the calibration'),
     Parameter('poll_rate', 0.0,
-              'Rate at which topics are polled: half the load, and half a period '
-              'more latency; 0: each message is taken at once', 'Hz', 0.0, 2000.0),
+              'Rate of polling topics, which halves the load and adds half a period of '
+              'latency; 0: process each message on arrival', 'Hz', 0.0, 2000.0),
     Parameter('optidrive.joint', 'optidrive', 'Name in the JointState of the compliant tool; '
               'empty: no such sensor'),
-    Parameter('publish.inertial_wrench', False, 'Publish observer/inertial_wrench, of the '
-              "tool's weight and inertia"),
+    Parameter('publish.inertial_wrench', False, 'Publish observer/inertial_wrench, the wrench of '
+              "the tool's weight and inertia"),
     Parameter('publish.innovation', False, 'Publish observer/innovation'),
     Parameter('publish.frames', [''],
               'Publish observer/contact_wrench/FRAME in each of these frames, '
               'about its origin'),
-    Parameter('publish.frame_poses', [0.0], 'x y z [m] qx qy qz qw of each of them in ft_sensor; '
-              'none for the last if it is the frame of current_pose'),
+    Parameter('publish.frame_poses', [0.0], 'x y z [m] qx qy qz qw of each of publish.frames in '
+              'ft_sensor; omit it for the last one if that is the frame of current_pose'),
     Parameter('publish.marker_rate', 20.0,
               'Rate of observer/markers, which draws the contact force '
-              'and its uncertainty for its subscribers; 0: never', 'Hz', 0.0, 100.0),
-    Parameter('publish.transform', False, 'Publish ft_sensor on /tf by current_pose; requires '
-              'tf2_msgs'),
+              'and its uncertainty; 0: never', 'Hz', 0.0, 100.0),
+    Parameter('publish.transform', False, 'Publish the pose of ft_sensor from current_pose on '
+              '/tf; requires tf2_msgs'),
     _live('observer.mode', '',
-          'Observer that publishes; empty: as the calibration states', choices=('', *MODES)),
+          'Observer that publishes; empty: that of the calibration', choices=('', *MODES)),
     *parameters_of('observer', ObserverSettings(), 'bandwidth_hz', 'contact_walk',
                    'bandwidth_min_hz', 'bandwidth_max_hz', 'adaptive', 'offset',
                    'accelerometer_timeout', 'pose_timeout', 'skew'),
     _live('gravity.filter', 'none',
-          'Filter that publishes instead: ukf and ekf estimate the biases, too, static '
-          'filters nothing; none: the observer',
+          'Filter that replaces the observer: ukf and ekf also estimate the biases, static '
+          'does not filter; none: the observer',
           choices=('none', *(name for name in FILTERS if name not in MODES))),
-    _live('limits.force', 0.0, 'End of the force sensor range per axis; 0: unknown', 'N',
+    _live('limits.force', 0.0, 'Measuring range of the force per axis; 0: unknown', 'N',
           0.0, 1e6),
-    _live('limits.torque', 0.0, 'End of the torque range per axis; 0: unknown', 'N m', 0.0, 1e5),
-    _live('limits.accelerometer', 0.0, 'End of the accelerometer range about zero, in its unit; '
-          '0: unknown', '', 0.0, 1e5),
-    _live('tare.duration', 0.5, 'Duration at rest over which a tare averages, at least 20 '
-          'samples', 's', 0.1, 10.0),
-    _live('takeover.duration', 0.5, 'Fade-in of a new calibration or setting',
+    _live('limits.torque', 0.0, 'Measuring range of the torque per axis; 0: unknown', 'N m', 0.0,
+          1e5),
+    _live('limits.accelerometer', 0.0, 'Measuring range of the accelerometer about zero, in its '
+          'unit; 0: unknown', '', 0.0, 1e5),
+    _live('tare.duration', 0.5, 'Averaging time of a tare at rest, at least 20 samples',
+          's', 0.1, 10.0),
+    _live('takeover.duration', 0.5, 'Fade-in time of a new calibration or setting',
           's', 0.01, 10.0),
-    _live('stale_timeout', 0.5, 'Silence after which /diagnostics calls a sensor stale', 's',
+    _live('stale_timeout', 0.5, 'Timeout after which /diagnostics reports a sensor stale', 's',
           0.01, 60.0),
 )
 
@@ -279,7 +280,7 @@ class Observer(ManagedNode):
         self._reset()
         self._tool.restart()
         self._active = True
-        self.get_logger().info('up: answers every wrench on observer/contact_wrench')
+        self.get_logger().info('up: publishes observer/contact_wrench for each wrench')
         answer = super().on_activate(state)
         self._tell_accuracy()
         return answer
@@ -298,7 +299,7 @@ class Observer(ManagedNode):
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Release all after an exception in a transition, which rclpy keeps to itself."""
-        self.get_logger().error('a transition has failed; the observer is unconfigured')
+        self.get_logger().error('a lifecycle transition failed; the observer is unconfigured')
         self._release()
         return TransitionCallbackReturn.SUCCESS
 
@@ -320,8 +321,8 @@ class Observer(ManagedNode):
         path = Path(self._value('calibration.file')).expanduser()
         if tool:
             if not self._value('tools') or Path(tool).name != tool:
-                raise ConfigError(f'tool {tool}: name the folder of calibrations in tools, and '
-                                  'one of its files in tool, without .yaml')
+                raise ConfigError(f'tool {tool} is not found; set tools to the folder of '
+                                  'calibrations, and tool to a file name in it, without .yaml')
             path = Path(self._value('tools')).expanduser() / f'{tool}.yaml'
         calibration = load(path)
         if self._value('calibration.max_age') > 0:
@@ -338,7 +339,7 @@ class Observer(ManagedNode):
         try:
             self._take_over(self._parse())
         except ForcecalError as error:
-            self.get_logger().error(with_id(error, f'not taken over: {error}'))
+            self.get_logger().error(with_id(error, f'not used: {error}'))
 
     def _take_over(self, source: CalibrationSource, same_sensor: bool = False) -> None:
         """Use another calibration, faded in where one is in use; the same sensor keeps a bias."""
@@ -378,9 +379,9 @@ class Observer(ManagedNode):
             now, then = self._source.calibration, source.calibration
             if (now.sensor_frame, now.wrench_sign) != (then.sensor_frame, then.wrench_sign):
                 raise ConfigError(
-                    f'tool {tool}: {source.name} is of {then.sensor_frame!r} with sign '
-                    f'{then.wrench_sign}, in use is {now.sensor_frame!r} with {now.wrench_sign}; '
-                    'calibrate both on one sensor')
+                    f'tool {tool}: {source.name} is for {then.sensor_frame!r} with sign '
+                    f'{then.wrench_sign}, the calibration in use for {now.sensor_frame!r} with '
+                    f'{now.wrench_sign}; calibrate both on one sensor')
             accelerometer_for(then, self._value('accelerometer.source'))
         return source
 
@@ -466,7 +467,7 @@ class Observer(ManagedNode):
         if model is None or self._source is None:
             raise DataError('there is no calibration yet; run the sequencer')
         if 'wrench' in self._silent() or 'wrench' not in self._received:
-            raise DataError('wrench: nothing received; is its driver running?')
+            raise DataError('wrench: nothing received; start its driver')
         result = self._chain.tare(model, noise_levels(self._source.calibration.noise))
         shift = ', '.join(f'{x:.3f}' for x in result.shift)
         return f'bias shifted by {shift} (N, N m) until the next calibration'
@@ -476,7 +477,7 @@ class Observer(ManagedNode):
         if self._frames is not None:
             self._frames.forget()
         self._origin = None
-        return 'the filter starts anew'
+        return 'the filter is restarted'
 
     def _reload(self) -> str:
         source = self._named(file_of(self._value('tool')))

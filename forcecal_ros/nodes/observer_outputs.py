@@ -48,7 +48,7 @@ class FrameOutputs:
             self._frames.note(t, pose)
         elif base:
             self._node.get_logger().warning(
-                f'publish.frames: no topic gives where {base!r} is, for current_pose is in '
+                f'publish.frames: the pose of {base!r} is unknown, as current_pose is in '
                 f'{frame!r}; give its pose in publish.frame_poses',
                 once=True)
 
@@ -77,8 +77,8 @@ class SensorTransform:
 
     def __init__(self, node: ManagedNode, topic: str) -> None:
         if topic == '/tf':
-            raise ConfigError('publish.transform: poses are taken from /tf already (pose.base, '
-                              'pose.frame); leave it false')
+            raise ConfigError('publish.transform is set, but poses already come from /tf '
+                              '(pose.base, pose.frame); set it to false')
         self._type: Any = transform_type('publish.transform publishes ft_sensor on /tf')
         self._node, self._last = node, 0
         self._out = node.create_lifecycle_publisher(self._type, '/tf', OUTPUT)
@@ -193,7 +193,7 @@ class ToolOnSensor:
             return {}, ''
         values: dict[str, object] = {'mass subtracted [kg]': model.load.m}
         if self._in is not None and self._message is None:
-            return values, (f'tool: nothing received on {messages.TOPIC}; the calibrated one is '
+            return values, (f'tool: nothing received on {messages.TOPIC}; the calibrated tool is '
                             'subtracted')
         if tracker is None:
             return values, ''
@@ -216,14 +216,14 @@ def tool_warning(found: ToolEstimate, in_use: float) -> str:
     suspected = isfinite(found.suspected)
     if suspected and found.state == NOT_EXCITED:
         by = quantity(found.suspected, found.suspected_std, 'kg')
-        return f'tool: may have changed by {by}, or something pushes; turn it to tell'
+        return f'tool: may have changed by {by}, or is pushed; rotate it to distinguish the two'
     if suspected and found.state == FROZEN:
-        return 'tool: a steady force that is no weight; it is not taken for a tool'
+        return 'tool: a steady force is not a weight; it is not added to the tool'
     # standard errors by which a tracked mass differs from the one in use
     # before it is called another
     if found.state == TRACKING and abs(found.mass - in_use) > max(
             3.0 * found.mass_std, 0.01 * in_use):
-        return (f'tool: {quantity(found.mass, found.mass_std, "kg")} are on the sensor, '
+        return (f'tool: {quantity(found.mass, found.mass_std, "kg")} are on the sensor, but '
                 f'{size(in_use, "kg", 4)} are subtracted; set tool: {TRACKED}')
     return ''
 
@@ -260,8 +260,9 @@ def health(active: bool, calibrated: str | None, received: Mapping[str, LastMess
     warnings = [*(f'{topic}: nothing received' for topic in silent), *more]
     frame = received['wrench'].frame
     if frame and frame != calibrated:
-        warnings.append(f'wrench is of {frame!r}, the calibration of {calibrated!r}: is it '
-                        'the same sensor?')
+        warnings.append(f'wrench: its frame_id is {frame!r}, but the calibration is for '
+                        f'{calibrated!r}; if {frame!r} is another frame or sensor, '
+                        'calibrate in it')
     grade = level(status)
     if warnings and grade == 'ok':
         grade = 'warn'

@@ -79,7 +79,7 @@ SECOND = 1_000_000_000
 
 EXECUTOR = Parameter(
     'executor', 'events',
-    'Executor of the node; events takes half the time of single or less',
+    'Executor of the node; events needs at most half the processor time of single',
     choices=('events', 'single'))
 
 
@@ -159,7 +159,7 @@ def run(name: str, make_node: Callable[[], Node], table: Sequence[Parameter] = (
         print(usage(name, table))
         return 0
     if extra:
-        print(f'{name}: unknown argument {extra[0]}; parameters go behind --ros-args, as '
+        print(f'{name}: unknown argument {extra[0]}; give parameters after --ros-args, as '
               '-p name:=value or --params-file FILE', file=sys.stderr)
         return 2
     interrupt = Interrupt()
@@ -207,12 +207,12 @@ def check_parameter_files(arguments: Sequence[str]) -> None:
         try:
             document = load_yaml(Path(name).read_bytes(), name, largest=1 << 24)
         except OSError as error:
-            raise ConfigError(f'{name}: cannot be read ({error.strerror}); name a parameter file '
-                              'that is there') from error
+            raise ConfigError(f'{name}: cannot be read ({error.strerror}); name an existing '
+                              'parameter file') from error
         twice = [key for key, count in Counter(_keys(document)).items() if count > 1]
         if twice:
             raise ConfigError(f'{name}: {twice[0].partition("ros__parameters.")[2]} is given '
-                              'twice, with a dot and below its group; keep one')
+                              'twice, with a dot and in its group; keep one')
 
 
 def _keys(document: Any, prefix: str = '') -> Iterator[str]:
@@ -459,7 +459,7 @@ def _refuse_unknown(node: Node, known: Iterable[str]) -> None:
         raise ConfigError(
             f'unknown parameter {", ".join(unknown)}; '
             + (f'did you mean {close[0]}?' if close else
-               f'config/{node.get_name()}.yaml lists all of this node'))
+               f'config/{node.get_name()}.yaml lists all parameters of this node'))
 
 
 def refuse_changes(node: Node, check: Callable[[dict[str, Any]], object]) -> None:
@@ -502,7 +502,7 @@ def _check(row: Parameter, value: Any) -> None:
 def _explain(row: Parameter, given: object) -> str:
     one = row.default[0] if isinstance(row.default, list) else row.default
     kind = 'list of ' * isinstance(row.default, list) + type(one).__name__
-    more = [*(['written with a point'] if type(one) is float else []), row.row.range()]
+    more = [*(['with a decimal point'] if type(one) is float else []), row.row.range()]
     quotes = [f"; write '{word}' in quotes" for word in row.choices
               if word and load_yaml(word, row.name) is given]
     return ', '.join((f'parameter {row.name} is {given!r}, expected a {kind}',

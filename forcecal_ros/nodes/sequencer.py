@@ -65,8 +65,8 @@ _SETTLE = ('window', 'factor', 'force_floor', 'torque_floor', 'position_floor')
 PARAMETERS = (
     EXECUTOR,
     _live('sequence', 'calibrate', 'Sequence that a start runs', choices=tuple(SEQUENCES)),
-    _live('motion.sequence', 'poses', 'How calibrate moves. poses: to each pose, at rest in it, '
-          'and a step; continuous: 10 s of smooth motion in all axes about the present pose',
+    _live('motion.sequence', 'poses', 'Motion of calibrate. poses: rest in each pose, then a '
+          'step; continuous: 10 s of smooth motion in all axes about the present pose',
           choices=('poses', 'continuous')),
     _live('poses.names', list(nominal_poses()), 'Names of the poses in their order; the step is '
           'made in the first'),
@@ -79,8 +79,8 @@ PARAMETERS = (
     *parameters_of('watch', _WATCH, 'pause_timeout', 'most_pauses', 'lost_timeout',
                    'frozen_timeout', 'max_age', 'clock_timeout'),
     *parameters_of('settle', _WATCH, *_SETTLE),
-    _live('settle.timeout', StreamSettings().settle_timeout, 'Time after a move in which the '
-          'tool must become still', 's', 0.5, 120.0),
+    _live('settle.timeout', StreamSettings().settle_timeout, 'Time within which the tool must '
+          'come to rest after a move', 's', 0.5, 120.0),
     Parameter('motion.backend', 'target_frame', 'Topic and type of the commands',
               choices=('target_frame', 'joint_trajectory', 'delta_twist_cmds')),
     Parameter('motion.rate', 250.0, 'Rate of the commands', 'Hz', 100.0, 250.0),
@@ -95,7 +95,7 @@ PARAMETERS = (
     *inputs.POSE_PARAMETERS,
     inputs.WRENCH_SIGN,
     Parameter('wrench.matrix_file', '', 'calibration.yaml of forcecal insitu, whose matrix '
-              'converts raw channels to a wrench; empty: wrench is one'),
+              'converts raw channels to a wrench; empty: wrench is not raw'),
     inputs.ACCELEROMETER_SOURCE,
     _live('accelerometer.coupling', 'dc', 'ac for a sensor that does not measure a constant '
           'acceleration', choices=COUPLINGS),
@@ -114,9 +114,9 @@ PARAMETERS = (
     _live('observer.design', 'kalman', "Design of the paper's gain", choices=DESIGNS),
     _live('observer.poles', [-30.0, -40.0], "Poles of the observer's error with the design poles",
           '1/s'),
-    _live('save.path', 'calibration.yaml', 'File that save_calibration writes; an existing one is '
-          'kept with a ~'),
-    _live('save.automatic', False, 'Whether every calibration is written at once'),
+    _live('save.path', 'calibration.yaml', 'File that save_calibration writes; an earlier one is '
+          'kept as FILE~'),
+    _live('save.automatic', False, 'Whether every calibration is saved automatically'),
 )
 
 
@@ -200,11 +200,11 @@ def _joint_vectors(names: list[str], value: Mapping[str, Any]
             f'numbers in joints.values and {len(joints)} in joints.away, got {len(vectors)} and '
             f'{len(away)}')
     if not (np.isfinite(vectors).all() and np.isfinite(away).all()):
-        raise ConfigError('joints.values or joints.away holds a number that is not finite')
+        raise ConfigError('joints.values or joints.away has a number that is not finite')
     return dict(zip(names, vectors.reshape(len(names), -1))), away
 
 
-AGAIN = 'call sequencer/preview and look at sequencer/planned_path'
+AGAIN = 'call sequencer/preview and check sequencer/planned_path'
 
 
 class Preview(NamedTuple):
@@ -228,7 +228,7 @@ class Preview(NamedTuple):
             Nothing was shown, a parameter has changed since, or the robot has moved.
         """
         if shown is None:
-            raise MotionError(f'motion.require_preview is set and nothing was shown yet; {AGAIN}')
+            raise MotionError(f'motion.require_preview is set, but no preview was made; {AGAIN}')
         changed = [name for name, value in self.parameters.items()
                    if value != shown.parameters[name]]
         if changed:
@@ -308,7 +308,7 @@ class Sequencer(MotionNode):
         if not name:
             return None, None
         if self.get_parameter('wrench.sign').value != 1:
-            raise ConfigError('wrench.matrix_file gives wrenches of the right sign already; '
+            raise ConfigError('wrench.matrix_file already gives wrenches of the right sign; '
                               'set wrench.sign to 1')
         source = load(FilePath(name).expanduser())
         return source, required_sensor_matrix(source, name)

@@ -45,7 +45,7 @@ PREFIX = 'fault.'
 
 def _row(name: str, what: str, kinds: dict[str, str]) -> Parameter:
     meaning = '; '.join(f'{word}: {meaning}' for word, meaning in kinds.items())
-    return Parameter(PREFIX + name, 'none', f'Fault of {what}, at once. {meaning}',
+    return Parameter(PREFIX + name, 'none', f'Fault of {what}, applied at once. {meaning}',
                      choices=tuple(kinds), live=True)
 
 
@@ -129,18 +129,18 @@ class Faults:
 PARAMETERS = (
     EXECUTOR,
     Parameter('rig', '', 'Rig file (YAML); empty: the nominal rig'),
-    Parameter('accelerometer', '', 'Which accelerometer is mounted; empty: as the rig file states',
+    Parameter('accelerometer', '', 'Mounted accelerometer; empty: that of the rig file',
               choices=('', 'acc1', 'acc2')),
-    Parameter('seed', -1, 'Seed of the noise; -1: another one at each start', low=-1, high=2**31),
+    Parameter('seed', -1, 'Seed of the noise; -1: random at each start', low=-1, high=2**31),
     Parameter('noise', True, 'Whether the sensors are noisy'),
     Parameter('speed', 1.0,
               'Simulated seconds per second; if not 1, /clock is published', low=0.1, high=20.0),
     Parameter('clock.publish', False,
               "Publish /clock; otherwise a rig with use_sim_time requires another node's /clock"),
     Parameter('clock.wait', 0.0,
-              'Longest wait of /clock for the next command, on a busy computer', 's', 0.0, 10.0),
+              'Longest wait of /clock for a command, on a busy computer', 's', 0.0, 10.0),
     Parameter('latency', 0.004,
-              'Delay of the simulation, for commands to arrive; not in stamps', 's', 0.0, 0.1),
+              'Delay of the simulation to let commands arrive, not in stamps', 's', 0.0, 0.1),
     Parameter('imu.publish', False, 'Also publish imu/data_raw, scaled specific force'),
     Parameter('frames.base', 'base', 'frame_id of poses; commands in another frame are ignored'),
     Parameter('frames.sensor', 'ft_sensor', 'frame_id of wrenches'),
@@ -161,8 +161,8 @@ class Sim(ReceivingNode):
         value = self._values()
         self._rig = load_rig(Path(value['rig']) if value['rig'] else None)
         if waits_for_compiler():
-            self.get_logger().info('compiling the simulator for this computer, some ten seconds; '
-                                   'only the first run waits for that')
+            self.get_logger().info('compiling the simulator; this takes about 10 s, on the first '
+                                   'run only')
         warm_up()
         self._simulator = Simulator(
             self._rig, value['accelerometer'] or None,
@@ -183,8 +183,8 @@ class Sim(ReceivingNode):
         self.create_timer(1.0, self._report, clock=STEADY)
         self._waiting = Waiting(self)
         clock = '; publishes /clock' if self._own_clock else ''
-        self.get_logger().info(f'up: {value["rig"] or "the nominal rig"} holds until commands '
-                               f'come on target_frame{clock}')
+        self.get_logger().info(f'up: {value["rig"] or "the nominal rig"} holds still until '
+                               f'commands arrive on target_frame{clock}')
 
     # Time -----------------------------------------------------------------------------------
 
@@ -248,7 +248,7 @@ class Sim(ReceivingNode):
             self._clock_out.publish(message)
         if abs(due) * self._period_ns > (LONGEST_BACKLOG + 1) * 1e9 * self._speed:
             self.get_logger().warning(
-                f'the clock is {due * self._period_ns * 1e-9:.3g} s ahead: time is skipped')
+                f'the clock is {due * self._period_ns * 1e-9:.3g} s ahead; time is skipped')
             self._begin(now)
             return
         for _ in range(min(due, self._most)):
@@ -291,7 +291,7 @@ class Sim(ReceivingNode):
 
     def _ignore(self, why: str) -> None:
         self._ignored += 1
-        self.get_logger().warning(f'{why}: ignored', throttle_duration_sec=1.0)
+        self.get_logger().warning(f'command ignored: {why}', throttle_duration_sec=1.0)
 
     def _make_publishers(self, value: dict[str, Any]) -> None:
         sensor, base = value['frames.sensor'], value['frames.base']

@@ -89,7 +89,7 @@ def noise_levels(noise: Noise | None) -> NoiseLevels:
     force, torque = wrench[:3].mean() / noise.wrench_rate, wrench[3:].mean() / noise.wrench_rate
     if not np.isfinite([force, torque, f]).all() or not 0 < noise.wrench_rate < inf:
         raise ConfigError('noise.wrench, noise.specific_force and their rates must be finite '
-                          'numbers; calibrate with a phase at rest')
+                          'numbers; calibrate from a recording with a phase at rest')
     return NoiseLevels(max(float(force), _MIN_DENSITY), max(float(torque), _MIN_DENSITY),
                        max(f, _MIN_DENSITY), noise.wrench_rate, f_rate)
 

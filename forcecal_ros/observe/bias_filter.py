@@ -139,7 +139,7 @@ def bias_model(calibration: Calibration, settings: FilterSettings, pose_noise: A
     """
     noise = calibration.noise
     if noise is None or not noise.wrench_rate > 0:
-        raise ConfigError('the calibration holds no noise.wrench with its rate, so R is unknown; '
+        raise ConfigError('the calibration has no noise.wrench with its rate, so R is unknown; '
                           'calibrate again')
     rate = noise.wrench_rate
     R = noise_of_reading(calibration, noise)[0] + pose_noise

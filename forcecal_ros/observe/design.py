@@ -167,8 +167,8 @@ def _ac_rate(accelerometer: Accelerometer | None) -> float:
     if accelerometer is None or accelerometer.coupling != 'ac':
         return 0.0
     if accelerometer.cutoff is None:
-        raise ConfigError('accelerometer.coupling is ac but its cutoff is missing; '
-                          'state the corner of its high-pass [Hz]')
+        raise ConfigError('accelerometer.coupling is ac but accelerometer.cutoff is missing; '
+                          'set it to the corner of the high-pass [Hz]')
     return tau * float(accelerometer.cutoff)
 
 
@@ -222,8 +222,7 @@ def design(calibration: Calibration, settings: ObserverSettings = ObserverSettin
     track = settings.offset == 'on' or (settings.offset == 'auto' and settings.position)
     if track and not settings.position:
         raise UnobservableError('without positions in the poses, accelerometer offset and contact '
-                                'force cannot be separated; leave the accelerometer offset out '
-                                '(observer offset: off)')
+                                'force cannot be separated; set observer.offset to off')
     noise, observer = calibration.noise, calibration.observer
     bandwidth = settings.bandwidth_hz or within_limits(UNMEASURED_HZ, settings)
     if noise is not None:

@@ -73,8 +73,8 @@ class Frames:
                 or not 0 <= len(self.names) - rows <= 1):
             raise ConfigError(
                 f'publish.frames names {len(self.names)} frames ({", ".join(self.names)}), '
-                f'publish.frame_poses has {len(numbers)} numbers; give {POSE_LENGTH} for each of '
-                'as many different frames, and none for the last if it is that of current_pose')
+                f'publish.frame_poses has {len(numbers)} numbers; give {POSE_LENGTH} for each, '
+                'or none for the last if it is the frame of current_pose; names must differ')
         for name in self.names:
             if not NAME.fullmatch(name):
                 raise ConfigError(f'publish.frames: {name!r} cannot be part of a topic; names '
@@ -186,8 +186,8 @@ def taken_to_sensor(recording: Recording, mounting: Mounting | None) -> Recordin
     if mounting is None:
         return recording
     if _is_of_sensor(recording):
-        raise DataError(f'{recording.source}: the pose, from /tf, is that of the frame of the '
-                        'wrench already; leave --sensor-from-pose out')
+        raise DataError(f'{recording.source}: the pose from /tf already is that of the frame of '
+                        'the wrench; leave --sensor-from-pose out')
     place, turn = np.array(mounting[:3]), matrix_from_quaternion(mounting[3:])
     return replace(with_poses(recording, lambda stream: replace(
         stream, position=stream.position + stream.R_base_sensor @ place,
@@ -218,7 +218,7 @@ def taken_as_calibrated(recording: Recording, calibration: Calibration, name: st
     if given is not None or mounting is None:
         return recording
     noted = replace(recording, notes=(*recording.notes, (
-        f'poses are taken to ft_sensor by sensor.from_pose of {name}')))
+        f'poses are converted to ft_sensor with sensor.from_pose of {name}')))
     return taken_to_sensor(noted, mounting)
 
 
@@ -251,8 +251,8 @@ def agreed(given: Mounting | None, calibration: Calibration, name: str) -> Mount
     if _apart(given or ITSELF, own or ITSELF) < 1e-4:
         return given
     made = f'sensor.from_pose {_shown(own)}' if own else 'poses of ft_sensor itself'
-    raise ConfigError(f'{name} was made with {made}, and {_shown(given)} is given: leave that '
-                      'out to take the poses as in the calibration, or calibrate with it')
+    raise ConfigError(f'{name} was made with {made}, but sensor.from_pose {_shown(given)} is '
+                      'given; leave it out to use that of the calibration, or calibrate with it')
 
 
 def _is_of_sensor(recording: Recording) -> bool:

@@ -88,7 +88,7 @@ def tare(samples: Sequence[ContactSample], model: Model, levels: NoiseLevels,
     if span < seconds or len(samples) < MIN_SAMPLES:
         raise DataError(
             f'tare needs {seconds:g} s at rest and {MIN_SAMPLES} samples, the window has '
-            f'{below(span, seconds)} s and {len(samples)}; wait for the wrench to flow')
+            f'{below(span, seconds)} s and {len(samples)}; wait until more wrenches arrive')
     rate = (len(samples) - 1) / span
     bad = [s.status for s in samples if s.status & INVALID]
     # share of samples that may be missing: what a busy computer was late with now and then, where

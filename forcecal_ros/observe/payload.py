@@ -81,8 +81,8 @@ class PayloadSettings(Section, name='payload'):
     """Choices of the payload's estimation."""
 
     floor: Annotated[_PAIR, Row(
-        'Errors of weight and inertia that are no contact; the default is what an arm that moves '
-        'freely leaves in means over 0.2 s', 'N, N m', 0.0)] = (0.05, 0.004)
+        'Residual of weight and inertia in free motion, averaged over 0.2 s', 'N, N m', 0.0
+        )] = (0.05, 0.004)
     largest: Annotated[float | None, Row(
         "Largest payload that is expected; None: the tool's own mass", 'kg', above=0.0)] = None
 
@@ -134,7 +134,7 @@ def payload_model(calibration: Calibration, settings: PayloadSettings = PayloadS
     """
     m, c = float(calibration.mass), calibration.com.value
     if not m > 0:
-        raise ConfigError(f'mass is {m} kg: a payload is tracked from a calibrated tool on; '
+        raise ConfigError(f'mass is {m} kg, but tracking starts from a calibrated tool; '
                           'calibrate again')
     weight = m * calibration.gravity
     # errors of gains and angles, as a share of the weight

@@ -90,8 +90,8 @@ def replay(recording: Recording, calibration: Calibration,
     if imu is not None:
         return _replay_pose_free(recording, wrench, calibration, settings, imu, progress)
     if settings.filter == 'static' and not recording.pose:
-        raise UnobservableError(f'{name} holds no pose, which filter static takes the weight '
-                                f'from; {naming(recording, "pose")}')
+        raise UnobservableError(f'{name} holds no pose, which filter static requires; '
+                                f'{naming(recording, "pose")}')
     # the node, which never replays, need not load the compiler
     from forcecal_ros.observe.batch import estimates, in_order
 
@@ -132,8 +132,8 @@ def _replay_pose_free(recording: Recording, wrench: Stream, calibration: Calibra
     accelerometer = calibration.accelerometer
     if accelerometer is None or force is None or omega is None or not len(force) * len(omega):
         raise UnobservableError(
-            f'{recording.source or "the recording"} shows gravity neither by a pose nor by '
-            'accelerometer and angular velocity (sensor_msgs/Imu); record one of the two')
+            f'{recording.source or "the recording"} has neither a pose nor accelerometer and '
+            'angular velocity (sensor_msgs/Imu) to measure gravity; record one of the two')
     delay = float(accelerometer.delay)
     f = (within_gaps(force, wrench.t + delay) - accelerometer.offset.value) @ np.linalg.inv(
         accelerometer.matrix).T
@@ -345,7 +345,7 @@ def white_noise(stream: Stream) -> Array:
         Fewer than 100 samples.
     """
     if len(stream) < MIN_NOISE_SAMPLES:
-        raise DataError(f'{len(stream)} samples do not show the noise; record '
+        raise DataError(f'{len(stream)} samples are too few to estimate the noise; record '
                         f'{MIN_NOISE_SAMPLES} or more')
     return white_covariance(stream.values)
 
@@ -417,8 +417,8 @@ def follow(recording: Recording, calibration: Calibration,
     fade = 0.5
     recording, _ = as_calibrated(recording, calibration)
     if not recording.pose:
-        raise UnobservableError(f'{recording.source or "the recording"} holds no pose, by which '
-                                f'a payload is separated from a push; {naming(recording, "pose")}')
+        raise UnobservableError(f'{recording.source or "the recording"} holds no pose to separate '
+                                f'a payload from a push; {naming(recording, "pose")}')
     live = LiveObserver(fade, fade)
     live.take_over(recorded_model(recording, calibration, settings))
     tracker = live.tracker = Tracker(payload_model(calibration, payload))

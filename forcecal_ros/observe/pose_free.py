@@ -145,11 +145,11 @@ def pose_free_model(calibration: Calibration, settings: ObserverSettings = Obser
     """
     accelerometer, noise = calibration.accelerometer, calibration.noise
     if accelerometer is None or accelerometer.coupling != 'dc':
-        raise ConfigError('without a pose gravity needs a DC-coupled accelerometer; record '
+        raise ConfigError('without a pose, gravity requires a DC-coupled accelerometer; record '
                           'the pose')
     if noise is None or noise.specific_force is None:
-        raise ConfigError('the calibration holds no noise.specific_force; calibrate with a '
-                          'stretch at rest')
+        raise ConfigError('the calibration has no noise.specific_force; calibrate from a '
+                          'recording with a phase at rest')
     wrench = design(calibration, settings).bias_filter
     if wrench is None:
         raise ConfigError(f'filter {settings.filter} needs a pose; without one use {LEARNING[0]}')

@@ -225,7 +225,7 @@ class JointPose:
         given = {joint: one for joint, one in zip(self.drivers, positions) if one is not None}
         if not isfinite(sum(given.values())):
             wrong = next(joint for joint, one in given.items() if not isfinite(one))
-            self.why_not = f'the position of joint {wrong} is no finite number'
+            self.why_not = f'the position of joint {wrong} is not a finite number'
             return None
         if len(given) < len(self.drivers):
             for joint, one in given.items():

@@ -41,7 +41,7 @@ DEGRADED = NO_ACCELEROMETER | NO_POSE | RESTARTED | SATURATED | NO_GYRO | NOISY
 _TEXT = {
     NO_ACCELEROMETER: 'no accelerometer: acceleration from the pose, slower and noisier; without '
                       'a pose, gravity from the gyro alone',
-    NO_POSE: 'no pose: the rotation is taken to be zero, gravity comes from the accelerometer',
+    NO_POSE: 'no pose: no rotation is assumed, gravity comes from the accelerometer',
     NO_POSITION: 'the pose holds no position',
     DISPLACEMENT_FROM_FORCE: 'no displacement sensor: the spring force replaces it',
     OFFSET_HELD: 'the accelerometer offset is frozen, not tracked',
@@ -50,7 +50,7 @@ _TEXT = {
     BAD_WRENCH: 'the wrench is not finite or too large; the last estimate is repeated',
     RESTARTED: 'the filter was restarted after a pause or a numerical failure',
     SATURATED: 'a sensor is at the end of its range',
-    NO_GYRO: 'no gyro: gravity is followed by the accelerometer alone',
+    NO_GYRO: 'no gyro: gravity is tracked with the accelerometer only',
     NOISY: 'the wrench is noisier than calibrated: the filter is slower than designed',
 }
 

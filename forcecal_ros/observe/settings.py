@@ -24,12 +24,12 @@ class FilterSettings(Section, name='gravity'):
     """Choices of filters ``ukf`` and ``ekf``, after [Ukf2025]."""
 
     rise_time: Annotated[float, Row(
-        '10-90 % rise of a contact wrench that measured covariances aim at', 's', above=0.0)
+        '10-90 % rise time of a contact wrench, target of the design', 's', above=0.0)
         ] = 0.012
     bias_prior: Annotated[_PAIR, Row(
-        'How far the biases may have moved since the calibration', 'N, N m', 0.0)] = (0.0, 0.0)
+        'Drift of the biases since the calibration, 1 sigma', 'N, N m', 0.0)] = (0.0, 0.0)
     contact_floor: Annotated[_PAIR, Row(
-        'Errors of weight and inertia that are not to be called contact', 'N, N m', 0.0)
+        'Residual of weight and inertia that does not count as contact', 'N, N m', 0.0)
         ] = (0.03, 0.003)
 
 
@@ -57,18 +57,19 @@ class ObserverSettings(Section, name='observer'):
     them stops.
     """
 
-    filter: Annotated[str | None, Row('None: as the calibration states', words=FILTERS)] = None
+    filter: Annotated[str | None, Row('None: that of the calibration', words=FILTERS)] = None
     bandwidth_hz: Annotated[float | None, Row(
-        'Bandwidth of the contact wrench in mode kalman; 0: from the noise and the three below',
+        'Bandwidth of the contact wrench in mode kalman; 0: computed from noise and contact_walk',
         'Hz', above=0.0, high=1000.0)] = None
     contact_walk: Annotated[float | None, Row(
-        'Expected random walk of a contact force; 0, as for the two below: as the '
-        f'calibration states, or {CONTACT_WALK:g} N/sqrt(s), {BANDWIDTH_LIMITS[0]:g} and '
-        f'{BANDWIDTH_LIMITS[1]:g} Hz', 'N/sqrt(s)', above=0.0, high=1e4)] = None
+        f'Expected random walk of a contact force; 0: that of the calibration, or '
+        f'{CONTACT_WALK:g}', 'N/sqrt(s)', above=0.0, high=1e4)] = None
     bandwidth_min_hz: Annotated[float | None, Row(
-        'Slowest bandwidth that may follow', 'Hz', above=0.0, high=1000.0)] = None
+        'Lower limit of a computed bandwidth; 0: that of the calibration, or '
+        f'{BANDWIDTH_LIMITS[0]:g}', 'Hz', above=0.0, high=1000.0)] = None
     bandwidth_max_hz: Annotated[float | None, Row(
-        'Fastest bandwidth that may follow', 'Hz', above=0.0, high=1000.0)] = None
+        'Upper limit of a computed bandwidth; 0: that of the calibration, or '
+        f'{BANDWIDTH_LIMITS[1]:g}', 'Hz', above=0.0, high=1000.0)] = None
     adaptive: Annotated[bool, Row(
         'Whether mode kalman becomes slower, down to bandwidth_min, if the wrench is noisier '
         'than calibrated')] = True
@@ -78,8 +79,8 @@ class ObserverSettings(Section, name='observer'):
     position: Annotated[bool, Row(
         'Whether the pose stream is expected to hold a position; read by offset only')] = True
     pose_position_std: Annotated[float, Row(
-        f'Trust in one pose of {POSE_RATE_HZ:g} Hz', 'm', above=0.0)] = 1e-4
-    pose_rotation_std: Annotated[float, Row('The same', 'rad', above=0.0)] = 2e-5
+        f'Error of a pose of {POSE_RATE_HZ:g} Hz, 1 sigma', 'm', above=0.0)] = 1e-4
+    pose_rotation_std: Annotated[float, Row('Error of its orientation', 'rad', above=0.0)] = 2e-5
     accelerometer_timeout: Annotated[float, Row(
         'Pause after which accelerometer and displacement count as missing', 's', 0.002, 1.0)
         ] = 0.025
@@ -89,9 +90,9 @@ class ObserverSettings(Section, name='observer'):
         'Largest difference of transport times that the observer waits for', 's',
         0.001, 1.0)] = 0.05
     wrench_limit: Annotated[tuple[float, ...] | None, Row(
-        "Ends of the force sensor's range", 'N, N m', shape=(6,), finite=False)] = None
+        'Measuring range of the force sensor', 'N, N m', shape=(6,), finite=False)] = None
     accelerometer_limit: Annotated[float | None, Row(
-        "End of the accelerometer's range about zero, in its own unit", above=0.0)] = None
+        'Measuring range of the accelerometer about zero, in its unit', above=0.0)] = None
     learning: FilterSettings = FilterSettings()
 
     def __post_init__(self) -> None:

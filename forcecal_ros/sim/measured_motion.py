@@ -92,14 +92,15 @@ def express_in_base(measured: PoseStream, simulated: PoseStream) -> PoseStream:
     if min(sensor.magnitude(), base.magnitude()) < 0.1:
         return simulated
     if in_sensor < in_base:
-        raise DataError('the poses are of frames that are rotated by '
-                        f'{np.degrees(sensor.magnitude()):.0f} deg to each other in the robot and '
-                        'in the simulator; record the pose of the frame of the wrench in both')
+        raise DataError('the frames of the poses of robot and simulator are rotated by '
+                        f'{np.degrees(sensor.magnitude()):.0f} deg to each other; '
+                        'record the pose of the frame of the wrench in both')
     axis = base.as_rotvec() / base.magnitude()
     # how far the axis of a turn of the base may lean for gravity to stay where it is [rad]
     if np.hypot(axis[0], axis[1]) > 0.05:
-        raise DataError(f'the bases are rotated by {np.degrees(base.magnitude()):.0f} deg to each '
-                        'other, and not about the vertical; gravity is along -Z of both')
+        raise DataError('the bases of robot and simulator are rotated by '
+                        f'{np.degrees(base.magnitude()):.0f} deg to each other, not about the '
+                        'vertical; gravity must be along -Z of both')
     turn = base.as_matrix()
     return replace(simulated, position=simulated.position @ turn.T,
                    R_base_sensor=turn @ simulated.R_base_sensor)

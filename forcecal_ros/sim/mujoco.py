@@ -156,8 +156,8 @@ class MujocoRobot:
         step = float(self.model.opt.timestep)
         for parts in step_parts:
             if not self._in_parts(inputs, parameters, parts)[1]:
-                return f'with timestep {step / parts:g} for {step:g} it runs: take that'
-        return (f'nor does it run with timestep {step / step_parts[-1]:g} for {step:g}: look for '
+                return f'it runs with timestep {step / parts:g} instead of {step:g}; use that'
+        return (f'timestep {step / step_parts[-1]:g} instead of {step:g} fails as well: check for '
                 'gains too high for the inertias, bodies that collide, or joints without armature')
 
     def _in_parts(self, inputs: Inputs, parameters: Mapping[str, float], parts: int
@@ -314,8 +314,8 @@ def _commands(model: Any, drives: Sequence[Drive], joints: JointStream | None
               ) -> tuple[JointStream, list[Drive]]:
     """Return the commands, and what each column drives."""
     if joints is None:
-        raise ConfigError('--mujoco drives joints, and the recording holds no commands of any; '
-                          'record what the controller is commanded and name it with --topic '
+        raise ConfigError('--mujoco requires joint commands, and the recording holds none; '
+                          'record the commands of the controller and name them with --topic '
                           'joint_commands=NAME')
     driven = {one.joint: one for one in drives}
     if not joints.names:
@@ -326,8 +326,8 @@ def _commands(model: Any, drives: Sequence[Drive], joints: JointStream | None
     for name in joints.names:
         if name not in driven:
             raise ConfigError(f'joint {name} is commanded, but '
-                              f'{reason_not_driven(model, name)}; what can be commanded '
-                              f'positions is {", ".join(driven)}')
+                              f'{reason_not_driven(model, name)}; joints that take positions '
+                              f'are {", ".join(driven)}')
     return joints, [driven[name] for name in joints.names]
 
 
@@ -354,7 +354,7 @@ def load_mujoco(path: str, ft_site: str | None = None, imu: str | None = None) -
         raise ConfigError(f'--mujoco requires MuJoCo: {installing("mujoco")}')
     mujoco.set_mju_user_warning(_ignore)
     if not Path(path).is_file():
-        raise ConfigError(f'--mujoco {path}: no such file; name the model, an MJCF')
+        raise ConfigError(f'--mujoco {path}: no such file; give an MJCF model')
     try:
         spec = mujoco.MjSpec.from_file(path)
         site = _site(spec, path, ft_site)
@@ -385,11 +385,11 @@ def _delay_notes(model: Any, drives: Sequence[Drive]) -> Iterator[str]:
     late = {one.joint: float(delays[one.actuator]) for one in drives if delays[one.actuator] > 0.0}
     if late:
         listed = ', '.join(f'{joint} {1e3 * delay:.3g} ms' for joint, delay in late.items())
-        yield (f'its actuators are delayed ({listed}): that acts, but is no parameter; if it is '
-               'wrong, robot_delay shows it')
+        yield (f'the actuator delays of the model ({listed}) are simulated, but not estimated; '
+               'robot_delay shows an error of them')
     if (getattr(model, 'sensor_delay', np.zeros(1)) > 0.0).any():
-        yield ('its sensors are delayed: wrench, pose and accelerometer are compared without '
-               'that; if it is right, wrench_delay or accel_delay shows it')
+        yield ('the sensor delays of the model are not simulated; wrench_delay or accel_delay '
+               'shows a delay of the real sensors')
 
 
 def _ignore(_: str) -> None:
@@ -412,7 +412,7 @@ def _site(spec: Any, path: str, given: str | None) -> str:
     found = {one.objname for one in spec.sensors if one.type == mujoco.mjtSensor.mjSENS_FORCE}
     if len(found) != 1:
         raise ConfigError(f'--mujoco {path}: {len(found)} sites have a force sensor; ' + (
-            f'say which with --ft-site, one of {", ".join(filter(None, names))}'
+            f'choose one with --ft-site: {", ".join(filter(None, names))}'
             if any(names) else "add a site with a name to the tool's body"))
     return str(found.pop())
 
@@ -429,8 +429,8 @@ def _refuse_link(body: Any, path: str, site: str) -> None:
     if list(body.joints):
         raise ConfigError(
             f'--mujoco {path}: site {site} is on {body.name}, which joint {body.joints[0].name} '
-            "moves: MuJoCo's force sensor would weigh that link, too; make the tool a body of "
-            'its own, welded to the link, with the site on it')
+            "moves, so MuJoCo's force sensor would include that link; make the tool a separate "
+            'body, welded to the link, with the site on it')
 
 
 def _base_of(body: Any, path: str, site: str) -> Any:
@@ -441,7 +441,7 @@ def _base_of(body: Any, path: str, site: str) -> Any:
     moved = [one for one in chain if list(one.joints)]
     if not moved:
         raise ConfigError(f'--mujoco {path}: site {site} is on {body.name or "a body"}, which no '
-                          'joint moves; name one on the tool with --ft-site')
+                          'joint moves; give one on the tool with --ft-site')
     return moved[-1].parent
 
 
@@ -461,7 +461,7 @@ def _add_accelerometer(spec: Any, path: str, tool: Any, imu: str) -> None:
     body = spec.site(imu).parent
     if body.name != tool.name:
         raise ConfigError(f'--imu {imu}: the site is on body {body.name or "(no name)"}, expected '
-                          f'one on {tool.name}, the tool, whose motion it has to measure')
+                          f'one on the tool, {tool.name}')
     spec.add_sensor(name=SENSOR_PREFIX + 'accelerometer',
                     type=mujoco.mjtSensor.mjSENS_ACCELEROMETER,
                     objtype=mujoco.mjtObj.mjOBJ_SITE, objname=imu)

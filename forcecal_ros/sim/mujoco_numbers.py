@@ -75,8 +75,8 @@ def found_drives(model: Any, path: str) -> list[Drive]:
             if before is None or (drive.kind in holds and before.kind not in holds):
                 able[drive.joint] = drive
     if not able:
-        raise ConfigError(f'--mujoco {path}: no actuator that takes the position of a joint; '
-                          f'{_requirements(model) or "it has none on a joint"}')
+        raise ConfigError(f'--mujoco {path}: no actuator takes the position of a joint; '
+                          f'{_requirements(model) or "add one to each joint"}')
     return sorted(able.values(), key=lambda one: one.actuator)
 
 
@@ -285,8 +285,8 @@ class Swing:
         if len(self._speeds) and self._speeds.max() > 2e-3:
             k = int(self._speeds.argmax())
             yield (f'in the model {self._drives[k].joint} still moves at {self._speeds[k]:.2g} '
-                   f'rad/s after {after:g} s at the first command: damp its drive (kv) or the '
-                   'joint, as the robot does')
+                   f'rad/s after {after:g} s at the first command: add the damping of the robot '
+                   'to its drive (kv) or joint')
 
 
 def _refuse_beyond(model: Any, one: Drive, given: Array) -> None:
@@ -301,7 +301,7 @@ def _refuse_beyond(model: Any, one: Drive, given: Array) -> None:
     if least < low - room or most > high + room:
         raise ConfigError(f'joint {one.joint} is commanded from {least:.4g} to {most:.4g}, and '
                           f'the ctrlrange of its actuator is {low:.4g} to {high:.4g}, where '
-                          'MuJoCo would clip; give the model the range that the robot has')
+                          'MuJoCo would clip; give the model the range of the robot')
 
 
 def of_same_tree(model: Any, drives: Sequence[Drive], body: str) -> list[Drive]:
@@ -349,7 +349,7 @@ def _of_tool(model: Any, body: str, site: str) -> list[Number]:
     i = model.body(body).id
     mass, com = float(model.body_mass[i]), model.body_ipos[i].copy()
     if mass <= 0.0:
-        raise ConfigError(f'body {body} below site {site} weighs nothing; give the tool its mass')
+        raise ConfigError(f'body {body} below site {site} has no mass; give the tool its mass')
     inertia = model.body_inertia[i].copy()
 
     def weigh(to: Any, value: float) -> None:
@@ -575,8 +575,8 @@ class Forces:
             if self.reached[i]:
                 one = self._limits[i]
                 yield (f'in the model the drive of {one.joint} is at its {one.field} '
-                       f'({one.most:g}) for {step * self.reached[i]:.2g} s, and the joint goes '
-                       'where its inertia takes it')
+                       f'({one.most:g}) for {step * self.reached[i]:.2g} s, and the joint does '
+                       'not follow its command')
 
 
 _GIVEN = {ACTUATOR: 'actuator_force', JOINT: 'qfrc_actuator', INPUT: 'ctrl'}

@@ -98,9 +98,9 @@ class Runs:
         numbers = self.simulator.nominal
         first, again = _arrays(self._exact.pop(numbers)), _arrays(self.exact(numbers))
         if not all(map(np.array_equal, first, again)):
-            raise ConfigError(f'{self.simulator.name}: the same commands and parameters gave '
-                              'another answer the second time; seed its noise, and begin each '
-                              'run from the same state')
+            raise ConfigError(f'{self.simulator.name}: two runs with the same commands and '
+                              'parameters differ; seed its noise, and begin each run from the '
+                              'same state')
 
     def try_all(self, numbers: Numbers) -> None:
         """See what each parameter does at a point: one run for each, and one for the point."""
@@ -224,9 +224,9 @@ def refuse_too_many(simulator: ThirdParty, recordings: int) -> None:
         enough = recordings > 1 and n <= MAX_RUNS - 1 - beside
         alone = ', or diagnose without --heldout' if enough else ''
         raise ConfigError(
-            f'{simulator.name}: to try its {n} parameters on {recordings} recording'
-            f'{"s" if recordings > 1 else ""} it would be run more than {MAX_RUNS} times; let '
-            f'parameters() list at most {most}, those that are least certain{alone}')
+            f'{simulator.name}: {n} parameters on {recordings} recording'
+            f'{"s" if recordings > 1 else ""} require more than {MAX_RUNS} runs; let '
+            f'parameters() return only the {most} that are least certain{alone}')
 
 
 def runs_short(simulator: ThirdParty, runs: Sequence[Runs]) -> str:
@@ -236,8 +236,8 @@ def runs_short(simulator: ThirdParty, runs: Sequence[Runs]) -> str:
     if done + len(runs) * each <= MAX_RUNS:
         return ''
     return (f'the simulator was run {done} times, of at most {MAX_RUNS}, so its {n} parameters '
-            'were not tried again at the numbers found, where its signals are not those of a '
-            'straight line: change it as proposed and diagnose again')
+            'were not linearised again at the values found, although it is not linear there: '
+            'change it as proposed and diagnose again')
 
 
 INTEGRATION_STEP = 'integration.step'

@@ -175,7 +175,7 @@ class ThirdParty:
             bad = np.flatnonzero(~np.isfinite(part.reshape(len(t), -1)).all(axis=1))
             if len(bad):
                 raise DataError(f'{where}: {what} {bad[0]} is not finite ({len(bad)} of '
-                                f'{len(t)}); the simulation has diverged: look at its time step')
+                                f'{len(t)}); the simulation has diverged; check its time step')
         if (np.diff(t) <= 0.0).any():
             at = int(np.argmax(np.diff(t) <= 0.0))
             raise ConfigError(f'{where}: stamps do not increase at {t[at]:.6f} s')
@@ -200,7 +200,7 @@ def load_simulator(spec: str) -> ThirdParty:
     """
     module, colon, factory = spec.partition(':')
     if not (module and colon and factory):
-        raise ConfigError(f'--simulator {spec}: expected MODULE:FACTORY, as my_robot:simulator')
+        raise ConfigError(f'--simulator {spec}: expected MODULE:FACTORY, e.g. my_robot:simulator')
     here = str(Path.cwd())
     if here not in sys.path:
         sys.path.insert(0, here)
@@ -247,7 +247,7 @@ def third_party(name: str, simulator: Any) -> ThirdParty:
                               'forcecal_ros.sim.protocol.Parameter')
         _check_parameter(name, p)
         if p.name in seen:
-            raise ConfigError(f'{name}: parameter {p.name} is there twice')
+            raise ConfigError(f'{name}: parameter {p.name} is listed twice')
         seen.add(p.name)
     return ThirdParty(name, simulator, listed, tuple(getattr(simulator, 'notes', ())))
 
@@ -259,10 +259,9 @@ def _check_parameter(name: str, p: Parameter) -> None:
     if not (np.isfinite(p.nominal) and p.low <= p.nominal <= p.high):
         raise ConfigError(f'{where}: nominal {p.nominal} is not within {p.low} to {p.high}')
     if not (np.isfinite(p.sigma) and p.sigma > 0.0):
-        raise ConfigError(f'{where}: sigma {p.sigma}, expected how well it is known, above 0')
+        raise ConfigError(f'{where}: sigma {p.sigma}, expected a standard deviation above 0')
     if p.inverse and not p.low > 0.0:
-        raise ConfigError(f'{where}: low {p.low}, expected above 0, as it acts by '
-                          'its inverse')
+        raise ConfigError(f'{where}: low {p.low}, expected above 0, as its inverse is used')
     if p.stage not in STAGES:
         raise ConfigError(f'{where}: stage {p.stage!r}, expected one of {", ".join(STAGES)}')
 
@@ -319,7 +318,7 @@ def with_priors(simulator: ThirdParty, path: str) -> ThirdParty:
                               + instead(name, units))
         if isinstance(sigma, bool) or not isinstance(sigma, (int, float)) or not (
                 0.0 < sigma < math.inf):
-            raise ConfigError(f'--priors {path}: {name}: got {sigma!r}, expected how well it is '
-                              f'known, 1 sigma above 0 [{units[name]}]')
+            raise ConfigError(f'--priors {path}: {name}: got {sigma!r}, expected a standard '
+                              f'deviation above 0 [{units[name]}]')
     return replace(simulator, parameters=tuple(
         p._replace(sigma=float(document.get(p.name, p.sigma))) for p in simulator.parameters))

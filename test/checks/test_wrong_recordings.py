@@ -163,7 +163,7 @@ def test_a_wrench_of_another_frame_than_calibrated_is_noted():
     assert other_frame(one, known()) == ()
     renamed = replace(one, wrench=replace(one.wrench, frame='/left_tool0'))
     note, = other_frame(renamed, known())
-    assert "its frame_id is 'left_tool0', the calibration is of 'ft_sensor'" in note
+    assert "its frame_id is 'left_tool0', but the calibration is for 'ft_sensor'" in note
     assert other_frame(replace(one, wrench=replace(one.wrench, frame='')), known()) == ()
     of_others = replace(known(), source={'of': 'force_torque_tools'})
     assert other_frame(renamed, of_others) == ()

@@ -106,7 +106,7 @@ def test_poses_of_a_flange_want_the_transform_and_the_calibration_keeps_it(
     assert main([*estimate, '--json']) == 0
     said = capsys.readouterr().out
     found = json.loads(said[said.index('{'):])
-    assert f'poses are taken to ft_sensor by sensor.from_pose of {path}' in found['notes']
+    assert f'poses are converted to ft_sensor with sensor.from_pose of {path}' in found['notes']
     np.testing.assert_allclose(found['mean'][:3], 0.0, atol=0.05)
     assert main([*estimate, *FROM_POSE[:3], '0.12', *FROM_POSE[4:]]) == 1
     assert 'was made with sensor.from_pose 0 0 0.1' in capsys.readouterr().err

@@ -141,7 +141,7 @@ def test_what_cannot_be_answered_is_one_line_and_status_1(capsys, sample, tmp_pa
     (('calibrate', 'bag', '--topic', 'wrnch=/w'), 'wrnch is not a role (did you mean wrench?)'),
     (('estimate', 'bag', '-o', 'x', '--filter', 'uk'), "invalid choice: 'uk'"),
     (('sim', 'bag'), 'sim is not a command (did you mean simulate?)'),
-    (('plan', '--effects', 'magic', '-o', 'p'), 'magic is not an effect; take one of wrench'),
+    (('plan', '--effects', 'magic', '-o', 'p'), 'magic is not an effect; choose one of wrench'),
     (('--verbose', 'calibrate', 'bag'), '--verbose is not an argument here; forcecal --help'),
 ])
 def test_wrong_usage_is_status_2_and_one_line_with_the_nearest_name(capsys, arguments, said):
@@ -151,7 +151,7 @@ def test_wrong_usage_is_status_2_and_one_line_with_the_nearest_name(capsys, argu
 
 
 @pytest.mark.parametrize('arguments, said', [
-    (('calibrate', 'a', 'b', '-o', '{tmp}/c.yaml'), (2, 'would be a folder; name one, as resu')),
+    (('calibrate', 'a', 'b', '-o', '{tmp}/c.yaml'), (2, 'several BAGs require a folder, not ')),
     (('compare', '{tmp}/spec.yaml', '{tmp}/spec.yaml'),
      (1, 'is no calibration (its format is forcecal-insitu/1, expected forcecal-calibration/1)')),
     (('simulate', '--commands', '{sample}', '--rig', '{tmp}/spec.yaml', '-o', '{tmp}/s'),

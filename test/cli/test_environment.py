@@ -39,7 +39,7 @@ def only_line(done):
 @pytest.mark.parametrize('command', first(['demo', 'play bag', 'record -o out']))
 def test_without_ros_its_commands_say_what_brings_it(lacking, command):
     said = only_line(lacking(ROS, *command.split()))
-    assert 'ROS 2 is not there' in said
+    assert 'ROS 2 is not available' in said
     assert 'setup.bash' in said or re.search(r'-m pip install .*ros-jazzy-rclpy', said)
 
 
@@ -58,4 +58,4 @@ def test_where_the_home_cannot_be_written_to_logs_go_elsewhere(ros_domain, tmp_p
         env={**environment, 'HOME': '/proc', 'TMPDIR': str(tmp_path)})
     note, complaint = done.stderr.splitlines()
     assert '/proc/.ros/log cannot be written to; logs go to' in note
-    assert 'no message on any topic of interest' in complaint and done.returncode == 1
+    assert 'no message was received on any topic' in complaint and done.returncode == 1

@@ -150,7 +150,7 @@ def with_slow_noise(seed):
 def test_slow_noise_that_does_not_repeat_is_no_gap_and_is_told():
     found = RigSource(load_rig()).diagnose(with_slow_noise(21), with_slow_noise(22)).diagnosis
     assert found.verdict == 'no_gap'
-    assert any(note.startswith('slow noise, or else') for note in found.notes)
+    assert any(note.startswith('slow noise or a part') for note in found.notes)
     assert 'if slow variation is noise' in found.reason
 
 

@@ -51,7 +51,7 @@ def test_a_sound_robot_that_moves_a_little_otherwise_has_no_gap(clean):
         f'Nothing has to be changed in what was compared. Not compared: {motion}.')
     assert not clean.diagnosis.effects
     assert UNTESTED in clean.diagnosis.notes
-    assert clean.diagnosis.reason.endswith('mrad (RMS) from the simulated')
+    assert clean.diagnosis.reason.endswith('mrad (RMS) from the simulated one')
 
 
 def test_the_tolerance_is_how_exact_the_motion_is_unless_a_finer_one_is_given(clean):
@@ -260,9 +260,9 @@ def test_an_imu_that_cannot_be_compared_is_left_out_with_the_reason():
     fallen = replace(made, accelerometer=replace(
         up, values=up.values + np.array(RIG.gravity) @ pose.R_base_sensor[nearest]))
     for one, other, why in (
-            (turned, made, "the robot's feels gravity [0-9]+ deg from where the pose has it; .+"),
-            (given, fallen, "the simulator's shows 0[.0-9]* m/s.2 and no gravity; let it .+"),
-            (replace(given, accelerometer_unit='V'), made, "the robot's speaks volts; .+")):
+            (turned, made, "the robot's measures gravity [0-9]+ deg away from that of .+"),
+            (given, fallen, "the simulator's measures 0[.0-9]* m/s.2, not gravity; publish .+"),
+            (replace(given, accelerometer_unit='V'), made, "the robot's is recorded in volts.+")):
         *both, note = keep_comparable_imus(one, other)
         assert [kept.accelerometer for kept in both] == [None, None]
         assert re.fullmatch(f'accelerometer not compared: {why}', note)
@@ -279,7 +279,7 @@ def test_another_motion_is_refused():
 
 def test_a_wrench_of_the_other_sign_or_without_weight_is_refused_by_name():
     recording = shift_times(simulated(), -1000.0)
-    for factor, why in ((-1.0, '--simulated-wrench-sign -1'), (1e-3, 'holds no weight')):
+    for factor, why in ((-1.0, '--simulated-wrench-sign -1'), (1e-3, 'has no weight')):
         wrench = replace(recording.wrench, values=factor * recording.wrench.values)
         with pytest.raises(DataError, match=why):
             simulated_tool(replace(recording, wrench=wrench), 0.2, 2500, TOLERANCES)
@@ -296,8 +296,8 @@ def test_a_base_turned_about_the_vertical_is_brought_back_and_other_frames_are_r
     back = express_in_base(measured, turned(made, base=(0.0, 0.0, 2.0)))
     # as far as the robot is from its simulation on the mean
     assert np.abs(back.R_base_sensor - made.R_base_sensor).max() < 0.03
-    for how, why in (({'sensor': (0.0, 0.0, np.pi / 2)}, 'rotated by 90 deg to each other in the'),
-                     ({'base': (1.0, 0.0, 0.0)}, 'bases are rotated by 57 deg')):
+    for how, why in (({'sensor': (0.0, 0.0, np.pi / 2)}, 'rotated by 90 deg to each other'),
+                     ({'base': (1.0, 0.0, 0.0)}, 'simulator are rotated by 57 deg')):
         with pytest.raises(DataError, match=why):
             express_in_base(measured, turned(made, **how))
 
@@ -348,9 +348,9 @@ PAIR, RERUN = ['--simulated', 'sim'], ['--simulator', 'm:f']
     (['--calibration', 'c.yaml', *PAIR], 'exclude each other'),
     (['--rig', 'rigid_tool.yaml', *RERUN], 'exclude each other'),
     ([*PAIR, *RERUN], 'exclude each other'),
-    (['--heldout', 'x', *PAIR], 'go together'),
+    (['--heldout', 'x', *PAIR], 'require each other'),
     (['more', *PAIR], 'exactly one BAG'), (['more', *RERUN], 'exactly one BAG'),
-    ([*PAIR, '--simulated-topic', 'wrench=a', '--simulated-topic', 'wrench=b'], 'name one')])
+    ([*PAIR, '--simulated-topic', 'wrench=a', '--simulated-topic', 'wrench=b'], 'keep one')])
 def test_what_does_not_go_with_a_simulator_is_wrong_usage(options, why, tmp_path, capsys):
     assert main(['diagnose', 'real', *options, '-o', str(tmp_path / 'o')]) == 2
     assert why in capsys.readouterr().err

@@ -150,7 +150,7 @@ def test_a_force_that_is_held_is_a_law_within_the_noise_of_poses():
 
 def test_a_depth_that_does_not_follow_the_force_is_no_law():
     found = weigh(held(1e-3, 5.0), held(1e-3, 5.0, seed=2))
-    assert re.match('the depth to which the robot touches does not follow its force',
+    assert re.match('the contact depth of the robot does not follow its force',
                     found.why_not)
 
 

@@ -15,7 +15,7 @@ def test_noise_that_grows_from_octave_to_octave_is_expected_and_one_strong_octav
 
 def test_a_robot_ahead_of_its_simulation_is_earlier():
     early = localise.Difference(1e-3, -0.0015, 0.00025, 1e-4).delay_words('mm')
-    assert early == '; the robot is 1.5 ± 0.5 ms earlier, which leaves 0.1 mm'
+    assert early == '; the robot is 1.5 ± 0.5 ms earlier; 0.1 mm remain without this delay'
 
 
 @pytest.mark.parametrize('degrees', [3.0, 4.0, 8.0])

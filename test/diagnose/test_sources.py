@@ -18,7 +18,7 @@ def test_a_recording_that_states_no_model_is_refused_with_the_options(tmp_path, 
     out = tmp_path / 'out'
     assert main(['diagnose', str(tmp_path / 'bag'), '-o', str(out)]) == 2
     message = capsys.readouterr().err
-    assert 'nothing states what was recorded' in message
+    assert 'no model is given to compare it with' in message
     for option in ('--calibration', '--rig FILE', '--rig nominal', '--simulated', '--mujoco',
                    '--simulator'):
         assert option in message

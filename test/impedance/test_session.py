@@ -139,7 +139,7 @@ def test_too_much_force_in_contact_ends_the_task():
 def test_a_controller_that_runs_away_ends_the_task():
     bench = Bench(controller=RunAway())
     commands = bench.drive()
-    assert 'the loop is not stable here' in bench.status.reason
+    assert 'the loop is unstable here' in bench.status.reason
     assert np.abs(commands).max() < BOUNDS.deviation
 
 

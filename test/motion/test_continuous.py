@@ -125,7 +125,7 @@ def test_too_little_room_is_refused_before_anything_moves():
     with pytest.raises(MotionError, match='limits.workspace_m.* less than 6 deg of rotation'):
         continuous_plan(HOME, TIMING, PACE, tight)
     outside = HOME._replace(position=np.array([2.0, 0.0, 1.0]))
-    with pytest.raises(MotionError, match='the robot stands where the sensor would reach x = 2'):
+    with pytest.raises(MotionError, match='the start: the sensor would reach x = 2'):
         continuous_plan(outside, TIMING, PACE, LIMITS)
     with pytest.raises(MotionError, match='motion.backend'):
         continuous_plan(np.zeros(6), TIMING, PACE, LIMITS)

@@ -102,7 +102,7 @@ def test_a_slow_robot_gets_a_slow_pace_and_a_short_step():
 
 
 def test_what_does_not_fit_is_refused_by_its_reason():
-    with pytest.raises(MotionError, match='no three poses fit into 6 s'):
+    with pytest.raises(MotionError, match='three poses do not fit into 6 s'):
         design_calibration(Robot(HOME), SENSORS, 6.0)
     low = Limits(workspace_min=(0.95, -0.05, 0.85), workspace_max=(1.25, 0.05, 1.05))
     with pytest.raises(MotionError, match='within the limits: .*limits.workspace_m'):
@@ -115,7 +115,7 @@ def test_sensors_come_from_a_calibration(calibration):
     assert found.force == pytest.approx(SENSORS.force, rel=0.25)
     assert found.torque == pytest.approx(SENSORS.torque, rel=0.25)
     assert found.volts == pytest.approx(SENSORS.volts, rel=0.25)
-    with pytest.raises(DataError, match='holds no noise'):
+    with pytest.raises(DataError, match='has no noise'):
         sensors_of(replace(calibration, noise=None))
 
 
@@ -151,11 +151,11 @@ def test_the_command_writes_a_plan_within_time_tilt_and_limits_for_the_sequencer
 
 @pytest.mark.parametrize('arguments, said', [
     (['--effects', 'wrench_dely'], 'did you mean wrench_delay?'),
-    (['--for', 'calibration', '--contact'], '--contact is not for --for calibration'),
-    (['--tilt', '30'], '--tilt is not for --for diagnosis'),
+    (['--for', 'calibration', '--contact'], '--contact is not used by --for calibration'),
+    (['--tilt', '30'], '--tilt is not used by --for diagnosis'),
     (['--set', 'limits.sped=1'], 'did you mean limits.speed?'),
-    (['--set', 'limits.tip=1'], 'expected 3 numbers'),
-    (['--set', 'timing.measure=1'], 'set limits')])
+    (['--set', 'limits.tip=1'], 'expected 3 comma-separated numbers'),
+    (['--set', 'timing.measure=1'], 'set only limits')])
 def test_wrong_usage_is_named(arguments, said, capsys):
     status = None
     try:

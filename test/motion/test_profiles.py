@@ -240,7 +240,7 @@ def test_a_plan_begins_where_the_robot_stands_and_each_part_where_the_last_ended
 
 def test_a_robot_outside_the_box_is_not_started():
     start = Pose(np.array([0.3, 0.0, 0.5]), HOME.R_base_sensor)
-    with pytest.raises(MotionError, match='where the sensor would reach x = 0.3 m'):
+    with pytest.raises(MotionError, match='the start: the sensor would reach x = 0.3 m'):
         prepare(nominal_plan(), start, Pace(), LIMITS)
 
 
@@ -265,7 +265,7 @@ def test_open_positions_are_filled_with_the_place():
 
 @pytest.mark.parametrize('names, flat, message', [
     (['v'], [1.0] * 6, 'got 6 numbers'),
-    ([], [], '0 pose names'),
+    ([], [], '0 poses '),
     (['v', 'v'], [0.0, 0, 0, 1, 0, 0, 0] * 2, 'different'),
     (['v'], [0.0, 0, 0, 1, 1, 0, 0], 'norm 1.414'),
     (['v'], [0.0, 0, 0, np.nan, 1, 0, 0], 'norm nan'),

@@ -409,7 +409,7 @@ def test_a_robot_that_has_not_set_off_is_not_still_yet(bench):
     command(bench, 0.01)
     bench.wait(100)
     verdict = bench.monitor.stillness()
-    assert not verdict.still and 'of the 0.01 m that it was commanded' in verdict.detail
+    assert not verdict.still and 'of the commanded 0.01 m' in verdict.detail
     bench.position = HOME.position + [0.0098, 0, 0]
     bench.wait(100)
     assert bench.monitor.stillness().still

@@ -97,5 +97,5 @@ def test_without_tf2_msgs_a_transform_is_refused_in_one_line(monkeypatch):
     with pytest.raises(ConfigError, match='apt install ros-jazzy-tf2-msgs') as error:
         SensorTransform(None, 'current_pose')
     assert '\n' not in str(error.value)
-    with pytest.raises(ConfigError, match='from /tf already'):
+    with pytest.raises(ConfigError, match='already come from /tf'):
         SensorTransform(None, '/tf')

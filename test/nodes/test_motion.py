@@ -208,7 +208,7 @@ def test_a_preview_shows_the_path_and_a_start_may_require_it(ready):
     drawn = live.latched(MarkerArray, 'sequencer/markers')
     assert live.set('sequencer', motion__require_preview=True)[0].successful
     try:
-        live.until(lambda: 'look at sequencer/planned_path' in live.call(
+        live.until(lambda: 'check sequencer/planned_path' in live.call(
             'sequencer/start').message, 'refusal')
         shown = []
 
@@ -313,7 +313,7 @@ def test_a_sequencer_that_fails_stops_the_robot_first(ros_domain, executor, wher
         live.until(lambda: process.poll() is not None, 'its end')
         assert_came_to_rest(live, robot)
         assert process.returncode == 1
-        assert live.reasons == ['an error ends the sequencer node']
+        assert live.reasons == ['the sequencer node terminates after an error']
         assert 'RuntimeError: a mistake' in live.said('sequencer')
 
 
@@ -387,7 +387,7 @@ def test_commands_are_in_the_frame_of_the_poses_and_refused_in_another(ros_domai
             OUTPUT)
         start(live)
         start(live, 'other', ['__node:=other'], motion__frame='base')
-        live.until(lambda: "current_pose is in 'base_link', commands would go out in 'base'"
+        live.until(lambda: "current_pose is in 'base_link', but motion.frame is 'base'"
                    in live.call('other/start').message, 'refusal')
         assert live.end('other', signal.SIGTERM) == 0
         live.spin(0.3)

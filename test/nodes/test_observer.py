@@ -197,7 +197,7 @@ def check_takeover(live, player, recording):
     live.until(publisher.get_subscription_count, 'a follower')
     before = player.array(player.play(recording, 2.2, 2.25, shift=5.0))
     publisher.publish(String(data='mass: a riddle'))
-    live.until(lambda: 'not taken over: sequencer/calibration' in live.said('observer'), 'refusal')
+    live.until(lambda: 'not used: sequencer/calibration' in live.said('observer'), 'refusal')
     noise = Noise(Estimate(np.eye(2), 0.0, '(m, m/s)^2 s'),
                   Estimate(np.eye(3), 0.0, '(m, m/s, m/s^2)^2 s'),
                   Estimate(np.diag([0.0625] * 3 + [4e-4] * 3), 0.0, '(N, N m)^2'),
@@ -221,8 +221,8 @@ def check_tools(live, player, recording, folder):
     """Take up a tool 1 kg heavier, and put it down again: nothing jumps, and the tare stays."""
     save(nominal(mass=14.0), folder / 'gripper.yaml')
     save(replace(nominal(), sensor_frame='other'), folder / 'other.yaml')
-    for name, why in (('other', "is of 'other' with sign 1"), ('none', 'cannot be read'),
-                      ('../gripper', 'name the folder')):
+    for name, why in (('other', "is for 'other' with sign 1"), ('none', 'cannot be read'),
+                      ('../gripper', 'is not found')):
         (answer,) = live.set('observer', tool=name)
         assert not answer.successful and why in answer.reason
     origin = START + 15 * 10**8

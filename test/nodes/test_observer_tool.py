@@ -24,12 +24,12 @@ def tool(mass=14.0, frame='ft_sensor', inertia=0.0):
 
 
 @pytest.mark.parametrize(('wrong', 'words'), [
-    (tool(frame='tool0'), "in 'tool0', expected 'ft_sensor'"), (tool(mass=0.0), 'mass 0.0 kg'),
-    (tool(mass=float('nan')), 'mass nan kg'), (tool(inertia=-1.0), 'inertia is none')])
+    (tool(frame='tool0'), "is 'tool0', expected 'ft_sensor'"), (tool(mass=0.0), 'mass 0.0 kg'),
+    (tool(mass=float('nan')), 'mass nan kg'), (tool(inertia=-1.0), 'is not physical')])
 def test_what_is_no_tool_is_refused_in_one_line(wrong, words):
     with pytest.raises(DataError, match=words) as error:
         read_tool(wrong, 'ft_sensor')
-    assert '\n' not in str(error.value) and 'not taken' in str(error.value)
+    assert '\n' not in str(error.value) and 'is ignored' in str(error.value)
 
 
 def test_an_inertia_that_is_not_given_stays_as_calibrated():

@@ -229,8 +229,8 @@ def test_the_page_has_rate_and_frame_of_a_topic(stamped, topic):
 
 
 @pytest.mark.parametrize('node, words', [
-    ('sim', ['up: the nominal rig holds until commands come on target_frame']),
-    ('observer', ['up: answers every wrench', 'waiting for a calibration']),
+    ('sim', ['up: the nominal rig holds still until commands arrive on target_frame']),
+    ('observer', ['up: publishes observer/contact_wrench', 'waiting for a calibration']),
     ('gap', ['up: compares the robot with the nominal rig', 'waiting for target_frame'])])
 def test_a_node_says_that_it_is_up_and_what_it_waits_for(described, node, words):
     live, _ = described
@@ -307,9 +307,9 @@ def test_status_tells_of_every_node(described, shell):
 @pytest.mark.parametrize('arguments, why', [
     (['save'], '/sequencer/save_calibration: there is no calibration yet'),
     (['tare'], '/observer/tare: there is no calibration yet'),
-    (['abort', '--node', 'impedance'], '/impedance/abort: nothing is under way'),
+    (['abort', '--node', 'impedance'], '/impedance/abort: no motion is under way'),
     (['start', '--node', 'impedance'], '/impedance/start: observer/contact_wrench: '),
-    (['start', '--namespace', '/left', '--timeout', '0.1'], '/left/sequencer/start is not there'),
+    (['start', '--namespace', '/left', '--timeout', '0.1'], '/left/sequencer/start was not found'),
 ])
 def test_a_refusal_is_one_line_and_status_1(shell, arguments, why):
     status, out, err = shell(*arguments)

@@ -113,7 +113,7 @@ def test_a_recording_moves_no_robot_and_speaks_for_no_observer_unless_told_to(
 
 
 @pytest.mark.parametrize('options, said', [
-    (['--only', 'wrenc'], ('/wrenc is not in', '(did you mean /wrench?); there are /current_po')),
+    (['--only', 'wrenc'], ('/wrenc is not in', '(did you mean /wrench?); it has /current_pose')),
     (['--only', '/target_frame'], ('--with-commands',)),
     (['--start', '60'], ('nothing to publish from 60 s on',))])
 def test_what_leaves_nothing_to_play_is_refused(ros_domain, capfd, bag, options, said):
@@ -129,5 +129,5 @@ def test_commands_end_when_somebody_begins_to_listen(ros_domain, bag):
         robot.listen('/target_frame')
         _, err = process.communicate(timeout=30)
         robot.spin(0.3)
-        assert process.returncode == 1 and 'a subscription has appeared' in err
+        assert process.returncode == 1 and 'a node has subscribed to the commands' in err
         assert robot.heard['/wrench'] < SAMPLES and robot.heard['/target_frame'] <= 1

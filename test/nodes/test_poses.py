@@ -172,7 +172,7 @@ def test_a_node_that_cannot_hear_tf_says_so_in_one_line(ros_domain):
 @pytest.mark.parametrize('given, why', [
     ({'urdf': 'nowhere.urdf', 'base': 'base', 'frame': 'ft_sensor'},
      'pose.urdf nowhere.urdf: cannot be read'),
-    ({'urdf': gantry(), 'base': 'base'}, 'pose.frame is empty, and pose.urdf is given'),
+    ({'urdf': gantry(), 'base': 'base'}, 'pose.frame is empty, but pose.urdf is given'),
     ({'urdf': gantry(), 'base': 'base', 'frame': 'tool0'},
      "there is no frame 'tool0' in the text of pose.urdf; frames are base, ft_sensor"),
     ({'urdf': gantry(), 'base': 'roll', 'frame': 'ft_sensor'},
@@ -211,7 +211,7 @@ def test_what_is_no_pose_says_why():
     assert poses.why_not == 'no position of joint roll'
     assert take(10**9, [0.0] * 5, NAMES) is None, 'fewer positions than names'
     assert take(10**9, [0.0] * 5 + [np.nan]) is None
-    assert poses.why_not == 'the position of joint roll is no finite number'
+    assert poses.why_not == 'the position of joint roll is not a finite number'
     assert take(2 * 10**9, [0.5] * 6).stamp_ns == 2 * 10**9 and not poses.why_not
 
 

@@ -199,7 +199,7 @@ def test_presets_lead_a_robot_on_the_topics_of_its_drivers_and_stop_it(
         live.start('sequencer', remap=remap, files=files, **own, **poses)
         live.start('observer', remap=remap, files=files, calibration__file=tmp_path / 'c.yaml',
                    **poses)
-        live.until(lambda: 'nothing was shown' in live.call('sequencer/start').message, 'refusal')
+        live.until(lambda: 'no preview' in live.call('sequencer/start').message, 'refusal')
         live.until(lambda: live.call('sequencer/preview').success, 'a robot at rest')
         live.until(lambda: len(contact) > 20, 'contact wrenches')
         assert not driven.moving  # nothing is commanded before a start

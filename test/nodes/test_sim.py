@@ -244,7 +244,7 @@ def test_a_recorder_that_is_kept_waiting_loses_no_sample(ros_domain, tmp_path, m
 
 
 @pytest.mark.parametrize('module, arguments, message', [
-    ('sim', ['-p', 'speed:=2'], 'parameter speed is 2, expected a float, written with a point'),
+    ('sim', ['-p', 'speed:=2'], 'parameter speed is 2, expected a float, with a decimal point'),
     ('sim', ['-p', 'clock.publsh:=true'],
      'unknown parameter clock.publsh; did you mean clock.publish?'),
     ('sim', ['-p', 'rig:=/nowhere.yaml'], '/nowhere.yaml'),
@@ -254,7 +254,7 @@ def test_a_recorder_that_is_kept_waiting_loses_no_sample(ros_domain, tmp_path, m
     ('observer', ['-p', 'calibration:=cal.yaml'],
      'unknown parameter calibration; did you mean calibration.file?'),
     ('gap', ['-p', 'zigzag:=3'], 'unknown parameter zigzag; config/gap.yaml lists all'),
-    ('gap', ['-p', 'pose.base:=base'], "pose.frame is empty, and pose.base is 'base'"),
+    ('gap', ['-p', 'pose.base:=base'], "pose.frame is empty, but pose.base is 'base'"),
 ])
 def test_what_cannot_work_is_said_in_one_line(ros_domain, capsys, module, arguments, message):
     main = import_module(f'forcecal_ros.nodes.{module}').main

@@ -194,7 +194,7 @@ def test_a_calibration_without_noise_takes_it_from_a_recording(calibration):
     assert np.sqrt(found.specific_force.value.diagonal()) == pytest.approx(
         [arm.ACCELERATION_NOISE] * 3, rel=0.06)
     assert found.wrench_rate == pytest.approx(1000)
-    with pytest.raises(DataError, match='99 samples do not show the noise'):
+    with pytest.raises(DataError, match='99 samples are too few to estimate'):
         with_noise(replace(calibration, noise=None), replace(recording, wrench=Stream(
             recording.wrench.t[:99], recording.wrench.values[:99])))
 

@@ -29,7 +29,7 @@ MASS = 13.0
 
 
 def test_design_refuses_an_undetectable_offset_and_auto_leaves_it_out():
-    with pytest.raises(UnobservableError, match='leave the accelerometer offset out'):
+    with pytest.raises(UnobservableError, match='set observer.offset to off'):
         design(calibration(), ObserverSettings(offset='on', position=False))
     assert not design(calibration(), ObserverSettings(offset='auto', position=False)).track_offset
     assert not design(calibration(), ObserverSettings(offset='off')).track_offset

@@ -38,7 +38,7 @@ def test_the_base_goes_by_the_pose_of_the_wrench():
 
 @pytest.mark.parametrize('names, numbers, why', [
     (['tool0', 'flange', 'base'], [0.0] * 6 + [1.0], '3 frames .* has 7 numbers'),
-    (['tool0', 'tool0'], [0.0] * 6 + [1.0], 'different'),
+    (['tool0', 'tool0'], [0.0] * 6 + [1.0], 'names must differ'),
     (['tool0'], [0.0] * 7, 'norm 0, not 1'),
     (['../tool'], [], "'../tool' cannot be part of a topic")])
 def test_what_is_no_frame_is_refused(names, numbers, why):

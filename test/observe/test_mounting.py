@@ -76,7 +76,7 @@ def test_a_calibration_keeps_the_transform_and_refuses_another_by_name(rig, cali
     rounded = mounting_of([round(x, 4) for x in NUMBERS], 'test')
     assert agreed(rounded, kept, 'c.yaml') == rounded
     other = mounting_of((*NUMBERS[:2], NUMBERS[2] + 0.001, *NUMBERS[3:]), 'test')
-    with pytest.raises(ConfigError, match=r'c\.yaml was made with sensor\.from_pose 0\.02 .* and'):
+    with pytest.raises(ConfigError, match=r'c\.yaml was made with sensor\.from_pose 0\.02 .* but'):
         taken_as_calibrated(taken_to_sensor(rig[1], other), kept, 'c.yaml')
     with pytest.raises(ConfigError, match='made with poses of ft_sensor itself'):
         agreed(MOUNTING, replace(kept, sensor_from_pose=None), 'c.yaml')
@@ -94,7 +94,7 @@ def test_the_sensors_own_pose_is_not_taken_to_it_again(rig, calibrated):
     sound = replace(rig[0], wrench=replace(rig[0].wrench, frame='ft'),
                     pose=replace(rig[0].pose, of='ft'))
     assert taken_as_calibrated(sound, calibrated, 'c.yaml') is sound
-    with pytest.raises(DataError, match='is that of the frame of the wrench already'):
+    with pytest.raises(DataError, match='already is that of the frame of the wrench'):
         taken_to_sensor(sound, MOUNTING)
 
 

@@ -176,7 +176,7 @@ def test_the_command_writes_a_rig_of_other_rates_with_its_lag_that_leaves_little
     # 0.5 m/s, of which a lag of 0.2 ms would leave 100 um
     left = rig.robot.unexplained
     assert left.position < 1e-4 and left.orientation < 1e-3
-    assert 'the model of the robot leaves' in out and 'written to' in out
+    assert 'held-out error of the robot model' in out and 'written to' in out
     again = simulate(rig, heldout.target, noise=False)
     apart = np.interp(again.pose.t, heldout.pose.t, heldout.pose.position[:, 0]
                       ) - again.pose.position[:, 0]

@@ -246,15 +246,15 @@ def test_an_unstable_simulation_is_told_the_time_step_with_which_it_runs(
     monkeypatch.chdir(tmp_path)
     inputs, text = Inputs(0.0, 3.0, joints=told(3.0)), mjcf().replace('kp="4000"', 'kp="4e6"')
     robot = load(text)
-    with pytest.raises(ConfigError, match='unstable .* MuJoCo reports "Nan, Inf or huge.*with '
-                                          'timestep .* it runs: take that') as caught:
+    with pytest.raises(ConfigError, match='unstable .* MuJoCo reports "Nan, Inf or huge.*it runs '
+                                          'with timestep .*; use that') as caught:
         robot.simulate(inputs, nominal(robot))
     assert robot.model.opt.timestep == 0.002
-    step = re.search('with timestep (.+) for 0.002', str(caught.value)).group(1)
+    step = re.search('with timestep (.+) instead of 0.002', str(caught.value)).group(1)
     robot = load(text.replace('timestep="0.002"', f'timestep="{step}"'))
     assert robot.simulate(inputs, nominal(robot))
     robot = load(mjcf().replace('kp="4000"', 'kp="4e12"'))
-    with pytest.raises(ConfigError, match='nor does it run with timestep 0.000125'):
+    with pytest.raises(ConfigError, match='timestep 0.000125 instead of .* fails as well'):
         robot.simulate(inputs, nominal(robot))
     # MuJoCo's own log is not left where the user is
     assert [path.name for path in tmp_path.iterdir()] == ['arm.xml']
@@ -302,7 +302,7 @@ def test_an_accelerometer_reads_along_the_axes_of_the_wrench(model):
         load_mujoco(model(), imu='wrist')
     on_base = turned.replace('</body>', '</body><site name="rail"/>')
     with pytest.raises(ConfigError, match='--imu rail: the site is on body link2, expected one on '
-                                          'gripper'):
+                                          'the tool, gripper'):
         load_mujoco(model(tool=on_base), imu='rail')
 
 
@@ -349,7 +349,7 @@ def test_a_file_says_how_well_numbers_are_known(model, tmp_path):
     assert known['kp[pan]'] == 50.0
     assert known['kp[lift]'] == {p.name: p.sigma for p in robot.parameters}['kp[lift]']
     for text, why in (('kp[pen]: 1', r'no parameter kp\[pen\]; did you mean kp\[pan\]'),
-                      ('kp[pan]: 0', r'kp\[pan\]: got 0, expected how well it is known'),
+                      ('kp[pan]: 0', r'kp\[pan\]: got 0, expected a standard deviation'),
                       ('kp[pan]: .nan', r'kp\[pan\]: got nan, expected'),
                       ('kp[pan]', 'expected lines of NAME: SIGMA, got str')):
         path.write_text(text)
@@ -393,11 +393,11 @@ ON_LINK = '<site name="ft"/>'
 
 @pytest.mark.parametrize('changes, why', [
     ({'tool': ON_LINK}, 'site ft is on link2, which joint twist moves'),
-    ({'sensor': ''}, '0 sites have a force sensor; say which with --ft-site, one of ft'),
-    ({'actuator': 'motor'}, 'no actuator that takes the position of a joint; joint pan has'),
+    ({'sensor': ''}, '0 sites have a force sensor; choose one with --ft-site: ft'),
+    ({'actuator': 'motor'}, 'no actuator takes the position of a joint; joint pan has'),
     ({'tool': TOOL + '</body></body></body><site name="rail"/><body><body><body>',
       'sensor': '<force site="rail"/>'}, 'site rail is on base, which no joint moves'),
-    ({'tool': '<body><site name="ft"/></body>'}, 'body tool below site ft weighs nothing'),
+    ({'tool': '<body><site name="ft"/></body>'}, 'body tool below site ft has no mass'),
     ({'integrator': 'nothing'}, 'MuJoCo reports')])
 def test_a_model_that_will_not_do_is_refused_in_one_line(model, changes, why):
     with pytest.raises(ConfigError, match=why) as refused:
@@ -411,7 +411,7 @@ def test_a_site_that_is_not_there_is_refused(model):
 
 
 @pytest.mark.parametrize('joints, why', [
-    (None, 'the recording holds no commands of any'),
+    (None, 'requires joint commands, and the recording holds none'),
     (replace(told(3.0), names=('pan', 'lift', 'elbow')), 'joint elbow is commanded, but'),
     (replace(told(3.0), names=(), values=told(3.0).values[:, :2]), 'of 2 joints without names')])
 def test_commands_of_other_joints_are_refused(model, joints, why):
@@ -447,7 +447,7 @@ def test_a_model_is_tried_from_the_command_line(model, tmp_path, capsys):
     place = ['--sensor-from-pose', *'0 0 0 0 0 0 1'.split()]
     assert main(['diagnose', '--check', str(tmp_path / 'real'), '--mujoco', path, *place]) == 0
     said = capsys.readouterr().out
-    assert f'{path}: keeps to the protocol and does the same again' in said
+    assert f'{path}: meets the protocol, and repeated runs are equal' in said
     assert re.search(r'body_mass\[gripper\]  0\.1', said), said
     assert 'simulates wrench, pose, joints' in said
     again = f'forcecal diagnose {tmp_path / "real"} --mujoco {path} {" ".join(place)} -o diagnosis'
@@ -504,7 +504,7 @@ def test_signals_are_more_nearly_linear_in_the_inverse_of_a_gain(model):
         at = runs.at(tuple(value if k == i else x for k, x in enumerate(arm.nominal)))
         left.append(np.linalg.norm(at.pose.position - exact))
     assert left[1] < 0.25 * left[0]
-    with pytest.raises(ConfigError, match=r'low 0, expected above 0, as it acts by its inverse'):
+    with pytest.raises(ConfigError, match=r'low 0, expected above 0, as its inverse is used'):
         third_party('x', WithLow(gain._replace(low=0)))
 
 

@@ -136,8 +136,8 @@ def test_what_knocks_or_sticks_on_a_table_is_left_out_and_a_steady_push_is_not(t
     assert kept[(t > 2.2) & (t < 3.0)].all()
     assert not kept[(t > 5.2) & (t < 6.0)].any()
     assert kept[(t < 1.0) | (t > 9.5)].all()
-    assert one.notes[-1].startswith('for ')
-    assert 'hits something, or sticks and slips' in one.notes[-1]
+    assert one.notes[-1][0].isdigit()
+    assert 's of impacts or stick-slip' in one.notes[-1]
 
 
 @pytest.mark.long

@@ -97,7 +97,7 @@ def test_an_arm_that_does_not_come_to_rest_is_said(arm_xml):
     arm_xml.write_text(mjcf().replace(' kv="150"', '').replace(' frictionloss="0.5"', ''))
     said, = load_mujoco(str(arm_xml)).remarks(INPUTS)
     assert 'still moves at' in said
-    assert said.endswith('damp its drive (kv) or the joint, as the robot does')
+    assert said.endswith('add the damping of the robot to its drive (kv) or joint')
     arm_xml.write_text(mjcf())
     assert load_mujoco(str(arm_xml)).remarks(INPUTS) == []
 

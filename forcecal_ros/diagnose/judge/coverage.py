@@ -92,8 +92,8 @@ def refuse_unjudged(model: LinearisedModel) -> None:
     counts = _unknown_noise(model)
     if all(name in counts for name in STAGES_OF_STREAM):
         listed = ', '.join(f'{name} {counts[name]}' for name in STAGES_OF_STREAM if counts[name])
-        raise DataError(f'too few samples beside the commands to know the noise ({listed}; '
-                        f'{FEWEST} in steady succession are needed); record longer')
+        raise DataError(f'too few samples during the commands to estimate the noise ({listed}; '
+                        f'{FEWEST} evenly spaced ones are needed); record longer')
 
 
 def not_compared(model: LinearisedModel) -> str:
@@ -107,7 +107,7 @@ def not_compared(model: LinearisedModel) -> str:
     """
     missing = [f'{stages} (no {name} to compare)' for name, stages in STAGES_OF_STREAM.items()
                if not getattr(model.datasets[0].recording, name)]
-    missing += [f'{name} ({count} samples, {FEWEST} in steady succession are needed)'
+    missing += [f'{name} ({count} samples, {FEWEST} evenly spaced ones are needed)'
                 for name, count in _unknown_noise(model).items() if count]
     return f'; not compared: {", ".join(missing)}' if missing else ''
 

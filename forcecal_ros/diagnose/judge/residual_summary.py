@@ -142,7 +142,7 @@ def summarise_residual(model: LinearisedModel,
             [n.rms() for n in model.noise], axis=0)), tolerance=model.tolerance,
         exact=min(model.tolerance, model.datasets[0].simulation.exact))
     if discrepancy_evidence < WITHOUT_NAME <= seen:
-        summary = summary._replace(notes=(*wanders, 'slow noise, or else ' + _discrepancy_in_words(
+        summary = summary._replace(notes=(*wanders, 'slow noise or ' + _discrepancy_in_words(
             summary) + ': the recording is too short to decide'), slow_noise=True)
     return summary
 
@@ -252,5 +252,5 @@ def _other_lines(lines: tuple[Line, ...], model: LinearisedModel
         return lines, ()
     speed = model.effects[VIBRATION]['frequency']
     others = tuple(x for x in lines if abs(x.frequency - speed) > WANDERING * speed)
-    note = f'{VIBRATION}: its speed wanders about {speed:.2f} Hz; one speed explains a part of it'
+    note = f'{VIBRATION}: its frequency varies about {speed:.2f} Hz; a constant one explains part'
     return others, (note,) if len(others) < len(lines) else ()

@@ -379,7 +379,7 @@ SEPARATED_BY: Mapping[frozenset[str], str] = {
         ('accel_misalignment', 'wrench_crosstalk', 'the accelerometer at rest'),
         ('tool_com', 'wrench_crosstalk', 'contact at a known place'),
         ('tool_mass', 'wrench_gain', 'a known force'),
-        ('base_tilt', 'cable_force', 'a level on the base'),
+        ('base_tilt', 'cable_force', 'a spirit level on the base'),
         ('accel_delay', 'accel_resonance', 'a sweep up to the resonance'),
         ('tool_stiffness', 'tool_damping', 'a sweep about the resonance of the tool'),
         ('contact_stiffness', 'wall_position', 'contacts of several depths'))}
@@ -393,7 +393,7 @@ def ties_of(found: Posterior) -> tuple[str, ...]:
         odds = stored().odds(features, found.alternatives[name])
         other = max(odds, key=lambda one: odds[one], default='')
         if other and odds[other] > ALIAS_ODDS:
-            by = SEPARATED_BY.get(frozenset((name, other)), 'what forcecal plan writes')
+            by = SEPARATED_BY.get(frozenset((name, other)), 'the motion of forcecal plan')
             out.append(f'{name} and {other} are confounded in this recording; they are '
                        f'separated by {by}')
     return tuple(out)

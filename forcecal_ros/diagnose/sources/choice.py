@@ -45,10 +45,10 @@ def own_rig(recordings: Sequence[Recording]) -> Rig:
     for one in recordings:
         if one.contact_truth is None:
             raise UsageError(
-                f'{one.source or "the recording"}: nothing states what was recorded, so there is '
-                'nothing to compare it with; give --calibration C.yaml (forcecal calibrate writes '
-                'it), --rig FILE or --rig nominal, --simulated SIM_BAG, --mujoco MODEL.xml or '
-                "--simulator MODULE:FACTORY (in Python against=, 'rig.yaml' for --rig nominal)")
+                f'{one.source or "the recording"}: no model is given to compare it with; give '
+                '--calibration C.yaml (from forcecal calibrate), --rig FILE or --rig nominal, '
+                '--simulated SIM_BAG, --mujoco MODEL.xml or --simulator MODULE:FACTORY (in '
+                "Python against=, with 'rig.yaml' for --rig nominal)")
     return load_rig()
 
 

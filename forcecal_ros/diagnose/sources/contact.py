@@ -315,13 +315,13 @@ def fit_surface(touches: Sequence[Touch], rough: float = ROUGH_M) -> tuple[_Rows
             raise DataError(f'the {name} touches for {below(one.seconds, MIN_CONTACT_S, 2)} s '
                             f'only, {MIN_CONTACT_S:g} s are needed; press longer')
         if not one.position.any():
-            raise DataError(f'the poses of the {name} have no position, so the depth is not known')
+            raise DataError(f'the poses of the {name} have no position, so no depth is known')
     means = [one.in_base.sum(axis=0) / np.linalg.norm(one.force, axis=1).sum() for one in touches]
     if min(map(np.linalg.norm, means)) < MIN_COSINE:
         raise DataError('the tool is pushed in several directions; touch one flat surface')
     ways = [mean / np.linalg.norm(mean) for mean in means]
     if ways[0] @ ways[-1] < MIN_COSINE:
-        raise DataError('the surfaces push in directions that are '
+        raise DataError('the contact forces of the two recordings point in directions '
                         f'{np.degrees(np.arccos(ways[0] @ ways[-1])):.0f} deg apart')
     levers = np.concatenate([-skew(one.force) for one in touches]).reshape(-1, 3)
     # a coordinate along all forces makes no torque, and no depth either
@@ -339,8 +339,8 @@ def fit_surface(touches: Sequence[Touch], rough: float = ROUGH_M) -> tuple[_Rows
         mine = rows.own == i
         left, depth = float(residual[mine].std()), float(rows.depth[mine].std())
         if left > max(rough, MAX_UNEXPLAINED * depth):
-            raise DataError(f'the depth to which the {name} touches does not follow its force '
-                            f'({1e3 * left:.2g} of {1e3 * depth:.2g} mm RMS are something else); '
+            raise DataError(f'the contact depth of the {name} does not follow its force '
+                            f'({1e3 * left:.2g} of {1e3 * depth:.2g} mm RMS are unexplained); '
                             'touch one flat surface')
     return rows, fit
 
@@ -385,7 +385,7 @@ class Contact(NamedTuple):
             values, std = self.numbers[:, i], self.std[:, i]
             if unit == 'm':
                 apart = quantity(values[0] - values[1], float(np.hypot(*std)), unit, signed=True)
-                yield f"{name}: the robot's is {apart} further the way the tool pushes"
+                yield f"{name}: the robot's is {apart} further in the direction of the push"
             else:
                 robot, simulated = (quantity(*each, unit).strip() for each in zip(values, std))
                 yield f'{name}: robot {robot}, simulated {simulated}'

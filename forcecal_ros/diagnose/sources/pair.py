@@ -46,8 +46,8 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import minimize_scalar
 from scipy.signal import correlate
 
-UNTESTED = ('what the simulator makes of its commands (friction, gains and gears of joints) '
-            'cannot be tested without running it again')
+UNTESTED = ('how the simulator executes its commands (friction, gains and gears of joints) '
+            'is not tested; --mujoco and --simulator test it')
 
 BIAS = 'wrench.bias'
 """The nuisances of a sensor's bias."""
@@ -118,8 +118,8 @@ class PairSource(Source):
         contact, apart = self._contact, self.ready[0].tracking.size
         moved = (note for note in recalibration_notes(outcome, self.unit) if BIAS not in note)
         return replace(
-            diagnosis, reason=f'{diagnosis.reason}; the motion itself is {apart} from the '
-            'simulated',
+            diagnosis, reason=f'{diagnosis.reason}; the motion differs by {apart} from the '
+            'simulated one',
             notes=(*diagnosis.notes, *moved, *_about(self.ready, outcome),
                    *(contact.notes() if contact else ()), UNTESTED),
             not_compared=(
@@ -216,9 +216,9 @@ def _about(pairs: Sequence[PairReady], outcome: Outcome) -> Iterator[str]:
     force, torque = pairs[0].tool.unexplained
     # more than the noise of a good sensor [N]
     if force > 0.1 and not any(one.simulation.touching.any() for one in pairs):
-        yield (f'the simulated wrench is not that of a rigid tool: {force:.2g} N and {torque:.2g} '
-               'N m are something else (contact, backlash, an implicit integrator, noise, '
-               'another frame), and are compared as they are')
+        yield (f'{force:.2g} N and {torque:.2g} N m of the simulated wrench are not those of a '
+               'rigid tool (contact, backlash, an implicit integrator, noise or another frame); '
+               'they are compared unchanged')
     bias = [median + outcome.recalibrations.get(f'{BIAS}.{i}', (0.0, 0.0))[0]
             for i, median in enumerate(pairs[0].tool.zero)]
     yield ('bias of the wrench against the simulated: '
@@ -228,8 +228,8 @@ def _about(pairs: Sequence[PairReady], outcome: Outcome) -> Iterator[str]:
     for one in pairs:
         for name, part, unit in zip(one.tracking._fields, one.tracking, ('mm', 'mrad')):
             motion = f'{name}: {1e3 * part.rms:.2g} {unit} from the simulated'
-            yield motion + (', aligned with it: a delay of the robot cannot show, as the two '
-                            'recordings do not both hold target_frame or joint_commands'
+            yield motion + (' after alignment: a delay of the robot is not identifiable unless '
+                            'both recordings hold target_frame or joint_commands'
                             if one.alignment.by == 'pose' else part.delay_words(unit))
 
 

@@ -51,11 +51,11 @@ MAX_WALL_SHIFT_M = EFFECTS['wall_position'].parameters[0].high
 CONTACT_MARGIN_BLOCKS = 25
 """Blocks before and after contact that count as contact."""
 
-NO_WALL = ('phases that touch something are left out, as the rig has no wall within reach; write '
-           'where it is into the rig to have them compared')
+NO_WALL = ('contact phases are left out, as the rig has no wall within reach; add the wall to '
+           'the rig to compare them')
 
-ALONG_MOTION = ('the model of the robot leaves more than the noise of the poses, so the tool is '
-                'carried along the measured motion')
+ALONG_MOTION = ('the error of the robot model exceeds the noise of the poses, so the wrench is '
+                'compared along the measured motion')
 
 MAX_UNEXPLAINED = 3.0
 """
@@ -292,8 +292,8 @@ class TrackedRigSource(ToolSource):
         merged, self._tracking = [], []
         for one in recordings:
             require_wrench_and_pose(
-                one, 'the recording lacks wrench or measured pose, and the rig states that its '
-                'model of the robot does not replace that; record current_pose')
+                one, 'the recording lacks wrench or measured pose, and the robot model of the '
+                'rig is not accurate enough to replace the pose; record both')
             one = even_stamps(one).recording
             require_commands(one)
             require_overlap(one, 'pose', MIN_MOTION_S)
@@ -319,8 +319,8 @@ class TrackedRigSource(ToolSource):
         found, left = super().explain(diagnosis, outcome), self.rig.robot.unexplained
         assert left is not None
         reason = (
-            f'{found.reason}; the motion itself is {self._tracking[0].size} from the simulated, '
-            f'the rig states {1e3 * np.hypot(left.position, left.position_offset):.2g} mm and '
+            f'{found.reason}; the motion differs by {self._tracking[0].size} from the simulated '
+            f'one, expected {1e3 * np.hypot(left.position, left.position_offset):.2g} mm and '
             f'{1e3 * np.hypot(left.orientation, left.orientation_offset):.2g} mrad')
         notes = [note for one in self._tracking for note in self._compared(one, left)]
         return replace(found, reason=reason, notes=(*found.notes, ALONG_MOTION, *notes))
@@ -336,10 +336,10 @@ class TrackedRigSource(ToolSource):
             late = np.isfinite(one.delay) and abs(one.delay) > max(
                 3.0 * one.delay_std, 0.5 * self.rig.robot.period)
             otherwise = late or one.unexplained > MAX_UNEXPLAINED * float(np.hypot(stated, noise))
-            yield (f'{name}: {1e3 * one.rms:.2g} {unit} from the simulated, the rig states '
-                   f'{1e3 * np.hypot(stated, offset):.2g} {unit}, {1e3 * offset:.2g} of it fixed '
-                   f'and {1e3 * stated:.2g} not{one.delay_words(unit)}'
-                   + ('; it moves differently than when the rig was fitted: fit it again'
+            yield (f'{name}: {1e3 * one.rms:.2g} {unit} from the simulated, expected '
+                   f'{1e3 * np.hypot(stated, offset):.2g} {unit} ({1e3 * offset:.2g} constant, '
+                   f'{1e3 * stated:.2g} varying){one.delay_words(unit)}'
+                   + ('; the robot moves differently than when the rig was fitted: fit it again'
                       if otherwise else ''))
 
     def files(self, outcome: Outcome) -> dict[str, str]:

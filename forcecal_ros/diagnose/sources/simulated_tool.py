@@ -20,10 +20,10 @@ from scipy.optimize import least_squares
 LIGHTEST = 0.02
 """Mass of a tool, at least, that a wrench sensor shows [kg]: 0.2 N, the noise of most."""
 
-OTHER_SIGN = 'give --simulated-wrench-sign -1 (1 where -1 is given)'
+OTHER_SIGN = 'give --simulated-wrench-sign -1 (or 1 if -1 is given)'
 """How a recorded wrench of the other sign is turned."""
 
-TURN = 'turn it in the simulator'
+TURN = 'rotate it in the simulator'
 """How that of a simulator that is run is turned."""
 
 DRAWN = (0.01, 0.001)
@@ -41,7 +41,7 @@ much as a tool's weight would move that.
 OUTLIER = 1.345
 """Residual, in its scale, from which it counts linearly: Huber's, 95 % efficient on Gaussians."""
 
-SIMULATE_IT = 'simulate what hung there'
+SIMULATE_IT = 'simulate the mounted tool'
 """What to do where another tool hung on the robot than in the simulation."""
 
 
@@ -105,10 +105,10 @@ def simulated_tool(simulated: Recording, start: float, n_blocks: int, rig: Rig,
     tool, bias, unexplained = _fit_tool(
         replace(simulated, accelerometer=None), start, n_blocks, rig)
     if tool[0] < -LIGHTEST:
-        raise DataError("the simulated wrench has the other sign: at rest it must be the tool's "
-                        f'weight, pointing down, and shows {tool[0]:.2f} kg; {turn}')
+        raise DataError("the simulated wrench has the wrong sign: at rest it must be the tool's "
+                        f'weight, pointing down, but shows {tool[0]:.2f} kg; {turn}')
     if tool[0] < LIGHTEST:
-        raise DataError(f'the simulated wrench holds no weight of a tool ({tool[0]:.3f} kg)'
+        raise DataError(f'the simulated wrench has no weight of a tool ({tool[0]:.3f} kg)'
                         f'{vertical}; let the simulator publish the wrench in the frame of its '
                         'sensor, without compensation')
     rigid_tool = add_imu(rigid_tool_of_rig(replace(

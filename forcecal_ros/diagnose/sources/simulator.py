@@ -76,12 +76,12 @@ Standard errors that a number would still move, where the simulator was run as i
 which all are tried again about there: half of what chance makes of it.
 """
 
-TIED = 'are nearly an alias of each other in this motion'
+TIED = 'are nearly confounded in this motion'
 """What a note states of numbers of which the data tell little but a combination."""
 
-IMPACTS = ('for {:.1f} s the simulated tool hits something, or sticks and slips, so that half '
-           'the step of its integration changes its wrench by more than 1 N: left out, as that is '
-           'chance; touch more softly or slide less')
+IMPACTS = ('{:.1f} s of impacts or stick-slip of the simulated tool are left out: with half the '
+           'integration step, its wrench changes by more than 1 N; touch more softly or slide '
+           'less')
 """Note on contact that identifies no number of a simulator."""
 
 
@@ -151,7 +151,7 @@ class SimulatorSource(Source):
         super().__init__(rig, 'm/s^2')
         self.simulator = simulator.on_linear_scale()
         self.explained_by = simulator.name
-        self.task = f'running {simulator.name} with other numbers'
+        self.task = f'running {simulator.name} with other parameter values'
         self._recomputed: float | None = None
         self._short = ''
 
@@ -160,7 +160,7 @@ class SimulatorSource(Source):
         recordings = keep_common_joints(recordings)
         for one in recordings:
             require_wrench_and_pose(one, 'the recording lacks wrench or measured pose; record '
-                                    'wrench and current_pose beside the commands')
+                                    'wrench, current_pose and commands')
         stamps = [even_stamps(one) for one in recordings]
         self.simulator = self.simulator.acting([inputs_of(one.recording) for one in stamps])
         refuse_too_many(self.simulator, len(recordings))
@@ -295,7 +295,7 @@ class SimulatorSource(Source):
         reason, verdict = diagnosis.reason, diagnosis.verdict
         if verdict == 'no_gap' and (limited := limited_parameters(self.simulator, outcome)):
             word, semicolon, more = reason.partition('; ')
-            reason = (f'{word}, with {" and ".join(limited)} as far off as three sigma allow'
+            reason = (f'{word}, with {" and ".join(limited)} at the limit of three sigma'
                       f'{semicolon}{more}')
         if remarks and verdict in ('unknown', 'partial'):
             reason = f'{reason}; {FIRST}{remarks[0]}'
@@ -377,11 +377,11 @@ def recalibrated_notes(simulator: ThirdParty, outcome: Outcome) -> Iterator[str]
     reported = {*named, *limited, *(name for name in own if _is_moved(outcome, name))}
     for group in outcome.aliases:
         if group & reported and len(tied := sorted(group & own)) > 1:
-            yield (f'{", ".join(tied)} {TIED}: errors include the direction along it')
+            yield (f'{", ".join(tied)} {TIED}: their errors include this')
     if _is_moved(outcome, INTEGRATION_STEP):
         finer = estimated(*outcome.recalibrations[INTEGRATION_STEP], '')
-        yield (f'the step of its integration causes {finer} times what half '
-               'the step changes, which was subtracted: a smaller step is nearer to the robot')
+        yield (f'{finer} times the change from halving the integration step was subtracted: a '
+               'smaller step is closer to the robot')
     if 'robot_delay' not in named and _is_moved(outcome, 'robot.delay'):
         late, std = outcome.recalibrations['robot.delay']
         yield (f'the robot is {estimated(abs(late), std, "s")} '
@@ -469,11 +469,11 @@ class Conformance(NamedTuple):
     def __str__(self) -> str:
         runs = min(MAX_RUNS, MAX_ROUNDS * (len(self.sensitivity) + EXTRA_RUNS))
         return '\n'.join([
-            f'{self.name}: keeps to the protocol and does the same again',
+            f'{self.name}: meets the protocol, and repeated runs are equal',
             f'simulates {", ".join(self.streams)}',
             f'{self.length:.0f} s of commands take {self.seconds:.2g} s',
-            f'a diagnosis runs it at most {runs} times a recording: {runs * self.seconds:.0f} s',
-            'one sigma of a parameter moves, RMS:',
+            f'a diagnosis runs it at most {runs} times per recording: {runs * self.seconds:.0f} s',
+            'change by one sigma of a parameter, RMS:',
             *(f'  {name}  {self._moves(moved)}' for name, moved in self.sensitivity.items()),
             *(f'note: {note}' for note in self.notes)])
 

@@ -18,7 +18,7 @@ FAULTS = {
     'none': 'healthy',
     'off': 'publishes nothing',
     'stuck': 'repeats its last reading, freshly stamped',
-    'garbage': 'random numbers, one reading in ten not a number',
+    'garbage': 'random numbers, one reading in ten is NaN',
     'wrong': 'plausible, but shifted by a constant',
     'slow': 'one sample in twenty',
     'delayed': 'arrives 0.3 s late, correctly stamped',
@@ -33,11 +33,11 @@ OFFSETS = {'wrench': (20.0, 20.0, 20.0, 2.0, 2.0, 2.0), 'volts': 0.5, 'specific_
 RUNAWAY = 0.5
 """Speed of a robot that runs away, towards its base [m/s]."""
 
-ROBOT_FAULTS = {'none': 'follows its commands', 'stuck': 'stands still',
+ROBOT_FAULTS = {'none': 'follows its commands', 'stuck': 'does not move',
                 'runaway': f'moves at {RUNAWAY:g} m/s towards its base'}
 """What a robot can be made to do, by the word that switches it on."""
 
-CLOCK_FAULTS = {'none': 'runs', 'stopped': 'stands', 'forward': 'jumps 0.5 s ahead, once',
+CLOCK_FAULTS = {'none': 'runs', 'stopped': 'stops', 'forward': 'jumps 0.5 s ahead, once',
                 'back': 'jumps 0.5 s back, once'}
 """What a clock of the simulator's own can be made to do."""
 

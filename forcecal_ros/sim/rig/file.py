@@ -79,7 +79,7 @@ def _effect_lines(chosen: Chosen) -> Iterator[str]:
     comment = '' if chosen else '# '
     yield ''
     yield f'{comment}effects:'.ljust(25) + (
-        ' # in what the rig differs from the above; docs/reference/effects.md lists them')
+        ' # how the rig differs from the above; docs/reference/effects.md lists them')
     for name, values in named_effects(chosen or _EXAMPLE).items():
         effect = EFFECTS[name]
         yield f'{comment}  {name}:'.ljust(25) + f' # {effect.stage}'

@@ -189,8 +189,8 @@ class Plant:
                  steps: int | None = None) -> None:
         self.steps = steps or enough_steps(rig)
         if self.steps % common_samples(rig):
-            raise ConfigError(f'{steps} integration steps per robot period miss samples of the '
-                              f'sensors; give a multiple of {common_samples(rig)}')
+            raise ConfigError(f'{steps} integration steps per robot period do not reach all '
+                              f'samples of sensors; give a multiple of {common_samples(rig)}')
         self._p = kernel_parameters(rig, accelerometer)[()]
         self._rig, self._step = rig, rig.robot.period / self.steps
 

@@ -342,11 +342,11 @@ def checked_commands(positions: Array, R_base_sensor: Array) -> tuple[Array, Arr
         Not finite, or not rotations.
     """
     if not (np.isfinite(positions).all() and np.isfinite(R_base_sensor).all()):
-        raise MotionError('a commanded pose is not finite; send numbers only')
+        raise MotionError('a commanded pose is not finite; send finite numbers only')
     squares = np.swapaxes(R_base_sensor, -1, -2) @ R_base_sensor
     worst = float(np.abs(squares - np.eye(3)).max())
     if worst > 1e-6 or (np.linalg.det(R_base_sensor) < 0.0).any():
-        raise MotionError(f'a commanded orientation is no rotation (R^T R departs from 1 by '
+        raise MotionError(f'a commanded orientation is not a rotation (R^T R differs from 1 by '
                           f'{worst:.2g}, or it is left-handed); send unit quaternions')
     return positions, quaternion_from_matrix(R_base_sensor)
 
@@ -421,8 +421,8 @@ def simulate(rig: Rig, target: PoseStream, *, accelerometer: str | None = None,
     # robot periods simulated in one block, which bounds the memory
     block = 500
     if not target.has_position:
-        raise DataError(f'{len(target)} commands with position; a simulation needs at least one, '
-                        'and none without: record target_frame')
+        raise DataError(f'{len(target)} commands, not all with a position, cannot be simulated; '
+                        'record target_frame with positions')
     period = rig.robot.period
     t0 = float(target.t[0])
     span = float(target.t[-1]) - t0 + period if duration is None else duration

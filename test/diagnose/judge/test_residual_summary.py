@@ -20,7 +20,7 @@ def test_a_line_beside_that_of_an_explained_vibration_is_its_own():
     other = Line('force.y', 50.0, 1.0, 60.0)
     p = LinearisedModel(load_rig(None), (), effects={'spindle_vibration': {'frequency': 64.01}})
     lines, notes = _other_lines((beside, other), p)
-    assert lines == (other,) and 'wanders about 64.01 Hz' in notes[0]
+    assert lines == (other,) and 'varies about 64.01 Hz' in notes[0]
     nominal = LinearisedModel(load_rig(None), ())
     assert _other_lines((beside, other), nominal) == ((beside, other), ())
 
