@@ -186,7 +186,7 @@ def _require_signal(blocks: Blocks) -> None:
                         f'even by noise (the right columns?); {REMEDY}')
     still = np.flatnonzero(np.ptp(blocks.raw, axis=0) == 0)
     if len(still):
-        named = '; '.join(f'channel {k + 1} stands at {blocks.raw[0, k]:.6g} throughout'
+        named = '; '.join(f'channel {k + 1} is constant at {blocks.raw[0, k]:.6g}'
                           for k in still)
         raise DataError(f'{named} (the right columns?); {REMEDY}')
 

@@ -95,4 +95,4 @@ def test_an_imu_in_g_is_refused(kuka_data):
 def test_a_wrench_in_kgf_is_questioned(kuka_data):
     found = identify(with_wrench(static_recording(kuka_data), lambda v: v / 9.80665),
                      IdentificationSettings(gravity=GRAVITY))
-    assert any('0.932 kg, the wrench is in kgf' in line for line in found.quality['questions'])
+    assert any('0.932 kg, the forces are in kgf' in line for line in found.quality['questions'])

@@ -126,7 +126,7 @@ def test_an_accelerometer_in_another_unit_is_refused(log):
 def test_a_channel_that_never_changes_is_refused_by_its_number(log):
     raw = log.raw.copy()
     raw[:, 4] = 17.0
-    with pytest.raises(DataError, match='one: channel 5 stands at 17 throughout'):
+    with pytest.raises(DataError, match='one: channel 5 is constant at 17'):
         offset_only(with_raw(log, raw))
 
 
