@@ -265,7 +265,7 @@ def test_wrong_type_is_named_with_the_one_expected(bag):
 
 
 def test_unknown_name_lists_what_would_fit(bag):
-    with pytest.raises(DataError, match='topic /ft/data .* fits: /wrench'):
+    with pytest.raises(DataError, match='topic /ft/data .* type: /wrench'):
         read_recording(bag, {'wrench': '/ft/data'})
 
 

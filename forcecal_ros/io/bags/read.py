@@ -315,7 +315,7 @@ def _topic(bag: Bag, name: str) -> Topic:
 
 def _usual_fields(bag: Bag, topic: Topic) -> Sequence[str]:
     if topic.type not in FIELDS:
-        raise DataError(f'{bag.path}: {topic.name} is {topic.type}; name the fields to read')
+        raise DataError(f'{bag.path}: {topic.name} is {topic.type}; pass the fields to read')
     return FIELDS[topic.type]
 
 

@@ -90,7 +90,7 @@ def assemble(specification: Specification) -> Imported:
             found['phase'] = _phases(one, table, t)
         if not found:
             raise ConfigError(f'{specification.path}: {one.file} has neither signals nor phases; '
-                              'state which columns are which signals')
+                              'add one of them')
         if repeated := sorted(found.keys() & signals.keys()):
             raise ConfigError(f'{specification.path}: {", ".join(repeated)} in more than one '
                               'table; import each table into a separate recording')
