@@ -99,7 +99,7 @@ def test_a_slow_log_is_not_said_to_hold_no_rotation():
 def test_messages_in_bursts_are_calibrated_as_when_they_were_measured():
     found = identify(recording_of(bursts(log(3, poses=8), 10)))
     assert float(found.mass) == pytest.approx(1.3, abs=2e-3)
-    assert not [line for line in found.quality['warnings'] if 'delays are looked for' in line]
+    assert not [line for line in found.quality['warnings'] if 'search limit' in line]
     assert abs(found.quality['pose_delay']) < 0.006
 
 
