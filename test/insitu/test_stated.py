@@ -79,7 +79,7 @@ def test_a_wrong_load_is_named_with_what_the_others_say(loads, words):
 
 @pytest.mark.parametrize('change, words', [
     pytest.param(lambda k, raw, g: (raw, g * [1, -1, 1]), 'left-handed', marks=pytest.mark.long),
-    pytest.param(lambda k, raw, g: (raw, -g if k == 2 else g), 'all but set 2 agree',
+    pytest.param(lambda k, raw, g: (raw, -g if k == 2 else g), 'except set 2 agree',
                  marks=pytest.mark.long),
     (lambda k, raw, g: (raw - raw[0], g), 'offset changed between data sets'),
     (lambda k, raw, g: (raw[:, ::-1] if k == 1 else raw, g), 'set 1'),
