@@ -271,7 +271,7 @@ def of_diagnosis(d: 'Diagnosis', document: Mapping[str, Any], found: Any = None,
         if d.gap:
             return _arms(d.gap.channels)
         if recording is None:
-            raise DataError(f'nothing was compared that could be drawn: {d.reason}')
+            raise DataError(f'there is no comparison to draw: {d.reason}')
         return _signals(recording)
 
     return Result(d, f'{d.verdict}: {headline(d)}',
@@ -330,4 +330,4 @@ def _signals(recording: Recording, name: str = '') -> 'Figure':
                       (Line('', 'explained', stream.t, column),))
                 for channel, column in zip(CHANNELS[role], columns)),
                 recording.phases, float(stream.t[0]), float(stream.t[-1])))
-    raise DataError('there is no wrench that could be drawn; record wrench')
+    raise DataError('there is no signal to draw; record wrench')

@@ -205,9 +205,9 @@ def identify_static_accelerometer(
         axis = int(np.argmax(np.abs(directions[2])))
         found = above(spread[0] / max(spread[2], 1e-12), condition)
         raise UnobservableError(
-            f"the accelerometer's map is not observable from {n} static poses without motion "
-            f'between them (condition {found}, wanted {condition:g} at most, by 5 poses or more); '
-            f'add poses with gravity along {"xyz"[axis]} of ft_sensor')
+            f'the axes of the accelerometer are not observable from {n} static poses without '
+            f'motion between them (condition {found}, expected at most {condition:g}, from 5 '
+            f'poses or more); add poses with gravity along {"xyz"[axis]} of ft_sensor')
     rows = np.column_stack([np.ones(n), -gravity])
     bread = np.linalg.inv(rows.T @ rows)
     solution = bread @ rows.T @ volts

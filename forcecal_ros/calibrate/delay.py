@@ -45,7 +45,7 @@ def estimate_delay(recording: Recording, calibration: Calibration) -> Estimate:
     """
     wrench, accelerometer = recording.wrench, recording.accelerometer
     if wrench is None or accelerometer is None or calibration.accelerometer is None:
-        raise DataError('the delay wants wrench and accelerometer, recorded and calibrated')
+        raise DataError('the delay requires wrench and accelerometer, recorded and calibrated')
     known = calibration.accelerometer
     f = np.linalg.solve(known.matrix, (accelerometer.values - known.offset.value).T).T
     force, pull = wrench, Stream(accelerometer.t, f)
@@ -85,9 +85,9 @@ def estimate_delay(recording: Recording, calibration: Calibration) -> Estimate:
     explained = 1 - float(np.nansum(residual(best) ** 2)) / moved
     if explained < 0.5 or abs(best) > largest - step or variance > (largest / 10) ** 2:
         raise DataError(
-            f'the motion does not identify the delay: {quantity(best, variance ** 0.5, "s")}, the '
-            f'acceleration explains {100 * explained:.0f} % of the force; move faster, free of '
-            f'contact; delays beyond {1e3 * largest:.0f} ms are not searched')
+            'the motion does not identify the delay: estimate '
+            f'{quantity(best, variance ** 0.5, "s")}, limit {1e3 * largest:.0f} ms, and '
+            f'{100 * explained:.0f} % of the force explained; move faster and without contact')
     return Estimate(best, np.sqrt(variance), 's')
 
 
@@ -103,5 +103,5 @@ def with_delay(calibration: Calibration, delay: Estimate) -> Calibration:
         [s]
     """
     if calibration.accelerometer is None:
-        raise DataError('the calibration holds no accelerometer whose delay could be set')
+        raise DataError('the calibration has no accelerometer, so no delay can be set')
     return replace(calibration, accelerometer=replace(calibration.accelerometer, delay=delay))

@@ -97,15 +97,15 @@ def poses_disagree(stages: Stages, settings: IdentificationSettings) -> Iterator
     i = int(np.argmax(np.abs(offs / sigma).max(axis=1))) if i is None else i
     j = int(np.argmax(np.abs(offs[i]) / sigma[i]))
     names = ', '.join(str(k + 1) for k in touched(statics))
-    remedy = (f'without pose {names} they fit one tool: a cable or a hand pulled there, or it was '
-              'not yet still' if names else
-              'measure it again with nothing that touches or pulls at the tool; if it is off '
-              'again, tighten the mount')
+    remedy = (f'without pose {names} they fit: a cable or a contact disturbed it, or the tool was '
+              'still moving' if names else
+              'measure this pose again without contact or cable forces; if it deviates again, '
+              'tighten the mount')
     yield Finding(
         f'the static poses do not fit one tool (chi-square {tool.chi_square:.3g} for '
-        f'{tool.degrees} degrees of freedom): pose {i + 1} is off by '
-        f'{offs[i, j]:+.3g} {"N" if j < 3 else "N m"} in {CHANNELS["wrench"][j]}; '
-        f'{remedy}. The standard errors are widened by it', ALL)
+        f'{tool.degrees} degrees of freedom): pose {i + 1} deviates by {offs[i, j]:+.3g} '
+        f'{"N" if j < 3 else "N m"} in {CHANNELS["wrench"][j]}; {remedy}. This widens the '
+        'standard errors', ALL)
 
 
 def samples_disagree(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
@@ -113,16 +113,16 @@ def samples_disagree(stages: Stages, settings: IdentificationSettings) -> Iterat
     tool, statics = stages.tool, stages.statics
     if statics.covariance is not None:
         return
-    remedy = ('take the cable off the tool and measure again, each pose once it is still; if that '
-              'changes nothing, tighten the mount')
+    remedy = ('remove cables from the tool and measure again, each pose at rest; if that changes '
+              'nothing, tighten the mount')
     if found := [f'{CHANNELS["wrench"][j]} by {rms:.2g} {"N" if j < 3 else "N m"} RMS, '
-                 f'{share:.0%} of what the weight makes of it'
+                 f'{share:.0%} of the effect of the weight'
                  for j, rms, share in scatters(tool.residuals, statics.wrench, tool.com)]:
         yield Finding(f'the static poses do not fit one tool: they scatter in {", ".join(found)}; '
-                      f'{remedy}. Record several samples a pose', ALL)
+                      f'{remedy}. Record several samples per pose', ALL)
     one = farthest(tool.residuals)
     if one is not None and one.probability < CHANCE:
-        yield Finding(f'the static poses do not fit one tool: pose {one.pose + 1} is off by '
+        yield Finding(f'the static poses do not fit one tool: pose {one.pose + 1} deviates by '
                       f'{one.size:+.3g} {"N" if one.channel < 3 else "N m"} in '
                       f'{CHANNELS["wrench"][one.channel]}, more than the others allow; {remedy}',
                       ALL)
@@ -155,17 +155,16 @@ def torque_departs(stages: Stages, settings: IdentificationSettings) -> Iterator
     for where, part, shortest, suspect in (
             ('at rest', ~moves, 1, ALL),
             ('in motion', moves, _RESOLVED, ALL if by_motion else MOTION),
-            ('on the whole', residuals.use, _RESOLVED, ALL)):
+            ('overall', residuals.use, _RESOLVED, ALL)):
         found = largest_deviation(residuals._replace(use=part & residuals.use), shortest)
         if found.is_chance or abs(found.size) <= small or (
-                mentioned and where == 'on the whole'):
+                mentioned and where == 'overall'):
             continue
         mentioned = True
         yield Finding(
-            f'torque.{"xyz"[found.channel]} is off by {found.size:+.2g} N m '
-            f'({found.sigmas:.0f} standard errors) {where} about {found.time:.2f} s; look '
-            'what touches or pulls at the tool then, and record it again without; if it is off '
-            'again, compare the stamps of pose and wrench', suspect)
+            f'torque.{"xyz"[found.channel]} deviates by {found.size:+.2g} N m ({found.sigmas:.0f} '
+            f'standard errors) {where} at about {found.time:.2f} s; record again without contact '
+            'or cable forces; if it deviates again, check the stamps of pose and wrench', suspect)
 
 
 def motion_departs(stages: Stages) -> Iterator[Finding]:
@@ -177,8 +176,8 @@ def motion_departs(stages: Stages) -> Iterator[Finding]:
     if fit.unexplained > SUSPECT_UNEXPLAINED and fit.scale[0] > _RESTLESS * noise:
         yield Finding(
             f'in motion, forces differ from those of a rigid tool by {fit.scale[0]:.2g} N RMS, '
-            f'{fit.unexplained:.0%} of the variation of its weight: something touches the tool; '
-            'move it with nothing that touches it', MOTION)
+            f'{fit.unexplained:.0%} of the variation of its weight: the tool is in contact; move '
+            'it without contact', MOTION)
 
 
 def _accelerometer_remedy(stages: Stages, settings: IdentificationSettings) -> str:
@@ -187,7 +186,7 @@ def _accelerometer_remedy(stages: Stages, settings: IdentificationSettings) -> s
     if stream is not None and settings.coupling != 'ac':
         sigmas, *_ = drift(values_in(stream, stages.poses))
         if sigmas > DRIFT:
-            return 'it drifts while the robot stands: calibrate with --coupling ac'
+            return 'calibrate with --coupling ac, as it drifts at standstill'
     return 'tighten its mount, and record again'
 
 
@@ -206,9 +205,9 @@ def accelerometer_departs(stages: Stages, settings: IdentificationSettings) -> I
         residuals_of(fit.residual, fit.blocks, row_noise(fit.noise)), _RESOLVED)
     if not found.is_chance and abs(found.size) > _small_volts(fit.matrix, settings):
         yield Finding(
-            f'accelerometer {"xyz"[found.channel]} is off by {found.size:+.2g} '
-            f'{stages.recording.accelerometer_unit} ({found.sigmas:.0f} standard errors) about '
-            f'{found.time:.2f} s; look what touches the tool then. Nothing: '
+            f'accelerometer {"xyz"[found.channel]} deviates by {found.size:+.2g} '
+            f'{stages.recording.accelerometer_unit} ({found.sigmas:.0f} standard errors) at about '
+            f'{found.time:.2f} s. Record again without contact; if it deviates again, '
             f'{_accelerometer_remedy(stages, settings)}', MOTION)
 
 
@@ -219,9 +218,9 @@ def ringing_departs(stages: Stages) -> Iterator[Finding]:
     found = largest_deviation(stages.ring.residuals)
     if not found.is_chance:
         yield Finding(
-            f'the tool does not ring like a spring and a damper ({found.sigmas:.0f} standard '
-            'errors); record it again with nothing that touches the tool, the robot at rest; if '
-            'it is the same, the compliant axis has friction or a stop', ('tool',))
+            f'the ringing of the tool does not fit a spring and a damper ({found.sigmas:.0f} '
+            'standard errors); record again without contact and with the robot at rest; if it is '
+            'the same, the compliant axis has friction or a stop', ('tool',))
 
 
 def delays_too_long(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
@@ -233,8 +232,8 @@ def delays_too_long(stages: Stages, settings: IdentificationSettings) -> Iterato
             ('accelerometer', fit.delay if fit and np.isfinite(fit.delay) else 0.0, MOTION),
             ('optidrive', ring.slide_delay if ring else 0.0, MOTION)):
         if abs(delay) >= 0.95 * limit:
-            yield Finding(f'{name}: {1e3 * delay:.1f} ms behind the wrench is as far as delays '
-                          f'are looked for ({1e3 * limit:.0f} ms); set the clocks right', suspect)
+            yield Finding(f'{name}: its delay of {1e3 * delay:.1f} ms relative to the wrench is '
+                          f'at the search limit ({1e3 * limit:.0f} ms); check the clocks', suspect)
 
 
 def pose_astray(recording: Recording, stages: Stages) -> Iterator[Finding]:
@@ -253,7 +252,7 @@ def pose_astray(recording: Recording, stages: Stages) -> Iterator[Finding]:
     if turns[worst] > astray_rad:
         yield Finding(
             f'current_pose and target_frame disagree by {np.degrees(turns[worst]):.2g} deg more '
-            f'in pose {worst + 1} than in pose 1; look at the encoders, and whether both are the '
+            f'in pose {worst + 1} than in pose 1; check the encoders, and that both are of the '
             'same frame', ALL)
 
 
@@ -267,17 +266,17 @@ def clips_or_drifts(stages: Stages, settings: IdentificationSettings) -> Iterato
         channels = CHANNELS[name]
         found = [str(x) for x in stages.stops if x.channel in channels]
         if found:
-            yield Finding(f'{", ".join(found)}; raise the range of the {name}',
+            yield Finding(f'{", ".join(found)}; increase the range of the {name}',
                           suspect)
         if name == 'accelerometer' and settings.coupling == 'ac':
             continue
         sigmas, pose, channel = drift(values_in(stream, stages.poses))
         if sigmas > DRIFT:
-            remedy = ('an AC-coupled accelerometer (accelerometer.coupling: ac)'
-                    if name == 'accelerometer' else 'a sensor that warms up, and record again')
+            remedy = ('set accelerometer.coupling: ac if it is AC-coupled'
+                    if name == 'accelerometer' else 'let the sensor warm up, and record again')
             yield Finding(
-                f'{channels[channel]} drifts by {sigmas:.0f} standard errors while the '
-                f'robot stands in pose {pose + 1}; look for {remedy}', suspect)
+                f'{channels[channel]} drifts by {sigmas:.0f} standard errors at standstill in '
+                f'pose {pose + 1}; {remedy}', suspect)
 
 
 def moves_in_one_pose(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
@@ -293,6 +292,6 @@ def moves_in_one_pose(stages: Stages, settings: IdentificationSettings) -> Itera
         found = None if stream is None else restless(values_in(stream, stages.poses))
         if found and found.times > _RESTLESS and found.size > small[name][found.channel]:
             yield Finding(
-                f'{CHANNELS[name][found.channel]} moves {found.times:.0f} times as much in pose '
-                f'{found.window + 1} as in the others while the robot stands; something touched '
-                'or changed it there: measure that pose again', suspect)
+                f'{CHANNELS[name][found.channel]} varies {found.times:.0f} times as much in pose '
+                f'{found.window + 1} as in the others at standstill: it was touched or changed '
+                'there; measure this pose again', suspect)

@@ -106,15 +106,15 @@ def riccati_gain(A: Array, C: Array, Q: Array, R: Array) -> Array:
     """
     scale = np.sqrt(np.diag(R))
     if not (scale > 0).all() or np.linalg.cond(R / np.outer(scale, scale)) > 1e12:
-        raise UnobservableError('R is singular: a measurement without any noise, or two that '
-                                'carry the same; record the sensors at their own resolution')
+        raise UnobservableError('R is singular: a signal has no noise, or two signals are the '
+                                'same; record the sensors at full resolution')
     # measurements in units of their own noise: metres and m/s^2 lie ten decades apart
     c, r = C / scale[:, np.newaxis], R / np.outer(scale, scale)
     try:
         K = np.linalg.solve(r, c @ solve_continuous_are(A.T, c.T, Q, r)).T
     except ValueError as error:  # LinAlgError is one; reordering the pencil raises others
-        raise UnobservableError(f'no stationary gain for these covariances ({error}); they lie '
-                                'too many decades apart: check the units') from error
+        raise UnobservableError(f'no stationary gain for these covariances ({error}): they differ '
+                                'by too many decades; check the units') from error
     if not np.isfinite(K).all():
         raise UnobservableError('no finite gain for these covariances; check their units')
     return K / scale

@@ -361,8 +361,8 @@ def require_overlap(wrench: Stream, pose: PoseStream) -> None:
     least_s = 5.0
     if overlap < least_s:
         raise UnobservableError(
-            f'wrench and pose overlap for {below(overlap, least_s)} s, and motion shows a '
-            f'tool in {least_s:g} s at least; record longer')
+            f'wrench and pose overlap for {below(overlap, least_s)} s, but calibration from '
+            f'motion requires {least_s:g} s; record longer')
 
 
 def require_rotation(blocks: Blocks) -> None:
@@ -381,17 +381,17 @@ def require_rotation(blocks: Blocks) -> None:
     degrees, needed = np.degrees(spread), float(np.degrees(MIN_GRAVITY_SPREAD))
     if spread[0] < MIN_GRAVITY_SPREAD:
         raise UnobservableError(
-            f'gravity turns by {degrees[0]:.2g} deg RMS in ft_sensor, so that mass, centre of '
-            'mass and biases are not observable; rotate the sensor by 20 deg or more about two '
-            'horizontal axes')
+            f'gravity rotates by {degrees[0]:.2g} deg RMS in ft_sensor: mass, centre of mass and '
+            'biases are not observable; rotate the sensor by 20 deg or more about two horizontal '
+            'axes')
     along = np.cross(force.mean(axis=0), directions[0])
     axis = 'xyz'[int(np.argmax(np.abs(along)))]
     other = 'xyz'[int(np.argmax(np.abs(directions[0])))]
     raise UnobservableError(
-        f'the sensor turns about one axis only, near its {axis}: gravity moves by '
-        f'{degrees[0]:.2g} deg RMS one way and {below(degrees[1], needed, 2)} deg across, and '
-        f'{needed:.3g} deg are needed for centre of mass and torque bias; '
-        f'rotate about {other} as well, by 10 deg or more')
+        f'the sensor rotates about only one axis, near its {axis}: gravity varies by '
+        f'{degrees[0]:.2g} deg RMS in one direction and {below(degrees[1], needed, 2)} deg across '
+        f'it, but centre of mass and torque bias require {needed:.3g} deg; also rotate about '
+        f'{other}, by 10 deg or more')
 
 
 def most_unexplained(has_position: bool) -> float:
@@ -413,17 +413,17 @@ def require_tool(fit: JointFit, has_position: bool, largest_delay: float) -> Non
     sigmas = 5.0
     if not abs(mass) > sigmas * std:
         raise UnobservableError(
-            f'the mass is {mass:.3g} kg with a standard error of {std:.2g} kg, and '
-            f'{sigmas:g} standard errors are needed; rotate further, or attach the tool')
+            f'the mass is {mass:.3g} kg with a standard error of {std:.2g} kg, but must exceed '
+            f'{sigmas:g} standard errors; rotate further, or attach the tool')
     if fit.unexplained > most:
         varies = float(fit.scale[0]) / fit.unexplained
         raise DataError(
             f'forces differ from those of a rigid tool by {fit.scale[0]:.3g} N RMS, '
             f'{above(100 * fit.unexplained, 100 * most)} % of the variation of its weight '
-            f'({varies:.3g} N; at most {100 * most:g} % can be accepted); compare the axes of the '
-            'wrench with those of the pose, and record free of contact')
+            f'({varies:.3g} N; at most {100 * most:g} % is accepted); check that wrench and pose '
+            'have the same axes, and record without contact')
     if abs(fit.delay) >= 0.95 * largest_delay:
         raise DataError(
-            f'pose and wrench fit best {1e3 * abs(fit.delay):.3g} ms apart, the limit of what is '
-            f'looked for ({1e3 * largest_delay:.3g} ms), so that their stamps are of different '
-            'clocks; stamp both by one clock')
+            f'the delay between pose and wrench is {1e3 * abs(fit.delay):.3g} ms, at the search '
+            f'limit ({1e3 * largest_delay:.3g} ms): their stamps are of different clocks; stamp '
+            'both with one clock')

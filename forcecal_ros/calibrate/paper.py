@@ -187,8 +187,8 @@ def step_gain(theta: Array, Y: Array, theta_variance: float = 0.0) -> float:
     product = float(theta @ Y)
     if not len(theta) or energy <= 0 or abs(product) < 1e-12:
         raise UnobservableError(
-            f"the step does not stand out of the accelerometer's noise ({len(theta)} samples, "
-            f'energy {energy:.3g} V^2); make it faster')
+            f'the step is within the noise of the accelerometer ({len(theta)} samples, energy '
+            f'{energy:.3g} V^2); make it faster')
     return energy / product
 
 

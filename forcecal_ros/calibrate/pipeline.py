@@ -121,8 +121,8 @@ def identify(recording: Recording, settings: IdentificationSettings = Identifica
     except ValueError as error:
         if not isinstance(error, np.linalg.LinAlgError) and 'infs or NaNs' not in str(error):
             raise
-        raise DataError(f'{recording.source or "the recording"}: the fit breaks down ({error}); '
-                        'look for readings of absurd size and stamps of another clock') from error
+        raise DataError(f'{recording.source or "the recording"}: the fit failed ({error}); check '
+                        'for extreme readings and stamps of another clock') from error
     if isinstance(stages, dict):
         return _natural(Calibration(**stages, **_stated(recording, settings)), found)
     noise = noise_of(stages, settings.coupling)
@@ -177,7 +177,7 @@ def _stages_or_motion(recording: Recording, settings: IdentificationSettings,
         try:
             return _by_motion(recording, settings, 'the robot never stands still', point)
         except (DataError, UnobservableError) as refused:
-            refused.args = (f'{error}, or let motion show the tool: {refused}',)
+            refused.args = (f'{error}; calibration from motion is not possible either: {refused}',)
             raise
     except UnobservableError as error:
         if not _same_orientation(recording, settings):
@@ -304,7 +304,7 @@ def fit_motion(recording: Recording, settings: IdentificationSettings,
     if min(len(wrench), len(pose)) < MIN_SAMPLES:
         if not len(poses):
             raise UnobservableError(f'{len(wrench)} readings of the wrench and {len(pose)} poses '
-                                    f'do not show motion; record {MIN_SAMPLES} or more of each')
+                                    f'are too few to calibrate; record {MIN_SAMPLES} of each')
         return None
     sag = settings.tool_compliance == 'yes' and slide is None
     blocks = _blocks(wrench, recording, settings, poses, slide)
@@ -450,8 +450,8 @@ def calibrate_by_motion(recording: Recording, settings: IdentificationSettings, 
     if suspect:
         warnings.append(
             f'forces differ from those of a rigid tool by {found.scale[0]:.2g} N RMS, '
-            f'{found.unexplained:.0%} of the variation of its weight; compare the axes of wrench '
-            f'and pose, and record free of contact; suspect: {", ".join(suspect)}')
+            f'{found.unexplained:.0%} of the variation of its weight; check that wrench and pose '
+            f'have the same axes, and record without contact; suspect: {", ".join(suspect)}')
     quality = {
         'method': 'motion', 'warnings': warnings, 'suspect': suspect,
         'questions': list(questions_of(mass, found.com, found.theta[10:13])),
@@ -468,8 +468,8 @@ def _not_identified(recording: Recording, inertia: Estimate | None,
     """Name what this motion does not show, and the motion that would."""
     assert recording.pose is not None
     if not recording.pose.has_position:
-        yield ('inertia: not identified, and accelerations of the sensor are taken as 0, because '
-               'the pose has no position; record the position as well')
+        yield ('inertia: not identified, and accelerations of the sensor are assumed to be 0, '
+               'because the pose has no position; record the position as well')
     elif inertia is not None:
         error, size = float(inertia.std.max()), float(np.trace(inertia.value)) / 3
         share = f' ({error / size:.0%} of the mean moment)' if size > 0.0 else ''

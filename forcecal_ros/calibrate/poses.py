@@ -134,7 +134,7 @@ def static_windows(recording: Recording) -> list[tuple[float, float]]:
     if standstills and not windows:
         raise DataError(
             f'{recording.source or "the recording"}: no wrench in any of the {len(standstills)} '
-            'places where the robot stood; record both at once, by one clock')
+            'static poses; record wrench and pose together, with one clock')
     if not windows:
         raise NeverAtRest(
             f'{recording.source or "the recording"}: the pose never stands still for '
@@ -300,8 +300,8 @@ def window_mean(stream: Stream, start: float, end: float, what: str = 'signal') 
     """
     values = stream.between(start, end).values
     if not len(values):
-        raise DataError(f'no {what} between {start:.3f} s and {end:.3f} s, where the robot stood '
-                        'to be measured; record it throughout')
+        raise DataError(f'no {what} between {start:.3f} s and {end:.3f} s, during a static pose; '
+                        'record it throughout')
     return np.asarray(values.mean(axis=0))
 
 
@@ -337,12 +337,11 @@ def refuse_poses_at_a_limit(recording: Recording, stops: Iterable[Clipping],
         Names the channels, their limits and the poses.
     """
     channels = {name: (t, values) for name, t, values in columns(recording)}
-    found = [f'{stop.channel} stands at {stop.limit:.6g} in pose {i + 1}'
+    found = [f'{stop.channel} is clipped at {stop.limit:.6g} in pose {i + 1}'
              for i, pose in enumerate(poses) for stop in stops
              if _stands_at(*channels[stop.channel], pose, stop.limit)]
     if found:
-        raise DataError(f'{"; ".join(found)}: the end of its range; raise the range of the '
-                        'sensor')
+        raise DataError(f'{"; ".join(found)}; increase the range of the sensor')
 
 
 def _stands_at(t: Array, values: Array, pose: StaticPose, limit: float) -> bool:

@@ -118,7 +118,7 @@ def _plain(stages: Stages, calibration: Calibration, settings: IdentificationSet
 
 def weak_estimates(c: Calibration, settings: IdentificationSettings,
                    add: str = 'measure in more poses',
-                   turn: str = 'add poses that turn gravity about') -> Iterator[str]:
+                   turn: str = 'add poses that rotate gravity about') -> Iterator[str]:
     """Yield a line for each estimate whose standard error passes its threshold."""
     limit = settings.thresholds
     rows: list[tuple[str, float, float, str, str]] = [
@@ -178,16 +178,16 @@ def _disagreement(plain: Plain, stages: Stages, c: Calibration, settings: Identi
     if abs(off) > limit + chance and _as_printed(stages):
         yield Finding(
             f'mass: Eq. 16 gives {plain.mass_theta:.4g} kg, all poses together '
-            f"{float(c.mass):.4g} kg ({off:+.1%}); look at the poses' orientation, gravity, "
-            'and a sensor that was tared between two poses', ALL)
+            f'{float(c.mass):.4g} kg ({off:+.1%}); check the orientations of the poses, gravity, '
+            'and whether the sensor was tared between poses', ALL)
     if c.accelerometer:
         gain = float(c.accelerometer.gain.value[_axis_of_x(c)])
         off = abs(plain.gain_aligned) / abs(gain) - 1
         if abs(off) > limit and c.accelerometer.coupling == 'dc':
             yield Finding(
-                f'accelerometer gain: the step alone gives {plain.gain_aligned:.4g}, gravity '
-                f'and motion together {gain:.4g} ({off:+.1%}); look at the mount of the '
-                'accelerometer, contact during the step, and the coupling', MOTION)
+                f'accelerometer gain: the step alone gives {plain.gain_aligned:.4g}, gravity and '
+                f'motion together {gain:.4g} ({off:+.1%}); check the mount of the accelerometer, '
+                'contact during the step, and the coupling', MOTION)
 
 
 def _notes(stages: Stages, c: Calibration, plain: Plain) -> Iterator[str]:
@@ -197,19 +197,19 @@ def _notes(stages: Stages, c: Calibration, plain: Plain) -> Iterator[str]:
         yield from in_words(a.gain.value, a.map.value)
         off = plain.gain / plain.gain_aligned - 1
         if np.isfinite(off):
-            yield (f'the gain by [Gamez2005] Eq. 17 as printed is {plain.gain:.5g}; with the '
-                   f'delay of {1e3 * float(a.delay):.2f} ms and the noise of its regressor taken '
-                   f'out it is {plain.gain_aligned:.5g} ({off:+.2%} between them)')
+            yield (f'the gain by [Gamez2005] Eq. 17 as printed is {plain.gain:.5g}; corrected for '
+                   f'the delay of {1e3 * float(a.delay):.2f} ms and the noise of its regressor it '
+                   f'is {plain.gain_aligned:.5g} (a difference of {off:+.2%})')
         if a.position is None:
-            yield ("the accelerometer's place is not identified and taken to be the centre of "
-                   'mass; rotate faster')
+            yield ('the position of the accelerometer is not identified and assumed at the centre '
+                   'of mass; rotate faster')
     if c.inertia is None:
         yield f'inertia not identified: {_without_inertia(stages)}'
     if c.observer is None:
-        yield ('observer.K not designed: the static poses do not show the noise of position and '
-               'accelerometer')
+        yield ('observer.K not designed: the static poses do not determine the noise of position '
+               'and accelerometer')
     if c.tool is None:
-        yield 'tool stiffness and damping not identified: nothing rang after a step'
+        yield 'tool stiffness and damping not identified: the tool did not ring after a step'
 
 
 def _without_inertia(stages: Stages) -> str:
@@ -217,15 +217,15 @@ def _without_inertia(stages: Stages) -> str:
     remedy = 'rotate about all three axes between the poses'
     if stages.inertia is not None:
         i, j = np.unravel_index(int(np.argmax(stages.inertia.std)), (3, 3))
-        return f'the motion hardly shows J_{"".join(sorted("xyz"[i] + "xyz"[j]))}; {remedy}'
+        return f'the motion hardly excites J_{"".join(sorted("xyz"[i] + "xyz"[j]))}; {remedy}'
     pose, wrench, poses = stages.recording.pose, stages.recording.wrench, stages.poses
     if pose is None or wrench is None or np.sum(np.all(
             [(pose.t < one.start) | (pose.t >= one.end) for one in poses], 0)) <= 2 * len(poses):
         return f'no rotation was recorded; {remedy}'  # or too few samples of it
     rate = 1.0 / max(float(np.median(np.diff(one.t))) for one in (pose, wrench))
     length = float(np.median([one.end - one.start for one in poses]))
-    return (f'readings at {rate:.3g} Hz in poses of {length:.2g} s do not show noise and how the '
-            'turning between them accelerates; record faster, or hold each pose longer')
+    return (f'readings at {rate:.3g} Hz in poses of {length:.2g} s do not determine noise and '
+            'angular acceleration; record at a higher rate, or hold each pose longer')
 
 
 def _errors(stages: Stages, c: Calibration, settings: IdentificationSettings, plain: Plain
@@ -283,9 +283,9 @@ def refuse_unnatural(c: Calibration) -> None:
     away = float(np.linalg.norm(c.com.value))
     if not away < FARTHEST:
         raise DataError(
-            f'the centre of mass comes out {away:.3g} m away from the sensor, which no tool has; '
-            'look at the unit of the torques (N m, not N mm, N cm or lbf in) and at their axes, '
-            'or at the unit of the forces (N, not kN)')
+            f'the estimated centre of mass is {away:.3g} m away from the sensor, which is '
+            'impossible for a tool; check the unit of the torques (N m, not N mm, N cm or lbf in) '
+            'and their axes, or the unit of the forces (N, not kN)')
 
 
 def unnatural_inertia(c: Calibration) -> str:
@@ -299,7 +299,7 @@ def unnatural_inertia(c: Calibration) -> str:
     if moments[0] > -margin and moments[0] + moments[1] > moments[2] - 2.0 * margin and (
             moments[2] - margin < float(c.mass) * FARTHEST**2):
         return ''
-    return (f'inertia: its principal moments come out as '
-            f'{", ".join(f"{one:.3g}" for one in moments)} kg m^2, which no body of '
-            f'{float(c.mass):.3g} kg has, and it is not taken; look for contact in the motion, '
-            'stamps of pose and wrench of different clocks, and the axes of the torques')
+    return ('inertia: not identified, because principal moments of '
+            f'{", ".join(f"{one:.3g}" for one in moments)} kg m^2 are impossible for '
+            f'{float(c.mass):.3g} kg; check for contact in the motion, for different clocks of '
+            'pose and wrench, and the axes of the torques')

@@ -93,8 +93,8 @@ def sag_of(fit: JointFit, wrench: Stream) -> Sag | None:
     if stiffness**2 < sigmas**2 * variance:
         return None
     if stiffness < 0:
-        raise DataError('optidrive: the tool slides against its load '
-                        f'({1e3 / stiffness:.3g} mm for each N); turn the sign of the optidrive')
+        raise DataError(f'optidrive: the tool moves against its load ({1e3 / stiffness:.3g} mm '
+                        'per N); invert the sign of the optidrive')
     zero = (fit.theta[10] - found.theta[2]) / stiffness
     return Sag(stiffness, variance, float(zero))
 

@@ -64,23 +64,22 @@ class IdentificationSettings(Section, name=''):
     gravity: Annotated[float, Row(
         'Magnitude at the robot', 'm/s^2', above=0.0)] = STANDARD_GRAVITY
     gravity_direction: Annotated[Vector3 | None, Row(
-        'In base, of any length; None: along -z')] = None
+        'Direction in base, of any length; None: along -z')] = None
     sensor_rotation: Annotated[Vector3 | None, Row(
         "Rotation vector of the wrench's axes, seen from the frame of the pose; None: the same",
         'rad')] = None
     coupling: Annotated[str, Row(
         'Of the accelerometer; ac: with a first-order high-pass', words=COUPLINGS)] = 'dc'
     cutoff: Annotated[float | None, Row(
-        'Corner of that high-pass where it is known; None: estimated', 'Hz', above=0.0)] = None
+        'Corner of that high-pass; None: estimated', 'Hz', above=0.0)] = None
     accelerometer_position: Annotated[Vector3 | None, Row(
-        'In ft_sensor at zero displacement, where known; None: estimated', 'm')] = None
+        'In ft_sensor at zero displacement; None: estimated', 'm')] = None
     tool_compliance: Annotated[str, Row(
-        'Whether the tool slides along x of ft_sensor; auto looks for an Optidrive that moves or '
-        'for ringing after the step', words=COMPLIANCES)] = 'auto'
+        'Whether the tool is compliant along x of ft_sensor; auto detects displacement of the '
+        'optidrive or ringing after the step', words=COMPLIANCES)] = 'auto'
     largest_delay: Annotated[float, Row(
-        'Delays between sensors are looked for up to this; longer ones are other clocks', 's',
-        above=0.0)] = 0.1
-    observer_mode: Annotated[str, Row('Who publishes the contact wrench', words=MODES)] = 'kalman'
+        'Largest delay between sensors that is searched', 's', above=0.0)] = 0.1
+    observer_mode: Annotated[str, Row('Filter of the contact wrench', words=MODES)] = 'kalman'
     observer_design: Annotated[str, Row(
         "Of the paper's gain: kalman is Eq. 18, 19", words=DESIGNS)] = 'kalman'
     observer_poles: Annotated[tuple[float, float], Row(
@@ -92,7 +91,7 @@ class IdentificationSettings(Section, name=''):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.gravity_direction is not None and not any(self.gravity_direction):
-            raise self.wrong('gravity_direction', 'a direction, not three zeros')
+            raise self.wrong('gravity_direction', 'a non-zero vector')
 
     def optidrive_of(self, recording: Recording) -> Stream | None:
         """Return the measured displacement of the tool; None where it is stated to be rigid."""

@@ -128,7 +128,7 @@ def check_weight(gravity: Array, condition: float) -> None:
     if spread[0] < 1 / condition:
         raise UnobservableError(
             f'{n} static pose{"s" * (n > 1)} with gravity along one direction of ft_sensor '
-            f'(spread {below(spread[0], 1 / condition, 2)}, wanted {1 / condition:g}): mass and '
+            f'(spread {below(spread[0], 1 / condition, 2)}, required {1 / condition:g}): mass and '
             'bias cannot be separated; add a pose tilted by 90 deg about y of ft_sensor, and one '
             'about x')
 
@@ -161,9 +161,9 @@ def check_poses(gravity: Array, condition: float) -> None:
     axis = int(np.argmax(np.round(np.abs(np.cross(mean, missing)), 3)))
     raise UnobservableError(
         f'centre of mass and torque bias are not observable from {len(gravity)} static poses: '
-        f'gravity moves along one line of ft_sensor (condition '
-        f'{spread[0] / max(spread[1], 1e-12):.3g} > {condition:.3g}); '
-        f'add a pose tilted about {"xyz"[axis]} of ft_sensor')
+        'gravity varies along only one direction of ft_sensor (condition '
+        f'{spread[0] / max(spread[1], 1e-12):.3g} > {condition:.3g}); add a pose tilted about '
+        f'{"xyz"[axis]} of ft_sensor')
 
 
 def refuse_negative(mass: float, wrench_sign: int | None = None) -> None:
@@ -381,6 +381,6 @@ def mass_from_tilt(u_h: float, u_v: float, gravity: float, theta: float = 0.0) -
     share = abs(np.cos(theta))
     if share < 0.1:
         raise UnobservableError(
-            f'x of ft_sensor carries {share:.2g} of the weight at theta = {theta:.3g} rad, '
-            'too little to weigh with; take theta nearer to 0')
+            f'x of ft_sensor carries {share:.2g} of the weight at theta = {theta:.3g} rad, too '
+            'little to estimate the mass; use a theta closer to 0')
     return float(abs(u_v - u_h) / (gravity * share))

@@ -40,7 +40,7 @@ def checked(recording: Recording, raw_wrench: bool = False) -> Recording:
     if recording.removed is not None and not recording.raw_wrench:
         return recording
     if recording.wrench is not None and not len(recording.wrench):
-        raise DataError('wrench: no message was recorded; look at its topic and its driver, and '
+        raise DataError('wrench: no message was recorded; check its topic and its driver, and '
                         'record again')
     recording, removed = _readable(_begun(_measured(recording)), raw_wrench)
     signals.refuse_other_pace(recording)
@@ -84,8 +84,8 @@ def _coarse(recording: Recording) -> Iterator[str]:
     wrench, pose = recording.wrench, recording.pose
     for channel, column in zip(CHANNELS['wrench'], () if wrench is None else wrench.values.T):
         if limit := signals.dead_band(column):
-            yield (f'{channel} is never between 0 and {limit:.3g}: a dead band of its driver sets '
-                   'small readings to zero; switch it off, as weight and bias are read wrongly')
+            yield (f'{channel} has no reading between 0 and {limit:.3g}: the driver sets '
+                   'small readings to zero (dead band), which distorts the bias; disable this')
     if pose is not None and (straight := signals.interpolated(pose)):
         yield straight
     if pose is not None and recording.accelerometer is None and pose.has_position:
@@ -93,8 +93,8 @@ def _coarse(recording: Recording) -> Iterator[str]:
         # positions in larger steps show no acceleration: robots report tenths of a millimetre
         coarse_m = 1e-3
         if step > coarse_m:
-            yield (f'pose: its position comes in steps of {1e3 * step:.3g} mm: accelerations that '
-                   'are taken from it jump; publish it with more digits')
+            yield (f'pose: its position has a resolution of {1e3 * step:.3g} mm, too coarse to '
+                   'compute accelerations; publish it with more digits')
 
 
 def _begun(recording: Recording) -> Recording:
@@ -103,8 +103,8 @@ def _begun(recording: Recording) -> Recording:
         if first := signals.startup(stream):
             recording = _without(
                 recording, name, np.arange(len(stream)) >= first,
-                f'{name}: its first {first} samples hold no reading, up to '
-                f'{stream.t[first]:.2f} s; left out')
+                f'{name}: the first {first} samples, up to {stream.t[first]:.2f} s, contain no '
+                'reading; left out')
     return recording
 
 
@@ -123,8 +123,8 @@ def _readable(recording: Recording, raw_wrench: bool) -> tuple[Recording, dict[s
             removed['wrench'] = removed.get('wrench', 0) + int(lost.sum())
             recording = _without(
                 recording, 'wrench', ~lost,
-                f'wrench: {int(lost.sum())} messages are zero in all channels between others that '
-                'are not, as of lost packets; left out')
+                f'wrench: {int(lost.sum())} isolated messages are zero in all channels, as after '
+                'lost packets; left out')
     return recording, removed
 
 
@@ -134,5 +134,5 @@ def _measured(recording: Recording) -> Recording:
         if why := signals.absence(name, getattr(recording, name)):
             changed: dict[str, Any] = {name: None}
             recording = replace(recording, **changed, notes=(
-                *recording.notes, f'{name}: {why}; taken as not measured'))
+                *recording.notes, f'{name}: {why}; treated as not measured'))
     return recording

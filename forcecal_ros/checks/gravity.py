@@ -46,17 +46,17 @@ def refuse_other_unit(at_rest: Array, gravity: float, decays: bool = False) -> N
     share = shown / gravity
     if 1.0 / OTHER_UNIT < share < OTHER_UNIT:
         return
-    found = f'accelerometer: |f| at rest is {shown:.3g}, not the {gravity:.3g} m/s^2 of gravity'
+    found = f'accelerometer: it reads {shown:.3g} at rest, expected {gravity:.3g} m/s^2 (gravity)'
     for unit, scale in _ACCELERATIONS.items():
         if abs(share / scale - 1.0) < GRAVITY_OFF:
             raise DataError(f'{found}: it is in {unit}; {corrected(1.0 / scale, unit)}')
     if share < NO_GRAVITY and decays:
-        raise DataError(f'{found}, and decays while the robot stands: the sensor is AC-coupled; '
-                        'state --coupling ac')
+        raise DataError(f'{found}, and decays at standstill: the sensor is AC-coupled; pass '
+                        '--coupling ac')
     if share < NO_GRAVITY:
-        raise DataError(f'{found}, however long the robot stands: the driver takes gravity off; '
-                        'let it publish specific force (REP-145)')
-    raise DataError(f'{found}: no unit explains it, so its gain is another; divide by '
+        raise DataError(f'{found}, and stays there: the driver subtracts gravity; configure it to '
+                        'publish specific force (REP-145)')
+    raise DataError(f'{found}: no known unit explains it, so its gain is wrong; divide by '
                     f'{share:.3g} in the driver')
 
 
@@ -78,9 +78,9 @@ def refuse_on_another_link(at_rest: Array, gravity: Array) -> None:
     g = float(np.linalg.norm(gravity, axis=1).mean())
     if expected > MIN_GRAVITY_SPREAD * g and shown < 0.5 * expected:
         raise DataError(
-            f'accelerometer: gravity changes by {shown:.2g} m/s^2 from pose to pose in it, by '
-            f'{expected:.2g} m/s^2 as the pose rotates: it does not sit on the tool; name the one '
-            'that does with --topic accelerometer=NAME')
+            f'accelerometer: its readings at rest vary by {shown:.2g} m/s^2, expected '
+            f'{expected:.2g} m/s^2 from the rotation of the pose: it is not mounted on the tool; '
+            'select another one with --topic accelerometer=NAME')
 
 
 def refuse_disagreeing(recording: Recording, calibration: Calibration) -> tuple[str, ...]:
@@ -125,7 +125,7 @@ def _refuse_other_gravity(recording: Recording, calibration: Calibration) -> Non
     if off < GRAVITY_OFF * g:
         return
     raise DataError(
-        'accelerometer: by the calibration it shows '
-        f'{float(np.median(np.linalg.norm(shown, axis=1))):.3g} m/s^2, {off:.3g} m/s^2 off the '
-        f'{g:.3g} m/s^2 of gravity as the pose rotates it: its unit or its mount is another than '
-        'calibrated, or it hangs on another link; calibrate again with the sensor as it is')
+        'accelerometer: its calibrated reading is '
+        f'{float(np.median(np.linalg.norm(shown, axis=1))):.3g} m/s^2 and differs by {off:.3g} '
+        f'm/s^2 from gravity in the pose ({g:.3g} m/s^2): its unit or mounting has changed, or it '
+        'is on another link; calibrate again')

@@ -96,7 +96,7 @@ class Known(NamedTuple):
     mass: float
     com: Array | None = None
     bias: Array | None = None
-    other_tool: str = 'calibrate what hung there (forcecal calibrate) and give --calibration'
+    other_tool: str = 'calibrate the attached tool (forcecal calibrate) and pass --calibration'
 
 
 class Candidate(NamedTuple):
@@ -166,7 +166,7 @@ def judge(recording: Recording, gravity: Array, stated: Stated = Stated(),
     notes = (*slight, *_of_estimates(motion, plain.fit, recording, known))
     if best is not plain and lead > 0.5 * MARGIN and gain > MIN_GAIN and (
             said := messages.of(best, plain, stated, [])):
-        notes = (*notes, f'undecided: as recorded, or {said}')
+        notes = (*notes, f'not certain: the recording is correct, or {said}')
     return notes
 
 
@@ -241,7 +241,7 @@ def candidates(motion: Motion) -> list[Candidate]:
     """Fit every row; the first is the recording as it is."""
     plain = explain(motion)
     if plain is None:
-        raise DataError('wrench and pose have no three samples in common')
+        raise DataError('fewer than three samples have both wrench and pose; record both together')
     fits = [(TABLE[0], motion, plain)]
     if not explains(plain):
         for row in TABLE[1:]:
@@ -323,14 +323,14 @@ def _refuse_counts(fit: Explained, recording: Recording) -> None:
     bias, values = np.abs(fit.force.theta[-3:]).max(), recording.wrench.values
     if np.ptp(values, axis=0).all() and (values == np.rint(values)).all():
         raise DataError(
-            'wrench: all readings are whole numbers, torques too, as counts of a converter are, '
-            "and no sensor's newton metres; divide them by the counts a newton (and a newton "
-            "metre), or record the driver's topic in newtons")
+            'wrench: all readings are integers, torques included: these are raw counts of a '
+            "converter; divide them by the counts per N (and per N m), or record the driver's "
+            'topic in newtons')
     if bias > most_n:
         raise DataError(
-            f'wrench: a bias of {above(bias, most_n)} N is beyond the range of any wrist '
-            f'sensor ({most_n:g} N): these are raw counts of a converter; divide them by the '
-            "counts a newton, or record the driver's topic in newtons")
+            f'wrench: a bias of {above(bias, most_n)} N is beyond the range of any wrist sensor '
+            f'({most_n:g} N): these are raw counts of a converter; divide them by the counts per '
+            "N, or record the driver's topic in newtons")
 
 
 def force_unit_of(shown: float, mass: float) -> tuple[str, float] | None:
@@ -352,16 +352,16 @@ def refuse_other_mass(found: float, std: float, stated: float) -> None:
         return
     unit = force_unit_of(found, stated)
     why = (f'its forces are in {unit[0]}; {corrected(unit[1], unit[0])}' if unit else
-           'no unit explains it; put all on the scale that hangs below the sensor, couplings too. '
-           'If the mass was right, the driver takes a load off or its gain is another')
-    raise DataError(f'wrench: a tool of {stated:.4g} kg weighs '
-                    f'{quantity(found, std, "kg")} in it: {why}')
+           'no known unit explains it; weigh everything below the sensor, couplings included. If '
+           'the stated mass is right, the driver subtracts a load or its gain is wrong')
+    raise DataError(f'wrench: the tool of {stated:.4g} kg weighs {quantity(found, std, "kg")} in '
+                    f'this recording: {why}')
 
 
 def corrected(factor: float, unit: str) -> str:
     """Say how readings in a unit become SI: where they are made, or where a table was read."""
-    return (f'multiply by {factor:.6g} in the driver (where forcecal import read a table, write '
-            f'"unit: {unit}" into its specification instead)')
+    return (f'multiply by {factor:.6g} in the driver (for a table read by forcecal import, set '
+            f'"unit: {unit}" in its specification instead)')
 
 
 def questions_of(mass: float, com: Array, bias: Array) -> Iterator[str]:
@@ -375,23 +375,21 @@ def questions_of(mass: float, com: Array, bias: Array) -> Iterator[str]:
     large_kg, large_n, least_kg = 50.0, 500.0, 0.25
     away, off = float(np.linalg.norm(com)), float(np.abs(bias).max())
     if mass > large_kg or off > large_n:
-        yield (f'a mass of {mass:.3g} kg with a bias of {off:.3g} N is unusually large '
-               'for a wrist: weigh the tool and give --tool-mass for the unit; if it is neither '
-               f'that nor {mass / 1000:.3g} kg (mN), divide the counts of a converter by those '
-               'per newton')
+        yield (f'a mass of {mass:.3g} kg with a bias of {off:.3g} N is unusually large for a '
+               'wrist sensor: weigh the tool and pass --tool-mass. If it weighs '
+               f'{mass / 1000:.3g} kg, the forces are in mN; otherwise these may be raw counts of '
+               'a converter: divide them by the counts per N')
     if mass < least_kg:
-        yield (f'a mass of {mass:.3g} kg is unusually small for a wrist: weigh the tool and give '
-               '--tool-mass for the unit; if it weighs '
-               f'{mass * STANDARD_GRAVITY:.3g} kg, the wrench is in kgf, if '
-               f'{mass * 4.448:.3g} kg, in lbf')
+        yield (f'a mass of {mass:.3g} kg is unusually small for a wrist sensor: weigh the tool '
+               f'and pass --tool-mass. If it weighs {mass * STANDARD_GRAVITY:.3g} kg, the forces '
+               f'are in kgf; if {mass * 4.448:.3g} kg, in lbf')
     # a centre of mass so far away is questioned: grippers and hands have theirs within 0.2 m
     far_m = 0.3
     if away > far_m:
-        yield (f'a centre of mass {away:.3g} m away from the sensor is far: measure it; if it is '
-               f'{away * 0.113:.2g} m, the torques are in lbf in (multiply by 0.11298), if '
-               f'{away / 10:.2g} m, in dN m; if {away / 4.448:.2g} or '
-               f'{away / STANDARD_GRAVITY:.2g} m, the forces are in lbf or kgf and the torques in '
-               'N m')
+        yield (f'a centre of mass {away:.3g} m away from the sensor is unusually far: measure it. '
+               f'If it is {away * 0.113:.2g} m, the torques are in lbf in (multiply by 0.11298); '
+               f'if {away / 10:.2g} m, in dN m. If it is {away / 4.448:.2g} or '
+               f'{away / STANDARD_GRAVITY:.2g} m, the forces are in lbf or kgf (torques in N m)')
 
 
 def _other_tool(fit: Explained, known: Known) -> str:
@@ -401,25 +399,23 @@ def _other_tool(fit: Explained, known: Known) -> str:
     about = np.linalg.norm(fit.gravity - fit.gravity.mean(axis=0), axis=1)
     weight = max(mass, fit.mass) * float(np.sqrt((about**2).mean() / 3.0))
     if fit.force.scale > 0.5 * weight:
-        return (f'a weight of {quantity(fit.mass, fit.mass_std, "kg")} leaves '
-                f'a residual of {fit.force.scale:.2g} N RMS: pose and wrench do not belong to '
-                'each other, or the tool touches something all the time; name the pose with '
-                '--topic pose=NAME')
+        return (f'with a weight of {quantity(fit.mass, fit.mass_std, "kg")} the force residual is '
+                f'{fit.force.scale:.2g} N RMS: wrench and pose are of different robots or times, '
+                'or the tool is always in contact; select the pose with --topic pose=NAME')
     if (unit := force_unit_of(fit.mass, mass)) and fit.mass > CONTRADICTION_SIGMA * fit.mass_std:
         raise DataError(f'{shown}: its forces are in {unit[0]}; {corrected(unit[1], unit[0])}')
     if fit.mass < SLIGHT * mass:
         raise DataError(f'{shown}: the driver subtracts its weight; disable this in the driver '
-                        f'(if nothing hung there, {known.other_tool} instead)')
+                        f'(if no tool was attached, {known.other_tool} instead)')
     if known.bias is None:
         return ''  # a model, which may be off, or something that pulls
     off = fit.force.theta[-3:] - known.bias[:3]
     size = abs(fit.mass - mass) * g + float(np.linalg.norm(off))
     if size < SLIGHT * mass * g + 3.0 * fit.force.scale / np.sqrt(fit.force.effective):
         return ''
-    return (f'the load of the sensor is {quantity(fit.mass, fit.mass_std, "kg")}, '
-            f'{mass:.4g} kg by the calibration, and its bias differs by '
-            f'{" ".join(f"{x:+.2g}" for x in off)} N: another tool, a payload, a tare after the '
-            'calibration, or a bias that drifts; calibrate again')
+    return (f'the sensor carries {quantity(fit.mass, fit.mass_std, "kg")}, the calibration has '
+            f'{mass:.4g} kg, and the bias differs by {" ".join(f"{x:+.2g}" for x in off)} N: the '
+            'tool or payload changed, the sensor was tared, or its bias drifts; calibrate again')
 
 
 def _other_time(fit: Explained) -> str:
@@ -430,18 +426,18 @@ def _other_time(fit: Explained) -> str:
     for unit, size in LENGTH_UNITS.items():
         if abs(times / size - 1.0) < 0.4:
             raise DataError(
-                f'pose: forces show {times:.2g} of the inertia that its accelerations make: its '
-                f'position is in {unit}; {corrected(size, unit)}')
+                f'pose: the forces show {times:.2g} times the inertia that its accelerations '
+                f'predict: its position is in {unit}; {corrected(size, unit)}')
         if abs(times * size - 1.0) < 0.4 and size < 0.02:
             raise DataError(
-                f'pose: forces show {times:.2g} times the inertia that its accelerations make: '
-                f'its positions are in m and taken for {unit}; state their unit as m')
+                f'pose: the forces show {times:.2g} times the inertia that its accelerations '
+                f'predict: its positions are in m but read as {unit}; set their unit to m')
     if times < 1.5:
         return ''
-    return (f'wrench shows {quantity(times, std, "")}times the inertia that the '
-            f'accelerations of the pose cause: the stamps run at {times**-0.5:.2g} of real time, '
-            'as in a log that was played slowly and stamped again; inertia is then reported as '
-            'contact: use the log as it was recorded')
+    return (f'the forces show {quantity(times, std, "")}times the inertia that the accelerations '
+            f'of the pose predict: the stamps run at {times**-0.5:.2g} of real time, as in a log '
+            'replayed slowly and stamped again. Inertia is then reported as contact; use the '
+            'original log')
 
 
 def _late(fit: Explained, late: float, recording: Recording) -> str:
@@ -455,17 +451,18 @@ def _late(fit: Explained, late: float, recording: Recording) -> str:
     size = abs(late) * fit.mass * turning
     if abs(late) < max(CONTRADICTION_SIGMA * std, MIN_DELAY_S) or size < noise:
         return ''
-    return (f'wrench shows the weight rotate {quantity(abs(late), std, "s")} '
-            f'{"later" if late > 0 else "earlier"} than the pose, which adds {size:.2g} N RMS '
-            'to the contact force while the robot rotates: a low-pass of its driver, or stamps; '
-            'switch the filter off, and stamp both when they are measured')
+    return (f'the weight in the wrench rotates {quantity(abs(late), std, "s")} '
+            f'{"later" if late > 0 else "earlier"} than the pose, which adds {size:.2g} N RMS to '
+            'the contact force while the robot rotates: the driver filters the wrench, or its '
+            'stamps are wrong; disable the filter, and stamp wrench and pose when they are '
+            'measured')
 
 
 def _other_point(fit: Explained, recording: Recording, known: Known | None) -> str:
     """Compare centres of mass by torques with the known one or that by inertia."""
     shown, shown_cov = fit.com_by_torque
     if known is not None and known.com is not None:
-        com, cov, whose = np.asarray(known.com), 1e-6 * np.eye(3), 'the model has it'
+        com, cov, whose = np.asarray(known.com), 1e-6 * np.eye(3), 'the model'
     elif (found := fit.com_by_force) is not None and 0.8 < fit.inertial[0] < 1.5:
         (com, cov), whose = found, 'inertia in motion'
     else:
@@ -475,18 +472,19 @@ def _other_point(fit: Explained, recording: Recording, known: Known | None) -> s
     if not np.ptp(fit.torque.residual) or np.linalg.norm(off) < max(
             ELSEWHERE_M, CONTRADICTION_SIGMA * error):
         return ''
-    at = (f'{"its " * bool(known)}torques put the centre of mass at {_metres(shown)}, {whose} at '
-          f'{_metres(com)}')
+    at = (f'{"its " * bool(known)}torques place the centre of mass at {_metres(shown)}, {whose} '
+          f'at {_metres(com)}')
     if unit := torque_units_of(shown, com, cov, shown_cov, known is None):
-        raise DataError(f'wrench: {at}: {unit}; correct the driver (where forcecal import read a '
-                        'table, state their unit in its specification)')
+        raise DataError(f'wrench: {at}: {unit}; correct the driver (for a table read by forcecal '
+                        'import, set their unit in its specification instead)')
     if np.linalg.norm(shown + com) < max(0.2 * np.linalg.norm(com), 4.0 * error):
         raise DataError(f'wrench: {at}: they have the opposite sign of the forces; correct their '
                         'sign in the driver')
     message = (
-        f'{at}: torques are about a point {_metres(-off)} away, which moves the centre of mass by '
-        f'{1e3 * np.linalg.norm(off):.0f} mm; calibrate {"again " * bool(known)}with '
-        f'--sensor-from-pose {_sensor_at(recording, -off)}, which puts the sensor there')
+        f'{at}: the reference point of the torques is {_metres(-off)} away, which shifts the '
+        f'centre of mass by {1e3 * np.linalg.norm(off):.0f} mm; calibrate '
+        f'{"again " * bool(known)}with --sensor-from-pose {_sensor_at(recording, -off)}, which '
+        'moves the sensor frame there')
     # without a known tool it may be the inertia that is wrong, as where a tool slides unseen
     return message if known else Finding(message, ('com', 'inertia'), -off)
 

@@ -40,16 +40,17 @@ SIGN, WEIGHT_REMOVED = 'sign', 'weight removed'
 ITSELF: Vector7 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 FIXED = {
-    'inverted': ('pose: it is that of base in the sensor', ('publish the pose of the sensor in '
-                 'base')),
-    'wxyz': ('pose: its quaternions are in the order w, x, y, z', ('fill x, y, z and w by their '
-             'names')),
-    'base': ('wrench: it is expressed in base, not in the frame of the sensor',
-             "set the driver to publish in the sensor's frame, and record again"),
-    'exchanged': ('wrench: force and torque are exchanged', 'correct their order in the driver'),
-    'torque in base': ('wrench: its torques are expressed in base, its forces in the sensor',
-                       "set the driver to publish both in the sensor's frame, and record again"),
-    'zeroed in poses': ('wrench: it is zeroed at every rest, which removes the weight',
+    'inverted': ('pose: it is inverted (pose of the base in the sensor frame)',
+                 'publish the pose of the sensor in the base frame'),
+    'wxyz': ('pose: its quaternions are in the order w, x, y, z',
+             'publish them in the order x, y, z, w'),
+    'base': ('wrench: it is expressed in the base frame, not in the sensor frame',
+             'configure the driver to publish in the sensor frame, and record again'),
+    'exchanged': ('wrench: force and torque are swapped', 'correct their order in the driver'),
+    'torque in base': (
+        'wrench: its torques are expressed in the base frame, its forces in the sensor frame',
+        'configure the driver to publish both in the sensor frame, and record again'),
+    'zeroed in poses': ('wrench: it is tared at every standstill, which removes the weight',
                         'record without taring between poses'),
 }
 """Cause and remedy of hypotheses that have no numbers of their own."""
@@ -126,9 +127,9 @@ def of(best: Any, plain: Any, stated: Stated, close: Sequence[Any]) -> str:
     then, now = (getattr(one.fit, part).scale for one in (best, plain))
     recorded = f' with a mass of {plain.fit.mass:.4g} kg' if plain.fit.mass < 0.0 else ''
     cause = ', or '.join(dict.fromkeys(one for one, _ in named))
-    others = '; poses in more directions tell whether it is the other' * (len(named) > 1)
-    return (f'{cause}; residual {part}s {then:.2g} {unit} RMS then, {now:.2g} {unit}{recorded} '
-            f'as recorded; {named[0][1]}{others}')
+    others = '; record poses in more directions to distinguish them' * (len(named) > 1)
+    return (f'{cause}. Residual {part}s: {then:.2g} {unit} RMS if corrected, {now:.2g} '
+            f'{unit}{recorded} as recorded; {named[0][1]}{others}')
 
 
 def slight(best: Any, stated: Stated) -> str:
@@ -137,25 +138,24 @@ def slight(best: Any, stated: Stated) -> str:
         return '; '.join(_changed(best)[1:])
     if best.name == 'bias drifts':
         drift = best.motion.extra @ best.fit.force.theta[-9:-3]
-        return (f'the bias of the forces drifts by {np.linalg.norm(np.ptp(drift, axis=0)):.2g} N '
-                'while this was recorded; let the sensor warm up, and record again')
+        return (f'the force bias drifts by {np.linalg.norm(np.ptp(drift, axis=0)):.2g} N during '
+                'the recording; let the sensor warm up, and record again')
     if best.name == 'smoothed':
         tau = best.motion.path.smoothing
-        how = f'behind a low-pass of {0.5 / np.pi / tau:.2g} Hz' if tau > 0.0 else (
-            f'averaged over {-tau:.2g} s')
-        return (f'wrench follows gravity as {how}: its '
-                'driver smooths it; contacts are as smooth, and weight is removed too early while '
-                'the robot moves; switch the filter off')
+        how = f'a low-pass of {0.5 / np.pi / tau:.2g} Hz' if tau > 0.0 else (
+            f'a moving average over {-tau:.2g} s')
+        return (f'the driver filters the wrench ({how}), which smooths contacts and removes the '
+                'weight too early while the robot moves; disable the filter')
     if best.name == 'crosstalk':
         return f'the wrench has {crosstalk(best.motion)[0]}'
     parts = []
     if 'tilted' in best.name:
-        parts.append(f'gravity is {_tilt(best, stated)} off {_numbers(stated.down)} of base, as '
-                     f'--gravity-direction {_numbers(_down(best))} would state')
+        parts.append(f'gravity is {_tilt(best, stated)} off {_numbers(stated.down)} of base '
+                     f'(--gravity-direction {_numbers(_down(best))})')
     if 'rotated' in best.name:
         parts.append(f'the sensor is rotated by {_turn(best.motion.axes, _turn_std(best))} '
-                     'against its pose')
-    return f'{" and ".join(parts)}, by the forces' if parts else ''
+                     'relative to its pose')
+    return f'{" and ".join(parts)}, according to the forces' if parts else ''
 
 
 def crosstalk(motion: Motion) -> tuple[str, float]:
@@ -167,8 +167,8 @@ def crosstalk(motion: Motion) -> tuple[str, float]:
     shown, of, size = CHANNELS['wrench'][i], CHANNELS['wrench'][j], float(abs(parts[i, j]))
     share = (f'{100 * parts[i, j]:+.2g} %' if i < 3
              else f'{1e3 * motion.levers[i - 3, j]:+.2g} mm')
-    what = (f'a gain error, {share} of {shown}' if i == j
-            else f'crosstalk, {shown} shows {share} of {of}')
+    what = (f'a gain error of {share} in {shown}' if i == j
+            else f'crosstalk of {share} from {of} to {shown}')
     return what, size
 
 
@@ -194,25 +194,24 @@ def refuse_weightless(plain: Any) -> None:
     if fit.moving and inertial > CONTRADICTION_SIGMA * std and abs(fit.mass) < min(
             SLIGHT * inertial, CONTRADICTION_SIGMA * fit.mass_std):  # more is a length in mm
         raise DataError(
-            f'wrench: it shows the inertia of {inertial:.3g} kg and the weight of '
-            f'{quantity(max(fit.mass, 0.0), fit.mass_std, "kg")}: the driver removes the '
-            'weight; '
-            "let it leave the weight in, or record the sensor's own readings", WEIGHT_REMOVED)
+            f'wrench: its inertia is that of {inertial:.3g} kg, its weight that of '
+            f'{quantity(max(fit.mass, 0.0), fit.mass_std, "kg")}: the driver removes the weight; '
+            'disable this in the driver, or record the raw sensor topic', WEIGHT_REMOVED)
     explained = 1.0 - (residual / max(changes, 1e-300))**2
     if abs(fit.mass) < 3.0 * fit.mass_std or (fit.mass < 0.0 and explained < EXPLAINED):
         # forces without weight that change by more change for another reason
         no_noise_n = 1.0
         if residual > no_noise_n:
             raise DataError(
-                f'the forces change by {changes:.2g} N, and not as a weight does (mass '
-                f'{quantity(fit.mass, fit.mass_std, "kg")}, residual RMS {residual:.2g} N), '
-                'in any frame: the driver removes the weight, or wrench and pose are of different '
-                "robots or times; record the sensor's own readings, or compare them pose by pose")
+                f'the forces vary by {changes:.2g} N, but not like a weight in any frame (mass '
+                f'{quantity(fit.mass, fit.mass_std, "kg")}, residual RMS {residual:.2g} N): the '
+                'driver removes the weight, or wrench and pose are of different robots or times; '
+                'record the raw sensor topic, or compare wrench and pose in each pose')
         raise UnobservableError(
-            'the forces show no weight that turns with the sensor (mass '
-            f'{quantity(fit.mass, fit.mass_std, "kg")}, residual RMS {residual:.2g} N)'
-            f'{as_in_base(force, motion.gravity)}; hang the tool on the sensor, add poses, and '
-            "look whether the driver publishes in the sensor's frame")
+            'the forces show no weight that rotates with the sensor (mass '
+            f'{quantity(fit.mass, fit.mass_std, "kg")}, residual RMS {residual:.2g} '
+            f'N){as_in_base(force, motion.gravity)}; attach the tool, add poses, and check that '
+            'the driver publishes in the sensor frame')
     refuse_unexplained(plain)
 
 
@@ -229,9 +228,9 @@ def refuse_unexplained(one: Any) -> None:
     explained = 1.0 - (residual / max(changes, 1e-300))**2
     if explained < EXPLAINED and residual > 3.0 * one.fit.force.floor and not one.fit.moving:
         raise DataError(
-            f'a weight explains {explained:.0%} of how the forces change (residual RMS '
-            f'{residual:.2g} of {changes:.2g} N), in whatever frame: orientations and wrenches '
-            'are not of the same poses, or something else pulls; compare them pose by pose')
+            f'a weight explains only {explained:.0%} of the variation of the forces in any frame '
+            f'(residual RMS {residual:.2g} of {changes:.2g} N): wrench and pose are of different '
+            'poses, or another force acts on the tool; compare wrench and pose in each pose')
 
 
 def _changes(one: Any) -> tuple[Array, float, float]:
@@ -252,8 +251,8 @@ def as_in_base(force: Array, gravity: Array) -> str:
     if weight <= 0.0 or np.linalg.norm(mean - weight * gravity) > vertical_rad * (
             np.linalg.norm(mean)):
         return ''
-    return (f', but a force that stays vertical in base, as of {weight:.3g} kg in a wrench '
-            'expressed in base')
+    return (f', but a force that stays vertical in base, like the weight of {weight:.3g} kg in a '
+            'wrench expressed in base')
 
 
 def about(one: Any) -> str:
@@ -269,9 +268,9 @@ def _cause(one: Any, plain: Any, stated: Stated) -> tuple[str, str] | None:
         return FIXED[name]
     if about(one) == SIGN:
         sign = -stated.wrench_sign
-        return ('wrench: it has the opposite sign', (f'set wrench.sign to {sign} (--wrench-sign '
-                f'{sign}), unless the robot hangs upside down: then '
-                f'{_level(-stated.down, stated)}'))
+        return ('wrench: it has the opposite sign', (
+            f'set wrench.sign to {sign} (--wrench-sign {sign}), unless the robot is mounted '
+            f'upside down: then {_level(-stated.down, stated)}'))
     if name == 'mirrored':
         return (f'wrench: its axes are mirrored (left-handed){_order(one.motion.axes)}',
                 'correct the order and the signs of its axes in the driver')
@@ -281,8 +280,8 @@ def _cause(one: Any, plain: Any, stated: Stated) -> tuple[str, str] | None:
                 'correct the order and the signs of the forces in the driver')
     if name == 'torque axes':
         Q = one.motion.axes
-        return ((f'wrench: its torques are not about the axes of its forces{_order(Q)}, or all '
-                'three the other way round'),
+        return ((f'wrench: its torques are about other axes than its forces{_order(Q)}, or all '
+                 'three have the opposite sign'),
                 'correct the order and the signs of the torques in the driver')
     if name == 'crosstalk':
         what, size = crosstalk(one.motion)
@@ -295,10 +294,10 @@ def _cause(one: Any, plain: Any, stated: Stated) -> tuple[str, str] | None:
         return (said[0], said[1]) if size > SLIGHT * abs(one.fit.mass) else None
     causes = []
     if 'rotated' in name and _angle(Q := one.motion.axes) > TOLERANCE_DEG:
-        causes.append(((f"wrench: its axes are rotated by {_turn(Q, _turn_std(one))} against the "
-                       f"sensor's pose{_order(Q)}"), _rotation_option(Q, stated)))
+        causes.append(((f'wrench: its axes are rotated by {_turn(Q, _turn_std(one))} relative to '
+                        f'the pose of the sensor{_order(Q)}'), _rotation_option(Q, stated)))
     if 'tilted' in name and _angle_between(_down(one), stated.down) > TOLERANCE_DEG:
-        causes.append((f'the base is tilted, gravity in it is {_tilt(one, stated)} off',
+        causes.append((f'the base is tilted: gravity is {_tilt(one, stated)} off',
                        _level(_down(one), stated)))
     return (' and '.join(cause for cause, _ in causes),
             ' and '.join(remedy for _, remedy in causes)) if causes else None
@@ -308,9 +307,9 @@ def clock(stream: str, moved: Motion, plain: Motion) -> tuple[str, str]:
     """Cause and remedy of stamps of another clock."""
     late = float(moved.t[0] - plain.t[0])
     side = 'later' if late > 0 else 'earlier'
-    return (f'{stream} shows gravity turn {abs(late):.2f} s {side} than the pose, by its stamps',
-            ('set the clocks of all computers by one (PTP or chrony) and record again; '
-             f'{-late:+.2f} s on all stamps of {stream} correct this recording'))
+    return (f'{stream}: by its stamps, gravity rotates {abs(late):.2f} s {side} than in the pose',
+            ('synchronise the clocks of all computers (PTP or chrony) and record again, or add '
+             f'{-late:+.2f} s to all stamps of {stream}'))
 
 
 def _changed(one: Any) -> tuple[float, str, str]:
@@ -323,18 +322,18 @@ def _changed(one: Any) -> tuple[float, str, str]:
         return (float(np.linalg.norm(off)) / g, (
             f'{begin} the wrench differs by {x:+.2g} {y:+.2g} {z:+.2g} N in all orientations: the '
             'bias changed (a tare, an overload, a restart of the driver), or a contact began or '
-            'ended'), 'calibrate with a recording without this')
+            'ended'), 'calibrate with a recording without this change')
     if one.name == 'load changes':
         more = 'more' if theta[-4] > 0 else 'less'
         return (abs(theta[-4]), (
             f'{begin} the sensor carries {abs(theta[-4]):.3g} kg {more}: something was gripped or '
-            'released; its weight counts as contact'),
-            'calibrate with a recording without this (estimate --track-tool follows it)')
+            'released; its weight is reported as contact'),
+            'calibrate without this change (forcecal estimate --track-tool follows it)')
     size = float(np.linalg.norm(theta[-5:-3]))
     return (size / g, (
         f'{begin} a horizontal force of {size:.2g} N keeps its direction in base in all '
-        'orientations: the base tilted (or drives over a slope), or something pulls steadily'),
-        'its pull counts as contact; calibrate with a recording without this')
+        'orientations: the base tilted (or drives over a slope), or a constant force acts'),
+        'its force is reported as contact; calibrate with a recording without this change')
 
 
 def _turn_std(one: Any) -> float:
@@ -351,18 +350,19 @@ def _rotation_option(Q: Array, stated: Stated) -> str:
     vector = rotation_vector(Q.T if before is None else Q.T @ before)
     option = f'--sensor-rotation {_numbers(np.degrees(vector))}'
     if not stated.by and before is None:
-        option += (' (where the pose is that of a flange: --sensor-from-pose X Y Z '
-                   f'{_numbers(quaternion_from_matrix(Q.T))}, with the place of the sensor in it)')
+        option += (' (if the pose is that of the flange: --sensor-from-pose X Y Z '
+                   f'{_numbers(quaternion_from_matrix(Q.T))}, with the sensor position X Y Z in '
+                   'the flange [m])')
     return _stating(option, stated)
 
 
 def _stating(option: str, stated: Stated) -> str:
-    return f'{"calibrate again with" if stated.by == "calibration" else "state"} {option}'
+    return f'{"calibrate again with" if stated.by == "calibration" else "pass"} {option}'
 
 
 def _level(down: Array, stated: Stated) -> str:
     if stated.by == 'rig':
-        return f'turn gravity in the rig along {_numbers(down)}'
+        return f'set gravity in the rig along {_numbers(down)}'
     return _stating(f'--gravity-direction {_numbers(down)}', stated)
 
 
@@ -373,7 +373,7 @@ def _order(Q: Array) -> str:
         return ''
     names = (f'{"-" * bool(row.sum() < 0.0)}{"xyz"[int(np.argmax(np.abs(row)))]}'
              for row in nearest)
-    return f': x, y, z show {", ".join(names)}'
+    return f' (x, y, z measure {", ".join(names)})'
 
 
 def _turn(Q: Array, std: float) -> str:

@@ -72,7 +72,7 @@ a wrist [m]: 1 kg at this distance already overloads most wrist sensors by its t
 
 REMEDY = 'check the sensor, its cable and its driver, and record again'
 
-_STATE_UNIT = ('state its unit in the specification of forcecal import, or correct the stamps in '
+_STATE_UNIT = ('set its unit in the specification of forcecal import, or correct the stamps in '
                'the driver')
 
 
@@ -133,8 +133,8 @@ class Unreadable:
         what = f'not finite or beyond {self._limit:g}'
         if self._finite and self.count == self.total:
             raise DataError(f'{self._stream}: all samples are beyond {self._limit:g} '
-                            f'({self._first}): they are counts of a converter; divide them '
-                            'by the counts of each unit in the driver')
+                            f'({self._first}): these are raw counts of a converter; scale them to '
+                            'SI units in the driver')
         # from this share of samples on a stream is not to be used: ten a second of 1 kHz
         spoilt = 0.01
         if self.count == self.total or self.count > max(FEW, spoilt * self.total):
@@ -178,8 +178,8 @@ def absence(name: str, stream: Stream | PoseStream | None) -> str:
     if name not in OPTIONAL or not isinstance(stream, Stream):
         return ''
     if name == 'angular_velocity' and np.isnan(stream.values).all():
-        return 'no number throughout'
-    return '' if stream.values.any() else 'zero throughout'
+        return 'all values are NaN'
+    return '' if stream.values.any() else 'all values are zero'
 
 
 # Repetitions -----------------------------------------------------------------------------------
@@ -212,8 +212,8 @@ def without_repetitions(stream: Stream | PoseStream, name: str) -> tuple[Mask, s
         for i, n in zip(first.tolist(), count.tolist()):
             keep[i:i + n - every // 2:every] = True
         rate = (len(stream) - 1) / float(stream.t[-1] - stream.t[0]) / every
-        return keep, (f'{name}: each reading is sent {every} times: it comes at {rate:.3g} Hz; '
-                      'repetitions are left out')
+        return keep, (f'{name}: each reading is sent {every} times, so the sensor runs at '
+                      f'{rate:.3g} Hz; repetitions are left out')
     if name == 'wrench' and (count == 1).mean() > 0.9:
         steps = np.abs(np.diff(rows, axis=0))
         usual_step = np.median(steps[steps.any(axis=1)], axis=0)
@@ -223,8 +223,8 @@ def without_repetitions(stream: Stream | PoseStream, name: str) -> tuple[Mask, s
                 keep[i + 1:i + n] = False
     if keep.all():
         return keep, ''
-    return keep, (f'{name}: {int((~keep).sum())} messages repeat all channels of the one before, '
-                  'as where the line to the sensor fails; left out')
+    return keep, (f'{name}: {int((~keep).sum())} messages repeat all channels of the previous '
+                  'one, as when the connection to the sensor fails; left out')
 
 
 def lost_packets(values: Array) -> Mask:
@@ -269,7 +269,7 @@ def refuse_dead(stream: Stream, name: str) -> None:
     if not changing.any():
         raise DataError(f'{name}: the values never change; {REMEDY}')
     if changing.max() > 0.5 and not changing.all():
-        dead = '; '.join(f'{CHANNELS[name][j]} stands at {stream.values[0, j]:.6g} throughout'
+        dead = '; '.join(f'{CHANNELS[name][j]} is constant at {stream.values[0, j]:.6g}'
                          for j in np.flatnonzero(changing == 0).tolist())
         raise DataError(f'{dead}; {REMEDY}')
 
@@ -303,15 +303,15 @@ def refuse_stuck(stream: Stream, name: str, channels: Sequence[str],
             R = pose.between(start, end).R_base_sensor
         if np.abs(R - R[:1]).max(initial=0.0) > 0.1 or any(
                 _sticks(stream, steps, j, hold, False) for j in every):
-            raise DataError(f'{name}: every channel repeats itself from {start:.2f} s to '
-                            f'{end:.2f} s; {REMEDY}')
+            raise DataError(f'{name}: all channels are constant from {start:.2f} s to {end:.2f} '
+                            f's; {REMEDY}')
     for j in every:
         hold = _longest(t, values[:, [j]])
         if hold and steps[slice(*hold)].any(axis=1).sum() >= STUCK_SAMPLES and _sticks(
                 stream, steps, j, hold, True):
             start, end = (float(t[i]) for i in hold)
-            found.append(f'{channels[j]} repeats {values[hold[0], j]:.6g} from {start:.2f} s to '
-                         f'{end:.2f} s while other channels change')
+            found.append(f'{channels[j]} is stuck at {values[hold[0], j]:.6g} from {start:.2f} s '
+                         f'to {end:.2f} s while other channels change')
     if found:
         raise DataError(f'{"; ".join(found)}; {REMEDY}')
 
@@ -369,8 +369,8 @@ class Clipping(NamedTuple):
     start: float = 0.0
 
     def __str__(self) -> str:
-        return (f'{self.channel} stops at {self.limit:.4g} ({self.samples} samples, the first '
-                f'at {self.start:.2f} s)')
+        return (f'{self.channel} is clipped at {self.limit:.4g} ({self.samples} samples, the '
+                f'first at {self.start:.2f} s)')
 
 
 def columns(recording: Recording) -> Iterator[tuple[str, Array, Array]]:
@@ -455,12 +455,12 @@ def refuse_wrapped(wrench: Stream, pose: PoseStream) -> None:
     DataError
         Names the channels and the ends.
     """
-    found = [f'{channel} leaps from one end of its range to the other ({values.min():.4g}, '
+    found = [f'{channel} jumps from one end of its range to the other ({values.min():.4g}, '
              f'{values.max():.4g}) {count} times'
              for channel, values in zip(CHANNELS['wrench'], wrench.values.T)
              if (count := _wraps(wrench.t, values, pose))]
     if found:
-        raise DataError(f'{"; ".join(found)}: its counts wrap around; raise the range of the '
+        raise DataError(f'{"; ".join(found)}: its counts overflow; increase the range of the '
                         'sensor')
 
 
@@ -507,8 +507,9 @@ def refuse_apart(spans: Mapping[str, tuple[float, float]]) -> None:
     apart = [name for name in spans if name not in meets[most]]
     if apart:
         listed = ', '.join(f'{name} {spans[name][0] - spans[most][0]:+.1f} s' for name in apart)
-        raise DataError(f'stamps begin too far from those of {most}: {listed}; set the clocks of '
-                        'all computers by one (PTP or chrony), and record again')
+        raise DataError(f'streams do not overlap with {most}; start times relative to it: '
+                        f'{listed}; synchronise the clocks of all computers (PTP or chrony), and '
+                        'record again')
 
 
 def refuse_clocks_apart(recording: Recording) -> None:
@@ -564,8 +565,8 @@ def lost_messages(recording: Recording) -> Iterator[str]:
         short = np.diff(stream.t) < max(PAUSE_S, PAUSE_PERIODS * jitter.period)
         missing = int((np.diff(jitter.number) - 1)[short].sum())
         if missing > 0.05 * (missing + len(stream)):
-            yield (f'{name}: {missing / (missing + len(stream)):.0%} of its messages are missing: '
-                   'record on the computer that sends them')
+            yield (f'{name}: {missing / (missing + len(stream)):.0%} of its messages are missing; '
+                   'record on the computer that publishes them')
 
 
 # Poses -----------------------------------------------------------------------------------------
@@ -593,14 +594,14 @@ def refuse_frozen_pose(recording: Recording) -> None:
         if end - start < PAUSE_S or (goes_on and not _jumps(pose.rows(slice(j, j + 3)))):
             continue
         if what := _what_moves(recording, start, end - MAX_LATE_S / (2 if goes_on else 1)):
-            raise DataError(f'current_pose repeats itself to the last bit from {start:.2f} s to '
-                            f'{end:.2f} s of {where}, while {what}; look at its driver')
+            raise DataError(f'current_pose is constant from {start:.2f} s to {end:.2f} s of '
+                            f'{where}, while {what}; check its driver')
     start = float(pose.t[-1])
     others = [stream.t[-1]
               for stream in present(recording, ('wrench', 'accelerometer')).values()]
     if others and (what := _what_moves(recording, start, float(max(others)) - MAX_LATE_S)):
         raise DataError(f'current_pose has no message from {start:.2f} s on of {where}, while '
-                        f'{what}; look at its driver')
+                        f'{what}; check its driver')
 
 
 def _ways(pose: PoseStream) -> Array:
@@ -625,7 +626,7 @@ def _what_moves(recording: Recording, start: float, end: float) -> str:
     if target is not None and len(target) and target.t[0] < end:
         held = max(0, int(np.searchsorted(target.t, start, side='right')) - 1)
         sent = target.between(float(target.t[held]), end)
-        return 'the commands move' if len(sent) and _ways(sent).max() > 1.0 else ''
+        return 'the commanded pose moves' if len(sent) and _ways(sent).max() > 1.0 else ''
     for name in ('angular_velocity', 'accelerometer', 'wrench'):
         stream: Stream | None = getattr(recording, name)
         # the tool may ring for a second after the robot has stopped
@@ -686,9 +687,9 @@ def interpolated(pose: PoseStream) -> str:
     astray = float(np.quantile(changes, 0.9)) if len(changes) else 0.0
     if even.mean() < 0.5 or astray < 0.01:  # 0.1 N for 1 kg
         return ''
-    return (f'pose: between {1.0 / period:.3g} poses a second it moves along straight lines, so '
-            f'that orientations were interpolated, and some {astray:.2g} rad off in between: '
-            'weight and inertia are removed wrongly while the robot moves; record every pose')
+    return (f'pose: it is interpolated linearly between poses at {1.0 / period:.3g} Hz, with '
+            f'orientation errors of about {astray:.2g} rad. Weight and inertia are removed '
+            'wrongly while the robot moves; record every pose')
 
 
 # Pace ------------------------------------------------------------------------------------------
@@ -712,16 +713,16 @@ def refuse_other_pace(recording: Recording) -> None:
     fastest = max(rates, key=lambda name: rates[name])
     if rates[fastest] > 5e4:  # no sensor is as fast [Hz]
         raise DataError(
-            f'{fastest}: {rates[fastest]:.3g} readings a second, more than any sensor or robot '
-            f'sends: its time is in another unit (s taken for ms, or ms for us); {_STATE_UNIT}')
+            f'{fastest}: a rate of {rates[fastest]:.3g} Hz is higher than that of any sensor or '
+            f'robot: its time is in another unit (s read as ms, or ms as us); {_STATE_UNIT}')
     last = {name: float(one.t[-1] - one.t[0]) for name, one in streams.items()}
     for (long, span), (short, less) in permutations(last.items(), 2):
         for factor, unit in ((1e3, 'ms'), (1e6, 'us')):
             if abs(span / less / factor - 1.0) < 0.05:
                 raise DataError(
-                    f'{long}: its {len(streams[long])} readings last {span:.3g} s, the '
-                    f'{len(streams[short])} of {short} {less:.3g} s: time is in {unit} in one and '
-                    f'in s in the other; {_STATE_UNIT}')
+                    f'{long}: its {len(streams[long])} readings last {span:.3g} s, those of '
+                    f'{short} {less:.3g} s ({len(streams[short])}): one has its time in {unit}, '
+                    f'the other in s; {_STATE_UNIT}')
     if 'pose' in streams:
         _refuse_other_speed(streams['pose'], fastest, rates)
 
@@ -738,9 +739,9 @@ def _refuse_other_speed(pose: PoseStream, fastest: str, rates: Mapping[str, floa
     if rates[fastest] < 5.0 and turned.sum() > 0.3 and turned.max() < 0.35 and (
             speed.max() < 0.02):
         raise DataError(
-            f'{fastest}: {rates[fastest]:.2g} readings a second, and the pose rotates by '
-            f'{speed.max():.2g} rad/s at most, slower than any robot: time is in ms or us '
-            f'and taken for s, or counts rows; {_STATE_UNIT} (rate: where rows are evenly apart)')
+            f'{fastest}: its rate is {rates[fastest]:.2g} Hz and the pose rotates at '
+            f'{speed.max():.2g} rad/s at most, slower than any robot: time is in ms or us but '
+            f'read as s, or counts rows; {_STATE_UNIT} (if rows are evenly spaced, set rate)')
     turning, moving = float(np.quantile(speed, 0.9)), 0.0
     if pose.has_position:
         n = each(0.1)
@@ -749,19 +750,18 @@ def _refuse_other_speed(pose: PoseStream, fastest: str, rates: Mapping[str, floa
         moving = float(np.quantile(np.linalg.norm(np.diff(place, axis=0), axis=1) / np.diff(
             at[:, 0]).clip(min=0.5 * n / rates['pose']), 0.9))
     if turning > MAX_SPEED and moving > MAX_SPEED:
-        why = 'time is in s and taken for ms or us'
+        why = 'time is in s but read as ms or us'
     elif turning > MAX_SPEED:
-        why = ('its angles are in degrees and taken for radians, or time is in s and taken for '
-               'ms')
+        why = 'its angles are in degrees but read as radians, or time is in s but read as ms'
     elif moving > MAX_SPEED:
-        raise DataError(f'pose: its position moves at {moving:.3g} m/s for a tenth of the '
-                        'recording, which no arm does: it is in mm; multiply by 0.001 in the '
-                        'driver (where forcecal import read a table, write "unit: mm" into its '
-                        'specification instead)')
+        raise DataError(f'pose: its position moves at {moving:.3g} m/s for 10 % of the recording, '
+                        'faster than any arm: it is in mm; multiply by 0.001 in the driver (for a '
+                        'table read by forcecal import, set "unit: mm" in its specification '
+                        'instead)')
     else:
         return
-    raise DataError(f'pose: it turns by {turning:.3g} rad/s and moves at {moving:.3g} m/s for a '
-                    f'tenth of the recording, as no arm does: {why}; {_STATE_UNIT}')
+    raise DataError(f'pose: it rotates at {turning:.3g} rad/s and moves at {moving:.3g} m/s for '
+                    f'10 % of the recording, faster than any arm: {why}; {_STATE_UNIT}')
 
 
 def refuse_degrees_a_second(recording: Recording) -> None:
@@ -793,9 +793,9 @@ def refuse_degrees_a_second(recording: Recording) -> None:
         both, own, others = ((change * expected).sum(), (change**2).sum(), (expected**2).sum())
         times = float(others / both) if both > 0.7 * np.sqrt(own * others) else 0.0
     if abs(times / np.degrees(1.0) - 1.0) < 0.25:
-        raise DataError(f'angular_velocity: it is {times:.3g} times as fast as the tool turns: it '
-                        'is in deg/s; multiply by 0.0174533 in the driver (where forcecal import '
-                        'read a table, write "unit: deg/s" into its specification instead)')
+        raise DataError(f'angular_velocity: it is {times:.3g} times the rotation rate of the '
+                        'tool: it is in deg/s; multiply by 0.0174533 in the driver (for a table '
+                        'read by forcecal import, set "unit: deg/s" in its specification instead)')
 
 
 def refuse_far_displacement(optidrive: Stream | None) -> None:
@@ -811,5 +811,5 @@ def refuse_far_displacement(optidrive: Stream | None) -> None:
         return
     away = float(np.nanmedian(np.abs(optidrive.values)))
     if away > FARTHEST:
-        raise DataError(f'optidrive: the tool is displaced by {above(away, FARTHEST)} m, expected '
-                        f'{FARTHEST:g} m at most; is the displacement in mm? Multiply it by 0.001')
+        raise DataError(f'optidrive: the displacement is {above(away, FARTHEST)} m, expected at '
+                        f'most {FARTHEST:g} m: it is probably in mm; multiply it by 0.001')

@@ -98,18 +98,18 @@ class Accelerometer:
     paper's Kgain is negative); those of a scaled sensor are positive.
     """
 
-    offset: Annotated[Estimate, Entry('Reading without specific force', 'V or m/s^2', shape=(3,))]
-    gain: Annotated[Estimate, Entry('Of each axis', 'V/(m/s^2) or 1', shape=(3,))]
+    offset: Annotated[Estimate, Entry('Reading at zero specific force', 'V or m/s^2', shape=(3,))]
+    gain: Annotated[Estimate, Entry('Gain of each axis', 'V/(m/s^2) or 1', shape=(3,))]
     map: Annotated[Estimate, Entry(
-        'Rows are unit vectors: the direction of each axis in ft_sensor', '1', shape=(3, 3))]
+        'Rows are unit vectors, the direction of each axis in ft_sensor', '1', shape=(3, 3))]
     coupling: Annotated[str, Row(
         'ac for a sensor with a first-order high-pass', words=('dc', 'ac'))] = 'dc'
     delay: Annotated[Estimate, Entry(
-        'How much later than the wrench it reads', 's')]
+        'Delay relative to the wrench', 's')]
     cutoff: Annotated[Estimate | None, Entry(
-        'Corner of the high-pass; None for dc', 'Hz', omit=True)] = None
+        'Corner frequency of the high-pass; None for dc', 'Hz', omit=True)] = None
     position: Annotated[Estimate | None, Entry(
-        'Place in ft_sensor at zero displacement; None: taken to be at the CoM', 'm', shape=(3,),
+        'Position in ft_sensor at zero displacement; None: assumed at the CoM', 'm', shape=(3,),
         omit=True)] = None
 
     @property
@@ -127,8 +127,8 @@ class Accelerometer:
 class Tool:
     """Compliance along x of ft_sensor, [Gamez2005] Eq. 29."""
 
-    stiffness: Annotated[Estimate, Entry('Of the spring', 'N/m')]
-    damping: Annotated[Estimate, Entry('Of the damper', 'N s/m')]
+    stiffness: Annotated[Estimate, Entry('Of the compliant axis', 'N/m')]
+    damping: Annotated[Estimate, Entry('Of the compliant axis', 'N s/m')]
 
 
 @dataclass(frozen=True)
@@ -142,19 +142,19 @@ class Noise:
     Q: Annotated[Estimate, Entry('Of [x, dx/dt] in Eq. 6', '(m, m/s)^2 s', shape=(2, 2))]
     R: Annotated[Estimate, Entry(
         'Of [x, dx/dt, d2x/dt2] in Eq. 6', '(m, m/s, m/s^2)^2 s', shape=(3, 3))]
-    wrench: Annotated[Estimate, Entry('Of one wrench', '(N, N m)^2', shape=(6, 6))]
+    wrench: Annotated[Estimate, Entry('Of one sample', '(N, N m)^2', shape=(6, 6))]
     specific_force: Annotated[Estimate | None, Entry(
-        'Of one reading of the accelerometer, in ft_sensor', '(m/s^2)^2', shape=(3, 3))] = None
+        'Of one sample of the accelerometer, in ft_sensor', '(m/s^2)^2', shape=(3, 3))] = None
     wrench_rate: Annotated[float, Row(
-        'Rate that the covariance of the wrench belongs to; NaN: unknown', 'Hz', finite=False)
+        'Sampling rate of the wrench covariance; NaN: unknown', 'Hz', finite=False)
         ] = np.nan
     accelerometer_rate: Annotated[float, Row(
-        'The same of the accelerometer', 'Hz', finite=False)] = np.nan
+        'Sampling rate of the accelerometer covariance', 'Hz', finite=False)] = np.nan
     wrench_density: Annotated[Estimate | None, Entry(
         'Spectral density of the wrench at low frequencies; white noise: covariance over rate',
         '(N, N m)^2 s', shape=(6, 6), omit=True)] = None
     specific_force_density: Annotated[Estimate | None, Entry(
-        'The same of the accelerometer', '(m/s^2)^2 s', shape=(3, 3), omit=True)] = None
+        'Low-frequency density of specific force', '(m/s^2)^2 s', shape=(3, 3), omit=True)] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,8 +162,8 @@ class ObserverGain:
     """The paper's observer, [Gamez2005] Eq. 4, 18, 19."""
 
     mode: Annotated[str, Row(
-        'Which one publishes the contact wrench', words=('kalman', 'newton'))] = 'kalman'
-    dt: Annotated[float, Row('Period the observer is stepped at', 's', above=0.0)]
+        'Filter that publishes the contact wrench', words=('kalman', 'newton'))] = 'kalman'
+    dt: Annotated[float, Row('Step period of the observer', 's', above=0.0)]
     K: Annotated[Estimate, Entry('Gain with k23 = 1', '1', shape=(2, 3))]
     A: Annotated[Estimate, Entry('Of Eq. 4', '1', shape=(2, 2))]
     C: Annotated[Estimate, Entry('Of Eq. 4', '1', shape=(3, 2))]
@@ -180,28 +180,28 @@ class Calibration:
     The rows are those of ``calibration.yaml``.
     """
 
-    mass: Annotated[Estimate, Entry('Of what hangs on the sensor', 'kg', above=0.0)]
+    mass: Annotated[Estimate, Entry('All that hangs on the sensor', 'kg', above=0.0)]
     com: Annotated[Estimate, Entry(
         'Centre of mass in ft_sensor at zero tool displacement', 'm', shape=(3,))]
     inertia: Annotated[Estimate | None, Entry(
         'About the centre of mass, axes of ft_sensor', 'kg m^2', shape=(3, 3))] = None
     wrench_bias: Annotated[Estimate, Entry(
-        'Reading without any load, wire sign', 'N, N m', shape=(6,))]
+        'Reading without load, in the sign of the driver', 'N, N m', shape=(6,))]
     gravity: Annotated[float, Row(
-        'Magnitude that the calibration was made with', 'm/s^2')] = STANDARD_GRAVITY
+        'Magnitude of gravity used for the calibration', 'm/s^2')] = STANDARD_GRAVITY
     gravity_direction: Annotated[Vector3 | None, Row(
-        'Unit vector in base that gravity points along; absent: -z', low=-1.0, high=1.0,
+        'Direction of gravity in base, a unit vector; absent: -z', low=-1.0, high=1.0,
         omit=True)] = None
     sensor_rotation: Annotated[Vector3 | None, Row(
-        "Rotation vector of the wire's axes in the frame of the pose, into which readings are "
+        "Rotation vector of the driver's axes in the frame of the pose, into which readings are "
         'rotated; absent: the same axes', 'rad', key='sensor.rotation', omit=True)] = None
     sensor_frame: Annotated[str, Row('frame_id of the wrench', key='sensor.frame')] = 'ft_sensor'
     wrench_sign: Annotated[int, Row(
         '-1 if the driver reports tool on environment; readings were multiplied by it',
         words=(1, -1), key='sensor.sign')] = 1
     sensor_from_pose: Annotated[Vector7 | None, Row(
-        'x y z [m] qx qy qz qw of ft_sensor in the frame whose pose was read; absent: the pose '
-        'was that of ft_sensor', key='sensor.from_pose', omit=True)] = None
+        'x y z [m] qx qy qz qw of ft_sensor in the frame of the recorded pose; absent: the pose '
+        'is that of ft_sensor', key='sensor.from_pose', omit=True)] = None
     accelerometer: Accelerometer | None = None
     tool: Tool | None = None
     noise: Noise | None = None
@@ -209,8 +209,7 @@ class Calibration:
     matrix: Annotated[Estimate | None, Entry(
         'Converts n raw channels to a wrench', shape=(6, None), omit=True)] = None
     matrix_offset: Annotated[Estimate | None, Entry(
-        'Raw reading without any load', shape=(None,), key='matrix.offset', omit=True)] = None
+        'Raw reading without load', shape=(None,), key='matrix.offset', omit=True)] = None
     quality: Annotated[Mapping[str, Any], Row(
-        'Residuals, condition numbers, warnings: plain numbers, words and lists')
-        ] = field(default_factory=dict)
-    source: Annotated[Mapping[str, Any], Row('Where from, when')] = field(default_factory=dict)
+        'Residuals, condition numbers and warnings')] = field(default_factory=dict)
+    source: Annotated[Mapping[str, Any], Row('Origin and date')] = field(default_factory=dict)

@@ -49,6 +49,6 @@ def missing(error: ModuleNotFoundError) -> str:
     python = shlex.quote(sys.executable)
     if sys.prefix == sys.base_prefix:  # where Debian and Ubuntu let pip install nothing
         make = f'{python} -m venv --system-site-packages VENV'
-        return (f'{module} is not installed; {make}, then VENV/bin/pip install {module}, and run '
-                f'this by VENV/bin/python -m {PACKAGE}.cli.main')
-    return f'{module} is not installed; {python} -m pip install {module}'
+        return (f'{module} is not installed; run {make}, then VENV/bin/pip install {module}, and '
+                f'run this with VENV/bin/python -m {PACKAGE}.cli.main')
+    return f'{module} is not installed; run {python} -m pip install {module}'

@@ -150,7 +150,7 @@ def refuse_folder(path: Path | str, *, replaced: bool) -> None:
             return
         if target in (Path.cwd(), *Path.cwd().parents) or os.path.ismount(target):
             raise ConfigError(f'{path}: neither the working folder nor a mount point can be '
-                              'replaced; name a new folder in it')
+                              'replaced; choose a new folder in it')
         _try_folder(target.parent)
 
 
@@ -170,12 +170,12 @@ def target_of(path: Path, *, folder: bool = False) -> tuple[Path, bool]:
     target = Path(os.path.realpath(path))
     if any(('share', 'forcecal_ros') in pairwise(one.parts) for one in (path.absolute(), target)):
         raise ConfigError(f'{path}: a package share directory is replaced at the next install; '
-                          'choose a folder of your own')
+                          'choose another folder')
     stream = stat.S_ISFIFO(mode) or stat.S_ISCHR(mode)
     if stat.S_ISDIR(mode) and not folder:
-        raise ConfigError(f'{path} is a folder; name a file in it')
+        raise ConfigError(f'{path} is a folder; choose a file in it')
     if mode and not (stat.S_ISDIR(mode) or stat.S_ISREG(mode)) and (folder or not stream):
-        raise ConfigError(f'{path} is neither file nor folder; name another place')
+        raise ConfigError(f'{path} is neither a file nor a folder; choose another path')
     return target, stream
 
 
@@ -205,7 +205,7 @@ def naming(path: Path) -> Iterator[None]:
     except BrokenPipeError:
         raise
     except OSError as error:
-        do = remedy(error, 'choose a folder that exists and belongs to you')
+        do = remedy(error, 'choose an existing, writable folder')
         raise ConfigError(f'{path}: cannot be written ({error.strerror}); {do}') from error
 
 
@@ -267,6 +267,6 @@ def _sync(path: Path) -> None:
 def _try_folder(folder: Path) -> None:
     """Make an unnamed file in a folder: permissions alone do not show that this works."""
     if not folder.is_dir():
-        raise ConfigError(f'{folder} is not an existing folder; make it first')
+        raise ConfigError(f'{folder} is not an existing folder; create it first')
     with tempfile.TemporaryFile(dir=folder):
         pass

@@ -28,13 +28,13 @@ class _Loader(yaml.SafeLoader):
 
     def construct_scalar(self, node: Any) -> Any:
         if node.tag.endswith((':int', ':float')) and len(node.value) > _LONGEST_NUMBER:
-            raise yaml.YAMLError(f'a number of {len(node.value)} digits')
+            raise yaml.YAMLError(f'a number has {len(node.value)} digits')
         return super().construct_scalar(node)
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         mapping = super().construct_mapping(node, deep=deep)
         if len(mapping) != len(node.value):
-            raise yaml.YAMLError(f'a key comes twice {node.start_mark}')
+            raise yaml.YAMLError(f'duplicate key {node.start_mark}')
         return mapping
 
 
@@ -66,10 +66,9 @@ def load_yaml(text: str | bytes, name: str, largest: int = LARGEST) -> Any:
     """
     head = text[:1024]
     if '\0' in head if isinstance(head, str) else b'\0' in head:
-        raise ConfigError(f'{name}: not a text but binary data, expected YAML; name the YAML file')
+        raise ConfigError(f'{name}: binary data, expected YAML; pass the YAML file')
     if len(text) > largest:
-        raise ConfigError(f'{name}: larger than {largest} bytes, which no such file is; name '
-                          'the YAML file')
+        raise ConfigError(f'{name}: larger than the limit of {largest} bytes; pass the YAML file')
     try:
         return yaml.load(text, Loader=_Loader)  # noqa: S506 - a stricter SafeLoader
     except (yaml.YAMLError, ValueError, OverflowError, RecursionError, TypeError) as error:

@@ -161,7 +161,7 @@ class Row:
         if kind is bool:
             return 'on or off'
         if kind is str:
-            return 'a text'
+            return 'a string'
         return self._expected_numbers(kind)
 
     def wrong(self, kind: Any, value: Any, where: str, hint: str = '') -> Mismatch:
@@ -202,7 +202,7 @@ class Row:
     def _texts(self, kind: Any, value: Any, where: str) -> tuple[str, ...]:
         length = None if get_args(kind)[-1] is ... else len(get_args(kind))
         if not isinstance(value, list | tuple) or length not in (None, len(value)):
-            raise Mismatch(where, value, f'a list of {length or "one or more"} texts')
+            raise Mismatch(where, value, f'a list of {length or "one or more"} strings')
         return tuple(self._text(one, where) for one in value)
 
     def _numbers(self, kind: Any, value: Any, where: str) -> Any:
@@ -230,8 +230,8 @@ class Row:
 
     def _expected_numbers(self, kind: Any) -> str:
         shape = self._shape(kind)
-        number = 'whole number' if _holds(kind) is int else 'number'
-        what = f'a {number}'
+        number = 'integer' if _holds(kind) is int else 'number'
+        what = f'a{"n" * (number == "integer")} {number}'
         if shape is None:
             what = f'{number}s'
         elif len(shape) == 1:
@@ -311,7 +311,7 @@ class Column(NamedTuple):
         kind = self.kind
         if get_origin(kind) is Mapping:
             if not isinstance(value, Mapping):
-                raise Mismatch(where, value, 'a group of keys')
+                raise Mismatch(where, value, 'a mapping')
             inner = get_args(kind)[1]
             return value if inner in (Any, object) else {
                 name(key): self._take_one(inner, one, path(where, name(key)), extra)
@@ -319,7 +319,7 @@ class Column(NamedTuple):
         if self.holds_sections and get_origin(kind) is tuple:
             inner = get_args(kind)[0]
             if not isinstance(value, list | tuple) or not value:
-                raise Mismatch(where, value, f'a list, each with {columns(inner)[0].key}')
+                raise Mismatch(where, value, f'a list of entries with {columns(inner)[0].key}')
             return tuple(self._take_one(inner, one, f'{where}[{_label(inner, one, n)}]', extra)
                          for n, one in enumerate(value, 1))
         return self._take_one(kind, value, where, extra)
@@ -461,7 +461,7 @@ def _value(row: Column, document: Mapping[Any, Any], where: str, extra: bool) ->
     for i, key in enumerate(groups):
         value = {} if value.get(key) is None else value[key]
         if not isinstance(value, Mapping):
-            raise Mismatch(path(where, '.'.join(groups[:i + 1])), value, 'a group of keys')
+            raise Mismatch(path(where, '.'.join(groups[:i + 1])), value, 'a mapping')
     value = value.get(last, _ABSENT)
     nothing = value is None or (row.optional and value == UNKNOWN)
     if value is _ABSENT or (nothing and row.default is not _ABSENT):
@@ -498,7 +498,7 @@ def load(kind: type[T], source: 'Path | Traversable', *, name: str = '', form: s
         with source.open('rb') as file:
             document = load_yaml(file.read(LARGEST + 1), name)
     except OSError as error:
-        there = 'name a file that is there' if isinstance(error, FileNotFoundError) else remedy
+        there = 'pass an existing file' if isinstance(error, FileNotFoundError) else remedy
         raise ConfigError(f'{name}: cannot be read ({error.strerror}); {there}') from error
     if form and isinstance(document, dict):
         if document.get('format') != form:
@@ -506,8 +506,8 @@ def load(kind: type[T], source: 'Path | Traversable', *, name: str = '', form: s
                               f'{form}; {remedy}')
         document = {key: value for key, value in document.items() if key != 'format'}
     elif isinstance(document, dict) and str(document.get('format')).startswith(OURS):
-        raise ConfigError(f'{name}: is a file of format {shown(document["format"])}, which is not '
-                          f'what is read here; {remedy}')
+        raise ConfigError(f'{name}: has format {shown(document["format"])}, which is not '
+                          f'supported here; {remedy}')
     try:
         return read(kind, document, extra=extra)
     except ConfigError as error:

@@ -129,6 +129,6 @@ def required_sensor_matrix(source: Calibration, name: str) -> SensorMatrix:
     """
     part = sensor_matrix(source)
     if part is None:
-        raise ConfigError(f'{name}: holds no key matrix; name the calibration.yaml that '
-                          '`forcecal insitu` wrote')
+        raise ConfigError(f'{name}: has no key matrix; pass the calibration.yaml that `forcecal '
+                          'insitu` wrote')
     return part

@@ -141,7 +141,7 @@ def _given(available: Collection[Topic], role: str, name: str) -> Topic:
     if not same:
         others = sorted({topic.name for topic in available if topic.type in expected})
         raise DataError(
-            f'topic {name} ({role}) is not in the recording; topics of a type that fits: '
+            f'topic {name} ({role}) is not in the recording; topics of a matching type: '
             f'{", ".join(others) or "none"}')
     for topic in same:
         if topic.type in expected:
@@ -235,8 +235,8 @@ def naming(recording: Recording, role: str) -> str:
     if not others:
         return f'record {ROLES[role].topic}'
     if len(others) < 2:
-        return f'name its topic with --topic {role}={others[0]}'
-    return f'name its topic with --topic {role}=NAME, one of {listed(others)}'
+        return f'select its topic with --topic {role}={others[0]}'
+    return f'select its topic with --topic {role}=NAME, one of {listed(others)}'
 
 
 def naming_words(unnamed: Mapping[str, Sequence[str]]) -> list[str]:

@@ -268,8 +268,8 @@ def chosen_effects(effects: Values | Chosen | None) -> Chosen:
     if isinstance(effects, tuple):
         effects = named_effects(effects)
     if not isinstance(effects, Mapping | None):
-        raise ConfigError(f'effects: expected names of effects, each with its parameters, got '
-                          f'{effects!r}; as in effects: {{wrench_delay: {{delay: 0.004}}}}')
+        raise ConfigError(f'effects: expected effect names with parameters, got {effects!r}; '
+                          'write for example effects: {wrench_delay: {delay: 0.004}}')
     for name in effects or ():
         if name not in EFFECTS:
             raise ConfigError(f'effects: unknown effect {name}; {instead(name, EFFECTS)}')
@@ -286,8 +286,8 @@ def named_effects(chosen: Chosen) -> dict[str, dict[str, float]]:
 def _values(effect: Effect, given: Any) -> tuple[float, ...]:
     where = f'effects.{effect.name}'
     if not isinstance(given, Mapping):
-        raise ConfigError(f'{where}: expected {_listed(effect)}, got {given!r}; write '
-                          'each with its name')
+        raise ConfigError(f'{where}: expected {_listed(effect)}, got {given!r}; write them by '
+                          'name')
     unknown = [str(key) for key in given if key not in {q.name for q in effect.parameters}]
     if unknown:
         raise ConfigError(f'{where}: unknown key {", ".join(unknown)}; expected only '

@@ -37,11 +37,11 @@ def _check_equation(where: str, feedback: Vector3, feedforward: Vector3) -> None
     poles = np.roots([1.0, *(-c for c in feedback)])
     if np.abs(poles).max(initial=0.0) >= 1.0:
         raise ConfigError(f'{where}.feedback: unstable, a pole of magnitude '
-                          f'{np.abs(poles).max():.4f}; all must lie below 1')
+                          f'{np.abs(poles).max():.4f}; all must be below 1')
     gain = sum(feedforward) / (1.0 - sum(feedback))
     if abs(gain - 1.0) > 1e-6:
-        raise ConfigError(f'{where}.feedforward: static gain {gain:.6f}; it must be 1, so that '
-                          'the robot rests where it is commanded to')
+        raise ConfigError(f'{where}.feedforward: static gain {gain:.6f}, expected 1, so that the '
+                          'robot reaches its command')
 
 
 Directions = tuple[Vector6, Vector6, Vector6, Vector6, Vector6]
@@ -56,7 +56,7 @@ class Axis(Section, name='robot'):
     feedback: Annotated[Vector3, Row('of y at k-1, k-2, k-3', '1')]
     feedforward: Annotated[Vector3, Row('of the delayed command at k, k-1, k-2', '1')]
     tolerance: Annotated[Directions | None, Row(
-        'changes of these six, each 1 sigma and independent', '1', omit=True)] = None
+        'independent 1-sigma changes of these six', '1', omit=True)] = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -69,8 +69,8 @@ class Unexplained(Section):
 
     position: Annotated[float, Row('RMS', 'm', 0.0)]
     orientation: Annotated[float, Row('RMS', 'rad', 0.0)]
-    position_offset: Annotated[float, Row('mean, beside that RMS', 'm', 0.0)] = 0.0
-    orientation_offset: Annotated[float, Row('mean, beside that RMS', 'rad', 0.0)] = 0.0
+    position_offset: Annotated[float, Row('mean, in addition to the RMS', 'm', 0.0)] = 0.0
+    orientation_offset: Annotated[float, Row('mean, in addition to the RMS', 'rad', 0.0)] = 0.0
 
     def beyond(self, sensor: 'PoseSensor') -> bool:
         """Whether that shows in single poses: half of their noise is a quarter of its power."""
@@ -85,9 +85,9 @@ class Robot(Section):
     period: Annotated[float, Row('of Eq. 28 and of the commands', 's', above=0.0)]
     feedback: Annotated[Vector3, Row('of y at k-1, k-2, k-3', '1')]
     feedforward: Annotated[Vector3, Row('of the command at k-1, k-2, k-3', '1')]
-    x: Annotated[Axis | None, Row('in place of Eq. 28', omit=True)] = None
-    y: Annotated[Axis | None, Row('in place of Eq. 28', omit=True)] = None
-    z: Annotated[Axis | None, Row('in place of Eq. 28', omit=True)] = None
+    x: Annotated[Axis | None, Row('replaces Eq. 28', omit=True)] = None
+    y: Annotated[Axis | None, Row('replaces Eq. 28', omit=True)] = None
+    z: Annotated[Axis | None, Row('replaces Eq. 28', omit=True)] = None
     unexplained: Annotated[Unexplained | None, Row(
         'RMS of measured minus simulated motion, without noise', omit=True)] = None
 
@@ -109,11 +109,11 @@ class Servo(Section):
     orientation_bandwidth: Annotated[float, Row(
         'second order on SO(3), critically damped', 'rad/s', above=0.0)]
     orientation_damping: Annotated[float | None, Row(
-        'of that second order; absent: 1', '1', above=0.0, omit=True)] = None
+        'damping ratio; absent: 1', '1', above=0.0, omit=True)] = None
     orientation_delay: Annotated[float | None, Row(
-        'of the commanded orientations; absent: 0', 's', 0.0, 1.0, omit=True)] = None
+        'delay of the commanded orientations; absent: 0', 's', 0.0, 1.0, omit=True)] = None
     orientation_tolerance: Annotated[Matrix3 | None, Row(
-        'changes of bandwidth, damping, delay, each 1 sigma and independent', omit=True)] = None
+        'independent 1-sigma changes of bandwidth, damping, delay', omit=True)] = None
 
 
 @dataclass(frozen=True)
@@ -123,14 +123,14 @@ class Tool(Section):
     mass: Annotated[float, Row('', 'kg', above=0.0)]
     com: Annotated[Vector3, Row('centre of mass', 'm')]
     inertia: Annotated[Matrix3, Row('about the CoM', 'kg m^2')]
-    tip: Annotated[Vector3, Row('the point that meets the wall', 'm')]
+    tip: Annotated[Vector3, Row('point that touches the wall', 'm')]
 
     def __post_init__(self) -> None:
         super().__post_init__()
         inertia = np.array(self.inertia)
         if not np.allclose(inertia, inertia.T) or np.linalg.eigvalsh(inertia)[0] < 0.0:
-            raise ConfigError(f'tool.inertia: expected a symmetric matrix without negative '
-                              f'eigenvalues, got {self.inertia}; mind the signs of the products')
+            raise ConfigError('tool.inertia: expected a symmetric matrix without negative '
+                              f'eigenvalues, got {self.inertia}; check the off-diagonal signs')
 
 
 @dataclass(frozen=True)
@@ -174,14 +174,14 @@ class AccelerometerModel(Section):
     def __post_init__(self) -> None:
         super().__post_init__()
         if 0.0 in self.gain:
-            raise self.wrong('gain', 'no gain of 0, which measures nothing')
+            raise self.wrong('gain', 'non-zero gains')
 
 
 @dataclass(frozen=True)
 class Accelerometer(Section):
     """Rides on the tool, axes along ft_sensor; V = gain f + offset + noise."""
 
-    mounted: Annotated[str, Row('which of the two below', words=('acc1', 'acc2'))]
+    mounted: Annotated[str, Row('sensor that is used', words=('acc1', 'acc2'))]
     position: Annotated[Vector3, Row('in ft_sensor, without displacement', 'm')]
     rate: Annotated[float, Row('', 'Hz', above=0.0)]
     noise: Annotated[float, Row('1 sigma, white', 'V', 0.0)]
@@ -235,7 +235,7 @@ class NominalTolerances(Section):
     wrench_gain: Annotated[float, Row('relative', '1', 0.0)]
     accelerometer_gain: Annotated[float, Row('relative', '1', 0.0)]
     accelerometer_offset: Annotated[float, Row('', 'V', 0.0)]
-    noise_factor: Annotated[float, Row('noise levels times or divided by this', '1', 1.0)]
+    noise_factor: Annotated[float, Row('factor of noise levels, up or down', '1', 1.0)]
 
 
 @dataclass(frozen=True)
@@ -295,7 +295,7 @@ class Rig(Section):
         super().__post_init__()
         for name, _ in self.effects:
             if name in SLIDE_ONLY and self.optidrive is None:
-                raise ConfigError(f'effects: {name} needs an optidrive, and this rig has none; '
+                raise ConfigError(f'effects: {name} requires an optidrive, but the rig has none; '
                                   'remove the effect')
         for name in ('wrench_sensor', 'accelerometer', 'optidrive', 'pose_sensor'):
             section = getattr(self, name)
@@ -303,8 +303,8 @@ class Rig(Section):
                 continue
             samples = section.rate * self.robot.period
             if samples < 0.5 or abs(samples - round(samples)) > 1e-6:
-                raise ConfigError(f'{name}.rate: {section.rate:g} Hz is no whole multiple of '
-                                  f'{1.0 / self.robot.period:g} Hz, the rate of robot.period')
+                raise ConfigError(f'{name}.rate: {section.rate:g} Hz is not an integer multiple '
+                                  f'of {1.0 / self.robot.period:g} Hz, the rate of robot.period')
 
     def samples_per_period(self, sensor: str) -> int:
         """Return how many samples a sensor, named as its section, gives in one robot period."""

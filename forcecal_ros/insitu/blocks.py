@@ -88,7 +88,7 @@ def prepare(chunks: Iterable[Chunk], mounting: Mounting, moving: bool) -> Prepar
     if not moving:
         return Prepared(t, gravity, raw)
     if gyro is None:
-        raise DataError('motion needs an angular rate; name the gyro in the SPEC')
+        raise DataError('motion: on requires the angular rate; add accelerometer.gyro to the SPEC')
     period = float(np.median(np.diff(t))) if len(t) > 1 else np.inf
     # window over which the angular rate is smoothed and differentiated, by a cubic [s]
     seconds = 0.21
@@ -105,7 +105,7 @@ def prepare(chunks: Iterable[Chunk], mounting: Mounting, moving: bool) -> Prepar
 def _joined(chunks: Iterable[Chunk]) -> Chunk:
     parts = list(chunks)
     if not parts:
-        raise DataError('there are no samples in it; look at its file')
+        raise DataError('it has no samples; check its file')
     gyros = [one.gyro for one in parts if one.gyro is not None]
     t, raw, accelerometer = (np.concatenate(arrays).astype(float, copy=False)
                              for arrays in list(zip(*parts))[:3])
@@ -214,8 +214,8 @@ def to_blocks(recording: Prepared, window: tuple[float, float] | None = None,
         samples *= 2
     count = len(t) // samples
     if len(t) < 3 or not count:
-        raise DataError(f'{len(t)} samples are too few for one block of {BLOCK:g} s; is the time '
-                        'in seconds?')
+        raise DataError(f'{len(t)} samples are too few for one block of {BLOCK:g} s; check the '
+                        'unit of time')
     n = recording.raw.shape[1]
     at_a_time = max(1, 16384 // samples)
     parts, correlation, loudness = [], np.zeros(()), np.zeros(())

@@ -61,8 +61,8 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
         The recordings cannot answer; the message names the data set, numbers and a remedy.
     """
     if options.moving and not options.matrix:
-        raise UnobservableError('in motion the offset is estimated along with the matrix; record '
-                                'several added masses')
+        raise UnobservableError('with motion: on the offset is estimated only together with the '
+                                'matrix; record several added masses')
     if options.matrix:
         loads = _training_loads(data_sets)
         if options.body:
@@ -121,8 +121,8 @@ def _cut_down(reduced: Sequence[Reduced]) -> Iterator[str]:
     """Say that screening left little."""
     share = sum(int(r.use.sum()) for r in reduced) / sum(len(r.use) for r in reduced)
     if share < LITTLE:
-        yield (f'{share:.0%} of the recordings is one affine map of gravity each, the rest was '
-               'cut: contact, joints that move, or a sensor that is not linear')
+        yield (f'only {share:.0%} of the recordings fit an affine map of gravity, the rest was '
+               'cut: contact, moving joints, or a nonlinear sensor')
 
 
 def _require_possible(result: SensorResult, reduced: Sequence[Reduced]) -> None:
@@ -134,23 +134,23 @@ def _require_possible(result: SensorResult, reduced: Sequence[Reduced]) -> None:
                                    *affine_misfit(result)]))
     careful = MASS * max(d.load.mass if d.load else 0.0 for d in result.data_sets)
     masses = [('the body', result.mass, 0.0), *(
-        (f'what was added in {d.name}', d.added_mass, careful) for d in result.data_sets)]
+        (f'the added mass in {d.name}', d.added_mass, careful) for d in result.data_sets)]
     for name, mass, known in masses:
         # standard errors below zero from which on a mass is refused: once in 30 000 by chance
         forbidden = 4.0
         if mass is not None and float(mass.value) < -forbidden * np.hypot(float(mass.std), known):
             words = [found.words] if found else [
-                'stated masses, places or the direction of gravity are wrong']
-            words += [] if causes else ['or the sensor is not linear']
+                'the stated masses, positions or the direction of gravity are wrong']
+            words += [] if causes else ['or the sensor is nonlinear']
             weight = quantity(float(mass), float(mass.std), 'kg')
-            raise DataError(f'{name} has a mass of {weight}: {"; ".join([*causes, *words])}')
+            raise DataError(f'{name} is estimated as {weight}: {"; ".join([*causes, *words])}')
 
 
 def _training_loads(data_sets: Sequence[DataSet]) -> list[Load]:
     missing = [d.name for d in data_sets if d.train and d.load is None]
     if missing:
-        raise DataError(f'the added mass of {", ".join(missing)} is not stated; state it (0 for '
-                        'none)')
+        raise DataError(f'the added mass of {", ".join(missing)} is missing; set added_mass (0 '
+                        'for none)')
     return [d.load for d in data_sets if d.train and d.load is not None]
 
 
@@ -158,13 +158,13 @@ def _check_channels(counts: Sequence[int], options: Options,
                     manufacturer_matrix: Array | None) -> None:
     channels = counts[0]
     if len(set(counts)) > 1:
-        raise DataError(f'the data sets have {sorted(set(counts))} raw channels; all need the '
-                        'same')
+        raise DataError(f'the data sets have {sorted(set(counts))} raw channels; the number must '
+                        'be the same in all')
     if channels < (6 if options.matrix else 3):
-        raise DataError(f'{channels} raw channels; a six-axis matrix needs six at least')
+        raise DataError(f'{channels} raw channels; at least {6 if options.matrix else 3} required')
     if manufacturer_matrix is not None and manufacturer_matrix.shape != (6, channels):
-        raise DataError(f"the manufacturer's matrix is {manufacturer_matrix.shape}, "
-                        f'{channels} raw channels need (6, {channels})')
+        raise DataError(f"the manufacturer's matrix is {manufacturer_matrix.shape}, {channels} "
+                        f'raw channels require (6, {channels})')
 
 
 def _require_alive(used: Sequence[tuple[Blocks, Mask]]) -> None:
@@ -176,9 +176,9 @@ def _require_alive(used: Sequence[tuple[Blocks, Mask]]) -> None:
     dead = np.flatnonzero(shares < alive)
     if len(shares) - len(dead) < 6 and len(dead):
         raise DataError(
-            f'channel {", ".join(str(k + 1) for k in dead)} does not follow gravity (it explains '
-            f'{max(float(shares[dead].max()), 0.0):.0%} of the changes at most): dead, not '
-            'connected, or the wrong column; a six-axis matrix needs six that do')
+            f'channel {", ".join(str(k + 1) for k in dead)} does not respond to gravity (which '
+            f'explains at most {max(float(shares[dead].max()), 0.0):.0%} of its variation): dead, '
+            'not connected, or the wrong column; a six-axis matrix requires six that do')
 
 
 def _covariance(moments: Sequence[Moments], left: Sequence[Residual]) -> Array:

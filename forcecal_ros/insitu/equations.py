@@ -442,14 +442,14 @@ def require(loads: Sequence[Load], regressors: int = STATIC) -> None:
     if report.rank < report.unknowns:
         raise UnobservableError(
             f'{_counted(loads)} give rank {report.rank} of {report.unknowns}: '
-            f'{", ".join(report.undetermined)} not determined; add {_advice(loads, regressors)}')
+            f'{", ".join(report.undetermined)} undetermined; add {_advice(loads, regressors)}')
 
 
 def _counted(loads: Sequence[Load]) -> str:
     masses = len({round(load.mass, 6) for load in loads})
     places = len({load.position for load in loads if load.mass})
-    return (f'{len(loads)} data set{"s" * (len(loads) != 1)} to train on with {masses} different '
-            f'added mass{"es" * (masses != 1)} at {places} place{"s" * (places != 1)}')
+    return (f'{len(loads)} training data set{"s" * (len(loads) != 1)} with {masses} different '
+            f'added mass{"es" * (masses != 1)} at {places} position{"s" * (places != 1)}')
 
 
 def _advice(loads: Sequence[Load], regressors: int) -> str:
@@ -461,11 +461,11 @@ def _advice(loads: Sequence[Load], regressors: int) -> str:
     offers = [
         ('a data set with no added mass', Load(0.0)),
         ('a data set with another mass', Load(2 * mass, (x, y, z))),
-        ('a data set with the mass at another place, off the line of the others',
+        ('a data set with the mass at another position, off the line of the others',
          Load(mass, (x + 0.31 * reach, y - 0.53 * reach, z + 0.17 * reach))),
-        ('one with the mass at yet another place',
+        ('one with the mass at a further position',
          Load(mass, (x - 0.43 * reach, y - 0.29 * reach, z + 0.61 * reach))),
-        ('one with another mass at a place of its own',
+        ('one with another mass at another position',
          Load(2 * mass, (x + 0.37 * reach, y + 0.47 * reach, z - 0.23 * reach))),
     ]
     if any(load.mass == 0 for load in loads):
@@ -475,7 +475,7 @@ def _advice(loads: Sequence[Load], regressors: int) -> str:
             report = structural_rank([*loads, *(load for _, load in chosen)], regressors)
             if report.rank == report.unknowns:
                 return ' and '.join(words for words, _ in chosen)
-    return 'data sets with different masses at different places'
+    return 'data sets with different masses at different positions'
 
 
 MASS, PLACE = 0.003, 0.002
@@ -538,9 +538,9 @@ def contradiction(names: Sequence[str], raw: Sequence[Array], gravity: Sequence[
     whole, _, rank = misfit(*every)
     if whole < POOR:
         return None
-    why = ('no single data set explains it: masses, places (in which frame?), loads exchanged, '
-           'the direction of gravity (R_sensor_accelerometer, left-handed axes), the order of '
-           'the channels, or a sensor that is not linear')
+    why = ('no single data set is the cause; check masses, positions and their frame, swapped '
+           'loads, the direction of gravity (R_sensor_accelerometer, left-handed axes), the order '
+           'of channels, and whether the sensor is linear')
     rests = [misfit(*every[:k], *every[k + 1:]) for k in every]
     # share of the misfit that the other data sets leave at most without a wrong one
     most_left = 0.2
@@ -551,13 +551,13 @@ def contradiction(names: Sequence[str], raw: Sequence[Array], gravity: Sequence[
         _, solution, _ = rests[k]
         total = body_of(raw[k] @ solution[:36].reshape(6, 6), gravity[k])[:4]
         mass, *moment = total - solution[36:40] if body else total
-        why = (f'all but {names[k]} agree: by the others it has {mass:.3f} kg at '
-               f'{_place(np.array(moment) / (mass or 1.0))} m, stated {loads[k].mass:g} kg at '
-               f'{_place(np.array(loads[k].position))} m; look at its load, its channels and its '
+        why = (f'all data sets except {names[k]} agree: by the others its load is {mass:.3f} kg '
+               f'at {_place(np.array(moment) / (mass or 1.0))} m, stated {loads[k].mass:g} kg at '
+               f'{_place(np.array(loads[k].position))} m; check its load, its channels and its '
                'direction of gravity')
     return Contradiction(
-        f'the stated loads contradict each other: the best matrix leaves {whole:.1%} of '
-        f'their wrenches; {why}', whole)
+        f'the stated loads contradict each other: the best matrix leaves {whole:.1%} of their '
+        f'wrenches unexplained; {why}', whole)
 
 
 def _place(values: Array) -> str:

@@ -191,8 +191,8 @@ class MatrixProblem:
         if set(report.undetermined) - {'inertia of the body'}:
             raise UnobservableError(
                 f'the data give rank {report.rank} of {report.unknowns} beyond noise and misfit: '
-                f'{", ".join(report.undetermined)} not determined; add a data set with a '
-                'heavier mass off the line of the others, tilted further')
+                f'{", ".join(report.undetermined)} undetermined; add a data set with a '
+                'heavier mass off the line of the others, and tilt further')
         return report
 
 
@@ -326,9 +326,9 @@ def _fit(rows: Sequence[_Rows]) -> _Map:
     rank = int((strength > 1e-6 * strength[0]).sum())
     if rank < 6 or len(wrench) <= raw.shape[1] + 1:
         raise UnobservableError(
-            f'{len(wrench)} known wrenches of {len(rows)} data sets (one is left out for the '
+            f'{len(wrench)} known wrenches of {len(rows)} data sets (one is left out to estimate '
             f'standard errors) have rank {rank} of 6; add a data set with the mass at another '
-            f'place, off the line of the others, and at least {raw.shape[1] + 2} poses in all')
+            f'position, off the line of the others, and {raw.shape[1] + 2} or more poses in all')
     centre = raw.mean(axis=0)
     matrix = np.linalg.lstsq(raw - centre, spread, rcond=1e-9)[0].T
     return _Map(matrix, wrench.mean(axis=0) - matrix @ centre)

@@ -104,7 +104,7 @@ def accumulate(recording: Prepared, kept: tuple[tuple[float, float], ...], windo
     runs = [slice(*np.searchsorted(recording.t, ends)) for ends in kept]
     runs = [run for run in runs if run.stop > run.start]
     if not runs:
-        raise DataError('no sample lies in the stretches that are used')
+        raise DataError('no sample is in the time intervals that are used')
     reference = np.zeros(recording.regressors.shape[1] + n)
     reference[-n:] = recording.raw[runs[0].start]
     for run in runs:
@@ -200,9 +200,9 @@ def window_samples(window: float, order: int, rate: float) -> int:
         # lower rates are doubted [Hz]: 5 kHz come out so where ms are taken for s
         slow_hz = 5.0
         raise ConfigError(
-            f'filter: a window of {window:g} s holds {samples} samples at {rate:g} Hz, order '
-            f'{order} needs more than {order}; widen it'
-            + (', if time is in s; else state its unit (ms, us)' if rate < slow_hz else ''))
+            f'filter: a window of {window:g} s has {samples} samples at {rate:g} Hz, but order '
+            f'{order} requires more than {order}; increase it'
+            + (', or correct the unit of time (ms, us)' if rate < slow_hz else ''))
     return samples
 
 

@@ -70,7 +70,8 @@ def shared_offset(data_sets: Sequence[Moments]) -> Array:
     """
     weights = np.array([moments.constant_weight for moments in data_sets])
     if not (weights > 0).all():
-        raise UnobservableError('gravity does not move beyond its noise; tilt the body further')
+        raise UnobservableError('gravity does not vary by more than its noise; tilt the body '
+                                'further')
     return np.average([offset_of(moments) for moments in data_sets], axis=0, weights=weights)
 
 
@@ -223,11 +224,10 @@ def excitation(data_sets: Sequence[Moments], gravity: float) -> Excitation:
     blind = 0.01
     if found.spreads[2] < blind * gravity:
         raise UnobservableError(
-            f'gravity moves by {found.spreads[0]:.3g}, {found.spreads[1]:.3g}, '
+            f'gravity varies by {found.spreads[0]:.3g}, {found.spreads[1]:.3g}, '
             f'{below(found.spreads[2], blind * gravity)} m/s^2 along its principal directions in '
-            f'the sensor frame, too little along {found.weakest} (at least '
-            f'{blind * gravity:.3g} is needed); tilt '
-            'the body about a second axis, and further')
+            f'the sensor frame, too little along {found.weakest} (at least {blind * gravity:.3g} '
+            'is required); tilt the body about a second axis, and further')
     return found
 
 
@@ -279,8 +279,8 @@ def norm(data_sets: Sequence[tuple[Blocks, Mask]], gravity: float) -> Norm:
     square = np.concatenate([blocks.square[use] for blocks, use in data_sets])
     typical = float(np.sqrt(np.median(square)))
     if abs(typical / gravity - 1) > WRONG_UNIT:
-        raise DataError(f'the accelerometer shows {typical:.4g} m/s^2 at rest, gravity is '
-                        f'{gravity:g}; state its unit in the SPEC (m/s^2 or g)')
+        raise DataError(f'the accelerometer reads {typical:.4g} m/s^2 at rest, expected '
+                        f'{gravity:g} (gravity); correct its unit in the SPEC (m/s^2 or g)')
     x = np.column_stack([2 * g, np.ones(len(g))])
     theta, _, rank, _ = np.linalg.lstsq(x, square, rcond=1e-6)
     if rank < 4:

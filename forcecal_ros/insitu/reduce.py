@@ -183,12 +183,12 @@ def _require_signal(blocks: Blocks) -> None:
     if len(stands := np.flatnonzero(np.ptp(gravity, axis=0) == 0)):
         named = ', '.join('xyz'[k] for k in stands)
         raise DataError(f'accelerometer: gravity along {named} of the sensor never changes, not '
-                        f'even by noise (the right columns?); {REMEDY}')
+                        f'even by noise (check the columns); {REMEDY}')
     still = np.flatnonzero(np.ptp(blocks.raw, axis=0) == 0)
     if len(still):
-        named = '; '.join(f'channel {k + 1} stands at {blocks.raw[0, k]:.6g} throughout'
+        named = '; '.join(f'channel {k + 1} is constant at {blocks.raw[0, k]:.6g}'
                           for k in still)
-        raise DataError(f'{named} (the right columns?); {REMEDY}')
+        raise DataError(f'{named} (check the columns); {REMEDY}')
 
 
 def _screen_all(all_blocks: Sequence[Blocks], data_sets: Sequence[DataSet], options: Options

@@ -202,7 +202,7 @@ def to_calibration(result: SensorResult, frame: str, source: str) -> Calibration
     if result.matrix is None or result.mass is None or result.com is None \
             or result.wrench_bias is None or result.rank is None:
         raise UnobservableError(f'{result.name}: only the offset was estimated; a calibration '
-                                'needs the matrix (several added masses)')
+                                'requires the matrix (several added masses)')
     return Calibration(
         mass=result.mass, com=result.com, wrench_bias=result.wrench_bias, inertia=result.inertia,
         matrix=result.matrix, matrix_offset=result.offset, gravity=result.options.gravity,
@@ -212,9 +212,9 @@ def to_calibration(result: SensorResult, frame: str, source: str) -> Calibration
         source={'method': 'forcecal insitu', 'recording': source})
 
 
-FACTORS = {2.2046: 'are forces of the manufacturer in lbf, or masses stated twice converted?',
-           0.45359: 'are added masses stated in lb?', 1e-3: 'are added masses stated in g?',
-           1 / 9.80665: "are the manufacturer's in kgf?"}
+FACTORS = {2.2046: 'check whether its forces are in lbf, or masses were converted twice',
+           0.45359: 'check whether masses are in lb', 1e-3: 'check whether masses are in g',
+           1 / 9.80665: 'check whether its forces are in kgf'}
 """Forces by the manufacturer over those by the matrix found, and what makes them so."""
 
 
@@ -227,9 +227,9 @@ def warnings_of(result: SensorResult) -> tuple[str, ...]:
 def _excitation(result: SensorResult) -> Iterator[str]:
     e = result.excitation
     if e.weak:
-        yield (f'gravity hardly moves along {e.weakest} of the sensor frame: {e.spreads[2]:.2g} '
-               f'm/s^2 against {e.spreads[0]:.3g} along the best direction; what hangs on it is '
-               'weakly determined, see its standard errors, and tilt further that way')
+        yield (f'gravity varies little along {e.weakest} of the sensor frame: {e.spreads[2]:.2g} '
+               f'm/s^2, compared with {e.spreads[0]:.3g} along the best direction; what depends '
+               'on it has large standard errors: tilt further that way')
 
 
 def _accelerometer(result: SensorResult) -> Iterator[str]:
@@ -238,18 +238,18 @@ def _accelerometer(result: SensorResult) -> Iterator[str]:
         return
     if found.usable:
         b = ', '.join(f'{value:+.3f}' for value in found.offset)
-        done = 'removed' if result.options.level_accelerometer else 'left in'
-        yield f'|g| shows an accelerometer offset of ({b}) m/s^2 in the sensor frame; {done}'
+        done = 'removed' if result.options.level_accelerometer else 'not removed'
+        yield f'|g| indicates an accelerometer offset of ({b}) m/s^2 in the sensor frame; {done}'
     # share by which measured |g| may differ from the stated one without a warning
     most = 0.005
     if abs(found.magnitude / stated - 1) > most:
         yield (f'measured |g| is {found.magnitude:.4g} m/s^2, stated {stated:.6g}: the '
-               "accelerometer's gain or the stated gravity is off, and all masses with it")
+               "accelerometer's gain or the stated gravity is wrong, and so are all masses")
     for d in result.data_sets:
         # scatter of |g| above which a recording counts as moving [m/s^2]
         moves = 0.1
         if d.gravity_scatter > moves:
-            yield (f'{d.name}: |g| scatters by {d.gravity_scatter:.2g} m/s^2, the body '
+            yield (f'{d.name}: |g| varies by {d.gravity_scatter:.2g} m/s^2 because the body '
                    'accelerates; move slower')
 
 
@@ -266,9 +266,9 @@ def _by_manufacturer(result: SensorResult) -> Iterator[str]:
     if np.linalg.norm(other - ratio * mine) > alike * np.linalg.norm(other):
         return
     if ratio < 0:
-        yield ("forces by the manufacturer's matrix point the other way: `measures` of the "
-               'accelerometer is specific_force where it shows gravity, or the reverse, or the '
-               'manufacturer counts forces on the environment')
+        yield ("forces by the manufacturer's matrix have the opposite sign: `measures` of the "
+               'accelerometer is wrong (specific_force or gravity), or the manufacturer uses '
+               'forces on the environment')
     for factor, unit in FACTORS.items():
         if abs(abs(ratio) / factor - 1) < alike:
             yield (f"forces by the manufacturer's matrix are {abs(ratio):.4g} times as large: "
@@ -287,18 +287,18 @@ def _subspace(result: SensorResult) -> Iterator[str]:
     leaving = [d for d in result.data_sets if d.departure and d.departure.significant]
     if leaving:
         worst = max(leaving, key=_times)
-        yield (f'the raw measurements leave their three-dimensional subspace in {len(leaving)} of '
-               f'{len(result.data_sets)} data sets, most in {worst.name}: {_times(worst):.1f} '
-               'times the noise of a block')
+        yield ('the raw measurements deviate from their three-dimensional subspace in '
+               f'{len(leaving)} of {len(result.data_sets)} data sets, most in {worst.name}: '
+               f'{_times(worst):.1f} times the noise of a block')
     causes = result.causes
     if causes and causes.bending.significant:
-        yield ('channels leave the subspace with the square of gravity by up to '
-               f'{_size(result, causes.bending)}: something bends under load, a joint (lock the '
-               'knee) or the mount of sensor or accelerometer; the standard errors are widened by '
-               'what an affine fit hides of it')
+        yield ('channels deviate from the subspace with the square of gravity by up to '
+               f'{_size(result, causes.bending)}: a joint (lock it) or the mount of sensor or '
+               'accelerometer bends under load; the standard errors are increased by the part '
+               'that an affine fit hides')
     if causes and causes.hysteresis.significant:
-        yield (f'channels depend by up to {_size(result, causes.hysteresis)} on where they come '
-               'from: hysteresis, which is removed where three data sets or more agree')
+        yield (f'channels have a hysteresis of up to {_size(result, causes.hysteresis)}; it is '
+               'removed if three data sets or more agree')
     yield from affine_misfit(result)
 
 
@@ -310,17 +310,16 @@ def affine_misfit(result: SensorResult) -> Iterator[str]:
     if result.contradiction and shares[worst] < POOR:
         return  # what such loads leave over is not the sensor's
     if found is not None and found > POOR:
-        yield (f'wrenches are off the linear map by {found:.0%} of their range (RMS): the '
-               'sensor is not linear, or has hysteresis or drift; this, not noise, limits the '
-               'calibration, and the standard errors hold it')
+        yield (f'wrenches deviate from the linear map by {found:.0%} of their range (RMS): the '
+               'sensor is nonlinear, or has hysteresis or drift; this, not noise, limits the '
+               'calibration and is included in the standard errors')
     if found is not None:
         return
     if shares[worst] > POOR:
-        yield (f'{worst}: the raw channels are off an affine map of gravity by '
-               f'{shares[worst]:.0%} of their range (RMS): a sensor that is not linear, '
-               'hysteresis, drift, a dead or clipped channel, or a bend; this, not noise, limits '
-               'the calibration; where nothing hangs there but the added mass, `body: none` '
-               'needs less of it')
+        yield (f'{worst}: the raw channels deviate from an affine map of gravity by '
+               f'{shares[worst]:.0%} of their range (RMS): nonlinearity, hysteresis, drift, '
+               'bending, or a dead or clipped channel; this, not noise, limits the calibration. '
+               'If only the added mass hangs on the sensor, `body: none` is less sensitive to it')
 
 
 def bent(result: SensorResult) -> bool:
@@ -347,17 +346,17 @@ def offsets_of(result: SensorResult) -> Iterator[str]:
     """Say that the offset moved between data sets, or within one."""
     for d, jump in zip(result.data_sets, result.jumps):
         if jump is not None:
-            yield (f'{d.name}: from {jump.start:.1f} s on channels are off by up to '
-                   f'{jump.share:.1%} of what gravity moves them, however it points: a tare, or a '
-                   'driver started anew, within it; use either part alone (window)')
+            yield (f'{d.name}: from {jump.start:.1f} s on channels shift by up to '
+                   f'{jump.share:.1%} of the effect of gravity: a tare or a restart of the '
+                   'driver; use only one part (window)')
     if len(result.data_sets) < 2:
         return
     worst = int(result.offset_moves.argmax())
     if result.offset_moves[worst] > GROSS:
-        yield (f'the offset moved between data sets, that of {result.data_sets[worst].name} by '
-               f'{result.offset_moves[worst]:.0%} of what gravity moves a channel: a tare (leave '
-               'it out, and what the driver does at its start), temperature, a cable, or channels '
-               'in another order')
+        yield (f'the offset changed between data sets, in {result.data_sets[worst].name} by '
+               f'{result.offset_moves[worst]:.0%} of the effect of gravity: a tare (disable it, '
+               'at the start of the driver too), temperature, a cable, or another order of '
+               'channels')
 
 
 def _contradictions(result: SensorResult) -> Iterator[str]:
@@ -374,11 +373,11 @@ def _contradictions(result: SensorResult) -> Iterator[str]:
         careful = np.hypot(float(d.added_mass.std), MASS * heaviest)
         if abs(off) > far_off * careful:
             yield (f'{d.name}: the calibrated sensor finds {float(d.added_mass.value):.3f} kg '
-                   f'added, stated {d.load.mass:g} kg; look at which mass was on in that '
+                   f'added, stated {d.load.mass:g} kg; check which mass was attached in that '
                    'recording')
         elif d.position is not None and d.load.mass:
             away = d.position.value - d.load.position
             if (np.abs(away) > far_off * np.hypot(d.position.std, PLACE)).any():
                 yield (f'{d.name}: the calibrated sensor finds the added mass '
-                       f'{1000 * np.linalg.norm(away):.0f} mm from its stated place; look at '
+                       f'{1000 * np.linalg.norm(away):.0f} mm from its stated position; check '
                        'where it was in that recording')

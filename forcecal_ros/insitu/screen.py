@@ -94,8 +94,8 @@ def given_window(blocks: Blocks, start: float, end: float) -> Screening:
     use = (blocks.start >= start - blocks.period / 2) & (blocks.end <= end + blocks.period / 2)
     if use.sum() * blocks.length < SHORTEST_SEGMENT:
         raise DataError(
-            f'window {start:g}..{end:g} s holds {use.sum() * blocks.samples} samples of a '
-            f'recording from {blocks.start[0]:g} to {blocks.end[-1]:g} s; widen it')
+            f'window {start:g}..{end:g} s has {use.sum() * blocks.samples} samples of a recording '
+            f'from {blocks.start[0]:g} to {blocks.end[-1]:g} s; widen it')
     fit = _Fit(blocks)
     suspicious = use & (fit.bad | fit.out(use))
     cuts = tuple(_cut(fit, use & ~suspicious, run) for run in _runs(suspicious))
@@ -248,11 +248,11 @@ def _cut(fit: _Fit, use: Mask, run: slice) -> Cut:
     elif blocks.gap[run].any():
         reason = 'the stamps have a gap'
     elif (run.stop - run.start) * fit.length >= SHORTEST and fit.score(mine) > 0:
-        reason = 'fits a map of its own: a joint or the load moved, or a steady contact'
+        reason = 'fits another map: a joint or the load moved, or a steady contact'
     else:
         size = float(np.linalg.norm(residual[run], axis=1).max() / np.sqrt(len(residual[0])))
-        reason = (f'leaves the affine image of gravity by {size:.0f} times the noise, most in '
-                  f'channel {channel + 1}: contact, or a joint that moves')
+        reason = (f'deviates from the affine map of gravity by {size:.0f} times the noise, most '
+                  f'in channel {channel + 1}: contact, or a moving joint')
         if rough > ROUGH_LIMIT:
             reason += f'; shaken ({rough:.0f} times the usual noise)'
     return Cut(float(blocks.start[run.start]), float(blocks.end[run.stop - 1]), reason)
@@ -269,7 +269,7 @@ def _refusal(fit: _Fit) -> str:
     why = why if fit.bad.any() else f'none of {len(blocks)} blocks clipped, shaken or with gaps'
     if usable.sum() > fit.x.shape[1]:
         out = fit.out(usable)[usable].mean()
-        why = f'{out:.0%} of it leaves the affine image of gravity ({why})'
-    return (f'no {SHORTEST:g} s of the {length:.0f} s show one rigid body that hangs free: {why}; '
-            'keep the body off the ground, lock its joints, and check the accelerometer; a sensor '
-            'that is not linear does the same: with one mean a pose, `rows: poses`')
+        why = f'{out:.0%} of them deviate from the affine map of gravity ({why})'
+    return (f'no {SHORTEST:g} s of the {length:.0f} s fit one rigid body that hangs free: {why}; '
+            'keep the body off the ground, lock its joints, and check the accelerometer, or use '
+            '`rows: poses` for a nonlinear sensor')

@@ -42,7 +42,7 @@ class TableSource:
         self.notes: tuple[str, ...] = ()
         for part, name in zip(self._parts[1:3], ('sensor', 'accelerometer')):
             if not part:
-                raise DataError(f'{spec.path}: {path.name} is a table; name the columns of the '
+                raise DataError(f'{spec.path}: {path.name} is a table; set the columns of the '
                                 f'{name}')
 
     def __call__(self) -> Iterator[Chunk]:
@@ -77,8 +77,8 @@ class TableSource:
     def _notes(self, rows: int, span: float) -> Iterator[str]:
         name, time = self._path.name, self._spec.time
         if self.left_out:
-            yield (f'{name}: {self.left_out} rows without numbers or not in order of time were '
-                   'left out')
+            yield (f'{name}: {self.left_out} rows that are not numbers or not in order of time '
+                   'were left out')
         if time and self._spec.rows == 'samples':
             from forcecal_ros.io.csv_import.table import question_rate
 
@@ -97,12 +97,12 @@ class TableSource:
 
     def _array_rows(self, columns: Sequence[Column]) -> Iterator[Array]:
         if not all(isinstance(column, int) for column in columns):
-            raise DataError(f'{self._path}: an array has columns by number from 0, not by name')
+            raise DataError(f'{self._path}: columns of an array are numbers from 0, not names')
         try:
             shape = np.load(self._path, mmap_mode='r').shape
             if len(shape) != 2 or max(int(column) for column in columns) >= shape[1]:
                 raise DataError(f'{self._path}: an array of shape {shape}; expected rows with '
-                                f'{1 + max(int(column) for column in columns)} columns at least')
+                                f'{1 + max(int(column) for column in columns)} columns or more')
             rows = np.load(self._path, mmap_mode='r')
             for start in range(0, shape[0], ROWS):
                 yield np.array(rows[start:start + ROWS, columns], dtype=float)
@@ -125,8 +125,7 @@ def topics_of(spec: Spec, sensor: str) -> dict[str, Sequence[str]]:
         if channels is None:
             continue
         if channels.topic is None:
-            raise DataError(f'{spec.path}: a data set is a recording; name the topic of the '
-                            f'{name}')
+            raise DataError(f'{spec.path}: a data set is a recording; set the topic of the {name}')
         fields_of[channels.topic] = (*fields_of.get(channels.topic, ()), *channels.fields)
     return fields_of
 

@@ -78,9 +78,9 @@ class _Position(Row):
 class Channels(Section):
     """Where a device's numbers are: columns of tables, a topic and its fields in recordings."""
 
-    columns: Annotated[tuple[Column, ...], _Columns('Of tables')] = ()
-    topic: Annotated[str | None, Row('Of recordings', pattern=TEXT)] = None
-    fields: Annotated[tuple[str, ...], Row("Empty: what the topic's type has")] = ()
+    columns: Annotated[tuple[Column, ...], _Columns('In tables')] = ()
+    topic: Annotated[str | None, Row('In recordings', pattern=TEXT)] = None
+    fields: Annotated[tuple[str, ...], Row("Empty: the default of the topic's type")] = ()
 
     counts: ClassVar[tuple[int, float, str]] = (3, 3, 'a list of 3')
     quantity: ClassVar[str] = ''
@@ -122,7 +122,7 @@ class Accelerometer(Channels):
     unit: Annotated[str, Row(words=tuple(UNITS['acceleration']))] = 'm/s^2'
     measures: Annotated[str, Row(words=tuple(_MEASURES))] = 'specific_force'
     offset: Annotated[str, Row(
-        'Whether it is removed where |g| shows it', words=('estimate', 'ignore'))] = 'estimate'
+        'Whether an offset that |g| shows is removed', words=('estimate', 'ignore'))] = 'estimate'
     gyro: Gyro = Gyro()
 
     quantity = 'acceleration'
@@ -146,7 +146,7 @@ class Sensor(Channels):
     frame: Annotated[str, Row('frame_id of the calibrated wrench', pattern=TEXT)] = 'ft_sensor'
     manufacturer_matrix: Annotated[Array | None, Row('For comparison', shape=(6, None))] = None
     R_sensor_accelerometer: Annotated[Matrix3, Row(
-        "Without it the accelerometer's frame serves as the sensor's", '1')] = (
+        "Default: the accelerometer's frame is the sensor's frame", '1')] = (
             (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     accelerometer_position: Annotated[Vector3, Row("In the sensor's frame", 'm')] = (0.0, 0.0, 0.0)
 
@@ -156,7 +156,7 @@ class Sensor(Channels):
         super().__post_init__()
         R = np.array(self.R_sensor_accelerometer)
         if not np.allclose(R @ R.T, np.eye(3), atol=1e-3) or np.linalg.det(R) < 0:
-            raise self.wrong('R_sensor_accelerometer', 'a rotation')
+            raise self.wrong('R_sensor_accelerometer', 'a rotation matrix')
 
     @property
     def mounting(self) -> Mounting:
@@ -169,14 +169,14 @@ class Sensor(Channels):
 class Recorded(Section):
     """One data set; its added mass, if stated, is in place during all of it."""
 
-    file: Annotated[str, Row('Path, from the folder of the SPEC', pattern=TEXT)]
-    name: Annotated[str, Row('Empty: that of the file')] = ''
+    file: Annotated[str, Row('Path, relative to the folder of the SPEC', pattern=TEXT)]
+    name: Annotated[str, Row('Empty: the name of the file')] = ''
     use: Annotated[str, Row(words=('train', 'validate'))] = 'train'
     added_mass: Annotated[float | None, Row('None: not stated', 'kg', 0.0)] = None
     position: Annotated[Vector3 | Mapping[str, Vector3] | None, _Position(
         "Of the added mass: in the accelerometer's frame, or by sensor in the sensor's", 'm')
         ] = None
-    window: Annotated[tuple[float, float] | None, Row('To use', 's')] = None
+    window: Annotated[tuple[float, float] | None, Row('Time interval to use', 's')] = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -186,13 +186,13 @@ class Recorded(Section):
         # more is not screwed on by hand, and no place on what a sensor carries
         most_kg, most_m = 100.0, 2.0
         if self.added_mass and self.added_mass > most_kg:
-            raise self.wrong('added_mass', f'kg, {most_kg:g} at most; is it in g?')
+            raise self.wrong('added_mass', f'at most {most_kg:g} kg (is it in g?)')
         places = self.position.values() if isinstance(self.position, Mapping) else [
             self.position or (0.0, 0.0, 0.0)]
         if any(max(map(abs, place)) > most_m for place in places):
-            raise self.wrong('position', f'm, {most_m:g} at most; is it in mm or cm?')
+            raise self.wrong('position', f'at most {most_m:g} m (is it in mm or cm?)')
         if self.window is not None and not self.window[0] < self.window[1]:
-            raise self.wrong('window', 'its start before its end')
+            raise self.wrong('window', 'a start before the end')
 
     @property
     def train(self) -> bool:
@@ -242,23 +242,22 @@ class Time(Section):
 class Spec(Written, name=''):
     """The content of a SPEC."""
 
-    gravity: Annotated[float, Row('Magnitude there', 'm/s^2', above=0.0)] = STANDARD_GRAVITY
+    gravity: Annotated[float, Row('Magnitude at the site', 'm/s^2', above=0.0)] = STANDARD_GRAVITY
     estimate: Annotated[str | None, Row(
-        'None: the matrix where added masses are stated', words=('matrix', 'offset'))] = None
+        'None: the matrix if added masses are stated', words=('matrix', 'offset'))] = None
     filter: Annotated[Filter, _Filter()] = Filter()
-    motion: Annotated[bool, Row('Whether it moves fast, so that the gyro is used')] = False
+    motion: Annotated[bool, Row('Whether the body moves fast; requires the gyro')] = False
     screening: Annotated[bool, Row(
-        'Whether what is no free-hanging rigid body is found and cut')] = True
+        'Whether intervals that do not fit a free-hanging rigid body are removed')] = True
     rows: Annotated[str, Row(
-        'Of tables: samples, or the mean of one pose at rest each', words=('samples', 'poses'))
+        'In tables: samples, or the mean of one static pose each', words=('samples', 'poses'))
         ] = 'samples'
     body: Annotated[str, Row(
-        'What hangs there beside the added masses', words=('unknown', 'none'))] = 'unknown'
-    mass_error: Annotated[float, Row('Standard error of added masses, as a share', low=0.0)
-                          ] = 0.001
-    position_error: Annotated[float, Row('The same of their positions', 'm', low=0.0)] = 0.001
+        'Load in addition to the added masses', words=('unknown', 'none'))] = 'unknown'
+    mass_error: Annotated[float, Row('Relative error of added masses', low=0.0)] = 0.001
+    position_error: Annotated[float, Row('Standard error of positions', 'm', low=0.0)] = 0.001
     time: Time | None = None
-    rate: Annotated[float | None, Row('Rows a second of tables without time', 'Hz', above=0.0)
+    rate: Annotated[float | None, Row('Rows per second in tables without time', 'Hz', above=0.0)
                     ] = None
     accelerometer: Accelerometer
     sensors: Mapping[str, Sensor]
@@ -276,12 +275,12 @@ class Spec(Written, name=''):
                 raise Mismatch(where, None, 'columns (of tables) or a topic (of recordings)')
         for name in self.sensors:
             if not name.replace('_', '').replace('-', '').isalnum():
-                raise Mismatch('sensors', name, 'names of letters, digits, - and _: files get '
-                                                'them')
+                raise Mismatch('sensors', name, 'names of letters, digits, - and _, as in file '
+                                                'names')
         if self.motion and self.rows == 'poses':
-            raise Mismatch('motion', True, 'off, where rows are poses at rest')
+            raise Mismatch('motion', True, 'off, because rows is poses')
         if self.motion and self.body == 'none':
-            raise Mismatch('motion', True, 'off, where body is none')
+            raise Mismatch('motion', True, 'off, because body is none')
         self._check_gyro()
         self._check_data_sets()
 
@@ -300,17 +299,17 @@ class Spec(Written, name=''):
     def _check_data_sets(self) -> None:
         names = [one.name for one in self.data_sets]
         if twice := sorted({name for name in names if names.count(name) > 1}):
-            raise Mismatch('data_sets', twice, 'no name twice; give names')
+            raise Mismatch('data_sets', twice, 'unique names; set name')
         for one in self.data_sets:
             if one.window is not None and self.rows == 'poses':
                 raise Mismatch(f'data_sets[{one.name}].window', one.window,
-                               'none, where rows are poses')
+                               'no window, because rows is poses')
             if self.body == 'none' and one.train and one.added_mass is None:
                 raise Mismatch(f'data_sets[{one.name}].added_mass', None,
-                               'the added mass, as body is none')
+                               'the added mass, because body is none')
             if isinstance(one.position, Mapping) and set(one.position) != set(self.sensors):
                 raise Mismatch(f'data_sets[{one.name}].position', list(one.position),
-                               f'one of each sensor, {", ".join(self.sensors)}')
+                               f'one for each sensor: {", ".join(self.sensors)}')
 
     @property
     def gyro(self) -> Gyro | None:

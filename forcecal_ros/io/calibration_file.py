@@ -17,7 +17,7 @@ import yaml
 DAY = 86_400.0
 """[s]"""
 
-NAME_ONE = 'name a file written by `forcecal calibrate`'
+NAME_ONE = 'pass a file written by `forcecal calibrate`'
 
 _CHECKSUM, _ALGORITHM = 'checksum: ', 'sha256-'
 
@@ -38,8 +38,8 @@ def _check_sum(text: str, name: str) -> None:
     head, newline, last = text.rstrip().rpartition('\n')
     meant = _CHECKSUM in last or _ALGORITHM in last  # one of them may be what is damaged
     if meant and last != _CHECKSUM + _digest(head + newline):
-        raise ConfigError(f'{name}: its checksum does not fit: it is damaged or was edited; '
-                          'calibrate again (of an edit on purpose, drop the line `checksum`)')
+        raise ConfigError(f'{name}: its checksum does not match: it is damaged or was edited; '
+                          'calibrate again (if the edit was intended, delete `checksum`)')
 
 
 def save(calibration: Calibration, path: Path | str) -> None:
@@ -96,7 +96,7 @@ def refuse_old(calibration: Calibration, longest: float, now: float, name: str) 
     try:
         age = now - datetime.fromisoformat(str(recorded)).timestamp()
     except ValueError:
-        raise ConfigError(f'{name}: does not say when it was recorded, and calibration.max_age is '
+        raise ConfigError(f'{name}: has no recording date, but calibration.max_age is '
                           f'{longest / DAY:g} d; calibrate again') from None
     if age > longest:
         raise ConfigError(f'{name}: was recorded {age / DAY:.1f} d ago, calibration.max_age is '
@@ -120,7 +120,7 @@ def parse(text: str, name: str = 'calibration') -> Calibration:
     document = load_yaml(text, name)
     _check_sum(text, name)
     if not isinstance(document, dict):
-        raise ConfigError(f'{name}: is no calibration (expected keys such as mass, com and '
+        raise ConfigError(f'{name}: is not a calibration (expected keys such as mass, com and '
                           f'wrench_bias); {NAME_ONE}')
     if 'format' not in document and (third_party := recognise(document, name)) is not None:
         return third_party
@@ -131,7 +131,7 @@ def parse(text: str, name: str = 'calibration') -> Calibration:
         raise ConfigError(
             f'{name}: is a calibration of format {stated}, this version reads {version}; '
             'calibrate again' if older else
-            f'{name}: is no calibration (its format is {stated}, expected {FORMAT}); {NAME_ONE}')
+            f'{name}: is not a calibration (format {stated}, expected {FORMAT}); {NAME_ONE}')
     return from_document(document, name)
 
 
@@ -171,9 +171,9 @@ def _check(c: Calibration) -> None:
         raise Mismatch('gravity_direction', list(c.gravity_direction), 'a unit vector')
     mounting = c.sensor_from_pose
     if mounting is not None and abs(np.linalg.norm(mounting[3:]) - 1.0) > 1e-3:
-        raise Mismatch('sensor.from_pose', list(mounting), 'a unit quaternion at its end')
+        raise Mismatch('sensor.from_pose', list(mounting), 'x y z and a unit quaternion')
     if c.matrix is not None:
         channels = c.matrix.value.shape[1]
         if c.matrix_offset is None or len(c.matrix_offset.value) != channels:
             found = None if c.matrix_offset is None else c.matrix_offset.value.tolist()
-            raise Mismatch('matrix.offset', found, f'{channels} numbers, one of each column')
+            raise Mismatch('matrix.offset', found, f'{channels} numbers, one for each column')

@@ -82,19 +82,19 @@ def export(calibration: Calibration, consumer: str, place: Place | None = None) 
         The consumer does not exist, or cannot take such readings.
     """
     if consumer not in CONSUMERS:
-        raise ConfigError(f'consumer {consumer!r} is not known; use one of {", ".join(CONSUMERS)}')
+        raise ConfigError(f'unknown consumer {consumer!r}; use one of {", ".join(CONSUMERS)}')
     one = CONSUMERS[consumer]
     if calibration.wrench_sign < 0 and not one.turns:
         raise ConfigError(
-            f'{consumer} takes the wrench of the environment on the tool, the sensor reports the '
-            'opposite (sensor.sign -1); turn it around first (--for broadcaster has multipliers)')
+            f'{consumer} requires the wrench of the environment on the tool, but the sensor '
+            'reports the opposite (sensor.sign -1); invert it first (as --for broadcaster does)')
     if calibration.matrix is not None and one.reads_raw:
         raise ConfigError(
-            f'{consumer} cannot apply the matrix that makes a wrench of the raw channels; give it '
+            f'{consumer} cannot apply the sensor matrix to raw channels; let it use '
             'observer/contact_wrench instead')
     if calibration.sensor_rotation is not None:
         raise ConfigError(
-            f'{consumer} cannot turn readings by sensor.rotation; give it '
+            f'{consumer} cannot rotate readings by sensor.rotation; let it use '
             'observer/contact_wrench instead')
     notes = f'{one.notes}\nCalibrated with gravity {calibration.gravity:.5f} m/s^2.'
     if calibration.gravity_direction is not None:
@@ -142,7 +142,7 @@ def _upright(c: Calibration, place: Place) -> str:
     if c.gravity_direction is not None and place.base_frame == Place().base_frame:
         raise ConfigError(
             f'z of {place.base_frame} does not point up: gravity was calibrated along '
-            f'{_plain(c.gravity_direction)} of base; name a frame that is level with --base-frame')
+            f'{_plain(c.gravity_direction)} of base; pass a level frame with --base-frame')
     return place.base_frame
 
 
@@ -193,28 +193,27 @@ def _ft_tools(c: Calibration, place: Place) -> dict[str, Any]:
 
 CONSUMERS: Mapping[str, Consumer] = {
     'broadcaster': Consumer(
-        'force_torque_sensor_broadcaster (ros2_controllers): removes the bias and changes '
-        'the sign.\nIt publishes (raw + offset) * multiplier, so offset = -bias; weight is '
-        'left in.',
+        'force_torque_sensor_broadcaster (ros2_controllers): removes the bias and sets the sign.\n'
+        'It publishes (raw + offset) * multiplier, so offset = -bias; the weight is not removed.',
         _broadcaster, turns=True, reads_raw=True),
     'gravity_filter': Consumer(
-        'GravityCompensation (control_filters), in the filter chain of the broadcaster: takes\n'
-        'the weight off what --for broadcaster has taken the bias off.',
+        'GravityCompensation (control_filters), in the filter chain of the broadcaster: removes\n'
+        'the weight, after the settings of --for broadcaster have removed the bias.',
         _gravity_filter, turns=True, reads_raw=False),
     'admittance': Consumer(
-        'admittance_controller (ros2_controllers): takes the weight off; CoG.force is m g.\n'
-        'It removes no bias: feed it a sensor whose bias is removed.',
+        'admittance_controller (ros2_controllers): removes the weight; CoG.force is m g.\n'
+        'It does not remove the bias: use a sensor whose bias is removed.',
         _admittance, turns=False, reads_raw=True),
     'ur': Consumer(
         'Request of ur_msgs/srv/SetPayload (/io_and_status_controller/set_payload), in the frame\n'
-        'of the flange. What sits between flange and sensor, the sensor too, is not in it.\n'
-        'ur_msgs before 2.4 knows mass and center_of_gravity only.',
+        'of the flange. The sensor and what is between it and the flange are not included.\n'
+        'ur_msgs before 2.4 has mass and center_of_gravity only.',
         _ur, turns=True, reads_raw=False),
     'kth': Consumer(
-        'gravity_compensation (kth-ros-pkg/force_torque_tools): takes bias and weight off.',
+        'gravity_compensation (kth-ros-pkg/force_torque_tools): removes bias and weight.',
         _kth, turns=False, reads_raw=True),
     'ft_tools': Consumer(
-        'ft_estimation (ft_tools_ros2): takes bias and weight off.',
+        'ft_estimation (ft_tools_ros2): removes bias and weight.',
         _ft_tools, turns=False, reads_raw=True),
 }
 """Name -> how to write for it."""
@@ -225,7 +224,7 @@ class Kth:
     """File of kth-ros-pkg/force_torque_tools."""
 
     bias: Annotated[Vector6, Row('Reading without load', 'N, N m')]
-    gripper_mass: Annotated[float, Row('Of what hangs on the sensor', 'kg', above=0.0)]
+    gripper_mass: Annotated[float, Row('Mass of the tool', 'kg', above=0.0)]
     gripper_com_frame_id: Annotated[str, Row('frame_id of pose and bias')] = 'ft_sensor'
     gripper_com_child_frame_id: Annotated[str, Row('frame_id at the centre')] = 'gripper_com'
     gripper_com_pose: Annotated[Vector6, Row('x y z [m], roll pitch yaw [rad]')]
@@ -235,7 +234,7 @@ class Kth:
 class FtTools:
     """File of ft_tools_ros2."""
 
-    mass: Annotated[float, Row('Of what hangs on the sensor', 'kg', above=0.0)]
+    mass: Annotated[float, Row('Mass of the tool', 'kg', above=0.0)]
     sensor_frame_to_com: Annotated[Vector3, Row('Centre of mass', 'm')]
     force_offset: Annotated[Vector3, Row('Reading without load', 'N')]
     torque_offset: Annotated[Vector3, Row('Reading without load', 'N m')]

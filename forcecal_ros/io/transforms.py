@@ -60,7 +60,7 @@ def way_up(parents: Mapping[str, str], frame: str, source: str = '/tf') -> list[
     way = [frame]
     while way[-1] in parents:
         if parents[way[-1]] in way:
-            raise DataError(f'{source}: the parents of {frame} go round in a circle')
+            raise DataError(f'{source}: the parents of {frame} form a loop')
         way.append(parents[way[-1]])
     return way
 
@@ -85,13 +85,13 @@ def route(parents: Mapping[str, str], base: str, frame: str, name: str, source: 
     known = frames_of(parents)
     for one in (base, frame):
         if one not in known:
-            raise DataError(f'{name}: there is no frame {one!r} in {source}; frames are '
+            raise DataError(f'{name}: no frame {one!r} in {source}; frames are '
                             f'{", ".join(sorted(known)) or "none"}')
     up, down = way_up(parents, frame, source), way_up(parents, base, source)
     common = next((one for one in up if one in down), None)
     if common is None:
-        raise DataError(f'{name}: {base} and {frame} are in different trees of {source}; name two '
-                        'frames that are connected')
+        raise DataError(f'{name}: {base} and {frame} are in different trees of {source}; pass two '
+                        'connected frames')
     return Route(tuple(up[:up.index(common)]), tuple(down[:down.index(common)]))
 
 

@@ -106,8 +106,8 @@ class Description:
         kind, name = element.get('type', ''), element.get('name', '')
         place = f'{self._name}: joint {name}'
         if kind not in ('fixed', *_TURNS, *_SLIDES):
-            raise DataError(f'{place} is {kind or "of no type"}; fixed, revolute, continuous and '
-                            'prismatic joints are known')
+            raise DataError(f'{place} is {kind or "of no type"}; only fixed, revolute, continuous '
+                            'and prismatic joints are supported')
         xyz, rpy = (_numbers(_attribute(element, 'origin', part, '0 0 0'), f'{place}: {part}')
                     for part in ('xyz', 'rpy'))
         turn, parent = Rotation.from_euler('xyz', rpy), self.parents[link]
@@ -116,7 +116,7 @@ class Description:
             return Joint(parent, origin)
         axis = _numbers(_attribute(element, 'axis', 'xyz', '1 0 0'), f'{place}: axis')
         if not axis.any():
-            raise DataError(f'{place}: its axis is zero; expected a direction')
+            raise DataError(f'{place}: its axis is zero, expected a direction')
         (gain,), (offset,) = (
             _numbers(_attribute(element, 'mimic', part, otherwise), f'{place}: {part}', 1)
             for part, otherwise in (('multiplier', '1'), ('offset', '0')))
@@ -158,8 +158,8 @@ def chain(description: Description, base: str, link: str, name: str, source: str
     way = route(description.parents, base, link, name, source)
     found = Chain(way, {one: description.joint(one) for one in (*way.up, *way.down)})
     if not found.drivers:
-        raise DataError(f'{name}: no joint moves between {base} and {link} in {source}; name the '
-                        'frame of the sensor and that of the base')
+        raise DataError(f'{name}: no joint between {base} and {link} in {source} moves; pass the '
+                        'base frame and the sensor frame')
     return found
 
 
@@ -167,14 +167,14 @@ def _root(description: bytes, name: str) -> Element:
     try:
         text = description.decode()
         if '<!DOCTYPE' in text or '<!ENTITY' in text:
-            raise DataError(f'{name}: it defines entities, by which a short text becomes a huge '
-                            'one; a URDF needs none')
+            raise DataError(f'{name}: it defines XML entities, which are refused for safety; '
+                            'remove them')
         robot = ElementTree.fromstring(text)  # noqa: S314  # entities are refused above
     except (UnicodeDecodeError, ElementTree.ParseError) as error:
-        raise DataError(f'{name}: it is no XML ({error})') from error
+        raise DataError(f'{name}: not valid XML ({error})') from error
     if robot.tag != 'robot' or robot.find('joint') is None:
-        raise DataError(f'{name}: it is no URDF of joints (a {robot.tag}); of a xacro make one by '
-                        'xacro robot.urdf.xacro > robot.urdf')
+        raise DataError(f'{name}: not a URDF with joints (root element {robot.tag}); convert a '
+                        'xacro with xacro robot.urdf.xacro > robot.urdf')
     return robot
 
 

@@ -74,8 +74,8 @@ def _calibrated(rig: Rig, recording: Recording, c: Calibration) -> tuple[Rig, li
     mass, notes = float(c.mass), []
     inertia, relative = mass * GYRATION ** 2 * np.eye(3), unknown_inertia
     if c.inertia is None:
-        notes.append(f'the inertia of the tool is not identifiable; that of a gripper of '
-                     f'{mass:.3g} kg is taken')
+        notes.append('the inertia of the tool is not identifiable; that of a gripper of '
+                     f'{mass:.3g} kg is used')
     else:
         inertia = possible(c.inertia.value)
         known = np.diag(known_std(c.inertia)) / np.maximum(np.diag(inertia), 1e-9)
@@ -87,13 +87,13 @@ def _calibrated(rig: Rig, recording: Recording, c: Calibration) -> tuple[Rig, li
         optidrive=_slide(rig, recording, c),
         spreads=widened(rig.spreads, **tool_uncertainty(c), inertia=relative))
     if c.tool is not None and rig.optidrive is None:
-        notes.append('the tool gives, and no displacement sensor measures how far; it is taken '
-                     'as rigid')
+        notes.append('the tool is compliant, but its displacement was not recorded; it is '
+                     'modelled as rigid')
     if c.accelerometer is None:
-        return rig, [*notes, 'no accelerometer was recorded; the rig has the nominal one']
+        return rig, [*notes, 'no accelerometer was recorded; the rig keeps the nominal one']
     if c.accelerometer.position is None:
-        notes.append('the place of the accelerometer is not identifiable; it is put into the '
-                     'centre of mass')
+        notes.append('the position of the accelerometer is not identifiable; the centre of mass '
+                     'is used')
     return _with_accelerometer(rig, c.accelerometer), notes
 
 
@@ -112,10 +112,10 @@ def _with_accelerometer(rig: Rig, a: CalibratedAccelerometer) -> Rig:
     turned = float(np.linalg.norm(rotation_vector(a.map.value)))
     if turned > most_turned:
         raise DataError(
-            f'accelerometer: its axes are rotated by '
-            f'{above(np.degrees(turned), np.degrees(most_turned))} deg against ft_sensor, '
-            f'expected {np.degrees(most_turned):.3g} deg at most, as a rig mounts it '
-            'along the sensor; record it in that frame')
+            'accelerometer: its axes are rotated by '
+            f'{above(np.degrees(turned), np.degrees(most_turned))} deg relative to ft_sensor, '
+            f'expected at most {np.degrees(most_turned):.3g} deg, as in a rig they are parallel; '
+            'record it in ft_sensor')
     position = rig.tool.com if a.position is None else tuple(a.position.value.tolist())
     gain, offset = a.gain.value, a.offset.value
     of_gain = float(np.max(known_std(a.gain) / np.abs(gain)))
@@ -154,15 +154,15 @@ def command_period(t: Array) -> float:
     # periods that are no whole number of hertz are taken in these steps [s]
     tenth = 1e-4
     if len(t) < FEWEST:
-        raise DataError(f'target_frame: {len(t)} commands are too few to identify how the '
-                        'robot follows; record the commands while it moves, 10 s or more')
+        raise DataError(f'target_frame: {len(t)} commands are too few to identify the response of '
+                        'the robot; record them for 10 s or more of motion')
     period = period_of(t)
     steps = np.diff(t) / period
     off = float(np.mean(np.abs(steps - np.maximum(1.0, np.round(steps))) > 0.5 - 1e-9)
                 + np.mean(steps > 1.5))
     # share of intervals between commands that may be off by half a period: some get lost
     if off > 0.1:
-        raise DataError(f'target_frame: {100.0 * off:.0f} % of the commands come irregularly, '
+        raise DataError(f'target_frame: {100.0 * off:.0f} % of the commands are irregular, '
                         f'expected one every {1e3 * period:.3g} ms; stream them at a fixed rate')
     rate = round(1.0 / period)
     # round: of a rate: as far from a whole number of hertz as computers' clocks are apart at most
@@ -249,9 +249,9 @@ def fit_rig(recordings: Sequence[Recording], heldout: Recording | None, base: Ri
     periods = [command_period(one.target.t) for one in [*given, *filter(None, [judge])]
                if one.target is not None]
     if max(periods) > 1.001 * min(periods):
-        raise DataError('target_frame: the commands of the recordings come every '
-                        f'{", ".join(f"{1e3 * p:.3g}" for p in periods)} ms, expected one period; '
-                        'fit recordings of one rate')
+        raise DataError('target_frame: the recordings have command periods of '
+                        f'{", ".join(f"{1e3 * p:.3g}" for p in periods)} ms, expected one; fit '
+                        'recordings of the same rate')
     rig = _measured(base, first, periods[0], settings)
     ready = fit_and_judge(given, judge, periods[0])
     axes = fit_translation(rig, ready)
@@ -262,10 +262,10 @@ def fit_rig(recordings: Sequence[Recording], heldout: Recording | None, base: Ri
     left, good, moved = _heldout_error(rig, ready)
     rig = replace(rig, robot=replace(rig.robot, unexplained=left))
     rig, assumed = fit_tool(rig, given, settings)
-    notes = [f'axis {name} never moved, and follows like the one that moved most'
+    notes = [f'axis {name} never moved; it is given the model of the axis that moved most'
              for name, axis in zip('xyz', axes) if not axis.order]
     if not rotation.identified:
-        notes.append('orientation never turned, and follows as late as the position')
+        notes.append('the orientation never changed; it is given the lag of the position')
     return RigFit(rig, tuple(axes), rotation, good, moved, (*notes, *assumed))
 
 

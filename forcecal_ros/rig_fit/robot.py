@@ -84,8 +84,8 @@ def followed(recording: Recording, period: float) -> Followed:
     seen = starts + period >= pose.t[0]
     if seen.sum() * period < shortest:
         raise DataError(f'{recording.source}: commands (target_frame) and poses (current_pose) '
-                        f'overlap for {below(seen.sum() * period, shortest, 2)} s, expected '
-                        f'{shortest:g} s at least; record a longer motion')
+                        f'overlap for {below(seen.sum() * period, shortest, 2)} s, expected at '
+                        f'least {shortest:g} s; record a longer motion')
     held = held_commands(target.t, starts, period / 2.0)
     reached = pose.at(np.clip(starts + period, pose.t[0], pose.t[-1]))
     # start of a recording whose errors do not count, since the robot may have moved before [s]
@@ -157,9 +157,9 @@ def fit_translation(rig: Rig, followed: Sequence[Followed]) -> list[AxisFit]:
     strokes = np.max([np.ptp(one.position[one.used], axis=0) for one in followed
                       if one.used.any()], axis=0)
     if strokes.max() < moved:
-        raise DataError(f'target_frame: the commands move by '
-                        f'{below(1e3 * strokes.max(), 1e3 * moved, 2)} mm, '
-                        f'expected {1e3 * moved:g} mm at least along one axis; record a motion')
+        raise DataError('target_frame: the commands move by '
+                        f'{below(1e3 * strokes.max(), 1e3 * moved, 2)} mm, expected at least '
+                        f'{1e3 * moved:g} mm along one axis; record a motion')
     # where a robot without equation would be at the end of each period
     smooth = [at_ends(rig, one).position for one in followed]
     found = {axis: _fit_axis(rig, followed, smooth, axis)
@@ -212,9 +212,9 @@ def _fit_axis(rig: Rig, followed: Sequence[Followed], smooth: Sequence[Array], a
     known = [one for one in candidates if _lag(one.model)[1] < sure]
     if not known:
         surest = min(_lag(one.model)[1] for one in candidates)
-        raise DataError(f'target_frame: the lag of axis {"xyz"[axis]} is not identifiable: it is '
-                        f'known to {above(surest, sure, 2)} periods, expected less than '
-                        f'{sure:g}; move it farther')
+        raise DataError(f'target_frame: the lag of axis {"xyz"[axis]} is not identifiable: its '
+                        f'standard error is {above(surest, sure, 2)} periods, expected less than '
+                        f'{sure:g}; move this axis farther')
     chosen = min(known, key=lambda one: one.error)
     lag, std = _lag(chosen.model)
     # a command is reached at the end of its period, without servo and equation

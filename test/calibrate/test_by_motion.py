@@ -110,7 +110,7 @@ def test_without_positions_there_is_no_inertia(moving):
 
 def test_rotation_about_one_axis_is_refused_by_name():
     recording = shortened(run(2, (0.0, 1.0, 0.0), 0.0), 1.5, 18.5)
-    with pytest.raises(UnobservableError, match='turns about one axis only, near its y.*about x'):
+    with pytest.raises(UnobservableError, match='rotates about only one axis, near its y.*x'):
         identify(recording)
 
 
@@ -131,7 +131,7 @@ def test_a_delay_is_found(moving, late):
 
 def test_clocks_apart_are_refused(moving):
     late = Stream(moving.wrench.t + 0.08, moving.wrench.values)
-    with pytest.raises(DataError, match='limit of what is looked for'):
+    with pytest.raises(DataError, match='at the search limit'):
         fitted(replace(moving, wrench=late), IdentificationSettings(largest_delay=0.05))
 
 

@@ -34,7 +34,7 @@ def test_rest_and_short_recordings_are_refused():
         estimate_delay(record(3.0, seed=2), calibration())
     with pytest.raises(DataError, match='blocks'):
         estimate_delay(record(0.3, SWING), calibration())
-    with pytest.raises(DataError, match='wants wrench and accelerometer'):
+    with pytest.raises(DataError, match='requires wrench and accelerometer'):
         estimate_delay(record(1.0, without=('accelerometer',)), calibration())
 
 

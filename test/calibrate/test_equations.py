@@ -113,7 +113,7 @@ def test_noise_of_the_regressor_pulls_the_plain_gain_up_and_correction_takes_it_
 
 
 def test_a_step_that_does_not_stand_out_is_refused():
-    with pytest.raises(UnobservableError, match='stand out'):
+    with pytest.raises(UnobservableError, match='within the noise'):
         step_gain(np.full(100, 0.01), np.zeros(100), 0.01)
 
 

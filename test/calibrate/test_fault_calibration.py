@@ -39,8 +39,8 @@ def test_an_accelerometer_that_is_late_is_calibrated_with_its_delay():
 
 
 @pytest.mark.parametrize('fault, seed, said', first([
-    ('accelerometer wrong', 9, 'accel.y moves 22 times as much in pose 3'),
-    ('optidrive wrong', 9, 'optidrive moves 249 times as much in pose 1')]))
+    ('accelerometer wrong', 9, 'accel.y varies 22 times as much in pose 3'),
+    ('optidrive wrong', 9, 'optidrive varies 249 times as much in pose 1')]))
 def test_a_jump_in_a_pose_does_not_hide_behind_its_own_noise(fault, seed, said):
     verdict = judged(fault, seed)
     assert verdict.word == 'flagged'

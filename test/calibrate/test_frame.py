@@ -51,8 +51,8 @@ def sound(request):
 
 @pytest.mark.parametrize('R, said', [
     (turn(0.0, 0.0, -30.0), r'rotated by (30|29)\.\d+ .* deg about z'),
-    (np.diag([1.0, -1.0, 1.0]), 'mirrored .*x, y, z show x, -y, z'),
-    (orientations, 'expressed in base')])
+    (np.diag([1.0, -1.0, 1.0]), 'mirrored .*x, y, z measure x, -y, z'),
+    (orientations, 'expressed in the base')])
 def test_other_axes_and_frames_are_refused_with_their_name(sound, R, said):
     recording, gravity = sound
     with pytest.raises(DataError, match=said):

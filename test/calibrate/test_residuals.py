@@ -50,7 +50,7 @@ def test_a_pose_that_a_cable_pulls_in_is_named_with_the_pull_and_widens_errors(
     assert quality['rejection']['pose'] == pose
     off = quality['rejection']['poses'][pose - 1]['off']
     assert off[1] == pytest.approx(0.15, abs=0.05)
-    assert any(f'pose {pose} is off by' in line for line in quality['warnings'])
+    assert any(f'pose {pose} deviates by' in line for line in quality['warnings'])
     assert f'Pose {pose} would be rejected' in dict(in_words(quality))['Rejection test']
 
 

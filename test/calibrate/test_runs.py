@@ -199,7 +199,7 @@ def test_leaving_the_sag_out_widens_the_errors_and_is_told(recording, calibratio
     assert rigid.tool is None
     assert (abs(rigid.com.value - RIG.tool.com) < 2.0 * rigid.com.std).all()
     assert rigid.com.std.max() > 100.0 * calibration.com.std.max()
-    assert any('do not fit one tool' in line and 'widened' in line
+    assert any('do not fit one tool' in line and 'widens' in line
                for line in rigid.quality['warnings'])
 
 
@@ -323,7 +323,7 @@ def test_a_channel_at_the_end_of_its_range_is_refused(recording):
     wrench = recording.wrench
     clipped = np.array(wrench.values)
     clipped[:, 0] = np.minimum(clipped[:, 0], 100.0)
-    with pytest.raises(DataError, match='force.x stands at 100 in pose 2'):
+    with pytest.raises(DataError, match='force.x is clipped at 100 in pose 2'):
         identify(replace(recording, wrench=Stream(wrench.t, clipped)))
 
 
@@ -333,8 +333,8 @@ def test_a_channel_clipped_in_motion_is_reported(three):
     values[:, 3] = np.minimum(values[:, 3], 10.0)  # 8.8 at rest, 12.9 on the way
     warnings = identify(replace(three, wrench=Stream(wrench.t, values))).quality['warnings']
     count = (values[:, 3] == 10.0).sum()
-    assert any(f'torque.x stops at 10 ({count} samples' in line and 'raise the range' in line
-               for line in warnings)
+    assert any(f'torque.x is clipped at 10 ({count} samples' in line
+               and 'increase the range' in line for line in warnings)
 
 
 @pytest.mark.long

@@ -60,5 +60,5 @@ def test_a_stand_in_which_the_wrench_pauses_is_left_out():
     t = sound.pose.t[(sound.pose.t > 0.8) & ((sound.pose.t < 7.5) | (sound.pose.t > 9.0))]
     windows = static_windows(replace(sound, wrench=Stream(t, np.zeros((len(t), 6)))))
     assert [round(start) for start, _ in windows] == [1, 13] and windows[0][0] > 0.8
-    with pytest.raises(DataError, match='no wrench in any of the 3 places'):
+    with pytest.raises(DataError, match='no wrench in any of the 3 static poses'):
         static_windows(replace(sound, wrench=Stream(t + 100.0, np.zeros((len(t), 6)))))

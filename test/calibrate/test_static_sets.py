@@ -63,7 +63,7 @@ def test_a_pull_in_one_pose_of_single_samples_is_named(kuka_data):
         return values
     found = identify(with_wrench(static_recording(kuka_data), pull),
                      IdentificationSettings(gravity=GRAVITY))
-    assert any('do not fit one tool: pose 7 is off by +0.8' in line
+    assert any('do not fit one tool: pose 7 deviates by +0.8' in line
                for line in found.quality['warnings'])
 
 
@@ -78,7 +78,7 @@ def test_single_samples_that_scatter_do_not_fit_one_tool(kuka_data):
 
 @pytest.mark.parametrize('factor', first([100.0, 1000.0]))
 def test_torques_in_another_unit_are_refused_by_their_centre_of_mass(kuka_data, factor):
-    with pytest.raises(DataError, match='centre of mass comes out .* unit of the torques'):
+    with pytest.raises(DataError, match='centre of mass is .* unit of the torques'):
         identify(with_wrench(static_recording(kuka_data),
                              lambda values: values * np.repeat([1.0, factor], 3)),
                  IdentificationSettings(gravity=GRAVITY))
@@ -95,4 +95,4 @@ def test_an_imu_in_g_is_refused(kuka_data):
 def test_a_wrench_in_kgf_is_questioned(kuka_data):
     found = identify(with_wrench(static_recording(kuka_data), lambda v: v / 9.80665),
                      IdentificationSettings(gravity=GRAVITY))
-    assert any('0.932 kg, the wrench is in kgf' in line for line in found.quality['questions'])
+    assert any('0.932 kg, the forces are in kgf' in line for line in found.quality['questions'])

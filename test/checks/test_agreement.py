@@ -74,13 +74,13 @@ def leaning(seed):
 
 
 @pytest.mark.parametrize('make, said', [
-    (recorded, r'force\.x shows \+10 % of force\.z'),
-    (leaning, r'force\.y shows -6(\.\d)? % of force\.x')])  # as z is all but constant
+    (recorded, r'\+10 % from force\.z to force\.x'),
+    (leaning, r'-6(\.\d)? % from force\.x to force\.y')])  # as z is all but constant
 def test_crosstalk_of_a_calibrated_sensor_is_noted_with_its_size_and_is_no_rotation(make, said):
     matrix = np.eye(6)
     matrix[0, 2], matrix[1, 0], matrix[3, 1] = 0.1, -0.06, 0.005
     notes = refuse_disagreeing(mapped(make(seed=1), lambda w: w @ matrix.T), C)
-    assert re.search(f'wrench: it has crosstalk, {said}', notes[0]), notes
+    assert re.search(f'wrench: it has crosstalk of {said}', notes[0]), notes
     turn = np.kron(np.eye(2), rotation_from_vector(np.radians([10.0, -25.0, 15.0])))
     with pytest.raises(DataError, match=r'axes are rotated by|axes are mirrored'):
         refuse_disagreeing(mapped(make(seed=1), lambda w: w @ turn.T), C)
@@ -99,7 +99,7 @@ def test_other_axes_are_no_crosstalk_where_gravity_turns_little_and_residuals_ar
 
 def test_another_tool_and_a_sensor_tared_since_are_said_with_their_size():
     note, = refuse_disagreeing(recorded(mass=float(C.mass) + 2.0), C)
-    assert 'is 15.00' in note and '± 0.0' in note and 'another tool, a payload' in note
+    assert 'carries 15.00' in note and '± 0.0' in note and 'tool or payload changed' in note
     note, = refuse_disagreeing(recorded(bias=np.array([40.0, 0.0, -60.0])), C)
     assert 'bias differs by +40 ' in note and ' -60 N: ' in note
 
@@ -118,5 +118,5 @@ def test_a_tare_and_a_payload_half_way_are_told_with_time_and_size():
 
 def test_an_accelerometer_in_another_unit_or_mount_is_refused():
     for change in (np.eye(3) / G, np.diag([-1.0, -1.0, 1.0])):
-        with pytest.raises(DataError, match='its unit or its mount is another than calibrated'):
+        with pytest.raises(DataError, match='its unit or mounting has changed'):
             refuse_disagreeing(recorded(accelerometer=change), C)

@@ -124,7 +124,7 @@ def test_an_empty_wrench_is_refused_and_other_empty_streams_count_as_not_measure
         checked(replace(rig, wrench=rig.wrench.between(0.0, 0.0)))
     found = checked(replace(rig, optidrive=rig.optidrive.between(0.0, 0.0)))
     assert found.optidrive is None
-    assert found.notes == ('optidrive: no message; taken as not measured',)
+    assert found.notes == ('optidrive: no message; treated as not measured',)
 
 
 @pytest.mark.parametrize('name, value', [
@@ -142,13 +142,13 @@ def test_zeros_where_nothing_measures_are_no_dead_sensor(rig, name, value):
 def test_one_channel_that_sticks_is_named_with_its_value_and_time(start, end):
     values = frozen(moved() + noise(), 4, start, end)
     first = values[int(start * RATE), 4]
-    with pytest.raises(DataError, match=f'^torque.y repeats {first:.6g} from {start:.2f} s to '
+    with pytest.raises(DataError, match=f'^torque.y is stuck at {first:.6g} from {start:.2f} s to '
                        f'{min(end, 40.0) - 1 / RATE:.2f} s while other channels change; check'):
         stuck(values)
 
 
 def test_a_whole_sensor_that_sticks_is_named_once():
-    with pytest.raises(DataError, match='^accelerometer: every channel repeats itself from 18.00 '
+    with pytest.raises(DataError, match='^accelerometer: all channels are constant from 18.00 '
                        r's to 40\.00 s; check'):
         stuck(frozen(noise(3), slice(None), 18.0), 'accelerometer')
 
@@ -169,7 +169,7 @@ def test_a_wrench_that_does_not_feel_the_robot_turn_is_stuck_however_coarse():
     angle = np.clip(T - 25.0, 0.0, 1.0)
     R[:, 0, 0], R[:, 2, 2] = np.cos(angle), np.cos(angle)
     R[:, 0, 2], R[:, 2, 0] = np.sin(angle), -np.sin(angle)
-    with pytest.raises(DataError, match='wrench: every channel repeats itself'):
+    with pytest.raises(DataError, match='wrench: all channels are constant'):
         stuck(values, pose=replace(still, R_base_sensor=R))
 
 
@@ -196,14 +196,14 @@ def test_a_smooth_motion_that_comes_to_rest_without_noise_is_sound():
 def test_a_driver_that_repeats_each_reading_has_that_habit():
     held = noise()[np.arange(len(T)) // 20 * 20]
     stuck(held)
-    with pytest.raises(DataError, match='force.z repeats'):
+    with pytest.raises(DataError, match='force.z is stuck at'):
         stuck(frozen(noise()[np.arange(len(T)) // 2 * 2], 2, 18.0))
 
 
 def test_a_dead_channel_is_told_from_one_that_no_channel_tells_from_rest():
     values = noise()
     values[:, 2] = -3.25
-    with pytest.raises(DataError, match='^force.z stands at -3.25 throughout; check'):
+    with pytest.raises(DataError, match='^force.z is constant at -3.25; check'):
         refuse_dead(Stream(T, values), 'wrench')
     seldom = np.round(0.3 * noise(), 0)
     seldom[:, 2] = 0.0
@@ -241,7 +241,7 @@ def test_sound_recordings_pass_without_a_word(rig):
     ('wrench', 1e4), ('accelerometer', -1e4), ('pose', 1e4), ('target', -1e4)])
 def test_the_stream_on_another_clock_is_named(rig, name, way):
     stream = getattr(rig, name)
-    named = re.escape(f'{way:+.1f} s; set the clocks')
+    named = re.escape(f'{way:+.1f} s; synchronise')
     with pytest.raises(DataError, match=f'{name}.* {named} .*PTP'):
         refuse_clocks_apart(replace(rig, **{name: replace(stream, t=stream.t + way)}))
     refuse_clocks_apart(replace(rig, **{name: replace(stream, t=stream.t + np.sign(way) * 15)}))
@@ -263,7 +263,7 @@ def test_what_a_driver_says_before_its_sensor_answers_is_left_out(value):
     found = checked(Recording(wrench=replace(wrench, values=values), pose=pose))
     assert len(found.wrench) == len(T) - 600
     assert found.notes == (
-        'wrench: its first 600 samples hold no reading, up to 1.20 s; left out',)
+        'wrench: the first 600 samples, up to 1.20 s, contain no reading; left out',)
     values[9000:9600] = value
     with pytest.raises(DataError):
         checked(Recording(wrench=replace(wrench, values=values), pose=pose))
@@ -299,7 +299,7 @@ DOWN = np.array([0.0, 0.0, -9.81])
 def test_a_wrench_that_shows_gravity_turn_at_another_time_is_told_by_how_much(late, sign):
     wrench, pose = turned(late, sign)
     side = 'later' if late > 0 else 'earlier'
-    said = rf'{abs(late):.2f} s {side} than the pose.*; \{-late:+.2f} s on all stamps of wrench'
+    said = rf'{abs(late):.2f} s {side} than in the pose.* \{-late:+.2f} s to all stamps of wrench'
     with pytest.raises(DataError, match=said):
         judge(Recording(wrench=wrench, pose=pose), DOWN)
 

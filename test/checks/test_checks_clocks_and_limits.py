@@ -36,6 +36,6 @@ def counted(bits):
 
 
 def test_counts_of_eight_bits_wrap_and_four_steps_are_noise():
-    with pytest.raises(DataError, match='its counts wrap around'):
+    with pytest.raises(DataError, match='its counts overflow'):
         refuse_wrapped(*counted(8))
     refuse_wrapped(*counted(2))

@@ -40,9 +40,9 @@ def test_sound_forces_are_taken_as_they_are(n, seed):
 
 @pytest.mark.parametrize('given, by, said', [
     (None, 'calibration', r'calibrate again with --sensor-rotation \S+ \S+ 30\S*$'),
-    (None, 'rig', r'state --sensor-from-pose 0 0 0 \S+ \S+ (\S+) (\S+)$'),
+    (None, 'rig', r'pass --sensor-from-pose 0 0 0 \S+ \S+ (\S+) (\S+)$'),
     ((0.1, 0.0, 0.2, 0.0, 0.0, 0.0, 1.0), '',
-     r'state --sensor-from-pose 0.1 0 0.2 \S+ \S+ (\S+) (\S+)$')])
+     r'pass --sensor-from-pose 0.1 0 0.2 \S+ \S+ (\S+) (\S+)$')])
 def test_a_turn_is_mended_where_the_pose_of_the_sensor_was_stated(given, by, said):
     with pytest.raises(DataError, match=said) as refused:
         judge(forces(1, Q=turn(0.0, 0.0, 30.0).T), G,
@@ -84,7 +84,7 @@ def test_a_force_without_weight_is_no_tool():
 def test_wrenches_of_other_poses_are_no_tool():
     one = forces(1, 24)
     values = np.vstack([one.wrench.values[:12], one.wrench.values[12:][::-1]])
-    with pytest.raises(DataError, match='not of the same (poses|robot)'):
+    with pytest.raises(DataError, match='of different (poses|robots)'):
         judge(Recording(wrench=Stream(one.wrench.t, values), pose=one.pose), G)
 
 
@@ -92,7 +92,7 @@ def test_a_tared_wrench_in_base_says_so():
     one = forces(1)
     still = np.tile([0.0, 0.0, -9.81, 0.0, 0.0, 0.0], (12, 1))
     still += NOISE * np.random.default_rng(2).standard_normal((12, 6))
-    with pytest.raises(UnobservableError, match=r'of 0\.999 kg in a wrench expressed in base'):
+    with pytest.raises(UnobservableError, match=r'weight of 0\.999 kg in a wrench'):
         judge(Recording(wrench=Stream(one.wrench.t, still), pose=one.pose), G)
 
 
@@ -108,6 +108,6 @@ def test_sound_torques_pass_with_whatever_pulls_besides(poses, com, pull):
     ([2, 0, 1], [1, -1, 1], 'z, -x, y'), ([0, 1, 2], [-1, -1, 1], 'x, y, -z')])
 def test_mirrored_and_swapped_torques_are_named(order, signs, shown):
     axes = np.eye(3)[order] * np.array(signs)[:, None]
-    with pytest.raises(DataError, match=f'x, y, z show {shown}, or all three the other way|'
-                                        'torques are not about the axes'):
+    with pytest.raises(DataError, match=rf'x, y, z measure {shown}\), or all three have|'
+                                        'torques are about other axes'):
         judge(forces(0, com=(0.01, -0.005, 0.07), pull=1e-3, torques=axes), G)

@@ -60,24 +60,24 @@ def test_real_poses_are_left_alone(kuka_data):
 
 @pytest.mark.parametrize('name, factor', [('poses', 1e3), ('work', 1e6), ('at 10 Hz', 1e3)])
 def test_milliseconds_and_less_that_are_taken_for_seconds_are_refused(name, factor):
-    with pytest.raises(DataError, match='time is in ms or us and taken for s.* state its unit'):
+    with pytest.raises(DataError, match='time is in ms or us but read as s.* set its unit'):
         checked(paced(LOGS[name], factor))
 
 
 def test_numbers_of_rows_that_are_taken_for_seconds_are_refused():
-    with pytest.raises(DataError, match='or counts rows; .*rate: where rows are evenly apart'):
+    with pytest.raises(DataError, match='or counts rows; .*evenly spaced, set rate'):
         checked(paced(LOGS['poses'], 200.0))
 
 
 @pytest.mark.parametrize('name, factor', [('poses', 1e-6), ('work', 1e-3), ('at 10 Hz', 1e-3)])
 def test_seconds_that_are_taken_for_less_are_refused(name, factor):
-    with pytest.raises(DataError, match='time is in (another unit \\()?s .*taken for ms'):
+    with pytest.raises(DataError, match='time is in (another unit \\()?s .*read as ms'):
         checked(paced(LOGS[name], factor))
 
 
 @pytest.mark.parametrize('names', [('wrench',), ('pose',)])
 def test_one_stream_in_milliseconds_is_refused(names):
-    with pytest.raises(DataError, match=rf'^{names[0]}: .* time is in ms in one and in s in the'):
+    with pytest.raises(DataError, match=rf'^{names[0]}: .* one has its time in ms'):
         checked(paced(LOGS['work'], 1e3, names))
 
 
@@ -91,7 +91,7 @@ def test_places_in_millimetres_are_told_by_their_speed():
 def test_degrees_that_are_taken_for_radians_are_refused():
     recording = LOGS['work']
     vectors = np.degrees(rotation_vector(recording.pose.R_base_sensor))
-    with pytest.raises(DataError, match='pose: it turns .* its angles are in degrees'):
+    with pytest.raises(DataError, match='pose: it rotates .* its angles are in degrees'):
         checked(turned(recording, vectors))
 
 

@@ -64,22 +64,22 @@ ROWS = {
     'sign': (mapped(lambda w: -w), 'opposite sign'),
     'sign of the forces': (mapped(lambda w: w * np.repeat([-1, 1], 3)), 'opposite sign'),
     'base': (lambda one: replace(one, wrench=wrong_recordings.in_base(
-        one, np.full(len(one.t), True))), 'expressed in base, not in the frame'),
-    'inverted': (wrong('pose of base in the sensor'), 'that of base in the sensor'),
+        one, np.full(len(one.t), True))), 'in the base frame, not in the sensor'),
+    'inverted': (wrong('pose of base in the sensor'), 'it is inverted'),
     'wxyz': (wrong('quaternions w first'), 'in the order w, x, y, z'),
     '30 deg': (turned(TURN), r'rotated by -?(30|29)\.\d+ ± 0\.\d+ deg about z'),
-    '90 deg': (turned(QUARTER), r'rotated by -?(90|89)\.\d+ .* about z.*: x, y, z show'),
-    'swapped': (mapped(lambda w: w[:, SWAPPED]), 'mirrored .*x, y, z show y, x, z'),
+    '90 deg': (turned(QUARTER), r'rotated by -?(90|89)\.\d+ .* about z.*x, y, z measure'),
+    'swapped': (mapped(lambda w: w[:, SWAPPED]), 'mirrored .*x, y, z measure y, x, z'),
     'one force axis': (mapped(lambda w: w * [1, -1, 1, 1, 1, 1]), 'forces are mirrored.*x, -y, z'),
-    'leaning': (leaning, r'tilted, gravity in it is (10\.|9\.9)'),
+    'leaning': (leaning, r'tilted: gravity is (10\.|9\.9)'),
     'crosstalk': (mapped(lambda w: w + 0.1 * w[:, [2]] * [1, 0, 0, 0, 0, 0]),
-                  r'it has crosstalk, force\.x shows \+(9\.[89]|10) % of force\.z'),
+                  r'it has crosstalk of \+(9\.[89]|10) % from force\.z to force\.x'),
     'crosstalk into torque': (mapped(lambda w: w + 0.01 * w[:, [2]] * [0, 0, 0, 0, 0, 1]),
-                              r'it has crosstalk, torque\.z shows \+(9\.\d|10) mm of force\.z'),
-    'exchanged': (wrong('force and torque exchanged'), 'force and torque are exchanged'),
-    'torque in base': (wrong('torque in base, force not'), 'torques are expressed in base'),
-    'torque axes': (mapped(lambda w: w[:, [0, 1, 2, 4, 5, 3]]), 'torques are not about the axes'),
-    'clock': (late, r'gravity turn 1\.5\d? s later'),
+                              r'it has crosstalk of \+(9\.\d|10) mm from force\.z to torque\.z'),
+    'exchanged': (wrong('force and torque exchanged'), 'force and torque are swapped'),
+    'torque in base': (wrong('torque in base, force not'), 'torques are expressed in the base'),
+    'torque axes': (mapped(lambda w: w[:, [0, 1, 2, 4, 5, 3]]), 'torques are about other axes'),
+    'clock': (late, r'gravity rotates 1\.5\d? s later'),
     'jump': (jump, r'N in all orientations: the bias changed .*, or a contact began'),
     'picked up': (picked_up, r'carries 0\.[45]\d* kg more'),
 }
@@ -134,7 +134,7 @@ def test_a_known_tool_tells_units_and_signs_while_the_arm_moves(row):
 def test_a_known_tool_passes_and_another_one_is_noted():
     assert judge(recording_of(moving(3)), DOWN, Stated(by='calibration'), KNOWN) == ()
     note, = judge(recording_of(moving(3, mass=1.4)), DOWN, Stated(by='calibration'), KNOWN)
-    assert 'is 1.400' in note and '± 0.000' in note and 'another tool' in note
+    assert 'carries 1.400' in note and '± 0.000' in note and 'tool or payload' in note
 
 
 @pytest.mark.parametrize('spoil', first([
@@ -148,7 +148,7 @@ def test_pushes_gains_biases_and_small_turns_are_left_to_whoever_looks_for_them(
 
 
 @pytest.mark.parametrize('factor, said', [
-    (1e3, 'in mm'), (1e2, 'in cm'), (1 / 0.0254, 'in inches'), (1e-3, 'in m and taken for mm')])
+    (1e3, 'in mm'), (1e2, 'in cm'), (1 / 0.0254, 'in inches'), (1e-3, 'in m but read as mm')])
 def test_lengths_of_positions_are_told_by_inertia(factor, said):
     one = moving(4)
     with pytest.raises(DataError, match=said):
@@ -159,7 +159,7 @@ def test_lengths_of_positions_are_told_by_inertia(factor, said):
 @pytest.mark.parametrize('delay', [6, 30])
 def test_a_delay_is_noted_as_one_and_not_as_smoothing(make, delay):
     note, = judge(recording_of(late(make(7), 1e-3 * delay)), DOWN)
-    found = re.search(r'rotate (\d+\.\d+) ± 0\.\d+ ms later', note)
+    found = re.search(r'rotates (\d+\.\d+) ± 0\.\d+ ms later', note)
     assert abs(float(found[1]) - delay) < 1.0 and 'smooths' not in note
 
 
@@ -175,8 +175,8 @@ def test_crosstalk_is_noted_up_to_what_a_rotation_within_tolerance_shows():
             LOGS['rests']()))
 
     assert judge(log(0.05), DOWN) == (
-        'the wrench has crosstalk, force.x shows +5 % of force.z',)
-    with pytest.raises(DataError, match=r'it has crosstalk, force\.x shows \+(5\.9|6) %'):
+        'the wrench has crosstalk of +5 % from force.z to force.x',)
+    with pytest.raises(DataError, match=r'it has crosstalk of \+(5\.9|6) %'):
         judge(log(0.06), DOWN)
 
 
@@ -193,7 +193,7 @@ def test_raw_counts_are_refused_by_their_bias():
 
 def test_a_scale_decides_what_the_unit_is():
     refuse_other_mass(1.31, 0.002, 1.3)
-    for found, said in ((1.3 / 9.80665, 'its forces are in kgf'), (0.9, 'takes a load off')):
+    for found, said in ((1.3 / 9.80665, 'its forces are in kgf'), (0.9, 'subtracts a load')):
         with pytest.raises(DataError, match=said):
             refuse_other_mass(found, 0.002, 1.3)
 

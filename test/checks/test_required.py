@@ -38,7 +38,7 @@ def test_all_that_is_missing_is_named_and_what_is_there_is_not(tmp_path):
 def test_the_one_topic_that_can_be_meant_is_offered(tmp_path):
     write_messages(tmp_path / 'bag', [*wrenches('/wrench'), *poses('/tcp_pose_broadcaster/pose')])
     assert refusal(tmp_path / 'bag', ['pose']).endswith(
-        '; name its topic with --topic pose=/tcp_pose_broadcaster/pose')
+        '; select its topic with --topic pose=/tcp_pose_broadcaster/pose')
     with pytest.raises(DataError, match='--topic pose=/tcp_pose_broadcaster/pose'):
         identify(read_recording(tmp_path / 'bag'))
 

@@ -34,16 +34,16 @@ def mapped(change):
 def test_a_delay_and_crosstalk_are_noted_as_what_they_are_and_not_as_a_filter(recording):
     wrench = recording.wrench
     late, = judge(replace(recording, wrench=replace(wrench, t=wrench.t + 0.006)), DOWN)
-    assert re.search(r'the weight rotate (5\.9|6|6\.0)\d* \S+ \S+ ms later than the pose', late)
+    assert re.search(r'wrench rotates (5\.9|6|6\.0)\d* \S+ \S+ ms later than the pose', late)
     crossed, = judge(mapped(lambda w, R: w + 0.03 * w[:, 2:3] * np.eye(6)[0])(recording), DOWN)
-    assert crossed == 'the wrench has crosstalk, force.x shows +3 % of force.z'
+    assert crossed == 'the wrench has crosstalk of +3 % from force.z to force.x'
 
 
 def test_torques_about_another_point_call_the_centre_of_mass_into_question(recording):
     note, = judge(mapped(lambda w, R: np.hstack([
         w[:, :3], w[:, 3:] - np.cross([0.0, 0.0, 0.3], w[:, :3])]))(recording), DOWN)
     assert isinstance(note, Finding)
-    assert 'are about a point' in note and note.suspect == ('com', 'inertia')
+    assert 'reference point of the torques' in note and note.suspect == ('com', 'inertia')
     np.testing.assert_allclose(note.point, [0.0, 0.0, 0.3], atol=2e-3)
 
 
@@ -51,9 +51,9 @@ def test_torques_about_another_point_call_the_centre_of_mass_into_question(recor
 def test_an_accelerometer_of_another_clock_is_refused_with_its_offset(recording, late):
     stream = recording.accelerometer
     spoilt = replace(recording, accelerometer=replace(stream, t=stream.t + late))
-    with pytest.raises(DataError, match='^accelerometer shows gravity turn') as error:
+    with pytest.raises(DataError, match='^accelerometer: by its stamps, gravity rotates') as error:
         refuse_late_accelerometer(spoilt, DOWN)
-    found, way = str(error.value).split('turn ')[1].split()[::2][:2]
+    found, way = str(error.value).split('rotates ')[1].split()[::2][:2]
     assert abs(float(found) - abs(late)) <= 0.02
     assert way == ('later' if late > 0 else 'earlier')
 

@@ -153,9 +153,9 @@ def test_wrong_usage_is_status_2_and_one_line_with_the_nearest_name(capsys, argu
 @pytest.mark.parametrize('arguments, said', [
     (('calibrate', 'a', 'b', '-o', '{tmp}/c.yaml'), (2, 'several BAGs require a folder, not ')),
     (('compare', '{tmp}/spec.yaml', '{tmp}/spec.yaml'),
-     (1, 'is no calibration (its format is forcecal-insitu/1, expected forcecal-calibration/1)')),
+     (1, 'is not a calibration (format forcecal-insitu/1, expected forcecal-calibration/1)')),
     (('simulate', '--commands', '{sample}', '--rig', '{tmp}/spec.yaml', '-o', '{tmp}/s'),
-     (1, "is a file of format 'forcecal-insitu/1', which is not what is read here; compare"))])
+     (1, "has format 'forcecal-insitu/1', which is not supported here; compare"))])
 def test_a_file_of_another_kind_is_called_what_it_is(capsys, sample, tmp_path, arguments, said):
     (tmp_path / 'spec.yaml').write_text('format: forcecal-insitu/1\n')
     status, out, err = run(capsys, *(a.format(tmp=tmp_path, sample=sample) for a in arguments))

@@ -112,7 +112,7 @@ def test_a_fault_without_an_option_has_its_remedy_next(tmp_path, recording, caps
     write_recording(tmp_path / 'bag', replace(recording, wrench=Stream(wrench.t, in_base)))
     assert main(['check', str(tmp_path / 'bag'), '--json']) == 1
     assert json.loads(capsys.readouterr().out)['next'] == [
-        "set the driver to publish in the sensor's frame, and record again"]
+        'configure the driver to publish in the sensor frame, and record again']
 
 
 def test_check_names_a_fault_with_status_1(tmp_path, recording, capsys):

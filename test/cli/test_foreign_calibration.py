@@ -86,7 +86,7 @@ def test_estimate_takes_a_direction_of_gravity_of_its_own(tmp_path, one, sound, 
     found = contact_of(tmp_path, leaning(one), read, '--gravity-direction', *DOWN)
     assert found == pytest.approx(sound, abs=1e-3)
     assert contact_of(tmp_path, leaning(one), read) > 3.0 * sound
-    assert 'the base is tilted, gravity in it is 20.' in capsys.readouterr().err
+    assert 'the base is tilted: gravity is 20.' in capsys.readouterr().err
 
 
 def test_a_calibration_of_this_package_keeps_its_own_sign_and_axes(tmp_path, one, capsys):

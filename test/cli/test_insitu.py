@@ -256,13 +256,13 @@ def test_the_example_of_the_foot_works_on_its_recording(icub_data, tmp_path):
      r'sensors.leg.columns is .*, expected a list of 6 or more'),
     ({'accelerometer': {'columns': ['a', 'b', 'c'], 'unit': 'mile'}},
      "accelerometer.unit is 'mile', expected one of m/s"),
-    ({'data_sets': []}, r'data_sets is \[\], expected a list, each with file'),
+    ({'data_sets': []}, r'data_sets is \[\], expected a list of entries with file'),
     ({'data_sets': [{'file': 'a.csv', 'added_mass': 0.5}]},
      r'data_sets\[1: a.csv\].position is None, expected the position of the added'),
     ({'data_sets': [{'file': 'a.csv', 'window': [5, 2]}]},
-     r'window is \(5.0, 2.0\), expected its start before its end'),
+     r'window is \(5.0, 2.0\), expected a start before the end'),
     ({'data_sets': [{'file': 'a.csv'}, {'file': 'a.csv'}]},
-     r"data_sets is \['a'\], expected no name twice"),
+     r"data_sets is \['a'\], expected unique names"),
     ({'rate': 50.0}, 'rate is 50.0, expected either time or rate, not both'),
     ({'accelerometer': {'unit': 'g'}}, r'expected columns \(of tables\) or a topic'),
     ({'motion': True, 'accelerometer': {'columns': ['a', 'b', 'c']}},
@@ -271,11 +271,11 @@ def test_the_example_of_the_foot_works_on_its_recording(icub_data, tmp_path):
      'gyro.fields .* expected the fields of both'),
     ({'sensors': {'leg': {'topic': 'ft', 'R_sensor_accelerometer': [
         [2, 0, 0], [0, 1, 0], [0, 0, 1]]}}},
-     'sensors.leg.R_sensor_accelerometer is .*, expected a rotation'),
+     'sensors.leg.R_sensor_accelerometer is .*, expected a rotation matrix'),
     ({'sensors': {'leg': {'topic': 'ft', 'manufacturer_matrix': [[1, 2], [3, 4]]}}},
      'manufacturer_matrix is .*, expected 6 rows of equally many numbers'),
     ({'data_sets': [{'file': 'a.csv', 'added_mass': 0.5, 'position': {'arm': [0, 0, 0]}}]},
-     r'position is .*, expected one of each sensor, leg'),
+     r'position is .*, expected one for each sensor: leg'),
 ])
 def test_a_wrong_spec_is_refused_with_the_key(tmp_path, change, words):
     with pytest.raises(ConfigError, match=words):

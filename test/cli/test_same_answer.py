@@ -73,31 +73,31 @@ REFUSED = {
     'readings of 1e7': (lambda r: with_values(r, 'wrench', nonsense(1e7)), NONSENSE),
     'one channel stuck from 45 % on': (
         lambda r: with_values(r, 'wrench', stuck(3, 0.45 * r.wrench.t[-1])),
-        r'torque\.x repeats \S+ from 6\.\d\d s to 1\d\.\d\d s while other channels change'),
+        r'torque\.x is stuck at \S+ from 6\.\d\d s to 1\d\.\d\d s while other channels change'),
     'a dead channel': (
-        lambda r: with_values(r, 'wrench', stuck(0, 0.0)), r'force\.x stands at \S+ throughout'),
+        lambda r: with_values(r, 'wrench', stuck(0, 0.0)), r'force\.x is constant at \S+; check'),
     'a wrench that sticks': (
         lambda r: with_values(r, 'wrench', stuck(slice(None), 7.0)),
-        r'wrench: every channel repeats itself from 7\.00 s to 1\d\.\d\d s'),
+        r'wrench: all channels are constant from 7\.00 s to 1\d\.\d\d s'),
     'a pose that freezes while commands move': (
         frozen_pose,
-        (r'current_pose repeats itself to the last bit from 6\.00 s to 1\d\.\d\d s of '
-         r'\S+, while the commands move')),
+        (r'current_pose is constant from 6\.00 s to 1\d\.\d\d s of '
+         r'\S+, while the commanded pose moves')),
     'a pose that falls silent while commands move': (
         lambda r: replace(r, pose=r.pose.between(0.0, 6.0)),
-        r'current_pose has no message from 6\.00 s on of \S+, while the commands move'),
+        r'current_pose has no message from 6\.00 s on of \S+, while the commanded pose moves'),
     'an empty wrench': (lambda r: replace(r, wrench=r.wrench.between(0.0, 0.0)),
                         'wrench: no message was recorded'),
     'clocks apart': (
         lambda r: later(r, 'wrench', 1e4),
-        r'stamps begin too far from those of accelerometer .*: wrench \+10000\.0 s'),
+        r'do not overlap with accelerometer .*: wrench \+10000\.0 s'),
 }
 """What is done to a recording, and what every command says of it."""
 
 ACCEPTED = {
     'a channel that is clipped in motion': (
         lambda r: with_values(r, 'wrench', clipped),
-        r'torque\.x stops at 10 \(\d+ samples, the first at \d+\.\d\d s\)'),
+        r'torque\.x is clipped at 10 \(\d+ samples, the first at \d+\.\d\d s\)'),
     'single readings of 1e7': (
         lambda r: with_values(r, 'wrench', lambda t, v: np.where(
             (np.arange(len(t)) % 249 == 5)[:, np.newaxis], 1e7, v)),
@@ -109,7 +109,7 @@ ACCEPTED = {
         r'accelerometer: nothing was recorded for 0\.7 s from 1\.0 s on'),
     'an optidrive without a message': (
         lambda r: replace(r, optidrive=r.optidrive.between(0.0, 0.0)),
-        'optidrive: no message; taken as not measured'),
+        'optidrive: no message; treated as not measured'),
 }
 """The same with what every command notes, and goes on; all are done to one recording."""
 
@@ -174,9 +174,9 @@ ABSURD_COUNTS = (r'\S+: \d\.\d % of the samples are not finite or beyond 4\.2949
 LEG = {
     'a channel stuck from 45 % on': (
         lambda log: replace(log, raw=stuck(2, 27.0)(log.t, np.array(log.raw))),
-        r'channel 3 repeats \S+ from 27\.00 s to \d\d\.\d\d s while other channels change'),
+        r'channel 3 is stuck at \S+ from 27\.00 s to \d\d\.\d\d s while other channels change'),
     'a dead channel': (lambda log: replace(log, raw=stuck(2, 0.0)(log.t, np.array(log.raw))),
-                       r'channel 3 stands at \S+ throughout'),
+                       r'channel 3 is constant at \S+'),
     'a channel that is no number': (
         lambda log: replace(log, raw=nonsense(np.nan)(log.t, np.array(log.raw))),
         ABSURD_COUNTS),
@@ -204,7 +204,7 @@ def test_in_situ_calibration_refuses_clocks_apart(capsys, tmp_path):
     write_leg(tmp_path, log, 'mcap', apart=1e4)
     status, said = said_by(capsys, ['insitu', tmp_path / 'leg.yaml', '-o', tmp_path / 'out'])
     assert status == 1
-    assert 'stamps begin too far from those of wrench: imu/data_raw +10000.0 s' in said
+    assert 'start times relative to it: imu/data_raw +10000.0 s' in said
 
 
 def write_leg(folder, log, kind, apart=0.0):

@@ -71,7 +71,7 @@ def test_what_cannot_be_written_to_is_refused_and_stays(tmp_path, make):
     path = make(tmp_path / 'it')
     kind = path.lstat().st_mode
     for attempt in (refuse_file, lambda path: write_text(path, 'text')):
-        with pytest.raises(ConfigError, match='it is neither file nor folder'):
+        with pytest.raises(ConfigError, match='it is neither a file nor a folder'):
             attempt(path)
     assert path.lstat().st_mode == kind and os.listdir(tmp_path) == ['it']
 
@@ -81,7 +81,7 @@ def test_nothing_but_a_folder_or_file_gives_way_to_a_folder(tmp_path, make):
     path = make(tmp_path / 'it')
     for attempt in (lambda: refuse_folder(path, replaced=True),
                     lambda: refuse_folder(path, replaced=False), new_directory(path).__enter__):
-        with pytest.raises(ConfigError, match='it is neither file nor folder'):
+        with pytest.raises(ConfigError, match='it is neither a file nor a folder'):
             attempt()
     assert os.listdir(tmp_path) == ['it']
 
@@ -181,7 +181,7 @@ def test_a_folder_that_is_not_there_is_refused_and_not_made(tmp_path):
 
 def test_a_folder_does_not_give_way_to_a_file(tmp_path):
     for attempt in (refuse_file, lambda path: write_text(path, 'text')):
-        with pytest.raises(ConfigError, match='is a folder; name a file in it'):
+        with pytest.raises(ConfigError, match='is a folder; choose a file in it'):
             attempt(tmp_path)
 
 
@@ -189,7 +189,7 @@ def test_the_working_folder_and_a_mounted_one_are_not_replaced(tmp_path, monkeyp
     (tmp_path / 'here' / 'below').mkdir(parents=True)
     monkeypatch.chdir(tmp_path / 'here' / 'below')
     for path in ('.', '..', tmp_path / 'here', '/proc'):
-        with pytest.raises(ConfigError, match='can be replaced; name a new folder in it'):
+        with pytest.raises(ConfigError, match='can be replaced; choose a new folder in it'):
             refuse_folder(path, replaced=True)
     refuse_folder('.', replaced=False)
     refuse_folder('new', replaced=True)

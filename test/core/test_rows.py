@@ -31,7 +31,7 @@ ANYTHING = st.recursive(
     (float, Row('', above=0.0, below=1.0), 1.0, 'x is 1.0, expected a number above 0 and below 1'),
     (float, Row(), math.nan, 'x is nan, expected a finite number'),
     (float, Row(), True, 'x is True, expected a number'),
-    (int, Row(), 1.5, 'x is 1.5, expected a whole number'),
+    (int, Row(), 1.5, 'x is 1.5, expected an integer'),
     (Vector3, Row('', 'm'), [1, 2], 'x is [1, 2], expected a list of 3 numbers [m]'),
     (Vector3, Row(), [1, 2, math.inf], 'expected a list of 3 finite numbers'),
     (Matrix, Row(), [[1, 2, 3], [4, 5]], 'expected 2 rows of 3 numbers'),
@@ -39,10 +39,10 @@ ANYTHING = st.recursive(
     (np.ndarray, Row(shape=(2, None)), [[1]], 'expected 2 rows of equally many numbers'),
     (str, Row(words=('kalman', 'newton')), 'magic', 'expected one of kalman, newton'),
     (int, Row(words=(1, -1)), True, 'x is True, expected one of 1, -1'),
-    (str, Row(), 3, "x is 3, expected a text; put it in quotes: '3'"),
+    (str, Row(), 3, "x is 3, expected a string; put it in quotes: '3'"),
     (str, Row(pattern='.', wording='one character'), ';;', "x is ';;', expected one character"),
     (bool, Row(), 'maybe', "x is 'maybe', expected on or off"),
-    (tuple[str, ...], Row(), 'abc', "x is 'abc', expected a list of one or more texts"),
+    (tuple[str, ...], Row(), 'abc', "x is 'abc', expected a list of one or more strings"),
 ])
 def test_a_wrong_value_is_named_with_what_was_expected(kind, row, value, message):
     with pytest.raises(Mismatch) as caught:
@@ -133,8 +133,8 @@ def test_a_document_is_read_into_its_sections_and_written_again():
     (['first'], None, 'first is None, expected the keys mass, com, note'),
     (['first', 'com'], None, 'first.com is None, expected a list of 3 numbers [m]'),
     (['others', 0, 'com'], [0], 'others[1].com is [0], expected a list of 3 numbers [m]'),
-    (['others'], {}, 'others is {}, expected a list, each with mass'),
-    (['clock'], 5, 'clock is 5, expected a group of keys'),
+    (['others'], {}, 'others is {}, expected a list of entries with mass'),
+    (['clock'], 5, 'clock is 5, expected a mapping'),
     (['clock', 'rate'], 0, 'clock.rate is 0, expected a number above 0 [Hz]'),
     (['first'], {'mass': 200.0, 'com': [0, 0, 0]},
      'first.com is (0.0, 0.0, 0.0), expected a place other than the origin'),

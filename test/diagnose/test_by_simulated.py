@@ -210,9 +210,9 @@ def with_wrench(recording, change):
     pytest.param(True, weightless, 'the driver subtracts its weight; disable this in the driver',
                  marks=pytest.mark.long),
     (False, weightless,
-     r'the simulated wrench: it shows the inertia of 1\.2.+ without compensating gravity'),
+     r'the simulated wrench: its inertia is that of 1\.2.+ without compensating gravity'),
     pytest.param(False, lambda w, R: -w, '--simulated-wrench-sign -1', marks=pytest.mark.long),
-    (False, in_base, 'the simulated wrench: it is expressed in base')])
+    (False, in_base, 'the simulated wrench: it is expressed in the base')])
 def test_frame_sign_and_units_of_both_wrenches_are_checked_first(of_robot, change, said):
     robot, other = real({}), simulated()
     robot, other = ((with_wrench(robot, change), other) if of_robot else

@@ -145,7 +145,7 @@ def test_only_effects_of_a_slide_do_not_apply_to_a_rigid_tool(effect):
         clean(with_effects(RIGID, typical(effect)), pressing(5))
     else:
         assert effect.stage == 'tool'
-        with pytest.raises(ConfigError, match=f'{effect.name} needs an optidrive'):
+        with pytest.raises(ConfigError, match=f'{effect.name} requires an optidrive'):
             with_effects(RIGID, typical(effect))
 
 
@@ -181,7 +181,7 @@ def test_rig_file_without_the_section_has_no_effects(tmp_path):
     ({'wrench_delay': {'delay': -0.001}}, ('effects.wrench_delay.delay is -0.001, expected a '
                                            'number from 0 to 0.05 [s]')),
     ({'tool_mass': {'change': -1.0}}, 'change is -1.0, expected a number from -0.5 to 9 [1]'),
-    (['wrench_delay'], "expected names of effects, each with its parameters, got ['wrench_d"),
+    (['wrench_delay'], "expected effect names with parameters, got ['wrench_d"),
     ('wrench_delay', "got 'wrench_delay'"),
 ])
 def test_wrong_effect_is_refused_in_one_line_with_key_unit_and_range(

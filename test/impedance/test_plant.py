@@ -171,7 +171,7 @@ def test_a_recording_without_displacement_is_refused(tmp_path, capsys):
 
 @pytest.mark.parametrize(('old', 'new', 'message'), [
     ('forcecal-plant/1', 'forcecal-plant/9', 'forcecal-plant/9'),
-    ('delay: 2', 'delay: 0', 'delay is 0, expected a whole number of at least 1'),
+    ('delay: 2', 'delay: 0', 'delay is 0, expected an integer of at least 1'),
     ('stiffness:', 'spring:', 'slide: missing key stiffness'),
     ('stiffness:', 'stifness:', r'slide: unknown key stifness; did you mean stiffness\?'),
 ])

@@ -43,7 +43,7 @@ def test_with_bias_hysteresis_and_flex_errors_stay_small_and_standard_errors_hol
 
 
 def test_the_flex_is_reported_as_what_leaves_the_subspace(real):
-    assert any('bends under load' in warning and 'leave the subspace' in warning
+    assert any('bends under load' in warning and 'from the subspace' in warning
                for warning in real.warnings)
     assert real.causes.bending.significant
 

@@ -34,9 +34,9 @@ def test_rank_of_the_forty_unknowns(loads, rank):
 @pytest.mark.parametrize('loads, words', [
     (equal(3), ('rank 36 of 40', 'mass of the body', 'no added mass')),
     ([Load(mass, PLACES[0]) for mass in (0.3, 0.5, 0.9)],
-     ('rank 33 of 40', 'centre of mass of the body', 'another place')),
-    ([NONE, Load(0.5, PLACES[0])], ('rank 33 of 40', 'another place')),
-    ([NONE], ('rank 18 of 40', 'another mass', 'another place')),
+     ('rank 33 of 40', 'centre of mass of the body', 'another position')),
+    ([NONE, Load(0.5, PLACES[0])], ('rank 33 of 40', 'another position')),
+    ([NONE], ('rank 18 of 40', 'another mass', 'another position')),
 ])
 def test_a_short_rank_is_an_error_that_says_what_to_add(loads, words):
     with pytest.raises(UnobservableError) as error:
@@ -54,7 +54,7 @@ def test_what_the_error_says_to_add_is_enough(loads):
         added.append(NONE)
     if 'another mass' in advice:
         added.append(Load(1.0, PLACES[0]))
-    if 'another place' in advice:
+    if 'another position' in advice:
         added.append(Load(0.5, (0.5, -0.3, 0.1)))
     assert structural_rank([*loads, *added]).rank == 40
 

@@ -20,9 +20,9 @@ def test_what_is_gathered_is_what_the_filter_spreads(samples):
 
 
 def test_a_window_of_few_samples_doubts_the_unit_of_time():
-    with pytest.raises(ConfigError, match='widen it, if time is in s; else state its unit'):
+    with pytest.raises(ConfigError, match='increase it, or correct the unit of time'):
         window_samples(3.01, 3, 0.1)
-    with pytest.raises(ConfigError, match='widen it$'):
+    with pytest.raises(ConfigError, match='increase it$'):
         window_samples(0.01, 3, 100.0)
 
 

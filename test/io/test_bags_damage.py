@@ -175,7 +175,7 @@ def test_chunk_that_claims_to_be_huge_is_left_out(folder, chunks):
     (folder / 'bomb.mcap').write_bytes(content)
     recording = read_recording(folder / 'bomb.mcap')
     assert 0 < len(recording.wrench) < MESSAGES
-    assert any('is damaged (1152921504606846976 bytes claimed)' in note
+    assert any('is damaged (1152921504606846976 bytes are stated)' in note
                for note in recording.notes)
 
 
@@ -218,7 +218,7 @@ def test_missing_part_is_said(tmp_path):
 @pytest.mark.parametrize('storage', [MCAP, SQLITE3])
 def test_recording_without_messages_says_so(tmp_path, storage):
     write_messages(tmp_path / 'bag', [], storage)
-    with pytest.raises(DataError, match='nothing to read; it holds no topics'):
+    with pytest.raises(DataError, match='nothing to read; it has no topics'):
         read_recording(tmp_path / 'bag')
 
 
@@ -236,7 +236,7 @@ def test_topics_of_other_names_are_named_in_a_command(tmp_path):
         ('/note', START_NS, text)])
     with pytest.raises(DataError) as error:
         read_recording(folder)
-    assert (f"by role (wrench, pose, accelerometer, target, joint_commands, ...): "
+    assert (f"to roles (wrench, pose, accelerometer, target, joint_commands, ...): "
             f"forcecal check '{folder}' --topic wrench=/ati/ft_data --topic pose=/arm/ee_pose; "
             "in Python topics={'wrench': '/ati/ft_data', 'pose': '/arm/ee_pose'}"
             ) in str(error.value)
@@ -248,7 +248,7 @@ def test_topics_of_other_names_are_named_in_a_command(tmp_path):
 
 @pytest.mark.parametrize('make, message', [
     (lambda path: None, 'does not exist'),
-    (lambda path: path.mkdir(), 'no recording in here'),
+    (lambda path: path.mkdir(), 'no recording found'),
     (lambda path: path.write_bytes(b''), 'is empty'),
     (lambda path: path.write_bytes(b'#ROSBAG V2.0\n'), 'ROS 1 bag.*rosbags-convert'),
     (lambda path: path.write_bytes(b'\x7fELF'), 'not a recording'),
@@ -272,7 +272,7 @@ def test_messages_that_are_too_short_are_counted(tmp_path):
     broken = content.replace(struct.pack('<I', 10) + b'ft_sensor\0',
                              struct.pack('<I', 9999) + b'ft_sensor\0')
     path.write_bytes(broken)
-    with pytest.raises(DataError, match='/wrench: 1 messages made no sense'):
+    with pytest.raises(DataError, match='/wrench: 1 messages could not be decoded'):
         read_recording(path)
 
 

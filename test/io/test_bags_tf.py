@@ -117,9 +117,9 @@ def test_frames_can_be_named_also_where_both_move(bag):
 
 
 @pytest.mark.parametrize('named, why', [
-    ('tf:base:tool0', "there is no frame 'base' in /tf; frames are base_link, camera"),
+    ('tf:base:tool0', "no frame 'base' in /tf; frames are base_link, camera"),
     ('tf:base_link:camera', 'in different trees'),
-    ('tf:link2:tool0', 'nothing moves between link2 and tool0')])
+    ('tf:link2:tool0', 'no transform between link2 and tool0 moves')])
 def test_frames_that_give_no_pose_are_refused_by_name(bag, named, why):
     with pytest.raises(DataError, match=why):
         read_recording(bag, topics={'pose': named})

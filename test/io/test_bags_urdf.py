@@ -125,18 +125,18 @@ def test_stamps_of_zero_and_nan_are_dealt_with_as_of_any_topic(tmp_path):
     (tmp_path / 'arm.urdf').write_text(ROBOT)
     recording = read_recording(tmp_path / 'bag', {
         'pose': f'urdf:{tmp_path}/arm.urdf:base_link:ft_sensor'})
-    assert '/joint_states: header stamps are zero; the times of recording were used' in (
+    assert '/joint_states: header stamps are zero; the recording times were used instead' in (
         recording.notes)
-    assert any('1 messages with NaN' in note for note in recording.notes)
+    assert any('1 messages without stamp or' in note for note in recording.notes)
     assert len(recording.pose) == 19 and np.isfinite(recording.pose.position).all()
     np.testing.assert_allclose(np.diff(recording.pose.t), 0.01, atol=1e-9)
 
 
 @pytest.mark.parametrize('named, why', [
     ('urdf:/robot_description:base_link', 'expected urdf:FILE:BASE:LINK'),
-    ('urdf:nowhere.urdf:base_link:hand', r'nowhere.urdf: cannot be read \(No such file'),
+    ('urdf:nowhere.urdf:base_link:hand', r'nowhere.urdf: not a readable file \(No such file'),
     ('urdf:/robot_description:base_link:tool0', "no frame 'tool0' in /robot_description; frames"),
-    ('urdf:/robot_description:finger:ft_sensor', 'no joint moves between finger and ft_sensor')])
+    ('urdf:/robot_description:finger:ft_sensor', 'between finger and ft_sensor in .* moves')])
 def test_what_gives_no_pose_is_refused_by_name(bag, named, why):
     with pytest.raises(DataError, match=why):
         read_recording(bag, {'pose': named})
@@ -146,10 +146,10 @@ def test_what_gives_no_pose_is_refused_by_name(bag, named, why):
     (('type="continuous"', 'type="floating"'), 'joint lift is floating'),
     (('<axis xyz="1 0 1"/>', '<axis xyz="0 0 0"/>'), 'joint reach: its axis is zero'),
     (('rpy="0 0 1.2"', 'rpy="0 0 ${pi}"'), r"joint wrist: rpy is '0 0 \$\{pi\}'; expected 3 num"),
-    (('<robot', '<!DOCTYPE robot [<!ENTITY a "aa">]><robot'), 'it defines entities'),
-    ((ROBOT, '<robot><link name="a"/></robot>'), 'no URDF of joints'),
-    (('</robot>', ''), 'it is no XML'), (('robot>', 'sdf>'), 'it is no XML'),
-    (('"wrist"', '"elbow"'), 'holds no joint elbow; joints are gripper, lift, reach, wrist')])
+    (('<robot', '<!DOCTYPE robot [<!ENTITY a "aa">]><robot'), 'it defines XML entities'),
+    ((ROBOT, '<robot><link name="a"/></robot>'), 'not a URDF with joints'),
+    (('</robot>', ''), 'not valid XML'), (('robot>', 'sdf>'), 'not valid XML'),
+    (('"wrist"', '"elbow"'), 'has no joint elbow; its joints are gripper, lift, reach, wrist')])
 def test_descriptions_that_cannot_be_computed_are_refused(bag, tmp_path, change, why):
     assert change[0] in ROBOT
     (tmp_path / 'arm.urdf').write_text(ROBOT.replace(*change))

@@ -174,10 +174,10 @@ def test_a_node_that_cannot_hear_tf_says_so_in_one_line(ros_domain):
      'pose.urdf nowhere.urdf: cannot be read'),
     ({'urdf': gantry(), 'base': 'base'}, 'pose.frame is empty, but pose.urdf is given'),
     ({'urdf': gantry(), 'base': 'base', 'frame': 'tool0'},
-     "there is no frame 'tool0' in the text of pose.urdf; frames are base, ft_sensor"),
+     "no frame 'tool0' in the text of pose.urdf; frames are base, ft_sensor"),
     ({'urdf': gantry(), 'base': 'roll', 'frame': 'ft_sensor'},
-     'no joint moves between roll and ft_sensor'),
-    ({'urdf': '<robot/>', 'base': 'a', 'frame': 'b'}, 'it is no URDF of joints')])
+     'no joint between roll and ft_sensor in'),
+    ({'urdf': '<robot/>', 'base': 'a', 'frame': 'b'}, 'not a URDF with joints')])
 def test_a_urdf_that_gives_no_pose_is_refused_in_one_line(given, why):
     context = rclpy.Context()
     rclpy.init(context=context)

@@ -140,8 +140,8 @@ def noise_of_windows(windows: list[Array]) -> Autocovariance:
     """
     windows = [w for w in windows if np.isfinite(w).all(1).sum() >= SHORTEST]
     if not windows:
-        raise DataError(f'the robot stood still for less than {SHORTEST} blocks at a time; '
-                        'hold each pose for a second or more')
+        raise DataError(f'each standstill has fewer than {SHORTEST} blocks of samples, too few to '
+                        'measure noise; hold each pose for 1 s or more')
     whole = [np.isfinite(w).all(1) for w in windows]
     clean = [np.where(ok[:, None], w - w[ok].mean(axis=0), 0.0) for w, ok in zip(windows, whole)]
     n = sum(int(ok.sum()) for ok in whole)

@@ -155,8 +155,8 @@ class McapFile:
         footer = file.read()
         start = int.from_bytes(footer[9:17], 'little')
         if not footer.endswith(MAGIC) or not len(MAGIC) <= start < self._size:
-            self._notes.add(f'{self._path.name} has no index: it was not closed properly, '
-                            'what it holds was read record by record')
+            self._notes.add(f'{self._path.name} has no index because it was not closed properly; '
+                            'its records were read one by one')
             return
         file.seek(start)
         summary = file.read(UNPACKED)
@@ -220,7 +220,7 @@ class McapFile:
         later = [chunk for chunk in self._chunks if position < chunk < self._size]
         goal = later[0] if later else self._size
         self._notes.add(f'{self._path.name} is damaged or cut off at byte {position}: '
-                        f'{goal - position} bytes were passed over')
+                        f'{goal - position} bytes were skipped')
         return goal
 
     def _chunk(self, content: bytes, position: int, channels: set[int]) -> Iterator[Batch]:
@@ -238,7 +238,7 @@ class McapFile:
             if opcode in (_SCHEMA, _CHANNEL):
                 self._learn(opcode, buffer[position:position + size])
         if end < len(buffer):
-            self._notes.add(f'{self._path.name}: a chunk ends within a message')
+            self._notes.add(f'{self._path.name}: a chunk ends in the middle of a message')
         for channel in channels & starts.keys():
             start = np.array(starts[channel])
             yield Batch(
@@ -273,7 +273,7 @@ def _string(content: bytes, position: int) -> tuple[str, int]:
     (size,) = struct.unpack_from('<I', content, position)
     end = position + 4 + size
     if end > len(content):
-        raise struct.error('string longer than its record')
+        raise struct.error('a string is longer than its record')
     return content[position + 4:end].decode(), end
 
 
@@ -284,7 +284,7 @@ def _unpack(content: bytes) -> bytes:
     (packed,) = struct.unpack_from('<Q', content, position)
     data = content[position + 8:position + 8 + packed]
     if size > UNPACKED:
-        raise ValueError(f'{size} bytes claimed')
+        raise ValueError(f'{size} bytes are stated')
     if compression:
         data = _decompressor(compression).decompress(data, size)
     if len(content) >= position + 8 + packed:

@@ -68,8 +68,8 @@ def usable_stamps(name: str, stamps: Integers, log: Integers, values: NDArray[An
     refuse_two_senders(name, values[order])
     if (step := _steps_of(stamps[order], log[order])):
         return Stamped(log - round(float(np.median(log - stamps))), (
-            f'{name}: stamps come in steps of {step / 1e6:.3g} ms, as of single precision, and '
-            'messages more evenly; the times of recording were used'))
+            f'{name}: stamps have a resolution of {step / 1e6:.3g} ms, like single-precision '
+            'floats; the recording times were used instead'))
     why = _cut_off(stamps[order], values[order])
     passed, took = (float(x[order[-1]] - x[order[0]]) for x in (stamps, log))
     if not why:
@@ -79,10 +79,10 @@ def usable_stamps(name: str, stamps: Integers, log: Integers, values: NDArray[An
     # whole seconds are off by up to one
     if abs(passed - took) < ALIKE * took + 1e9 and apart < CLOCK_JUMP_S + 1.0 and (
             len(np.unique(log)) == len(log)):
-        return Stamped(log, f'{name}: {why}; the times of recording were used')
+        return Stamped(log, f'{name}: {why}; the recording times were used instead')
     if len(np.unique(stamps)) > len(stamps) / 2:  # the others can be left out
         return Stamped(stamps, '')
-    raise DataError(f'{name}: {why}; stamp in whole nanoseconds in the driver, and record again')
+    raise DataError(f'{name}: {why}; stamp in integer nanoseconds in the driver, and record again')
 
 
 def _steps_of(stamps: Integers, log: Integers) -> int:
@@ -102,12 +102,12 @@ def _cut_off(stamps: Integers, values: NDArray[Any]) -> str:
     other = (one != next_one) & ~(np.isnan(one) & np.isnan(next_one))
     share = float(other.any(axis=1).sum()) / (len(stamps) - 1)
     if share > COARSE:
-        return (f'{share:.0%} of the messages bear the stamp of the one before and hold other '
-                'values: stamps are cut off, to whole seconds or to single precision')
+        return (f'{share:.0%} of the messages have the stamp of the previous message but other '
+                'values: stamps are truncated to seconds or to single precision')
     nanoseconds, seconds = stamps % 10**9, len(np.unique(stamps // 10**9))
     if 2 < seconds < len(stamps) / 2 and 0 < nanoseconds.max() < 10**6:
         unit = 'micro' if nanoseconds.max() > 1000 else 'milli'
-        return f'nanosec of its stamps holds {unit}seconds'
+        return f'the field nanosec of its stamps contains {unit}seconds'
     return ''
 
 
@@ -115,8 +115,8 @@ def _refuse_milliseconds(name: str, count: int, passed: float, took: float) -> N
     slow = count >= MANY_MESSAGES and count < SLOWEST_HZ * passed / 1e9
     if slow and took > 0.0 and abs(passed / took / 1000.0 - 1.0) < ALIKE:
         raise DataError(
-            f'{name}: its stamps pass 1000 times as fast as its messages came: they hold '
-            'milliseconds where seconds belong; fix the driver, and record again')
+            f'{name}: its stamps run 1000 times as fast as its messages arrive: the seconds are '
+            'in milliseconds; fix the driver, and record again')
 
 
 def refuse_two_senders(name: str, values: NDArray[Any]) -> None:
@@ -139,9 +139,9 @@ def refuse_two_senders(name: str, values: NDArray[Any]) -> None:
     if moving.any() and apart.sum() >= max(2, moving.sum() / 2):
         j = int(np.argmax(next_one))
         raise DataError(
-            f'{name}: every other message is of another sensor (column {known[j] + 1} differs by '
-            f'{next_one[j]:.3g} from one to the next, by {one_after[j]:.3g} over two): two '
-            'drivers publish on one topic; give each its own, and record again')
+            f'{name}: messages alternate between two sensors (column {known[j] + 1} changes by '
+            f'{next_one[j]:.3g} per message, by {one_after[j]:.3g} over two): two drivers publish '
+            'on one topic; use one topic for each, and record again')
 
 
 class Order(NamedTuple):

@@ -251,7 +251,7 @@ class _Walker:
                 start = self._take(int(dtype[1]), count)
                 self.numbers[path] = Numbers(start, self._order + dtype, count)
         else:
-            raise CdrError(f'fields of type {name} are not read')
+            raise CdrError(f'fields of type {name} are not supported')
 
     def _length(self, path: str, of_text: bool = False) -> int:
         """Step over the length of a sequence or string, and return it."""
@@ -260,7 +260,7 @@ class _Walker:
         count = int.from_bytes(self._data[start:start + 4],
                                'little' if self._order == '<' else 'big')
         if count > len(self._data):
-            raise CdrError('a length beyond the end of the message')
+            raise CdrError('a length exceeds the end of the message')
         return count
 
     def _take(self, size: int, count: int) -> int:
@@ -447,7 +447,7 @@ def encode(msgtype: str, stamp_ns: Integers, fields: Sequence[str], values: Arra
         seconds, nanoseconds = np.divmod(stamp_ns, 10**9)
         if len(seconds) and not 0 <= seconds.min() <= seconds.max() < 1 << 31:
             raise DataError(f'stamps from {seconds.min()} to {seconds.max()} s cannot be written; '
-                            'they must lie between 1970 and 2038')
+                            'they must be between 1970 and 2038')
         columns.update(zip(STAMP, (seconds, nanoseconds)))
     for path, column in columns.items():
         group.numbers(path)[:, 0] = column

@@ -68,8 +68,8 @@ def pose_series(bag: Bag, named: str, wrench_frame: str) -> tuple[Series, str] |
     if not named:
         if wrench_frame not in links:
             if links:
-                bag.notes.add(f'/tf holds no frame {wrench_frame!r}, that of the wrench; for the '
-                              'pose give --topic pose=tf:BASE:SENSOR, of '
+                bag.notes.add(f'/tf has no frame {wrench_frame!r} (the frame of the wrench); for '
+                              'the pose, pass --topic pose=tf:BASE:SENSOR with two of '
                               f'{", ".join(sorted(frames_of(parents)))}')
             return None
         base, sensor = way_up(parents, wrench_frame)[-1], wrench_frame
@@ -81,8 +81,8 @@ def pose_series(bag: Bag, named: str, wrench_frame: str) -> tuple[Series, str] |
     moving = [links[f] for f in (*way.up, *way.down) if len(links[f].stamps) > 1]
     if not moving:
         if named:
-            raise DataError(f'{named}: nothing moves between {base} and {sensor}; name the frame '
-                            'of the sensor and that of the base')
+            raise DataError(f'{named}: no transform between {base} and {sensor} moves; pass the '
+                            'base frame and the sensor frame')
         return None
     busiest = max(moving, key=lambda link: len(link.stamps))
     stamps = np.unique(busiest.stamps)
@@ -101,7 +101,7 @@ def _links(bag: Bag) -> dict[str, _Link]:
             try:
                 found = transforms_of(*read(bytes(batch.buffer[start:start + length])))
             except (StructError, IndexError):
-                bag.notes.add('/tf: messages that cannot be read were left out')
+                bag.notes.add('/tf: unreadable messages were left out')
                 continue
             for one in found:
                 _take(one, links, bag)
@@ -110,7 +110,7 @@ def _links(bag: Bag) -> dict[str, _Link]:
 
 def _take(one: Transform, links: dict[str, _Link], bag: Bag) -> None:
     if not np.isfinite(one.numbers).all() or not any(one.numbers[3:]):
-        bag.notes.add(f'/tf: {one.child} without a number was left out')
+        bag.notes.add(f'/tf: invalid transforms of {one.child} were left out')
         return
     link = links.setdefault(one.child, _Link(one.parent))
     link.parent = one.parent
@@ -167,8 +167,7 @@ def pose_of_joints(bag: Bag, named: str, joint_states: Topic | None) -> tuple[Se
     source, base, link = parts
     between = chain(Description(_description(bag, source), source), base, link, named, source)
     if joint_states is None:
-        raise DataError(f'{named}: there are no joint states in the recording; record '
-                        '/joint_states')
+        raise DataError(f'{named}: the recording has no joint states; record /joint_states')
     reported = _reported_joints(bag, joint_states, between.drivers, named)
     busiest = max(reported.values(), key=lambda one: len(one.stamp_ns)).stamp_ns
     stamps = busiest[(busiest >= max(one.stamp_ns[0] for one in reported.values()))
@@ -192,8 +191,8 @@ def _description(bag: Bag, source: str) -> bytes:
     try:
         return Path(source).read_bytes()
     except OSError as error:
-        raise DataError(f'{source}: cannot be read ({error.strerror}), and is no topic of the '
-                        'recording; name a URDF') from error
+        raise DataError(f'{source}: not a readable file ({error.strerror}) or topic of the '
+                        'recording; pass a URDF') from error
 
 
 def refuse_degrees(joints: Iterable[Joint], positions: Mapping[str, Array], topic: str) -> None:
@@ -216,8 +215,8 @@ def refuse_degrees(joints: Iterable[Joint], positions: Mapping[str, Array], topi
         farthest = float(np.abs(positions[joint.driver]).max()) if joint.driver else 0.0
         if joint.limited and farthest > FARTHEST_TURN:
             raise DataError(
-                f'{topic}: joint {joint.driver} stands at {farthest:.3g} rad, where no joint with '
-                'limits reaches: positions are in degrees; publish radians')
+                f'{topic}: joint {joint.driver} is at {farthest:.3g} rad, which a joint with '
+                'limits cannot reach: positions are in degrees; publish radians')
 
 
 def _reported_joints(bag: Bag, topic: Topic, drivers: Collection[str], named: str
@@ -230,10 +229,11 @@ def _reported_joints(bag: Bag, topic: Topic, drivers: Collection[str], named: st
     reported = {joint: one for joint, collector in collectors.items()
                 if (one := collector.series(bag.notes)) is not None}
     if missing := [joint for joint in drivers if joint not in reported]:
-        raise DataError(f'{named}: {topic.name} holds no joint {", ".join(missing)}; joints are '
+        raise DataError(f'{named}: {topic.name} has no joint {", ".join(missing)}; its joints are '
                         f'{", ".join(sorted(_names(bag, topic))) or "none"}')
     if short := sorted(joint for joint, one in reported.items() if len(one.stamp_ns) < 2):
-        raise DataError(f'{named}: {topic.name} holds {", ".join(short)} less than twice')
+        raise DataError(f'{named}: {topic.name} has fewer than two messages of '
+                        f'{", ".join(short)}; record longer')
     return reported
 
 

@@ -109,7 +109,7 @@ def _choose_accelerometer(found: dict[str, Topic], given: Mapping[str, str], not
     chosen = found[sources[0]]
     if len(sources) > 1:
         ignored = ', '.join(found[role].name for role in sources[1:])
-        notes.add(f'the accelerometer is {chosen.name}, not {ignored}')
+        notes.add(f'accelerometer: {chosen.name} is used, {ignored} is ignored')
     found['accelerometer'] = chosen
     found.pop('accel', None)
     if chosen.type == IMU:
@@ -149,7 +149,7 @@ def _of_one_clock(series: dict[Topic, Series], notes: Notes) -> dict[Topic, Seri
             kept[topic] = one
         else:
             notes.add(f'{topic.name} is stamped {apart / 86400.0:.0f} days from the other topics, '
-                      'by another clock: left out')
+                      'by another clock, and was left out')
     return kept
 
 
@@ -159,8 +159,8 @@ def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Seri
     if not received:
         what = _how_to_name(bag, found)
         if any(topic.type == JOINT_STATE for topic in bag.topics):
-            what += ('; joint states give the pose (--topic pose=urdf:FILE:BASE:LINK), a wrench '
-                     'has to be recorded as well')
+            what += ('; the pose can be computed from joint states (--topic '
+                     'pose=urdf:FILE:BASE:LINK), but the wrench must be recorded')
         raise DataError(f'{bag.path}: nothing to read; {what}'
                         + ''.join(f'; {note}' for note in bag.notes))
     start_ns = int(min(stamps[0] for stamps in received))
@@ -206,12 +206,12 @@ def _how_to_name(bag: Bag, found: Mapping[str, Topic]) -> str:
     """Say what a recording holds of which nothing was read, and how to name it by role."""
     names = ', '.join(sorted(topic.name for topic in bag.topics))
     if not names:
-        return 'it holds no topics; record again'
+        return 'it has no topics; record again'
     roles = f'{", ".join(MAIN_ROLES)}, target, joint_commands, ...'
     words = naming_words(candidates(bag.topics, found, MAIN_ROLES))
     command = shlex.join(('forcecal', 'check', str(bag.path), *words))
     topics = dict(word.split('=') for word in words[1::2])
-    return f'it holds {names}; name the topics by role ({roles})' + (
+    return f'it has {names}; assign topics to roles ({roles})' + (
         f': {command}; in Python topics={topics}' if topics else '')
 
 
@@ -306,7 +306,7 @@ def read_chunks(path: Path | str, topics: Mapping[str, Sequence[str]]) -> Iterat
 def _topic(bag: Bag, name: str) -> Topic:
     same = [one for one in bag.topics if one.name.lstrip('/') == name.lstrip('/')]
     if not same:
-        raise DataError(f'{bag.path}: no topic {name}; there are '
+        raise DataError(f'{bag.path}: no topic {name}; topics are '
                         f'{", ".join(sorted(one.name for one in bag.topics)) or "none"}')
     if len(same) > 1:
         bag.notes.add(f'{name} has messages of several types; only {same[0].type} was read')
@@ -315,7 +315,7 @@ def _topic(bag: Bag, name: str) -> Topic:
 
 def _usual_fields(bag: Bag, topic: Topic) -> Sequence[str]:
     if topic.type not in FIELDS:
-        raise DataError(f'{bag.path}: {topic.name} is {topic.type}; name the fields to read')
+        raise DataError(f'{bag.path}: {topic.name} is {topic.type}; pass the fields to read')
     return FIELDS[topic.type]
 
 

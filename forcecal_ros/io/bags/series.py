@@ -80,7 +80,7 @@ class Collector:
         values = group.columns(self._fields)
         if self._frames and values.shape[1] != self._width:
             raise DataError(
-                f'{self._topic.name}: the arrays in {", ".join(self._fields)} change their length '
+                f'{self._topic.name}: the arrays in {", ".join(self._fields)} vary in length '
                 f'({self._width} and {values.shape[1]} numbers); choose fixed elements, as in '
                 f'{self._fields[0]}[0]')
         self._width = values.shape[1]
@@ -98,7 +98,7 @@ class Collector:
         """
         name = self._topic.name
         if self._decoder.undecodable:
-            notes.add(f'{name}: {self._decoder.undecodable} messages made no sense as '
+            notes.add(f'{name}: {self._decoder.undecodable} messages could not be decoded as '
                       f'{self._topic.type} and were left out')
         for what, count in self._without.items():
             notes.add(f'{name}: {count} messages were left out: {what}')
@@ -121,8 +121,8 @@ class Collector:
         self._parts = []
         broken = _unstamped(stamps)
         if broken.mean() > 0.5:
-            notes.add(f'{self._topic.name}: header stamps are zero; the times of recording were '
-                      'used')
+            notes.add(f'{self._topic.name}: header stamps are zero; the recording times were used '
+                      'instead')
             stamps, broken = log, np.zeros(len(stamps), bool)
         if self._topic.type == POSE:
             astray = _unusable_poses(values)
@@ -132,8 +132,8 @@ class Collector:
         elif not (self._text or unreadable):
             broken |= ~np.isfinite(values).all(axis=1)
         if broken.any():
-            notes.add(f'{self._topic.name}: {int(broken.sum())} messages with NaN, infinite or no '
-                      'values or without stamp were left out')
+            notes.add(f'{self._topic.name}: {int(broken.sum())} messages without stamp or with '
+                      'missing, NaN or infinite values were left out')
             stamps, log, values = stamps[~broken], log[~broken], values[~broken]
         return self._stamped(stamps, log, values, notes), log, values
 
@@ -158,7 +158,7 @@ class Collector:
         if jumped:
             notes.add(f'{name}: {jumped} messages were left out because their stamps jump')
         if repeated:
-            notes.add(f'{name}: {repeated} messages with the stamp of another were left out')
+            notes.add(f'{name}: {repeated} messages with a duplicate stamp were left out')
         if len(kept) < len(stamps) or (np.diff(kept) != 1).any():
             stamps, values = stamps[kept], values[kept]
         return Series(frozen(stamps), frozen(values), frame)

@@ -58,8 +58,8 @@ class Bag:
                 problems.append(_damaged(file, error))
         if not self._files:
             self._stack.close()
-            raise DataError(problems[0] if problems else f'{self.path}: no recording in here '
-                            '(*.mcap, *.db3); give the folder of a rosbag2 recording')
+            raise DataError(problems[0] if problems else f'{self.path}: no recording found '
+                            '(*.mcap, *.db3); pass the folder of a rosbag2 recording')
         for problem in problems:
             self.notes.add(problem)
         self.topics = tuple(dict.fromkeys(
@@ -79,8 +79,8 @@ class Bag:
                 for batch in file.batches(topics):
                     yield self._decompressed(batch)
             except DAMAGE as error:
-                self.notes.add(f'{self.path}: a file is damaged ({in_a_line(error)}); what came '
-                               'before was read')
+                self.notes.add(f'{self.path}: a file is damaged ({in_a_line(error)}); everything '
+                               'before the damage was read')
 
     def typestore(self) -> Typestore:
         """Return the types of ROS 2 Jazzy, and those only this recording defines."""
@@ -98,7 +98,7 @@ class Bag:
 
     def _find_files(self) -> list[Path]:
         if not self.path.exists():
-            raise DataError(f'{self.path} does not exist; give a rosbag2 folder or file')
+            raise DataError(f'{self.path} does not exist; pass a rosbag2 folder or file')
         if self.path.is_file():
             return [self.path]
         files = sorted(file for file in self.path.iterdir() if file.is_file() and (
@@ -137,10 +137,10 @@ class Bag:
         if not magic:
             raise DataError(f'{path} is empty: nothing was recorded')
         if magic.startswith(b'#ROSBAG'):
-            raise DataError(f'{path} is a ROS 1 bag; turn it into a ROS 2 bag with '
+            raise DataError(f'{path} is a ROS 1 bag; convert it to a ROS 2 bag with '
                             '`rosbags-convert`')
         raise DataError(f'{path} is not a recording (neither MCAP nor SQLite), or its beginning '
-                        'is damaged; give a rosbag2 folder or file')
+                        'is damaged; pass a rosbag2 folder or file')
 
     def _unpacked(self, path: Path) -> Path:
         """Unpack a compressed file into a folder that goes when the bag is closed."""
@@ -151,8 +151,8 @@ class Bag:
                 while block := source.read(1 << 20):
                     out.write(block)
         except (zstd.ZstdError, EOFError) as error:
-            self.notes.add(f'{path.name} is damaged or cut off ({error}): what came before was '
-                           'read')
+            self.notes.add(f'{path.name} is damaged or cut off ({error}): everything before the '
+                           'damage was read')
         return target
 
     def _decompressed(self, batch: Batch) -> Batch:
@@ -173,8 +173,7 @@ class Bag:
 
 
 def _damaged(path: Path, error: BaseException) -> str:
-    return (f'{path} is damaged ({in_a_line(error)}); record again, or copy it from the robot '
-            'once more')
+    return f'{path} is damaged ({in_a_line(error)}); copy it again, or record again'
 
 
 def _beginning(path: Path) -> bytes:

@@ -97,12 +97,12 @@ class BagWriter:
         connection = self._connections.get(name)
         if connection is None:
             if msgtype not in JAZZY.fielddefs:
-                raise ConfigError(f'{name}: type {msgtype} is not one of ROS 2 Jazzy')
+                raise ConfigError(f'{name}: type {msgtype} is not part of ROS 2 Jazzy')
             connection = self._writer.add_connection(
                 name, msgtype, typestore=JAZZY, offered_qos_profiles=[_quality(latched)])
             self._connections[name] = connection
         elif connection.msgtype != msgtype:
-            raise ConfigError(f'{name}: both {connection.msgtype} and {msgtype}')
+            raise ConfigError(f'{name}: has two types, {connection.msgtype} and {msgtype}')
         return connection
 
     def write(self, messages: Sequence[Messages]) -> None:
@@ -124,8 +124,8 @@ class BagWriter:
         try:
             yield
         except (OSError, sqlite3.Error, WriterError) as error:
-            raise ConfigError(f'{self.path}: cannot be written ({error}); choose a folder of '
-                              'your own with enough space') from error
+            raise ConfigError(f'{self.path}: cannot be written ({error}); choose a writable '
+                              'folder with enough space') from error
 
 
 def write_signals(

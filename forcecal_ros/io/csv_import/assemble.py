@@ -90,10 +90,10 @@ def assemble(specification: Specification) -> Imported:
             found['phase'] = _phases(one, table, t)
         if not found:
             raise ConfigError(f'{specification.path}: {one.file} has neither signals nor phases; '
-                              'state which columns are which signals')
+                              'add one of them')
         if repeated := sorted(found.keys() & signals.keys()):
             raise ConfigError(f'{specification.path}: {", ".join(repeated)} in more than one '
-                              'table; import them into recordings of their own')
+                              'table; import each table into a separate recording')
         signals.update(found)
         topics.update({role: signal.topic for role, signal in one.signals.given.items()
                        if signal.topic is not None})
@@ -119,12 +119,12 @@ def _table(specification: TableSpecification) -> Table:
 def _notes(role: str, given: Signal, table: Table, signal: Stream | PoseStream) -> Iterator[str]:
     part, _ = _having(table, np.zeros(len(table)), given)
     if len(part) < len(table):
-        yield f'{table.path}: {len(part)} of {len(table)} rows have cells of {role}'
+        yield f'{table.path}: {len(part)} of {len(table)} rows have values of {role}'
     bad = ~np.isfinite(signal.values).all(axis=1) if isinstance(signal, Stream) else np.array([])
     if bad.any():
         yield (f'{int(bad.sum())} of {len(bad)} rows of {role} are not finite, first in '
-               f'{part.place(int(np.argmax(bad)))}; a few are left out where the recording is '
-               'used, remove what is not a reading')
+               f'{part.place(int(np.argmax(bad)))}; remove them (only a few are ignored when the '
+               'recording is used)')
 
 
 def _refuse_other_readings(tables: Sequence[tuple[TableSpecification, Table]],
@@ -147,7 +147,7 @@ def _other_angles(name: str, angles: Array, stated: str) -> Mapping[str, Array]:
     others = {f'its unit is {unit}': _turn(name, size * angles)}
     if name != 'rotation_vector':
         others['its columns are in the order yaw, pitch, roll'] = _turn(name, angles[:, ::-1])
-    others['its angles are about the moving axes z, y, z, to be written as quaternions'] = (
+    others['its angles are about the moving axes z, y, z (convert them to quaternions)'] = (
         np.asarray(Rotation.from_euler('ZYZ', angles).as_matrix()))
     return others | {f'it is {other}': _turn(other, angles) for other in ANGLES if other != name}
 
@@ -175,8 +175,8 @@ def refuse_other_reading(wrench: Stream, pose: PoseStream, others: Mapping[str, 
                        for words, R in others.items())
     if WORSE * other < mine:
         raise DataError(
-            f'{key}: force turns as a weight does if {words} ({1 - other:.0%} of its changes '
-            f'follow), not as stated ({1 - mine:.0%}); state what it is')
+            f'{key}: the force rotates like a weight if {words} ({1 - other:.0%} of its variation '
+            f'is explained), but not as specified ({1 - mine:.0%}); correct the specification')
 
 
 def _unexplained_share(force: Array, R: Array) -> float:
@@ -205,8 +205,8 @@ def _stamps(specification: TableSpecification, table: Table) -> NDArray[np.int64
     rows = np.arange(len(table)) / rate + start
     stamps = np.rint(rows * 1e9).astype(np.int64)
     if (np.diff(stamps) <= 0).any():
-        raise DataError(f'{table.path}: rows at {rate:g} Hz from {start:g} s on are not distinct '
-                        'in nanoseconds')
+        raise DataError(f'{table.path}: rows at {rate:g} Hz from {start:g} s on have the same '
+                        'stamp in nanoseconds; correct rate or start')
     return stamps
 
 
@@ -218,8 +218,8 @@ def _check_time_base(specification: Specification, stamps: Sequence[NDArray[np.i
         if days > 1.0:
             raise DataError(
                 f'{specification.tables[other].file} begins {days:.0f} days after '
-                f'{specification.tables[one].file} ends: not one recording, or a wrong unit of '
-                'time')
+                f'{specification.tables[one].file} ends: the tables are of different recordings, '
+                'or a unit of time is wrong; correct the specification')
 
 
 def _having(table: Table, t: Array, signal: Signal) -> tuple[Table, Array]:
@@ -248,18 +248,18 @@ def _rotations(table: Table, signal: Signal) -> Array:
     name = _orientation(signal)
     values = _part(table, signal, name)
     if name in ANGLES:
-        _refuse(table, ~np.isfinite(values).all(axis=1), 'no angles')
+        _refuse(table, ~np.isfinite(values).all(axis=1), 'not finite')
         _refuse(table, (np.abs(values) > FARTHEST_TURN).any(axis=1),
-                f'more than two turns ({np.abs(values).max():.4g} rad); is {name} in degrees '
+                f'more than 4 pi ({np.abs(values).max():.4g} rad); is {name} in degrees '
                 '(unit: deg)?')
         return _turn(name, values)
     if name == 'quaternion_xyzw':
         wrong = ~(np.abs(np.linalg.norm(values, axis=1) - 1.0) < _NOT_A_ROTATION)
-        _refuse(table, wrong, 'no quaternion of norm 1')
+        _refuse(table, wrong, 'not a quaternion of norm 1')
         return matrix_from_quaternion(values)
     R = values.reshape(-1, 3, 3)
     deviation = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-    _refuse(table, ~(deviation < _NOT_A_ROTATION), 'no rotation matrix, row by row')
+    _refuse(table, ~(deviation < _NOT_A_ROTATION), 'not a rotation matrix in row-major order')
     _refuse(table, np.linalg.det(R) < 0, 'a reflection (determinant -1); its axes are left-handed')
     R = np.asarray(Rotation.from_matrix(np.array(R)).as_matrix())
     return R.transpose(0, 2, 1) if name == 'R_sensor_base' else R

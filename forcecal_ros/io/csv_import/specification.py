@@ -50,7 +50,7 @@ def contradiction(columns: Sequence[str], unit: str, units: Mapping[str, float])
     for column in columns:
         named = named_unit(column, units)
         if named is not None and units[named] != units[unit]:
-            return f'{named}, as the name of column {column!r} states'
+            return f'{named}, as in the name of column {column!r}'
     return ''
 
 
@@ -105,13 +105,13 @@ class _Columns(Row):
                 ('columns', len(entry.columns) == width > 0, f'a list of {width} columns'),
                 ('unit', entry.unit in units, f'a unit of {self.quantity}: {", ".join(units)}'),
                 ('signs', not entry.signs or (len(entry.signs) == width
-                 and set(entry.signs) <= {1, -1}), f'{width} times 1 or -1')):
+                 and set(entry.signs) <= {1, -1}), f'{width} numbers, each 1 or -1')):
             if not right:
                 raise Mismatch(where if plain else path(where, key), getattr(entry, key), expected)
         if other := contradiction(entry.columns, entry.unit, units):
             raise Mismatch(path(where, 'unit'), entry.unit, other)
         if self.width == 4 and not is_xyzw(entry.columns):
-            raise Mismatch(where, entry.columns, 'the columns of x, y, z and w in this order')
+            raise Mismatch(where, entry.columns, 'the columns x, y, z and w in this order')
         return Part(entry.columns, tuple(units[entry.unit] * sign for sign in
                                          entry.signs or (1,) * width), entry.unit)
 
@@ -121,7 +121,7 @@ class Signal(Section):
     """One signal of a table: its parts, the frame and, if not the usual, the topic."""
 
     frame: Annotated[str, Row('frame_id', pattern=TEXT)]
-    topic: Annotated[str | None, Row('None: the usual', pattern=TEXT)] = None
+    topic: Annotated[str | None, Row('None: the default topic', pattern=TEXT)] = None
 
     @property
     def parts(self) -> Mapping[str, Part]:
@@ -197,7 +197,7 @@ class Joints(Signal):
         super().__post_init__()
         if len(set(self.names)) != len(self.position.columns):
             raise self.wrong(
-                'names', f'{len(self.position.columns)} different names, one a column')
+                'names', f'{len(self.position.columns)} different names, one per column')
 
 
 @dataclass(frozen=True)
@@ -226,12 +226,12 @@ class Time(Section):
 
     column: Annotated[str, Row(pattern=TEXT)]
     unit: Annotated[str, Row(words=(*NANOSECONDS, DATE))]
-    nanoseconds: Annotated[str | None, Row('Column that comes on top', pattern=TEXT)] = None
+    nanoseconds: Annotated[str | None, Row('Column of nanoseconds to add', pattern=TEXT)] = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.unit == DATE and self.nanoseconds is not None:
-            raise self.wrong('nanoseconds', 'none: a date has its own fractions of a second')
+            raise self.wrong('nanoseconds', 'no value: a date has fractions of a second itself')
         if self.unit != DATE and (other := contradiction((self.column,), self.unit, NANOSECONDS)):
             raise self.wrong('unit', other)
 
@@ -251,7 +251,7 @@ class Phases(Section):
         if given not in ({'column'}, {'each_row', 'between'}, {'whole'}):
             raise self.wrong('', 'column, or each_row and between, or whole', sorted(given))
         if self.between is not None and self.between == self.each_row:
-            raise self.wrong('between', 'another word than each_row, to tell the rows apart')
+            raise self.wrong('between', 'a phase other than each_row')
 
 
 @dataclass(frozen=True)
@@ -267,16 +267,16 @@ class Written(Section):
     """How a table is written; without a header its columns are called 0, 1, 2 ..."""
 
     delimiter: Annotated[str, Row('', pattern='[^"\r\n]', wording='one character')] = ','
-    decimal: Annotated[str, Row('Of numbers', words=('.', ','))] = '.'
-    comment: Annotated[str, Row('Begins what is left out of a line', pattern='.?',
+    decimal: Annotated[str, Row('Decimal separator', words=('.', ','))] = '.'
+    comment: Annotated[str, Row('Starts a comment', pattern='.?',
                                 wording='one character')] = ''
-    header: Annotated[int, Row('Line that names the columns; 0: none', low=0)] = 1
-    skip: Annotated[int, Row('Lines between that and the numbers, as one of units', low=0)] = 0
+    header: Annotated[int, Row('Line with the names of the columns; 0: none', low=0)] = 1
+    skip: Annotated[int, Row('Lines to skip after the header, such as a line of units', low=0)] = 0
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.decimal == self.delimiter:
-            raise self.wrong('delimiter', 'another character than decimal')
+            raise self.wrong('delimiter', 'a character other than decimal')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -291,7 +291,7 @@ class TableSpecification(Written, _File):
     """One table, with a column of time or a rate."""
 
     time: Time | None = None
-    rate: Annotated[float | None, Row('Rows a second', 'Hz', above=0.0)] = None
+    rate: Annotated[float | None, Row('Rows per second', 'Hz', above=0.0)] = None
     start: Annotated[float | None, Row('Time of the first row of a table without time', 's')
                      ] = None
     long: Long | None = None
@@ -301,10 +301,10 @@ class TableSpecification(Written, _File):
     def __post_init__(self) -> None:
         super().__post_init__()
         if (self.time is None) == (self.rate is None):
-            raise self.wrong('time', 'either time (column and unit) or rate (rows a second, for a '
-                                     'table without time)')
+            raise self.wrong('time', 'either time (column and unit) or rate (rows per second, for '
+                                     'a table without time)')
         if self.time is not None and self.start is not None:
-            raise self.wrong('start', 'none: start is for tables without time')
+            raise self.wrong('start', 'no value: start is for tables without time')
         if self.long is not None and (self.time is None or self.time.nanoseconds is not None):
             raise self.wrong('long', 'a time in one column')
 

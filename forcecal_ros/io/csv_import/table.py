@@ -88,13 +88,12 @@ class Table:
         known = list(self.frame)
         for name in names:
             if isinstance(name, int) and name >= len(known):
-                raise DataError(f'{self.path}: {len(known)} columns, counted from 0; no column '
-                                f'{name}')
+                raise DataError(f'{self.path}: no column {name}; there are {len(known)}, counted '
+                                'from 0')
             if isinstance(name, str) and name not in known and all(map(is_number, known)):
                 raise DataError(
-                    f'{self.path}: no column {name!r}, and the line that should name the columns '
-                    'holds numbers; without names state header: 0 and count columns from 0, or '
-                    'state the line of the names, which must not begin with the key comment')
+                    f'{self.path}: no column {name!r}: the header line contains numbers; set '
+                    'header to the line of the names, or to 0 and count columns from 0')
             if isinstance(name, str) and known.count(name) != 1:
                 problem = 'several columns' if name in known else 'no column'
                 raise DataError(f'{self.path}: {problem} {name!r}; there are {", ".join(known)}')
@@ -141,8 +140,8 @@ class Table:
         """
         frame = self.columns(names)
         same = np.asarray((frame == frame.shift()).all(axis=1))
-        return self.select(~same, f'{self.path}: {same.sum()} rows repeat stamp and cells of the '
-                           'row before: messages that had not been renewed are left out'
+        return self.select(~same, f'{self.path}: {same.sum()} rows repeat stamp and values of the '
+                                  'previous row and were left out'
                            ) if same.any() else self
 
     def having(self, names: Sequence[str]) -> NDArray[np.bool_]:
@@ -163,8 +162,8 @@ class Table:
         if twice.any():
             row = int(np.argmax(twice))
             raise DataError(f'{self.place(row)}: {frame.iloc[row, 1]!r} at time '
-                            f'{frame.iloc[row, 0]} for the second time; import each recording by '
-                            'itself')
+                            f'{frame.iloc[row, 0]} appears twice; import each recording '
+                            'separately')
         first = frame.drop_duplicates(time)[time]
         wide = frame.pivot(index=time, columns=name, values=value)  # noqa: PD010 - not twice
         wide = wide.reindex(first).fillna('')
@@ -220,16 +219,16 @@ def read_tables(path: Path, dialect: Written, *, named: bool = True, rows: int |
                 raise _too_wide(table.place(int(np.argmax(behind))), width)
             yield table
     except OSError as error:
-        raise DataError(f'{path}: cannot be read ({error.strerror}); paths count from the folder '
-                        'of the specification or from --tables') from error
+        raise DataError(f'{path}: cannot be read ({error.strerror}); paths are relative to the '
+                        'folder of the specification, or to --tables') from error
     except pd.errors.EmptyDataError:
-        raise DataError(f'{path}: no rows; expected the names of the columns and then '
+        raise DataError(f'{path}: no rows; expected a line of column names, then '
                         'numbers') from None
     except (UnicodeDecodeError, pd.errors.ParserError) as error:
         line = re.search(r'in line (\d+), saw', str(error))
         if line is not None:
             raise _too_wide(f'{path} line {line[1]}', width) from error
-        raise DataError(f'{path}: not a table of text ({str(error).strip()}); save it in '
+        raise DataError(f'{path}: not a text table ({str(error).strip()}); save it in '
                         'UTF-8') from error
 
 
@@ -255,14 +254,14 @@ def _skipped(lines: Table) -> Iterator[str]:
     if len(lines):
         numbers = [row for row, cells in enumerate(lines.frame.to_numpy())
                    if all(is_number(cell) for cell in cells if cell)]
-        yield (f'{lines.path}: skip leaves out {len(lines)} line{"s" * (len(lines) > 1)}'
-               + (f'; {lines.place(numbers[0])} holds numbers, not names or units: is skip too '
+        yield (f'{lines.path}: the key skip ignores {len(lines)} line{"s" * (len(lines) > 1)}'
+               + (f'; {lines.place(numbers[0])} contains numbers, not names or units: is skip too '
                   'large?' if numbers else ''))
 
 
 def _too_wide(place: str, width: int) -> DataError:
-    return DataError(f'{place}: more cells than the {width} columns of the header; compare the '
-                     'keys delimiter, header and comment')
+    return DataError(f'{place}: more cells than the {width} columns of the header; check the keys '
+                     'delimiter, header and comment')
 
 
 def read_table(path: Path, dialect: Written, names: Sequence[str]) -> Table:
@@ -287,7 +286,7 @@ def read_table(path: Path, dialect: Written, names: Sequence[str]) -> Table:
     if len(table) > 1 and not table.frame.iloc[-1, -1] and not (
             path.read_bytes().endswith((b'\n', b'\r'))):
         table = table.select(np.arange(len(table) - 1),
-                             f'{table.place(-1)}: the last line is cut short and left out')
+                             f'{table.place(-1)}: the last line is incomplete and was left out')
     return table
 
 
@@ -301,14 +300,14 @@ def _read_matlab(path: Path, names: Sequence[str]) -> Table:
     except OSError as error:
         raise DataError(f'{path}: cannot be read ({error.strerror})') from error
     except Exception as error:  # any error of a damaged file
-        raise DataError(f"{path}: no intact MATLAB file of version 5 to 7 ({error}); save it with "
-                        "'-v7'") from error
+        raise DataError(f'{path}: not an intact MATLAB file of version 5 to 7 ({error}); save it '
+                        "with '-v7'") from error
     if lacking := [name for name in names if name not in found]:
         raise DataError(f'{path}: no column {lacking[0]!r}; there are {", ".join(found)}')
     lengths = {name: len(found[name]) for name in names}
     if len(set(lengths.values())) != 1:
-        raise DataError(f'{path}: columns of {lengths}; expected one length: list signals of '
-                        'other rates as tables of their own')
+        raise DataError(f'{path}: columns have the lengths {lengths}, expected one length; list '
+                        'signals of other rates as separate tables')
     return Table(path, pd.DataFrame({name: [str(one) for one in found[name]] for name in names},
                                     dtype=object))
 
@@ -362,9 +361,9 @@ def is_number(cell: str) -> bool:
 
 def _remedy(cell: str) -> str:
     if _DECIMAL_COMMA.fullmatch(cell):
-        return "; has the table decimal: ','?"
+        return "; for a decimal comma, set decimal: ','"
     if _DATE_AND_TIME.fullmatch(cell.strip()):
-        return '; of times that are dates the unit is date'
+        return '; if the times are dates, set unit: date'
     if _DATE.match(cell):
         return ('; write times as seconds since 1970, or as year-month-day hour:minute:second '
                 'with unit: date')
@@ -393,8 +392,8 @@ def nanoseconds(table: Table, name: str, unit: str, further: str | None = None) 
     stamps = _times(table, name, unit)
     if further is not None:
         if (stamps % 10**9).any():
-            raise DataError(f'{table.path}: column {name!r} is not in whole seconds, on top of '
-                            f'which {further!r} could come; name one of them')
+            raise DataError(f'{table.path}: column {name!r} has fractions of a second, so '
+                            f'nanoseconds {further!r} cannot be added; use only one of them')
         more = _times(table, further, 'ns')
         _require_nanoseconds(table, further, more, len(np.unique(stamps)))
         stamps = stamps + more
@@ -412,16 +411,15 @@ def _times(table: Table, name: str, unit: str) -> Times:
         table.require(name, cells, convert)
         raise
     if max(map(abs, times)) >= _MAX_TIME:
-        raise DataError(f'{table.path}: times in column {name!r} are out of range; is the unit '
-                        'right?')
+        raise DataError(f'{table.path}: times in column {name!r} are out of range; check the unit')
     return np.array(times, dtype=np.int64)
 
 
 def _require_nanoseconds(table: Table, name: str, more: Times, seconds: int) -> None:
     """Refuse what is no part of a second, and parts of one that are in a larger unit."""
     if more.min() < 0 or more.max() >= 10**9:
-        raise DataError(f'{table.path}: column {name!r} holds {more.min()} to {more.max()}, '
-                        'not nanoseconds within a second')
+        raise DataError(f'{table.path}: column {name!r} is from {more.min()} to {more.max()}, '
+                        'expected nanoseconds from 0 to 999999999')
     if len(more) < max(50, 3 * seconds):
         return
     for unit, factor in (('milliseconds', 10**6), ('microseconds', 10**3)):
@@ -438,16 +436,16 @@ def _disorder(table: Table, stamps: Times, name: str) -> str:
     where = (f'{table.place(row)}: time {cells[row]} in column {name!r} is not after '
              f'{cells[row - 1]} in the row before')
     if steps[row - 1] < -23 * 3600 * 10**9:
-        return f'{where}: a time of day that passed midnight; add a day from there on'
+        return f'{where}: the time of day passes midnight; add 24 h from there on'
     if _lacks_zeros(cells):
-        return (f'{where}: behind the point stand nanoseconds without their leading zeros; write '
-                'nine digits, or both numbers into columns of their own')
+        return (f'{where}: the nanoseconds after the decimal point have no leading zeros; write '
+                'nine digits, or use separate columns')
     if steps.min() < 0:
-        return (f'{where}; sort the table, or import each part by itself where a clock was set '
+        return (f'{where}; sort the table, or import each part separately if the clock was set '
                 'back or a second log begins')
-    return (f'{where}, as in {int((steps == 0).sum())} rows: they are nearer to one another than '
-            'their times show; if they are evenly apart, state rate instead of time; where the '
-            'table merges streams, list it once for each, with its own signals and stamps')
+    return (f'{where}, as in {int((steps == 0).sum())} rows: the resolution of the times is too '
+            'low. If rows are evenly spaced, set rate instead of time; if the table merges '
+            'streams, list it once for each stream with its own time column')
 
 
 def _lacks_zeros(cells: Sequence[str]) -> bool:
@@ -483,8 +481,8 @@ def _exact(cell: str, unit: int) -> int:
 def question_rate(rows: int, span: float, what: str, unit: str) -> Iterator[str]:
     """Question a rate that no sensor has; ``span`` from the first row to the last [s]."""
     if rows >= MANY_MESSAGES and rows <= SLOWEST_HZ * span:
-        yield (f'{what}: {rows} rows over {span / 3600:.2g} h, {rows / span:.3g} a second; if '
-               f'that is too slow, time is not in {unit}: state the unit that it is in')
+        yield (f'{what}: {rows} rows over {span / 3600:.2g} h, {rows / span:.3g} per second; if '
+               f'that is too slow, time is not in {unit}: correct the unit')
     if rows >= MANY_MESSAGES and rows > FASTEST * span:
-        yield (f'{what}: {rows} rows in {span:.3g} s, more than any sensor sends; if time is '
-               f'not in {unit}, state the unit that it is in')
+        yield (f'{what}: {rows} rows in {span:.3g} s, more than any sensor sends; if time is not '
+               f'in {unit}, correct the unit')

@@ -88,8 +88,8 @@ def from_6_s_on(values):
     (rows_of('optidrive', lambda v: v[::20].fill(np.nan)), r'^optidrive: 5\.0 % of the samples'),
     (rows_of('wrench', lambda v: np.copyto(v, v[0])), '^wrench: the values never change; check'),
     (rows_of('wrench', from_6_s_on),
-     r'wrench: every channel repeats itself from 6\.00 s to 10\.00 s'),
-    (rows_of('wrench', lambda v: v[:, 2].fill(7.0)), '^force.z stands at 7 throughout; check')])
+     r'wrench: all channels are constant from 6\.00 s to 10\.00 s'),
+    (rows_of('wrench', lambda v: v[:, 2].fill(7.0)), '^force.z is constant at 7; check')])
 def test_what_no_sensor_can_have_said_is_invalid(recording, spoil, said):
     for reason in both(spoil(recording)):
         assert re.search(said, reason)
@@ -103,7 +103,7 @@ def minutes_apart(recording):
 
 @pytest.mark.parametrize('change, said', [
     (lambda r: [shifted(r, 'target', -1e4)],
-     r'^stamps begin too far from .+ target \(target_frame\) -10000.0 s; set the clocks'),
+     r'^streams do not overlap with .+ target \(target_frame\) -10000.0 s; synchronise'),
     (lambda r: [Recording()], 'target_frame'),
     (lambda r: [replace(r, wrench=None, accelerometer=None)], 'neither wrench nor accelerometer'),
     (lambda r: [r, replace(r, wrench=None)], 'holds wrench'),
@@ -156,7 +156,7 @@ def test_a_limit_that_no_sensor_has_is_a_note_and_no_effect(recording):
     raw = with_values(recording, 'wrench', counts)
     model = load_rig().accelerometer.acc1
     effects, notes = from_checks([Corrected(raw, (), {}, {})], np.ones(16), model)
-    assert not effects and any('stops at 3.277e+04' in note for note in notes)
+    assert not effects and any('is clipped at 3.277e+04' in note for note in notes)
 
 
 @pytest.mark.long
