@@ -11,7 +11,7 @@ from forcecal_ros.core.streams import FREE, Recording, STILL, Stream
 from forcecal_ros.report import figures
 from forcecal_ros.report.figures import Line, Panel, Shown
 from forcecal_ros.report.page import docs_link, Fact, origin, Picture, picture, render_page, Step
-from forcecal_ros.report.rows import against_truth, handy, interval, promises, table, value
+from forcecal_ros.report.rows import cells, promises, table
 from matplotlib.figure import Figure
 import numpy as np
 
@@ -50,19 +50,15 @@ def render(recording: Recording, calibration: Calibration, contact: Stream | Non
     """
     recording = in_axes_of_pose(levelled(recording, calibration.gravity_direction),
                                 calibration.sensor_rotation)
-    rows = [*table(calibration, truth), *promises(calibration)]
+    head, *rows = cells([*table(calibration, truth), *promises(calibration)])
     warnings = list(calibration.quality.get('warnings', ()))
-    with_truth = any(row.truth is not None for row in rows)
     free, found = free_motion(recording, calibration, contact), list(in_words(calibration.quality))
     return render_page(
         'calibration.html.j2', 'Calibration report', origin=_origin(recording, calibration),
         tone='warn' if warnings else 'good',
         word=f'calibrated, {len(warnings)} to look at' if warnings else 'calibrated',
         headline=_headline(calibration, free), facts=_facts(calibration, free, warnings, step),
-        warnings=warnings,
-        head=['estimate', 'value', 'unit', '95 % interval'] + ['truth', 'off by'] * with_truth,
-        rows=[[row.name, value(row), '' if row.unit == '1' else row.unit, interval(row),
-               *(against_truth(row, 'σ') if with_truth else ())] for row in map(handy, rows)],
+        warnings=warnings, head=head, rows=rows,
         first=list(_before_and_after(recording, calibration, contact)),
         figures=list(_pictures(recording, calibration, contact)),
         quality=[one for one in found if one[0] != 'Note'],
@@ -103,7 +99,7 @@ def _facts(c: Calibration, free: Free | None, warnings: list[str], step: Step | 
            ) -> list[Fact]:
     com = ', '.join(f'{axis} {quantity(float(v), float(s), "m")}'
                     for axis, v, s in zip('xyz', c.com.value, c.com.std))
-    facts = [Fact('Tool', f'Centre of mass {com} from the sensor (± is a 95 % interval).')]
+    facts = [Fact('Tool', f'Centre of mass {com} from the sensor.')]
     if free is not None:
         facts.append(Fact('Contact force', (
             f'{size(free.observer, "N", 2)} RMS of error in free motion, of '
@@ -174,7 +170,7 @@ def _pictures(recording: Recording, calibration: Calibration, contact: Stream | 
     drawn.append(('Noise against response', words, figures.noise_against_rise(calibration)))
     for title, words, figure in drawn:
         if figure is not None:
-            yield picture(title, words, figure, dpi=130)
+            yield picture(title, words, figure)
 
 
 def in_words(quality: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

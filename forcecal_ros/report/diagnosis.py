@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, log
 import shlex
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.autoregression import fit_autoregression
@@ -19,7 +19,7 @@ from forcecal_ros.diagnose.result import Diagnosis
 from forcecal_ros.diagnose.verdict import AT_TOLERANCE, FIRST, FURTHER, percent, WITHIN
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.report.effect_words import phrase, sentence, sizes, VERDICTS, WORDS
-from forcecal_ros.report.figures import COLOURS, joined, label_log_axes, Line, Panel, Shown
+from forcecal_ros.report.figures import axes_grid, COLOURS, headed, joined, Line, Panel, Shown
 from forcecal_ros.report.page import docs_link, Fact, Picture, picture, render_page, Step
 from forcecal_ros.sim.signals import BLOCK, block_means, JOINTS, Signals
 from matplotlib.axes import Axes
@@ -560,12 +560,12 @@ def _row(channel: str, values: list[float], unit: str) -> list[str]:
     return [channel, *cells[:-1], shown]
 
 
-def _pictures(view: View, drawings: Mapping[str, Callable[[View], Figure | Shown | None]]
-              ) -> Iterator[Picture]:
+def _pictures(view: View, drawings: Mapping[str, Callable[[View], Any]]) -> Iterator[Picture]:
     for title, draw in drawings.items():
-        if len(view.times) and (what := draw(view)) is not None:
+        if len(view.times) and (what := draw(view)):
             more = WITH_EFFECTS.get(title, '') if named(view) else ''
-            yield picture(title, CAPTIONS[title] + more, what)
+            yield picture(title, CAPTIONS[title] + more,
+                          *(what if isinstance(what, list) else [what]))
 
 
 def _numbers(d: Diagnosis) -> list[tuple[str, str, str, str, str]]:
@@ -678,14 +678,11 @@ def named(view: View) -> bool:
     return not np.array_equal(view.explained, view.recalibrated)
 
 
-def spectra(view: View) -> Figure | None:
-    """Draw the residual's spectra before and after, and at standstill."""
-    chosen = view.channels(SHOWN)
-    if not len(chosen):
-        return None
-    figure = Figure(figsize=(10.0, 3.0), layout='constrained')
-    axes = np.atleast_1d(figure.subplots(1, len(chosen)))
-    for ax, c in zip(axes, chosen):
+def spectra(view: View) -> list[Figure]:
+    """Draw the residual's spectra before and after, and at standstill, a figure a channel."""
+    drawn = []
+    for c in view.channels(SHOWN):
+        figure, (ax,) = axes_grid(1, 1, height=3.0)
         there = view.present[:, c]
         moving = there & (view.groups > 0)
         for values, role, label in (
@@ -695,14 +692,10 @@ def spectra(view: View) -> Figure | None:
             if len(values) > 64 and (role != 'explained' or named(view)):
                 _spectrum(ax, values, COLOURS[role], label, _rate(there))
         name = CHANNELS[c].name
-        ax.set(xlabel='frequency [Hz]')
-        label_log_axes(ax)
-        ax.set_title(f'{name} [{_squared(view.units[name])}/Hz]', fontsize=9)
-    axes[0].set_ylabel('power density')
-    lines = {label: line for ax in axes for line, label in zip(*ax.get_legend_handles_labels())}
-    figure.legend(lines.values(), lines.keys(), loc='outside upper left', ncols=2, frameon=False,
-                  fontsize=9)
-    return figure
+        ax.set(xlabel='frequency [Hz]', ylabel=f'power [{_squared(view.units[name])}/Hz]')
+        headed(ax, name, 2)
+        drawn.append(figure)
+    return drawn
 
 
 def _squared(unit: str) -> str:

@@ -356,7 +356,8 @@ def test_what_is_recorded_in_one_of_twelve_blocks_is_drawn_as_a_line_with_its_ow
     for line in shown.panels[0].lines:
         assert np.isfinite(line.values).all() and len(line.t) == sparse.sum()
     # samples 48 ms apart hold nothing above 10.4 Hz
-    assert figures.spectra(view).axes[0].lines[0].get_xdata().max() == pytest.approx(0.5 / 0.048)
+    frequencies = figures.spectra(view)[0].axes[0].lines[0].get_xdata()
+    assert frequencies.max() == pytest.approx(0.5 / 0.048)
 
 
 def test_the_plot_that_zooms_shows_the_phase_and_channel_of_the_verdict():
@@ -382,7 +383,8 @@ def test_a_phase_is_named_where_its_name_has_room():
     shown = Shown((Panel('force x', 'N', (Line('measured', 'measured', t, t),)),), phases,
                   0.0, 100.0)
     names = {'step', 'approach', 'contact'}  # and not move, the shortest
-    assert {text.get_text() for text in drawn(shown).axes[0].texts} == names
+    # a figure is narrow
+    assert {text.get_text() for text in drawn(shown).axes[0].texts} == names - {'approach'}
     assert {one['text'] for one in live(shown)['layout']['annotations']} == names
 
 
@@ -403,7 +405,7 @@ def test_without_plotly_the_page_shows_pictures_and_says_how_to_get_more(monkeyp
     pages._plotly.cache_clear()
     page = render(_view(IDENTIFIED), ['bag'], NEXT)
     pages._plotly.cache_clear()
-    assert page.count('<img') == 4 and '<script' not in page and '[plots]' in page
+    assert page.count('<img') == 7 and '<script' not in page and '[plots]' in page
     assert len(page) < 1e6
 
 
