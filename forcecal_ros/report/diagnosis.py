@@ -8,15 +8,15 @@ from typing import Any, NamedTuple
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.autoregression import fit_autoregression
-from forcecal_ros.core.quantity import beside, rounded, size, with_error
+from forcecal_ros.core.quantity import beside, pair, rounded, scaled, size, with_error
 from forcecal_ros.core.streams import Phase
 from forcecal_ros.diagnose.dataset import CHANNELS, STAGES, units
 from forcecal_ros.diagnose.engine import Outcome
-from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, instants, NamedEffect
+from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, instants, NamedEffect, std_of
 from forcecal_ros.diagnose.localise import BANDS, time_frequency_bins, TimeFrequencyBin
 from forcecal_ros.diagnose.model.gates import kind_of
 from forcecal_ros.diagnose.result import Diagnosis
-from forcecal_ros.diagnose.verdict import AT_TOLERANCE, FIRST, FURTHER, percent, WITHIN
+from forcecal_ros.diagnose.verdict import percent, WITHIN
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.report.effect_words import phrase, sentence, sizes, VERDICTS, WORDS
 from forcecal_ros.report.figures import axes_grid, COLOURS, headed, joined, Line, Panel, Shown
@@ -204,7 +204,7 @@ def headline(d: Diagnosis) -> str:
     -------
     str
         ``The measured wrench lags the simulated one: delay 4.000 ± 0.014 ms (probability 92 %).
-        Adding it explains 94 % of the residual (95 % interval: 87 % to 98 %).``
+        Adding it explains 94 ± 5 % of the residual.``
     """
     if d.verdict not in NAMED:
         head = HEADS[d.verdict].replace('down to its noise', (
@@ -215,7 +215,9 @@ def headline(d: Diagnosis) -> str:
 
 
 def differs_most(d: Diagnosis) -> str:
-    """Return the channel that effects change most, in its noise; else that differs most."""
+    """Return the channel that effects change most, in its noise, or that differs most, if any."""
+    if d.verdict == 'no_gap':
+        return ''
     effects = d.verdict in NAMED
     changes = {name: (before - effects * after) / (noise or inf) for name, (
         _, before, after, noise) in (d.gap.channels if d.gap else {}).items()}
@@ -235,12 +237,14 @@ def explained(d: Diagnosis) -> str:
     """State the explained fraction; empty where that is not known."""
     if d.verdict not in NAMED or d.gap is None or SHARE not in d.reason:
         return ''
-    low, high = (percent(min(1.0, max(0.0, end))) for end in d.gap.closed_ci95)
+    low, high = (min(1.0, max(0.0, end)) for end in d.gap.closed_ci95)
+    share, half = percent(d.gap.closed), round(50.0 * (high - low))
+    if half and share[0].isdigit():
+        share = share.replace(' %', f' ± {half} %')
     them = 'it' if len(d.effects) == 1 else 'them'
     # a name that is no effect's is a number of a third-party simulator
     do = 'Adding' if any(e.name in WORDS for e in d.effects) else 'Changing'
-    interval = f' (95 % interval: {low} to {high})' if low != high else ''
-    return f'{do} {them} explains {percent(d.gap.closed)}{SHARE}{interval}.'
+    return f'{do} {them} explains {share}{SHARE}.'
 
 
 def _but(d: Diagnosis) -> Iterator[str]:
@@ -311,7 +315,7 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
     rig, calibration, model = (
         next((f'{folder.rstrip("/")}/{f}' for f in files if f.startswith(kind)), '')
         for kind in ('rig', 'calibration_patched', 'model_patched'))
-    if calibration and AT_TOLERANCE in d.reason:
+    if calibration and d.at_tolerance and d.verdict in NAMED:
         return Step('Check that this tool and sensor are the calibrated ones; if they are not, '
                     'calibrate them:', shlex.join(('forcecal', 'calibrate', bag, *how)))
     if d.verdict in NAMED and (remedy := _at_the_sensor(d)):
@@ -325,12 +329,12 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
     if d.verdict in NAMED and calibration:
         return Step('Estimate the contact force with the corrected calibration:', shlex.join(
             ('forcecal', 'estimate', bag, '--calibration', calibration, *how, '-o', 'contact')))
-    if first := d.reason.partition(FIRST)[2]:
-        return Step(f'{_begun(first)}. Move more slowly, or give the model the limit that the '
-                    'robot has, and diagnose again:', again)
-    if d.verdict == 'no_gap' and (held := _held(d)):
-        return Step(f'Check {held}: this recording is explained only if it differs by as much as '
-                    'its tolerance allows. State its tolerance with --priors.')
+    if d.remarks and d.verdict in ('unknown', 'partial'):
+        return Step(f'{_begun(d.remarks[0])}. Move more slowly, or give the model the limit that '
+                    'the robot has, and diagnose again:', again)
+    if d.verdict == 'no_gap' and d.at_tolerance:
+        return Step(f'Check {" and ".join(d.at_tolerance)}: this recording is explained only if '
+                    'this differs by as much as its tolerance allows.')
     if d.verdict == 'no_gap' and d.not_compared:
         return Step('Nothing has to be changed in what was compared. Not compared: '
                     f'{" and ".join(d.not_compared)}.')
@@ -394,11 +398,6 @@ def _at_the_sensor(d: Diagnosis) -> str:
         name, 'Calibrate the sensor again, and use that calibration.') for name in names))
 
 
-def _held(d: Diagnosis) -> str:
-    """Name the numbers of a simulator that only their tolerance keeps from going further."""
-    return next((note.partition(f' {FURTHER}')[0] for note in d.notes if FURTHER in note), '')
-
-
 def _how_large(view: View) -> str:
     d, parts = view.diagnosis, []
     if d.verdict in UNDECIDED:
@@ -409,11 +408,13 @@ def _how_large(view: View) -> str:
     _, before, after = d.gap.contact_force
     if before > 0.0:
         parts.append(f'an error of {_change(before, after, "N", "contact force", named)}')
-    if (name := differs_most(d)) and d.verdict != 'no_gap':
+    if name := differs_most(d):
         _, apart, left, noise = d.gap.channels[name]
-        parts.append(f'a residual of {_change(apart, left, view.units[name], name, named)}, whose '
+        change = _change(apart, left, view.units[name], d.label(name), named)
+        parts.append(f'a residual of {change}, whose '
                      f'noise is {size(noise, view.units[name], 2)}')
-    found = [f'{e.name}: {sizes(e)}' if len(named) > 1 else sizes(e) for e in named]
+    found = [f'{e.name}: {sizes(e)}' if len(named) > 1 and kind_of(e.name) in WORDS else sizes(e)
+             for e in named]
     consequence = [f'Beyond noise: {" and ".join(parts)}'] if parts else []
     return ' '.join(f'{_begun(words)}.' for words in ('; '.join(found), *consequence) if words)
 
@@ -467,10 +468,11 @@ def _where(view: View) -> str:
         return ''
     low, high = place.band
     band = f'below {high:g} Hz' if low <= 0.0 else f'{low:g} to {high:g} Hz'
-    more = [f'{w.channel} in {w.phase}' for w in view.diagnosis.localisation
+    label = view.diagnosis.label
+    more = [f'{label(w.channel)} in {w.phase}' for w in view.diagnosis.localisation
             if (_INDEX[w.channel], w.phase) != (place.channel, place.phase)][:2]
     then = f'; then {" and ".join(more)}' if more else ''
-    return (f'{CHANNELS[place.channel].name} in phase {place.phase}, mostly {band}: '
+    return (f'in {label(CHANNELS[place.channel].name)}, phase {place.phase}, mostly {band}: '
             f'{size(place.excess, "", 2).strip()} times the noise of all octaves{then}.')
 
 
@@ -484,9 +486,9 @@ def _when(view: View) -> str:
     return f'Most visible from {span.start:.2f} to {span.end:.2f} s, in phase {span.name}.'
 
 
-def _in_time(word: str, at: float, between: tuple[float, float]) -> str:
-    interval = f'(95 %: {between[0]:.3f} to {between[1]:.3f} s)'
-    return f'from {at:.2f} s on {interval}' if word == 'from' else f'until {at:.2f} s {interval}'
+def _in_time(word: str, at: float, ci95: tuple[float, float]) -> str:
+    when = f'{pair(at, std_of(ci95))} s'
+    return f'from {when} on' if word == 'from' else f'until {when}'
 
 
 TONES = {'no_gap': 'good', 'identified': 'known', 'ambiguous': 'warn', 'partial': 'warn',
@@ -532,7 +534,8 @@ def render(view: View, origin: list[str], step: Step) -> str:
     worst = differs_most(d)
     return render_page(
         'diagnosis.html.j2', 'Sim-to-real gap', origin=origin, verdict=d.verdict.replace('_', ' '),
-        tone=TONES[d.verdict], headline=headline(d), facts=facts(view, step), notes=d.notes,
+        tone=TONES[d.verdict], headline=headline(d), facts=facts(view, step),
+        notes=[f'{_begun(note)}.' for note in d.notes],
         share=explained(d), effects=_numbers(d), meaning=VERDICTS[d.verdict],
         pages=[docs_link('reference/verdicts', d.verdict),
                *(docs_link('reference/effects', e.name) for e in d.effects if e.name in WORDS
@@ -544,10 +547,10 @@ def render(view: View, origin: list[str], step: Step) -> str:
         candidates=[(name, percent(p), phrase(name), 100.0 * p) for name, p in d.candidates
                     ] if len(d.candidates) > 1 else [],
         head=('channel', *kept, 'unit'),
-        channels=[_row(name, [*(rms[k] for k in kept.values()), rms[3]], view.units[name])
+        channels=[_row(d.label(name), [*(rms[k] for k in kept.values()), rms[3]], view.units[name])
                   for name, rms in shown],
         worst=next((i for i, (name, _) in enumerate(shown) if name == worst), -1),
-        alike=[name for name, rms in channels.items() if not any(rms[:3])],
+        alike=[d.label(name) for name, rms in channels.items() if not any(rms[:3])],
         octaves=[f'{high:g}' for _, high in BANDS[:-1]], heat=heat(view),
         closest=list(_pictures(view, {'Where it shows most': closest})),
         figures=list(_pictures(view, {'Residuals': residuals, 'Spectra': spectra})),
@@ -574,8 +577,8 @@ def _numbers(d: Diagnosis) -> list[tuple[str, str, str, str, str]]:
         p.value, p.std)), '' if p.unit == '1' else p.unit)
            for e in d.effects for name, p in e.parameters.items()
            if p.value or p.std or p.at_bound]
-    return out + [(e.name, word, f'{at:.3f}', f'{low:.3f} to {high:.3f} (95 %)', 's')
-                  for e in d.effects for word, at, (low, high) in instants(e)]
+    return out + [(e.name, word, *with_error(at, std_of(ci95)), 's')
+                  for e in d.effects for word, at, ci95 in instants(e)]
 
 
 SHOWN = 4
@@ -606,7 +609,8 @@ def heat(view: View) -> list[tuple[str, list[tuple[str, list[Cell | None]]]]]:
         row = table.setdefault(c.phase, {}).setdefault(c.channel, [None] * len(BANDS[:-1]))
         row[BANDS.index(c.band)] = Cell(f'{c.excess:.{int(c.excess < 9.95)}f}',
                                         round(100.0 * log(c.excess / FAINT) / most))
-    return [(name, [(CHANNELS[i].name, row) for i, row in table[name].items()])
+    label = view.diagnosis.label
+    return [(name, [(label(CHANNELS[i].name), row) for i, row in table[name].items()])
             for name in dict.fromkeys(p.name for p in view.phases) if name in table]
 
 
@@ -654,7 +658,7 @@ def _signals(view: View, channel: int) -> Panel:
 
 def _residuals(view: View, channel: int) -> Panel:
     there = view.present[:, channel]
-    title = f'Δ {CHANNELS[channel].name}'
+    title = f'Δ {view.diagnosis.label(CHANNELS[channel].name)}'
     return _panel(view, channel, tuple(
         (name, role, np.where(there, values[:, channel], np.nan), False)
         for name, role, values in (('measured - simulated', 'simulated', view.recalibrated),
@@ -667,10 +671,13 @@ def _panel(view: View, channel: int, lines: tuple[tuple[str, str, Array, bool], 
     name, there = CHANNELS[channel].name, view.present[:, channel]
     # of what is recorded more seldom than in every other block no two points are neighbours
     rows = there if there.mean() < 0.5 else np.ones(len(there), dtype=bool)
-    return Panel(title or name, view.units[name], tuple(
-        Line(called, role, view.times[rows], values[rows], hidden)
-        for called, role, values, hidden in lines
-        if role != 'explained' or named(view)))
+    shown = [one for one in lines if one[1] != 'explained' or named(view)]
+    unit, factor = scaled(float(np.fmax.reduce(
+        [np.abs(values[rows]) for _, _, values, _ in shown], axis=None, initial=0.0)),
+        view.units[name])
+    return Panel(title or view.diagnosis.label(name), unit, tuple(
+        Line(called, role, view.times[rows], factor * values[rows], hidden)
+        for called, role, values, hidden in shown))
 
 
 def named(view: View) -> bool:
@@ -693,7 +700,7 @@ def spectra(view: View) -> list[Figure]:
                 _spectrum(ax, values, COLOURS[role], label, _rate(there))
         name = CHANNELS[c].name
         ax.set(xlabel='frequency [Hz]', ylabel=f'power [{_squared(view.units[name])}/Hz]')
-        headed(ax, name, 2)
+        headed(ax, view.diagnosis.label(name), 2)
         drawn.append(figure)
     return drawn
 

@@ -89,6 +89,10 @@ def test_two_diagnoses_are_told_apart_likewise(capsys, tmp_path):
         folder.mkdir()
         (folder / 'diagnosis.json').write_text(json.dumps(diagnosis_document(one, units(), None)))
     assert load_diagnosis(first)[0] == late(0.004, 0.9)
+    told = late(0.004, 0.9, at_tolerance=('kp',), remarks=('a drive is at its limit',),
+                joints=('elbow',))
+    (tmp_path / 'told.json').write_text(json.dumps(diagnosis_document(told, units(), None)))
+    assert load_diagnosis(tmp_path / 'told.json')[0] == told
     assert main(['compare', str(first), str(second / 'diagnosis.json')]) == 0
     out = capsys.readouterr().out
     assert 'verdict: identified, then partial' in out
