@@ -528,7 +528,7 @@ def render(view: View, origin: list[str], step: Step) -> str:
     """
     d = view.diagnosis
     named = d.verdict in NAMED
-    kept = {'noise': 3, 'nominal': 0, 'before': 1, **({'after': 2} if named else {})}
+    kept = {'measured noise': 3, 'nominal': 0, 'before': 1, **({'after': 2} if named else {})}
     channels = d.gap.channels if d.gap else {}
     shown = [(name, rms) for name, rms in channels.items() if any(rms[:3])]
     worst = differs_most(d)

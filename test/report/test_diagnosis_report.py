@@ -296,7 +296,7 @@ def test_an_effect_of_a_sensor_is_fixed_at_the_sensor_and_not_in_the_model():
 def test_the_table_begins_with_the_noise_and_marks_the_worst_channel():
     page = render(view_without_signals(IDENTIFIED), ['bag'], NEXT)
     head = [*map(str.strip, re.findall(r'<th[^>]*>([^<]+)</th>', page))]
-    assert head[:6] == ['channel', 'noise', 'nominal', 'before', 'after', 'unit']
+    assert head[:6] == ['channel', 'measured noise', 'nominal', 'before', 'after', 'unit']
     assert page.count('class="worst"') == 1
 
 

@@ -57,7 +57,7 @@ def shown(page, level=0.0, spread=0.1, age=0.02, bins=200):
     """Show wrenches of noise about a level on the live page."""
     page.run(f"""rows = []; show({{phase: 'idle', reason: '', answer: '', gap: null, late: 0,
         nodes: [{{name: 'observer', level: 'ok', message: 'estimating', age: 0.4}}],
-        topics: Object.fromEntries(Object.keys(COLUMN).map(key => [
+        topics: Object.fromEntries([...Object.keys(COLUMN), 'phase', 'diagnostics'].map(key => [
             key, {{topic: '/' + key, age: {age}}}])),
         rows: Array.from({{length: {bins}}}, (_, i) => {{
             const noise = () => {level} + {spread} * (Math.random() - 0.5);
@@ -171,6 +171,11 @@ def test_each_topic_shows_the_time_since_its_last_message(live_page):
     shown(live_page, age=3.2)
     assert live_page.run('document.querySelector("[data-age=wrench].old").textContent') == (
         '/wrench, 3.2 s ago')
+    # those of status come once a second
+    assert live_page.run("""Object.fromEntries([...document.querySelectorAll('.age')].map(
+        e => [e.textContent.split(',')[0], e.matches('.old')]))""") == {
+            '/wrench': True, '/contact': True, '/inertial': True, '/phase': False,
+            '/diagnostics': False}
     assert '0.4 s ago' in live_page.run('document.querySelector("#nodes").textContent')
     shown(live_page, age='null')
     said = live_page.run('document.querySelector("[data-age=contact]").textContent')
