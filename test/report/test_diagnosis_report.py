@@ -72,7 +72,8 @@ def words(diagnosis, view=view_without_signals):
 
 @pytest.fixture(scope='module')
 def page():
-    return render(replace(_view(IDENTIFIED), cells=tuple(
+    joints = tuple(f'left_shoulder_pan_joint_{i}' for i in range(len(CHANNELS)))
+    return render(replace(_view(replace(IDENTIFIED, joints=joints)), cells=tuple(
         TimeFrequencyBin(i, phase, band, 160.0 / (i + 1), 9.0) for i in range(len(CHANNELS))
         for phase in ('step', 'contact') for band in BANDS[:-1])), ['bag'], NEXT)
 
