@@ -104,7 +104,7 @@ class LiveView:
             nodes = [{'name': name, 'age': round((now - at) / SECOND, 1), **(
                 {'level': WORDS[status.level], 'message': status.message}
                 if now - at < 5.0 * SECOND else
-                {'level': 'stale', 'message': f'{name} has fallen silent'})}
+                {'level': 'stale', 'message': f'{name} is silent'})}
                      for name, (at, status) in self._states.items()]
             topics = {name: {'topic': topic, 'age': None if name not in self._last else round(
                 (now - self._last[name]) / SECOND, 1)} for name, topic in self._topics.items()}

@@ -170,7 +170,7 @@ NAMED = ('identified', 'ambiguous', 'partial')
 
 HEADS = {
     'no_gap': 'The simulation explains this recording down to its noise.',
-    'unknown': 'Recording and simulation differ, and no known effect explains it.',
+    'unknown': 'Recording and simulation differ, and no known effect explains this.',
     'not_excited': 'No verdict: ',
     'invalid_data': 'This recording cannot be used: ',
 }
@@ -180,7 +180,7 @@ UNDECIDED = {
     'not_excited': ('Not known: the motion is too small to show a difference.',
                     'Not at all: an effect of its usual size may be hidden.'),
     'invalid_data': ('Not known: nothing was compared.',
-                     'No effect was weighed; the fault shows in the recording itself.'),
+                     'No effect was tested; the fault shows in the recording itself.'),
 }
 """How large and how sure a gap is that was not searched."""
 
@@ -380,7 +380,7 @@ SENSOR_REMEDIES = {
     'accel_resonance': 'Mount the accelerometer more rigidly.',
     'accel_saturation': 'Choose a larger range of the accelerometer.',
     'clock_skew': 'Synchronise the clocks of the drivers.',
-    'dropouts': 'Look for lost messages: network, queue depth, load of the computer.',
+    'dropouts': 'Find where messages are lost: network, queue depth, load of the computer.',
 }
 """What to do about effects of sensors and stamps, which no model of the robot should contain."""
 

@@ -119,12 +119,12 @@ Rows = list[list[str]]
 AXES = ('fx', 'fy', 'fz', 'tx', 'ty', 'tz')
 
 WORDS = {
-    'forces': 'Forces by the estimated matrix, and by the manufacturer’s where there is one. '
-              'Weight is constant, so that a good matrix makes a sphere ([Traversaro2014] '
+    'forces': 'Forces by the estimated matrix, and by the manufacturer’s, if given. '
+              'Weight is constant, so that a correct matrix makes a sphere ([Traversaro2014] '
               'Fig. 6).',
     'subspace': 'Raw measurements in the three dimensions they span, and the ellipsoid that '
                 'gravity draws about the offset ([Traversaro2014] Fig. 5).',
-    'singular_values': 'Three singular values stand out where one rigid body hangs free '
+    'singular_values': 'Three singular values are large if one rigid body hangs freely '
                        '([Traversaro2014] Lemma 1).',
 }
 
@@ -165,10 +165,10 @@ def _facts(result: SensorResult, file: str) -> Iterator[Fact]:
     """Say how large, how sure, and what to do next."""
     if result.matrix is not None and result.mass is not None and result.com is not None:
         yield Fact('Body', (
-            f'What else hangs on the sensor weighs {_estimate(result.mass)} kg; its centre '
+            f'The body on the sensor weighs {_estimate(result.mass)} kg. Its centre '
             f'of mass is at {_pairs(1e3 * result.com.value, 1e3 * result.com.std)} mm (x, y, z).'))
     if result.warnings:
-        yield Fact('Next', 'Do what the warnings below say, and calibrate again.')
+        yield Fact('Next', 'Follow the warnings below, and calibrate again.')
     elif result.matrix is None:
         yield Fact('Next', ('State added_mass and position of three data sets or more in the '
                             'specification, for the matrix.'))

@@ -89,10 +89,10 @@ def test_the_first_sentence_says_what_becomes_of_weight_and_inertia(calibration,
     still = replace(recording, wrench=replace(recording.wrench, values=np.tile(
         [4.0, -3.0, 108.0, 0.0, 0.0, 0.0], (400, 1))))
     contact = Stream(still.wrench.t, np.tile([0.3, 0.0, 0.4, 0.0, 0.0, 0.0], (400, 1)))
-    assert ('Where nothing touches it, 100 N of weight and inertia become 0.50 N of contact force'
+    assert ('In free motion, 100 N of weight and inertia become 0.50 N of contact force'
             in render(still, calibration, contact))
     touching = replace(still, phases=(Phase('contact', 0.0, 4.0),))
-    assert 'Where nothing touches' not in render(touching, calibration, contact)
+    assert 'In free motion' not in render(touching, calibration, contact)
 
 
 def test_quality_is_said_in_words():
