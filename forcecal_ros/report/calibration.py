@@ -235,10 +235,10 @@ def _rejection(test: Mapping[str, Any]) -> str:
         return f'No pose differs from the others beyond chance (limit {limit} for all poses).'
     one = test['poses'][int(test['pose']) - 1]
     force, torque = sizes(one['off'][:3], 'N'), sizes(one['off'][3:], 'N m')
-    return (f'Pose {test["pose"]} would be rejected: it differs by {force} and {torque} (x, y, z), '
-            f'and by {size(float(one["mass_eq23"]), "kg", 2)} of mass by Eq. 23 (probability '
-            f'{rounded(float(one["probability"]), 2)}, limit {limit} for all poses). Measure it '
-            'again.')
+    return (f'Pose {test["pose"]} would be rejected: it differs by {force} and {torque} '
+            f'(x, y, z), and by {size(float(one["mass_eq23"]), "kg", 2)} of mass by Eq. 23 '
+            f'(probability {rounded(float(one["probability"]), 2)}, limit {limit} for all '
+            'poses). Measure it again.')
 
 
 def _sentence(words: str) -> str:
