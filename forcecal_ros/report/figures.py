@@ -134,12 +134,14 @@ def drawn(shown: Shown) -> Figure:
     """Draw a picture, the legend above the panels."""
     n = len(shown.panels)
     shown = shown._replace(start=shown.visible[0], end=shown.visible[1])
-    height, width = 1.0 + 1.5 * n, FIGURE_WIDTH
+    names = {line.name for panel in shown.panels for line in panel.lines if not line.hidden}
+    legend = 0.2 * ((len(names) + 1) // 2)  # two names a line [in]
+    height, width = 0.8 + legend + 1.5 * n, FIGURE_WIDTH
     figure = Figure(figsize=(width, height))
     # margins as wide as any label, in inches: to measure all labels takes a third of drawing them
     rows = list(np.atleast_1d(figure.subplots(n, 1, sharex=True, gridspec_kw={
         'left': 0.85 / width, 'right': 1.0 - 0.1 / width, 'bottom': 0.5 / height,
-        'top': 1.0 - 0.7 / height, 'hspace': 0.12})))
+        'top': 1.0 - (0.3 + legend) / height, 'hspace': 0.12})))
     figure.align_ylabels(rows)
     for axes, panel in zip(rows, shown.panels):
         for line in panel.lines:

@@ -420,6 +420,13 @@ def test_a_phase_is_named_where_its_name_has_room():
     assert {one['text'] for one in live(shown)['layout']['annotations']} == names
 
 
+def test_the_legend_of_a_figure_covers_no_phase():
+    figure = drawn(figures.closest(_view(IDENTIFIED)))
+    figure.canvas.draw()
+    names = [text.get_window_extent() for text in figure.axes[0].texts]
+    assert names and figure.legends[0].get_window_extent().y0 > max(one.y1 for one in names)
+
+
 @pytest.mark.parametrize('after, channel', [(0.36, 'torque.x'), (0.01, 'force.y')])
 def test_picture_and_table_show_the_channel_that_the_effects_change_most(after, channel):
     gap = GAP._replace(channels={'force.y': (0.4, 0.38, after, 0.25),
