@@ -333,8 +333,8 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
         return Step(f'{_begun(d.remarks[0])}. Move more slowly, or give the model the limit that '
                     'the robot has, and diagnose again:', again)
     if d.verdict == 'no_gap' and d.at_tolerance:
-        return Step(f'Check {" and ".join(d.at_tolerance)}: this recording is explained only if '
-                    'this differs by as much as its tolerance allows.')
+        return Step(f'Check {" and ".join(d.at_tolerance)}: the recording is explained only at '
+                    'the limit of the tolerance.')
     if d.verdict == 'no_gap' and d.not_compared:
         return Step('Nothing has to be changed in what was compared. Not compared: '
                     f'{" and ".join(d.not_compared)}.')

@@ -503,3 +503,10 @@ def test_a_simulation_of_the_users_is_corrected_and_compared_with_the_same_recor
     step = next_step(replace(IDENTIFIED, effects=(payload,)), 'bag', 'out', (),
                      against=('--simulator', 'my_robot:make'))
     assert step.words == 'Set payload to 1.2594 kg in parameters(), and diagnose again:'
+
+
+def test_a_note_of_many_numbers_has_a_line_for_each():
+    notes = ('recalibrated: a 1; b 2; c 3; d 4', 'one part; another')
+    page = render(view_without_signals(replace(IDENTIFIED, notes=notes)), ['bag'], NEXT)
+    assert 'Recalibrated: a 1;<br> b 2;<br> c 3;<br> d 4.</p>' in page
+    assert '<p>One part; another.</p>' in page

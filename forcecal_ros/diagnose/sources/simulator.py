@@ -293,7 +293,7 @@ class SimulatorSource(Source):
         reason, limited = diagnosis.reason, limited_parameters(self.simulator, outcome)
         if diagnosis.verdict == 'no_gap' and limited:
             word, semicolon, more = reason.partition('; ')
-            reason = (f'{word}, with {" and ".join(limited)} as far off as three sigma allow'
+            reason = (f'{word}, with {" and ".join(limited)} at the limit of the tolerance'
                       f'{semicolon}{more}')
         impacts_s = sum(one.impacts_s for one in self.ready)
         return replace(
@@ -364,10 +364,10 @@ def recalibrated_notes(simulator: ThirdParty, outcome: Outcome) -> Iterator[str]
             changes.append(str(Changed(p.name, p.unit, p.nominal,
                                        *p.from_linear(p.nominal + x, std))))
     if changes:
-        yield f'recalibrated, within three sigma of the prior: {"; ".join(changes)}'
+        yield f'recalibrated, within the tolerances: {"; ".join(changes)}'
     if limited:
-        yield (f'{", ".join(limited)} would move by more than three sigma, and is too uncertain '
-               'to be named')
+        yield (f'{", ".join(limited)} would move beyond the tolerance, and is too uncertain to be '
+               'named')
     own = {p.name for p in simulator.parameters} | {'robot.delay'}
     reported = {*named, *limited, *(name for name in own if _is_moved(outcome, name))}
     for group in outcome.aliases:
