@@ -184,6 +184,7 @@ def load_diagnosis(path: Path | str) -> tuple[Diagnosis, dict[str, Any]]:
 def _from_document(d: Mapping[str, Any]) -> Diagnosis:
     """Turn what :func:`to_document` returns into a diagnosis again."""
     posterior = d.get('posterior', {})
+    lists: dict[str, Any] = {key: tuple(d[key]) for key in LISTS}
     explanations = posterior.get('explanations', ())
     earlier = FIRST_RECORDING if not explanations else Earlier(
         {frozenset(map(str, one['effects'])): float(one['log_evidence'])
@@ -202,7 +203,7 @@ def _from_document(d: Mapping[str, Any]) -> Diagnosis:
         localisation=tuple(Location(**{**w, 'band_hz': tuple(w['band_hz'])})
                            for w in d['where']),
         gap=_gap(d['gap']) if d.get('gap') else None,
-        earlier=earlier, **{key: tuple(d[key]) for key in LISTS})
+        earlier=earlier, **lists)
 
 
 def _gap(g: Mapping[str, Any]) -> Gap:

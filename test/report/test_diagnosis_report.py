@@ -302,8 +302,9 @@ def test_the_table_begins_with_the_noise_and_marks_the_worst_channel():
 
 
 def test_a_page_without_a_gap_marks_no_channel():
-    page = render(view_without_signals(replace(IDENTIFIED, verdict='no_gap', effects=())), ['bag'],
-                  NEXT)
+    page = render(view_without_signals(replace(
+        IDENTIFIED, verdict='no_gap', effects=(), candidates=())), ['bag'], NEXT)
+    assert 'A probability is' not in page
     assert 'class="worst"' not in page and 'in bold' not in page and '>force.y<' in page
 
 
