@@ -64,6 +64,8 @@ def snapshots(folder: Path) -> Iterator[dict[str, Any]]:
     topics = {name: {'topic': topic, 'age': 0.0} for name, topic in (
         ('wrench', '/wrench'), ('contact', '/observer/contact_wrench'))}
     topics['inertial'] = {'topic': '/observer/inertial_wrench', 'age': None}
+    topics |= {name: {'topic': topic, 'age': 0.4} for name, topic in (
+        ('phase', '/sequencer/phase'), ('diagnostics', '/diagnostics'))}
     rows: list[list[Any]] = []
     for i in range(int(recording.wrench.t[-1] / BIN_S)):
         start = i * BIN_S

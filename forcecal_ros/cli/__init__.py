@@ -12,7 +12,7 @@ GROUPS = {
         'insitu': 'estimate matrix and offset of a six-axis sensor in place, from added masses '
                   'and an accelerometer',
         'export': 'write a calibration in the format of another package',
-        'compare': 'show what changed between two calibrations or diagnoses, in standard errors',
+        'compare': 'show what changed between two calibrations or diagnoses, beyond chance',
         'fleet': 'find drifts, and which came first, in calibrations of many robots over time',
     },
     'contact force from a recording': {

@@ -268,8 +268,7 @@ def _written(args: argparse.Namespace, recordings: list[Any], found: Any) -> Ans
         **found.files}, FILES)
     verdict = f'{diagnosis.verdict}: {diagnosis.reason}'
     text = '\n'.join((verdict, *((headline(diagnosis),) if diagnosis.effects else ()),
-                      f'next: {step.words} {step.command}'.rstrip(), f'written to {folder}',
-                      *found.actions))
+                      f'next: {step.words} {step.command}'.rstrip(), f'written to {folder}'))
     return Answer(document, text, verdict, (*recordings[0].notes, *diagnosis.notes),
                   1 if diagnosis.verdict == 'invalid_data' else
                   3 if args.fail_on and diagnosis.verdict != 'no_gap' else 0)

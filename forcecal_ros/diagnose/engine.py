@@ -242,13 +242,14 @@ def _judged(first: LinearisedModel, model: LinearisedModel, found: Posterior, ch
     candidates = listed_once([*candidates, *((name, CHECKED) for name in checks.effects)])
     names = list(dict.fromkeys(final.library[n].name for n in numbers))
     missing = not_compared(model)
+    # those of a simulator, which are what is looked for, are reported by its source
+    limited = [readable(n.name) for n in at_tolerance(final) if n.prior_std is None]
     word, sentence = verdict(
         [*names, *checks.effects], candidates, part, gap.closed if names or model.fixed else None,
         bool(checks.effects) or signal_to_noise(model) > ENOUGH, whole=not missing,
         with_discrepancy=found.beside_discrepancy, slow_noise=summary.slow_noise,
         band=model.datasets[0].simulation.band, certain=tuple(checks.effects), at_limit=limits,
-        # those of a simulator, which are what is looked for, are reported by its source
-        at_tolerance=[readable(n.name) for n in at_tolerance(final) if n.prior_std is None])
+        at_tolerance=limited)
     sentence += in_time(effects) + missing
     notes = (*checks.notes, *summary.notes,
              *((part.within,) if part.within and word != 'no_gap' else ()),
@@ -256,7 +257,7 @@ def _judged(first: LinearisedModel, model: LinearisedModel, found: Posterior, ch
              *ties_of(found))
     return Diagnosis(word, sentence, effects, tuple(candidates),
                      _localised(found, summary.predicted, checks), gap, notes=notes,
-                     earlier=found.earlier()), noise, errors
+                     at_tolerance=tuple(limited), earlier=found.earlier()), noise, errors
 
 
 def _outcome(first: LinearisedModel, model: LinearisedModel, found: Posterior,

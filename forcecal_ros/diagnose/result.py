@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 import json
 from pathlib import Path
+import re
 from typing import Any
 
 from forcecal_ros.core.calibration import Calibration, Estimate
@@ -30,6 +31,10 @@ import numpy as np
 FORMAT = 'forcecal-diagnosis/1'
 
 
+LISTS = ('not_excited', 'notes', 'at_tolerance', 'remarks', 'joints')
+"""Attributes of a diagnosis that ``diagnosis.json`` holds by the same key."""
+
+
 @dataclass(frozen=True)
 class Diagnosis:
     """
@@ -49,6 +54,12 @@ class Diagnosis:
         Part of each stream's samples that counts.
     not_compared : tuple of str
         What of the recordings was left out.
+    at_tolerance : tuple of str
+        Numbers of the model that would be further off if their tolerances let them.
+    remarks : tuple of str
+        What a simulator reports of its own run, as a drive at its limit.
+    joints : tuple of str
+        Names of the channels joint.0, joint.1, ... in model and recording.
     earlier : Earlier
         What a further recording continues from.
     """
@@ -63,7 +74,15 @@ class Diagnosis:
     notes: tuple[str, ...] = ()
     used: dict[str, float] | None = None
     not_compared: tuple[str, ...] = ()
+    at_tolerance: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+    joints: tuple[str, ...] = ()
     earlier: Earlier = FIRST_RECORDING
+
+    def label(self, text: str) -> str:
+        """Return a text with the joints called as model and recording call them."""
+        return re.sub(r'\bjoint\.(\d+)', lambda found: self.joints[int(found[1])], text
+                      ) if self.joints else text
 
 
 NO_MOTION = Diagnosis('not_excited',
@@ -92,7 +111,7 @@ def to_document(diagnosis: Diagnosis, units: dict[str, str], rig: str | None) ->
             **_active_interval(e)} for e in d.effects],
         'candidates': [{'name': n, 'probability': round(p, 4)} for n, p in d.candidates],
         'where': [{**w._asdict(), 'band_hz': list(w.band_hz)} for w in d.localisation],
-        'not_excited': list(d.not_excited), 'notes': list(d.notes),
+        **{key: list(getattr(d, key)) for key in LISTS},
         'used': d.used or {},
         'posterior': {
             'explanations': [{'effects': sorted(names), 'log_evidence': round(e, 3)}
@@ -115,8 +134,9 @@ def to_document(diagnosis: Diagnosis, units: dict[str, str], rig: str | None) ->
 
 def _number(p: Parameter) -> dict[str, Any]:
     """Give a number with its standard error, or say that it has none."""
-    bound = {'at_bound': True} if p.at_bound else {}
-    return {'value': p.value, 'std': p.std, 'unit': p.unit, **bound}
+    more = {'at_bound': p.at_bound, 'nominal': p.nominal}
+    return {'value': p.value, 'std': p.std, 'unit': p.unit,
+            **{key: value for key, value in more.items() if value not in (None, False)}}
 
 
 def _active_interval(effect: NamedEffect) -> dict[str, Any]:
@@ -164,6 +184,7 @@ def load_diagnosis(path: Path | str) -> tuple[Diagnosis, dict[str, Any]]:
 def _from_document(d: Mapping[str, Any]) -> Diagnosis:
     """Turn what :func:`to_document` returns into a diagnosis again."""
     posterior = d.get('posterior', {})
+    lists: dict[str, Any] = {key: tuple(d[key]) for key in LISTS}
     explanations = posterior.get('explanations', ())
     earlier = FIRST_RECORDING if not explanations else Earlier(
         {frozenset(map(str, one['effects'])): float(one['log_evidence'])
@@ -174,7 +195,7 @@ def _from_document(d: Mapping[str, Any]) -> Diagnosis:
         str(d['verdict']), str(d['reason']),
         effects=tuple(NamedEffect(
             str(e['name']), {key: Parameter(float(p['value']), float(p['std']), str(p['unit']),
-                                            bool(p.get('at_bound')))
+                                            bool(p.get('at_bound')), p.get('nominal'))
                              for key, p in e['parameters'].items()}, float(e['probability']),
             e.get('from'), end=e.get('to'), recording=e.get('recording'))
             for e in d['effects']),
@@ -182,7 +203,7 @@ def _from_document(d: Mapping[str, Any]) -> Diagnosis:
         localisation=tuple(Location(**{**w, 'band_hz': tuple(w['band_hz'])})
                            for w in d['where']),
         gap=_gap(d['gap']) if d.get('gap') else None,
-        not_excited=tuple(d['not_excited']), notes=tuple(d['notes']), earlier=earlier)
+        earlier=earlier, **lists)
 
 
 def _gap(g: Mapping[str, Any]) -> Gap:

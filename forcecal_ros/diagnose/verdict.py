@@ -28,17 +28,8 @@ MAX_UNEXPLAINED_RATIO = 10.0
 LEAST_EXPLAINED = 0.5
 """Explained share below which effects beside a discrepancy leave more than they explain."""
 
-FURTHER = 'would move by more than three sigma'
-"""What a note states of a simulator's numbers that only their tolerance holds."""
-
 WITHIN = 'within tolerance'
 """How much of a recording is explained whose residual is more than noise but does not matter."""
-
-AT_TOLERANCE = 'at the limit of the tolerance'
-"""Where numbers of the rig are that would be further off if their tolerances let them."""
-
-FIRST = 'look first at this: '
-"""Before what a simulator reports of its own run, which may be why nothing explains the gap."""
 
 
 class UnexplainedPart(NamedTuple):
@@ -138,8 +129,8 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
         these = ' and '.join(others) if certain else 'these together'
         rest += f'; one effect that is not in the library is likelier than {these}'
     if at_tolerance:
-        rest += (f'; {AT_TOLERANCE}: {", ".join(at_tolerance)} (another robot, tool or unit was '
-                 'recorded than it is compared with, or more than this differs)')
+        rest += (f'; at the limit of the tolerance: {", ".join(at_tolerance)} (another robot, '
+                 'tool or unit was recorded than it is compared with, or more than this differs)')
     partly = unknown or (significant and (
         closed < MIN_EXPLAINED_WHOLE or part.ratio > MAX_UNEXPLAINED_RATIO))
     if closed < LEAST_EXPLAINED if beside else partly:

@@ -70,9 +70,10 @@ class LiveView:
             one = plain_input(name, self._topics[name], WrenchStamped)
             self._inbox.subscribe(WrenchStamped, one.topic, one.taker(
                 partial(self._take, self._samples[name])))
-        node.create_subscription(DiagnosticArray, self._named('sequencer/phase'), self._on_phase,
-                                 OUTPUT)
-        node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, OUTPUT)
+        for name, topic, take in (('phase', 'sequencer/phase', self._on_phase),
+                                  ('diagnostics', '/diagnostics', self._on_diagnostics)):
+            self._topics[name] = self._named(topic)
+            node.create_subscription(DiagnosticArray, self._topics[name], take, OUTPUT)
         # bin: of what arrives within this time the least and the greatest are shown [s]: 25
         # pictures a second are a film
         node.create_timer(0.04, self._on_bin, clock=STEADY)
@@ -103,7 +104,7 @@ class LiveView:
             nodes = [{'name': name, 'age': round((now - at) / SECOND, 1), **(
                 {'level': WORDS[status.level], 'message': status.message}
                 if now - at < 5.0 * SECOND else
-                {'level': 'stale', 'message': f'{name} has fallen silent'})}
+                {'level': 'stale', 'message': f'{name} is silent'})}
                      for name, (at, status) in self._states.items()]
             topics = {name: {'topic': topic, 'age': None if name not in self._last else round(
                 (now - self._last[name]) / SECOND, 1)} for name, topic in self._topics.items()}
@@ -141,11 +142,13 @@ class LiveView:
     def _on_phase(self, message: DiagnosticArray) -> None:
         status = message.status[0]
         with self._lock:
+            self._last['phase'] = STEADY.now().nanoseconds
             self._phase = status.message
             self._reason = next((p.value for p in status.values if p.key == 'reason'), '')
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         with self._lock:
+            self._last['diagnostics'] = STEADY.now().nanoseconds
             for status in message.status:
                 place, _, name = f'/{status.name}'.rpartition('/')
                 if place == self._prefix and name in NODES:

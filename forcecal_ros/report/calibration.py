@@ -11,12 +11,12 @@ from forcecal_ros.core.streams import FREE, Recording, STILL, Stream
 from forcecal_ros.report import figures
 from forcecal_ros.report.figures import Line, Panel, Shown
 from forcecal_ros.report.page import docs_link, Fact, origin, Picture, picture, render_page, Step
-from forcecal_ros.report.rows import against_truth, handy, interval, promises, table, value
+from forcecal_ros.report.rows import cells, promises, table
 from matplotlib.figure import Figure
 import numpy as np
 
-REPEAT = Step('Do what the warnings below say, and calibrate again; what they do not name can be '
-            'used.')
+REPEAT = Step('Follow the warnings below, and calibrate again. Estimates that they do not name '
+              'can be used.')
 
 
 class Free(NamedTuple):
@@ -50,19 +50,15 @@ def render(recording: Recording, calibration: Calibration, contact: Stream | Non
     """
     recording = in_axes_of_pose(levelled(recording, calibration.gravity_direction),
                                 calibration.sensor_rotation)
-    rows = [*table(calibration, truth), *promises(calibration)]
+    head, *rows = cells([*table(calibration, truth), *promises(calibration)])
     warnings = list(calibration.quality.get('warnings', ()))
-    with_truth = any(row.truth is not None for row in rows)
     free, found = free_motion(recording, calibration, contact), list(in_words(calibration.quality))
     return render_page(
         'calibration.html.j2', 'Calibration report', origin=_origin(recording, calibration),
         tone='warn' if warnings else 'good',
-        word=f'calibrated, {len(warnings)} to look at' if warnings else 'calibrated',
+        word=f'calibrated, warnings: {len(warnings)}' if warnings else 'calibrated',
         headline=_headline(calibration, free), facts=_facts(calibration, free, warnings, step),
-        warnings=warnings,
-        head=['estimate', 'value', 'unit', '95 % interval'] + ['truth', 'off by'] * with_truth,
-        rows=[[row.name, value(row), '' if row.unit == '1' else row.unit, interval(row),
-               *(against_truth(row, 'σ') if with_truth else ())] for row in map(handy, rows)],
+        warnings=warnings, head=head, rows=rows,
         first=list(_before_and_after(recording, calibration, contact)),
         figures=list(_pictures(recording, calibration, contact)),
         quality=[one for one in found if one[0] != 'Note'],
@@ -95,7 +91,7 @@ def _headline(c: Calibration, free: Free | None) -> str:
     tool = f'The tool weighs {quantity(float(c.mass), float(c.mass.std), "kg")}.'
     if free is None:
         return tool
-    return (f'{tool} Where nothing touches it, {size(free.sensor, "N")} of weight and inertia '
+    return (f'{tool} In free motion, {size(free.sensor, "N")} of weight and inertia '
             f'become {size(free.observer, "N", 2)} of contact force.')
 
 
@@ -103,7 +99,7 @@ def _facts(c: Calibration, free: Free | None, warnings: list[str], step: Step | 
            ) -> list[Fact]:
     com = ', '.join(f'{axis} {quantity(float(v), float(s), "m")}'
                     for axis, v, s in zip('xyz', c.com.value, c.com.std))
-    facts = [Fact('Tool', f'Centre of mass {com} from the sensor (± is a 95 % interval).')]
+    facts = [Fact('Tool', f'Centre of mass {com} from the sensor.')]
     if free is not None:
         facts.append(Fact('Contact force', (
             f'{size(free.observer, "N", 2)} RMS of error in free motion, of '
@@ -153,8 +149,8 @@ def _before_and_after(recording: Recording, c: Calibration, contact: Stream | No
     if recording.wrench is None or contact is None or not len(contact):
         return
     yield picture('Force before and after', (
-        'What the sensor shows without its bias, and the contact force that the observer makes of '
-        'it: weight and inertia of the tool are gone.'), forces(recording, c, contact))
+        'The measured force without its bias, and the contact force of the observer, which '
+        'contains neither weight nor inertia of the tool.'), forces(recording, c, contact))
 
 
 def _pictures(recording: Recording, calibration: Calibration, contact: Stream | None
@@ -162,19 +158,19 @@ def _pictures(recording: Recording, calibration: Calibration, contact: Stream | 
     drawn: list[tuple[str, str, Figure | None]] = [
         ('Poses', 'The weight of the tool in each orientation, and the residuals.',
          figures.pose_means(recording, calibration)),
-        ('Step', 'The inertial force of the step motion that the accelerometer has to explain.',
+        ('Step', 'The inertial force of the step motion, measured and by the accelerometer.',
          figures.step_fit(recording, calibration)),
-        ('Accelerometer', 'The slope is the gain, free of the delay between the two sensors.',
+        ('Accelerometer', 'The slope is the gain. The delay between the two sensors is removed.',
          figures.accelerometer_regression(recording, calibration)),
     ]
     if contact is not None:
         drawn.append(('Spectra', 'How the observer filters the noise of sensor and accelerometer.',
                       figures.spectra(recording, calibration, contact)))
-    words = 'Noise of a steady contact behind filter kalman, and behind another one.'
+    words = 'Noise of the contact force at a steady contact, over the rise time of the filter.'
     drawn.append(('Noise against response', words, figures.noise_against_rise(calibration)))
     for title, words, figure in drawn:
         if figure is not None:
-            yield picture(title, words, figure, dpi=130)
+            yield picture(title, words, figure)
 
 
 def in_words(quality: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -226,7 +222,7 @@ def in_words(quality: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 def _fit(chi_square: Mapping[str, Any]) -> str:
     p = float(chi_square['probability'])
     if not np.isfinite(p):
-        return 'Not tested: the recording does not tell how noisy a reading is at rest.'
+        return 'Not tested: the noise at rest is not known.'
     # probability of a chi-square below which its fit is called a poor one, as warnings do
     fits = 'do not fit one rigid tool' if p < 0.01 else 'fit one rigid tool'
     return (f'They {fits}: chi-square {rounded(float(chi_square["value"]))} for '
@@ -236,12 +232,13 @@ def _fit(chi_square: Mapping[str, Any]) -> str:
 def _rejection(test: Mapping[str, Any]) -> str:
     limit = rounded(float(test['threshold']), 2)
     if test['pose'] is None:
-        return f'No pose is off what the others predict by more than chance ({limit} for all).'
+        return f'No pose differs from the others beyond chance (limit {limit} for all poses).'
     one = test['poses'][int(test['pose']) - 1]
-    return (f'Pose {test["pose"]} would be rejected: off by {sizes(one["off"][:3], "N")} and '
-            f'{sizes(one["off"][3:], "N m")} (x, y, z), {size(float(one["mass_eq23"]), "kg", 2)} '
-            f'by Eq. 23 (probability {rounded(float(one["probability"]), 2)}, limit {limit} for '
-            'all poses). Measure it again.')
+    force, torque = sizes(one['off'][:3], 'N'), sizes(one['off'][3:], 'N m')
+    return (f'Pose {test["pose"]} would be rejected: it differs by {force} and {torque} '
+            f'(x, y, z), and by {size(float(one["mass_eq23"]), "kg", 2)} of mass by Eq. 23 '
+            f'(probability {rounded(float(one["probability"]), 2)}, limit {limit} for all '
+            'poses). Measure it again.')
 
 
 def _sentence(words: str) -> str:

@@ -1,16 +1,18 @@
-"""Two calibrations or diagnoses beside each other: what changed, by how many standard errors."""
+"""Two calibrations or diagnoses next to each other: what changed, and how sure that is."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import hypot, isfinite, nan
 from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.core.calibration import Calibration, Estimate
-from forcecal_ros.core.quantity import HALF
+from forcecal_ros.core.quantity import HALF, quantity
 from forcecal_ros.core.schema import plain
 from forcecal_ros.report.rows import (
+    error,
     estimates,
     FINEST,
+    HALF_WIDTH,
     handy,
     number,
     Row,
@@ -25,9 +27,9 @@ if TYPE_CHECKING:
 
 FORMAT = 'forcecal-comparison/1'
 
-CHANGED = 4.0
-"""Standard errors from which a difference counts as a change: of two calibrations of the same
-thing, with 40 numbers each, one pair in 400 has so large a one by chance."""
+CHANGED = 2.0
+"""Half-widths of its 95 % interval from which a difference counts as a change: of two calibrations
+of the same thing, with 40 numbers each, one pair in 280 has so large a one by chance."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ class Comparison:
     @property
     def changed(self) -> list[Change]:
         """Those beyond chance, the surest first."""
-        beyond = [one for one in self.changes if one.sigmas and abs(one.sigmas) > CHANGED]
+        beyond = [one for one in self.changes if one.sigmas and abs(one.sigmas) > CHANGED * HALF]
         return sorted(beyond, key=lambda one: -abs(one.sigmas or 0.0))
 
 
@@ -169,11 +171,11 @@ def _settings(c: Calibration) -> dict[str, Any]:
             'observer.mode': c.observer and c.observer.mode}
 
 
-def _change(change: Change) -> str:
-    """Write a difference to the digits that its standard error warrants, however small."""
+def _change(change: Change) -> tuple[str, str]:
+    """Write a difference and half its 95 % interval, however small."""
     if 0 < change.std < FINEST:
-        return f'{change.difference:.1e}'
-    return number(change.difference, change.std)
+        return f'{change.difference:.1e}', f'{HALF * change.std:.0e}'
+    return number(change.difference, change.std), error(replace(change.first, std=change.std))
 
 
 def _handy(change: Change) -> Change:
@@ -185,12 +187,12 @@ def _handy(change: Change) -> Change:
 
 def as_text(comparison: Comparison) -> str:
     """Return a table of all numbers, then what else differs, and the sum of it in one line."""
-    head = ['estimate', 'first', 'second', 'change', 'std. errors', 'unit']
-    changes = [_handy(c) for c in comparison.changes]
-    body = [[c.first.name, value(c.first), value(c.second), _change(c),
-             '-' if c.sigmas is None else f'{c.sigmas:+.1f}',
-             '' if c.first.unit == '1' else c.first.unit] for c in changes]
-    lines = [*ruled(head, body, left=(0, 5)), '']
+    head = ['estimate', 'first', 'second', 'change', '±', 'unit', '']
+    changed = {c.first.key for c in comparison.changed}
+    body = [[c.first.name, value(c.first), value(c.second), *_change(c),
+             '' if c.first.unit == '1' else c.first.unit, 'changed' * (c.first.key in changed)]
+            for c in map(_handy, comparison.changes)]
+    lines = [*ruled(head, body, left=(0, 5, 6)), HALF_WIDTH, '']
     lines += [f'{key}: {_word(a)}, then {_word(b)}' for key, (a, b) in
               comparison.settings.items()]
     lines += [f'only in the {which}: {", ".join(keys)}' for which, keys in (
@@ -202,9 +204,11 @@ def headline(comparison: Comparison) -> str:
     """Say in one line how much changed, and what most."""
     known = [one for one in comparison.changes if one.sigmas is not None]
     changed = comparison.changed
-    most = f', {changed[0].first.name} most ({changed[0].sigmas:+.1f})' if changed else ''
-    return (f'{len(changed)} of {len(known)} numbers changed by more than {CHANGED:g} standard '
-            f'errors{most}')
+    most = ''.join(f', {c.first.name} most: '
+                   f'{quantity(c.difference, c.std, c.first.unit, signed=True).strip()}'
+                   for c in changed[:1])
+    return (f'{len(changed)} of {len(known)} numbers changed by more than twice their '
+            f'95 % interval{most}')
 
 
 def to_document(comparison: Comparison) -> dict[str, Any]:

@@ -4,22 +4,22 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, log
 import shlex
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.autoregression import fit_autoregression
-from forcecal_ros.core.quantity import beside, rounded, size, with_error
+from forcecal_ros.core.quantity import beside, pair, rounded, scaled, size, with_error
 from forcecal_ros.core.streams import Phase
 from forcecal_ros.diagnose.dataset import CHANNELS, STAGES, units
 from forcecal_ros.diagnose.engine import Outcome
-from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, instants, NamedEffect
+from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, instants, NamedEffect, std_of
 from forcecal_ros.diagnose.localise import BANDS, time_frequency_bins, TimeFrequencyBin
 from forcecal_ros.diagnose.model.gates import kind_of
 from forcecal_ros.diagnose.result import Diagnosis
-from forcecal_ros.diagnose.verdict import AT_TOLERANCE, FIRST, FURTHER, percent, WITHIN
+from forcecal_ros.diagnose.verdict import percent, WITHIN
 from forcecal_ros.effects import EFFECTS
 from forcecal_ros.report.effect_words import phrase, sentence, sizes, VERDICTS, WORDS
-from forcecal_ros.report.figures import COLOURS, joined, label_log_axes, Line, Panel, Shown
+from forcecal_ros.report.figures import axes_grid, COLOURS, headed, joined, Line, Panel, Shown
 from forcecal_ros.report.page import docs_link, Fact, Picture, picture, render_page, Step
 from forcecal_ros.sim.signals import BLOCK, block_means, JOINTS, Signals
 from matplotlib.axes import Axes
@@ -170,7 +170,7 @@ NAMED = ('identified', 'ambiguous', 'partial')
 
 HEADS = {
     'no_gap': 'The simulation explains this recording down to its noise.',
-    'unknown': 'Recording and simulation differ, and no known effect explains it.',
+    'unknown': 'Recording and simulation differ, and no known effect explains this.',
     'not_excited': 'No verdict: ',
     'invalid_data': 'This recording cannot be used: ',
 }
@@ -180,7 +180,7 @@ UNDECIDED = {
     'not_excited': ('Not known: the motion is too small to show a difference.',
                     'Not at all: an effect of its usual size may be hidden.'),
     'invalid_data': ('Not known: nothing was compared.',
-                     'No effect was weighed; the fault shows in the recording itself.'),
+                     'No effect was tested; the fault shows in the recording itself.'),
 }
 """How large and how sure a gap is that was not searched."""
 
@@ -204,7 +204,7 @@ def headline(d: Diagnosis) -> str:
     -------
     str
         ``The measured wrench lags the simulated one: delay 4.000 ± 0.014 ms (probability 92 %).
-        Adding it explains 94 % of the residual (95 % interval: 87 % to 98 %).``
+        Adding it explains 94 ± 5 % of the residual.``
     """
     if d.verdict not in NAMED:
         head = HEADS[d.verdict].replace('down to its noise', (
@@ -215,7 +215,9 @@ def headline(d: Diagnosis) -> str:
 
 
 def differs_most(d: Diagnosis) -> str:
-    """Return the channel that effects change most, in its noise; else that differs most."""
+    """Return the channel that effects change most, in its noise, or that differs most, if any."""
+    if d.verdict == 'no_gap':
+        return ''
     effects = d.verdict in NAMED
     changes = {name: (before - effects * after) / (noise or inf) for name, (
         _, before, after, noise) in (d.gap.channels if d.gap else {}).items()}
@@ -235,12 +237,14 @@ def explained(d: Diagnosis) -> str:
     """State the explained fraction; empty where that is not known."""
     if d.verdict not in NAMED or d.gap is None or SHARE not in d.reason:
         return ''
-    low, high = (percent(min(1.0, max(0.0, end))) for end in d.gap.closed_ci95)
+    low, high = (min(1.0, max(0.0, end)) for end in d.gap.closed_ci95)
+    share, half = percent(d.gap.closed), round(50.0 * (high - low))
+    if half and share[0].isdigit():
+        share = share.replace(' %', f' ± {half} %')
     them = 'it' if len(d.effects) == 1 else 'them'
     # a name that is no effect's is a number of a third-party simulator
     do = 'Adding' if any(e.name in WORDS for e in d.effects) else 'Changing'
-    interval = f' (95 % interval: {low} to {high})' if low != high else ''
-    return f'{do} {them} explains {percent(d.gap.closed)}{SHARE}{interval}.'
+    return f'{do} {them} explains {share}{SHARE}.'
 
 
 def _but(d: Diagnosis) -> Iterator[str]:
@@ -311,7 +315,7 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
     rig, calibration, model = (
         next((f'{folder.rstrip("/")}/{f}' for f in files if f.startswith(kind)), '')
         for kind in ('rig', 'calibration_patched', 'model_patched'))
-    if calibration and AT_TOLERANCE in d.reason:
+    if calibration and d.at_tolerance and d.verdict in NAMED:
         return Step('Check that this tool and sensor are the calibrated ones; if they are not, '
                     'calibrate them:', shlex.join(('forcecal', 'calibrate', bag, *how)))
     if d.verdict in NAMED and (remedy := _at_the_sensor(d)):
@@ -325,12 +329,12 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
     if d.verdict in NAMED and calibration:
         return Step('Estimate the contact force with the corrected calibration:', shlex.join(
             ('forcecal', 'estimate', bag, '--calibration', calibration, *how, '-o', 'contact')))
-    if first := d.reason.partition(FIRST)[2]:
-        return Step(f'{_begun(first)}. Move more slowly, or give the model the limit that the '
-                    'robot has, and diagnose again:', again)
-    if d.verdict == 'no_gap' and (held := _held(d)):
-        return Step(f'Check {held}: this recording is explained only if it differs by as much as '
-                    'its tolerance allows. State its tolerance with --priors.')
+    if d.remarks and d.verdict in ('unknown', 'partial'):
+        return Step(f'{_begun(d.remarks[0])}. Move more slowly, or give the model the limit that '
+                    'the robot has, and diagnose again:', again)
+    if d.verdict == 'no_gap' and d.at_tolerance:
+        return Step(f'Check {" and ".join(d.at_tolerance)}: the recording is explained only at '
+                    'the limit of the tolerance.')
     if d.verdict == 'no_gap' and d.not_compared:
         return Step('Nothing has to be changed in what was compared. Not compared: '
                     f'{" and ".join(d.not_compared)}.')
@@ -376,7 +380,7 @@ SENSOR_REMEDIES = {
     'accel_resonance': 'Mount the accelerometer more rigidly.',
     'accel_saturation': 'Choose a larger range of the accelerometer.',
     'clock_skew': 'Synchronise the clocks of the drivers.',
-    'dropouts': 'Look for lost messages: network, queue depth, load of the computer.',
+    'dropouts': 'Find where messages are lost: network, queue depth, load of the computer.',
 }
 """What to do about effects of sensors and stamps, which no model of the robot should contain."""
 
@@ -394,11 +398,6 @@ def _at_the_sensor(d: Diagnosis) -> str:
         name, 'Calibrate the sensor again, and use that calibration.') for name in names))
 
 
-def _held(d: Diagnosis) -> str:
-    """Name the numbers of a simulator that only their tolerance keeps from going further."""
-    return next((note.partition(f' {FURTHER}')[0] for note in d.notes if FURTHER in note), '')
-
-
 def _how_large(view: View) -> str:
     d, parts = view.diagnosis, []
     if d.verdict in UNDECIDED:
@@ -409,11 +408,13 @@ def _how_large(view: View) -> str:
     _, before, after = d.gap.contact_force
     if before > 0.0:
         parts.append(f'an error of {_change(before, after, "N", "contact force", named)}')
-    if (name := differs_most(d)) and d.verdict != 'no_gap':
+    if name := differs_most(d):
         _, apart, left, noise = d.gap.channels[name]
-        parts.append(f'a residual of {_change(apart, left, view.units[name], name, named)}, whose '
+        change = _change(apart, left, view.units[name], d.label(name), named)
+        parts.append(f'a residual of {change}, whose '
                      f'noise is {size(noise, view.units[name], 2)}')
-    found = [f'{e.name}: {sizes(e)}' if len(named) > 1 else sizes(e) for e in named]
+    found = [f'{e.name}: {sizes(e)}' if len(named) > 1 and kind_of(e.name) in WORDS else sizes(e)
+             for e in named]
     consequence = [f'Beyond noise: {" and ".join(parts)}'] if parts else []
     return ' '.join(f'{_begun(words)}.' for words in ('; '.join(found), *consequence) if words)
 
@@ -467,10 +468,11 @@ def _where(view: View) -> str:
         return ''
     low, high = place.band
     band = f'below {high:g} Hz' if low <= 0.0 else f'{low:g} to {high:g} Hz'
-    more = [f'{w.channel} in {w.phase}' for w in view.diagnosis.localisation
+    label = view.diagnosis.label
+    more = [f'{label(w.channel)} in {w.phase}' for w in view.diagnosis.localisation
             if (_INDEX[w.channel], w.phase) != (place.channel, place.phase)][:2]
     then = f'; then {" and ".join(more)}' if more else ''
-    return (f'{CHANNELS[place.channel].name} in phase {place.phase}, mostly {band}: '
+    return (f'in {label(CHANNELS[place.channel].name)}, phase {place.phase}, mostly {band}: '
             f'{size(place.excess, "", 2).strip()} times the noise of all octaves{then}.')
 
 
@@ -484,9 +486,9 @@ def _when(view: View) -> str:
     return f'Most visible from {span.start:.2f} to {span.end:.2f} s, in phase {span.name}.'
 
 
-def _in_time(word: str, at: float, between: tuple[float, float]) -> str:
-    interval = f'(95 %: {between[0]:.3f} to {between[1]:.3f} s)'
-    return f'from {at:.2f} s on {interval}' if word == 'from' else f'until {at:.2f} s {interval}'
+def _in_time(word: str, at: float, ci95: tuple[float, float]) -> str:
+    when = f'{pair(at, std_of(ci95))} s'
+    return f'from {when} on' if word == 'from' else f'until {when}'
 
 
 TONES = {'no_gap': 'good', 'identified': 'known', 'ambiguous': 'warn', 'partial': 'warn',
@@ -526,13 +528,14 @@ def render(view: View, origin: list[str], step: Step) -> str:
     """
     d = view.diagnosis
     named = d.verdict in NAMED
-    kept = {'noise': 3, 'nominal': 0, 'before': 1, **({'after': 2} if named else {})}
+    kept = {'measured noise': 3, 'nominal': 0, 'before': 1, **({'after': 2} if named else {})}
     channels = d.gap.channels if d.gap else {}
     shown = [(name, rms) for name, rms in channels.items() if any(rms[:3])]
     worst = differs_most(d)
     return render_page(
         'diagnosis.html.j2', 'Sim-to-real gap', origin=origin, verdict=d.verdict.replace('_', ' '),
-        tone=TONES[d.verdict], headline=headline(d), facts=facts(view, step), notes=d.notes,
+        tone=TONES[d.verdict], headline=headline(d), facts=facts(view, step),
+        notes=[f'{_begun(note)}.' for note in d.notes],
         share=explained(d), effects=_numbers(d), meaning=VERDICTS[d.verdict],
         pages=[docs_link('reference/verdicts', d.verdict),
                *(docs_link('reference/effects', e.name) for e in d.effects if e.name in WORDS
@@ -544,10 +547,10 @@ def render(view: View, origin: list[str], step: Step) -> str:
         candidates=[(name, percent(p), phrase(name), 100.0 * p) for name, p in d.candidates
                     ] if len(d.candidates) > 1 else [],
         head=('channel', *kept, 'unit'),
-        channels=[_row(name, [*(rms[k] for k in kept.values()), rms[3]], view.units[name])
+        channels=[_row(d.label(name), [*(rms[k] for k in kept.values()), rms[3]], view.units[name])
                   for name, rms in shown],
         worst=next((i for i, (name, _) in enumerate(shown) if name == worst), -1),
-        alike=[name for name, rms in channels.items() if not any(rms[:3])],
+        alike=[d.label(name) for name, rms in channels.items() if not any(rms[:3])],
         octaves=[f'{high:g}' for _, high in BANDS[:-1]], heat=heat(view),
         closest=list(_pictures(view, {'Where it shows most': closest})),
         figures=list(_pictures(view, {'Residuals': residuals, 'Spectra': spectra})),
@@ -560,12 +563,12 @@ def _row(channel: str, values: list[float], unit: str) -> list[str]:
     return [channel, *cells[:-1], shown]
 
 
-def _pictures(view: View, drawings: Mapping[str, Callable[[View], Figure | Shown | None]]
-              ) -> Iterator[Picture]:
+def _pictures(view: View, drawings: Mapping[str, Callable[[View], Any]]) -> Iterator[Picture]:
     for title, draw in drawings.items():
-        if len(view.times) and (what := draw(view)) is not None:
+        if len(view.times) and (what := draw(view)):
             more = WITH_EFFECTS.get(title, '') if named(view) else ''
-            yield picture(title, CAPTIONS[title] + more, what)
+            yield picture(title, CAPTIONS[title] + more,
+                          *(what if isinstance(what, list) else [what]))
 
 
 def _numbers(d: Diagnosis) -> list[tuple[str, str, str, str, str]]:
@@ -574,8 +577,8 @@ def _numbers(d: Diagnosis) -> list[tuple[str, str, str, str, str]]:
         p.value, p.std)), '' if p.unit == '1' else p.unit)
            for e in d.effects for name, p in e.parameters.items()
            if p.value or p.std or p.at_bound]
-    return out + [(e.name, word, f'{at:.3f}', f'{low:.3f} to {high:.3f} (95 %)', 's')
-                  for e in d.effects for word, at, (low, high) in instants(e)]
+    return out + [(e.name, word, *with_error(at, std_of(ci95)), 's')
+                  for e in d.effects for word, at, ci95 in instants(e)]
 
 
 SHOWN = 4
@@ -606,7 +609,8 @@ def heat(view: View) -> list[tuple[str, list[tuple[str, list[Cell | None]]]]]:
         row = table.setdefault(c.phase, {}).setdefault(c.channel, [None] * len(BANDS[:-1]))
         row[BANDS.index(c.band)] = Cell(f'{c.excess:.{int(c.excess < 9.95)}f}',
                                         round(100.0 * log(c.excess / FAINT) / most))
-    return [(name, [(CHANNELS[i].name, row) for i, row in table[name].items()])
+    label = view.diagnosis.label
+    return [(name, [(label(CHANNELS[i].name), row) for i, row in table[name].items()])
             for name in dict.fromkeys(p.name for p in view.phases) if name in table]
 
 
@@ -654,7 +658,7 @@ def _signals(view: View, channel: int) -> Panel:
 
 def _residuals(view: View, channel: int) -> Panel:
     there = view.present[:, channel]
-    title = f'Δ {CHANNELS[channel].name}'
+    title = f'Δ {view.diagnosis.label(CHANNELS[channel].name)}'
     return _panel(view, channel, tuple(
         (name, role, np.where(there, values[:, channel], np.nan), False)
         for name, role, values in (('measured - simulated', 'simulated', view.recalibrated),
@@ -667,10 +671,13 @@ def _panel(view: View, channel: int, lines: tuple[tuple[str, str, Array, bool], 
     name, there = CHANNELS[channel].name, view.present[:, channel]
     # of what is recorded more seldom than in every other block no two points are neighbours
     rows = there if there.mean() < 0.5 else np.ones(len(there), dtype=bool)
-    return Panel(title or name, view.units[name], tuple(
-        Line(called, role, view.times[rows], values[rows], hidden)
-        for called, role, values, hidden in lines
-        if role != 'explained' or named(view)))
+    shown = [one for one in lines if one[1] != 'explained' or named(view)]
+    unit, factor = scaled(float(np.fmax.reduce(
+        [np.abs(values[rows]) for _, _, values, _ in shown], axis=None, initial=0.0)),
+        view.units[name])
+    return Panel(title or view.diagnosis.label(name), unit, tuple(
+        Line(called, role, view.times[rows], factor * values[rows], hidden)
+        for called, role, values, hidden in shown))
 
 
 def named(view: View) -> bool:
@@ -678,14 +685,11 @@ def named(view: View) -> bool:
     return not np.array_equal(view.explained, view.recalibrated)
 
 
-def spectra(view: View) -> Figure | None:
-    """Draw the residual's spectra before and after, and at standstill."""
-    chosen = view.channels(SHOWN)
-    if not len(chosen):
-        return None
-    figure = Figure(figsize=(10.0, 3.0), layout='constrained')
-    axes = np.atleast_1d(figure.subplots(1, len(chosen)))
-    for ax, c in zip(axes, chosen):
+def spectra(view: View) -> list[Figure]:
+    """Draw the residual's spectra before and after, and at standstill, a figure a channel."""
+    drawn = []
+    for c in view.channels(SHOWN):
+        figure, (ax,) = axes_grid(1, 1, height=3.0)
         there = view.present[:, c]
         moving = there & (view.groups > 0)
         for values, role, label in (
@@ -695,14 +699,10 @@ def spectra(view: View) -> Figure | None:
             if len(values) > 64 and (role != 'explained' or named(view)):
                 _spectrum(ax, values, COLOURS[role], label, _rate(there))
         name = CHANNELS[c].name
-        ax.set(xlabel='frequency [Hz]')
-        label_log_axes(ax)
-        ax.set_title(f'{name} [{_squared(view.units[name])}/Hz]', fontsize=9)
-    axes[0].set_ylabel('power density')
-    lines = {label: line for ax in axes for line, label in zip(*ax.get_legend_handles_labels())}
-    figure.legend(lines.values(), lines.keys(), loc='outside upper left', ncols=2, frameon=False,
-                  fontsize=9)
-    return figure
+        ax.set(xlabel='frequency [Hz]', ylabel=f'power [{_squared(view.units[name])}/Hz]')
+        headed(ax, view.diagnosis.label(name), 2)
+        drawn.append(figure)
+    return drawn
 
 
 def _squared(unit: str) -> str:

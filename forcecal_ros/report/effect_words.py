@@ -1,6 +1,6 @@
 """What each effect means, in words."""
 
-from forcecal_ros.core.quantity import quantity
+from forcecal_ros.core.quantity import quantity, scaled
 from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, NamedEffect, Parameter
 from forcecal_ros.diagnose.model.gates import kind_of
 from forcecal_ros.effects.library import EFFECTS, Quantity
@@ -66,7 +66,7 @@ def phrase(name: str) -> str:
 def sentence(effect: NamedEffect) -> str:
     """Say what was found and how large it is, without the full stop."""
     if kind_of(effect.name) not in WORDS:  # a parameter of a third-party simulator
-        return f'{effect.name} should be {sizes(effect).removeprefix("value ")}'
+        return sizes(effect)
     text = phrase(effect.name)
     return ': '.join(filter(None, (text[0].upper() + text[1:], sizes(effect))))
 
@@ -80,7 +80,8 @@ def sizes(effect: NamedEffect) -> str:
         p.value - (known[k].nominal if k in known else 0.0)) > 2.0 * p.std}
     shown = {**(sure or real or effect.parameters),
              **{k: p for k, p in effect.parameters.items() if k == 'frequency'}}
-    return ', '.join(f'{_called(k)} {number(effect.name, k, p)}' for k, p in shown.items())
+    return ', '.join(f'{_called(k, effect.name)} {number(effect.name, k, p)}'
+                     for k, p in shown.items())
 
 
 def number(effect: str, name: str, p: Parameter) -> str:
@@ -88,12 +89,16 @@ def number(effect: str, name: str, p: Parameter) -> str:
     known = _quantities(effect).get(name)
     plain = effect not in WORDS or (known is not None and known.shapes)
     signed = known is None or known.low < 0.0 <= known.high
-    text = quantity(p.value, 0.0 if p.at_bound else p.std, '' if p.unit == '1' and plain
-                    else p.unit, signed=signed and not plain).strip()
+    unit, std = '' if p.unit == '1' and plain else p.unit, 0.0 if p.at_bound else p.std
+    text = quantity(p.value, std, unit, signed=signed and not plain).strip()
+    if p.nominal is not None:
+        text = f'{scaled(p.value, unit, std)[1] * p.nominal:.5g} -> {text}'
     return f'{text} ({AT_BOUND})' if p.at_bound else text
 
 
-def _called(name: str) -> str:
+def _called(name: str, effect: str) -> str:
+    if name == 'value':  # of a third-party simulator's parameter
+        return effect
     return name.replace('_of_', ' of ').replace('_', ' ')
 
 

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.quantity import size
 from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream, TOUCHING
 from forcecal_ros.observe.design import noise_of_force, rise_time
 from forcecal_ros.observe.settings import BANDWIDTH_LIMITS
@@ -36,7 +37,11 @@ MOST_POINTS = 2400
 """Most points of a line: more than two for each dot across a page."""
 
 LETTER_FRACTION = 0.0072
-"""Width of a letter of a phase's name, of that of the axes: a name is shown where it has room."""
+"""Width of a letter of a phase's name, of that of the axes: a name is shown where it has room.
+In a figure it is twice as much."""
+
+FIGURE_WIDTH = 5.0
+"""Of a figure [in]: its print can be read on a phone, and two fill a page."""
 
 
 class Line(NamedTuple):
@@ -129,12 +134,14 @@ def drawn(shown: Shown) -> Figure:
     """Draw a picture, the legend above the panels."""
     n = len(shown.panels)
     shown = shown._replace(start=shown.visible[0], end=shown.visible[1])
-    height, width = 0.9 + 1.9 * n, 9.0
+    names = {line.name for panel in shown.panels for line in panel.lines if not line.hidden}
+    legend = 0.2 * ((len(names) + 1) // 2)  # two names a line [in]
+    height, width = 0.8 + legend + 1.5 * n, FIGURE_WIDTH
     figure = Figure(figsize=(width, height))
     # margins as wide as any label, in inches: to measure all labels takes a third of drawing them
     rows = list(np.atleast_1d(figure.subplots(n, 1, sharex=True, gridspec_kw={
         'left': 0.85 / width, 'right': 1.0 - 0.1 / width, 'bottom': 0.5 / height,
-        'top': 1.0 - 0.5 / height, 'hspace': 0.12})))
+        'top': 1.0 - (0.3 + legend) / height, 'hspace': 0.12})))
     figure.align_ylabels(rows)
     for axes, panel in zip(rows, shown.panels):
         for line in panel.lines:
@@ -153,7 +160,7 @@ def drawn(shown: Shown) -> Figure:
     lines = {label: line for axes in rows
              for line, label in zip(*axes.get_legend_handles_labels())}
     if len(lines) > 1:
-        figure.legend(lines.values(), lines.keys(), loc='upper left', ncols=4,
+        figure.legend(lines.values(), lines.keys(), loc='upper left', ncols=2,
                       frameon=False, fontsize=9)
     return figure
 
@@ -174,9 +181,9 @@ def _shade(axes: Axes, shown: Shown, *, labelled: bool) -> None:
     for phase, start, end in _visible(shown):
         if kind(phase):
             axes.axvspan(start, end, color=TINTS[kind(phase)], alpha=0.13, linewidth=0)
-        if labelled and _has_room(phase, (end - start) / (shown.end - shown.start)):
+        if labelled and _has_room(2 * phase, (end - start) / (shown.end - shown.start)):
             axes.text(0.5 * (start + end), 1.0, phase, transform=axes.get_xaxis_transform(),
-                      ha='center', va='bottom', fontsize=7, color='#555555')
+                      ha='center', va='bottom', fontsize=8, color='#555555')
     for at in shown.instants:
         axes.axvline(at, color='#CC0000', linewidth=1, linestyle='--')
 
@@ -298,20 +305,19 @@ def pose_means(recording: Recording, calibration: Calibration) -> Figure | None:
             means.append(part.values[:, :3].mean(axis=0))
             predicted.append(float(calibration.mass) * gravity_in_sensor(
                 pose, middle, calibration.gravity)[0] + calibration.wrench_bias.value[:3])
-    figure, (left, right) = axes_grid(1, 2, height=3.0)
+    figure, (top, bottom) = axes_grid(2, 1, height=4.6)
     x = np.arange(1, len(means) + 1)
     residual = np.array(means) - np.array(predicted)
     for axis, mark in enumerate('os^'):
-        left.plot(x, np.array(means)[:, axis], mark, label=f'measured {"xyz"[axis]}')
-        right.plot(x, residual[:, axis], mark, label='xyz'[axis])
-    left.plot(x, np.array(predicted), '_', color=TRUE, markersize=14,
+        top.plot(x, np.array(means)[:, axis], mark, label=f'measured {"xyz"[axis]}')
+        bottom.plot(x, residual[:, axis], mark, label='xyz'[axis])
+    top.plot(x, np.array(predicted), '_', color=TRUE, markersize=14,
               label=['predicted', None, None])
-    left.set(xlabel='pose', ylabel='force [N]')
-    right.set(xlabel='pose', ylabel='force [N]')
-    right.axhline(0, color=TRUE, linewidth=0.8)
-    for axes, title in ((left, 'Mean force at rest'), (right, 'Measured less predicted')):
-        axes.set_xticks(x)
-        headed(axes, title, 2)
+    bottom.axhline(0, color=TRUE, linewidth=0.8)
+    for axes, title, columns in ((top, 'Mean force at rest', 2),
+                                 (bottom, 'Measured - predicted', 3)):
+        axes.set(xlabel='pose', ylabel='force [N]', xticks=x)
+        headed(axes, title, columns)
     return figure
 
 
@@ -354,8 +360,9 @@ def accelerometer_regression(recording: Recording, calibration: Calibration) -> 
     axes.plot(f, part.values[:, axis], '.', markersize=2, color=MEASURED, label='samples')
     line = np.array([f.min(), f.max()])
     slope = sensor.matrix[axis, 0]
+    gain = size(slope, f'{sensor.unit}/(m/s^2)', 4)
     middle = part.values[:, axis].mean() - slope * f.mean()
-    axes.plot(line, middle + slope * line, color=ESTIMATED, label=f'gain {slope:.4f}')
+    axes.plot(line, middle + slope * line, color=ESTIMATED, label=f'gain {gain}')
     axes.set(xlabel='specific force from the wrench [m/s²]', ylabel=f'reading [{sensor.unit}]')
     headed(axes, 'Accelerometer and specific force in the step')
     return figure
@@ -422,15 +429,15 @@ def headed(axes: Axes, title: str, columns: int = 3) -> None:
     """Put title and legend above the curves, one over the other."""
     label_log_axes(axes)
     lines = -(-len(axes.get_legend_handles_labels()[1]) // columns)
-    axes.set_title(title, loc='left', fontsize=10, pad=6.0 + 14.0 * lines)
-    axes.legend(fontsize=8, ncols=columns, frameon=False, loc='lower left',
+    axes.set_title(title, loc='left', fontsize=10, pad=6.0 + 16.0 * lines)
+    axes.legend(fontsize=9, ncols=columns, frameon=False, loc='lower left',
                 bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
 
 
 def axes_grid(rows: int, columns: int, *, height: float, sharex: bool = False,
               sharey: bool = False) -> tuple[Figure, list[Any]]:
     """Return a figure of the reports' width and its axes, row by row."""
-    figure = Figure(figsize=(8.0, height), layout='constrained')
+    figure = Figure(figsize=(FIGURE_WIDTH, height), layout='constrained')
     axes = figure.subplots(rows, columns, squeeze=False, sharex=sharex, sharey=sharey)
     for one in axes.flat:
         one.grid(alpha=0.25)

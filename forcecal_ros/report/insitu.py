@@ -10,16 +10,13 @@ from forcecal_ros.core.quantity import pair, rounded
 from forcecal_ros.insitu import SensorResult
 from forcecal_ros.insitu.offset import principal_basis
 from forcecal_ros.insitu.result import DataSetResult
-from forcecal_ros.report.figures import headed
+from forcecal_ros.report.figures import axes_grid, FIGURE_WIDTH, headed
 from forcecal_ros.report.page import docs_link, Fact, picture, png, render_page
-from forcecal_ros.report.rows import aligned
+from forcecal_ros.report.rows import aligned, HALF_WIDTH
 from matplotlib.figure import Figure
 import numpy as np
 
 CALIBRATED, MANUFACTURER, TRUE = '#009E73', '#D55E00', '#555555'
-
-COLUMNS = 3
-"""Most pictures side by side."""
 
 
 def subspace_clouds(result: SensorResult) -> Figure:
@@ -60,8 +57,7 @@ def force_clouds(result: SensorResult) -> Figure | None:
 
 def singular_values(result: SensorResult) -> Figure:
     """Draw singular values over sqrt(n), which are RMS: [Traversaro2014] Lemma 1."""
-    figure = Figure(figsize=(8.0, 3.2), layout='constrained')
-    axes = figure.subplots()
+    figure, (axes,) = axes_grid(1, 1, height=3.4)
     for data_set in result.data_sets:
         values = data_set.singular_values
         axes.semilogy(np.arange(1, len(values) + 1), values, 'o-', linewidth=0.7, markersize=4,
@@ -69,22 +65,21 @@ def singular_values(result: SensorResult) -> Figure:
     axes.axvline(3.5, color=TRUE, linewidth=0.8, linestyle='--')
     axes.set(xlabel='direction', ylabel=f'RMS along it [{result.options.raw_unit}]')
     axes.set_xticks(np.arange(1, len(result.offset.value) + 1))
-    axes.grid(alpha=0.25)
-    axes.spines[['top', 'right']].set_visible(False)
-    headed(axes, f'{result.name}: dimensions of the raw measurements', COLUMNS)
+    headed(axes, f'{result.name}: dimensions of the raw measurements', 2)
     return figure
 
 
 def _grid(data_sets: Sequence[DataSetResult], title: str) -> tuple[Figure, list[Any]]:
-    columns = min(len(data_sets), COLUMNS)
+    columns = min(len(data_sets), 2)
     rows = -(-len(data_sets) // columns)
-    figure = Figure(figsize=(max(3.4 * columns, 4.4), 3.3 * rows + 0.6), layout='constrained')
+    figure = Figure(figsize=(FIGURE_WIDTH, FIGURE_WIDTH / columns * rows + 0.6),
+                    layout='constrained')
     figure.suptitle(title, fontsize=10)
     axes = [figure.add_subplot(rows, columns, k + 1, projection='3d')
             for k in range(len(data_sets))]
     for one, data_set in zip(axes, data_sets):
-        one.set_title(data_set.name, fontsize=9)
-        one.tick_params(labelsize=8, pad=-2)
+        one.set_title(data_set.name, fontsize=10)
+        one.tick_params(labelsize=9, pad=-2)
         one.locator_params(nbins=3)
     return figure, axes
 
@@ -97,7 +92,7 @@ def _finished(figure: Figure, axes: Sequence[Any]) -> Figure:
         one.set_box_aspect(spans, zoom=1.15 if flat else 0.9)
         one.locator_params('z', nbins=2 if flat else 3)
     figure.legend(*axes[0].get_legend_handles_labels(), loc='outside lower left', frameon=False,
-                  fontsize=9, ncols=COLUMNS)
+                  fontsize=9, ncols=2)
     return figure
 
 
@@ -124,12 +119,12 @@ Rows = list[list[str]]
 AXES = ('fx', 'fy', 'fz', 'tx', 'ty', 'tz')
 
 WORDS = {
-    'forces': 'Forces by the estimated matrix, and by the manufacturer’s where there is one. '
-              'Weight is constant, so that a good matrix makes a sphere ([Traversaro2014] '
+    'forces': 'Forces by the estimated matrix, and by the manufacturer’s, if given. '
+              'Weight is constant, so that a correct matrix makes a sphere ([Traversaro2014] '
               'Fig. 6).',
     'subspace': 'Raw measurements in the three dimensions they span, and the ellipsoid that '
                 'gravity draws about the offset ([Traversaro2014] Fig. 5).',
-    'singular_values': 'Three singular values stand out where one rigid body hangs free '
+    'singular_values': 'Three singular values are large if one rigid body hangs freely '
                        '([Traversaro2014] Lemma 1).',
 }
 
@@ -162,7 +157,7 @@ def render(results: Sequence[SensorResult], drawn: Mapping[str, Mapping[str, byt
         'figures': [picture(title.replace('_', ' ').capitalize(), WORDS[title], image)
                     for title, image in drawn[r.name].items()],
     } for r in results]
-    return render_page('insitu.html.j2', 'In-situ calibration', origin=origin, sensors=sensors,
+    return render_page('insitu.html.j2', 'In-situ calibration', origin=[origin], sensors=sensors,
                        pages=[docs_link('how-to/insitu', 'in-situ calibration')])
 
 
@@ -170,11 +165,10 @@ def _facts(result: SensorResult, file: str) -> Iterator[Fact]:
     """Say how large, how sure, and what to do next."""
     if result.matrix is not None and result.mass is not None and result.com is not None:
         yield Fact('Body', (
-            f'What else hangs on the sensor weighs {_estimate(result.mass)} kg; its centre '
-            f'of mass is at {_pairs(1e3 * result.com.value, 1e3 * result.com.std)} mm (x, y, z). '
-            '± is a 95 % interval.'))
+            f'The body on the sensor weighs {_estimate(result.mass)} kg. Its centre '
+            f'of mass is at {_pairs(1e3 * result.com.value, 1e3 * result.com.std)} mm (x, y, z).'))
     if result.warnings:
-        yield Fact('Next', 'Do what the warnings below say, and calibrate again.')
+        yield Fact('Next', 'Follow the warnings below, and calibrate again.')
     elif result.matrix is None:
         yield Fact('Next', ('State added_mass and position of three data sets or more in the '
                             'specification, for the matrix.'))
@@ -211,7 +205,7 @@ def _share(ratio: float) -> str:
 
 def text(result: SensorResult) -> str:
     """Return the conclusion and the tables of one sensor for a terminal."""
-    parts = [f'sensor {result.name}', conclusion(result), '± is a 95 % interval.']
+    parts = [f'sensor {result.name}', conclusion(result), HALF_WIDTH]
     for title, head, rows in tables(result):
         lines = aligned([head, *rows], left=range(len(head)))
         parts += ['', title, *('  ' + line for line in lines)]

@@ -14,6 +14,7 @@ from urllib.parse import quote
 from forcecal_ros import __version__
 from forcecal_ros.core.streams import Recording
 from forcecal_ros.report.figures import background, drawn, live, Shown
+from forcecal_ros.report.rows import HALF_WIDTH
 import jinja2
 from matplotlib.figure import Figure
 
@@ -73,36 +74,38 @@ class Picture(NamedTuple):
     Attributes
     ----------
     title, words : str
-    png : str
-        The picture as text; it is printed, and shown where nothing can zoom.
+    pngs : tuple of str
+        The pictures as text; they are printed, and shown if nothing can zoom.
     live : dict or None
         The same as a plot that zooms; empty where plotly is missing.
     """
 
     title: str
     words: str
-    png: str
+    pngs: tuple[str, ...]
     live: dict[str, Any] | None = None
 
 
-def picture(title: str, words: str, what: Figure | Shown | bytes, dpi: int = 110) -> Picture:
-    """Make a picture of a figure, of its PNG, or of what is shown over time."""
-    if isinstance(what, Shown):
-        return Picture(title, f'{words} {background(what)}'.strip(),
-                       _embedded(png(drawn(what), dpi)), live(what) if _plotly() else {})
-    return Picture(title, words, _embedded(what if isinstance(what, bytes) else png(what, dpi)))
+def picture(title: str, words: str, *what: Figure | Shown | bytes) -> Picture:
+    """Make a picture of figures, of their PNG, or of what is shown over time."""
+    pngs = tuple(_embedded(one if isinstance(one, bytes) else png(
+        drawn(one) if isinstance(one, Shown) else one)) for one in what)
+    if isinstance(what[0], Shown):
+        return Picture(title, f'{words} {background(what[0])}'.strip(), pngs,
+                       live(what[0]) if _plotly() else {})
+    return Picture(title, words, pngs)
 
 
 def render_page(template: str, title: str, **context: Any) -> str:
     """Fill in a template of this folder; everything that is given is escaped."""
     return PAGES.get_template(template).render(
-        title=title, version=__version__, plotly=_plotly, **context)
+        title=title, version=__version__, plotly=_plotly, half_width=HALF_WIDTH, **context)
 
 
-def png(figure: Figure, dpi: int = 110) -> bytes:
-    """Return a figure as a PNG."""
+def png(figure: Figure) -> bytes:
+    """Return a figure as a PNG, two of which fill a page."""
     buffer = BytesIO()
-    figure.savefig(buffer, format='png', dpi=dpi)
+    figure.savefig(buffer, format='png', dpi=115)
     return buffer.getvalue()
 
 

@@ -12,8 +12,11 @@ MOST_DECIMALS = 7
 """Of a number in a table: the part of a unit vector along its axis would have ten, which is not
 known."""
 
-FINEST = 0.5 * 10.0 ** -MOST_DECIMALS
+FINEST = 0.5 * 10.0 ** -MOST_DECIMALS / HALF
 """Standard error below which a table shows none of it."""
+
+HALF_WIDTH = '± is the half-width of the 95 % interval.'
+"""What a page or a table explains once."""
 
 AXES = ('x', 'y', 'z')
 WRENCH_AXES = ('force x', 'force y', 'force z', 'torque x', 'torque y', 'torque z')
@@ -38,13 +41,6 @@ class Row:
     value: float
     std: float
     truth: float | None = None
-
-    @property
-    def sigmas(self) -> float | None:
-        """Distance from the truth in standard errors; None where either is not known."""
-        if self.truth is None or not self.std > 0:
-            return None
-        return (self.value - self.truth) / self.std
 
 
 def estimates(calibration: Calibration) -> Iterator[tuple[str, str, Estimate, tuple[str, ...]]]:
@@ -114,7 +110,7 @@ def promises(calibration: Calibration) -> list[Row]:
             for key, words, labels in (
                 ('bandwidth', 'contact wrench: bandwidth (-3 dB)', ('',)),
                 ('rise_time', 'contact wrench: rise time (10-90 %)', ('',)),
-                ('std', 'contact wrench: noise (1 sigma),', WRENCH_AXES)) if key in kalman
+                ('std', 'contact wrench: noise (RMS),', WRENCH_AXES)) if key in kalman
             for i, (label, value) in enumerate(zip(labels, kalman[key].value.ravel()))]
 
 
@@ -136,12 +132,17 @@ def as_text(shown: list[Row]) -> str:
     str
         Truth and its distance appear where at least one truth is known.
     """
+    head, *body = cells(shown)
+    return '\n'.join([*ruled(head, body, left=(0, 3)), HALF_WIDTH])
+
+
+def cells(shown: Iterable[Row]) -> list[list[str]]:
+    """Return rows as the cells of a table, its head first; see :func:`as_text`."""
     shown = [handy(row) for row in shown]
     with_truth = any(row.truth is not None for row in shown)
-    head = ['estimate', 'value', 'std. error', 'unit'] + ['truth', 'off by'] * with_truth
-    body = [[row.name, value(row), error(row), '' if row.unit == '1' else row.unit,
-             *(against_truth(row, 'sigma') if with_truth else ())] for row in shown]
-    return '\n'.join(ruled(head, body, left=(0, 3)))
+    return [['estimate', 'value', '±', 'unit', *['truth', 'off by'] * with_truth], *(
+        [row.name, value(row), error(row), '' if row.unit == '1' else row.unit,
+         *(against_truth(row) if with_truth else ())] for row in shown)]
 
 
 def handy(row: Row, beside: float = 0.0) -> Row:
@@ -153,29 +154,23 @@ def handy(row: Row, beside: float = 0.0) -> Row:
                    truth=None if row.truth is None else row.truth * factor)
 
 
-def interval(row: Row) -> str:
-    """Return the 95 % interval as text, or a dash where it is not known, or too small to show."""
-    low, high = (number(row.value + k * row.std, row.std) for k in (-HALF, HALF))
-    return f'{low} … {high}' if row.std > 0 and low != high else '-'
-
-
 def value(row: Row) -> str:
     """Return the value as text, to the digits that its standard error warrants."""
     return f'{row.value:.{MOST_DECIMALS}g}' if negligible(row) else number(row.value, row.std)
 
 
-def against_truth(row: Row, sigma: str) -> tuple[str, str]:
+def against_truth(row: Row) -> tuple[str, ...]:
     """Return the truth and how far from it the value is, as text."""
-    truth = '' if row.truth is None else value(replace(row, value=row.truth))
-    known = row.sigmas is not None and not negligible(row)
-    return truth, f'{row.sigmas:+.1f} {sigma}' if known else ''
+    if row.truth is None:
+        return '', ''
+    return tuple(value(replace(row, value=x)) for x in (row.truth, row.value - row.truth))
 
 
 def error(row: Row) -> str:
-    """Return the standard error as text, or a dash where it is not known."""
+    """Return half the 95 % interval as text, or a dash where it is not known."""
     if negligible(row):
         return f'< 1e-{MOST_DECIMALS}'
-    return number(row.std, row.std) if row.std > 0 else '-'
+    return number(HALF * row.std, row.std) if row.std > 0 else '-'
 
 
 def negligible(row: Row) -> bool:
@@ -184,10 +179,10 @@ def negligible(row: Row) -> bool:
 
 
 def number(x: float, std: float) -> str:
-    """Return a number as text, to the digits that a standard error warrants."""
+    """Return a number as text, to the digits that half its 95 % interval warrants."""
     if not std > 0:
         return rounded(x)
-    decimals = min(MOST_DECIMALS, decimals_of(std))
+    decimals = min(MOST_DECIMALS, decimals_of(HALF * std))
     return f'{round(x, decimals) + 0.0:.{decimals}f}'  # + 0.0: no minus before a zero
 
 

@@ -36,7 +36,7 @@ def pulled(recording, pose, force):
 def test_a_sound_run_rejects_no_pose(sound):
     quality = sound.quality
     assert quality['rejection']['pose'] is None and len(quality['rejection']['poses']) == 4
-    assert dict(in_words(quality))['Rejection test'].startswith('No pose is off')
+    assert dict(in_words(quality))['Rejection test'].startswith('No pose differs')
 
 
 @pytest.mark.parametrize('pose', first([2, 1, 3, 4]))

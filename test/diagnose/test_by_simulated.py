@@ -66,7 +66,7 @@ def test_the_tool_is_that_of_the_simulator_and_its_unknown_zero_is_told(clean):
     tool = clean.ready[0].tool.rigid_tool.tool
     assert tool.mass == pytest.approx(GRIPPER.mass, rel=1e-3)
     np.testing.assert_allclose(tool.com, GRIPPER.com, atol=1e-4)
-    assert any(note.startswith('bias of the wrench against the simulated: fx +4')
+    assert any(note.startswith('bias of the wrench against the simulated: 4.')
                for note in clean.diagnosis.notes)
     assert clean.diagnosis.gap.nominal < 0.2
 

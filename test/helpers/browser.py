@@ -27,9 +27,9 @@ CUT = """[...document.querySelectorAll(
     .filter(e => !e.closest('.live'))  // a plot fits by itself, its hidden parts need not
     .map(e => [e, e.getBoundingClientRect()])
     .filter(([e, r]) => r.width && (r.right > innerWidth || r.left < 0
-        || parseFloat(getComputedStyle(e).fontSize) < 11))
+        || parseFloat(getComputedStyle(e).fontSize) < 11 || e.naturalWidth > 1.7 * r.width))
     .map(([e]) => e.tagName + ' ' + e.textContent.slice(0, 30))"""
-"""What is beyond the edges of the window, or too small to read."""
+"""What is beyond the edges of the window, or too small to read; pictures are drawn for 575 px."""
 
 
 class Page:

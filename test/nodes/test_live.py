@@ -44,6 +44,9 @@ def test_a_browser_shows_the_rig_and_starts_it_and_ctrl_c_ends_all(ros_domain, t
             page.until('document.getElementById("wrench.2").textContent > 100', PATIENCE)
             page.until('document.getElementById("phase").textContent === "idle"', PATIENCE)
             page.until('document.querySelectorAll("#nodes tr").length === 4', PATIENCE)
+            for topic in ('wrench', 'phase', 'diagnostics'):
+                page.until(f'/, [0-9.]+ s ago$/.test(document.querySelector('
+                           f'"[data-age={topic}]").textContent)', PATIENCE)
             # the nominal tool hangs still: its weight along z, and a bias
             assert 134.0 < float(text(page, 'wrench.2')) < 137.0
             assert text(page, 'contact.0') == '-' and 'waiting for a cal' in text(page, 'said')

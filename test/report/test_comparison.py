@@ -20,7 +20,7 @@ from whole_calibration import whole_calibration
 WHOLE = whole_calibration()
 
 
-def test_a_change_is_told_in_the_standard_errors_of_both():
+def test_a_change_has_the_interval_of_both():
     heavier = replace(WHOLE, mass=Estimate(13.006, 0.0009, 'kg'),
                       com=Estimate([0.0302, -0.01, 0.14], 1e-4, 'm'))
     found = compare(WHOLE, heavier)
@@ -30,8 +30,9 @@ def test_a_change_is_told_in_the_standard_errors_of_both():
     assert by_key['com.x'].sigmas == pytest.approx(2 ** 0.5)
     assert [one.first.key for one in found.changed] == ['mass']
     line = next(line for line in as_text(found).splitlines() if line.startswith('tool mass'))
-    assert line.split() == ['tool', 'mass', '13.0000', '13.0060', '0.0060', '+4.5', 'kg']
-    assert as_text(found).endswith('standard errors, tool mass most (+4.5)')
+    assert line.split() == ['tool', 'mass', '13.0000', '13.0060', '0.0060', '0.0026', 'kg',
+                            'changed']
+    assert as_text(found).endswith('95 % interval, tool mass most: +6.0 ± 2.6 g')
 
 
 def test_a_number_of_unknown_error_is_shown_and_not_judged():
@@ -60,7 +61,8 @@ def test_the_command_prints_what_was_found_and_ends_with_0(capsys, tmp_path):
     save(replace(WHOLE, matrix=Estimate(np.full((6, 7), 2.0), 0.1, 'N, N m per count')), after)
     assert main(['compare', before, after]) == 0
     out = capsys.readouterr().out
-    assert '42 of ' in out and 'N m per count' in out and 'matrix force x 1 most (+7.1)' in out
+    assert '42 of ' in out and 'N m per count' in out and (
+        'matrix force x 1 most: +1.00 ± 0.28 N per count' in out)
     assert main(['compare', before, after, '--json']) == 0
     document = json.loads(capsys.readouterr().out)
     assert document['estimates']['matrix.force.x.1']['change'] == 1.0
@@ -87,12 +89,17 @@ def test_two_diagnoses_are_told_apart_likewise(capsys, tmp_path):
         folder.mkdir()
         (folder / 'diagnosis.json').write_text(json.dumps(diagnosis_document(one, units(), None)))
     assert load_diagnosis(first)[0] == late(0.004, 0.9)
+    told = late(0.004, 0.9, at_tolerance=('kp',), remarks=('a drive is at its limit',),
+                joints=('elbow',))
+    (tmp_path / 'told.json').write_text(json.dumps(diagnosis_document(told, units(), None)))
+    assert load_diagnosis(tmp_path / 'told.json')[0] == told
     assert main(['compare', str(first), str(second / 'diagnosis.json')]) == 0
     out = capsys.readouterr().out
     assert 'verdict: identified, then partial' in out
     assert 'not excited: not stated, then friction' in out
     # 2 ms of 0.1 * sqrt(2) ms; the share changed by less than its interval
-    assert '1 of 2 numbers changed' in out and 'wrench_delay delay most (+14.1)' in out
+    assert '1 of 2 numbers changed' in out and (
+        'wrench_delay delay most: +2.00 ± 0.28 ms' in out)
     assert main(['compare', str(first), str(second), '--json']) == 0
     document = json.loads(capsys.readouterr().out)
     assert document['changed'] == ['effects.wrench_delay.delay']

@@ -14,7 +14,7 @@ from forcecal_ros.diagnose.judge.gap import Gap
 from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
 from forcecal_ros.diagnose.localise import BANDS, Location, TimeFrequencyBin
 from forcecal_ros.diagnose.result import Diagnosis, to_document
-from forcecal_ros.diagnose.verdict import AT_TOLERANCE, FIRST, percent
+from forcecal_ros.diagnose.verdict import percent
 from forcecal_ros.effects.library import EFFECTS
 from forcecal_ros.report import diagnosis as figures
 from forcecal_ros.report import page as pages
@@ -72,7 +72,8 @@ def words(diagnosis, view=view_without_signals):
 
 @pytest.fixture(scope='module')
 def page():
-    return render(replace(_view(IDENTIFIED), cells=tuple(
+    joints = tuple(f'left_shoulder_pan_joint_{i}' for i in range(len(CHANNELS)))
+    return render(replace(_view(replace(IDENTIFIED, joints=joints)), cells=tuple(
         TimeFrequencyBin(i, phase, band, 160.0 / (i + 1), 9.0) for i in range(len(CHANNELS))
         for phase in ('step', 'contact') for band in BANDS[:-1])), ['bag'], NEXT)
 
@@ -114,8 +115,8 @@ def test_a_sentence_leaves_out_what_is_chance():
 
 
 def test_a_number_of_somebodys_simulator_is_called_by_its_name():
-    friction = NamedEffect('friction', {'value': Parameter(0.4213, 0.004, '1')}, 0.9)
-    assert sentence(friction) == 'friction should be 0.421 ± 0.008'
+    friction = NamedEffect('friction', {'value': Parameter(0.4213, 0.004, '1', nominal=0.5)}, 0.9)
+    assert sentence(friction) == 'friction 0.5 -> 0.421 ± 0.008'
     said = words(replace(
         IDENTIFIED, effects=(friction,), candidates=(('friction', 0.9), ('kp', 0.1))))
     assert said['What'] == 'Friction differs from the simulator'
@@ -136,8 +137,9 @@ def test_a_number_at_its_bound_says_so_and_has_no_error():
     written = document['effects'][0]['parameters']
     assert written['time_constant']['at_bound'] is True
     assert 'at_bound' not in written['second_order']
-    friction = NamedEffect('friction', {'value': Parameter(0.0, 0.01, 'N m', at_bound=True)}, 0.9)
-    assert sentence(friction) == 'friction should be 0 N m (at its bound)'
+    friction = NamedEffect('friction', {'value': Parameter(
+        0.0, 0.01, 'N m', at_bound=True, nominal=0.2)}, 0.9)
+    assert sentence(friction) == 'friction 0.2 -> 0 N m (at its bound)'
 
 
 def test_other_causes_are_explained_and_an_ambiguous_verdict_says_what_tells_them_apart():
@@ -189,7 +191,7 @@ def test_a_report_without_a_comparison_says_that_nothing_is_known_of_size_and_ca
 def test_the_first_sentence_says_what_how_large_how_sure_and_how_much_it_explains():
     assert headline(IDENTIFIED) == (
         'The measured wrench lags the simulated one: delay 4.00 ± 0.28 ms (probability 97 %). '
-        'Adding it explains 98 % of the residual (95 % interval: 97 % to 99 %).')
+        'Adding it explains 98 ± 1 % of the residual.')
 
 
 def test_the_facts_name_place_time_and_next_command():
@@ -200,7 +202,7 @@ def test_the_facts_name_place_time_and_next_command():
         '(0.012 N after correction) and a residual of 0.38 N RMS in force.y (0.010 N after '
         'correction), whose noise is 0.25 N.')
     assert said['How sure'].words == 'All other causes: 3 %.'
-    assert said['Where'].words == ('force.y in phase step, mostly 8 to 16 Hz: 12 times the '
+    assert said['Where'].words == ('In force.y, phase step, mostly 8 to 16 Hz: 12 times the '
                                    'noise of all octaves; then torque.x in contact.')
     # of two steps the one with the largest residual
     assert said['When'].words == 'Most visible from 10.00 to 12.00 s, in phase step.'
@@ -210,11 +212,11 @@ def test_the_facts_name_place_time_and_next_command():
 def test_an_effect_that_began_says_when():
     begun = replace(IDENTIFIED, effects=(replace(LATE, begin=12.3005, begin_ci95=(12.29, 12.31)),))
     said = words(begun, _view)
-    assert said['When'] == 'From 12.30 s on (95 %: 12.290 to 12.310 s).'
+    assert said['When'] == 'From 12.300 ± 0.010 s on.'
     assert figures.closest(_view(begun)).instants == (12.3005,)
-    ended = replace(IDENTIFIED, effects=(replace(LATE, end=14.5, end_ci95=(14.46, 14.53)),))
+    ended = replace(IDENTIFIED, effects=(replace(LATE, end=14.5, end_ci95=(14.46, 14.54)),))
     said = words(ended, _view)
-    assert said['When'] == 'Until 14.50 s (95 %: 14.460 to 14.530 s).'
+    assert said['When'] == 'Until 14.50 ± 0.04 s.'
 
 
 @pytest.mark.parametrize('verdict', ['unknown', 'not_excited', 'no_gap', 'invalid_data'])
@@ -235,7 +237,7 @@ def test_an_effect_that_shows_in_stamps_alone_explains_no_share():
 
 def test_every_share_on_the_page_is_the_same_one():
     page = render(view_without_signals(IDENTIFIED), ['bag'], NEXT)
-    assert set(re.findall(r'explains ([\w ]+ %)', page)) == {'98 %'}
+    assert set(re.findall(r'explains ([\w± ]+ %)', page)) == {'98 ± 1 %'}
     assert 'class="said known"' in page and TONES.keys() >= {'no_gap', 'partial', 'ambiguous'}
 
 
@@ -295,8 +297,39 @@ def test_an_effect_of_a_sensor_is_fixed_at_the_sensor_and_not_in_the_model():
 def test_the_table_begins_with_the_noise_and_marks_the_worst_channel():
     page = render(view_without_signals(IDENTIFIED), ['bag'], NEXT)
     head = [*map(str.strip, re.findall(r'<th[^>]*>([^<]+)</th>', page))]
-    assert head[:6] == ['channel', 'noise', 'nominal', 'before', 'after', 'unit']
+    assert head[:6] == ['channel', 'measured noise', 'nominal', 'before', 'after', 'unit']
     assert page.count('class="worst"') == 1
+
+
+def test_a_page_without_a_gap_marks_no_channel():
+    page = render(view_without_signals(replace(
+        IDENTIFIED, verdict='no_gap', effects=(), candidates=())), ['bag'], NEXT)
+    assert 'A probability is' not in page
+    assert 'class="worst"' not in page and 'in bold' not in page and '>force.y<' in page
+
+
+def test_joints_are_called_as_the_model_calls_them():
+    gap = GAP._replace(channels={'joint.1': (2e-4, 2e-4, 1e-5, 1e-5), 'joint.0': (0.0,) * 4})
+    d = replace(IDENTIFIED, gap=gap, joints=('base', 'elbow'), localisation=(
+        Location('robot', 'joint.1', 'step', (8.0, 16.0), 12.3, 1e-9),
+        Location('robot', 'joint.0', 'contact', (4.0, 8.0), 3.0, 1e-9)))
+    cells = (TimeFrequencyBin(CHANNELS.index(next(c for c in CHANNELS if c.name == 'joint.1')),
+                              'step', (8.0, 16.0), 3.0, 9.0),)
+    view = replace(_view(d), cells=cells)
+    said = {one.label: one.words for one in facts(view, NEXT)}
+    assert said['Where'].startswith('In elbow, phase step') and 'base in contact' in said['Where']
+    assert 'RMS in elbow (' in said['How large']
+    assert figures.closest(view).panels[0].title == 'Δ elbow'
+    page = render(view, ['bag'], NEXT)
+    assert 'joint.' not in page and page.count('>elbow</td>') == 2  # table and heat map
+
+
+def test_a_panel_has_the_unit_of_the_table():
+    view = _view(IDENTIFIED)
+    view = replace(view, recalibrated=1e-6 * view.recalibrated, explained=1e-6 * view.explained)
+    panel = figures.residuals(view).panels[0]
+    assert panel.unit == 'mN'
+    assert np.nanmax(np.abs(panel.lines[0].values)) == pytest.approx(9e-3)
 
 
 def test_residuals_come_before_signals(page):
@@ -356,7 +389,8 @@ def test_what_is_recorded_in_one_of_twelve_blocks_is_drawn_as_a_line_with_its_ow
     for line in shown.panels[0].lines:
         assert np.isfinite(line.values).all() and len(line.t) == sparse.sum()
     # samples 48 ms apart hold nothing above 10.4 Hz
-    assert figures.spectra(view).axes[0].lines[0].get_xdata().max() == pytest.approx(0.5 / 0.048)
+    frequencies = figures.spectra(view)[0].axes[0].lines[0].get_xdata()
+    assert frequencies.max() == pytest.approx(0.5 / 0.048)
 
 
 def test_the_plot_that_zooms_shows_the_phase_and_channel_of_the_verdict():
@@ -382,8 +416,16 @@ def test_a_phase_is_named_where_its_name_has_room():
     shown = Shown((Panel('force x', 'N', (Line('measured', 'measured', t, t),)),), phases,
                   0.0, 100.0)
     names = {'step', 'approach', 'contact'}  # and not move, the shortest
-    assert {text.get_text() for text in drawn(shown).axes[0].texts} == names
+    # a figure is narrow
+    assert {text.get_text() for text in drawn(shown).axes[0].texts} == names - {'approach'}
     assert {one['text'] for one in live(shown)['layout']['annotations']} == names
+
+
+def test_the_legend_of_a_figure_covers_no_phase():
+    figure = drawn(figures.closest(_view(IDENTIFIED)))
+    figure.canvas.draw()
+    names = [text.get_window_extent() for text in figure.axes[0].texts]
+    assert names and figure.legends[0].get_window_extent().y0 > max(one.y1 for one in names)
 
 
 @pytest.mark.parametrize('after, channel', [(0.36, 'torque.x'), (0.01, 'force.y')])
@@ -403,7 +445,7 @@ def test_without_plotly_the_page_shows_pictures_and_says_how_to_get_more(monkeyp
     pages._plotly.cache_clear()
     page = render(_view(IDENTIFIED), ['bag'], NEXT)
     pages._plotly.cache_clear()
-    assert page.count('<img') == 4 and '<script' not in page and '[plots]' in page
+    assert page.count('<img') == 7 and '<script' not in page and '[plots]' in page
     assert len(page) < 1e6
 
 
@@ -416,22 +458,22 @@ def test_with_plotly_the_page_holds_it_once_and_needs_no_network(page):
 
 def test_a_number_that_only_its_tolerance_holds_is_the_next_thing_to_look_at():
     held = Diagnosis('no_gap', 'the recalibrated rig explains the recording down to its noise',
-                     notes=('kp[elbow] would move by more than three sigma, and so on',))
+                     at_tolerance=('kp[elbow]',))
     assert next_step(held, 'bag', 'out', ()).words.startswith('Check kp[elbow]: ')
-    assert next_step(replace(held, notes=()), 'bag', 'out', ()).words == (
+    assert next_step(replace(held, at_tolerance=()), 'bag', 'out', ()).words == (
         'Nothing has to be changed.')
 
 
 def test_a_drive_at_its_limit_is_the_next_thing_to_look_at():
     drive = 'in the model the drive of wrist_3 is at its actuator_forcerange (28) for 0.4 s'
-    d = Diagnosis('unknown', f'there is a gap that no effect of the library explains: pose.x; '
-                  f'{FIRST}{drive}')
+    d = Diagnosis('unknown', 'there is a gap that no effect of the library explains: pose.x',
+                  remarks=(drive,))
     words = next_step(d, 'bag', 'out', ()).words
     assert words.startswith(f'In {drive[3:]}. Move more slowly, or give the model the limit')
 
 
 def test_a_calibration_at_the_limit_of_its_tolerance_is_to_be_made_anew():
-    d = replace(IDENTIFIED, verdict='partial', reason=f'a; {AT_TOLERANCE}: tool.mass')
+    d = replace(IDENTIFIED, verdict='partial', at_tolerance=('tool.mass',))
     step = next_step(d, 'bag', 'out', ('calibration_patched.yaml',))
     assert step.words.startswith('Check that this tool and sensor are the calibrated ones')
     assert step.command == 'forcecal calibrate bag'
@@ -462,3 +504,10 @@ def test_a_simulation_of_the_users_is_corrected_and_compared_with_the_same_recor
     step = next_step(replace(IDENTIFIED, effects=(payload,)), 'bag', 'out', (),
                      against=('--simulator', 'my_robot:make'))
     assert step.words == 'Set payload to 1.2594 kg in parameters(), and diagnose again:'
+
+
+def test_a_note_of_many_numbers_has_a_line_for_each():
+    notes = ('recalibrated: a 1; b 2; c 3; d 4', 'one part; another')
+    page = render(view_without_signals(replace(IDENTIFIED, notes=notes)), ['bag'], NEXT)
+    assert 'Recalibrated: a 1;<br> b 2;<br> c 3;<br> d 4.</p>' in page
+    assert '<p>One part; another.</p>' in page

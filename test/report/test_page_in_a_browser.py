@@ -30,9 +30,9 @@ def page(tmp_path_factory):
         headline='The tool weighs 13 kg.', notes=[], pages=[],
         facts=[Fact('Next', 'Do it:', f'forcecal {long}')],
         warnings=[long], first=[picture('Force', 'words', SHOWN)], figures=[],
-        head=['estimate', 'value', 'unit', '95 % interval', 'truth', 'off by'],
+        head=['estimate', 'value', '±', 'unit', 'truth', 'off by'],
         rows=3 * [
-            ['centre of mass', '1.00000', 'kg m^2', '0.99999 … 1.00001', '1.00000', '+0.1 σ']],
+            ['centre of mass', '1.00003', '0.00007', 'kg m^2', '1.00000', '0.00004']],
         quality=[('Note', 'a sentence that is longer than a phone is wide')]))
     with browser(folder / 'browser') as one:
         one.size(1280, 1000)
@@ -57,7 +57,7 @@ def shown(page, level=0.0, spread=0.1, age=0.02, bins=200):
     """Show wrenches of noise about a level on the live page."""
     page.run(f"""rows = []; show({{phase: 'idle', reason: '', answer: '', gap: null, late: 0,
         nodes: [{{name: 'observer', level: 'ok', message: 'estimating', age: 0.4}}],
-        topics: Object.fromEntries(Object.keys(COLUMN).map(key => [
+        topics: Object.fromEntries([...Object.keys(COLUMN), 'phase', 'diagnostics'].map(key => [
             key, {{topic: '/' + key, age: {age}}}])),
         rows: Array.from({{length: {bins}}}, (_, i) => {{
             const noise = () => {level} + {spread} * (Math.random() - 0.5);
@@ -144,7 +144,7 @@ def test_no_cell_of_a_table_is_cut_on_a_phone(page, dark):
     page.until('document.querySelector(".live .main-svg").getBoundingClientRect().right <= 400')
     assert page.run(CUT) == []
     seen = page.run('document.body.innerText')
-    assert seen.count('0.99999 … 1.00001') == 3 and seen.count('+0.1 σ') == 3
+    assert seen.count('0.00007') == 3 and seen.count('0.00004') == 3
 
 
 def test_the_live_page_begins_with_the_measured_wrench(live_page):
@@ -171,6 +171,11 @@ def test_each_topic_shows_the_time_since_its_last_message(live_page):
     shown(live_page, age=3.2)
     assert live_page.run('document.querySelector("[data-age=wrench].old").textContent') == (
         '/wrench, 3.2 s ago')
+    # those of status come once a second
+    assert live_page.run("""Object.fromEntries([...document.querySelectorAll('.age')].map(
+        e => [e.textContent.split(',')[0], e.matches('.old')]))""") == {
+            '/wrench': True, '/contact': True, '/inertial': True, '/phase': False,
+            '/diagnostics': False}
     assert '0.4 s ago' in live_page.run('document.querySelector("#nodes").textContent')
     shown(live_page, age='null')
     said = live_page.run('document.querySelector("[data-age=contact]").textContent')

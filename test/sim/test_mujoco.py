@@ -465,7 +465,7 @@ def test_friction_of_a_joint_is_named_with_its_number(model, tmp_path, capsys):
     assert changed['name'] == 'dof_frictionloss[lift]'
     assert changed['after'] == pytest.approx(2.5, abs=0.1)
     assert document['recomputed'] > 0.9
-    assert 'change dof_frictionloss[lift] 0.5 -> 2.5' in capsys.readouterr().out
+    assert 'dof_frictionloss[lift] 0.5 -> 2.5' in capsys.readouterr().out
     own = {p.name: p.nominal
            for p in load_mujoco(str(tmp_path / 'why' / document['model'])).parameters()}
     assert own['dof_frictionloss[lift]'] == pytest.approx(changed['after'])

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from forcecal_ros.checks.clocks import JITTER
 from forcecal_ros.checks.signals import clipped, quantisation
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.quantity import quantity
+from forcecal_ros.core.quantity import HALF, pair, quantity
 from forcecal_ros.diagnose.dataset import CHANNELS
 from forcecal_ros.diagnose.model.gates import BIAS, kind_of, nuisances_of, physical
 from forcecal_ros.diagnose.model.hypotheses import CLIPPING
@@ -42,12 +42,15 @@ class Parameter:
     ----------
     at_bound : bool
         It stands at the end of its range, so that its standard error says nothing.
+    nominal : float, optional
+        What the model has, of a number of a third-party simulator.
     """
 
     value: float
     std: float
     unit: str
     at_bound: bool = False
+    nominal: float | None = None
 
 
 @dataclass(frozen=True)
@@ -260,6 +263,11 @@ def instants(e: NamedEffect) -> list[tuple[str, float, tuple[float, float]]]:
     return [(word, at, ci95) for word, at, ci95 in both if at is not None and ci95 is not None]
 
 
+def std_of(ci95: tuple[float, float]) -> float:
+    """Return the standard error of which an interval is 95 %."""
+    return (ci95[1] - ci95[0]) / (2.0 * HALF)
+
+
 def in_time(effects: Sequence[NamedEffect]) -> str:
     """Say when effects act that do not all the time, to be put behind a sentence."""
     parts = [words for e in effects for words in _times(e)]
@@ -273,8 +281,8 @@ def _times(e: NamedEffect) -> Iterator[str]:
         by = ': ' + ', '.join(f'{k} by {p.value:+.3g} {p.unit}' for k, p in e.parameters.items())
     if e.recording is not None and not instants(e):
         yield f'{e.name}{by} in the {("first", "second")[e.recording]} recording alone'
-    for word, at, (low, high) in instants(e):
+    for word, at, ci95 in instants(e):
         where = ' of the second recording' if e.recording else ''
-        when = f'{at:.3f} s ({low:.3f} to {high:.3f}){where}'
+        when = f'{pair(at, std_of(ci95))} s{where}'
         yield (f'{e.name} until {when}' if word == 'to' else f'{e.name}{by} at {when}' if by
                else f'{e.name} from {when} on')

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 from forcecal_ros.checks.entry import computed
 from forcecal_ros.core.errors import below, DataError
 from forcecal_ros.core.geometry import Array, rotation_vector
+from forcecal_ros.core.quantity import sizes
 from forcecal_ros.core.streams import JointStream, Phase, PoseStream, Recording, Stream
 from forcecal_ros.diagnose.dataset import Dataset, motion_groups, require_wrench_and_pose, span
 from forcecal_ros.diagnose.engine import Outcome
@@ -35,7 +36,6 @@ from forcecal_ros.diagnose.sources.simulated_tool import (
     SimulatedTool,
 )
 from forcecal_ros.diagnose.sources.source import Ready, recalibration_notes, Source
-from forcecal_ros.effects.library import FORCES
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.measured_motion import express_in_base, RecordedSimulation
 from forcecal_ros.sim.rigid_tool import beyond
@@ -221,9 +221,8 @@ def _about(pairs: Sequence[PairReady], outcome: Outcome) -> Iterator[str]:
                'they are compared unchanged')
     bias = [median + outcome.recalibrations.get(f'{BIAS}.{i}', (0.0, 0.0))[0]
             for i, median in enumerate(pairs[0].tool.zero)]
-    yield ('bias of the wrench against the simulated: '
-           + ', '.join(f'{axis} {value:+.3g}' for axis, value in zip(FORCES, bias))
-           + ' N, N m; removed')
+    yield (f'bias of the wrench against the simulated: {sizes(bias[:3], "N")} and '
+           f'{sizes(bias[3:], "N m")} (x, y, z); removed')
     yield from dict.fromkeys(note for one in pairs for note in one.notes)
     for one in pairs:
         for name, part, unit in zip(one.tracking._fields, one.tracking, ('mm', 'mrad')):

@@ -38,7 +38,6 @@ from forcecal_ros.diagnose.sources.simulated_tool import (
     TURN,
 )
 from forcecal_ros.diagnose.sources.source import Ready, RECALIBRATION_SIGMA, Source
-from forcecal_ros.diagnose.verdict import FIRST, FURTHER
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.protocol import Inputs
 from forcecal_ros.sim.rerun import (
@@ -288,20 +287,19 @@ class SimulatorSource(Source):
         remarks = tuple(dict.fromkeys(x for one in self.ready for x in one.remarks))
         notes = (*self.simulator.notes, *remarks, *recalibrated_notes(self.simulator, outcome),
                  *dict.fromkeys(note for one in self.ready for note in one.notes),
-                 *filter(None, [self._short]),
-                 *(['joints compared: ' + ', '.join(
-                     f'joint.{i} {name}' for i, name in enumerate(
-                         self.ready[0].simulation.joints))] if self.ready[0].given.joints else []))
-        reason, verdict = diagnosis.reason, diagnosis.verdict
-        if verdict == 'no_gap' and (limited := limited_parameters(self.simulator, outcome)):
+                 *filter(None, [self._short]))
+        named = replace(diagnosis, joints=(
+            tuple(self.ready[0].simulation.joints) if self.ready[0].given.joints else ()))
+        reason, limited = diagnosis.reason, limited_parameters(self.simulator, outcome)
+        if diagnosis.verdict == 'no_gap' and limited:
             word, semicolon, more = reason.partition('; ')
-            reason = (f'{word}, with {" and ".join(limited)} at the limit of three sigma'
+            reason = (f'{word}, with {" and ".join(limited)} at the limit of the tolerance'
                       f'{semicolon}{more}')
-        if remarks and verdict in ('unknown', 'partial'):
-            reason = f'{reason}; {FIRST}{remarks[0]}'
         impacts_s = sum(one.impacts_s for one in self.ready)
         return replace(
-            diagnosis, effects=effects, reason=reason, notes=(*diagnosis.notes, *notes),
+            named, effects=effects, reason=named.label(reason), remarks=remarks,
+            notes=tuple(map(named.label, (*diagnosis.notes, *notes))),
+            at_tolerance=(*diagnosis.at_tolerance, *limited),
             not_compared=((f'{impacts_s:.1f} s of impacts and slipping contact',)
                           if impacts_s else ()))
 
@@ -311,7 +309,7 @@ class SimulatorSource(Source):
         if p is None:
             return effect.parameters
         own = {key: p.from_linear(x.value, x.std) for key, x in effect.parameters.items()}
-        return {key: replace(effect.parameters[key], value=value, std=std)
+        return {key: replace(effect.parameters[key], value=value, std=std, nominal=p.nominal)
                 for key, (value, std) in own.items()}
 
     def changes(self, outcome: Outcome) -> tuple[Changed, ...]:
@@ -334,10 +332,6 @@ class SimulatorSource(Source):
             return {}
         text = self.simulator.patched(_numbers_of(outcome.rig))
         return {} if text is None else {'model_patched.xml': text}
-
-    def actions(self, outcome: Outcome) -> tuple[str, ...]:
-        """Return the numbers to change."""
-        return tuple(f'change {one}' for one in self.changes(outcome))
 
 
 def _named(outcome: Outcome) -> set[str]:
@@ -370,9 +364,10 @@ def recalibrated_notes(simulator: ThirdParty, outcome: Outcome) -> Iterator[str]
             changes.append(str(Changed(p.name, p.unit, p.nominal,
                                        *p.from_linear(p.nominal + x, std))))
     if changes:
-        yield f'recalibrated, within three sigma of the prior: {"; ".join(changes)}'
+        yield f'recalibrated, within the tolerances: {"; ".join(changes)}'
     if limited:
-        yield f'{", ".join(limited)} {FURTHER}, and is too uncertain to be named'
+        yield (f'{", ".join(limited)} would move beyond the tolerance, and is too uncertain to be '
+               'named')
     own = {p.name for p in simulator.parameters} | {'robot.delay'}
     reported = {*named, *limited, *(name for name in own if _is_moved(outcome, name))}
     for group in outcome.aliases:

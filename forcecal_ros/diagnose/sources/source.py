@@ -55,8 +55,6 @@ class Diagnosed:
         Further keys of ``diagnosis.json``.
     files : dict of str to str
         Name and text of what is written next to it.
-    actions : tuple of str
-        What to change, a line each.
     """
 
     outcome: Outcome
@@ -64,7 +62,6 @@ class Diagnosed:
     unit: str = 'V'
     details: dict[str, Any] = field(default_factory=dict)
     files: dict[str, str] = field(default_factory=dict)
-    actions: tuple[str, ...] = ()
 
     @property
     def diagnosis(self) -> Diagnosis:
@@ -155,7 +152,7 @@ class Source:
     def _diagnosed(self, outcome: Outcome) -> Diagnosed:
         explained = {'explained_by': self.explained_by} if self.explained_by else {}
         return Diagnosed(outcome, self.ready, self.unit, {**explained, **self.details(outcome)},
-                         self.files(outcome), self.actions(outcome))
+                         self.files(outcome))
 
     def prepare(self, recordings: Sequence[Recording]) -> Sequence[Ready]:
         """Make recordings ready; a DataError becomes ``invalid_data``."""
@@ -180,10 +177,6 @@ class Source:
     def files(self, outcome: Outcome) -> dict[str, str]:
         """Return files with the numbers found, text by name."""
         return {}
-
-    def actions(self, outcome: Outcome) -> tuple[str, ...]:
-        """Return what to change, a line each."""
-        return ()
 
 
 def express_in_unit(unit: str, diagnosis: Diagnosis) -> Diagnosis:
