@@ -18,6 +18,7 @@ from forcecal_ros.core.streams import (
 )
 from forcecal_ros.effects import Effect
 from forcecal_ros.effects.rig import Rig
+from forcecal_ros.sim.rigid_tool import MARGIN_S
 from forcecal_ros.sim.signals import BLOCK, block_means, JOINTS, padded, RATE, Signals, Simulation
 import numpy as np
 from numpy.typing import NDArray
@@ -408,8 +409,8 @@ def infer_phases(groups: NDArray[np.intp], start: float) -> tuple[Phase, ...]:
 MIN_MOTION_S = 3.0
 """Length of a recording without commands, at least, that can be diagnosed [s]."""
 
-EDGE_S = 0.03
-"""Time left out at both ends, so that one sensor may be so late behind another [s]."""
+EDGE_S = MARGIN_S + 0.03
+"""Time left out at both ends [s]: for filters, and for one sensor that is late behind another."""
 
 
 def require_wrench_and_pose(recording: Recording, otherwise: str) -> None:

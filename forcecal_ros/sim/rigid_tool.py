@@ -137,6 +137,10 @@ CABLE = 'cable_force'
 HYSTERESIS = frozenset({'wrench_hysteresis'})
 
 
+MARGIN_S = 2.0 / MOST
+"""Time before and after what is compared that filters need [s]: two periods of the band."""
+
+
 class CarriedTool:
     """
     One recorded motion, along which tools are carried.
@@ -176,13 +180,18 @@ class CarriedTool:
                  *, clear: bool = False) -> None:
         pose = recording.pose
         assert pose is not None
-        count = 1.0 + np.arange(n_blocks * round(BLOCK * RATE))
+        # filters see what is before and after, as far as it was recorded
+        before, n = round(MARGIN_S * RATE), n_blocks * round(BLOCK * RATE)
+        count = np.arange(1.0 - before, 1.0 + n + before)
         self.t: Array = np.asarray(start + count / RATE, dtype=np.float64)
         self.start, self.accelerometer, self._clear = start, accelerometer, clear
         moved = pose.at(np.clip(self.t, pose.t[0], pose.t[-1]))
         self.R_base_sensor = moved.R_base_sensor
         self._turn(pose)
         self._travel(pose, moved.position)
+        for name in ('t', 'R_base_sensor', 'position', 'velocity', 'acceleration', 'omega',
+                     'alpha', 'lever'):
+            setattr(self, name, getattr(self, name)[before:before + n])
         stream, self.slide = recording.optidrive, np.zeros(len(self.t))
         if stream is not None and len(stream) > 1:
             self.slide = stream.at(self.t)[:, 0]
@@ -201,6 +210,8 @@ class CarriedTool:
         R = self.R_base_sensor
         turns = rotation_vector(np.swapaxes(R[:-1], 1, 2) @ R[1:]) * RATE
         band = self._band(pose.t, pose.R_base_sensor.reshape(-1, 9))
+        if self._clear:
+            self.R_base_sensor = slow(R.reshape(-1, 9), RATE, band).reshape(-1, 3, 3)
         self.omega = slow(np.concatenate([turns[:1], turns]), RATE, band)
         self.alpha = _rate_of(self.omega)
         W = skew(self.omega)
@@ -211,8 +222,10 @@ class CarriedTool:
         self.position = self.velocity = self.acceleration = np.zeros((len(self.t), 3))
         if self._placed:
             self.position = position
-            self.velocity = slow(_rate_of(self.position), RATE,
-                                 self._band(pose.t, pose.position))
+            band = self._band(pose.t, pose.position)
+            self.velocity = slow(_rate_of(self.position), RATE, band)
+            if self._clear:
+                self.position = slow(self.position, RATE, band)
             self.acceleration = _rate_of(self.velocity)
 
     @property
