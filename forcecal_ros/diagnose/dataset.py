@@ -409,10 +409,6 @@ def infer_phases(groups: NDArray[np.intp], start: float) -> tuple[Phase, ...]:
 MIN_MOTION_S = 3.0
 """Length of a recording without commands, at least, that can be diagnosed [s]."""
 
-EDGE_S = MARGIN_S + 0.03
-"""Time left out at both ends [s]: for filters, and for one sensor that is late behind another."""
-
-
 def require_wrench_and_pose(recording: Recording, otherwise: str) -> None:
     """Refuse a recording without them in some words, and one that has too few of them."""
     if recording.wrench is None or recording.pose is None:
@@ -433,8 +429,9 @@ def span(*recordings: Recording) -> tuple[float, int]:
     """Return when all streams are there, and how many blocks they last."""
     streams = [s.t for r in recordings for s in (r.wrench, r.pose, r.accelerometer)
                if s is not None]
-    first = max(float(t[0]) for t in streams) + EDGE_S
-    last = min(float(t[-1]) for t in streams) - EDGE_S
+    edge = MARGIN_S + 0.03  # so late may one sensor be behind another [s]
+    first = max(float(t[0]) for t in streams) + edge
+    last = min(float(t[-1]) for t in streams) - edge
     if last - first < MIN_MOTION_S:
         common = below(max(0.0, last - first), MIN_MOTION_S)
         raise DataError(f'wrench and motion overlap for {common} s; at '
