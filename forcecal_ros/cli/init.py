@@ -70,7 +70,9 @@ def run(args: argparse.Namespace) -> int:
         common.warn('no controller is given: add --controller, e.g. moveit_servo '
                     f'or joint_trajectory_controller, or set {BACKEND}')
     launch = shlex.join((
-        'ros2', 'launch', 'forcecal_ros', 'calibrate.launch.py', f'robot:={args.preset}',
+        'ros2', 'launch', 'forcecal_ros', 'calibrate.launch.py',
+        *([f'namespace:={args.namespace.strip("/")}'] if args.namespace else ()),
+        f'robot:={args.preset}',
         *([f'controller:={args.controller}'] if args.controller else ()),
         *(f'{key}:={name}' for key, name in other.items()), f'sequencer_params:={args.output}'))
     named = ', '.join(f'{key} {name}' for key, name in {**topics, **other}.items())

@@ -409,6 +409,7 @@ def infer_phases(groups: NDArray[np.intp], start: float) -> tuple[Phase, ...]:
 MIN_MOTION_S = 3.0
 """Length of a recording without commands, at least, that can be diagnosed [s]."""
 
+
 def require_wrench_and_pose(recording: Recording, otherwise: str) -> None:
     """Refuse a recording without them in some words, and one that has too few of them."""
     if recording.wrench is None or recording.pose is None:

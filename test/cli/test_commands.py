@@ -179,9 +179,10 @@ def test_init_writes_every_parameter_of_a_preset_with_its_meaning(tmp_path, caps
     from forcecal_ros.nodes.sequencer import settings_of
 
     path = tmp_path / 'my_cell.yaml'
-    assert main(['init', '--preset', robot, '--offline', '-o', str(path)]) == 0
+    assert main(['init', '--preset', robot, '--namespace', '/left', '--offline',
+                 '-o', str(path)]) == 0
     printed = capsys.readouterr()
-    assert f'robot:={robot}' in printed.out
+    assert f'namespace:=left robot:={robot}' in printed.out
     assert ('--controller' in printed.err) is (robot != 'kuka_fri')
     text = path.read_text()
     written = yaml.safe_load(text)
