@@ -192,6 +192,8 @@ class CarriedTool:
         for name in ('t', 'R_base_sensor', 'position', 'velocity', 'acceleration', 'omega',
                      'alpha', 'lever'):
             setattr(self, name, getattr(self, name)[before:before + n])
+        self._along = np.einsum('nij,ni->nj', self.R_base_sensor, self.acceleration)
+        self._weight: tuple[tuple[float, ...], Array] = ((), self.acceleration)
         stream, self.slide = recording.optidrive, np.zeros(len(self.t))
         if stream is not None and len(stream) > 1:
             self.slide = stream.at(self.t)[:, 0]
@@ -251,7 +253,10 @@ class CarriedTool:
 
     def weight(self, rigid_tool: Rig) -> Array:
         """Return the specific force of rest in S, shape (n, 3)."""
-        return np.asarray(-np.array(rigid_tool.gravity) @ self.R_base_sensor)
+        if self._weight[0] != rigid_tool.gravity:
+            self._weight = (rigid_tool.gravity,
+                            np.asarray(-np.array(rigid_tool.gravity) @ self.R_base_sensor))
+        return self._weight[1]
 
     def specific_force(self, rig: Rig) -> Array:
         """Return the specific force at the centre of mass, in S, shape (n, 3)."""
@@ -260,8 +265,7 @@ class CarriedTool:
         if self._volts is None:
             if not self._placed:
                 return self.weight(rigid_tool)
-            along = np.einsum('nij,ni->nj', self.R_base_sensor, self.acceleration)
-            return np.asarray(self.weight(rigid_tool) + along + self.lever @ com)
+            return np.asarray(self.weight(rigid_tool) + self._along + self.lever @ com)
         behind = getattr(rig, 'accel_behind', 0.0) + named.get('accel_delay', {}).get('delay', 0.0)
         at = np.clip(self.t + behind, self._volts.x[0], self._volts.x[-1])
         f = specific_force_of(rigid_tool, self.accelerometer, self._volts(at))

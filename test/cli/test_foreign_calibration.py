@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 import json
+import re
 
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.geometry import quaternion_from_matrix, rotation_from_vector
@@ -11,7 +12,7 @@ import moving_arm
 from moving_arm import moving
 import numpy as np
 import pytest
-from wrong_recordings import log, orientations, recording_of, write
+from wrong_recordings import at_wrench, in_base, log, orientations, recording_of, write
 import yaml
 
 TILT = rotation_from_vector(np.radians([20.0, 0.0, 0.0]))
@@ -131,3 +132,38 @@ def test_a_robot_at_rest_with_a_noisy_pose_touches_nothing(tmp_path, one, capsys
     found = json.loads(capsys.readouterr().out)
     assert 5.0 < found['nis'] < 8.0
     assert found['contact_share'] < 0.01
+
+
+def scaled(*factors):
+    return lambda one: replace(one, wrench=one.wrench * np.repeat(factors, 3))
+
+
+SPOILT = {
+    'sign': (scaled(-1.0, -1.0), 'sign'),
+    'kgf': (scaled(1.0 / 9.80665, 1.0), 'kgf'),
+    'N mm': (scaled(1.0, 1e3), 'N mm'),
+    'sign of the torques': (scaled(1.0, -1.0), 'torques'),
+    'base': (lambda one: replace(one, wrench=in_base(one, np.ones(len(one.t), bool))), 'base'),
+    'rotated': (lambda one: replace(one, wrench=one.wrench @ np.kron(np.eye(2), TURN)),
+                'rotated by (39.9|40.0)'),
+    'mirrored': (lambda one: replace(one, wrench=one.wrench * [1, -1, 1, 1, -1, 1]), 'mirrored'),
+    'weight': (lambda one: replace(one, wrench=one.wrench - weight(one)), 'weight')}
+
+
+def weight(one):
+    force = -moving_arm.MASS * 9.80665 * at_wrench(one)[:, 2]
+    return np.hstack([force, np.cross(moving_arm.COM, force)])
+
+
+@pytest.mark.parametrize('fault', SPOILT)
+def test_a_known_tool_on_a_moving_arm_shows_what_is_wrong(tmp_path, fault, capsys):
+    spoil, words = SPOILT[fault]
+    bag = str(write(spoil(moving(9, seconds=25.0)), tmp_path / 'bag'))
+    known = '--calibration', kth(tmp_path / 'kth.yaml'), '-o', str(tmp_path / 'out')
+    assert main(['estimate', bag, *known]) == 1
+    assert re.search(words, capsys.readouterr().err)
+    assert not (tmp_path / 'out').exists()
+    main(['diagnose', bag, *known])
+    assert re.search(words, capsys.readouterr().out)
+    found = json.loads((tmp_path / 'out' / 'diagnosis.json').read_text())
+    assert found['verdict'] == 'invalid_data'

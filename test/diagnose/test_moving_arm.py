@@ -15,7 +15,8 @@ from wrong_recordings import recording_of
 
 @pytest.fixture(scope='module')
 def tool():
-    return rigid_tool_of_calibration(identify(recording_of(moving(200))), load_rig('rigid_tool.yaml'))
+    calibration = identify(recording_of(moving(200)))
+    return rigid_tool_of_calibration(calibration, load_rig('rigid_tool.yaml'))
 
 
 def found(tool, recorded):
