@@ -93,7 +93,7 @@ def test_a_slow_log_is_not_said_to_hold_no_rotation():
     one = log(3, poses=8, rate=10.0)
     notes = identify(recording_of(one.of_pose(np.arange(0, len(one.pose_t), 12)))).quality['notes']
     said, = (note for note in notes if 'inertia' in note)
-    assert 'readings at 10 Hz in poses of' in said and 'record faster' in said
+    assert 'readings at 10 Hz in poses of' in said and 'record at a higher rate' in said
 
 
 def test_messages_in_bursts_are_calibrated_as_when_they_were_measured():

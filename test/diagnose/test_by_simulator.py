@@ -80,7 +80,7 @@ def test_the_commands_of_the_page_say_what_to_change(example, monkeypatch, capsy
     assert changed['std'] < 0.005
     assert document['recomputed'] > 0.5
     said = capsys.readouterr()
-    assert re.search(r'^change payload 1\.2 -> 1\.2[67]\d* ± 0\.00\d+ kg$', said.out, re.MULTILINE)
+    assert re.search(r'^payload 1\.2 -> 1\.2[67]\d* ± 0\.00\d+ kg', said.out, re.MULTILINE)
     assert re.search(r'^next: Set payload to 1\.2[67]\d* kg in parameters\(\)', said.out,
                      re.MULTILINE)
     assert 'note: searching for effects\n' in said.err

@@ -72,5 +72,5 @@ def test_the_report_is_one_file_with_all_parts(diagnosed):
         assert f'<h2>{part}' in page
     words = re.sub('</?span>', '', page)  # that keep a command from breaking within a word
     assert words.index('one (wrench_delay)') < words.index('forcecal diagnose NEW_BAG')
-    assert page.count('src="data:image/png;base64,') == 4
+    assert page.count('src="data:image/png;base64,') == 3 + 4  # spectra of four channels
     assert not re.search(r'(?:src|href)="(?!data:|file:)', page)
