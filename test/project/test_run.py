@@ -18,6 +18,7 @@ case "$*" in
         for venv; do :; done
         mkdir -p "$venv/bin"
         cp "$0" "$venv/bin/python"
+        touch "$venv/pyvenv.cfg"
         printf '#!/bin/sh\necho "$0 $*"; env\n' >"$venv/bin/forcecal"
         chmod +x "$venv/bin/forcecal" ;;
     "-m pip install "*)
@@ -114,6 +115,22 @@ def test_failed_set_up_ends_in_one_line_and_is_tried_again(newcomer):
     assert 'pip failed: no matching distribution' in done.stderr.splitlines()[-1]
     assert newcomer.runs('demo').returncode == 0
     assert len(newcomer.installed) == 2
+
+
+@pytest.mark.parametrize('linked', [True, False])
+def test_an_environment_of_another_project_and_other_files_are_not_erased(newcomer, linked):
+    kept, venv = newcomer.home / 'other' / 'kept', newcomer.project / '.venv'
+    kept.parent.mkdir()
+    kept.touch()
+    if linked:
+        (kept.parent / 'pyvenv.cfg').touch()
+        venv.symlink_to(kept.parent)
+    else:
+        kept.parent.rename(venv)
+        kept = venv / 'kept'
+    done = newcomer.runs('demo')
+    assert done.returncode == 1 and kept.exists()
+    assert ('.venv is a link to' if linked else 'not a virtual environment') in done.stderr
 
 
 def test_place_without_ros_is_refused(newcomer):
