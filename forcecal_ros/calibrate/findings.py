@@ -219,8 +219,8 @@ def ringing_departs(stages: Stages) -> Iterator[Finding]:
     if not found.is_chance:
         yield Finding(
             f'the ringing of the tool does not fit a spring and a damper ({found.sigmas:.0f} '
-            'standard errors); record again without contact and with the robot at rest; if it is '
-            'the same, the compliant axis has friction or a stop', ('tool',))
+            'standard errors); record again without contact and with the robot at rest; if the '
+            'message repeats, the compliant axis has friction or reaches an end stop', ('tool',))
 
 
 def delays_too_long(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
@@ -252,7 +252,7 @@ def pose_astray(recording: Recording, stages: Stages) -> Iterator[Finding]:
     if turns[worst] > astray_rad:
         yield Finding(
             f'current_pose and target_frame disagree by {np.degrees(turns[worst]):.2g} deg more '
-            f'in pose {worst + 1} than in pose 1; check the encoders, and that both are of the '
+            f'in pose {worst + 1} than in pose 1; check the encoders, and that both use the '
             'same frame', ALL)
 
 

@@ -381,6 +381,6 @@ def mass_from_tilt(u_h: float, u_v: float, gravity: float, theta: float = 0.0) -
     share = abs(np.cos(theta))
     if share < 0.1:
         raise UnobservableError(
-            f'x of ft_sensor carries {share:.2g} of the weight at theta = {theta:.3g} rad, too '
-            'little to estimate the mass; use a theta closer to 0')
+            f'the x axis of ft_sensor carries {share:.2g} of the weight at theta = {theta:.3g} '
+            'rad, too little to estimate the mass; use a theta closer to 0')
     return float(abs(u_v - u_h) / (gravity * share))

@@ -166,7 +166,7 @@ def judge(recording: Recording, gravity: Array, stated: Stated = Stated(),
     notes = (*slight, *_of_estimates(motion, plain.fit, recording, known))
     if best is not plain and lead > 0.5 * MARGIN and gain > MIN_GAIN and (
             said := messages.of(best, plain, stated, [])):
-        notes = (*notes, f'not certain: the recording is correct, or {said}')
+        notes = (*notes, f'uncertain: either the recording is correct, or {said}')
     return notes
 
 

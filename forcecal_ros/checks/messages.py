@@ -229,8 +229,9 @@ def refuse_unexplained(one: Any) -> None:
     if explained < EXPLAINED and residual > 3.0 * one.fit.force.floor and not one.fit.moving:
         raise DataError(
             f'a weight explains only {explained:.0%} of the variation of the forces in any frame '
-            f'(residual RMS {residual:.2g} of {changes:.2g} N): wrench and pose are of different '
-            'poses, or another force acts on the tool; compare wrench and pose in each pose')
+            f'(residual RMS {residual:.2g} of {changes:.2g} N): '
+            'wrench and pose were not recorded in the same poses, or another force acts on '
+            'the tool; compare wrench and pose in each pose')
 
 
 def _changes(one: Any) -> tuple[Array, float, float]:
@@ -251,8 +252,8 @@ def as_in_base(force: Array, gravity: Array) -> str:
     if weight <= 0.0 or np.linalg.norm(mean - weight * gravity) > vertical_rad * (
             np.linalg.norm(mean)):
         return ''
-    return (f', but a force that stays vertical in base, like the weight of {weight:.3g} kg in a '
-            'wrench expressed in base')
+    return (f', but a force that is vertical in base, equal to the weight of {weight:.3g} kg: the '
+            'wrench is expressed in base')
 
 
 def about(one: Any) -> str:

@@ -31,7 +31,8 @@ def run(args: argparse.Namespace) -> int:
     kinds = [_is_diagnosis(path) for path in paths]
     if any(kinds) != all(kinds):
         one, other = sorted(paths, key=_is_diagnosis, reverse=True)
-        raise UsageError(f'{one} is a diagnosis, {other} is not; give two of one kind')
+        raise UsageError(f'{one} is a diagnosis, {other} is not; compare two '
+                         'diagnoses, or two calibrations')
     found = (compare_diagnoses(*(load_diagnosis(path)[0] for path in paths)) if all(kinds)
              else compare(*map(load, paths)))
     document = {'first': args.first, 'second': args.second, **to_document(found)}

@@ -118,7 +118,7 @@ def _check_models(args: argparse.Namespace) -> None:
     named = [name for name in COMPARED if getattr(args, name)]
     if named and named[0] in SIMULATORS:
         if len(named) > 1:
-            raise UsageError(f'--{named[0]} and --{named[1]} exclude each other; give one model')
+            raise UsageError(f'give either --{named[0]} or --{named[1]}, not both')
         if len(args.bag) > 1:
             raise UsageError(f'--{named[0]} requires exactly one BAG; diagnose each separately')
     if args.simulated:
@@ -202,8 +202,9 @@ def _earlier(folder: str, explained_by: str) -> Any:
                          f'with {explained_by or "a rig"}; give a diagnosis against the same '
                          'model')
     if not found.earlier.evidence:
-        raise UsageError(f'--prior {folder}: its verdict {found.verdict} has nothing to continue '
-                         'from (effects that begin or end in a recording do not count); leave '
+        raise UsageError(f'--prior {folder}: a diagnosis with the verdict {found.verdict} has no '
+                         'candidates to continue from (effects that begin or end in a recording '
+                         'do not count); leave '
                          '--prior out')
     return found.earlier
 

@@ -52,7 +52,7 @@ class StoreOnce(argparse.Action):
             raise argparse.ArgumentError(self, 'the value is empty; give one')
         if self.option_strings and self._before not in (None, values):
             raise argparse.ArgumentError(
-                self, f'{self._before} and {values} are given; give one')
+                self, f'it is given twice ({self._before}, {values}); keep one')
         self._before = values
         setattr(namespace, self.dest, values)
 

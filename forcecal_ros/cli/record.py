@@ -58,4 +58,5 @@ def run(args: argparse.Namespace) -> int:
         + ', '.join(f'{count} {name}' for name, count in sorted(recorder.counts.items())),
         [*(f'not recorded: messages of type {msgtype}, whose package is not installed'
            for msgtype in sorted(recorder.unknown)),
-         *(f'{name}: no message was received' for name in recorder.missing(names))])
+         *(f'{name}: no message was received; compare the name with ros2 topic list'
+           for name in recorder.missing(names))])

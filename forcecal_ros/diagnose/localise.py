@@ -69,7 +69,8 @@ class Tracking(NamedTuple):
     @property
     def size(self) -> str:
         """RMS of both, in words."""
-        return f'{1e3 * self.translation.rms:.2g} mm and {1e3 * self.rotation.rms:.2g} mrad (RMS)'
+        return (f'position {1e3 * self.translation.rms:.2g} mm, orientation '
+                f'{1e3 * self.rotation.rms:.2g} mrad (RMS)')
 
     @property
     def delay(self) -> float:

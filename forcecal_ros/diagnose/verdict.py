@@ -110,10 +110,10 @@ def verdict(named: Sequence[str], candidates: Sequence[tuple[str, float]],
     end = '' if len(named) > 1 else 's'
     if at_limit or (unknown and not certain):
         if at_limit:
-            why = (f'{" and ".join(at_limit)} is at its limit: another robot, tool or unit '
-                   'was recorded than it is compared with')
+            why = (f'{" and ".join(at_limit)} reached its limit: the recording is probably '
+                   'of another robot, tool or unit than the model')
         elif closed is None or closed < 0.0:
-            why = 'the held-out residual is larger with it'
+            why = 'adding it increases the held-out residual'
         else:
             why = f'explain{end} {percent(closed)} of the residual'
         more = f'; residual: {part.words}' if significant else ''

@@ -463,9 +463,9 @@ def _advice(loads: Sequence[Load], regressors: int) -> str:
         ('a data set with another mass', Load(2 * mass, (x, y, z))),
         ('a data set with the mass at another position, off the line of the others',
          Load(mass, (x + 0.31 * reach, y - 0.53 * reach, z + 0.17 * reach))),
-        ('one with the mass at a further position',
+        ('a data set with the mass at a further position',
          Load(mass, (x - 0.43 * reach, y - 0.29 * reach, z + 0.61 * reach))),
-        ('one with another mass at another position',
+        ('a data set with another mass at another position',
          Load(2 * mass, (x + 0.37 * reach, y + 0.47 * reach, z - 0.23 * reach))),
     ]
     if any(load.mass == 0 for load in loads):
@@ -551,10 +551,10 @@ def contradiction(names: Sequence[str], raw: Sequence[Array], gravity: Sequence[
         _, solution, _ = rests[k]
         total = body_of(raw[k] @ solution[:36].reshape(6, 6), gravity[k])[:4]
         mass, *moment = total - solution[36:40] if body else total
-        why = (f'all data sets except {names[k]} agree: by the others its load is {mass:.3f} kg '
-               f'at {_place(np.array(moment) / (mass or 1.0))} m, stated {loads[k].mass:g} kg at '
-               f'{_place(np.array(loads[k].position))} m; check its load, its channels and its '
-               'direction of gravity')
+        why = (f'all data sets except {names[k]} agree: they give its load as {mass:.3f} kg '
+               f'at {_place(np.array(moment) / (mass or 1.0))} m; stated are '
+               f'{loads[k].mass:g} kg at {_place(np.array(loads[k].position))} m; check its load, '
+               'its channels and its direction of gravity')
     return Contradiction(
         f'the stated loads contradict each other: the best matrix leaves {whole:.1%} of their '
         f'wrenches unexplained; {why}', whole)

@@ -38,8 +38,8 @@ def _check_sum(text: str, name: str) -> None:
     head, newline, last = text.rstrip().rpartition('\n')
     meant = _CHECKSUM in last or _ALGORITHM in last  # one of them may be what is damaged
     if meant and last != _CHECKSUM + _digest(head + newline):
-        raise ConfigError(f'{name}: its checksum does not match: it is damaged or was edited; '
-                          'calibrate again (if the edit was intended, delete `checksum`)')
+        raise ConfigError(f'{name}: the checksum does not match: the file is damaged or was '
+                          'edited; calibrate again (if the edit was intended, delete `checksum`)')
 
 
 def save(calibration: Calibration, path: Path | str) -> None:

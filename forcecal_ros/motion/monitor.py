@@ -464,8 +464,8 @@ class Monitor:
         channel, window = self.channels[name], self.settings.window
         windows = int(channel.span / window)
         if windows < 2:
-            raise DataError(f'{channel.topic}: {below(channel.span, 2 * window)} s received, '
-                            f'{2 * window:g} s are needed; wait and start again')
+            raise DataError(f'{channel.topic}: only {below(channel.span, 2 * window)} s received, '
+                            f'{2 * window:g} s are required; wait, then start again')
         values = np.array_split(channel.window(channel.span, len(NAMES[name])), windows)
         if not all(np.isfinite(part).all() for part in values):
             raise DataError(f'{channel.topic}: a reading is not finite')
@@ -517,7 +517,7 @@ class Monitor:
             # a robot that has done this share of the commanded motion has
             # arrived: its gain may be below 1
             if done < 0.9 * way - error:
-                return f'{pose.topic}: moved {done:.3g} of the commanded {way:.3g} {unit}'
+                return f'{pose.topic}: moved only {done:.3g} of the commanded {way:.3g} {unit}'
         return ''
 
     def mean(self, name: str) -> Array:

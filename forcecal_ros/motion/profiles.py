@@ -139,8 +139,8 @@ class Move:
         turn = rotation_vector(self.start.R_base_sensor.T @ self.goal.R_base_sensor)
         angle = float(np.linalg.norm(turn))
         if angle > LARGEST_ROTATION:
-            raise MotionError(f'a rotation by {np.degrees(angle):.1f} deg has no clear direction '
-                              f'(at most {np.degrees(LARGEST_ROTATION):.0f} deg); add a pose '
+            raise MotionError(f'a rotation by {np.degrees(angle):.1f} deg is too close to half a '
+                              f'turn (at most {np.degrees(LARGEST_ROTATION):.0f} deg); add a pose '
                               'between the two')
         return turn
 

@@ -72,10 +72,10 @@ PARAMETERS = (
               'publish them on observer/tool'),
     Parameter('payload.largest', 0.0, "Largest payload that is expected; 0: the tool's own mass",
               'kg', 0.0, 1e4),
-    Parameter('payload.floor_force', PayloadSettings().floor[0], 'Residual force in free '
-              'motion, averaged over 0.2 s', 'N', 0.0, 1e3),
-    Parameter('payload.floor_torque', PayloadSettings().floor[1], 'Residual torque in free '
-              'motion, averaged over 0.2 s', 'N m', 0.0, 1e3),
+    Parameter('payload.floor_force', PayloadSettings().floor[0], 'Expected residual force '
+              'in free motion, averaged over 0.2 s', 'N', 0.0, 1e3),
+    Parameter('payload.floor_torque', PayloadSettings().floor[1], 'Expected residual torque '
+              'in free motion, averaged over 0.2 s', 'N m', 0.0, 1e3),
     Parameter('accelerometer.source', 'auto', 'Topic accelerometer/raw in volts, imu/data_raw or '
               'accel in m/s^2; auto: by the unit of the calibration',
               choices=('auto', *inputs.ACCELEROMETERS, 'none')),

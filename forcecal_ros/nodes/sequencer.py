@@ -112,8 +112,8 @@ PARAMETERS = (
           choices=COMPLIANCES),
     _live('observer.mode', 'kalman', 'Observer that publishes the contact wrench', choices=MODES),
     _live('observer.design', 'kalman', "Design of the paper's gain", choices=DESIGNS),
-    _live('observer.poles', [-30.0, -40.0], "Poles of the observer's error with the design poles",
-          '1/s'),
+    _live('observer.poles', [-30.0, -40.0],
+          "Poles of the observer's error, with observer.design poles", '1/s'),
     _live('save.path', 'calibration.yaml', 'File that save_calibration writes; an earlier one is '
           'kept as FILE~'),
     _live('save.automatic', False, 'Whether every calibration is saved automatically'),

@@ -134,8 +134,8 @@ def payload_model(calibration: Calibration, settings: PayloadSettings = PayloadS
     """
     m, c = float(calibration.mass), calibration.com.value
     if not m > 0:
-        raise ConfigError(f'mass is {m} kg, but tracking starts from a calibrated tool; '
-                          'calibrate again')
+        raise ConfigError(f'the calibrated mass is {m} kg; tracking requires a mass above '
+                          'zero; calibrate again')
     weight = m * calibration.gravity
     # errors of gains and angles, as a share of the weight
     share = 3e-3

@@ -119,7 +119,7 @@ def _begun(delay: Estimate) -> str:
     """Say by how much the accelerometer is late or early, or that it is neither."""
     late, std = float(delay), float(delay.std)
     if abs(late) < HALF * std:
-        return f'In step with the wrench, within {size(HALF * std, "s", 2)}'
+        return f'No delay relative to the wrench, within {size(HALF * std, "s", 2)}'
     where = 'behind' if late > 0.0 else 'ahead of'
     return f'{quantity(abs(late), std, "s")} {where} the wrench'
 

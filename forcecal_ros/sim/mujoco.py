@@ -412,7 +412,7 @@ def _site(spec: Any, path: str, given: str | None) -> str:
     found = {one.objname for one in spec.sensors if one.type == mujoco.mjtSensor.mjSENS_FORCE}
     if len(found) != 1:
         raise ConfigError(f'--mujoco {path}: {len(found)} sites have a force sensor; ' + (
-            f'choose one with --ft-site: {", ".join(filter(None, names))}'
+            f'select one with --ft-site NAME: {", ".join(filter(None, names))}'
             if any(names) else "add a site with a name to the tool's body"))
     return str(found.pop())
 

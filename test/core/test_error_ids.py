@@ -28,7 +28,7 @@ def functions(module):
 
 def test_the_page_explains_at_most_80_ids_what_is_wrong_why_and_what_to_do():
     page = (PACKAGE.parent / 'docs/reference/errors.md').read_text()
-    explained = re.findall(r'\n## (FC\d{4})\n\n\*\*.+\.\*\* .+\. \*.+\.\*\n', page)
+    explained = re.findall(r'\n## (FC\d{4}): [A-Z].+[^.]\n\n.+\. \*.+\.\*\n', page)
     assert explained == list(KINDS) and len(KINDS) <= 80
     assert page.count('\n## ') == len(KINDS)
 

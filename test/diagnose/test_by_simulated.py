@@ -344,10 +344,10 @@ PAIR, RERUN = ['--simulated', 'sim'], ['--simulator', 'm:f']
 
 
 @pytest.mark.parametrize('options, why', [
-    (['--rig', 'rigid_tool.yaml', *PAIR], 'exclude each other'),
-    (['--calibration', 'c.yaml', *PAIR], 'exclude each other'),
-    (['--rig', 'rigid_tool.yaml', *RERUN], 'exclude each other'),
-    ([*PAIR, *RERUN], 'exclude each other'),
+    (['--rig', 'rigid_tool.yaml', *PAIR], 'give either --'),
+    (['--calibration', 'c.yaml', *PAIR], 'give either --'),
+    (['--rig', 'rigid_tool.yaml', *RERUN], 'give either --'),
+    ([*PAIR, *RERUN], 'give either --'),
     (['--heldout', 'x', *PAIR], 'require each other'),
     (['more', *PAIR], 'exactly one BAG'), (['more', *RERUN], 'exactly one BAG'),
     ([*PAIR, '--simulated-topic', 'wrench=a', '--simulated-topic', 'wrench=b'], 'keep one')])

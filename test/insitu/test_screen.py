@@ -83,7 +83,7 @@ def test_a_knee_that_moves_is_said_to_be_another_body(log):
     bent = record(Load(0.51, (0.20, 0.15, 0.25)), Leg(), 3)
     _, result = screened(with_raw(log, np.where((log.t < 38)[:, None], log.raw, bent.raw)))
     assert seconds(result.kept) == pytest.approx(38.0, abs=1.0)
-    assert any('fits another map' in cut.reason for cut in result.cuts)
+    assert any('fits another matrix' in cut.reason for cut in result.cuts)
 
 
 def test_a_clipped_channel_is_found_and_cut(log):

@@ -65,9 +65,9 @@ def test_careful_hands_contradict_nothing_and_standard_errors_hold_them(seed):
 
 
 @pytest.mark.parametrize('loads, words', [
-    (stated(2, mass=1.54), 'except set 2 agree: by the others its load is 1.4.. kg .* 1.54 kg'),
+    (stated(2, mass=1.54), 'except set 2 agree: they give its load as 1.4.. kg .* 1.54 kg'),
     (stated(3, position=(-0.1, -0.12, 0.20)),
-     r'except set 3 .* 1\.\d+ kg at \(-0.[01].., -0.1.., 0.1[45].\) m, stated 1.6 kg'),
+     r'except set 3 .* 1\.\d+ kg at \(-0.[01].., -0.1.., 0.1[45].\) m; stated are 1.6 kg'),
     pytest.param([LOADS[k] for k in (0, 3, 2, 1, 4)], 'no single data set .* swapped loads',
                  marks=pytest.mark.long),
     pytest.param([replace(one, position=(-one.position[1], one.position[0], one.position[2]))

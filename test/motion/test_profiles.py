@@ -89,7 +89,7 @@ def test_orientation_goes_along_the_geodesic_and_arrives(line, turn):
 
 def test_half_a_turn_is_refused_because_noise_would_choose_the_way():
     goal = Pose(HOME.position, HOME.R_base_sensor @ rotation_from_vector([0, 0, np.pi]))
-    with pytest.raises(MotionError, match='180.0 deg has no clear direction'):
+    with pytest.raises(MotionError, match='180.0 deg is too close to half a turn'):
         check_move(Move(HOME, goal, 5.0), LIMITS)
 
 

@@ -559,7 +559,7 @@ def test_begin_refuses_a_robot_that_moves():
 def test_begin_refuses_what_was_heard_for_too_short():
     bench = Bench()
     bench.wait(30)
-    with pytest.raises(DataError, match=r'0\.119 s received, 0\.5 s are needed'):
+    with pytest.raises(DataError, match=r'0\.119 s received, 0\.5 s are required'):
         bench.monitor.begin(bench.ms * 1e-3)
 
 

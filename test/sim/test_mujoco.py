@@ -393,7 +393,7 @@ ON_LINK = '<site name="ft"/>'
 
 @pytest.mark.parametrize('changes, why', [
     ({'tool': ON_LINK}, 'site ft is on link2, which joint twist moves'),
-    ({'sensor': ''}, '0 sites have a force sensor; choose one with --ft-site: ft'),
+    ({'sensor': ''}, '0 sites have a force sensor; select one with --ft-site NAME: ft'),
     ({'actuator': 'motor'}, 'no actuator takes the position of a joint; joint pan has'),
     ({'tool': TOOL + '</body></body></body><site name="rail"/><body><body><body>',
       'sensor': '<force site="rail"/>'}, 'site rail is on base, which no joint moves'),

@@ -205,8 +205,8 @@ def unexplained(summary: ResidualSummary) -> UnexplainedPart:
                 default=None)
     if ratio >= 1.0 or below is None:
         return UnexplainedPart(ratio, words)
-    return UnexplainedPart(ratio, words, f'{below[2]}, is {below[1]:.2g} of its noise, of which '
-                           f'{summary.tolerance:.2g} is tolerated')
+    return UnexplainedPart(ratio, words, f'{below[2]}, is {below[1]:.2g} times its noise; up to '
+                           f'{summary.tolerance:.2g} is within the tolerance')
 
 
 def _tests(summary: ResidualSummary) -> Iterator[tuple[float, float, str]]:

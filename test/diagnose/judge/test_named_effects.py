@@ -48,7 +48,7 @@ def test_what_stands_at_its_limit_is_not_identified():
     assert verdict(*given)[0] == 'identified'
     word, sentence = verdict(*given, at_limit=['wrench_gain.fx = -0.9'])
     assert word == 'unknown'
-    assert 'wrench_gain comes closest, but wrench_gain.fx = -0.9 is at its limit' in sentence
+    assert 'wrench_gain comes closest, but wrench_gain.fx = -0.9 reached its limit' in sentence
 
 
 def test_numbers_of_the_rig_at_their_tolerance_leave_an_effect_part_of_the_cause():
@@ -75,7 +75,7 @@ def test_a_number_is_at_its_tolerance_unless_it_is_released():
 
 @pytest.mark.parametrize('closed, why', [
     (0.3, 'explains 30 % of the residual'),
-    (-0.1, 'the held-out residual is larger with it')])
+    (-0.1, 'adding it increases the held-out residual')])
 def test_what_is_too_little_to_be_named_is_unknown_with_the_reason(closed, why):
     word, sentence = verdict(['wrench_gain'], [('unknown', 0.8), ('wrench_gain', 0.2)],
                              UnexplainedPart(3.0, 'a line'), closed, True)

@@ -27,7 +27,7 @@ def test_a_line_beside_that_of_an_explained_vibration_is_its_own():
 
 LEFT = ('a part that follows the motion but matches no effect of the library, 0.0024 V RMS in '
         'accel.x')
-WITHIN = f'within tolerance: {LEFT}, is 0.08 of its noise, of which 0.1 is tolerated'
+WITHIN = f'within tolerance: {LEFT}, is 0.08 times its noise; up to 0.1 is within the tolerance'
 
 
 def left(size=0.08, evidence=3.0 * WITHOUT_NAME, tolerance=0.1, excess=0.0):

@@ -100,7 +100,7 @@ def test_a_prior_against_another_model_is_refused_and_candidates_are_planned_for
     (tmp_path / 'diagnosis.json').write_text(json.dumps(to_document(found, {}, None)))
     with pytest.raises(UsageError, match='compared with a rig, this recording with measured'):
         _earlier(str(tmp_path), 'measured motion')
-    with pytest.raises(UsageError, match='verdict ambiguous has nothing to continue'):
+    with pytest.raises(UsageError, match='verdict ambiguous has no candidates to continue'):
         _earlier(str(tmp_path), '')
     assert _candidates(str(tmp_path)) == ('wrench_delay',)
     (tmp_path / 'diagnosis.json').write_text(json.dumps(to_document(
