@@ -253,7 +253,7 @@ def as_in_base(force: Array, gravity: Array) -> str:
             np.linalg.norm(mean)):
         return ''
     return (f', but a force that is vertical in base, equal to the weight of {weight:.3g} kg: the '
-            'wrench is expressed in base')
+            'wrench may be expressed in base')
 
 
 def about(one: Any) -> str:

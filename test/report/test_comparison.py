@@ -114,7 +114,7 @@ def test_what_is_no_diagnosis_or_of_another_kind_is_one_line(capsys, tmp_path):
     good.write_text(json.dumps(document))
     save(WHOLE, str(calibration))
     assert main(['compare', str(good), str(calibration)]) == 2
-    assert 'two of one kind' in capsys.readouterr().err
+    assert 'compare two diagnoses' in capsys.readouterr().err
     for text in ('{', '[]', json.dumps({**document, 'effects': [{}]}),
                  json.dumps({**document, 'gap': {'closed_ci95': 1}})):
         bad = tmp_path / 'bad.json'
