@@ -11,15 +11,25 @@ from forcecal_ros.cli.sample import recorded
 from forcecal_ros.core.errors import ConfigError
 from forcecal_ros.core.geometry import matrix_from_quaternion, rotation_from_vector
 from forcecal_ros.diagnose.dataset import span
+from forcecal_ros.diagnose.engine import Outcome
+from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
 from forcecal_ros.diagnose.recordings import require_axes_of
+from forcecal_ros.diagnose.result import Diagnosis
 from forcecal_ros.diagnose.sources.pair import PairSource
 from forcecal_ros.diagnose.sources.simulated_tool import simulated_tool
 from forcecal_ros.diagnose.sources.simulator import inputs_of, SimulatorSource
 from forcecal_ros.io.bags import write_recording
 from forcecal_ros.sim.mujoco import load_mujoco
 from forcecal_ros.sim.protocol import Inputs
-from forcecal_ros.sim.rerun import INTEGRATION_STEP, library_of, nuisances_of, Runs
+from forcecal_ros.sim.rerun import (
+    INTEGRATION_STEP,
+    library_of,
+    nuisances_of,
+    Runs,
+    simulated_robot,
+)
 from forcecal_ros.sim.rig.file import load_rig
+from forcecal_ros.sim.rigid_tool import rigid_tool_of_rig
 from forcecal_ros.sim.third_party import third_party, with_priors
 from longer import first
 import numpy as np
@@ -454,6 +464,20 @@ def test_a_model_is_tried_from_the_command_line(model, tmp_path, capsys):
     assert f'next: {again}' in said
 
 
+def test_a_corrected_model_has_the_named_number_and_no_recalibrated_one(model, tmp_path):
+    simulator = third_party('arm', load_mujoco(model()))
+    found = NamedEffect('body_mass[gripper]', {'value': Parameter(1.62, 0.01, 'kg')}, 0.9)
+    robot = simulated_robot(rigid_tool_of_rig(load_rig()), simulator.parameters)
+    recalibrated = replace(robot, numbers=tuple(1.01 * one for one in robot.numbers))
+    outcome = Outcome(Diagnosis('identified', '', (found,)), recalibrated)
+    text = SimulatorSource(simulator, load_rig()).files(outcome)['model_patched.xml']
+    (tmp_path / 'patched.xml').write_text(text)
+    nominal = {p.name: p.nominal for p in simulator.parameters}
+    patched = {p.name: p.nominal
+               for p in load_mujoco(str(tmp_path / 'patched.xml')).parameters()}
+    assert patched == pytest.approx(nominal | {'body_mass[gripper]': 1.62}, rel=1e-5)
+
+
 @pytest.mark.long
 def test_friction_of_a_joint_is_named_with_its_number(model, tmp_path, capsys):
     path = model()
@@ -468,7 +492,11 @@ def test_friction_of_a_joint_is_named_with_its_number(model, tmp_path, capsys):
     assert 'dof_frictionloss[lift] 0.5 -> 2.5' in capsys.readouterr().out
     own = {p.name: p.nominal
            for p in load_mujoco(str(tmp_path / 'why' / document['model'])).parameters()}
-    assert own['dof_frictionloss[lift]'] == pytest.approx(changed['after'])
+    assert own['dof_frictionloss[lift]'] == pytest.approx(changed['after'], rel=1e-5)  # digits
+    assert main(['diagnose', str(tmp_path / 'real'), '--mujoco',
+                 str(tmp_path / 'why' / document['model']), '-o', str(tmp_path / 'again')]) == 0
+    again = json.loads((tmp_path / 'again' / 'diagnosis.json').read_text())
+    assert again['verdict'] == 'no_gap'
 
 
 @pytest.mark.long

@@ -327,10 +327,10 @@ class SimulatorSource(Source):
                 'recomputed': self._recomputed if self.ready else None, 'model': None}
 
     def files(self, outcome: Outcome) -> dict[str, str]:
-        """Return the model with what was found, if the simulator writes one."""
-        if not self.changes(outcome):
-            return {}
-        text = self.simulator.patched(_numbers_of(outcome.rig))
+        """Return the model with the numbers to change, if the simulator writes one."""
+        changed = {one.name: one.after for one in self.changes(outcome)}
+        text = self.simulator.patched([changed.get(p.name, p.nominal) for p in
+                                       self.simulator.parameters]) if changed else None
         return {} if text is None else {'model_patched.xml': text}
 
 
