@@ -18,7 +18,6 @@ from forcecal_ros.core.streams import (
 )
 from forcecal_ros.effects import Effect
 from forcecal_ros.effects.rig import Rig
-from forcecal_ros.sim.rigid_tool import MARGIN_S
 from forcecal_ros.sim.signals import BLOCK, block_means, JOINTS, padded, RATE, Signals, Simulation
 import numpy as np
 from numpy.typing import NDArray
@@ -426,11 +425,11 @@ def too_few(recording: Recording) -> str:
     return f'{" and ".join(few)} are too few for a comparison' if few else ''
 
 
-def span(*recordings: Recording) -> tuple[float, int]:
-    """Return when all streams are there, and how many blocks they last."""
+def span(*recordings: Recording, margin: float = 0.0) -> tuple[float, int]:
+    """Return when all streams are there, with a margin [s] about it, and how many blocks."""
     streams = [s.t for r in recordings for s in (r.wrench, r.pose, r.accelerometer)
                if s is not None]
-    edge = MARGIN_S + 0.03  # so late may one sensor be behind another [s]
+    edge = margin + 0.03  # so late may one sensor be behind another [s]
     first = max(float(t[0]) for t in streams) + edge
     last = min(float(t[-1]) for t in streams) - edge
     if last - first < MIN_MOTION_S:

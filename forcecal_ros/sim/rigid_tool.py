@@ -181,8 +181,10 @@ class CarriedTool:
         pose = recording.pose
         assert pose is not None
         # filters see what is before and after, as far as it was recorded
-        before, n = round(MARGIN_S * RATE), n_blocks * round(BLOCK * RATE)
-        count = np.arange(1.0 - before, 1.0 + n + before)
+        n = n_blocks * round(BLOCK * RATE)
+        before, after = (int(RATE * np.clip(there, 0.0, MARGIN_S)) for there in (
+            start - pose.t[0], pose.t[-1] - start - n / RATE))
+        count = np.arange(1.0 - before, 1.0 + n + after)
         self.t: Array = np.asarray(start + count / RATE, dtype=np.float64)
         self.start, self.accelerometer, self._clear = start, accelerometer, clear
         moved = pose.at(np.clip(self.t, pose.t[0], pose.t[-1]))

@@ -108,7 +108,7 @@ def test_a_step_of_bias_is_named_with_its_instant(seed, channel, name, height):
     # twice the interval: it misses one in 20 by a little
     assert abs(effect['from'] - instant) <= max(2.0 * (high - low), 2e-3)
     assert high - low < 0.02
-    assert f'at {effect["from"]:.3f} ± ' in diagnosis.reason
+    assert f'at {effect["from"]:.2f}' in diagnosis.reason
     # the rig's noise of 0.25 N, to the square root of 2 / 4,700 samples and what is fitted
     assert diagnosis.gap.channels[CHANNELS['wrench'][channel]][3] == pytest.approx(0.25, rel=0.05)
 

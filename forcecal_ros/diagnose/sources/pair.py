@@ -38,7 +38,7 @@ from forcecal_ros.diagnose.sources.simulated_tool import (
 from forcecal_ros.diagnose.sources.source import Ready, recalibration_notes, Source
 from forcecal_ros.effects.rig import Rig
 from forcecal_ros.sim.measured_motion import express_in_base, RecordedSimulation
-from forcecal_ros.sim.rigid_tool import beyond
+from forcecal_ros.sim.rigid_tool import beyond, MARGIN_S
 from forcecal_ros.sim.signals import BLOCK
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -196,7 +196,7 @@ def prepare_pair(recording: Recording, simulated: Recording, tool: SimulatedTool
     DataError
         Wrench and pose overlap for too short a time.
     """
-    first, n = span(recording, simulated)
+    first, n = span(recording, simulated, margin=MARGIN_S)
     known = tool or simulated_tool(simulated, first, n, rig)
     require_axes_of(known.rigid_tool, recording, other_tool=SIMULATE_IT)
     moved = replace(recording, accelerometer=None)

@@ -37,7 +37,7 @@ from forcecal_ros.io.calibration_file import dump
 from forcecal_ros.sim.measured_motion import MeasuredMotion, merge_poses
 from forcecal_ros.sim.rig.file import dump_rig
 from forcecal_ros.sim.rig.replay import Replay
-from forcecal_ros.sim.rigid_tool import rigid_tool_of_rig, RigidTool
+from forcecal_ros.sim.rigid_tool import MARGIN_S, rigid_tool_of_rig, RigidTool
 from forcecal_ros.sim.signals import BLOCK, RATE, Signals
 import numpy as np
 from numpy.typing import NDArray
@@ -237,7 +237,7 @@ def prepare_motion(recording: Recording, rigid_tool: RigidTool,
     if rigid_tool.accelerometer.model(name).highpass:
         volts = None
     moved = replace(moved, accelerometer=volts)
-    simulation = MeasuredMotion(moved, *span(moved), name, rigid_tool)
+    simulation = MeasuredMotion(moved, *span(moved, margin=MARGIN_S), name, rigid_tool)
     groups = motion_groups(simulation.signals(rigid_tool))
     return motion_dataset(moved, simulation, rigid_tool, groups,
                           _at_rest(volts, groups, simulation.start))
