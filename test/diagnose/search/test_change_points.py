@@ -1,8 +1,8 @@
 """Effects that begin or end during a recording: named, with their instant, and no others."""
 
 from dataclasses import replace
-import re
 import json
+import re
 from types import SimpleNamespace
 
 from forcecal_ros.core.streams import PoseStream
