@@ -11,9 +11,10 @@ from types import SimpleNamespace
 
 from calibration_runs import brief_run
 import forcecal_ros as fc
-from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.errors import DataError, ForcecalError
 from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.diagnose import plan
+from forcecal_ros.diagnose.sources import choice
 from forcecal_ros.io.bags import write_recording
 from longer import first
 from matplotlib.figure import Figure
@@ -89,6 +90,52 @@ def test_a_stated_sign_goes_into_the_calibration_and_comes_from_it(tmp_path):
         for sign in (-1, None))
     np.testing.assert_array_equal(stated.contact, by_calibration.contact)
     assert np.abs(stated.contact[stated.t < 1.0, :3]).max() < 5.0
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory):
+    path = tmp_path_factory.mktemp('paths') / 'bag'
+    write_recording(path, brief_run())
+    return path
+
+
+def test_a_path_does_for_a_recording_and_for_a_calibration(bag, tmp_path):
+    read = fc.read(bag)
+    calibration = fc.calibrate(str(bag))
+    assert calibration.rows == fc.calibrate(read).rows
+    fc.save(calibration, tmp_path / 'c.yaml')
+    assert fc.estimate(bag, tmp_path / 'c.yaml').rows == fc.estimate(read, calibration).rows
+    assert fc.check(bag).rows == fc.check(read).rows
+    np.testing.assert_array_equal(fc.simulate(bag, 'nominal').wrench.values,
+                                  fc.simulate(read).wrench.values)
+
+
+@pytest.mark.parametrize('of, source', [
+    (lambda bag: bag, 'PairSource'), (lambda bag: next(bag.glob('*.mcap')), 'PairSource'),
+    (lambda bag: 'nominal', 'RigSource'), (lambda bag: None, 'RigSource')],
+    ids=['bag', 'file', 'nominal', 'none'])
+def test_a_bag_and_the_nominal_rig_are_compared_with_by_name(bag, of, source, monkeypatch):
+    taken = []
+
+    def source_of(*given):
+        taken.extend(given)
+        raise DataError(type(made(*given)[0]).__name__)
+
+    made = choice.source_of
+    monkeypatch.setattr(choice, 'source_of', source_of)
+    with pytest.raises(DataError, match=source):
+        fc.diagnose(bag, of(bag), heldout=bag)
+    assert len(taken[1]) == 2
+
+
+@pytest.mark.parametrize('call, said', [
+    (lambda bag: fc.calibrate(3), r'expected a Recording or its path, got int .*FC0201'),
+    (lambda bag: fc.estimate(bag, 3), r'expected a Calibration or its path, got int .*FC0103'),
+    (lambda bag: fc.diagnose(bag, 3), r'int has no method parameters; .*FC0804'),
+    (lambda bag: fc.diagnose('no_bag', 'nominal'), r'no_bag does not exist; .*FC0201')])
+def test_what_is_no_recording_or_model_is_refused_with_what_to_pass(bag, call, said):
+    with pytest.raises(ForcecalError, match=said):
+        call(bag)
 
 
 def test_results_become_data_frames(cells):

@@ -227,7 +227,7 @@ def _source_of(args: argparse.Namespace, stage: Callable[[str], None]
     recordings = read((args.bag, args.heldout))
     if args.simulated:
         against = read((args.simulated, args.heldout_simulated), 'simulated-')
-    rig = load_rig(None if args.rig == NOMINAL else args.rig) if args.rig else None
+    rig = load_rig(args.rig) if args.rig else None
     if args.calibration:
         against = load(args.calibration)
     elif against is None:
