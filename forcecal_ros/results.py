@@ -14,7 +14,7 @@ from forcecal_ros.core.files import write_text
 from forcecal_ros.core.quantity import HALF, pair, quantity
 from forcecal_ros.core.streams import CHANNELS, Recording, Stream
 from forcecal_ros.io.calibration_file import to_document
-from forcecal_ros.report.rows import aligned, handy, table, WRENCH_AXES
+from forcecal_ros.report.rows import aligned, handy, printed, table, WRENCH_AXES
 
 if TYPE_CHECKING:
     from forcecal_ros.diagnose.result import Diagnosis
@@ -39,7 +39,8 @@ class Result(NamedTuple):
     headline : str
         Value ± 95 % interval, where it states a number.
     columns, rows : tuple
-        The table; numbers in SI units unless a row names another one.
+        The table; numbers in SI units unless a row names another one. It prints as the commands
+        print it: in units of a handy size, ± half the 95 % interval.
     document : mapping
         As the command of the same name prints it with ``--json``.
     figure : callable
@@ -54,15 +55,16 @@ class Result(NamedTuple):
     figure: 'Callable[[], Figure]'
 
     def __repr__(self) -> str:
-        lines = aligned([self.columns, *map(_cells, self.rows)]) if self.rows else []
+        lines = aligned(printed(self.columns, self.rows)) if self.rows else []
         return '\n'.join([self.headline, *lines])
 
     def _repr_html_(self) -> str:
         def line(cells: Any, tag: str) -> str:
             return '<tr>' + ''.join(f'<{tag}>{escape(one)}</{tag}>' for one in cells) + '</tr>'
 
-        return (f'<p>{escape(self.headline)}</p><table>{line(self.columns, "th")}'
-                + ''.join(line(_cells(row), 'td') for row in self.rows) + '</table>')
+        head, *body = printed(self.columns, self.rows)
+        return (f'<p>{escape(self.headline)}</p><table>{line(head, "th")}'
+                + ''.join(line(row, 'td') for row in body) + '</table>')
 
     @error_ids()
     def plot(self) -> 'Figure':
@@ -82,10 +84,6 @@ class Result(NamedTuple):
                                                                     'tx', 'ty', 'tz'])
             return frame.rename_axis('t')
         return pd.DataFrame(self.rows, columns=list(self.columns))
-
-
-def _cells(row: tuple[Any, ...]) -> list[str]:
-    return [f'{one:.6g}' if isinstance(one, float) else str(one) for one in row]
 
 
 @error_ids()
@@ -155,8 +153,7 @@ def _of(kind: type[Kind], given: Any) -> Kind:
     """Return an object of a kind, read if its path is given."""
     found = value_of(given, kind is Recording)
     if not isinstance(found, kind):
-        raise DataError(f'expected a {kind.__name__} or its path, got {type(found).__name__}',
-                        kind.__name__)
+        raise DataError(f'pass a {kind.__name__} or path, not {type(found)}', kind.__name__)
     return found
 
 

@@ -16,6 +16,7 @@ from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.diagnose import plan
 from forcecal_ros.diagnose.sources import choice
 from forcecal_ros.io.bags import write_recording
+from forcecal_ros.report.rows import as_text, table
 from longer import first
 from matplotlib.figure import Figure
 import numpy as np
@@ -69,6 +70,19 @@ def test_the_notebook_names_the_delay(cells):
     assert (name, parameter, unit) == ('wrench_delay', 'delay', 's')
     assert abs(value - 0.004) < 4 * std
     assert 'wrench_delay' in repr(gap) and '<td>wrench_delay</td>' in gap._repr_html_()
+
+
+def test_estimates_print_as_the_commands_print_them_and_are_kept_in_si_units(cells):
+    calibration, gap = cells['calibration'], cells['gap']
+    _, head, mass, *_ = repr(calibration).splitlines()
+    assert head.split() == ['estimate', 'value', '±', 'unit']
+    shown = as_text(table(calibration.value)).splitlines()[2].split()
+    assert mass.split() == shown and shown[-1] == 'kg'
+    assert all(f'<td>{cell}</td>' in calibration._repr_html_() for cell in shown[2:])
+    _, _, _, std, _, _ = gap.rows[0]
+    half, unit = repr(gap).splitlines()[2].split()[3:5]
+    assert unit == 'ms' and float(half) == pytest.approx(1.96e3 * std, rel=0.1)
+    assert gap.to_dataframe()['standard error'][0] == std
 
 
 @pytest.mark.parametrize('name', ['calibration', 'contact', 'gap'])
@@ -129,8 +143,8 @@ def test_a_bag_and_the_nominal_rig_are_compared_with_by_name(bag, of, source, mo
 
 
 @pytest.mark.parametrize('call, said', [
-    (lambda bag: fc.calibrate(3), r'expected a Recording or its path, got int .*FC0201'),
-    (lambda bag: fc.estimate(bag, 3), r'expected a Calibration or its path, got int .*FC0103'),
+    (lambda bag: fc.calibrate(3), r'pass a Recording or path, not .*int.*FC0201'),
+    (lambda bag: fc.estimate(bag, 3), r'pass a Calibration or path, not .*int.*FC0103'),
     (lambda bag: fc.diagnose(bag, 3), r'int has no method parameters; .*FC0804'),
     (lambda bag: fc.diagnose('no_bag', 'nominal'), r'no_bag does not exist; .*FC0201')])
 def test_what_is_no_recording_or_model_is_refused_with_what_to_pass(bag, call, said):
