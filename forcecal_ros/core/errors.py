@@ -75,9 +75,9 @@ KINDS: dict[str, str] = {
         'cli.common:check_outputs cli.common:_check_output cli.common:refuse_inputs core.files '
         'io.bags.write',
     'FC0003':
-        'ModuleNotFoundError cli.common:needs_ros cli.many:_on_cluster sim.mujoco:load_mujoco '
-        'nodes.inputs:transform_type nodes.runtime:starting',
-    'FC0004': 'OSError report.fleet:refuse',
+        'ModuleNotFoundError cli.common:needs_ros cli.many:_on_cluster '
+        'sim.mujoco:load_mujoco/package nodes.inputs:transform_type nodes.runtime:starting',
+    'FC0004': 'OSError report.fleet:refuse sim.mujoco:load_mujoco/file',
     'FC0005': 'cli.robot nodes.client nodes.demo nodes.live',
     'FC0006': 'cli.play nodes.bags',
     'FC0007': 'cli.record nodes.collector',
