@@ -222,13 +222,13 @@ def check(recording: Recorded) -> Result:
     Result
         Streams, motion, wrench sign and fault are in ``to_dict()``.
     """
-    from forcecal_ros.cli.check import inspect
+    from forcecal_ros.cli.check import inspect, YES
 
-    recording = _of(Recording, recording)
-    document = inspect(recording)
-    rows = tuple((use, 'no' if why else 'yes', why) for use, why in document['uses'].items())
+    document = inspect(recording := _of(Recording, recording))
     return Result(document, document['fault'] or 'no fault was found', ('use', 'possible', 'why'),
-                  rows, document, lambda: _signals(recording))
+                  tuple((use, 'no' if why else YES.get(use, 'yes'), why)
+                        for use, why in document['uses'].items()),
+                  document, lambda: _signals(recording))
 
 
 @error_ids()

@@ -186,6 +186,7 @@ def test_a_recording_prints_and_checks_as_a_table():
     assert lines[2].split() == ['wrench', '3833', '250', 'Hz', '15.33', 's'] and len(lines) == 8
     checked = fc.check(replace(made, wrench=None))
     assert ('calibrate', 'no') in [row[:2] for row in checked.rows]
+    assert ('diagnose', 'yes, against a model') in [row[:2] for row in fc.check(made).rows]
     assert [axes.get_ylabel() for axes in checked.plot().axes] == [
         f'accel.{axis} [V]' for axis in 'xyz']
     with pytest.raises(DataError, match=r'record wrench \[FC0801\]$'):
