@@ -208,7 +208,7 @@ def test_init_writes_every_parameter_of_a_preset_with_its_meaning(tmp_path, caps
     assert text.count('    # ') > 100
     # what nobody has measured is refused by the sequencer until it is set
     assert np.isnan(sequencer['limits']['workspace_min']).all()
-    with pytest.raises(ConfigError, match='workspace_min is .*finite'):
+    with pytest.raises(ConfigError, match='workspace_min is .*finite .*; edit the lines .* # SET'):
         settings_of({row.name: row.default for row in TABLES['sequencer'][0]}
                     | {'limits.workspace_min': sequencer['limits']['workspace_min']})
     assert ('backend: target_frame  # SET' in text) is (robot != 'kuka_fri')
