@@ -6,7 +6,7 @@ from typing import Any
 
 from forcecal_ros import results
 from forcecal_ros.core.streams import Recording
-from forcecal_ros.results import check, load, Result, save
+from forcecal_ros.results import check, load, Recorded, Result, save
 
 __all__ = ['calibrate', 'check', 'diagnose', 'estimate', 'load', 'read', 'save', 'simulate']
 
@@ -39,13 +39,13 @@ def read(bag: str | Path, *, topics: Mapping[str, str] | None = None, preset: st
     return results.run_read(bag, topics or {}, preset, wrench_sign)
 
 
-def calibrate(recording: Recording, **settings: Any) -> Result:
+def calibrate(recording: Recorded, **settings: Any) -> Result:
     """
     Estimate tool, sensors, noise and observer.
 
     Parameters
     ----------
-    recording : Recording
+    recording : Recording or path
         Static poses or motion, without contact.
     settings : dict
         Fields of :class:`forcecal_ros.calibrate.settings.IdentificationSettings`, as ``gravity``
@@ -65,14 +65,14 @@ def calibrate(recording: Recording, **settings: Any) -> Result:
     return results.run_calibration(recording, settings)
 
 
-def estimate(recording: Recording, calibration: Any, *, filter: str | None = None,  # noqa: A002
+def estimate(recording: Recorded, calibration: Any, *, filter: str | None = None,  # noqa: A002
              **settings: Any) -> Result:
     """
     Estimate the contact wrench at every sample.
 
     Parameters
     ----------
-    recording : Recording
+    recording : Recording or path
         Wrench, and pose or accelerometer as the calibration needs them.
     calibration : Result, Calibration or path
         Of the tool and the sensors of the recording.
@@ -94,20 +94,20 @@ def estimate(recording: Recording, calibration: Any, *, filter: str | None = Non
     return results.run_estimate(recording, calibration, {'filter': filter, **settings})
 
 
-def diagnose(recording: Recording, against: Any = None, *, heldout: Recording | None = None
+def diagnose(recording: Recorded, against: Any = None, *, heldout: Recorded | None = None
              ) -> Result:
     """
     Find where and why a recording departs from a model.
 
     Parameters
     ----------
-    recording : Recording
+    recording : Recording or path
         Of the robot.
     against : optional
-        A Recording by a simulator of the same commands; a calibration (Result, Calibration or
-        path), along the measured motion; an MJCF file (``.xml``) or a simulator, run with the
-        recorded commands; a rig or its file. None: the nominal rig, if the recording is by it.
-    heldout : Recording, optional
+        A Recording, or its path, by a simulator of the same commands; a calibration (Result,
+        Calibration or path), along the measured motion; an MJCF file (``.xml``) or a simulator,
+        run with the recorded commands; a rig, its file or ``nominal``, the default for its own.
+    heldout : Recording or path, optional
         To judge on; by default parts of every phase of the first.
 
     Returns
@@ -123,13 +123,13 @@ def diagnose(recording: Recording, against: Any = None, *, heldout: Recording | 
     return results.run_diagnosis(recording, against, heldout)
 
 
-def simulate(recording: Recording, rig: Any = None, *, seed: int = 0) -> Recording:
+def simulate(recording: Recorded, rig: Any = None, *, seed: int = 0) -> Recording:
     """
     Return what a rig measures under the recorded commands.
 
     Parameters
     ----------
-    recording : Recording
+    recording : Recording or path
         With the ``target``: commanded poses.
     rig : Rig or path, optional
         By default the nominal one of this package.

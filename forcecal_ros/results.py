@@ -5,7 +5,7 @@ from html import escape
 from itertools import groupby
 import json
 from pathlib import Path
-from typing import Any, NamedTuple, TYPE_CHECKING
+from typing import Any, NamedTuple, TYPE_CHECKING, TypeVar
 
 from forcecal_ros.core.axes import in_axes_of_pose, levelled
 from forcecal_ros.core.calibration import Calibration
@@ -14,12 +14,18 @@ from forcecal_ros.core.files import write_text
 from forcecal_ros.core.quantity import HALF, pair, quantity
 from forcecal_ros.core.streams import CHANNELS, Recording, Stream
 from forcecal_ros.io.calibration_file import to_document
-from forcecal_ros.report.rows import aligned, handy, table, WRENCH_AXES
+from forcecal_ros.report.rows import aligned, handy, printed, table, WRENCH_AXES
 
 if TYPE_CHECKING:
     from forcecal_ros.diagnose.result import Diagnosis
     from matplotlib.figure import Figure
     import pandas as pd
+
+
+Kind = TypeVar('Kind')
+
+Recorded = Recording | str | Path
+"""A recording as :func:`forcecal_ros.read` returns it, or the path of one."""
 
 
 class Result(NamedTuple):
@@ -33,7 +39,8 @@ class Result(NamedTuple):
     headline : str
         Value ± 95 % interval, where it states a number.
     columns, rows : tuple
-        The table; numbers in SI units unless a row names another one.
+        The table; numbers in SI units unless a row names another one. It prints as the commands
+        print it: in units of a handy size, ± half the 95 % interval.
     document : mapping
         As the command of the same name prints it with ``--json``.
     figure : callable
@@ -48,15 +55,16 @@ class Result(NamedTuple):
     figure: 'Callable[[], Figure]'
 
     def __repr__(self) -> str:
-        lines = aligned([self.columns, *map(_cells, self.rows)]) if self.rows else []
+        lines = aligned(printed(self.columns, self.rows)) if self.rows else []
         return '\n'.join([self.headline, *lines])
 
     def _repr_html_(self) -> str:
         def line(cells: Any, tag: str) -> str:
             return '<tr>' + ''.join(f'<{tag}>{escape(one)}</{tag}>' for one in cells) + '</tr>'
 
-        return (f'<p>{escape(self.headline)}</p><table>{line(self.columns, "th")}'
-                + ''.join(line(_cells(row), 'td') for row in self.rows) + '</table>')
+        head, *body = printed(self.columns, self.rows)
+        return (f'<p>{escape(self.headline)}</p><table>{line(head, "th")}'
+                + ''.join(line(row, 'td') for row in body) + '</table>')
 
     @error_ids()
     def plot(self) -> 'Figure':
@@ -78,10 +86,6 @@ class Result(NamedTuple):
         return pd.DataFrame(self.rows, columns=list(self.columns))
 
 
-def _cells(row: tuple[Any, ...]) -> list[str]:
-    return [f'{one:.6g}' if isinstance(one, float) else str(one) for one in row]
-
-
 @error_ids()
 def load(path: str | Path) -> Any:
     """
@@ -94,7 +98,7 @@ def load(path: str | Path) -> Any:
 
     Returns
     -------
-    Result, Rig or simulator
+    Result, Rig, simulator or Recording
         A Result of a calibration or a diagnosis.
 
     Raises
@@ -135,12 +139,22 @@ def save(result: Result, path: str | Path) -> None:
         write_text(path, json.dumps(result.document, indent=2, allow_nan=False) + '\n')
 
 
-def value_of(model: Any) -> Any:
-    """Return what a file describes, or what is behind a result."""
+def value_of(model: Any, bag: bool = False) -> Any:
+    """Return what a path names, which may have to be a bag, or what is behind a result."""
     from forcecal_ros.diagnose.sources.choice import model_of
 
-    found = model_of(model) if isinstance(model, str | Path) else model
-    return found.value if isinstance(found, Result) else found
+    if isinstance(model, str | Path):
+        bag = bag or Path(model).is_dir() or not {'.mcap', '.db3'}.isdisjoint(Path(model).suffixes)
+        return run_read(model, {}, '', None) if bag else model_of(model)
+    return model.value if isinstance(model, Result) else model
+
+
+def _of(kind: type[Kind], given: Any) -> Kind:
+    """Return an object of a kind, read if its path is given."""
+    found = value_of(given, kind is Recording)
+    if not isinstance(found, kind):
+        raise DataError(f'pass a {kind.__name__} or path, not {type(found)}', kind.__name__)
+    return found
 
 
 def of_calibration(calibration: Calibration, recording: Recording | None = None) -> Result:
@@ -170,12 +184,13 @@ def of_calibration(calibration: Calibration, recording: Recording | None = None)
 
 
 @error_ids()
-def run_calibration(recording: Recording, settings: Mapping[str, Any]) -> Result:
+def run_calibration(recording: Recorded, settings: Mapping[str, Any]) -> Result:
     """Calibrate; see :func:`forcecal_ros.api.calibrate`, as for the others below."""
     from forcecal_ros.calibrate.pipeline import identify
     from forcecal_ros.calibrate.settings import IdentificationSettings
     from forcecal_ros.observe.design import with_kalman_gains
 
+    recording = _of(Recording, recording)
     return of_calibration(with_kalman_gains(identify(
         recording, IdentificationSettings(**settings))), recording)
 
@@ -193,13 +208,13 @@ def run_read(bag: str | Path, topics: Mapping[str, str], preset: str, wrench_sig
 
 
 @error_ids()
-def check(recording: Recording) -> Result:
+def check(recording: Recorded) -> Result:
     """
     Return what a recording can be used for, and why not.
 
     Parameters
     ----------
-    recording : Recording
+    recording : Recording or path
         As :func:`forcecal_ros.read` returns it.
 
     Returns
@@ -207,22 +222,24 @@ def check(recording: Recording) -> Result:
     Result
         Streams, motion, wrench sign and fault are in ``to_dict()``.
     """
-    from forcecal_ros.cli.check import inspect
+    from forcecal_ros.cli.check import inspect, YES
 
-    document = inspect(recording)
-    rows = tuple((use, 'no' if why else 'yes', why) for use, why in document['uses'].items())
+    document = inspect(recording := _of(Recording, recording))
     return Result(document, document['fault'] or 'no fault was found', ('use', 'possible', 'why'),
-                  rows, document, lambda: _signals(recording))
+                  tuple((use, 'no' if why else YES.get(use, 'yes'), why)
+                        for use, why in document['uses'].items()),
+                  document, lambda: _signals(recording))
 
 
 @error_ids()
-def run_estimate(recording: Recording, calibration: Any, settings: Mapping[str, Any]) -> Result:
+def run_estimate(recording: Recorded, calibration: Any, settings: Mapping[str, Any]) -> Result:
     """Estimate."""
     from forcecal_ros.cli.estimate import as_taken, statistics, status_notes
     from forcecal_ros.observe import ObserverSettings, replay
 
     chosen = ObserverSettings(**settings)
-    recording, model, notes = as_taken(recording, value_of(calibration), chosen, 'the calibration')
+    recording, model, notes = as_taken(
+        _of(Recording, recording), _of(Calibration, calibration), chosen, 'the calibration')
     found = replay(recording, model, chosen)
     document = {**statistics(found), 'notes': [*notes, *status_notes(found)]}
     contact = Recording(wrench=Stream(found.t, found.contact), phases=recording.phases)
@@ -234,24 +251,25 @@ def run_estimate(recording: Recording, calibration: Any, settings: Mapping[str, 
 
 
 @error_ids()
-def run_diagnosis(recording: Recording, against: Any, heldout: Recording | None) -> Result:
+def run_diagnosis(recording: Recorded, against: Any, heldout: Recorded | None) -> Result:
     """Diagnose."""
-    from forcecal_ros.diagnose.sources.choice import source_of
+    from forcecal_ros.diagnose.sources.choice import FROM_PYTHON, own_rig, source_of
 
-    model = value_of(against)
-    source, taken = source_of([model] if isinstance(model, Recording) else model,
-                              [one for one in (recording, heldout) if one is not None])
+    given = [_of(Recording, one) for one in (recording, heldout) if one is not None]
+    model = own_rig(given, FROM_PYTHON) if against is None else value_of(against)
+    source, taken = source_of([model] if isinstance(model, Recording) else model, given)
     found = source.diagnose(*taken)
     return of_diagnosis(found.diagnosis, found.document(), found, taken[0])
 
 
 @error_ids()
-def run_simulation(recording: Recording, rig: Any, seed: int) -> Recording:
+def run_simulation(recording: Recorded, rig: Any, seed: int) -> Recording:
     """Simulate."""
     from forcecal_ros.core.topics import require
     from forcecal_ros.sim.rig.file import load_rig
     from forcecal_ros.sim.rig.simulator import simulate
 
+    recording = _of(Recording, recording)
     require(recording, ['target'])
     rig = load_rig(rig) if rig is None or isinstance(rig, str | Path) else rig
     return simulate(rig, recording.target, seed=seed)  # type: ignore[arg-type]

@@ -11,10 +11,12 @@ from types import SimpleNamespace
 
 from calibration_runs import brief_run
 import forcecal_ros as fc
-from forcecal_ros.core.errors import DataError
+from forcecal_ros.core.errors import DataError, ForcecalError
 from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.diagnose import plan
+from forcecal_ros.diagnose.sources import choice
 from forcecal_ros.io.bags import write_recording
+from forcecal_ros.report.rows import as_text, table
 from longer import first
 from matplotlib.figure import Figure
 import numpy as np
@@ -70,6 +72,19 @@ def test_the_notebook_names_the_delay(cells):
     assert 'wrench_delay' in repr(gap) and '<td>wrench_delay</td>' in gap._repr_html_()
 
 
+def test_estimates_print_as_the_commands_print_them_and_are_kept_in_si_units(cells):
+    calibration, gap = cells['calibration'], cells['gap']
+    _, head, mass, *_ = repr(calibration).splitlines()
+    assert head.split() == ['estimate', 'value', '±', 'unit']
+    shown = as_text(table(calibration.value)).splitlines()[2].split()
+    assert mass.split() == shown and shown[-1] == 'kg'
+    assert all(f'<td>{cell}</td>' in calibration._repr_html_() for cell in shown[2:])
+    _, _, _, std, _, _ = gap.rows[0]
+    half, unit = repr(gap).splitlines()[2].split()[3:5]
+    assert unit == 'ms' and float(half) == pytest.approx(1.96e3 * std, rel=0.1)
+    assert gap.to_dataframe()['standard error'][0] == std
+
+
 @pytest.mark.parametrize('name', ['calibration', 'contact', 'gap'])
 def test_results_print_as_tables_and_draw(cells, name):
     result = cells[name]
@@ -89,6 +104,52 @@ def test_a_stated_sign_goes_into_the_calibration_and_comes_from_it(tmp_path):
         for sign in (-1, None))
     np.testing.assert_array_equal(stated.contact, by_calibration.contact)
     assert np.abs(stated.contact[stated.t < 1.0, :3]).max() < 5.0
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory):
+    path = tmp_path_factory.mktemp('paths') / 'bag'
+    write_recording(path, brief_run())
+    return path
+
+
+def test_a_path_does_for_a_recording_and_for_a_calibration(bag, tmp_path):
+    read = fc.read(bag)
+    calibration = fc.calibrate(str(bag))
+    assert calibration.rows == fc.calibrate(read).rows
+    fc.save(calibration, tmp_path / 'c.yaml')
+    assert fc.estimate(bag, tmp_path / 'c.yaml').rows == fc.estimate(read, calibration).rows
+    assert fc.check(bag).rows == fc.check(read).rows
+    np.testing.assert_array_equal(fc.simulate(bag, 'nominal').wrench.values,
+                                  fc.simulate(read).wrench.values)
+
+
+@pytest.mark.parametrize('of, source', [
+    (lambda bag: bag, 'PairSource'), (lambda bag: next(bag.glob('*.mcap')), 'PairSource'),
+    (lambda bag: 'nominal', 'RigSource'), (lambda bag: None, 'RigSource')],
+    ids=['bag', 'file', 'nominal', 'none'])
+def test_a_bag_and_the_nominal_rig_are_compared_with_by_name(bag, of, source, monkeypatch):
+    taken = []
+
+    def source_of(*given):
+        taken.extend(given)
+        raise DataError(type(made(*given)[0]).__name__)
+
+    made = choice.source_of
+    monkeypatch.setattr(choice, 'source_of', source_of)
+    with pytest.raises(DataError, match=source):
+        fc.diagnose(bag, of(bag), heldout=bag)
+    assert len(taken[1]) == 2
+
+
+@pytest.mark.parametrize('call, said', [
+    (lambda bag: fc.calibrate(3), r'pass a Recording or path, not .*int.*FC0201'),
+    (lambda bag: fc.estimate(bag, 3), r'pass a Calibration or path, not .*int.*FC0103'),
+    (lambda bag: fc.diagnose(bag, 3), r'int has no method parameters; .*FC0804'),
+    (lambda bag: fc.diagnose('no_bag', 'nominal'), r'no_bag does not exist; .*FC0201')])
+def test_what_is_no_recording_or_model_is_refused_with_what_to_pass(bag, call, said):
+    with pytest.raises(ForcecalError, match=said):
+        call(bag)
 
 
 def test_results_become_data_frames(cells):
@@ -125,6 +186,7 @@ def test_a_recording_prints_and_checks_as_a_table():
     assert lines[2].split() == ['wrench', '3833', '250', 'Hz', '15.33', 's'] and len(lines) == 8
     checked = fc.check(replace(made, wrench=None))
     assert ('calibrate', 'no') in [row[:2] for row in checked.rows]
+    assert ('diagnose', 'yes, against a model') in [row[:2] for row in fc.check(made).rows]
     assert [axes.get_ylabel() for axes in checked.plot().axes] == [
         f'accel.{axis} [V]' for axis in 'xyz']
     with pytest.raises(DataError, match=r'record wrench \[FC0801\]$'):

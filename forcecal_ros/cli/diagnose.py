@@ -70,8 +70,9 @@ def add_parser(subparsers: Any) -> None:
                             'the same commands; record target_frame in both to detect delays')
     model.add_argument('--heldout-simulated', metavar='SIM_BAG2',
                        help='recording from the simulator under the commands of --heldout')
-    model.add_argument('--simulated-wrench-sign', type=int, choices=(1, -1), default=1,
-                       help="-1: the simulator's wrench has the opposite sign, as in MuJoCo")
+    model.add_argument('--simulated-wrench-sign', type=int, choices=(1, -1),
+                       help='-1: the wrench of SIM_BAG has the opposite sign, as from '
+                            "MuJoCo's force sensor")
     common.add_streams(parser, 'simulated-')
     model.add_argument('--simulator', metavar='MODULE:FACTORY',
                        help='your own simulator, run with the recorded commands: FACTORY() '
@@ -132,10 +133,11 @@ def _check_models(args: argparse.Namespace) -> None:
         if len(set(map(os.path.realpath, given))) < len(given):
             raise UsageError("--simulated: one bag is given twice; give the robot's and the "
                              "simulator's")
-    elif args.heldout_simulated or args.simulated_topic or args.simulated_sensor_from_pose:
-        raise UsageError('--heldout-simulated, --simulated-topic and '
-                         '--simulated-sensor-from-pose require --simulated, a recording from the '
-                         'simulator under the commands of BAG')
+    elif of_bag := [name for name in ('heldout_simulated', 'simulated_topic',
+                                      'simulated_wrench_sign', 'simulated_sensor_from_pose')
+                    if getattr(args, name)]:
+        raise UsageError(f'--{of_bag[0].replace("_", "-")} requires --simulated, a recording from '
+                         'the simulator under the commands of BAG')
 
 
 def _simulator_of(args: argparse.Namespace) -> Any:
@@ -227,7 +229,7 @@ def _source_of(args: argparse.Namespace, stage: Callable[[str], None]
     recordings = read((args.bag, args.heldout))
     if args.simulated:
         against = read((args.simulated, args.heldout_simulated), 'simulated-')
-    rig = load_rig(None if args.rig == NOMINAL else args.rig) if args.rig else None
+    rig = load_rig(args.rig) if args.rig else None
     if args.calibration:
         against = load(args.calibration)
     elif against is None:

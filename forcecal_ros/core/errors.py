@@ -75,16 +75,16 @@ KINDS: dict[str, str] = {
         'cli.common:check_outputs cli.common:_check_output cli.common:refuse_inputs core.files '
         'io.bags.write',
     'FC0003':
-        'ModuleNotFoundError cli.common:needs_ros cli.many:_on_cluster sim.mujoco:load_mujoco '
-        'nodes.inputs:transform_type nodes.runtime:starting',
-    'FC0004': 'OSError report.fleet:refuse',
+        'ModuleNotFoundError cli.common:needs_ros cli.many:_on_cluster '
+        'sim.mujoco:load_mujoco/package nodes.inputs:transform_type nodes.runtime:starting',
+    'FC0004': 'OSError report.fleet:refuse sim.mujoco:load_mujoco/file',
     'FC0005': 'cli.robot nodes.client nodes.demo nodes.live',
     'FC0006': 'cli.play nodes.bags',
     'FC0007': 'cli.record nodes.collector',
     # files
     'FC0101': 'core.safe_yaml',
     'FC0102': 'core core.schema calibrate.settings observe.settings',
-    'FC0103': 'io.calibration_file core.sensor_matrix',
+    'FC0103': 'io.calibration_file core.sensor_matrix results:_of/Calibration',
     'FC0104': 'effects sim.rig.plant',
     'FC0105': 'insitu.spec insitu.sources',
     'FC0106': 'io.csv_import.specification io.csv_import.assemble',
@@ -94,7 +94,7 @@ KINDS: dict[str, str] = {
     'FC0110': 'io.exports',
     'FC0111': 'diagnose.result report',
     # what a recording holds
-    'FC0201': 'io io.bags.storage io.bags.files',
+    'FC0201': 'io io.bags.storage io.bags.files results:_of/Recording',
     'FC0202':
         'core.topics io.bags.read io.bags.series cli.estimate:_needs_imu rig_fit.fit:_required',
     'FC0203': 'io.bags.header_stamps io.bags.messages',

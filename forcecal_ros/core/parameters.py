@@ -5,11 +5,14 @@ from math import inf
 from textwrap import wrap
 from typing import Any, NamedTuple, TypeVar
 
-from forcecal_ros.core.schema import Column, columns, Row, yaml_value
+from forcecal_ros.core.schema import Column, columns, Mismatch, Row, yaml_value
 import numpy as np
 
 T = TypeVar('T')
 
+
+SET_IT = '; edit the lines that end with # SET in the parameter file'
+"""Ends the message of a number that :func:`parameter_file` could not know."""
 
 _FLOATS = 'ROS takes a number for a float only when it is written with a point.'
 
@@ -79,9 +82,18 @@ def section_of(kind: type[T], value: Mapping[str, Any], prefix: str) -> T:
     Make a section of the parameters below a prefix, by name; others keep their default.
 
     A number that may be None is None where the parameter is 0.
+
+    Raises
+    ------
+    ConfigError
+        A number is out of range, or still to be set.
     """
-    return kind(**{column.name: value[key] or None if column.optional else value[key]
-                   for column in columns(kind) if (key := _key(prefix, column)) in value})
+    try:
+        return kind(**{column.name: value[key] or None if column.optional else value[key]
+                       for column in columns(kind) if (key := _key(prefix, column)) in value})
+    except Mismatch as error:
+        error.args = (f'{error}{SET_IT if "nan" in error.found else ""}',)
+        raise
 
 
 def _key(prefix: str, column: Column) -> str:

@@ -163,7 +163,7 @@ def require_axes_of(rig: Rig, recording: Recording, by: str = 'rig',
         Names cause and remedy.
     """
     gravity, known = np.array(rig.gravity), Known(rig.tool.mass, np.array(rig.tool.com))
-    judge(recording, gravity, Stated(gravity / np.linalg.norm(gravity),
+    judge(recording, gravity, Stated(gravity / np.linalg.norm(gravity), recording.wrench_sign or 1,
                                      sensor_from_pose=recording.sensor_from_pose, by=by),
           known._replace(other_tool=other_tool) if other_tool else known)
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from forcecal_ros.core.calibration import Calibration, Estimate
 from forcecal_ros.core.geometry import Array
@@ -143,6 +144,25 @@ def cells(shown: Iterable[Row]) -> list[list[str]]:
     return [['estimate', 'value', '±', 'unit', *['truth', 'off by'] * with_truth], *(
         [row.name, value(row), error(row), '' if row.unit == '1' else row.unit,
          *(against_truth(row) if with_truth else ())] for row in shown)]
+
+
+def printed(columns: Sequence[str], body: Sequence[Sequence[Any]]) -> list[list[str]]:
+    """
+    Return a table as cells, its head first.
+
+    Parameters
+    ----------
+    columns : sequence of str
+        Where ``value``, ``standard error`` and ``unit`` follow each other, :func:`cells` makes
+        the cells of these.
+    """
+    plain = [[f'{one:.6g}' if isinstance(one, float) else str(one) for one in row]
+             for row in (columns, *body)]
+    if 'standard error' not in columns:
+        return plain
+    k = columns.index('value')
+    found = cells(Row('', '', row[k + 2], row[k], row[k + 1]) for row in body)
+    return [[*row[:k], *shown[1:], *row[k + 3:]] for row, shown in zip(plain, found)]
 
 
 def handy(row: Row, beside: float = 0.0) -> Row:

@@ -351,10 +351,10 @@ def load_mujoco(path: str, ft_site: str | None = None, imu: str | None = None) -
         is on a link and not on a tool of its own, or the accelerometer on another body.
     """
     if mujoco is None:
-        raise ConfigError(f'--mujoco requires MuJoCo: {installing("mujoco")}')
+        raise ConfigError(f'--mujoco requires MuJoCo: {installing("mujoco")}', 'package')
     mujoco.set_mju_user_warning(_ignore)
     if not Path(path).is_file():
-        raise ConfigError(f'--mujoco {path}: no such file; give an MJCF model')
+        raise ConfigError(f'--mujoco {path}: no such file; give an MJCF model', 'file')
     try:
         spec = mujoco.MjSpec.from_file(path)
         site = _site(spec, path, ft_site)

@@ -11,6 +11,7 @@ from forcecal_ros.checks.hypotheses import judge, Known, refuse_other_mass
 from forcecal_ros.checks.messages import Stated
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import rotation_from_vector
+from forcecal_ros.diagnose.recordings import require_axes_of
 from forcecal_ros.sim.rig.file import load_rig
 from longer import first
 import moving_arm
@@ -183,6 +184,13 @@ def test_crosstalk_is_noted_up_to_what_a_rotation_within_tolerance_shows():
 def test_a_sign_that_is_stated_wrongly_is_named():
     with pytest.raises(DataError, match='wrench.sign to 1 '):
         judge(recording_of(mapped(lambda w: -w)(moving(1))), DOWN, Stated(wrench_sign=-1))
+
+
+@pytest.mark.parametrize('sign', [1, -1])
+def test_a_rig_names_the_other_sign_than_the_stated_one(sign):
+    recording = recording_of(mapped(lambda w: -w)(moving(1)))
+    with pytest.raises(DataError, match=f'wrench.sign to {-sign} '):
+        require_axes_of(load_rig(), replace(recording, wrench_sign=sign))
 
 
 def test_raw_counts_are_refused_by_their_bias():

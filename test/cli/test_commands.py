@@ -3,12 +3,13 @@
 from dataclasses import replace
 import json
 import os
+import re
 import shlex
 import subprocess
 import sys
 
 from calibration_runs import brief_run
-from forcecal_ros.cli.check import inspect
+from forcecal_ros.cli.check import as_text, inspect
 from forcecal_ros.cli.common import as_started
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.calibration import Estimate
@@ -46,10 +47,23 @@ def test_check_shows_what_is_there_and_the_next_command(brief, capsys):
     said = capsys.readouterr().out
     row = next(line.split() for line in said.splitlines() if line.startswith('pose'))
     assert row[1:5] == ['/current_pose', 'PoseStamped', '250', 'Hz'] and row[-1] == 'base'
-    assert 'calibrate: yes' in said and 'diagnose: yes' in said
+    assert 'calibrate: yes' in said and 'diagnose: yes, against a model\n' in said
     assert 'wrench sign: 1, environment on tool' in said
     assert f'next: forcecal calibrate {brief / "bag"} --report report.html' in said
     assert f'or: forcecal diagnose {brief / "bag"} -o diagnosis' in said
+
+
+def test_check_states_lengths_and_gaps_in_handy_units_and_what_a_mass_is_from(brief, capsys):
+    assert main(['check', str(brief / 'bag'), '--json']) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert re.search(r'\ntool: 1\d(\.\d+)? kg from \d static poses; frame', as_text(document))
+    document['motion']['range_m'] = [0.0861, 0.000146, 0.000141]
+    document['estimates']['poses'] = 0
+    document['streams']['wrench']['longest_gap'] = 1.3
+    said = as_text(document)
+    assert ', moves by 86 x 0.15 x 0.14 mm' in said
+    assert ' kg from the motion (no static poses); frame' in said
+    assert re.search(r'\nwrench .* 1\.30 s ', said)
 
 
 def test_commands_begin_as_the_program_was_started(monkeypatch):
@@ -194,7 +208,7 @@ def test_init_writes_every_parameter_of_a_preset_with_its_meaning(tmp_path, caps
     assert text.count('    # ') > 100
     # what nobody has measured is refused by the sequencer until it is set
     assert np.isnan(sequencer['limits']['workspace_min']).all()
-    with pytest.raises(ConfigError, match='workspace_min is .*finite'):
+    with pytest.raises(ConfigError, match='workspace_min is .*finite .*; edit the lines .* # SET'):
         settings_of({row.name: row.default for row in TABLES['sequencer'][0]}
                     | {'limits.workspace_min': sequencer['limits']['workspace_min']})
     assert ('backend: target_frame  # SET' in text) is (robot != 'kuka_fri')

@@ -78,7 +78,8 @@ def test_every_message_of_a_command_ends_with_an_id(error, capsys):
     (['check', 'no_such_bag'], 'FC0201'), (['calibrate', '--bla'], 'FC0001'),
     (['plan', '--tilt', '200'], 'FC0001'), (['compare', 'a.yaml', 'b.yaml'], 'FC0103'),
     (['export', 'a.yaml', '--for', 'ur'], 'FC0103'), (['insitu', 'a.yaml', '-o', 'b'], 'FC0102'),
-    (['calibrate', 'x', '-o', 'x'], 'FC0002')])
+    (['calibrate', 'x', '-o', 'x'], 'FC0002'),
+    (['diagnose', 'x', '--mujoco', 'missing.xml'], 'FC0004')])
 def test_a_refusal_has_the_id_of_its_kind(arguments, id_, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     try:
@@ -86,3 +87,10 @@ def test_a_refusal_has_the_id_of_its_kind(arguments, id_, capsys, tmp_path, monk
     except SystemExit as end:
         assert end.code == 2
     assert capsys.readouterr().err.endswith(f'[{id_}]\n')
+
+
+def test_mujoco_that_is_not_installed_is_a_missing_package(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr('forcecal_ros.sim.mujoco.mujoco', None)
+    assert main(['diagnose', 'x', '--mujoco', 'missing.xml']) == 1
+    assert capsys.readouterr().err.endswith('[FC0003]\n')

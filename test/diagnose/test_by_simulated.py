@@ -349,6 +349,8 @@ PAIR, RERUN = ['--simulated', 'sim'], ['--simulator', 'm:f']
     (['--rig', 'rigid_tool.yaml', *RERUN], 'give either --'),
     ([*PAIR, *RERUN], 'give either --'),
     (['--heldout', 'x', *PAIR], 'require each other'),
+    (['--mujoco', 'm.xml', '--simulated-wrench-sign', '-1'],
+     '--simulated-wrench-sign requires --simulated'),
     (['more', *PAIR], 'exactly one BAG'), (['more', *RERUN], 'exactly one BAG'),
     ([*PAIR, '--simulated-topic', 'wrench=a', '--simulated-topic', 'wrench=b'], 'keep one')])
 def test_what_does_not_go_with_a_simulator_is_wrong_usage(options, why, tmp_path, capsys):

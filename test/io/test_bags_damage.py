@@ -155,6 +155,7 @@ def test_damaged_record_costs_its_chunk_only(folder, chunks):
     share = (end - start) / sum(stop - begin for begin, stop in places)
     assert 0 < lost < MESSAGES * share * 1.5
     assert any('damaged or cut off at byte' in note for note in recording.notes)
+    assert not any('ends early' in note for note in recording.notes)
 
 
 def test_last_chunk_of_a_cut_file_gives_what_it_holds(folder, chunks):
@@ -162,9 +163,11 @@ def test_last_chunk_of_a_cut_file_gives_what_it_holds(folder, chunks):
     start, end = places[-1]
     (folder / 'half.mcap').write_bytes(path.read_bytes()[:(start + end) // 2])
     (folder / 'without.mcap').write_bytes(path.read_bytes()[:start])
-    half, without = (len(read_recording(folder / f'{name}.mcap').wrench)
-                     for name in ('half', 'without'))
+    cut = read_recording(folder / 'half.mcap')
+    half, without = len(cut.wrench), len(read_recording(folder / 'without.mcap').wrench)
     assert half - without == pytest.approx((MESSAGES - without) / 2, abs=2)
+    assert (f'the recording ends early, at {cut.wrench.t[-1]:.1f} s: its file is damaged or cut '
+            'off') in cut.notes
 
 
 def test_chunk_that_claims_to_be_huge_is_left_out(folder, chunks):

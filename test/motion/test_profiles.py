@@ -9,6 +9,7 @@ from forcecal_ros.core.geometry import (
     rotation_from_vector,
     rotation_vector,
 )
+from forcecal_ros.core.parameters import section_of
 from forcecal_ros.motion.limits import check_move, check_workspace, Limits
 from forcecal_ros.motion.plan import (
     calibration_plan,
@@ -187,6 +188,8 @@ def test_limits_that_cannot_be_stopped_from_are_refused():
         Limits(workspace_min=[0, 0, 2.0])
     with pytest.raises(ConfigError, match='limits.tip is .* expected a list of 3 finite numbers'):
         Limits(tip=[0, np.nan, 0])
+    with pytest.raises(ConfigError, match='3 finite numbers.*; edit the lines .* # SET'):
+        section_of(Limits, {'limits.workspace_min': [np.nan] * 3}, 'limits')
     assert Limits(tip=array('d', [0.1, 0.0, 0.0])).tip.tolist() == [0.1, 0.0, 0.0]  # of rclpy
 
 

@@ -28,14 +28,26 @@ def model_of(path: str | Path) -> Any:
         return third_party(str(path), load_mujoco(str(path)))
     from forcecal_ros.io.calibration_file import load
 
-    own = str(path) in ('rig.yaml', RIGID)  # of this package
+    own = str(path) in ('nominal', 'rig.yaml', RIGID)  # of this package
     rig = own or (Path(path).is_file() and 'wrench_sensor:' in Path(path).read_text())
     return load_rig(path) if rig else load(path)
 
 
-def own_rig(recordings: Sequence[Recording]) -> Rig:
+OPTIONS = ('give --calibration C.yaml (from forcecal calibrate), --rig FILE or --rig nominal, '
+           '--simulated SIM_BAG, --mujoco MODEL.xml or --simulator MODULE:FACTORY')
+FROM_PYTHON = ("pass against= a calibration, a rig or its file ('nominal': that of this package), "
+               'a recording of a simulator, an MJCF file or a simulator')
+"""How a command and ``forcecal_ros.diagnose`` take a model."""
+
+
+def own_rig(recordings: Sequence[Recording], remedy: str = OPTIONS) -> Rig:
     """
     Return the nominal rig of this package, for recordings that the simulated rig made.
+
+    Parameters
+    ----------
+    remedy : str
+        How a model is given.
 
     Raises
     ------
@@ -45,10 +57,7 @@ def own_rig(recordings: Sequence[Recording]) -> Rig:
     for one in recordings:
         if one.contact_truth is None:
             raise UsageError(
-                f'{one.source or "the recording"}: no model is given to compare it with; give '
-                '--calibration C.yaml (from forcecal calibrate), --rig FILE or --rig nominal, '
-                '--simulated SIM_BAG, --mujoco MODEL.xml or --simulator MODULE:FACTORY (in '
-                "Python against=, with 'rig.yaml' for --rig nominal)")
+                f'{one.source or "the recording"}: no model is given to compare it with; {remedy}')
     return load_rig()
 
 
@@ -60,10 +69,10 @@ def source_of(against: Any, recordings: Sequence[Recording], rig: Rig | None = N
 
     Parameters
     ----------
-    against : sequence of Recording, Calibration, Rig, simulator or None
+    against : sequence of Recording, Calibration, Rig, or simulator
         What a simulator recorded of the same commands, one for each recording; what is known of
         tool and sensors, along the measured motion; a rig, by commands where they were recorded;
-        an object with ``parameters`` and ``simulate``; None: that of :func:`own_rig`.
+        an object with ``parameters`` and ``simulate``.
     rig : Rig, optional
         Gives the tolerances of a tool or simulator.
     accelerometer : str, optional
@@ -72,10 +81,9 @@ def source_of(against: Any, recordings: Sequence[Recording], rig: Rig | None = N
         Of a calibration, for messages.
     """
     given = [*recordings]
-    if against is None or isinstance(against, Rig):
-        by = against or own_rig(given)
-        return (rig_source(by, accelerometer) if given[0].target else
-                ToolSource(rigid_tool_of_rig(by), None, accelerometer)), given
+    if isinstance(against, Rig):
+        return (rig_source(against, accelerometer) if given[0].target else
+                ToolSource(rigid_tool_of_rig(against), None, accelerometer)), given
     rig = rig or load_rig(RIGID)
     if isinstance(against, Calibration):
         level = against.gravity_direction
@@ -88,5 +96,7 @@ def source_of(against: Any, recordings: Sequence[Recording], rig: Rig | None = N
 
         return PairSource(rig, *against), given
     from forcecal_ros.diagnose.sources.simulator import SimulatorSource
+    from forcecal_ros.sim.third_party import third_party, ThirdParty
 
-    return SimulatorSource(against, rig), given
+    found = against if isinstance(against, ThirdParty) else third_party('against', against)
+    return SimulatorSource(found, rig), given

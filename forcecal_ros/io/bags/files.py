@@ -29,9 +29,17 @@ Integers = NDArray[np.int64]
 
 
 class Notes:
-    """Plain sentences on what reading had to leave out or correct, each once."""
+    """
+    Plain sentences on what reading had to leave out or correct, each once.
+
+    Attributes
+    ----------
+    ends_early : bool
+        Whether the rest of the last file could not be read.
+    """
 
     def __init__(self) -> None:
+        self.ends_early = False
         self._sentences: dict[str, None] = {}
 
     def add(self, sentence: str) -> None:
@@ -219,6 +227,7 @@ class McapFile:
         """Return where to go on after a record that makes no sense."""
         later = [chunk for chunk in self._chunks if position < chunk < self._size]
         goal = later[0] if later else self._size
+        self._notes.ends_early = not later
         self._notes.add(f'{self._path.name} is damaged or cut off at byte {position}: '
                         f'{goal - position} bytes were skipped')
         return goal

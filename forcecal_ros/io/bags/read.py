@@ -165,6 +165,8 @@ def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Seri
                         + ''.join(f'; {note}' for note in bag.notes))
     start_ns = int(min(stamps[0] for stamps in received))
     end = float(max(stamps[-1] for stamps in received) - start_ns) / 1e9
+    if bag.notes.ends_early:
+        bag.notes.add(f'the recording ends early, at {end:.1f} s: its file is damaged or cut off')
 
     def stream(role: str, columns: slice = slice(None), scale: int = 1) -> Stream | None:
         one = series.get(found[role]) if role in found else None

@@ -75,10 +75,12 @@ class Bag:
     def batches(self, topics: set[Topic]) -> Iterator[Batch]:
         """Yield the messages of some topics, some thousands at a time, file after file."""
         for file in self._files:
+            self.notes.ends_early = False
             try:
                 for batch in file.batches(topics):
                     yield self._decompressed(batch)
             except DAMAGE as error:
+                self.notes.ends_early = True
                 self.notes.add(f'{self.path}: a file is damaged ({in_a_line(error)}); everything '
                                'before the damage was read')
 

@@ -24,18 +24,18 @@ def load_rig(path: Path | str | None = None) -> Rig:
     Parameters
     ----------
     path : Path or str, optional
-        The nominal rig of this package where none is given. A bare name of a file that is not
-        there is looked for among the rigs of this package (``rig.yaml``, ``rigid_tool.yaml``,
-        ``rehearsal.yaml``).
+        The nominal rig of this package if it is None or ``nominal``. A bare name of a file that
+        is not there is looked for among the rigs of this package (``rig.yaml``,
+        ``rigid_tool.yaml``, ``rehearsal.yaml``).
 
     Raises
     ------
     ConfigError
         The file is missing or no YAML; a key is missing, unknown, or its value is wrong.
     """
-    name = 'rig.yaml' if path is None else str(path)
+    name = 'rig.yaml' if path in (None, 'nominal') else str(path)
     packaged = files('forcecal_ros') / 'config' / name
-    take_packaged = path is None or (
+    take_packaged = path in (None, 'nominal') or (
         Path(name).name == name and not Path(name).exists() and packaged.is_file())
     return load(Rig, packaged if take_packaged else Path(name), name=name,
                 remedy='compare with config/rig.yaml, the nominal rig')
