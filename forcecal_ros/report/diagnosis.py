@@ -3,6 +3,7 @@
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, log
+import re
 import shlex
 from typing import Any, NamedTuple
 
@@ -172,7 +173,7 @@ HEADS = {
     'no_gap': 'The simulation explains this recording down to its noise.',
     'unknown': 'Recording and simulation differ, and no known effect explains this.',
     'not_excited': 'No verdict: ',
-    'invalid_data': 'This recording cannot be used: ',
+    'invalid_data': 'Nothing can be compared: ',
 }
 """First sentence of the verdicts that name no effect; the reason follows a colon."""
 
@@ -180,7 +181,7 @@ UNDECIDED = {
     'not_excited': ('Not known: the motion is too small to show a difference.',
                     'Not at all: an effect of its usual size may be hidden.'),
     'invalid_data': ('Not known: nothing was compared.',
-                     'No effect was tested; the fault shows in the recording itself.'),
+                     'No effect was tested: the data cannot be compared.'),
 }
 """How large and how sure a gap is that was not searched."""
 
@@ -229,8 +230,9 @@ def _cause_and_remedy(d: Diagnosis) -> tuple[str, str]:
     """Part the reason of a recording that identifies nothing into what is wrong and what to do."""
     cause, _, remedy = d.reason.rpartition('; ')
     apart = cause and remedy.count('(') == remedy.count(')')  # not within parentheses
-    remedy = remedy.partition(' [FC')[0]  # the id ends the message
-    return (cause, remedy) if apart and HEADS[d.verdict].endswith(' ') else (d.reason, '')
+    remedy, mark, name = remedy.partition(' [FC')  # the id ends the message
+    return (f'{cause}{mark}{name}', remedy) if apart and HEADS[d.verdict].endswith(' ') else (
+        d.reason, '')
 
 
 def explained(d: Diagnosis) -> str:
@@ -310,7 +312,12 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
     planned = {name for name, _ in d.candidates} & EFFECTS.keys()
     if d.verdict == 'ambiguous' and planned:
         return Step(f'Record what separates these; diagnose it with --prior {folder}:', plan)
-    if d.verdict == 'invalid_data' and (remedy := _cause_and_remedy(d)[1]):
+    if d.verdict == 'invalid_data':
+        remedy = _cause_and_remedy(d)[1] or 'fix what is named above'
+        sign = _SIGN.search(remedy)
+        if sign or 'simulated' in d.reason:  # the robot's recording is in order
+            again = shlex.join(('forcecal', 'diagnose', bag, *(
+                _with_option(against, *sign.groups()) if sign else anew), '-o', folder))
         return Step(f'{_begun(remedy)}. Then diagnose again:', again)
     rig, calibration, model = (
         next((f'{folder.rstrip("/")}/{f}' for f in files if f.startswith(kind)), '')
@@ -347,9 +354,18 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
                         'that repeats belongs to the robot or its model.', again),
         'not_excited': Step('Record a motion that shows what a diagnosis needs:',
                             'forcecal plan -o plan.yaml'),
-        'invalid_data': Step('Fix what is named above, and diagnose again:', again),
     }.get(d.verdict, Step(f'{_correction(d)}{simulate} and diagnose again:', shlex.join(
         ('forcecal', 'diagnose', bag, *anew, '-o', folder))))
+
+
+_SIGN = re.compile(r'(--[\w-]*wrench-sign) (-?1)\b')
+"""A remedy by which the same recordings are read with the other sign."""
+
+
+def _with_option(words: Sequence[str], option: str, value: str) -> tuple[str, ...]:
+    """Return the words of a command with an option, in the place of an earlier one."""
+    at = words.index(option) if option in words else len(words)
+    return (*words[:at], option, value, *words[at + 2:])
 
 
 def _correction(d: Diagnosis) -> str:
@@ -538,6 +554,7 @@ def render(view: View, origin: list[str], step: Step) -> str:
         notes=[f'{_begun(note)}.' for note in d.notes],
         share=explained(d), effects=_numbers(d), meaning=VERDICTS[d.verdict],
         pages=[docs_link('reference/verdicts', d.verdict),
+               *(docs_link('reference/errors', one) for one in re.findall(r'\bFC\d{4}', d.reason)),
                *(docs_link('reference/effects', e.name) for e in d.effects if e.name in WORDS
                  and e.name != 'unknown')],
         gap=None if d.gap is None else {

@@ -244,12 +244,31 @@ def test_every_share_on_the_page_is_the_same_one():
 def test_a_recording_that_cannot_be_used_says_what_to_do_as_the_next_step():
     d = replace(IDENTIFIED, verdict='invalid_data', effects=(),
                 reason='force.z (x; y) never changes; check the cable, and record again')
-    assert headline(d) == 'This recording cannot be used: force.z (x; y) never changes.'
+    assert headline(d) == 'Nothing can be compared: force.z (x; y) never changes.'
     assert next_step(d, 'bag', 'out', ()).words == (
         'Check the cable, and record again. Then diagnose again:')
     cut = replace(d, reason='too few samples (12; 300 are needed)')
     assert headline(cut).endswith('(12; 300 are needed).')
     assert next_step(cut, 'bag', 'out', ()).words.startswith('Fix what is named above')
+    known = replace(d, reason=f'{d.reason} [FC0304]')
+    assert headline(known) == 'Nothing can be compared: force.z (x; y) never changes [FC0304].'
+    assert next_step(known, 'bag', 'out', ()) == next_step(d, 'bag', 'out', ())
+    assert 'FC0304</a>' in render(view_without_signals(known), ['bag'], NEXT)
+
+
+@pytest.mark.parametrize('reason, given, command', [
+    ('the simulated wrench has the wrong sign; give --simulated-wrench-sign 1 [FC0802]',
+     ('--simulated', 'sim', '--simulated-wrench-sign', '-1', '--topic', 'wrench=/ft'),
+     'bag --simulated sim --simulated-wrench-sign 1 --topic wrench=/ft'),
+    ('wrench: it has the opposite sign; set wrench.sign to -1 (--wrench-sign -1), or record '
+     'poses in more directions to distinguish the causes', ('--rig', 'nominal'),
+     'bag --rig nominal --wrench-sign -1'),
+    ('the commands of the simulated recording are not those of the robot; run the simulator '
+     'with the recorded commands', ('--simulated', 'sim'), 'bag --simulated NEW_SIM_BAG')])
+def test_of_a_recording_in_order_the_next_step_repeats_what_is_wrong_alone(
+        reason, given, command):
+    step = next_step(Diagnosis('invalid_data', reason), 'bag', 'out', (), against=given)
+    assert step.command == f'forcecal diagnose {command} -o out'
 
 
 def test_numbers_that_were_not_found_are_not_listed():
