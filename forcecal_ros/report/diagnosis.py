@@ -314,10 +314,11 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
         return Step(f'Record what separates these; diagnose it with --prior {folder}:', plan)
     if d.verdict == 'invalid_data':
         remedy = _cause_and_remedy(d)[1] or 'fix what is named above'
-        sign = _SIGN.search(remedy)
+        if sign := re.search(r'(--[\w-]*wrench-sign) (-?1)\b', remedy):  # of the same recordings
+            at = (*against, sign[1]).index(sign[1])
+            anew = [*against[:at], *sign.groups(), *against[at + 2:]]
         if sign or 'simulated' in d.reason:  # the robot's recording is in order
-            again = shlex.join(('forcecal', 'diagnose', bag, *(
-                _with_option(against, *sign.groups()) if sign else anew), '-o', folder))
+            again = shlex.join(('forcecal', 'diagnose', bag, *anew, '-o', folder))
         return Step(f'{_begun(remedy)}. Then diagnose again:', again)
     rig, calibration, model = (
         next((f'{folder.rstrip("/")}/{f}' for f in files if f.startswith(kind)), '')
@@ -356,16 +357,6 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
                             'forcecal plan -o plan.yaml'),
     }.get(d.verdict, Step(f'{_correction(d)}{simulate} and diagnose again:', shlex.join(
         ('forcecal', 'diagnose', bag, *anew, '-o', folder))))
-
-
-_SIGN = re.compile(r'(--[\w-]*wrench-sign) (-?1)\b')
-"""A remedy by which the same recordings are read with the other sign."""
-
-
-def _with_option(words: Sequence[str], option: str, value: str) -> tuple[str, ...]:
-    """Return the words of a command with an option, in the place of an earlier one."""
-    at = words.index(option) if option in words else len(words)
-    return (*words[:at], option, value, *words[at + 2:])
 
 
 def _correction(d: Diagnosis) -> str:

@@ -260,11 +260,11 @@ def test_a_recording_that_cannot_be_used_says_what_to_do_as_the_next_step():
     ('the simulated wrench has the wrong sign; give --simulated-wrench-sign 1 [FC0802]',
      ('--simulated', 'sim', '--simulated-wrench-sign', '-1', '--topic', 'wrench=/ft'),
      'bag --simulated sim --simulated-wrench-sign 1 --topic wrench=/ft'),
-    ('wrench: it has the opposite sign; set wrench.sign to -1 (--wrench-sign -1), or record '
-     'poses in more directions to distinguish the causes', ('--rig', 'nominal'),
+    (('wrench: it has the opposite sign; set wrench.sign to -1 (--wrench-sign -1), or record '
+     'poses in more directions to distinguish the causes'), ('--rig', 'nominal'),
      'bag --rig nominal --wrench-sign -1'),
-    ('the commands of the simulated recording are not those of the robot; run the simulator '
-     'with the recorded commands', ('--simulated', 'sim'), 'bag --simulated NEW_SIM_BAG')])
+    (('the commands of the simulated recording are not those of the robot; run the simulator '
+     'with the recorded commands'), ('--simulated', 'sim'), 'bag --simulated NEW_SIM_BAG')])
 def test_of_a_recording_in_order_the_next_step_repeats_what_is_wrong_alone(
         reason, given, command):
     step = next_step(Diagnosis('invalid_data', reason), 'bag', 'out', (), against=given)
@@ -523,6 +523,12 @@ def test_a_simulation_of_the_users_is_corrected_and_compared_with_the_same_recor
     step = next_step(replace(IDENTIFIED, effects=(payload,)), 'bag', 'out', (),
                      against=('--simulator', 'my_robot:make'))
     assert step.words == 'Set payload to 1.2594 kg in parameters(), and diagnose again:'
+
+
+def test_the_next_command_begins_as_the_program_was_started(monkeypatch):
+    monkeypatch.setenv('FORCECAL_COMMAND', r'./a\ b/run')
+    page = re.sub('</?span>', '', render(view_without_signals(IDENTIFIED), ['bag'], NEXT))
+    assert r'<pre>./a\ b/run simulate</pre>' in page
 
 
 def test_a_note_of_many_numbers_has_a_line_for_each():
