@@ -89,7 +89,7 @@ def test_the_first_sentence_says_what_becomes_of_weight_and_inertia(calibration,
     still = replace(recording, wrench=replace(recording.wrench, values=np.tile(
         [4.0, -3.0, 108.0, 0.0, 0.0, 0.0], (400, 1))))
     contact = Stream(still.wrench.t, np.tile([0.3, 0.0, 0.4, 0.0, 0.0, 0.0], (400, 1)))
-    assert ('In free motion, 100 N of weight and inertia become 0.50 N of contact force'
+    assert ('In free motion the sensor shows 100 N; 0.50 N RMS remain after compensation'
             in render(still, calibration, contact))
     touching = replace(still, phases=(Phase('contact', 0.0, 4.0),))
     assert 'In free motion' not in render(touching, calibration, contact)
@@ -105,6 +105,19 @@ def test_quality_is_said_in_words():
     assert said['Note'] == 'X points along +x.' and not dict(in_words({}))
     untested = {'value': float('nan'), 'degrees': 8, 'probability': float('nan')}
     assert 'Not tested' in dict(in_words({'chi_square': untested}))['Fit of the poses']
+
+
+def test_poses_that_separate_nothing_alone_and_a_missing_estimate_are_stated(
+        calibration, recording):
+    few = {'condition': 414000.0, 'poses': [{}, {}, {}]}
+    assert dict(in_words(few))['Poses'] == (
+        '3 poses do not separate mass, centre of mass and bias alone; the motion between them '
+        'does.')
+    note = 'inertia not identified: no rotation was recorded; rotate about all three axes'
+    page = render(recording, replace(calibration, quality={'notes': [note]}))
+    assert page.index('its checks') < page.index('>Inertia not identified: no rotation'
+                                                  ) < page.index('<table')
+    assert 'said warn' not in render(recording, replace(calibration, quality={}))
 
 
 def test_warnings_come_before_the_numbers(calibration, recording):
