@@ -13,7 +13,8 @@ from forcecal_ros.core.quantity import beside, pair, rounded, scaled, size, with
 from forcecal_ros.core.streams import Phase
 from forcecal_ros.diagnose.dataset import CHANNELS, STAGES, units
 from forcecal_ros.diagnose.engine import Outcome
-from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, instants, NamedEffect, std_of
+from forcecal_ros.diagnose.judge import named_effects as judged
+from forcecal_ros.diagnose.judge.named_effects import in_time, instants, NamedEffect, std_of
 from forcecal_ros.diagnose.localise import BANDS, time_frequency_bins, TimeFrequencyBin
 from forcecal_ros.diagnose.model.gates import kind_of
 from forcecal_ros.diagnose.result import Diagnosis
@@ -279,14 +280,16 @@ def _begun(words: str) -> str:
 
 def _in_full(d: Diagnosis) -> Fact:
     """Return the verdict's own sentence, as far as it adds to what stands above."""
-    if HEADS.get(d.verdict, '').endswith(' ') or d.reason.endswith(COMPLETE):
+    sudden = [e for e in d.effects if instants(e)] if len(d.effects) == 1 else []
+    reason = d.reason.replace(in_time(sudden), '')  # stands at When
+    if HEADS.get(d.verdict, '').endswith(' ') or reason.endswith(COMPLETE):
         return Fact('In full', '')
-    _, share, more = d.reason.partition(SHARE)
+    _, share, more = reason.partition(SHARE)
     if d.verdict == 'ambiguous':  # the first sentence names the others
         more = more.partition(INSTEAD)[2]
     if share and d.verdict in NAMED:
         return Fact('In addition', _begun(f'{more.lstrip(",; ")}.'))
-    return Fact('In full', _begun(f'{d.reason}.'))
+    return Fact('In full', _begun(f'{reason}.'))
 
 
 def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
@@ -581,7 +584,7 @@ def _pictures(view: View, drawings: Mapping[str, Callable[[View], Any]]) -> Iter
 
 def _numbers(d: Diagnosis) -> list[tuple[str, str, str, str, str]]:
     """Return every number that was found, in SI units, as a rig file requires them."""
-    out = [(e.name, name, *((rounded(p.value), AT_BOUND) if p.at_bound else with_error(
+    out = [(e.name, name, *((rounded(p.value), judged.AT_BOUND) if p.at_bound else with_error(
         p.value, p.std)), '' if p.unit == '1' else p.unit)
            for e in d.effects for name, p in e.parameters.items()
            if p.value or p.std or p.at_bound]
