@@ -422,7 +422,7 @@ def _how_large(view: View) -> str:
         _, apart, left, noise = d.gap.channels[name]
         change = _change(apart, left, view.units[name], d.label(name), named)
         parts.append(f'a residual of {change}, whose '
-                     f'noise is {size(noise, view.units[name], 2)}')
+                     f'noise is {size(noise, view.units[name], 2, apart)}')
     found = [f'{e.name}: {sizes(e)}' if len(named) > 1 and kind_of(e.name) in WORDS else sizes(e)
              for e in named]
     consequence = [f'Beyond noise: {" and ".join(parts)}'] if parts else []
@@ -431,7 +431,7 @@ def _how_large(view: View) -> str:
 
 def _change(before: float, after: float, unit: str, of: str, named: Sequence[NamedEffect]) -> str:
     """Write an RMS, and what named effects leave of it."""
-    left = f' ({size(after, unit, 2)} after correction)' if named else ''
+    left = f' ({size(after, unit, 2, before)} after correction)' if named else ''
     return f'{size(before, unit, 2)} RMS in {"the " * (" " in of)}{of}{left}'
 
 
@@ -558,7 +558,8 @@ def render(view: View, origin: list[str], step: Step) -> str:
         candidates=[(name, percent(p), phrase(name), 100.0 * p) for name, p in d.candidates
                     ] if len(d.candidates) > 1 else [],
         head=('channel', *kept, 'unit'),
-        channels=[_row(d.label(name), [*(rms[k] for k in kept.values()), rms[3]], view.units[name])
+        channels=[_row(d.label(name), [*(rms[k] for k in kept.values()), rms[3]], view.units[name],
+                       max(max(x) for other, x in shown if view.units[other] == view.units[name]))
                   for name, rms in shown],
         worst=next((i for i, (name, _) in enumerate(shown) if name == worst), -1),
         alike=[d.label(name) for name, rms in channels.items() if not any(rms[:3])],
@@ -568,9 +569,9 @@ def render(view: View, origin: list[str], step: Step) -> str:
         signals=list(_pictures(view, {'Signals': signals})))
 
 
-def _row(channel: str, values: list[float], unit: str) -> list[str]:
+def _row(channel: str, values: list[float], unit: str, largest: float) -> list[str]:
     """Write all but the last value, which is the noise, to its digits."""
-    shown, cells = beside(values, unit)
+    shown, cells = beside(values, unit, largest)
     return [channel, *cells[:-1], shown]
 
 

@@ -315,6 +315,15 @@ def test_an_effect_of_a_sensor_is_fixed_at_the_sensor_and_not_in_the_model():
         "forcecal diagnose NEW_BAG --mujoco 'my arm.xml' --topic wrench=/ft -o out")
 
 
+def test_a_quantity_has_one_unit_in_the_table_and_in_words():
+    gap = GAP._replace(channels={'torque.x': (0.05, 0.04, 0.006, 0.001),
+                                 'torque.y': (0.005, 0.004, 0.003, 0.001)})
+    d = replace(IDENTIFIED, gap=gap)
+    page = render(view_without_signals(d), ['bag'], NEXT)
+    assert 'mN m' not in page and page.count('>N m</td>') == 2
+    assert '(0.0060 N m after correction), whose noise is 0.0010 N m' in words(d)['How large']
+
+
 def test_the_table_begins_with_the_noise_and_marks_the_worst_channel():
     page = render(view_without_signals(IDENTIFIED), ['bag'], NEXT)
     head = [*map(str.strip, re.findall(r'<th[^>]*>([^<]+)</th>', page))]

@@ -43,6 +43,14 @@ def test_a_table_for_a_terminal_has_the_digits_and_units_of_the_page():
         ['delay', '4.00', '0.27', 'ms'], ['rise', '14.1', '-', 'ms'], ['share', '0.512', '0.008']]
 
 
+def test_a_quantity_has_one_unit_in_a_table():
+    rows = [Row('x', 'x', 'N m', 0.026, np.nan), Row('z', 'z', 'N m', 0.00936, np.nan),
+            Row('xx', 'xx', 'kg m^2', 0.12, 0.001), Row('xy', 'xy', 'kg m^2', 0.002, 0.001)]
+    assert [line.split()[1:] for line in as_text(rows).splitlines()[2:-1]] == [
+        ['0.0260', '-', 'N', 'm'], ['0.00936', '-', 'N', 'm'],
+        ['0.1200', '0.0020', 'kg', 'm^2'], ['0.0020', '0.0020', 'kg', 'm^2']]
+
+
 def test_forces_and_torques_have_units_of_their_own(calibration):
     units = {row.key: row.unit for row in table(calibration)}
     assert units['wrench_bias.force.z'] == 'N' and units['wrench_bias.torque.x'] == 'N m'
