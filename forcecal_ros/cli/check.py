@@ -173,6 +173,7 @@ def _next(args: argparse.Namespace, recording: 'Recording', document: dict[str, 
 
 def as_text(document: dict[str, Any]) -> str:
     """Return the document as lines for a terminal."""
+    from forcecal_ros.core.quantity import size, sizes
     from forcecal_ros.core.topics import listed
     from forcecal_ros.report.rows import aligned
 
@@ -181,19 +182,20 @@ def as_text(document: dict[str, Any]) -> str:
         rate, gap = one['rate'], one['longest_gap']
         rows.append([role, one['topic'], one['type'].rpartition('/')[2],
                      '-' if rate is None else f'{rate:.4g} Hz',
-                     '-' if gap is None else f'{1e3 * gap:.3g} ms', f'{one["start"]:.2f} s',
+                     '-' if gap is None else size(gap, 's'), f'{one["start"]:.2f} s',
                      f'{one["end"]:.2f} s', one['frame'] or '-'])
     lines = [document['recording'], '', *aligned(rows, left=(0, 1, 2, 7))]
     for role, names in document['missing'].items():
         lines.append(f'{role}: not found; candidates: {listed(names)} (--topic {role}=NAME)')
     if motion := document['motion']:
-        moved = '' if motion['range_m'] is None else ', moves by ' + ' x '.join(
-            f'{length:.3g}' for length in motion['range_m']) + ' m'
+        moved = '' if motion['range_m'] is None else ', moves by ' + sizes(
+            motion['range_m'], 'm').replace(', ', ' x ')
         phases = f'; phases {", ".join(motion["phases"])}' if motion['phases'] else ''
         lines.append(f'motion: rotates by up to {motion["rotation_deg"]:.0f} deg{moved}{phases}')
     if found := document['estimates']:
-        lines.append(f'tool: {found["mass"]:.4g} kg from {found["poses"]} static poses; frame '
-                     'and units of the wrench agree with gravity')
+        by = f'{found["poses"]} static poses' if found['poses'] else 'the motion (no static poses)'
+        lines.append(f'tool: {found["mass"]:.4g} kg from {by}; frame and units of the wrench '
+                     'agree with gravity')
     lines.append(f'wrench sign: {SIGNS[document["wrench_sign"]]}')
     lines += [f'note: {note}' for note in document['notes']]
     if document['fault']:

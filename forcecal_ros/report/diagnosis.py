@@ -245,8 +245,8 @@ def explained(d: Diagnosis) -> str:
     if half and share[0].isdigit():
         share = share.replace(' %', f' ± {half} %')
     them = 'it' if len(d.effects) == 1 else 'them'
-    # a name that is no effect's is a number of a third-party simulator
-    do = 'Adding' if any(e.name in WORDS for e in d.effects) else 'Changing'
+    # what differs is a number of the model
+    do = 'Changing' if all('differs' in phrase(e.name) for e in d.effects) else 'Adding'
     return f'{do} {them} explains {share}{SHARE}.'
 
 
@@ -438,7 +438,7 @@ def _change(before: float, after: float, unit: str, of: str, named: Sequence[Nam
 def _how_sure(d: Diagnosis) -> str:
     if d.verdict == 'no_gap':
         hidden = f', except {_few(d.not_excited)}' if d.not_excited else ''
-        return f'Every effect of the library would have shown at its usual size{hidden}.'
+        return f'Each effect would have been detected at its typical size{hidden}.'
     if d.verdict in UNDECIDED:
         return UNDECIDED[d.verdict][1]
     named = {e.name for e in d.effects}
@@ -447,15 +447,15 @@ def _how_sure(d: Diagnosis) -> str:
     if sum(p for _, p in d.candidates) > 1.0 + 0.02:
         text += '; several may act at once'
     if d.verdict in NAMED and named >= {name for name, _ in d.candidates}:  # the headline has them
-        text = f'All other causes: {percent(1.0 - min(e.probability for e in d.effects))}'
+        p, each = min(e.probability for e in d.effects), 'Each' * (len(d.effects) > 1) or 'This'
+        text = f'{each} cause {percent(p)}, all others {percent(1.0 - p)}'
     hidden = f'. This motion cannot show {_few(d.not_excited)}' if d.not_excited else ''
     return f'{text}{hidden}.' if text else ''
 
 
 def _few(names: Sequence[str]) -> str:
     # effects that one line of the first screen lists, and how many more there are
-    few = 6
-    more = len(names) - few
+    few, more = 6, len(names) - 6
     return ', '.join((*names[:few], *((f'and {more} more',) if more > 0 else ())))
 
 
@@ -482,8 +482,9 @@ def _where(view: View) -> str:
     more = [f'{label(w.channel)} in {w.phase}' for w in view.diagnosis.localisation
             if (_INDEX[w.channel], w.phase) != (place.channel, place.phase)][:2]
     then = f'; then {" and ".join(more)}' if more else ''
+    shown = (c.excess for c in view.cells if c[:3] == place[:3] and c.z > SEEN)  # in the heat map
     return (f'in {label(CHANNELS[place.channel].name)}, phase {place.phase}, mostly {band}: '
-            f'{size(place.excess, "", 2).strip()} times the noise of all octaves{then}.')
+            f'{rounded(next(shown, place.excess), 2)} times the noise at rest{then}.')
 
 
 def _when(view: View) -> str:

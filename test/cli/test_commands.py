@@ -8,7 +8,7 @@ import subprocess
 import sys
 
 from calibration_runs import brief_run
-from forcecal_ros.cli.check import inspect
+from forcecal_ros.cli.check import as_text, inspect
 from forcecal_ros.cli.common import as_started
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.calibration import Estimate
@@ -50,6 +50,17 @@ def test_check_shows_what_is_there_and_the_next_command(brief, capsys):
     assert 'wrench sign: 1, environment on tool' in said
     assert f'next: forcecal calibrate {brief / "bag"} --report report.html' in said
     assert f'or: forcecal diagnose {brief / "bag"} -o diagnosis' in said
+
+
+def test_lengths_times_and_a_tool_by_motion_are_shown_in_words():
+    stream = {'topic': '/ft', 'type': 'WrenchStamped', 'rate': 250.0, 'longest_gap': 1.3004,
+              'start': 0.0, 'end': 9.0, 'frame': 'base'}
+    said = as_text({'recording': 'bag', 'streams': {'wrench': stream}, 'missing': {}, 'motion': {
+        'rotation_deg': 90.0, 'range_m': [0.0861, 1.4e-4, 1.41e-4], 'phases': []},
+        'estimates': {'mass': 1.26, 'poses': 0}, 'wrench_sign': 1, 'notes': [], 'fault': '',
+        'uses': {}, 'next': []})
+    assert ' 1.30 s ' in said and 'moves by 86 x 0.14 x 0.14 mm' in said
+    assert 'tool: 1.26 kg from the motion (no static poses);' in said
 
 
 def test_commands_begin_as_the_program_was_started(monkeypatch):

@@ -174,7 +174,7 @@ def test_probabilities_of_effects_that_act_together_are_said_to():
 def test_a_report_without_a_gap_says_which_effects_would_not_have_shown():
     none = replace(IDENTIFIED, verdict='no_gap', effects=(), not_excited=())
     hidden = replace(none, not_excited=tuple('abcdefgh'))
-    shown = 'Every effect of the library would have shown at its usual size'
+    shown = 'Each effect would have been detected at its typical size'
     assert [words(d)['How sure'] for d in (none, hidden)] == [
         f'{shown}.', f'{shown}, except a, b, c, d, e, f, and 2 more.']
 
@@ -201,9 +201,12 @@ def test_the_facts_name_place_time_and_next_command():
         'Delay 4.00 ± 0.28 ms. Beyond noise: an error of 0.53 N RMS in the contact force '
         '(0.012 N after correction) and a residual of 0.38 N RMS in force.y (0.010 N after '
         'correction), whose noise is 0.25 N.')
-    assert said['How sure'].words == 'All other causes: 3 %.'
+    assert said['How sure'].words == 'This cause 97 %, all others 3 %.'
     assert said['Where'].words == ('In force.y, phase step, mostly 8 to 16 Hz: 12 times the '
-                                   'noise of all octaves; then torque.x in contact.')
+                                   'noise at rest; then torque.x in contact.')
+    place = TimeFrequencyBin(1, 'step', (8.0, 16.0), 17.0, 9.0)
+    there = facts(replace(_view(IDENTIFIED), cells=(place,)), NEXT)
+    assert any('17 times the noise at rest' in one.words for one in there)
     # of two steps the one with the largest residual
     assert said['When'].words == 'Most visible from 10.00 to 12.00 s, in phase step.'
     assert said['Next'].command == 'forcecal simulate' and 'In full' not in said
@@ -284,6 +287,9 @@ def test_a_number_of_a_simulator_is_changed_and_not_added():
     d = replace(IDENTIFIED, effects=(NamedEffect(
         'body_mass[gripper]', {'body_mass[gripper]': Parameter(1.26, 0.002, 'kg')}, 0.97),))
     assert ' Changing it explains ' in headline(d)
+    mass = NamedEffect('tool_mass', {'change': Parameter(0.05, 0.001, '1')}, 0.97)
+    assert ' Changing it explains ' in headline(replace(d, effects=(mass,)))
+    assert ' Adding them explains ' in headline(replace(d, effects=(mass, LATE)))
 
 
 def test_of_an_unknown_cause_the_next_recording_is_to_tell_the_candidates_apart():
