@@ -112,7 +112,7 @@ def _facts(c: Calibration, free: Free | None, warnings: list[str], step: Step | 
     if warnings:
         return [*facts, Fact('Checks', f'{len(warnings)} did not pass; see below.'),
                 Fact('Next', REPEAT.words)]
-    facts.append(Fact('Checks', 'Every estimate passed its checks.'))
+    facts.append(Fact('Checks', 'Every estimate in the table passed its checks.'))
     return [*facts, Fact('Next', *step)] if step else facts
 
 
