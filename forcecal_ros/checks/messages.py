@@ -127,7 +127,7 @@ def of(best: Any, plain: Any, stated: Stated, close: Sequence[Any]) -> str:
     then, now = (getattr(one.fit, part).scale for one in (best, plain))
     recorded = f' with a mass of {plain.fit.mass:.4g} kg' if plain.fit.mass < 0.0 else ''
     cause = ', or '.join(dict.fromkeys(one for one, _ in named))
-    others = '; record poses in more directions to distinguish them' * (len(named) > 1)
+    others = ', or record poses in more directions to distinguish the causes' * (len(named) > 1)
     return (f'{cause}. Residual {part}s: {then:.2g} {unit} RMS if corrected, {now:.2g} '
             f'{unit}{recorded} as recorded; {named[0][1]}{others}')
 

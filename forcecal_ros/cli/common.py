@@ -17,6 +17,7 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 from forcecal_ros.cli import COMMANDS, VERBS
 from forcecal_ros.core.errors import ConfigError, ForcecalError, UsageError
+from forcecal_ros.core.extras import program
 from forcecal_ros.core.files import descriptor_of, refuse_file, refuse_folder, STANDARD_OUTPUT
 
 if TYPE_CHECKING:
@@ -334,8 +335,7 @@ def needs_ros() -> Iterator[None]:
 
 def as_started(text: str) -> str:
     """Return a text whose commands begin as this one was started, as by ./run."""
-    return _COMMANDS.sub(os.environ.get('FORCECAL_COMMAND', 'forcecal').replace('\\', r'\\'),
-                         text)
+    return _COMMANDS.sub(lambda _: program(), text)
 
 
 def say(text: str) -> None:

@@ -258,7 +258,7 @@ def _tasks(args: argparse.Namespace, bags: Sequence[str]) -> list[argparse.Names
 
 def _show(answer: Answer, args: argparse.Namespace) -> int:
     common.show(args, answer.document, answer.text, () if args.json else answer.notes)
-    if answer.status == 1:
+    if answer.status == 1 and (args.json or common.stdout_is_taken(args)):  # no text there
         common.warn(answer.headline)
     return answer.status
 

@@ -1,6 +1,7 @@
 """What this package needs for some of its work, and how it is installed where it is missing."""
 
 from importlib.metadata import PackageNotFoundError, requires
+import os
 import re
 import shlex
 import sys
@@ -9,6 +10,11 @@ PACKAGE = 'forcecal_ros'
 
 BESIDE_APT = {'backports', 'lz4', 'numba', 'pandas', 'rosbags', 'tqdm'}
 """Modules that the nodes on a robot do without, and that package.xml therefore does not name."""
+
+
+def program() -> str:
+    """Return how the program was started, as by ./run: how a printed command begins."""
+    return os.environ.get('FORCECAL_COMMAND', 'forcecal')
 
 
 def installing(extra: str, module: str = '') -> str:

@@ -47,9 +47,9 @@ def quantity(value: float, std: float, unit: str, *, signed: bool = False) -> st
     return f'({text}) x 10^{power} {shown}' if power else f'{text} {shown}'
 
 
-def size(value: float, unit: str, digits: int = 3) -> str:
-    """Write a number of unknown error and its unit, in a few digits."""
-    shown, factor = scaled(value, unit)
+def size(value: float, unit: str, digits: int = 3, largest: float = 0.0) -> str:
+    """Write a number of unknown error in a few digits, and its unit, that of ``largest``."""
+    shown, factor = scaled(max(abs(value), largest), unit)
     return f'{rounded(value * factor, digits)} {shown}'
 
 
@@ -59,9 +59,16 @@ def sizes(values: Sequence[float], unit: str, digits: int = 2) -> str:
     return f'{", ".join(rounded(value * factor, digits) for value in values)} {shown}'
 
 
-def beside(values: Sequence[float], unit: str) -> tuple[str, list[str]]:
-    """Write numbers of one row, the last of which is their noise: the unit, and each number."""
-    shown, factor = scaled(max(map(abs, values)), unit)
+def beside(values: Sequence[float], unit: str, largest: float = 0.0) -> tuple[str, list[str]]:
+    """
+    Write numbers of one row, the last of which is their noise: the unit, and each number.
+
+    Parameters
+    ----------
+    largest : float
+        Of other rows of the same quantity, which have the same unit.
+    """
+    shown, factor = scaled(max(largest, *map(abs, values)), unit)
     noise = abs(values[-1]) * factor
     decimals = max(0, 2 - floor(log10(noise))) if noise > 0.0 else 3
     written = [f'{value * factor:.{decimals}f}' for value in values]

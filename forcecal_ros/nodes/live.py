@@ -18,17 +18,21 @@ from threading import Event, Lock, Thread
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from forcecal_ros.core.errors import ConfigError
+from forcecal_ros.core.errors import ConfigError, ForcecalError
+from forcecal_ros.core.extras import program
+from forcecal_ros.core.quantity import quantity
 from forcecal_ros.diagnose.dataset import CHANNELS, STAGES
+from forcecal_ros.io.calibration_file import parse
 from forcecal_ros.motion.plan import SEQUENCES
 from forcecal_ros.nodes.client import NODES, sequence_request, WORDS
 from forcecal_ros.nodes.inputs import plain_input
-from forcecal_ros.nodes.runtime import OUTPUT, SECOND, STEADY
+from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, SECOND, STEADY
 from forcecal_ros.nodes.wire import Inbox, Sample
 from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.task import Future
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 SHOWN = {'wrench': 'wrench', 'contact': 'observer/contact_wrench',
@@ -63,7 +67,7 @@ class LiveView:
         # bins that a page may ask for: half a minute, as long as a person
         # remembers what it looked like
         self._rows: deque[list[Any]] = deque(maxlen=750)
-        self._count, self._phase, self._reason, self._answer = 0, '', '', ''
+        self._count, self._phase, self._reason, self._answer, self._result = 0, '', '', '', ''
         self._states: dict[str, tuple[int, DiagnosticStatus]] = {}
         for name, topic in {**SHOWN, 'wrench': wrench}.items():
             self._topics[name] = self._named(topic)
@@ -74,6 +78,8 @@ class LiveView:
                                   ('diagnostics', '/diagnostics', self._on_diagnostics)):
             self._topics[name] = self._named(topic)
             node.create_subscription(DiagnosticArray, self._topics[name], take, OUTPUT)
+        node.create_subscription(
+            String, self._named('sequencer/calibration'), self._on_calibration, LATCHED)
         # bin: of what arrives within this time the least and the greatest are shown [s]: 25
         # pictures a second are a film
         node.create_timer(0.04, self._on_bin, clock=STEADY)
@@ -109,7 +115,8 @@ class LiveView:
             topics = {name: {'topic': topic, 'age': None if name not in self._last else round(
                 (now - self._last[name]) / SECOND, 1)} for name, topic in self._topics.items()}
             return {'rows': [row for row in self._rows if row[0] > since], 'count': self._count,
-                    'topics': topics, 'phase': self._phase, 'reason': self._reason,
+                    'topics': topics, 'phase': self._phase,
+                    'reason': self._reason or self._result * (self._phase == 'done'),
                     'answer': self._answer,
                     'nodes': sorted(nodes, key=lambda one: NODES.index(one['name'])),
                     'gap': self._gap(), 'late': self._late()}
@@ -145,6 +152,12 @@ class LiveView:
             self._last['phase'] = STEADY.now().nanoseconds
             self._phase = status.message
             self._reason = next((p.value for p in status.values if p.key == 'reason'), '')
+
+    def _on_calibration(self, message: String) -> None:
+        with suppress(ForcecalError):  # of another version
+            mass = parse(message.data, 'sequencer/calibration').mass
+            self._result = (f'Calibrated: mass {quantity(float(mass), float(mass.std), "kg")}'
+                            + f'; keep it with {program()} save' * (not self.simulated))
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         with self._lock:

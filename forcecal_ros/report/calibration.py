@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
+from forcecal_ros.calibrate.settings import Thresholds
 from forcecal_ros.core.axes import in_axes_of_pose, levelled
 from forcecal_ros.core.calibration import Calibration, Estimate
 from forcecal_ros.core.geometry import Array
@@ -91,8 +92,8 @@ def _headline(c: Calibration, free: Free | None) -> str:
     tool = f'The tool weighs {quantity(float(c.mass), float(c.mass.std), "kg")}.'
     if free is None:
         return tool
-    return (f'{tool} In free motion, {size(free.sensor, "N")} of weight and inertia '
-            f'become {size(free.observer, "N", 2)} of contact force.')
+    return (f'{tool} In free motion the sensor shows {size(free.sensor, "N")}; '
+            f'{size(free.observer, "N", 2)} RMS remain after compensation.')
 
 
 def _facts(c: Calibration, free: Free | None, warnings: list[str], step: Step | None
@@ -111,7 +112,7 @@ def _facts(c: Calibration, free: Free | None, warnings: list[str], step: Step | 
     if warnings:
         return [*facts, Fact('Checks', f'{len(warnings)} did not pass; see below.'),
                 Fact('Next', REPEAT.words)]
-    facts.append(Fact('Checks', 'Every estimate passed its checks.'))
+    facts.append(Fact('Checks', 'Every estimate in the table passed its checks.'))
     return [*facts, Fact('Next', *step)] if step else facts
 
 
@@ -193,10 +194,13 @@ def in_words(quality: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
             f'{sizes(quality["residual_rms"][3:], "N m")} RMS (x, y, z) between the poses and one '
             'rigid tool.')
     if 'condition' in quality:
-        count = f'{len(quality["poses"])}; ' if quality.get('poses') else ''
-        yield 'Poses', (f'{count}condition '
-                        f'{rounded(float(quality["condition"]))} (1 is best): how well the poses '
-                        'separate mass, centre of mass and bias.')
+        count, condition = len(quality.get('poses') or ()), float(quality['condition'])
+        poses = f'{count or "The"} poses'
+        yield 'Poses', (
+            f'{poses} do not separate mass, centre of mass and bias alone; the motion between '
+            'them does.' if condition > Thresholds().condition else
+            f'{poses} separate mass, centre of mass and bias with condition '
+            f'{rounded(condition)} (1 is best).')
     if 'chi_square' in quality:
         yield 'Fit of the poses', _fit(quality['chi_square'])
     if quality.get('rejection', {}).get('poses'):

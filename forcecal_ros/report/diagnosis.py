@@ -3,6 +3,7 @@
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, log
+import re
 import shlex
 from typing import Any, NamedTuple
 
@@ -12,7 +13,8 @@ from forcecal_ros.core.quantity import beside, pair, rounded, scaled, size, with
 from forcecal_ros.core.streams import Phase
 from forcecal_ros.diagnose.dataset import CHANNELS, STAGES, units
 from forcecal_ros.diagnose.engine import Outcome
-from forcecal_ros.diagnose.judge.named_effects import AT_BOUND, instants, NamedEffect, std_of
+from forcecal_ros.diagnose.judge import named_effects as judged
+from forcecal_ros.diagnose.judge.named_effects import in_time, instants, NamedEffect, std_of
 from forcecal_ros.diagnose.localise import BANDS, time_frequency_bins, TimeFrequencyBin
 from forcecal_ros.diagnose.model.gates import kind_of
 from forcecal_ros.diagnose.result import Diagnosis
@@ -172,7 +174,7 @@ HEADS = {
     'no_gap': 'The simulation explains this recording down to its noise.',
     'unknown': 'Recording and simulation differ, and no known effect explains this.',
     'not_excited': 'No verdict: ',
-    'invalid_data': 'This recording cannot be used: ',
+    'invalid_data': 'Nothing can be compared: ',
 }
 """First sentence of the verdicts that name no effect; the reason follows a colon."""
 
@@ -180,7 +182,7 @@ UNDECIDED = {
     'not_excited': ('Not known: the motion is too small to show a difference.',
                     'Not at all: an effect of its usual size may be hidden.'),
     'invalid_data': ('Not known: nothing was compared.',
-                     'No effect was tested; the fault shows in the recording itself.'),
+                     'No effect was tested: the data cannot be compared.'),
 }
 """How large and how sure a gap is that was not searched."""
 
@@ -229,8 +231,9 @@ def _cause_and_remedy(d: Diagnosis) -> tuple[str, str]:
     """Part the reason of a recording that identifies nothing into what is wrong and what to do."""
     cause, _, remedy = d.reason.rpartition('; ')
     apart = cause and remedy.count('(') == remedy.count(')')  # not within parentheses
-    remedy = remedy.partition(' [FC')[0]  # the id ends the message
-    return (cause, remedy) if apart and HEADS[d.verdict].endswith(' ') else (d.reason, '')
+    remedy, mark, name = remedy.partition(' [FC')  # the id ends the message
+    return (f'{cause}{mark}{name}', remedy) if apart and HEADS[d.verdict].endswith(' ') else (
+        d.reason, '')
 
 
 def explained(d: Diagnosis) -> str:
@@ -242,8 +245,8 @@ def explained(d: Diagnosis) -> str:
     if half and share[0].isdigit():
         share = share.replace(' %', f' ± {half} %')
     them = 'it' if len(d.effects) == 1 else 'them'
-    # a name that is no effect's is a number of a third-party simulator
-    do = 'Adding' if any(e.name in WORDS for e in d.effects) else 'Changing'
+    # what differs is a number of the model
+    do = 'Changing' if all('differs' in phrase(e.name) for e in d.effects) else 'Adding'
     return f'{do} {them} explains {share}{SHARE}.'
 
 
@@ -277,14 +280,16 @@ def _begun(words: str) -> str:
 
 def _in_full(d: Diagnosis) -> Fact:
     """Return the verdict's own sentence, as far as it adds to what stands above."""
-    if HEADS.get(d.verdict, '').endswith(' ') or d.reason.endswith(COMPLETE):
+    sudden = [e for e in d.effects if instants(e)] if len(d.effects) == 1 else []
+    reason = d.reason.replace(in_time(sudden), '')  # stands at When
+    if HEADS.get(d.verdict, '').endswith(' ') or reason.endswith(COMPLETE):
         return Fact('In full', '')
-    _, share, more = d.reason.partition(SHARE)
+    _, share, more = reason.partition(SHARE)
     if d.verdict == 'ambiguous':  # the first sentence names the others
         more = more.partition(INSTEAD)[2]
     if share and d.verdict in NAMED:
         return Fact('In addition', _begun(f'{more.lstrip(",; ")}.'))
-    return Fact('In full', _begun(f'{d.reason}.'))
+    return Fact('In full', _begun(f'{reason}.'))
 
 
 def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
@@ -310,7 +315,13 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
     planned = {name for name, _ in d.candidates} & EFFECTS.keys()
     if d.verdict == 'ambiguous' and planned:
         return Step(f'Record what separates these; diagnose it with --prior {folder}:', plan)
-    if d.verdict == 'invalid_data' and (remedy := _cause_and_remedy(d)[1]):
+    if d.verdict == 'invalid_data':
+        remedy = _cause_and_remedy(d)[1] or 'fix what is named above'
+        if sign := re.search(r'(--[\w-]*wrench-sign) (-?1)\b', remedy):  # of the same recordings
+            at = (*against, sign[1]).index(sign[1])
+            anew = [*against[:at], *sign.groups(), *against[at + 2:]]
+        if sign or 'simulated' in d.reason:  # the robot's recording is in order
+            again = shlex.join(('forcecal', 'diagnose', bag, *anew, '-o', folder))
         return Step(f'{_begun(remedy)}. Then diagnose again:', again)
     rig, calibration, model = (
         next((f'{folder.rstrip("/")}/{f}' for f in files if f.startswith(kind)), '')
@@ -347,7 +358,6 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
                         'that repeats belongs to the robot or its model.', again),
         'not_excited': Step('Record a motion that shows what a diagnosis needs:',
                             'forcecal plan -o plan.yaml'),
-        'invalid_data': Step('Fix what is named above, and diagnose again:', again),
     }.get(d.verdict, Step(f'{_correction(d)}{simulate} and diagnose again:', shlex.join(
         ('forcecal', 'diagnose', bag, *anew, '-o', folder))))
 
@@ -412,7 +422,7 @@ def _how_large(view: View) -> str:
         _, apart, left, noise = d.gap.channels[name]
         change = _change(apart, left, view.units[name], d.label(name), named)
         parts.append(f'a residual of {change}, whose '
-                     f'noise is {size(noise, view.units[name], 2)}')
+                     f'noise is {size(noise, view.units[name], 2, apart)}')
     found = [f'{e.name}: {sizes(e)}' if len(named) > 1 and kind_of(e.name) in WORDS else sizes(e)
              for e in named]
     consequence = [f'Beyond noise: {" and ".join(parts)}'] if parts else []
@@ -421,14 +431,14 @@ def _how_large(view: View) -> str:
 
 def _change(before: float, after: float, unit: str, of: str, named: Sequence[NamedEffect]) -> str:
     """Write an RMS, and what named effects leave of it."""
-    left = f' ({size(after, unit, 2)} after correction)' if named else ''
+    left = f' ({size(after, unit, 2, before)} after correction)' if named else ''
     return f'{size(before, unit, 2)} RMS in {"the " * (" " in of)}{of}{left}'
 
 
 def _how_sure(d: Diagnosis) -> str:
     if d.verdict == 'no_gap':
         hidden = f', except {_few(d.not_excited)}' if d.not_excited else ''
-        return f'Every effect of the library would have shown at its usual size{hidden}.'
+        return f'Each effect would have been detected at its typical size{hidden}.'
     if d.verdict in UNDECIDED:
         return UNDECIDED[d.verdict][1]
     named = {e.name for e in d.effects}
@@ -437,15 +447,15 @@ def _how_sure(d: Diagnosis) -> str:
     if sum(p for _, p in d.candidates) > 1.0 + 0.02:
         text += '; several may act at once'
     if d.verdict in NAMED and named >= {name for name, _ in d.candidates}:  # the headline has them
-        text = f'All other causes: {percent(1.0 - min(e.probability for e in d.effects))}'
+        p, each = min(e.probability for e in d.effects), 'Each' * (len(d.effects) > 1) or 'This'
+        text = f'{each} cause {percent(p)}, all others {percent(1.0 - p)}'
     hidden = f'. This motion cannot show {_few(d.not_excited)}' if d.not_excited else ''
     return f'{text}{hidden}.' if text else ''
 
 
 def _few(names: Sequence[str]) -> str:
     # effects that one line of the first screen lists, and how many more there are
-    few = 6
-    more = len(names) - few
+    few, more = 6, len(names) - 6
     return ', '.join((*names[:few], *((f'and {more} more',) if more > 0 else ())))
 
 
@@ -472,8 +482,9 @@ def _where(view: View) -> str:
     more = [f'{label(w.channel)} in {w.phase}' for w in view.diagnosis.localisation
             if (_INDEX[w.channel], w.phase) != (place.channel, place.phase)][:2]
     then = f'; then {" and ".join(more)}' if more else ''
+    shown = (c.excess for c in view.cells if c[:3] == place[:3] and c.z > SEEN)  # in the heat map
     return (f'in {label(CHANNELS[place.channel].name)}, phase {place.phase}, mostly {band}: '
-            f'{size(place.excess, "", 2).strip()} times the noise of all octaves{then}.')
+            f'{rounded(next(shown, place.excess), 2)} times the noise at rest{then}.')
 
 
 def _when(view: View) -> str:
@@ -538,6 +549,7 @@ def render(view: View, origin: list[str], step: Step) -> str:
         notes=[f'{_begun(note)}.' for note in d.notes],
         share=explained(d), effects=_numbers(d), meaning=VERDICTS[d.verdict],
         pages=[docs_link('reference/verdicts', d.verdict),
+               *(docs_link('reference/errors', one) for one in re.findall(r'\bFC\d{4}', d.reason)),
                *(docs_link('reference/effects', e.name) for e in d.effects if e.name in WORDS
                  and e.name != 'unknown')],
         gap=None if d.gap is None else {
@@ -547,7 +559,8 @@ def render(view: View, origin: list[str], step: Step) -> str:
         candidates=[(name, percent(p), phrase(name), 100.0 * p) for name, p in d.candidates
                     ] if len(d.candidates) > 1 else [],
         head=('channel', *kept, 'unit'),
-        channels=[_row(d.label(name), [*(rms[k] for k in kept.values()), rms[3]], view.units[name])
+        channels=[_row(d.label(name), [*(rms[k] for k in kept.values()), rms[3]], view.units[name],
+                       max(max(x) for other, x in shown if view.units[other] == view.units[name]))
                   for name, rms in shown],
         worst=next((i for i, (name, _) in enumerate(shown) if name == worst), -1),
         alike=[d.label(name) for name, rms in channels.items() if not any(rms[:3])],
@@ -557,9 +570,9 @@ def render(view: View, origin: list[str], step: Step) -> str:
         signals=list(_pictures(view, {'Signals': signals})))
 
 
-def _row(channel: str, values: list[float], unit: str) -> list[str]:
+def _row(channel: str, values: list[float], unit: str, largest: float) -> list[str]:
     """Write all but the last value, which is the noise, to its digits."""
-    shown, cells = beside(values, unit)
+    shown, cells = beside(values, unit, largest)
     return [channel, *cells[:-1], shown]
 
 
@@ -573,7 +586,7 @@ def _pictures(view: View, drawings: Mapping[str, Callable[[View], Any]]) -> Iter
 
 def _numbers(d: Diagnosis) -> list[tuple[str, str, str, str, str]]:
     """Return every number that was found, in SI units, as a rig file requires them."""
-    out = [(e.name, name, *((rounded(p.value), AT_BOUND) if p.at_bound else with_error(
+    out = [(e.name, name, *((rounded(p.value), judged.AT_BOUND) if p.at_bound else with_error(
         p.value, p.std)), '' if p.unit == '1' else p.unit)
            for e in d.effects for name, p in e.parameters.items()
            if p.value or p.std or p.at_bound]

@@ -53,7 +53,7 @@ VERDICTS = {
     'unknown': 'there is a gap, and no effect of the library explains it; nothing is added to the '
                'model',
     'not_excited': 'the motion is too small to decide',
-    'invalid_data': 'the recording contradicts itself or lacks a stream',
+    'invalid_data': 'the data contradict themselves, lack a stream, or do not belong together',
 }
 """Meaning of each verdict, as docs/reference/verdicts.md has it."""
 

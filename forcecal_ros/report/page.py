@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from urllib.parse import quote
 
 from forcecal_ros import __version__
+from forcecal_ros.core.extras import program
 from forcecal_ros.core.streams import Recording
 from forcecal_ros.report.figures import background, drawn, live, Shown
 from forcecal_ros.report.rows import HALF_WIDTH
@@ -65,6 +66,7 @@ PAGES = jinja2.Environment(
     loader=jinja2.PackageLoader('forcecal_ros', 'report'), autoescape=True, trim_blocks=True,
     lstrip_blocks=True, undefined=jinja2.StrictUndefined)
 """The templates of this folder, all of them in the frame of ``page.html.j2``."""
+PAGES.globals['program'] = program
 
 
 class Picture(NamedTuple):

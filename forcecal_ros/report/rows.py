@@ -139,7 +139,9 @@ def as_text(shown: list[Row]) -> str:
 
 def cells(shown: Iterable[Row]) -> list[list[str]]:
     """Return rows as the cells of a table, its head first; see :func:`as_text`."""
-    shown = [handy(row) for row in shown]
+    given = list(shown)
+    shown = [handy(row, max(abs(one.value) for one in given if one.unit == row.unit))
+             for row in given]
     with_truth = any(row.truth is not None for row in shown)
     return [['estimate', 'value', '±', 'unit', *['truth', 'off by'] * with_truth], *(
         [row.name, value(row), error(row), '' if row.unit == '1' else row.unit,

@@ -182,6 +182,7 @@ def test_diagnosis_answers_or_says_what_is_invalid(
     out, err = capsys.readouterr()
     assert all(line.startswith('forcecal: ') for line in err.splitlines()), err
     assert status in (0, 1) and out.startswith('invalid_data: ') is (status == 1)
+    assert 'invalid_data' not in err
 
 
 @pytest.mark.long

@@ -279,10 +279,12 @@ def test_another_motion_is_refused():
 
 def test_a_wrench_of_the_other_sign_or_without_weight_is_refused_by_name():
     recording = shift_times(simulated(), -1000.0)
-    for factor, why in ((-1.0, '--simulated-wrench-sign -1'), (1e-3, 'has no weight')):
+    for factor, sign, why in ((-1.0, None, '--simulated-wrench-sign -1$'), (-1.0, -1, 'sign 1$'),
+                              (1e-3, None, 'has no weight')):
         wrench = replace(recording.wrench, values=factor * recording.wrench.values)
         with pytest.raises(DataError, match=why):
-            simulated_tool(replace(recording, wrench=wrench), 0.2, 2500, TOLERANCES)
+            simulated_tool(replace(recording, wrench=wrench, wrench_sign=sign), 0.2, 2500,
+                           TOLERANCES)
 
 
 def turned(pose, base=(0.0, 0.0, 0.0), sensor=(0.0, 0.0, 0.0)):

@@ -9,8 +9,13 @@ import sys
 
 from browser import browser, CHROMIUM
 from forcecal_ros.cli.main import main
+from forcecal_ros.core.calibration import Calibration, Estimate
+from forcecal_ros.io.calibration_file import dump
+from forcecal_ros.nodes.live import LiveView
 from live import PATIENCE
+import numpy as np
 import pytest
+from std_msgs.msg import String
 
 COMMAND = [sys.executable, '-c',
            'import sys; from forcecal_ros.entry import forcecal; sys.exit(forcecal())', 'live']
@@ -73,6 +78,19 @@ def test_a_browser_shows_the_rig_and_starts_it_and_ctrl_c_ends_all(ros_domain, t
         assert not [pid for pid in started if _lives(pid)]
         page.until('document.getElementById("phase").textContent === "disconnected"')
         assert page.run('[...document.querySelectorAll("button")].every(one => one.disabled)')
+
+
+@pytest.mark.parametrize('simulated', [True, False])
+def test_a_calibration_is_shown_by_its_mass_and_how_to_keep_it(simulated):
+    view = LiveView.__new__(LiveView)
+    view.simulated = simulated
+    view._on_calibration(String(data='of another version'))
+    assert not hasattr(view, '_result')
+    view._on_calibration(String(data=dump(Calibration(
+        mass=Estimate(13.0, 0.0005, 'kg'), com=Estimate(np.zeros(3), 1e-4, 'm'),
+        wrench_bias=Estimate(np.zeros(6), 0.01, 'N, N m')))))
+    assert view._result == 'Calibrated: mass 13.0000 ± 0.0010 kg' + (
+        '' if simulated else '; keep it with forcecal save')
 
 
 def _lives(pid):

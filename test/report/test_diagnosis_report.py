@@ -11,7 +11,7 @@ from forcecal_ros.core.quantity import beside, HALF, quantity, rounded
 from forcecal_ros.core.streams import Phase, Recording, Stream
 from forcecal_ros.diagnose.dataset import CHANNELS, units
 from forcecal_ros.diagnose.judge.gap import Gap
-from forcecal_ros.diagnose.judge.named_effects import NamedEffect, Parameter
+from forcecal_ros.diagnose.judge.named_effects import in_time, NamedEffect, Parameter
 from forcecal_ros.diagnose.localise import BANDS, Location, TimeFrequencyBin
 from forcecal_ros.diagnose.result import Diagnosis, to_document
 from forcecal_ros.diagnose.verdict import percent
@@ -174,7 +174,7 @@ def test_probabilities_of_effects_that_act_together_are_said_to():
 def test_a_report_without_a_gap_says_which_effects_would_not_have_shown():
     none = replace(IDENTIFIED, verdict='no_gap', effects=(), not_excited=())
     hidden = replace(none, not_excited=tuple('abcdefgh'))
-    shown = 'Every effect of the library would have shown at its usual size'
+    shown = 'Each effect would have been detected at its typical size'
     assert [words(d)['How sure'] for d in (none, hidden)] == [
         f'{shown}.', f'{shown}, except a, b, c, d, e, f, and 2 more.']
 
@@ -201,9 +201,12 @@ def test_the_facts_name_place_time_and_next_command():
         'Delay 4.00 ± 0.28 ms. Beyond noise: an error of 0.53 N RMS in the contact force '
         '(0.012 N after correction) and a residual of 0.38 N RMS in force.y (0.010 N after '
         'correction), whose noise is 0.25 N.')
-    assert said['How sure'].words == 'All other causes: 3 %.'
+    assert said['How sure'].words == 'This cause 97 %, all others 3 %.'
     assert said['Where'].words == ('In force.y, phase step, mostly 8 to 16 Hz: 12 times the '
-                                   'noise of all octaves; then torque.x in contact.')
+                                   'noise at rest; then torque.x in contact.')
+    place = TimeFrequencyBin(1, 'step', (8.0, 16.0), 17.0, 9.0)
+    there = facts(replace(_view(IDENTIFIED), cells=(place,)), NEXT)
+    assert any('17 times the noise at rest' in one.words for one in there)
     # of two steps the one with the largest residual
     assert said['When'].words == 'Most visible from 10.00 to 12.00 s, in phase step.'
     assert said['Next'].command == 'forcecal simulate' and 'In full' not in said
@@ -213,6 +216,8 @@ def test_an_effect_that_began_says_when():
     begun = replace(IDENTIFIED, effects=(replace(LATE, begin=12.3005, begin_ci95=(12.29, 12.31)),))
     said = words(begun, _view)
     assert said['When'] == 'From 12.300 ± 0.010 s on.'
+    twice = replace(begun, reason=f'{begun.reason}{in_time(begun.effects)}')
+    assert '12.300' in twice.reason and 'In addition' not in words(twice, _view)
     assert figures.closest(_view(begun)).instants == (12.3005,)
     ended = replace(IDENTIFIED, effects=(replace(LATE, end=14.5, end_ci95=(14.46, 14.54)),))
     said = words(ended, _view)
@@ -244,12 +249,31 @@ def test_every_share_on_the_page_is_the_same_one():
 def test_a_recording_that_cannot_be_used_says_what_to_do_as_the_next_step():
     d = replace(IDENTIFIED, verdict='invalid_data', effects=(),
                 reason='force.z (x; y) never changes; check the cable, and record again')
-    assert headline(d) == 'This recording cannot be used: force.z (x; y) never changes.'
+    assert headline(d) == 'Nothing can be compared: force.z (x; y) never changes.'
     assert next_step(d, 'bag', 'out', ()).words == (
         'Check the cable, and record again. Then diagnose again:')
     cut = replace(d, reason='too few samples (12; 300 are needed)')
     assert headline(cut).endswith('(12; 300 are needed).')
     assert next_step(cut, 'bag', 'out', ()).words.startswith('Fix what is named above')
+    known = replace(d, reason=f'{d.reason} [FC0304]')
+    assert headline(known) == 'Nothing can be compared: force.z (x; y) never changes [FC0304].'
+    assert next_step(known, 'bag', 'out', ()) == next_step(d, 'bag', 'out', ())
+    assert 'FC0304</a>' in render(view_without_signals(known), ['bag'], NEXT)
+
+
+@pytest.mark.parametrize('reason, given, command', [
+    ('the simulated wrench has the wrong sign; give --simulated-wrench-sign 1 [FC0802]',
+     ('--simulated', 'sim', '--simulated-wrench-sign', '-1', '--topic', 'wrench=/ft'),
+     'bag --simulated sim --simulated-wrench-sign 1 --topic wrench=/ft'),
+    (('wrench: it has the opposite sign; set wrench.sign to -1 (--wrench-sign -1), or record '
+     'poses in more directions to distinguish the causes'), ('--rig', 'nominal'),
+     'bag --rig nominal --wrench-sign -1'),
+    (('the commands of the simulated recording are not those of the robot; run the simulator '
+     'with the recorded commands'), ('--simulated', 'sim'), 'bag --simulated NEW_SIM_BAG')])
+def test_of_a_recording_in_order_the_next_step_repeats_what_is_wrong_alone(
+        reason, given, command):
+    step = next_step(Diagnosis('invalid_data', reason), 'bag', 'out', (), against=given)
+    assert step.command == f'forcecal diagnose {command} -o out'
 
 
 def test_numbers_that_were_not_found_are_not_listed():
@@ -263,6 +287,9 @@ def test_a_number_of_a_simulator_is_changed_and_not_added():
     d = replace(IDENTIFIED, effects=(NamedEffect(
         'body_mass[gripper]', {'body_mass[gripper]': Parameter(1.26, 0.002, 'kg')}, 0.97),))
     assert ' Changing it explains ' in headline(d)
+    mass = NamedEffect('tool_mass', {'change': Parameter(0.05, 0.001, '1')}, 0.97)
+    assert ' Changing it explains ' in headline(replace(d, effects=(mass,)))
+    assert ' Adding them explains ' in headline(replace(d, effects=(mass, LATE)))
 
 
 def test_of_an_unknown_cause_the_next_recording_is_to_tell_the_candidates_apart():
@@ -292,6 +319,15 @@ def test_an_effect_of_a_sensor_is_fixed_at_the_sensor_and_not_in_the_model():
     assert step.words.startswith('Shorten the delay of the force sensor')
     assert step.command == (
         "forcecal diagnose NEW_BAG --mujoco 'my arm.xml' --topic wrench=/ft -o out")
+
+
+def test_a_quantity_has_one_unit_in_the_table_and_in_words():
+    gap = GAP._replace(channels={'torque.x': (0.05, 0.04, 0.006, 0.001),
+                                 'torque.y': (0.005, 0.004, 0.003, 0.001)})
+    d = replace(IDENTIFIED, gap=gap)
+    page = render(view_without_signals(d), ['bag'], NEXT)
+    assert 'mN m' not in page and page.count('>N m</td>') == 2
+    assert '(0.0060 N m after correction), whose noise is 0.0010 N m' in words(d)['How large']
 
 
 def test_the_table_begins_with_the_noise_and_marks_the_worst_channel():
@@ -333,7 +369,8 @@ def test_a_panel_has_the_unit_of_the_table():
 
 
 def test_residuals_come_before_signals(page):
-    assert page.index('<h2>Residuals') < page.index('<summary>Signals') < page.index('<h2>Signals')
+    assert page.index('<h2>Residuals') < page.index('<summary>Signals')
+    assert page.count('>Signals<') == 1
 
 
 def test_the_heat_map_labels_octaves_and_has_rows_of_something_only():
@@ -504,6 +541,12 @@ def test_a_simulation_of_the_users_is_corrected_and_compared_with_the_same_recor
     step = next_step(replace(IDENTIFIED, effects=(payload,)), 'bag', 'out', (),
                      against=('--simulator', 'my_robot:make'))
     assert step.words == 'Set payload to 1.2594 kg in parameters(), and diagnose again:'
+
+
+def test_the_next_command_begins_as_the_program_was_started(monkeypatch):
+    monkeypatch.setenv('FORCECAL_COMMAND', r'./a\ b/run')
+    page = re.sub('</?span>', '', render(view_without_signals(IDENTIFIED), ['bag'], NEXT))
+    assert r'<pre>./a\ b/run simulate</pre>' in page
 
 
 def test_a_note_of_many_numbers_has_a_line_for_each():

@@ -158,10 +158,34 @@ def test_abort_is_a_red_button_apart_from_the_others(live_page, width, dark):
     live_page.size(width, 1000, dark)
     start, abort = live_page.run("""['calibrate', 'abort'].map(name => {
         const e = document.querySelector(`[data-ask=${name}]`), r = e.getBoundingClientRect();
-        return [getComputedStyle(e).backgroundColor, r.left, r.right]; })""")
+        return [getComputedStyle(e).backgroundColor, r.left, r.right, r.top, r.bottom]; })""")
     red, green, blue = (int(x) for x in abort[0].strip('rgb()').split(','))
     assert red > 150 and green < 60 and blue < 60 and start[0] != abort[0]
-    assert abort[1] - start[2] > 100 and abort[2] <= width
+    assert abort[2] <= width
+    if width > 600:
+        assert abort[1] - start[2] > 100
+    else:
+        assert abort[3] - start[4] > 15 and abort[2] - abort[1] > 300
+
+
+def test_labels_of_neighbouring_lanes_do_not_overlap(live_page):
+    live_page.size(1280, 1000)
+    live_page.run("""limits.clear(); window.heights = [];
+        CanvasRenderingContext2D.prototype.fillText = function (text, x, y) {
+            if (x === 0 && this.canvas.dataset.first === '0') heights.push(y); }; true""")
+    shown(live_page, spread=0.02)  # about 0, from -1 to 1
+    heights = live_page.run('[...new Set(heights)]')
+    assert len(heights) == 9
+    assert np.diff(np.sort(heights)).min() > 10.0
+
+
+def test_a_picture_is_folded_until_something_is_received(live_page):
+    shown(live_page)
+    assert live_page.run('[...document.querySelectorAll("canvas")].map(one => one.hidden)') == (
+        [False] * 4 + [True] * 2)
+    assert live_page.run('[...document.querySelectorAll(".key b")].map(one => '
+                         'one.textContent.split(".")[1]?.length ?? 0)') == (
+        [2, 2, 2, 3, 3, 3] * 2 + [0] * 6)
 
 
 def test_each_topic_shows_the_time_since_its_last_message(live_page):

@@ -43,6 +43,14 @@ def test_a_table_for_a_terminal_has_the_digits_and_units_of_the_page():
         ['delay', '4.00', '0.27', 'ms'], ['rise', '14.1', '-', 'ms'], ['share', '0.512', '0.008']]
 
 
+def test_a_quantity_has_one_unit_in_a_table():
+    rows = [Row('x', 'x', 'N m', 0.026, np.nan), Row('z', 'z', 'N m', 0.00936, np.nan),
+            Row('xx', 'xx', 'kg m^2', 0.12, 0.001), Row('xy', 'xy', 'kg m^2', 0.002, 0.001)]
+    assert [line.split()[1:] for line in as_text(rows).splitlines()[2:-1]] == [
+        ['0.0260', '-', 'N', 'm'], ['0.00936', '-', 'N', 'm'],
+        ['0.1200', '0.0020', 'kg', 'm^2'], ['0.0020', '0.0020', 'kg', 'm^2']]
+
+
 def test_forces_and_torques_have_units_of_their_own(calibration):
     units = {row.key: row.unit for row in table(calibration)}
     assert units['wrench_bias.force.z'] == 'N' and units['wrench_bias.torque.x'] == 'N m'
@@ -66,7 +74,7 @@ def test_a_page_has_one_notation_of_uncertainty_and_explains_it_once(
         calibration, recording, truth):
     page = render(recording, calibration, truth=truth)
     assert page.count('95 %') == page.count('± is the half-width of the 95 % interval.') == 1
-    assert page.index('is the half-width') < page.index('13.0012 ± 0.0022 kg')
+    assert page.index('is the half-width') < page.index('13.0012\u00a0±\u00a00.0022\u00a0kg')
     assert not re.search('sigma|σ|standard error', page)
 
 
@@ -89,8 +97,8 @@ def test_the_first_sentence_says_what_becomes_of_weight_and_inertia(calibration,
     still = replace(recording, wrench=replace(recording.wrench, values=np.tile(
         [4.0, -3.0, 108.0, 0.0, 0.0, 0.0], (400, 1))))
     contact = Stream(still.wrench.t, np.tile([0.3, 0.0, 0.4, 0.0, 0.0, 0.0], (400, 1)))
-    assert ('In free motion, 100 N of weight and inertia become 0.50 N of contact force'
-            in render(still, calibration, contact))
+    assert ('In free motion the sensor shows 100 N; 0.50 N RMS remain after compensation'
+            in render(still, calibration, contact).replace('\u00a0', ' '))
     touching = replace(still, phases=(Phase('contact', 0.0, 4.0),))
     assert 'In free motion' not in render(touching, calibration, contact)
 
@@ -105,6 +113,19 @@ def test_quality_is_said_in_words():
     assert said['Note'] == 'X points along +x.' and not dict(in_words({}))
     untested = {'value': float('nan'), 'degrees': 8, 'probability': float('nan')}
     assert 'Not tested' in dict(in_words({'chi_square': untested}))['Fit of the poses']
+
+
+def test_poses_that_separate_nothing_alone_and_a_missing_estimate_are_stated(
+        calibration, recording):
+    few = {'condition': 414000.0, 'poses': [{}, {}, {}]}
+    assert dict(in_words(few))['Poses'] == (
+        '3 poses do not separate mass, centre of mass and bias alone; the motion between them '
+        'does.')
+    note = 'inertia not identified: no rotation was recorded; rotate about all three axes'
+    page = render(recording, replace(calibration, quality={'notes': [note]}))
+    assert page.index('its checks') < page.index('>Inertia not identified: no rotation'
+                                                  ) < page.index('<table')
+    assert 'said warn' not in render(recording, replace(calibration, quality={}))
 
 
 def test_warnings_come_before_the_numbers(calibration, recording):

@@ -20,9 +20,6 @@ from scipy.optimize import least_squares
 LIGHTEST = 0.02
 """Mass of a tool, at least, that a wrench sensor shows [kg]: 0.2 N, the noise of most."""
 
-OTHER_SIGN = 'give --simulated-wrench-sign -1 (or 1 if -1 is given)'
-"""How a recorded wrench of the other sign is turned."""
-
 TURN = 'rotate it in the simulator'
 """How that of a simulator that is run is turned."""
 
@@ -76,7 +73,7 @@ class SimulatedTool(NamedTuple):
 
 
 def simulated_tool(simulated: Recording, start: float, n_blocks: int, rig: Rig,
-                   turn: str = OTHER_SIGN) -> SimulatedTool:
+                   turn: str = '') -> SimulatedTool:
     """
     Tell the tool of a simulator from its wrench and motion.
 
@@ -89,7 +86,7 @@ def simulated_tool(simulated: Recording, start: float, n_blocks: int, rig: Rig,
     rig : Rig
         Gives the tolerances.
     turn : str
-        How a wrench of the other sign is turned.
+        How a wrench of the other sign is rotated; by an option if it is a recorded one.
 
     Returns
     -------
@@ -105,6 +102,7 @@ def simulated_tool(simulated: Recording, start: float, n_blocks: int, rig: Rig,
     tool, bias, unexplained = _fit_tool(
         replace(simulated, accelerometer=None), start, n_blocks, rig)
     if tool[0] < -LIGHTEST:
+        turn = turn or f'give --simulated-wrench-sign {-(simulated.wrench_sign or 1)}'
         raise DataError("the simulated wrench has the wrong sign: at rest it must be the tool's "
                         f'weight, pointing down, but shows {tool[0]:.2f} kg; {turn}')
     if tool[0] < LIGHTEST:

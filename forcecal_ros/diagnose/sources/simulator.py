@@ -366,8 +366,8 @@ def recalibrated_notes(simulator: ThirdParty, outcome: Outcome) -> Iterator[str]
     if changes:
         yield f'recalibrated, within the tolerances: {"; ".join(changes)}'
     if limited:
-        yield (f'{", ".join(limited)} would move beyond the tolerance, and is too uncertain to be '
-               'named')
+        yield (f'{", ".join(limited)} exceeds its tolerance, but its error is too large to call '
+               'it a cause')
     own = {p.name for p in simulator.parameters} | {'robot.delay'}
     reported = {*named, *limited, *(name for name in own if _is_moved(outcome, name))}
     for group in outcome.aliases:
