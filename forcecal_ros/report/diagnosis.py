@@ -332,8 +332,10 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
     if d.verdict in NAMED and (remedy := _at_the_sensor(d)):
         return Step(f'{remedy} Then record the same motion, and diagnose again:', again)
     if d.verdict in NAMED and model:
-        return Step('Simulate with the corrected model; put it next to yours, where its meshes '
-                    'are:', model)
+        confirm = [model if before == '--mujoco' else word
+                   for before, word in zip(('', *against), against)]
+        return Step('Confirm the corrected model (put it next to yours if that has meshes):',
+                    shlex.join(('forcecal', 'diagnose', bag, *confirm, '-o', 'confirmed')))
     if d.verdict in NAMED and rig:
         return Step('Simulate the same commands with the corrected rig, and compare:', shlex.join(
             ('forcecal', 'simulate', '--rig', rig, '--commands', bag, *how, '-o', 'corrected')))

@@ -306,6 +306,8 @@ def test_the_next_step_is_a_command_that_a_shell_takes():
     step = next_step(slow, 'my bag', 'out/', ('rig_patched.yaml',))
     assert step.command == ("forcecal simulate --rig out/rig_patched.yaml --commands 'my bag' "
                             '-o corrected')
+    model = next_step(slow, 'bag', 'out', ('model_patched.xml',), (), ['--mujoco', 'arm.xml'])
+    assert model.command == 'forcecal diagnose bag --mujoco out/model_patched.xml -o confirmed'
     by_motion = next_step(slow, 'bag', 'out', ('calibration_patched.yaml',))
     assert by_motion.command.endswith('--calibration out/calibration_patched.yaml -o contact')
     renamed = next_step(slow, 'bag', 'out', ('rig_patched.yaml',),
