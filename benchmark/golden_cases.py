@@ -332,7 +332,7 @@ def spoilt() -> Iterator[Case]:
         yield case(f'in situ, {name}', 'insitu', {'seed': 1, 'fault': name}, 'insitu', cause)
     yield Case('real/kuka', 'calibrations', 'real', 'kuka', {}, 'kuka', {'spoilt': False}, True)
     yield Case('real/icub', 'calibrations', 'real', 'icub', {}, 'insitu',
-               {'spoilt': True, 'cause': 'off an affine map of gravity'}, False)
+               {'spoilt': True, 'cause': 'the affine map of gravity'}, False)
 
 
 def all_cases() -> list[Case]:
