@@ -27,7 +27,7 @@ def main(demo: Path) -> None:
     shown = forces(recording, calibration, Stream(estimate.t, estimate.contact))
     figure = drawn(shown._replace(panels=shown.panels[:1]))
     figure.set_size_inches(*SIZE)
-    PICTURE.write_bytes(png(figure, dpi=140))
+    PICTURE.write_bytes(png(figure))
 
 
 if __name__ == '__main__':

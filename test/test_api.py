@@ -81,7 +81,7 @@ def test_estimates_print_as_the_commands_print_them_and_are_kept_in_si_units(cel
     assert all(f'<td>{cell}</td>' in calibration._repr_html_() for cell in shown[2:])
     _, _, _, std, _, _ = gap.rows[0]
     half, unit = repr(gap).splitlines()[2].split()[3:5]
-    assert unit == 'ms' and float(half) == pytest.approx(1.96e3 * std, rel=0.1)
+    assert unit == 'ms' and float(half) == pytest.approx(1.96e3 * std, rel=0.2)  # a digit
     assert gap.to_dataframe()['standard error'][0] == std
 
 

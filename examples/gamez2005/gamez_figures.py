@@ -127,7 +127,7 @@ def pictures(experiment: Experiment) -> dict[str, bytes]:
         f'figure_6_{first}': power_spectra(one),
         f'figure_7_{last}': four_panels(other),
         f'figure_8_{last}': oscillation(swing)}
-    return {f'{name}.png': png(figure, dpi=130) for name, figure in figures.items()}
+    return {f'{name}.png': png(figure) for name, figure in figures.items()}
 
 
 GAIN_NOTES = [
