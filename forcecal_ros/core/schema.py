@@ -67,10 +67,7 @@ class Mismatch(ConfigError):
     """A value does not fit its row; the message names key, value and what was expected."""
 
     def __init__(self, where: str, value: Any, expected: str, hint: str = '') -> None:
-        text = shown(value)
-        if not hint and 'nan' in text and not isinstance(value, str):
-            hint = '; set it (lines that end with # SET in a parameter file of forcecal init)'
-        self.where, self.found = where, f'is {text}, expected {expected}{hint}'
+        self.where, self.found = where, f'is {shown(value)}, expected {expected}{hint}'
         super().__init__(f'{where or "the file"} {self.found}')
 
 

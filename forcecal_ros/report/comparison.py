@@ -8,8 +8,19 @@ from typing import Any, TYPE_CHECKING
 from forcecal_ros.core.calibration import Calibration, Estimate
 from forcecal_ros.core.quantity import HALF, quantity
 from forcecal_ros.core.schema import plain
-from forcecal_ros.report import rows as tables
-from forcecal_ros.report.rows import estimates, Row, WRENCH_AXES
+from forcecal_ros.report.rows import (
+    error,
+    estimates,
+    FINEST,
+    HALF_WIDTH,
+    handy,
+    number,
+    Row,
+    rows,
+    ruled,
+    value,
+    WRENCH_AXES,
+)
 
 if TYPE_CHECKING:
     from forcecal_ros.diagnose.result import Diagnosis
@@ -80,7 +91,7 @@ class Comparison:
 
 def compare(first: Calibration, second: Calibration) -> Comparison:
     """Compare two calibrations number by number."""
-    return _compare(tables.rows(_all(first)), tables.rows(_all(second)), _settings(first),
+    return _compare(rows(_all(first)), rows(_all(second)), _settings(first),
                     _settings(second))
 
 
@@ -163,27 +174,27 @@ def _settings(c: Calibration) -> dict[str, Any]:
 
 def _change(change: Change) -> tuple[str, str]:
     """Write a difference and half its 95 % interval, however small."""
-    if 0 < change.std < tables.FINEST:
+    if 0 < change.std < FINEST:
         return f'{change.difference:.1e}', f'{HALF * change.std:.0e}'
-    return (tables.number(change.difference, change.std),
-            tables.error(replace(change.first, std=change.std)))
+    return (number(change.difference, change.std),
+            error(replace(change.first, std=change.std)))
 
 
 def _handy(change: Change) -> Change:
     """Return both numbers in one unit, that of the larger, or of its error."""
     first, second = change.first, change.second
     largest = max(abs(x) for one in (first, second) for x in (one.value, one.std) if isfinite(x))
-    return Change(tables.handy(first, largest), tables.handy(second, largest))
+    return Change(handy(first, largest), handy(second, largest))
 
 
 def as_text(comparison: Comparison) -> str:
     """Return a table of all numbers, then what else differs, and the sum of it in one line."""
     head = ['estimate', 'first', 'second', 'change', '±', 'unit', '']
     changed = {c.first.key for c in comparison.changed}
-    body = [[c.first.name, tables.value(c.first), tables.value(c.second), *_change(c),
+    body = [[c.first.name, value(c.first), value(c.second), *_change(c),
              '' if c.first.unit == '1' else c.first.unit, 'changed' * (c.first.key in changed)]
             for c in map(_handy, comparison.changes)]
-    lines = [*tables.ruled(head, body, left=(0, 5, 6)), tables.HALF_WIDTH, '']
+    lines = [*ruled(head, body, left=(0, 5, 6)), HALF_WIDTH, '']
     lines += [f'{key}: {_word(a)}, then {_word(b)}' for key, (a, b) in
               comparison.settings.items()]
     lines += [f'only in the {which}: {", ".join(keys)}' for which, keys in (

@@ -13,8 +13,13 @@ from forcecal_ros.core.quantity import beside, pair, rounded, scaled, size, with
 from forcecal_ros.core.streams import Phase
 from forcecal_ros.diagnose.dataset import CHANNELS, STAGES, units
 from forcecal_ros.diagnose.engine import Outcome
-from forcecal_ros.diagnose.judge import named_effects as judged
-from forcecal_ros.diagnose.judge.named_effects import in_time, instants, NamedEffect, std_of
+from forcecal_ros.diagnose.judge.named_effects import (
+    AT_BOUND,
+    in_time,
+    instants,
+    NamedEffect,
+    std_of,
+)
 from forcecal_ros.diagnose.localise import BANDS, time_frequency_bins, TimeFrequencyBin
 from forcecal_ros.diagnose.model.gates import kind_of
 from forcecal_ros.diagnose.result import Diagnosis
@@ -292,6 +297,12 @@ def _in_full(d: Diagnosis) -> Fact:
     return Fact('In full', _begun(f'{reason}.'))
 
 
+def _replaced(options: Sequence[str], option: str, value: str) -> list[str]:
+    """Return options with another value of one of them, if it is there."""
+    return [value if before == option else word
+            for before, word in zip(('', *options), options)]
+
+
 def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
               how: Sequence[str] = (), against: Sequence[str] = ()) -> Step:
     """
@@ -308,8 +319,7 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
         and compares it with the same model.
     """
     again = shlex.join(('forcecal', 'diagnose', 'NEW_BAG', *against, '-o', folder))
-    anew = ['NEW_SIM_BAG' if before == '--simulated' else word
-            for before, word in zip(('', *against), against)]
+    anew = _replaced(against, '--simulated', 'NEW_SIM_BAG')
     simulate = ', simulate the same commands,' if '--simulated' in against else ','
     plan = shlex.join(('forcecal', 'plan', '--after', folder, '-o', 'plan.yaml'))
     planned = {name for name, _ in d.candidates} & EFFECTS.keys()
@@ -332,10 +342,9 @@ def next_step(d: Diagnosis, bag: str, folder: str, files: Sequence[str],
     if d.verdict in NAMED and (remedy := _at_the_sensor(d)):
         return Step(f'{remedy} Then record the same motion, and diagnose again:', again)
     if d.verdict in NAMED and model:
-        confirm = [model if before == '--mujoco' else word
-                   for before, word in zip(('', *against), against)]
         return Step('Confirm the corrected model (put it next to yours if that has meshes):',
-                    shlex.join(('forcecal', 'diagnose', bag, *confirm, '-o', 'confirmed')))
+                    shlex.join(('forcecal', 'diagnose', bag, *_replaced(
+                        against, '--mujoco', model), '-o', 'confirmed')))
     if d.verdict in NAMED and rig:
         return Step('Simulate the same commands with the corrected rig, and compare:', shlex.join(
             ('forcecal', 'simulate', '--rig', rig, '--commands', bag, *how, '-o', 'corrected')))
@@ -588,7 +597,7 @@ def _pictures(view: View, drawings: Mapping[str, Callable[[View], Any]]) -> Iter
 
 def _numbers(d: Diagnosis) -> list[tuple[str, str, str, str, str]]:
     """Return every number that was found, in SI units, as a rig file requires them."""
-    out = [(e.name, name, *((rounded(p.value), judged.AT_BOUND) if p.at_bound else with_error(
+    out = [(e.name, name, *((rounded(p.value), AT_BOUND) if p.at_bound else with_error(
         p.value, p.std)), '' if p.unit == '1' else p.unit)
            for e in d.effects for name, p in e.parameters.items()
            if p.value or p.std or p.at_bound]

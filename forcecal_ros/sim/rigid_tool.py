@@ -16,6 +16,7 @@ from forcecal_ros.sim.signals import (
     BLOCK,
     block_means,
     clear_band,
+    Last,
     MOST,
     RATE,
     Signals,
@@ -195,7 +196,7 @@ class CarriedTool:
                      'alpha', 'lever'):
             setattr(self, name, getattr(self, name)[before:before + n])
         self._along = np.einsum('nij,ni->nj', self.R_base_sensor, self.acceleration)
-        self._weight: tuple[tuple[float, ...], Array] = ((), self.acceleration)
+        self._weight = Last[Array]()
         stream, self.slide = recording.optidrive, np.zeros(len(self.t))
         if stream is not None and len(stream) > 1:
             self.slide = stream.at(self.t)[:, 0]
@@ -255,10 +256,8 @@ class CarriedTool:
 
     def weight(self, rigid_tool: Rig) -> Array:
         """Return the specific force of rest in S, shape (n, 3)."""
-        if self._weight[0] != rigid_tool.gravity:
-            self._weight = (rigid_tool.gravity,
-                            np.asarray(-np.array(rigid_tool.gravity) @ self.R_base_sensor))
-        return self._weight[1]
+        g = rigid_tool.gravity
+        return self._weight.of(g, lambda: np.asarray(-np.array(g) @ self.R_base_sensor))
 
     def specific_force(self, rig: Rig) -> Array:
         """Return the specific force at the centre of mass, in S, shape (n, 3)."""

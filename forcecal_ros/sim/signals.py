@@ -1,7 +1,7 @@
 """What any simulation provides: the signals that noise-free sensors would give."""
 
-from collections.abc import Hashable, Mapping
-from typing import NamedTuple, Protocol
+from collections.abc import Callable, Hashable, Mapping
+from typing import Generic, NamedTuple, Protocol, TypeVar
 
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.streams import Stream
@@ -10,6 +10,8 @@ from forcecal_ros.effects.nuisances import Nuisance
 from forcecal_ros.effects.rig import Rig
 import numpy as np
 from scipy.interpolate import CubicSpline
+
+T = TypeVar('T')
 
 LEAST, MOST = 1.0, 12.5
 """Clear band, at least and at most [Hz]: above, arm and gripper ring, and no tool is rigid."""
@@ -83,6 +85,21 @@ BLOCK = 0.004
 
 JOINTS = 8
 """Joints whose positions can be compared: an arm of seven, and the rail that it stands on."""
+
+
+class Last(Generic[T]):
+    """The last of what takes long to compute and much memory to keep."""
+
+    def __init__(self) -> None:
+        self._key: object = None
+        self._value: T | None = None
+
+    def of(self, key: object, compute: Callable[[], T]) -> T:
+        """Return what is computed by a key, or was the last time."""
+        if self._value is None or self._key != key:
+            self._value = None  # makes room
+            self._key, self._value = key, compute()
+        return self._value
 
 
 class Signals(NamedTuple):

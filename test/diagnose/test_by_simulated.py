@@ -8,6 +8,7 @@ import re
 from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.streams import JointStream
+from forcecal_ros.diagnose.dataset import span
 from forcecal_ros.diagnose.judge.residual_summary import summarise_residual
 from forcecal_ros.diagnose.localise import compare_motions
 from forcecal_ros.diagnose.recordings import keep_comparable_imus
@@ -26,11 +27,13 @@ from forcecal_ros.report.diagnosis import next_step
 from forcecal_ros.sim.measured_motion import _above_band, express_in_base, merge_poses
 from forcecal_ros.sim.rig.simulator import simulate
 from forcecal_ros.sim.rigid_tool import CarriedTool
+from moving_arm import MASS, moving
 import numpy as np
 from own_arm import commands, GRIPPER, LATE, real, RIG, simulated, TOLERANCES, with_imu
 import pytest
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
+from wrong_recordings import at_wrench, recording_of
 
 WEIGHT = GRIPPER.mass * np.array(RIG.gravity)
 
@@ -119,6 +122,16 @@ def test_effects_act_on_what_is_clear_of_the_simulators_noise_and_all_is_compare
     assert above[shakes, 1].std() > 2.0
     np.testing.assert_allclose(clear[shakes, 1], above[shakes, 1],
                                atol=0.05 * above[shakes, 1].std())
+
+
+def test_what_carries_a_simulated_tool_for_a_while_is_not_taken_for_its_mass():
+    one = moving(201, seconds=25.0)
+    held = (one.t > 8.0) & (one.t < 12.0)  # no phase states it; by least squares 0.78 kg
+    wrench = one.wrench.copy()
+    wrench[held, :3] += 10.0 * at_wrench(one)[held, 2]
+    recording = recording_of(replace(one, wrench=wrench))
+    found = simulated_tool(recording, *span(recording), TOLERANCES)
+    assert found.simulated.tool.mass == pytest.approx(MASS, rel=0.02)
 
 
 @pytest.mark.parametrize('effects, noisy, named', [

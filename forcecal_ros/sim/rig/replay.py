@@ -1,10 +1,8 @@
 """The recorded commands through the rig, noise-free, kinematics shared between variants."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
 from math import inf, lcm
-from typing import Generic, TypeVar
 
 from forcecal_ros.core.streams import PoseStream
 from forcecal_ros.effects import applicable, EFFECTS, WrenchEffects
@@ -14,10 +12,8 @@ from forcecal_ros.sim.measured_motion import EXACT_RATIO
 from forcecal_ros.sim.rig.plant import common_samples, enough_steps, Plant, same_motion
 from forcecal_ros.sim.rig.robot import Motion
 from forcecal_ros.sim.rig.simulator import checked_commands, held_commands
-from forcecal_ros.sim.signals import accelerometer_volts, BLOCK, RATE, Signals, UNSEEN
+from forcecal_ros.sim.signals import accelerometer_volts, BLOCK, Last, RATE, Signals, UNSEEN
 import numpy as np
-
-T = TypeVar('T')
 
 
 class Replay:
@@ -51,8 +47,8 @@ class Replay:
         held = held_commands(target.t, starts, period / 2.0)
         positions, xyzw = checked_commands(target.position, target.R_base_sensor)
         self._positions, self._xyzw = positions[held], xyzw[held]
-        self._motion: _Last[tuple[Motion, Motion]] = _Last()
-        self._signals: _Last[Signals] = _Last()
+        self._motion: Last[tuple[Motion, Motion]] = Last()
+        self._signals: Last[Signals] = Last()
 
     def nuisances(self, rig: Rig, streams: tuple[str, ...]) -> tuple[Nuisance, ...]:
         """List the nuisance parameters, as far as the streams at hand can show it."""
@@ -118,18 +114,3 @@ class Replay:
             return motion, Motion(*(part[nodes::nodes][:n] for part in motion))
 
         return self._motion.of(key, move)
-
-
-class _Last(Generic[T]):
-    """The last of what takes long to compute and much memory to keep."""
-
-    def __init__(self) -> None:
-        self._key: object = None
-        self._value: T | None = None
-
-    def of(self, key: object, compute: Callable[[], T]) -> T:
-        """Return what is computed by a key, or was the last time."""
-        if self._value is None or self._key != key:
-            self._value = None  # makes room
-            self._key, self._value = key, compute()
-        return self._value
