@@ -180,8 +180,12 @@ class MeasuredMotion:
                   for n in of_sensors(self.accelerometer, streams)]
         return tuple(n for n in found if getattr(rig.spreads, n.key) > 0.0)
 
-    def tangent(self, rig: Rig) -> None:
+    def tangent(self, rig: Rig, nuisance: str = '') -> None:
         """Say that its signals are straight about no point."""
+
+    def settle(self, rig: Rig) -> bool:
+        """Return that signals are exact as they are."""
+        return False
 
     def signals(self, rig: Rig) -> Signals:
         """

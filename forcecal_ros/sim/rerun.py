@@ -2,11 +2,12 @@
 A simulator that can be run again, as what a diagnosis changes and compares a recording with.
 
 Running it is expensive. So its streams are linear in the parameters about the nearest point where
-all of them were tried, one after the other; where it was run itself, its own answer is used. A
-diagnosis runs it a limited number of times.
+all of them were tried, one after the other; where it was run itself, its own answer is used. What
+bends is seen where a fit settles: it is run there, and the fit goes on about that. A diagnosis
+runs it a limited number of times.
 """
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Annotated, Any, NamedTuple
@@ -65,6 +66,8 @@ class Runs:
         How often it was run.
     changes : dict
         Point that was tried -> what one sigma of each parameter does there.
+    tried : dict
+        The same point -> where each parameter was tried.
     """
 
     def __init__(self, simulator: ThirdParty, inputs: Inputs, measured: PoseStream) -> None:
@@ -72,6 +75,7 @@ class Runs:
         self._inputs, self._measured = inputs, measured
         self._exact: dict[Numbers, Recording] = {}
         self.changes: dict[Numbers, list[Change]] = {}
+        self.tried: dict[Numbers, tuple[Numbers, ...]] = {}
         self._halved: dict[Numbers, Recording] = {}
         self._finer: dict[Numbers, Change] = {}
 
@@ -104,19 +108,22 @@ class Runs:
 
     def try_all(self, numbers: Numbers) -> None:
         """See what each parameter does at a point: one run for each, and one for the point."""
-        here, changes = self.exact(numbers), []
-        for i, p in enumerate(self.simulator.parameters):
-            step = p.sigma  # small enough for a straight line, large enough to be seen
-            if numbers[i] + step > p.high:
-                step = -step
-            change = self._changed(here, numbers, i, step)
-            nothing = not any(rows.any() for rows in change.values())
-            if nothing and numbers[i] - step > p.low:  # a limit acts where it is lower
-                change = self._changed(here, numbers, i, -step)
-            changes.append(change)
-        self.changes[numbers] = changes
+        here, n = self.exact(numbers), len(self.simulator.parameters)
+        self.changes[numbers] = [self._tried(here, numbers, i) for i in range(n)]
+        self.tried[numbers] = (numbers,) * n
         if self.simulator.has_finer:
             self._finer[numbers] = _change(*_of_one_length(here, self.halved(numbers)), 1.0)
+
+    def _tried(self, here: Recording, numbers: Numbers, i: int) -> Change:
+        p = self.simulator.parameters[i]
+        step = p.sigma  # small enough for a straight line, large enough to be seen
+        if numbers[i] + step > p.high:
+            step = -step
+        change = self._changed(here, numbers, i, step)
+        nothing = not any(rows.any() for rows in change.values())
+        if nothing and numbers[i] - step > p.low:  # a limit acts where it is lower
+            change = self._changed(here, numbers, i, -step)
+        return change
 
     def _changed(self, here: Recording, numbers: Numbers, i: int, step: float) -> Change:
         """Run it with another value of a parameter, and say what one sigma of that does."""
@@ -124,13 +131,54 @@ class Runs:
         there = self._counted(self.simulator.run(self._inputs, moved))
         return _change(here, there, self.simulator.parameters[i].sigma / step)
 
+    def settle(self, numbers: Numbers) -> bool:
+        """
+        Run it where a fit settles, unless that was done, or it was run too often.
+
+        Parameters that are far from where they were tried are tried anew; the lines of the others
+        are those of the nearest point.
+
+        Returns
+        -------
+        bool
+            Whether it was run.
+        """
+        if numbers in self.changes or self.count >= MAX_RUNS:
+            return False
+        near = self.near(numbers)
+        here, changes, tried = self.exact(numbers), [*self.changes[near]], [*self.tried[near]]
+        for i, at in enumerate(tried):
+            if abs(self._away(at, numbers)[i]) > BENT:
+                changes[i], tried[i] = self._tried(here, numbers, i), numbers
+        self.changes[numbers], self.tried[numbers] = changes, tuple(tried)
+        if near in self._finer:
+            self._finer[numbers] = self._finer[near]
+        settled = [one for one in self.changes if not self._is_whole(one)]
+        for old in settled[:-KEPT]:
+            del self.changes[old], self.tried[old], self._exact[old]
+        return True
+
     def at(self, numbers: Numbers) -> Recording:
         """Return its result with other parameters, as far as that is linear in them."""
         if numbers in self._exact or not self.changes:
             return self.exact(numbers)
-        near = self.near(numbers)
-        away = (np.array(numbers) - near) / self._sigma
-        return _moved(self._exact[near], self.changes[near], away)
+        return self._from(self.near(numbers), numbers)
+
+    def by_line(self, numbers: Numbers) -> Recording:
+        """Return what the lines of the nearest point at which all were tried make of it."""
+        return self._from(self.whole(numbers), numbers)
+
+    def _from(self, near: Numbers, numbers: Numbers) -> Recording:
+        return _moved(self._exact[near], self.changes[near], self._away(near, numbers))
+
+    def _away(self, one: Numbers, other: Numbers) -> Array:
+        return (np.array(other) - one) / [p.sigma for p in self.simulator.parameters]
+
+    def _nearest(self, points: Iterable[Numbers], numbers: Numbers) -> Numbers:
+        return min(points, key=lambda one: float(np.linalg.norm(self._away(one, numbers))))
+
+    def _is_whole(self, point: Numbers) -> bool:
+        return all(at == point for at in self.tried[point])
 
     def integrated(self, numbers: Numbers, finer: float) -> Recording:
         """Return its result if its step made so many times what half of it does."""
@@ -139,14 +187,13 @@ class Runs:
             return made
         return _moved(made, [self._finer[self.near(numbers)]], np.array([finer]))
 
-    @property
-    def _sigma(self) -> Array:
-        return np.array([p.sigma for p in self.simulator.parameters])
-
     def near(self, numbers: Numbers) -> Numbers:
+        """Return the nearest point at which parameters were tried, or a fit settled."""
+        return self._nearest(self.changes, numbers)
+
+    def whole(self, numbers: Numbers) -> Numbers:
         """Return the nearest point at which all parameters were tried."""
-        return min(self.changes, key=lambda one: float(
-            np.linalg.norm((np.array(numbers) - one) / self._sigma)))
+        return self._nearest(filter(self._is_whole, self.changes), numbers)
 
 
 def _arrays(made: Recording) -> list[Array]:
@@ -195,10 +242,16 @@ def _moved(base: Recording, changes: Sequence[Change], away: Array) -> Recording
         R_base_sensor=pose.R_base_sensor @ rotation_from_vector(turn)))
 
 
-MAX_RUNS = 150
+BENT = 1.0
+"""How far from where it was tried a parameter is tried anew where a fit settles [sigma]."""
+
+KEPT = 12
+"""Points that are kept where fits settled, beside those at which all parameters were tried."""
+
+MAX_RUNS = 200
 """
 Runs of a simulator in one diagnosis: two recordings with 30 parameters that are tried twice take
-129, and a simulator of a second a run then takes two minutes.
+129, and each fit that settles some more. A simulator of a second a run then takes three minutes.
 """
 
 EXTRA_RUNS = 3
@@ -377,10 +430,12 @@ class Rerun:
         found += of_sensors(self.accelerometer, streams)
         return tuple(n for n in found if n.prior_std or getattr(rig.spreads, n.key) > 0.0)
 
-    def tangent(self, rig: Rig) -> Hashable:
+    def tangent(self, rig: Rig, nuisance: str = '') -> Hashable:
         """Return where all parameters were tried, and the effects that act beside them."""
         assert isinstance(rig, SimulatedRobot)
-        return self.runs.near(rig.numbers), rig.effects
+        near = self.runs.near(rig.numbers)
+        tried = dict(zip((p.name for p in self.runs.simulator.parameters), self.runs.tried[near]))
+        return tried.get(nuisance) or self.runs.whole(rig.numbers), rig.effects
 
     def clear(self, signals: Signals) -> Signals:
         """Return signals without noise: these have none."""
@@ -402,6 +457,14 @@ class Rerun:
                    - tool.recorded_wrench(self.runs.exact(rig.numbers)))
         force = np.linalg.norm(block_means(changed)[:, :3], axis=1)
         return contact_blocks(block_means(tool.beyond)) & widen_blocks(force > CONTACT_FORCE_N)
+
+    def settle(self, rig: Rig) -> bool:
+        """Run the simulator as a rig has it, unless it was; say whether it was run."""
+        assert isinstance(rig, SimulatedRobot)
+        ran = self.runs.settle(rig.numbers)
+        if ran:
+            self.forget()
+        return ran
 
     def forget(self) -> None:
         """Let what was predicted be requested anew, where the simulator was run meanwhile."""

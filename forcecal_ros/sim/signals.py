@@ -201,12 +201,15 @@ class Simulation(Protocol):
     def signals(self, rig: Rig) -> Signals:
         """Simulate a rig, with its effects."""
 
-    def tangent(self, rig: Rig) -> Hashable:
+    def tangent(self, rig: Rig, nuisance: str = '') -> Hashable:
         """
-        Say about which point signals are straight in the nuisances.
+        Say about which point signals are straight in the nuisances, or in one of them.
 
         What these change is then the same as long as that point is; None where they are not.
         """
+
+    def settle(self, rig: Rig) -> bool:
+        """Simulate a rig exactly where signals are predicted; say whether that changed them."""
 
     def clear(self, signals: Signals) -> Signals:
         """Return signals without the noise of measured inputs, which is in the residual, too."""

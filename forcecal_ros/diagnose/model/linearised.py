@@ -208,6 +208,14 @@ class LinearisedModel:
         """Simulate at the centre; the Jacobian stays as it is."""
         self.residuals = [self.simulate(self.effects, i) for i in range(len(self.datasets))]
 
+    def settle(self) -> bool:
+        """Simulate exactly here what was predicted; say whether that changed the residual."""
+        rig = self.current(self._always(self.effects))
+        ran = [one.simulation.settle(rig) for one in self.datasets]
+        if any(ran):
+            self.evaluate()
+        return any(ran)
+
     def evaluated(self, step: Array, **changes: Any) -> 'LinearisedModel | None':
         """Return it evaluated a step of the nuisances away, changed; None where that diverges."""
         out = replace(self, centre=self.moved(step), **changes)
@@ -262,7 +270,8 @@ class LinearisedModel:
                 residual: Array) -> Column:
         """Return the column of a nuisance, the one of before where that holds wherever it is."""
         one = self.datasets[dataset]
-        tangent = one.simulation.tangent(rig) if nuisance.acts_on == 'rig' else None
+        tangent = (one.simulation.tangent(rig, nuisance.name) if nuisance.acts_on == 'rig'
+                   else None)
         key = dataset, nuisance.name, tangent
         found = None if tangent is None else self._straight.get(key)
         if found is None:
@@ -374,9 +383,11 @@ class LinearisedModel:
         """Move the centre to the best nuisances, noise refitted on the way."""
         self.refit_noise(np.zeros(len(self.nuisances)))
         self.refit_noise(self.fit_nuisances().x)
-        for _ in range(4):
+        for _ in range(6):
             step = self.fit_nuisances().x
             self._approach(step)
+            if self.settle():
+                self.linearise(frozenset({ROBOT}))
             self.refit_noise(np.zeros(len(self.nuisances)))
             if np.abs(step).max(initial=0.0) < 0.05:  # of its prior std
                 break

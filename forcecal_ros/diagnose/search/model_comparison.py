@@ -47,6 +47,9 @@ also where noise is not quite what it is taken for. On 271 development cases the
 -0.75, -0.73, -0.74, -0.76 with 10, 20, 40, 80.
 """
 
+NEAR = 10.0
+"""Log-posterior that a step brings, below which what it predicts is simulated exactly."""
+
 SETTLED = 0.1
 """Log-posterior that a step has to bring for another one to follow: half a standard error."""
 
@@ -343,14 +346,16 @@ def joint_fit(model: LinearisedModel, accepted: Sequence[Accepted], step: Array 
         out.discrepancy_scales = comparison.scales
         before, gained = out.log_posterior(comparison.every.square), -np.inf
         for fraction in FRACTIONS:
-            moved = _moved(now, jacobians, comparison, fraction)
-            tried = out.evaluated(fraction * comparison.null.x[:m], effects=_effects(out, moved))
-            if tried:
-                gained = tried.log_posterior() - before
-                if gained > -SETTLED:
-                    out, now = tried, moved
-                    break
-        if gained < SETTLED:
+            tried = _stepped(out, now, jacobians, comparison, fraction)
+            gained = tried[0].log_posterior() - before if tried else -np.inf
+            if tried and gained < -SETTLED and released and tried[0].settle():
+                # along a valley that bends a step leaves it: a second one leads back
+                tried = _stepped(*tried, jacobians, ModelComparison(tried[0], jacobians), 1.0)
+                gained = tried[0].log_posterior() - before if tried else -np.inf
+            if tried and gained > -SETTLED:
+                out, now = tried
+                break
+        if gained < NEAR and not (released and out.settle()) and gained < SETTLED:
             break
         if out.is_far(comparison.null.x[:m]):
             out.linearise()
@@ -366,6 +371,16 @@ def joint_fit_if_finite(model: LinearisedModel, accepted: Sequence[Accepted],
         return joint_fit(model, accepted, step)
     except Diverged:
         return None
+
+
+def _stepped(model: LinearisedModel, now: Sequence[Accepted], jacobians: Sequence[EffectJacobian],
+             comparison: ModelComparison, fraction: float
+             ) -> tuple[LinearisedModel, list[Accepted]] | None:
+    """Evaluate a fraction of the way to the best; give nothing where that diverges."""
+    moved = _moved(now, jacobians, comparison, fraction)
+    step = fraction * comparison.null.x[:len(model.nuisances)]
+    tried = model.evaluated(step, effects=_effects(model, moved))
+    return (tried, moved) if tried else None
 
 
 def _moved(accepted: Sequence[Accepted], jacobians: Sequence[EffectJacobian],

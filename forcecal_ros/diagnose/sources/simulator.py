@@ -215,7 +215,7 @@ class SimulatorSource(Source):
             there = super().search()
             # a number far off is no straight line, so that a name it has may be seen only there
             point = _numbers_of(there.closest or there.rig)
-            linear = self._is_linear(point)  # before it is run there
+            linear = self._is_linear(point)
             left, moving = np.zeros(3), dict[str, float]()
             if self.changes(there):
                 # both by the noise of this round: half the step of integration may differ there
@@ -237,7 +237,7 @@ class SimulatorSource(Source):
     def _is_linear(self, point: Numbers) -> bool:
         """Return whether the linear prediction holds at the parameters found."""
         for one in self.ready:
-            linear, nominal = one.runs.at(point), one.runs.exact(self.simulator.nominal)
+            linear, nominal = one.runs.by_line(point), one.runs.exact(self.simulator.nominal)
             for a, b, c in zip(*map(_rows, (linear, one.runs.exact(point), nominal))):
                 if np.linalg.norm(a - b) > MAX_LINEAR_ERROR * np.linalg.norm(b - c):
                     return False

@@ -64,8 +64,12 @@ class Replay:
         """Say whether an effect could be there and be seen."""
         return effect not in UNSEEN and applicable(EFFECTS[effect], rig)
 
-    def tangent(self, rig: Rig) -> None:
+    def tangent(self, rig: Rig, nuisance: str = '') -> None:
         """Say that its signals are straight about no point."""
+
+    def settle(self, rig: Rig) -> bool:
+        """Return that signals are exact as they are."""
+        return False
 
     def signals(self, rig: Rig) -> Signals:
         """Simulate the rig."""
