@@ -163,6 +163,16 @@ class Decoder:
                 yield group
 
 
+def joint_names(store: Typestore, msgtype: str, batches: Iterable[Batch]
+                ) -> Iterator[tuple[str, ...]]:
+    """Yield the names that messages give to their joints, of one layout after the other."""
+    decoder = Decoder(store, msgtype)
+    for batch in batches:
+        for group in decoder.groups(batch):
+            yield tuple(text for path, text in group.layout.text.items()
+                        if path.startswith(('name[', 'joint_names[')))
+
+
 def _match(batch: Batch, unread: Integers, layout: Layout) -> tuple[Integers, Group | None]:
     """Split unread messages into those of one layout and the others."""
     like = batch.length[unread] == layout.length
@@ -470,6 +480,3 @@ FIELDS: Mapping[str, tuple[str, ...]] = {
 JOINTS: Mapping[str, str] = {
     JOINT_STATE: 'position', CONTROLLER_STATE: 'reference.positions', MULTI_ARRAY: 'data'}
 """Which array of a message holds the commands of joints."""
-
-JOINT_NAMES: Mapping[str, str] = {JOINT_STATE: 'name', CONTROLLER_STATE: 'joint_names'}
-"""Which array names them; other messages do not."""

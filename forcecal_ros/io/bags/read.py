@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from heapq import heappop, heappush
 from pathlib import Path
 import shlex
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array, matrix_from_quaternion
@@ -20,7 +20,7 @@ from forcecal_ros.core.topics import (
     VECTOR3,
 )
 from forcecal_ros.io.bags.files import Notes
-from forcecal_ros.io.bags.messages import FIELDS, JOINT_NAMES, JOINTS
+from forcecal_ros.io.bags.messages import FIELDS, joint_names, JOINTS
 from forcecal_ros.io.bags.poses import FROM_TF, pose_of_joints, pose_series
 from forcecal_ros.io.bags.poses import FROM_URDF as URDF
 from forcecal_ros.io.bags.series import Collector, frozen, Series, series_of
@@ -168,26 +168,23 @@ def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Seri
     if bag.notes.ends_early:
         bag.notes.add(f'the recording ends early, at {end:.1f} s: its file is damaged or cut off')
 
+    by_role = {role: series[topic] for role, topic in found.items() if topic in series}
+
     def stream(role: str, columns: slice = slice(None), scale: int = 1) -> Stream | None:
-        one = series.get(found[role]) if role in found else None
-        if one is None:
-            return None
-        values = one.values[:, columns]
-        return Stream(one.seconds(start_ns), values if scale == 1 else frozen(values * scale),
-                      one.frame)
+        one = by_role.get(role)
+        return one and Stream(one.seconds(start_ns), frozen(one.values[:, columns] * scale),
+                              one.frame)
 
     def poses(role: str, of: str = '') -> PoseStream | None:
-        one = series.get(found[role]) if role in found else None
-        if one is None:
-            return None
-        return PoseStream(one.seconds(start_ns), one.values[:, :3],
-                          frozen(_rotations(one.values[:, 3:])), one.frame, of)
+        one = by_role.get(role)
+        return one and PoseStream(one.seconds(start_ns), one.values[:, :3],
+                                  frozen(_rotations(one.values[:, 3:])), one.frame, of)
 
     def joints(role: str, names: tuple[str, ...]) -> JointStream | None:
         one = stream(role)
         return None if one is None else JointStream(one.t, one.values, one.frame, names)
 
-    words = series.get(found['phase']) if 'phase' in found else None
+    words = by_role.get('phase')
     in_volts = 'accelerometer' not in found or found['accelerometer'].type == VECTOR3
     return Recording(
         wrench=stream('wrench', scale=wrench_sign or 1),
@@ -220,8 +217,6 @@ def _how_to_name(bag: Bag, found: Mapping[str, Topic]) -> str:
 def _rotations(quaternions: Array) -> Array:
     """Return the rotation matrices of xyzw quaternions, NaN where there are none."""
     known = np.isfinite(quaternions).all(axis=1)
-    if known.all():
-        return matrix_from_quaternion(quaternions)
     R = np.full((len(quaternions), 3, 3), np.nan)
     R[known] = matrix_from_quaternion(quaternions[known])
     return R
@@ -229,14 +224,8 @@ def _rotations(quaternions: Array) -> Array:
 
 def _joint_names(bag: Bag, topic: Topic | None) -> tuple[str, ...]:
     """Return the names that the first message gives to its joints."""
-    if topic is None or topic.type not in JOINT_NAMES:
-        return ()
-    for batch in bag.batches({topic}):
-        start, length = batch.start[0], batch.length[0]
-        message: Any = bag.typestore().deserialize_cdr(
-            batch.buffer[start:start + length], topic.type)
-        return tuple(getattr(message, JOINT_NAMES[topic.type]))
-    return ()
+    return () if topic is None else next(
+        joint_names(bag.typestore(), topic.type, bag.batches({topic})), ())
 
 
 def _measured_joints(bag: Bag, found: Mapping[str, Topic]) -> tuple[str, ...]:
