@@ -8,14 +8,12 @@ from pathlib import Path
 from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.core.geometry import Array, matrix_from_quaternion
 from forcecal_ros.core.streams import JointStream, Phase, PHASES, phases_of, PoseStream, Stream
+from forcecal_ros.io.csv_import import specification
 from forcecal_ros.io.csv_import.specification import (
     ANGLES,
-    Joints,
-    ORIENTATIONS,
     Signal,
     Specification,
     TableSpecification,
-    UNITS,
 )
 from forcecal_ros.io.csv_import.table import nanoseconds, question_rate, read_table, Table
 from forcecal_ros.io.urdf import FARTHEST_TURN
@@ -146,7 +144,7 @@ def _refuse_other_readings(table: Table, signal: Signal, signals: Mapping[str, V
 def _other_angles(name: str, angles: Array, stated: str) -> Mapping[str, Array]:
     """Orientations by angles [rad] that are in the other unit or about other axes."""
     unit = 'deg' if stated == 'rad' else 'rad'
-    size = UNITS['angle'][unit] / UNITS['angle'][stated]
+    size = specification.UNITS['angle'][unit] / specification.UNITS['angle'][stated]
     others = {f'its unit is {unit}': _turn(name, size * angles)}
     if name != 'rotation_vector':
         others['its columns are in the order yaw, pitch, roll'] = _turn(name, angles[:, ::-1])
@@ -191,7 +189,7 @@ def _unexplained_share(force: Array, R: Array) -> float:
 
 
 def _orientation(signal: Signal) -> str:
-    return next(name for name in ORIENTATIONS if name in signal.parts)
+    return next(name for name in specification.ORIENTATIONS if name in signal.parts)
 
 
 def _turn(name: str, angles: Array) -> Array:
@@ -231,9 +229,9 @@ def _part(table: Table, signal: Signal, name: str) -> Array:
 
 
 def _signal(table: Table, t: Array, signal: Signal) -> Stream | PoseStream:
-    if not signal.parts.keys() & set(ORIENTATIONS):
+    if not signal.parts.keys() & set(specification.ORIENTATIONS):
         values = np.concatenate([_part(table, signal, name) for name in signal.parts], axis=1)
-        if isinstance(signal, Joints):
+        if isinstance(signal, specification.Joints):
             return JointStream(t, values, '', signal.names)
         return Stream(t, values, signal.frame)
     position = (_part(table, signal, 'position') if 'position' in signal.parts
