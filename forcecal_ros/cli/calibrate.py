@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.cli import common
-from forcecal_ros.cli.many import add_bags, Answer
+from forcecal_ros.cli.many import add_bags, Answer, MANY
 from forcecal_ros.cli.many import run as run_each
 from forcecal_ros.core.errors import UsageError
 
@@ -38,10 +38,9 @@ def add_parser(subparsers: Any) -> None:
     add_identification(parser)
     common.add_output(parser, '-o', '--output', kind='file', suffix='.yaml', metavar='FILE',
                       default='calibration.yaml',
-                      help='calibration to write, - for standard output; an earlier one is kept '
-                           'as FILE~; with several BAGs, a folder')
+                      help='calibration to write, - for standard output', more=MANY)
     common.add_output(parser, '--report', kind='file', suffix='.html', metavar='FILE',
-                      help='also write an HTML report; with several BAGs, a folder')
+                      help='also write an HTML report', more=MANY)
 
 
 def add_identification(parser: argparse.ArgumentParser) -> None:

@@ -21,8 +21,7 @@ def add_parser(subparsers: Any) -> None:
                         help='acc1: DC response, acc2: AC-coupled')
     common.add_output(parser, '-o', '--output', kind='results', metavar='DIR',
                       default='forcecal_demo',
-                      help='folder for calibration.yaml, the recording and report.html; earlier '
-                           'ones are kept as NAME~')
+                      help='folder for calibration.yaml, the recording and report.html')
     parser.add_argument('--seed', type=common.whole, default=1, help='seed of the sensor noise')
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.cli import common
-from forcecal_ros.cli.many import add_bags, Answer
+from forcecal_ros.cli.many import add_bags, Answer, MANY
 from forcecal_ros.cli.many import run as run_each
 from forcecal_ros.core.errors import DataError, UnobservableError, UsageError
 
@@ -56,8 +56,7 @@ def add_parser(subparsers: Any) -> None:
                           help='standard deviation of the mass attached since the calibration '
                                '(imu only)')
     common.add_output(parser, '-o', '--output', kind='recording', metavar='OUT_BAG', required=True,
-                      help='recording to write; an earlier one is kept as OUT_BAG~; with several '
-                           'BAGs, a folder')
+                      more=MANY)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -38,8 +38,7 @@ def add_parser(subparsers: Any) -> None:
                             '(default: every third second of BAG)')
     common.add_gravity(model)
     common.add_output(parser, '-o', '--output', kind='file', metavar='FILE',
-                      help='file to write (default: my_rig.yaml, or plant.yaml for impedance); an '
-                           'earlier one is kept as FILE~')
+                      help='file to write (default: my_rig.yaml, or plant.yaml for impedance)')
 
 
 def run(args: argparse.Namespace) -> int:

@@ -27,8 +27,7 @@ def add_parser(subparsers: Any) -> None:
                         help='data sets, sensors and accelerometer; forcecal sample insitu '
                              'writes an example')
     common.add_output(parser, '-o', '--output', kind='results', metavar='DIR', required=True,
-                      help='folder for insitu.json, calibration.yaml, pictures and report.html; '
-                           'earlier results are kept as NAME~')
+                      help='folder for insitu.json, calibration.yaml, pictures and report.html')
 
 
 def run(args: argparse.Namespace) -> int:
