@@ -35,16 +35,6 @@ def add_parser(subparsers: Any) -> None:
     options.add_argument('--tool-mass', metavar='KG', type=common.positive,
                          help='mass of the tool, measured on a scale; forces that give another '
                               'mass are refused, and their likely unit is printed')
-    add_identification(parser)
-    common.add_output(parser, '-o', '--output', kind='file', suffix='.yaml', metavar='FILE',
-                      default='calibration.yaml',
-                      help='calibration to write, - for standard output', more=MANY)
-    common.add_output(parser, '--report', kind='file', suffix='.html', metavar='FILE',
-                      help='also write an HTML report', more=MANY)
-
-
-def add_identification(parser: argparse.ArgumentParser) -> None:
-    """Add how a recording is calibrated."""
     setup = common.group(parser, 'robot and sensors')
     setup.add_argument('--robot', metavar='NAME',
                        help='name of the robot, stored in the calibration for forcecal fleet')
@@ -70,6 +60,11 @@ def add_identification(parser: argparse.ArgumentParser) -> None:
                           help='lower limit of this bandwidth (default: 2 Hz); stored as well')
     observer.add_argument('--bandwidth-max', metavar='HZ', type=common.positive,
                           help='upper limit of this bandwidth (default: 250 Hz); stored as well')
+    common.add_output(parser, '-o', '--output', kind='file', suffix='.yaml', metavar='FILE',
+                      default='calibration.yaml',
+                      help='calibration to write, - for standard output', more=MANY)
+    common.add_output(parser, '--report', kind='file', suffix='.html', metavar='FILE',
+                      help='also write an HTML report', more=MANY)
 
 
 def run(args: argparse.Namespace) -> int:
