@@ -116,16 +116,16 @@ class Gap(ReceivingNode):
             **{f'{name} [noise RMS]': excess for name, excess in found.excess.items()},
             'stage': found.stage, 'channels': ', '.join(found.channels),
             'first stage': found.first}
+        level, message = 'ok', 'within the noise'
         if found.learning:
-            self._report('ok', 'learning the noise, at rest', values)
+            message = 'learning the noise, at rest'
         elif found.stage:
             worst = max(found.channels, key=lambda name: found.excess.get(name, 0.0))
-            self._report('error', f'{found.first}: {worst} exceeds its noise by '
-                         f'{found.excess[worst]:.2g} noise RMS', values)
+            level, message = 'error', (f'{found.first}: {worst} exceeds its noise by '
+                                       f'{found.excess[worst]:.2g} noise RMS')
         elif found.first:
-            self._report('warn', f'{found.first} has exceeded the noise', values)
-        else:
-            self._report('ok', 'within the noise', values)
+            level, message = 'warn', f'{found.first} has exceeded the noise'
+        self._report(level, message, values)
         if found.first != self._announced:
             self._announced = found.first
             self.get_logger().warning(f'{found.first} exceeds the noise: '

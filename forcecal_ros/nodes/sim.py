@@ -86,15 +86,12 @@ class Faults:
             part = name.removeprefix(PREFIX)
             if name == part:
                 continue
-            if part == 'clock':
-                self._set_clock(kind)
-            else:
+            if part != 'clock':
                 (self.robot if part == 'robot' else self._sensors[part]).kind = kind
-
-    def _set_clock(self, kind: str) -> None:
-        before, self._clock = self._clock, kind
-        if self._jump is not None and kind != before and kind in ('forward', 'back'):
-            self._jump(round(faults.CLOCK_JUMP * 1e9) * (1 if kind == 'forward' else -1))
+                continue
+            before, self._clock = self._clock, kind
+            if self._jump is not None and kind != before and kind in ('forward', 'back'):
+                self._jump(round(faults.CLOCK_JUMP * 1e9) * (1 if kind == 'forward' else -1))
 
     @property
     def clock_stopped(self) -> bool:

@@ -126,31 +126,18 @@ def _read_series(bag: Bag, found: Mapping[str, Topic]) -> dict[Topic, Series]:
         else Collector(bag, topic, FIELDS[topic.type]) for role, topic in found.items()}
     for batch in bag.batches(set(collectors)):
         collectors[batch.topic].add(batch)
-    series = {topic: collector.series(bag.notes, unreadable=True) or _nothing(topic)
+    series = {topic: collector.series(bag.notes, unreadable=True) or Series(
+        np.empty(0, np.int64), np.empty((0, len(FIELDS.get(topic.type, ('text',))))), '')
               for topic, collector in collectors.items()}
-    return _of_one_clock(series, bag.notes)
-
-
-def _nothing(topic: Topic) -> Series:
-    """Return what a topic without messages holds."""
-    return Series(np.empty(0, np.int64), np.empty((0, len(FIELDS.get(topic.type, ('text',))))), '')
-
-
-def _of_one_clock(series: dict[Topic, Series], notes: Notes) -> dict[Topic, Series]:
-    """Leave out topics stamped by another clock than most messages."""
     longest = max((one.stamp_ns for one in series.values()), key=len, default=np.empty(0))
-    kept = {}
-    for topic, one in series.items():
-        if not len(one.stamp_ns):
-            kept[topic] = one
-            continue
-        apart = max(one.stamp_ns[0] - longest[-1], longest[0] - one.stamp_ns[-1]) / 1e9
-        if apart < 86400.0:
-            kept[topic] = one
-        else:
-            notes.add(f'{topic.name} is stamped {apart / 86400.0:.0f} days from the other topics, '
-                      'by another clock, and was left out')
-    return kept
+    for topic, one in list(series.items()):
+        if len(one.stamp_ns):
+            days = max(one.stamp_ns[0] - longest[-1], longest[0] - one.stamp_ns[-1]) / 86400e9
+            if days >= 1.0:
+                del series[topic]
+                bag.notes.add(f'{topic.name} is stamped {days:.0f} days from the other topics, by '
+                              'another clock, and was left out')
+    return series
 
 
 def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Series],
@@ -264,7 +251,11 @@ def read_chunks(path: Path | str, topics: Mapping[str, Sequence[str]]) -> Iterat
     """
     with Bag(path) as bag:
         chosen = {_topic(bag, name): name for name in topics}
-        collectors = {topic: Collector(bag, topic, topics[name] or _usual_fields(bag, topic))
+        for topic, name in chosen.items():
+            if not topics[name] and topic.type not in FIELDS:
+                raise DataError(f'{bag.path}: {topic.name} is {topic.type}; pass the fields to '
+                                'read')
+        collectors = {topic: Collector(bag, topic, topics[name] or FIELDS[topic.type])
                       for topic, name in chosen.items()}
         waiting = dict.fromkeys(chosen, 0)
         start_ns: int | None = None
@@ -302,12 +293,6 @@ def _topic(bag: Bag, name: str) -> Topic:
     if len(same) > 1:
         bag.notes.add(f'{name} has messages of several types; only {same[0].type} was read')
     return same[0]
-
-
-def _usual_fields(bag: Bag, topic: Topic) -> Sequence[str]:
-    if topic.type not in FIELDS:
-        raise DataError(f'{bag.path}: {topic.name} is {topic.type}; pass the fields to read')
-    return FIELDS[topic.type]
 
 
 def read_calibrations(path: Path | str, topics: Mapping[str, str] | None = None) -> list[str]:
