@@ -127,8 +127,9 @@ LARGEST = 0.5
 """An ellipsoid is drawn no larger than this, lest it hide the robot [m]."""
 
 
-ORANGE, PALE, BLUE = (ColorRGBA(r=r, g=g, b=b, a=a) for r, g, b, a in (
-    (1.0, 0.5, 0.0, 1.0), (1.0, 0.5, 0.0, 0.3), (0.1, 0.4, 1.0, 1.0)))
+ORANGE = ColorRGBA(r=1.0, g=0.5, b=0.0, a=1.0)
+PALE = ColorRGBA(r=1.0, g=0.5, b=0.0, a=0.3)
+BLUE = ColorRGBA(r=0.1, g=0.4, b=1.0, a=1.0)
 
 
 def _marker(header: Header, namespace: str, kind: int) -> Marker:
@@ -165,12 +166,11 @@ def contact_markers(wrench: Array, covariance: Array, frame: str, stamp: Time) -
     tail = found.position - METRES_PER_NEWTON * wrench[:3]
     arrow.points, arrow.color = _points(np.array([tail, found.position])), ORANGE
     arrow.scale = Vector3(x=0.006, y=0.014, z=0.02)
+    if not known:
+        markers, balls = [arrow], []
     for ball, centre, spread in zip(balls, (found.position, tail), (
             found.covariance, METRES_PER_NEWTON ** 2 * covariance[:3, :3])):
-        if known:
-            _shape(ball, centre, spread)
-        else:
-            markers.remove(ball)
+        _shape(ball, centre, spread)
     for marker in markers:
         # how long a marker is shown that is not renewed [s]
         marker.lifetime.nanosec = round(0.5 * 1e9)
