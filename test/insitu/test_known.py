@@ -32,7 +32,7 @@ def data_set(k, bend=0.0, train=True, repeated=1):
     g = np.repeat(gravity(k), repeated, axis=0)
     raw = counts(g, LOADS[k], bend)
     chunk = Chunk(np.arange(len(g)) / 100, raw, -g, None)
-    return DataSet(f'place {k}', lambda: [chunk], LOADS[k], train)
+    return DataSet(f'place {k}', lambda: chunk, LOADS[k], train)
 
 
 def calibrated(bend=0.0, out=None, options=POSES):

@@ -17,7 +17,7 @@ LEG = Leg(duration=20.0)
 def jump(change, leg=LEG, seed=1):
     log = record(PROTOCOL[1], leg, seed)
     chunk = Chunk(log.t, log.raw + change(log.t), log.accel, None)
-    blocks = to_blocks(prepare([chunk], Mounting(), False))
+    blocks = to_blocks(prepare(chunk, Mounting(), False))
     return jump_within(blocks, np.ones(len(blocks), dtype=bool))
 
 

@@ -9,8 +9,8 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[2] / 'forcecal_ros'
 
 BUDGETS = {
-    'calibrate': 2185, 'checks': 1712, 'cli': 2790, 'core': 2142, 'diagnose': 5216,
-    'effects': 737, 'impedance': 719, 'insitu': 1996, 'io': 2538, 'motion': 1432,
+    'calibrate': 2185, 'checks': 1699, 'cli': 2783, 'core': 2142, 'diagnose': 5216,
+    'effects': 737, 'impedance': 719, 'insitu': 1954, 'io': 2538, 'motion': 1432,
     'nodes': 3527, 'observe': 2729, 'report': 1869, 'rig_fit': 478, 'sim': 2732}
 """Code lines; less is better: lower a number with the code."""
 
