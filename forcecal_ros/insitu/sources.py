@@ -140,7 +140,7 @@ def join(chunks: Iterable[tuple[str, Array, Array]], spec: Spec, sensor: str) ->
     signals = {}
     for topic, some in parts.items():
         if not some:
-            return Chunk(*np.empty((3, 0)), None)
+            return Chunk(none := np.empty(0), none, none, None)
         t, values = (np.concatenate(arrays) for arrays in zip(*some))
         good, _ = readable(t, values, topic, topics[topic], ABSURD_RAW)
         signals[topic] = t[good], values[good]
