@@ -20,22 +20,16 @@ from typing import NamedTuple
 from forcecal_ros.calibrate.accelerometer import lowpassed
 from forcecal_ros.calibrate.joint import JointFit, smooth
 from forcecal_ros.calibrate.poses import require_wrench, StaticPose
-from forcecal_ros.calibrate.residuals import Residuals
 from forcecal_ros.calibrate.tool import Statics
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.estimation import robust_fit
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.noise.white import white_covariance
 from forcecal_ros.core.rigid_body import rate_of_change
 from forcecal_ros.core.streams import phase_spans, PoseStream, Recording, Stream
 from forcecal_ros.core.time_grid import Averager
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import least_squares
-
-CREEP_RATE = 8.0
-"""Rate at which the end of an approach decays, in which the robot still moves while the tool is
-said to ring freely [1/s]; slower adds no force, faster is over."""
 
 
 class Sag(NamedTuple):
@@ -99,52 +93,6 @@ def sag_of(fit: JointFit, wrench: Stream) -> Sag | None:
     return Sag(stiffness, variance, float(zero))
 
 
-def fit_creep(pose: PoseStream | None) -> tuple[float, float]:
-    """
-    Fit x_end + way exp(-CREEP_RATE t) along x to the measured pose.
-
-    Parameters
-    ----------
-    pose : PoseStream or None
-        From the start of the ringing on.
-
-    Returns
-    -------
-    way, std : float
-        [m]
-    """
-    if pose is None or not pose.has_position or len(pose) < 20:
-        return 0.0, 0.0
-    t, x = pose.t - pose.t[0], pose.position @ pose.R_base_sensor[0, :, 0]
-    rows = np.column_stack([np.ones(len(t)), np.exp(-CREEP_RATE * t)])
-    solution = np.linalg.lstsq(rows, x, rcond=None)[0]
-    variance = float(((x - rows @ solution)**2).sum()) / (len(t) - 2)
-    return float(solution[1]), float(np.sqrt(variance * np.linalg.inv(rows.T @ rows)[1, 1]))
-
-
-def follow(way: float, t: Array, k: float, d: float, mass: float) -> tuple[Array, Array]:
-    """
-    Say how the tool follows a robot that creeps: m s" + d s' + k s = -m x".
-
-    Parameters
-    ----------
-    way : float
-        That the robot still has to go at first [m].
-    t : ndarray, shape (n,)
-        Since the start of the ringing [s].
-    k, d, mass : float
-        [N/m], [N s/m], [kg]
-
-    Returns
-    -------
-    tuple of ndarray, shape (n,)
-        Displacement [m] and the force that goes with it [N].
-    """
-    size = -mass * CREEP_RATE**2 * way / (mass * CREEP_RATE**2 - d * CREEP_RATE + k)
-    slide = size * np.exp(-CREEP_RATE * t)
-    return slide, (k - d * CREEP_RATE) * slide
-
-
 class Ring(NamedTuple):
     """
     Readings along x while the tool rings.
@@ -157,16 +105,12 @@ class Ring(NamedTuple):
         On the wire [N].
     slide_t, slide : ndarray, shape (m,)
         Displacement [s], [m]; empty without an Optidrive.
-    way, way_std : float
-        That the robot still moves along x, with its standard error [m].
     """
 
     t: Array
     force: Array
     slide_t: Array
     slide: Array
-    way: float = 0.0
-    way_std: float = 0.0
 
 
 class RingFit(NamedTuple):
@@ -181,15 +125,12 @@ class RingFit(NamedTuple):
         How much later than the wrench the Optidrive shows the same instant [s].
     covariance : ndarray, shape (3, 3)
         Of these three, the mass' uncertainty left out.
-    residuals : Residuals
-        Of the samples, in standard deviations; times in samples.
     """
 
     stiffness: float
     damping: float
     slide_delay: float
     covariance: Array
-    residuals: Residuals
 
 
 def ring_of(recording: Recording, poses: Sequence[StaticPose], statics: Statics, fit: JointFit,
@@ -211,8 +152,7 @@ def ring_of(recording: Recording, poses: Sequence[StaticPose], statics: Statics,
             continue
         slide = optidrive.between(start, stop) if optidrive else Stream(
             np.empty(0), np.empty((0, 1)))
-        ringing.append(Ring(cut.t - start, cut.values[:, 0], slide.t - start, slide.values[:, 0],
-                            *fit_creep(pose and pose.between(start, stop))))
+        ringing.append(Ring(cut.t - start, cut.values[:, 0], slide.t - start, slide.values[:, 0]))
     return stiffness_and_damping(
         ringing, float(fit.theta[0]), float(fit.noise.at_least_white[0, 0]) * fit.blocks.length,
         float(statics.slide_variance[0] * (poses[0].end - poses[0].start)),
@@ -276,7 +216,7 @@ def stiffness_and_damping(
     if not with_slide:
         ringing = [ring._replace(slide_t=np.empty(0), slide=np.empty(0)) for ring in ringing]
 
-    def residuals(p: Array, ringing: Sequence[Ring] = ringing) -> Array:
+    def residuals(p: Array) -> Array:
         """Residuals in the nonlinear unknowns alone, the linear ones projected out."""
         out = [_left_over(ring, p, mass, force_density, slide_density) for ring in ringing]
         if stiffness is not None:
@@ -295,46 +235,14 @@ def stiffness_and_damping(
     if max(_strength(ring, k, d, mass, force_density) for ring in ringing) < significant or (
             not fit.success):
         return None
-    inverse = np.linalg.pinv(fit.jac.T @ fit.jac)
-    full = inverse
-    for i, ring in enumerate(ringing):
-        moved = ring._replace(way=ring.way + ring.way_std)
-        off = residuals(fit.x, [*ringing[:i], moved, *ringing[i + 1:]]) - fit.fun
-        shift = inverse @ fit.jac.T @ off
-        full = full + np.outer(shift, shift)
+    full = np.linalg.pinv(fit.jac.T @ fit.jac)
     # stiffness and damping with a larger relative error are not worth giving
     precise = 0.3
     if np.diag(full)[:2].max() > precise**2:
         return None
     scale = np.array([k, d, 1.0][:len(fit.x)])
     covariance = np.pad(full * np.outer(scale, scale), (0, 3 - len(scale)))
-    n = len(fit.fun)
-    # share of the last of an approach by which it may depart from an exponential, as no noise
-    # does: a force of 0.2 mN, 2 % of that of 13 um, on the rig without noise
-    tolerance = 0.05
-    larger = [ring._replace(way=ring.way * (1.0 + tolerance)) for ring in ringing]
-    sigma = _scatter(fit.fun, [m for ring in ringing for m in (len(ring.t), len(ring.slide))])
-    standardised = Residuals(np.arange(n, dtype=float), fit.fun[:, None], sigma[:, None],
-                             np.ones(1), np.ones(n, dtype=bool),
-                             np.abs(residuals(fit.x, larger) - fit.fun)[:, None])
-    return RingFit(float(k), float(d), delay, covariance, standardised)
-
-
-def _scatter(residuals: Array, lengths: list[int]) -> Array:
-    """
-    Noise of the residuals of each sensor and stretch, from neighbours; at least what was assumed.
-
-    A few seconds at rest tell the density of a noise to a factor of two only. Where neighbours
-    scatter by more than was assumed it is the noise that was taken for too small, not the ringing
-    that departs from a spring's.
-    """
-    sigma = np.ones(len(residuals))
-    ends = np.cumsum(lengths)
-    for begin, end in zip(ends - lengths, ends):
-        part = residuals[begin:end]
-        if len(part) > 2:
-            sigma[begin:end] = max(1.0, float(np.sqrt(white_covariance(part[:, None], 1)[0, 0])))
-    return sigma
+    return RingFit(float(k), float(d), delay, covariance)
 
 
 def _basis(t: Array, k: float, d: float, mass: float) -> tuple[Array, Array]:
@@ -359,14 +267,11 @@ def _left_over(ring: Ring, p: Array, mass: float, force: float, slide: float) ->
     rows[:n, :2] = _basis(ring.t, k, d, mass)[1]
     rows[:n, 2] = 1
     weight = np.full(n + m, np.sqrt(_period(ring.t) / force))
-    slide_t = ring.slide_t
     if m:
-        slide_t = slide_t - p[2]
-        rows[n:, :2] = _basis(slide_t, k, d, mass)[0]
+        rows[n:, :2] = _basis(ring.slide_t - p[2], k, d, mass)[0]
         rows[n:, 3] = 1
         weight[n:] = np.sqrt(_period(ring.slide_t) / slide)
-    right = np.concatenate([ring.force - follow(ring.way, ring.t, k, d, mass)[1],
-                            ring.slide - follow(ring.way, slide_t, k, d, mass)[0]]) * weight
+    right = np.concatenate([ring.force, ring.slide]) * weight
     q, _ = np.linalg.qr(rows * weight[:, None])
     return np.asarray(right - q @ (q.T @ right))
 

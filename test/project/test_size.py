@@ -9,15 +9,15 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[2] / 'forcecal_ros'
 
 BUDGETS = {
-    'calibrate': 2185, 'checks': 1699, 'cli': 2783, 'core': 2142, 'diagnose': 5216,
-    'effects': 737, 'impedance': 719, 'insitu': 1954, 'io': 2538, 'motion': 1432,
+    'calibrate': 2078, 'checks': 1699, 'cli': 2783, 'core': 2142, 'diagnose': 5216,
+    'effects': 737, 'impedance': 719, 'insitu': 1918, 'io': 2538, 'motion': 1432,
     'nodes': 3527, 'observe': 2729, 'report': 1869, 'rig_fit': 478, 'sim': 2732}
 """Code lines; less is better: lower a number with the code."""
 
 MOST_AT_ROOT = 249
 """Code lines of the modules next to the packages: the interface from Python."""
 
-MOST_FILES, MOST_CONSTANTS = 231, 377
+MOST_FILES, MOST_CONSTANTS = 231, 376
 """Of the whole package; a constant is a number bound to an upper-case name of a module."""
 
 FILES = sorted(PACKAGE.rglob('*.py'))
