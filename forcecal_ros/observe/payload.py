@@ -299,14 +299,10 @@ class Change(NamedTuple):
         When it was known [s].
     mass : float
         Gained [kg].
-    inert : bool
-        Whether accelerations have shown it too. Where not, a steady push straight down at one
-        place of the tool is not excluded.
     """
 
     t: float
     mass: float
-    inert: bool
 
 
 class PayloadState(NamedTuple):
@@ -399,8 +395,7 @@ def _follow(state: PayloadState, block: Block, dt: float, model: PayloadModel) -
         return state._replace(main=main, before=(), change=change)
     gained = float(change.states.mean[MASS] - main.states.mean[MASS])
     return PayloadState(state.t, change._replace(contact=Contact()), (), None,
-                        (*state.changes, Change(
-                            state.t, gained, _is_distinct(change.states, main.states))))
+                        (*state.changes, Change(state.t, gained)))
 
 
 def tared(state: PayloadState, shift: Array, model: PayloadModel) -> PayloadState:
