@@ -98,7 +98,7 @@ def test_a_push_is_no_payload(hand, push):
     assert all(one.state != TRACKING for one in found if one.t > 4.0 + HEARD)
 
 
-def test_a_light_steady_push_straight_down_is_a_weight_and_said_not_to_be_inert(hand):
+def test_a_light_steady_push_straight_down_is_a_weight(hand):
     moving = swinging(6)
     force = PUSHES['steady, straight down'](moving, None, 0.5) * after(moving.t, 4.0)
     state, _ = followed(hand, moving, at_point(force))
