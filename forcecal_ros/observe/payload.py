@@ -299,10 +299,14 @@ class Change(NamedTuple):
         When it was known [s].
     mass : float
         Gained [kg].
+    inert : bool
+        Whether accelerations have shown it too. Where not, a steady push straight down at one
+        place of the tool is not excluded.
     """
 
     t: float
     mass: float
+    inert: bool
 
 
 class PayloadState(NamedTuple):
@@ -395,20 +399,8 @@ def _follow(state: PayloadState, block: Block, dt: float, model: PayloadModel) -
         return state._replace(main=main, before=(), change=change)
     gained = float(change.states.mean[MASS] - main.states.mean[MASS])
     return PayloadState(state.t, change._replace(contact=Contact()), (), None,
-                        (*state.changes, Change(state.t, gained)))
-
-
-def tared(state: PayloadState, shift: Array, model: PayloadModel) -> PayloadState:
-    """
-    Return the beliefs after a tare by ``shift`` (6,), in which nothing touched the tool.
-
-    Readings have their bias put back on, so that a tare changes none of them. One that is more
-    than a drift shows another bias or another load, and from then on either may be.
-    """
-    expected = state.main.states.cov[BIAS, BIAS] + model.floor
-    if mahalanobis(shift, expected) <= model.contact.limit:
-        return state
-    return state._replace(main=_open(state.main, model), before=(), change=None)
+                        (*state.changes, Change(
+                            state.t, gained, _is_distinct(change.states, main.states))))
 
 
 def _advance(hypothesis: Hypothesis, block: Block, h: Function, dt: float, model: PayloadModel,

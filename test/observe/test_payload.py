@@ -19,7 +19,6 @@ from forcecal_ros.observe.payload import (
     NOT_EXCITED,
     on_block,
     payload_model,
-    tared,
     TRACKING,
 )
 from forcecal_ros.observe.playback import events, follow
@@ -80,6 +79,7 @@ def test_a_payload_is_heard_of_and_known(hand, load):
     assert next(one.t for one in found if one.suspected == one.suspected) < 4.0 + HEARD
     change, = state.changes
     assert change.t < 4.0 + KNOWN
+    assert change.inert == (abs(load) > 0.1)
     last = found[-1]
     assert last.state == TRACKING
     assert last.mass == pytest.approx(arm.MASS + load, rel=0.01)
@@ -98,11 +98,11 @@ def test_a_push_is_no_payload(hand, push):
     assert all(one.state != TRACKING for one in found if one.t > 4.0 + HEARD)
 
 
-def test_a_light_steady_push_straight_down_is_a_weight(hand):
+def test_a_light_steady_push_straight_down_is_a_weight_and_said_not_to_be_inert(hand):
     moving = swinging(6)
     force = PUSHES['steady, straight down'](moving, None, 0.5) * after(moving.t, 4.0)
     state, _ = followed(hand, moving, at_point(force))
-    assert len(state.changes) == 1
+    assert [change.inert for change in state.changes] == [False]
     assert state.changes[0].mass == pytest.approx(0.5 / 9.81, abs=0.01)
 
 
@@ -122,13 +122,10 @@ def test_without_rotation_nothing_is_taken_for_a_payload(hand):
     assert found[-1].suspected_std > 0.1
 
 
-def test_a_tare_that_takes_a_weight_for_a_bias_is_found_out(hand):
+def test_a_weight_that_hangs_there_from_the_start_is_found_out(hand):
     moving = swinging(9)
     state, carried = begin(hand), weight(moving, 0.3)
-    shift = carried[500]
     for block in blocks(moving, carried):
-        if np.isnan(state.t):
-            state = tared(state, shift, hand)
         state = on_block(state, block, hand)
     found = estimate(state, hand)
     assert found.state == TRACKING and found.mass == pytest.approx(arm.MASS + 0.3, rel=0.01)
