@@ -74,6 +74,7 @@ def findings(stages: Stages, settings: IdentificationSettings) -> Iterator[Findi
     yield from torque_departs(stages, settings)
     yield from accelerometer_departs(stages, settings)
     yield from motion_departs(stages)
+    yield from ringing_departs(stages)
     yield from delays_too_long(stages, settings)
     yield from clips_or_drifts(stages, settings)
     yield from moves_in_one_pose(stages, settings)
@@ -197,6 +198,17 @@ def accelerometer_departs(stages: Stages, settings: IdentificationSettings) -> I
             f'{stages.recording.accelerometer_unit} ({found.sigmas:.0f} standard errors) at about '
             f'{found.time:.2f} s. Record again without contact; if it deviates again, tighten its '
             'mount, and record again', MOTION)
+
+
+def ringing_departs(stages: Stages) -> Iterator[Finding]:
+    """Compare the ringing with that of a spring and a damper."""
+    ring = stages.ring
+    if ring is not None and ring.unexplained > SUSPECT_UNEXPLAINED:
+        yield Finding(
+            'the ringing of the tool does not fit a spring and a damper, which leave '
+            f'{ring.unexplained:.0%} of it; record again without contact and with the robot at '
+            'rest; if the message repeats, the compliant axis has friction or reaches an end stop',
+            ('tool',))
 
 
 def delays_too_long(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:

@@ -125,12 +125,15 @@ class RingFit(NamedTuple):
         How much later than the wrench the Optidrive shows the same instant [s].
     covariance : ndarray, shape (3, 3)
         Of these three, the mass' uncertainty left out.
+    unexplained : float
+        What a spring and a damper leave of the swing beyond noise, as a share of it.
     """
 
     stiffness: float
     damping: float
     slide_delay: float
     covariance: Array
+    unexplained: float
 
 
 def ring_of(recording: Recording, poses: Sequence[StaticPose], statics: Statics, fit: JointFit,
@@ -232,8 +235,8 @@ def stiffness_and_damping(
     (k, d), delay = np.exp(fit.x[:2]), float(fit.x[2]) if with_slide else 0.0
     # ringing of a smaller strength does not stand out of the noise
     significant = 8.0
-    if max(_strength(ring, k, d, mass, force_density) for ring in ringing) < significant or (
-            not fit.success):
+    strength = np.array([_strength(ring, k, d, mass, force_density) for ring in ringing])
+    if strength.max() < significant or not fit.success:
         return None
     full = np.linalg.pinv(fit.jac.T @ fit.jac)
     # stiffness and damping with a larger relative error are not worth giving
@@ -242,7 +245,9 @@ def stiffness_and_damping(
         return None
     scale = np.array([k, d, 1.0][:len(fit.x)])
     covariance = np.pad(full * np.outer(scale, scale), (0, 3 - len(scale)))
-    return RingFit(float(k), float(d), delay, covariance)
+    excess = np.sqrt(max(0.0, float(fit.fun @ fit.fun) - len(fit.fun)))
+    return RingFit(float(k), float(d), delay, covariance,
+                   float(excess / np.linalg.norm(strength)))
 
 
 def _basis(t: Array, k: float, d: float, mass: float) -> tuple[Array, Array]:
