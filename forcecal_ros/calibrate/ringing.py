@@ -31,6 +31,10 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import least_squares
 
+CREEP_RATE = 8.0
+"""Rate at which the end of an approach decays, in which the robot still moves while the tool is
+said to ring freely [1/s]; slower adds no force, faster is over."""
+
 
 class Sag(NamedTuple):
     """
@@ -93,6 +97,52 @@ def sag_of(fit: JointFit, wrench: Stream) -> Sag | None:
     return Sag(stiffness, variance, float(zero))
 
 
+def fit_creep(pose: PoseStream | None) -> tuple[float, float]:
+    """
+    Fit x_end + way exp(-CREEP_RATE t) along x to the measured pose.
+
+    Parameters
+    ----------
+    pose : PoseStream or None
+        From the start of the ringing on.
+
+    Returns
+    -------
+    way, std : float
+        [m]
+    """
+    if pose is None or not pose.has_position or len(pose) < 20:
+        return 0.0, 0.0
+    t, x = pose.t - pose.t[0], pose.position @ pose.R_base_sensor[0, :, 0]
+    rows = np.column_stack([np.ones(len(t)), np.exp(-CREEP_RATE * t)])
+    solution = np.linalg.lstsq(rows, x, rcond=None)[0]
+    variance = float(((x - rows @ solution)**2).sum()) / (len(t) - 2)
+    return float(solution[1]), float(np.sqrt(variance * np.linalg.inv(rows.T @ rows)[1, 1]))
+
+
+def follow(way: float, t: Array, k: float, d: float, mass: float) -> tuple[Array, Array]:
+    """
+    Say how the tool follows a robot that creeps: m s" + d s' + k s = -m x".
+
+    Parameters
+    ----------
+    way : float
+        That the robot still has to go at first [m].
+    t : ndarray, shape (n,)
+        Since the start of the ringing [s].
+    k, d, mass : float
+        [N/m], [N s/m], [kg]
+
+    Returns
+    -------
+    tuple of ndarray, shape (n,)
+        Displacement [m] and the force that goes with it [N].
+    """
+    size = -mass * CREEP_RATE**2 * way / (mass * CREEP_RATE**2 - d * CREEP_RATE + k)
+    slide = size * np.exp(-CREEP_RATE * t)
+    return slide, (k - d * CREEP_RATE) * slide
+
+
 class Ring(NamedTuple):
     """
     Readings along x while the tool rings.
@@ -105,12 +155,16 @@ class Ring(NamedTuple):
         On the wire [N].
     slide_t, slide : ndarray, shape (m,)
         Displacement [s], [m]; empty without an Optidrive.
+    way, way_std : float
+        That the robot still moves along x, with its standard error [m].
     """
 
     t: Array
     force: Array
     slide_t: Array
     slide: Array
+    way: float = 0.0
+    way_std: float = 0.0
 
 
 class RingFit(NamedTuple):
@@ -155,7 +209,8 @@ def ring_of(recording: Recording, poses: Sequence[StaticPose], statics: Statics,
             continue
         slide = optidrive.between(start, stop) if optidrive else Stream(
             np.empty(0), np.empty((0, 1)))
-        ringing.append(Ring(cut.t - start, cut.values[:, 0], slide.t - start, slide.values[:, 0]))
+        ringing.append(Ring(cut.t - start, cut.values[:, 0], slide.t - start, slide.values[:, 0],
+                            *fit_creep(pose and pose.between(start, stop))))
     return stiffness_and_damping(
         ringing, float(fit.theta[0]), float(fit.noise.at_least_white[0, 0]) * fit.blocks.length,
         float(statics.slide_variance[0] * (poses[0].end - poses[0].start)),
@@ -219,7 +274,7 @@ def stiffness_and_damping(
     if not with_slide:
         ringing = [ring._replace(slide_t=np.empty(0), slide=np.empty(0)) for ring in ringing]
 
-    def residuals(p: Array) -> Array:
+    def residuals(p: Array, ringing: Sequence[Ring] = ringing) -> Array:
         """Residuals in the nonlinear unknowns alone, the linear ones projected out."""
         out = [_left_over(ring, p, mass, force_density, slide_density) for ring in ringing]
         if stiffness is not None:
@@ -238,7 +293,13 @@ def stiffness_and_damping(
     strength = np.array([_strength(ring, k, d, mass, force_density) for ring in ringing])
     if strength.max() < significant or not fit.success:
         return None
-    full = np.linalg.pinv(fit.jac.T @ fit.jac)
+    inverse = np.linalg.pinv(fit.jac.T @ fit.jac)
+    full = inverse
+    for i, ring in enumerate(ringing):
+        moved = ring._replace(way=ring.way + ring.way_std)
+        off = residuals(fit.x, [*ringing[:i], moved, *ringing[i + 1:]]) - fit.fun
+        shift = inverse @ fit.jac.T @ off
+        full = full + np.outer(shift, shift)
     # stiffness and damping with a larger relative error are not worth giving
     precise = 0.3
     if np.diag(full)[:2].max() > precise**2:
@@ -272,11 +333,14 @@ def _left_over(ring: Ring, p: Array, mass: float, force: float, slide: float) ->
     rows[:n, :2] = _basis(ring.t, k, d, mass)[1]
     rows[:n, 2] = 1
     weight = np.full(n + m, np.sqrt(_period(ring.t) / force))
+    slide_t = ring.slide_t
     if m:
-        rows[n:, :2] = _basis(ring.slide_t - p[2], k, d, mass)[0]
+        slide_t = slide_t - p[2]
+        rows[n:, :2] = _basis(slide_t, k, d, mass)[0]
         rows[n:, 3] = 1
         weight[n:] = np.sqrt(_period(ring.slide_t) / slide)
-    right = np.concatenate([ring.force, ring.slide]) * weight
+    right = np.concatenate([ring.force - follow(ring.way, ring.t, k, d, mass)[1],
+                            ring.slide - follow(ring.way, slide_t, k, d, mass)[0]]) * weight
     q, _ = np.linalg.qr(rows * weight[:, None])
     return np.asarray(right - q @ (q.T @ right))
 

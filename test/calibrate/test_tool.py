@@ -3,7 +3,7 @@
 from functools import cache
 
 from forcecal_ros.calibrate.accelerometer import in_words, split_matrix
-from forcecal_ros.calibrate.ringing import Ring, stiffness_and_damping
+from forcecal_ros.calibrate.ringing import follow, Ring, stiffness_and_damping
 from forcecal_ros.calibrate.tool import identify_tool, refuse_negative, Statics
 from forcecal_ros.core.errors import DataError, UnobservableError
 from forcecal_ros.core.geometry import rotation_from_vector
@@ -61,12 +61,13 @@ def let_go(k, d, n):
                         [0.005, 0.02], t_eval=t, rtol=1e-10, atol=1e-13).y
 
 
-def ringing(k=K, d=D, delay=0.0, noise=1.0, seed=0, n=700):
+def ringing(k=K, d=D, delay=0.0, noise=1.0, seed=0, n=700, way=0.0):
     """Force and late displacement of a tool let go at 5 mm; noise of 0.25 N and 20 um."""
     t, end = let_go(k, d, n)
+    slide, force = follow(way, t, k, d, MASS)
     rng = np.random.default_rng(seed)
-    return Ring(t, 4.0 + k * end[0] + d * end[1] + noise * 0.25 * rng.standard_normal(n),
-                t + delay, end[0] + noise * 2e-5 * rng.standard_normal(n))
+    return Ring(t, 4.0 + k * end[0] + d * end[1] + force + noise * 0.25 * rng.standard_normal(n),
+                t + delay, end[0] + slide + noise * 2e-5 * rng.standard_normal(n))
 
 
 def fit_ring(*rings, stiffness=None):
@@ -107,6 +108,21 @@ def test_errors_of_the_ringing_hold():
         off.append((np.array(fit[:3]) - true) / np.sqrt(np.diag(fit.covariance)))
     assert (np.sqrt((np.array(off)[:, 1:]**2).mean(axis=0)) < 1 + 4 / np.sqrt(120)).all()
     assert (np.sqrt((np.array(off)[:, 1:]**2).mean(axis=0)) > 1 - 4 / np.sqrt(120)).all()
+
+
+def test_what_the_robot_still_moves_is_taken_out():
+    moved = ringing(noise=0, way=2e-5)
+    assert abs(fit_ring(moved).damping - D) > 0.02
+    assert fit_ring(moved._replace(way=2e-5)).damping == pytest.approx(D, rel=1e-6)
+
+
+def test_the_tool_follows_the_creep_as_its_equation_says():
+    way, t = 1e-4, np.arange(0, 1, 1e-4)
+    s, force = follow(way, t, K, D, MASS)
+    v, x = np.gradient(s, t), way * np.exp(-8 * t)
+    np.testing.assert_allclose(force, K * s + D * v, atol=2e-4 * np.abs(force).max())
+    left = MASS * (np.gradient(v, t) + np.gradient(np.gradient(x, t), t)) + force
+    np.testing.assert_allclose(left[2:-2], 0, atol=2e-2 * np.abs(force).max())
 
 
 def test_noise_does_not_ring():
