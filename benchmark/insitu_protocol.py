@@ -100,7 +100,7 @@ def foot():
     table = np.loadtxt(path, delimiter=',', skiprows=1)
     chunk = Chunk(table[:, 0], table[:, 1:7], -table[:, 7:10], None)
     for window in ((21.0, 57.0), None):
-        result = calibrate('foot', [DataSet('foot', lambda: [chunk], None, True, window)],
+        result = calibrate('foot', [DataSet('foot', lambda: chunk, None, True, window)],
                            Mounting(), Options(matrix=False))
         (start, end), = result.data_sets[0].kept
         print(f'iCub foot, window {"given" if window else "found"}: {start:.1f}..{end:.1f} s')
@@ -136,7 +136,7 @@ def long_table(samples):
 
 def read_long(path):
     from forcecal_ros.insitu import load_spec
-    from forcecal_ros.insitu.sources import TableSource
+    from forcecal_ros.insitu.sources import read_table
     import yaml
 
     spec_path = Path(path).with_suffix('.yaml')
@@ -145,7 +145,10 @@ def read_long(path):
         'accelerometer': {'columns': [6, 7, 8]}, 'sensors': {'leg': {'columns': list(range(6))}},
         'data_sets': [{'file': Path(path).name}]}))
     spec = load_spec(spec_path)
-    source = TableSource(spec, Path(path), spec.sensors['leg'].columns)
+
+    def source():
+        return read_table(spec, Path(path), spec.sensors['leg'].columns)[0]
+
     result = calibrate('leg', [DataSet('long', source)], Mounting(), spec.options)
     status = Path('/proc/self/status').read_text()
     peak = int(re.search(r'VmHWM:\s*(\d+)', status)[1]) / 1024

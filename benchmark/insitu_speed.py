@@ -23,7 +23,7 @@ sys.path.append(str(ROOT / 'test' / 'helpers'))
 
 from forcecal_ros.insitu import calibrate, DataSet, load_spec, Mounting
 from forcecal_ros.insitu.moments import PAPER_WINDOW
-from forcecal_ros.insitu.sources import TableSource
+from forcecal_ros.insitu.sources import read_table
 import insitu_leg
 from insitu_leg import Leg
 import numpy as np
@@ -53,7 +53,10 @@ def calibration(path: Path, window: float) -> Callable[[], object]:
         'accelerometer': {'columns': [6, 7, 8]}, 'sensors': {'leg': {'columns': list(range(6))}},
         'data_sets': [{'file': path.name}]}))
     spec = load_spec(spec_path)
-    source = TableSource(spec, path, spec.sensors['leg'].columns)
+
+    def source():
+        return read_table(spec, path, spec.sensors['leg'].columns)[0]
+
     return lambda: calibrate('leg', [DataSet('long', source)], Mounting(), spec.options)
 
 

@@ -33,8 +33,8 @@ from forcecal_ros.calibrate.result import Stages
 from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.checks.messages import Finding
 from forcecal_ros.core.estimation import CHANCE
-from forcecal_ros.core.geometry import Array, rotation_vector
-from forcecal_ros.core.streams import CHANNELS, Recording
+from forcecal_ros.core.geometry import Array
+from forcecal_ros.core.streams import CHANNELS
 import numpy as np
 
 STANDSTILL = ('mass', 'com', 'wrench_bias')
@@ -76,7 +76,6 @@ def findings(stages: Stages, settings: IdentificationSettings) -> Iterator[Findi
     yield from motion_departs(stages)
     yield from ringing_departs(stages)
     yield from delays_too_long(stages, settings)
-    yield from pose_astray(stages.recording, stages)
     yield from clips_or_drifts(stages, settings)
     yield from moves_in_one_pose(stages, settings)
 
@@ -180,16 +179,6 @@ def motion_departs(stages: Stages) -> Iterator[Finding]:
             'it without contact', MOTION)
 
 
-def _accelerometer_remedy(stages: Stages, settings: IdentificationSettings) -> str:
-    """Say what to do about an accelerometer that is off: one that drifts at rest is coupled so."""
-    stream = stages.recording.accelerometer
-    if stream is not None and settings.coupling != 'ac':
-        sigmas, *_ = drift(values_in(stream, stages.poses))
-        if sigmas > DRIFT:
-            return 'calibrate with --coupling ac, as it drifts at standstill'
-    return 'tighten its mount, and record again'
-
-
 def _small_volts(matrix: Array, settings: IdentificationSettings) -> float:
     return float(_SMALL * settings.gravity * np.abs(np.linalg.det(matrix))**(1 / 3))
 
@@ -207,20 +196,19 @@ def accelerometer_departs(stages: Stages, settings: IdentificationSettings) -> I
         yield Finding(
             f'accelerometer {"xyz"[found.channel]} deviates by {found.size:+.2g} '
             f'{stages.recording.accelerometer_unit} ({found.sigmas:.0f} standard errors) at about '
-            f'{found.time:.2f} s. Record again without contact; if it deviates again, '
-            f'{_accelerometer_remedy(stages, settings)}', MOTION)
+            f'{found.time:.2f} s. Record again without contact; if it deviates again, tighten its '
+            'mount, and record again', MOTION)
 
 
 def ringing_departs(stages: Stages) -> Iterator[Finding]:
     """Compare the ringing with that of a spring and a damper."""
-    if stages.ring is None:
-        return
-    found = largest_deviation(stages.ring.residuals)
-    if not found.is_chance:
+    ring = stages.ring
+    if ring is not None and ring.unexplained > SUSPECT_UNEXPLAINED:
         yield Finding(
-            f'the ringing of the tool does not fit a spring and a damper ({found.sigmas:.0f} '
-            'standard errors); record again without contact and with the robot at rest; if the '
-            'message repeats, the compliant axis has friction or reaches an end stop', ('tool',))
+            'the ringing of the tool does not fit a spring and a damper, which leave '
+            f'{ring.unexplained:.0%} of it; record again without contact and with the robot at '
+            'rest; if the message repeats, the compliant axis has friction or reaches an end stop',
+            ('tool',))
 
 
 def delays_too_long(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:
@@ -234,26 +222,6 @@ def delays_too_long(stages: Stages, settings: IdentificationSettings) -> Iterato
         if abs(delay) >= 0.95 * limit:
             yield Finding(f'{name}: its delay of {1e3 * delay:.1f} ms relative to the wrench is '
                           f'at the search limit ({1e3 * limit:.0f} ms); check the clocks', suspect)
-
-
-def pose_astray(recording: Recording, stages: Stages) -> Iterator[Finding]:
-    """Compare how the robot was told to turn from pose to pose with how it is said to have."""
-    target = recording.target
-    if target is None or len(target) < 2:
-        return
-    index = [np.searchsorted(target.t, p.start, side='right') - 1 for p in stages.poses]
-    if min(index) < 0:
-        return
-    apart = [target.R_base_sensor[i].T @ p.R_base_sensor for i, p in zip(index, stages.poses)]
-    turns = [float(np.linalg.norm(rotation_vector(apart[0].T @ R))) for R in apart]
-    worst = int(np.argmax(turns))
-    # commanded and measured orientation may differ by this much from pose to pose [rad]
-    astray_rad = 3e-3
-    if turns[worst] > astray_rad:
-        yield Finding(
-            f'current_pose and target_frame disagree by {np.degrees(turns[worst]):.2g} deg more '
-            f'in pose {worst + 1} than in pose 1; check the encoders, and that both use the '
-            'same frame', ALL)
 
 
 def clips_or_drifts(stages: Stages, settings: IdentificationSettings) -> Iterator[Finding]:

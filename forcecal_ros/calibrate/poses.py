@@ -9,7 +9,6 @@ from forcecal_ros.core.geometry import (
     Array,
     quaternion_from_matrix,
     rotation_about,
-    rotation_vector,
 )
 from forcecal_ros.core.streams import PoseStream, Recording, STILL, Stream
 from forcecal_ros.core.topics import require
@@ -46,14 +45,11 @@ class StaticPose(NamedTuple):
     start, end : float
         ``start <= t < end`` [s].
     R_base_sensor : ndarray, shape (3, 3)
-    rotation_variance : float
-        Of its rotation vector, per axis [rad^2]; NaN where one sample tells nothing.
     """
 
     start: float
     end: float
     R_base_sensor: Array
-    rotation_variance: float
 
     def gravity(self, magnitude: float) -> Array:
         """Gravity in ft_sensor, shape (3,) [m/s^2]."""
@@ -232,21 +228,14 @@ def static_poses(recording: Recording) -> list[StaticPose]:
     for start, end in static_windows(recording):
         R = pose.between(start, end).R_base_sensor
         if len(R):
-            poses.append(StaticPose(start, end, *_mean_rotation(np.asarray(R))))
+            mean = Rotation.from_matrix(np.array(R)).mean()
+            poses.append(StaticPose(start, end, mean.as_matrix()))
         else:
             empty.append(f'{start:.2f}')
     if empty:
         raise DataError(f'{name}: no current_pose during the static poses that start at '
                         f'{", ".join(empty)} s; record it throughout')
     return poses
-
-
-def _mean_rotation(R: Array) -> tuple[Array, float]:
-    mean = Rotation.from_matrix(np.array(R)).mean().as_matrix()
-    if len(R) < 2:
-        return mean, np.nan
-    scatter = rotation_vector(mean.T @ R)
-    return mean, float((scatter**2).sum() / (3 * (len(R) - 1)) / len(R))
 
 
 def rest_within(pose: PoseStream, start: float, end: float) -> tuple[float, float]:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from forcecal_ros.calibrate.accelerometer import in_words
-from forcecal_ros.calibrate.findings import ALL, findings, MOTION
+from forcecal_ros.calibrate.findings import ALL, findings
 from forcecal_ros.calibrate.paper import (
     acceleration_error,
     Alignment,
@@ -25,7 +25,6 @@ from forcecal_ros.calibrate.residuals import pose_errors, rejected
 from forcecal_ros.calibrate.result import Stages
 from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.checks.hypotheses import questions_of
-from forcecal_ros.checks.messages import Finding
 from forcecal_ros.checks.signals import FARTHEST
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.errors import above, DataError
@@ -54,8 +53,7 @@ def quality_of(stages: Stages, calibration: Calibration, settings: Identificatio
     """
     tool = stages.tool
     plain = _plain(stages, calibration, settings)
-    found = [*findings(stages, settings),
-             *_disagreement(plain, stages, calibration, settings)]
+    found = [*findings(stages, settings)]
     quality: dict[str, Any] = {
         'warnings': [*weak_estimates(calibration, settings), *(finding.line for finding in found)],
         'suspect': [key for key in ALL if any(key in finding.suspect for finding in found)],
@@ -149,45 +147,6 @@ def weak_estimates(c: Calibration, settings: IdentificationSettings,
 
 def _relative(estimate: Any) -> float:
     return float((estimate.std / np.abs(estimate.value)).max())
-
-
-def _as_printed(stages: Stages) -> bool:
-    """Whether two poses are those of Eq. 9 and Eq. 12, which alone Eq. 16 is about."""
-    along_x = np.abs([pose.R_base_sensor[2, 0] for pose in stages.poses])
-    # how far the share of gravity along x may be off the paper's: a quarter of what is reported
-    astray = 0.005
-    return bool(along_x.max() > 1.0 - astray and along_x.min() < astray)
-
-
-def _plain_error(stages: Stages, settings: IdentificationSettings) -> float:
-    """Return the standard error of the mass by Eq. 16, of two means of one channel [kg]."""
-    covariance = stages.statics.covariance
-    variance = (float((stages.tool.residuals[:, 0]**2).mean()) if covariance is None
-                else float(covariance[:, 0, 0].max()))
-    return float(np.sqrt(2 * variance) / settings.gravity)
-
-
-def _disagreement(plain: Plain, stages: Stages, c: Calibration, settings: IdentificationSettings
-                  ) -> Iterator[Finding]:
-    """Compare the paper's estimates with the joint ones."""
-    limit = settings.thresholds.agreement
-    off = plain.mass_theta / float(c.mass) - 1
-    # differences by fewer standard errors are chance
-    by_chance = 4.0
-    chance = by_chance * _plain_error(stages, settings) / float(c.mass)
-    if abs(off) > limit + chance and _as_printed(stages):
-        yield Finding(
-            f'mass: Eq. 16 gives {plain.mass_theta:.4g} kg, all poses together '
-            f'{float(c.mass):.4g} kg ({off:+.1%}); check the orientations of the poses, gravity, '
-            'and whether the sensor was tared between poses', ALL)
-    if c.accelerometer:
-        gain = float(c.accelerometer.gain.value[_axis_of_x(c)])
-        off = abs(plain.gain_aligned) / abs(gain) - 1
-        if abs(off) > limit and c.accelerometer.coupling == 'dc':
-            yield Finding(
-                f'accelerometer gain: the step alone gives {plain.gain_aligned:.4g}, gravity and '
-                f'motion together {gain:.4g} ({off:+.1%}); check the mount of the accelerometer, '
-                'contact during the step, and the coupling', MOTION)
 
 
 def _notes(stages: Stages, c: Calibration, plain: Plain) -> Iterator[str]:

@@ -38,9 +38,6 @@ class Residuals(NamedTuple):
         Variance of the mean of n values, times n, over that of one.
     use : ndarray of bool, shape (n,)
         Which of them count.
-    model_error : ndarray, shape (n, k)
-        How far each may be off by an error that its neighbours share, as stamps do that are off:
-        it does not average out. Unit of the signal; None: by none.
     """
 
     times: Array
@@ -48,7 +45,6 @@ class Residuals(NamedTuple):
     sigma: Array
     inflation: Array
     use: NDArray[np.bool_]
-    model_error: Array | None = None
 
 
 class Deviation(NamedTuple):
@@ -100,8 +96,6 @@ def largest_deviation(residuals: Residuals, shortest: int = 1) -> Deviation:
     use = residuals.use & np.isfinite(residuals.values).all(axis=1)
     z = np.where(use[:, None], residuals.values / residuals.sigma, 0.0)
     sums = _running(z)
-    shared = _running(np.zeros_like(z) if residuals.model_error is None else np.where(
-        use[:, None], residuals.model_error / residuals.sigma, 0.0))
     counts = np.concatenate([[0], np.cumsum(use)])
     # lengths of the stretches whose means are tested, in values: one to 8 s of 20 ms blocks
     stretches = (1, 5, 25, 125, 400)
@@ -115,9 +109,8 @@ def largest_deviation(residuals: Residuals, shortest: int = 1) -> Deviation:
         if not whole.any():
             continue
         tests += int(whole.sum()) * z.shape[1]
-        off = (shared[length:] - shared[:-length])[whole]
         sigmas = np.abs(sums[length:] - sums[:-length])[whole] / np.sqrt(
-            n[whole, None] * residuals.inflation + off**2)
+            n[whole, None] * residuals.inflation)
         i, channel = (int(j) for j in np.unravel_index(np.argmax(sigmas), sigmas.shape))
         if sigmas[i, channel] > found.sigmas:
             first = int(np.flatnonzero(whole)[i])

@@ -20,12 +20,10 @@ from typing import NamedTuple
 from forcecal_ros.calibrate.accelerometer import lowpassed
 from forcecal_ros.calibrate.joint import JointFit, smooth
 from forcecal_ros.calibrate.poses import require_wrench, StaticPose
-from forcecal_ros.calibrate.residuals import Residuals
 from forcecal_ros.calibrate.tool import Statics
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.estimation import robust_fit
 from forcecal_ros.core.geometry import Array
-from forcecal_ros.core.noise.white import white_covariance
 from forcecal_ros.core.rigid_body import rate_of_change
 from forcecal_ros.core.streams import phase_spans, PoseStream, Recording, Stream
 from forcecal_ros.core.time_grid import Averager
@@ -181,15 +179,15 @@ class RingFit(NamedTuple):
         How much later than the wrench the Optidrive shows the same instant [s].
     covariance : ndarray, shape (3, 3)
         Of these three, the mass' uncertainty left out.
-    residuals : Residuals
-        Of the samples, in standard deviations; times in samples.
+    unexplained : float
+        What a spring and a damper leave of the swing beyond noise, as a share of it.
     """
 
     stiffness: float
     damping: float
     slide_delay: float
     covariance: Array
-    residuals: Residuals
+    unexplained: float
 
 
 def ring_of(recording: Recording, poses: Sequence[StaticPose], statics: Statics, fit: JointFit,
@@ -292,8 +290,8 @@ def stiffness_and_damping(
     (k, d), delay = np.exp(fit.x[:2]), float(fit.x[2]) if with_slide else 0.0
     # ringing of a smaller strength does not stand out of the noise
     significant = 8.0
-    if max(_strength(ring, k, d, mass, force_density) for ring in ringing) < significant or (
-            not fit.success):
+    strength = np.array([_strength(ring, k, d, mass, force_density) for ring in ringing])
+    if strength.max() < significant or not fit.success:
         return None
     inverse = np.linalg.pinv(fit.jac.T @ fit.jac)
     full = inverse
@@ -308,33 +306,9 @@ def stiffness_and_damping(
         return None
     scale = np.array([k, d, 1.0][:len(fit.x)])
     covariance = np.pad(full * np.outer(scale, scale), (0, 3 - len(scale)))
-    n = len(fit.fun)
-    # share of the last of an approach by which it may depart from an exponential, as no noise
-    # does: a force of 0.2 mN, 2 % of that of 13 um, on the rig without noise
-    tolerance = 0.05
-    larger = [ring._replace(way=ring.way * (1.0 + tolerance)) for ring in ringing]
-    sigma = _scatter(fit.fun, [m for ring in ringing for m in (len(ring.t), len(ring.slide))])
-    standardised = Residuals(np.arange(n, dtype=float), fit.fun[:, None], sigma[:, None],
-                             np.ones(1), np.ones(n, dtype=bool),
-                             np.abs(residuals(fit.x, larger) - fit.fun)[:, None])
-    return RingFit(float(k), float(d), delay, covariance, standardised)
-
-
-def _scatter(residuals: Array, lengths: list[int]) -> Array:
-    """
-    Noise of the residuals of each sensor and stretch, from neighbours; at least what was assumed.
-
-    A few seconds at rest tell the density of a noise to a factor of two only. Where neighbours
-    scatter by more than was assumed it is the noise that was taken for too small, not the ringing
-    that departs from a spring's.
-    """
-    sigma = np.ones(len(residuals))
-    ends = np.cumsum(lengths)
-    for begin, end in zip(ends - lengths, ends):
-        part = residuals[begin:end]
-        if len(part) > 2:
-            sigma[begin:end] = max(1.0, float(np.sqrt(white_covariance(part[:, None], 1)[0, 0])))
-    return sigma
+    excess = np.sqrt(max(0.0, float(fit.fun @ fit.fun) - len(fit.fun)))
+    return RingFit(float(k), float(d), delay, covariance,
+                   float(excess / np.linalg.norm(strength)))
 
 
 def _basis(t: Array, k: float, d: float, mass: float) -> tuple[Array, Array]:

@@ -37,8 +37,6 @@ class Thresholds:
     probability : float
         A chi-square of residuals less probable than this is reported: of 600 sound recordings
         the least probable had 2e-4.
-    agreement : float
-        Largest relative difference between the paper's estimate and the joint one.
     """
 
     mass: float = 0.001
@@ -54,7 +52,6 @@ class Thresholds:
     delay: float = 2e-4
     condition: float = 100.0
     probability: float = 1e-5
-    agreement: float = 0.02
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from forcecal_ros.calibrate.poses import require_wrench, StaticPose, values_in, 
 from forcecal_ros.calibrate.settings import IdentificationSettings
 from forcecal_ros.checks.signals import resolution
 from forcecal_ros.core.errors import below, DataError, UnobservableError
+from forcecal_ros.core.estimation import robust_fit
 from forcecal_ros.core.geometry import Array, skew
 from forcecal_ros.core.noise.white import rounding_variance, white_covariance
 from forcecal_ros.core.streams import Recording
@@ -276,8 +277,9 @@ def identify_tool(statics: Statics, condition: float = 100.0) -> ToolFit:
     """
     check_poses(statics.gravity, condition)
     design, reading = design_of(statics)
-    theta, covariance = _fit_scatter(design, reading)
-    return _tool(theta, covariance, statics, reading - design @ theta, np.nan, np.nan,
+    # so many degrees of freedom that every pose counts alike: least squares
+    fit = robust_fit(design.reshape(-1, 6, 10), statics.wrench, freedom=1e9)
+    return _tool(fit.theta, fit.covariance, statics, reading - design @ fit.theta, np.nan, np.nan,
                  len(reading) - 10)
 
 
@@ -329,26 +331,6 @@ def _left_over(residuals: Array, noise: Array, design: Array, whole: float) -> A
         part = residuals[rows] @ np.linalg.solve(noise[np.ix_(rows, rows)], residuals[rows])
         times[rows] = np.sqrt(max(1.0, part / degrees if degrees > 0 else whole))
     return times
-
-
-def _fit_scatter(design: Array, reading: Array) -> tuple[Array, Array]:
-    """
-    Least squares, forces and torques each weighted by their own scatter about the fit.
-
-    The covariance takes the scatter of each of the six channels as it is found.
-    """
-    n = len(reading) // 6
-    weight = np.ones(len(reading))
-    for _ in range(3):
-        rows = design * weight[:, None]
-        theta = np.linalg.lstsq(rows, reading * weight, rcond=None)[0]
-        square = ((reading - design @ theta).reshape(n, 6)**2)
-        scatter = np.repeat([square[:, :3].mean(), square[:, 3:].mean()], 3)
-        weight = np.tile(1 / np.sqrt(np.maximum(scatter, 1e-18)), n)
-    bread = np.linalg.inv(rows.T @ rows)
-    channel = np.tile(square.mean(axis=0), n) / (1 - design.shape[1] / len(reading))
-    meat = (rows * (weight * channel * weight)[:, None]).T @ rows
-    return theta, bread @ meat @ bread
 
 
 def mass_from_tilt(u_h: float, u_v: float, gravity: float, theta: float = 0.0) -> float:

@@ -113,7 +113,8 @@ def _readable(recording: Recording, raw_wrench: bool) -> tuple[Recording, dict[s
     removed = dict(recording.removed or {})
     for name, stream in signals.present(recording, _ALL).items():
         limit = signals.ABSURD_RAW if raw_wrench and name == 'wrench' else signals.ABSURD
-        good, note = signals.readable(stream, name, limit)
+        good, note = signals.readable(
+            stream.t, signals.rows_of(stream), name, CHANNELS[name], limit)
         if note:
             removed[name] = removed.get(name, 0) + int((~good).sum())
             recording = _without(recording, name, good, note)

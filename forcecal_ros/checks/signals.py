@@ -86,75 +86,46 @@ def present(recording: Recording, names: Sequence[str]) -> dict[str, Any]:
 # Values ----------------------------------------------------------------------------------------
 
 
-class Unreadable:
+def readable(t: Array, values: Array, name: str, channels: Sequence[str], limit: float = ABSURD
+             ) -> tuple[Mask, str]:
     """
-    The samples of one stream that are no readings, counted piece by piece.
+    Say which samples are readings, and what has to be left out.
 
     Parameters
     ----------
-    stream : str
-        For messages.
+    t : ndarray, shape (n,)
+        [s]
+    values : ndarray, shape (n, k)
+    name : str
+        Of the stream.
     channels : sequence of str
-        Names of the columns, for messages.
+        Their names.
     limit : float
-        Largest reading.
-    """
-
-    def __init__(self, stream: str, channels: Sequence[str], limit: float = ABSURD) -> None:
-        self.count = self.total = 0
-        self._stream, self._channels, self._limit = stream, channels, limit
-        self._first, self._finite = '', True
-
-    def add(self, t: Array, values: Array) -> Mask:
-        """Count the samples of a piece; return which are readings."""
-        self.total += len(values)
-        good = np.abs(values) < self._limit
-        whole: Mask = good.all(axis=1)
-        if not whole.all():
-            self.count += int((~whole).sum())
-            self._finite &= bool(np.isfinite(values).all())
-            i = int(np.argmin(whole))
-            j = int(np.argmin(good[i]))
-            channel = self._channels[j] if j < len(self._channels) else f'column {j + 1}'
-            self._first = self._first or f'{channel} from {t[i]:.2f} s on'
-        return whole
-
-    def note(self) -> str:
-        """
-        Say what has to be left out; empty: nothing.
-
-        Raises
-        ------
-        DataError
-            Too much.
-        """
-        if not self.count:
-            return ''
-        what = f'not finite or beyond {self._limit:g}'
-        if self._finite and self.count == self.total:
-            raise DataError(f'{self._stream}: all samples are beyond {self._limit:g} '
-                            f'({self._first}): these are raw counts of a converter; scale them to '
-                            'SI units in the driver')
-        # from this share of samples on a stream is not to be used: ten a second of 1 kHz
-        spoilt = 0.01
-        if self.count == self.total or self.count > max(FEW, spoilt * self.total):
-            raise DataError(f'{self._stream}: {100.0 * self.count / self.total:.1f} % of the '
-                            f'samples are {what} ({self._first}); check the driver and record '
-                            'again')
-        return f'{self._stream}: {self.count} samples are {what} and left out'
-
-
-def readable(stream: Stream | PoseStream, name: str, limit: float = ABSURD) -> tuple[Mask, str]:
-    """
-    Say which samples are readings, and what has to be left out.
+        What a reading never reaches.
 
     Raises
     ------
     DataError
-        Too much would have to be left out.
+        Too many are none.
     """
-    counted = Unreadable(name, CHANNELS[name], limit)
-    return counted.add(stream.t, rows_of(stream)), counted.note()
+    readings = np.abs(values) < limit
+    good: Mask = readings.all(axis=1)
+    count = int((~good).sum())
+    if not count:
+        return good, ''
+    i = int(np.argmin(good))
+    j = int(np.argmin(readings[i]))
+    first = f'{channels[j] if j < len(channels) else f"column {j + 1}"} from {t[i]:.2f} s on'
+    if count == len(t) and np.isfinite(values).all():
+        raise DataError(f'{name}: all samples are beyond {limit:g} ({first}): these are raw '
+                        'counts of a converter; scale them to SI units in the driver')
+    what = f'not finite or beyond {limit:g}'
+    # from this share of samples on a stream is not to be used: ten a second of 1 kHz
+    spoilt = 0.01
+    if count == len(t) or count > max(FEW, spoilt * len(t)):
+        raise DataError(f'{name}: {100.0 * count / len(t):.1f} % of the samples are {what} '
+                        f'({first}); check the driver and record again')
+    return good, f'{name}: {count} samples are {what} and left out'
 
 
 def startup(stream: Stream) -> int:

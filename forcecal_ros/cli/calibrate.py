@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.cli import common
-from forcecal_ros.cli.many import add_bags, Answer
+from forcecal_ros.cli.many import add_bags, Answer, MANY
 from forcecal_ros.cli.many import run as run_each
 from forcecal_ros.core.errors import UsageError
 
@@ -35,17 +35,6 @@ def add_parser(subparsers: Any) -> None:
     options.add_argument('--tool-mass', metavar='KG', type=common.positive,
                          help='mass of the tool, measured on a scale; forces that give another '
                               'mass are refused, and their likely unit is printed')
-    add_identification(parser)
-    common.add_output(parser, '-o', '--output', kind='file', suffix='.yaml', metavar='FILE',
-                      default='calibration.yaml',
-                      help='calibration to write, - for standard output; an earlier one is kept '
-                           'as FILE~; with several BAGs, a folder')
-    common.add_output(parser, '--report', kind='file', suffix='.html', metavar='FILE',
-                      help='also write an HTML report; with several BAGs, a folder')
-
-
-def add_identification(parser: argparse.ArgumentParser) -> None:
-    """Add how a recording is calibrated."""
     setup = common.group(parser, 'robot and sensors')
     setup.add_argument('--robot', metavar='NAME',
                        help='name of the robot, stored in the calibration for forcecal fleet')
@@ -71,6 +60,11 @@ def add_identification(parser: argparse.ArgumentParser) -> None:
                           help='lower limit of this bandwidth (default: 2 Hz); stored as well')
     observer.add_argument('--bandwidth-max', metavar='HZ', type=common.positive,
                           help='upper limit of this bandwidth (default: 250 Hz); stored as well')
+    common.add_output(parser, '-o', '--output', kind='file', suffix='.yaml', metavar='FILE',
+                      default='calibration.yaml',
+                      help='calibration to write, - for standard output', more=MANY)
+    common.add_output(parser, '--report', kind='file', suffix='.html', metavar='FILE',
+                      help='also write an HTML report', more=MANY)
 
 
 def run(args: argparse.Namespace) -> int:

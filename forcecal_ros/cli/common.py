@@ -13,7 +13,7 @@ import re
 import sys
 from threading import Event, Thread
 import time
-from typing import Any, NamedTuple, TYPE_CHECKING
+from typing import Any, NamedTuple, TYPE_CHECKING, TypeVar
 
 from forcecal_ros.cli import COMMANDS, VERBS
 from forcecal_ros.core.errors import ConfigError, ForcecalError, UsageError
@@ -22,6 +22,8 @@ from forcecal_ros.core.files import descriptor_of, refuse_file, refuse_folder, S
 
 if TYPE_CHECKING:
     from forcecal_ros.core.streams import Recording
+
+T = TypeVar('T')
 
 CLEAR = '\r\033[K'
 """Removes a line of progress from a terminal."""
@@ -420,15 +422,21 @@ def stages(args: argparse.Namespace, after: float = PROGRESS_DELAY_S
         print(CLEAR, end='', file=sys.stderr, flush=True)
 
 
-def number(expected: str, fits: Callable[[float], bool]) -> Callable[[str], float]:
-    """Return a function that reads a finite number within limits."""
-    def take(text: str) -> float:
+def _reading(expected: str, read: Callable[[str], T], fits: Callable[[T], object]
+             ) -> Callable[[str], T]:
+    """Return a function that reads a word of an option, and refuses one that does not fit."""
+    def take(text: str) -> T:
         with suppress(ValueError):
-            if isfinite(value := float(text)) and fits(value):
+            if fits(value := read(text)):
                 return value
-        raise ArgumentTypeError(f'{text or "an empty value"} is not {expected}')
+        raise ArgumentTypeError(f'{text!r} is not {expected}')
 
     return take
+
+
+def number(expected: str, fits: Callable[[float], bool]) -> Callable[[str], float]:
+    """Return a function that reads a finite number within limits."""
+    return _reading(expected, float, lambda x: isfinite(x) and fits(x))
 
 
 real = number('a number', lambda x: True)
@@ -440,29 +448,14 @@ gravity = number('a magnitude of gravity from 1.6 to 25 m/s^2', lambda x: 1.6 <=
 nearby = number('a coordinate from -1 to 1 m', lambda x: abs(x) <= 1.0)
 
 
-def _whole(least: int, most: int) -> Callable[[str], int]:
-    """Return a function that reads a whole number within limits."""
-    def whole(text: str) -> int:
-        if not (text.isdigit() and least <= int(text) <= most):
-            upper = f' to {most}' if most < 2**32 else ' or more'
-            raise ArgumentTypeError(
-                f'{text or "an empty value"} is not an integer, {least}{upper}')
-        return int(text)
-
-    return whole
-
-
-whole, at_least_one, port = _whole(0, 2**63 - 1), _whole(1, 2**63 - 1), _whole(0, 65535)
+whole = _reading('an integer, 0 or more', int, lambda x: 0 <= x < 2**63)
+at_least_one = _reading('an integer, 1 or more', int, lambda x: 1 <= x < 2**63)
+port = _reading('an integer, 0 to 65535', int, lambda x: 0 <= x <= 65535)
 
 
 def _matching(pattern: str, expected: str) -> Callable[[str], str]:
     """Return a function that reads a name of a form."""
-    def name(text: str) -> str:
-        if not re.fullmatch(pattern, text):
-            raise ArgumentTypeError(f'{text!r} is not {expected}')
-        return text
-
-    return name
+    return _reading(expected, str, re.compile(pattern).fullmatch)
 
 
 _PART = r'[A-Za-z_][A-Za-z0-9_]*'
@@ -500,10 +493,13 @@ class Output(NamedTuple):
     suffix: str = ''
 
 
-def add_output(parser: argparse.ArgumentParser, *options: str, kind: str, suffix: str = '',
+def add_output(parser: argparse.ArgumentParser, *options: str, kind: str, metavar: str,
+               suffix: str = '', help: str = 'recording to write', more: str = '',  # noqa: A002
                **settings: Any) -> None:
-    """Add an argument that names a place to write to."""
-    action = group(parser, 'output').add_argument(*options, **settings)
+    """Add an argument that names a place to write to, and say what becomes of what is there."""
+    earlier = f'; an earlier one is kept as {"NAME" if kind == "results" else metavar}~{more}'
+    action = group(parser, 'output').add_argument(
+        *options, metavar=metavar, help=help + earlier, **settings)
     declared = parser.get_default('outputs') or ()
     parser.set_defaults(outputs=(*declared, Output(action.dest, options[0], kind, suffix)))
 

@@ -21,8 +21,7 @@ def add_parser(subparsers: Any) -> None:
                         help='acc1: DC response, acc2: AC-coupled')
     common.add_output(parser, '-o', '--output', kind='results', metavar='DIR',
                       default='forcecal_demo',
-                      help='folder for calibration.yaml, the recording and report.html; earlier '
-                           'ones are kept as NAME~')
+                      help='folder for calibration.yaml, the recording and report.html')
     parser.add_argument('--seed', type=common.whole, default=1, help='seed of the sensor noise')
 
 
@@ -55,8 +54,7 @@ def run(args: argparse.Namespace) -> int:
                         'report.html': render(
                             recording, calibration, again, truth,
                             estimated_by(f'{out}/bag', f'{out}/calibration.yaml'))})
-    step = step_figures(recording, calibration, again)
-    touch = contact_figures(recording, published)
+    step, touch = figures(recording, calibration, again, published)
     sensor, observer, true, published_force = (size(float(x), 'N', 4) for x in (
         step['sensor'], step['observer'], touch['truth'], touch['observer']))
     return common.show(args, {**to_document(calibration), 'demo': {
@@ -83,39 +81,30 @@ def read_contact(bag: Path, start_ns: int) -> 'Stream':
     return replace(recording.wrench, t=recording.wrench.t + shift)
 
 
-def step_figures(recording: 'Recording', calibration: 'Calibration', contact: 'Stream'
-                 ) -> dict[str, float | str]:
+def figures(recording: 'Recording', calibration: 'Calibration', replayed: 'Stream',
+            published: 'Stream') -> tuple[dict[str, float | str], dict[str, float | str]]:
     """
-    Compare sensor and observer along x while the tool rings after the step, without contact.
+    Compare forces along x: in the ringing after the step, and while the tool touches.
 
     Returns
     -------
     dict
         ``sensor`` without bias and ``observer`` over the recording, RMS [N]; ``reduction`` [dB].
-    """
-    import numpy as np
-
-    step = next(phase for phase in recording.phases if phase.name == 'step')
-    during = contact.between(step.start, step.end)
-    assert recording.wrench is not None
-    sensor = recording.wrench.at(during.t)[:, 0] - calibration.wrench_bias.value[0]
-    before, after = (float(np.sqrt(np.mean(x ** 2))) for x in (sensor, during.values[:, 0]))
-    return {'sensor': before, 'observer': after, 'unit': 'N',
-            'reduction': float(20 * np.log10(before / after))}
-
-
-def contact_figures(recording: 'Recording', contact: 'Stream') -> dict[str, float | str]:
-    """
-    Compare the published contact force with the true one along x, while the tool touches.
-
-    Returns
-    -------
     dict
         ``truth`` and ``observer``, means over phase ``contact`` at the stamps published [N].
     """
+    import numpy as np
+
+    step, hold = (next(phase for phase in recording.phases if phase.name == name)
+                  for name in ('step', 'contact'))
+    during, held = replayed.between(step.start, step.end), published.between(hold.start, hold.end)
+    assert recording.wrench is not None
     assert recording.contact_truth is not None
-    hold = next(phase for phase in recording.phases if phase.name == 'contact')
-    held = contact.between(hold.start, hold.end)  # a busy computer publishes or records less
+    sensor = recording.wrench.at(during.t)[:, 0] - calibration.wrench_bias.value[0]
+    before, after = (float(np.sqrt(np.mean(x ** 2))) for x in (sensor, during.values[:, 0]))
+    # a busy computer publishes or records less than all of the contact
     truth, observer = (float(values[:, 0].mean())
                        for values in (recording.contact_truth.at(held.t), held.values))
-    return {'truth': truth, 'observer': observer, 'unit': 'N'}
+    return {'sensor': before, 'observer': after, 'unit': 'N',
+            'reduction': float(20 * np.log10(before / after))}, {
+                'truth': truth, 'observer': observer, 'unit': 'N'}

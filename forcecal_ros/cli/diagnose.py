@@ -7,7 +7,7 @@ import shlex
 from typing import Any
 
 from forcecal_ros.cli import common
-from forcecal_ros.cli.many import add_bags, Answer
+from forcecal_ros.cli.many import add_bags, Answer, MANY
 from forcecal_ros.cli.many import run as run_each
 from forcecal_ros.core.errors import UsageError
 from forcecal_ros.core.files import write_results
@@ -91,8 +91,8 @@ def add_parser(subparsers: Any) -> None:
                             "SIGMA (1 sigma, in the parameter's unit)")
     common.add_output(parser, '-o', '--output', kind='results', metavar='DIR', default='diagnosis',
                       help='folder for diagnosis.json, report.html and rig_patched.yaml (or '
-                           'calibration_patched.yaml, or model_patched.xml); earlier results are '
-                           'kept as NAME~; with several BAGs, a folder of such folders')
+                           'calibration_patched.yaml, or model_patched.xml)',
+                      more=f'{MANY} of such folders')
 
 
 def run(args: argparse.Namespace) -> int:

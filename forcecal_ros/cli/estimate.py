@@ -7,13 +7,14 @@ from dataclasses import replace
 from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.cli import common
-from forcecal_ros.cli.many import add_bags, Answer
+from forcecal_ros.cli.many import add_bags, Answer, MANY
 from forcecal_ros.cli.many import run as run_each
 from forcecal_ros.core.errors import DataError, UnobservableError, UsageError
+from forcecal_ros.core.quantity import beside, quantity, sizes
 
 if TYPE_CHECKING:
     from forcecal_ros.core.calibration import Calibration
-    from forcecal_ros.core.streams import Recording, Stream
+    from forcecal_ros.core.streams import Recording
     from forcecal_ros.observe import ContactEstimate, ObserverSettings
     from forcecal_ros.observe.playback import Followed
 
@@ -56,8 +57,7 @@ def add_parser(subparsers: Any) -> None:
                           help='standard deviation of the mass attached since the calibration '
                                '(imu only)')
     common.add_output(parser, '-o', '--output', kind='recording', metavar='OUT_BAG', required=True,
-                      help='recording to write; an earlier one is kept as OUT_BAG~; with several '
-                           'BAGs, a folder')
+                      more=MANY)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -96,17 +96,18 @@ def answer(args: argparse.Namespace) -> Answer:
     write_estimate(args.output, estimate, calibration, recording.start_ns, followed)
     if args.payload and not by_imu:
         about.append('--payload is not used, because gravity is computed from the pose')
-    figures = statistics(estimate)
     document = {'output': args.output,
                 'filter': args.filter or getattr(calibration.observer, 'mode', 'kalman'),
                 'orientation': 'imu' if by_imu else 'pose', 'calibration': source,
                 'notes': [*recording.notes, *about, *status_notes(estimate)],
-                **figures, **_learned(estimate)}
+                **statistics(estimate), **_learned(estimate)}
     if followed is not None:
         document['tool'] = _tool_figures(followed)
+    force = document['mean'][:3]
+    mean = f'mean force {sizes(force, "N", 3)}' if document['valid'] else 'none valid'
     return Answer(document, '\n'.join(_lines(document)),
-                  f'{document["samples"]} contact wrenches{_valid_only(document)}, '
-                  f'{_mean_force(document)}', tuple(document['notes']))
+                  f'{document["samples"]} contact wrenches{_valid_only(document)}, {mean}',
+                  tuple(document['notes']))
 
 
 def _needs_imu(args: argparse.Namespace, recording: 'Recording') -> bool:
@@ -165,41 +166,22 @@ def as_taken(recording: 'Recording', calibration: 'Calibration', settings: 'Obse
     ConfigError, DataError
         Names cause and remedy.
     """
+    from forcecal_ros.checks import gravity
     from forcecal_ros.checks.signals import SENSORS
+    from forcecal_ros.core.sensor_matrix import recording_corrected, sensor_matrix
     from forcecal_ros.core.stamps import with_even_streams
     from forcecal_ros.observe.frames import taken_as_calibrated
+    from forcecal_ros.observe.playback import as_calibrated
 
     # stamps that jitter by less than a period are late by little, and stay those of the result
     recording = with_even_streams(taken_as_calibrated(recording, calibration, name),
                                   (*SENSORS, 'angular_velocity'), 1.0)
-    found = refuse_disagreeing(recording, calibration)
-    calibration, assumed = prepared(calibration, recording, settings)
-    return recording, calibration, (*found, *assumed)
-
-
-def refuse_disagreeing(recording: 'Recording', calibration: 'Calibration') -> tuple[str, ...]:
-    """
-    Refuse a recording of other axes or units than those calibrated.
-
-    Returns
-    -------
-    tuple of str
-        Weights that the calibration does not know.
-
-    Raises
-    ------
-    DataError
-        Names cause and remedy.
-    """
-    from forcecal_ros.checks import gravity
-    from forcecal_ros.core.sensor_matrix import recording_corrected, sensor_matrix
-    from forcecal_ros.observe.playback import as_calibrated
-
-    if part := sensor_matrix(calibration):
-        recording = recording_corrected(recording, part)
+    part = sensor_matrix(calibration)
+    raw = recording_corrected(recording, part) if part else recording
     with common.with_notes_of(recording):
-        found = gravity.refuse_disagreeing(as_calibrated(recording, calibration)[0], calibration)
-    return (*other_frame(recording, calibration), *found)
+        found = gravity.refuse_disagreeing(as_calibrated(raw, calibration)[0], calibration)
+    calibration, assumed = prepared(calibration, recording, settings)
+    return recording, calibration, (*other_frame(recording, calibration), *found, *assumed)
 
 
 def other_frame(recording: 'Recording', calibration: 'Calibration') -> tuple[str, ...]:
@@ -271,44 +253,32 @@ def _estimate(args: argparse.Namespace, recording: 'Recording', calibration: 'Ca
 
 def write_estimate(path: str, estimate: 'ContactEstimate', calibration: 'Calibration',
                    start_ns: int, followed: 'Followed | None' = None) -> None:
-    """Write a row for every wrench, its status, and the innovation of a filter that learns."""
+    """Write a row for every wrench, changes of its status and of the tool, and the innovation."""
     from forcecal_ros.core.streams import Stream
     from forcecal_ros.io.bags import write_signals
-    from forcecal_ros.io.calibration_file import dump
-
-    frame = calibration.sensor_frame
-    write_signals(path, {
-        'contact_wrench': Stream(estimate.t, estimate.contact, frame),
-        'innovation': (None if estimate.learned is None else
-                       Stream(estimate.t, estimate.innovation, frame)),
-        'status': status_changes(estimate),
-        'tool': (_tools_stream(followed, calibration)
-                 if followed is not None and followed.announced else None),
-        'calibration': dump(calibration)}, start_ns)
-
-
-def _tools_stream(followed: 'Followed', calibration: 'Calibration') -> 'Stream':
-    """Return tools as they are published: mass, centre of mass, inertia; NaN if unknown."""
-    from forcecal_ros.core.streams import Stream
-    import numpy as np
-
-    J = (np.full((3, 3), np.nan) if calibration.inertia is None else calibration.inertia.value)
-    rows = [[one.mass, *one.com, *J[np.triu_indices(3)]] for one in followed.announced]
-    return Stream(np.array([one.t for one in followed.announced]), np.array(rows),
-                  calibration.sensor_frame)
-
-
-def status_changes(estimate: 'ContactEstimate') -> list[Any]:
-    """Return the status whenever it differs from that of the wrench before."""
     from forcecal_ros.io.bags.messages import Diagnostic
+    from forcecal_ros.io.calibration_file import dump
     from forcecal_ros.observe.sample import describe, level
     import numpy as np
 
-    status = estimate.status
+    frame, status = calibration.sensor_frame, estimate.status
     changes = np.flatnonzero(np.diff(status, prepend=~status[:1]))
     levels = ('ok', 'warn', 'error')  # as diagnostic_msgs/DiagnosticStatus counts them
-    return [Diagnostic(t, levels.index(level(bits)), '; '.join(describe(bits)) or 'ok', str(bits))
-            for t, bits in zip(estimate.t[changes].tolist(), status[changes].tolist())]
+    signals: dict[str, Any] = {
+        'contact_wrench': Stream(estimate.t, estimate.contact, frame),
+        'status': [
+            Diagnostic(t, levels.index(level(bits)), '; '.join(describe(bits)) or 'ok', str(bits))
+            for t, bits in zip(estimate.t[changes].tolist(), status[changes].tolist())],
+        'calibration': dump(calibration)}
+    if estimate.learned is not None:
+        signals['innovation'] = Stream(estimate.t, estimate.innovation, frame)
+    if followed is not None and followed.announced:
+        J = np.full((3, 3), np.nan) if calibration.inertia is None else calibration.inertia.value
+        signals['tool'] = Stream(
+            np.array([one.t for one in followed.announced]), np.array([
+                [one.mass, *one.com, *J[np.triu_indices(3)]] for one in followed.announced]),
+            frame)
+    write_signals(path, signals, start_ns)
 
 
 def status_notes(estimate: 'ContactEstimate') -> list[str]:
@@ -374,7 +344,6 @@ def _tool_figures(followed: 'Followed') -> dict[str, Any]:
 
 def _lines(document: dict[str, Any]) -> Iterator[str]:
     """Yield the result as lines for a terminal."""
-    from forcecal_ros.core.quantity import beside, quantity
     from forcecal_ros.report.rows import aligned, WRENCH_AXES
 
     yield (f'{document["output"]}: {document["samples"]} contact wrenches by '
@@ -395,13 +364,8 @@ def _lines(document: dict[str, Any]) -> Iterator[str]:
                f'{100 * document["contact_share"]:.1f} % of the time')
     if document.get('mass') is not None:
         yield f'mass {quantity(document["mass"], document["mass_std"], "kg")} (95 % interval)'
-    if 'tool' in document:
-        yield from _tool_lines(document['tool'])
-
-
-def _tool_lines(tool: dict[str, Any]) -> Iterator[str]:
-    from forcecal_ros.core.quantity import quantity
-
+    if not (tool := document.get('tool')):
+        return
     yield (f'tool: {tool["state"]}, {quantity(tool["mass"], tool["mass_std"], "kg")}, centre of '
            'mass ' + ', '.join(quantity(x, std, 'm')
                                for x, std in zip(tool['com'], tool['com_std']))
@@ -424,10 +388,3 @@ def _valid_only(figures: dict[str, Any]) -> str:
         return ', none of them valid'
     return f', mean and std over the {figures["valid"]} valid wrenches'
 
-
-def _mean_force(figures: dict[str, Any]) -> str:
-    """Return the mean force in a few digits."""
-    from forcecal_ros.core.quantity import sizes
-
-    force = figures['mean'][:3]
-    return 'none valid' if None in force else f'mean force {sizes(force, "N", 3)}'

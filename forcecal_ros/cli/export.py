@@ -33,7 +33,7 @@ def add_parser(subparsers: Any) -> None:
                         help='ur: pose of the sensor in the flange [m, quaternion] (default: '
                              'identity)')
     common.add_output(parser, '-o', '--output', kind='file', metavar='FILE',
-                      help='file to write (default: print); an earlier one is kept as FILE~')
+                      help='file to write (default: print)')
 
 
 def refuse_unused(args: argparse.Namespace) -> None:

@@ -6,6 +6,7 @@ from typing import Any, TYPE_CHECKING
 
 from forcecal_ros.cli import common
 from forcecal_ros.core.errors import UsageError
+from forcecal_ros.core.quantity import quantity, size
 
 if TYPE_CHECKING:
     from forcecal_ros.impedance.plant_fit import PlantFit
@@ -38,8 +39,7 @@ def add_parser(subparsers: Any) -> None:
                             '(default: every third second of BAG)')
     common.add_gravity(model)
     common.add_output(parser, '-o', '--output', kind='file', metavar='FILE',
-                      help='file to write (default: my_rig.yaml, or plant.yaml for impedance); an '
-                           'earlier one is kept as FILE~')
+                      help='file to write (default: my_rig.yaml, or plant.yaml for impedance)')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -93,16 +93,18 @@ def _fit_rig(args: argparse.Namespace, gravity: dict[str, Any]) -> int:
 
 def rig_text(fit: 'RigFit') -> str:
     """Return how the robot follows, its tool, and the residual of the model."""
-    from forcecal_ros.core.quantity import quantity, size
-
     rig, turn = fit.rig, fit.rotation
     left, tool, pose = rig.robot.unexplained, rig.tool, rig.pose_sensor
     assert left is not None
-    lines = [f'commands every {size(rig.robot.period, "s")}']
-    lines += [f'{name}: order {a.order or "of another axis"}, lag '
-              f'{quantity(a.lag, a.lag_std, "s")} (95 % interval)'
-              for name, a in zip('xyz', fit.axes)]
-    lines += [(f'orientation: lag {size(turn.lag, "s")}, delay '
+    reach = (f'the error is 10 % of the motion or more from {fit.good_up_to:.1f} Hz on'
+             if fit.good_up_to < fit.moved_up_to else
+             f'the error is below 10 % of the motion up to {fit.moved_up_to:.1f} Hz, the end of '
+             'its spectrum')
+    lines = [f'commands every {size(rig.robot.period, "s")}',
+             *(f'{name}: order {a.order or "of another axis"}, lag '
+               f'{quantity(a.lag, a.lag_std, "s")} (95 % interval)'
+               for name, a in zip('xyz', fit.axes)),
+             (f'orientation: lag {size(turn.lag, "s")}, delay '
               f'{size(rig.servo.orientation_delay or 0.0, "s")}, bandwidth '
               f'{size(rig.servo.orientation_bandwidth, "rad/s")}'),
               f'tool: {size(tool.mass, "kg", 4)}, '
@@ -114,27 +116,18 @@ def rig_text(fit: 'RigFit') -> str:
               ('held-out error of the robot model beyond noise (RMS): '
                f'{size(left.position, "m", 2)}, {size(left.orientation, "rad", 2)}; '
                f'offset from the commands: {size(left.position_offset, "m", 2)}, '
-               f'{size(left.orientation_offset, "rad", 2)}; {_reach(fit)}')]
+               f'{size(left.orientation_offset, "rad", 2)}; {reach}')]
     if fit.poor:
         lines.append('this exceeds the noise: a diagnosis uses the measured motion, and compares '
                      'the robot with the model within this error')
     return '\n'.join(lines)
 
 
-def _reach(fit: 'RigFit') -> str:
-    if fit.good_up_to < fit.moved_up_to:
-        return f'the error is 10 % of the motion or more from {fit.good_up_to:.1f} Hz on'
-    return (f'the error is below 10 % of the motion up to {fit.moved_up_to:.1f} Hz, the end of '
-            'its spectrum')
-
-
 def plant_text(fit: 'PlantFit') -> str:
     """Return the models for impedance control as one table, and how good they are."""
     from math import nan
 
-    from forcecal_ros.core.quantity import size
-    from forcecal_ros.report.rows import as_text as table
-    from forcecal_ros.report.rows import Row
+    from forcecal_ros.report.rows import as_text, Row
 
     robot, quality = fit.plant.robot, fit.quality
     rows = [('period', 's', robot.period, nan), ('delay', 'periods', robot.delay, nan)]
@@ -144,6 +137,6 @@ def plant_text(fit: 'PlantFit') -> str:
     rows += [(f'tool {name}', one.unit, float(one), float(one.std))
              for name, one in vars(fit.plant.slide).items()]
     orders = ', '.join(f'{one["order"]}: {size(one["error"], "m")}' for one in quality['orders'])
-    lines = [table([Row(name, name, unit, value, std) for name, unit, value, std in rows]), '',
+    lines = [as_text([Row(name, name, unit, value, std) for name, unit, value, std in rows]), '',
              f'held-out fit {100.0 * quality["fit"]:.2f} %; held-out error by order: {orders}']
     return '\n'.join(lines)

@@ -15,8 +15,7 @@ def add_parser(subparsers: Any) -> None:
                         help='columns, units and frames of each signal')
     parser.add_argument('--tables', metavar='DIR',
                         help='folder of the tables (default: that of SPEC.yaml)')
-    common.add_output(parser, '-o', '--output', kind='recording', metavar='BAG', required=True,
-                      help='recording to write; an earlier one is kept as BAG~')
+    common.add_output(parser, '-o', '--output', kind='recording', metavar='BAG', required=True)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -41,8 +41,7 @@ def add_parser(subparsers: Any) -> None:
                              'take 3 s')
     common.add_output(parser, '-o', '--output', kind='file', metavar='FILE',
                       default='my_cell.yaml',
-                      help='parameter file to write, - for standard output; an earlier one is '
-                           'kept as FILE~')
+                      help='parameter file to write, - for standard output')
 
 
 def run(args: argparse.Namespace) -> int:

@@ -1,7 +1,6 @@
 """``forcecal insitu``: offset and matrix of six-axis sensors from an accelerometer."""
 
 import argparse
-from collections.abc import Iterator
 from pathlib import Path
 import re
 import sys
@@ -27,8 +26,7 @@ def add_parser(subparsers: Any) -> None:
                         help='data sets, sensors and accelerometer; forcecal sample insitu '
                              'writes an example')
     common.add_output(parser, '-o', '--output', kind='results', metavar='DIR', required=True,
-                      help='folder for insitu.json, calibration.yaml, pictures and report.html; '
-                           'earlier results are kept as NAME~')
+                      help='folder for insitu.json, calibration.yaml, pictures and report.html')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -86,31 +84,24 @@ def earlier(folder: Path) -> list[str]:
 
 def _source(args: argparse.Namespace, spec: 'Spec', name: str, path: Path) -> 'Source':
     """Return what reads one data set for one sensor: a table, or else a recording."""
-    from forcecal_ros.insitu.sources import join, readable_chunks, TableSource, topics_of
+    from forcecal_ros.insitu.sources import join, read_table, topics_of
     from forcecal_ros.io.bags import read_chunks
-
-    sensor = spec.sensors[name]
-    table = TableSource(spec, path, sensor.columns) if path.suffix in TABLES else None
 
     shown: list[str] = []
 
-    def read() -> Iterator['Chunk']:
-        if not shown:
-            shown.append(f'{name}: reading {path.name}')
-            if not args.quiet and not sys.stderr.isatty():
-                common.warn(shown[-1])
-        if table:
-            chunks = table()
-        else:
-            topics = topics_of(spec, name)
-            chunks = join(readable_chunks(read_chunks(path, topics), topics), spec, name)
+    def read() -> 'Chunk':
+        if not shown and not args.quiet and not sys.stderr.isatty():
+            common.warn(f'{name}: reading {path.name}')
         with common.bar(args, desc=f'{name}: {path.name}', unit=' samples') as done:
-            for chunk in chunks:
+            if path.suffix in TABLES:
+                chunk, notes = read_table(spec, path, spec.sensors[name].columns, done.update)
+            else:
+                chunk, notes = join(read_chunks(path, topics_of(spec, name)), spec, name), []
                 done.update(len(chunk.t))
-                yield chunk
-        if table and len(shown) == 1:
-            shown.extend(['', *table.notes])
-            for note in table.notes:
+        if not shown:
+            shown.extend(['read', *notes])
+            for note in notes:
                 common.warn(note)
+        return chunk
 
     return read

@@ -20,6 +20,9 @@ from forcecal_ros.core.files import naming, set_aside
 
 _TURN = Lock()
 
+MANY = '; with several BAGs, a folder'
+"""Ends the help of an output of a command with several recordings."""
+
 
 @dataclass(frozen=True)
 class Outcome:

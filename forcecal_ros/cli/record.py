@@ -16,8 +16,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('topics', metavar='TOPIC', nargs='*', type=common.topic_name,
                         help='topics to record in addition to those of this package (recorded in '
                              'any namespace)')
-    common.add_output(parser, '-o', '--output', kind='recording', metavar='BAG', required=True,
-                      help='recording to write; an earlier one is kept as BAG~')
+    common.add_output(parser, '-o', '--output', kind='recording', metavar='BAG', required=True)
     parser.add_argument('--all', action='store_true', help='record all topics')
     parser.add_argument('--only', action='store_true', help='record only the given TOPICs')
     parser.add_argument('--duration', metavar='S', type=common.positive,

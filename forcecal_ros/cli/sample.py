@@ -160,7 +160,7 @@ def add_parser(subparsers: Any) -> None:
                              'added masses, and the spec.yaml that describes them; shaken: the '
                              'simulated rig shaken along x, for fit-rig --for impedance')
     common.add_output(parser, '-o', '--output', kind='results', metavar='DIR', required=True,
-                      help='folder for the files; earlier ones are kept as NAME~')
+                      help='folder for the files')
     parser.add_argument('--seed', type=common.whole, default=0, help='seed of the sensor noise')
 
 

@@ -20,8 +20,7 @@ def add_parser(subparsers: Any) -> None:
                         help='mounted accelerometer (default: that of the rig)')
     parser.add_argument('--seed', type=common.whole, default=0, help='seed of the sensor noise')
     parser.add_argument('--noise-free', action='store_true', help='simulate without sensor noise')
-    common.add_output(parser, '-o', '--output', kind='recording', metavar='OUT_BAG', required=True,
-                      help='recording to write; an earlier one is kept as OUT_BAG~')
+    common.add_output(parser, '-o', '--output', kind='recording', metavar='OUT_BAG', required=True)
     common.add_streams(parser)
 
 

@@ -103,7 +103,7 @@ KINDS: dict[str, str] = {
         'diagnose.dataset diagnose.recordings diagnose.sources.rig calibrate.pipeline:fit_motion',
     # single signals
     'FC0301': 'checks.entry',
-    'FC0302': 'checks.signals:note checks.hypotheses:_refuse_counts',
+    'FC0302': 'checks.signals:readable checks.hypotheses:_refuse_counts',
     'FC0303':
         'checks.signals:refuse_dead checks.signals:refuse_stuck insitu.reduce '
         'insitu.calibrate:_require_alive',

@@ -13,10 +13,10 @@ Wrench = tuple[float, float, float, float, float, float]
 
 
 class SensorMatrix(NamedTuple):
-    """Matrix, row by row, and offset of a sensor whose driver publishes six raw channels."""
+    """Matrix (6, 6) and offset (6,) of a sensor whose driver publishes six raw channels."""
 
-    matrix: tuple[float, ...]
-    offset: Wrench
+    matrix: Array
+    offset: Array
 
 
 def sensor_matrix(calibration: Calibration) -> SensorMatrix | None:
@@ -39,49 +39,30 @@ def sensor_matrix(calibration: Calibration) -> SensorMatrix | None:
     if matrix.shape != (6, 6):
         raise ConfigError(f'matrix is {matrix.shape[0]} x {matrix.shape[1]}; a wrench topic '
                           'carries six raw channels, so 6 x 6 is required')
-    o = offset.tolist()
-    return SensorMatrix(tuple(matrix.ravel().tolist()), (o[0], o[1], o[2], o[3], o[4], o[5]))
+    return SensorMatrix(matrix, offset)
 
 
 def corrected(raw: Wrench, part: SensorMatrix) -> Wrench:
-    """
-    Apply the matrix to one reading.
-
-    Parameters
-    ----------
-    raw : tuple of 6 float
-        As the driver publishes it.
-
-    Returns
-    -------
-    tuple of 6 float
-        [N], [N m].
-    """
-    m, o = part
-    a, b, c = raw[0] - o[0], raw[1] - o[1], raw[2] - o[2]
-    d, e, f = raw[3] - o[3], raw[4] - o[4], raw[5] - o[5]
-    return (m[0] * a + m[1] * b + m[2] * c + m[3] * d + m[4] * e + m[5] * f,
-            m[6] * a + m[7] * b + m[8] * c + m[9] * d + m[10] * e + m[11] * f,
-            m[12] * a + m[13] * b + m[14] * c + m[15] * d + m[16] * e + m[17] * f,
-            m[18] * a + m[19] * b + m[20] * c + m[21] * d + m[22] * e + m[23] * f,
-            m[24] * a + m[25] * b + m[26] * c + m[27] * d + m[28] * e + m[29] * f,
-            m[30] * a + m[31] * b + m[32] * c + m[33] * d + m[34] * e + m[35] * f)
+    """Apply the matrix to one reading as the driver publishes it; [N], [N m]."""
+    a, b, c, d, e, f = all_corrected(np.array(raw), part).tolist()
+    return a, b, c, d, e, f
 
 
 def all_corrected(raw: Array, part: SensorMatrix) -> Array:
     """
-    Apply the matrix to readings in rows.
+    Apply the matrix to one reading, or to several in rows.
 
     Parameters
     ----------
-    raw : ndarray, shape (n, 6)
+    raw : ndarray, shape (6,) or (n, 6)
+        As the driver publishes them.
 
     Returns
     -------
-    ndarray, shape (n, 6)
+    ndarray, shape (6,) or (n, 6)
         [N], [N m].
     """
-    return np.asarray((raw - part.offset) @ np.reshape(part.matrix, (6, 6)).T)
+    return np.asarray((raw - part.offset) @ part.matrix.T)
 
 
 def recording_corrected(recording: Recording, part: SensorMatrix) -> Recording:

@@ -1,6 +1,6 @@
 """From readings of the devices to regressors, and to at most some thousand blocks of them."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -37,7 +37,7 @@ class Prepared(NamedTuple):
     raw: Array
 
 
-Source = Callable[[], Iterable[Chunk]]
+Source = Callable[[], Chunk]
 """Reads a recording from its beginning, every time it is called."""
 
 
@@ -69,7 +69,7 @@ class Mounting:
         return replace(self, gravity_offset=self.gravity_offset + gravity_offset)
 
 
-def prepare(chunks: Iterable[Chunk], mounting: Mounting, moving: bool) -> Prepared:
+def prepare(chunk: Chunk, mounting: Mounting, moving: bool) -> Prepared:
     """
     Turn a recording into regressors and raw channels.
 
@@ -83,7 +83,9 @@ def prepare(chunks: Iterable[Chunk], mounting: Mounting, moving: bool) -> Prepar
     DataError
         There are no samples, or motion was requested and there is no gyro.
     """
-    t, raw, accelerometer, gyro = _joined(chunks)
+    t, raw, accelerometer, gyro = chunk
+    if not len(t):
+        raise DataError('it has no samples; check its file')
     gravity = mounting.gravity(accelerometer)
     if not moving:
         return Prepared(t, gravity, raw)
@@ -100,16 +102,6 @@ def prepare(chunks: Iterable[Chunk], mounting: Mounting, moving: bool) -> Prepar
                     for order in (0, 1))
     return Prepared(t[inside], moving_regressors(gravity[inside], omega, alpha, mounting.position),
                     raw[inside])
-
-
-def _joined(chunks: Iterable[Chunk]) -> Chunk:
-    parts = list(chunks)
-    if not parts:
-        raise DataError('it has no samples; check its file')
-    gyros = [one.gyro for one in parts if one.gyro is not None]
-    t, raw, accelerometer = (np.concatenate(arrays).astype(float, copy=False)
-                             for arrays in list(zip(*parts))[:3])
-    return Chunk(t, raw, accelerometer, np.concatenate(gyros) if gyros else None)
 
 
 TINY = 1e-200

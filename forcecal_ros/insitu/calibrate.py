@@ -14,7 +14,6 @@ from forcecal_ros.insitu.moments import Moments
 from forcecal_ros.insitu.offset import (
     excitation,
     explained,
-    jump_within,
     offset_moves,
     shared_offset,
 )
@@ -74,7 +73,6 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
     used = [(r.blocks, r.use) for r in reduced]
     brief = not options.moving and max(blocks.length for blocks, _ in used) <= longest
     found_causes = causes(used) if brief else None
-    jumps = [jump_within(*one) for one in used] if brief and not options.poses else []
     # data sets from which on a common hysteresis is removed: drift or touch is not common
     agreeing = 3
     if found_causes and options.body and len(data_sets) >= agreeing:
@@ -95,7 +93,7 @@ def calibrate(name: str, data_sets: Sequence[DataSet], mounting: Mounting, optio
         name=name, options=options, excitation=excited, norm=found_norm,
         offset=Estimate(offset, np.sqrt(np.diag(offset_covariance)), options.raw_unit),
         offset_moves=np.zeros(len(moments)) if options.moving else offset_moves(used),
-        jumps=tuple(jumps), causes=found_causes,
+        causes=found_causes,
         data_sets=tuple(map(_data_set, data_sets, reduced)),
         manufacturer_matrix=manufacturer_matrix)
     if options.matrix:

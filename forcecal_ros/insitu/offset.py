@@ -7,13 +7,12 @@ on the measured gravity, not the fit of a quadric to the cloud.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 from forcecal_ros.core.errors import below, DataError, UnobservableError
 from forcecal_ros.core.estimation import CHANCE
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.noise.autocovariance import noise_of_residuals
-from forcecal_ros.insitu.blocks import Blocks, Mask, TINY
+from forcecal_ros.insitu.blocks import Blocks, Mask
 from forcecal_ros.insitu.moments import Moments
 import numpy as np
 from scipy.special import chdtrc
@@ -73,45 +72,6 @@ def shared_offset(data_sets: Sequence[Moments]) -> Array:
         raise UnobservableError('gravity does not vary by more than its noise; tilt the body '
                                 'further')
     return np.average([offset_of(moments) for moments in data_sets], axis=0, weights=weights)
-
-
-class Jump(NamedTuple):
-    """From when on [s] channels are off by up to which share of what gravity moves them."""
-
-    start: float
-    share: float
-
-
-def jump_within(blocks: Blocks, use: Mask) -> Jump | None:
-    """Find the instant from which on a data set's channels are off, however gravity turns."""
-    g, raw, start = blocks.regressors[use, :3], blocks.raw[use], blocks.start[use]
-    n = len(raw)
-    root = np.linalg.cholesky(blocks.raw_noise / blocks.samples)
-    white = np.linalg.solve(root, (raw - raw.mean(axis=0)).T).T
-    q, _ = np.linalg.qr(np.column_stack([np.ones(n), g]))
-    off = white - q @ (q.T @ white)
-    # share of a data set on either side of a jump, at least
-    side = 0.15
-    splits = np.arange(max(1, round(side * n)), n - round(side * n))
-    if not len(splits):
-        return None
-    # what follows a split less its affine part, by sums from there on: memory grows with n only
-    after_q, after_off = (np.cumsum(x[::-1], axis=0)[::-1][splits] for x in (q, off))
-    size = n - splits - (after_q**2).sum(axis=1)
-    gains = (after_off**2).sum(axis=1) / np.maximum(size, TINY)
-    drift = np.arange(n) / n
-    drift -= q @ (q.T @ drift)
-    steady = ((drift @ off)**2).sum() / max(float(drift @ drift), TINY)
-    best = int(np.argmax(gains))
-    # a jump is detected if it explains this share of what an affine map leaves and so many times
-    # what a steady drift explains: half-way a drift explains three quarters of a jump, and a jump
-    # of a drift. Of the hysteresis and bends of usual sensors a jump explains a fifth
-    explains, of_drift = 0.5, 1.2
-    if gains[best] < max(explains * float((off**2).sum()), of_drift * steady):
-        return None
-    jump = np.abs(root @ after_off[best] / size[best])
-    span = np.maximum(affine(g, raw)[2], 1e-12)
-    return Jump(float(start[splits[best]]), float((jump / span).max()))
 
 
 def offset_moves(data_sets: Sequence[tuple[Blocks, Mask]]) -> Array:

@@ -18,7 +18,7 @@ from forcecal_ros.insitu.equations import (
     POOR,
     RankReport,
 )
-from forcecal_ros.insitu.offset import affine, Excitation, Jump, Norm
+from forcecal_ros.insitu.offset import affine, Excitation, Norm
 from forcecal_ros.insitu.reduce import Options
 from forcecal_ros.insitu.screen import Cut
 from forcecal_ros.insitu.uncertainty import Cause, Causes, Departure
@@ -84,8 +84,6 @@ class SensorResult:
         [raw units]
     offset_moves : ndarray, shape (k,)
         How far each data set's own offset is from the usual one, as a share of what gravity moves.
-    jumps : tuple of Jump or None
-        Of the offset within each data set; empty in motion and of poses.
     manufacturer_matrix : ndarray or None, shape (6, n)
     causes : Causes or None
         What the residuals of the affine maps of gravity come from; None in motion.
@@ -122,7 +120,6 @@ class SensorResult:
     rank: RankReport | None = None
     nonlinearity: float | None = None
     contradiction: Contradiction | None = None
-    jumps: tuple[Jump | None, ...] = ()
     warnings: tuple[str, ...] = ()
 
 
@@ -343,12 +340,7 @@ def _size(result: SensorResult, cause: Cause) -> str:
 
 
 def offsets_of(result: SensorResult) -> Iterator[str]:
-    """Say that the offset moved between data sets, or within one."""
-    for d, jump in zip(result.data_sets, result.jumps):
-        if jump is not None:
-            yield (f'{d.name}: from {jump.start:.1f} s on channels shift by up to '
-                   f'{jump.share:.1%} of the effect of gravity: a tare or a restart of the '
-                   'driver; use only one part (window)')
+    """Say that the offset moved between data sets."""
     if len(result.data_sets) < 2:
         return
     worst = int(result.offset_moves.argmax())

@@ -248,7 +248,8 @@ def _cut(fit: _Fit, use: Mask, run: slice) -> Cut:
     elif blocks.gap[run].any():
         reason = 'the stamps have a gap'
     elif (run.stop - run.start) * fit.length >= SHORTEST and fit.score(mine) > 0:
-        reason = 'fits another matrix: a joint or the load moved, or there was steady contact'
+        reason = ('fits another matrix: a joint or the load moved, the sensor was tared, or there '
+                  'was steady contact')
     else:
         size = float(np.linalg.norm(residual[run], axis=1).max() / np.sqrt(len(residual[0])))
         reason = (f'deviates from the affine map of gravity by {size:.0f} times the noise, most '

@@ -28,6 +28,9 @@ class Backend(ABC):
 
     Attributes
     ----------
+    topic : str
+    message_type : type
+        Of the commands.
     commands_of_others : int
         Number of commands of other nodes.
     caveat : str
@@ -35,15 +38,18 @@ class Backend(ABC):
     """
 
     caveat = ''
+    topic: str
+    message_type: Any
 
-    def __init__(self, node: Node, inbox: Inbox, sensors: Sensors, topic: str, message_type: Any
-                 ) -> None:
-        self.topic = topic
+    def __init__(self, node: Node, inbox: Inbox, sensors: Sensors) -> None:
         self.commands_of_others = 0
-        self._sensors = sensors
+        self._node, self._sensors = node, sensors
         self._own: deque[bytes] = deque(maxlen=128)
-        self._publisher = node.create_publisher(message_type, topic, OUTPUT)
-        inbox.subscribe(message_type, topic, self._on_command)
+        self._publisher = node.create_publisher(self.message_type, self.topic, OUTPUT)
+        inbox.subscribe(self.message_type, self.topic, self._on_command)
+
+    def _value(self, name: str) -> Any:
+        return self._node.get_parameter(name).value
 
     def prepare(self, period_ns: int) -> None:
         """
@@ -93,10 +99,9 @@ class Backend(ABC):
 class CartesianBackend(Backend):
     """Commands of the frame whose pose is measured, in the frame that this pose is in."""
 
-    def __init__(self, node: Node, inbox: Inbox, sensors: Sensors, topic: str, message_type: Any
-                 ) -> None:
-        super().__init__(node, inbox, sensors, topic, message_type)
-        self._message_type, self._frame = message_type, node.get_parameter('motion.frame').value
+    def __init__(self, node: Node, inbox: Inbox, sensors: Sensors) -> None:
+        super().__init__(node, inbox, sensors)
+        self._frame = self._value('motion.frame')
         self._commanded_in_sensor = geometry.invert(mounting_parameter(node) or geometry.ITSELF)
 
     def prepare(self, period_ns: int) -> None:
@@ -109,7 +114,7 @@ class CartesianBackend(Backend):
         if self._frame and measured and measured != self._frame:
             raise MotionError(f'current_pose is in {measured!r}, but motion.frame is '
                               f'{self._frame!r}; leave motion.frame empty')
-        self._write = Writer(self._message_type, self._frame or measured)
+        self._write = Writer(self.message_type, self._frame or measured)
 
     def send(self, stamp_ns: int, command: Setpoint) -> None:
         """Send one command, with which the monitor compares the measured poses."""
@@ -126,32 +131,22 @@ class CartesianBackend(Backend):
 class TargetFrame(CartesianBackend):
     """Poses for cartesian_controllers: PoseStamped in the robot's base, in small steps."""
 
-    def __init__(self, node: Node, inbox: Inbox, sensors: Sensors) -> None:
-        super().__init__(node, inbox, sensors, 'target_frame', PoseStamped)
+    topic, message_type = 'target_frame', PoseStamped
 
     def _numbers(self, command: Setpoint, pose: tuple[float, ...]) -> tuple[float, ...]:
         return geometry.combine(pose, self._commanded_in_sensor)
 
 
 class TwistCommands(CartesianBackend):
-    """
-    Velocities for MoveIt Servo: TwistStamped with fresh stamps and zeros at the end.
+    """Velocities for MoveIt Servo: TwistStamped with fresh stamps and zeros at the end."""
 
-    Parameters
-    ----------
-    gain : float
-        Of the pose error, in the velocity [1/s].
-    """
-
-    def __init__(self, node: Node, inbox: Inbox, sensors: Sensors, gain: float) -> None:
-        super().__init__(node, inbox, sensors, 'delta_twist_cmds', TwistStamped)
-        self._gain = gain
+    topic, message_type = 'delta_twist_cmds', TwistStamped
 
     def _numbers(self, command: Setpoint, pose: tuple[float, ...]) -> tuple[float, ...]:
         measured = self._sensors.newest('pose')
         velocity, spin = twist_towards(
             command, Pose(np.array(measured[:3]), matrix_from_quaternion(measured[3:])),
-            self._gain)
+            self._value('motion.twist_gain'))
         # the velocity of the commanded frame's origin, not of ft_sensor's
         origin = geometry.combine(measured, self._commanded_in_sensor)[:3]
         velocity = velocity + np.cross(spin, np.subtract(origin, measured[:3]))
@@ -161,14 +156,15 @@ class TwistCommands(CartesianBackend):
 class JointTrajectories(Backend):
     """Joint vectors for joint_trajectory_controller: every joint, each message ends at rest."""
 
+    topic, message_type = 'joint_trajectory', JointTrajectory
     caveat = ('joint_trajectory is planned without kinematics: limits.workspace_*, speed, force '
               'and torque are checked while the robot moves, not in the plan')
 
-    def __init__(self, node: Node, inbox: Inbox, sensors: Sensors, names: list[str]) -> None:
-        if not names or names == ['']:
+    def __init__(self, node: Node, inbox: Inbox, sensors: Sensors) -> None:
+        super().__init__(node, inbox, sensors)
+        self._names: list[str] = self._value('joints.names')
+        if not any(self._names):
             raise ConfigError('motion.backend joint_trajectory requires joints.names')
-        super().__init__(node, inbox, sensors, 'joint_trajectory', JointTrajectory)
-        self._names = names
         self._positions: dict[str, float] = {}
         self._sent: deque[Array] = deque(maxlen=50)  # 0.2 s at 250 Hz
         node.create_subscription(JointState, 'joint_states', self._on_joints, SENSOR)
@@ -231,14 +227,6 @@ def _point(positions: Array, velocities: Array, after_ns: int) -> JointTrajector
         time_from_start=Duration(sec=after_ns // 10**9, nanosec=after_ns % 10**9))
 
 
-def backend_of(node: Node, inbox: Inbox, sensors: Sensors) -> Backend:
-    """Return the back end that the parameter ``motion.backend`` of a node names."""
-    def value(name: str) -> Any:
-        return node.get_parameter(name).value
-
-    kind = value('motion.backend')
-    if kind == 'joint_trajectory':
-        return JointTrajectories(node, inbox, sensors, value('joints.names'))
-    if kind == 'delta_twist_cmds':
-        return TwistCommands(node, inbox, sensors, value('motion.twist_gain'))
-    return TargetFrame(node, inbox, sensors)
+BACKENDS: dict[str, type[Backend]] = {
+    one.topic: one for one in (TargetFrame, JointTrajectories, TwistCommands)}
+"""By the topic that the parameter ``motion.backend`` names."""

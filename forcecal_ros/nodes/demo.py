@@ -9,15 +9,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.core.errors import DataError, MotionError
 from forcecal_ros.core.topics import ROLES
 from forcecal_ros.io.bags import BagWriter
+from forcecal_ros.nodes import client
 from forcecal_ros.nodes.bags import Recorder
-from forcecal_ros.nodes.client import (
-    own_domain,
-    Processes,
-    sequence_request,
-    temporary_node,
-    TemporaryNode,
-    until,
-)
 from forcecal_ros.nodes.runtime import LATCHED, OUTPUT
 from rcl_interfaces.srv import SetParameters
 from rclpy.time import Time
@@ -68,7 +61,7 @@ Progress = Callable[[str], None]
 class _Demo:
     """Starts the sequences, follows their phases and records the topics."""
 
-    def __init__(self, ros: TemporaryNode, nodes: Processes, writer: BagWriter,
+    def __init__(self, ros: client.TemporaryNode, nodes: client.Processes, writer: BagWriter,
                  progress: Progress) -> None:
         self._ros, self._nodes, self._progress = ros, nodes, progress
         self._shown = ''
@@ -114,7 +107,7 @@ class _Demo:
                 self._shown = shown
             return progress()
 
-        if not until(self._ros, condition, timeout, meanwhile):
+        if not client.until(self._ros, condition, timeout, meanwhile):
             raise DataError(f'{what} did not happen within {timeout:.0f} s')
 
     def call(self, client: Any, request: object) -> Any:
@@ -138,7 +131,7 @@ class _Demo:
         MotionError
             The sequence was refused or aborted; with the reason.
         """
-        answer = self.call(self._set, sequence_request(name)).results[0]
+        answer = self.call(self._set, client.sequence_request(name)).results[0]
         if not answer.successful:
             raise MotionError(f'sequence {name}: {answer.reason}')
         # time in which a start has to be accepted: the sequencer first requires
@@ -183,8 +176,8 @@ def run_demo(accelerometer: str, out: Path, seed: int, progress: Progress) -> tu
         A node ended or did not answer, or a sequence was aborted.
     """
     coupling = 'ac' if accelerometer == 'acc2' else 'dc'
-    with (own_domain() as environment, temporary_node('demo') as ros,
-          Processes(environment) as nodes, BagWriter(out / 'bag') as writer):
+    with (client.own_domain() as environment, client.temporary_node('demo') as ros,
+          client.Processes(environment) as nodes, BagWriter(out / 'bag') as writer):
         demo = _Demo(ros, nodes, writer, progress)
         nodes.start('sim', {'accelerometer': accelerometer, 'seed': seed, **ON_TIME})
         nodes.start('observer', {'use_sim_time': True})

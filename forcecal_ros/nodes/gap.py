@@ -7,18 +7,9 @@ from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.core.errors import ForcecalError
 from forcecal_ros.core.parameters import Parameter
 from forcecal_ros.diagnose.live import Judgement, LiveGap
-from forcecal_ros.nodes import inputs
+from forcecal_ros.nodes import inputs, runtime
 from forcecal_ros.nodes.collector import Collector
-from forcecal_ros.nodes.runtime import (
-    answering,
-    diagnostic_array,
-    EXECUTOR,
-    OUTPUT,
-    run,
-    SECOND,
-    STEADY,
-    Waiting,
-)
+from forcecal_ros.nodes.runtime import OUTPUT, SECOND, STEADY
 from forcecal_ros.nodes.wire import ReceivingNode, Sample
 from forcecal_ros.sim.rig.file import load_rig
 from forcecal_ros.sim.rig.simulator import warm_up
@@ -26,7 +17,7 @@ from geometry_msgs.msg import PoseStamped, WrenchStamped
 from std_srvs.srv import Trigger
 
 PARAMETERS = (
-    EXECUTOR,
+    runtime.EXECUTOR,
     Parameter('rig', '', 'Rig file (YAML) to compare with; empty: the nominal rig'),
     Parameter('accelerometer.mounted', '', 'Mounted accelerometer; empty: that of the rig file',
               choices=('', 'acc1', 'acc2')),
@@ -64,10 +55,10 @@ class Gap(ReceivingNode):
                                   one.taker(partial(self._collect, one.channel)))
         self._reset()
         self._out = self.create_publisher(DiagnosticArray, '/diagnostics', OUTPUT)
-        self.create_service(Trigger, '~/reset', answering(self._reset))
+        self.create_service(Trigger, '~/reset', runtime.answering(self._reset))
         self.create_timer(0.02, self._inbox.drain, clock=STEADY)
         self.create_timer(1.0, self._judge, clock=STEADY)
-        self._waiting = Waiting(self)
+        self._waiting = runtime.Waiting(self)
         self.get_logger().info('up: compares the robot with '
                                f'{value["rig"] or "the nominal rig"} from its first command on')
 
@@ -125,26 +116,26 @@ class Gap(ReceivingNode):
             **{f'{name} [noise RMS]': excess for name, excess in found.excess.items()},
             'stage': found.stage, 'channels': ', '.join(found.channels),
             'first stage': found.first}
+        level, message = 'ok', 'within the noise'
         if found.learning:
-            self._report('ok', 'learning the noise, at rest', values)
+            message = 'learning the noise, at rest'
         elif found.stage:
             worst = max(found.channels, key=lambda name: found.excess.get(name, 0.0))
-            self._report('error', f'{found.first}: {worst} exceeds its noise by '
-                         f'{found.excess[worst]:.2g} noise RMS', values)
+            level, message = 'error', (f'{found.first}: {worst} exceeds its noise by '
+                                       f'{found.excess[worst]:.2g} noise RMS')
         elif found.first:
-            self._report('warn', f'{found.first} has exceeded the noise', values)
-        else:
-            self._report('ok', 'within the noise', values)
+            level, message = 'warn', f'{found.first} has exceeded the noise'
+        self._report(level, message, values)
         if found.first != self._announced:
             self._announced = found.first
             self.get_logger().warning(f'{found.first} exceeds the noise: '
                                       f'{", ".join(found.channels)}')
 
     def _report(self, level: str, message: str, values: dict[str, object]) -> None:
-        self._out.publish(diagnostic_array(self, '', level, message, values))
+        self._out.publish(runtime.diagnostic_array(self, '', level, message, values))
 
 
-main = partial(run, 'gap', Gap, PARAMETERS)
+main = partial(runtime.run, 'gap', Gap, PARAMETERS)
 """Runs the node; takes the arguments, by default those of the process, and returns the status."""
 
 

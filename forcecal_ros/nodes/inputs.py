@@ -144,19 +144,27 @@ def pose_source(node: Node) -> Input:
                                   ', or have a PoseStamped published on current_pose')
     poses = TransformPose(base, frame)
 
-    def read(raw: bytes) -> Sample | None:
-        found = poses.take(raw)
-        if found is None and poses.why_not:
-            node.get_logger().warning(f'/tf: {poses.why_not}', throttle_duration_sec=REMIND,
-                                      skip_first=True)
-        return None if found is None else Sample(*found, base)
-
     def take_static(raw: bytes) -> None:
         with suppress(StructError):
             poses.take_static(raw)
 
     static = node.create_subscription(message_type, '/tf_static', take_static, STATIC, raw=True)
-    return Input('pose', '/tf', message_type, read, name=f'/tf ({base} to {frame})',
+    return _posed(node, '/tf', message_type, base, frame, poses.take, lambda: poses.why_not,
+                  static)
+
+
+def _posed(node: Node, topic: str, message_type: Any, base: str, frame: str,
+           take: Callable[[bytes], Any], why_not: Callable[[], str],
+           static: Subscription | None = None) -> Input:
+    """Return poses of a frame in a base, which ``take`` makes of messages, or says why not."""
+    def read(raw: bytes) -> Sample | None:
+        found = take(raw)
+        if found is None and (reason := why_not()):
+            node.get_logger().warning(f'{topic}: {reason}', throttle_duration_sec=REMIND,
+                                      skip_first=True)
+        return None if found is None else Sample(found.stamp_ns, found.values, base)
+
+    return Input('pose', topic, message_type, read, name=f'{topic} ({base} to {frame})',
                  static=static)
 
 
@@ -171,20 +179,10 @@ def _of_joints(node: Node, base: str, frame: str, urdf: str) -> Input:
     except DataError as error:
         raise ConfigError(f'pose.urdf: {error}') from error
     joints = JointsReader(poses.drivers)
-
-    def read(raw: bytes) -> Sample | None:
-        found = poses.take(*joints(raw))
-        if found is not None:
-            return Sample(*found, base)
-        if poses.why_not:
-            node.get_logger().warning(
-                f'joint_states: {poses.why_not}; joints of the newest message are '
-                f'{", ".join(joints.names) or "none"}', throttle_duration_sec=REMIND,
-                skip_first=True)
-        return None
-
-    return Input('pose', 'joint_states', JointState, read,
-                 name=f'joint_states ({base} to {frame})')
+    return _posed(node, 'joint_states', JointState, base, frame,
+                  lambda raw: poses.take(*joints(raw)),
+                  lambda: poses.why_not and f'{poses.why_not}; joints of the newest message are '
+                                            f'{", ".join(joints.names) or "none"}')
 
 
 def transform_type(why: str, otherwise: str = '') -> Any:
@@ -215,8 +213,7 @@ def mounting_parameter(node: Node) -> Mounting | None:
         It is no pose.
     """
     name = SENSOR_FROM_POSE.name
-    numbers: Any = node.get_parameter(name).value
-    return mounting_of(numbers, f'parameter {name}')
+    return mounting_of(node.get_parameter(name).value, f'parameter {name}')
 
 
 def at_sensor(poses: Input, mounting: Mounting | None) -> Input:
@@ -241,9 +238,10 @@ ACCELEROMETERS: dict[str, tuple[str, Any, str]] = {
 
 def accelerometer_input(source: str) -> tuple[Input | None, str]:
     """Return the topic of a choice of ``accelerometer.source``, if any, and its unit."""
-    topic, message_type, unit = ACCELEROMETERS.get(source, ACCELEROMETERS['raw'])
-    known = source in ACCELEROMETERS
-    return plain_input('accelerometer', topic, message_type) if known else None, unit
+    if source not in ACCELEROMETERS:
+        return None, 'V'
+    topic, message_type, unit = ACCELEROMETERS[source]
+    return plain_input('accelerometer', topic, message_type), unit
 
 
 class Deadman:
@@ -283,7 +281,8 @@ class Sensors:
     """The topics that a motion depends on, with monitor and dead-man switch."""
 
     def __init__(self, inbox: Inbox, inputs: Iterable[Input], deadman: Deadman,
-                 watch: WatchSettings, limits: Limits, record: Record | None = None) -> None:
+                 watch: WatchSettings, limits: Limits,
+                 record: Record = lambda channel, stamp_ns, values: None) -> None:
         inputs = tuple(inputs)
         self.deadman = deadman
         self.monitor = Monitor(watch, limits, {
@@ -294,24 +293,22 @@ class Sensors:
             inbox.subscribe(one.message_type, one.topic, one.taker(self._user(one)))
 
     def _user(self, one: Input) -> Callable[[Sample], None]:
-        channel, record, newest, monitor = one.channel, self._record, self._samples, self.monitor
+        channel, monitor = one.channel, self.monitor
         watch = {'wrench': monitor.wrench, 'pose': monitor.pose}.get(
             channel, partial(monitor.other, channel)) if one.watched else None
 
         def use(sample: Sample) -> None:
-            newest[channel] = sample
+            self._samples[channel] = sample
             if watch is not None:
                 watch(sample.stamp_ns * 1e-9, sample.values)
-            if record is not None:
-                record(channel, sample.stamp_ns, sample.values)
+            self._record(channel, sample.stamp_ns, sample.values)
 
         return use
 
     def commanded(self, stamp_ns: int, pose: tuple[float, ...]) -> None:
         """Note a command, x y z [m] qx qy qz qw, with which measured poses are compared."""
         self.monitor.command(stamp_ns * 1e-9, pose)
-        if self._record is not None:
-            self._record('target', stamp_ns, pose)
+        self._record('target', stamp_ns, pose)
 
     def newest(self, channel: str) -> tuple[float, ...]:
         """Return the newest values of a channel; zero where there is no such channel."""

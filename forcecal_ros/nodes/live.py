@@ -6,9 +6,8 @@ its own name the address 127.0.0.1 is refused by that name.
 """
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from functools import partial
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import json
@@ -61,7 +60,7 @@ class LiveView:
         self._prefix = f'/{namespace.strip("/")}'.rstrip('/')
         self._node, self._inbox, self._lock = node, Inbox(node), Lock()
         self._requested: deque[str] = deque(maxlen=1)
-        self._samples: dict[str, list[tuple[float, ...]]] = {name: [] for name in SHOWN}
+        self._samples: dict[str, list[Sample]] = {name: [] for name in SHOWN}
         self._last: dict[str, int] = {}
         self._topics: dict[str, str] = {}
         # bins that a page may ask for: half a minute, as long as a person
@@ -72,8 +71,7 @@ class LiveView:
         for name, topic in {**SHOWN, 'wrench': wrench}.items():
             self._topics[name] = self._named(topic)
             one = plain_input(name, self._topics[name], WrenchStamped)
-            self._inbox.subscribe(WrenchStamped, one.topic, one.taker(
-                partial(self._take, self._samples[name])))
+            self._inbox.subscribe(WrenchStamped, one.topic, one.taker(self._samples[name].append))
         for name, topic, take in (('phase', 'sequencer/phase', self._on_phase),
                                   ('diagnostics', '/diagnostics', self._on_diagnostics)):
             self._topics[name] = self._named(topic)
@@ -131,9 +129,6 @@ class LiveView:
     def _named(self, topic: str) -> str:
         return topic if topic.startswith('/') else f'{self._prefix}/{topic}'
 
-    def _take(self, into: list[tuple[float, ...]], sample: Sample) -> None:
-        into.append(sample.values)
-
     def _on_bin(self) -> None:
         self._inbox.drain()
         with self._lock:
@@ -188,20 +183,18 @@ class LiveView:
     def _begin(self, what: str) -> None:
         """Ask the sequencer; its answer is shown."""
         if what == 'abort':
-            self._call(self._move['abort'], Trigger.Request(), lambda done: None)
-            return
-        self._call(self._set, sequence_request(what), self._chosen)
+            self._call(self._move['abort'], Trigger.Request())
+        else:
+            self._call(self._set, sequence_request(what))
 
-    def _chosen(self, response: SetParameters.Response) -> None:
-        if response.results[0].successful:
-            self._call(self._move['start'], Trigger.Request(), lambda done: None)
-
-    def _call(self, client: Any, request: object, then: Callable[[Any], None]) -> None:
+    def _call(self, client: Any, request: object) -> None:
         def answered(future: Future) -> None:
             response = future.result()
-            result = response.results[0] if client is self._set else response
-            self._answer = getattr(result, 'message', '') or getattr(result, 'reason', '')
-            then(response)
+            if client is self._set:
+                response = response.results[0]
+                if response.successful:
+                    self._call(self._move['start'], Trigger.Request())
+            self._answer = getattr(response, 'message', '') or getattr(response, 'reason', '')
 
         if client.service_is_ready():
             client.call_async(request).add_done_callback(answered)
@@ -209,9 +202,10 @@ class LiveView:
             self._answer = 'the sequencer is not up yet; try again in a moment'
 
 
-def _extremes(samples: list[tuple[float, ...]]) -> Extremes:
+def _extremes(samples: list[Sample]) -> Extremes:
     """Return the least and the greatest of each number, to what a picture shows; None: none."""
-    columns = [[x for x in column if isfinite(x)] for column in zip(*samples)]
+    columns = [[x for x in column if isfinite(x)] for column in zip(*(
+        sample.values for sample in samples))]
     if not columns or not all(columns):
         return None
     return [round(min(c), 4) for c in columns], [round(max(c), 4) for c in columns]

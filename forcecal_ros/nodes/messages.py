@@ -128,16 +128,12 @@ LARGEST = 0.5
 
 
 ORANGE = ColorRGBA(r=1.0, g=0.5, b=0.0, a=1.0)
-
-
 PALE = ColorRGBA(r=1.0, g=0.5, b=0.0, a=0.3)
-
-
 BLUE = ColorRGBA(r=0.1, g=0.4, b=1.0, a=1.0)
 
 
-def _marker(header: Header, namespace: str, kind: int, action: int = Marker.ADD) -> Marker:
-    marker = Marker(header=header, ns=namespace, id=0, type=kind, action=action)
+def _marker(header: Header, namespace: str, kind: int) -> Marker:
+    marker = Marker(header=header, ns=namespace, type=kind, action=Marker.ADD)
     marker.pose.orientation.w = 1.0
     return marker
 
@@ -160,39 +156,38 @@ def contact_markers(wrench: Array, covariance: Array, frame: str, stamp: Time) -
     header = Header(stamp=stamp.to_msg(), frame_id=frame)
     known = bool(np.isfinite(covariance).all())
     found = contact_point(wrench, covariance if known else 1e-12 * np.eye(6))
-    namespaces = ('contact force', 'point uncertainty', 'force uncertainty')
-    kinds = (Marker.ARROW, Marker.SPHERE, Marker.SPHERE)
+    arrow, *balls = markers = [_marker(header, name, kind) for name, kind in (
+        ('contact force', Marker.ARROW), ('point uncertainty', Marker.SPHERE),
+        ('force uncertainty', Marker.SPHERE))]
     if found is None:
-        return MarkerArray(markers=[_marker(header, name, kind, Marker.DELETE)
-                                    for name, kind in zip(namespaces, kinds)])
+        for marker in markers:
+            marker.action = Marker.DELETE
+        return MarkerArray(markers=markers)
     tail = found.position - METRES_PER_NEWTON * wrench[:3]
-    arrow = _marker(header, namespaces[0], kinds[0])
     arrow.points, arrow.color = _points(np.array([tail, found.position])), ORANGE
     arrow.scale = Vector3(x=0.006, y=0.014, z=0.02)
-    markers = [arrow]
-    if known:
-        markers += [
-            _ellipsoid(header, namespaces[1], found.position, found.covariance),
-            _ellipsoid(header, namespaces[2], tail,
-                       METRES_PER_NEWTON ** 2 * covariance[:3, :3])]
+    if not known:
+        markers, balls = [arrow], []
+    for ball, centre, spread in zip(balls, (found.position, tail), (
+            found.covariance, METRES_PER_NEWTON ** 2 * covariance[:3, :3])):
+        _shape(ball, centre, spread)
     for marker in markers:
         # how long a marker is shown that is not renewed [s]
         marker.lifetime.nanosec = round(0.5 * 1e9)
     return MarkerArray(markers=markers)
 
 
-def _ellipsoid(header: Header, namespace: str, centre: Array, covariance: Array) -> Marker:
+def _shape(marker: Marker, centre: Array, covariance: Array) -> None:
+    """Make a marker the ellipsoid of a covariance."""
     values, axes = np.linalg.eigh(covariance)
     if np.linalg.det(axes) < 0:
         axes[:, 0] *= -1
-    marker = _marker(header, namespace, Marker.SPHERE)
     x, y, z, w = quaternion_from_matrix(axes).tolist()
     marker.pose.position, = _points(centre[np.newaxis])
     marker.pose.orientation = Quaternion(x=x, y=y, z=z, w=w)
     marker.scale = Vector3(**{axis: min(2 * SIGMAS * sqrt(max(value, 1e-10)), LARGEST)
                               for axis, value in zip('xyz', values.tolist())})
     marker.color = PALE
-    return marker
 
 
 def plan_markers(low: ArrayLike, high: ArrayLike, path: Array, frame: str, stamp: Time

@@ -13,30 +13,10 @@ from forcecal_ros.core.errors import ConfigError, DataError, ForcecalError, with
 from forcecal_ros.core.geometry import combine
 from forcecal_ros.core.parameters import Parameter, parameters_of, section_of
 from forcecal_ros.io.calibration_file import DAY, load, parse, refuse_old
-from forcecal_ros.nodes import inputs
+from forcecal_ros.nodes import inputs, runtime
+from forcecal_ros.nodes import observer_outputs as outputs
 from forcecal_ros.nodes.messages import matrix_message
-from forcecal_ros.nodes.observer_outputs import (
-    ContactMarkers,
-    FrameOutputs,
-    health,
-    LastMessage,
-    SensorTransform,
-    ToolOnSensor,
-    TRACKED,
-)
-from forcecal_ros.nodes.runtime import (
-    answering,
-    declare,
-    diagnostic_array,
-    EXECUTOR,
-    LATCHED,
-    ManagedNode,
-    OUTPUT,
-    run,
-    STEADY,
-    values_of,
-    Waiting,
-)
+from forcecal_ros.nodes.runtime import LATCHED, OUTPUT, STEADY
 from forcecal_ros.nodes.runtime import live_parameter as _live
 from forcecal_ros.nodes.wire import Inbox, Sample, Writer
 from forcecal_ros.observe import ContactSample, design, noise_levels
@@ -53,7 +33,7 @@ from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger
 
 PARAMETERS = (
-    EXECUTOR,
+    runtime.EXECUTOR,
     Parameter('autostart', True, 'Configure and activate at start; false: leave it to a '
               'lifecycle manager'),
     _live('calibration.file', '', 'calibration.yaml to load when configured; empty: wait for '
@@ -145,7 +125,7 @@ def settings_of(value: Mapping[str, Any]) -> ObserverSettings:
 
 def file_of(tool: str) -> str:
     """Return the name among ``tools`` that the parameter ``tool`` names; empty: none."""
-    return '' if tool == TRACKED else tool
+    return '' if tool == outputs.TRACKED else tool
 
 
 def payload_settings_of(value: Mapping[str, Any]) -> PayloadSettings:
@@ -187,12 +167,12 @@ class CalibrationSource(NamedTuple):
     name: str
 
 
-class Observer(ManagedNode):
+class Observer(runtime.ManagedNode):
     """Publishes the contact wrench of every wrench, as soon as it has a calibration."""
 
     def __init__(self) -> None:
         super().__init__('observer')
-        declare(self, PARAMETERS, self._check_changes)
+        runtime.declare(self, PARAMETERS, self._check_changes)
         self._chain = LiveObserver(self._value('tare.duration'), self._value('takeover.duration'))
         self._source: CalibrationSource | None = None
         self._text = ''
@@ -201,14 +181,14 @@ class Observer(ManagedNode):
         self._accelerometer: Any = None
         self._mounting: Mounting | None = None
         self._pose = 'current_pose'
-        self._frames: FrameOutputs | None = None
-        self._markers: ContactMarkers | None = None
-        self._transform: SensorTransform | None = None
-        self._tool = ToolOnSensor(self, self._chain)
-        self._received: dict[str, LastMessage] = {}
+        self._frames: outputs.FrameOutputs | None = None
+        self._markers: outputs.ContactMarkers | None = None
+        self._transform: outputs.SensorTransform | None = None
+        self._tool = outputs.ToolOnSensor(self, self._chain)
+        self._received: dict[str, outputs.LastMessage] = {}
         self._inbox = Inbox(self, polled=self._value('poll_rate') > 0)
         self._origin: int | None = None
-        self._waiting = Waiting(self)
+        self._waiting = runtime.Waiting(self)
         self.add_post_set_parameters_callback(self._on_changed)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', OUTPUT)
         if self._value('poll_rate') > 0:
@@ -216,7 +196,7 @@ class Observer(ManagedNode):
         self.create_timer(1.0, self._report, clock=STEADY)
         for name, answer in (('tare', self._tare), ('reset', self._reset),
                              ('reload_calibration', self._reload)):
-            self.create_service(Trigger, f'~/{name}', answering(answer))
+            self.create_service(Trigger, f'~/{name}', runtime.answering(answer))
         if self._value('autostart'):
             self._start()
 
@@ -242,10 +222,10 @@ class Observer(ManagedNode):
         try:
             self._mounting, poses = inputs.mounting_parameter(self), inputs.pose_source(self)
             if self._value('publish.transform'):
-                self._transform = SensorTransform(self, poses.topic)
+                self._transform = outputs.SensorTransform(self, poses.topic)
             frames = Frames(self._value('publish.frames'), self._value('publish.frame_poses'))
             self._tool.configure(self._value('payload.track'))
-            self._tool.use(self._value('tool') == TRACKED)
+            self._tool.use(self._value('tool') == outputs.TRACKED)
             if self._value('calibration.file') or file_of(self._value('tool')):
                 self._take_over(self._load(file_of(self._value('tool'))))
         except ForcecalError as error:
@@ -258,9 +238,9 @@ class Observer(ManagedNode):
             (field, self.create_lifecycle_publisher(WrenchStamped, f'~/{name}', OUTPUT))
             for name, field in OPTIONAL_OUTPUTS.items() if self._value(f'publish.{name}')]
         self._accuracy = self.create_lifecycle_publisher(Float64MultiArray, '~/accuracy', LATCHED)
-        self._frames = FrameOutputs(self, frames)
+        self._frames = outputs.FrameOutputs(self, frames)
         if self._value('publish.marker_rate') > 0:
-            self._markers = ContactMarkers(self, self._value('publish.marker_rate'))
+            self._markers = outputs.ContactMarkers(self, self._value('publish.marker_rate'))
         wrench = inputs.plain_input('wrench', 'wrench', WrenchStamped)
         self._inputs = [self._subscribe(wrench, self._chain.on_wrench),
                         self._subscribe(poses, self._on_pose)]
@@ -352,7 +332,8 @@ class Observer(ManagedNode):
         self._chain.take_over(model, calibration.wrench_sign, calibration.gravity_direction,
                               calibration.sensor_rotation)
         self._source, self._mounting = source, mounting
-        self._tool.calibrated(calibration, payload_settings_of(values_of(self, PARAMETERS)))
+        self._tool.calibrated(calibration, payload_settings_of(
+            runtime.values_of(self, PARAMETERS)))
         self._write = Writer(WrenchStamped, calibration.sensor_frame)
         self._subscribe_accelerometer(accelerometer)
         self._tell_accuracy()
@@ -360,7 +341,7 @@ class Observer(ManagedNode):
                                f'{float(calibration.mass):.4f} kg')
 
     def _settings(self, changes: dict[str, Any] | None = None) -> ObserverSettings:
-        return settings_of(values_of(self, PARAMETERS) | (changes or {}))
+        return settings_of(runtime.values_of(self, PARAMETERS) | (changes or {}))
 
     def _check_changes(self, changes: dict[str, Any]) -> None:
         settings = self._settings(changes)
@@ -389,7 +370,7 @@ class Observer(ManagedNode):
         self._chain.window.seconds = self._value('tare.duration')
         self._chain.fade_duration = self._value('takeover.duration')
         if any(parameter.name == 'tool' for parameter in parameters):
-            self._tool.use(self._value('tool') == TRACKED)
+            self._tool.use(self._value('tool') == outputs.TRACKED)
             named = file_of(self._value('tool'))
             if self._source is not None or (self._active and named):
                 self._take_over(self._of_tool(named), same_sensor=True)
@@ -429,7 +410,7 @@ class Observer(ManagedNode):
         def use(sample: Sample) -> None:
             if not self._active or self._chain.model is None:
                 return
-            self._received[topic] = LastMessage(STEADY.now().nanoseconds, sample.frame)
+            self._received[topic] = outputs.LastMessage(STEADY.now().nanoseconds, sample.frame)
             if self._origin is None:
                 self._origin = sample.stamp_ns
             for estimate in take((sample.stamp_ns - self._origin) * 1e-9, sample.values):
@@ -525,12 +506,12 @@ class Observer(ManagedNode):
             values['bandwidth [Hz]'] = self._chain.bandwidth
             values['noise over calibrated'] = self._chain.noise_level
         of_tool, warning = self._tool.report()
-        self._diagnostics.publish(diagnostic_array(self, '', *health(
+        self._diagnostics.publish(runtime.diagnostic_array(self, '', *outputs.health(
             self._active, calibrated, self._received, self._silent(), status,
             [warning] if warning else []), values | of_tool))
 
 
-main = partial(run, 'observer', Observer, PARAMETERS)
+main = partial(runtime.run, 'observer', Observer, PARAMETERS)
 """Runs the node; takes the arguments, by default those of the process, and returns the status."""
 
 

@@ -11,16 +11,9 @@ from forcecal_ros.nodes import messages
 from forcecal_ros.nodes.inputs import transform_type
 from forcecal_ros.nodes.runtime import LATCHED, ManagedNode, OUTPUT
 from forcecal_ros.nodes.wire import Writer
+from forcecal_ros.observe import payload
 from forcecal_ros.observe.frames import Frames
 from forcecal_ros.observe.live import LiveObserver
-from forcecal_ros.observe.payload import (
-    FROZEN,
-    NOT_EXCITED,
-    payload_model,
-    PayloadSettings,
-    ToolEstimate,
-    TRACKING,
-)
 from forcecal_ros.observe.sample import describe, level, Wrench
 from forcecal_ros.observe.tracker import Tracker
 from geometry_msgs.msg import InertiaStamped, WrenchStamped
@@ -123,7 +116,7 @@ class ToolOnSensor:
         self._out: Any = None
         self._in: Any = None
         self._message: InertiaStamped | None = None
-        self._published: ToolEstimate | None = None
+        self._published: payload.ToolEstimate | None = None
         self._calibration: Calibration | None = None
 
     def configure(self, track: bool) -> None:
@@ -142,11 +135,11 @@ class ToolOnSensor:
             self._node.destroy_subscription(self._in)
             self._in = self._message = None
 
-    def calibrated(self, calibration: Calibration, settings: PayloadSettings) -> None:
+    def calibrated(self, calibration: Calibration, settings: payload.PayloadSettings) -> None:
         """Begin with the tool of another calibration."""
         self._calibration = calibration
         if self._out is not None:
-            self._chain.tracker = Tracker(payload_model(calibration, settings))
+            self._chain.tracker = Tracker(payload.payload_model(calibration, settings))
         self.apply()
 
     def restart(self) -> None:
@@ -211,17 +204,17 @@ class ToolOnSensor:
         self._out = self._published = self._calibration = self._chain.tracker = None
 
 
-def tool_warning(found: ToolEstimate, in_use: float) -> str:
+def tool_warning(found: payload.ToolEstimate, in_use: float) -> str:
     """Return what a user should know of a tracked tool, where another mass may be in use [kg]."""
     suspected = isfinite(found.suspected)
-    if suspected and found.state == NOT_EXCITED:
+    if suspected and found.state == payload.NOT_EXCITED:
         by = quantity(found.suspected, found.suspected_std, 'kg')
         return f'tool: may have changed by {by}, or is pushed; rotate it to distinguish the two'
-    if suspected and found.state == FROZEN:
+    if suspected and found.state == payload.FROZEN:
         return 'tool: a steady force is not a weight; it is not added to the tool'
     # standard errors by which a tracked mass differs from the one in use
     # before it is called another
-    if found.state == TRACKING and abs(found.mass - in_use) > max(
+    if found.state == payload.TRACKING and abs(found.mass - in_use) > max(
             3.0 * found.mass_std, 0.01 * in_use):
         return (f'tool: {quantity(found.mass, found.mass_std, "kg")} are on the sensor, but '
                 f'{size(in_use, "kg", 4)} are subtracted; set tool: {TRACKED}')

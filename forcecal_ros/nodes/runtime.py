@@ -226,10 +226,9 @@ def _keys(document: Any, prefix: str = '') -> Iterator[str]:
 
 def usage(name: str, table: Sequence[Parameter]) -> str:
     """Return the help of a node: how it is called, and its parameters with their defaults."""
-    call = (f'usage: {name} [--ros-args [-p NAME:=VALUE] [--params-file FILE] '
-            '[-r TOPIC:=TOPIC] [-r __ns:=/NAME]]')
     return '\n'.join([
-        call, '', 'parameters:',
+        (f'usage: {name} [--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r TOPIC:=TOPIC] '
+         '[-r __ns:=/NAME]]'), '', 'parameters:',
         *(f'  {row.name} (default {yaml_value(row.default)})\n'
           + fill(row.text, 95, initial_indent=' ' * 8, subsequent_indent=' ' * 8)
           for row in table)])
@@ -390,23 +389,17 @@ class Waiting:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._before = self._logged = ''
+        self._what, self._calls = '', 0
 
     def of(self, what: str) -> None:
         """Note what is waited for now; empty: nothing."""
-        if what and what == self._before != self._logged:
+        self._what, self._calls = what, self._calls + 1 if what == self._what else 1
+        if what and self._calls == 2:
             self._node.get_logger().info(f'waiting for {what}')
-            self._logged = what
-        self._before = what
-        if not what:
-            self._logged = ''
 
 
 live_parameter = partial(Parameter, live=True)
 """A parameter that may be set while the node runs."""
-
-OF_PUBLISHERS = 'qos_overrides.'
-"""Parameters that rclpy declares when publishers and subscriptions are made."""
 
 
 def declare(node: Node, table: Iterable[Parameter],
@@ -452,8 +445,9 @@ def values_of(node: Node, table: Iterable[Parameter]) -> dict[str, Any]:
 def _refuse_unknown(node: Node, known: Iterable[str]) -> None:
     """Refuse what was given at start to a parameter that the node does not have."""
     given = node._parameter_overrides  # noqa: SLF001 - no public way in rclpy
+    # those of qos_overrides are declared when publishers and subscriptions are made
     unknown = [name for name in given
-               if not (node.has_parameter(name) or name.startswith(OF_PUBLISHERS))]
+               if not (node.has_parameter(name) or name.startswith('qos_overrides.'))]
     if unknown:
         close = get_close_matches(unknown[0], known, 1)
         raise ConfigError(
@@ -489,8 +483,7 @@ def _descriptor(row: Parameter) -> ParameterDescriptor:
     if bounded and isinstance(row.default, float):
         descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
     elif bounded and isinstance(row.default, int):
-        descriptor.integer_range = [
-            IntegerRange(from_value=int(low), to_value=int(high), step=1)]
+        descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=1)]
     return descriptor
 
 

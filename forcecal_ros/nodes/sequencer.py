@@ -21,31 +21,14 @@ from forcecal_ros.core.parameters import Parameter, parameters_of, section_of
 from forcecal_ros.core.quantity import quantity
 from forcecal_ros.core.sensor_matrix import corrected, required_sensor_matrix, SensorMatrix
 from forcecal_ros.io.calibration_file import dump, load, save
+from forcecal_ros.motion import plan, profiles
 from forcecal_ros.motion.limits import Limits
 from forcecal_ros.motion.monitor import POSITIONING_ERROR, Stillness, WatchSettings
-from forcecal_ros.motion.plan import (
-    check_wrench,
-    continuous_plan,
-    Goal,
-    outline,
-    path_of,
-    PlannedSegment,
-    prepare,
-    SEQUENCES,
-    Timing,
-)
-from forcecal_ros.motion.profiles import (
-    anchor,
-    flatten_poses,
-    nominal_poses,
-    Pace,
-    Pose,
-    read_poses,
-    step_goal,
-)
+from forcecal_ros.motion.plan import Goal
+from forcecal_ros.motion.profiles import Pace, Pose
 from forcecal_ros.motion.sequence import Command, MotionSequence, StreamSettings
 from forcecal_ros.nodes import inputs, messages
-from forcecal_ros.nodes.backends import backend_of
+from forcecal_ros.nodes.backends import BACKENDS
 from forcecal_ros.nodes.collector import Collector, Identification
 from forcecal_ros.nodes.motion_node import Fault, MotionNode
 from forcecal_ros.nodes.runtime import answering, EXECUTOR, LATCHED, run, SECOND
@@ -64,16 +47,16 @@ _SETTLE = ('window', 'factor', 'force_floor', 'torque_floor', 'position_floor')
 
 PARAMETERS = (
     EXECUTOR,
-    _live('sequence', 'calibrate', 'Sequence that a start runs', choices=tuple(SEQUENCES)),
+    _live('sequence', 'calibrate', 'Sequence that a start runs', choices=tuple(plan.SEQUENCES)),
     _live('motion.sequence', 'poses', 'Motion of calibrate. poses: rest in each pose, then a '
           'step; continuous: 10 s of smooth motion in all axes about the present pose',
           choices=('poses', 'continuous')),
-    _live('poses.names', list(nominal_poses()), 'Names of the poses in their order; the step is '
-          'made in the first'),
-    _live('poses.values', flatten_poses(nominal_poses()),
+    _live('poses.names', list(profiles.nominal_poses()), 'Names of the poses in their order; the '
+          'step is made in the first'),
+    _live('poses.values', profiles.flatten_poses(profiles.nominal_poses()),
           'x y z [m] qx qy qz qw of each pose of ft_sensor in base, one after the other; '
           '.nan keeps the present position')._replace(per_line=POSE_LENGTH),
-    *parameters_of('timing', Timing()),
+    *parameters_of('timing', plan.Timing()),
     *parameters_of('pace', Pace()),
     *parameters_of('limits', Limits()),
     *parameters_of('watch', _WATCH, 'pause_timeout', 'most_pauses', 'lost_timeout',
@@ -82,7 +65,7 @@ PARAMETERS = (
     _live('settle.timeout', StreamSettings().settle_timeout, 'Time within which the tool must '
           'come to rest after a move', 's', 0.5, 120.0),
     Parameter('motion.backend', 'target_frame', 'Topic and type of the commands',
-              choices=('target_frame', 'joint_trajectory', 'delta_twist_cmds')),
+              choices=tuple(BACKENDS)),
     Parameter('motion.rate', 250.0, 'Rate of the commands', 'Hz', 100.0, 250.0),
     *inputs.COMMAND_PARAMETERS,
     _live('motion.require_preview', False, 'Refuse a start without a sequencer/preview of these '
@@ -127,7 +110,7 @@ class SequencerSettings(NamedTuple):
     poses: dict[str, Pose]
     joints: dict[str, Array]
     joints_away: Array
-    timing: Timing
+    timing: plan.Timing
     pace: Pace
     limits: Limits
     watch: WatchSettings
@@ -143,10 +126,11 @@ class SequencerSettings(NamedTuple):
     def goals(self, start: Goal) -> tuple[dict[str, Goal], Goal]:
         """Return goals and the goal of the step, as poses or joint vectors like ``start``."""
         if isinstance(start, Pose):
-            poses = anchor(self.poses, start.position)
+            poses = profiles.anchor(self.poses, start.position)
             home = next(iter(poses.values()))
-            return dict(poses), step_goal(home, self.timing.step_distance if self.identifies
-                                          else self.timing.contact_distance)
+            return dict(poses), profiles.step_goal(
+                home, self.timing.step_distance if self.identifies
+                else self.timing.contact_distance)
         return dict(self.joints), self.joints_away
 
 
@@ -167,10 +151,10 @@ def settings_of(value: Mapping[str, Any]) -> SequencerSettings:
     stream = StreamSettings(
         rate=value['motion.rate'], stop_duration=limits.stop_duration,
         settle_minimum=watch.window + 0.05, settle_timeout=value['settle.timeout'])
-    poses = read_poses(value['poses.names'], value['poses.values'])
+    poses = profiles.read_poses(value['poses.names'], value['poses.values'])
     joints, away = _joint_vectors(list(poses), value)
     return SequencerSettings(
-        value['sequence'], poses, joints, away, section_of(Timing, value, 'timing'),
+        value['sequence'], poses, joints, away, section_of(plan.Timing, value, 'timing'),
         section_of(Pace, value, 'pace'), limits, watch, stream, _identification(value),
         value['sequence'] == 'calibrate' and value['motion.sequence'] == 'continuous')
 
@@ -285,7 +269,8 @@ class Sequencer(MotionNode):
         self._preview: Preview | None = None
         sensors = self._listen()
         self._make_outputs()
-        self._serve(self._sequence, sensors, backend_of(self, self._inbox, sensors),
+        backend = BACKENDS[self.get_parameter('motion.backend').value]
+        self._serve(self._sequence, sensors, backend(self, self._inbox, sensors),
                     round(SECOND / self._settings.stream.rate))
 
     def _listen(self) -> inputs.Sensors:
@@ -336,16 +321,16 @@ class Sequencer(MotionNode):
         self._sequence.start(parts, start, 'identification' if settings.identifies else '')
         return f'{settings.sequence} started'
 
-    def _plan(self, start: Goal) -> tuple[PlannedSegment, ...]:
+    def _plan(self, start: Goal) -> tuple[plan.PlannedSegment, ...]:
         """Plan from where the robot stands, checked against all limits."""
         settings = self._settings
         if settings.continuous:
-            parts = continuous_plan(start, settings.timing, settings.pace, settings.limits)
+            parts = plan.continuous_plan(start, settings.timing, settings.pace, settings.limits)
         else:
             goals, away = settings.goals(start)
-            plan = SEQUENCES[settings.sequence](goals, away, settings.timing)
-            parts = prepare(plan, start, settings.pace, settings.limits)
-        check_wrench(parts, self._sensors.monitor.mean('wrench'), settings.limits)
+            parts = plan.prepare(plan.SEQUENCES[settings.sequence](goals, away, settings.timing),
+                                 start, settings.pace, settings.limits)
+        plan.check_wrench(parts, self._sensors.monitor.mean('wrench'), settings.limits)
         return parts
 
     def _show(self) -> str:
@@ -355,12 +340,12 @@ class Sequencer(MotionNode):
         parts = self._plan(start)
         frame = self._sensors.frames['pose'] or self.get_parameter('motion.frame').value
         limits, now = self._settings.limits, self.get_clock().now()
-        positions, rotations = path_of(parts)
+        positions, rotations = plan.path_of(parts)
         self._path_out.publish(messages.path_message(positions, rotations, frame, now))
         self._markers_out.publish(messages.plan_markers(
             limits.workspace_min, limits.workspace_max, positions, frame, now))
         self._preview = Preview.of(self._values(), start)
-        found = outline(parts, limits.tip)
+        found = plan.outline(parts, limits.tip)
         return self._with_caveat(f'{self._settings.sequence}: {found}')
 
     def _command(self) -> Command | None:

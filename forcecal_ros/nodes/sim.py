@@ -10,18 +10,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from forcecal_ros.core.errors import ConfigError, MotionError
 from forcecal_ros.core.geometry import matrix_from_quaternion, quaternion_of
 from forcecal_ros.core.parameters import Parameter
-from forcecal_ros.nodes.runtime import (
-    diagnostic_array,
-    EXECUTOR,
-    OUTPUT,
-    refuse_changes,
-    run,
-    STEADY,
-    STREAM,
-    SYSTEM,
-    values_of,
-    Waiting,
-)
+from forcecal_ros.nodes import runtime
+from forcecal_ros.nodes.runtime import OUTPUT, STEADY, STREAM
 from forcecal_ros.nodes.wire import Reader, ReceivingNode, Writer
 from forcecal_ros.sim.rig import faults
 from forcecal_ros.sim.rig.file import load_rig
@@ -35,7 +25,6 @@ from forcecal_ros.sim.rig.simulator import (
 from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
 import numpy as np
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import Imu, JointState
@@ -80,10 +69,10 @@ class Faults:
         self.robot = faults.RobotFault()
         self._jump = jump
         self._clock = 'none'
-        refuse_changes(node, self._check)
+        runtime.refuse_changes(node, self._check)
         node.add_post_set_parameters_callback(
             lambda changes: self._set({change.name: change.value for change in changes}))
-        start = values_of(node, FAULT_PARAMETERS)
+        start = runtime.values_of(node, FAULT_PARAMETERS)
         self._check(start)
         self._set(start)
 
@@ -97,15 +86,12 @@ class Faults:
             part = name.removeprefix(PREFIX)
             if name == part:
                 continue
-            if part == 'clock':
-                self._set_clock(kind)
-            else:
+            if part != 'clock':
                 (self.robot if part == 'robot' else self._sensors[part]).kind = kind
-
-    def _set_clock(self, kind: str) -> None:
-        before, self._clock = self._clock, kind
-        if self._jump is not None and kind != before and kind in ('forward', 'back'):
-            self._jump(round(faults.CLOCK_JUMP * 1e9) * (1 if kind == 'forward' else -1))
+                continue
+            before, self._clock = self._clock, kind
+            if self._jump is not None and kind != before and kind in ('forward', 'back'):
+                self._jump(round(faults.CLOCK_JUMP * 1e9) * (1 if kind == 'forward' else -1))
 
     @property
     def clock_stopped(self) -> bool:
@@ -127,7 +113,7 @@ class Faults:
 
 
 PARAMETERS = (
-    EXECUTOR,
+    runtime.EXECUTOR,
     Parameter('rig', '', 'Rig file (YAML); empty: the nominal rig'),
     Parameter('accelerometer', '', 'Mounted accelerometer; empty: that of the rig file',
               choices=('', 'acc1', 'acc2')),
@@ -167,7 +153,9 @@ class Sim(ReceivingNode):
         self._simulator = Simulator(
             self._rig, value['accelerometer'] or None,
             value['seed'] if value['seed'] >= 0 else None)
-        self._noise = value['noise']
+        self._noise, accelerometer = value['noise'], self._rig.accelerometer
+        mounted = getattr(accelerometer, value['accelerometer'] or accelerometer.mounted)
+        self._variance = (accelerometer.noise / float(np.abs(mounted.gain).min())) ** 2
         self._frame = value['frames.base']
         self._make_clock(value)
         self._make_publishers(value)
@@ -181,7 +169,7 @@ class Sim(ReceivingNode):
         period = max(0.001, self._period_ns * 1e-9 / self._speed)
         self.create_timer(period, self._tick, clock=STEADY)
         self.create_timer(1.0, self._report, clock=STEADY)
-        self._waiting = Waiting(self)
+        self._waiting = runtime.Waiting(self)
         clock = '; publishes /clock' if self._own_clock else ''
         self.get_logger().info(f'up: {value["rig"] or "the nominal rig"} holds still until '
                                f'commands arrive on target_frame{clock}')
@@ -198,7 +186,7 @@ class Sim(ReceivingNode):
         # speed; its own clock runs no faster than that
         self._most = max(3, round(2 * self._speed))
         self._ticked = STEADY.now().nanoseconds
-        self._own_time = SYSTEM.now().nanoseconds
+        self._own_time = runtime.SYSTEM.now().nanoseconds
         self._schedule: CommandSchedule | None = None
         if self._own_clock:
             self._clock_out = self.create_publisher(ClockMessage, '/clock', OUTPUT)
@@ -294,62 +282,44 @@ class Sim(ReceivingNode):
         self.get_logger().warning(f'command ignored: {why}', throttle_duration_sec=1.0)
 
     def _make_publishers(self, value: dict[str, Any]) -> None:
-        sensor, base = value['frames.sensor'], value['frames.base']
-        self._wrench = self.create_publisher(WrenchStamped, 'wrench', STREAM)
-        self._contact = self.create_publisher(WrenchStamped, '~/contact_wrench', STREAM)
-        self._volts = self.create_publisher(Vector3Stamped, 'accelerometer/raw', STREAM)
-        self._pose = self.create_publisher(PoseStamped, 'current_pose', STREAM)
-        self._optidrive = self._imu = None
-        if self._rig.optidrive:
-            self._optidrive = self.create_publisher(JointState, 'optidrive', STREAM)
-        if value['imu.publish']:
-            self._imu = self.create_publisher(Imu, 'imu/data_raw', STREAM)
+        frames = {name: value[f'frames.{name}'] for name in ('sensor', 'base', 'accelerometer')}
+        self._outputs = {
+            topic: (self.create_publisher(kind, topic, STREAM), Writer(kind, frame, joint))
+            for topic, kind, frame, joint, published in (
+                ('wrench', WrenchStamped, frames['sensor'], '', True),
+                ('~/contact_wrench', WrenchStamped, frames['sensor'], '', True),
+                ('accelerometer/raw', Vector3Stamped, frames['accelerometer'], '', True),
+                ('imu/data_raw', Imu, frames['accelerometer'], '', value['imu.publish']),
+                ('optidrive', JointState, '', 'optidrive', self._rig.optidrive),
+                ('current_pose', PoseStamped, frames['base'], '', True)) if published}
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', OUTPUT)
-        self._write_wrench = Writer(WrenchStamped, sensor)
-        self._write_volts = Writer(Vector3Stamped, value['frames.accelerometer'])
-        self._write_imu = Writer(Imu, value['frames.accelerometer'])
-        self._write_pose = Writer(PoseStamped, base)
-        self._write_optidrive = Writer(JointState, joint='optidrive')
-
-    def _stamps(self, t: np.ndarray) -> list[int]:
-        """Return the stamps of samples, rounded to microseconds [ns]."""
-        first = self._sample0
-        return [first + round(x * 1e6) * 1000 for x in t.tolist()]
 
     def _publish(self, samples: Samples) -> None:
-        for publisher, t, wrenches in (
-                (self._wrench, samples.wrench_t, samples.wrench),
-                (self._contact, samples.contact_t, samples.contact)):
-            for stamp, wrench in zip(self._stamps(t), wrenches.tolist()):
-                publisher.publish(self._write_wrench(stamp, wrench))
-        stamps = self._stamps(samples.accelerometer_t)
-        for stamp, volts in zip(stamps, samples.volts.tolist()):
-            self._volts.publish(self._write_volts(stamp, volts))
-        if self._imu is not None:
-            self._publish_imu(self._imu, stamps, samples)
-        if self._optidrive is not None:
-            for stamp, s in zip(self._stamps(samples.optidrive_t), samples.optidrive.tolist()):
-                self._optidrive.publish(self._write_optidrive(stamp, (s,)))
-        for stamp, position, R_base_sensor in zip(
-                self._stamps(samples.pose_t), samples.position, samples.R_base_sensor):
-            self._pose.publish(self._write_pose(
-                stamp, (*position.tolist(), *quaternion_of(R_base_sensor))))
+        poses = [(*position.tolist(), *quaternion_of(R_base_sensor))
+                 for position, R_base_sensor in zip(samples.position, samples.R_base_sensor)]
+        for topic, t, rows in (
+                ('wrench', samples.wrench_t, samples.wrench.tolist()),
+                ('~/contact_wrench', samples.contact_t, samples.contact.tolist()),
+                ('accelerometer/raw', samples.accelerometer_t, samples.volts.tolist()),
+                ('imu/data_raw', samples.accelerometer_t,
+                 [self._imu(force) for force in samples.specific_force.tolist()]),
+                ('optidrive', samples.optidrive_t, samples.optidrive[:, np.newaxis].tolist()),
+                ('current_pose', samples.pose_t, poses)):
+            if topic in self._outputs:
+                publisher, write = self._outputs[topic]
+                for at, row in zip(t.tolist(), rows):  # stamps are whole microseconds
+                    publisher.publish(write(self._sample0 + round(at * 1e6) * 1000, row))
 
-    def _publish_imu(self, publisher: Publisher, stamps: Sequence[int], samples: Samples
-                     ) -> None:
-        rig = self._rig.accelerometer
-        model = getattr(rig, self.get_parameter('accelerometer').value or rig.mounted)
+    def _imu(self, force: Sequence[float]) -> tuple[float, ...]:
+        """Return the numbers of an Imu that measures neither orientation nor turning."""
         nothing = (-1.0, *(0.0,) * 8)
-        variance = (rig.noise / float(np.abs(model.gain).min())) ** 2
-        known = (variance, 0.0, 0.0, 0.0, variance, 0.0, 0.0, 0.0, variance)
-        for stamp, force in zip(stamps, samples.specific_force.tolist()):
-            publisher.publish(self._write_imu(
-                stamp, (0.0, 0.0, 0.0, 1.0, *nothing, 0.0, 0.0, 0.0, *nothing, *force, *known)))
+        known = (self._variance, 0.0, 0.0, 0.0) * 2 + (self._variance,)
+        return 0.0, 0.0, 0.0, 1.0, *nothing, 0.0, 0.0, 0.0, *nothing, *force, *known
 
     def _report(self) -> None:
         self._waiting.of('' if self._schedule else '/clock, because use_sim_time is set')
         if self._schedule is None:
-            self._diagnostics.publish(diagnostic_array(
+            self._diagnostics.publish(runtime.diagnostic_array(
                 self, '', 'stale', 'waiting for /clock', {}))
             return
         followed = self._received > self._reported
@@ -358,14 +328,14 @@ class Sim(ReceivingNode):
         if self._faults.active:
             message += f'; faults switched on: {", ".join(self._faults.active)}'
         behind = (self._now() - self._start) * 1e-9 - self._next * self._period_ns * 1e-9
-        self._diagnostics.publish(diagnostic_array(
+        self._diagnostics.publish(runtime.diagnostic_array(
             self, '', 'warn' if behind > LONGEST_BACKLOG or self._faults.active else 'ok',
             message, {
                 'behind [s]': behind, 'commands late': self._schedule.late,
                 'commands ignored': self._ignored, 'simulated [s]': self._simulator.time}))
 
 
-main = partial(run, 'sim', Sim, PARAMETERS)
+main = partial(runtime.run, 'sim', Sim, PARAMETERS)
 """Runs the node; takes the arguments, by default those of the process, and returns the status."""
 
 

@@ -67,9 +67,9 @@ class NoiseLevels(NamedTuple):
     """[Hz]"""
 
 
-def noise_levels(noise: Noise | None) -> NoiseLevels:
+def noise_levels(noise: Noise | None, slow: bool = False) -> NoiseLevels:
     """
-    Reduce the measured covariances to densities.
+    Reduce the measured covariances to densities, or take the :func:`densities` of ``slow`` noise.
 
     Without any, a quarter of a newton, 0.02 N m and 0.03 m/s^2 at 1 kHz are assumed, the noise of
     the nominal rig.
@@ -81,43 +81,31 @@ def noise_levels(noise: Noise | None) -> NoiseLevels:
     """
     if noise is None:
         return NoiseLevels(0.0625e-3, 4e-7, 1e-6, 1000.0, 1000.0)
-    wrench = np.diag(noise.wrench.value)
-    f, f_rate = 0.0, noise.wrench_rate
-    if noise.specific_force is not None:
-        f_rate = noise.accelerometer_rate
-        f = float(np.diag(noise.specific_force.value).mean()) / f_rate
-    force, torque = wrench[:3].mean() / noise.wrench_rate, wrench[3:].mean() / noise.wrench_rate
-    if not np.isfinite([force, torque, f]).all() or not 0 < noise.wrench_rate < inf:
+    wrench, f = (np.diag(one) for one in densities(noise, slow))
+    found = [float(one.mean()) for one in (wrench[:3], wrench[3:], f)]
+    if not np.isfinite(found).all() or not 0 < noise.wrench_rate < inf:
         raise ConfigError('noise.wrench, noise.specific_force and their rates must be finite '
                           'numbers; calibrate from a recording with a phase at rest')
-    return NoiseLevels(max(float(force), _MIN_DENSITY), max(float(torque), _MIN_DENSITY),
-                       max(f, _MIN_DENSITY), noise.wrench_rate, f_rate)
+    force, torque, specific_force = (max(one, _MIN_DENSITY) for one in found)
+    return NoiseLevels(force, torque, specific_force, noise.wrench_rate,
+                       noise.accelerometer_rate if noise.specific_force else noise.wrench_rate)
 
 
-def densities(noise: Noise) -> tuple[Array, Array]:
+def densities(noise: Noise, slow: bool = True) -> tuple[Array, Array]:
     """
-    Return what wrench (6, 6) and specific force (3, 3) have of noise at low frequencies.
+    Return what wrench (6, 6) and specific force (3, 3) have of noise.
 
-    It is what passes a filter of tens of hertz: by the lag-window estimate where the calibration
-    holds it, else of white noise; zero without an accelerometer.
+    It is that of white noise; of ``slow`` noise, which passes a filter of tens of hertz, the
+    lag-window estimate where the calibration holds it. Zero without an accelerometer.
     """
     wrench, f = noise.wrench.value / noise.wrench_rate, np.zeros((3, 3))
-    if noise.wrench_density is not None:
+    if slow and noise.wrench_density is not None:
         wrench = noise.wrench_density.value
-    if noise.specific_force_density is not None:
+    if slow and noise.specific_force_density is not None:
         f = noise.specific_force_density.value
     elif noise.specific_force is not None:
         f = noise.specific_force.value / noise.accelerometer_rate
     return wrench, f
-
-
-def slow_levels(noise: Noise) -> NoiseLevels:
-    """Return the same with the :func:`densities`; raises as :func:`noise_levels`."""
-    wrench, f = (np.diag(one) for one in densities(noise))
-    force, torque, specific_force = (max(float(one.mean()), _MIN_DENSITY) for one in (
-        wrench[:3], wrench[3:], f))
-    return noise_levels(noise)._replace(
-        force=force, torque=torque, specific_force=specific_force)
 
 
 def place_of(calibration: Calibration) -> Array:

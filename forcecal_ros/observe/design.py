@@ -24,7 +24,6 @@ from forcecal_ros.observe.bandwidth import (
     Poles,
     pose_noise,
     rotation_corner,
-    slow_levels,
     UNMEASURED_HZ,
     within_limits,
 )
@@ -226,7 +225,7 @@ def design(calibration: Calibration, settings: ObserverSettings = ObserverSettin
     noise, observer = calibration.noise, calibration.observer
     bandwidth = settings.bandwidth_hz or within_limits(UNMEASURED_HZ, settings)
     if noise is not None:
-        bandwidth = contact_bandwidth(slow_levels(noise), load.m, settings)
+        bandwidth = contact_bandwidth(noise_levels(noise, slow=True), load.m, settings)
     rate = tau * bandwidth
     scale = ZERO
     adaptive = settings.adaptive and settings.bandwidth_hz is None and noise is not None

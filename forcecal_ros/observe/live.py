@@ -390,8 +390,6 @@ class LiveObserver:
         self.model = with_bias(model, result.bias)
         forget_learned_bias(self.state)
         self.window.clear()
-        if self.tracker is not None:
-            self.tracker.tared(result.shift)
         return result
 
     @property

@@ -403,19 +403,6 @@ def _follow(state: PayloadState, block: Block, dt: float, model: PayloadModel) -
                             state.t, gained, _is_distinct(change.states, main.states))))
 
 
-def tared(state: PayloadState, shift: Array, model: PayloadModel) -> PayloadState:
-    """
-    Return the beliefs after a tare by ``shift`` (6,), in which nothing touched the tool.
-
-    Readings have their bias put back on, so that a tare changes none of them. One that is more
-    than a drift shows another bias or another load, and from then on either may be.
-    """
-    expected = state.main.states.cov[BIAS, BIAS] + model.floor
-    if mahalanobis(shift, expected) <= model.contact.limit:
-        return state
-    return state._replace(main=_open(state.main, model), before=(), change=None)
-
-
 def _advance(hypothesis: Hypothesis, block: Block, h: Function, dt: float, model: PayloadModel,
              learns: bool) -> Hypothesis:
     """Test a reading against a hypothesis, and learn from it where it does not contradict."""

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from math import nan
 
-from forcecal_ros.core.geometry import Array
 from forcecal_ros.observe import sample as st
 from forcecal_ros.observe.design import Model
 from forcecal_ros.observe.motion import carried, gravity_in_sensor, MotionEstimate
@@ -15,7 +14,6 @@ from forcecal_ros.observe.payload import (
     FROZEN,
     on_block,
     PayloadModel,
-    tared,
     ToolEstimate,
     TRACKING,
 )
@@ -69,10 +67,6 @@ class Tracker:
         self._state = on_block(self._state, block, self.model)
         self.latest = estimate(self._state, self.model)
         return self.estimate
-
-    def tared(self, shift: Array) -> None:
-        """Note that a tare has moved the biases by ``shift`` [N, N m]."""
-        self._state = tared(self._state, shift, self.model)
 
     def news(self) -> ToolEstimate | None:
         """

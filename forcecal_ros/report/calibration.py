@@ -13,7 +13,6 @@ from forcecal_ros.report import figures
 from forcecal_ros.report.figures import Line, Panel, Shown
 from forcecal_ros.report.page import docs_link, Fact, origin, Picture, picture, render_page, Step
 from forcecal_ros.report.rows import cells, promises, table
-from matplotlib.figure import Figure
 import numpy as np
 
 REPEAT = Step('Follow the warnings below, and calibrate again. Estimates that they do not name '
@@ -60,7 +59,10 @@ def render(recording: Recording, calibration: Calibration, contact: Stream | Non
         word=f'calibrated, warnings: {len(warnings)}' if warnings else 'calibrated',
         headline=_headline(calibration, free), facts=_facts(calibration, free, warnings, step),
         warnings=warnings, head=head, rows=rows,
-        first=list(_before_and_after(recording, calibration, contact)),
+        first=[picture('Force before and after', (
+            'The measured force without its bias, and the contact force of the observer, which '
+            'contains neither weight nor inertia of the tool.'), forces(
+                recording, calibration, contact))] if recording.wrench and contact else [],
         figures=list(_pictures(recording, calibration, contact)),
         quality=[one for one in found if one[0] != 'Note'],
         notes=[words for title, words in found if title == 'Note'],
@@ -71,7 +73,7 @@ def free_motion(recording: Recording, calibration: Calibration, contact: Stream 
                 ) -> Free | None:
     """Compare sensor and observer where the phases say that nothing touches the tool."""
     wrench = recording.wrench
-    if wrench is None or contact is None or not len(contact):
+    if not (wrench and contact):
         return None
     t = wrench.t
     rows = np.zeros(len(t), dtype=bool)
@@ -145,31 +147,20 @@ def forces(recording: Recording, c: Calibration, contact: Stream) -> Shown:
     return Shown(panels, recording.phases, float(wrench.t[0]), float(wrench.t[-1]))
 
 
-def _before_and_after(recording: Recording, c: Calibration, contact: Stream | None
-                      ) -> Iterator[Picture]:
-    if recording.wrench is None or contact is None or not len(contact):
-        return
-    yield picture('Force before and after', (
-        'The measured force without its bias, and the contact force of the observer, which '
-        'contains neither weight nor inertia of the tool.'), forces(recording, c, contact))
-
-
 def _pictures(recording: Recording, calibration: Calibration, contact: Stream | None
               ) -> Iterator[Picture]:
-    drawn: list[tuple[str, str, Figure | None]] = [
-        ('Poses', 'The weight of the tool in each orientation, and the residuals.',
-         figures.pose_means(recording, calibration)),
-        ('Step', 'The inertial force of the step motion, measured and by the accelerometer.',
-         figures.step_fit(recording, calibration)),
-        ('Accelerometer', 'The slope is the gain. The delay between the two sensors is removed.',
-         figures.accelerometer_regression(recording, calibration)),
-    ]
-    if contact is not None:
-        drawn.append(('Spectra', 'How the observer filters the noise of sensor and accelerometer.',
-                      figures.spectra(recording, calibration, contact)))
-    words = 'Noise of the contact force at a steady contact, over the rise time of the filter.'
-    drawn.append(('Noise against response', words, figures.noise_against_rise(calibration)))
-    for title, words, figure in drawn:
+    for title, words, figure in (
+            ('Poses', 'The weight of the tool in each orientation, and the residuals.',
+             figures.pose_means(recording, calibration)),
+            ('Step', 'The inertial force of the step motion, measured and by the accelerometer.',
+             figures.step_fit(recording, calibration)),
+            ('Accelerometer', 'The slope is the gain; the delay between the sensors is removed.',
+             figures.accelerometer_regression(recording, calibration)),
+            ('Spectra', 'How the observer filters the noise of sensor and accelerometer.',
+             figures.spectra(recording, calibration, contact)),
+            ('Noise against response', (
+                'Noise of the contact force at a steady contact, over the rise time of the '
+                'filter.'), figures.noise_against_rise(calibration))):
         if figure is not None:
             yield picture(title, words, figure)
 
@@ -211,12 +202,11 @@ def in_words(quality: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
             f'{size(abs(float(errors["force_eq26"])), "N", 2)} of contact force at 10 m/s^2, and '
             f'{size(abs(float(errors["acceleration_eq27"])), "m/s^2", 2)} of acceleration, by '
             'uncertain parameters; noise is additional.')
-    for key, title in (('pose_delay', 'Delay of the pose'),
-                       ('optidrive_delay', 'Delay of the displacement')):
+    for key, what in (('pose_delay', 'pose'), ('optidrive_delay', 'displacement')):
         if key in quality:
             late = float(quality[key])
-            yield title, (f'{size(abs(late), "s", 2)} {"behind" if late > 0.0 else "ahead of"} '
-                          'the wrench.')
+            yield f'Delay of the {what}', (f'{size(abs(late), "s", 2)} '
+                                           f'{"behind" if late > 0.0 else "ahead of"} the wrench.')
     if quality.get('removed_samples'):
         yield 'Samples left out', str(quality['removed_samples'])
     yield from (('Note', _sentence(note)) for note in quality.get('notes', ()))

@@ -29,7 +29,6 @@ from forcecal_ros.report.effect_words import phrase, sentence, sizes, VERDICTS, 
 from forcecal_ros.report.figures import axes_grid, COLOURS, headed, joined, Line, Panel, Shown
 from forcecal_ros.report.page import docs_link, Fact, Picture, picture, render_page, Step
 from forcecal_ros.sim.signals import BLOCK, block_means, JOINTS, Signals
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 from numpy.typing import NDArray
@@ -721,16 +720,15 @@ def spectra(view: View) -> list[Figure]:
                 (view.explained[moving, c], 'explained', 'measured - explained'),
                 (view.explained[there & (view.groups == 0), c], 'other', 'at rest')):
             if len(values) > 64 and (role != 'explained' or named(view)):
-                _spectrum(ax, values, COLOURS[role], label, _rate(there))
+                f, power = signal.welch(values, _rate(there), nperseg=min(256, len(values)))
+                ax.loglog(f[1:], power[1:], color=COLOURS[role], linewidth=1.0, label=label)
         name = CHANNELS[c].name
-        ax.set(xlabel='frequency [Hz]', ylabel=f'power [{_squared(view.units[name])}/Hz]')
+        unit = view.units[name]
+        square = f'({unit})²' if ' ' in unit or '/' in unit else f'{unit}²'
+        ax.set(xlabel='frequency [Hz]', ylabel=f'power [{square}/Hz]')
         headed(ax, view.diagnosis.label(name), 2)
         drawn.append(figure)
     return drawn
-
-
-def _squared(unit: str) -> str:
-    return f'({unit})²' if ' ' in unit or '/' in unit else f'{unit}²'
 
 
 def _rate(there: NDArray[np.bool_]) -> float:
@@ -738,7 +736,3 @@ def _rate(there: NDArray[np.bool_]) -> float:
     steps = np.diff(np.flatnonzero(there))
     return 1.0 / (BLOCK * max(1.0, float(np.median(steps)) if len(steps) else 1.0))
 
-
-def _spectrum(axes: Axes, rows: Array, color: str, label: str, rate: float) -> None:
-    f, power = signal.welch(rows, rate, nperseg=min(256, len(rows)))
-    axes.loglog(f[1:], power[1:], color=color, linewidth=1.0, label=label)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from forcecal_ros.core.calibration import Calibration
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.quantity import size
-from forcecal_ros.core.streams import Phase, PoseStream, Recording, Stream, TOUCHING
+from forcecal_ros.core.streams import Phase, Recording, Stream, TOUCHING
 from forcecal_ros.observe.design import noise_of_force, rise_time
 from forcecal_ros.observe.settings import BANDWIDTH_LIMITS
 from matplotlib.axes import Axes
@@ -271,12 +271,6 @@ def _labels(shown: Shown) -> Iterator[dict[str, Any]]:
 MEASURED, ESTIMATED, TRUE = '#0072B2', '#D55E00', '#555555'
 
 
-def gravity_in_sensor(pose: PoseStream, t: Array, gravity: float) -> Array:
-    """Return gravity in ft_sensor at the pose samples nearest to ``t``, shape (n, 3) [m/s^2]."""
-    nearest = np.clip(np.searchsorted(pose.t, t), 0, len(pose) - 1)
-    return -gravity * pose.R_base_sensor[nearest][:, 2, :]
-
-
 def specific_force(recording: Recording, calibration: Calibration) -> Stream | None:
     """Return calibrated specific force in ft_sensor, its delay removed [m/s^2]."""
     raw, sensor = recording.accelerometer, calibration.accelerometer
@@ -286,9 +280,11 @@ def specific_force(recording: Recording, calibration: Calibration) -> Stream | N
     return Stream(raw.t - float(sensor.delay), f, raw.frame)
 
 
-def step_phase(recording: Recording) -> Phase | None:
-    """Return the step motion of the sequence with the ringing that follows it."""
-    return next((phase for phase in recording.phases if phase.name == 'step'), None)
+def in_step(recording: Recording, *streams: Stream | None, least: int = 2) -> list[Stream]:
+    """Return streams in the step motion and the ringing after it; none where one is too short."""
+    span = next((phase for phase in recording.phases if phase.name == 'step'), None)
+    parts = [one.between(span.start, span.end) for one in streams if one is not None and span]
+    return parts if len(parts) == len(streams) and min(map(len, parts)) >= least else []
 
 
 def pose_means(recording: Recording, calibration: Calibration) -> Figure | None:
@@ -301,16 +297,16 @@ def pose_means(recording: Recording, calibration: Calibration) -> Figure | None:
     for span in spans:
         part = wrench.between(span.start, span.end)
         if len(part):
-            middle = np.array([(span.start + span.end) / 2])
+            middle = np.searchsorted(pose.t, (span.start + span.end) / 2)
+            down = -pose.R_base_sensor[min(int(middle), len(pose) - 1), 2]
             means.append(part.values[:, :3].mean(axis=0))
-            predicted.append(float(calibration.mass) * gravity_in_sensor(
-                pose, middle, calibration.gravity)[0] + calibration.wrench_bias.value[:3])
+            predicted.append(float(calibration.mass) * calibration.gravity * down
+                             + calibration.wrench_bias.value[:3])
     figure, (top, bottom) = axes_grid(2, 1, height=4.6)
-    x = np.arange(1, len(means) + 1)
-    residual = np.array(means) - np.array(predicted)
-    for axis, mark in enumerate('os^'):
-        top.plot(x, np.array(means)[:, axis], mark, label=f'measured {"xyz"[axis]}')
-        bottom.plot(x, residual[:, axis], mark, label='xyz'[axis])
+    x, measured = np.arange(1, len(means) + 1), np.array(means)
+    for axis, (name, mark) in enumerate(zip('xyz', 'os^')):
+        top.plot(x, measured[:, axis], mark, label=f'measured {name}')
+        bottom.plot(x, (measured - predicted)[:, axis], mark, label=name)
     top.plot(x, np.array(predicted), '_', color=TRUE, markersize=14,
               label=['predicted', None, None])
     bottom.axhline(0, color=TRUE, linewidth=0.8)
@@ -323,18 +319,15 @@ def pose_means(recording: Recording, calibration: Calibration) -> Figure | None:
 
 def step_fit(recording: Recording, calibration: Calibration) -> Figure | None:
     """Draw the step: sensor force along x, mass times acceleration, and the residual."""
-    force, span = recording.wrench, step_phase(recording)
-    f = specific_force(recording, calibration)
-    if force is None or f is None or span is None:
+    f, parts = specific_force(recording, calibration), in_step(recording, recording.wrench)
+    if f is None or not parts:
         return None
-    part = force.between(span.start, span.end)
-    if len(part) < 2:
-        return None
+    part, = parts
     measured = part.values[:, 0] - calibration.wrench_bias.value[0]
     predicted = -float(calibration.mass) * f.at(part.t)[:, 0]
     offset = (measured - predicted).mean()
     figure, (top, bottom) = axes_grid(2, 1, height=4.2, sharex=True)
-    t = part.t - span.start
+    t = part.t - part.t[0]
     top.plot(t, measured, color=MEASURED, linewidth=1, label='sensor, bias removed')
     top.plot(t, predicted + offset, color=ESTIMATED, linewidth=1, label='mass x acceleration')
     top.set(ylabel='force [N]')
@@ -346,13 +339,11 @@ def step_fit(recording: Recording, calibration: Calibration) -> Figure | None:
 
 def accelerometer_regression(recording: Recording, calibration: Calibration) -> Figure | None:
     """Draw voltage against specific force from the wrench, [Gamez2005] Eq. 17 as a picture."""
-    wrench, raw, sensor = recording.wrench, recording.accelerometer, calibration.accelerometer
-    span = step_phase(recording)
-    if wrench is None or raw is None or sensor is None or span is None:
+    wrench, sensor = recording.wrench, calibration.accelerometer
+    parts = in_step(recording, recording.accelerometer)
+    if wrench is None or sensor is None or not parts:
         return None
-    part = raw.between(span.start, span.end)
-    if len(part) < 2:
-        return None
+    part, = parts
     axis = int(np.argmax(np.abs(sensor.map.value[:, 0])))
     f = -(wrench.at(part.t - float(sensor.delay))[:, 0]
           - calibration.wrench_bias.value[0]) / float(calibration.mass)
@@ -392,16 +383,14 @@ def noise_against_rise(calibration: Calibration) -> Figure | None:
     return figure
 
 
-def spectra(recording: Recording, calibration: Calibration, contact: Stream) -> Figure | None:
+def spectra(recording: Recording, calibration: Calibration, contact: Stream | None
+            ) -> Figure | None:
     """Draw the power spectra of u - m a and of the observer, as [Gamez2005] Fig. 6."""
     f = specific_force(recording, calibration)
-    span = step_phase(recording)
-    if recording.wrench is None or f is None or span is None:
+    parts = in_step(recording, recording.wrench, contact, least=256)
+    if f is None or not parts:
         return None
-    wrench = recording.wrench.between(span.start, span.end)
-    output = contact.between(span.start, span.end)
-    if min(len(wrench), len(output)) < 256:
-        return None
+    wrench, output = parts
     direct = wrench.values[:, 0] + float(calibration.mass) * f.at(wrench.t)[:, 0]
     figure, (axes,) = axes_grid(1, 1, height=3.4)
     for values, rate, colour, label in (

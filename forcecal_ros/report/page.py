@@ -90,8 +90,8 @@ class Picture(NamedTuple):
 
 def picture(title: str, words: str, *what: Figure | Shown | bytes) -> Picture:
     """Make a picture of figures, of their PNG, or of what is shown over time."""
-    pngs = tuple(_embedded(one if isinstance(one, bytes) else png(
-        drawn(one) if isinstance(one, Shown) else one)) for one in what)
+    pngs = tuple(base64.b64encode(one if isinstance(one, bytes) else png(
+        drawn(one) if isinstance(one, Shown) else one)).decode() for one in what)
     if isinstance(what[0], Shown):
         return Picture(title, f'{words} {background(what[0])}'.strip(), pngs,
                        live(what[0]) if _plotly() else {})
@@ -128,7 +128,3 @@ def _plotly() -> str | None:
         return None
     return base64.b64encode(gzip.compress(get_plotlyjs().encode(), 9, mtime=0)).decode()
 
-
-def _embedded(image: bytes) -> str:
-    """Return a PNG as the text that a page shows it by."""
-    return base64.b64encode(image).decode()

@@ -107,8 +107,8 @@ def test_a_covariance_at_rest_leaves_each_poses_own_mean_out():
     t = np.arange(2 * n) * 1e-3
     values = rng.standard_normal((2 * n, 2)) @ L.T
     values[n:] += [100.0, -50.0]
-    poses = [StaticPose(0.0, n * 1e-3, np.eye(3), 0.0),
-             StaticPose(n * 1e-3, 2 * n * 1e-3, np.eye(3), 0.0)]
+    poses = [StaticPose(0.0, n * 1e-3, np.eye(3)),
+             StaticPose(n * 1e-3, 2 * n * 1e-3, np.eye(3))]
     found = stream_covariance(Stream(t, values), poses)
     assert (np.abs(found.value - L @ L.T) < 4 * found.std).all()
     assert found.rate == pytest.approx(1000.0)
@@ -122,7 +122,7 @@ def test_the_noise_of_position_enters_its_difference_and_makes_the_two_correlate
     pose = PoseStream(t, [1.0, 0.0, 1.0] + 2e-5 * rng.standard_normal((n, 3)),
                       np.broadcast_to(np.eye(3), (n, 3, 3)))
     force = Stream(fine, 0.04 * rng.standard_normal((4 * n, 3)))
-    still = StaticPose(0.1, t[-1], np.eye(3), np.nan)
+    still = StaticPose(0.1, t[-1], np.eye(3))
     found = measurement_covariance([still], pose, None, force)
     # (2e-5)^2; (2e-5)^2 / 4 ms; 2 (2e-5)^2 / (4 ms)^2
     expected = np.array([[4e-10, 1e-7, 0.0], [1e-7, 5e-5, 0.0], [0.0, 0.0, found.value[2, 2]]])

@@ -195,14 +195,6 @@ def test_advice_names_options_and_roles_that_there_are():
         assert {*re.findall(r'--topic (\w+)=', text)} <= {*ROLES, 'role'}, file
 
 
-def test_a_command_loads_neither_ros_nor_a_compiler_before_it_needs_them():
-    loaded = subprocess.run(
-        [sys.executable, '-c', ('import sys; from forcecal_ros.cli.main import build_parser\n'
-                                'build_parser("calibrate"); print(*sys.modules)')],
-        capture_output=True, text=True, check=True)
-    assert not {'numba', 'rclpy', 'control', 'matplotlib'} & set(loaded.stdout.split())
-
-
 def test_help_loads_nothing_that_computes_or_speaks_ros():
     code = ('import sys\nfrom forcecal_ros.cli.main import main\ntry: main({})\n'
             'except SystemExit: print(sorted({{"numpy", "scipy", "rclpy"}} & {{*sys.modules}}))')

@@ -12,7 +12,7 @@ from forcecal_ros.cli.main import main
 from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.core.streams import Stream
 from forcecal_ros.insitu import load_spec
-from forcecal_ros.insitu.sources import TableSource
+from forcecal_ros.insitu.sources import read_table
 from forcecal_ros.io.bags import write_signals
 from forcecal_ros.io.calibration_file import load
 import insitu_leg
@@ -78,10 +78,10 @@ def write_spec(folder, content):
     return path
 
 
-def source_of(folder, **changes):
-    """Return what reads the table a.csv of a folder."""
+def read(folder, **changes):
+    """Read the table a.csv of a folder."""
     spec = load_spec(write_spec(folder, document(**{'data_sets': [{'file': 'a.csv'}], **changes})))
-    return TableSource(spec, folder / 'a.csv', spec.sensors['leg'].columns)
+    return read_table(spec, folder / 'a.csv', spec.sensors['leg'].columns)
 
 
 @pytest.fixture(scope='module')
@@ -286,7 +286,7 @@ def test_a_missing_column_is_named(tables):
     content = document(accelerometer={'columns': ['ax', 'ay', 'nope']})
     spec = load_spec(write_spec(tables, content))
     with pytest.raises(DataError, match="no column 'nope'; there are t, r0"):
-        next(TableSource(spec, tables / 'set1.csv', spec.sensors['leg'].columns)())
+        read_table(spec, tables / 'set1.csv', spec.sensors['leg'].columns)
 
 
 def test_rows_without_numbers_or_out_of_order_are_left_out(tmp_path):
@@ -295,9 +295,8 @@ def test_rows_without_numbers_or_out_of_order_are_left_out(tmp_path):
     rows[200, 0] = rows[199, 0]
     rows[300, 0] -= 1.0
     save_table(tmp_path / 'a.csv', rows)
-    source = source_of(tmp_path)
-    t = np.concatenate([chunk.t for chunk in source()])
-    assert source.left_out == 3
+    (t, *_), notes = read(tmp_path)
+    assert notes[0].startswith('a.csv: 3 rows ')
     assert len(t) == len(rows) - 3
     assert (np.diff(t) > 0).all()
 
@@ -311,7 +310,7 @@ def test_tables_of_other_programs_hold_the_same_numbers(tmp_path, keys, change):
     rows = table_of(PROTOCOL[0], LEG, 1)[:50]
     save_table(tmp_path / 'a.csv', rows)
     (tmp_path / 'a.csv').write_text(change((tmp_path / 'a.csv').read_text()))
-    chunk, = source_of(tmp_path, **keys)()
+    chunk, _ = read(tmp_path, **keys)
     np.testing.assert_array_equal(chunk.raw, rows[:, 1:7])
 
 
@@ -324,7 +323,7 @@ def test_a_cell_that_is_no_number_is_named_with_its_line(tmp_path, old, new, wor
         ','.join([str(k)] * len(OF_ONE)) for k in range(1, 9))])
     (tmp_path / 'a.csv').write_text(text.replace(old, new))
     with pytest.raises(DataError, match=words):
-        list(source_of(tmp_path)())
+        read(tmp_path)
 
 
 def test_milliseconds_taken_for_seconds_are_questioned(tmp_path):
@@ -332,10 +331,9 @@ def test_milliseconds_taken_for_seconds_are_questioned(tmp_path):
     rows[:, 0] *= 1000
     save_table(tmp_path / 'a.csv', rows)
     for unit, said in (('s', ('2000 rows over 5.6 h', 'not in s')), ('ms', ())):
-        source = source_of(tmp_path, time={'column': 't', 'unit': unit})
-        assert len(list(source())) == 1
-        assert len(source.notes) == bool(said)
-        assert all(words in source.notes[0] for words in said)
+        _, notes = read(tmp_path, time={'column': 't', 'unit': unit})
+        assert len(notes) == bool(said)
+        assert all(words in notes[0] for words in said)
 
 
 def test_units_in_the_names_of_columns_hold(tmp_path):

@@ -8,7 +8,7 @@ MANUFACTURER = np.linalg.inv(GAUGES)
 
 
 def chunks_of(log):
-    return [Chunk(log.t, log.raw, log.accel, log.gyro)]
+    return Chunk(log.t, log.raw, log.accel, log.gyro)
 
 
 def data_set(log, load=None, name='one', train=True, window=None):

@@ -32,7 +32,7 @@ def data_set(k, bend=0.0, train=True, repeated=1):
     g = np.repeat(gravity(k), repeated, axis=0)
     raw = counts(g, LOADS[k], bend)
     chunk = Chunk(np.arange(len(g)) / 100, raw, -g, None)
-    return DataSet(f'place {k}', lambda: [chunk], LOADS[k], train)
+    return DataSet(f'place {k}', lambda: chunk, LOADS[k], train)
 
 
 def calibrated(bend=0.0, out=None, options=POSES):
@@ -104,7 +104,7 @@ def test_a_bent_sensor_with_an_unknown_body_is_refused_for_its_bend():
 def test_a_negative_mass_is_no_answer():
     sets = [replace(data_set(k), train=k != 1, load=LOADS[k]) for k in range(5)]
     turned = Chunk(np.arange(12) / 100, counts(-gravity(1), LOADS[1], 0.0), -gravity(1), None)
-    sets[1] = DataSet('turned', lambda: [turned], LOADS[1], False)
+    sets[1] = DataSet('turned', lambda: turned, LOADS[1], False)
     with pytest.raises(DataError, match=r'turned is estimated as -0.99\d ± .* kg: the stated'):
         calibrate('cell', sets, Mounting(), POSES)
 

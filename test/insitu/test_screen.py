@@ -186,7 +186,7 @@ def test_flex_and_hysteresis_are_told_apart(leg, bending, hysteresis):
 def calibrated_foot(icub_data, window=None):
     table = np.loadtxt(icub_data / 'right_foot_in_air.csv', delimiter=',', skiprows=1)
     chunk = Chunk(table[:, 0], table[:, 1:7], -table[:, 7:10], None)
-    one = DataSet('foot', lambda: [chunk], None, True, window)
+    one = DataSet('foot', lambda: chunk, None, True, window)
     return calibrate('foot', [one], Mounting(), Options(matrix=False))
 
 

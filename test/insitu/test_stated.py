@@ -40,7 +40,7 @@ def sets_of(seed, loads=LOADS, change=lambda k, raw, g: (raw, g), **errors):
     for k, ((raw, g), load) in enumerate(zip(recorded(seed, **errors), loads)):
         raw, g = change(k, raw, g)
         chunk = Chunk(np.arange(len(g)) * 1.0, raw, -g, None)
-        found.append(DataSet(f'set {k}', partial(list, [chunk]), load))
+        found.append(DataSet(f'set {k}', partial(Chunk, *chunk), load))
     return found
 
 

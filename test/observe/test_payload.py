@@ -19,7 +19,6 @@ from forcecal_ros.observe.payload import (
     NOT_EXCITED,
     on_block,
     payload_model,
-    tared,
     TRACKING,
 )
 from forcecal_ros.observe.playback import events, follow
@@ -123,13 +122,10 @@ def test_without_rotation_nothing_is_taken_for_a_payload(hand):
     assert found[-1].suspected_std > 0.1
 
 
-def test_a_tare_that_takes_a_weight_for_a_bias_is_found_out(hand):
+def test_a_weight_that_hangs_there_from_the_start_is_found_out(hand):
     moving = swinging(9)
     state, carried = begin(hand), weight(moving, 0.3)
-    shift = carried[500]
     for block in blocks(moving, carried):
-        if np.isnan(state.t):
-            state = tared(state, shift, hand)
         state = on_block(state, block, hand)
     found = estimate(state, hand)
     assert found.state == TRACKING and found.mass == pytest.approx(arm.MASS + 0.3, rel=0.01)

@@ -23,9 +23,6 @@ SHORTEST = 10
 MOST_LAGS = 24
 """Blocks over which noise at standstill may be correlated, half a second of 20 ms each."""
 
-_LEAST = 0.2
-"""Share of the white-noise variance below which a flat-top sum is taken to be an accident."""
-
 _FINEST = 1e-7
 """Standard deviation of noise, as a share of the largest reading, that is taken for rounding."""
 
@@ -40,14 +37,10 @@ class Autocovariance(NamedTuple):
         E[e_n e_(n + l)^T] for l = 0..m.
     weights : ndarray, shape (m,)
         Lag window at 1..m.
-    least : float
-        A sum over lags is kept from falling below this share of what white noise gives; 0 where
-        the window itself keeps it positive.
     """
 
     lags: Array
     weights: Array
-    least: float = 0.0
 
     @property
     def covariance(self) -> Array:
@@ -74,11 +67,6 @@ class Autocovariance(NamedTuple):
         root = factor @ vectors * np.sqrt(values.clip(min=1.0))
         return np.asarray(root @ root.T)
 
-    @property
-    def inflation(self) -> Array:
-        """How many times correlation enlarges the variance of a mean, at least 1, shape (k,)."""
-        return np.maximum(1.0, np.diag(self.long_run) / np.diag(self.covariance))
-
     def covariance_of_products(self, regressors: Array) -> Array:
         """
         Covariance of the sum of ``kron(regressors[n], e[n])``, the scores of a linear regression.
@@ -95,29 +83,15 @@ class Autocovariance(NamedTuple):
             lambda lag: np.asarray(np.kron(_lagged(regressors, lag), self.lags[lag])))
 
     def _over_lags(self, term: Callable[[int], Array]) -> Array:
-        white = term(0)
-        total = white.copy()
+        total = term(0).copy()
         for lag, weight in enumerate(self.weights, 1):
             part = term(lag)
             total += weight * (part + part.T)
-        return _bounded(total, white, self.least) if self.least else total
+        return total
 
 
 def _lagged(values: Array, lag: int) -> Array:
     return np.asarray(values[:len(values) - lag].T @ values[lag:])
-
-
-def _bounded(total: Array, white: Array, least: float) -> Array:
-    """Lift the directions in which a sum falls below a share of what white noise gives."""
-    values, vectors = np.linalg.eigh(white)
-    kept = values > 1e-12 * max(values[-1], 1e-300)
-    root = vectors[:, kept] * np.sqrt(values[kept])
-    whiten = vectors[:, kept] / np.sqrt(values[kept])
-    ratio, turn = np.linalg.eigh(whiten.T @ total @ whiten)
-    if ratio.min(initial=1.0) >= least:
-        return total
-    out = root @ turn
-    return np.asarray((out * np.maximum(ratio, least)) @ out.T)
 
 
 def noise_of_windows(windows: list[Array]) -> Autocovariance:
@@ -154,7 +128,7 @@ def noise_of_windows(windows: list[Array]) -> Autocovariance:
     lags[0] += max(finest, 1e-300) * np.eye(lags.shape[1])
     # the mean of a window of T blocks takes a T-th of the variance off every lag of white noise
     m = last_correlated_lag(lags + lags[0] * len(windows) / n, n)
-    raw = Autocovariance(lags[:1 + 2 * m], flat_top(m), _LEAST)
+    raw = Autocovariance(lags[:1 + 2 * m], flat_top(m))
     shortfall = raw.long_run / max(n / len(windows) - (1 + 2 * raw.weights.sum()), 1.0)
     return raw._replace(lags=raw.lags + shortfall)
 

@@ -366,24 +366,18 @@ class SqliteFile:
         """Yield the messages of some topics, some thousands at a time, in the file's order."""
         chosen = [number for number, topic in self.topics.items() if topic in topics]
         query = ('SELECT id, topic_id, timestamp, data FROM messages '  # noqa: S608 - of ?
-                 f'WHERE topic_id IN ({", ".join("?" * len(chosen))}) AND id > ? ')
+                 f'WHERE topic_id IN ({", ".join("?" * len(chosen))}) AND id > ? ORDER BY id')
         last = -1
-        try:
-            for rows in self._rows(query + 'ORDER BY id', (*chosen, last)):
-                last = rows[-1][0]
-                yield from self._group(rows)
-        except sqlite3.DatabaseError as error:
-            self._notes.add(f'{self._path.name} is damaged or cut off ({error}): some messages '
-                            'were left out')
-            yield from self._backwards(query, chosen, last)
-
-    def _backwards(self, query: str, chosen: list[int], last: int) -> Iterator[Batch]:
-        """Yield what lies behind the damage, from the end."""
-        try:
-            for rows in self._rows(query + 'ORDER BY id DESC', (*chosen, last)):
-                yield from self._group(rows[::-1])
-        except sqlite3.DatabaseError:
-            return
+        for order in ('', ' DESC'):  # what lies behind damage is read from the end
+            begin = last
+            try:
+                for rows in self._rows(query + order, (*chosen, begin)):
+                    last = rows[-1][0]
+                    yield from self._group(rows)
+                return
+            except sqlite3.DatabaseError as error:
+                self._notes.add(f'{self._path.name} is damaged or cut off ({error}): some '
+                                'messages were left out')
 
     def _rows(self, query: str, values: tuple[int, ...]) -> Iterator[list[tuple[Any, ...]]]:
         cursor = self._database.execute(query, values)

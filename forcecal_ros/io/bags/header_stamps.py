@@ -73,7 +73,11 @@ def usable_stamps(name: str, stamps: Integers, log: Integers, values: NDArray[An
     why = _cut_off(stamps[order], values[order])
     passed, took = (float(x[order[-1]] - x[order[0]]) for x in (stamps, log))
     if not why:
-        _refuse_milliseconds(name, len(stamps), passed, took)
+        if MANY_MESSAGES <= len(stamps) < SLOWEST_HZ * passed / 1e9 and took > 0.0 and (
+                abs(passed / took / 1000.0 - 1.0) < ALIKE):
+            raise DataError(
+                f'{name}: its stamps run 1000 times as fast as its messages arrive: the seconds '
+                'are in milliseconds; fix the driver, and record again')
         return Stamped(stamps, '')
     apart = abs(float(np.median(log - stamps))) / 1e9
     # whole seconds are off by up to one
@@ -109,14 +113,6 @@ def _cut_off(stamps: Integers, values: NDArray[Any]) -> str:
         unit = 'micro' if nanoseconds.max() > 1000 else 'milli'
         return f'the field nanosec of its stamps contains {unit}seconds'
     return ''
-
-
-def _refuse_milliseconds(name: str, count: int, passed: float, took: float) -> None:
-    slow = count >= MANY_MESSAGES and count < SLOWEST_HZ * passed / 1e9
-    if slow and took > 0.0 and abs(passed / took / 1000.0 - 1.0) < ALIKE:
-        raise DataError(
-            f'{name}: its stamps run 1000 times as fast as its messages arrive: the seconds are '
-            'in milliseconds; fix the driver, and record again')
 
 
 def refuse_two_senders(name: str, values: NDArray[Any]) -> None:
@@ -187,7 +183,8 @@ def increasing(stamps: Integers) -> Order:
         kept[bounds[stretch]:bounds[stretch + 1]] = True
     index = np.flatnonzero(kept)
     index = index[np.argsort(stamps[index], kind='stable')]
-    index = _same_day(stamps, index)
+    days = np.flatnonzero(np.diff(stamps[index].astype(float)) > 86400 * 10**9) + 1
+    index = max(np.split(index, days), key=len)  # the largest part without a gap of a day
     jumped = len(stamps) - len(index)
     fresh = np.concatenate([[True], np.diff(stamps[index]) > 0])
     return Order(index[fresh], jumped, int((~fresh).sum()))
@@ -217,9 +214,3 @@ def _largest_chain(first: Integers, last: Integers, weight: Integers) -> list[in
         i = previous[i]
     return chain[::-1]
 
-
-def _same_day(stamps: Integers, index: Integers) -> Integers:
-    """Keep the largest group of stamps that no gap of a day or more splits."""
-    cuts = np.flatnonzero(np.diff(stamps[index].astype(float)) > 86400 * 10**9) + 1
-    groups = np.split(index, cuts)
-    return max(groups, key=len)

@@ -8,21 +8,11 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import struct
 from typing import Any, NamedTuple
 
+from forcecal_ros.core import topics
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array, quaternion_from_matrix
 from forcecal_ros.core.streams import JointStream, Phase, PoseStream, Stream
-from forcecal_ros.core.topics import (
-    ACCEL,
-    CONTROLLER_STATE,
-    IMU,
-    INERTIA,
-    JOINT_STATE,
-    MULTI_ARRAY,
-    POSE,
-    ROLES,
-    VECTOR3,
-    WRENCH,
-)
+from forcecal_ros.core.topics import IMU, JOINT_STATE, ROLES
 from forcecal_ros.io.bags.files import at_offsets, Batch, Integers
 import numpy as np
 from numpy.typing import NDArray
@@ -161,6 +151,16 @@ class Decoder:
             unread, group = _match(batch, unread, layout)
             if group is not None:
                 yield group
+
+
+def joint_names(store: Typestore, msgtype: str, batches: Iterable[Batch]
+                ) -> Iterator[tuple[str, ...]]:
+    """Yield the names that messages give to their joints, of one layout after the other."""
+    decoder = Decoder(store, msgtype)
+    for batch in batches:
+        for group in decoder.groups(batch):
+            yield tuple(text for path, text in group.layout.text.items()
+                        if path.startswith(('name[', 'joint_names[')))
 
 
 def _match(batch: Batch, unread: Integers, layout: Layout) -> tuple[Integers, Group | None]:
@@ -455,21 +455,20 @@ def encode(msgtype: str, stamp_ns: Integers, fields: Sequence[str], values: Arra
 
 
 FIELDS: Mapping[str, tuple[str, ...]] = {
-    WRENCH: tuple(f'wrench.{part}.{axis}' for part in ('force', 'torque') for axis in 'xyz'),
-    VECTOR3: tuple(f'vector.{axis}' for axis in 'xyz'),
+    topics.WRENCH: tuple(f'wrench.{part}.{axis}' for part in ('force', 'torque')
+                         for axis in 'xyz'),
+    topics.VECTOR3: tuple(f'vector.{axis}' for axis in 'xyz'),
     IMU: tuple(f'{part}.{axis}' for part in ('linear_acceleration', 'angular_velocity')
                for axis in 'xyz'),
-    ACCEL: tuple(f'accel.linear.{axis}' for axis in 'xyz'),
-    POSE: (*(f'pose.position.{axis}' for axis in 'xyz'),
+    topics.ACCEL: tuple(f'accel.linear.{axis}' for axis in 'xyz'),
+    topics.POSE: (*(f'pose.position.{axis}' for axis in 'xyz'),
            *(f'pose.orientation.{axis}' for axis in 'xyzw')),
     JOINT_STATE: ('position[optidrive]',),
-    INERTIA: ('inertia.m', *(f'inertia.com.{axis}' for axis in 'xyz'),
+    topics.INERTIA: ('inertia.m', *(f'inertia.com.{axis}' for axis in 'xyz'),
               *(f'inertia.i{pair}' for pair in ('xx', 'xy', 'xz', 'yy', 'yz', 'zz'))),
 }
 
 JOINTS: Mapping[str, str] = {
-    JOINT_STATE: 'position', CONTROLLER_STATE: 'reference.positions', MULTI_ARRAY: 'data'}
+    JOINT_STATE: 'position', topics.CONTROLLER_STATE: 'reference.positions',
+    topics.MULTI_ARRAY: 'data'}
 """Which array of a message holds the commands of joints."""
-
-JOINT_NAMES: Mapping[str, str] = {JOINT_STATE: 'name', CONTROLLER_STATE: 'joint_names'}
-"""Which array names them; other messages do not."""

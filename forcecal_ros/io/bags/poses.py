@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
+from itertools import chain as chain_of
 from pathlib import Path
 from struct import error as StructError
 from typing import Any
@@ -11,7 +12,7 @@ from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array
 from forcecal_ros.core.schema import Vector7
 from forcecal_ros.core.topics import STRING, Topic
-from forcecal_ros.io.bags.messages import Decoder
+from forcecal_ros.io.bags.messages import joint_names
 from forcecal_ros.io.bags.series import Collector, Series, series_of
 from forcecal_ros.io.bags.storage import Bag
 from forcecal_ros.io.transforms import (
@@ -229,15 +230,11 @@ def _reported_joints(bag: Bag, topic: Topic, drivers: Collection[str], named: st
     reported = {joint: one for joint, collector in collectors.items()
                 if (one := collector.series(bag.notes)) is not None}
     if missing := [joint for joint in drivers if joint not in reported]:
+        names = joint_names(bag.typestore(), topic.type, bag.batches({topic}))
         raise DataError(f'{named}: {topic.name} has no joint {", ".join(missing)}; its joints are '
-                        f'{", ".join(sorted(_names(bag, topic))) or "none"}')
+                        f'{", ".join(sorted(set(chain_of(*names)))) or "none"}')
     if short := sorted(joint for joint, one in reported.items() if len(one.stamp_ns) < 2):
         raise DataError(f'{named}: {topic.name} has fewer than two messages of '
                         f'{", ".join(short)}; record longer')
     return reported
 
-
-def _names(bag: Bag, topic: Topic) -> set[str]:
-    decoder = Decoder(bag.typestore(), topic.type)
-    return {text for batch in bag.batches({topic}) for group in decoder.groups(batch)
-            for path, text in group.layout.text.items() if path.startswith('name[')}

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from heapq import heappop, heappush
 from pathlib import Path
 import shlex
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from forcecal_ros.core.errors import DataError
 from forcecal_ros.core.geometry import Array, matrix_from_quaternion
@@ -20,7 +20,7 @@ from forcecal_ros.core.topics import (
     VECTOR3,
 )
 from forcecal_ros.io.bags.files import Notes
-from forcecal_ros.io.bags.messages import FIELDS, JOINT_NAMES, JOINTS
+from forcecal_ros.io.bags.messages import FIELDS, joint_names, JOINTS
 from forcecal_ros.io.bags.poses import FROM_TF, pose_of_joints, pose_series
 from forcecal_ros.io.bags.poses import FROM_URDF as URDF
 from forcecal_ros.io.bags.series import Collector, frozen, Series, series_of
@@ -126,31 +126,18 @@ def _read_series(bag: Bag, found: Mapping[str, Topic]) -> dict[Topic, Series]:
         else Collector(bag, topic, FIELDS[topic.type]) for role, topic in found.items()}
     for batch in bag.batches(set(collectors)):
         collectors[batch.topic].add(batch)
-    series = {topic: collector.series(bag.notes, unreadable=True) or _nothing(topic)
+    series = {topic: collector.series(bag.notes, unreadable=True) or Series(
+        np.empty(0, np.int64), np.empty((0, len(FIELDS.get(topic.type, ('text',))))), '')
               for topic, collector in collectors.items()}
-    return _of_one_clock(series, bag.notes)
-
-
-def _nothing(topic: Topic) -> Series:
-    """Return what a topic without messages holds."""
-    return Series(np.empty(0, np.int64), np.empty((0, len(FIELDS.get(topic.type, ('text',))))), '')
-
-
-def _of_one_clock(series: dict[Topic, Series], notes: Notes) -> dict[Topic, Series]:
-    """Leave out topics stamped by another clock than most messages."""
     longest = max((one.stamp_ns for one in series.values()), key=len, default=np.empty(0))
-    kept = {}
-    for topic, one in series.items():
-        if not len(one.stamp_ns):
-            kept[topic] = one
-            continue
-        apart = max(one.stamp_ns[0] - longest[-1], longest[0] - one.stamp_ns[-1]) / 1e9
-        if apart < 86400.0:
-            kept[topic] = one
-        else:
-            notes.add(f'{topic.name} is stamped {apart / 86400.0:.0f} days from the other topics, '
-                      'by another clock, and was left out')
-    return kept
+    for topic, one in list(series.items()):
+        if len(one.stamp_ns):
+            days = max(one.stamp_ns[0] - longest[-1], longest[0] - one.stamp_ns[-1]) / 86400e9
+            if days >= 1.0:
+                del series[topic]
+                bag.notes.add(f'{topic.name} is stamped {days:.0f} days from the other topics, by '
+                              'another clock, and was left out')
+    return series
 
 
 def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Series],
@@ -168,26 +155,23 @@ def _recording(bag: Bag, found: Mapping[str, Topic], series: Mapping[Topic, Seri
     if bag.notes.ends_early:
         bag.notes.add(f'the recording ends early, at {end:.1f} s: its file is damaged or cut off')
 
+    by_role = {role: series[topic] for role, topic in found.items() if topic in series}
+
     def stream(role: str, columns: slice = slice(None), scale: int = 1) -> Stream | None:
-        one = series.get(found[role]) if role in found else None
-        if one is None:
-            return None
-        values = one.values[:, columns]
-        return Stream(one.seconds(start_ns), values if scale == 1 else frozen(values * scale),
-                      one.frame)
+        one = by_role.get(role)
+        return one and Stream(one.seconds(start_ns), frozen(one.values[:, columns] * scale),
+                              one.frame)
 
     def poses(role: str, of: str = '') -> PoseStream | None:
-        one = series.get(found[role]) if role in found else None
-        if one is None:
-            return None
-        return PoseStream(one.seconds(start_ns), one.values[:, :3],
-                          frozen(_rotations(one.values[:, 3:])), one.frame, of)
+        one = by_role.get(role)
+        return one and PoseStream(one.seconds(start_ns), one.values[:, :3],
+                                  frozen(_rotations(one.values[:, 3:])), one.frame, of)
 
     def joints(role: str, names: tuple[str, ...]) -> JointStream | None:
         one = stream(role)
         return None if one is None else JointStream(one.t, one.values, one.frame, names)
 
-    words = series.get(found['phase']) if 'phase' in found else None
+    words = by_role.get('phase')
     in_volts = 'accelerometer' not in found or found['accelerometer'].type == VECTOR3
     return Recording(
         wrench=stream('wrench', scale=wrench_sign or 1),
@@ -220,8 +204,6 @@ def _how_to_name(bag: Bag, found: Mapping[str, Topic]) -> str:
 def _rotations(quaternions: Array) -> Array:
     """Return the rotation matrices of xyzw quaternions, NaN where there are none."""
     known = np.isfinite(quaternions).all(axis=1)
-    if known.all():
-        return matrix_from_quaternion(quaternions)
     R = np.full((len(quaternions), 3, 3), np.nan)
     R[known] = matrix_from_quaternion(quaternions[known])
     return R
@@ -229,14 +211,8 @@ def _rotations(quaternions: Array) -> Array:
 
 def _joint_names(bag: Bag, topic: Topic | None) -> tuple[str, ...]:
     """Return the names that the first message gives to its joints."""
-    if topic is None or topic.type not in JOINT_NAMES:
-        return ()
-    for batch in bag.batches({topic}):
-        start, length = batch.start[0], batch.length[0]
-        message: Any = bag.typestore().deserialize_cdr(
-            batch.buffer[start:start + length], topic.type)
-        return tuple(getattr(message, JOINT_NAMES[topic.type]))
-    return ()
+    return () if topic is None else next(
+        joint_names(bag.typestore(), topic.type, bag.batches({topic})), ())
 
 
 def _measured_joints(bag: Bag, found: Mapping[str, Topic]) -> tuple[str, ...]:
@@ -275,7 +251,11 @@ def read_chunks(path: Path | str, topics: Mapping[str, Sequence[str]]) -> Iterat
     """
     with Bag(path) as bag:
         chosen = {_topic(bag, name): name for name in topics}
-        collectors = {topic: Collector(bag, topic, topics[name] or _usual_fields(bag, topic))
+        for topic, name in chosen.items():
+            if not topics[name] and topic.type not in FIELDS:
+                raise DataError(f'{bag.path}: {topic.name} is {topic.type}; pass the fields to '
+                                'read')
+        collectors = {topic: Collector(bag, topic, topics[name] or FIELDS[topic.type])
                       for topic, name in chosen.items()}
         waiting = dict.fromkeys(chosen, 0)
         start_ns: int | None = None
@@ -313,12 +293,6 @@ def _topic(bag: Bag, name: str) -> Topic:
     if len(same) > 1:
         bag.notes.add(f'{name} has messages of several types; only {same[0].type} was read')
     return same[0]
-
-
-def _usual_fields(bag: Bag, topic: Topic) -> Sequence[str]:
-    if topic.type not in FIELDS:
-        raise DataError(f'{bag.path}: {topic.name} is {topic.type}; pass the fields to read')
-    return FIELDS[topic.type]
 
 
 def read_calibrations(path: Path | str, topics: Mapping[str, str] | None = None) -> list[str]:

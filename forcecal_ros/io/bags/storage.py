@@ -9,17 +9,8 @@ from types import TracebackType
 from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.core.safe_yaml import LARGEST, load_yaml
 from forcecal_ros.core.topics import Topic
-from forcecal_ros.io.bags.files import (
-    Batch,
-    DAMAGE,
-    in_a_line,
-    MAGIC,
-    McapFile,
-    Notes,
-    SqliteFile,
-    UNPACKED,
-    zstd,
-)
+from forcecal_ros.io.bags import files
+from forcecal_ros.io.bags.files import Batch, DAMAGE, McapFile, Notes, SqliteFile, zstd
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores, TypesysError
 from rosbags.typesys.store import Typestore
 
@@ -81,8 +72,8 @@ class Bag:
                     yield self._decompressed(batch)
             except DAMAGE as error:
                 self.notes.ends_early = True
-                self.notes.add(f'{self.path}: a file is damaged ({in_a_line(error)}); everything '
-                               'before the damage was read')
+                self.notes.add(f'{self.path}: a file is damaged ({files.in_a_line(error)}); '
+                               'everything before the damage was read')
 
     def typestore(self) -> Typestore:
         """Return the types of ROS 2 Jazzy, and those only this recording defines."""
@@ -103,13 +94,11 @@ class Bag:
             raise DataError(f'{self.path} does not exist; pass a rosbag2 folder or file')
         if self.path.is_file():
             return [self.path]
-        files = sorted(file for file in self.path.iterdir() if file.is_file() and (
+        found = sorted(file for file in self.path.iterdir() if file.is_file() and (
             {'.mcap', '.db3'} & set(file.suffixes[-2:])))
-        promised = self._metadata()
-        missing = sorted(promised - {file.name for file in files})
-        if missing:
+        if missing := sorted(self._metadata() - {file.name for file in found}):
             self.notes.add(f'files are missing: {", ".join(missing)}')
-        return files
+        return found
 
     def _metadata(self) -> set[str]:
         """Return the names of the files that metadata.yaml lists."""
@@ -130,19 +119,18 @@ class Bag:
         if magic.startswith(_ZSTD_MAGIC):
             path = self._unpacked(path)
             magic = _beginning(path)
-        if magic.startswith(MAGIC):
+        if magic.startswith(files.MAGIC):
             return McapFile(path, self.notes)
         if magic == _SQLITE_MAGIC:
             file = SqliteFile(path, self.notes)
             self._stack.callback(file.close)
             return file
-        if not magic:
-            raise DataError(f'{path} is empty: nothing was recorded')
-        if magic.startswith(b'#ROSBAG'):
-            raise DataError(f'{path} is a ROS 1 bag; convert it to a ROS 2 bag with '
-                            '`rosbags-convert`')
-        raise DataError(f'{path} is not a recording (neither MCAP nor SQLite), or its beginning '
-                        'is damaged; pass a rosbag2 folder or file')
+        raise DataError(
+            f'{path} is empty: nothing was recorded' if not magic else
+            f'{path} is a ROS 1 bag; convert it to a ROS 2 bag with `rosbags-convert`'
+            if magic.startswith(b'#ROSBAG') else
+            f'{path} is not a recording (neither MCAP nor SQLite), or its beginning is damaged; '
+            'pass a rosbag2 folder or file')
 
     def _unpacked(self, path: Path) -> Path:
         """Unpack a compressed file into a folder that goes when the bag is closed."""
@@ -162,7 +150,7 @@ class Bag:
         if not len(batch.start) or batch.buffer[batch.start[0]:batch.start[0] + 4] != _ZSTD_MAGIC:
             return batch
         messages = []
-        room = UNPACKED
+        room = files.UNPACKED
         for start, length in zip(batch.start, batch.length):
             message = b''
             with suppress(zstd.ZstdError):
@@ -175,7 +163,7 @@ class Bag:
 
 
 def _damaged(path: Path, error: BaseException) -> str:
-    return f'{path} is damaged ({in_a_line(error)}); copy it again, or record again'
+    return f'{path} is damaged ({files.in_a_line(error)}); copy it again, or record again'
 
 
 def _beginning(path: Path) -> bytes:

@@ -11,27 +11,19 @@ from forcecal_ros.core.files import new_directory
 from forcecal_ros.core.streams import Recording, Stream
 from forcecal_ros.io.bags.messages import JAZZY, Messages, messages_of, Signal
 import numpy as np
-from rosbags.interfaces import (
-    Connection,
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
+from rosbags import interfaces as qos
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2.errors import WriterError
 
-_FOREVER = QosTime(9223372036, 854775807)
+_FOREVER = qos.QosTime(9223372036, 854775807)
 """How rosbag2 writes an unlimited duration: 2^63 - 1 ns."""
 
 
-def _quality(latched: bool) -> Qos:
-    return Qos(
-        QosHistory.KEEP_LAST, 1 if latched else 10, QosReliability.RELIABLE,
-        QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
-        _FOREVER, _FOREVER, QosLiveliness.AUTOMATIC, _FOREVER, False)
+def _quality(latched: bool) -> qos.Qos:
+    durability = qos.QosDurability.TRANSIENT_LOCAL if latched else qos.QosDurability.VOLATILE
+    return qos.Qos(
+        qos.QosHistory.KEEP_LAST, 1 if latched else 10, qos.QosReliability.RELIABLE, durability,
+        _FOREVER, _FOREVER, qos.QosLiveliness.AUTOMATIC, _FOREVER, False)
 
 
 class BagWriter:
@@ -52,7 +44,7 @@ class BagWriter:
     def __init__(self, path: Path | str, compressed: bool = False) -> None:
         self.path = Path(path)
         self._compressed = compressed
-        self._connections: dict[str, Connection] = {}
+        self._connections: dict[str, qos.Connection] = {}
         self._stack = ExitStack()
         self._writer: Writer
 
@@ -92,7 +84,8 @@ class BagWriter:
         with self._blamed():
             self._writer.write(self._connection(topic, msgtype, latched), log_ns, data)
 
-    def _connection(self, topic: str, msgtype: str, latched: bool) -> Connection:
+    def _connection(self, topic: str, msgtype: str, latched: bool
+                    ) -> qos.Connection:
         name = '/' + topic.lstrip('/')
         connection = self._connections.get(name)
         if connection is None:

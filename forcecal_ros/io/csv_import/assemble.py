@@ -8,14 +8,12 @@ from pathlib import Path
 from forcecal_ros.core.errors import ConfigError, DataError
 from forcecal_ros.core.geometry import Array, matrix_from_quaternion
 from forcecal_ros.core.streams import JointStream, Phase, PHASES, phases_of, PoseStream, Stream
+from forcecal_ros.io.csv_import import specification
 from forcecal_ros.io.csv_import.specification import (
     ANGLES,
-    Joints,
-    ORIENTATIONS,
     Signal,
     Specification,
     TableSpecification,
-    UNITS,
 )
 from forcecal_ros.io.csv_import.table import nanoseconds, question_rate, read_table, Table
 from forcecal_ros.io.urdf import FARTHEST_TURN
@@ -29,6 +27,9 @@ _NOT_A_ROTATION = 1e-2
 WORSE = 10.0
 """How many times as much of the changes of force a weight leaves by the orientation as stated, at
 least, where another reading is refused for it."""
+
+
+Value = Stream | PoseStream | tuple[Phase, ...]
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ class Imported:
         What the user should look at.
     """
 
-    signals: Mapping[str, Stream | PoseStream | tuple[Phase, ...]]
+    signals: Mapping[str, Value]
     topics: Mapping[str, str]
     start_ns: int
     shift: int
@@ -72,9 +73,10 @@ def assemble(specification: Specification) -> Imported:
     stamps = [_stamps(one, table) for one, table in tables]
     _check_time_base(specification, stamps)
     start = int(min(times[0] for times in stamps))
-    signals: dict[str, Stream | PoseStream | tuple[Phase, ...]] = {}
+    signals: dict[str, Value] = {}
     topics: dict[str, str] = {}
     notes: list[str] = []
+    posed: tuple[Table, Signal] | None = None
     for (one, table), times in zip(tables, stamps):
         t = (times - start) / 1e9
         notes.extend(table.notes)
@@ -82,10 +84,13 @@ def assemble(specification: Specification) -> Imported:
             notes.extend(question_rate(
                 len(t), float(t[-1] - t[0]), f'{table.path}, column {one.time.column!r}',
                 one.time.unit))
-        found: dict[str, Stream | PoseStream | tuple[Phase, ...]] = {}
+        found: dict[str, Value] = {}
         for role, signal in one.signals.given.items():
-            found[role] = value = _signal(*_having(table, t, signal), signal)
-            notes.extend(_notes(role, signal, table, value))
+            rows = table.having([name for part in signal.parts.values() for name in part.columns])
+            part = table.select(rows)
+            found[role] = value = _signal(part, t[rows], signal)
+            notes.extend(_notes(role, part, table, value))
+            posed = (part, signal) if role == 'pose' else posed
         if one.phases:
             found['phase'] = _phases(one, table, t)
         if not found:
@@ -97,7 +102,8 @@ def assemble(specification: Specification) -> Imported:
         signals.update(found)
         topics.update({role: signal.topic for role, signal in one.signals.given.items()
                        if signal.topic is not None})
-    _refuse_other_readings(tables, signals)
+    if posed:
+        _refuse_other_readings(*posed, signals)
     shift = max(0, 1 - start // 10**9)
     return Imported(signals, topics, start + shift * 10**9, shift, tuple(notes))
 
@@ -116,8 +122,7 @@ def _table(specification: TableSpecification) -> Table:
     return table if time is None else table.renewed(names)
 
 
-def _notes(role: str, given: Signal, table: Table, signal: Stream | PoseStream) -> Iterator[str]:
-    part, _ = _having(table, np.zeros(len(table)), given)
+def _notes(role: str, part: Table, table: Table, signal: Stream | PoseStream) -> Iterator[str]:
     if len(part) < len(table):
         yield f'{table.path}: {len(part)} of {len(table)} rows have values of {role}'
     bad = ~np.isfinite(signal.values).all(axis=1) if isinstance(signal, Stream) else np.array([])
@@ -127,14 +132,10 @@ def _notes(role: str, given: Signal, table: Table, signal: Stream | PoseStream) 
                'recording is used)')
 
 
-def _refuse_other_readings(tables: Sequence[tuple[TableSpecification, Table]],
-                           signals: Mapping[str, Stream | PoseStream | tuple[Phase, ...]]) -> None:
-    wrench, pose = signals.get('wrench'), signals.get('pose')
-    if not (isinstance(wrench, Stream) and isinstance(pose, PoseStream)):
-        return
-    table, signal = next((table, one.signals.pose) for one, table in tables if one.signals.pose)
-    table, _ = _having(table, np.zeros(len(table)), signal)
-    if (name := _orientation(signal)) in ANGLES:  # others are checked with every recording
+def _refuse_other_readings(table: Table, signal: Signal, signals: Mapping[str, Value]) -> None:
+    wrench, pose, name = signals.get('wrench'), signals['pose'], _orientation(signal)
+    if name in ANGLES and isinstance(wrench, Stream) and isinstance(pose, PoseStream):
+        # others are checked with every recording
         refuse_other_reading(
             wrench, pose, _other_angles(name, _part(table, signal, name), signal.parts[name].unit),
             f'{table.path}: {name}')
@@ -143,7 +144,7 @@ def _refuse_other_readings(tables: Sequence[tuple[TableSpecification, Table]],
 def _other_angles(name: str, angles: Array, stated: str) -> Mapping[str, Array]:
     """Orientations by angles [rad] that are in the other unit or about other axes."""
     unit = 'deg' if stated == 'rad' else 'rad'
-    size = UNITS['angle'][unit] / UNITS['angle'][stated]
+    size = specification.UNITS['angle'][unit] / specification.UNITS['angle'][stated]
     others = {f'its unit is {unit}': _turn(name, size * angles)}
     if name != 'rotation_vector':
         others['its columns are in the order yaw, pitch, roll'] = _turn(name, angles[:, ::-1])
@@ -188,7 +189,7 @@ def _unexplained_share(force: Array, R: Array) -> float:
 
 
 def _orientation(signal: Signal) -> str:
-    return next(name for name in ORIENTATIONS if name in signal.parts)
+    return next(name for name in specification.ORIENTATIONS if name in signal.parts)
 
 
 def _turn(name: str, angles: Array) -> Array:
@@ -222,21 +223,15 @@ def _check_time_base(specification: Specification, stamps: Sequence[NDArray[np.i
                 'or a unit of time is wrong; correct the specification')
 
 
-def _having(table: Table, t: Array, signal: Signal) -> tuple[Table, Array]:
-    """Return the rows that hold anything of a signal, and their times."""
-    rows = table.having([name for one in signal.parts.values() for name in one.columns])
-    return table.select(rows), t[rows]
-
-
 def _part(table: Table, signal: Signal, name: str) -> Array:
     part = signal.parts[name]
     return np.asarray(table.numbers(part.columns) * np.array(part.factors))
 
 
 def _signal(table: Table, t: Array, signal: Signal) -> Stream | PoseStream:
-    if not signal.parts.keys() & set(ORIENTATIONS):
+    if not signal.parts.keys() & set(specification.ORIENTATIONS):
         values = np.concatenate([_part(table, signal, name) for name in signal.parts], axis=1)
-        if isinstance(signal, Joints):
+        if isinstance(signal, specification.Joints):
             return JointStream(t, values, '', signal.names)
         return Stream(t, values, signal.frame)
     position = (_part(table, signal, 'position') if 'position' in signal.parts
@@ -276,19 +271,16 @@ def _phases(specification: TableSpecification, table: Table, t: Array) -> tuple[
     words = specification.phases
     assert words is not None
     step = float(t[-1] - t[-2]) if len(t) > 1 else 1.0 / (specification.rate or 1.0)
+    end = float(t[-1]) + step
     if words.column is not None:
-        return _spoken(table, words.column, t, float(t[-1]) + step)
+        return _spoken(table, words.column, t, end)
     if words.whole is not None:
-        end = float(t[-1]) + step
         return (Phase(words.whole, float(t[0]), end), Phase('done', end, end))
     assert words.each_row is not None and words.between is not None
     middles = [*((t[1:] + t[:-1]) / 2).tolist(), float(t[-1]) + step / 2]
-    phases = []
-    for start, middle, following in zip(t.tolist(), middles, [*t[1:].tolist(), None]):
-        phases.append(Phase(words.each_row, start, middle))
-        phases.append(Phase('done', middle, middle) if following is None
-                      else Phase(words.between, middle, following))
-    return tuple(phases)
+    changes = [change for start, middle in zip(t.tolist(), middles)
+               for change in ((start, words.each_row), (middle, words.between))]
+    return phases_of([*changes[:-1], (middles[-1], 'done')], middles[-1])
 
 
 def _spoken(table: Table, column: str, t: Array, end: float) -> tuple[Phase, ...]:
