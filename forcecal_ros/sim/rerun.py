@@ -162,13 +162,7 @@ class Runs:
         """Return its result with other parameters, as far as that is linear in them."""
         if numbers in self._exact or not self.changes:
             return self.exact(numbers)
-        return self._from(self.near(numbers), numbers)
-
-    def by_line(self, numbers: Numbers) -> Recording:
-        """Return what the lines of the nearest point at which all were tried make of it."""
-        return self._from(self.whole(numbers), numbers)
-
-    def _from(self, near: Numbers, numbers: Numbers) -> Recording:
+        near = self.near(numbers)
         return _moved(self._exact[near], self.changes[near], self._away(near, numbers))
 
     def _away(self, one: Numbers, other: Numbers) -> Array:

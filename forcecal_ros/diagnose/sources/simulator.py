@@ -63,12 +63,6 @@ Times that all parameters are tried, at the nominal ones and then at those found
 is a third weaker, whose sag goes with the inverse of its gain, the third line is still 10 % off.
 """
 
-MAX_LINEAR_ERROR = 0.1
-"""
-Misfit of the linear prediction at the parameters found, in that of the nominal ones, from which
-they are all tried again there: a tenth leaves the explained share within a hundredth.
-"""
-
 MAX_SHIFT_STD = 1.0
 """
 Standard errors that a number would still move, where the simulator was run as it was found, from
@@ -215,7 +209,6 @@ class SimulatorSource(Source):
             there = super().search()
             # a number far off is no straight line, so that a name it has may be seen only there
             point = _numbers_of(there.closest or there.rig)
-            linear = self._is_linear(point)
             left, moving = np.zeros(3), dict[str, float]()
             if self.changes(there):
                 # both by the noise of this round: half the step of integration may differ there
@@ -227,21 +220,12 @@ class SimulatorSource(Source):
                 moving = self._remaining_shifts(there)
             outcome, squares, shifts = there, left, moving
             # what is unexplained may be what a line about the nominal numbers leaves
-            if linear and max(shifts.values(), default=0.0) < MAX_SHIFT_STD \
+            if max(shifts.values(), default=0.0) < MAX_SHIFT_STD \
                     and (turn or there.diagnosis.verdict != 'unknown'):
                 break
         if self.changes(outcome):
             self._recomputed = _recomputed(outcome, squares)
         return _widened(outcome, shifts)
-
-    def _is_linear(self, point: Numbers) -> bool:
-        """Return whether the linear prediction holds at the parameters found."""
-        for one in self.ready:
-            linear, nominal = one.runs.by_line(point), one.runs.exact(self.simulator.nominal)
-            for a, b, c in zip(*map(_rows, (linear, one.runs.exact(point), nominal))):
-                if np.linalg.norm(a - b) > MAX_LINEAR_ERROR * np.linalg.norm(b - c):
-                    return False
-        return True
 
     def _squares(self, judged: Sequence[Dataset], outcome: Outcome, noise: Array | None) -> Array:
         """
@@ -412,11 +396,6 @@ def inputs_of(recording: Recording) -> Inputs:
 def _numbers_of(rig: Rig) -> Numbers:
     assert isinstance(rig, SimulatedRobot)
     return rig.numbers
-
-
-def _rows(recording: Recording) -> tuple[Array, Array]:
-    assert recording.wrench is not None and recording.pose is not None
-    return recording.wrench.values, recording.pose.position
 
 
 def _recomputed(outcome: Outcome, squares: Array) -> float | None:
