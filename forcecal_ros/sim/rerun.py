@@ -2,9 +2,9 @@
 A simulator that can be run again, as what a diagnosis changes and compares a recording with.
 
 Running it is expensive. So its streams are linear in the parameters about the nearest point where
-all of them were tried, one after the other; where it was run itself, its own answer is used. What
-bends is seen where a fit settles: it is run there, and the fit goes on about that. A diagnosis
-runs it a limited number of times.
+they were tried, one after the other; where it was run itself, its own answer is used. Where a fit
+settles it is run, parameters that went far are tried again, and the fit goes on about that point.
+A diagnosis runs it a limited number of times.
 """
 
 from collections.abc import Hashable, Iterable, Mapping, Sequence
@@ -109,12 +109,13 @@ class Runs:
     def try_all(self, numbers: Numbers) -> None:
         """See what each parameter does at a point: one run for each, and one for the point."""
         here, n = self.exact(numbers), len(self.simulator.parameters)
-        self.changes[numbers] = [self._tried(here, numbers, i) for i in range(n)]
+        self.changes[numbers] = [self._try(here, numbers, i) for i in range(n)]
         self.tried[numbers] = (numbers,) * n
         if self.simulator.has_finer:
             self._finer[numbers] = _change(*_of_one_length(here, self.halved(numbers)), 1.0)
 
-    def _tried(self, here: Recording, numbers: Numbers, i: int) -> Change:
+    def _try(self, here: Recording, numbers: Numbers, i: int) -> Change:
+        """Run it with another value of a parameter, to the side on which that acts."""
         p = self.simulator.parameters[i]
         step = p.sigma  # small enough for a straight line, large enough to be seen
         if numbers[i] + step > p.high:
@@ -149,17 +150,18 @@ class Runs:
         here, changes, tried = self.exact(numbers), [*self.changes[near]], [*self.tried[near]]
         for i, at in enumerate(tried):
             if abs(self._away(at, numbers)[i]) > BENT:
-                changes[i], tried[i] = self._tried(here, numbers, i), numbers
+                changes[i], tried[i] = self._try(here, numbers, i), numbers
         self.changes[numbers], self.tried[numbers] = changes, tuple(tried)
         if near in self._finer:
             self._finer[numbers] = self._finer[near]
         settled = [one for one in self.changes if not self._is_whole(one)]
         for old in settled[:-KEPT]:
             del self.changes[old], self.tried[old], self._exact[old]
+            self._finer.pop(old, None)
         return True
 
     def at(self, numbers: Numbers) -> Recording:
-        """Return its result with other parameters, as far as that is linear in them."""
+        """Return its result with other parameters, as far as it is linear about a point."""
         if numbers in self._exact or not self.changes:
             return self.exact(numbers)
         near = self.near(numbers)
@@ -237,10 +239,16 @@ def _moved(base: Recording, changes: Sequence[Change], away: Array) -> Recording
 
 
 BENT = 1.0
-"""How far from where it was tried a parameter is tried anew where a fit settles [sigma]."""
+"""
+How far from where it was tried a parameter is tried anew where a fit settles [sigma]: beyond the
+step by which it was tried, that does not show how it bends.
+"""
 
 KEPT = 12
-"""Points that are kept where fits settled, beside those at which all parameters were tried."""
+"""
+Points that are kept where fits settled, beside those at which all parameters were tried: each
+holds a recording, and one for every parameter that went far.
+"""
 
 MAX_RUNS = 200
 """
@@ -425,7 +433,7 @@ class Rerun:
         return tuple(n for n in found if n.prior_std or getattr(rig.spreads, n.key) > 0.0)
 
     def tangent(self, rig: Rig, nuisance: str = '') -> Hashable:
-        """Return where all parameters were tried, and the effects that act beside them."""
+        """Return where a parameter was tried, or all, and the effects that act beside them."""
         assert isinstance(rig, SimulatedRobot)
         near = self.runs.near(rig.numbers)
         tried = dict(zip((p.name for p in self.runs.simulator.parameters), self.runs.tried[near]))

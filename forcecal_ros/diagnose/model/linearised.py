@@ -387,7 +387,7 @@ class LinearisedModel:
             step = self.fit_nuisances().x
             self._approach(step)
             if self.settle():
-                self.linearise(frozenset({ROBOT}))
+                self.linearise()
             self.refit_noise(np.zeros(len(self.nuisances)))
             if np.abs(step).max(initial=0.0) < 0.05:  # of its prior std
                 break

@@ -47,9 +47,6 @@ also where noise is not quite what it is taken for. On 271 development cases the
 -0.75, -0.73, -0.74, -0.76 with 10, 20, 40, 80.
 """
 
-NEAR = 10.0
-"""Log-posterior that a step brings, below which what it predicts is simulated exactly."""
-
 SETTLED = 0.1
 """Log-posterior that a step has to bring for another one to follow: half a standard error."""
 
@@ -355,7 +352,8 @@ def joint_fit(model: LinearisedModel, accepted: Sequence[Accepted], step: Array 
             if tried and gained > -SETTLED:
                 out, now = tried
                 break
-        if gained < NEAR and not (released and out.settle()) and gained < SETTLED:
+        settled = released and out.settle()
+        if gained < SETTLED and not settled:
             break
         if out.is_far(comparison.null.x[:m]):
             out.linearise()

@@ -58,10 +58,7 @@ from forcecal_ros.sim.third_party import STREAMS, ThirdParty
 import numpy as np
 
 MAX_ROUNDS = 6
-"""
-Times that all parameters are tried, at the nominal ones and then at those found: of a drive that
-is a third weaker, whose sag goes with the inverse of its gain, the third line is still 10 % off.
-"""
+"""Times that all parameters are tried, at the nominal ones and then at those found."""
 
 MAX_SHIFT_STD = 1.0
 """

@@ -12,6 +12,7 @@ from forcecal_ros.core.streams import Recording, Stream
 from forcecal_ros.io.bags.messages import JAZZY, Messages, messages_of, Signal
 import numpy as np
 from rosbags import interfaces as qos
+from rosbags.interfaces import Connection
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2.errors import WriterError
 
@@ -44,7 +45,7 @@ class BagWriter:
     def __init__(self, path: Path | str, compressed: bool = False) -> None:
         self.path = Path(path)
         self._compressed = compressed
-        self._connections: dict[str, qos.Connection] = {}
+        self._connections: dict[str, Connection] = {}
         self._stack = ExitStack()
         self._writer: Writer
 
@@ -84,8 +85,7 @@ class BagWriter:
         with self._blamed():
             self._writer.write(self._connection(topic, msgtype, latched), log_ns, data)
 
-    def _connection(self, topic: str, msgtype: str, latched: bool
-                    ) -> qos.Connection:
+    def _connection(self, topic: str, msgtype: str, latched: bool) -> Connection:
         name = '/' + topic.lstrip('/')
         connection = self._connections.get(name)
         if connection is None:
